@@ -1,0 +1,1 @@
+//! Server ends of the sequence-control interface: MQTT, REST, WebSocket, HMI.

@@ -1,0 +1,1 @@
+//! NC program tree to blocks: modal state, codes, control flow, subprograms.

@@ -1,0 +1,87 @@
+//! The alarm table. An alarm stops its coordinate system; it is numbered and says what, where and why.
+
+use crate::span::Origin;
+
+/// An alarm raised by the runtime itself.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Alarm {
+    /// Entry of the alarm table.
+    pub entry: &'static AlarmEntry,
+    /// What happened, with values.
+    pub text: String,
+    /// The block it belongs to.
+    pub origin: Option<Origin>,
+}
+
+/// One line of the alarm table.
+#[derive(Debug, PartialEq, Eq)]
+pub struct AlarmEntry {
+    /// 1 to 9999.
+    pub number: u16,
+    /// What it is called.
+    pub title: &'static str,
+    /// What to do.
+    pub remedy: &'static str,
+}
+
+impl Alarm {
+    /// An alarm of this entry, without a place.
+    pub fn new(entry: &'static AlarmEntry, text: impl Into<String>) -> Self {
+        Self {
+            entry,
+            text: text.into(),
+            origin: None,
+        }
+    }
+
+    /// The same alarm at a block.
+    #[must_use]
+    pub fn at(mut self, origin: Origin) -> Self {
+        self.origin = Some(origin);
+        self
+    }
+}
+
+macro_rules! alarms {
+    ($($name:ident = $number:literal, $title:literal, $remedy:literal;)*) => {
+        $(#[doc = concat!("Alarm ", $number, ": ", $title, ".")]
+        pub static $name: AlarmEntry = AlarmEntry { number: $number, title: $title, remedy: $remedy };)*
+
+        /// All alarms, ascending by number.
+        pub static ALARMS: &[&AlarmEntry] = &[$(&$name),*];
+    };
+}
+
+alarms! {
+    // 1 to 99: the program
+    VALUE_NOT_FINITE = 10, "A word's value is not a number", "Look at the calculation that gives the value (D07).";
+    VALUE_OUT_OF_RANGE = 11, "A word's value is out of its range", "Write a value within the range that the text names.";
+    PROGRAM_NOT_FOUND = 20, "The program is not in the store", "Load the program, or correct its number.";
+    STEP_LIMIT = 21, "The program makes no progress", "Look for a loop that neither moves nor waits.";
+    PROGRAM_END_MISSING = 22, "The program ran past its last block", "End a main program with M30, a subprogram with M99.";
+    // 100 to 199: path and motion
+    AXIS_MISSING = 100, "The coordinate system does not have this axis", "Remove the word, or assign a motor to the axis.";
+    FEEDRATE_MISSING = 101, "No feedrate is programmed", "Write F before the first cutting block, or set default_feedrate.";
+    SOFT_LIMIT = 102, "The target is beyond a soft limit", "Correct the position or the work offset; nothing has moved.";
+    LIMIT_ZERO = 103, "A motor's velocity or acceleration limit is zero", "Set a limit above zero in the configuration.";
+    // 200 to 299: servo
+    IN_POSITION_TIMEOUT = 200, "A motor did not come into position in time", "Look at the drive, in_position and in_position_timeout_ms.";
+    SERVO_OVERLOAD = 201, "The servo thread stopped", "Restart the runtime and report the log.";
+    // 300 to 399: sequence control
+    M_CODE_UNHANDLED = 300, "No handler is registered for this M code", "Connect a handler, or set unhandled for the M code.";
+    M_CODE_TIMEOUT = 301, "The M code was not reset in time", "Look at the handler, or raise timeout_ms.";
+    OUTPUT_FAILED = 302, "The M code was failed by hand", "Look at the machine, then reset.";
+    // 400 to 499: runtime
+    RUNTIME_FAULT = 400, "The coordinate system's task failed", "Reset; report the log if it happens again.";
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn alarm_numbers_are_unique_and_ascend() {
+        assert!(ALARMS.windows(2).all(|pair| pair[0].number < pair[1].number));
+        assert!(ALARMS.iter().all(|entry| (1..=9999).contains(&entry.number)));
+    }
+}

@@ -1,0 +1,180 @@
+//! Axis letters, sets of axes, and one value for each axis.
+
+use std::ops::{Index, IndexMut};
+
+/// The most axes that one coordinate system can have.
+///
+/// Reason: the controller's axis letters are X Y Z A B C; two more leave room for dialects. A configuration
+/// that names more is refused when it is read.
+pub const AXES_MAX: usize = 8;
+
+/// An axis letter of a coordinate system. What moves is a motor; the configuration tells which motor an axis has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u8)]
+pub enum Axis {
+    /// Linear axis X, mm.
+    X,
+    /// Linear axis Y, mm.
+    Y,
+    /// Linear axis Z, mm.
+    Z,
+    /// Rotary axis A, degrees.
+    A,
+    /// Rotary axis B, degrees.
+    B,
+    /// Rotary axis C, degrees.
+    C,
+    /// Further axis U.
+    U,
+    /// Further axis V.
+    V,
+}
+
+impl Axis {
+    /// All axes in the order of their index.
+    pub const ALL: [Axis; AXES_MAX] = [
+        Axis::X,
+        Axis::Y,
+        Axis::Z,
+        Axis::A,
+        Axis::B,
+        Axis::C,
+        Axis::U,
+        Axis::V,
+    ];
+
+    /// Place in an [`AxisVector`], 0 to 7.
+    pub const fn index(self) -> usize {
+        self as usize
+    }
+
+    /// The letter, upper case.
+    pub const fn letter(self) -> char {
+        ['X', 'Y', 'Z', 'A', 'B', 'C', 'U', 'V'][self as usize]
+    }
+
+    /// The axis of a letter, read without regard to case.
+    pub fn from_letter(letter: char) -> Option<Axis> {
+        Axis::ALL
+            .into_iter()
+            .find(|axis| axis.letter() == letter.to_ascii_uppercase())
+    }
+
+    /// True for X, Y and Z, whose vector length F counts (manual: the feedrate is that of X, Y, Z).
+    pub const fn is_orthogonal(self) -> bool {
+        matches!(self, Axis::X | Axis::Y | Axis::Z)
+    }
+}
+
+/// A set of axes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
+pub struct AxisSet(u8);
+
+impl AxisSet {
+    /// The empty set.
+    pub const EMPTY: AxisSet = AxisSet(0);
+
+    /// Adds an axis.
+    pub fn insert(&mut self, axis: Axis) {
+        self.0 |= 1 << axis.index();
+    }
+
+    /// True when the axis is in the set.
+    pub const fn contains(self, axis: Axis) -> bool {
+        self.0 & (1 << axis.index()) != 0
+    }
+
+    /// True when no axis is in the set.
+    pub const fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    /// The axes of the set in the order of their index.
+    pub fn iter(self) -> impl Iterator<Item = Axis> {
+        Axis::ALL.into_iter().filter(move |axis| self.contains(*axis))
+    }
+}
+
+impl FromIterator<Axis> for AxisSet {
+    fn from_iter<I: IntoIterator<Item = Axis>>(axes: I) -> Self {
+        let mut set = AxisSet::EMPTY;
+        for axis in axes {
+            set.insert(axis);
+        }
+        set
+    }
+}
+
+/// One value for each axis: mm for linear, degrees for rotary axes (per second for velocities).
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct AxisVector(pub [f64; AXES_MAX]);
+
+impl AxisVector {
+    /// All values zero.
+    pub const ZERO: AxisVector = AxisVector([0.0; AXES_MAX]);
+
+    /// Applies a function to each pair of values.
+    #[must_use]
+    pub fn zip(self, other: AxisVector, f: impl Fn(f64, f64) -> f64) -> AxisVector {
+        AxisVector(std::array::from_fn(|i| f(self.0[i], other.0[i])))
+    }
+
+    /// Value by value sum.
+    #[must_use]
+    pub fn plus(self, other: AxisVector) -> AxisVector {
+        self.zip(other, |a, b| a + b)
+    }
+
+    /// Value by value difference.
+    #[must_use]
+    pub fn minus(self, other: AxisVector) -> AxisVector {
+        self.zip(other, |a, b| a - b)
+    }
+
+    /// Every value times a factor.
+    #[must_use]
+    pub fn scaled(self, factor: f64) -> AxisVector {
+        AxisVector(self.0.map(|value| value * factor))
+    }
+
+    /// Vector length over X, Y and Z, mm.
+    pub fn orthogonal_length(self) -> f64 {
+        let [x, y, z, ..] = self.0;
+        (x * x + y * y + z * z).sqrt()
+    }
+
+    /// Vector length over the axes that are not X, Y or Z, degrees.
+    pub fn rotary_length(self) -> f64 {
+        self.0[3..].iter().map(|value| value * value).sum::<f64>().sqrt()
+    }
+
+    /// True when every value is a finite number.
+    pub fn is_finite(self) -> bool {
+        self.0.iter().all(|value| value.is_finite())
+    }
+}
+
+impl Index<Axis> for AxisVector {
+    type Output = f64;
+    fn index(&self, axis: Axis) -> &f64 {
+        &self.0[axis.index()]
+    }
+}
+
+impl IndexMut<Axis> for AxisVector {
+    fn index_mut(&mut self, axis: Axis) -> &mut f64 {
+        &mut self.0[axis.index()]
+    }
+}
+
+/// A position in machine coordinates: mm or degrees from the machine's zero.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct MachinePosition(pub AxisVector);
+
+/// A position in the work coordinates in force: what an operator reads beside the machine position.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct WorkPosition(pub AxisVector);
+
+/// A point as the program names it, before any transform (D20).
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ProgrammedPosition(pub AxisVector);

@@ -1,0 +1,34 @@
+//! What checking finds before anything moves. A diagnostic never stops the check: all of a file come at once.
+
+use crate::span::Span;
+
+/// How much a diagnostic weighs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Severity {
+    /// The program can run; the text deserves a look.
+    Warning,
+    /// The program cannot run.
+    Error,
+}
+
+/// A finding of the lexer, the parser or the checker.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Diagnostic {
+    /// Code from the diagnostic table: `E0123` or `W0123`.
+    pub code: &'static str,
+    /// Error or warning.
+    pub severity: Severity,
+    /// Where in the source.
+    pub span: Span,
+    /// What is wrong, with the words and values of the source.
+    pub message: String,
+    /// What to write instead.
+    pub help: String,
+}
+
+impl Diagnostic {
+    /// True for errors.
+    pub fn is_error(&self) -> bool {
+        self.severity == Severity::Error
+    }
+}

@@ -1,0 +1,20 @@
+//! Plain data that the stages of the Tandem runtime hand to each other.
+//!
+//! Data flows one way: NC text -> tokens -> [program tree](https://en.wikipedia.org/wiki/Abstract_syntax_tree)
+//! -> [`Block`](flow::Block) -> [`Segment`](flow::Segment) -> [`Profile`](profile::Profile) -> setpoints.
+//! Nothing here reads a clock, a file or a socket; the same input gives the same bytes.
+
+pub mod alarm;
+pub mod axis;
+pub mod diagnostic;
+pub mod flow;
+pub mod limits;
+pub mod profile;
+pub mod ramp;
+pub mod settings;
+pub mod span;
+
+pub use alarm::Alarm;
+pub use axis::{AXES_MAX, Axis, AxisSet, AxisVector, MachinePosition, ProgrammedPosition, WorkPosition};
+pub use diagnostic::{Diagnostic, Severity};
+pub use span::{Origin, Span};

@@ -1,0 +1,26 @@
+//! Limits that hold in every configuration, each with its reason and what happens there.
+
+/// Subprogram call depth, counted from 1 (manual, M98). A deeper call is not made; a warning event tells (D12).
+pub const CALL_DEPTH_MAX: usize = 8;
+
+/// Largest source text of one program, bytes: what REST accepts. A larger text is refused unread.
+pub const PROGRAM_BYTES_MAX: usize = 64 * 1024 * 1024;
+
+/// Largest block after parsing, bytes (manual, chapter 1).
+pub const BLOCK_BYTES_MAX: usize = 1020;
+
+/// Highest optional block skip number (manual: 1 to 31).
+pub const OPTIONAL_SKIP_MAX: u8 = 31;
+
+/// Highest M code (manual: 0 to 191).
+pub const M_CODE_MAX: u16 = 191;
+
+/// Highest program number (D05, manual's subprogram ranges).
+pub const PROGRAM_NUMBER_MAX: u16 = 9999;
+
+/// Blocks the interpreter may pass over (skipped, empty, calls) between two items before it raises an alarm:
+/// a program that never moves must not hold a thread for ever.
+pub const STEPS_WITHOUT_ITEM_MAX: u32 = 1_000_000;
+
+/// Coordinate systems of one machine.
+pub const COORDINATE_SYSTEMS_MAX: usize = 8;

@@ -1,0 +1,142 @@
+//! Position over time of one segment: what the motion stage gives and the servo cycle evaluates.
+
+use crate::axis::{AXES_MAX, AxisVector};
+use crate::flow::Path;
+use crate::ramp::UnitRamp;
+use crate::span::Origin;
+
+/// One planned motion. Times count from its own start, before feed override scales them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Profile {
+    /// Number of the segment in its run, from 1, strictly increasing.
+    pub segment: u64,
+    /// Run of the servo queue that it belongs to; a flush raises it, and what is older is thrown away.
+    pub epoch: u32,
+    /// Where it comes from.
+    pub origin: Origin,
+    /// Position as a function of time.
+    pub law: Law,
+    /// Time from start to end at 100 percent, s.
+    pub duration_s: f64,
+    /// Which override scales its time.
+    pub time_base: TimeBase,
+    /// True when it ends at rest with an in-position check.
+    pub exact_stop: bool,
+}
+
+/// Which override scales the time of a profile.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TimeBase {
+    /// Feed override, 0 to 200 percent.
+    Feed,
+    /// Rapid override, 0 to 100 percent.
+    Rapid,
+    /// None: a dwell lasts as long as programmed. Feed hold still stops it.
+    Fixed,
+}
+
+/// Position as a function of time.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Law {
+    /// One speed along a path, a ramp at each end.
+    Ramped {
+        /// The geometry.
+        path: Path,
+        /// Speed between the ramps, path units per second.
+        speed: f64,
+        /// From rest to speed.
+        start: UnitRamp,
+        /// From speed to rest.
+        stop: UnitRamp,
+    },
+    /// Each motor alone: start position and its own law.
+    Motors {
+        /// Start, machine coordinates.
+        from: AxisVector,
+        /// Target, machine coordinates.
+        to: AxisVector,
+        /// One law for each axis.
+        moves: [MotorMove; AXES_MAX],
+    },
+    /// Rest.
+    Rest {
+        /// Where, machine coordinates.
+        at: AxisVector,
+    },
+}
+
+/// The shortest way of one motor over a distance with limited speed and acceleration; all zero: it stays.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct MotorMove {
+    /// Signed peak velocity, units per second.
+    pub velocity: f64,
+    /// Time of each of the two ramps, s.
+    pub ramp_s: f64,
+    /// Time at peak velocity, s.
+    pub cruise_s: f64,
+}
+
+impl MotorMove {
+    /// Time from start to rest, s.
+    pub fn duration_s(&self) -> f64 {
+        2.0 * self.ramp_s + self.cruise_s
+    }
+
+    /// Distance from the start after `t_s` seconds.
+    pub fn distance(&self, t_s: f64) -> f64 {
+        let Self {
+            velocity,
+            ramp_s,
+            cruise_s,
+        } = *self;
+        if ramp_s <= 0.0 || t_s <= 0.0 {
+            return 0.0;
+        }
+        let total = velocity * (ramp_s + cruise_s);
+        if t_s < ramp_s {
+            velocity * t_s * t_s / (2.0 * ramp_s)
+        } else if t_s <= ramp_s + cruise_s {
+            velocity * (t_s - ramp_s / 2.0)
+        } else {
+            let left = (self.duration_s() - t_s).max(0.0);
+            total - velocity * left * left / (2.0 * ramp_s)
+        }
+    }
+}
+
+impl Profile {
+    /// Position at rest after the profile, machine coordinates.
+    pub fn end(&self) -> AxisVector {
+        match &self.law {
+            Law::Ramped { path, .. } => path.end(),
+            Law::Motors { to, .. } => *to,
+            Law::Rest { at } => *at,
+        }
+    }
+
+    /// Commanded machine position `t_s` seconds after the start; exact at both ends.
+    pub fn position(&self, t_s: f64) -> AxisVector {
+        if t_s >= self.duration_s {
+            return self.end();
+        }
+        match &self.law {
+            Law::Ramped {
+                path,
+                speed,
+                start,
+                stop,
+            } => {
+                let stop_begins_s = self.duration_s - stop.duration_s();
+                path.point_at(speed * (start.distance(t_s) - stop.distance(t_s - stop_begins_s)))
+            }
+            Law::Motors { from, to, moves } => AxisVector(std::array::from_fn(|i| {
+                if t_s >= moves[i].duration_s() {
+                    to.0[i]
+                } else {
+                    from.0[i] + moves[i].distance(t_s)
+                }
+            })),
+            Law::Rest { at } => *at,
+        }
+    }
+}

@@ -1,0 +1,100 @@
+//! The unit ramp: from rest to speed 1 with limited acceleration and jerk.
+//!
+//! A ramp takes `ta + ts`: jerk phases of `ts` at both ends, constant acceleration for `ta - ts` between.
+
+/// The unit ramp S(t) with acceleration time `ta_s` and jerk time `ts_s`, both in seconds, `ta_s >= ts_s`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct UnitRamp {
+    ta_s: f64,
+    ts_s: f64,
+}
+
+impl UnitRamp {
+    /// The ramp of these times. An acceleration time below the jerk time is raised to it.
+    pub fn new(ta_s: f64, ts_s: f64) -> Self {
+        Self {
+            ta_s: ta_s.max(ts_s),
+            ts_s,
+        }
+    }
+
+    /// Duration `ta + ts`, s.
+    pub fn duration_s(self) -> f64 {
+        self.ta_s + self.ts_s
+    }
+
+    /// S(t): share of the final speed at `t_s` seconds, 0 before the ramp and 1 after it.
+    pub fn speed(self, t_s: f64) -> f64 {
+        let Self { ta_s: ta, ts_s: ts } = self;
+        let duration = ta + ts;
+        if t_s <= 0.0 {
+            0.0
+        } else if t_s >= duration {
+            1.0
+        } else if t_s < ts {
+            t_s * t_s / (2.0 * ta * ts)
+        } else if t_s <= ta {
+            (t_s - ts / 2.0) / ta
+        } else {
+            1.0 - self.speed(duration - t_s)
+        }
+    }
+
+    /// P(t): integral of S up to `t_s` seconds; half the duration at its end, growing with t after it.
+    pub fn distance(self, t_s: f64) -> f64 {
+        let Self { ta_s: ta, ts_s: ts } = self;
+        let duration = ta + ts;
+        if t_s <= 0.0 {
+            0.0
+        } else if t_s >= duration {
+            t_s - duration / 2.0
+        } else if t_s < ts {
+            t_s * t_s * t_s / (6.0 * ta * ts)
+        } else if t_s <= ta {
+            let past = t_s - ts;
+            ts * ts / (6.0 * ta) + ts * past / (2.0 * ta) + past * past / (2.0 * ta)
+        } else {
+            t_s - duration / 2.0 + self.distance(duration - t_s)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn close(a: f64, b: f64) {
+        assert!((a - b).abs() < 1e-12, "{a} is not {b}");
+    }
+
+    #[test]
+    fn a_ramp_covers_half_of_what_full_speed_would() {
+        let ramp = UnitRamp::new(0.1, 0.05);
+        close(ramp.duration_s(), 0.15);
+        close(ramp.distance(0.15), 0.075);
+    }
+
+    #[test]
+    fn speed_and_distance_follow_the_three_phases() {
+        let ramp = UnitRamp::new(0.1, 0.05);
+        // jerk phase: S = t^2/(2 ta ts), P = t^3/(6 ta ts)
+        close(ramp.speed(0.02), 0.0004 / 0.01);
+        close(ramp.distance(0.02), 0.000_008 / 0.03);
+        // constant acceleration: S = (t - ts/2)/ta
+        close(ramp.speed(0.075), 0.5);
+        // the end mirrors the start
+        close(ramp.speed(0.13), 1.0 - 0.0004 / 0.01);
+    }
+
+    #[test]
+    fn without_jerk_time_the_ramp_is_a_straight_line() {
+        let ramp = UnitRamp::new(0.2, 0.0);
+        close(ramp.speed(0.05), 0.25);
+        close(ramp.distance(0.1), 0.1 * 0.1 / 0.4);
+    }
+
+    #[test]
+    fn acceleration_time_is_never_below_jerk_time() {
+        close(UnitRamp::new(0.01, 0.05).duration_s(), 0.1);
+    }
+}

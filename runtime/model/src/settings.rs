@@ -1,0 +1,92 @@
+//! What the stages need to know of the machine: motors and coordinate systems.
+
+use crate::axis::{AXES_MAX, Axis, AxisSet, AxisVector};
+
+/// Settings of one coordinate system, resolved from the configuration.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CoordinateSystemSettings {
+    /// Number of the coordinate system, from 1.
+    pub number: u8,
+    /// The motor of each axis; `None` for an axis that it does not have.
+    pub motors: [Option<MotorSettings>; AXES_MAX],
+    /// The spindle's motor.
+    pub spindle: Option<MotorSettings>,
+    /// F above it is clipped with a warning, mm/min.
+    pub max_feedrate_mm_min: f64,
+    /// F before one is programmed, mm/min; 0: F must be programmed.
+    pub default_feedrate_mm_min: f64,
+    /// ta before one is programmed, ms.
+    pub default_ta_ms: f64,
+    /// td before one is programmed, ms.
+    pub default_td_ms: f64,
+    /// ts before one is programmed, ms.
+    pub default_ts_ms: f64,
+    /// Feedrate of blocks that move only rotary axes, deg/min; 0: F.
+    pub rotary_feedrate_deg_min: f64,
+    /// Time for the override to go from 0 to 100 percent, ms.
+    pub override_slew_ms: f64,
+    /// Time for feed hold to come from 100 percent to rest, ms.
+    pub hold_slew_ms: f64,
+    /// Servo period, s.
+    pub servo_period_s: f64,
+}
+
+impl CoordinateSystemSettings {
+    /// The axes that the coordinate system has.
+    pub fn axes(&self) -> AxisSet {
+        Axis::ALL
+            .into_iter()
+            .filter(|axis| self.motors[axis.index()].is_some())
+            .collect()
+    }
+}
+
+/// Settings of one motor. Units: mm for linear, degrees for rotary motors, r/min for spindles.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MotorSettings {
+    /// CNC motor number.
+    pub number: u16,
+    /// What it moves.
+    pub kind: MotorKind,
+    /// Units per second (spindle: r/min).
+    pub max_velocity: f64,
+    /// Units per second squared (spindle: r/min per second).
+    pub max_acceleration: f64,
+    /// Units per second cubed; `None`: not limited.
+    pub max_jerk: Option<f64>,
+    /// Speed of G00, units per second.
+    pub rapid_velocity: f64,
+    /// Acceleration of G00, units per second squared.
+    pub rapid_acceleration: f64,
+    /// Speed of G31, units per second.
+    pub skip_velocity: f64,
+    /// Largest following error that counts as in position, units.
+    pub in_position: f64,
+    /// Time after which a motor that is not in position raises an alarm, ms.
+    pub in_position_timeout_ms: f64,
+    /// Lowest and highest machine position; leaving them is an alarm before the motion starts.
+    pub soft_limits: Option<[f64; 2]>,
+    /// First to fourth reference point, machine position.
+    pub reference_points: [f64; 4],
+    /// Time constant of the simulated drive's following error, ms; 0: ideal.
+    pub lag_ms: f64,
+    /// Spindle: speed of orientation, r/min.
+    pub orientation_velocity: f64,
+    /// Spindle: position of orientation, degrees.
+    pub orientation_position: f64,
+}
+
+/// What a motor moves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum MotorKind {
+    /// A linear axis, mm.
+    Linear,
+    /// A rotary axis, degrees.
+    Rotary,
+    /// A spindle, r/min.
+    Spindle,
+}
+
+/// Work offsets G54 to G59 of one coordinate system.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct WorkOffsets(pub [AxisVector; 6]);

@@ -1,0 +1,1 @@
+//! Path segments to motion profiles: ramps, limits, look-ahead.

@@ -1,0 +1,1 @@
+//! Blocks to path segments: transforms, offsets, geometry.

@@ -1,0 +1,1 @@
+//! Motion profiles to setpoints: servo cycle, simulated drives, in-position check.

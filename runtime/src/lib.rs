@@ -1,0 +1,1 @@
+//! PLC-side runtime that emulates the sequence-control interface of an NC integrated controller.

@@ -1,0 +1,1 @@
+//! NC text to a program tree with diagnostics.
