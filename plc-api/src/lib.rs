@@ -1,1 +1,5 @@
-//! Sequence-control API of the Tandem runtime: M-code handlers, commands, inputs and states of CNC coordinate systems.
+//! Sequence-control API of the Tandem runtime.
+
+pub mod hub;
+pub mod port;
+pub mod types;

@@ -1,0 +1,284 @@
+//! The hub: last values of state topics, and bounded subscriptions to all topics.
+//!
+//! Publishing never waits for a subscriber. A slow subscriber is given the latest value of each state topic; of
+//! events it gets all, up to [`EVENTS_MAX`]: then the oldest are dropped, counted by [`Subscription::lost`]. What
+//! must not be lost is therefore also a state: open outputs stand in `m_code/pending`, alarms in `alarm/active`.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+
+use tokio::sync::Notify;
+
+use crate::types::message::Message;
+use crate::types::topic::Topic;
+
+/// Events that wait for one subscriber. Reason: 64 open outputs, each with a notice, a result and a cancel, in each
+/// of 8 coordinate systems fit many times over.
+pub const EVENTS_MAX: usize = 4096;
+
+/// Which topics a subscription is for.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub enum Filter {
+    /// Every topic.
+    #[default]
+    All,
+    /// These topics.
+    Topics(Vec<Topic>),
+}
+
+impl Filter {
+    fn matches(&self, topic: &Topic) -> bool {
+        match self {
+            Filter::All => true,
+            Filter::Topics(topics) => topics.contains(topic),
+        }
+    }
+}
+
+/// Last values and subscribers. Cloning gives another handle to the same hub.
+#[derive(Debug, Clone, Default)]
+pub struct Hub {
+    inner: Arc<Mutex<HubInner>>,
+}
+
+#[derive(Debug, Default)]
+struct HubInner {
+    states: BTreeMap<Topic, Arc<Message>>,
+    subscribers: Vec<Weak<Subscriber>>,
+}
+
+#[derive(Debug)]
+struct Subscriber {
+    filter: Filter,
+    waiting: Mutex<Waiting>,
+    notify: Notify,
+}
+
+#[derive(Debug, Default)]
+struct Waiting {
+    // in the order of publishing; a state that is published again moves to the end with its new value
+    queue: VecDeque<Arc<Message>>,
+    events: usize,
+    lost: u64,
+    closed: bool,
+}
+
+impl Hub {
+    /// An empty hub.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Keeps the message if its topic is a state, and hands it to every subscriber of its topic.
+    pub fn publish(&self, message: Message) {
+        let message = Arc::new(message);
+        let mut inner = lock(&self.inner);
+        if message.topic.is_state() {
+            inner.states.insert(message.topic.clone(), Arc::clone(&message));
+        }
+        inner.subscribers.retain(|subscriber| {
+            let Some(subscriber) = subscriber.upgrade() else {
+                return false;
+            };
+            if subscriber.filter.matches(&message.topic) {
+                subscriber.put(Arc::clone(&message));
+            }
+            true
+        });
+    }
+
+    /// The last value of a state topic.
+    pub fn read(&self, topic: &Topic) -> Option<Arc<Message>> {
+        lock(&self.inner).states.get(topic).cloned()
+    }
+
+    /// The last value of every state topic.
+    pub fn states(&self) -> Vec<Arc<Message>> {
+        lock(&self.inner).states.values().cloned().collect()
+    }
+
+    /// Forgets the value of a state topic.
+    pub fn forget(&self, topic: &Topic) {
+        lock(&self.inner).states.remove(topic);
+    }
+
+    /// A subscription; it starts with the values of now.
+    pub fn subscribe(&self, filter: Filter) -> Subscription {
+        let mut inner = lock(&self.inner);
+        let waiting = Waiting {
+            queue: inner
+                .states
+                .values()
+                .filter(|message| filter.matches(&message.topic))
+                .cloned()
+                .collect(),
+            ..Waiting::default()
+        };
+        let subscriber = Arc::new(Subscriber {
+            filter,
+            waiting: Mutex::new(waiting),
+            notify: Notify::new(),
+        });
+        inner.subscribers.push(Arc::downgrade(&subscriber));
+        Subscription { subscriber }
+    }
+
+    /// Ends all subscriptions once they have been read to their end.
+    pub fn close(&self) {
+        for subscriber in lock(&self.inner)
+            .subscribers
+            .drain(..)
+            .filter_map(|weak| weak.upgrade())
+        {
+            lock(&subscriber.waiting).closed = true;
+            subscriber.notify.notify_one();
+        }
+    }
+}
+
+impl Subscriber {
+    fn put(&self, message: Arc<Message>) {
+        let mut waiting = lock(&self.waiting);
+        if message.topic.is_state() {
+            if let Some(place) = waiting
+                .queue
+                .iter()
+                .position(|other| other.topic == message.topic)
+            {
+                waiting.queue.remove(place);
+            }
+        } else if waiting.events == EVENTS_MAX {
+            if let Some(place) = waiting.queue.iter().position(|other| !other.topic.is_state()) {
+                waiting.queue.remove(place);
+                waiting.lost += 1;
+            }
+        } else {
+            waiting.events += 1;
+        }
+        waiting.queue.push_back(message);
+        drop(waiting);
+        self.notify.notify_one();
+    }
+}
+
+/// What one subscriber still has to read.
+#[derive(Debug)]
+pub struct Subscription {
+    subscriber: Arc<Subscriber>,
+}
+
+impl Subscription {
+    /// The next message; `None` when the other side has closed. Safe to drop while it waits.
+    pub async fn next(&mut self) -> Option<Arc<Message>> {
+        loop {
+            if let Some(message) = self.try_next() {
+                return Some(message);
+            }
+            if lock(&self.subscriber.waiting).closed {
+                return None;
+            }
+            self.subscriber.notify.notified().await;
+        }
+    }
+
+    /// The next message if one is there.
+    pub fn try_next(&mut self) -> Option<Arc<Message>> {
+        let mut waiting = lock(&self.subscriber.waiting);
+        let message = waiting.queue.pop_front()?;
+        if !message.topic.is_state() {
+            waiting.events -= 1;
+        }
+        Some(message)
+    }
+
+    /// Events dropped so far because this subscriber did not read them.
+    pub fn lost(&self) -> u64 {
+        lock(&self.subscriber.waiting).lost
+    }
+}
+
+// A poisoned lock means a panic elsewhere while a value was being stored; the values themselves are whole.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::types::message::Payload;
+    use crate::types::output::{Cancel, CancelReason};
+    use crate::types::state::Switch;
+    use crate::types::topic::CsTopic;
+    use crate::types::{BootId, Timestamp};
+
+    fn message(topic: CsTopic, payload: Payload) -> Message {
+        let (boot_id, ts) = (BootId("b".into()), Timestamp::default());
+        Message {
+            topic: Topic::cs(1, topic),
+            boot_id,
+            ts,
+            rev: None,
+            payload,
+        }
+    }
+
+    fn switch(value: bool) -> Message {
+        message(CsTopic::OptionalStop, Payload::Switch(Switch { value }))
+    }
+
+    fn cancel(seq: u64) -> Message {
+        message(
+            CsTopic::Cancel(5),
+            Payload::Cancel(Cancel {
+                seq,
+                reason: CancelReason::Stop,
+            }),
+        )
+    }
+
+    #[test]
+    fn a_slow_subscriber_gets_the_latest_state_and_every_event_in_order() {
+        let hub = Hub::new();
+        let mut subscription = hub.subscribe(Filter::All);
+        for message in [switch(true), cancel(1), switch(false), cancel(2)] {
+            hub.publish(message);
+        }
+        let got: Vec<_> = std::iter::from_fn(|| subscription.try_next())
+            .map(|m| (*m).clone())
+            .collect();
+        assert_eq!(got, [cancel(1), switch(false), cancel(2)]);
+    }
+
+    #[test]
+    fn a_new_subscriber_starts_with_the_values_of_now() {
+        let hub = Hub::new();
+        hub.publish(switch(true));
+        hub.publish(cancel(1));
+        let mut subscription = hub.subscribe(Filter::All);
+        assert_eq!(subscription.try_next().map(|m| (*m).clone()), Some(switch(true)));
+        assert!(subscription.try_next().is_none());
+    }
+
+    #[test]
+    fn events_that_nobody_reads_are_bounded_and_counted() {
+        let hub = Hub::new();
+        let mut subscription = hub.subscribe(Filter::All);
+        for seq in 0..EVENTS_MAX as u64 + 3 {
+            hub.publish(cancel(seq));
+        }
+        assert_eq!(subscription.lost(), 3);
+        let first = subscription.try_next().map(|m| (*m).clone());
+        assert_eq!(first, Some(cancel(3)));
+    }
+
+    #[tokio::test]
+    async fn closing_ends_a_subscription_after_its_last_message() {
+        let hub = Hub::new();
+        let mut subscription = hub.subscribe(Filter::Topics(vec![Topic::cs(1, CsTopic::Cancel(5))]));
+        hub.publish(switch(true));
+        hub.publish(cancel(9));
+        hub.close();
+        assert!(subscription.next().await.is_some());
+        assert!(subscription.next().await.is_none());
+    }
+}

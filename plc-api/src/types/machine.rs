@@ -1,0 +1,130 @@
+//! What a machine is: presence, birth, alarms.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use super::output::Timing;
+use super::{CoordinateSystemNumber, Timestamp};
+
+/// Payload of `presence`.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct Presence {
+    /// False: the runtime has gone, or its connection was lost.
+    pub online: bool,
+    /// When it started.
+    pub started_at: Timestamp,
+    /// Its version.
+    pub version: String,
+}
+
+/// Payload of `birth`: what does not change while the runtime runs.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Birth {
+    /// Machine name.
+    pub machine: String,
+    /// Servo period, microseconds.
+    pub servo_period_us: u64,
+    /// Coordinate systems, ascending.
+    pub coordinate_systems: Vec<CoordinateSystemInfo>,
+    /// Motors, ascending.
+    pub motors: Vec<MotorInfo>,
+    /// M codes that have settings, by number.
+    pub m_codes: BTreeMap<u16, MCodeInfo>,
+    /// Limits of the interface.
+    pub limits: Limits,
+}
+
+/// One coordinate system.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct CoordinateSystemInfo {
+    /// Its number.
+    pub number: CoordinateSystemNumber,
+    /// Motor number by axis letter.
+    pub axes: BTreeMap<String, u16>,
+    /// Motor number of the spindle.
+    pub spindle: Option<u16>,
+    /// NC dialect.
+    pub dialect: String,
+    /// `mm` or `inch` at start; positions are always mm.
+    pub units: String,
+}
+
+/// One motor.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct MotorInfo {
+    /// CNC motor number.
+    pub number: u16,
+    /// `linear` (mm), `rotary` (deg) or `spindle` (r/min).
+    pub kind: String,
+    /// Lowest and highest machine position.
+    pub soft_limits: Option<[f64; 2]>,
+    /// Units per second (spindle: r/min).
+    pub max_velocity: f64,
+}
+
+/// Settings of one M code.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct MCodeInfo {
+    /// When it is output.
+    pub timing: Timing,
+    /// Time limit of its reset, ms.
+    pub timeout_ms: Option<u64>,
+    /// What the state shows while it is waited for.
+    pub wait_state: Option<String>,
+}
+
+/// Limits of the interface.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct Limits {
+    /// Outputs that may be open in one coordinate system; more hold back the interpreter.
+    pub open_outputs_max: u32,
+    /// Bytes of one program.
+    pub program_bytes_max: u64,
+}
+
+/// How much an alarm weighs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum AlarmSeverity {
+    /// Worth knowing; nothing stops.
+    Warning,
+    /// Stops its coordinate system.
+    #[default]
+    Alarm,
+}
+
+/// One alarm: payload of `alarm/event`, and an entry of `alarm/active`.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct AlarmRecord {
+    /// Names this occurrence.
+    pub id: u64,
+    /// Warning or alarm.
+    pub severity: AlarmSeverity,
+    /// 1 to 9999: the runtime's table; 10000 + code: a handler's.
+    pub number: u16,
+    /// What happened.
+    pub text: String,
+    /// The coordinate system that it stopped; null: all.
+    pub cs: Option<CoordinateSystemNumber>,
+    /// Program number.
+    pub program: Option<u16>,
+    /// Line of the source file.
+    pub line: Option<u32>,
+    /// Column of the source line.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub column: Option<u32>,
+    /// When it was raised.
+    pub raised_at: Timestamp,
+    /// When it was cleared.
+    pub cleared_at: Option<Timestamp>,
+    /// Who acknowledged it.
+    pub acknowledged_by: Option<String>,
+}
+
+/// Payload of `alarm/active`.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct ActiveAlarms {
+    /// Ascending by id.
+    pub alarms: Vec<AlarmRecord>,
+}

@@ -1,0 +1,331 @@
+//! Auxiliary function outputs and what is said about them: claim, reset, progress, redelivery.
+
+use serde::{Deserialize, Serialize};
+
+use super::{BootId, Timestamp};
+
+/// VA to VH of an output, as `A` to `H`.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "UPPERCASE", default, deny_unknown_fields)]
+pub struct Params {
+    /// VA.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub a: Option<f64>,
+    /// VB.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub b: Option<f64>,
+    /// VC.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub c: Option<f64>,
+    /// VD.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub d: Option<f64>,
+    /// VE.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub e: Option<f64>,
+    /// VF.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub f: Option<f64>,
+    /// VG.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub g: Option<f64>,
+    /// VH.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub h: Option<f64>,
+}
+
+impl From<[Option<f64>; 8]> for Params {
+    fn from([a, b, c, d, e, f, g, h]: [Option<f64>; 8]) -> Self {
+        Self {
+            a,
+            b,
+            c,
+            d,
+            e,
+            f,
+            g,
+            h,
+        }
+    }
+}
+
+impl Params {
+    /// VA.
+    pub fn a(&self) -> Option<f64> {
+        self.a
+    }
+    /// VB.
+    pub fn b(&self) -> Option<f64> {
+        self.b
+    }
+    /// VC.
+    pub fn c(&self) -> Option<f64> {
+        self.c
+    }
+    /// VD.
+    pub fn d(&self) -> Option<f64> {
+        self.d
+    }
+    /// VE.
+    pub fn e(&self) -> Option<f64> {
+        self.e
+    }
+    /// VF.
+    pub fn f(&self) -> Option<f64> {
+        self.f
+    }
+    /// VG.
+    pub fn g(&self) -> Option<f64> {
+        self.g
+    }
+    /// VH.
+    pub fn h(&self) -> Option<f64> {
+        self.h
+    }
+}
+
+/// When an output is made (D30).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Timing {
+    /// When motion before it has come to rest in position; the next block waits for the reset.
+    #[default]
+    AfterMotion,
+    /// When the block is interpreted; the program goes on, the reset is still owed.
+    WithMotion,
+}
+
+/// Where an open output stands in its life.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "SCREAMING_SNAKE_CASE")]
+pub enum OutputState {
+    /// Not made yet: held back while the program is held (D18).
+    Queued,
+    /// Made, and waiting for a handler to claim it.
+    Output,
+    /// Owned by a handler, whose reset is awaited.
+    Claimed,
+}
+
+/// One output as `m_code/{m}/output` says it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct OutputNotice {
+    /// Sequence number: strictly increasing in its coordinate system, never reused within a boot.
+    pub seq: u64,
+    /// The program run that made it.
+    pub run_id: String,
+    /// M number, 0 to 191.
+    pub m: u16,
+    /// VA to VH.
+    pub params: Params,
+    /// Timing in force for this output.
+    pub timing: Timing,
+    /// Program number.
+    pub program: u16,
+    /// Line of the source file, from 1.
+    pub line: u32,
+    /// 1 for the first notice, one more each time it is published again.
+    pub attempt: u32,
+    /// True when a handler may already have worked on it: see `on_redelivery`.
+    pub redelivered: bool,
+}
+
+/// One open output as `m_code/pending` says it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct PendingOutput {
+    /// The output.
+    #[serde(flatten)]
+    pub output: OutputNotice,
+    /// Where it stands.
+    pub state: OutputState,
+    /// Its owner once claimed.
+    pub handler_id: Option<String>,
+    /// When it came into this state.
+    pub since: Timestamp,
+    /// What the owner last said of its progress.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub progress: Option<Progress>,
+    /// How an operator asked for it to be taken up again.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub how: Option<Redelivery>,
+}
+
+/// Payload of `m_code/pending`: all open outputs, ascending by `seq`.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Pending {
+    /// Empty when nothing is open.
+    pub outputs: Vec<PendingOutput>,
+}
+
+/// Progress of a handler, shown while the program waits.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Progress {
+    /// What it does now, at most 200 characters.
+    pub text: String,
+    /// 0 to 100.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub percent: Option<f64>,
+}
+
+/// A handler takes an output.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Claim {
+    /// Boot that made the output.
+    pub boot_id: BootId,
+    /// Sequence number of the output.
+    pub seq: u64,
+    /// Who claims.
+    pub handler_id: String,
+}
+
+/// A handler or an operator answers an output.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Reset {
+    /// Boot that made the output.
+    pub boot_id: BootId,
+    /// Sequence number of the output.
+    pub seq: u64,
+    /// Who resets.
+    pub handler_id: String,
+    /// Done, or failed.
+    pub result: ResetResult,
+    /// With `fault`: the handler's alarm code, 0 to 9999.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub code: Option<u16>,
+    /// With `fault`: the alarm's text, unchanged.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub text: Option<String>,
+    /// An operator's reset: accepted whoever owns the output.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub force: Option<bool>,
+}
+
+/// How a handler ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ResetResult {
+    /// The work is done; the program goes on.
+    Ok,
+    /// It failed; an alarm stops the program.
+    Fault,
+}
+
+/// What became of a claim or a reset.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum HandshakeStatus {
+    /// It counts.
+    Accepted,
+    /// The output was reset before; nothing changed.
+    Duplicate,
+    /// The output was cancelled, failed, timed out, or belongs to another boot; nothing changed.
+    Stale,
+    /// This boot never made that output there with that M number.
+    Unknown,
+    /// Another handler owns the output.
+    NotOwner,
+}
+
+/// Payload of `m_code/{m}/result`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct HandshakeResult {
+    /// Sequence number that the claim or reset named.
+    pub seq: u64,
+    /// Who sent it.
+    pub handler_id: String,
+    /// What became of it.
+    pub status: HandshakeStatus,
+}
+
+/// Why an output was cancelled.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CancelReason {
+    /// The `reset` command.
+    Reset,
+    /// The `stop` command.
+    Stop,
+    /// The `abort` command.
+    Abort,
+    /// An alarm of the coordinate system.
+    Alarm,
+    /// An operator reset or failed it; sent to its owner.
+    Operator,
+    /// The runtime ends.
+    Shutdown,
+}
+
+/// Payload of `m_code/{m}/cancel`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Cancel {
+    /// Sequence number of the output.
+    pub seq: u64,
+    /// Why.
+    pub reason: CancelReason,
+}
+
+/// Payload of `m_code/{m}/progress`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ProgressReport {
+    /// Boot that made the output.
+    pub boot_id: BootId,
+    /// Sequence number of the output.
+    pub seq: u64,
+    /// The owner.
+    pub handler_id: String,
+    /// What it does now, at most 200 characters.
+    pub text: String,
+    /// 0 to 100.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub percent: Option<f64>,
+}
+
+/// Payload of `m_code/{m}/redeliver`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Redeliver {
+    /// Boot that made the output.
+    pub boot_id: BootId,
+    /// Sequence number of the output.
+    pub seq: u64,
+    /// What the handler shall do.
+    pub how: Redelivery,
+}
+
+/// What a handler does with an output that it may already have worked on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Redelivery {
+    /// Nothing: an operator decides by `redeliver` or by a reset by hand.
+    #[default]
+    Ask,
+    /// Run the handler again from its start.
+    Redo,
+    /// Run the handler with `output.redelivered()` true: it looks at the machine first.
+    Verify,
+}
+
+/// Payload of `handler/{id}/presence`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct HandlerPresence {
+    /// False: the handler has gone, or its connection was lost.
+    pub online: bool,
+    /// What it handles.
+    #[serde(default)]
+    pub handles: Vec<HandledCode>,
+    /// True when it answers `validate`.
+    #[serde(default)]
+    pub validates: bool,
+}
+
+/// One M code that a handler serves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub struct HandledCode {
+    /// Coordinate system.
+    pub cs: u8,
+    /// M number.
+    pub m: u16,
+}

@@ -1,0 +1,63 @@
+//! Programs of the store and what checking says of them.
+
+use serde::{Deserialize, Serialize};
+
+/// One program of the store.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ProgramInfo {
+    /// Program number, 1 to 9999.
+    pub number: u16,
+    /// First comment of the text, for lists.
+    pub title: String,
+    /// Size of the text.
+    pub bytes: u64,
+    /// Errors that checking finds.
+    pub errors: u32,
+    /// Warnings that checking finds.
+    pub warnings: u32,
+}
+
+/// What checking says of a program.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct ProgramCheck {
+    /// True when the program is new in the store (of a write).
+    #[serde(skip)]
+    pub created: bool,
+    /// Findings in the order of their places.
+    pub diagnostics: Vec<ProgramDiagnostic>,
+    /// M codes that the program puts out, ascending.
+    pub m_codes: Vec<u16>,
+    /// Programs that it calls, ascending.
+    pub programs: Vec<u16>,
+}
+
+/// One finding.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ProgramDiagnostic {
+    /// `E0123` or `W0123`.
+    pub code: String,
+    /// Error or warning.
+    pub severity: DiagnosticSeverity,
+    /// From 1.
+    pub line: u32,
+    /// In characters, from 1.
+    pub column: u32,
+    /// Line of the end.
+    pub end_line: u32,
+    /// Column after the last character.
+    pub end_column: u32,
+    /// What is wrong.
+    pub message: String,
+    /// What to write instead.
+    pub help: String,
+}
+
+/// Error or warning.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum DiagnosticSeverity {
+    /// The program cannot run.
+    Error,
+    /// The text deserves a look.
+    Warning,
+}

@@ -1,0 +1,281 @@
+//! State of a coordinate system as HMIs and sequence programs see it.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use super::Timestamp;
+use super::output::Progress;
+
+/// State words, after MTConnect Execution.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "SCREAMING_SNAKE_CASE")]
+pub enum Execution {
+    /// A program is loaded and at its head.
+    Ready,
+    /// A program, manual data input or a jog runs.
+    Active,
+    /// Waits for the reset of an auxiliary function output.
+    Wait,
+    /// Held by the operator.
+    FeedHold,
+    /// Stopped by M00.
+    ProgramStopped,
+    /// Stopped by M01.
+    OptionalStop,
+    /// Stopped between blocks; see the reason.
+    Interrupted,
+    /// Ended before its end; see the reason.
+    #[default]
+    Stopped,
+    /// M02 or M30 has been reached and no output is open.
+    ProgramCompleted,
+}
+
+/// On the way to another state.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "SCREAMING_SNAKE_CASE")]
+pub enum Transition {
+    /// A start was accepted.
+    Starting,
+    /// Decelerating on the path to a feed hold.
+    Holding,
+    /// Decelerating to a stop.
+    Stopping,
+    /// Leaving a pause.
+    Resuming,
+    /// Being reset.
+    Resetting,
+}
+
+/// Why a state is as it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "SCREAMING_SNAKE_CASE")]
+pub enum Reason {
+    /// WAIT: the handler that owned the output has gone.
+    HandlerLost,
+    /// INTERRUPTED: single block.
+    SingleBlock,
+    /// INTERRUPTED: the interlock input is on.
+    Interlock,
+    /// STOPPED: an alarm.
+    Alarm,
+    /// STOPPED: the stop command.
+    Stop,
+    /// STOPPED: the abort command.
+    Aborted,
+    /// STOPPED: no program is loaded.
+    NoProgram,
+    /// STOPPED: the runtime was started again; nothing goes on by itself.
+    Restarted,
+}
+
+/// Payload of `state`.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct State {
+    /// The state word.
+    pub execution: Execution,
+    /// On the way to another state, or null.
+    pub transition: Option<Transition>,
+    /// Why, or null.
+    pub reason: Option<Reason>,
+    /// The M code's `wait_state` setting while it is waited for.
+    pub wait_state: Option<String>,
+    /// What is waited for.
+    pub waiting_on: Option<WaitingOn>,
+    /// The loaded main program.
+    pub program: Option<u16>,
+    /// Names the run; null before the first start.
+    pub run_id: Option<String>,
+    /// Single block input.
+    pub single_block: bool,
+    /// Dry run input.
+    pub dry_run: bool,
+    /// Optional stop input.
+    pub optional_stop: bool,
+    /// Optional skip inputs that are on, ascending.
+    pub optional_skip: Vec<u8>,
+    /// Active alarms of this coordinate system.
+    pub alarm_count: u32,
+    /// The command accepted last.
+    pub last_command_id: Option<String>,
+}
+
+/// The output that a program waits for.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct WaitingOn {
+    /// M number.
+    pub m: u16,
+    /// Sequence number.
+    pub seq: u64,
+    /// Since when.
+    pub since: Timestamp,
+    /// What its handler last said.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub progress: Option<Progress>,
+}
+
+/// Payload of `program`.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct ProgramPlace {
+    /// Program number that runs now, main or subprogram.
+    pub number: Option<u16>,
+    /// 0 in the main program, 1 to 8 in subprograms.
+    pub nest_level: u8,
+    /// Callers, main program first.
+    pub stack: Vec<CallSite>,
+    /// Line of the block whose motion runs, from 1.
+    pub line: u32,
+    /// Text of that line.
+    pub block: String,
+    /// Line that the interpreter has reached (pre-read).
+    pub interpreted_line: u32,
+}
+
+/// A call in the program stack.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct CallSite {
+    /// Program number.
+    pub program: u16,
+    /// Line of the call.
+    pub line: u32,
+}
+
+/// Payload of `position`. Lengths are mm and angles degrees, whatever G20 or G21 says.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Position {
+    /// Commanded machine position by axis letter.
+    pub machine: BTreeMap<String, f64>,
+    /// The same in work coordinates.
+    pub work: BTreeMap<String, f64>,
+    /// Actual machine position.
+    pub actual: BTreeMap<String, f64>,
+    /// Commanded minus actual.
+    pub following_error: BTreeMap<String, f64>,
+    /// Left of the block that runs.
+    pub distance_to_go: BTreeMap<String, f64>,
+    /// Speed on the path, mm/min.
+    pub feedrate: f64,
+    /// Actual spindle speed, r/min; negative counter-clockwise.
+    pub spindle_rpm: f64,
+}
+
+/// Payload of `modal`.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Modal {
+    /// G code in force by modal group number (`"01"` to `"23"`).
+    pub g: BTreeMap<String, String>,
+    /// Feedrate, mm/min.
+    pub f: f64,
+    /// Spindle speed, r/min.
+    pub s: f64,
+    /// Acceleration time, ms.
+    pub ta: f64,
+    /// Deceleration time, ms.
+    pub td: f64,
+    /// Jerk time, ms.
+    pub ts: f64,
+    /// Tool selected; 0: none.
+    pub tool: u16,
+    /// `G54` to `G59`, or null.
+    pub work_offset: Option<String>,
+}
+
+/// Payload of `captured`.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Captured {
+    /// Run of the G31.
+    pub run_id: Option<String>,
+    /// Line of the G31.
+    pub line: u32,
+    /// Motor numbers, ascending.
+    pub motors: Vec<u16>,
+    /// Captured machine positions.
+    pub positions: Vec<f64>,
+    /// False where the skip input did not come: the stop position.
+    pub captured: Vec<bool>,
+}
+
+/// Payload of `input/optional_skip/state`.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct OptionalSkip {
+    /// Numbers that are on, ascending.
+    pub requested: Vec<u8>,
+    /// Numbers that the interpreter reads now.
+    pub effective: Vec<u8>,
+    /// First line interpreted with them; blocks before it were read ahead with the values of then.
+    pub effective_from_line: u32,
+}
+
+/// Payload of an input with one value.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct Switch {
+    /// On or off.
+    pub value: bool,
+}
+
+/// Payload of an input that says why it is on.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct Lock {
+    /// On or off.
+    pub value: bool,
+    /// Why, in the operator's words.
+    #[serde(default)]
+    pub text: String,
+}
+
+/// Payload of `override/state`, percent.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Overrides {
+    /// Feed override, 0 to 200.
+    pub feed: f64,
+    /// Rapid override, 0 to 100.
+    pub rapid: f64,
+    /// Spindle override, 0 to 200.
+    pub spindle: f64,
+}
+
+impl Default for Overrides {
+    fn default() -> Self {
+        Self {
+            feed: 100.0,
+            rapid: 100.0,
+            spindle: 100.0,
+        }
+    }
+}
+
+/// How a spindle turns.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SpindleDirection {
+    /// Clockwise (M03).
+    Cw,
+    /// Counter-clockwise (M04).
+    Ccw,
+    /// At rest (M05).
+    #[default]
+    Stop,
+    /// At the orientation position (M19).
+    Orient,
+}
+
+/// Payload of `spindle/state`.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Spindle {
+    /// Commanded direction.
+    pub direction: SpindleDirection,
+    /// Commanded speed, r/min.
+    pub rpm: f64,
+    /// Actual speed, r/min.
+    pub actual_rpm: f64,
+    /// True at the orientation position after `orient`.
+    pub oriented: bool,
+}
+
+/// Payload of `tool/state`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct Tool {
+    /// Number of the tool in the spindle; 0: none.
+    pub id: u16,
+}

@@ -1,0 +1,205 @@
+//! Topics: one table of everything that the runtime says, with its path, retain flag and quality of service.
+
+use super::CoordinateSystemNumber;
+
+/// Names one thing that the runtime says. Paths are relative to `{prefix}/tandem/v1/{machine}/`.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Topic {
+    /// `presence`
+    Presence,
+    /// `birth`
+    Birth,
+    /// `alarm/event`
+    AlarmEvent,
+    /// `alarm/active`
+    AlarmActive,
+    /// `reply/{client_id}`
+    Reply(String),
+    /// `handler/{id}/presence`
+    HandlerPresence(String),
+    /// `cs/{cs}/...`
+    CoordinateSystem(CoordinateSystemNumber, CsTopic),
+}
+
+/// A topic of one coordinate system.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum CsTopic {
+    /// `state`
+    State,
+    /// `program`
+    Program,
+    /// `position`
+    Position,
+    /// `modal`
+    Modal,
+    /// `m_code/pending`
+    Pending,
+    /// `m_code/{m}/output`
+    Output(u16),
+    /// `m_code/{m}/result`
+    Result(u16),
+    /// `m_code/{m}/cancel`
+    Cancel(u16),
+    /// `captured`
+    Captured,
+    /// `input/optional_skip/state`
+    OptionalSkip,
+    /// `input/optional_stop/state`
+    OptionalStop,
+    /// `input/single_block/state`
+    SingleBlock,
+    /// `input/dry_run/state`
+    DryRun,
+    /// `input/interlock/state`
+    Interlock,
+    /// `input/start_lock/state`
+    StartLock,
+    /// `spindle/state`
+    Spindle,
+    /// `tool/state`
+    Tool,
+    /// `override/state`
+    Override,
+}
+
+impl CsTopic {
+    /// Topics whose last value is kept and retained, with their paths.
+    pub const STATES: [(CsTopic, &'static str); 15] = [
+        (CsTopic::State, "state"),
+        (CsTopic::Program, "program"),
+        (CsTopic::Position, "position"),
+        (CsTopic::Modal, "modal"),
+        (CsTopic::Pending, "m_code/pending"),
+        (CsTopic::Captured, "captured"),
+        (CsTopic::OptionalSkip, "input/optional_skip/state"),
+        (CsTopic::OptionalStop, "input/optional_stop/state"),
+        (CsTopic::SingleBlock, "input/single_block/state"),
+        (CsTopic::DryRun, "input/dry_run/state"),
+        (CsTopic::Interlock, "input/interlock/state"),
+        (CsTopic::StartLock, "input/start_lock/state"),
+        (CsTopic::Spindle, "spindle/state"),
+        (CsTopic::Tool, "tool/state"),
+        (CsTopic::Override, "override/state"),
+    ];
+
+    fn path(self) -> String {
+        match self {
+            CsTopic::Output(m) => format!("m_code/{m}/output"),
+            CsTopic::Result(m) => format!("m_code/{m}/result"),
+            CsTopic::Cancel(m) => format!("m_code/{m}/cancel"),
+            state => Self::STATES
+                .iter()
+                .find(|(topic, _)| *topic == state)
+                .map_or_else(String::new, |(_, path)| (*path).to_owned()),
+        }
+    }
+
+    fn parse(path: &str) -> Option<CsTopic> {
+        if let Some((topic, _)) = Self::STATES.iter().find(|(_, state)| *state == path) {
+            return Some(*topic);
+        }
+        let (m, what) = path.strip_prefix("m_code/")?.split_once('/')?;
+        let m = m.parse().ok()?;
+        match what {
+            "output" => Some(CsTopic::Output(m)),
+            "result" => Some(CsTopic::Result(m)),
+            "cancel" => Some(CsTopic::Cancel(m)),
+            _ => None,
+        }
+    }
+}
+
+impl Topic {
+    /// A topic of a coordinate system.
+    pub fn cs(cs: CoordinateSystemNumber, topic: CsTopic) -> Self {
+        Topic::CoordinateSystem(cs, topic)
+    }
+
+    /// Path below the machine's root.
+    pub fn path(&self) -> String {
+        match self {
+            Topic::Presence => "presence".to_owned(),
+            Topic::Birth => "birth".to_owned(),
+            Topic::AlarmEvent => "alarm/event".to_owned(),
+            Topic::AlarmActive => "alarm/active".to_owned(),
+            Topic::Reply(client) => format!("reply/{client}"),
+            Topic::HandlerPresence(id) => format!("handler/{id}/presence"),
+            Topic::CoordinateSystem(cs, topic) => format!("cs/{cs}/{}", topic.path()),
+        }
+    }
+
+    /// The topic of a path below the machine's root; `None` for a path that the runtime never publishes.
+    pub fn parse(path: &str) -> Option<Topic> {
+        match path {
+            "presence" => return Some(Topic::Presence),
+            "birth" => return Some(Topic::Birth),
+            "alarm/event" => return Some(Topic::AlarmEvent),
+            "alarm/active" => return Some(Topic::AlarmActive),
+            _ => {}
+        }
+        let (first, rest) = path.split_once('/')?;
+        match first {
+            "reply" => Some(Topic::Reply(rest.to_owned())),
+            "handler" => Some(Topic::HandlerPresence(rest.strip_suffix("/presence")?.to_owned())),
+            "cs" => {
+                let (cs, topic) = rest.split_once('/')?;
+                Some(Topic::cs(cs.parse().ok()?, CsTopic::parse(topic)?))
+            }
+            _ => None,
+        }
+    }
+
+    /// True for topics that say a state: the last value stands for all before it. False for events.
+    pub fn is_state(&self) -> bool {
+        !matches!(
+            self,
+            Topic::AlarmEvent
+                | Topic::Reply(_)
+                | Topic::CoordinateSystem(_, CsTopic::Output(_) | CsTopic::Result(_) | CsTopic::Cancel(_))
+        )
+    }
+
+    /// Retain flag on MQTT: every state but the position, which is a stream.
+    pub fn is_retained(&self) -> bool {
+        self.is_state() && !matches!(self, Topic::CoordinateSystem(_, CsTopic::Position))
+    }
+
+    /// Quality of service on MQTT: 0 for the position stream, else 1.
+    pub fn qos(&self) -> u8 {
+        u8::from(!matches!(self, Topic::CoordinateSystem(_, CsTopic::Position)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_topic_is_found_again_by_its_path() {
+        let cs_topics = CsTopic::STATES.map(|(topic, _)| topic).into_iter().chain([
+            CsTopic::Output(100),
+            CsTopic::Result(7),
+            CsTopic::Cancel(0),
+        ]);
+        let topics = cs_topics.map(|topic| Topic::cs(2, topic)).chain([
+            Topic::Presence,
+            Topic::Birth,
+            Topic::AlarmEvent,
+            Topic::AlarmActive,
+            Topic::Reply("hmi-1".into()),
+            Topic::HandlerPresence("h".into()),
+        ]);
+        for topic in topics {
+            assert_eq!(Topic::parse(&topic.path()), Some(topic));
+        }
+    }
+
+    #[test]
+    fn only_state_is_retained_and_only_the_position_stream_has_qos_0() {
+        assert!(Topic::cs(1, CsTopic::Pending).is_retained());
+        assert!(!Topic::cs(1, CsTopic::Output(3)).is_retained());
+        assert!(!Topic::cs(1, CsTopic::Position).is_retained());
+        assert_eq!(Topic::cs(1, CsTopic::Position).qos(), 0);
+        assert_eq!(Topic::cs(1, CsTopic::State).qos(), 1);
+    }
+}
