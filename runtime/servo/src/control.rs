@@ -1,0 +1,146 @@
+//! What the coordinator tells a channel, and what the channel tells back.
+
+use tandem_model::alarm::{Alarm, IN_POSITION_TIMEOUT, RUNTIME_FAULT};
+use tandem_model::{Axis, MachinePosition, Origin};
+
+/// A command to one channel. Taken at the start of a servo cycle, in the order given.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Control {
+    /// Feed hold: the time base comes to 0 with `hold_slew_ms`, then [`Event::Held`]. No profile starts until
+    /// [`Control::Resume`]. Ignored while a stop or an abort is under way.
+    Hold,
+    /// Ends feed hold: the time base goes to the override with `override_slew_ms`.
+    Resume,
+    /// Decelerates on the path as feed hold does, throws away what is older than `epoch`, then
+    /// [`Event::Stopped`]. Ends feed hold and clears a fault. Give it before the first profile of that epoch.
+    Stop {
+        /// The oldest epoch that may still run.
+        epoch: u32,
+    },
+    /// Each motor brakes at its `max_acceleration` from its current velocity, off the path; else as
+    /// [`Control::Stop`]. Wins over a stop under way; both then answer with one [`Event::Stopped`].
+    Abort {
+        /// The oldest epoch that may still run.
+        epoch: u32,
+    },
+    /// Overrides as factors, 1.0 is 100 percent. `feed` is limited to 0 to 2, `rapid` to 0 to 1; a value that is
+    /// not a number changes nothing. The time base follows with `override_slew_ms`.
+    Override {
+        /// Feed override.
+        feed: f64,
+        /// Rapid override.
+        rapid: f64,
+    },
+    /// Commands the spindle. Not affected by hold, stop and abort.
+    Spindle {
+        /// What it does.
+        direction: SpindleDirection,
+        /// Speed for `Cw` and `Ccw`, r/min, limited to the motor's maximum.
+        rpm: f64,
+    },
+}
+
+/// What a spindle is to do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum SpindleDirection {
+    /// M03: turn clockwise, counted as positive speed.
+    Cw,
+    /// M04: turn counterclockwise.
+    Ccw,
+    /// M05: come to rest.
+    #[default]
+    Stop,
+    /// M19: come to rest at the orientation position.
+    Orient,
+}
+
+/// What happened in one servo cycle of a channel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Event {
+    /// A profile gave its first sample, its start point.
+    Started {
+        /// Its segment number.
+        segment: u64,
+        /// Where it comes from.
+        origin: Origin,
+        /// Time of the cycle, s.
+        time_s: f64,
+    },
+    /// A profile gave its end point; with an exact stop, all motors are in position too. The next profile
+    /// starts in the next cycle.
+    Finished {
+        /// Its segment number.
+        segment: u64,
+        /// Time of the cycle, s.
+        time_s: f64,
+    },
+    /// The command is at rest under feed hold. Once for each [`Control::Hold`] that took effect.
+    Held,
+    /// The command is at rest after [`Control::Stop`] or [`Control::Abort`]. The segment that was running is
+    /// given up: no [`Event::Finished`] comes for it.
+    Stopped {
+        /// Epoch of the command; older profiles never run.
+        epoch: u32,
+        /// Commanded position at rest.
+        position: MachinePosition,
+    },
+    /// The spindle is at rest at its orientation position.
+    Oriented,
+    /// Something is wrong. The channel starts nothing until [`Control::Stop`] or [`Control::Abort`].
+    Fault(Fault),
+}
+
+/// What can go wrong in a servo cycle. A number only, so that a cycle need not build a text.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Fault {
+    /// A motor was outside its in-position window when `in_position_timeout_ms` had passed.
+    InPositionTimeout {
+        /// CNC motor number.
+        motor: u16,
+        /// Its axis.
+        axis: Axis,
+        /// Command minus actual position, mm or degrees.
+        following_error: f64,
+    },
+    /// A profile does not begin where the machine is, or has a position that is not a number. Not started.
+    PositionJump {
+        /// CNC motor number; 0 for an axis without a motor.
+        motor: u16,
+        /// Its axis.
+        axis: Axis,
+        /// Distance that the motor would have jumped, mm or degrees.
+        jump: f64,
+    },
+    /// A spindle was commanded in a coordinate system without one.
+    SpindleMissing,
+}
+
+impl Fault {
+    /// The alarm of this fault. Allocates its text: for the coordinator, not for a servo cycle.
+    pub fn alarm(self) -> Alarm {
+        match self {
+            Fault::InPositionTimeout {
+                motor,
+                axis,
+                following_error,
+            } => Alarm::new(
+                &IN_POSITION_TIMEOUT,
+                format!(
+                    "Motor {motor} (axis {}) is {following_error:.6} away from its command",
+                    axis.letter()
+                ),
+            ),
+            Fault::PositionJump { motor, axis, jump } => Alarm::new(
+                &RUNTIME_FAULT,
+                format!(
+                    "Motor {motor} (axis {}) would jump by {jump:.6}; the profile was not started",
+                    axis.letter()
+                ),
+            ),
+            Fault::SpindleMissing => Alarm::new(
+                &RUNTIME_FAULT,
+                "A spindle command reached a coordinate system without a spindle",
+            ),
+        }
+    }
+}

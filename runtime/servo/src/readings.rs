@@ -1,0 +1,216 @@
+//! The last servo cycle's values, for any number of readers, without a lock.
+
+use std::sync::atomic::{AtomicU64, Ordering, fence};
+
+use tandem_model::{AXES_MAX, AxisVector, MachinePosition, Origin};
+
+/// Spins before a reader gives its processor away: the writer may wait for that very processor.
+const SPINS_BEFORE_YIELD: u32 = 64;
+
+/// What one servo cycle left behind.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Reading {
+    /// Time of the cycle, s.
+    pub time_s: f64,
+    /// Commanded position.
+    pub commanded: MachinePosition,
+    /// Actual position. The following error is the commanded minus the actual position.
+    pub actual: MachinePosition,
+    /// From the commanded position to the end of the current block, signed; zero between blocks.
+    pub distance_to_go: AxisVector,
+    /// Commanded speed over X, Y, Z, mm/min; deg/min over the other axes when X, Y, Z rest.
+    pub feedrate_mm_min: f64,
+    /// Time base: 1.0 runs as programmed, 0.0 rests.
+    pub rate: f64,
+    /// Segment number of the current or, between blocks, the last block; 0 before the first.
+    pub segment: u64,
+    /// Where the current block comes from; `None` between blocks.
+    pub executing: Option<Origin>,
+    /// True under feed hold, deceleration included.
+    pub held: bool,
+    /// Actual spindle speed, r/min, clockwise positive.
+    pub spindle_rpm: f64,
+    /// True while the spindle rests at its orientation position after an orientation.
+    pub oriented: bool,
+}
+
+const TIME: usize = 0;
+const FEEDRATE: usize = 1;
+const RATE: usize = 2;
+const SEGMENT: usize = 3;
+const PLACE: usize = 4;
+const COLUMN: usize = 5;
+const FLAGS: usize = 6;
+const SPINDLE: usize = 7;
+const VECTORS: usize = 8;
+const CELLS: usize = VECTORS + 3 * AXES_MAX;
+
+const EXECUTING: u64 = 1;
+const HELD: u64 = 2;
+const ORIENTED: u64 = 4;
+
+/// A snapshot that the servo cycle writes and anyone reads: a sequence lock of atomics. The writer never waits;
+/// a reader that meets a write reads again.
+#[derive(Debug)]
+pub struct Readings {
+    /// Odd while a write is under way.
+    version: AtomicU64,
+    cells: [AtomicU64; CELLS],
+}
+
+impl Default for Readings {
+    fn default() -> Self {
+        Self {
+            version: AtomicU64::new(0),
+            cells: std::array::from_fn(|_| AtomicU64::new(0)),
+        }
+    }
+}
+
+impl Readings {
+    /// The values of the last servo cycle, all of the same cycle.
+    pub fn read(&self) -> Reading {
+        let mut spins = 0_u32;
+        loop {
+            let before = self.version.load(Ordering::Acquire);
+            let cells: [u64; CELLS] = std::array::from_fn(|i| self.cells[i].load(Ordering::Relaxed));
+            fence(Ordering::Acquire);
+            if before.is_multiple_of(2) && before == self.version.load(Ordering::Relaxed) {
+                return unpack(&cells);
+            }
+            spins += 1;
+            if spins.is_multiple_of(SPINS_BEFORE_YIELD) {
+                std::thread::yield_now();
+            } else {
+                std::hint::spin_loop();
+            }
+        }
+    }
+
+    /// Publishes a cycle's values. One writer only: the channel.
+    pub(crate) fn write(&self, reading: &Reading) {
+        let cells = pack(reading);
+        let version = self.version.load(Ordering::Relaxed);
+        self.version.store(version.wrapping_add(1), Ordering::Relaxed);
+        fence(Ordering::Release);
+        for (cell, value) in self.cells.iter().zip(cells) {
+            cell.store(value, Ordering::Relaxed);
+        }
+        self.version.store(version.wrapping_add(2), Ordering::Release);
+    }
+}
+
+fn pack(reading: &Reading) -> [u64; CELLS] {
+    let mut cells = [0; CELLS];
+    cells[TIME] = reading.time_s.to_bits();
+    cells[FEEDRATE] = reading.feedrate_mm_min.to_bits();
+    cells[RATE] = reading.rate.to_bits();
+    cells[SEGMENT] = reading.segment;
+    cells[SPINDLE] = reading.spindle_rpm.to_bits();
+    if let Some(origin) = reading.executing {
+        cells[PLACE] = u64::from(origin.program) << 32 | u64::from(origin.line);
+        cells[COLUMN] = u64::from(origin.column);
+        cells[FLAGS] |= EXECUTING;
+    }
+    if reading.held {
+        cells[FLAGS] |= HELD;
+    }
+    if reading.oriented {
+        cells[FLAGS] |= ORIENTED;
+    }
+    let vectors = [reading.commanded.0, reading.actual.0, reading.distance_to_go];
+    for (cell, value) in cells[VECTORS..]
+        .iter_mut()
+        .zip(vectors.iter().flat_map(|vector| vector.0))
+    {
+        *cell = value.to_bits();
+    }
+    cells
+}
+
+fn unpack(cells: &[u64; CELLS]) -> Reading {
+    let number = |i: usize| f64::from_bits(cells[i]);
+    let vector = |n: usize| AxisVector(std::array::from_fn(|i| number(VECTORS + n * AXES_MAX + i)));
+    let flag = |mask: u64| cells[FLAGS] & mask != 0;
+    Reading {
+        time_s: number(TIME),
+        commanded: MachinePosition(vector(0)),
+        actual: MachinePosition(vector(1)),
+        distance_to_go: vector(2),
+        feedrate_mm_min: number(FEEDRATE),
+        rate: number(RATE),
+        segment: cells[SEGMENT],
+        executing: flag(EXECUTING).then(|| Origin {
+            program: low_bits(cells[PLACE] >> 32),
+            line: low_bits(cells[PLACE]),
+            column: low_bits(cells[COLUMN]),
+        }),
+        held: flag(HELD),
+        spindle_rpm: number(SPINDLE),
+        oriented: flag(ORIENTED),
+    }
+}
+
+/// The lowest bits of a cell, as `pack` put them there.
+fn low_bits<T: TryFrom<u64> + Default>(cell: u64) -> T {
+    let bits = 8 * size_of::<T>();
+    T::try_from(cell & ((1 << bits) - 1)).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::Arc;
+    use std::sync::atomic::AtomicBool;
+
+    fn sample(n: f64) -> Reading {
+        Reading {
+            time_s: n,
+            commanded: MachinePosition(AxisVector([n; AXES_MAX])),
+            actual: MachinePosition(AxisVector([n + 0.5; AXES_MAX])),
+            distance_to_go: AxisVector([-n; AXES_MAX]),
+            feedrate_mm_min: n * 60.0,
+            rate: 1.0,
+            segment: 7,
+            executing: Some(Origin {
+                program: 65_535,
+                line: u32::MAX,
+                column: 12,
+            }),
+            held: true,
+            spindle_rpm: -n,
+            oriented: true,
+        }
+    }
+
+    #[test]
+    fn a_reading_comes_back_as_written() {
+        let readings = Readings::default();
+        assert_eq!(readings.read(), Reading::default());
+        readings.write(&sample(3.25));
+        assert_eq!(readings.read(), sample(3.25));
+    }
+
+    #[test]
+    fn a_reader_never_sees_two_cycles_mixed() {
+        let readings = Arc::new(Readings::default());
+        let done = Arc::new(AtomicBool::new(false));
+        readings.write(&sample(0.0));
+        let reader = {
+            let (readings, done) = (readings.clone(), done.clone());
+            std::thread::spawn(move || {
+                let mut reads = 0_u32;
+                while !done.load(Ordering::Relaxed) || reads < 1000 {
+                    let reading = readings.read();
+                    assert_eq!(reading, sample(reading.time_s));
+                    reads += 1;
+                }
+            })
+        };
+        for n in 0..20_000 {
+            readings.write(&sample(f64::from(n)));
+        }
+        done.store(true, Ordering::Relaxed);
+        reader.join().unwrap();
+    }
+}

@@ -1,0 +1,52 @@
+//! The servo cycle over all channels.
+
+use crate::channel::Channel;
+
+/// All channels of the machine, cycled in lock-step.
+#[derive(Debug)]
+pub struct Servo {
+    channels: Vec<Channel>,
+    period_s: f64,
+    cycles: u64,
+}
+
+impl Servo {
+    /// The channels in the order of their coordinate systems, at time 0.
+    pub fn new(channels: Vec<Channel>, servo_period_s: f64) -> Self {
+        Self {
+            channels,
+            period_s: servo_period_s,
+            cycles: 0,
+        }
+    }
+
+    /// One servo cycle: time goes on by one period and each channel gives its setpoint. True when any channel put
+    /// out an event. Never allocates, locks, waits or panics.
+    pub fn cycle(&mut self) -> bool {
+        self.cycles += 1;
+        let time_s = self.time_s();
+        let mut events = false;
+        for channel in &mut self.channels {
+            events |= channel.cycle(time_s);
+        }
+        events
+    }
+
+    /// Time of the last cycle: cycles times the servo period, s. 0 before the first.
+    pub fn time_s(&self) -> f64 {
+        self.cycles as f64 * self.period_s
+    }
+
+    /// The channel of an index, in the order given to [`Servo::new`].
+    ///
+    /// # Panics
+    /// When there is no such channel.
+    pub fn channel(&self, index: usize) -> &Channel {
+        &self.channels[index]
+    }
+
+    /// All channels, in the order given to [`Servo::new`].
+    pub fn channels(&self) -> &[Channel] {
+        &self.channels
+    }
+}
