@@ -1,0 +1,52 @@
+//! Why the server ends cannot start.
+
+use std::net::SocketAddr;
+
+/// Why the server ends cannot start. Each names the setting to change.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum GatewayError {
+    /// Another program listens there.
+    #[error(
+        "{setting} = \"{address}\": the port is taken; stop the other program, or write another port in {setting}"
+    )]
+    PortTaken {
+        /// The setting, such as `[http] listen`.
+        setting: &'static str,
+        /// The address of the setting.
+        address: SocketAddr,
+    },
+    /// The address is one that the network may reach.
+    #[error(
+        "{setting} = \"{address}\" can be reached from the network, which this version does not allow, since it has no users; write 127.0.0.1 or [::1] with a port"
+    )]
+    NotLoopback {
+        /// The setting.
+        setting: &'static str,
+        /// The address of the setting.
+        address: SocketAddr,
+    },
+    /// A setting cannot be read.
+    #[error("{setting} = \"{value}\": {text}")]
+    Setting {
+        /// The setting.
+        setting: &'static str,
+        /// What is written there.
+        value: String,
+        /// What is wrong, and what to write.
+        text: String,
+    },
+    /// The system refuses to listen there.
+    #[error("{setting} = \"{address}\": cannot listen there: {source}")]
+    Listen {
+        /// The setting.
+        setting: &'static str,
+        /// The address of the setting.
+        address: SocketAddr,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// The embedded broker does not start.
+    #[error("the embedded MQTT broker ([mqtt] listen) does not start: {0}")]
+    Broker(String),
+}
