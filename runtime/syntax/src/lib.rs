@@ -1,1 +1,24 @@
-//! NC text to a program tree with diagnostics.
+//! NC text to a program tree, with diagnostics that never stop at the first error.
+//!
+//! [`parse`] takes any text and gives a [`NcProgram`] and all that is wrong with it. What a dialect's text looks like
+//! is data ([`Grammar`]); what its codes mean is not known here but in `tandem-interp`.
+//!
+//! Decisions where the manual is silent: blanks may stand between an address and its value (`X 10`); a comment
+//! `/* */` is a blank, so that a block goes on after one that holds line feeds; a lone carriage return is a blank.
+
+mod cursor;
+pub mod diagnostics;
+mod expression;
+mod grammar;
+mod line_index;
+mod parser;
+mod tree;
+
+pub use diagnostics::{DIAGNOSTICS, DiagnosticEntry};
+pub use grammar::Grammar;
+pub use line_index::LineIndex;
+pub use parser::{DIAGNOSTICS_MAX, NESTING_MAX, parse};
+pub use tree::{
+    Address, AddressSet, BinaryOperator, Block, Content, Expression, ExpressionId, Function, Keyword,
+    NcProgram, ProgramCode, Value, Variable, VariableKind, Word,
+};

@@ -1,0 +1,215 @@
+//! The table of diagnostics: every code that the lexer, the parser or the checker can answer.
+
+use tandem_model::{Diagnostic, Severity, Span};
+
+/// One line of the table of diagnostics.
+#[derive(Debug, PartialEq, Eq)]
+pub struct DiagnosticEntry {
+    /// `E0123` for errors, `W0123` for warnings.
+    pub code: &'static str,
+    /// What it is called.
+    pub title: &'static str,
+    /// Why it is wrong, and by which rule.
+    pub explanation: &'static str,
+    /// Text that causes it, and text that is right.
+    pub example: &'static str,
+}
+
+impl DiagnosticEntry {
+    /// Error or warning, by the letter of the code.
+    pub fn severity(&self) -> Severity {
+        if self.code.starts_with('W') {
+            Severity::Warning
+        } else {
+            Severity::Error
+        }
+    }
+
+    /// A finding of this entry: what is wrong at `span`, and what to write instead.
+    pub fn at(&'static self, span: Span, message: impl Into<String>, help: impl Into<String>) -> Diagnostic {
+        Diagnostic {
+            code: self.code,
+            severity: self.severity(),
+            span,
+            message: message.into(),
+            help: help.into(),
+        }
+    }
+
+    /// The entry of a code, read without regard to case.
+    pub fn find(code: &str) -> Option<&'static DiagnosticEntry> {
+        DIAGNOSTICS
+            .iter()
+            .copied()
+            .find(|entry| entry.code.eq_ignore_ascii_case(code))
+    }
+}
+
+macro_rules! diagnostics {
+    ($($name:ident = $code:literal, $title:literal, $explanation:literal, $example:literal;)*) => {
+        $(#[doc = concat!($code, ": ", $title, ".")]
+        pub static $name: DiagnosticEntry = DiagnosticEntry {
+            code: $code, title: $title, explanation: $explanation, example: $example,
+        };)*
+
+        /// All diagnostics, ascending by code.
+        pub static DIAGNOSTICS: &[&DiagnosticEntry] = &[$(&$name),*];
+    };
+}
+
+diagnostics! {
+    // E0001 to E0099: the text
+    SOURCE_TOO_LARGE = "E0001", "The program is too large",
+        "A program is at most 64 MiB of text. Nothing of it has been read.",
+        "Split the program and call the parts with M98.";
+    TOO_MANY = "E0002", "Too many errors",
+        "The list of findings of one program ends at 1000; what follows has not been listed.",
+        "Correct the errors above, then check again.";
+    UNEXPECTED_CHARACTER = "E0003", "A character is not part of the language",
+        "Outside comments a block consists of words: letters, digits, signs and brackets of ASCII.",
+        "wrong: G01 X1O,5   right: G01 X10.5";
+    COMMENT_NOT_CLOSED = "E0004", "A comment is not closed",
+        "A comment that begins with /* ends with */; without it all the rest of the text is comment.",
+        "wrong: /* roughing   right: /* roughing */";
+    VALUE_MISSING = "E0005", "A word has no value",
+        "A word is an address and a number, or an address and a variable in brackets (D04).",
+        "wrong: G01 X Y10   right: G01 X0 Y10";
+    NUMBER_MALFORMED = "E0006", "A number is not written as one",
+        "A number is an optional sign, digits, and at most one decimal point. There is no exponent.",
+        "wrong: X1.2.3 Y--4   right: X1.23 Y-4";
+    WORD_UNKNOWN = "E0007", "A word is not part of the language",
+        "The addresses of this dialect are listed in the manual's table of instruction parameters.",
+        "wrong: G01 W10   right: G01 Z10";
+    SKIP_NUMBER = "E0008", "A block skip number is out of range",
+        "Block skip numbers are 1 to 31; / alone is /1 (D13).",
+        "wrong: /32 X10   right: /31 X10";
+    SKIP_PLACE = "E0009", "A block skip is not at the beginning of its line",
+        "Block skip stands before everything else, the block number included (D02, D13).",
+        "wrong: N10 /1 X10   right: /1 N10 X10";
+    BLOCK_NUMBER_PLACE = "E0010", "A block number is not at the beginning of its block",
+        "N stands before the other words of its block (D02).",
+        "wrong: G01 N10 X5   right: N10 G01 X5";
+    BLOCK_TOO_LONG = "E0011", "A block is too long",
+        "A block is at most 1020 bytes, comments not counted (D03).",
+        "Write the words in several blocks.";
+    INDIRECTION_MALFORMED = "E0012", "An indirection is not written as one",
+        "In the brackets stands the name of one variable and nothing else (D04).",
+        "wrong: X[L1+1]   right: L2=L1+1 and then X[L2]";
+    VARIABLE_UNKNOWN = "E0013", "A variable does not exist",
+        "Variables are L0 to L255, Q0 to Q4095, P0 to P32767 and _CNC_CapturedPosition0 to 7 (manual 4-3).",
+        "wrong: L256=1   right: L255=1";
+    EXPRESSION_MALFORMED = "E0014", "An expression is not complete",
+        "An expression consists of numbers, variables, functions, + - * / % and parentheses (manual 4-1). Plus has no unary form but before a number.",
+        "wrong: L1=2*(3+   right: L1=2*(3+4)";
+    NESTING_TOO_DEEP = "E0015", "Nesting is too deep",
+        "Parentheses and signs nest at most 64 deep.",
+        "Assign parts of the expression to variables first.";
+    BRACE_UNMATCHED = "E0016", "A bracket has no partner",
+        "Every opening parenthesis or brace needs a closing one, and the other way round.",
+        "wrong: if(L1==1){M30   right: if(L1==1){M30}";
+    SKIP_BEFORE_PROGRAM_CODE = "E0017", "Block skip before a program code",
+        "Block skip works on G-code blocks only, not on assignments, branches and repetitions (D13).",
+        "wrong: /1 L1=5   right: L1=5";
+    ASSIGNMENT_PLACE = "E0018", "An assignment stands in a block",
+        "A line holds either words or program codes.",
+        "wrong: G01 L1=5 X10   right: L1=5 on a line of its own";
+    NUMBER_TOO_LARGE = "E0019", "A number is too large",
+        "The number is beyond what a 64-bit floating point number holds.",
+        "Write a number within the range of its word.";
+    KEYWORD_PLACE = "E0020", "A program code stands where it does not belong",
+        "else follows if; case, default and break stand in switch (break also in while and do).",
+        "wrong: else X10   right: if(L1==1) X5 else X10";
+    // E0100 to E0199: the meaning
+    G_UNKNOWN = "E0101", "There is no such G code",
+        "The G codes of the dialect are those of the manual's table.",
+        "wrong: G05   right: G04 P500";
+    NOT_SUPPORTED = "E0102", "A code is not supported yet",
+        "The code is part of the language, and this version of Tandem does not run it. Nothing is skipped silently.",
+        "The README lists what is not supported yet.";
+    CODE_NUMBER = "E0103", "A code is not a number of that kind",
+        "The number after G, M or N is a constant, not negative; after M and N it has no decimals.",
+        "wrong: M3.5   right: M3";
+    M_UNKNOWN = "E0104", "There is no such M code",
+        "M codes are M0 to M191.",
+        "wrong: M200   right: M100";
+    WORD_TWICE = "E0105", "A word stands twice in a block",
+        "An address stands at most once in a block, but for G (D02).",
+        "wrong: G01 X1 X2   right: G01 X1 and then X2 in the next block";
+    GROUP_TWICE = "E0106", "Two G codes of one modal group in a block",
+        "G codes of one group exclude each other (D02).",
+        "wrong: G90 G91 X1   right: G91 X1";
+    M_TWICE = "E0107", "Two M codes in a block",
+        "A block makes at most one auxiliary function output (D02).",
+        "wrong: M03 M08   right: M03 and M08 in blocks of their own";
+    WORD_NOT_TAKEN = "E0108", "No code of the block takes a word",
+        "A word belongs to a code of its block, or to the motion in force.",
+        "wrong: G01 X1 R5   right: G01 X1";
+    OUT_OF_RANGE = "E0109", "A value is out of its range",
+        "The manual's table of instruction parameters gives the ranges (D11).",
+        "wrong: ts200000   right: ts125000";
+    INTEGER_NEEDED = "E0110", "A value must be a whole number",
+        "Program numbers and numbers of repetitions have no decimals.",
+        "wrong: M98 P1000.5   right: M98 P1000";
+    WORD_MISSING = "E0111", "A code lacks a word that it needs",
+        "Some codes do nothing without a word: M98 needs P.",
+        "wrong: M98   right: M98 P1000";
+    PARAMETERS_REFUSED = "E0112", "The M code takes no parameters",
+        "M00, M01, M02, M30, M98 and M99 take none of VA to VH (manual, M code descriptions).",
+        "wrong: M30 VA1   right: M30";
+    DWELL_TWICE = "E0113", "A dwell has two times",
+        "G04 takes one of F, P and X.",
+        "wrong: G04 P500 X1   right: G04 P500";
+    AXIS_UNKNOWN = "E0114", "The coordinate system does not have this axis",
+        "The configuration of the coordinate system names its axes.",
+        "Remove the word, or assign a motor to the axis.";
+    END_MISSING = "E0115", "The program has no end",
+        "A program ends with M02 or M30, a subprogram with M99, in a block that is never skipped (D06).",
+        "Write M30 (in a subprogram M99) in the last block.";
+    PROGRAM_CODE_NOT_SUPPORTED = "E0116", "Program codes are not supported yet",
+        "Assignments, branches and repetitions are part of the language, and this version of Tandem does not run them.",
+        "The README lists what is not supported yet.";
+    INDIRECTION_NOT_SUPPORTED = "E0117", "Indirection is not supported yet",
+        "A word with a variable is part of the language, and this version of Tandem does not run it.",
+        "wrong: X[L1]   right: X10";
+    WORD_SHARED = "E0118", "Two codes of the block take the same word",
+        "It cannot be told which of the codes the value is for.",
+        "wrong: G04 M98 P1000   right: G04 P500 and M98 P1000 in blocks of their own";
+    // W0001 to W0099: the program can run
+    PROGRAM_MISSING = "W0001", "A called program is not there",
+        "M98 of a program that is missing is an alarm when it is interpreted (D12).",
+        "Load the subprogram before the program starts.";
+    UNREACHABLE = "W0002", "Blocks after the end of the program",
+        "Nothing after M02, M30 or M99 is executed.",
+        "Remove the blocks, or move the end below them.";
+    M_WITHOUT_SETTINGS = "W0003", "An M code has no settings",
+        "It is output after motion, and is an alarm when no handler is registered.",
+        "Add an [m_code.100] table to the configuration.";
+    FEEDRATE_CLIPPED = "W0004", "A feedrate is above the maximum",
+        "F above the coordinate system's max_feedrate is reduced to it (D11).",
+        "Write a lower F, or raise max_feedrate.";
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn codes_are_unique_and_ascend() {
+        assert!(DIAGNOSTICS.windows(2).all(|pair| pair[0].code < pair[1].code));
+    }
+
+    #[test]
+    fn a_code_is_a_letter_and_four_digits() {
+        for entry in DIAGNOSTICS {
+            let (letter, digits) = entry.code.split_at(1);
+            assert!(matches!(letter, "E" | "W"), "{}", entry.code);
+            assert!(digits.len() == 4 && digits.bytes().all(|digit| digit.is_ascii_digit()));
+        }
+    }
+
+    #[test]
+    fn an_entry_is_found_without_regard_to_case() {
+        assert_eq!(DiagnosticEntry::find("e0005"), Some(&VALUE_MISSING));
+        assert_eq!(DiagnosticEntry::find("E9999"), None);
+    }
+}
