@@ -67,6 +67,8 @@ alarms! {
     // 200 to 299: servo
     IN_POSITION_TIMEOUT = 200, "A motor did not come into position in time", "Look at the drive, in_position and in_position_timeout_ms.";
     SERVO_OVERLOAD = 201, "The servo thread stopped", "Restart the runtime and report the log.";
+    POSITION_JUMP = 202, "A motion does not begin where the machine is", "Reset; report the log if it happens again.";
+    SPINDLE_MISSING = 203, "The coordinate system has no spindle", "Assign a spindle motor in the configuration.";
     // 300 to 399: sequence control
     M_CODE_UNHANDLED = 300, "No handler is registered for this M code", "Connect a handler, or set unhandled for the M code.";
     M_CODE_TIMEOUT = 301, "The M code was not reset in time", "Look at the handler, or raise timeout_ms.";

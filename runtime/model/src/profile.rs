@@ -37,6 +37,10 @@ pub enum TimeBase {
 
 /// Position as a function of time.
 #[derive(Debug, Clone, PartialEq)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "a box would be freed by the servo cycle, which must not call the allocator"
+)]
 pub enum Law {
     /// One speed along a path, a ramp at each end.
     Ramped {
@@ -65,13 +69,16 @@ pub enum Law {
     },
 }
 
-/// The shortest way of one motor over a distance with limited speed and acceleration; all zero: it stays.
+/// The shortest way of one motor over a distance with limited speed, acceleration and jerk, from rest to rest; all
+/// zero: it stays.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct MotorMove {
     /// Signed peak velocity, units per second.
     pub velocity: f64,
-    /// Time of each of the two ramps, s.
+    /// Time of each of the two ramps, jerk phases included, s.
     pub ramp_s: f64,
+    /// Time of each of the two jerk phases of a ramp, s, at most half of `ramp_s`; 0: jerk is not limited.
+    pub jerk_s: f64,
     /// Time at peak velocity, s.
     pub cruise_s: f64,
 }
@@ -87,19 +94,18 @@ impl MotorMove {
         let Self {
             velocity,
             ramp_s,
+            jerk_s,
             cruise_s,
         } = *self;
         if ramp_s <= 0.0 || t_s <= 0.0 {
             return 0.0;
         }
-        let total = velocity * (ramp_s + cruise_s);
-        if t_s < ramp_s {
-            velocity * t_s * t_s / (2.0 * ramp_s)
-        } else if t_s <= ramp_s + cruise_s {
-            velocity * (t_s - ramp_s / 2.0)
+        let ramp = UnitRamp::new(ramp_s - jerk_s, jerk_s);
+        if t_s <= ramp_s + cruise_s {
+            velocity * ramp.distance(t_s)
         } else {
             let left = (self.duration_s() - t_s).max(0.0);
-            total - velocity * left * left / (2.0 * ramp_s)
+            velocity * (ramp_s + cruise_s - ramp.distance(left))
         }
     }
 }
@@ -138,5 +144,49 @@ impl Profile {
             })),
             Law::Rest { at } => *at,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn close(a: f64, b: f64) {
+        assert!((a - b).abs() < 1e-12, "{a} is not {b}");
+    }
+
+    #[test]
+    fn s1e_a_motor_move_without_jerk_limit_is_a_trapezoid() {
+        // v = 10, a = 100: ramps of 0.1 s, 0.5 each; cruise 0.2 s, 2.0
+        let trapezoid = MotorMove {
+            velocity: 10.0,
+            ramp_s: 0.1,
+            jerk_s: 0.0,
+            cruise_s: 0.2,
+        };
+        close(trapezoid.duration_s(), 0.4);
+        close(trapezoid.distance(0.05), 100.0 * 0.05 * 0.05 / 2.0);
+        close(trapezoid.distance(0.1), 0.5);
+        close(trapezoid.distance(0.2), 1.5);
+        close(trapezoid.distance(0.35), 3.0 - 100.0 * 0.05 * 0.05 / 2.0);
+        close(trapezoid.distance(0.4), 3.0);
+        close(trapezoid.distance(9.0), 3.0);
+    }
+
+    #[test]
+    fn s1e_a_motor_move_with_jerk_limit_has_seven_phases() {
+        // v = -8, ramp 0.2 s of jerk 0.05, constant 0.1, jerk 0.05: ta = 0.15, a = 8/0.15, j = a/0.05
+        let shaped = MotorMove {
+            velocity: -8.0,
+            ramp_s: 0.2,
+            jerk_s: 0.05,
+            cruise_s: 0.1,
+        };
+        let jerk = 8.0 / 0.15 / 0.05;
+        close(shaped.distance(0.04), -jerk * 0.04_f64.powi(3) / 6.0);
+        close(shaped.distance(0.2), -8.0 * 0.1);
+        close(shaped.distance(0.3), -8.0 * 0.2);
+        close(shaped.distance(0.46), -8.0 * 0.3 + jerk * 0.04_f64.powi(3) / 6.0);
+        close(shaped.distance(0.5), -8.0 * 0.3);
     }
 }

@@ -1,6 +1,6 @@
 //! What the coordinator tells a channel, and what the channel tells back.
 
-use tandem_model::alarm::{Alarm, IN_POSITION_TIMEOUT, RUNTIME_FAULT};
+use tandem_model::alarm::{Alarm, IN_POSITION_TIMEOUT, POSITION_JUMP, SPINDLE_MISSING};
 use tandem_model::{Axis, MachinePosition, Origin};
 
 /// A command to one channel. Taken at the start of a servo cycle, in the order given.
@@ -131,7 +131,7 @@ impl Fault {
                 ),
             ),
             Fault::PositionJump { motor, axis, jump } => Alarm::new(
-                &RUNTIME_FAULT,
+                &POSITION_JUMP,
                 format!(
                     "Motor {motor} (axis {}) would jump by {jump:.6}; the profile was not started",
                     axis.letter()
