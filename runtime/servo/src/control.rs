@@ -138,7 +138,7 @@ impl Fault {
                 ),
             ),
             Fault::SpindleMissing => Alarm::new(
-                &RUNTIME_FAULT,
+                &SPINDLE_MISSING,
                 "A spindle command reached a coordinate system without a spindle",
             ),
         }
