@@ -142,6 +142,9 @@ pub struct PendingOutput {
     pub handler_id: Option<String>,
     /// When it came into this state.
     pub since: Timestamp,
+    /// True while it waits after the handler that had claimed it has gone: that handler may have worked on it.
+    #[serde(default)]
+    pub lost: bool,
     /// What the owner last said of its progress.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub progress: Option<Progress>,
@@ -251,6 +254,8 @@ pub enum CancelReason {
     Abort,
     /// An alarm of the coordinate system.
     Alarm,
+    /// Not reset in its time (D36).
+    Timeout,
     /// An operator reset or failed it; sent to its owner.
     Operator,
     /// The runtime ends.

@@ -1,0 +1,128 @@
+//! What goes into the ledger and what comes out of it.
+
+use std::time::SystemTime;
+
+use crate::alarm::Alarm;
+use crate::types::Timestamp;
+use crate::types::output::{
+    Cancel, CancelReason, HandshakeResult, OutputNotice, OutputState, Params, PendingOutput, Progress,
+    Redelivery, Timing,
+};
+
+/// The time of a call, on both clocks.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Now {
+    /// Seconds since the start, for time limits; simulated time in a simulation.
+    pub monotonic_s: f64,
+    /// Time of day, for messages.
+    pub time: SystemTime,
+}
+
+/// An output to be made.
+#[derive(Debug, Clone, PartialEq)]
+pub struct OutputSpec {
+    /// The program run that makes it.
+    pub run_id: String,
+    /// M number, 0 to 191.
+    pub m: u16,
+    /// VA to VH.
+    pub params: Params,
+    /// Timing in force for this output (D30).
+    pub timing: Timing,
+    /// Program number.
+    pub program: u16,
+    /// Line of the source file, from 1.
+    pub line: u32,
+    /// Time limit of its reset from OUTPUT on, seconds (D36).
+    pub timeout_s: Option<f64>,
+}
+
+/// The queue is full: `open_outputs_max` outputs are open. Nothing has changed; ask again when one has been closed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("as many outputs are open as open_outputs_max allows")]
+pub struct Full;
+
+/// An output that is queued, made or claimed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct OpenOutput {
+    /// What is told to handlers.
+    pub notice: OutputNotice,
+    /// Where it stands.
+    pub state: OutputState,
+    /// Its owner once claimed.
+    pub handler_id: Option<String>,
+    /// Since when it is in this state.
+    pub since: SystemTime,
+    /// True while it waits after its owner has gone (`HANDLER_LOST`).
+    pub lost: bool,
+    /// How an operator asked for it to be taken up again.
+    pub how: Option<Redelivery>,
+    /// What its owner last said.
+    pub progress: Option<Progress>,
+    /// When it times out, seconds on the monotonic clock; none while queued.
+    pub deadline_s: Option<f64>,
+    pub(super) timeout_s: Option<f64>,
+}
+
+impl OpenOutput {
+    /// As `m_code/pending` shows it.
+    pub fn to_pending(&self) -> PendingOutput {
+        PendingOutput {
+            output: self.notice.clone(),
+            state: self.state,
+            handler_id: self.handler_id.clone(),
+            since: Timestamp::from_system_time(self.since),
+            lost: self.lost,
+            progress: self.progress.clone(),
+            how: self.how,
+        }
+    }
+}
+
+/// What is to be published or done, in this order.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Effect {
+    /// Publish [`Ledger::pending`](super::Ledger::pending). Comes before the output that it is about.
+    PendingChanged,
+    /// Publish on `m_code/{m}/output`.
+    Output(OutputNotice),
+    /// Publish on `m_code/{m}/result`: the answer to a claim or a reset.
+    Result {
+        /// M number of the topic: the one that the sender named, else the output's.
+        m: u16,
+        /// The answer.
+        result: HandshakeResult,
+    },
+    /// Publish on `m_code/{m}/cancel`.
+    Cancel {
+        /// M number.
+        m: u16,
+        /// What is cancelled and why.
+        cancel: Cancel,
+    },
+    /// An output is no longer open.
+    Closed {
+        /// Sequence number.
+        seq: u64,
+        /// M number.
+        m: u16,
+        /// How it ended.
+        how: Closed,
+    },
+}
+
+/// How an output ended.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Closed {
+    /// Reset: the program may go on.
+    Reset,
+    /// Failed: the alarm stops the coordinate system.
+    Failed {
+        /// Raised as it is.
+        alarm: Alarm,
+    },
+    /// Not reset in its time: an alarm of the runtime stops the coordinate system (D36).
+    TimedOut,
+    /// Cancelled (D34).
+    Cancelled(CancelReason),
+}
