@@ -1,30 +1,72 @@
-//! One coordinate system's part of the servo cycle.
+//! One coordinate system's end in the servo, and the coordinator's end of it.
 
 use std::sync::Arc;
 
 use rtrb::{Consumer, Producer, RingBuffer};
 use tandem_model::profile::Profile;
 use tandem_model::settings::CoordinateSystemSettings;
-use tandem_model::{AxisVector, Origin};
+use tandem_model::{AxisVector, MachinePosition, Origin};
 
+use crate::brake::Brake;
 use crate::control::{Control, Event};
+use crate::drive::{Drive, SimulatedDrive};
+use crate::motors::{Drives, Motors};
+use crate::path_time::{PathTime, slope};
 use crate::readings::{Reading, Readings};
+use crate::spindle::SimulatedSpindle;
 
-/// Controls that may wait for one channel; the ring refuses more. A cycle takes up to 16 of them.
+/// Controls that may wait for one channel; the ring refuses more. A cycle takes at most 16 of them.
 pub const CONTROLS_MAX: usize = 64;
 
-/// Events that may wait to be read.
+/// Events that may wait to be read. When fewer than 8 places are left, the channel takes no control and starts no
+/// profile from rest until some are read; joints passed without a stop are then not told. So no event of a stop,
+/// a hold or a fault is ever lost.
 pub const EVENTS_MAX: usize = 1024;
 
 /// The servo's end of a coordinate system.
 #[derive(Debug)]
 pub struct Channel {
-    profiles: Consumer<Profile>,
-    controls: Consumer<Control>,
-    events: Producer<Event>,
-    readings: Arc<Readings>,
-    setpoint: AxisVector,
-    current: Option<Profile>,
+    pub(crate) profiles: Consumer<Profile>,
+    pub(crate) controls: Consumer<Control>,
+    pub(crate) events: Producer<Event>,
+    pub(crate) readings: Arc<Readings>,
+    pub(crate) period_s: f64,
+    /// Change of the time base per second towards the override.
+    pub(crate) override_slope: f64,
+    /// Change of the time base per second towards rest.
+    pub(crate) hold_slope: f64,
+    pub(crate) feed_override: f64,
+    pub(crate) rapid_override: f64,
+    pub(crate) time: PathTime,
+    /// The profile that runs, or that waits at its end point for its motors.
+    pub(crate) current: Option<Profile>,
+    /// Cycles since the current profile gave its end point.
+    pub(crate) ended_cycles: Option<u64>,
+    pub(crate) braking: Option<Brake>,
+    /// Epoch of a stop or abort under way.
+    pub(crate) stopping: Option<u32>,
+    /// Older profiles never run.
+    pub(crate) epoch: u32,
+    pub(crate) hold: Hold,
+    pub(crate) faulted: bool,
+    pub(crate) setpoint: AxisVector,
+    /// Change of the setpoint in the last cycle, units per second.
+    pub(crate) velocity: AxisVector,
+    pub(crate) motors: Motors,
+    pub(crate) spindle: Option<SimulatedSpindle>,
+    pub(crate) last_segment: u64,
+    /// An event was put out in this cycle.
+    pub(crate) told: bool,
+}
+
+/// Feed hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Hold {
+    Off,
+    /// Commanded; [`Event::Held`] is still to come.
+    ComingToRest,
+    /// Told.
+    AtRest,
 }
 
 /// The coordinator's end of a coordinate system.
@@ -43,7 +85,21 @@ pub struct ChannelHandle {
 /// Both ends of a coordinate system with simulated drives, at rest at machine position 0. At most `profiles_max`
 /// profiles wait in the ring; it refuses more.
 pub fn channel(settings: &CoordinateSystemSettings, profiles_max: usize) -> (Channel, ChannelHandle) {
-    let _ = settings;
+    let drives = std::array::from_fn(|i| {
+        let motor = settings.motors[i].as_ref()?;
+        let drive = SimulatedDrive::new(motor.lag_ms, settings.servo_period_s, 0.0);
+        Some(Box::new(drive) as Box<dyn Drive>)
+    });
+    channel_with_drives(settings, profiles_max, drives)
+}
+
+/// As [`channel`], with these drives in the order of the axes. An axis without a drive follows its command ideally
+/// and takes no part in the in-position check.
+pub fn channel_with_drives(
+    settings: &CoordinateSystemSettings,
+    profiles_max: usize,
+    drives: Drives,
+) -> (Channel, ChannelHandle) {
     let (profiles_in, profiles) = RingBuffer::new(profiles_max);
     let (controls_in, controls) = RingBuffer::new(CONTROLS_MAX);
     let (events, events_out) = RingBuffer::new(EVENTS_MAX);
@@ -54,47 +110,94 @@ pub fn channel(settings: &CoordinateSystemSettings, profiles_max: usize) -> (Cha
         events: events_out,
         readings: readings.clone(),
     };
+    let period_s = settings.servo_period_s;
     let channel = Channel {
         profiles,
         controls,
         events,
         readings,
-        setpoint: AxisVector::ZERO,
+        period_s,
+        override_slope: slope(settings.override_slew_ms),
+        hold_slope: slope(settings.hold_slew_ms),
+        feed_override: 1.0,
+        rapid_override: 1.0,
+        time: PathTime::new(period_s),
         current: None,
+        ended_cycles: None,
+        braking: None,
+        stopping: None,
+        epoch: 0,
+        hold: Hold::Off,
+        faulted: false,
+        setpoint: AxisVector::ZERO,
+        velocity: AxisVector::ZERO,
+        motors: Motors::new(settings, drives, AxisVector::ZERO),
+        spindle: settings
+            .spindle
+            .as_ref()
+            .map(|motor| SimulatedSpindle::new(motor, period_s)),
+        last_segment: 0,
+        told: false,
     };
     (channel, handle)
 }
 
 impl Channel {
-    pub(crate) fn cycle(&mut self, time_s: f64) -> bool {
-        while self.controls.pop().is_ok() {}
-        let mut event = false;
-        if let Ok(profile) = self.profiles.pop() {
-            self.setpoint = profile.end();
-            let segment = profile.segment;
-            event = self.events.push(Event::Finished { segment, time_s }).is_ok();
-        }
-        self.readings.write(&Reading::default());
-        event
-    }
-
-    /// The commanded position of the last cycle.
+    /// The commanded position of the last cycle, mm or degrees from the machine's zero.
     pub fn setpoint(&self) -> AxisVector {
         self.setpoint
     }
 
-    /// True when there is nothing to do: no profile waits or runs, the command is at rest, nothing brakes.
-    pub fn is_idle(&self) -> bool {
-        self.current.is_none() && self.profiles.is_empty()
+    /// The actual position of the last cycle.
+    pub fn actual(&self) -> AxisVector {
+        self.motors.actual()
     }
 
-    /// Where the running block comes from.
+    /// True when there is nothing to do: no profile or control waits, none runs or waits for its motors, nothing
+    /// brakes. The spindle does not count.
+    pub fn is_idle(&self) -> bool {
+        self.current.is_none()
+            && self.braking.is_none()
+            && self.stopping.is_none()
+            && self.profiles.is_empty()
+            && self.controls.is_empty()
+    }
+
+    /// Where the running block comes from; `None` between blocks.
     pub fn executing(&self) -> Option<Origin> {
         self.current.as_ref().map(|profile| profile.origin)
     }
 
-    /// Profiles that wait in the ring.
+    /// Profiles that wait in the ring, those of an old epoch included.
     pub fn profiles_waiting(&self) -> usize {
         self.profiles.slots()
+    }
+
+    pub(crate) fn publish(&self, time_s: f64) {
+        let running = self.current.as_ref();
+        let moving_rate = if self.current.is_some() && self.ended_cycles.is_none() {
+            self.time.rate()
+        } else {
+            0.0
+        };
+        let orthogonal = self.velocity.orthogonal_length();
+        let speed = if orthogonal > 0.0 {
+            orthogonal
+        } else {
+            self.velocity.rotary_length()
+        };
+        self.readings.write(&Reading {
+            time_s,
+            commanded: MachinePosition(self.setpoint),
+            actual: MachinePosition(self.motors.actual()),
+            distance_to_go: running.map_or(AxisVector::ZERO, |profile| profile.end().minus(self.setpoint)),
+            feedrate_mm_min: speed * 60.0,
+            rate: moving_rate,
+            segment: self.last_segment,
+            executing: running.map(|profile| profile.origin),
+            held: self.hold != Hold::Off,
+            spindle_rpm: self.spindle.as_ref().map_or(0.0, SimulatedSpindle::rpm),
+            oriented: self.spindle.as_ref().is_some_and(SimulatedSpindle::is_oriented),
+        });
     }
 }

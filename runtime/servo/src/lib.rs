@@ -6,12 +6,22 @@
 //! reads no clock either: time is the number of cycles times the servo period, so simulated time and real time
 //! run the same code.
 
+mod brake;
 mod channel;
 mod control;
+mod cycle;
+mod drive;
+mod motors;
+mod path_time;
 mod readings;
 mod servo;
+mod spindle;
+#[cfg(test)]
+mod testing;
 
-pub use channel::{CONTROLS_MAX, Channel, ChannelHandle, EVENTS_MAX, channel};
+pub use channel::{CONTROLS_MAX, Channel, ChannelHandle, EVENTS_MAX, channel, channel_with_drives};
 pub use control::{Control, Event, Fault, SpindleDirection};
+pub use drive::{Drive, SimulatedDrive};
+pub use motors::Drives;
 pub use readings::{Reading, Readings};
 pub use servo::Servo;

@@ -1,0 +1,106 @@
+//! G01 from rest to rest along a path (motion-semantics 1a).
+
+use tandem_model::alarm::{LIMIT_ZERO, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
+use tandem_model::flow::{Feed, Path};
+use tandem_model::profile::{Law, TimeBase};
+use tandem_model::ramp::UnitRamp;
+use tandem_model::settings::CoordinateSystemSettings;
+use tandem_model::{Alarm, Axis};
+
+use crate::planner::Planned;
+
+/// The ramped motion along a path: `t_end = L/v + (Ta + Td)/2`, or, when the path is too short to reach v,
+/// `v_peak = 2 L/(Ta + Td)` with the ramps as long as programmed (rule `extend`).
+pub(crate) fn plan(settings: &CoordinateSystemSettings, path: &Path, feed: Feed) -> Result<Planned, Alarm> {
+    let length = path.length();
+    if !length.is_finite() || !path.start().is_finite() || !path.end().is_finite() {
+        return Err(Alarm::new(
+            &VALUE_NOT_FINITE,
+            format!("The length of the block is {length}"),
+        ));
+    }
+    let start = ramp(settings, "ta", feed.ta_ms, feed.ts_ms)?;
+    let stop = ramp(settings, "td", feed.td_ms, feed.ts_ms)?;
+    let ramps_s = start.duration_s() + stop.duration_s();
+    let limit = speed_limit(settings, path, feed)?;
+    let cruises = length / limit >= ramps_s / 2.0;
+    let (speed, duration_s) = if cruises {
+        (limit, length / limit + ramps_s / 2.0)
+    } else {
+        (2.0 * length / ramps_s, ramps_s)
+    };
+    Ok(Planned {
+        law: Law::Ramped {
+            path: path.clone(),
+            speed,
+            start,
+            stop,
+        },
+        duration_s,
+        time_base: TimeBase::Feed,
+    })
+}
+
+/// F in units per second, clipped by the coordinate system's maximum feedrate and slowed until no motor exceeds its
+/// maximum velocity.
+fn speed_limit(settings: &CoordinateSystemSettings, path: &Path, feed: Feed) -> Result<f64, Alarm> {
+    let feedrate = feed.feedrate_mm_min;
+    if !feedrate.is_finite() {
+        return Err(Alarm::new(
+            &VALUE_NOT_FINITE,
+            format!("The feedrate is {feedrate}"),
+        ));
+    }
+    let maximum = settings.max_feedrate_mm_min;
+    if feedrate <= 0.0 || maximum.is_nan() || maximum <= 0.0 {
+        let text = format!("The feedrate {feedrate} and its maximum {maximum} must be above 0");
+        return Err(Alarm::new(&VALUE_OUT_OF_RANGE, text));
+    }
+    let mut speed = feedrate.min(maximum) / 60.0;
+    let way = path.end().minus(path.start());
+    for axis in Axis::ALL {
+        let distance = way[axis].abs();
+        if distance == 0.0 {
+            continue;
+        }
+        let motor = settings.motors[axis.index()].as_ref();
+        let max_velocity = motor.map_or(0.0, |motor| motor.max_velocity);
+        if !(max_velocity > 0.0 && max_velocity.is_finite()) {
+            let text = format!("max_velocity of axis {} is {max_velocity}", axis.letter());
+            return Err(Alarm::new(&LIMIT_ZERO, text));
+        }
+        speed = speed.min(max_velocity * path.length() / distance);
+    }
+    if speed > 0.0 {
+        Ok(speed)
+    } else {
+        let text = format!("The block of length {} has no speed above 0", path.length());
+        Err(Alarm::new(&VALUE_OUT_OF_RANGE, text))
+    }
+}
+
+/// A programmed ramp. An acceleration time of 0 counts as one servo period; then it is at least the jerk time.
+fn ramp(
+    settings: &CoordinateSystemSettings,
+    name: &str,
+    time_ms: f64,
+    ts_ms: f64,
+) -> Result<UnitRamp, Alarm> {
+    for (name, value) in [(name, time_ms), ("ts", ts_ms)] {
+        if !value.is_finite() {
+            return Err(Alarm::new(&VALUE_NOT_FINITE, format!("{name} is {value} ms")));
+        }
+        if value < 0.0 {
+            return Err(Alarm::new(
+                &VALUE_OUT_OF_RANGE,
+                format!("{name} is {value} ms, below 0"),
+            ));
+        }
+    }
+    let time_s = if time_ms > 0.0 {
+        time_ms / 1000.0
+    } else {
+        settings.servo_period_s
+    };
+    Ok(UnitRamp::new(time_s, ts_ms / 1000.0))
+}

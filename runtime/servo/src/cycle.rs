@@ -1,0 +1,281 @@
+//! One servo cycle of one channel: controls, setpoints, drives, in-position check, events, readings.
+//!
+//! The order within a cycle: controls are taken; the running profile goes on, or the next one gives its start
+//! point; drives follow; what has come to rest is told. So in one cycle a profile gives its end point and, with an
+//! ideal drive, is found in position; the next one gives its start point in the cycle after (motion-semantics 1c).
+
+use tandem_model::MachinePosition;
+use tandem_model::profile::{Law, Profile, TimeBase};
+
+use crate::brake::Brake;
+use crate::channel::{Channel, Hold};
+use crate::control::{Control, Event, Fault};
+use crate::motors::{InPosition, first_jump};
+use crate::spindle::SimulatedSpindle;
+
+/// Controls taken in one cycle; the rest waits for the next.
+const CONTROLS_PER_CYCLE: usize = 16;
+
+/// Profiles of an old epoch thrown away in one cycle: bounds the time of the cycle.
+const DROPS_PER_CYCLE: usize = 64;
+
+/// Profiles passed without a stop in one cycle; the time beyond is made up in the next cycles.
+const JOINTS_PER_CYCLE: usize = 16;
+
+/// Free places that the event ring must have before something that leads to an event is begun: `Started`,
+/// `Finished` or `Fault`, `Held`, `Stopped` and `Oriented` may all be owed at one time.
+const EVENTS_RESERVE: usize = 8;
+
+/// A profile has ended when less than this share of a servo period is left: rounding.
+const END_TOLERANCE: f64 = 1e-6;
+
+impl Channel {
+    /// One servo cycle at this time. True when it put out an event.
+    pub(crate) fn cycle(&mut self, time_s: f64) -> bool {
+        self.told = false;
+        let before = self.setpoint;
+        self.take_controls();
+        self.drop_older();
+        if self.braking.is_some() {
+            self.brake();
+        } else if self.current.is_some() {
+            self.go_on(time_s);
+        } else {
+            self.start_from_rest(time_s);
+        }
+        self.velocity = self.setpoint.minus(before).scaled(1.0 / self.period_s);
+        self.motors.cycle(self.setpoint);
+        self.check_in_position(time_s);
+        self.tell_rest();
+        if self.spindle.as_mut().is_some_and(SimulatedSpindle::cycle) {
+            self.tell(Event::Oriented);
+        }
+        self.publish(time_s);
+        self.told
+    }
+
+    fn take_controls(&mut self) {
+        for _ in 0..CONTROLS_PER_CYCLE {
+            if self.events.slots() < EVENTS_RESERVE {
+                return;
+            }
+            let Ok(control) = self.controls.pop() else { return };
+            self.obey(control);
+        }
+    }
+
+    fn obey(&mut self, control: Control) {
+        match control {
+            Control::Hold => {
+                if self.stopping.is_none() && self.hold == Hold::Off {
+                    self.hold = Hold::ComingToRest;
+                }
+            }
+            Control::Resume => self.hold = Hold::Off,
+            Control::Stop { epoch } => self.stopping = self.stopping.max(Some(epoch)),
+            Control::Abort { epoch } => {
+                self.stopping = self.stopping.max(Some(epoch));
+                if self.braking.is_none() {
+                    let deceleration = self.motors.deceleration();
+                    self.braking = Some(Brake::new(self.setpoint, self.velocity, deceleration));
+                    self.give_up();
+                }
+            }
+            Control::Override { feed, rapid } => {
+                if feed.is_finite() {
+                    self.feed_override = feed.clamp(0.0, 2.0);
+                }
+                if rapid.is_finite() {
+                    self.rapid_override = rapid.clamp(0.0, 1.0);
+                }
+            }
+            Control::Spindle { direction, rpm } => match &mut self.spindle {
+                Some(spindle) => spindle.command(direction, rpm),
+                None => self.tell(Event::Fault(Fault::SpindleMissing)),
+            },
+        }
+    }
+
+    fn drop_older(&mut self) {
+        for _ in 0..DROPS_PER_CYCLE {
+            match self.profiles.peek() {
+                Ok(profile) if profile.epoch < self.epoch => drop(self.profiles.pop()),
+                _ => return,
+            }
+        }
+    }
+
+    fn brake(&mut self) {
+        if let Some(brake) = &mut self.braking {
+            let (position, at_rest) = brake.cycle(self.period_s);
+            self.setpoint = position;
+            if at_rest {
+                self.braking = None;
+            }
+        }
+    }
+
+    /// The next profile gives its start point, at rest, if it may start.
+    fn start_from_rest(&mut self, time_s: f64) {
+        if self.hold != Hold::Off
+            || self.faulted
+            || self.stopping.is_some()
+            || self.events.slots() < EVENTS_RESERVE
+        {
+            return;
+        }
+        let Some(profile) = self.next_profile() else {
+            return;
+        };
+        let jump = first_jump(&profile, self.setpoint);
+        if let Some((axis, jump)) = jump {
+            let motor = self.motors.number(axis);
+            self.fail(Fault::PositionJump { motor, axis, jump });
+            return;
+        }
+        // From rest there is nothing to slew: the time base starts at the override.
+        self.time.start(self.override_of(profile.time_base));
+        self.last_segment = profile.segment;
+        self.tell(Event::Started {
+            segment: profile.segment,
+            origin: profile.origin,
+            time_s,
+        });
+        self.current = Some(profile);
+        self.ended_cycles = None;
+        self.sample(time_s, 0.0);
+    }
+
+    fn next_profile(&mut self) -> Option<Profile> {
+        let is_old = self
+            .profiles
+            .peek()
+            .is_ok_and(|profile| profile.epoch < self.epoch);
+        if is_old { None } else { self.profiles.pop().ok() }
+    }
+
+    /// The running profile goes on by one period of its time base.
+    fn go_on(&mut self, time_s: f64) {
+        if let Some(cycles) = &mut self.ended_cycles {
+            *cycles += 1;
+            return;
+        }
+        let Some(profile) = &self.current else { return };
+        let slows = self.hold != Hold::Off || self.stopping.is_some();
+        let target = if slows {
+            0.0
+        } else {
+            self.override_of(profile.time_base)
+        };
+        let slope = match (&profile.law, slows) {
+            // Nothing moves, so there is nothing to slew: a dwell stops and goes on at once.
+            (Law::Rest { .. }, _) => f64::INFINITY,
+            (_, true) => self.hold_slope,
+            (_, false) => self.override_slope,
+        };
+        let t_s = self.time.advance(target, slope);
+        self.sample(time_s, t_s);
+    }
+
+    /// The setpoint at a profile time; at the end of a profile that another follows without a stop, in that one.
+    fn sample(&mut self, time_s: f64, t_s: f64) {
+        let mut t_s = t_s;
+        for _ in 0..JOINTS_PER_CYCLE {
+            let Some(profile) = &self.current else { return };
+            let left_s = profile.duration_s - t_s;
+            if left_s > END_TOLERANCE * self.period_s {
+                self.setpoint = profile.position(t_s);
+                return;
+            }
+            self.setpoint = profile.end();
+            if profile.exact_stop {
+                self.ended_cycles = Some(0);
+                return;
+            }
+            let segment = profile.segment;
+            self.tell_joint(Event::Finished { segment, time_s });
+            self.current = self.next_profile();
+            let Some(next) = &self.current else { return };
+            let (segment, origin) = (next.segment, next.origin);
+            self.last_segment = segment;
+            self.tell_joint(Event::Started {
+                segment,
+                origin,
+                time_s,
+            });
+            t_s = (-left_s).max(0.0);
+            self.time.carry(t_s);
+        }
+    }
+
+    fn override_of(&self, time_base: TimeBase) -> f64 {
+        match time_base {
+            TimeBase::Feed => self.feed_override,
+            TimeBase::Rapid => self.rapid_override,
+            TimeBase::Fixed => 1.0,
+        }
+    }
+
+    fn check_in_position(&mut self, time_s: f64) {
+        let (Some(cycles), Some(profile)) = (self.ended_cycles, &self.current) else {
+            return;
+        };
+        let segment = profile.segment;
+        match self
+            .motors
+            .in_position(self.setpoint, cycles as f64 * self.period_s)
+        {
+            InPosition::Yes => {
+                self.give_up();
+                self.tell(Event::Finished { segment, time_s });
+            }
+            InPosition::NotYet => {}
+            InPosition::TimedOut(fault) => self.fail(fault),
+        }
+    }
+
+    /// Tells that feed hold or a stop has brought the command to rest.
+    fn tell_rest(&mut self) {
+        let resting = self.time.rate() == 0.0 || self.ended_cycles.is_some();
+        if self.braking.is_some() || (self.current.is_some() && !resting) {
+            return;
+        }
+        if let Some(epoch) = self.stopping.take() {
+            self.epoch = self.epoch.max(epoch);
+            self.give_up();
+            self.hold = Hold::Off;
+            self.faulted = false;
+            self.tell(Event::Stopped {
+                epoch,
+                position: MachinePosition(self.setpoint),
+            });
+        } else if self.hold == Hold::ComingToRest {
+            self.hold = Hold::AtRest;
+            self.tell(Event::Held);
+        }
+    }
+
+    fn fail(&mut self, fault: Fault) {
+        self.give_up();
+        self.faulted = true;
+        self.tell(Event::Fault(fault));
+    }
+
+    /// The current profile is over, or will not go on.
+    fn give_up(&mut self) {
+        self.current = None;
+        self.ended_cycles = None;
+    }
+
+    /// The reserve makes sure that there is a place.
+    fn tell(&mut self, event: Event) {
+        self.told |= self.events.push(event).is_ok();
+    }
+
+    /// At a joint the motion cannot wait: without a place the event is left out.
+    fn tell_joint(&mut self, event: Event) {
+        if self.events.slots() >= EVENTS_RESERVE {
+            self.tell(event);
+        }
+    }
+}

@@ -1,0 +1,129 @@
+//! The motors of a channel: drives, actual positions, in-position check.
+
+use tandem_model::profile::Profile;
+use tandem_model::settings::CoordinateSystemSettings;
+use tandem_model::{AXES_MAX, Axis, AxisVector};
+
+use crate::control::Fault;
+use crate::drive::Drive;
+
+/// Largest distance between the machine and the start of a profile from rest, mm or degrees: rounding of the stages
+/// before. More is a jump.
+const JUMP_MAX: f64 = 1e-6;
+
+/// A drive for each axis that has a motor.
+pub type Drives = [Option<Box<dyn Drive>>; AXES_MAX];
+
+/// One motor and its drive.
+#[derive(Debug)]
+struct Motor {
+    number: u16,
+    in_position: f64,
+    timeout_s: f64,
+    drive: Box<dyn Drive>,
+}
+
+#[derive(Debug)]
+pub(crate) struct Motors {
+    axes: [Option<Motor>; AXES_MAX],
+    deceleration: [f64; AXES_MAX],
+    actual: AxisVector,
+}
+
+/// What the in-position check finds.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum InPosition {
+    Yes,
+    NotYet,
+    TimedOut(Fault),
+}
+
+impl Motors {
+    /// An axis without a motor or without a drive follows its command ideally and is not checked.
+    pub(crate) fn new(settings: &CoordinateSystemSettings, drives: Drives, at: AxisVector) -> Self {
+        let mut drives = drives;
+        let axes = std::array::from_fn(|i| {
+            let motor = settings.motors[i].as_ref()?;
+            Some(Motor {
+                number: motor.number,
+                in_position: motor.in_position,
+                timeout_s: motor.in_position_timeout_ms / 1000.0,
+                drive: drives[i].take()?,
+            })
+        });
+        let deceleration = std::array::from_fn(|i| {
+            settings.motors[i]
+                .as_ref()
+                .map_or(0.0, |motor| motor.max_acceleration)
+        });
+        Self {
+            axes,
+            deceleration,
+            actual: at,
+        }
+    }
+
+    /// Gives each drive its command and takes its actual position.
+    pub(crate) fn cycle(&mut self, command: AxisVector) {
+        for (i, motor) in self.axes.iter_mut().enumerate() {
+            self.actual.0[i] = match motor {
+                Some(motor) => motor.drive.cycle(command.0[i]),
+                None => command.0[i],
+            };
+        }
+    }
+
+    pub(crate) fn actual(&self) -> AxisVector {
+        self.actual
+    }
+
+    /// `max_acceleration` of each motor.
+    pub(crate) fn deceleration(&self) -> [f64; AXES_MAX] {
+        self.deceleration
+    }
+
+    /// CNC motor number of an axis; 0 without one.
+    pub(crate) fn number(&self, axis: Axis) -> u16 {
+        self.axes[axis.index()].as_ref().map_or(0, |motor| motor.number)
+    }
+
+    /// Compares command and actual position of every motor, `waited_s` after the command came to rest.
+    pub(crate) fn in_position(&self, command: AxisVector, waited_s: f64) -> InPosition {
+        let mut found = InPosition::Yes;
+        for axis in Axis::ALL {
+            let Some(motor) = &self.axes[axis.index()] else {
+                continue;
+            };
+            let following_error = command[axis] - self.actual[axis];
+            if following_error.abs() <= motor.in_position {
+                continue;
+            }
+            if waited_s >= motor.timeout_s {
+                return InPosition::TimedOut(Fault::InPositionTimeout {
+                    motor: motor.number,
+                    axis,
+                    following_error,
+                });
+            }
+            found = InPosition::NotYet;
+        }
+        found
+    }
+}
+
+/// The first axis that would jump if the profile started here, and by how much; NaN when the profile's start or end
+/// is not a number.
+pub(crate) fn first_jump(profile: &Profile, setpoint: AxisVector) -> Option<(Axis, f64)> {
+    let start = profile.position(0.0);
+    let end = profile.end();
+    Axis::ALL.into_iter().find_map(|axis| {
+        let jump = start[axis] - setpoint[axis];
+        if !end[axis].is_finite() {
+            Some((axis, f64::NAN))
+        } else if jump.abs() <= JUMP_MAX {
+            None
+        } else {
+            Some((axis, jump))
+        }
+    })
+}
