@@ -55,6 +55,9 @@ pub enum Verb {
 }
 
 impl Command {
+    /// Verbs of the interface that this version refuses with `not_supported`.
+    pub const NOT_SUPPORTED: [&'static str; 4] = ["mdi", "jog", "home", "back_trace"];
+
     /// The verb of the command.
     pub fn verb(&self) -> Verb {
         match self {
@@ -93,7 +96,7 @@ impl Command {
             "abort" => Ok(Command::Abort),
             "reset" => Ok(Command::Reset),
             "alarm_acknowledge" => Ok(Command::AlarmAcknowledge { id: number("id")? }),
-            "mdi" | "jog" | "home" | "back_trace" => Err(format!("{verb} is not supported yet")),
+            _ if Self::NOT_SUPPORTED.contains(&verb) => Err(format!("{verb} is not supported yet")),
             _ => Err(format!(
                 "there is no command {verb}; write load, start, hold, resume, stop, abort, reset or alarm_acknowledge"
             )),

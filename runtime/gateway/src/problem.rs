@@ -1,0 +1,163 @@
+//! Refusals over HTTP: problem details (RFC 9457) with a machine-readable `code`.
+
+use axum::body::Body;
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use plc_api::types::command::{CommandReply, Verb};
+use plc_api::types::program::ProgramDiagnostic;
+use plc_api::types::request::{Refusal, RefusalCode};
+use plc_api::types::state::Execution;
+use serde::Serialize;
+
+/// A refusal as HTTP says it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(crate) struct Problem {
+    #[serde(rename = "type")]
+    kind: &'static str,
+    title: &'static str,
+    #[serde(serialize_with = "status_number")]
+    pub(crate) status: StatusCode,
+    /// Machine-readable.
+    pub(crate) code: String,
+    /// What, why, and what to do.
+    pub(crate) detail: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) state: Option<Execution>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub(crate) allowed: Vec<Verb>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub(crate) diagnostics: Vec<ProgramDiagnostic>,
+}
+
+fn status_number<S: serde::Serializer>(status: &StatusCode, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_u16(status.as_u16())
+}
+
+impl Problem {
+    pub(crate) fn new(status: StatusCode, code: impl Into<String>, detail: impl Into<String>) -> Self {
+        Self {
+            kind: "about:blank",
+            title: status.canonical_reason().unwrap_or("Problem"),
+            status,
+            code: code.into(),
+            detail: detail.into(),
+            state: None,
+            allowed: Vec::new(),
+            diagnostics: Vec::new(),
+        }
+    }
+
+    pub(crate) fn not_found(detail: impl Into<String>) -> Self {
+        Self::new(StatusCode::NOT_FOUND, "not_found", detail)
+    }
+
+    pub(crate) fn invalid(detail: impl Into<String>) -> Self {
+        Self::new(StatusCode::BAD_REQUEST, "invalid", detail)
+    }
+
+    pub(crate) fn not_supported(what: &str) -> Self {
+        Self::new(
+            StatusCode::NOT_IMPLEMENTED,
+            "not_supported",
+            format!("{what} is not supported yet; nothing was changed"),
+        )
+    }
+
+    /// Of a command that was accepted and then failed, or was refused before under the same id.
+    pub(crate) fn of_reply(reply: &CommandReply) -> Self {
+        let status = code_of_word(&reply.code).map_or(StatusCode::CONFLICT, status_of);
+        Self::new(status, reply.code.clone(), reply.text.clone())
+    }
+}
+
+impl From<Refusal> for Problem {
+    fn from(refusal: Refusal) -> Self {
+        Self {
+            state: refusal.state,
+            allowed: refusal.allowed,
+            diagnostics: refusal.diagnostics,
+            ..Self::new(status_of(refusal.code), code_word(refusal.code), refusal.text)
+        }
+    }
+}
+
+impl IntoResponse for Problem {
+    fn into_response(self) -> Response {
+        let body = serde_json::to_string(&self).unwrap_or_else(|_| "{}".to_owned());
+        let mut response = Response::new(Body::from(body));
+        *response.status_mut() = self.status;
+        response.headers_mut().insert(
+            header::CONTENT_TYPE,
+            HeaderValue::from_static("application/problem+json"),
+        );
+        response
+    }
+}
+
+/// The word of a code as it stands in replies and problems.
+pub(crate) fn code_word(code: RefusalCode) -> String {
+    match serde_json::to_value(code) {
+        Ok(serde_json::Value::String(word)) => word,
+        _ => "unavailable".to_owned(),
+    }
+}
+
+fn code_of_word(word: &str) -> Option<RefusalCode> {
+    serde_json::from_value(serde_json::Value::String(word.to_owned())).ok()
+}
+
+fn status_of(code: RefusalCode) -> StatusCode {
+    match code {
+        RefusalCode::NotFound => StatusCode::NOT_FOUND,
+        RefusalCode::NotAllowed | RefusalCode::ProgramRuns | RefusalCode::StartLocked => StatusCode::CONFLICT,
+        RefusalCode::PreconditionFailed | RefusalCode::Expired => StatusCode::PRECONDITION_FAILED,
+        RefusalCode::ProgramHasErrors => StatusCode::UNPROCESSABLE_ENTITY,
+        RefusalCode::Invalid | RefusalCode::Retained => StatusCode::BAD_REQUEST,
+        RefusalCode::TooLarge => StatusCode::PAYLOAD_TOO_LARGE,
+        RefusalCode::NotSupported => StatusCode::NOT_IMPLEMENTED,
+        RefusalCode::Unavailable => StatusCode::SERVICE_UNAVAILABLE,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_refusal_keeps_its_state_and_what_is_allowed() {
+        let refusal = Refusal {
+            state: Some(Execution::Active),
+            allowed: vec![Verb::Hold, Verb::Stop],
+            ..Refusal::new(RefusalCode::NotAllowed, "a program runs")
+        };
+        let value = serde_json::to_value(Problem::from(refusal)).unwrap();
+        assert_eq!(
+            value,
+            serde_json::json!({
+                "type": "about:blank", "title": "Conflict", "status": 409, "code": "not_allowed",
+                "detail": "a program runs", "state": "ACTIVE", "allowed": ["hold", "stop"],
+            })
+        );
+    }
+
+    #[test]
+    fn every_code_has_the_status_that_the_interface_names() {
+        let table = [
+            (RefusalCode::NotFound, 404),
+            (RefusalCode::NotAllowed, 409),
+            (RefusalCode::ProgramRuns, 409),
+            (RefusalCode::StartLocked, 409),
+            (RefusalCode::PreconditionFailed, 412),
+            (RefusalCode::ProgramHasErrors, 422),
+            (RefusalCode::Invalid, 400),
+            (RefusalCode::TooLarge, 413),
+            (RefusalCode::NotSupported, 501),
+            (RefusalCode::Expired, 412),
+            (RefusalCode::Unavailable, 503),
+        ];
+        for (code, status) in table {
+            assert_eq!(status_of(code).as_u16(), status, "{code:?}");
+            assert_eq!(code_of_word(&code_word(code)), Some(code));
+        }
+    }
+}

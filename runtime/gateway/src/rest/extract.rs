@@ -1,0 +1,114 @@
+//! What handlers take from a request, with problems as refusals and a limit on everything.
+
+use std::time::Duration;
+
+use axum::extract::{FromRequest, FromRequestParts, Path, Query, Request};
+use axum::http::request::Parts;
+use axum::http::{HeaderMap, StatusCode, header};
+use futures_util::StreamExt;
+use serde::de::DeserializeOwned;
+
+use crate::problem::Problem;
+
+/// Bytes of a JSON body; more is 413. Reason: the largest, a fault text, is far below.
+pub(crate) const JSON_BODY_MAX: usize = 64 * 1024;
+
+/// Time for a whole body to come in; then 408.
+const BODY_TIMEOUT: Duration = Duration::from_secs(60);
+
+/// The numbers and names in a path; others are 404.
+pub(crate) struct InPath<T>(pub(crate) T);
+
+impl<S: Send + Sync, T: DeserializeOwned + Send> FromRequestParts<S> for InPath<T> {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
+        match Path::<T>::from_request_parts(parts, state).await {
+            Ok(Path(value)) => Ok(Self(value)),
+            Err(_) => Err(Problem::not_found(format!(
+                "there is nothing at {}",
+                parts.uri.path()
+            ))),
+        }
+    }
+}
+
+/// The query of a URL; others are 400.
+pub(crate) struct InQuery<T>(pub(crate) T);
+
+impl<S: Send + Sync, T: DeserializeOwned> FromRequestParts<S> for InQuery<T> {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Problem> {
+        match Query::<T>::try_from_uri(&parts.uri) {
+            Ok(Query(value)) => Ok(Self(value)),
+            Err(refusal) => Err(Problem::invalid(refusal.body_text())),
+        }
+    }
+}
+
+/// A JSON body; an empty one is `{}`.
+pub(crate) struct JsonBody<T>(pub(crate) T);
+
+impl<S: Send + Sync, T: DeserializeOwned> FromRequest<S> for JsonBody<T> {
+    type Rejection = Problem;
+
+    async fn from_request(request: Request, _: &S) -> Result<Self, Problem> {
+        let json = is_json(request.headers());
+        let body = read_body(request, JSON_BODY_MAX).await?;
+        if body.is_empty() {
+            return serde_json::from_str("{}").map(Self).map_err(|error| wrong_json(&error));
+        }
+        if !json {
+            return Err(Problem::new(
+                StatusCode::UNSUPPORTED_MEDIA_TYPE,
+                "unsupported_media_type",
+                "send JSON with Content-Type: application/json",
+            ));
+        }
+        serde_json::from_slice(&body).map(Self).map_err(|error| wrong_json(&error))
+    }
+}
+
+fn wrong_json(error: &serde_json::Error) -> Problem {
+    Problem::invalid(format!("the JSON body is not right: {error}"))
+}
+
+fn is_json(headers: &HeaderMap) -> bool {
+    media_type(headers).is_some_and(|kind| kind == "application/json")
+}
+
+/// The media type without parameters, in lower case.
+pub(crate) fn media_type(headers: &HeaderMap) -> Option<String> {
+    let value = headers.get(header::CONTENT_TYPE)?.to_str().ok()?;
+    Some(value.split(';').next().unwrap_or(value).trim().to_ascii_lowercase())
+}
+
+/// The whole body, at most `limit` bytes.
+pub(crate) async fn read_body(request: Request, limit: usize) -> Result<Vec<u8>, Problem> {
+    let read = async {
+        let mut body = Vec::new();
+        let mut chunks = request.into_body().into_data_stream();
+        while let Some(chunk) = chunks.next().await {
+            let chunk = chunk.map_err(|error| Problem::invalid(format!("the body broke off: {error}")))?;
+            if body.len() + chunk.len() > limit {
+                return Err(Problem::new(
+                    StatusCode::PAYLOAD_TOO_LARGE,
+                    "too_large",
+                    format!("the body is larger than {limit} bytes"),
+                ));
+            }
+            body.extend_from_slice(&chunk);
+        }
+        Ok(body)
+    };
+    tokio::time::timeout(BODY_TIMEOUT, read)
+        .await
+        .unwrap_or_else(|_| {
+            Err(Problem::new(
+                StatusCode::REQUEST_TIMEOUT,
+                "timeout",
+                format!("the body did not come within {} s", BODY_TIMEOUT.as_secs()),
+            ))
+        })
+}

@@ -1,0 +1,149 @@
+//! Auxiliary function outputs: claim, reset, progress, redelivery. The path names the output, the body who and how.
+//!
+//! A claim or reset that counts, or counted before, answers 200 `{seq, handler_id, status}`; any other is 409 with
+//! the status (`stale`, `unknown`, `not_owner`) as its code.
+
+use std::sync::Arc;
+
+use axum::Router;
+use axum::extract::State;
+use axum::http::StatusCode;
+use axum::response::Response;
+use axum::routing::post;
+use plc_api::types::output::{
+    Claim, HandshakeResult, HandshakeStatus, ProgressReport, Redeliver, Redelivery, Reset, ResetResult,
+};
+use plc_api::types::request::{Answer, Request};
+use plc_api::types::{BootId, CoordinateSystemNumber};
+use serde::Deserialize;
+use serde_json::json;
+
+use super::extract::{InPath, JsonBody};
+use super::states::json_response;
+use crate::problem::Problem;
+use crate::shared::{Shared, unexpected};
+
+type OutputPath = InPath<(CoordinateSystemNumber, u64)>;
+
+pub(super) fn routes() -> Router<Arc<Shared>> {
+    Router::new()
+        .route("/cs/{cs}/m_codes/{seq}/claim", post(claim))
+        .route("/cs/{cs}/m_codes/{seq}/reset", post(reset))
+        .route("/cs/{cs}/m_codes/{seq}/progress", post(progress))
+        .route("/cs/{cs}/m_codes/{seq}/redeliver", post(redeliver))
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ClaimBody {
+    boot_id: BootId,
+    handler_id: String,
+}
+
+async fn claim(
+    State(shared): State<Arc<Shared>>,
+    InPath((cs, seq)): OutputPath,
+    JsonBody(body): JsonBody<ClaimBody>,
+) -> Result<Response, Problem> {
+    let claim = Claim {
+        boot_id: body.boot_id,
+        seq,
+        handler_id: body.handler_id,
+    };
+    handshake(shared.ask(Request::Claim(cs, None, claim)).await?)
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ResetBody {
+    boot_id: BootId,
+    handler_id: String,
+    result: ResetResult,
+    code: Option<u16>,
+    text: Option<String>,
+    force: Option<bool>,
+}
+
+async fn reset(
+    State(shared): State<Arc<Shared>>,
+    InPath((cs, seq)): OutputPath,
+    JsonBody(body): JsonBody<ResetBody>,
+) -> Result<Response, Problem> {
+    let reset = Reset {
+        boot_id: body.boot_id,
+        seq,
+        handler_id: body.handler_id,
+        result: body.result,
+        code: body.code,
+        text: body.text,
+        force: body.force,
+    };
+    handshake(shared.ask(Request::Reset(cs, None, reset)).await?)
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ProgressBody {
+    boot_id: BootId,
+    handler_id: String,
+    text: String,
+    percent: Option<f64>,
+}
+
+async fn progress(
+    State(shared): State<Arc<Shared>>,
+    InPath((cs, seq)): OutputPath,
+    JsonBody(body): JsonBody<ProgressBody>,
+) -> Result<StatusCode, Problem> {
+    let report = ProgressReport {
+        boot_id: body.boot_id,
+        seq,
+        handler_id: body.handler_id,
+        text: body.text,
+        percent: body.percent,
+    };
+    shared.ask(Request::Progress(cs, None, report)).await?;
+    Ok(StatusCode::NO_CONTENT)
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RedeliverBody {
+    boot_id: BootId,
+    how: Redelivery,
+}
+
+async fn redeliver(
+    State(shared): State<Arc<Shared>>,
+    InPath((cs, seq)): OutputPath,
+    JsonBody(body): JsonBody<RedeliverBody>,
+) -> Result<StatusCode, Problem> {
+    let redeliver = Redeliver {
+        boot_id: body.boot_id,
+        seq,
+        how: body.how,
+    };
+    shared.ask(Request::Redeliver(cs, None, redeliver)).await?;
+    Ok(StatusCode::NO_CONTENT)
+}
+
+fn handshake(answer: Answer) -> Result<Response, Problem> {
+    let Answer::Handshake(result) = answer else {
+        return Err(unexpected());
+    };
+    let (code, text) = match result.status {
+        HandshakeStatus::Accepted | HandshakeStatus::Duplicate => return Ok(json_response(&json!(result))),
+        HandshakeStatus::Stale => (
+            "stale",
+            "it was cancelled, failed, timed out, or belongs to another boot",
+        ),
+        HandshakeStatus::Unknown => ("unknown", "this boot never made it"),
+        HandshakeStatus::NotOwner => ("not_owner", "another handler owns it"),
+    };
+    let HandshakeResult { seq, .. } = result;
+    Err(Problem::new(
+        StatusCode::CONFLICT,
+        code,
+        format!("output {seq}: {text}; nothing was changed"),
+    ))
+}

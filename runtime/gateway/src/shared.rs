@@ -1,0 +1,95 @@
+//! What all HTTP handlers share.
+
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use plc_api::port::Port;
+use plc_api::types::machine::Birth;
+use plc_api::types::message::{Message, Payload};
+use plc_api::types::request::{Answer, Request};
+use plc_api::types::topic::Topic;
+use tokio::sync::Semaphore;
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
+
+use crate::metrics::Metrics;
+use crate::problem::Problem;
+
+/// Programs that may be uploaded at the same time; more wait. Reason: each may hold 64 MiB.
+const UPLOADS_MAX: usize = 4;
+
+/// WebSockets that may be open at the same time; more get 503.
+pub(crate) const WEBSOCKETS_MAX: usize = 64;
+
+/// What all HTTP handlers share.
+pub(crate) struct Shared {
+    pub(crate) port: Arc<dyn Port>,
+    pub(crate) http_addr: SocketAddr,
+    pub(crate) metrics: Arc<Metrics>,
+    pub(crate) position_interval: Duration,
+    pub(crate) uploads: Semaphore,
+    pub(crate) websockets: Arc<Semaphore>,
+    pub(crate) tasks: TaskTracker,
+    pub(crate) stop: CancellationToken,
+    commands: AtomicU64,
+}
+
+impl Shared {
+    pub(crate) fn new(
+        port: Arc<dyn Port>,
+        http_addr: SocketAddr,
+        position_interval: Duration,
+        stop: CancellationToken,
+    ) -> Self {
+        Self {
+            port,
+            http_addr,
+            metrics: Arc::default(),
+            position_interval,
+            uploads: Semaphore::new(UPLOADS_MAX),
+            websockets: Arc::new(Semaphore::new(WEBSOCKETS_MAX)),
+            tasks: TaskTracker::new(),
+            stop,
+            commands: AtomicU64::new(1),
+        }
+    }
+
+    /// A command id that nobody used in this boot.
+    pub(crate) fn next_command_id(&self) -> String {
+        let number = self.commands.fetch_add(1, Ordering::Relaxed);
+        format!("rest-{}-{number}", self.port.boot_id())
+    }
+
+    /// The value of a state topic.
+    pub(crate) async fn read(&self, topic: &Topic) -> Result<Arc<Message>, Problem> {
+        self.port
+            .read(topic)
+            .await
+            .ok_or_else(|| Problem::not_found(format!("this machine has no {}", topic.path())))
+    }
+
+    /// What the machine is.
+    pub(crate) async fn birth(&self) -> Result<Birth, Problem> {
+        let message = self.read(&Topic::Birth).await?;
+        match &message.payload {
+            Payload::Birth(birth) => Ok(birth.clone()),
+            _ => Err(unexpected()),
+        }
+    }
+
+    /// Asks the machine.
+    pub(crate) async fn ask(&self, request: Request) -> Result<Answer, Problem> {
+        self.port.request(request).await.map_err(Problem::from)
+    }
+}
+
+/// For an answer that does not belong to its request: a fault of the port.
+pub(crate) fn unexpected() -> Problem {
+    Problem::new(
+        axum::http::StatusCode::INTERNAL_SERVER_ERROR,
+        "unexpected_answer",
+        "the machine answered something else than what was asked; this is a fault of the runtime, please report it",
+    )
+}
