@@ -1,1 +1,289 @@
+//! A place in the text that moves over blanks, comments, names and numbers.
 
+use tandem_model::Span;
+
+use crate::grammar::Grammar;
+
+/// Powers of ten that a 64-bit floating point number holds exactly.
+const POWERS_OF_TEN: [f64; 23] = [
+    1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18,
+    1e19, 1e20, 1e21, 1e22,
+];
+
+/// A whole number up to this is exact as a 64-bit floating point number.
+const MANTISSA_EXACT_MAX: u64 = 1 << 53;
+
+/// Why no number could be read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum NumberError {
+    /// Neither sign nor digit stands there.
+    Missing,
+    /// A sign or a point without a digit.
+    Malformed,
+    /// Larger than a 64-bit floating point number.
+    TooLarge,
+}
+
+/// A reading place. Cheap to copy, so that a look ahead is a copy.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Cursor<'a> {
+    source: &'a str,
+    bytes: &'a [u8],
+    at: usize,
+    line: u32,
+    comment_bytes: usize,
+}
+
+impl<'a> Cursor<'a> {
+    /// At the head of the text; a byte order mark is passed.
+    pub(crate) fn new(source: &'a str) -> Self {
+        Self {
+            source,
+            bytes: source.as_bytes(),
+            at: if source.starts_with('\u{feff}') { 3 } else { 0 },
+            line: 1,
+            comment_bytes: 0,
+        }
+    }
+
+    pub(crate) fn at(&self) -> usize {
+        self.at
+    }
+
+    pub(crate) fn line(&self) -> u32 {
+        self.line
+    }
+
+    /// Bytes of comments passed so far.
+    pub(crate) fn comment_bytes(&self) -> usize {
+        self.comment_bytes
+    }
+
+    pub(crate) fn peek(&self) -> Option<u8> {
+        self.bytes.get(self.at).copied()
+    }
+
+    pub(crate) fn peek_second(&self) -> Option<u8> {
+        self.bytes.get(self.at + 1).copied()
+    }
+
+    /// Passes bytes that are known to be ASCII and no line feed.
+    pub(crate) fn advance(&mut self, bytes: usize) {
+        self.at += bytes;
+    }
+
+    /// Passes a byte if it is there.
+    pub(crate) fn take(&mut self, byte: u8) -> bool {
+        let found = self.peek() == Some(byte);
+        if found {
+            self.at += 1;
+        }
+        found
+    }
+
+    /// Passes a whole character; line feeds count.
+    pub(crate) fn pass_character(&mut self) -> Option<char> {
+        let character = self.source.get(self.at..)?.chars().next()?;
+        self.at += character.len_utf8();
+        self.line += u32::from(character == '\n');
+        Some(character)
+    }
+
+    /// Goes to the end of the text.
+    pub(crate) fn finish(&mut self) {
+        self.at = self.bytes.len();
+    }
+
+    /// The range from a byte to here.
+    #[expect(clippy::cast_possible_truncation, reason = "a source is at most 64 MiB")]
+    pub(crate) fn span_from(&self, start: usize) -> Span {
+        Span::new(start as u32, self.at as u32)
+    }
+
+    /// The text of a range, at most 40 characters of it.
+    pub(crate) fn excerpt(&self, span: Span) -> String {
+        let text = self
+            .source
+            .get(span.start as usize..span.end as usize)
+            .unwrap_or_default();
+        match text.char_indices().nth(40) {
+            Some((end, _)) => format!("{}...", &text[..end]),
+            None => text.to_owned(),
+        }
+    }
+
+    /// Passes blanks and comments, but no line feed outside comments. Answers the start of a comment that is not
+    /// closed; the text ends with it.
+    pub(crate) fn blanks(&mut self, grammar: &Grammar) -> Result<(), usize> {
+        while let Some(byte) = self.peek() {
+            match byte {
+                b' ' | b'\t' | b'\r' => self.at += 1,
+                b'\n' | b'0'..=b'9' | b'A'..=b'Z' | b'a'..=b'z' => break,
+                _ if self.is_comment(grammar) => self.comment(grammar)?,
+                _ => break,
+            }
+        }
+        Ok(())
+    }
+
+    /// Passes blanks, comments and line feeds.
+    pub(crate) fn blank_lines(&mut self, grammar: &Grammar) -> Result<(), usize> {
+        self.blanks(grammar)?;
+        while self.peek() == Some(b'\n') {
+            self.at += 1;
+            self.line += 1;
+            self.blanks(grammar)?;
+        }
+        Ok(())
+    }
+
+    /// True when a comment begins here.
+    pub(crate) fn is_comment(&self, grammar: &Grammar) -> bool {
+        let rest = &self.bytes[self.at..];
+        rest.starts_with(grammar.line_comment.as_bytes())
+            || grammar
+                .block_comment
+                .is_some_and(|(open, _)| rest.starts_with(open.as_bytes()))
+    }
+
+    fn comment(&mut self, grammar: &Grammar) -> Result<(), usize> {
+        let start = self.at;
+        let rest = &self.bytes[start..];
+        if rest.starts_with(grammar.line_comment.as_bytes()) {
+            self.at += rest.iter().position(|byte| *byte == b'\n').unwrap_or(rest.len());
+        } else if let Some((open, close)) = grammar.block_comment {
+            let inside = self.source.get(start + open.len()..).unwrap_or_default();
+            let Some(length) = inside.find(close) else {
+                self.finish();
+                return Err(start);
+            };
+            for byte in inside[..length].bytes() {
+                self.line += u32::from(byte == b'\n');
+            }
+            self.at += open.len() + length + close.len();
+        }
+        self.comment_bytes += self.at - start;
+        Ok(())
+    }
+
+    /// The letters, digits and underscores from here on, without passing them.
+    pub(crate) fn name(&self) -> &'a str {
+        self.run(|byte| byte.is_ascii_alphanumeric() || byte == b'_')
+    }
+
+    /// The letters and underscores from here on, without passing them.
+    pub(crate) fn letters(&self) -> &'a str {
+        self.run(|byte| byte.is_ascii_alphabetic() || byte == b'_')
+    }
+
+    /// The digits from here on, without passing them.
+    pub(crate) fn digits(&self) -> &'a str {
+        self.run(|byte| byte.is_ascii_digit())
+    }
+
+    fn run(&self, belongs: impl Fn(u8) -> bool) -> &'a str {
+        let rest = self.bytes.get(self.at..).unwrap_or_default();
+        let length = rest.iter().position(|byte| !belongs(*byte)).unwrap_or(rest.len());
+        self.source.get(self.at..self.at + length).unwrap_or_default()
+    }
+
+    /// Passes a number: an optional sign where allowed, digits, at most one point.
+    pub(crate) fn number(&mut self, signed: bool) -> Result<f64, NumberError> {
+        let start = self.at;
+        let mut negative = false;
+        if signed && let Some(sign @ (b'-' | b'+')) = self.peek() {
+            negative = sign == b'-';
+            self.at += 1;
+        }
+        let mut mantissa = 0_u64;
+        let mut digits = 0_usize;
+        let mut decimals = 0_usize;
+        let mut point = false;
+        while let Some(byte) = self.peek() {
+            match byte {
+                b'0'..=b'9' => {
+                    mantissa = mantissa.wrapping_mul(10).wrapping_add(u64::from(byte - b'0'));
+                    digits += 1;
+                    decimals += usize::from(point);
+                }
+                b'.' if !point => point = true,
+                _ => break,
+            }
+            self.at += 1;
+        }
+        if digits == 0 {
+            return Err(if self.at == start {
+                NumberError::Missing
+            } else {
+                NumberError::Malformed
+            });
+        }
+        let value = if digits <= 19 && mantissa <= MANTISSA_EXACT_MAX {
+            // both operands are exact, so the quotient is the nearest number to what is written
+            let value = mantissa as f64 / POWERS_OF_TEN[decimals];
+            if negative { -value } else { value }
+        } else {
+            self.source[start..self.at].parse().unwrap_or(f64::INFINITY)
+        };
+        if value.is_finite() {
+            Ok(value)
+        } else {
+            Err(NumberError::TooLarge)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn number(text: &str) -> Result<f64, NumberError> {
+        Cursor::new(text).number(true)
+    }
+
+    #[test]
+    fn numbers_are_the_nearest_floating_point_number() {
+        for text in [
+            "0",
+            "-0.5",
+            ".5",
+            "5.",
+            "+7",
+            "0.1",
+            "12.345",
+            "123456789012345678901234567890.125",
+            "-.000001",
+        ] {
+            assert_eq!(
+                number(text).map(f64::to_bits),
+                Ok(text.parse::<f64>().unwrap().to_bits()),
+                "{text}"
+            );
+        }
+    }
+
+    #[test]
+    fn what_is_no_number_is_told_apart() {
+        assert_eq!(number(""), Err(NumberError::Missing));
+        assert_eq!(number("X"), Err(NumberError::Missing));
+        assert_eq!(number("-"), Err(NumberError::Malformed));
+        assert_eq!(number("."), Err(NumberError::Malformed));
+        assert_eq!(number(&"9".repeat(400)), Err(NumberError::TooLarge));
+    }
+
+    #[test]
+    fn comments_are_blanks_and_their_lines_count() {
+        let mut cursor = Cursor::new(" /* a\nb */\t// c\nX");
+        assert_eq!(cursor.blanks(Grammar::nj()), Ok(()));
+        assert_eq!((cursor.peek(), cursor.line()), (Some(b'\n'), 2));
+        assert_eq!(cursor.blank_lines(Grammar::nj()), Ok(()));
+        assert_eq!((cursor.peek(), cursor.line()), (Some(b'X'), 3));
+    }
+
+    #[test]
+    fn a_comment_that_is_not_closed_ends_the_text() {
+        let mut cursor = Cursor::new("/* a\nX1");
+        assert_eq!(cursor.blank_lines(Grammar::nj()), Err(0));
+        assert_eq!(cursor.peek(), None);
+    }
+}

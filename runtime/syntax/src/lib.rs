@@ -8,7 +8,7 @@
 
 mod cursor;
 pub mod diagnostics;
-mod expression;
+
 mod grammar;
 mod line_index;
 mod parser;

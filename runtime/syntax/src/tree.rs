@@ -198,6 +198,10 @@ pub enum VariableKind {
     CapturedPosition,
 }
 
+/// Highest index of a captured position: one for each axis that a coordinate system can have.
+const CAPTURED_POSITION_MAX: u16 = 7;
+const _: () = assert!(CAPTURED_POSITION_MAX as usize + 1 == tandem_model::AXES_MAX);
+
 impl VariableKind {
     /// Highest index (manual, table of parameters; captured positions: one for each axis that is possible).
     pub const fn index_max(self) -> u16 {
@@ -205,7 +209,7 @@ impl VariableKind {
             VariableKind::Local => 255,
             VariableKind::CoordinateSystem => 4095,
             VariableKind::Global => 32767,
-            VariableKind::CapturedPosition => tandem_model::AXES_MAX as u16 - 1,
+            VariableKind::CapturedPosition => CAPTURED_POSITION_MAX,
         }
     }
 

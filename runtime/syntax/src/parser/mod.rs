@@ -1,0 +1,362 @@
+//! From text to the program tree.
+//!
+//! A line is either a block of words or program codes. After an error the parser goes on with the next word, the end
+//! of the line, or the matching brace, whichever leaves one error for one cause.
+
+mod expression;
+mod program_code;
+mod word;
+
+use std::sync::Arc;
+
+use tandem_model::limits::{BLOCK_BYTES_MAX, OPTIONAL_SKIP_MAX, PROGRAM_BYTES_MAX};
+use tandem_model::{Diagnostic, Span};
+
+use crate::cursor::Cursor;
+use crate::diagnostics::{self, DiagnosticEntry};
+use crate::grammar::Grammar;
+use crate::tree::{Block, Content, Expression, NcProgram, ProgramCode, Word};
+
+/// Findings of one program. Parsing ends there, so that a text of errors only stays small in time and memory.
+pub const DIAGNOSTICS_MAX: usize = 1000;
+
+/// Depth of parentheses and signs in an expression; a deeper one is an error.
+pub const NESTING_MAX: usize = 64;
+
+/// Parses a text. It always gives a program, and all findings in the order of the text.
+///
+/// A text of more than [`PROGRAM_BYTES_MAX`] bytes is not read: the program is empty and one error tells.
+pub fn parse(source: impl Into<Arc<str>>, grammar: &Grammar) -> (NcProgram, Vec<Diagnostic>) {
+    let source: Arc<str> = source.into();
+    let mut parser = Parser::new(&source, grammar);
+    if source.len() > PROGRAM_BYTES_MAX {
+        parser.report(
+            &diagnostics::SOURCE_TOO_LARGE,
+            Span::default(),
+            format!(
+                "the program has {} bytes, at most {PROGRAM_BYTES_MAX} are allowed",
+                source.len()
+            ),
+            "Split the program and call the parts with M98.",
+        );
+    } else {
+        parser.run();
+    }
+    let Parser {
+        blocks,
+        words,
+        program_codes,
+        expressions,
+        diagnostics,
+        ..
+    } = parser;
+    let program = NcProgram {
+        source,
+        number: None,
+        blocks,
+        words,
+        program_codes,
+        expressions,
+    };
+    (program, diagnostics)
+}
+
+/// What a line has turned out to be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum LineKind {
+    /// Nothing yet, or a block number.
+    Open,
+    /// A block of words.
+    Words,
+    /// Assignments, branches, repetitions.
+    ProgramCodes,
+}
+
+struct Parser<'a> {
+    cursor: Cursor<'a>,
+    grammar: &'a Grammar,
+    blocks: Vec<Block>,
+    words: Vec<Word>,
+    program_codes: Vec<ProgramCode>,
+    expressions: Vec<Expression>,
+    diagnostics: Vec<Diagnostic>,
+    // the line that is read
+    kind: LineKind,
+    flags: u32,
+    first_word: usize,
+    line_start: usize,
+    comment_bytes_before: usize,
+}
+
+impl<'a> Parser<'a> {
+    fn new(source: &'a str, grammar: &'a Grammar) -> Self {
+        Self {
+            cursor: Cursor::new(source),
+            grammar,
+            blocks: Vec::new(),
+            words: Vec::new(),
+            program_codes: Vec::new(),
+            expressions: Vec::new(),
+            diagnostics: Vec::new(),
+            kind: LineKind::Open,
+            flags: 0,
+            first_word: 0,
+            line_start: 0,
+            comment_bytes_before: 0,
+        }
+    }
+
+    fn run(&mut self) {
+        loop {
+            self.blank_lines();
+            if self.cursor.peek().is_none() {
+                break;
+            }
+            self.line();
+        }
+    }
+
+    /// Notes a finding; an error marks the line.
+    fn report(
+        &mut self,
+        entry: &'static DiagnosticEntry,
+        span: Span,
+        message: impl Into<String>,
+        help: impl Into<String>,
+    ) {
+        self.flags |= Block::HAS_ERRORS;
+        self.diagnostics.push(entry.at(span, message, help));
+        if self.diagnostics.len() == DIAGNOSTICS_MAX {
+            self.diagnostics.push(diagnostics::TOO_MANY.at(
+                span,
+                format!("more than {DIAGNOSTICS_MAX} errors; the rest of the program has not been read"),
+                "Correct the errors above, then check again.",
+            ));
+            self.cursor.finish();
+        }
+    }
+
+    fn blanks(&mut self) {
+        if let Err(start) = self.cursor.blanks(self.grammar) {
+            self.comment_not_closed(start);
+        }
+    }
+
+    fn blank_lines(&mut self) {
+        if let Err(start) = self.cursor.blank_lines(self.grammar) {
+            self.comment_not_closed(start);
+        }
+    }
+
+    fn comment_not_closed(&mut self, start: usize) {
+        let (open, close) = self.grammar.block_comment.unwrap_or_default();
+        let span = Span::new(
+            self.cursor.span_from(start).start,
+            self.cursor.span_from(start + open.len()).start,
+        );
+        self.report(
+            &diagnostics::COMMENT_NOT_CLOSED,
+            span,
+            format!("the comment that begins with {open} is not closed"),
+            format!("Write {close} where the comment ends."),
+        );
+    }
+
+    /// Reads one line, whose first token is here.
+    fn line(&mut self) {
+        self.kind = LineKind::Open;
+        self.flags = 0;
+        self.first_word = self.words.len();
+        self.line_start = self.cursor.at();
+        self.comment_bytes_before = self.cursor.comment_bytes();
+        let line = self.cursor.line();
+        if self.grammar.block_skip && self.cursor.peek() == Some(b'/') {
+            self.block_skips();
+        }
+        while let Some(byte) = self.cursor.peek() {
+            match byte {
+                b'A'..=b'Z' | b'a'..=b'z' | b'_' => {
+                    if self.name_or_word(line) {
+                        return;
+                    }
+                }
+                b' ' | b'\t' | b'\r' => self.cursor.advance(1),
+                b'\n' => break,
+                _ if self.cursor.is_comment(self.grammar) => self.blanks(),
+                b'/' if self.grammar.block_skip => self.misplaced_skip(),
+                b'{' | b'}' => self.stray_brace(byte),
+                b'(' => self.foreign_comment(),
+                _ => self.unexpected_characters(),
+            }
+        }
+        self.end_words(line);
+    }
+
+    /// Closes the block of words of this line.
+    fn end_words(&mut self, line: u32) {
+        let count = self.words.len() - self.first_word;
+        let failed = self.flags & Block::HAS_ERRORS != 0;
+        if count > 0 || (failed && self.kind != LineKind::ProgramCodes) {
+            self.blocks.push(Block {
+                start: index(self.line_start),
+                line,
+                flags: self.flags,
+                content: Content::Words {
+                    first: index(self.first_word),
+                    count: u16::try_from(count).unwrap_or(u16::MAX),
+                },
+            });
+        }
+    }
+
+    /// Bytes of the line up to here without comments.
+    fn line_bytes(&self) -> usize {
+        (self.cursor.at() - self.line_start) - (self.cursor.comment_bytes() - self.comment_bytes_before)
+    }
+
+    /// Tells when the line has become too long, and ends it (D03).
+    fn too_long(&mut self, start: usize) -> bool {
+        let before = self.line_bytes();
+        if before <= BLOCK_BYTES_MAX {
+            return false;
+        }
+        let span = self.cursor.span_from(start);
+        self.report(
+            &diagnostics::BLOCK_TOO_LONG,
+            span,
+            format!("the block is longer than {BLOCK_BYTES_MAX} bytes"),
+            "Write the words in several blocks.",
+        );
+        self.skip_line();
+        true
+    }
+
+    /// Reads `/`, `/1`, `/1/2` at the beginning of a line.
+    fn block_skips(&mut self) {
+        while self.cursor.peek() == Some(b'/') && !self.cursor.is_comment(self.grammar) {
+            let start = self.cursor.at();
+            if let Some(number) = self.skip_number() {
+                self.flags |= 1 << (number - 1);
+            } else {
+                let span = self.cursor.span_from(start);
+                let text = self.cursor.excerpt(span);
+                self.report(
+                    &diagnostics::SKIP_NUMBER,
+                    span,
+                    format!("`{text}` is no block skip number"),
+                    format!("Write / or /1 to /{OPTIONAL_SKIP_MAX}."),
+                );
+            }
+            self.blanks();
+        }
+    }
+
+    /// Passes `/` and the digits that follow it at once.
+    fn skip_number(&mut self) -> Option<u8> {
+        self.cursor.advance(1);
+        let digits = self.cursor.digits();
+        self.cursor.advance(digits.len());
+        if digits.is_empty() {
+            return Some(1);
+        }
+        digits
+            .parse()
+            .ok()
+            .filter(|number| (1..=OPTIONAL_SKIP_MAX).contains(number))
+    }
+
+    fn misplaced_skip(&mut self) {
+        let start = self.cursor.at();
+        let _ = self.skip_number();
+        let span = self.cursor.span_from(start);
+        let text = self.cursor.excerpt(span);
+        self.report(
+            &diagnostics::SKIP_PLACE,
+            span,
+            format!("`{text}` does not stand at the beginning of the line"),
+            "Write the block skip before the block number and all words; divide with a variable on a line of its own.",
+        );
+    }
+
+    fn stray_brace(&mut self, byte: u8) {
+        let start = self.cursor.at();
+        self.cursor.advance(1);
+        let span = self.cursor.span_from(start);
+        self.report(
+            &diagnostics::BRACE_UNMATCHED,
+            span,
+            format!("`{}` belongs to no program code", char::from(byte)),
+            "Remove it, or write the if, else, switch, while or do that it belongs to.",
+        );
+    }
+
+    /// `( )` is a comment in other dialects.
+    fn foreign_comment(&mut self) {
+        let start = self.cursor.at();
+        while let Some(byte) = self.cursor.peek() {
+            if byte == b'\n' || self.cursor.pass_character() == Some(')') {
+                break;
+            }
+        }
+        let span = self.cursor.span_from(start);
+        self.report(
+            &diagnostics::UNEXPECTED_CHARACTER,
+            span,
+            "`(` is not part of a block",
+            "Write comments as // or /* */.",
+        );
+    }
+
+    /// Reports characters that begin nothing, with all that hangs on them, as one error.
+    fn unexpected_characters(&mut self) {
+        let start = self.cursor.at();
+        let first = self.cursor.pass_character().unwrap_or_default();
+        while let Some(byte) = self.cursor.peek() {
+            if byte.is_ascii_alphabetic() || b" \t\r\n/{}(_".contains(&byte) {
+                break;
+            }
+            self.cursor.pass_character();
+        }
+        let span = self.cursor.span_from(start);
+        let (message, help) = if first.is_ascii_digit() || matches!(first, '.' | '+' | '-') {
+            let text = self.cursor.excerpt(span);
+            (
+                format!("`{text}` has no address"),
+                "Write the letter of the word before the number.",
+            )
+        } else {
+            let shown = if first.is_control() {
+                first.escape_default().to_string()
+            } else {
+                first.to_string()
+            };
+            let help = match first {
+                ',' => "The decimal sign is a point.",
+                '=' => "Assign to a variable L, Q or P.",
+                _ if first.is_ascii() => "Remove it, or make it a comment with //.",
+                _ => "Characters that are not ASCII stand in comments only.",
+            };
+            (format!("`{shown}` is not part of the language"), help)
+        };
+        self.report(&diagnostics::UNEXPECTED_CHARACTER, span, message, help);
+    }
+
+    /// Goes to the end of the line; comments that hold line feeds are passed.
+    fn skip_line(&mut self) {
+        loop {
+            self.blanks();
+            match self.cursor.peek() {
+                None | Some(b'\n') => break,
+                Some(_) => {
+                    self.cursor.pass_character();
+                }
+            }
+        }
+    }
+}
+
+/// Indices and places fit in 32 bits: the source is at most 64 MiB, and each entry takes a byte of it or more.
+#[expect(clippy::cast_possible_truncation, reason = "bounded by PROGRAM_BYTES_MAX")]
+fn index(value: usize) -> u32 {
+    value as u32
+}

@@ -1,0 +1,322 @@
+//! Words: an address and a number or an indirection; and names, which begin everything else.
+
+use tandem_model::Span;
+
+use super::{LineKind, Parser, index};
+use crate::cursor::NumberError;
+use crate::diagnostics;
+use crate::tree::{Address, Keyword, Variable, VariableKind, Word};
+
+impl Parser<'_> {
+    /// Reads what begins with a letter here. True when it was a branch or repetition, which ends the line's reading.
+    pub(super) fn name_or_word(&mut self, line: u32) -> bool {
+        let start = self.cursor.at();
+        if let Some(b'0'..=b'9' | b'-' | b'.' | b'+') = self.cursor.peek_second() {
+            let address = self.cursor.peek().and_then(single_letter);
+            match address.filter(|address| self.grammar.addresses.contains(*address)) {
+                Some(address) => self.word(start, address, 1),
+                None => self.unknown_word(start, 1),
+            }
+            return false;
+        }
+        let letters = self.cursor.letters();
+        if self.grammar.program_codes
+            && let Some(keyword) = keyword(letters)
+        {
+            self.control(keyword, line);
+            return true;
+        }
+        match self.address_of(letters) {
+            Some(address) => self.word(start, address, letters.len()),
+            None => self.no_address(start, letters),
+        }
+        false
+    }
+
+    /// The address that letters spell, if the grammar has it.
+    fn address_of(&self, letters: &str) -> Option<Address> {
+        let address = match letters.len() {
+            1 => letters.bytes().next().and_then(single_letter),
+            2 => Address::ALL
+                .iter()
+                .copied()
+                .find(|address| address.text().eq_ignore_ascii_case(letters)),
+            _ => None,
+        };
+        address.filter(|address| self.grammar.addresses.contains(*address))
+    }
+
+    /// Letters that spell no address: a forgotten value (`XY10`), or a word that does not exist.
+    fn no_address(&mut self, start: usize, letters: &str) {
+        let first = letters.get(..1).unwrap_or_default();
+        let rest = letters.get(1..).unwrap_or_default();
+        if self.address_of(first).is_some() && self.address_of(rest).is_some() {
+            self.cursor.advance(1);
+            self.value_missing(start);
+        } else {
+            self.unknown_word(start, letters.len());
+        }
+    }
+
+    fn unknown_word(&mut self, start: usize, letters: usize) {
+        self.cursor.advance(letters);
+        let letters_span = self.cursor.span_from(start);
+        let name = self.cursor.excerpt(letters_span);
+        self.pass_value();
+        let span = self.cursor.span_from(start);
+        let help = if name.contains(['O', 'o']) {
+            "If a zero is meant, write the digit 0."
+        } else {
+            "Remove it, or correct its address."
+        };
+        self.report(
+            &diagnostics::WORD_UNKNOWN,
+            span,
+            format!("`{name}` is no word of this dialect"),
+            help,
+        );
+    }
+
+    /// Passes whatever stands as the value of a word that is in error already.
+    fn pass_value(&mut self) {
+        while let Some(b'0'..=b'9' | b'.' | b'-' | b'+') = self.cursor.peek() {
+            self.cursor.advance(1);
+        }
+        if self.cursor.peek() == Some(b'[') {
+            self.pass_bracket();
+        }
+    }
+
+    /// Passes `[` and all up to `]` or the end of the line.
+    fn pass_bracket(&mut self) {
+        while let Some(byte) = self.cursor.peek() {
+            if byte == b'\n' || self.cursor.pass_character() == Some(']') {
+                break;
+            }
+        }
+    }
+
+    fn value_missing(&mut self, start: usize) {
+        let span = self.cursor.span_from(start);
+        let name = self.cursor.excerpt(span);
+        self.report(
+            &diagnostics::VALUE_MISSING,
+            span,
+            format!("`{name}` has no value"),
+            format!("Write a number after it, for example {}0.", name.trim_end()),
+        );
+    }
+
+    /// Reads a word whose address is known.
+    fn word(&mut self, start: usize, address: Address, letters: usize) {
+        self.cursor.advance(letters);
+        let address_span = self.cursor.span_from(start);
+        if matches!(self.cursor.peek(), Some(b' ' | b'\t')) {
+            self.blanks();
+        }
+        if self.cursor.peek() == Some(b'[') {
+            self.indirect_word(start, address);
+            return;
+        }
+        let value_start = self.cursor.at();
+        match self.cursor.number(true) {
+            Ok(value) => {
+                if let Some(b'.' | b'-' | b'+') = self.cursor.peek() {
+                    self.pass_value();
+                    self.number_malformed(start, value_start);
+                } else if matches!(address, Address::L | Address::P | Address::Q) && self.is_assignment() {
+                    self.assignment(start, address, value_start);
+                } else {
+                    self.push_word(start, address, value, None);
+                }
+            }
+            Err(NumberError::Missing) => {
+                let name = self.cursor.excerpt(address_span);
+                self.report(
+                    &diagnostics::VALUE_MISSING,
+                    address_span,
+                    format!("`{name}` has no value"),
+                    format!("Write a number after it, for example {name}0."),
+                );
+            }
+            Err(NumberError::Malformed) => {
+                self.pass_value();
+                self.number_malformed(start, value_start);
+            }
+            Err(NumberError::TooLarge) => {
+                let span = self.cursor.span_from(start);
+                self.report(
+                    &diagnostics::NUMBER_TOO_LARGE,
+                    span,
+                    "the number is too large",
+                    "Write a number within the range of the word.",
+                );
+            }
+        }
+    }
+
+    fn number_malformed(&mut self, start: usize, value_start: usize) {
+        let value_span = self.cursor.span_from(value_start);
+        let text = self.cursor.excerpt(value_span);
+        let span = self.cursor.span_from(start);
+        self.report(
+            &diagnostics::NUMBER_MALFORMED,
+            span,
+            format!("`{text}` is not a number"),
+            "Write an optional sign, digits, and at most one decimal point.",
+        );
+    }
+
+    /// True when `=` follows a variable.
+    fn is_assignment(&self) -> bool {
+        let mut ahead = self.cursor;
+        self.grammar.program_codes && ahead.blanks(self.grammar).is_ok() && ahead.peek() == Some(b'=')
+    }
+
+    /// Reads `[variable]` (D04).
+    fn indirect_word(&mut self, start: usize, address: Address) {
+        let bracket = self.cursor.at();
+        self.cursor.advance(1);
+        self.blanks();
+        let variable = self.variable();
+        self.blanks();
+        let closed = self.cursor.peek() == Some(b']');
+        let Some(variable) = variable.filter(|_| closed) else {
+            self.pass_bracket();
+            let bracket_span = self.cursor.span_from(bracket);
+            let text = self.cursor.excerpt(bracket_span);
+            let span = self.cursor.span_from(start);
+            self.report(
+                &diagnostics::INDIRECTION_MALFORMED,
+                span,
+                format!("`{text}` is not one variable in brackets"),
+                "Write the name of one variable, for example [L12], and calculate before the block.",
+            );
+            return;
+        };
+        self.cursor.advance(1);
+        if matches!(address, Address::L | Address::P | Address::Q) && self.is_assignment() {
+            let span = self.cursor.span_from(start);
+            self.report(
+                &diagnostics::INDIRECTION_MALFORMED,
+                span,
+                "indirection cannot be used in a program code",
+                "Assign to a variable by its number.",
+            );
+            self.skip_line();
+            return;
+        }
+        let span = self.cursor.span_from(start);
+        if self.variable_exists(variable, span) {
+            let index = u16::try_from(variable.1).unwrap_or_default();
+            self.push_word(start, address, f64::from(index), Some(variable.0));
+        }
+    }
+
+    /// Passes the name of a variable: its array, and its index however large.
+    pub(super) fn variable(&mut self) -> Option<(VariableKind, u64)> {
+        let letters = self.cursor.letters();
+        let kind = [
+            VariableKind::Local,
+            VariableKind::CoordinateSystem,
+            VariableKind::Global,
+            VariableKind::CapturedPosition,
+        ]
+        .into_iter()
+        .find(|kind| kind.prefix().eq_ignore_ascii_case(letters))?;
+        let mut ahead = self.cursor;
+        ahead.advance(letters.len());
+        let digits = ahead.digits();
+        if digits.is_empty() {
+            return None;
+        }
+        ahead.advance(digits.len());
+        self.cursor = ahead;
+        Some((kind, digits.parse().unwrap_or(u64::MAX)))
+    }
+
+    /// Tells when an index is beyond its array (manual 4-3).
+    pub(super) fn variable_exists(&mut self, (kind, number): (VariableKind, u64), span: Span) -> bool {
+        let exists = number <= u64::from(kind.index_max());
+        if !exists {
+            let prefix = kind.prefix();
+            self.report(
+                &diagnostics::VARIABLE_UNKNOWN,
+                span,
+                format!("there is no variable {prefix}{number}"),
+                format!("Use {prefix}0 to {prefix}{}.", kind.index_max()),
+            );
+        }
+        exists
+    }
+
+    /// A variable that exists, with its index.
+    pub(super) fn existing_variable(&mut self, name: (VariableKind, u64), span: Span) -> Option<Variable> {
+        let index = u16::try_from(name.1).ok();
+        self.variable_exists(name, span)
+            .then_some(index)
+            .flatten()
+            .map(|index| Variable { kind: name.0, index })
+    }
+
+    fn push_word(&mut self, start: usize, address: Address, value: f64, indirection: Option<VariableKind>) {
+        if self.too_long(start) {
+            return;
+        }
+        if self.kind == LineKind::ProgramCodes {
+            self.word_beside_program_code(start);
+            return;
+        }
+        if address == Address::N && self.words.len() > self.first_word {
+            let span = self.cursor.span_from(start);
+            self.report(
+                &diagnostics::BLOCK_NUMBER_PLACE,
+                span,
+                "the block number does not stand before the other words",
+                "Write N at the beginning of the block, once.",
+            );
+            return;
+        }
+        if address != Address::N {
+            self.kind = LineKind::Words;
+        }
+        let length = u16::try_from(self.cursor.at() - start).unwrap_or(u16::MAX);
+        self.words.push(Word {
+            value,
+            start: index(start),
+            length,
+            address,
+            indirection,
+        });
+    }
+
+    fn word_beside_program_code(&mut self, start: usize) {
+        let span = self.cursor.span_from(start);
+        self.report(
+            &diagnostics::ASSIGNMENT_PLACE,
+            span,
+            "a word stands beside a program code",
+            "Write words and program codes on lines of their own.",
+        );
+        self.skip_line();
+    }
+}
+
+fn single_letter(letter: u8) -> Option<Address> {
+    let index = letter.to_ascii_uppercase().wrapping_sub(b'A');
+    if index < 26 {
+        Address::ALL.get(usize::from(index)).copied()
+    } else {
+        None
+    }
+}
+
+/// The keyword that letters spell, read without regard to case (D01).
+pub(super) fn keyword(letters: &str) -> Option<Keyword> {
+    if letters.len() < 2 {
+        return None;
+    }
+    Keyword::ALL
+        .into_iter()
+        .find(|keyword| keyword.text().eq_ignore_ascii_case(letters))
+}
