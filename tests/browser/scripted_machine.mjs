@@ -1,0 +1,125 @@
+// A machine played by the test: the HMI's files, REST and the WebSocket answered inside the browser. It shows the
+// HMI what a real machine shows rarely: a lost handler, refusals, a program of a million lines, another boot.
+
+import { readFile } from "node:fs/promises";
+import { extname, join } from "node:path";
+
+const WEB = new URL("../../web/", import.meta.url).pathname;
+const TYPES = { ".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml" };
+export const ORIGIN = "http://hmi.test";
+
+const axes = (numbers) => ({ kind: "linear", soft_limits: [-500, 500], max_velocity: 500, ...numbers });
+
+export const BIRTH = {
+  machine: "mill-1",
+  servo_period_us: 1000,
+  coordinate_systems: [
+    { number: 1, axes: { X: 1, Y: 2, Z: 3 }, spindle: 6, dialect: "nj", units: "mm" },
+    { number: 2, axes: { X: 4, Z: 5 }, spindle: null, dialect: "nj", units: "mm" },
+  ],
+  motors: [1, 2, 3, 4, 5].map((number) => axes({ number })).concat({ number: 6, kind: "spindle", soft_limits: null, max_velocity: 12000 }),
+  m_codes: {},
+  limits: { open_outputs_max: 64, program_bytes_max: 67108864 },
+};
+
+export const STATE = {
+  execution: "READY", transition: null, reason: null, wait_state: null, waiting_on: null, program: 1, run_id: null,
+  single_block: false, dry_run: false, optional_stop: false, optional_skip: [], alarm_count: 0, last_command_id: null,
+};
+
+export class ScriptedMachine {
+  bootId = "boot-1";
+  rev = 0;
+  /** Last payload of each topic. */
+  topics = new Map();
+  /** Every request below `/api/v1` but reads: `{method, path, body}`. */
+  requests = [];
+  /** Answers by `METHOD path`: `{status, body}`. */
+  answers = new Map();
+  /** Program text by number. */
+  programs = new Map();
+  programList = [];
+  reachable = true;
+  #sockets = new Set();
+
+  /** Takes over everything that the page asks of ORIGIN. */
+  async attach(page) {
+    await page.routeWebSocket(/\/api\/v1\/ws$/, (socket) => {
+      if (!this.reachable) return void socket.close();
+      this.#sockets.add(socket);
+      socket.subscribed = new Set();
+      socket.onClose(() => this.#sockets.delete(socket));
+      socket.onMessage((text) => {
+        for (const topic of JSON.parse(text).subscribe) {
+          if (!socket.subscribed.has(topic) && this.topics.has(topic)) this.#send(socket, topic);
+          socket.subscribed.add(topic);
+        }
+      });
+    });
+    await page.route(`${ORIGIN}/**`, (route) => this.#serve(route));
+  }
+
+  /** Says a payload on a topic. */
+  say(topic, payload) {
+    this.topics.set(topic, payload);
+    for (const socket of this.#sockets) if (socket.subscribed.has(topic)) this.#send(socket, topic);
+  }
+
+  /** Says the state of a coordinate system with these fields changed. */
+  state(cs, change) {
+    this.say(`cs/${cs}/state`, { ...STATE, ...this.topics.get(`cs/${cs}/state`), ...change });
+  }
+
+  /** Ends all connections and takes none, or takes them again. */
+  setReachable(reachable) {
+    this.reachable = reachable;
+    if (!reachable) for (const socket of this.#sockets) socket.close();
+    if (!reachable) this.#sockets.clear();
+  }
+
+  /** What a machine says at its start: two coordinate systems at rest, positions zero. */
+  start() {
+    this.say("presence", { online: true, started_at: now(), version: "0.1.0" });
+    this.say("birth", BIRTH);
+    this.say("alarm/active", { alarms: [] });
+    for (const { number, axes: named } of BIRTH.coordinate_systems) {
+      const zero = Object.fromEntries(Object.keys(named).map((axis) => [axis, 0]));
+      this.say(`cs/${number}/state`, STATE);
+      this.say(`cs/${number}/program`, { number: null, nest_level: 0, stack: [], line: 0, block: "", interpreted_line: 0 });
+      this.say(`cs/${number}/position`, { machine: zero, work: zero, distance_to_go: zero, actual: zero, following_error: zero, feedrate: 0, spindle_rpm: 0 });
+      this.say(`cs/${number}/modal`, { g: { "01": "G00" }, f: 0, s: 0, ta: 100, td: 100, ts: 50, tool: 0, work_offset: "G54" });
+      this.say(`cs/${number}/m_code/pending`, { outputs: [] });
+      this.say(`cs/${number}/override/state`, { feed: 100, rapid: 100, spindle: 100 });
+      this.say(`cs/${number}/input/optional_skip/state`, { requested: [], effective: [], effective_from_line: 0 });
+      for (const input of ["optional_stop", "single_block"]) this.say(`cs/${number}/input/${input}/state`, { value: false });
+    }
+  }
+
+  #send(socket, topic) {
+    this.rev += 1;
+    socket.send(JSON.stringify({ topic, v: 1, boot_id: this.bootId, ts: now(), rev: this.rev, ...this.topics.get(topic) }));
+  }
+
+  async #serve(route) {
+    const request = route.request();
+    const { pathname } = new URL(request.url());
+    if (!this.reachable) return route.abort();
+    if (!pathname.startsWith("/api/v1/")) {
+      const file = pathname === "/" ? "index.html" : pathname.slice(1);
+      const headers = { "Content-Security-Policy": "default-src 'self'" };
+      return route.fulfill({ body: await readFile(join(WEB, file)), contentType: TYPES[extname(file)] ?? "text/plain", headers });
+    }
+    const path = pathname.slice("/api/v1".length);
+    if (request.method() !== "GET") this.requests.push({ method: request.method(), path, body: request.postDataJSON() });
+    const answer = this.answers.get(`${request.method()} ${path}`);
+    if (answer) return route.fulfill({ status: answer.status, json: answer.body });
+    if (path === "/programs") return route.fulfill({ json: this.programList });
+    const text = this.programs.get(Number(/^\/programs\/(\d+)$/.exec(path)?.[1]));
+    if (text !== undefined) return route.fulfill({ body: text, contentType: "text/plain; charset=utf-8" });
+    return route.fulfill({ status: request.method() === "GET" ? 200 : 202, json: {} });
+  }
+}
+
+export function now(agoMs = 0) {
+  return new Date(Date.now() - agoMs).toISOString();
+}

@@ -1,0 +1,123 @@
+// The WebSocket: subscribes, hands on every message, notices silence, and connects again by itself.
+
+/** Topics of the machine as a whole. */
+export const MACHINE_TOPICS = ["presence", "birth", "alarm/active"];
+
+/** Wait before the next try: doubles from the first to the longest, with jitter so that many screens do not come at once. */
+const RETRY_FIRST_MS = 250;
+const RETRY_LONGEST_MS = 5000;
+/** Silence after which the machine is asked for a sign of life; then how long the answer may take. */
+const SILENCE_MS = 4000;
+const PROBE_MS = 3000;
+
+/**
+ * @typedef {object} Listener
+ * @property {(topic: string, message: any) => void} message a message of the machine
+ * @property {(online: boolean, retryAt: number | null) => void} phase connected, or not and when the next try is (ms, local clock)
+ */
+
+export class Connection {
+  /** @type {WebSocket | null} */
+  #socket = null;
+  #topics = new Set(MACHINE_TOPICS);
+  #retryMs = RETRY_FIRST_MS;
+  #retryTimer = 0;
+  #heardAt = 0;
+  #probing = false;
+
+  /** @param {Listener} listener */
+  constructor(listener) {
+    this.listener = listener;
+    setInterval(() => this.#watch(), 1000);
+    addEventListener("online", () => this.retryNow());
+    document.addEventListener("visibilitychange", () => {
+      if (!document.hidden) this.retryNow();
+    });
+  }
+
+  /** Opens the socket. */
+  open() {
+    const scheme = location.protocol === "https:" ? "wss" : "ws";
+    const socket = new WebSocket(`${scheme}://${location.host}/api/v1/ws`);
+    this.#socket = socket;
+    this.#heardAt = Date.now();
+    socket.onopen = () => {
+      this.#send([...this.#topics]);
+      this.#heardAt = Date.now();
+    };
+    socket.onmessage = (event) => {
+      if (this.#socket !== socket) return;
+      this.#heardAt = Date.now();
+      const message = parse(event.data);
+      if (!message || typeof message.topic !== "string") return;
+      this.#retryMs = RETRY_FIRST_MS;
+      this.listener.message(message.topic, message);
+      this.listener.phase(true, null);
+    };
+    socket.onclose = () => {
+      if (this.#socket === socket) this.#lost();
+    };
+  }
+
+  /** Subscribes to more topics, now and after each new connection. @param {string[]} topics */
+  subscribe(topics) {
+    const added = topics.filter((topic) => !this.#topics.has(topic));
+    if (added.length === 0) return;
+    for (const topic of added) this.#topics.add(topic);
+    this.#send([...this.#topics]);
+  }
+
+  /** Does not wait for the next try. */
+  retryNow() {
+    if (this.#socket) return;
+    clearTimeout(this.#retryTimer);
+    this.open();
+  }
+
+  /** @param {string[]} topics */
+  #send(topics) {
+    if (this.#socket?.readyState === WebSocket.OPEN) this.#socket.send(JSON.stringify({ subscribe: topics }));
+  }
+
+  #lost() {
+    this.#socket = null;
+    const wait = this.#retryMs * (0.75 + Math.random() / 2);
+    this.#retryMs = Math.min(this.#retryMs * 2, RETRY_LONGEST_MS);
+    this.listener.phase(false, Date.now() + wait);
+    this.#retryTimer = window.setTimeout(() => this.open(), wait);
+  }
+
+  // A cable pulled out closes no socket: silence alone tells. A machine at rest may be silent too, so it is asked.
+  async #watch() {
+    const socket = this.#socket;
+    if (!socket || this.#probing || Date.now() - this.#heardAt < SILENCE_MS) return;
+    this.#probing = true;
+    const alive = socket.readyState === WebSocket.OPEN && (await answers());
+    this.#probing = false;
+    if (this.#socket !== socket) return;
+    if (alive) this.#heardAt = Date.now();
+    else {
+      socket.close();
+      this.#lost();
+    }
+  }
+}
+
+/** Whether the server answers at all; the HTTP status does not matter. */
+async function answers() {
+  try {
+    await fetch("/api/v1/health", { cache: "no-store", signal: AbortSignal.timeout(PROBE_MS) });
+    return true;
+  } catch {
+    return false;
+  }
+}
+
+/** @param {unknown} text */
+function parse(text) {
+  try {
+    return JSON.parse(String(text));
+  } catch {
+    return null;
+  }
+}

@@ -1,0 +1,75 @@
+// Numbers and times as the screen shows them.
+
+/**
+ * A position with three decimals; a dash where there is none.
+ * @param {number | null | undefined} value mm or degrees
+ */
+export function position(value) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return "–";
+  const text = value.toFixed(3);
+  return text === "-0.000" ? "0.000" : text;
+}
+
+/**
+ * A whole number with thin spaces between thousands.
+ * @param {number | null | undefined} value
+ */
+export function whole(value) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return "–";
+  return String(Math.round(value) + 0).replace(/\B(?=(\d{3})+$)/g, "\u202f");
+}
+
+/**
+ * A number without needless zeros.
+ * @param {number} value
+ */
+export function plain(value) {
+  return String(Math.round(value * 1e6) / 1e6);
+}
+
+/**
+ * How long something has lasted: `0.4 s` never, `7 s`, `3 min 07 s`, `2 h 05 min`.
+ * @param {number} ms
+ */
+export function duration(ms) {
+  const s = Math.max(0, Math.floor(ms / 1000));
+  if (s < 60) return `${s} s`;
+  const two = (/** @type {number} */ n) => String(n).padStart(2, "0");
+  if (s < 3600) return `${Math.floor(s / 60)} min ${two(s % 60)} s`;
+  return `${Math.floor(s / 3600)} h ${two(Math.floor((s % 3600) / 60))} min`;
+}
+
+/**
+ * Parameters of an output: `A=5 B=0.25`.
+ * @param {Record<string, number>} params
+ */
+export function params(params) {
+  return Object.entries(params).map(([name, value]) => `${name}=${plain(value)}`).join("  ");
+}
+
+/**
+ * A program number as machine builders write it: `O0001`.
+ * @param {number | null | undefined} number
+ */
+export function programName(number) {
+  return number === null || number === undefined ? "–" : `O${String(number).padStart(4, "0")}`;
+}
+
+/**
+ * Time of day of an RFC 3339 time, in the viewer's zone.
+ * @param {string} timestamp
+ */
+export function timeOfDay(timestamp) {
+  const date = new Date(timestamp);
+  if (Number.isNaN(date.getTime())) return "–";
+  return [date.getHours(), date.getMinutes(), date.getSeconds()].map((n) => String(n).padStart(2, "0")).join(":");
+}
+
+/**
+ * @param {number} bytes
+ */
+export function bytes(bytes) {
+  if (bytes < 1024) return `${bytes} B`;
+  if (bytes < 1024 * 1024) return `${(bytes / 1024).toFixed(1)} KiB`;
+  return `${(bytes / 1024 / 1024).toFixed(1)} MiB`;
+}

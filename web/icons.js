@@ -1,0 +1,52 @@
+// Signs beside every colour. Drawn here, 24 by 24, in the colour of the text around them.
+
+const SVG = "http://www.w3.org/2000/svg";
+
+/** @type {Record<string, string>} */
+const PATHS = {
+  play: "M7 4.5v15l12.5-7.5z",
+  pause: "M6 4.5h4.2v15H6zM13.8 4.5H18v15h-4.2z",
+  resume: "M4 4.5h3.6v15H4zM10.5 4.5v15l10-7.5z",
+  stop: "M5 5h14v14H5z",
+  abort: "M8 2.5h8L21.5 8v8L16 21.5H8L2.5 16V8zM8.6 7.2 7.2 8.6l3.4 3.4-3.4 3.4 1.4 1.4 3.4-3.4 3.4 3.4 1.4-1.4-3.4-3.4 3.4-3.4-1.4-1.4-3.4 3.4z",
+  reset: "M12 4a8 8 0 1 1-7.6 10.5l2.4-.8A5.5 5.5 0 1 0 8 8.1L10.6 11H3V3.4l3.2 3.1A8 8 0 0 1 12 4z",
+  wait: "M6 2.5h12v2.4l-4.6 7.1 4.6 7.1v2.4H6v-2.4l4.6-7.1L6 4.9zm3 2.4 3 4.6 3-4.6zm3 9.6-3 4.6h6z",
+  done: "M9.4 18.9 2.9 12.4l2.3-2.3 4.2 4.2 9.4-9.4 2.3 2.3z",
+  ready: "M12 3a9 9 0 1 1 0 18 9 9 0 0 1 0-18zm0 2.6a6.4 6.4 0 1 0 0 12.8 6.4 6.4 0 0 0 0-12.8z",
+  alarm: "M12 2.5 22.5 21h-21zM10.9 9.3v6h2.2v-6zm0 7.6v2.1h2.2v-2.1z",
+  link: "M2 9a14 14 0 0 1 20 0l-2 2a11.2 11.2 0 0 0-16 0zm4 4a8.5 8.5 0 0 1 12 0l-2 2a5.7 5.7 0 0 0-8 0zm4 4a2.8 2.8 0 0 1 4 0l-2 2.200z",
+  unlink: "M3.5 2 22 20.5 20.5 22l-7-7A5.7 5.7 0 0 0 8 15l-2-2a8.5 8.5 0 0 1 4-2.300L7.7 8.400A11.2 11.2 0 0 0 4 11L2 9a14 14 0 0 1 3.6-2.600L2 3.5zM13 5a14 14 0 0 1 9 4l-2 2a11.2 11.2 0 0 0-5-2.800zM10 17a2.8 2.8 0 0 1 4 0l-2 2.200z",
+  theme: "M12 3a9 9 0 1 1 0 18 9 9 0 0 1 0-18zm0 2.400v13.200a6.6 6.6 0 0 0 0-13.200z",
+  load: "M11 3h2.400v8.200l3-3L18 9.9 12.2 15.7 6.4 9.900l1.6-1.7 3 3zM4 17.5h16.400V20H4z",
+  close: "M6.4 4.9 12 10.5l5.6-5.6 1.5 1.5-5.6 5.6 5.6 5.6-1.5 1.5-5.6-5.6-5.6 5.6-1.5-1.5 5.6-5.6-5.6-5.600z",
+  trash: "M9 3h6l1 2h4v2.200H4V5h4zM6 8.5h12L17 21H7z",
+  info: "M12 3a9 9 0 1 1 0 18 9 9 0 0 1 0-18zm-1.2 7.5v6.5h2.400v-6.5zm0-3.5v2.300h2.400V7z",
+};
+
+/**
+ * An icon; hidden from screen readers, since the word beside it says the same.
+ * @param {string} name
+ * @returns {SVGSVGElement}
+ */
+export function icon(name) {
+  const svg = document.createElementNS(SVG, "svg");
+  svg.setAttribute("viewBox", "0 0 24 24");
+  svg.setAttribute("class", "icon");
+  svg.setAttribute("aria-hidden", "true");
+  const path = document.createElementNS(SVG, "path");
+  path.setAttribute("fill-rule", "evenodd");
+  svg.append(path);
+  setIcon(svg, name);
+  return svg;
+}
+
+/**
+ * Changes what an icon shows.
+ * @param {SVGSVGElement} svg
+ * @param {string} name
+ */
+export function setIcon(svg, name) {
+  if (svg.dataset.name === name) return;
+  svg.dataset.name = name;
+  svg.firstElementChild?.setAttribute("d", PATHS[name] ?? "");
+}

@@ -1,0 +1,139 @@
+// Puts the screen together: the connection feeds the model, and each view shows the model once a frame at most.
+
+import { api, Refusal } from "./api.js";
+import { confirm } from "./confirm.js";
+import { Connection } from "./connection.js";
+import { fill, h, setAttr } from "./dom.js";
+import { Model } from "./model.js";
+import { startTheme } from "./theme.js";
+import { Toasts } from "./toasts.js";
+import { views } from "./views/index.js";
+
+/**
+ * What a view is given.
+ * @typedef {object} App
+ * @property {Model} model
+ * @property {typeof api} api
+ * @property {typeof confirm} confirm
+ * @property {(text: string, tone?: "info" | "error") => void} toast
+ * @property {(work: () => Promise<unknown>) => Promise<boolean>} attempt does it; a refusal is shown, and gives false
+ * @property {(cs: number) => void} select
+ * @property {() => Promise<void>} readPrograms
+ * @property {() => void} retry tries to connect without waiting
+ * @property {() => void} invalidate shows everything again with the next frame
+ */
+
+/**
+ * A view: one file, and one line in views/index.js.
+ * @typedef {object} View
+ * @property {"header" | "banner" | "left" | "middle" | "right" | "footer"} place
+ * @property {(app: App) => {element: HTMLElement, render: () => void}} create
+ */
+
+/** How often times that count are shown anew, ms. */
+const TICK_MS = 500;
+
+const model = new Model();
+const toasts = new Toasts();
+let framePending = false;
+
+/** @type {App} */
+const app = {
+  model,
+  api,
+  confirm,
+  toast: (text, tone) => toasts.show(text, tone),
+  async attempt(work) {
+    try {
+      await work();
+      return true;
+    } catch (error) {
+      if (!(error instanceof Refusal)) throw error;
+      toasts.show(refusalText(error), "error");
+      return false;
+    }
+  },
+  select(cs) {
+    model.selected = cs;
+    invalidate();
+  },
+  async readPrograms() {
+    await app.attempt(async () => {
+      model.programs = await api.programs();
+    });
+    invalidate();
+  },
+  retry: () => connection.retryNow(),
+  invalidate,
+};
+
+const connection = new Connection({
+  message(topic, message) {
+    if (model.take(topic, message)) {
+      toasts.show("The runtime was started again. Everything on the screen has been read anew.");
+    }
+    if (topic === "birth") {
+      connection.subscribe(model.topics());
+      void app.readPrograms();
+    }
+    invalidate();
+  },
+  phase(online, retryAt) {
+    if (!online) model.disconnected();
+    model.online = online;
+    model.retryAt = retryAt;
+    invalidate();
+  },
+});
+
+/** @param {Refusal} refusal */
+function refusalText(refusal) {
+  const first = refusal.problem.diagnostics?.find((d) => d.severity === "error");
+  return first ? `${refusal.message} Line ${first.line}: ${first.message} (${first.code})` : refusal.message;
+}
+
+function build() {
+  /** @type {Record<string, HTMLElement>} */
+  const places = {
+    header: h("header", { class: "place-header" }),
+    banner: h("div", { class: "place-banner" }),
+    left: h("div", { class: "place-left" }),
+    middle: h("div", { class: "place-middle" }),
+    right: h("div", { class: "place-right" }),
+    footer: h("footer", { class: "place-footer" }),
+  };
+  const shown = views.map((view) => {
+    const made = view.create(app);
+    places[view.place]?.append(made.element);
+    return made;
+  });
+  const main = h("main", { id: "panel", role: "tabpanel" }, places.left, places.middle, places.right);
+  fill(document.body, places.header, places.banner, main, places.footer, toasts.element);
+  return { shown, main };
+}
+
+const { shown, main } = build();
+
+function render() {
+  framePending = false;
+  setAttr(document.body, "data-online", String(model.online));
+  setAttr(main, "aria-labelledby", `tab-${model.selected}`);
+  document.title = `${model.birth?.machine ?? "Tandem"} – ${model.current?.state?.execution ?? "not connected"}`;
+  for (const view of shown) {
+    try {
+      view.render();
+    } catch (error) {
+      console.error(error);
+    }
+  }
+}
+
+function invalidate() {
+  if (framePending) return;
+  framePending = true;
+  requestAnimationFrame(render);
+}
+
+startTheme(invalidate);
+setInterval(invalidate, TICK_MS);
+connection.open();

@@ -1,0 +1,159 @@
+// What is known of the machine: the last message of each topic, and the path travelled lately.
+
+import { Trail } from "./trail.js";
+
+/** Topics of a coordinate system that the screen shows, with the field that keeps them. */
+const CS_TOPICS = /** @type {const} */ ({
+  state: "state",
+  program: "place",
+  position: "position",
+  modal: "modal",
+  "m_code/pending": "pending",
+  "input/optional_skip/state": "optionalSkip",
+  "input/optional_stop/state": "optionalStop",
+  "input/single_block/state": "singleBlock",
+  "override/state": "overrides",
+});
+
+/**
+ * One coordinate system.
+ * @typedef {object} CoordinateSystem
+ * @property {import("./types.d.ts").CoordinateSystemInfo} info
+ * @property {import("./types.d.ts").State | null} state
+ * @property {import("./types.d.ts").ProgramPlace | null} place
+ * @property {import("./types.d.ts").Position | null} position
+ * @property {import("./types.d.ts").Modal | null} modal
+ * @property {import("./types.d.ts").Pending | null} pending
+ * @property {import("./types.d.ts").OptionalSkip | null} optionalSkip
+ * @property {import("./types.d.ts").Switch | null} optionalStop
+ * @property {import("./types.d.ts").Switch | null} singleBlock
+ * @property {import("./types.d.ts").Overrides | null} overrides
+ * @property {Trail} trail
+ */
+
+export class Model {
+  online = false;
+  /** @type {number | null} when the next try to connect is, ms of the local clock */
+  retryAt = null;
+  /** @type {string | null} */
+  bootId = null;
+  /** @type {import("./types.d.ts").Birth | null} */
+  birth = null;
+  /** @type {import("./types.d.ts").Presence | null} */
+  presence = null;
+  /** @type {import("./types.d.ts").Alarm[]} */
+  alarms = [];
+  /** @type {Map<number, CoordinateSystem>} */
+  systems = new Map();
+  /** The coordinate system on the screen. */
+  selected = 1;
+  /** @type {import("./types.d.ts").ProgramInfo[] | null} programs of the store; null: not read yet */
+  programs = null;
+  #clockAheadMs = Number.POSITIVE_INFINITY;
+
+  /** The coordinate system on the screen, once it is known. */
+  get current() {
+    return this.systems.get(this.selected) ?? null;
+  }
+
+  /** Topics of all coordinate systems that the birth message names. */
+  topics() {
+    return [...this.systems.keys()].flatMap((cs) => Object.keys(CS_TOPICS).map((topic) => `cs/${cs}/${topic}`));
+  }
+
+  /**
+   * Takes one message.
+   * @param {string} topic
+   * @param {any} message
+   * @returns {boolean} true when the runtime was started again since the last message
+   */
+  take(topic, message) {
+    const restarted = this.#boot(message.boot_id);
+    this.#hearClock(message.ts);
+    if (topic === "birth") this.#takeBirth(message);
+    else if (topic === "presence") this.presence = message;
+    else if (topic === "alarm/active") this.alarms = message.alarms ?? [];
+    else this.#takeCs(topic, message);
+    return restarted;
+  }
+
+  /** Forgets when clocks were compared: after a pause of the computer they may differ otherwise. */
+  disconnected() {
+    this.#clockAheadMs = Number.POSITIVE_INFINITY;
+  }
+
+  /**
+   * How long ago a time of the machine is. The clocks of machine and screen may differ: the smallest difference
+   * between a message's time and its arrival is taken as the difference of the clocks.
+   * @param {string} timestamp
+   */
+  ageMs(timestamp) {
+    const ahead = Number.isFinite(this.#clockAheadMs) ? this.#clockAheadMs : 0;
+    return Math.max(0, Date.now() - ahead - Date.parse(timestamp));
+  }
+
+  /** @param {string | undefined} bootId */
+  #boot(bootId) {
+    if (!bootId || bootId === this.bootId) return false;
+    const restarted = this.bootId !== null;
+    this.bootId = bootId;
+    if (restarted) {
+      this.alarms = [];
+      this.programs = null;
+      this.#clockAheadMs = Number.POSITIVE_INFINITY;
+      for (const system of this.systems.values()) this.systems.set(system.info.number, empty(system.info));
+    }
+    return restarted;
+  }
+
+  /** @param {string | undefined} ts */
+  #hearClock(ts) {
+    const ahead = Date.now() - Date.parse(ts ?? "");
+    if (Number.isFinite(ahead)) this.#clockAheadMs = Math.min(this.#clockAheadMs, ahead);
+  }
+
+  /** @param {import("./types.d.ts").Birth} birth */
+  #takeBirth(birth) {
+    this.birth = birth;
+    const known = this.systems;
+    this.systems = new Map();
+    for (const info of birth.coordinate_systems) {
+      const system = known.get(info.number) ?? empty(info);
+      system.info = info;
+      this.systems.set(info.number, system);
+    }
+    const first = birth.coordinate_systems[0];
+    if (first && !this.systems.has(this.selected)) this.selected = first.number;
+  }
+
+  /** @param {string} topic @param {any} message */
+  #takeCs(topic, message) {
+    const [, number, path] = /^cs\/(\d+)\/(.+)$/.exec(topic) ?? [];
+    const system = this.systems.get(Number(number));
+    const field = CS_TOPICS[/** @type {keyof typeof CS_TOPICS} */ (path)];
+    if (!system || !field) return;
+    /** @type {any} */ (system)[field] = message;
+    if (field === "state") system.trail.run(message.run_id);
+    if (field === "position") system.trail.add(message.machine, system.modal?.g["01"] === "G00");
+  }
+}
+
+/**
+ * @param {import("./types.d.ts").CoordinateSystemInfo} info
+ * @returns {CoordinateSystem}
+ */
+function empty(info) {
+  return {
+    info,
+    state: null,
+    place: null,
+    position: null,
+    modal: null,
+    pending: null,
+    optionalSkip: null,
+    optionalStop: null,
+    singleBlock: null,
+    overrides: null,
+    trail: new Trail(),
+  };
+}

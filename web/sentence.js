@@ -1,0 +1,144 @@
+// The state in the operator's words: one sentence that says what is waited for, or what to do next.
+
+import { duration, params, programName } from "./format.js";
+
+/**
+ * How a state is shown.
+ * `ready` nothing to worry about; `active` moves; `wait` the machine works on something; `attention` the operator's
+ * turn; `alarm`; `done`.
+ * @typedef {"ready" | "active" | "wait" | "attention" | "alarm" | "done"} Tone
+ */
+
+/**
+ * Tone and icon of a state.
+ * @param {import("./types.d.ts").State} state
+ * @returns {{tone: Tone, icon: string, word: string}}
+ */
+export function look(state) {
+  const word = state.execution.replaceAll("_", " ");
+  switch (state.execution) {
+    case "READY":
+      return { tone: "ready", icon: "ready", word };
+    case "ACTIVE":
+      return { tone: "active", icon: "play", word };
+    case "WAIT":
+      return { tone: state.reason === "HANDLER_LOST" ? "attention" : "wait", icon: "wait", word };
+    case "PROGRAM_COMPLETED":
+      return { tone: "done", icon: "done", word: "COMPLETED" };
+    case "STOPPED":
+      return state.reason === "ALARM" ? { tone: "alarm", icon: "alarm", word } : { tone: "ready", icon: "stop", word };
+    default:
+      return { tone: "attention", icon: "pause", word };
+  }
+}
+
+/** @type {Record<string, string>} */
+const TRANSITIONS = {
+  STARTING: "Starting the program.",
+  HOLDING: "Feed hold: slowing down on the path.",
+  STOPPING: "Stopping: slowing down on the path.",
+  RESUMING: "Going on.",
+  RESETTING: "Resetting.",
+};
+
+/**
+ * The sentence.
+ * @param {import("./model.js").CoordinateSystem} system
+ * @param {import("./types.d.ts").Alarm[]} alarms active ones of the machine
+ * @param {(timestamp: string) => number} ageMs
+ * @returns {string}
+ */
+export function sentence(system, alarms, ageMs) {
+  const { state, place } = system;
+  if (!state) return "Waiting for the state of this coordinate system.";
+  if (state.transition) return TRANSITIONS[state.transition] ?? `${state.transition}.`;
+  const program = programName(state.program);
+  switch (state.execution) {
+    case "READY":
+      return `Program ${program} is loaded and at its head. Press Start.`;
+    case "ACTIVE":
+      return place?.line ? `Program ${programName(place.number)} runs, line ${place.line}.` : `Program ${program} runs.`;
+    case "WAIT":
+      return waiting(system, ageMs);
+    case "FEED_HOLD":
+      return state.waiting_on
+        ? `Held while M${state.waiting_on.m} is open. Press Resume to go on.`
+        : "Held by the operator. Press Resume to go on, or Stop to end the run.";
+    case "PROGRAM_STOPPED":
+      return "Program stop (M00). Press Resume to go on.";
+    case "OPTIONAL_STOP":
+      return "Optional stop (M01). Press Resume to go on.";
+    case "INTERRUPTED":
+      return state.reason === "SINGLE_BLOCK"
+        ? "Single block: the block is done. Press Resume for the next one."
+        : "The interlock is on: motion goes on when it is released and Resume is pressed.";
+    case "PROGRAM_COMPLETED":
+      return `Program ${program} is complete. Press Start to run it again, or load another one.`;
+    case "STOPPED":
+      return stopped(system, alarms);
+    default:
+      return "";
+  }
+}
+
+/**
+ * @param {import("./model.js").CoordinateSystem} system
+ * @param {(timestamp: string) => number} ageMs
+ */
+function waiting({ state, pending }, ageMs) {
+  const on = state?.waiting_on;
+  if (!state || !on) return "Waiting until every output of the run is reset.";
+  const output = pending?.outputs.find((open) => open.seq === on.seq);
+  const name = `M${on.m}${state.wait_state ? ` (${state.wait_state})` : ""}`;
+  const given = output && Object.keys(output.params).length > 0 ? `, ${params(output.params).replaceAll("  ", ", ")}` : "";
+  if (state.reason === "HANDLER_LOST") {
+    return `The handler of ${name} has gone. Look at the machine, then redeliver ${name} or reset it by hand.`;
+  }
+  const since = `Waiting ${duration(ageMs(on.since))} for ${name}${given}`;
+  const progress = on.progress ?? output?.progress;
+  if (output?.state === "CLAIMED") {
+    const handler = `handler ${output.handler_id ?? "unknown"}`;
+    if (!progress) return `${since}: ${handler} has it.`;
+    const percent = progress.percent === undefined ? "" : ` (${Math.round(progress.percent)}\u00a0%)`;
+    return `${since}: ${handler} works: ${progress.text}${percent}.`;
+  }
+  return `${since}: no handler has taken it yet. A sequence program resets it, or you by hand.`;
+}
+
+/**
+ * @param {import("./model.js").CoordinateSystem} system
+ * @param {import("./types.d.ts").Alarm[]} alarms
+ */
+function stopped({ state, info }, alarms) {
+  switch (state?.reason) {
+    case "ALARM": {
+      const alarm = alarms.findLast((a) => a.severity === "alarm" && (a.cs === null || a.cs === info.number));
+      const what = alarm ? `Alarm ${alarm.number}: ${alarm.text}`.replace(/[.\s]*$/, ".") : "Stopped by an alarm.";
+      return `${what} Remove the cause, then press Reset.`;
+    }
+    case "NO_PROGRAM":
+      return "No program is loaded: choose one of the list and press Load.";
+    case "RESTARTED":
+      return state.program === null
+        ? "The runtime was started again and nothing goes on by itself. Load a program."
+        : `The runtime was started again and nothing goes on by itself. Press Reset to be ready with ${programName(state.program)}.`;
+    case "ABORTED":
+      return "Aborted: the motors braked at once. Look at the machine, then press Reset.";
+    default:
+      return state?.program === null
+        ? "Stopped. Load a program."
+        : `Stopped. Press Reset to go back to the head of ${programName(state?.program)}.`;
+  }
+}
+
+/**
+ * What a screen reader is told: changes with the state and with what is waited for, not with every second.
+ * @param {import("./model.js").CoordinateSystem} system
+ * @param {import("./types.d.ts").Alarm[]} alarms
+ */
+export function announcement(system, alarms) {
+  if (!system.state) return "";
+  const text = sentence(system, alarms, () => 0).replace("Waiting 0 s for", "Waiting for");
+  const running = system.state.execution === "ACTIVE" && !system.state.transition;
+  return `Coordinate system ${system.info.number}: ${look(system.state).word}. ${running ? "" : text}`.trim();
+}

@@ -1,0 +1,50 @@
+// Active alarms, newest first, with what to do about them.
+
+import { card, fill, h, setAttr, setText } from "../dom.js";
+import { programName, timeOfDay } from "../format.js";
+import { icon } from "../icons.js";
+
+/** @type {import("../main.js").View} */
+export const alarms = {
+  place: "right",
+  create(app) {
+    const count = h("span", { class: "muted" });
+    const list = h("ul", { class: "list" });
+    const log = h("div", { class: "scroll", role: "log", "aria-live": "assertive", "aria-label": "Active alarms" }, list);
+    const empty = h("p", { class: "empty" }, "No alarm is active.");
+    let shown = "";
+    const render = () => {
+      const active = [...app.model.alarms].reverse();
+      const key = JSON.stringify(active);
+      if (key !== shown) {
+        shown = key;
+        fill(list, ...active.map((alarm) => entry(app, alarm)));
+        setText(count, active.length > 0 ? `${active.length} active` : "");
+        setAttr(empty, "hidden", active.length > 0);
+      }
+    };
+    return { element: card("alarms-card", "Alarms", [count], log, empty), render };
+  },
+};
+
+/** @param {import("../main.js").App} app @param {import("../types.d.ts").Alarm} alarm */
+function entry(app, alarm) {
+  const place = alarm.program === null ? "" : `${programName(alarm.program)}${alarm.line === null ? "" : ` line ${alarm.line}`}`;
+  const facts = [alarm.cs === null ? "all" : `CS ${alarm.cs}`, place, timeOfDay(alarm.raised_at)].filter((text) => text !== "");
+  const remedy = alarm.remedy ?? (alarm.severity === "alarm" ? "Remove the cause, then press Reset." : "");
+  const acknowledge = h("button", { type: "button", class: "button small", "aria-label": `Acknowledge ${alarm.number}` }, "Acknowledge");
+  acknowledge.addEventListener("click", () => void app.attempt(() => app.api.acknowledge(alarm.id)));
+  return h(
+    "li",
+    { class: "alarm", "data-severity": alarm.severity },
+    icon(alarm.severity === "alarm" ? "alarm" : "info"),
+    h(
+      "div",
+      { class: "grow" },
+      h("div", { class: "row" }, h("strong", {}, `${alarm.severity === "alarm" ? "Alarm" : "Warning"} ${alarm.number}`), h("span", { class: "spring" }), h("span", { class: "muted" }, facts.join(" · "))),
+      h("p", {}, alarm.text),
+      remedy && h("p", { class: "remedy" }, remedy),
+      alarm.acknowledged_by ? h("p", { class: "muted" }, `Acknowledged by ${alarm.acknowledged_by}`) : alarm.severity === "warning" && h("div", { class: "row end" }, acknowledge),
+    ),
+  );
+}

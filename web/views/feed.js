@@ -1,0 +1,91 @@
+// Feedrate and spindle speed, and the overrides.
+
+import { card, h, setAttr, setText } from "../dom.js";
+import { whole } from "../format.js";
+
+/** Time between two settings while a slider is dragged, ms. */
+const SEND_MS = 120;
+/** After a change by hand the slider shows the hand's value this long, until the machine says the same. */
+const OWN_MS = 1500;
+
+/** @type {import("../main.js").View} */
+export const feed = {
+  place: "left",
+  create(app) {
+    const feedrate = h("output", { class: "big" });
+    const programmed = h("span", { class: "small" });
+    const speed = h("output", { class: "big" });
+    const commanded = h("span", { class: "small" });
+    const spindleBox = h("div", { class: "reading" }, h("span", { class: "label" }, "Spindle"), h("div", {}, speed, h("span", { class: "unit" }, "r/min")), commanded);
+    const readings = h(
+      "div",
+      { class: "readings" },
+      h("div", { class: "reading" }, h("span", { class: "label" }, "Feedrate"), h("div", {}, feedrate, h("span", { class: "unit" }, "mm/min")), programmed),
+      spindleBox,
+    );
+    const sliders = [override(app, "feed", "Feed", 200), override(app, "rapid", "Rapid", 100), override(app, "spindle", "Spindle", 200)];
+    const render = () => {
+      const system = app.model.current;
+      setText(feedrate, whole(system?.position?.feedrate));
+      setText(programmed, system?.modal ? `F ${whole(system.modal.f)}` : "");
+      setText(speed, whole(system?.position?.spindle_rpm));
+      setText(commanded, system?.modal ? `S ${whole(system.modal.s)}` : "");
+      setAttr(spindleBox, "hidden", system !== null && system.info.spindle === null);
+      for (const slider of sliders) slider.render();
+    };
+    return { element: card("feed-card", "Feed and speed", [], readings, ...sliders.map((s) => s.element)), render };
+  },
+};
+
+/**
+ * @param {import("../main.js").App} app
+ * @param {"feed" | "rapid" | "spindle"} which
+ * @param {string} label
+ * @param {number} max percent
+ */
+function override(app, which, label, max) {
+  const slider = h("input", { type: "range", min: 0, max, step: 5, "aria-label": `${label} override, percent` });
+  const value = h("output", { class: "override-value" });
+  let ownUntil = 0;
+  let timer = 0;
+
+  /** @param {number} percent */
+  const set = (percent) => {
+    slider.value = String(percent);
+    ownUntil = Date.now() + OWN_MS;
+    const cs = app.model.selected;
+    clearTimeout(timer);
+    timer = window.setTimeout(() => {
+      void app.attempt(() => app.api.setOverrides(cs, { [which]: Number(slider.value) })).then((done) => {
+        if (!done) ownUntil = 0;
+        app.invalidate();
+      });
+    }, SEND_MS);
+    app.invalidate();
+  };
+  slider.addEventListener("input", () => set(Number(slider.value)));
+  const step = (/** @type {number} */ by) => set(Math.min(max, Math.max(0, Number(slider.value) + by)));
+  const button = (/** @type {string} */ text, /** @type {string} */ says, /** @type {() => void} */ act) =>
+    h("button", { type: "button", class: "button small", "aria-label": `${label} override: ${says}`, onclick: act }, text);
+  const element = h(
+    "div",
+    { class: "override" },
+    h("span", { class: "label" }, label),
+    button("−", "10 percent less", () => step(-10)),
+    slider,
+    button("+", "10 percent more", () => step(10)),
+    button("100", "100 percent", () => set(100)),
+    value,
+  );
+  const render = () => {
+    const system = app.model.current;
+    const percent = system?.overrides?.[which];
+    if (percent !== undefined && Date.now() > ownUntil) slider.value = String(percent);
+    setText(value, percent === undefined ? "–" : `${Math.round(Number(slider.value))} %`);
+    setAttr(value, "data-changed", percent !== undefined && Number(slider.value) !== 100);
+    setAttr(slider, "aria-valuetext", `${slider.value} percent`);
+    setAttr(element, "hidden", which === "spindle" && system !== null && system.info.spindle === null);
+    slider.disabled = !app.model.online;
+  };
+  return { element, render };
+}

@@ -1,0 +1,82 @@
+// Machine name, one tab for each coordinate system with its state, connection, colour scheme.
+
+import { fill, h, setAttr, setText } from "../dom.js";
+import { icon, setIcon } from "../icons.js";
+import { look } from "../sentence.js";
+import { theme, toggleTheme } from "../theme.js";
+
+/** @type {import("../main.js").View} */
+export const header = {
+  place: "header",
+  create(app) {
+    const machine = h("span", { class: "machine" }, "Tandem");
+    const tabs = h("div", { class: "tabs", role: "tablist", "aria-label": "Coordinate systems" });
+    const linkIcon = icon("unlink");
+    const linkText = h("span", {}, "Connecting");
+    const link = h("span", { class: "link" }, linkIcon, linkText);
+    const themeButton = h("button", { type: "button", class: "icon-button theme" }, icon("theme"));
+    themeButton.addEventListener("click", () => {
+      toggleTheme();
+      app.invalidate();
+    });
+    /** @type {Map<number, ReturnType<typeof tab>>} */
+    let shown = new Map();
+
+    /** @param {KeyboardEvent} event */
+    const move = (event) => {
+      const numbers = [...shown.keys()];
+      const at = numbers.indexOf(app.model.selected);
+      const step = { ArrowRight: at + 1, ArrowLeft: at - 1, Home: 0, End: numbers.length - 1 }[event.key];
+      if (step === undefined) return;
+      event.preventDefault();
+      const next = numbers[(step + numbers.length) % numbers.length];
+      if (next === undefined) return;
+      app.select(next);
+      shown.get(next)?.element.focus();
+    };
+    tabs.addEventListener("keydown", move);
+
+    const render = () => {
+      const { model } = app;
+      setText(machine, model.birth?.machine ?? "Tandem");
+      if ([...shown.keys()].join() !== [...model.systems.keys()].join()) {
+        shown = new Map([...model.systems.keys()].map((cs) => [cs, tab(cs, () => app.select(cs))]));
+        fill(tabs, ...[...shown.values()].map((t) => t.element));
+      }
+      for (const [cs, one] of shown) one.render(model, cs === model.selected);
+      setIcon(linkIcon, model.online ? "link" : "unlink");
+      setText(linkText, model.online ? "Connected" : "Not connected");
+      setAttr(link, "data-online", String(model.online));
+      setAttr(themeButton, "aria-label", theme() === "dark" ? "Use light colours" : "Use dark colours");
+    };
+    return { element: h("div", { class: "bar" }, machine, tabs, h("span", { class: "spring" }), link, themeButton), render };
+  },
+};
+
+/** @param {number} cs @param {() => void} select */
+function tab(cs, select) {
+  const sign = icon("ready");
+  const word = h("span", { class: "tab-word" });
+  const alarms = h("span", { class: "tab-alarms" });
+  const element = h(
+    "button",
+    { type: "button", class: "tab", role: "tab", id: `tab-${cs}`, "aria-controls": "panel", onclick: select },
+    h("span", { class: "tab-name" }, `CS ${cs}`),
+    h("span", { class: "badge" }, sign, word),
+    alarms,
+  );
+  return {
+    element,
+    /** @param {import("../model.js").Model} model @param {boolean} selected */
+    render(model, selected) {
+      setAttr(element, "aria-selected", String(selected));
+      setAttr(element, "tabindex", selected ? "0" : "-1");
+      const state = model.systems.get(cs)?.state;
+      const { tone, icon: name, word: text } = state ? look(state) : { tone: "ready", icon: "ready", word: "…" };
+      setAttr(element, "data-tone", tone);
+      setIcon(sign, name);
+      setText(word, text);
+      setText(alarms, state?.alarm_count ? `${state.alarm_count} ${state.alarm_count === 1 ? "alarm" : "alarms"}` : "");
+    },
+  };
+}

@@ -1,0 +1,30 @@
+// The views, in the order of their place and of the Tab key.
+
+import { alarms } from "./alarms.js";
+import { commands } from "./commands.js";
+import { connectionBanner } from "./connection_banner.js";
+import { feed } from "./feed.js";
+import { header } from "./header.js";
+import { mCodes } from "./m_codes.js";
+import { path } from "./path.js";
+import { positions } from "./positions.js";
+import { program } from "./program.js";
+import { programs } from "./programs.js";
+import { status } from "./status.js";
+import { switches } from "./switches.js";
+
+/** @type {import("../main.js").View[]} */
+export const views = [
+  header,
+  connectionBanner,
+  status,
+  positions,
+  feed,
+  path,
+  program,
+  mCodes,
+  alarms,
+  programs,
+  commands,
+  switches,
+];

@@ -1,0 +1,126 @@
+// Open auxiliary function outputs: what they ask for, who has them, for how long; reset by hand and redelivery.
+
+import { card, fill, h, setAttr, setText } from "../dom.js";
+import { duration, params, programName } from "../format.js";
+import { icon } from "../icons.js";
+
+/** @type {Record<string, string>} */
+const STATES = { QUEUED: "queued", OUTPUT: "no handler yet", CLAIMED: "in work" };
+
+/** @type {import("../main.js").View} */
+export const mCodes = {
+  place: "right",
+  create(app) {
+    const count = h("span", { class: "muted" });
+    const list = h("ul", { class: "list", "aria-label": "Open M codes" });
+    const empty = h("p", { class: "empty" }, "No M code is open.");
+    /** @type {Map<string, ReturnType<typeof entry>>} */
+    let shown = new Map();
+
+    const render = () => {
+      const { model } = app;
+      const outputs = model.current?.pending?.outputs ?? [];
+      const keys = outputs.map((output) => `${model.bootId} ${model.selected} ${output.seq}`);
+      if (keys.join() !== [...shown.keys()].join()) {
+        shown = new Map(keys.map((key, i) => [key, shown.get(key) ?? entry(app, outputs[i]?.seq ?? 0)]));
+        fill(list, ...[...shown.values()].map((one) => one.element));
+      }
+      for (const [i, key] of keys.entries()) {
+        const output = outputs[i];
+        if (output) shown.get(key)?.render(output);
+      }
+      setText(count, outputs.length > 0 ? `${outputs.length} open` : "");
+      setAttr(empty, "hidden", outputs.length > 0);
+    };
+    return { element: card("m-codes-card", "M codes", [count], list, empty), render };
+  },
+};
+
+/** @param {import("../main.js").App} app @param {number} seq */
+function entry(app, seq) {
+  const name = h("strong", { class: "m" });
+  const badge = h("span", { class: "chip" });
+  const age = h("span", { class: "age" });
+  const given = h("span", { class: "params" });
+  const from = h("span", { class: "muted" });
+  const handler = h("p", { class: "handler" });
+  const bar = h("progress", { max: 100, hidden: true });
+  const reset = h("button", { type: "button", class: "button reset-output" }, icon("done"), "Reset");
+  const redo = h("button", { type: "button", class: "button" }, "Redo");
+  const verify = h("button", { type: "button", class: "button" }, "Verify");
+  const again = h("span", { class: "row", role: "group", "aria-label": "Redeliver" }, redo, verify);
+  const element = h(
+    "li",
+    { class: "output", "data-seq": seq },
+    h("div", { class: "row" }, name, badge, h("span", { class: "spring" }), age),
+    h("div", { class: "row wrap" }, given, h("span", { class: "spring" }), from),
+    h("div", { class: "row wrap end" }, h("div", { class: "work" }, handler, bar), again, reset),
+  );
+  /** @type {import("../types.d.ts").PendingOutput | null} */
+  let output = null;
+
+  reset.addEventListener("click", () => void resetByHand(app, output));
+  const redeliver = (/** @type {"redo" | "verify"} */ how) => {
+    const { selected, bootId } = app.model;
+    void app.attempt(() => app.api.redeliver(selected, bootId ?? "", seq, how));
+  };
+  redo.addEventListener("click", () => redeliver("redo"));
+  verify.addEventListener("click", () => redeliver("verify"));
+
+  /** @param {import("../types.d.ts").PendingOutput} now */
+  const render = (now) => {
+    output = now;
+    const { model } = app;
+    const lost = isLost(app, now);
+    setText(name, `M${now.m}`);
+    setText(badge, lost ? "handler lost" : (STATES[now.state] ?? now.state));
+    setAttr(badge, "data-tone", lost ? "attention" : now.state === "CLAIMED" ? "wait" : "ready");
+    setText(age, duration(model.ageMs(now.since)));
+    setText(given, params(now.params));
+    setText(from, `${programName(now.program)} line ${now.line} · seq ${now.seq}${now.attempt > 1 ? ` · attempt ${now.attempt}` : ""}`);
+    setText(handler, lost ? "Redo starts the handler anew; Verify lets it look at the machine first." : handlerText(now));
+    setAttr(handler, "hidden", !handler.textContent);
+    setAttr(bar, "hidden", now.progress?.percent === undefined);
+    if (now.progress?.percent !== undefined) bar.value = now.progress.percent;
+    setAttr(bar, "aria-label", `Progress of M${now.m}`);
+    setAttr(again, "hidden", !lost);
+    setAttr(reset, "aria-label", `Reset M${now.m} by hand`);
+    setAttr(redo, "aria-label", `Redeliver M${now.m}: do it again from the start`);
+    setAttr(verify, "aria-label", `Redeliver M${now.m}: look at the machine first`);
+    for (const button of [reset, redo, verify]) button.disabled = !model.online;
+  };
+  return { element, render };
+}
+
+/** True when the handler that had the output has gone. @param {import("../main.js").App} app @param {import("../types.d.ts").PendingOutput} output */
+function isLost(app, output) {
+  const state = app.model.current?.state;
+  if (output.state !== "OUTPUT") return false;
+  return output.redelivered || (state?.reason === "HANDLER_LOST" && state.waiting_on?.seq === output.seq);
+}
+
+/** @param {import("../types.d.ts").PendingOutput} output */
+function handlerText({ handler_id, progress }) {
+  if (!handler_id) return progress?.text ?? "";
+  const percent = progress?.percent === undefined ? "" : `, ${Math.round(progress.percent)} %`;
+  return progress ? `${handler_id}: ${progress.text}${percent}` : handler_id;
+}
+
+/** @param {import("../main.js").App} app @param {import("../types.d.ts").PendingOutput | null} output */
+async function resetByHand(app, output) {
+  if (!output) return;
+  const { selected, bootId } = app.model;
+  if (output.handler_id) {
+    const sure = await app.confirm({
+      title: `Reset M${output.m} by hand?`,
+      text: `Handler ${output.handler_id} is working on it. The program goes on at once, whether the machine has finished or not. The handler is told that its work is cancelled.`,
+      yes: `Reset M${output.m}`,
+      no: "Keep waiting",
+    });
+    if (!sure) return;
+  }
+  await app.attempt(async () => {
+    const status = await app.api.resetOutput(selected, bootId ?? "", output.seq);
+    if (status !== "accepted") app.toast(`M${output.m}, seq ${output.seq}, was not reset: ${status}.`, "error");
+  });
+}

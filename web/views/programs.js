@@ -1,0 +1,63 @@
+// Programs of the store.
+
+import { card, fill, h, setAttr, setText } from "../dom.js";
+import { bytes, programName } from "../format.js";
+import { icon } from "../icons.js";
+
+const LOADABLE = new Set(["READY", "PROGRAM_COMPLETED", "STOPPED"]);
+
+/** @type {import("../main.js").View} */
+export const programs = {
+  place: "right",
+  create(app) {
+    const again = h("button", { type: "button", class: "button small" }, icon("reset"), "Read again");
+    again.addEventListener("click", () => void app.readPrograms());
+    const list = h("ul", { class: "list", "aria-label": "Programs of the store" });
+    const empty = h("p", { class: "empty" });
+    let shown = "";
+    const render = () => {
+      const { model } = app;
+      const { programs: known, current } = model;
+      setText(empty, known === null ? "" : "The store is empty.");
+      setAttr(empty, "hidden", known === null || known.length > 0);
+      const key = JSON.stringify(known);
+      if (key !== shown) {
+        shown = key;
+        fill(list, ...(known ?? []).map((program) => entry(app, program)));
+      }
+      for (const item of list.children) {
+        const number = Number(/** @type {HTMLElement} */ (item).dataset.number);
+        const loaded = number === current?.state?.program;
+        setAttr(item, "data-loaded", loaded);
+        const button = /** @type {HTMLButtonElement | null} */ (item.querySelector("button"));
+        const usable = model.online && LOADABLE.has(current?.state?.execution ?? "") && !current?.state?.transition;
+        if (button) button.disabled = !usable;
+      }
+    };
+    return { element: card("programs-card", "Programs", [again], list, empty), render };
+  },
+};
+
+/** @param {import("../main.js").App} app @param {import("../types.d.ts").ProgramInfo} program */
+function entry(app, program) {
+  const load = h("button", { type: "button", class: "button", "aria-label": `Load ${programName(program.number)}` }, icon("load"), "Load");
+  load.addEventListener("click", () => {
+    const cs = app.model.selected;
+    void app.attempt(() => app.api.command(cs, "load", { program: program.number }));
+  });
+  const found = [
+    program.errors > 0 && `${program.errors} ${program.errors === 1 ? "error" : "errors"}`,
+    program.warnings > 0 && `${program.warnings} ${program.warnings === 1 ? "warning" : "warnings"}`,
+  ].filter(Boolean);
+  return h(
+    "li",
+    { class: "stored", "data-number": program.number },
+    h(
+      "div",
+      { class: "grow" },
+      h("div", { class: "row" }, h("strong", {}, programName(program.number)), h("span", { class: "chip loaded-chip" }, "loaded"), found.length > 0 && h("span", { class: "chip", "data-tone": program.errors > 0 ? "alarm" : "attention" }, found.join(", "))),
+      h("p", { class: "muted title" }, program.title || bytes(program.bytes)),
+    ),
+    load,
+  );
+}

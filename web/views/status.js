@@ -1,0 +1,61 @@
+// The state word, big, and the sentence beside it.
+
+import { h, setAttr, setText } from "../dom.js";
+import { programName } from "../format.js";
+import { icon, setIcon } from "../icons.js";
+import { announcement, look, sentence } from "../sentence.js";
+
+/** @type {import("../main.js").View} */
+export const status = {
+  place: "banner",
+  create(app) {
+    const sign = icon("ready");
+    const word = h("span", { class: "word" });
+    const said = h("p", { class: "sentence" });
+    const detail = h("p", { class: "detail" });
+    const live = h("p", { class: "visually-hidden", "aria-live": "polite" });
+    const element = h(
+      "section",
+      { class: "status", "aria-label": "State" },
+      h("div", { class: "state-word" }, sign, word),
+      h("div", { class: "said" }, said, detail),
+      live,
+    );
+    const render = () => {
+      const { model } = app;
+      const system = model.current;
+      const state = system?.state;
+      if (!system || !state) {
+        setText(word, "…");
+        setText(said, "Waiting for the machine.");
+        return;
+      }
+      const { tone, icon: name, word: text } = look(state);
+      setAttr(element, "data-tone", tone);
+      setAttr(element, "data-execution", state.execution);
+      setIcon(sign, name);
+      setText(word, text);
+      setText(said, sentence(system, model.alarms, (ts) => model.ageMs(ts)));
+      setText(detail, details(system, model.programs));
+      setText(live, announcement(system, model.alarms));
+    };
+    return { element, render };
+  },
+};
+
+/**
+ * @param {import("../model.js").CoordinateSystem} system
+ * @param {import("../types.d.ts").ProgramInfo[] | null} programs
+ */
+function details({ state, modal, info }, programs) {
+  const parts = [];
+  if (state?.program !== null && state?.program !== undefined) {
+    const title = programs?.find((program) => program.number === state.program)?.title;
+    parts.push(title ? `${programName(state.program)} ${title}` : programName(state.program));
+  }
+  if (modal?.work_offset) parts.push(modal.work_offset);
+  if (modal && info.spindle !== null) parts.push(modal.tool > 0 ? `T${modal.tool}` : "no tool");
+  if (state?.single_block) parts.push("single block");
+  if (state?.dry_run) parts.push("dry run");
+  return parts.join("  ·  ");
+}
