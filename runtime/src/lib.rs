@@ -1,1 +1,21 @@
-//! PLC-side runtime that emulates the sequence-control interface of an NC integrated controller.
+//! The Tandem runtime: the coordinator of CNC coordinate systems, and the only place that knows every stage.
+//!
+//! `runtime/ARCHITECTURE.md` in the repository follows one G01 and one M100 through the code.
+
+
+mod clock;
+mod config;
+mod coordinate_system;
+mod coordinator;
+pub mod journal;
+mod port;
+pub mod program_store;
+mod sequence;
+mod servo_thread;
+mod shared;
+pub mod simulation;
+
+pub use clock::Clock;
+pub use config::{Config, ConfigError, Machine, MCodeSettings, Stock, Unhandled};
+pub use coordinator::{Runtime, StartError};
+pub use servo_thread::{JITTER_BUCKETS, ServoStatistics};

@@ -59,6 +59,7 @@ alarms! {
     PROGRAM_NOT_FOUND = 20, "The program is not in the store", "Load the program, or correct its number.";
     STEP_LIMIT = 21, "The program makes no progress", "Look for a loop that neither moves nor waits.";
     PROGRAM_END_MISSING = 22, "The program ran past its last block", "End a main program with M30, a subprogram with M99.";
+    PROGRAM_WARNING = 30, "The program was not carried out as written", "Look at the line that the text names.";
     // 100 to 199: path and motion
     AXIS_MISSING = 100, "The coordinate system does not have this axis", "Remove the word, or assign a motor to the axis.";
     FEEDRATE_MISSING = 101, "No feedrate is programmed", "Write F before the first cutting block, or set default_feedrate.";
@@ -74,6 +75,8 @@ alarms! {
     M_CODE_TIMEOUT = 301, "The M code was not reset in time", "Look at the handler, or raise timeout_ms.";
     OUTPUT_FAILED = 302, "The M code was failed by hand", "Look at the machine, then reset.";
     // 400 to 499: runtime
+    SIMULATION_STALLED = 390, "The program waits for something that never comes", "Look at what it waits for; give the M code a handler or unhandled = \"auto_reset\".";
+    SIMULATION_LIMIT = 391, "The program did not end within the time limit", "Look for a loop, or raise --max-time-s.";
     RUNTIME_FAULT = 400, "The coordinate system's task failed", "Reset; report the log if it happens again.";
 }
 

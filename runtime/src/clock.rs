@@ -1,0 +1,184 @@
+//! The clock: the only place of the runtime that reads time. Real time, or time that a simulation counts.
+
+use std::collections::BTreeMap;
+use std::future::Future;
+use std::pin::Pin;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::task::{Context, Poll, Waker};
+use std::time::{Duration, Instant, SystemTime};
+
+/// Wall time of a simulation's start: 2000-01-01T00:00:00Z, so that equal runs give equal bytes.
+const SIMULATION_EPOCH_S: u64 = 946_684_800;
+
+/// Time since the runtime's start. Cloning gives another handle to the same clock.
+#[derive(Debug, Clone)]
+pub struct Clock(Kind);
+
+#[derive(Debug, Clone)]
+enum Kind {
+    Real { start: Instant, wall: SystemTime },
+    Simulated(Arc<Mutex<SimulatedTime>>),
+}
+
+#[derive(Debug, Default)]
+struct SimulatedTime {
+    now_ns: u64,
+    timers: BTreeMap<(u64, u64), Waker>,
+    next_id: u64,
+}
+
+impl Clock {
+    /// Real time, from now.
+    pub fn real() -> Self {
+        Self(Kind::Real { start: Instant::now(), wall: SystemTime::now() })
+    }
+
+    /// Simulated time, at 0.
+    pub fn simulated() -> Self {
+        Self(Kind::Simulated(Arc::default()))
+    }
+
+    /// True for simulated time.
+    pub fn is_simulated(&self) -> bool {
+        matches!(self.0, Kind::Simulated(_))
+    }
+
+    /// Seconds since the start.
+    pub fn now_s(&self) -> f64 {
+        match &self.0 {
+            Kind::Real { start, .. } => start.elapsed().as_secs_f64(),
+            Kind::Simulated(time) => lock(time).now_ns as f64 / 1e9,
+        }
+    }
+
+    /// Wall time.
+    pub fn wall(&self) -> SystemTime {
+        match &self.0 {
+            Kind::Real { start, wall } => *wall + start.elapsed(),
+            Kind::Simulated(time) => {
+                SystemTime::UNIX_EPOCH
+                    + Duration::from_secs(SIMULATION_EPOCH_S)
+                    + Duration::from_nanos(lock(time).now_ns)
+            }
+        }
+    }
+
+    /// Sleeps for a time of this clock.
+    pub async fn sleep(&self, duration: Duration) {
+        match &self.0 {
+            Kind::Real { .. } => tokio::time::sleep(duration).await,
+            Kind::Simulated(time) => {
+                let duration_ns = u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX);
+                let deadline_ns = lock(time).now_ns.saturating_add(duration_ns);
+                Sleep { time: Arc::clone(time), deadline_ns, id: None }.await;
+            }
+        }
+    }
+
+    /// Sleeps until `at_s` seconds after the start.
+    pub async fn sleep_until_s(&self, at_s: f64) {
+        let left_s = (at_s - self.now_s()).clamp(0.0, 1e9);
+        self.sleep(Duration::from_secs_f64(left_s)).await;
+    }
+
+    /// Simulated time only: sets the time.
+    pub(crate) fn set_ns(&self, now_ns: u64) {
+        if let Kind::Simulated(time) = &self.0 {
+            lock(time).now_ns = now_ns;
+        }
+    }
+
+    /// Simulated time only: wakes every sleeper whose time has come. True when there was one.
+    pub(crate) fn wake_due(&self) -> bool {
+        let Kind::Simulated(time) = &self.0 else { return false };
+        let mut woken = false;
+        loop {
+            let mut time = lock(time);
+            let now_ns = time.now_ns;
+            let Some(entry) = time.timers.first_entry().filter(|entry| entry.key().0 <= now_ns) else {
+                return woken;
+            };
+            let waker = entry.remove();
+            drop(time);
+            waker.wake();
+            woken = true;
+        }
+    }
+
+    /// Simulated time only: when the next sleeper is due, ns.
+    pub(crate) fn next_due_ns(&self) -> Option<u64> {
+        let Kind::Simulated(time) = &self.0 else { return None };
+        lock(time).timers.keys().next().map(|(at_ns, _)| *at_ns)
+    }
+}
+
+struct Sleep {
+    time: Arc<Mutex<SimulatedTime>>,
+    deadline_ns: u64,
+    id: Option<u64>,
+}
+
+impl Future for Sleep {
+    type Output = ();
+
+    fn poll(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<()> {
+        let shared = Arc::clone(&self.time);
+        let mut time = lock(&shared);
+        if time.now_ns >= self.deadline_ns {
+            return Poll::Ready(());
+        }
+        let id = *self.id.get_or_insert_with(|| {
+            time.next_id += 1;
+            time.next_id
+        });
+        time.timers.insert((self.deadline_ns, id), context.waker().clone());
+        Poll::Pending
+    }
+}
+
+impl Drop for Sleep {
+    fn drop(&mut self) {
+        if let Some(id) = self.id {
+            lock(&self.time).timers.remove(&(self.deadline_ns, id));
+        }
+    }
+}
+
+// A poisoned lock means a panic elsewhere while a value was being stored; the values themselves are whole.
+fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn sleepers_wake_in_the_order_of_their_times() {
+        let clock = Clock::simulated();
+        let (first, second) = (clock.clone(), clock.clone());
+        let late = tokio::spawn(async move {
+            second.sleep(Duration::from_millis(20)).await;
+            second.now_s()
+        });
+        let early = tokio::spawn(async move {
+            first.sleep(Duration::from_millis(10)).await;
+            first.now_s()
+        });
+        tokio::task::yield_now().await;
+        while let Some(at_ns) = clock.next_due_ns() {
+            clock.set_ns(at_ns);
+            assert!(clock.wake_due());
+            tokio::task::yield_now().await;
+        }
+        assert_eq!((early.await.ok(), late.await.ok()), (Some(0.01), Some(0.02)));
+    }
+
+    #[tokio::test]
+    async fn a_dropped_sleeper_leaves_no_timer() {
+        let clock = Clock::simulated();
+        let sleep = clock.sleep(Duration::from_secs(1));
+        assert!(futures_util::future::FutureExt::now_or_never(sleep).is_none());
+        assert_eq!(clock.next_due_ns(), None);
+    }
+}

@@ -1,0 +1,366 @@
+//! The configuration: `tandem.toml` as a user writes it.
+//!
+//! Every key is documented in the project's interface page. A key that nothing reads is an error that names it and
+//! the nearest known one. [`Config::resolve`] turns the text's values into the settings that the stages take.
+
+mod demo;
+mod error;
+mod resolve;
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+
+pub use error::ConfigError;
+pub use resolve::{CoordinateSystem, MCodeSettings, Machine, ProgramSource, Stock, Unhandled};
+
+/// A whole configuration.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// `[machine]`
+    #[serde(default)]
+    pub machine: MachineConfig,
+    /// `[[motor]]`
+    #[serde(default)]
+    pub motor: Vec<MotorConfig>,
+    /// `[[coordinate_system]]`
+    #[serde(default)]
+    pub coordinate_system: Vec<CoordinateSystemConfig>,
+    /// `[[tool]]`
+    #[serde(default)]
+    pub tool: Vec<ToolConfig>,
+    /// `[m_code.N]`
+    #[serde(default)]
+    pub m_code: BTreeMap<String, MCodeConfig>,
+    /// `[[simulated_skip]]`
+    #[serde(default)]
+    pub simulated_skip: Vec<SimulatedSkipConfig>,
+    /// `[mqtt]`
+    #[serde(default)]
+    pub mqtt: MqttConfig,
+    /// `[http]`
+    #[serde(default)]
+    pub http: HttpConfig,
+    /// Folder that relative paths start from.
+    #[serde(skip)]
+    pub base_dir: PathBuf,
+    /// Programs that come with the configuration itself, by their path in it.
+    #[serde(skip)]
+    pub embedded_programs: BTreeMap<&'static str, &'static str>,
+    /// True for the built-in demo machine, which brings its own sequence program.
+    #[serde(skip)]
+    pub is_demo: bool,
+}
+
+/// `[machine]`
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct MachineConfig {
+    /// MQTT topic level: lower-case letters, digits and hyphens, 1 to 32.
+    pub name: String,
+    /// Servo period, 125 to 10000 microseconds.
+    pub servo_period_us: u64,
+    /// Folder of programs and what else is kept.
+    pub data_dir: PathBuf,
+}
+
+impl Default for MachineConfig {
+    fn default() -> Self {
+        Self { name: "mill-1".into(), servo_period_us: 1000, data_dir: "tandem-data".into() }
+    }
+}
+
+/// `[[motor]]`
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MotorConfig {
+    /// CNC motor number.
+    pub number: u16,
+    /// `linear`, `rotary` or `spindle`.
+    pub kind: MotorKindConfig,
+    /// Units per second (spindle: r/min).
+    pub max_velocity: f64,
+    /// Units per second squared (spindle: r/min per s).
+    pub max_acceleration: f64,
+    /// Units per second cubed.
+    pub max_jerk: Option<f64>,
+    /// Speed of G00; default `max_velocity`.
+    pub rapid_velocity: Option<f64>,
+    /// Acceleration of G00; default `max_acceleration`.
+    pub rapid_acceleration: Option<f64>,
+    /// Speed of G31; default a tenth of `max_velocity`.
+    pub skip_velocity: Option<f64>,
+    /// Window for exact stop, units.
+    #[serde(default = "default_in_position")]
+    pub in_position: f64,
+    /// Lowest and highest machine position.
+    pub soft_limits: Option<[f64; 2]>,
+    /// First to fourth reference point.
+    #[serde(default)]
+    pub reference_points: [f64; 4],
+    /// Time to come into position, ms.
+    #[serde(default = "default_in_position_timeout_ms")]
+    pub in_position_timeout_ms: f64,
+    /// Following error of the simulated drive as a time constant, ms.
+    #[serde(default)]
+    pub lag_ms: f64,
+    /// Spindle: speed of orientation, r/min.
+    #[serde(default = "default_orientation_velocity")]
+    pub orientation_velocity: f64,
+    /// Spindle: position of orientation, degrees.
+    #[serde(default)]
+    pub orientation_position: f64,
+}
+
+fn default_in_position() -> f64 {
+    0.01
+}
+fn default_in_position_timeout_ms() -> f64 {
+    2000.0
+}
+fn default_orientation_velocity() -> f64 {
+    100.0
+}
+
+/// What a motor moves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum MotorKindConfig {
+    /// mm
+    Linear,
+    /// degrees
+    Rotary,
+    /// r/min
+    Spindle,
+}
+
+/// `[[coordinate_system]]`
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CoordinateSystemConfig {
+    /// From 1.
+    pub number: u8,
+    /// `nj`.
+    #[serde(default = "default_dialect")]
+    pub dialect: String,
+    /// Axis letter to motor number.
+    pub axes: BTreeMap<String, u16>,
+    /// Motor number of the spindle.
+    pub spindle: Option<u16>,
+    /// Units per minute.
+    #[serde(default = "default_max_feedrate")]
+    pub max_feedrate: f64,
+    /// Units per minute; 0: F must be programmed.
+    #[serde(default)]
+    pub default_feedrate: f64,
+    /// ms
+    #[serde(default = "default_ta_ms")]
+    pub default_ta_ms: f64,
+    /// ms
+    #[serde(default = "default_ta_ms")]
+    pub default_td_ms: f64,
+    /// ms
+    #[serde(default = "default_ts_ms")]
+    pub default_ts_ms: f64,
+    /// `mm` or `inch`.
+    #[serde(default = "default_units")]
+    pub units: String,
+    /// Program number to file.
+    #[serde(default)]
+    pub programs: BTreeMap<String, String>,
+    /// deg/min for blocks of rotary axes only; 0: F.
+    #[serde(default)]
+    pub rotary_feedrate: f64,
+    /// `shrink` or `extend`.
+    #[serde(default = "default_short_block")]
+    pub short_block: String,
+    /// mm
+    #[serde(default = "default_in_position")]
+    pub arc_radius_tolerance: f64,
+    /// mm
+    #[serde(default)]
+    pub spiral_tolerance: f64,
+    /// `centre` or `edge`.
+    #[serde(default = "default_compensation_feed")]
+    pub compensation_feed: String,
+    /// `detect` or `prevent`.
+    #[serde(default = "default_overcut")]
+    pub overcut: String,
+    /// ms for 0 to 100 percent.
+    #[serde(default = "default_override_slew_ms")]
+    pub override_slew_ms: f64,
+    /// ms for 100 percent to rest.
+    #[serde(default = "default_hold_slew_ms")]
+    pub hold_slew_ms: f64,
+    /// Blocks read ahead.
+    #[serde(default = "default_pre_read_blocks")]
+    pub pre_read_blocks: usize,
+    /// Outputs open at the same time.
+    #[serde(default = "default_open_outputs_max")]
+    pub open_outputs_max: usize,
+    /// `G54` to `G59`: axis letter to offset.
+    #[serde(default)]
+    pub work_offset: BTreeMap<String, BTreeMap<String, f64>>,
+}
+
+fn default_dialect() -> String {
+    "nj".into()
+}
+fn default_max_feedrate() -> f64 {
+    10_000.0
+}
+fn default_ta_ms() -> f64 {
+    100.0
+}
+fn default_ts_ms() -> f64 {
+    50.0
+}
+fn default_units() -> String {
+    "mm".into()
+}
+fn default_short_block() -> String {
+    "shrink".into()
+}
+fn default_compensation_feed() -> String {
+    "centre".into()
+}
+fn default_overcut() -> String {
+    "detect".into()
+}
+fn default_override_slew_ms() -> f64 {
+    1000.0
+}
+fn default_hold_slew_ms() -> f64 {
+    200.0
+}
+fn default_pre_read_blocks() -> usize {
+    10_000
+}
+fn default_open_outputs_max() -> usize {
+    64
+}
+
+/// `[[tool]]`
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ToolConfig {
+    /// Tool number, from 1.
+    pub id: u16,
+    /// mm
+    #[serde(default)]
+    pub radius: f64,
+    /// mm
+    #[serde(default)]
+    pub length: f64,
+}
+
+/// `[m_code.N]`
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct MCodeConfig {
+    /// `after_motion` or `with_motion`.
+    pub timing: plc_api::types::output::Timing,
+    /// What happens when no handler is registered.
+    pub unhandled: Option<Unhandled>,
+    /// Time limit of the reset.
+    pub timeout_ms: Option<u64>,
+    /// What the state shows while it is waited for.
+    pub wait_state: Option<String>,
+    /// What the stock sequence program does.
+    pub stock: Option<Stock>,
+    /// How long the stock sequence program takes, ms.
+    pub simulated_ms: f64,
+}
+
+/// `[[simulated_skip]]`
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SimulatedSkipConfig {
+    /// Motor number.
+    pub motor: u16,
+    /// On below this machine position.
+    pub below: Option<f64>,
+    /// On above this machine position.
+    pub above: Option<f64>,
+}
+
+/// `[mqtt]`
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct MqttConfig {
+    /// `embedded`, or `mqtt://host:1883`.
+    pub broker: String,
+    /// Address of the embedded broker.
+    pub listen: String,
+    /// Of an external broker.
+    pub username: Option<String>,
+    /// Of an external broker.
+    pub password_file: Option<PathBuf>,
+    /// TLS: certificate authority.
+    pub ca_file: Option<PathBuf>,
+    /// TLS: client certificate.
+    pub client_cert_file: Option<PathBuf>,
+    /// TLS: key of the client certificate.
+    pub client_key_file: Option<PathBuf>,
+    /// Topic levels before `tandem/`.
+    pub prefix: String,
+    /// `continue` or `hold_at_wait`.
+    pub on_bus_loss: String,
+}
+
+impl Default for MqttConfig {
+    fn default() -> Self {
+        Self {
+            broker: "embedded".into(),
+            listen: "127.0.0.1:1883".into(),
+            username: None,
+            password_file: None,
+            ca_file: None,
+            client_cert_file: None,
+            client_key_file: None,
+            prefix: String::new(),
+            on_bus_loss: "continue".into(),
+        }
+    }
+}
+
+/// `[http]`
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct HttpConfig {
+    /// Address of REST, WebSocket and HMI.
+    pub listen: String,
+    /// Bearer tokens with roles.
+    pub token_file: Option<PathBuf>,
+}
+
+impl Default for HttpConfig {
+    fn default() -> Self {
+        Self { listen: "127.0.0.1:8080".into(), token_file: None }
+    }
+}
+
+impl Config {
+    /// Reads a configuration file.
+    ///
+    /// # Errors
+    /// The file cannot be read, or [`Config::from_toml`] refuses it.
+    pub fn read(path: &Path) -> Result<Config, ConfigError> {
+        let text = std::fs::read_to_string(path)
+            .map_err(|error| ConfigError::Unreadable { path: path.to_owned(), error })?;
+        let base_dir = path.parent().unwrap_or(Path::new("")).to_owned();
+        Self::from_toml(&text, base_dir).map_err(|error| error.in_file(path))
+    }
+
+    /// Reads a configuration text; relative paths in it start from `base_dir`.
+    ///
+    /// # Errors
+    /// The text is not TOML, a key is unknown (the nearest known one is named), or a value is of the wrong type.
+    pub fn from_toml(text: &str, base_dir: impl Into<PathBuf>) -> Result<Config, ConfigError> {
+        let mut config: Config = toml::from_str(text).map_err(|error| ConfigError::text(text, &error))?;
+        config.base_dir = base_dir.into();
+        Ok(config)
+    }
+}

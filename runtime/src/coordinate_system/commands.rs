@@ -1,0 +1,326 @@
+//! Commands: judged and carried out one after another; hold, stop and abort wait for nothing.
+
+use std::collections::{BTreeSet, BTreeMap};
+use std::sync::Arc;
+
+use plc_api::types::command::{Command, CommandMeta, CommandReply, CommandStatus, Verb};
+use plc_api::types::output::CancelReason;
+use plc_api::types::program::{DiagnosticSeverity, ProgramDiagnostic};
+use plc_api::types::request::{Answer, Refusal, RefusalCode};
+use plc_api::types::state::{Execution, Reason, Transition};
+use plc_api::types::topic::CsTopic;
+use serde_json::json;
+use tandem_interp::{CheckContext, check};
+use tandem_servo::Control;
+use tokio::sync::oneshot;
+
+use super::execution::{Situation, word};
+use super::preparation::Phase;
+use super::{CoordinateSystem, Held, Run};
+use crate::journal::Entry;
+use crate::program_store::{StoredProgram, locate};
+
+/// Commands that wait for a transition to end. A further one is refused.
+const DEFERRED_MAX: usize = 256;
+
+type Reply = oneshot::Sender<Result<Answer, Refusal>>;
+
+/// A command that is to be judged.
+pub(super) struct Deferred {
+    pub command: Command,
+    pub meta: CommandMeta,
+    pub wait: bool,
+    pub reply: Reply,
+}
+
+/// A command that was accepted and whose effect is still to come.
+pub(super) struct Awaiting {
+    meta: CommandMeta,
+    verb: Verb,
+    reply: Option<Reply>,
+}
+
+impl Awaiting {
+    /// Done when the machine rests under feed hold.
+    pub fn is_hold(&self) -> bool {
+        self.verb == Verb::Hold
+    }
+
+    /// Done when a run has been ended and the machine rests. A hold that an end overtook is done then, too.
+    pub fn is_end(&self) -> bool {
+        matches!(self.verb, Verb::Hold | Verb::Stop | Verb::Abort | Verb::Reset)
+    }
+}
+
+impl CoordinateSystem {
+    pub(super) fn command(&mut self, command: Deferred) {
+        let urgent = matches!(command.command.verb(), Verb::Hold | Verb::Stop | Verb::Abort);
+        if urgent {
+            self.carry_out_command(command);
+        } else if self.deferred.len() >= DEFERRED_MAX {
+            let refusal = Refusal::new(RefusalCode::Unavailable, "too many commands wait; try again");
+            self.reject(&command.meta, refusal, command.reply);
+        } else {
+            self.deferred.push_back(command);
+            self.carry_out_deferred();
+        }
+        self.publish_changes();
+    }
+
+    /// Each command is judged against the state that those before it have left.
+    pub(super) fn carry_out_deferred(&mut self) {
+        while !self.is_in_transition() {
+            let Some(command) = self.deferred.pop_front() else { return };
+            self.carry_out_command(command);
+        }
+    }
+
+    fn is_in_transition(&self) -> bool {
+        self.ending.is_some() || self.run.as_ref().is_some_and(|run| run.held == Held::Holding)
+    }
+
+    fn carry_out_command(&mut self, command: Deferred) {
+        let Deferred { command, meta, wait, reply } = command;
+        let verb = command.verb();
+        let judged = self.judge(verb, &meta).and_then(|()| self.prepare_command(&command));
+        let (text, start) = match judged {
+            Ok(prepared) => prepared,
+            Err(refusal) => return self.reject(&meta, refusal, reply),
+        };
+        self.last_command_id = Some(meta.command_id.clone());
+        let fields = json!({"verb": verb, "command_id": meta.command_id, "client_id": meta.client_id});
+        self.shared.record(self.number, Entry::new("command", fields));
+        let accepted = self.say(&meta, CommandStatus::Accepted, "ok", &text);
+        let mut reply = Some(reply);
+        if !wait && let Some(reply) = reply.take() {
+            // The asker may have gone; the command is carried out all the same.
+            let _ = reply.send(Ok(Answer::Command(accepted)));
+        }
+        self.awaiting.push(Awaiting { meta, verb, reply });
+        if self.take_effect(command, start) {
+            self.complete(&|awaiting| awaiting.verb == verb);
+        }
+    }
+
+    fn judge(&self, verb: Verb, meta: &CommandMeta) -> Result<(), Refusal> {
+        let failed = |text: String| Err(Refusal::new(RefusalCode::PreconditionFailed, text));
+        if let Some(expect) = &meta.expect {
+            if expect.boot_id.as_ref().is_some_and(|boot_id| *boot_id != self.shared.boot_id) {
+                return failed("the runtime was started again since; read its state".into());
+            }
+            let rev = self.state_rev();
+            if expect.state_rev.is_some_and(|expected| expected != rev) {
+                return failed(format!("the state has changed since; its rev is {rev} now"));
+            }
+        }
+        self.situation().judge(verb)?;
+        if verb == Verb::Start && self.inputs.start_lock.value {
+            let why = &self.inputs.start_lock.text;
+            return Err(Refusal::new(RefusalCode::StartLocked, format!("the start lock is on: {why}")));
+        }
+        Ok(())
+    }
+
+    fn situation(&self) -> Situation {
+        Situation {
+            execution: self.execution().0,
+            program_loaded: self.program.is_some(),
+            alarm_active: self.shared.alarm_count(self.number) > 0,
+        }
+    }
+
+    /// What can still refuse a command, and what it needs: nothing has changed when it does.
+    fn prepare_command(&self, command: &Command) -> Result<(String, Option<Run>), Refusal> {
+        match command {
+            Command::Load { program } => Ok((self.check_program(*program)?, None)),
+            Command::Start => {
+                let number = self.program.unwrap_or_default();
+                self.check_program(number)?;
+                let all = self.shared.store.all();
+                let programs: BTreeMap<_, _> =
+                    all.iter().map(|(number, program)| (*number, Arc::clone(&program.tree))).collect();
+                let id = format!("{}-{}", self.number, self.runs + 1);
+                let run = Run { id, programs, phase: Phase::Interpret, held: Held::No };
+                Ok((String::new(), Some(run)))
+            }
+            _ => Ok((String::new(), None)),
+        }
+    }
+
+    /// Carries a command out. True when its effect is reached at once.
+    fn take_effect(&mut self, command: Command, start: Option<Run>) -> bool {
+        match command {
+            Command::Load { program } => {
+                self.program = Some(program);
+                self.idle = (Execution::Ready, None);
+                true
+            }
+            Command::Start => {
+                if let Some(run) = start {
+                    self.start(run);
+                }
+                true
+            }
+            Command::Hold => self.hold(),
+            Command::Resume => {
+                self.resume();
+                true
+            }
+            Command::Stop => self.stop(CancelReason::Stop, Reason::Stop),
+            Command::Abort => self.stop(CancelReason::Abort, Reason::Aborted),
+            Command::Reset => {
+                self.shared.clear_alarms(self.number);
+                let into = match self.program {
+                    Some(_) => (Execution::Ready, None),
+                    None => (Execution::Stopped, Some(Reason::NoProgram)),
+                };
+                self.end_run(CancelReason::Reset, into, Transition::Resetting);
+                false
+            }
+            Command::AlarmAcknowledge { .. } => true,
+        }
+    }
+
+    fn start(&mut self, run: Run) {
+        let Some(number) = self.program else { return };
+        let Some(tree) = run.programs.get(&number) else { return };
+        self.pipeline.interpreter.start(Arc::clone(tree), number);
+        self.runs += 1;
+        let fields = json!({"program": number, "run_id": run.id});
+        self.shared.record(self.number, Entry::new("start", fields));
+        self.inputs.effective_from_line = 1;
+        self.publish_inputs();
+        self.run = Some(run);
+    }
+
+    fn hold(&mut self) -> bool {
+        let Some(run) = &mut self.run else { return true };
+        if matches!(run.phase, Phase::Paused(_)) || run.held == Held::AtRest {
+            return true;
+        }
+        if run.held == Held::No {
+            run.held = Held::Holding;
+            self.servo.control(Control::Hold);
+        }
+        false
+    }
+
+    fn resume(&mut self) {
+        let Some(run) = &mut self.run else { return };
+        match run.phase {
+            Phase::Paused(_) => run.phase = Phase::Interpret,
+            _ => {
+                run.held = Held::No;
+                self.servo.control(Control::Resume);
+                self.put_out_queued();
+            }
+        }
+        self.shared.record(self.number, Entry::new("resume", json!({})));
+    }
+
+    /// Ends the run; without one, or when it is already being ended in the same way, there is nothing to do.
+    fn stop(&mut self, cancel: CancelReason, reason: Reason) -> bool {
+        if self.run.is_none() && self.ending.is_none() {
+            return true;
+        }
+        let into = (Execution::Stopped, Some(reason));
+        if self.run.is_some() || cancel == CancelReason::Abort {
+            self.end_run(cancel, into, Transition::Stopping);
+        }
+        false
+    }
+
+    /// Refuses a program that has errors, its subprograms included; says what is worth knowing.
+    fn check_program(&self, number: u16) -> Result<String, Refusal> {
+        let all = self.shared.store.all();
+        let Some(main) = all.get(&number) else {
+            let text = format!("program {number} is not in the store; write it first");
+            return Err(Refusal::new(RefusalCode::NotFound, text));
+        };
+        let mut errors = Vec::new();
+        let mut m_codes = BTreeSet::new();
+        let (mut seen, mut left) = (BTreeSet::from([number]), vec![Arc::clone(main)]);
+        while let Some(program) = left.pop() {
+            let (found, codes) = self.check_here(&program);
+            m_codes.extend(codes);
+            errors.extend(found.into_iter().map(|diagnostic| ProgramDiagnostic {
+                message: format!("program {}: {}", program.number, diagnostic.message),
+                ..diagnostic
+            }));
+            let called = program.check.programs.iter().filter_map(|called| all.get(called));
+            left.extend(called.filter(|called| seen.insert(called.number)).cloned());
+        }
+        if !errors.is_empty() {
+            let text = format!("program {number} has {} errors", errors.len());
+            return Err(Refusal {
+                diagnostics: errors,
+                ..Refusal::new(RefusalCode::ProgramHasErrors, text)
+            });
+        }
+        let unhandled: Vec<String> = m_codes
+            .into_iter()
+            .filter(|m| !self.shared.is_handled(self.number, *m))
+            .map(|m| format!("M{m:02}"))
+            .collect();
+        if unhandled.is_empty() { Ok(String::new()) } else {
+            Ok(format!("no handler is registered for {}", unhandled.join(", ")))
+        }
+    }
+
+    /// Errors of one program in this coordinate system, and the M codes that it puts out.
+    fn check_here(&self, program: &StoredProgram) -> (Vec<ProgramDiagnostic>, Vec<u16>) {
+        let settings = &self.configured.settings;
+        let context = CheckContext {
+            axes: Some(settings.axes()),
+            max_spindle_speed_r_min: settings.spindle.as_ref().map(|spindle| spindle.max_velocity),
+            ..CheckContext::default()
+        };
+        let of_parser = program.check.diagnostics.iter().cloned();
+        let of_check = locate(program.text(), &check(&program.tree, &context).diagnostics);
+        let mut errors: Vec<ProgramDiagnostic> = Vec::new();
+        for found in of_parser.chain(of_check) {
+            if found.severity == DiagnosticSeverity::Error && !errors.contains(&found) {
+                errors.push(found);
+            }
+        }
+        (errors, program.check.m_codes.clone())
+    }
+
+    fn state_rev(&self) -> u64 {
+        let state = self.shared.hub.read(&self.topic(CsTopic::State));
+        state.and_then(|message| message.rev).unwrap_or(0)
+    }
+
+    fn reject(&mut self, meta: &CommandMeta, refusal: Refusal, reply: Reply) {
+        let code = word(&refusal.code);
+        self.say(meta, CommandStatus::Rejected, &code, &refusal.text);
+        // The asker may have gone; the reply is published, too.
+        let _ = reply.send(Err(refusal));
+    }
+
+    fn say(&self, meta: &CommandMeta, status: CommandStatus, code: &str, text: &str) -> CommandReply {
+        let reply = CommandReply {
+            command_id: meta.command_id.clone(),
+            status,
+            code: code.to_owned(),
+            text: text.to_owned(),
+            state_rev: self.state_rev(),
+        };
+        self.shared.reply(&meta.client_id, reply.clone());
+        reply
+    }
+
+    /// Tells those commands whose effect has been reached.
+    pub(super) fn complete(&mut self, is_done: &dyn Fn(&Awaiting) -> bool) {
+        self.publish_changes();
+        let (done, left): (Vec<_>, Vec<_>) = self.awaiting.drain(..).partition(is_done);
+        self.awaiting = left;
+        for Awaiting { meta, reply, .. } in done {
+            let said = self.say(&meta, CommandStatus::Done, "ok", "");
+            if let Some(reply) = reply {
+                // The asker may have gone; the reply is published, too.
+                let _ = reply.send(Ok(Answer::Command(said)));
+            }
+        }
+    }
+}

@@ -1,0 +1,129 @@
+//! The state machine: what is allowed in which state. Pure.
+
+use plc_api::types::command::Verb;
+use plc_api::types::request::{Refusal, RefusalCode};
+use plc_api::types::state::Execution;
+
+/// What a command is judged by.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Situation {
+    pub execution: Execution,
+    pub program_loaded: bool,
+    pub alarm_active: bool,
+}
+
+const VERBS: [Verb; 8] = [
+    Verb::Load,
+    Verb::Start,
+    Verb::Hold,
+    Verb::Resume,
+    Verb::Stop,
+    Verb::Abort,
+    Verb::Reset,
+    Verb::AlarmAcknowledge,
+];
+
+impl Situation {
+    /// True when the command table of the interface allows the verb here.
+    pub fn allows(self, verb: Verb) -> bool {
+        use Execution::{
+            Active, FeedHold, Interrupted, OptionalStop, ProgramCompleted, ProgramStopped, Ready, Stopped,
+        };
+        match verb {
+            Verb::Hold | Verb::Stop | Verb::Abort | Verb::AlarmAcknowledge => true,
+            Verb::Load => {
+                matches!(self.execution, Ready | ProgramCompleted)
+                    || self.execution == Stopped && !self.alarm_active
+            }
+            Verb::Start => matches!(self.execution, Ready | ProgramCompleted) && self.program_loaded,
+            Verb::Resume => {
+                matches!(self.execution, FeedHold | ProgramStopped | OptionalStop | Interrupted)
+            }
+            Verb::Reset => self.execution != Active,
+        }
+    }
+
+    /// The verbs allowed here.
+    pub fn allowed(self) -> Vec<Verb> {
+        VERBS.into_iter().filter(|verb| self.allows(*verb)).collect()
+    }
+
+    /// Refuses what is not allowed, and says what is.
+    pub fn judge(self, verb: Verb) -> Result<(), Refusal> {
+        if self.allows(verb) {
+            return Ok(());
+        }
+        let (verb_word, state_word) = (word(&verb), word(&self.execution));
+        let advice = match (verb, self.execution) {
+            (Verb::Reset, _) => "hold or stop first",
+            (Verb::Load, Execution::Stopped) => "an alarm is active; reset first",
+            (Verb::Start, Execution::Stopped) if self.program_loaded => "reset first",
+            (Verb::Start, Execution::Stopped | Execution::Ready) => "load a program first",
+            (Verb::Start, Execution::FeedHold | Execution::ProgramStopped | Execution::OptionalStop) => {
+                "resume, or reset to begin at the head"
+            }
+            (Verb::Resume, _) => "there is nothing to resume",
+            _ => "wait until the program ends, or stop it",
+        };
+        let text = format!("{verb_word} is not allowed in {state_word}: {advice}");
+        Err(Refusal {
+            state: Some(self.execution),
+            allowed: self.allowed(),
+            ..Refusal::new(RefusalCode::NotAllowed, text)
+        })
+    }
+}
+
+/// The word of the interface for a value.
+pub(super) fn word(value: &impl serde::Serialize) -> String {
+    match serde_json::to_value(value) {
+        Ok(serde_json::Value::String(word)) => word,
+        _ => String::new(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn allowed(execution: Execution, program_loaded: bool, alarm_active: bool) -> Vec<Verb> {
+        let mut verbs = Situation { execution, program_loaded, alarm_active }.allowed();
+        verbs.retain(|verb| {
+            !matches!(verb, Verb::Hold | Verb::Stop | Verb::Abort | Verb::AlarmAcknowledge)
+        });
+        verbs
+    }
+
+    #[test]
+    fn the_command_table_of_the_interface_holds_in_every_state() {
+        use Execution::*;
+        assert_eq!(allowed(Ready, true, false), [Verb::Load, Verb::Start, Verb::Reset]);
+        assert_eq!(allowed(ProgramCompleted, true, false), [Verb::Load, Verb::Start, Verb::Reset]);
+        assert_eq!(allowed(Active, true, false), []);
+        assert_eq!(allowed(Wait, true, false), [Verb::Reset]);
+        for paused in [FeedHold, ProgramStopped, OptionalStop, Interrupted] {
+            assert_eq!(allowed(paused, true, false), [Verb::Resume, Verb::Reset]);
+        }
+        assert_eq!(allowed(Stopped, true, false), [Verb::Load, Verb::Reset]);
+        assert_eq!(allowed(Stopped, true, true), [Verb::Reset]);
+        assert_eq!(allowed(Ready, false, false), [Verb::Load, Verb::Reset]);
+    }
+
+    #[test]
+    fn hold_stop_and_abort_are_allowed_in_every_state() {
+        for execution in [Execution::Active, Execution::Stopped, Execution::Wait, Execution::Ready] {
+            let situation = Situation { execution, program_loaded: false, alarm_active: true };
+            assert!([Verb::Hold, Verb::Stop, Verb::Abort].into_iter().all(|verb| situation.allows(verb)));
+        }
+    }
+
+    #[test]
+    fn a_refusal_names_the_state_and_what_is_allowed() {
+        let situation =
+            Situation { execution: Execution::Active, program_loaded: true, alarm_active: false };
+        let refusal = situation.judge(Verb::Start).unwrap_err();
+        assert_eq!(refusal.state, Some(Execution::Active));
+        assert!(refusal.text.contains("start is not allowed in ACTIVE"), "{}", refusal.text);
+        assert!(refusal.allowed.contains(&Verb::Stop));
+    }
+}

@@ -1,0 +1,376 @@
+//! One CNC coordinate system as a tokio task.
+//!
+//! The task pulls the stages ahead of the motion into the servo's queue (`preparation`), keeps the ledger of
+//! outputs and resets (`outputs`), carries out commands one after another (`commands`) and publishes what changed
+//! (`publish`). The servo answers by events only; nothing calls back into a stage.
+
+mod commands;
+mod execution;
+mod outputs;
+mod pipeline;
+mod preparation;
+mod publish;
+mod servo_link;
+mod view;
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
+
+use plc_api::handshake::Ledger;
+use plc_api::types::output::{CancelReason, OutputNotice};
+use plc_api::types::request::{Answer, Input, Refusal, RefusalCode, Request};
+use plc_api::types::state::{Execution, Lock, Overrides, Reason, SpindleDirection, Transition};
+use plc_api::types::topic::CsTopic;
+use plc_api::types::CoordinateSystemNumber;
+use tandem_model::MachinePosition;
+use tandem_servo::{ChannelHandle, Event};
+use tandem_syntax::NcProgram;
+use tokio::sync::{Notify, mpsc, oneshot};
+
+use crate::config::CoordinateSystem as Configured;
+use crate::journal::Entry;
+use crate::shared::Shared;
+use commands::{Awaiting, Deferred};
+use outputs::StockWork;
+use pipeline::Pipeline;
+use preparation::Phase;
+use servo_link::ServoLink;
+pub(crate) use view::View;
+
+/// Requests that wait for one coordinate system; a sender waits for room.
+pub(crate) const REQUESTS_MAX: usize = 256;
+
+/// A request on its way to the task, and where its answer goes.
+pub(crate) struct Envelope {
+    pub request: Request,
+    pub reply: oneshot::Sender<Result<Answer, Refusal>>,
+}
+
+/// How the port reaches a coordinate system.
+#[derive(Debug, Clone)]
+pub(crate) struct Handle {
+    pub number: CoordinateSystemNumber,
+    pub requests: mpsc::Sender<Envelope>,
+    /// Hold, stop and abort pass every queue.
+    pub urgent: mpsc::Sender<Envelope>,
+    pub view: Arc<View>,
+}
+
+/// State of the task.
+pub(crate) struct CoordinateSystem {
+    shared: Arc<Shared>,
+    number: CoordinateSystemNumber,
+    configured: Configured,
+    view: Arc<View>,
+    servo: ServoLink,
+    pipeline: Pipeline,
+    ledger: Ledger,
+    /// What each open output said, for alarms and the journal.
+    notices: BTreeMap<u64, OutputNotice>,
+    program: Option<u16>,
+    /// State while no run is under way.
+    idle: (Execution, Option<Reason>),
+    run: Option<Run>,
+    runs: u64,
+    ending: Option<Ending>,
+    inputs: InputValues,
+    stock: Vec<StockWork>,
+    deferred: VecDeque<Deferred>,
+    awaiting: Vec<Awaiting>,
+    last_command_id: Option<String>,
+}
+
+/// A program run.
+struct Run {
+    id: String,
+    programs: BTreeMap<u16, Arc<NcProgram>>,
+    phase: Phase,
+    held: Held,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Held {
+    No,
+    /// Decelerating on the path.
+    Holding,
+    AtRest,
+}
+
+/// A run that is being ended: the machine comes to rest first.
+#[derive(Debug, Clone, Copy)]
+struct Ending {
+    epoch: u32,
+    from: (Execution, Option<Reason>),
+    into: (Execution, Option<Reason>),
+    transition: Transition,
+}
+
+#[derive(Debug, Default)]
+struct InputValues {
+    optional_skip: u32,
+    /// Set and not yet read by the interpreter.
+    optional_skip_fresh: bool,
+    effective_from_line: u32,
+    optional_stop: bool,
+    start_lock: Lock,
+    overrides: Overrides,
+    spindle: (SpindleDirection, f64),
+    tool: u16,
+}
+
+impl CoordinateSystem {
+    pub fn new(
+        shared: Arc<Shared>,
+        configured: Configured,
+        handle: ChannelHandle,
+        first_state: (Execution, Option<Reason>),
+    ) -> Self {
+        let number = configured.settings.number;
+        let view = Arc::new(View::new(&configured.settings, Arc::clone(&handle.readings)));
+        Self {
+            number,
+            view,
+            servo: ServoLink::new(handle),
+            pipeline: Pipeline::new(&configured.settings),
+            ledger: Ledger::new(shared.boot_id.clone(), configured.open_outputs_max),
+            notices: BTreeMap::new(),
+            program: None,
+            idle: first_state,
+            run: None,
+            runs: 0,
+            ending: None,
+            inputs: InputValues::default(),
+            stock: Vec::new(),
+            deferred: VecDeque::new(),
+            awaiting: Vec::new(),
+            last_command_id: None,
+            shared,
+            configured,
+        }
+    }
+
+    pub fn view(&self) -> Arc<View> {
+        Arc::clone(&self.view)
+    }
+
+    /// Runs until the runtime closes.
+    pub async fn run(
+        mut self,
+        mut requests: mpsc::Receiver<Envelope>,
+        mut urgent: mpsc::Receiver<Envelope>,
+        wake: Arc<Notify>,
+    ) {
+        self.publish_all();
+        let clock = self.shared.clock.clone();
+        let closing = self.shared.closing.clone();
+        loop {
+            let busy = self.turn();
+            let deadline_s = self.next_deadline_s();
+            tokio::select! {
+                biased;
+                () = closing.cancelled() => break,
+                Some(envelope) = urgent.recv() => self.handle(envelope),
+                () = wake.notified() => {}
+                Some(envelope) = requests.recv() => self.handle(envelope),
+                () = tokio::task::yield_now(), if busy => {}
+                () = clock.sleep_until_s(deadline_s.unwrap_or(0.0)), if deadline_s.is_some() => {}
+            }
+        }
+        self.ledger.cancel_all(self.shared.now(), CancelReason::Shutdown);
+        self.carry_out_effects();
+    }
+
+    /// One turn: what the servo reported, what is due, what can be prepared. True when there is more to prepare.
+    fn turn(&mut self) -> bool {
+        while let Some(event) = self.servo.next_event() {
+            self.servo_event(event);
+        }
+        let now = self.shared.now();
+        self.ledger.expire(now);
+        self.do_stock_work(now);
+        self.carry_out_effects();
+        self.carry_out_deferred();
+        let busy = self.prepare();
+        self.publish_changes();
+        busy
+    }
+
+    fn next_deadline_s(&self) -> Option<f64> {
+        let stock = self.stock.iter().filter_map(|work| work.due_s);
+        let retry = self.servo.is_backlogged().then(|| self.shared.clock.now_s() + 0.001);
+        self.ledger.next_deadline_s().into_iter().chain(stock).chain(retry).min_by(f64::total_cmp)
+    }
+
+    fn servo_event(&mut self, event: Event) {
+        match event {
+            Event::Started { segment, origin, .. } => {
+                self.follow_changes(segment);
+                self.view.update(|place| place.executing = origin);
+                let fields = serde_json::json!({"program": origin.program, "line": origin.line});
+                self.shared.record(self.number, Entry::new("block", fields));
+            }
+            Event::Finished { segment, .. } => self.servo.finished_segment = segment,
+            Event::Held => {
+                if let Some(run) = &mut self.run
+                    && run.held == Held::Holding
+                {
+                    run.held = Held::AtRest;
+                }
+                self.complete(&Awaiting::is_hold);
+            }
+            Event::Stopped { epoch, position } => self.at_rest(epoch, position),
+            Event::Oriented => self.stock_oriented(),
+            Event::Fault(fault) => {
+                let alarm = fault.alarm();
+                self.raise(alarm.entry.number, alarm.text, alarm.origin);
+            }
+        }
+    }
+
+    /// What was in force ahead of the motion is in force now.
+    fn follow_changes(&mut self, segment: u64) {
+        while self.pipeline.changes.front().is_some_and(|change| change.after_segment < segment) {
+            let Some(change) = self.pipeline.changes.pop_front() else { break };
+            self.publish_modal(&change.modal);
+            self.view.update(|place| {
+                place.transform = change.transform;
+                place.stack = change.stack;
+            });
+        }
+    }
+
+    /// Ends the run, if there is one: outputs are cancelled at once, the state follows when the machine rests.
+    fn end_run(&mut self, reason: CancelReason, into: (Execution, Option<Reason>), transition: Transition) {
+        let from = self.execution();
+        self.ledger.cancel_all(self.shared.now(), reason);
+        self.stock.clear();
+        let epoch = self.servo.stop(reason == CancelReason::Abort);
+        self.ending = Some(Ending { epoch, from, into, transition });
+        if self.run.take().is_some() {
+            let fields = serde_json::json!({"outcome": execution::word(&into.0), "reason": into.1});
+            self.shared.record(self.number, Entry::new("end", fields));
+        }
+        self.carry_out_effects();
+    }
+
+    fn at_rest(&mut self, epoch: u32, position: MachinePosition) {
+        self.pipeline.restart(self.servo.epoch(), position);
+        self.servo.finished_segment = self.pipeline.last_segment();
+        if self.ending.is_some_and(|ending| ending.epoch == epoch)
+            && let Some(ending) = self.ending.take()
+        {
+            self.idle = ending.into;
+            self.complete(&Awaiting::is_end);
+        }
+    }
+
+    /// Raises an alarm: it stops this coordinate system and cancels its outputs.
+    fn raise(&mut self, number: u16, text: String, origin: Option<tandem_model::Origin>) {
+        let record = plc_api::types::machine::AlarmRecord {
+            number,
+            text,
+            cs: Some(self.number),
+            program: origin.map(|origin| origin.program).filter(|program| *program != 0),
+            line: origin.map(|origin| origin.line),
+            column: origin.map(|origin| origin.column),
+            ..Default::default()
+        };
+        let record = self.shared.raise(record);
+        let fields = serde_json::to_value(&record).unwrap_or_default();
+        self.shared.record(self.number, Entry::new("alarm", fields));
+        self.end_run(CancelReason::Alarm, (Execution::Stopped, Some(Reason::Alarm)), Transition::Stopping);
+    }
+
+    fn handle(&mut self, envelope: Envelope) {
+        let Envelope { request, reply } = envelope;
+        let now = self.shared.now();
+        let answer = match request {
+            Request::Command { command, meta, wait, .. } => {
+                self.command(Deferred { command, meta, wait, reply });
+                return;
+            }
+            Request::Claim(_, m, claim) => Ok(Answer::Handshake(self.claim(m, &claim))),
+            Request::Reset(_, m, reset) => Ok(Answer::Handshake(self.reset_output(m, &reset))),
+            Request::Progress(_, m, report) => {
+                let status = self.ledger.progress(now, m, &report);
+                Ok(outputs::handshake_answer(report.seq, &report.handler_id, status))
+            }
+            Request::Redeliver(_, m, redeliver) => {
+                let status = self.ledger.redeliver(now, m, &redeliver);
+                Ok(outputs::handshake_answer(redeliver.seq, "", status))
+            }
+            Request::Handler(id, presence) => {
+                self.handler_changed(&id, &presence);
+                Ok(Answer::Done)
+            }
+            Request::Input(_, input) => self.set_input(input).map(|()| Answer::Done),
+            Request::Spindle(_, command) => {
+                self.command_spindle(command.direction, command.rpm).map(|()| Answer::Done)
+            }
+            Request::Tool(_, id) => {
+                self.inputs.tool = id;
+                self.publish_tool();
+                Ok(Answer::Done)
+            }
+            _ => Err(Refusal::new(RefusalCode::NotSupported, "not a request to a coordinate system")),
+        };
+        self.carry_out_effects();
+        self.publish_changes();
+        // The asker may have gone; what was asked for is done all the same.
+        let _ = reply.send(answer);
+    }
+
+    fn set_input(&mut self, input: Input) -> Result<(), Refusal> {
+        match input {
+            Input::OptionalSkip(set) => {
+                if let Some(number) = set.keys().find(|number| !(1..=31).contains(*number)) {
+                    let text = format!("there is no optional skip {number}; write 1 to 31");
+                    return Err(Refusal::new(RefusalCode::Invalid, text));
+                }
+                for (number, on) in set {
+                    let bit = 1 << (number - 1);
+                    self.inputs.optional_skip =
+                        if on { self.inputs.optional_skip | bit } else { self.inputs.optional_skip & !bit };
+                }
+                self.inputs.optional_skip_fresh = self.run.is_some();
+            }
+            Input::OptionalStop(on) => self.inputs.optional_stop = on,
+            Input::StartLock(lock) => self.inputs.start_lock = lock,
+            Input::Override(change) => self.set_overrides(change)?,
+            Input::SingleBlock(on) => refuse_if(on, "single block")?,
+            Input::DryRun(on) => refuse_if(on, "dry run")?,
+            Input::Interlock(lock) => refuse_if(lock.value, "the interlock")?,
+        }
+        self.publish_inputs();
+        Ok(())
+    }
+
+    fn set_overrides(&mut self, change: plc_api::types::request::OverrideChange) -> Result<(), Refusal> {
+        let overrides = &self.inputs.overrides;
+        let new = Overrides {
+            feed: change.feed.unwrap_or(overrides.feed),
+            rapid: change.rapid.unwrap_or(overrides.rapid),
+            spindle: change.spindle.unwrap_or(overrides.spindle),
+        };
+        for (name, value, high) in
+            [("feed", new.feed, 200.0), ("rapid", new.rapid, 100.0), ("spindle", new.spindle, 200.0)]
+        {
+            if !(0.0..=high).contains(&value) {
+                let text = format!("{name} override {value}: write 0 to {high} percent");
+                return Err(Refusal::new(RefusalCode::Invalid, text));
+            }
+        }
+        self.inputs.overrides = new;
+        self.servo.set_override(new.feed / 100.0, new.rapid / 100.0);
+        self.send_spindle();
+        Ok(())
+    }
+
+    fn topic(&self, topic: CsTopic) -> plc_api::types::topic::Topic {
+        plc_api::types::topic::Topic::cs(self.number, topic)
+    }
+}
+
+fn refuse_if(on: bool, what: &str) -> Result<(), Refusal> {
+    if on { Err(Refusal::new(RefusalCode::NotSupported, format!("{what} is not supported yet"))) } else { Ok(()) }
+}

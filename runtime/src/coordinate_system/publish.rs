@@ -1,0 +1,191 @@
+//! What others see: the state and what belongs to it, published when it has changed.
+
+use plc_api::types::message::Payload;
+use plc_api::types::state::{
+    Captured, Execution, Lock, Modal, OptionalSkip, Reason, Spindle, State, Switch, Tool, Transition,
+    WaitingOn,
+};
+use plc_api::types::Timestamp;
+use plc_api::types::topic::CsTopic;
+use serde_json::json;
+use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
+use tandem_model::Origin;
+
+use super::preparation::Phase;
+use super::{CoordinateSystem, Held};
+use crate::journal::Entry;
+
+impl CoordinateSystem {
+    /// State word and reason of now.
+    pub(super) fn execution(&self) -> (Execution, Option<Reason>) {
+        if let Some(ending) = &self.ending {
+            return ending.from;
+        }
+        let Some(run) = &self.run else { return self.idle };
+        if run.held == Held::AtRest {
+            return (Execution::FeedHold, None);
+        }
+        match &run.phase {
+            Phase::Paused(stop) if stop.optional => (Execution::OptionalStop, None),
+            Phase::Paused(_) => (Execution::ProgramStopped, None),
+            _ => match self.waited_for() {
+                Some(seq) => {
+                    (Execution::Wait, self.ledger.is_lost(seq).then_some(Reason::HandlerLost))
+                }
+                None => (Execution::Active, None),
+            },
+        }
+    }
+
+    /// The output whose reset the program needs before anything else happens.
+    fn waited_for(&self) -> Option<u64> {
+        let run = self.run.as_ref()?;
+        let at_rest = self.servo.finished_segment >= self.pipeline.last_segment();
+        let first_open = || self.ledger.open().first().map(|open| open.notice.seq);
+        match &run.phase {
+            Phase::Reset { seq } => self.ledger.get(*seq).map(|open| open.notice.seq),
+            Phase::Room(output) if at_rest => {
+                let same = self.ledger.open().iter().find(|open| open.notice.m == output.m);
+                same.map(|open| open.notice.seq).or_else(first_open)
+            }
+            Phase::LastOutputs => first_open(),
+            _ => None,
+        }
+    }
+
+    fn state(&self) -> State {
+        let (execution, reason) = self.execution();
+        let waiting_on = self.waited_for().and_then(|seq| self.ledger.get(seq)).map(|open| WaitingOn {
+            m: open.notice.m,
+            seq: open.notice.seq,
+            since: Timestamp::from_system_time(open.since),
+            progress: open.progress.clone(),
+        });
+        let wait_state = waiting_on.as_ref().and_then(|waiting| {
+            self.shared.machine.m_codes.get(&waiting.m).and_then(|settings| settings.wait_state.clone())
+        });
+        let transition = match (&self.ending, &self.run) {
+            (Some(ending), _) => Some(ending.transition),
+            (None, Some(run)) if run.held == Held::Holding => Some(Transition::Holding),
+            _ => None,
+        };
+        State {
+            execution,
+            transition,
+            reason,
+            wait_state,
+            waiting_on,
+            program: self.program,
+            run_id: (self.runs > 0).then(|| format!("{}-{}", self.number, self.runs)),
+            single_block: false,
+            dry_run: false,
+            optional_stop: self.inputs.optional_stop,
+            optional_skip: skip_numbers(self.inputs.optional_skip),
+            alarm_count: self.shared.alarm_count(self.number),
+            last_command_id: self.last_command_id.clone(),
+        }
+    }
+
+    /// Publishes the state, and the program place with it, where they have changed.
+    pub(super) fn publish_changes(&self) {
+        let state = self.state();
+        let before = self.shared.hub.read(&self.topic(CsTopic::State));
+        let place_may_have_jumped = !before.is_some_and(|message| {
+            matches!(&message.payload, Payload::State(before) if before.execution == state.execution)
+        });
+        if place_may_have_jumped {
+            let place = self.view.program(&self.shared.store);
+            self.shared.publish(self.topic(CsTopic::Program), Payload::Program(place));
+        }
+        self.shared.publish(self.topic(CsTopic::State), Payload::State(state));
+    }
+
+    /// Publishes every state topic once, at the start.
+    pub(super) fn publish_all(&self) {
+        self.publish_changes();
+        self.publish_modal(self.pipeline.interpreter.modal());
+        self.publish_inputs();
+        self.publish_spindle();
+        self.publish_tool();
+        self.shared.publish(self.topic(CsTopic::Pending), Payload::Pending(self.ledger.pending()));
+        self.shared.publish(self.topic(CsTopic::Position), Payload::Position(self.view.position()));
+        let motors = &self.configured.settings.motors;
+        let mut numbers: Vec<u16> = motors.iter().flatten().map(|motor| motor.number).collect();
+        numbers.sort_unstable();
+        let captured = Captured {
+            positions: vec![0.0; numbers.len()],
+            captured: vec![false; numbers.len()],
+            motors: numbers,
+            ..Captured::default()
+        };
+        self.shared.publish(self.topic(CsTopic::Captured), Payload::Captured(captured));
+    }
+
+    pub(super) fn publish_inputs(&self) {
+        let requested = skip_numbers(self.inputs.optional_skip);
+        let skip = OptionalSkip {
+            effective: requested.clone(),
+            requested,
+            effective_from_line: self.inputs.effective_from_line,
+        };
+        let switches = [
+            (CsTopic::OptionalStop, self.inputs.optional_stop),
+            (CsTopic::SingleBlock, false),
+            (CsTopic::DryRun, false),
+        ];
+        for (topic, value) in switches {
+            self.shared.publish(self.topic(topic), Payload::Switch(Switch { value }));
+        }
+        self.shared.publish(self.topic(CsTopic::OptionalSkip), Payload::OptionalSkip(skip));
+        self.shared.publish(self.topic(CsTopic::Interlock), Payload::Lock(Lock::default()));
+        self.shared
+            .publish(self.topic(CsTopic::StartLock), Payload::Lock(self.inputs.start_lock.clone()));
+        self.shared.publish(self.topic(CsTopic::Override), Payload::Override(self.inputs.overrides));
+    }
+
+    pub(super) fn publish_spindle(&self) {
+        let (actual_rpm, oriented) = self.view.spindle();
+        let (direction, rpm) = self.inputs.spindle;
+        let spindle = Spindle { direction, rpm, actual_rpm, oriented };
+        self.shared.publish(self.topic(CsTopic::Spindle), Payload::Spindle(spindle));
+    }
+
+    pub(super) fn publish_tool(&self) {
+        self.shared.publish(self.topic(CsTopic::Tool), Payload::Tool(Tool { id: self.inputs.tool }));
+    }
+
+    pub(super) fn publish_modal(&self, modal: &tandem_interp::Modal) {
+        let groups = modal.groups().map(|(group, code)| (group.to_owned(), code.to_owned()));
+        let modal = Modal {
+            g: groups.collect(),
+            f: modal.feedrate_mm_min,
+            s: modal.spindle_speed_r_min,
+            ta: modal.ta_ms,
+            td: modal.td_ms,
+            ts: modal.ts_ms,
+            tool: self.inputs.tool,
+            work_offset: modal.work_offset().map(str::to_owned),
+        };
+        self.shared.publish(self.topic(CsTopic::Modal), Payload::Modal(modal));
+    }
+
+    /// A warning: an alarm of severity warning, which stops nothing.
+    pub(super) fn warn(&self, origin: Origin, text: &str) {
+        let record = self.shared.raise(AlarmRecord {
+            severity: AlarmSeverity::Warning,
+            number: tandem_model::alarm::PROGRAM_WARNING.number,
+            text: text.to_owned(),
+            cs: Some(self.number),
+            program: Some(origin.program),
+            line: Some(origin.line),
+            column: Some(origin.column),
+            ..AlarmRecord::default()
+        });
+        let fields = json!({"program": record.program, "line": record.line, "text": record.text});
+        self.shared.record(self.number, Entry::new("warning", fields));
+    }
+}
+
+fn skip_numbers(bits: u32) -> Vec<u8> {
+    (1..=31).filter(|number| bits & (1 << (number - 1)) != 0).collect()
+}

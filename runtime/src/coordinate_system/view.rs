@@ -1,0 +1,90 @@
+//! What others may see of a coordinate system at any time, without asking its task.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use plc_api::types::state::{CallSite, Position, ProgramPlace};
+use tandem_model::flow::Transform;
+use tandem_model::settings::CoordinateSystemSettings;
+use tandem_model::{AxisSet, AxisVector, Origin};
+use tandem_path::work_position;
+use tandem_servo::Readings;
+
+use crate::program_store::ProgramStore;
+
+/// The servo's readings, and where the program is.
+#[derive(Debug)]
+pub(crate) struct View {
+    axes: AxisSet,
+    readings: Arc<Readings>,
+    place: Mutex<Place>,
+}
+
+/// Where the program is.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Place {
+    pub transform: Transform,
+    pub stack: Arc<[CallSite]>,
+    pub executing: Origin,
+    pub interpreted_line: u32,
+}
+
+impl View {
+    pub fn new(settings: &CoordinateSystemSettings, readings: Arc<Readings>) -> Self {
+        Self { axes: settings.axes(), readings, place: Mutex::default() }
+    }
+
+    pub(super) fn update(&self, change: impl FnOnce(&mut Place)) {
+        change(&mut self.place.lock().unwrap_or_else(PoisonError::into_inner));
+    }
+
+    fn place(&self) -> Place {
+        self.place.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Actual spindle speed, r/min, and whether it is oriented.
+    pub fn spindle(&self) -> (f64, bool) {
+        let reading = self.readings.read();
+        (finite(reading.spindle_rpm), reading.oriented)
+    }
+
+    /// Positions of the last servo cycle.
+    pub fn position(&self) -> Position {
+        let reading = self.readings.read();
+        let work = work_position(&self.place().transform, reading.commanded);
+        Position {
+            machine: self.by_letter(reading.commanded.0),
+            work: self.by_letter(work.0),
+            actual: self.by_letter(reading.actual.0),
+            following_error: self.by_letter(reading.commanded.0.minus(reading.actual.0)),
+            distance_to_go: self.by_letter(reading.distance_to_go),
+            feedrate: finite(reading.feedrate_mm_min),
+            spindle_rpm: finite(reading.spindle_rpm),
+        }
+    }
+
+    /// Where the program is.
+    pub fn program(&self, store: &ProgramStore) -> ProgramPlace {
+        let Place { stack, executing, interpreted_line, .. } = self.place();
+        let number = (executing.program != 0).then_some(executing.program);
+        let program = number.and_then(|number| store.get(number));
+        ProgramPlace {
+            number,
+            nest_level: u8::try_from(stack.len()).unwrap_or(u8::MAX),
+            stack: stack.to_vec(),
+            line: executing.line,
+            block: program.map(|program| program.line(executing.line).to_owned()).unwrap_or_default(),
+            interpreted_line,
+        }
+    }
+
+    fn by_letter(&self, values: AxisVector) -> BTreeMap<String, f64> {
+        self.axes.iter().map(|axis| (axis.letter().to_string(), finite(values[axis]))).collect()
+    }
+}
+
+// JSON has no word for what is not a number; the stages never give one, and no reader shall fail if they did.
+// The sum takes the sign off a negative zero.
+fn finite(value: f64) -> f64 {
+    if value.is_finite() { value + 0.0 } else { 0.0 }
+}

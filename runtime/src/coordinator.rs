@@ -1,0 +1,345 @@
+//! The coordinator: one task for each CNC coordinate system, one servo for all, and the port to all of it.
+
+use std::io;
+use std::future::Future;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+use futures_util::FutureExt;
+use plc_api::port::Port;
+use plc_api::types::BootId;
+use plc_api::types::machine::{
+    AlarmRecord, Birth, CoordinateSystemInfo, Limits, MCodeInfo, MotorInfo, Presence,
+};
+use plc_api::types::message::Payload;
+use plc_api::types::state::{Execution, Reason};
+use plc_api::types::topic::{CsTopic, Topic};
+use tandem_model::alarm::RUNTIME_FAULT;
+use tandem_model::limits::PROGRAM_BYTES_MAX;
+use tandem_model::settings::MotorKind;
+use tandem_servo::{Servo, channel};
+use tokio::sync::{Notify, mpsc};
+use tokio::task::JoinSet;
+
+use crate::clock::Clock;
+use crate::config::{Config, ConfigError, Machine, ProgramSource};
+use crate::coordinate_system::{CoordinateSystem, Handle, REQUESTS_MAX};
+use crate::journal::Journal;
+use crate::port::RuntimePort;
+use crate::program_store::ProgramStore;
+use crate::servo_thread::{ServoStatistics, ServoThread};
+use crate::shared::Shared;
+use crate::simulation::{self, Simulation, SimulationOptions};
+
+/// How often positions and program places are published, at the most.
+const PUBLISH_INTERVAL: Duration = Duration::from_millis(100);
+
+/// Why a runtime does not start.
+#[derive(Debug, thiserror::Error)]
+pub enum StartError {
+    /// The configuration is refused.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// What is kept on disk cannot be reached.
+    #[error("[machine] data_dir = {path}: {error}")]
+    DataDir {
+        /// Which folder.
+        path: String,
+        /// Why.
+        error: io::Error,
+    },
+    /// A program of the configuration cannot be read.
+    #[error("[[coordinate_system]] programs: {number} = {path}: {error}")]
+    Program {
+        /// Program number.
+        number: u16,
+        /// Which file.
+        path: String,
+        /// Why.
+        error: io::Error,
+    },
+    /// The operating system gives no thread.
+    #[error("the servo thread does not start: {0}")]
+    Servo(io::Error),
+    /// A simulated runtime was started outside of [`simulation::run`], or a second one inside it.
+    #[error("a runtime in simulated time starts once inside simulation::run")]
+    NotInSimulation,
+}
+
+/// A running machine. Dropping it stops the servo; [`Runtime::shutdown`] stops it in order.
+#[derive(Debug)]
+pub struct Runtime {
+    shared: Arc<Shared>,
+    port: Arc<RuntimePort>,
+    tasks: JoinSet<()>,
+    servo: Option<ServoThread>,
+    simulation: Option<Arc<Simulation>>,
+}
+
+impl Runtime {
+    /// Starts the machine of a configuration in real time, without server ends.
+    ///
+    /// # Errors
+    /// The configuration, its programs or its data folder are refused, or there is no thread for the servo.
+    pub async fn start(config: Config) -> Result<Runtime, StartError> {
+        let machine = config.resolve()?;
+        let (store, first_state) = open_store(&machine)?;
+        let shared = Shared::new(machine, new_boot_id(), Clock::real(), store, Journal::to_log());
+        let mut parts = Parts::new(Arc::new(shared), first_state);
+        let period = Duration::from_micros(parts.shared.machine.servo_period_us);
+        let servo = ServoThread::start(parts.servo, period, parts.wake).map_err(StartError::Servo)?;
+        parts.tasks.spawn(publish_positions(Arc::clone(&parts.shared), parts.port.handles().to_vec()));
+        Ok(Runtime {
+            shared: parts.shared,
+            port: parts.port,
+            tasks: parts.tasks,
+            servo: Some(servo),
+            simulation: None,
+        })
+    }
+
+    /// Starts a machine in simulated time, inside [`simulation::run`]. It keeps nothing on disk.
+    ///
+    /// # Errors
+    /// A program of the configuration cannot be read, or this is not inside [`simulation::run`].
+    pub async fn start_simulated(
+        machine: Machine,
+        journal: Journal,
+        options: SimulationOptions,
+    ) -> Result<Runtime, StartError> {
+        let slot = simulation::slot().ok_or(StartError::NotInSimulation)?;
+        let machine = Machine { data_dir: None, ..machine };
+        let (store, first_state) = open_store(&machine)?;
+        let clock = Clock::simulated();
+        let boot_id = BootId("simulation".into());
+        let shared = Shared::new(machine, boot_id, clock.clone(), store, journal);
+        let parts = Parts::new(Arc::new(shared), first_state);
+        let period_ns = parts.shared.machine.servo_period_us * 1000;
+        let simulation = Arc::new(Simulation::new(parts.servo, clock, parts.wake, period_ns, options));
+        slot.set(Arc::clone(&simulation)).map_err(|_| StartError::NotInSimulation)?;
+        Ok(Runtime {
+            shared: parts.shared,
+            port: parts.port,
+            tasks: parts.tasks,
+            servo: None,
+            simulation: Some(simulation),
+        })
+    }
+
+    /// The whole sequence-control interface of the machine.
+    pub fn port(&self) -> Arc<dyn Port> {
+        Arc::<RuntimePort>::clone(&self.port)
+    }
+
+    /// The machine as configured.
+    pub fn machine(&self) -> &Machine {
+        &self.shared.machine
+    }
+
+    /// The program store.
+    pub fn store(&self) -> &ProgramStore {
+        &self.shared.store
+    }
+
+    /// How punctual the servo thread is; `None` in simulated time.
+    pub fn servo_statistics(&self) -> Option<Arc<ServoStatistics>> {
+        self.servo.as_ref().map(|servo| Arc::clone(&servo.statistics))
+    }
+
+    /// The simulation; `None` in real time.
+    pub fn simulation(&self) -> Option<Arc<Simulation>> {
+        self.simulation.clone()
+    }
+
+    /// Stops the machine in order: motion comes to rest on its path, outputs are cancelled, the tasks end.
+    pub async fn shutdown(mut self) {
+        self.port.stop_all().await;
+        self.shared.closing.cancel();
+        // The publisher of positions never ends by itself; the coordinate systems end with their request channels.
+        let ended = async { while self.tasks.join_next().await.is_some() {} };
+        let _ = tokio::time::timeout(Duration::from_secs(2), ended).await;
+        self.tasks.shutdown().await;
+        let presence = Presence { online: false, ..presence(&self.shared) };
+        self.shared.publish(Topic::Presence, Payload::Presence(presence));
+    }
+}
+
+/// What both kinds of time have in common.
+struct Parts {
+    shared: Arc<Shared>,
+    port: Arc<RuntimePort>,
+    tasks: JoinSet<()>,
+    servo: Servo,
+    wake: Vec<Arc<Notify>>,
+}
+
+impl Parts {
+    fn new(shared: Arc<Shared>, first_state: (Execution, Option<Reason>)) -> Self {
+        let mut tasks = JoinSet::new();
+        let (mut channels, mut handles, mut wake) = (Vec::new(), Vec::new(), Vec::new());
+        for configured in shared.machine.coordinate_systems.clone() {
+            let number = configured.settings.number;
+            let (servo_end, task_end) = channel(&configured.settings, configured.pre_read_blocks);
+            let system = CoordinateSystem::new(Arc::clone(&shared), configured, task_end, first_state);
+            let (requests, requests_out) = mpsc::channel(REQUESTS_MAX);
+            let (urgent, urgent_out) = mpsc::channel(REQUESTS_MAX);
+            let notify = Arc::new(Notify::new());
+            handles.push(Handle { number, requests, urgent, view: system.view() });
+            channels.push(servo_end);
+            wake.push(Arc::clone(&notify));
+            tasks.spawn(guarded(Arc::clone(&shared), number, system.run(requests_out, urgent_out, notify)));
+        }
+        let servo = Servo::new(channels, shared.machine.servo_period_us as f64 / 1e6);
+        shared.publish(Topic::Birth, Payload::Birth(birth(&shared.machine)));
+        shared.publish(Topic::AlarmActive, Payload::AlarmActive(plc_api::types::machine::ActiveAlarms::default()));
+        shared.publish(Topic::Presence, Payload::Presence(presence(&shared)));
+        let port = Arc::new(RuntimePort::new(Arc::clone(&shared), handles));
+        Self { shared, port, tasks, servo, wake }
+    }
+}
+
+/// One coordinate system's panic must not stop the others: it becomes an alarm.
+async fn guarded(shared: Arc<Shared>, cs: u8, task: impl Future<Output = ()>) {
+    if std::panic::AssertUnwindSafe(task).catch_unwind().await.is_err() {
+        shared.raise(AlarmRecord {
+            number: RUNTIME_FAULT.number,
+            text: format!("{}: {}", RUNTIME_FAULT.title, RUNTIME_FAULT.remedy),
+            cs: Some(cs),
+            ..AlarmRecord::default()
+        });
+    }
+}
+
+async fn publish_positions(shared: Arc<Shared>, handles: Vec<Handle>) {
+    let mut interval = tokio::time::interval(PUBLISH_INTERVAL);
+    interval.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Skip);
+    let mut odd = false;
+    loop {
+        interval.tick().await;
+        odd = !odd;
+        for handle in &handles {
+            let topic = |topic| Topic::cs(handle.number, topic);
+            shared.publish(topic(CsTopic::Position), Payload::Position(handle.view.position()));
+            if odd {
+                let place = handle.view.program(&shared.store);
+                shared.publish(topic(CsTopic::Program), Payload::Program(place));
+            }
+        }
+    }
+}
+
+fn new_boot_id() -> BootId {
+    use std::hash::{BuildHasher, Hasher};
+    // The standard library's hash keys are random for each process.
+    let random = std::collections::hash_map::RandomState::new().build_hasher().finish();
+    BootId(format!("{random:016x}"))
+}
+
+fn presence(shared: &Shared) -> Presence {
+    Presence {
+        online: true,
+        started_at: shared.timestamp(),
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+    }
+}
+
+fn birth(machine: &Machine) -> Birth {
+    let kind = |kind| match kind {
+        MotorKind::Linear => "linear",
+        MotorKind::Rotary => "rotary",
+        MotorKind::Spindle => "spindle",
+    };
+    let systems = machine.coordinate_systems.iter().map(|system| {
+        let axes = system.settings.axes();
+        let motor = |axis: tandem_model::Axis| {
+            let motor = system.settings.motors[axis.index()].as_ref()?;
+            Some((axis.letter().to_string(), motor.number))
+        };
+        CoordinateSystemInfo {
+            number: system.settings.number,
+            axes: axes.iter().filter_map(motor).collect(),
+            spindle: system.settings.spindle.as_ref().map(|motor| motor.number),
+            dialect: system.dialect.clone(),
+            units: system.units.clone(),
+        }
+    });
+    let motors = machine.motors.iter().map(|motor| MotorInfo {
+        number: motor.number,
+        kind: kind(motor.kind).to_owned(),
+        soft_limits: motor.soft_limits,
+        max_velocity: motor.max_velocity,
+    });
+    let m_codes = machine.m_codes.iter().map(|(m, settings)| {
+        let info = MCodeInfo {
+            timing: settings.timing,
+            timeout_ms: settings.timeout_ms,
+            wait_state: settings.wait_state.clone(),
+        };
+        (*m, info)
+    });
+    let open_outputs_max =
+        machine.coordinate_systems.iter().map(|system| system.open_outputs_max).max().unwrap_or_default();
+    Birth {
+        machine: machine.name.clone(),
+        servo_period_us: machine.servo_period_us,
+        coordinate_systems: systems.collect(),
+        motors: motors.collect(),
+        m_codes: m_codes.collect(),
+        limits: Limits {
+            open_outputs_max: u32::try_from(open_outputs_max).unwrap_or(u32::MAX),
+            program_bytes_max: PROGRAM_BYTES_MAX as u64,
+        },
+    }
+}
+
+/// Opens the store and puts the configuration's programs into it; tells what state a coordinate system begins in.
+fn open_store(machine: &Machine) -> Result<(ProgramStore, (Execution, Option<Reason>)), StartError> {
+    let (store, reason) = match &machine.data_dir {
+        None => (ProgramStore::in_memory(), Reason::NoProgram),
+        Some(folder) => {
+            let refused = |error| StartError::DataDir { path: folder.display().to_string(), error };
+            let store = ProgramStore::open(&folder.join("programs")).map_err(refused)?;
+            let reason = mark_started(&folder.join("started")).map_err(refused)?;
+            (store, reason)
+        }
+    };
+    for system in &machine.coordinate_systems {
+        for (number, source) in &system.programs {
+            let path = match source {
+                ProgramSource::File(path) => path.display().to_string(),
+                ProgramSource::Text(_) => "built in".to_owned(),
+            };
+            put_program(&store, *number, source)
+                .map_err(|error| StartError::Program { number: *number, path, error })?;
+        }
+    }
+    Ok((store, (Execution::Stopped, Some(reason))))
+}
+
+/// The newer of the two wins: the configuration's file, or what was written to the store since.
+fn put_program(store: &ProgramStore, number: u16, source: &ProgramSource) -> io::Result<()> {
+    let in_store = store.get(number).is_some();
+    match source {
+        ProgramSource::Text(_) if in_store => {}
+        ProgramSource::Text(text) => {
+            store.write(number, text)?;
+        }
+        ProgramSource::File(path) => {
+            let written = std::fs::metadata(path)?.modified()?;
+            if !in_store || store.written_at(number).is_none_or(|stored| stored < written) {
+                store.write(number, &String::from_utf8_lossy(&std::fs::read(path)?))?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Leaves a mark in the data folder; tells whether it was there before.
+fn mark_started(mark: &Path) -> io::Result<Reason> {
+    if mark.exists() {
+        return Ok(Reason::Restarted);
+    }
+    std::fs::write(mark, "A runtime has been started with this folder.\n")?;
+    Ok(Reason::NoProgram)
+}

@@ -1,0 +1,85 @@
+//! The journal: what happened, in order. To the log when serving, to a file or a list in a simulation.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use plc_api::types::CoordinateSystemNumber;
+use serde_json::{Map, Value, json};
+
+/// Takes each line of the journal.
+pub type Sink = Arc<Mutex<dyn FnMut(&Line) + Send>>;
+
+/// One line of the journal.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Line {
+    /// Seconds since the start.
+    pub t_s: f64,
+    /// Coordinate system.
+    pub cs: CoordinateSystemNumber,
+    /// What happened.
+    pub event: &'static str,
+    /// Its fields.
+    pub fields: Map<String, Value>,
+}
+
+impl Line {
+    /// The line as one JSON object.
+    pub fn to_json(&self) -> Value {
+        let mut object = Map::new();
+        object.insert("t_s".into(), json!(self.t_s));
+        object.insert("cs".into(), json!(self.cs));
+        object.insert("event".into(), json!(self.event));
+        object.extend(self.fields.clone());
+        Value::Object(object)
+    }
+}
+
+/// What a coordinate system reports.
+#[derive(Debug, Clone)]
+pub(crate) struct Entry {
+    pub event: &'static str,
+    pub fields: Value,
+}
+
+impl Entry {
+    /// An entry whose fields are those of a JSON object.
+    pub fn new(event: &'static str, fields: Value) -> Self {
+        Self { event, fields }
+    }
+}
+
+/// Where lines go.
+#[derive(Clone, Default)]
+pub struct Journal {
+    sink: Option<Sink>,
+}
+
+impl std::fmt::Debug for Journal {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Journal").finish_non_exhaustive()
+    }
+}
+
+impl Journal {
+    /// A journal whose lines go to the log.
+    pub fn to_log() -> Self {
+        Self::default()
+    }
+
+    /// A journal whose lines go to `sink`.
+    pub fn to_sink(sink: Sink) -> Self {
+        Self { sink: Some(sink) }
+    }
+
+    pub(crate) fn record(&self, t_s: f64, cs: CoordinateSystemNumber, entry: &Entry) {
+        let fields = match &entry.fields {
+            Value::Object(fields) => fields.clone(),
+            _ => Map::new(),
+        };
+        let line = Line { t_s, cs, event: entry.event, fields };
+        match &self.sink {
+            Some(sink) => (sink.lock().unwrap_or_else(PoisonError::into_inner))(&line),
+            None if entry.event == "block" => tracing::debug!(target: "journal", "{}", line.to_json()),
+            None => tracing::info!(target: "journal", "{}", line.to_json()),
+        }
+    }
+}

@@ -1,0 +1,316 @@
+//! The runtime's own [`Port`]: requests go to the task or the store that they concern, reads are answered from the
+//! hub and the servo's last cycle.
+
+use std::collections::BTreeSet;
+use std::io;
+use std::sync::Arc;
+use std::time::Duration;
+
+use plc_api::hub::{Filter, Subscription};
+use plc_api::port::{BoxFuture, Port};
+use plc_api::types::command::{Command, CommandMeta, CommandReply, CommandStatus, Verb};
+use plc_api::types::message::{Message, Payload};
+use plc_api::types::output::HandlerPresence;
+use plc_api::types::program::ProgramCheck;
+use plc_api::types::request::{Answer, Refusal, RefusalCode, Request};
+use plc_api::types::state::{Execution, Spindle};
+use plc_api::types::topic::{CsTopic, Topic};
+use plc_api::types::{BootId, CoordinateSystemNumber};
+use tandem_model::limits::PROGRAM_BYTES_MAX;
+use tokio::sync::{mpsc, oneshot};
+
+use crate::coordinate_system::{Envelope, Handle};
+use crate::shared::Shared;
+
+/// Characters of a command id.
+const COMMAND_ID_MAX: usize = 128;
+
+/// Characters of a client id and of a handler id: they are MQTT topic levels.
+const CLIENT_ID_MAX: usize = 64;
+
+/// M codes that one handler may say it serves: all of them in every coordinate system.
+const HANDLED_CODES_MAX: usize = 8 * 192;
+
+/// The port of a running machine.
+#[derive(Debug)]
+pub(crate) struct RuntimePort {
+    shared: Arc<Shared>,
+    handles: Vec<Handle>,
+}
+
+impl RuntimePort {
+    pub fn new(shared: Arc<Shared>, handles: Vec<Handle>) -> Self {
+        Self { shared, handles }
+    }
+
+    pub fn handles(&self) -> &[Handle] {
+        &self.handles
+    }
+
+    /// Stops every coordinate system that runs.
+    pub async fn stop_all(&self) {
+        for handle in &self.handles {
+            let meta = CommandMeta {
+                command_id: format!("shutdown-{}", handle.number),
+                client_id: "runtime".into(),
+                ..CommandMeta::default()
+            };
+            let stop = Request::Command { cs: handle.number, command: Command::Stop, meta, wait: true };
+            // Whatever the answer is, the task ends next.
+            let _ = tokio::time::timeout(Duration::from_secs(2), self.request(stop)).await;
+        }
+    }
+
+    fn handle(&self, cs: CoordinateSystemNumber) -> Result<&Handle, Refusal> {
+        self.handles.iter().find(|handle| handle.number == cs).ok_or_else(|| {
+            let numbers: Vec<_> = self.handles.iter().map(|handle| handle.number.to_string()).collect();
+            let text = format!("there is no coordinate system {cs}; there are {}", numbers.join(", "));
+            Refusal::new(RefusalCode::NotFound, text)
+        })
+    }
+
+    async fn ask(&self, queue: &mpsc::Sender<Envelope>, request: Request) -> Result<Answer, Refusal> {
+        let gone = || Refusal::new(RefusalCode::Unavailable, "the runtime is stopping");
+        if self.shared.closing.is_cancelled() {
+            return Err(gone());
+        }
+        let (reply, answer) = oneshot::channel();
+        queue.send(Envelope { request, reply }).await.map_err(|_| gone())?;
+        answer.await.unwrap_or_else(|_| Err(gone()))
+    }
+
+    async fn command(
+        &self,
+        cs: CoordinateSystemNumber,
+        command: Command,
+        meta: CommandMeta,
+        wait: bool,
+    ) -> Result<Answer, Refusal> {
+        let handle = self.handle(cs)?;
+        self.check_meta(&meta)?;
+        if let Some(reply) = self.shared.replied(&meta.command_id) {
+            return Ok(Answer::Command(reply));
+        }
+        if let Command::AlarmAcknowledge { id } = command
+            && !self.shared.acknowledge_alarm(id, &meta.client_id)
+        {
+            return Err(self.reject(&meta, Refusal::new(RefusalCode::NotFound, format!("no alarm {id} is active"))));
+        }
+        let urgent = matches!(command.verb(), Verb::Hold | Verb::Stop | Verb::Abort);
+        let queue = if urgent { &handle.urgent } else { &handle.requests };
+        self.ask(queue, Request::Command { cs, command, meta, wait }).await
+    }
+
+    fn check_meta(&self, meta: &CommandMeta) -> Result<(), Refusal> {
+        let invalid = |text: String| Err(Refusal::new(RefusalCode::Invalid, text));
+        if meta.command_id.is_empty() || meta.command_id.chars().count() > COMMAND_ID_MAX {
+            return invalid(format!("command_id: write 1 to {COMMAND_ID_MAX} characters"));
+        }
+        check_id("client_id", &meta.client_id)?;
+        match (meta.ttl_ms, &meta.issued_at) {
+            (None, _) => Ok(()),
+            (Some(_), None) => invalid("ttl_ms needs issued_at".into()),
+            (Some(ttl_ms), Some(issued_at)) => {
+                let Some(issued) = issued_at.to_system_time() else {
+                    return invalid(format!("issued_at \"{}\": write RFC 3339 in UTC", issued_at.0));
+                };
+                let age = self.shared.clock.wall().duration_since(issued).unwrap_or_default();
+                if age > Duration::from_millis(ttl_ms) {
+                    let text = format!("the command is {} ms old, its ttl_ms is {ttl_ms}", age.as_millis());
+                    return Err(self.reject(meta, Refusal::new(RefusalCode::Expired, text)));
+                }
+                Ok(())
+            }
+        }
+    }
+
+    fn reject(&self, meta: &CommandMeta, refusal: Refusal) -> Refusal {
+        let code = serde_json::to_value(refusal.code).ok();
+        let reply = CommandReply {
+            command_id: meta.command_id.clone(),
+            status: CommandStatus::Rejected,
+            code: code.and_then(|code| code.as_str().map(str::to_owned)).unwrap_or_default(),
+            text: refusal.text.clone(),
+            state_rev: 0,
+        };
+        self.shared.reply(&meta.client_id, reply);
+        refusal
+    }
+
+    async fn handler(&self, id: String, presence: HandlerPresence) -> Result<Answer, Refusal> {
+        check_id("handler_id", &id)?;
+        if presence.handles.len() > HANDLED_CODES_MAX {
+            let text = format!("a handler serves at most {HANDLED_CODES_MAX} M codes");
+            return Err(Refusal::new(RefusalCode::TooLarge, text));
+        }
+        if !self.shared.set_handler(&id, presence.clone()) {
+            return Err(Refusal::new(RefusalCode::Unavailable, "too many handlers are connected"));
+        }
+        for handle in &self.handles {
+            self.ask(&handle.requests, Request::Handler(id.clone(), presence.clone())).await?;
+        }
+        Ok(Answer::Done)
+    }
+
+    async fn write_program(&self, number: u16, text: String) -> Result<Answer, Refusal> {
+        if text.len() > PROGRAM_BYTES_MAX {
+            let text = format!("the program has {} bytes; at most {PROGRAM_BYTES_MAX} are read", text.len());
+            return Err(Refusal::new(RefusalCode::TooLarge, text));
+        }
+        self.refuse_while_running(number)?;
+        let check = self.on_disk(move |shared| shared.store.write(number, &text)).await?;
+        Ok(Answer::Check(check))
+    }
+
+    async fn delete_program(&self, number: u16) -> Result<Answer, Refusal> {
+        self.refuse_while_running(number)?;
+        if self.on_disk(move |shared| shared.store.delete(number)).await? {
+            Ok(Answer::Done)
+        } else {
+            Err(no_program(number))
+        }
+    }
+
+    /// Work on the store, off the tasks that must not wait; in simulated time there is no disk and one thread.
+    async fn on_disk<T: Send + 'static>(
+        &self,
+        work: impl FnOnce(&Shared) -> io::Result<T> + Send + 'static,
+    ) -> Result<T, Refusal> {
+        let done = if self.shared.clock.is_simulated() {
+            work(&self.shared)
+        } else {
+            let shared = Arc::clone(&self.shared);
+            tokio::task::spawn_blocking(move || work(&shared)).await.map_err(io::Error::other).flatten()
+        };
+        done.map_err(|error| {
+            let code = match error.kind() {
+                io::ErrorKind::InvalidInput => RefusalCode::Invalid,
+                _ => RefusalCode::Unavailable,
+            };
+            Refusal::new(code, error.to_string())
+        })
+    }
+
+    fn refuse_while_running(&self, number: u16) -> Result<(), Refusal> {
+        for handle in &self.handles {
+            let Some(state) = self.shared.hub.read(&Topic::cs(handle.number, CsTopic::State)) else { continue };
+            let Payload::State(state) = &state.payload else { continue };
+            let ended = matches!(
+                state.execution,
+                Execution::Ready | Execution::Stopped | Execution::ProgramCompleted
+            );
+            if !ended && state.program.is_some_and(|main| self.called_by(main).contains(&number)) {
+                let text = format!("program {number} runs in coordinate system {}; stop it first", handle.number);
+                return Err(Refusal::new(RefusalCode::ProgramRuns, text));
+            }
+        }
+        Ok(())
+    }
+
+    /// A program and all that it calls.
+    fn called_by(&self, main: u16) -> BTreeSet<u16> {
+        let all = self.shared.store.all();
+        let (mut called, mut left) = (BTreeSet::from([main]), vec![main]);
+        while let Some(program) = left.pop().and_then(|number| all.get(&number)) {
+            left.extend(program.check.programs.iter().filter(|number| called.insert(**number)));
+        }
+        called
+    }
+
+    fn program_check(&self, number: u16) -> Result<ProgramCheck, Refusal> {
+        Ok(self.shared.store.get(number).ok_or_else(|| no_program(number))?.check.clone())
+    }
+
+    /// Topics whose value the servo's last cycle gives.
+    fn read_live(&self, topic: &Topic) -> Option<Payload> {
+        let Topic::CoordinateSystem(cs, topic) = topic else { return None };
+        let view = &self.handle(*cs).ok()?.view;
+        match topic {
+            CsTopic::Position => Some(Payload::Position(view.position())),
+            CsTopic::Program => Some(Payload::Program(view.program(&self.shared.store))),
+            CsTopic::Spindle => {
+                let last = self.shared.hub.read(&Topic::cs(*cs, CsTopic::Spindle))?;
+                let Payload::Spindle(spindle) = last.payload else { return None };
+                let (actual_rpm, oriented) = view.spindle();
+                Some(Payload::Spindle(Spindle { actual_rpm, oriented, ..spindle }))
+            }
+            _ => None,
+        }
+    }
+
+    async fn carry_out(&self, request: Request) -> Result<Answer, Refusal> {
+        match request {
+            Request::Command { cs, command, meta, wait } => self.command(cs, command, meta, wait).await,
+            Request::CommandStatus(id) => {
+                let reply = self.shared.replied(&id).map(Answer::Command);
+                reply.ok_or_else(|| Refusal::new(RefusalCode::NotFound, format!("no command {id} is known")))
+            }
+            Request::Claim(cs, ..)
+            | Request::Reset(cs, ..)
+            | Request::Progress(cs, ..)
+            | Request::Redeliver(cs, ..)
+            | Request::Input(cs, _)
+            | Request::Spindle(cs, _)
+            | Request::Tool(cs, _) => self.ask(&self.handle(cs)?.requests, request).await,
+            Request::Handler(id, presence) => self.handler(id, presence).await,
+            Request::Handlers => Ok(Answer::Handlers(self.shared.handlers())),
+            Request::Programs => Ok(Answer::Programs(self.shared.store.list())),
+            Request::ReadProgram(number) => {
+                let program = self.shared.store.get(number).ok_or_else(|| no_program(number))?;
+                Ok(Answer::ProgramText(program.text().to_owned()))
+            }
+            Request::WriteProgram(number, text) => self.write_program(number, text).await,
+            Request::DeleteProgram(number) => self.delete_program(number).await,
+            Request::CheckProgram(number) => self.program_check(number).map(Answer::Check),
+            Request::AlarmHistory => Ok(Answer::Alarms(self.shared.alarm_history())),
+        }
+    }
+}
+
+fn no_program(number: u16) -> Refusal {
+    Refusal::new(RefusalCode::NotFound, format!("program {number} is not in the store"))
+}
+
+fn check_id(what: &str, id: &str) -> Result<(), Refusal> {
+    let length = id.chars().count();
+    if length == 0 || length > CLIENT_ID_MAX || id.contains(['/', '+', '#', '\0']) {
+        let text = format!("{what}: write 1 to {CLIENT_ID_MAX} characters without / + #");
+        return Err(Refusal::new(RefusalCode::Invalid, text));
+    }
+    Ok(())
+}
+
+impl Port for RuntimePort {
+    fn boot_id(&self) -> BootId {
+        self.shared.boot_id.clone()
+    }
+
+    fn read<'a>(&'a self, topic: &'a Topic) -> BoxFuture<'a, Option<Arc<Message>>> {
+        Box::pin(async move {
+            let last = self.shared.hub.read(topic);
+            match self.read_live(topic) {
+                Some(payload) => {
+                    let rev = last.and_then(|message| message.rev);
+                    Some(Arc::new(self.shared.message(topic.clone(), rev, payload)))
+                }
+                None => last,
+            }
+        })
+    }
+
+    fn subscribe(&self, filter: Filter) -> Subscription {
+        self.shared.hub.subscribe(filter)
+    }
+
+    fn request(&self, request: Request) -> BoxFuture<'_, Result<Answer, Refusal>> {
+        Box::pin(self.carry_out(request))
+    }
+
+    fn sleep(&self, duration: Duration) -> BoxFuture<'_, ()> {
+        Box::pin(self.shared.clock.sleep(duration))
+    }
+
+    fn now_s(&self) -> f64 {
+        self.shared.clock.now_s()
+    }
+}

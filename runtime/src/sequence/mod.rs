@@ -1,0 +1,4 @@
+//! Sequence programs that come with the runtime.
+
+
+pub mod stock;

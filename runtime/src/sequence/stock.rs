@@ -1,0 +1,86 @@
+//! The stock sequence program: what the runtime does for an M code where no handler of the user's is registered.
+//! Pure: it tells what to do; the coordinate system does it and resets the output.
+
+use plc_api::types::output::OutputNotice;
+use plc_api::types::state::SpindleDirection;
+
+use crate::config::{MCodeSettings, Stock};
+
+/// What the stock sequence program does before it resets an output.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum StockAction {
+    /// Nothing.
+    Nothing,
+    /// Commands the spindle; with `Orient` it resets when the spindle is at its position.
+    Spindle(SpindleDirection),
+    /// Tells which tool is in the spindle.
+    SelectTool(u16),
+}
+
+/// The stock sequence program's action; `None`: the M code is none of its own. `Err`: why it cannot do it.
+pub fn action(
+    output: &OutputNotice,
+    settings: &MCodeSettings,
+    has_spindle: bool,
+) -> Option<Result<StockAction, String>> {
+    if settings.stock == Some(Stock::SelectTool) {
+        return Some(select_tool(output));
+    }
+    let direction = match output.m {
+        3 => SpindleDirection::Cw,
+        4 => SpindleDirection::Ccw,
+        5 => SpindleDirection::Stop,
+        19 => SpindleDirection::Orient,
+        _ => return None,
+    };
+    has_spindle.then_some(Ok(StockAction::Spindle(direction)))
+}
+
+fn select_tool(output: &OutputNotice) -> Result<StockAction, String> {
+    let m = output.m;
+    match output.params.a {
+        Some(id) if id.fract() == 0.0 && (0.0..=f64::from(u16::MAX)).contains(&id) => {
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked above")]
+            Ok(StockAction::SelectTool(id as u16))
+        }
+        Some(id) => Err(format!("M{m:02} VA{id}: VA is not a tool number")),
+        None => Err(format!("M{m:02} needs VA: the tool number")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use plc_api::types::output::{Params, Timing};
+
+    fn output(m: u16, a: Option<f64>) -> OutputNotice {
+        OutputNotice {
+            seq: 1,
+            run_id: "1".into(),
+            m,
+            params: Params { a, ..Params::default() },
+            timing: Timing::AfterMotion,
+            program: 1,
+            line: 1,
+            attempt: 1,
+            redelivered: false,
+        }
+    }
+
+    #[test]
+    fn spindle_codes_need_a_spindle() {
+        let settings = MCodeSettings::default();
+        let cw = Some(Ok(StockAction::Spindle(SpindleDirection::Cw)));
+        assert_eq!(action(&output(3, None), &settings, true), cw);
+        assert_eq!(action(&output(3, None), &settings, false), None);
+        assert_eq!(action(&output(55, None), &settings, true), None);
+    }
+
+    #[test]
+    fn select_tool_takes_va() {
+        let settings = MCodeSettings { stock: Some(Stock::SelectTool), ..MCodeSettings::default() };
+        assert_eq!(action(&output(6, Some(12.0)), &settings, false), Some(Ok(StockAction::SelectTool(12))));
+        assert!(matches!(action(&output(6, None), &settings, false), Some(Err(_))));
+        assert!(matches!(action(&output(6, Some(1.5)), &settings, false), Some(Err(_))));
+    }
+}

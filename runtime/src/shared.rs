@@ -1,0 +1,240 @@
+//! What all coordinate systems, the port and the server ends share.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, SystemTime};
+
+use plc_api::handshake::Now;
+use plc_api::hub::Hub;
+use plc_api::types::command::CommandReply;
+use plc_api::types::machine::{ActiveAlarms, AlarmRecord, AlarmSeverity};
+use plc_api::types::message::{Message, Payload};
+use plc_api::types::output::HandlerPresence;
+use plc_api::types::topic::Topic;
+use plc_api::types::{BootId, CoordinateSystemNumber, Timestamp};
+use tokio_util::sync::CancellationToken;
+
+use crate::clock::Clock;
+use crate::config::Machine;
+use crate::journal::{Entry, Journal};
+use crate::program_store::ProgramStore;
+
+/// Alarms kept after they were cleared. The oldest are forgotten.
+pub const ALARM_HISTORY_MAX: usize = 1000;
+
+/// How long a command's reply is kept: a command with the same id gets it again instead of being carried out twice.
+pub const COMMAND_MEMORY: Duration = Duration::from_secs(600);
+
+/// Replies kept at the most, whatever their age. Reason: at 16 commands a second 10 minutes fit.
+pub const COMMANDS_MAX: usize = 10_000;
+
+/// Handlers that are or were there. A further one is refused.
+pub const HANDLERS_MAX: usize = 256;
+
+/// Shared state of a machine.
+#[derive(Debug)]
+pub(crate) struct Shared {
+    pub machine: Machine,
+    pub boot_id: BootId,
+    pub hub: Hub,
+    pub clock: Clock,
+    pub store: ProgramStore,
+    pub journal: Journal,
+    /// Cancelled when the runtime stops.
+    pub closing: CancellationToken,
+    alarms: Mutex<Alarms>,
+    handlers: Mutex<BTreeMap<String, HandlerPresence>>,
+    commands: Mutex<Commands>,
+}
+
+#[derive(Debug, Default)]
+struct Alarms {
+    next_id: u64,
+    active: Vec<AlarmRecord>,
+    history: VecDeque<AlarmRecord>,
+}
+
+#[derive(Debug, Default)]
+struct Commands {
+    replies: BTreeMap<String, (SystemTime, CommandReply)>,
+    order: VecDeque<String>,
+}
+
+impl Shared {
+    pub fn new(
+        machine: Machine,
+        boot_id: BootId,
+        clock: Clock,
+        store: ProgramStore,
+        journal: Journal,
+    ) -> Self {
+        Self {
+            machine,
+            boot_id,
+            hub: Hub::new(),
+            clock,
+            store,
+            journal,
+            closing: CancellationToken::new(),
+            alarms: Mutex::default(),
+            handlers: Mutex::default(),
+            commands: Mutex::default(),
+        }
+    }
+
+    pub fn now(&self) -> Now {
+        Now { monotonic_s: self.clock.now_s(), time: self.clock.wall() }
+    }
+
+    pub fn timestamp(&self) -> Timestamp {
+        Timestamp::from_system_time(self.clock.wall())
+    }
+
+    /// A message of now.
+    pub fn message(&self, topic: Topic, rev: Option<u64>, payload: Payload) -> Message {
+        Message { topic, boot_id: self.boot_id.clone(), ts: self.timestamp(), rev, payload }
+    }
+
+    /// Publishes an event, or a state that has changed; gives the topic's revision.
+    pub fn publish(&self, topic: Topic, payload: Payload) -> u64 {
+        if !topic.is_state() {
+            self.hub.publish(self.message(topic, None, payload));
+            return 0;
+        }
+        let last = self.hub.read(&topic);
+        let last_rev = last.as_ref().and_then(|message| message.rev).unwrap_or(0);
+        if last.is_some_and(|message| message.payload == payload) {
+            return last_rev;
+        }
+        self.hub.publish(self.message(topic, Some(last_rev + 1), payload));
+        last_rev + 1
+    }
+
+    /// Writes a line of the journal.
+    pub fn record(&self, cs: CoordinateSystemNumber, entry: Entry) {
+        self.journal.record(self.clock.now_s(), cs, &entry);
+    }
+
+    /// Raises an alarm or a warning; a warning is in the history only.
+    pub fn raise(&self, record: AlarmRecord) -> AlarmRecord {
+        let mut alarms = lock(&self.alarms);
+        alarms.next_id += 1;
+        let record = AlarmRecord { id: alarms.next_id, raised_at: self.timestamp(), ..record };
+        alarms.history.push_back(record.clone());
+        if alarms.history.len() > ALARM_HISTORY_MAX {
+            alarms.history.pop_front();
+        }
+        if record.severity == AlarmSeverity::Alarm {
+            alarms.active.push(record.clone());
+        }
+        self.publish_alarms(&alarms, &record);
+        record
+    }
+
+    /// Clears the alarms of a coordinate system.
+    pub fn clear_alarms(&self, cs: CoordinateSystemNumber) {
+        let mut alarms = lock(&self.alarms);
+        let now = self.timestamp();
+        let (cleared, active): (Vec<_>, Vec<_>) =
+            std::mem::take(&mut alarms.active).into_iter().partition(|alarm| alarm.cs == Some(cs));
+        alarms.active = active;
+        for record in cleared {
+            let record = AlarmRecord { cleared_at: Some(now.clone()), ..record };
+            alarms.update_history(&record);
+            self.publish_alarms(&alarms, &record);
+        }
+    }
+
+    /// Notes who has acknowledged an alarm; false when there is no such active alarm.
+    pub fn acknowledge_alarm(&self, id: u64, by: &str) -> bool {
+        let mut alarms = lock(&self.alarms);
+        let Some(record) = alarms.active.iter_mut().find(|alarm| alarm.id == id) else { return false };
+        record.acknowledged_by = Some(by.to_owned());
+        let record = record.clone();
+        alarms.update_history(&record);
+        self.publish_alarms(&alarms, &record);
+        true
+    }
+
+    fn publish_alarms(&self, alarms: &Alarms, changed: &AlarmRecord) {
+        self.publish(Topic::AlarmActive, Payload::AlarmActive(ActiveAlarms { alarms: alarms.active.clone() }));
+        self.publish(Topic::AlarmEvent, Payload::AlarmEvent(changed.clone()));
+    }
+
+    pub fn alarm_count(&self, cs: CoordinateSystemNumber) -> u32 {
+        let of_cs = |alarm: &&AlarmRecord| alarm.cs.is_none_or(|number| number == cs);
+        u32::try_from(lock(&self.alarms).active.iter().filter(of_cs).count()).unwrap_or(u32::MAX)
+    }
+
+    pub fn alarm_history(&self) -> Vec<AlarmRecord> {
+        lock(&self.alarms).history.iter().cloned().collect()
+    }
+
+    /// Notes a handler; false when there are too many.
+    pub fn set_handler(&self, id: &str, presence: HandlerPresence) -> bool {
+        let mut handlers = lock(&self.handlers);
+        if handlers.len() >= HANDLERS_MAX && !handlers.contains_key(id) {
+            let Some(gone) = handlers.iter().find(|(_, p)| !p.online).map(|(id, _)| id.clone()) else {
+                return false;
+            };
+            handlers.remove(&gone);
+            self.hub.forget(&Topic::HandlerPresence(gone));
+        }
+        handlers.insert(id.to_owned(), presence.clone());
+        drop(handlers);
+        self.publish(Topic::HandlerPresence(id.to_owned()), Payload::HandlerPresence(presence));
+        true
+    }
+
+    pub fn handlers(&self) -> BTreeMap<String, HandlerPresence> {
+        lock(&self.handlers).clone()
+    }
+
+    /// True when a handler that is there serves this M code.
+    pub fn is_handled(&self, cs: CoordinateSystemNumber, m: u16) -> bool {
+        lock(&self.handlers)
+            .values()
+            .any(|handler| handler.online && handler.handles.iter().any(|code| code.cs == cs && code.m == m))
+    }
+
+    /// Keeps and publishes a reply.
+    pub fn reply(&self, client_id: &str, reply: CommandReply) {
+        let now = self.clock.wall();
+        let mut commands = lock(&self.commands);
+        let id = reply.command_id.clone();
+        if commands.replies.insert(id.clone(), (now, reply.clone())).is_none() {
+            commands.order.push_back(id);
+        }
+        while let Some(oldest) = commands.order.front() {
+            let expired = commands.replies.get(oldest).is_none_or(|(at, _)| {
+                now.duration_since(*at).is_ok_and(|age| age > COMMAND_MEMORY)
+            });
+            if !expired && commands.order.len() <= COMMANDS_MAX {
+                break;
+            }
+            if let Some(oldest) = commands.order.pop_front() {
+                commands.replies.remove(&oldest);
+            }
+        }
+        drop(commands);
+        self.publish(Topic::Reply(client_id.to_owned()), Payload::Reply(reply));
+    }
+
+    /// The last reply to a command.
+    pub fn replied(&self, command_id: &str) -> Option<CommandReply> {
+        lock(&self.commands).replies.get(command_id).map(|(_, reply)| reply.clone())
+    }
+}
+
+impl Alarms {
+    fn update_history(&mut self, record: &AlarmRecord) {
+        if let Some(place) = self.history.iter_mut().find(|other| other.id == record.id) {
+            *place = record.clone();
+        }
+    }
+}
+
+// A poisoned lock means a panic elsewhere while a value was being stored; the values themselves are whole.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

@@ -1,0 +1,127 @@
+//! Simulated time: servo cycles are counted, as fast as the machine can, and one is counted only when no task is
+//! ready to run. All tasks run on one thread, so a run repeats byte for byte.
+
+use std::future::Future;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+
+use tandem_servo::Servo;
+use tokio::sync::Notify;
+
+use crate::clock::Clock;
+
+/// Called after each servo cycle, for a trace.
+pub type OnCycle = Box<dyn FnMut(&Servo) + Send>;
+
+/// The servo of a simulation and what its cycles wake.
+pub struct Simulation {
+    servo: Mutex<SimulatedServo>,
+    clock: Clock,
+    wake: Vec<Arc<Notify>>,
+    stalled: Notify,
+    period_ns: u64,
+    limit_ns: u64,
+}
+
+struct SimulatedServo {
+    servo: Servo,
+    cycles: u64,
+    on_cycle: Option<OnCycle>,
+}
+
+impl std::fmt::Debug for Simulation {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Simulation").finish_non_exhaustive()
+    }
+}
+
+impl Simulation {
+    pub(crate) fn new(
+        servo: Servo,
+        clock: Clock,
+        wake: Vec<Arc<Notify>>,
+        period_ns: u64,
+        options: SimulationOptions,
+    ) -> Self {
+        let limit_ns = (options.max_time_s * 1e9) as u64;
+        let servo = Mutex::new(SimulatedServo { servo, cycles: 0, on_cycle: options.on_cycle });
+        Self { servo, clock, wake, stalled: Notify::new(), period_ns, limit_ns }
+    }
+
+    /// Resolves when nothing can happen any more: no motion, no sleeper, or the time limit is reached.
+    pub async fn stalled(&self) {
+        self.stalled.notified().await;
+    }
+
+    /// Counts cycles until one gives a task something to do.
+    fn step(&self) {
+        let mut servo = self.servo.lock().unwrap_or_else(PoisonError::into_inner);
+        loop {
+            if self.clock.wake_due() {
+                return;
+            }
+            let moving = servo.servo.channels().iter().any(|channel| !channel.is_idle());
+            let now_ns = servo.cycles * self.period_ns;
+            if (!moving && self.clock.next_due_ns().is_none()) || now_ns >= self.limit_ns {
+                self.stalled.notify_one();
+                return;
+            }
+            servo.cycles += 1;
+            let events = servo.servo.cycle();
+            self.clock.set_ns(servo.cycles * self.period_ns);
+            let SimulatedServo { servo, on_cycle, .. } = &mut *servo;
+            if let Some(on_cycle) = on_cycle {
+                on_cycle(servo);
+            }
+            if events {
+                for notify in &self.wake {
+                    notify.notify_one();
+                }
+                return;
+            }
+        }
+    }
+}
+
+/// How a simulation runs.
+pub struct SimulationOptions {
+    /// Simulated time at which it stalls, s.
+    pub max_time_s: f64,
+    /// Called after each servo cycle.
+    pub on_cycle: Option<OnCycle>,
+}
+
+impl Default for SimulationOptions {
+    fn default() -> Self {
+        Self { max_time_s: 86_400.0, on_cycle: None }
+    }
+}
+
+/// Where a runtime in simulated time puts its simulation, so that the executor finds it.
+pub(crate) type Slot = Arc<OnceLock<Arc<Simulation>>>;
+
+tokio::task_local! {
+    static SLOT: Slot;
+}
+
+/// The slot of the simulation that this task runs in.
+pub(crate) fn slot() -> Option<Slot> {
+    SLOT.try_with(Arc::clone).ok()
+}
+
+/// Runs a future in simulated time: [`Runtime::start_simulated`](crate::Runtime::start_simulated) works inside it.
+///
+/// # Errors
+/// The operating system gives no event queue.
+pub fn run<T>(main: impl Future<Output = T>) -> std::io::Result<T> {
+    let slot = Slot::default();
+    let stepper = Arc::clone(&slot);
+    let executor = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .on_thread_park(move || {
+            if let Some(simulation) = stepper.get() {
+                simulation.step();
+            }
+        })
+        .build()?;
+    Ok(executor.block_on(SLOT.scope(slot, main)))
+}
