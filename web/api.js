@@ -72,15 +72,12 @@ export const api = {
   },
 
   /**
-   * Resets an output by hand.
+   * Resets an output by hand, whoever owns it.
    * @param {number} cs @param {string} boot_id @param {number} seq
-   * @returns {Promise<string>} what became of it: `accepted`, `duplicate`, ...
    */
   async resetOutput(cs, boot_id, seq) {
     const body = { boot_id, handler_id: "hmi", result: "ok", force: true };
-    const response = await request("POST", `/cs/${cs}/m_codes/${seq}/reset`, body);
-    const result = await response.json().catch(() => ({}));
-    return result.status ?? "accepted";
+    await request("POST", `/cs/${cs}/m_codes/${seq}/reset`, body);
   },
 
   /** @param {number} cs @param {string} boot_id @param {number} seq @param {"redo" | "verify"} how */
@@ -95,8 +92,7 @@ export const api = {
 
   /** @returns {Promise<import("./types.d.ts").ProgramInfo[]>} */
   async programs() {
-    const answer = await (await request("GET", "/programs")).json();
-    return Array.isArray(answer) ? answer : (answer.programs ?? []);
+    return (await (await request("GET", "/programs")).json()).programs;
   },
 
   /** @param {number} number */

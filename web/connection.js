@@ -13,6 +13,7 @@ const PROBE_MS = 3000;
 /**
  * @typedef {object} Listener
  * @property {(topic: string, message: any) => void} message a message of the machine
+ * @property {(text: string) => void} refused the machine did not understand what this screen asked
  * @property {(online: boolean, retryAt: number | null) => void} phase connected, or not and when the next try is (ms, local clock)
  */
 
@@ -49,7 +50,8 @@ export class Connection {
       if (this.#socket !== socket) return;
       this.#heardAt = Date.now();
       const message = parse(event.data);
-      if (!message || typeof message.topic !== "string") return;
+      if (typeof message?.error === "string") this.listener.refused(message.error);
+      if (typeof message?.topic !== "string") return;
       this.#retryMs = RETRY_FIRST_MS;
       this.listener.message(message.topic, message);
       this.listener.phase(true, null);

@@ -78,6 +78,7 @@ const connection = new Connection({
     }
     invalidate();
   },
+  refused: (text) => toasts.show(text, "error"),
   phase(online, retryAt) {
     if (!online) model.disconnected();
     model.online = online;

@@ -113,7 +113,7 @@ export class ScriptedMachine {
     if (request.method() !== "GET") this.requests.push({ method: request.method(), path, body: request.postDataJSON() });
     const answer = this.answers.get(`${request.method()} ${path}`);
     if (answer) return route.fulfill({ status: answer.status, json: answer.body });
-    if (path === "/programs") return route.fulfill({ json: this.programList });
+    if (path === "/programs") return route.fulfill({ json: { programs: this.programList } });
     const text = this.programs.get(Number(/^\/programs\/(\d+)$/.exec(path)?.[1]));
     if (text !== undefined) return route.fulfill({ body: text, contentType: "text/plain; charset=utf-8" });
     return route.fulfill({ status: request.method() === "GET" ? 200 : 202, json: {} });

@@ -119,8 +119,5 @@ async function resetByHand(app, output) {
     });
     if (!sure) return;
   }
-  await app.attempt(async () => {
-    const status = await app.api.resetOutput(selected, bootId ?? "", output.seq);
-    if (status !== "accepted") app.toast(`M${output.m}, seq ${output.seq}, was not reset: ${status}.`, "error");
-  });
+  await app.attempt(() => app.api.resetOutput(selected, bootId ?? "", output.seq));
 }

@@ -1,0 +1,187 @@
+// The HMI on the real runtime: what an operator does in the first minutes.
+
+import assert from "node:assert/strict";
+import { mkdir } from "node:fs/promises";
+import { after, afterEach, before, beforeEach, test } from "node:test";
+import { setTimeout as sleep } from "node:timers/promises";
+
+import { launch, openPage } from "./browser.mjs";
+import { Runtime } from "./runtime.mjs";
+import { Screen } from "./screen.mjs";
+
+const OUT = new URL("out/", import.meta.url).pathname;
+/** Where the README's picture is kept; written when asked for. */
+const PICTURE = process.env.TANDEM_PICTURE ?? `${OUT}hmi.png`;
+
+let browser;
+let runtime;
+let page;
+let errors;
+let screen;
+
+before(async () => {
+  await mkdir(OUT, { recursive: true });
+  runtime = await Runtime.create();
+  await runtime.start();
+  browser = await launch();
+});
+
+after(async () => {
+  await browser?.close();
+  await runtime?.remove();
+});
+
+beforeEach(async () => {
+  ({ page, errors } = await openPage(browser));
+  screen = new Screen(page);
+  await page.goto(runtime.url);
+  await page.getByText("Connected", { exact: true }).waitFor();
+});
+
+afterEach(async (context) => {
+  await page.screenshot({ path: `${OUT}last-${context.name.replace(/\W+/g, "-")}.png` }).catch(() => {});
+  await page.context().close();
+  assert.deepEqual(errors, [], "the browser's console shows no errors");
+});
+
+/** Ends whatever runs, and takes a program. */
+async function ready(program) {
+  await screen.command("Stop").click();
+  await page.locator('.status:is([data-execution="STOPPED"], [data-execution="READY"], [data-execution="PROGRAM_COMPLETED"])').waitFor();
+  if (await page.locator('.status[data-execution="STOPPED"]').count()) await screen.command("Reset").click();
+  await screen.load(program);
+  await screen.sees("READY");
+}
+
+test("page is served with a policy that allows no inline script or style", async () => {
+  const answer = await fetch(runtime.url);
+  const policy = answer.headers.get("content-security-policy") ?? "";
+  assert.match(policy, /default-src 'self'/);
+  assert.doesNotMatch(policy, /unsafe/);
+  assert.match(answer.headers.get("content-type") ?? "", /text\/html/);
+});
+
+test("program runs, waits for an M code, is reset by the button and completes", async () => {
+  await screen.load("O0001");
+  await screen.sees("READY");
+  assert.match(await screen.said(), /O0001 is loaded and at its head\. Press Start/);
+  await screen.command("Start").click();
+  await screen.sees("ACTIVE");
+  await screen.sees("WAIT");
+  await page.getByText(/Waiting \d+ s for M100 \(TOOL_LOAD\), A=5, B=0\.25/).waitFor();
+  await page.locator('.line[aria-current="step"]', { hasText: "N120 M100" }).waitFor();
+  await page.getByText("Waiting 1 s for").waitFor();
+  await page.screenshot({ path: PICTURE });
+
+  await page.getByRole("button", { name: "Reset M100 by hand" }).click();
+  await screen.sees("PROGRAM_COMPLETED");
+  await page.getByText("No M code is open.").waitFor();
+  assert.equal(await screen.workPosition("X"), 10);
+  assert.equal(await screen.workPosition("Y"), 40);
+  assert.equal(await screen.workPosition("Z"), 50);
+});
+
+test("feed hold stops on the path, resume goes on, stop ends the run, reset makes ready", async () => {
+  await ready("O0002");
+  await screen.command("Start").click();
+  await screen.sees("ACTIVE");
+  await screen.command("Hold").click();
+  await screen.sees("FEED_HOLD");
+  await page.locator(".status:not(:has-text('slowing down'))").waitFor();
+  await sleep(300);
+  const held = await screen.workPosition("X");
+  await sleep(500);
+  assert.equal(await screen.workPosition("X"), held, "at rest while held");
+  assert.ok(await screen.command("Start").isDisabled());
+
+  await screen.command("Resume").click();
+  await screen.sees("ACTIVE");
+  await page.waitForFunction((x) => Number(document.querySelector('tr[data-axis="X"] td.work')?.textContent) > x + 0.5, held);
+
+  await screen.command("Stop").click();
+  await screen.sees("STOPPED");
+  assert.match(await screen.said(), /Press Reset/);
+  await screen.command("Reset").click();
+  await screen.sees("READY");
+});
+
+test("both coordinate systems run at once, each with its own state", async () => {
+  await ready("O0002");
+  await screen.command("Start").click();
+  await screen.sees("ACTIVE");
+  await screen.tab(2).click();
+  await ready("O0003");
+  await screen.command("Start").click();
+  await screen.sees("ACTIVE");
+  assert.match((await screen.tab(1).textContent()) ?? "", /ACTIVE/);
+  await screen.sees("PROGRAM_COMPLETED");
+  assert.match((await screen.tab(1).textContent()) ?? "", /ACTIVE/);
+  await screen.tab(1).click();
+  await screen.command("Stop").click();
+  await screen.sees("STOPPED");
+});
+
+test("keyboard alone loads, starts and stops", async () => {
+  await ready("O0002");
+  await screen.tab(1).focus();
+  await page.keyboard.press("ArrowRight");
+  assert.equal(await screen.tab(2).getAttribute("aria-selected"), "true");
+  await page.keyboard.press("ArrowLeft");
+  assert.equal(await screen.tab(1).getAttribute("aria-selected"), "true");
+  await tabTo("Start");
+  await page.keyboard.press("Enter");
+  await screen.sees("ACTIVE");
+  await tabTo("Stop");
+  await page.keyboard.press("Space");
+  await screen.sees("STOPPED");
+});
+
+/** Presses Tab until the button of that name has the focus, and checks that it shows. */
+async function tabTo(label) {
+  for (let presses = 0; presses < 80; presses += 1) {
+    await page.keyboard.press("Tab");
+    const focus = await page.evaluate(() => {
+      const at = document.activeElement;
+      return { text: at?.textContent ?? "", outline: at ? getComputedStyle(at).outlineStyle : "none" };
+    });
+    if (focus.text === label) return assert.equal(focus.outline, "solid", `${label} shows that it has the focus`);
+  }
+  assert.fail(`${label} is not reached by Tab`);
+}
+
+test("optional stop and block skip are set from the screen and come back from the machine", async () => {
+  for (const name of ["Optional stop", "Skip blocks marked /3"]) {
+    const one = page.getByRole("switch", { name });
+    await one.click();
+    await page.locator(`[role=switch][aria-label="${name}"][aria-checked=true]`).waitFor();
+    await one.click();
+    await page.locator(`[role=switch][aria-label="${name}"][aria-checked=false]`).waitFor();
+  }
+});
+
+test("feed override of the machine follows the screen", async () => {
+  await page.getByRole("button", { name: "Feed override: 10 percent less" }).click();
+  const read = async () => (await (await fetch(`${runtime.url}/api/v1/cs/1/overrides`)).json()).feed;
+  for (let tries = 0; (await read()) !== 90 && tries < 50; tries += 1) await sleep(100);
+  assert.equal(await read(), 90);
+  await page.getByRole("button", { name: "Feed override: 100 percent" }).click();
+  for (let tries = 0; (await read()) !== 100 && tries < 50; tries += 1) await sleep(100);
+  assert.equal(await read(), 100);
+});
+
+test("runtime killed and started again: the screen says so, and comes back by itself", async () => {
+  await ready("O0002");
+  await screen.command("Start").click();
+  await screen.sees("ACTIVE");
+  await runtime.kill();
+  await page.getByText("Not connected to the machine. The values on the screen are old.").waitFor();
+  assert.ok(await screen.command("Start").isDisabled());
+  await runtime.start();
+  await page.getByText("Connected", { exact: true }).waitFor();
+  await page.getByText(/The runtime was started again/).first().waitFor();
+  await screen.sees("STOPPED");
+  assert.match(await screen.said(), /nothing goes on by itself/);
+  // the browser itself notes every connection that fails
+  const refused = errors.filter((text) => /ERR_CONNECTION|WebSocket connection/.test(text));
+  errors.splice(0, errors.length, ...errors.filter((text) => !refused.includes(text)));
+});

@@ -1,0 +1,89 @@
+// Modules of the HMI that need no browser.
+
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { duration, position, programName, whole } from "../../web/format.js";
+import { NcText } from "../../web/nc_text.js";
+import { look, sentence } from "../../web/sentence.js";
+import { POINTS_MAX, Trail } from "../../web/trail.js";
+import { STATE } from "./scripted_machine.mjs";
+
+const STATES = {
+  READY: [null], ACTIVE: [null], WAIT: [null, "HANDLER_LOST"], FEED_HOLD: [null], PROGRAM_STOPPED: [null],
+  OPTIONAL_STOP: [null], INTERRUPTED: ["SINGLE_BLOCK", "INTERLOCK"],
+  STOPPED: ["ALARM", "STOP", "ABORTED", "NO_PROGRAM", "RESTARTED"], PROGRAM_COMPLETED: [null],
+};
+
+/** The sentence of a state. */
+function said(change, { pending = null, alarms = [] } = {}) {
+  const system = { info: { number: 1 }, state: { ...STATE, ...change }, place: null, pending };
+  return sentence(system, alarms, () => 12000);
+}
+
+test("every state has a look of its own and a whole sentence", () => {
+  for (const [execution, reasons] of Object.entries(STATES)) {
+    for (const reason of reasons) {
+      const text = said({ execution, reason });
+      assert.match(text, /^[A-Z].*\.$/, `${execution} ${reason}: ${text}`);
+      assert.doesNotMatch(text, /undefined|null|NaN/, `${execution} ${reason}`);
+      assert.ok(look({ ...STATE, execution, reason }).icon);
+    }
+  }
+});
+
+test("no program: says what to do", () => {
+  assert.equal(said({ execution: "STOPPED", reason: "NO_PROGRAM", program: null }), "No program is loaded: choose one of the list and press Load.");
+});
+
+test("alarm: the sentence is the alarm's own text", () => {
+  const alarms = [{ severity: "alarm", number: 10007, text: "Clamp does not close", cs: 1 }];
+  assert.equal(said({ execution: "STOPPED", reason: "ALARM" }, { alarms }), "Alarm 10007: Clamp does not close. Remove the cause, then press Reset.");
+});
+
+test("an alarm of another coordinate system is not taken for this one's", () => {
+  const alarms = [{ severity: "alarm", number: 10007, text: "Clamp does not close", cs: 2 }];
+  assert.equal(said({ execution: "STOPPED", reason: "ALARM" }, { alarms }), "Stopped by an alarm. Remove the cause, then press Reset.");
+});
+
+test("the trail keeps the newest points, and never more than its limit", () => {
+  const trail = new Trail();
+  for (let i = 0; i < 3 * POINTS_MAX; i += 1) trail.add({ X: i, Y: 0 }, false);
+  assert.ok(trail.points.length <= POINTS_MAX);
+  assert.equal(trail.points.at(-1).at.X, 3 * POINTS_MAX - 1);
+});
+
+test("the trail keeps no point twice, and begins anew with a run", () => {
+  const trail = new Trail();
+  trail.add({ X: 1 }, false);
+  trail.add({ X: 1.001 }, false);
+  assert.equal(trail.points.length, 1);
+  trail.add({ X: 2 }, false);
+  trail.run("r1");
+  assert.deepEqual(trail.points.map((p) => p.at.X), [2]);
+});
+
+test("program text by lines: both line ends, with or without a last one", () => {
+  for (const text of ["A\nB\n", "A\r\nB\r\n", "A\nB"]) {
+    const nc = new NcText(text);
+    assert.equal(nc.lines, 2);
+    assert.deepEqual([nc.line(1), nc.line(2), nc.line(3)], ["A", "B", ""]);
+  }
+});
+
+test("parts of a line put together are the line", () => {
+  const lines = ["N10 G01 X10.5 Y-3 F100 (cut)", "/1 M100 VA5 VB=#2", "G00Z5 // up", "(no end", "", "X=P1+3 /* a */ Y2"];
+  const nc = new NcText(lines.join("\n"));
+  for (const [i, line] of lines.entries()) assert.equal(nc.parts(i + 1).map((p) => p.text).join(""), line);
+  assert.deepEqual(nc.parts(1).filter((p) => p.kind).map((p) => `${p.kind}:${p.text}`), ["n:N10", "g:G01", "axis:X", "axis:Y", "comment:(cut)"]);
+});
+
+test("numbers as the screen shows them", () => {
+  assert.equal(position(-0.0001), "0.000");
+  assert.equal(position(-12.3456), "-12.346");
+  assert.equal(position(undefined), "–");
+  assert.equal(whole(12345), "12\u202f345");
+  assert.equal(duration(59_999), "59 s");
+  assert.equal(duration(187_000), "3 min 07 s");
+  assert.equal(programName(1), "O0001");
+});

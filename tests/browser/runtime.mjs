@@ -1,0 +1,169 @@
+// Starts the real runtime, as its user would: the binary, a config file, a folder of its own.
+
+import { spawn } from "node:child_process";
+import { once } from "node:events";
+import { mkdtemp, rm, writeFile } from "node:fs/promises";
+import { createServer } from "node:net";
+import { tmpdir } from "node:os";
+import { join } from "node:path";
+import { setTimeout as sleep } from "node:timers/promises";
+
+const BINARY = process.env.TANDEM_BIN ?? new URL("../../target/debug/tandem", import.meta.url).pathname;
+const START_MS = 20000;
+
+/** A bracket: contour, tool change in the middle, four holes. M100 has no handler here, so the program waits. */
+const BRACKET = `O0001 (BRACKET: CONTOUR, TOOL CHANGE, 4 HOLES)
+N10 G17 G90 G54
+N20 S3000
+N30 G00 X-8 Y-8 Z5
+N40 G01 Z-3 F3000
+N50 X88 F6000
+N60 Y40
+N70 X70 Y58
+N80 X10
+N90 X-8 Y40
+N100 Y-8
+N110 G00 Z50
+N120 M100 VA5 VB0.25 (drill 6.8 from pocket 5)
+N130 G00 X10 Y10
+N140 G01 Z-5 F3000
+N150 G00 Z5
+N160 X70
+N170 G01 Z-5
+N180 G00 Z5
+N190 Y40
+N200 G01 Z-5
+N210 G00 Z5
+N220 X10
+N230 G01 Z-5
+N240 G00 Z50
+N250 M30
+`;
+
+/** Slow enough to be held, switched and stopped by hand. */
+const LONG_WAY = `O0002 (LONG WAY)
+G90
+G01 X100 F600
+G01 X0
+M30
+`;
+
+const LOADER = `O0003 (LOADER: TO THE MAGAZINE AND BACK)
+G90
+G01 X100 F3000
+G01 X0
+M30
+`;
+
+function config(http, mqtt) {
+  const motor = (number) => `
+[[motor]]
+number = ${number}
+kind = "linear"
+max_velocity = 500.0
+max_acceleration = 5000.0
+soft_limits = [-500.0, 500.0]
+`;
+  return `[machine]
+name = "mill-1"
+data_dir = "data"
+${[1, 2, 3, 4, 5].map(motor).join("")}
+[[motor]]
+number = 6
+kind = "spindle"
+max_velocity = 12000.0
+max_acceleration = 24000.0
+
+[[coordinate_system]]
+number = 1
+axes = { X = 1, Y = 2, Z = 3 }
+spindle = 6
+max_feedrate = 30000.0
+default_feedrate = 1000.0
+programs = { 1 = "bracket.nc", 2 = "long_way.nc" }
+[coordinate_system.work_offset]
+G54 = { X = 120.0, Y = 60.0, Z = -100.0 }
+
+[[coordinate_system]]
+number = 2
+axes = { X = 4, Z = 5 }
+max_feedrate = 30000.0
+default_feedrate = 1000.0
+programs = { 3 = "loader.nc" }
+
+[m_code.100]
+unhandled = "wait"
+wait_state = "TOOL_LOAD"
+
+[mqtt]
+listen = "127.0.0.1:${mqtt}"
+
+[http]
+listen = "127.0.0.1:${http}"
+`;
+}
+
+async function freePort() {
+  const server = createServer();
+  server.listen(0, "127.0.0.1");
+  await once(server, "listening");
+  const { port } = server.address();
+  server.close();
+  await once(server, "close");
+  return port;
+}
+
+export class Runtime {
+  log = "";
+  #child = null;
+
+  /** A folder with config and programs, and ports that are free now. */
+  static async create() {
+    const runtime = new Runtime();
+    runtime.folder = await mkdtemp(join(tmpdir(), "tandem-hmi-"));
+    const http = await freePort();
+    runtime.url = `http://127.0.0.1:${http}`;
+    const files = { "tandem.toml": config(http, await freePort()), "bracket.nc": BRACKET, "long_way.nc": LONG_WAY, "loader.nc": LOADER };
+    for (const [name, text] of Object.entries(files)) await writeFile(join(runtime.folder, name), text);
+    return runtime;
+  }
+
+  /** Starts it, and waits until REST answers. */
+  async start() {
+    const child = spawn(BINARY, ["serve", "--config", join(this.folder, "tandem.toml")], { stdio: ["ignore", "pipe", "pipe"] });
+    this.#child = child;
+    let failed = null;
+    child.on("error", (error) => (failed = error));
+    for (const stream of [child.stdout, child.stderr]) stream.on("data", (data) => (this.log += data));
+    for (const end = Date.now() + START_MS; Date.now() < end; await sleep(50)) {
+      if (failed) throw failed;
+      if (child.exitCode !== null) throw new Error(`the runtime ended with ${child.exitCode}:\n${this.log}`);
+      const answer = await fetch(`${this.url}/api/v1/health`).catch(() => null);
+      if (answer) return;
+    }
+    throw new Error(`the runtime does not answer at ${this.url}:\n${this.log}`);
+  }
+
+  /** Ends it at once, as a power cut does. */
+  async kill() {
+    await this.#end("SIGKILL");
+  }
+
+  /** Ends it in order; gives the exit code. */
+  async stop() {
+    return this.#end("SIGTERM");
+  }
+
+  async remove() {
+    await this.kill();
+    await rm(this.folder, { recursive: true, force: true });
+  }
+
+  async #end(signal) {
+    const child = this.#child;
+    this.#child = null;
+    if (!child) return null;
+    if (child.exitCode === null && child.signalCode === null && child.kill(signal)) await once(child, "exit");
+    return child.exitCode;
+  }
+}

@@ -1,0 +1,267 @@
+// The HMI on a scripted machine: what a real one shows rarely, and how the screen is built.
+
+import assert from "node:assert/strict";
+import { after, afterEach, before, beforeEach, test } from "node:test";
+
+import { launch, openPage } from "./browser.mjs";
+import { now, ORIGIN, ScriptedMachine } from "./scripted_machine.mjs";
+import { Screen } from "./screen.mjs";
+
+let browser;
+let page;
+let errors;
+let machine;
+let screen;
+
+before(async () => {
+  browser = await launch();
+});
+after(() => browser?.close());
+
+/** A new page on a new machine that stands at its start. */
+async function open(options) {
+  ({ page, errors } = await openPage(browser, options));
+  screen = new Screen(page);
+  machine = new ScriptedMachine();
+  machine.programs.set(1, "O0001 (ONE)\nM100 VA5\nM30\n");
+  machine.programList = [{ number: 1, title: "ONE", bytes: 24, errors: 0, warnings: 0 }];
+  machine.start();
+  await machine.attach(page);
+  await page.goto(`${ORIGIN}/`);
+  await screen.sees("READY");
+}
+
+beforeEach(() => open());
+afterEach(async () => {
+  await page.context().close();
+  assert.deepEqual(errors, [], "the browser's console shows no errors");
+});
+
+/** Takes lines off the console's list that the test provoked. */
+function expectErrors(pattern) {
+  errors.splice(0, errors.length, ...errors.filter((text) => !pattern.test(text)));
+}
+
+/** Waits for M100 of seq 12, owned by `handler`. */
+function waitForM100(handler, change = {}) {
+  const output = {
+    seq: 12, run_id: "r", m: 100, params: { A: 5 }, timing: "after_motion", program: 1, line: 2, attempt: 1,
+    redelivered: false, state: handler ? "CLAIMED" : "OUTPUT", handler_id: handler, since: now(12000), ...change,
+  };
+  machine.say("cs/1/m_code/pending", { outputs: [output] });
+  const waiting_on = { m: 100, seq: 12, since: output.since, ...(output.progress && { progress: output.progress }) };
+  machine.state(1, { execution: "WAIT", wait_state: "TOOL_LOAD", waiting_on, run_id: "r" });
+}
+
+async function requestsUntil(count) {
+  for (let tries = 0; machine.requests.length < count && tries < 100; tries += 1) await page.waitForTimeout(20);
+  return machine.requests;
+}
+
+test("sentence names the M code, its parameters, the handler and its progress", async () => {
+  waitForM100("demo", { progress: { text: "moving the magazine", percent: 60 } });
+  await page.getByText(/^Waiting 1\d s for M100 \(TOOL_LOAD\), A=5: handler demo works: moving the magazine \(60\s%\)\.$/).waitFor();
+});
+
+test("reset of an output that a handler owns asks first; Escape keeps waiting", async () => {
+  waitForM100("demo");
+  const reset = page.getByRole("button", { name: "Reset M100 by hand" });
+  await reset.click();
+  const dialog = page.getByRole("dialog", { name: "Reset M100 by hand?" });
+  await dialog.waitFor();
+  assert.equal(await page.evaluate(() => document.activeElement?.textContent), "Keep waiting");
+  await page.keyboard.press("Escape");
+  await dialog.waitFor({ state: "detached" });
+  assert.deepEqual(machine.requests, []);
+
+  await reset.click();
+  await dialog.getByRole("button", { name: "Reset M100" }).click();
+  assert.deepEqual(await requestsUntil(1), [
+    { method: "POST", path: "/cs/1/m_codes/12/reset", body: { boot_id: "boot-1", handler_id: "hmi", result: "ok", force: true } },
+  ]);
+});
+
+test("reset that comes too late says what became of it", async () => {
+  machine.answers.set("POST /cs/1/m_codes/12/reset", { status: 409, body: { code: "stale", detail: "output 12: it was cancelled; nothing was changed" } });
+  waitForM100(null);
+  await page.getByRole("button", { name: "Reset M100 by hand" }).click();
+  await page.getByText("output 12: it was cancelled; nothing was changed").waitFor();
+  expectErrors(/status of 409/);
+});
+
+test("lost handler is said in words and can be redelivered", async () => {
+  waitForM100(null, { redelivered: true, attempt: 2 });
+  machine.state(1, { reason: "HANDLER_LOST" });
+  await page.getByText(/The handler of M100 \(TOOL_LOAD\) has gone/).first().waitFor();
+  await page.getByRole("button", { name: /Redeliver M100: look/ }).click();
+  assert.deepEqual(await requestsUntil(1), [
+    { method: "POST", path: "/cs/1/m_codes/12/redeliver", body: { boot_id: "boot-1", how: "verify" } },
+  ]);
+});
+
+test("refusal shows the machine's own words, and the first finding of a broken program", async () => {
+  const diagnostics = [{ code: "E0104", severity: "error", line: 2, column: 1, message: "X has no value", help: "" }];
+  machine.answers.set("POST /cs/1/load", { status: 422, body: { detail: "Program 1 has errors.", code: "program_has_errors", diagnostics } });
+  await screen.load("O0001");
+  await page.getByText("Program 1 has errors. Line 2: X has no value (E0104)").waitFor();
+  expectErrors(/status of 422/);
+});
+
+test("text of programs, handlers and alarms is never read as markup", async () => {
+  const evil = '<img src=x onerror="document.title=1"><b>bold</b>';
+  machine.programs.set(1, `(${evil})\n`);
+  machine.programList = [{ number: 1, title: evil, bytes: 1, errors: 0, warnings: 0 }];
+  machine.say("alarm/active", { alarms: [{ id: 1, severity: "alarm", number: 10001, text: evil, cs: 1, program: 1, line: 1, raised_at: now(), cleared_at: null, acknowledged_by: null }] });
+  waitForM100(evil, { progress: { text: evil } });
+  await page.getByRole("button", { name: "Read again" }).click();
+  await page.locator(".alarm", { hasText: evil }).waitFor();
+  await page.locator(".stored", { hasText: evil }).waitFor();
+  assert.equal(await page.locator("img, b").count(), 0);
+});
+
+test("program of a million lines costs no more elements than a short one, and its line is in view", async () => {
+  const lines = 1_000_000;
+  machine.programs.set(9, Array.from({ length: lines }, (_, i) => `N${i + 1} X${i % 100}`).join("\n"));
+  machine.say("cs/1/program", { number: 9, nest_level: 0, stack: [], line: 765432, block: "", interpreted_line: 765440 });
+  machine.state(1, { execution: "ACTIVE", program: 9, run_id: "long" });
+  const running = page.locator('.line[aria-current="step"]');
+  await running.getByText("N765432", { exact: true }).waitFor();
+  assert.ok(await inside(running, page.locator(".program-text")));
+  assert.ok((await page.locator(".line").count()) < 100);
+  machine.say("cs/1/program", { number: 9, nest_level: 0, stack: [], line: lines, block: "", interpreted_line: lines });
+  await running.getByText(`N${lines}`, { exact: true }).waitFor();
+  assert.ok(await inside(running, page.locator(".program-text")));
+});
+
+async function inside(inner, outer) {
+  const [a, b] = [await inner.boundingBox(), await outer.boundingBox()];
+  return a !== null && b !== null && a.y >= b.y - 1 && a.y + a.height <= b.y + b.height + 1;
+}
+
+test("scrolling by hand ends following, the button takes it up again", async () => {
+  machine.programs.set(1, Array.from({ length: 500 }, (_, i) => `N${i + 1} X1`).join("\n"));
+  machine.say("cs/1/program", { number: 1, nest_level: 0, stack: [], line: 250, block: "", interpreted_line: 250 });
+  machine.state(1, { execution: "ACTIVE", run_id: "r" });
+  await page.locator('.line[aria-current="step"]').getByText("N250", { exact: true }).waitFor();
+  await page.locator(".program-text").hover();
+  // 100 lines of 24 px
+  await page.mouse.wheel(0, -2400);
+  await page.locator(".line").getByText("N150", { exact: true }).waitFor();
+  const follow = page.getByRole("button", { name: "Follow" });
+  assert.equal(await follow.getAttribute("aria-pressed"), "false");
+  await follow.click();
+  await page.locator('.line[aria-current="step"]').getByText("N250", { exact: true }).waitFor();
+});
+
+test("path is drawn where the tool has been", async () => {
+  const painted = () => page.evaluate(() => {
+    const canvas = document.querySelector("canvas");
+    const data = canvas?.getContext("2d")?.getImageData(0, 0, canvas.width, canvas.height).data ?? [];
+    const accent = [0x0b, 0x62, 0xb8];
+    let count = 0;
+    for (let i = 0; i < data.length; i += 4) count += Number(accent.every((c, k) => Math.abs(data[i + k] - c) < 12));
+    return count;
+  });
+  assert.equal(await painted(), 0);
+  machine.say("cs/1/modal", { g: { "01": "G01" }, f: 600, s: 0, tool: 0, work_offset: "G54" });
+  for (const [X, Y] of [[50, 0], [50, 30], [0, 30]]) {
+    machine.say("cs/1/position", { ...machine.topics.get("cs/1/position"), machine: { X, Y, Z: 0 } });
+  }
+  await page.waitForTimeout(200);
+  assert.ok((await painted()) > 200);
+  await page.getByRole("img", { name: "now at X 0.000, Y 30.000" }).waitFor();
+});
+
+test("another boot is noticed: old values go, the new ones are shown", async () => {
+  waitForM100("demo");
+  await screen.sees("WAIT");
+  machine.setReachable(false);
+  await page.getByText(/Not connected to the machine\. The values on the screen are old\./).waitFor();
+  machine.bootId = "boot-2";
+  machine.start();
+  machine.state(1, { execution: "STOPPED", reason: "RESTARTED" });
+  machine.setReachable(true);
+  await screen.sees("STOPPED");
+  await page.getByText("No M code is open.").waitFor();
+  await page.locator(".toast", { hasText: "started again" }).waitFor();
+  expectErrors(/ERR_FAILED|WebSocket/);
+});
+
+test("stop, hold and abort stay pressable without a connection, and fail aloud", async () => {
+  machine.setReachable(false);
+  await page.getByText(/Not connected to the machine/).waitFor();
+  for (const label of ["Start", "Resume", "Reset"]) assert.ok(await screen.command(label).isDisabled(), label);
+  await screen.command("Stop").click();
+  await page.getByText(/The machine did not answer/).waitFor();
+  expectErrors(/ERR_FAILED|WebSocket/);
+});
+
+test("state is announced to screen readers once, not with every second", async () => {
+  waitForM100(null);
+  const live = page.locator('.status [aria-live="polite"]');
+  await page.waitForFunction(() => document.querySelector('.status [aria-live="polite"]')?.textContent?.includes("M100"));
+  const before = await live.textContent();
+  await page.waitForTimeout(1200);
+  assert.equal(await live.textContent(), before);
+});
+
+for (const [width, height] of [[1280, 800], [1920, 1080], [1024, 768], [820, 1180], [768, 1024]]) {
+  test(`at ${width}x${height} nothing is cut off and every target is at least 44 px`, async () => {
+    await page.setViewportSize({ width, height });
+    waitForM100(null, { redelivered: true });
+    machine.say("alarm/active", { alarms: [{ id: 1, severity: "warning", number: 310, text: "Coolant is low", cs: null, program: null, line: null, raised_at: now(), cleared_at: null, acknowledged_by: null }] });
+    await page.getByRole("button", { name: "Acknowledge 310" }).waitFor();
+    assert.ok(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), "no sideways scroll");
+    const small = await page.evaluate(() =>
+      [...document.querySelectorAll("button, input")]
+        .map((element) => ({ name: element.getAttribute("aria-label") ?? element.textContent, box: element.getBoundingClientRect() }))
+        .filter(({ box }) => box.width > 0 && (box.width < 43.5 || box.height < 43.5))
+        .map(({ name, box }) => `${name} ${box.width}x${box.height}`),
+    );
+    assert.deepEqual(small, []);
+    for (const label of ["Start", "Hold", "Resume", "Stop", "Reset", "Abort"]) {
+      const box = await screen.command(label).boundingBox();
+      assert.ok(box && box.x >= 0 && box.x + box.width <= width && box.y + box.height <= height, `${label} is on the screen`);
+    }
+  });
+}
+
+for (const scheme of ["light", "dark"]) {
+  test(`${scheme} scheme: text stands out from its ground by 4.5 to 1`, async () => {
+    await page.context().close();
+    await open({ colorScheme: scheme });
+    assert.equal(await page.evaluate(() => document.documentElement.dataset.theme), scheme);
+    const tones = ["ready", "active", "wait", "attention", "alarm", "done"];
+    const pairs = [["text", "card"], ["text", "bg"], ["muted", "card"], ["muted", "raised"], ["muted", "bg"], ["accent", "card"], ["on-accent", "accent"]]
+      .concat(tones.flatMap((tone) => [["on-tone", tone], [tone, `${tone}-soft`], ["text", `${tone}-soft`], ["muted", `${tone}-soft`]]));
+    const colours = await page.evaluate((names) => {
+      const style = getComputedStyle(document.documentElement);
+      return Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
+    }, [...new Set(pairs.flat())]);
+    for (const [front, back] of pairs) {
+      const ratio = contrast(colours[front], colours[back]);
+      assert.ok(ratio >= 4.5, `${front} on ${back}: ${ratio.toFixed(2)}`);
+    }
+  });
+}
+
+/** WCAG 2 contrast of two colours `#rrggbb`. */
+function contrast(one, other) {
+  const luminance = (colour) => {
+    const [r, g, b] = [1, 3, 5].map((at) => parseInt(colour.slice(at, at + 2), 16) / 255)
+      .map((c) => (c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4));
+    return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+  };
+  const [dark, light] = [luminance(one), luminance(other)].sort((a, b) => a - b);
+  return (light + 0.05) / (dark + 0.05);
+}
+
+test("the operator's choice of colours stays after the page is loaded again", async () => {
+  const theme = () => page.evaluate(() => document.documentElement.dataset.theme);
+  assert.equal(await theme(), "light");
+  await page.getByRole("button", { name: "Use dark colours" }).click();
+  assert.equal(await theme(), "dark");
+  await page.reload();
+  await screen.sees("READY");
+  assert.equal(await theme(), "dark");
+});
