@@ -4,12 +4,20 @@
 //! Both read the same tables: a code is one file of [`codes`], a dialect one file of [`dialects`].
 //! Nothing here calls out: values from outside come in as [`Inputs`].
 //!
+//! Decisions where the manual is silent: G09 between axis words counts as behind them (D27); a word that two codes of
+//! a block could take is an error; G04 takes one time only; M30 in a subprogram ends the whole run.
+//!
 //! [`Item`]: tandem_model::flow::Item
 
+pub mod block_words;
 mod check;
+pub mod codes;
+pub mod dialects;
+pub mod execution;
 mod interpreter;
 mod modal;
 
-pub use check::{Check, CheckContext, check};
-pub use interpreter::{Inputs, Interpreter};
+pub use check::{Check, CheckContext, check, check_dialect, check_source};
+pub use dialects::Dialect;
+pub use interpreter::{Inputs, Interpreter, PROGRAM_HAS_ERRORS};
 pub use modal::Modal;

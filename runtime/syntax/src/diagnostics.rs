@@ -187,6 +187,9 @@ diagnostics! {
     FEEDRATE_CLIPPED = "W0004", "A feedrate is above the maximum",
         "F above the coordinate system's max_feedrate is reduced to it (D11).",
         "Write a lower F, or raise max_feedrate.";
+    TOO_MANY_WARNINGS = "W0005", "Too many warnings",
+        "The list of warnings of one program ends at 1000; what follows has not been listed.",
+        "Look at the warnings above, then check again.";
 }
 
 #[cfg(test)]

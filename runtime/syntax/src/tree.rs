@@ -10,6 +10,7 @@ use tandem_model::{Origin, Span};
 pub struct NcProgram {
     pub(crate) source: Arc<str>,
     pub(crate) number: Option<u16>,
+    pub(crate) complete: bool,
     pub(crate) blocks: Vec<Block>,
     pub(crate) words: Vec<Word>,
     pub(crate) program_codes: Vec<ProgramCode>,
@@ -25,6 +26,12 @@ impl NcProgram {
     /// The program number that stands in the text, in dialects that have one there; `None` in dialect nj.
     pub fn number(&self) -> Option<u16> {
         self.number
+    }
+
+    /// False when the end of the text has not been read as blocks: it was too large, had too many errors, or an open
+    /// comment or bracket reaches to its end.
+    pub fn is_complete(&self) -> bool {
+        self.complete
     }
 
     /// All blocks in the order of the text. Empty and comment lines have none.
@@ -391,6 +398,9 @@ macro_rules! addresses {
         pub enum Address { $($name,)* }
 
         impl Address {
+            /// How many addresses there are.
+            pub const COUNT: usize = Address::ALL.len();
+
             /// All addresses; the 26 letters first, in order.
             pub const ALL: &[Address] = &[$(Address::$name),*];
 
@@ -475,10 +485,12 @@ impl AddressSet {
 
     /// The addresses of the set, ascending.
     pub fn iter(self) -> impl Iterator<Item = Address> {
-        Address::ALL
-            .iter()
-            .copied()
-            .filter(move |address| self.contains(*address))
+        let mut bits = self.0;
+        std::iter::from_fn(move || {
+            let lowest = bits.trailing_zeros() as usize;
+            bits &= bits.wrapping_sub(1);
+            Address::ALL.get(lowest).copied()
+        })
     }
 }
 

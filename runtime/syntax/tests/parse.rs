@@ -1,5 +1,7 @@
 //! What texts parse to: one test a rule, by a table of text and finding.
 
+#![allow(clippy::unwrap_used, reason = "helpers of tests")]
+
 use tandem_model::limits::PROGRAM_BYTES_MAX;
 use tandem_syntax::{
     Address, BinaryOperator, DIAGNOSTICS_MAX, Expression, ExpressionId, Grammar, LineIndex, NcProgram,
@@ -31,7 +33,7 @@ fn blocks(source: &str) -> Vec<String> {
         .blocks()
         .iter()
         .map(|block| {
-            let skips: String = (1..=31)
+            let skips: Vec<String> = (1..=31)
                 .filter(|number| block.skip_numbers() & (1 << (number - 1)) != 0)
                 .map(|number| format!("/{number} "))
                 .collect();
@@ -52,8 +54,9 @@ fn blocks(source: &str) -> Vec<String> {
                 .collect();
             let code = program.program_code(block).map(|code| code_text(&program, code));
             format!(
-                "{}: {skips}{}{}",
+                "{}: {}{}{}",
                 block.line,
+                skips.concat(),
                 words.join(" "),
                 code.unwrap_or_default()
             )

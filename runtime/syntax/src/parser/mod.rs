@@ -30,6 +30,7 @@ pub fn parse(source: impl Into<Arc<str>>, grammar: &Grammar) -> (NcProgram, Vec<
     let source: Arc<str> = source.into();
     let mut parser = Parser::new(&source, grammar);
     if source.len() > PROGRAM_BYTES_MAX {
+        parser.complete = false;
         parser.report(
             &diagnostics::SOURCE_TOO_LARGE,
             Span::default(),
@@ -48,11 +49,13 @@ pub fn parse(source: impl Into<Arc<str>>, grammar: &Grammar) -> (NcProgram, Vec<
         program_codes,
         expressions,
         diagnostics,
+        complete,
         ..
     } = parser;
     let program = NcProgram {
         source,
         number: None,
+        complete,
         blocks,
         words,
         program_codes,
@@ -80,6 +83,7 @@ struct Parser<'a> {
     program_codes: Vec<ProgramCode>,
     expressions: Vec<Expression>,
     diagnostics: Vec<Diagnostic>,
+    complete: bool,
     // the line that is read
     kind: LineKind,
     flags: u32,
@@ -98,6 +102,7 @@ impl<'a> Parser<'a> {
             program_codes: Vec::new(),
             expressions: Vec::new(),
             diagnostics: Vec::new(),
+            complete: true,
             kind: LineKind::Open,
             flags: 0,
             first_word: 0,
@@ -132,6 +137,7 @@ impl<'a> Parser<'a> {
                 format!("more than {DIAGNOSTICS_MAX} errors; the rest of the program has not been read"),
                 "Correct the errors above, then check again.",
             ));
+            self.complete = false;
             self.cursor.finish();
         }
     }
@@ -149,6 +155,7 @@ impl<'a> Parser<'a> {
     }
 
     fn comment_not_closed(&mut self, start: usize) {
+        self.complete = false;
         let (open, close) = self.grammar.block_comment.unwrap_or_default();
         let span = Span::new(
             self.cursor.span_from(start).start,

@@ -40,15 +40,12 @@ impl Parser<'_> {
         self.cursor.take(b'=');
         let value = self.expression();
         let span = self.cursor.span_from(start);
-        match (target, value) {
-            (Some(target), Some(value)) => {
-                self.push_program_code(start, line, ProgramCode::Assignment { target, value, span });
-                self.too_long(start);
-            }
-            _ => {
-                self.skip_line();
-                self.push_failed(start, line);
-            }
+        if let (Some(target), Some(value)) = (target, value) {
+            self.push_program_code(start, line, ProgramCode::Assignment { target, value, span });
+            self.too_long(start);
+        } else {
+            self.skip_line();
+            self.push_failed(start, line);
         }
     }
 
@@ -189,6 +186,7 @@ impl Parser<'_> {
             self.blank_lines();
             let Some(byte) = self.cursor.peek() else {
                 let start = index(start);
+                self.complete = false;
                 self.report(
                     &diagnostics::BRACE_UNMATCHED,
                     Span::new(start, start + 1),

@@ -1,0 +1,422 @@
+//! A block's words, sorted: its codes, which code takes which word, and the values. The rules that hold within one
+//! block stand here once; the checker lists what breaks them, the interpreter raises an alarm.
+
+use tandem_model::limits::M_CODE_MAX;
+use tandem_model::{Diagnostic, Span};
+use tandem_syntax::{Address, AddressSet, Block, NcProgram, Word, diagnostics};
+
+use crate::codes::{AXIS_ADDRESSES, Code, Known, ModalGroup, WordSpec, tenths};
+use crate::dialects::Dialect;
+
+/// G codes of one block: one of each modal group, G09, and one more that is not modal.
+const G_CODES_MAX: usize = ModalGroup::COUNT + 1;
+
+/// The words of VA to VH.
+const PARAMETERS: AddressSet = AddressSet::of(&[
+    Address::Va,
+    Address::Vb,
+    Address::Vc,
+    Address::Vd,
+    Address::Ve,
+    Address::Vf,
+    Address::Vg,
+    Address::Vh,
+]);
+
+/// The words of one block.
+#[derive(Debug)]
+pub struct BlockWords {
+    present: AddressSet,
+    values: [f64; Address::COUNT],
+    g_codes: [(&'static Code, usize); G_CODES_MAX],
+    g_count: usize,
+    m_code: Option<(&'static Code, u16)>,
+    own: AddressSet,
+    axis_words: AddressSet,
+    first_axis_place: Option<usize>,
+    not_supported: bool,
+    any: bool,
+}
+
+impl BlockWords {
+    pub(crate) fn new(dialect: &Dialect) -> Self {
+        Self {
+            present: AddressSet::EMPTY,
+            values: [0.0; Address::COUNT],
+            g_codes: [(dialect.g_codes.codes[0], 0); G_CODES_MAX],
+            g_count: 0,
+            m_code: None,
+            own: AddressSet::EMPTY,
+            axis_words: AddressSet::EMPTY,
+            first_axis_place: None,
+            not_supported: false,
+            any: false,
+        }
+    }
+
+    /// The addresses that the block has, but for G, M and N.
+    pub fn present(&self) -> AddressSet {
+        self.present
+    }
+
+    /// The value of a word.
+    pub fn get(&self, address: Address) -> Option<f64> {
+        self.present
+            .contains(address)
+            .then(|| self.values[address as usize])
+    }
+
+    /// The G codes in the order of the text, each with its place among the words.
+    pub fn g_codes(&self) -> &[(&'static Code, usize)] {
+        &self.g_codes[..self.g_count]
+    }
+
+    /// The M code.
+    pub fn m_code(&self) -> Option<&'static Code> {
+        self.m_code.map(|(code, _)| code)
+    }
+
+    /// The number of the M code; 0 without one.
+    pub fn m_number(&self) -> u16 {
+        self.m_code.map_or(0, |(_, number)| number)
+    }
+
+    /// The words that codes of the block have as their own, the motion in force apart.
+    pub fn own(&self) -> AddressSet {
+        self.own
+    }
+
+    /// The axis words that the motion in force takes.
+    pub fn axis_words(&self) -> AddressSet {
+        self.axis_words
+    }
+
+    /// Place of the first axis word among the words of the block.
+    pub fn first_axis_place(&self) -> Option<usize> {
+        self.first_axis_place
+    }
+
+    /// True when a code of the block is not supported.
+    pub fn has_not_supported(&self) -> bool {
+        self.not_supported
+    }
+
+    /// True when the block has a word other than its number.
+    pub fn any(&self) -> bool {
+        self.any
+    }
+
+    /// Reads a block and hands over what is wrong with it. With `lenient` words that no code takes are let pass.
+    pub(crate) fn read(
+        &mut self,
+        program: &NcProgram,
+        block: &Block,
+        dialect: &'static Dialect,
+        lenient: bool,
+        mut fault: impl FnMut(Diagnostic),
+    ) {
+        self.present = AddressSet::EMPTY;
+        self.g_count = 0;
+        self.m_code = None;
+        self.first_axis_place = None;
+        self.not_supported = false;
+        self.any = false;
+        let words = program.words(block);
+        for (place, word) in words.iter().enumerate() {
+            match word.address {
+                Address::G => self.g_word(word, place, dialect, &mut fault),
+                Address::M => self.m_word(word, dialect, &mut fault),
+                Address::N => block_number(word, &mut fault),
+                _ => self.value_word(word, place, &mut fault),
+            }
+        }
+        self.take_words(words, &mut fault);
+        for word in words {
+            if !matches!(word.address, Address::G | Address::M | Address::N) {
+                self.judge(word, dialect, lenient, &mut fault);
+            }
+        }
+        if !block.has_errors() {
+            self.judge_codes(program, block, &mut fault);
+        }
+    }
+
+    fn g_word(&mut self, word: &Word, place: usize, dialect: &Dialect, fault: &mut impl FnMut(Diagnostic)) {
+        self.any = true;
+        let known =
+            code_number(word).map(|value| tenths(value).and_then(|tenths| dialect.g_codes.find(tenths)));
+        match known {
+            Some(Some(Known::Code(code))) => self.add_g_code(code, word, place, fault),
+            Some(Some(Known::NotSupported(code))) => {
+                self.not_supported = true;
+                fault(diagnostics::NOT_SUPPORTED.at(
+                    word.span(),
+                    format!("{} ({}) is not supported yet", code.code, code.name),
+                    "Remove the block, or write it with codes that are supported.",
+                ));
+            }
+            Some(None) => {
+                self.not_supported = true;
+                let number = word.number().unwrap_or_default();
+                fault(diagnostics::G_UNKNOWN.at(
+                    word.span(),
+                    format!("there is no G{number}"),
+                    "Write a G code of the dialect.",
+                ));
+            }
+            None => {
+                self.not_supported = true;
+                fault(constant_needed(word, "a constant such as G01"));
+            }
+        }
+    }
+
+    fn add_g_code(
+        &mut self,
+        code: &'static Code,
+        word: &Word,
+        place: usize,
+        fault: &mut impl FnMut(Diagnostic),
+    ) {
+        let rival = self.g_codes().iter().map(|(other, _)| *other).find(|other| {
+            let exclusive = code.group != ModalGroup::NonModal
+                || *other == code
+                || !(code.words.is_empty() || other.words.is_empty());
+            other.group == code.group && exclusive
+        });
+        match rival {
+            None if self.g_count < G_CODES_MAX => {
+                self.g_codes[self.g_count] = (code, place);
+                self.g_count += 1;
+            }
+            _ => {
+                let other = rival.map_or("another code", |other| other.code);
+                fault(diagnostics::GROUP_TWICE.at(
+                    word.span(),
+                    format!(
+                        "{} and {other} of modal group {} ({}) stand in one block",
+                        code.code,
+                        code.group.number(),
+                        code.group.text()
+                    ),
+                    "Write them in blocks of their own.",
+                ));
+            }
+        }
+    }
+
+    fn m_word(&mut self, word: &Word, dialect: &'static Dialect, fault: &mut impl FnMut(Diagnostic)) {
+        self.any = true;
+        let Some(number) = code_number(word).and_then(whole) else {
+            self.not_supported = true;
+            fault(constant_needed(word, "a whole number such as M30"));
+            return;
+        };
+        if self.m_code.is_some() {
+            fault(diagnostics::M_TWICE.at(
+                word.span(),
+                format!("M{number:02} is the second M code of the block"),
+                "Write it in a block of its own.",
+            ));
+            return;
+        }
+        if number > u32::from(M_CODE_MAX) {
+            self.not_supported = true;
+            fault(diagnostics::M_UNKNOWN.at(
+                word.span(),
+                format!("there is no M{number}"),
+                format!("M codes are M0 to M{M_CODE_MAX}."),
+            ));
+            return;
+        }
+        let number = u16::try_from(number).unwrap_or(M_CODE_MAX);
+        let code = match dialect.m_codes.find(number * 10) {
+            Some(Known::Code(code)) => code,
+            _ => dialect.auxiliary,
+        };
+        self.m_code = Some((code, number));
+    }
+
+    fn value_word(&mut self, word: &Word, place: usize, fault: &mut impl FnMut(Diagnostic)) {
+        self.any = true;
+        if self.present.contains(word.address) {
+            let name = word.address.text();
+            fault(diagnostics::WORD_TWICE.at(
+                word.span(),
+                format!("{name} stands twice in the block"),
+                format!("Keep one {name}, or write another block."),
+            ));
+            return;
+        }
+        if AXIS_ADDRESSES.contains(word.address) && self.first_axis_place.is_none() {
+            self.first_axis_place = Some(place);
+        }
+        self.present.insert(word.address);
+        match word.number() {
+            Some(value) => self.values[word.address as usize] = value,
+            None => fault(diagnostics::INDIRECTION_NOT_SUPPORTED.at(
+                word.span(),
+                "indirection is not supported yet",
+                "Write a number.",
+            )),
+        }
+    }
+
+    /// Settles which code takes which words.
+    fn take_words(&mut self, words: &[Word], fault: &mut impl FnMut(Diagnostic)) {
+        let mut own = AddressSet::EMPTY;
+        let mut shared = AddressSet::EMPTY;
+        for code in codes_with_words(&self.g_codes[..self.g_count], self.m_code) {
+            shared = shared.union(own.intersection(code.addresses()));
+            own = own.union(code.addresses());
+        }
+        self.own = own;
+        self.axis_words = if own.intersection(AXIS_ADDRESSES).is_empty() {
+            self.present.intersection(AXIS_ADDRESSES)
+        } else {
+            AddressSet::EMPTY
+        };
+        for address in shared.intersection(self.present).iter() {
+            let name = address.text();
+            fault(diagnostics::WORD_SHARED.at(
+                span_of(words, address),
+                format!("two codes of the block take {name}"),
+                "Write the codes in blocks of their own.",
+            ));
+        }
+    }
+
+    /// The description of a word of this block: by the code that takes it.
+    fn spec(&self, address: Address, dialect: &Dialect) -> Option<&'static WordSpec> {
+        if self.own.contains(address) {
+            return codes_with_words(&self.g_codes[..self.g_count], self.m_code)
+                .find_map(|code| code.word(address));
+        }
+        if AXIS_ADDRESSES.contains(address) && !self.axis_words.contains(address) {
+            return None;
+        }
+        dialect.modal_words.get(address)
+    }
+
+    /// Judges a word: whether it is taken, and its value.
+    fn judge(&self, word: &Word, dialect: &Dialect, lenient: bool, fault: &mut impl FnMut(Diagnostic)) {
+        let name = word.address.text();
+        let Some(spec) = self.spec(word.address, dialect) else {
+            if self.m_code.is_some() && PARAMETERS.contains(word.address) {
+                fault(diagnostics::PARAMETERS_REFUSED.at(
+                    word.span(),
+                    format!("M{:02} takes no parameter {name}", self.m_number()),
+                    "Remove the parameter.",
+                ));
+            } else if !(lenient || self.not_supported) {
+                fault(diagnostics::WORD_NOT_TAKEN.at(
+                    word.span(),
+                    format!("no code of the block takes {name}"),
+                    "Remove the word, or write the code that it belongs to.",
+                ));
+            }
+            return;
+        };
+        let Some(value) = word.number() else { return };
+        if self.not_supported && !dialect.modal_words.is_feed_word(word.address) {
+            // a code that is not known may read it differently
+            return;
+        }
+        judge_value(spec, value, word.span(), fault);
+    }
+
+    /// Judges what codes need together.
+    fn judge_codes(&self, program: &NcProgram, block: &Block, fault: &mut impl FnMut(Diagnostic)) {
+        for code in codes_with_words(&self.g_codes[..self.g_count], self.m_code) {
+            for word in code.words {
+                if word.required && !self.present.contains(word.address) {
+                    let name = word.address.text();
+                    fault(diagnostics::WORD_MISSING.at(
+                        program.span(block),
+                        format!("{} lacks {name} ({})", code.code, word.meaning),
+                        format!("Write {name} with a value of {}.", word.range_text()),
+                    ));
+                }
+            }
+            if let Some(refusal) = code.check.and_then(|check| check(self)) {
+                let span = span_of(program.words(block), refusal.address);
+                fault(refusal.entry.at(span, refusal.message, refusal.help));
+            }
+        }
+    }
+}
+
+/// Judges a value by the description of its word (D07, D11).
+pub(crate) fn judge_value(spec: &WordSpec, value: f64, span: Span, fault: &mut impl FnMut(Diagnostic)) {
+    let name = spec.address.text();
+    if !value.is_finite() {
+        fault(diagnostics::NUMBER_TOO_LARGE.at(
+            span,
+            format!("the value of {name} is {value}"),
+            "Look at the calculation that gives it.",
+        ));
+    } else if !spec.holds(value) {
+        fault(diagnostics::OUT_OF_RANGE.at(
+            span,
+            format!("{name}{value} ({}) is out of range", spec.meaning),
+            format!("Write a value of {}.", spec.range_text()),
+        ));
+    } else if spec.integer && value.fract().abs() > 0.0 {
+        fault(diagnostics::INTEGER_NEEDED.at(
+            span,
+            format!("{name}{value} ({}) is not a whole number", spec.meaning),
+            "Write it without decimals.",
+        ));
+    }
+}
+
+/// The codes of a block that have words of their own, the motion in force apart.
+fn codes_with_words<'a>(
+    g_codes: &'a [(&'static Code, usize)],
+    m_code: Option<(&'static Code, u16)>,
+) -> impl Iterator<Item = &'static Code> + 'a {
+    g_codes
+        .iter()
+        .map(|(code, _)| *code)
+        .chain(m_code.map(|(code, _)| code))
+        .filter(|code| !code.words.is_empty() && code.group != ModalGroup::Motion)
+}
+
+fn span_of(words: &[Word], address: Address) -> Span {
+    words
+        .iter()
+        .find(|word| word.address == address)
+        .map_or_else(Span::default, Word::span)
+}
+
+/// The number of a G, M or N word: a constant that is not negative.
+fn code_number(word: &Word) -> Option<f64> {
+    word.number().filter(|value| *value >= 0.0)
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "the value is whole and not negative, and a cast saturates"
+)]
+fn whole(value: f64) -> Option<u32> {
+    (value.fract().abs() <= 0.0).then_some(value as u32)
+}
+
+fn block_number(word: &Word, fault: &mut impl FnMut(Diagnostic)) {
+    if code_number(word).and_then(whole).is_none() {
+        fault(constant_needed(word, "a whole number such as N10"));
+    }
+}
+
+fn constant_needed(word: &Word, example: &str) -> Diagnostic {
+    let name = word.address.text();
+    let shown = word
+        .number()
+        .map_or_else(|| "[...]".to_owned(), |value| value.to_string());
+    diagnostics::CODE_NUMBER.at(
+        word.span(),
+        format!("{name}{shown} is no code number"),
+        format!("Write {example}."),
+    )
+}

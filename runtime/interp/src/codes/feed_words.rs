@@ -1,0 +1,52 @@
+//! The words that stay in force without a code: F, S, ta, td, ts. No modal group belongs to them.
+
+use tandem_model::Alarm;
+use tandem_model::alarm::VALUE_OUT_OF_RANGE;
+use tandem_syntax::Address;
+
+use super::WordSpec;
+use crate::execution::Execution;
+
+/// Smallest feedrate (manual, table of instruction parameters).
+const FEEDRATE_MIN: f64 = 0.000_000_001;
+
+/// F, S, ta, td, ts with their ranges. F and S have their upper limits from the configuration (D11).
+pub static FEED_WORDS: [WordSpec; 5] = [
+    WordSpec::new(Address::F, "feedrate", "mm/min", FEEDRATE_MIN, f64::INFINITY),
+    WordSpec::new(Address::S, "spindle speed", "r/min", 0.0, f64::INFINITY),
+    WordSpec::new(Address::Ta, "acceleration time", "ms", 0.0, 250_000.0),
+    WordSpec::new(Address::Td, "deceleration time", "ms", 0.0, 250_000.0),
+    WordSpec::new(Address::Ts, "jerk time", "ms", 0.0, 125_000.0),
+];
+
+/// Takes over the words of a block that no code has as its own. F above the maximum is clipped with a warning, S
+/// above the spindle's maximum is an alarm (D11).
+pub(crate) fn take_over(execution: &mut Execution<'_>) {
+    if let Some(programmed) = execution.free_word(Address::F) {
+        let max = execution.limits().max_feedrate_mm_min;
+        if programmed > max {
+            execution.warn(format!(
+                "F{programmed} is above the maximum feedrate: {max} mm/min is used"
+            ));
+        }
+        execution.modal_mut().feedrate_mm_min = programmed.min(max);
+    }
+    if let Some(speed) = execution.free_word(Address::S) {
+        if let Some(max) = execution.limits().max_spindle_speed_r_min
+            && speed > max
+        {
+            let text = format!("S{speed} is above the spindle's maximum of {max} r/min");
+            execution.refuse(Alarm::new(&VALUE_OUT_OF_RANGE, text));
+        }
+        execution.modal_mut().spindle_speed_r_min = speed;
+    }
+    if let Some(time) = execution.free_word(Address::Ta) {
+        execution.modal_mut().ta_ms = time;
+    }
+    if let Some(time) = execution.free_word(Address::Td) {
+        execution.modal_mut().td_ms = time;
+    }
+    if let Some(time) = execution.free_word(Address::Ts) {
+        execution.modal_mut().ts_ms = time;
+    }
+}

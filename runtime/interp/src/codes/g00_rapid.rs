@@ -1,0 +1,19 @@
+//! G00 Rapid Positioning.
+
+use tandem_model::flow::Action;
+
+use super::{AXIS_WORDS, Code, ModalGroup, remembered};
+
+/// G00: each motor alone, in its shortest time.
+pub static G00: Code = Code {
+    code: "G00",
+    tenths: 0,
+    name: "Rapid Positioning",
+    group: ModalGroup::Motion,
+    words: &AXIS_WORDS,
+    docs: "Moves each named axis to its target in the shortest time that its motor's rapid velocity and acceleration \
+           allow. The path is not a straight line. It is never blended with another motion.",
+    check: None,
+    select: remembered,
+    motion: Some(|execution, words| execution.act(Action::Rapid(words))),
+};

@@ -1,0 +1,19 @@
+//! G01 Linear Interpolation, the motion at start-up.
+
+use tandem_model::flow::Action;
+
+use super::{AXIS_WORDS, Code, ModalGroup, remembered};
+
+/// G01: a straight line at the feedrate F.
+pub static G01: Code = Code {
+    code: "G01",
+    tenths: 10,
+    name: "Linear Interpolation",
+    group: ModalGroup::Motion,
+    words: &AXIS_WORDS,
+    docs: "Moves along a straight line at the feedrate F with the ramps of ta, td and ts. F counts the way of X, Y \
+           and Z; rotary axes of the same block end at the same time. In force at start-up.",
+    check: None,
+    select: remembered,
+    motion: Some(|execution, words| execution.act(Action::Linear(words))),
+};

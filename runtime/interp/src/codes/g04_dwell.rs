@@ -1,0 +1,50 @@
+//! G04 Dwell. Its F, P and X are times: nothing moves, and the modal feedrate stays (D19).
+
+use tandem_model::flow::Action;
+use tandem_syntax::Address;
+use tandem_syntax::diagnostics::DWELL_TWICE;
+
+use super::{Code, ModalGroup, Refusal, WordSpec};
+use crate::block_words::BlockWords;
+use crate::execution::Execution;
+
+const SECONDS_MAX: f64 = 100_000.0;
+const MILLISECONDS_MAX: f64 = 100_000_000.0;
+
+/// G04: rest for a time.
+pub static G04: Code = Code {
+    code: "G04",
+    tenths: 40,
+    name: "Dwell",
+    group: ModalGroup::NonModal,
+    words: &[
+        WordSpec::new(Address::F, "dwell time", "s", 0.0, SECONDS_MAX),
+        WordSpec::new(Address::P, "dwell time", "ms", 0.0, MILLISECONDS_MAX),
+        WordSpec::new(Address::X, "dwell time", "s", 0.0, SECONDS_MAX),
+    ],
+    docs: "Rests for the time of F or X in seconds or of P in milliseconds; without a word for no time at all. The \
+           spindle and the outputs of the sequence program go on. Only one of the three words may stand in a block.",
+    check: Some(one_time),
+    select: dwell,
+    motion: None,
+};
+
+fn dwell(execution: &mut Execution<'_>) {
+    let words = execution.words();
+    let milliseconds = words.get(Address::P).map(|time| time / 1000.0);
+    let seconds = words.get(Address::F).or(words.get(Address::X));
+    execution.act(Action::Dwell {
+        dwell_s: seconds.or(milliseconds).unwrap_or(0.0),
+    });
+}
+
+fn one_time(words: &BlockWords) -> Option<Refusal> {
+    let mut times = words.present().intersection(G04.addresses()).iter();
+    let (first, second) = (times.next()?, times.next()?);
+    Some(Refusal {
+        entry: &DWELL_TWICE,
+        address: second,
+        message: format!("the dwell has both {} and {}", first.text(), second.text()),
+        help: "Write one of F (s), X (s) and P (ms).".to_owned(),
+    })
+}

@@ -1,0 +1,27 @@
+//! G09 Exact Stop. Its place in the block tells where it stops (D27): before the axis words it stops before the
+//! block's motion, after the first of them at the motion's end.
+
+use super::{Code, ModalGroup};
+use crate::execution::Execution;
+
+/// G09: one stop in position, in continuous-path mode too.
+pub static G09: Code = Code {
+    code: "G09",
+    tenths: 90,
+    name: "Exact Stop",
+    group: ModalGroup::NonModal,
+    words: &[],
+    docs: "Comes to rest in position once. Before the axis words of its block it stops before the motion of the \
+           block, behind them at its end.",
+    check: None,
+    select: exact_stop,
+    motion: None,
+};
+
+fn exact_stop(execution: &mut Execution<'_>) {
+    let behind = execution
+        .words()
+        .first_axis_place()
+        .is_some_and(|axis| axis < execution.place());
+    execution.stop_exactly(behind);
+}

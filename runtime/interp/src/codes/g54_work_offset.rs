@@ -1,0 +1,38 @@
+//! G54 to G59 Select Work Coordinate System. The offset is read when the block is interpreted (D16); selecting it
+//! moves nothing (D20).
+
+use super::{Code, ModalGroup};
+use crate::execution::Execution;
+
+const fn work_offset(code: &'static str, tenths: u16, name: &'static str, select: super::Effect) -> Code {
+    Code {
+        code,
+        tenths,
+        name,
+        group: ModalGroup::WorkCoordinates,
+        words: &[],
+        docs: "Adds the offsets of this work coordinate system to all positions from here on. The code itself moves \
+               nothing. At start-up no work coordinate system is selected.",
+        check: None,
+        select,
+        motion: None,
+    }
+}
+
+/// G54.
+pub static G54: Code = work_offset("G54", 540, "1st Work Coordinate System selection", select::<0>);
+/// G55.
+pub static G55: Code = work_offset("G55", 550, "2nd Work Coordinate System selection", select::<1>);
+/// G56.
+pub static G56: Code = work_offset("G56", 560, "3rd Work Coordinate System selection", select::<2>);
+/// G57.
+pub static G57: Code = work_offset("G57", 570, "4th Work Coordinate System selection", select::<3>);
+/// G58.
+pub static G58: Code = work_offset("G58", 580, "5th Work Coordinate System selection", select::<4>);
+/// G59.
+pub static G59: Code = work_offset("G59", 590, "6th Work Coordinate System selection", select::<5>);
+
+fn select<const INDEX: usize>(execution: &mut Execution<'_>) {
+    let offset = execution.inputs().work_offsets.0[INDEX];
+    execution.transform(|transform| transform.work_offset = offset);
+}

@@ -1,0 +1,32 @@
+//! G61 Exact Stop Mode and G64 Continuous-path Mode, the mode at start-up.
+
+use tandem_model::flow::PathControl;
+
+use super::{Code, ModalGroup};
+
+/// G61: each block ends at rest and in position.
+pub static G61: Code = Code {
+    code: "G61",
+    tenths: 610,
+    name: "Exact Stop Mode",
+    group: ModalGroup::PathControl,
+    words: &[],
+    docs: "Each cutting block decelerates to its end and waits until the motors are in position, until G64.",
+    check: None,
+    select: |execution| execution.modal_mut().path_control = PathControl::ExactStop,
+    motion: None,
+};
+
+/// G64: blocks may blend.
+pub static G64: Code = Code {
+    code: "G64",
+    tenths: 640,
+    name: "Continuous-path Mode",
+    group: ModalGroup::PathControl,
+    words: &[],
+    docs: "Each cutting block is blended with the next one, until G61. It still stops at G00, at G09, and before a \
+           block without motion. In force at start-up.",
+    check: None,
+    select: |execution| execution.modal_mut().path_control = PathControl::ContinuousPath,
+    motion: None,
+};

@@ -1,0 +1,24 @@
+//! M02 and M30 End of Program: both the same.
+
+use super::{Code, ModalGroup};
+use crate::execution::Flow;
+
+const fn end(code: &'static str, tenths: u16) -> Code {
+    Code {
+        code,
+        tenths,
+        name: "End of Program",
+        group: ModalGroup::NonModal,
+        words: &[],
+        docs: "Ends the program, from a subprogram too. Blocks after it are not executed; the next start begins at the \
+               head of the main program.",
+        check: None,
+        select: |execution| execution.go_on_with(Flow::End),
+        motion: None,
+    }
+}
+
+/// M02.
+pub static M02: Code = end("M02", 20);
+/// M30.
+pub static M30: Code = end("M30", 300);

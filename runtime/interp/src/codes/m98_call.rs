@@ -1,0 +1,48 @@
+//! M98 Subprogram Call (D12).
+
+use tandem_syntax::Address;
+
+use super::{Code, ModalGroup, WordSpec};
+use crate::execution::{Execution, Flow};
+
+/// Smallest number of a subprogram (manual, table of instruction parameters).
+pub const SUBPROGRAM_MIN: u16 = 1000;
+/// Largest number of a subprogram.
+pub const SUBPROGRAM_MAX: u16 = 9999;
+
+/// M98: calls a subprogram, L times.
+pub static M98: Code = Code {
+    code: "M98",
+    tenths: 980,
+    name: "Subprogram Call",
+    group: ModalGroup::NonModal,
+    words: &[
+        WordSpec::new(
+            Address::P,
+            "program number",
+            "",
+            SUBPROGRAM_MIN as f64,
+            SUBPROGRAM_MAX as f64,
+        )
+        .whole()
+        .needed(),
+        WordSpec::new(Address::L, "number of calls", "", 0.0, 10_000.0).whole(),
+    ],
+    docs: "Runs subprogram P from its first block, L times (once without L, not at all with L0), then goes on with the \
+           next block. Calls nest 8 deep; a deeper call is not made, and a warning tells. A missing program is an alarm.",
+    check: None,
+    select: call,
+    motion: None,
+};
+
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "ranges have been checked, and a cast saturates"
+)]
+fn call(execution: &mut Execution<'_>) {
+    let words = execution.words();
+    let program = words.get(Address::P).unwrap_or(0.0) as u16;
+    let times = words.get(Address::L).unwrap_or(1.0) as u16;
+    execution.go_on_with(Flow::Call { program, times });
+}

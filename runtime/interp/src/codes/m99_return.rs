@@ -1,0 +1,18 @@
+//! M99 Subprogram End; in a main program it acts as M30 (D12).
+
+use super::{Code, ModalGroup};
+use crate::execution::Flow;
+
+/// M99: back to the caller.
+pub static M99: Code = Code {
+    code: "M99",
+    tenths: 990,
+    name: "Subprogram End",
+    group: ModalGroup::NonModal,
+    words: &[],
+    docs: "Ends a subprogram: the program that called it goes on, or the next repetition of the call begins. In a main \
+           program it ends the program.",
+    check: None,
+    select: |execution| execution.go_on_with(Flow::Return),
+    motion: None,
+};

@@ -1,0 +1,52 @@
+//! M codes that are output to the sequence program: all that are not reserved, M03, M04, M05 and M19 among them (D35).
+
+use tandem_syntax::Address;
+
+use super::{Code, ModalGroup, WordSpec};
+use crate::execution::{Execution, Flow};
+
+const fn parameter(address: Address) -> WordSpec {
+    WordSpec::new(
+        address,
+        "parameter of the M code",
+        "",
+        f64::NEG_INFINITY,
+        f64::INFINITY,
+    )
+}
+
+/// Any M code of 0 to 191 that is not reserved.
+pub static AUXILIARY: Code = Code {
+    code: "M",
+    tenths: 0,
+    name: "Auxiliary Function Output",
+    group: ModalGroup::NonModal,
+    words: &[
+        parameter(Address::Va),
+        parameter(Address::Vb),
+        parameter(Address::Vc),
+        parameter(Address::Vd),
+        parameter(Address::Ve),
+        parameter(Address::Vf),
+        parameter(Address::Vg),
+        parameter(Address::Vh),
+    ],
+    docs: "Makes an output with up to eight parameters to the sequence program and owes it a reset. By the setting of \
+           the M code the output is made after the motion of its block, and the next block waits for the reset, or \
+           when the block is interpreted. An output with parameters is always made after the motion (D30).",
+    check: None,
+    select: output,
+    motion: None,
+};
+
+fn output(execution: &mut Execution<'_>) {
+    let words = execution.words();
+    let mut params = [None; 8];
+    for address in words.present().iter() {
+        if let Some(index) = address.parameter_index() {
+            params[index] = words.get(address);
+        }
+    }
+    let m = words.m_number();
+    execution.go_on_with(Flow::Output { m, params });
+}

@@ -1,0 +1,257 @@
+//! The codes of the NC language, one file a code or a family of codes that differ in one value.
+//!
+//! A file holds a `pub static` [`Code`]: number, modal group, words with ranges and units, text for the reference, and
+//! effect. The checker, the interpreter and the reference pages read the same statics. To add a code, write its file
+//! and name it here and in the dialect's list.
+
+pub mod feed_words;
+pub mod g00_rapid;
+pub mod g01_linear;
+pub mod g04_dwell;
+pub mod g09_exact_stop;
+pub mod g17_plane;
+pub mod g21_metric;
+pub mod g54_work_offset;
+pub mod g61_g64_path_control;
+pub mod g90_g91_distance;
+pub mod initial_states;
+pub mod m00_m01_stop;
+pub mod m02_m30_end;
+pub mod m98_call;
+pub mod m99_return;
+pub mod m_auxiliary;
+pub mod not_supported;
+mod table;
+
+use tandem_model::flow::AxisWords;
+use tandem_syntax::{Address, AddressSet, DiagnosticEntry};
+
+pub(crate) use table::tenths;
+pub use table::{CodeTable, Known, NotSupported};
+
+use crate::block_words::BlockWords;
+use crate::execution::Execution;
+
+/// A G or M code.
+#[derive(Debug)]
+pub struct Code {
+    /// As the manual writes it: `G50.1`, `M30`.
+    pub code: &'static str,
+    /// Ten times the number: 501 for G50.1.
+    pub tenths: u16,
+    /// The manual's name of it.
+    pub name: &'static str,
+    /// The modal group; M codes are [`ModalGroup::NonModal`].
+    pub group: ModalGroup,
+    /// The words that are its own. The motion in force takes none of the axis words when a code of another group has
+    /// axis words of its own.
+    pub words: &'static [WordSpec],
+    /// What it does, for the reference.
+    pub docs: &'static str,
+    /// What its words must fulfil together, beyond their ranges.
+    pub check: Option<BlockCheck>,
+    /// What happens when it stands in a block. The modal groups remember it besides.
+    pub select: Effect,
+    /// What a block with axis words does while the code is in force; for codes of group 01.
+    pub motion: Option<Motion>,
+}
+
+/// Finds what is wrong with the words of a block that has the code.
+pub type BlockCheck = fn(&BlockWords) -> Option<Refusal>;
+
+/// What a [`BlockCheck`] finds.
+#[derive(Debug)]
+pub struct Refusal {
+    /// Which diagnostic.
+    pub entry: &'static DiagnosticEntry,
+    /// The word that it is shown at.
+    pub address: Address,
+    /// What is wrong.
+    pub message: String,
+    /// What to write instead.
+    pub help: String,
+}
+
+/// The effect of a code in its block.
+pub type Effect = fn(&mut Execution<'_>);
+
+/// The effect of axis words on a block.
+pub type Motion = fn(&mut Execution<'_>, AxisWords);
+
+impl PartialEq for Code {
+    fn eq(&self, other: &Self) -> bool {
+        self.code == other.code
+    }
+}
+
+impl Code {
+    /// The addresses of its own words.
+    pub const fn addresses(&self) -> AddressSet {
+        let mut set = AddressSet::EMPTY;
+        let mut i = 0;
+        while i < self.words.len() {
+            set.insert(self.words[i].address);
+            i += 1;
+        }
+        set
+    }
+
+    /// The description of one of its own words.
+    pub fn word(&self, address: Address) -> Option<&'static WordSpec> {
+        self.words.iter().find(|word| word.address == address)
+    }
+}
+
+/// The effect of a code that only changes what its modal group remembers.
+pub fn remembered(_: &mut Execution<'_>) {}
+
+/// A word that a code takes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WordSpec {
+    /// Its address.
+    pub address: Address,
+    /// What it says.
+    pub meaning: &'static str,
+    /// Unit of the value; empty for plain numbers.
+    pub unit: &'static str,
+    /// Smallest value (manual, table of instruction parameters).
+    pub min: f64,
+    /// Largest value.
+    pub max: f64,
+    /// True when the value must be a whole number.
+    pub integer: bool,
+    /// True when the code needs the word.
+    pub required: bool,
+}
+
+impl WordSpec {
+    /// An optional word with any value from `min` to `max`.
+    pub const fn new(
+        address: Address,
+        meaning: &'static str,
+        unit: &'static str,
+        min: f64,
+        max: f64,
+    ) -> Self {
+        Self {
+            address,
+            meaning,
+            unit,
+            min,
+            max,
+            integer: false,
+            required: false,
+        }
+    }
+
+    /// The same word, for whole numbers only.
+    #[must_use]
+    pub const fn whole(mut self) -> Self {
+        self.integer = true;
+        self
+    }
+
+    /// The same word, one that the code needs.
+    #[must_use]
+    pub const fn needed(mut self) -> Self {
+        self.required = true;
+        self
+    }
+
+    /// True for a value within the range; never for one that is not a number.
+    pub fn holds(&self, value: f64) -> bool {
+        value >= self.min && value <= self.max
+    }
+
+    /// The range as text, with its unit.
+    pub fn range_text(&self) -> String {
+        let unit = if self.unit.is_empty() {
+            String::new()
+        } else {
+            format!(" {}", self.unit)
+        };
+        if self.max.is_finite() {
+            format!("{} to {}{unit}", self.min, self.max)
+        } else {
+            format!("{}{unit} or more", self.min)
+        }
+    }
+}
+
+macro_rules! modal_groups {
+    ($($name:ident $number:literal $text:literal,)*) => {
+        /// The modal groups (manual, table of G codes).
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+        #[repr(u8)]
+        pub enum ModalGroup { $(#[doc = concat!("Group ", $number, ": ", $text, ".")] $name,)* }
+
+        impl ModalGroup {
+            /// All groups, ascending by number.
+            pub const ALL: &[ModalGroup] = &[$(ModalGroup::$name),*];
+
+            /// How many groups there are.
+            pub const COUNT: usize = ModalGroup::ALL.len();
+
+            /// Number in two digits, as HMIs name it.
+            pub const fn number(self) -> &'static str {
+                match self { $(ModalGroup::$name => $number,)* }
+            }
+
+            /// The manual's name of it.
+            pub const fn text(self) -> &'static str {
+                match self { $(ModalGroup::$name => $text,)* }
+            }
+        }
+    };
+}
+
+modal_groups! {
+    NonModal "00" "non-modal",
+    Motion "01" "motion",
+    Plane "02" "plane",
+    Distance "03" "distance",
+    Unit "06" "unit",
+    ToolRadius "07" "tool radius",
+    ToolLength "08" "tool length offset",
+    FixedCycle "09" "fixed cycle",
+    ReturnLevel "10" "return level",
+    Scaling "11" "scaling",
+    WorkCoordinates "14" "coordinate system selection",
+    PathControl "15" "path control",
+    Rotation "16" "rotation",
+    Mirroring "22" "mirroring",
+    MultiBlock "23" "multi-block acceleration/deceleration rate",
+}
+
+/// The letters of axes.
+pub const AXIS_ADDRESSES: AddressSet = AddressSet::of(&[
+    Address::X,
+    Address::Y,
+    Address::Z,
+    Address::A,
+    Address::B,
+    Address::C,
+]);
+
+/// Largest absolute value of a position or distance, command units (manual, table of instruction parameters).
+const POSITION_MAX: f64 = 1_000_000.0;
+
+const fn axis_word(address: Address) -> WordSpec {
+    WordSpec::new(
+        address,
+        "target position or distance",
+        "mm or deg",
+        -POSITION_MAX,
+        POSITION_MAX,
+    )
+}
+
+/// The axis words of a motion.
+pub static AXIS_WORDS: [WordSpec; 6] = [
+    axis_word(Address::X),
+    axis_word(Address::Y),
+    axis_word(Address::Z),
+    axis_word(Address::A),
+    axis_word(Address::B),
+    axis_word(Address::C),
+];

@@ -1,0 +1,214 @@
+//! What a code's effect sees and changes while its block is interpreted.
+
+use tandem_model::Alarm;
+use tandem_model::axis::{Axis, AxisSet, AxisVector};
+use tandem_model::flow::{Action, AxisWords, Transform};
+use tandem_model::settings::CoordinateSystemSettings;
+use tandem_syntax::Address;
+
+use crate::block_words::BlockWords;
+use crate::interpreter::Inputs;
+use crate::modal::Modal;
+
+/// Limits of the coordinate system that words are held to (D11).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Limits {
+    /// F above it is clipped, mm/min.
+    pub max_feedrate_mm_min: f64,
+    /// S above it is an alarm, r/min; `None` without a spindle.
+    pub max_spindle_speed_r_min: Option<f64>,
+}
+
+impl Limits {
+    pub(crate) fn of(settings: &CoordinateSystemSettings) -> Self {
+        Self {
+            max_feedrate_mm_min: settings.max_feedrate_mm_min,
+            max_spindle_speed_r_min: settings.spindle.as_ref().map(|spindle| spindle.max_velocity),
+        }
+    }
+}
+
+/// How the program goes on after a block.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Flow {
+    /// With the next block.
+    #[default]
+    Next,
+    /// With an output to the sequence program.
+    Output {
+        /// M number.
+        m: u16,
+        /// VA to VH.
+        params: [Option<f64>; 8],
+    },
+    /// With M00, or M01 when `optional`.
+    Stop {
+        /// True for M01.
+        optional: bool,
+    },
+    /// Not at all.
+    End,
+    /// In a subprogram.
+    Call {
+        /// Its number.
+        program: u16,
+        /// How often.
+        times: u16,
+    },
+    /// In the caller.
+    Return,
+}
+
+/// What has come together of a block so far.
+#[derive(Debug, Default)]
+pub(crate) struct Draft {
+    pub(crate) action: Option<Action>,
+    pub(crate) transform: Option<Transform>,
+    pub(crate) exact_stop_before: bool,
+    pub(crate) exact_stop_after: bool,
+    pub(crate) flow: Flow,
+    pub(crate) warnings: Vec<String>,
+    pub(crate) alarm: Option<Alarm>,
+}
+
+/// A block while it is interpreted.
+#[derive(Debug)]
+pub struct Execution<'a> {
+    words: &'a BlockWords,
+    modal: &'a mut Modal,
+    inputs: &'a Inputs<'a>,
+    limits: &'a Limits,
+    place: usize,
+    pub(crate) draft: Draft,
+}
+
+impl<'a> Execution<'a> {
+    pub(crate) fn new(
+        words: &'a BlockWords,
+        modal: &'a mut Modal,
+        inputs: &'a Inputs<'a>,
+        limits: &'a Limits,
+    ) -> Self {
+        Self {
+            words,
+            modal,
+            inputs,
+            limits,
+            place: 0,
+            draft: Draft::default(),
+        }
+    }
+
+    /// Turns to the code at a place among the words.
+    pub(crate) fn turn_to(&mut self, place: usize) {
+        self.place = place;
+    }
+
+    /// The words of the block.
+    pub fn words(&self) -> &'a BlockWords {
+        self.words
+    }
+
+    /// The value of a word that no code of the block has as its own.
+    pub fn free_word(&self, address: Address) -> Option<f64> {
+        if self.words.own().contains(address) {
+            None
+        } else {
+            self.words.get(address)
+        }
+    }
+
+    /// Place of the code among the words of the block.
+    pub fn place(&self) -> usize {
+        self.place
+    }
+
+    /// The modal state.
+    pub fn modal(&self) -> &Modal {
+        self.modal
+    }
+
+    /// The modal state, to change it.
+    pub fn modal_mut(&mut self) -> &mut Modal {
+        self.modal
+    }
+
+    /// Values from outside.
+    pub fn inputs(&self) -> &'a Inputs<'a> {
+        self.inputs
+    }
+
+    /// Limits of the coordinate system.
+    pub fn limits(&self) -> &'a Limits {
+        self.limits
+    }
+
+    /// The axis words that the motion in force takes, if there is one.
+    pub fn axis_words(&self) -> Option<AxisWords> {
+        let taken = self.words.axis_words();
+        if taken.is_empty() {
+            return None;
+        }
+        let mut values = AxisVector::ZERO;
+        let mut named = AxisSet::EMPTY;
+        for address in taken.iter() {
+            if let Some(axis) = axis_of(address) {
+                values[axis] = self.words.get(address).unwrap_or(0.0);
+                named.insert(axis);
+            }
+        }
+        Some(AxisWords {
+            values,
+            named,
+            distance: self.modal.distance,
+        })
+    }
+
+    /// What the block does.
+    pub fn act(&mut self, action: Action) {
+        self.draft.action = Some(action);
+    }
+
+    /// Changes the transform; it holds from this block's motion on.
+    pub fn transform(&mut self, change: impl FnOnce(&mut Transform)) {
+        change(&mut self.modal.transform);
+        self.draft.transform = Some(self.modal.transform);
+    }
+
+    /// Stops exactly before the block's motion, or behind it.
+    pub fn stop_exactly(&mut self, behind: bool) {
+        if behind {
+            self.draft.exact_stop_after = true;
+        } else {
+            self.draft.exact_stop_before = true;
+        }
+    }
+
+    /// How the program goes on after the block.
+    pub fn go_on_with(&mut self, flow: Flow) {
+        self.draft.flow = flow;
+    }
+
+    /// Refuses the block with an alarm; the first one counts.
+    pub fn refuse(&mut self, alarm: Alarm) {
+        self.draft.alarm.get_or_insert(alarm);
+    }
+
+    /// Something worth an event, while the program goes on.
+    pub fn warn(&mut self, text: String) {
+        self.draft.warnings.push(text);
+    }
+}
+
+/// The axis of an address.
+pub(crate) fn axis_of(address: Address) -> Option<Axis> {
+    match address {
+        Address::X => Some(Axis::X),
+        Address::Y => Some(Axis::Y),
+        Address::Z => Some(Axis::Z),
+        Address::A => Some(Axis::A),
+        Address::B => Some(Axis::B),
+        Address::C => Some(Axis::C),
+        _ => None,
+    }
+}

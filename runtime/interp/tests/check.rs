@@ -1,0 +1,333 @@
+//! What the checker finds: one test a rule, by a table of text and findings.
+
+use std::collections::BTreeSet;
+
+use tandem_interp::{CheckContext, check_source};
+use tandem_model::{Axis, Severity};
+use tandem_syntax::LineIndex;
+
+/// All findings as `line:column code`.
+fn findings(source: &str, context: &CheckContext<'_>) -> Vec<String> {
+    let (_, check) = check_source(source, context);
+    let index = LineIndex::new(source);
+    check
+        .diagnostics
+        .iter()
+        .map(|finding| {
+            let (line, column) = index.locate(finding.span.start);
+            format!("{line}:{column} {}", finding.code)
+        })
+        .collect()
+}
+
+/// Checks a text followed by M30.
+fn check(source: &str, expect: &[&str]) {
+    assert_eq!(
+        findings(&format!("{source}\nM30"), &CheckContext::default()),
+        expect,
+        "{source:?}"
+    );
+}
+
+/// Checks a text as it stands.
+fn check_whole(source: &str, expect: &[&str]) {
+    assert_eq!(findings(source, &CheckContext::default()), expect, "{source:?}");
+}
+
+fn message(source: &str) -> String {
+    let (_, check) = check_source(format!("{source}\nM30"), &CheckContext::default());
+    check.diagnostics[0].message.clone()
+}
+
+#[test]
+fn a_whole_program_is_clean() {
+    check(
+        "G17 G21 G40 G49 G50 G50.1 G69 G80 G90 G98 G501 // safety line\n\
+         N10 G54 G00 X0 Y0 Z50\nM03 S1200\nG01 Z-2 F300 ta80 td80 ts20\n/1 X10\nG91 G61 Y5 A10\nG64 G09 X1 B2 C3\n\
+         G04 P500\nG04 X1.5\nG04\nM100 VA1 VB-2.5 VH3\nM98 P1000 L3\nM98 P9999\nM00\nM01\nG55 G56X1",
+        &["16:5 E0106"],
+    );
+}
+
+#[test]
+fn d01_codes_are_read_by_number() {
+    check("g1 x1 m3\nG001 X2\ng50.1\nG90.0 X1", &[]);
+}
+
+#[test]
+fn g_codes_of_the_manual_that_do_not_run_are_named() {
+    for code in [
+        "G02", "G03", "G18", "G19", "G20", "G28", "G30", "G31", "G41", "G42", "G43", "G44", "G51", "G51.1",
+        "G52", "G53", "G68", "G74", "G84", "G99", "G500",
+    ] {
+        check(code, &["1:1 E0102"]);
+        assert!(
+            message(code).starts_with(&format!("{code} (")),
+            "{}",
+            message(code)
+        );
+    }
+    assert_eq!(
+        message("G2 X1"),
+        "G02 (Circular Interpolation in CW direction) is not supported yet"
+    );
+}
+
+#[test]
+fn words_of_a_code_that_does_not_run_are_no_further_error() {
+    check(
+        "G02 X10 Y0 I5 J0\nX20 I5\nX30 R5\nG01 X1\nX2 R1",
+        &["1:1 E0102", "5:4 E0108"],
+    );
+    check(
+        "G84 X1 Z-5 R2 P100 K3\nX2\nG80\nX3 K2",
+        &["1:1 E0102", "4:4 E0108"],
+    );
+    check("G05 P1 Q2", &["1:1 E0101"]);
+    // a code that runs is judged all the same
+    check("G02 X1 I2 F0", &["1:1 E0102", "1:11 E0109"]);
+}
+
+#[test]
+fn g_codes_that_exist_nowhere_are_told_apart() {
+    check("G05 X1", &["1:1 E0101"]);
+    check("G50.2", &["1:1 E0101"]);
+    check("G80.001", &["1:1 E0101"]);
+    check("G1000", &["1:1 E0101"]);
+    check("G1.05", &["1:1 E0101"]);
+    check("G-1", &["1:1 E0103"]);
+    check("G[L1]", &["1:1 E0103"]);
+}
+
+#[test]
+fn m_codes_are_whole_numbers_to_191() {
+    check("M0191\nM191 VA1", &[]);
+    check("M192", &["1:1 E0104"]);
+    check("M3.5", &["1:1 E0103"]);
+    check("M-3", &["1:1 E0103"]);
+    check("M[L1]", &["1:1 E0103"]);
+    check("N1.5 X1", &["1:1 E0103"]);
+    check("N-1 X1", &["1:1 E0103"]);
+}
+
+#[test]
+fn d02_two_words_of_one_address_are_an_error() {
+    check("X1 Y2 X3", &["1:7 E0105"]);
+    check("F1 ta2 TA3 X1", &["1:8 E0105"]);
+    check("M10 VA1 VB2 VA3", &["1:13 E0105"]);
+}
+
+#[test]
+fn d02_two_g_codes_of_one_group_are_an_error() {
+    check("G90 G91 X1", &["1:5 E0106"]);
+    check("G00 X1 G01", &["1:8 E0106"]);
+    check("G54 G55", &["1:5 E0106"]);
+    check("G01 G1 X1", &["1:5 E0106"]);
+    check("G04 P1 G04", &["1:8 E0106"]);
+    check("G90 G01 G17 G61 G54 G09 X1", &[]);
+}
+
+#[test]
+fn d02_two_m_codes_are_an_error() {
+    check("M03 M08", &["1:5 E0107"]);
+    check("M03 S100 M03", &["1:10 E0107"]);
+}
+
+#[test]
+fn d11_ranges_of_the_manual_hold_for_literals() {
+    let cases = [
+        ("X", 1_000_000.0, 1_000_000.1),
+        ("X", -1_000_000.0, -1_000_000.1),
+        ("Y", 1_000_000.0, 1_000_001.0),
+        ("Z", 1_000_000.0, 1_000_001.0),
+        ("A", 1_000_000.0, 1_000_001.0),
+        ("B", 1_000_000.0, 1_000_001.0),
+        ("C", 1_000_000.0, 1_000_001.0),
+        ("F", 0.000_000_001, 0.0),
+        ("S", 0.0, -1.0),
+        ("ta", 250_000.0, 250_000.1),
+        ("td", 250_000.0, 250_001.0),
+        ("ts", 125_000.0, 125_001.0),
+        ("ta", 0.0, -1.0),
+        ("G04F", 100_000.0, 100_001.0),
+        ("G04X", 100_000.0, 100_001.0),
+        ("G04X", 0.0, -0.1),
+        ("G04P", 100_000_000.0, 100_000_001.0),
+        ("M98P", 1000.0, 999.0),
+        ("M98P", 9999.0, 10_000.0),
+        ("M98P1000 L", 10_000.0, 10_001.0),
+        ("M98P1000 L", 0.0, -1.0),
+    ];
+    for (word, inside, outside) in cases {
+        check(&format!("{word}{inside}"), &[]);
+        let found = findings(&format!("{word}{outside}\nM30"), &CheckContext::default());
+        assert_eq!(found.len(), 1, "{word}{outside}");
+        assert!(found[0].ends_with("E0109"), "{word}{outside}: {found:?}");
+    }
+    check("F-5 X1", &["1:1 E0109"]);
+}
+
+#[test]
+fn whole_numbers_are_needed_where_things_are_counted() {
+    check("M98 P1000.5", &["1:5 E0110"]);
+    check("M98 P1000 L1.5", &["1:11 E0110"]);
+}
+
+#[test]
+fn words_belong_to_a_code_of_their_block() {
+    check("G01 X1 R5", &["1:8 E0108"]);
+    check("X1 I1 J2", &["1:4 E0108", "1:7 E0108"]);
+    check("P100", &["1:1 E0108"]);
+    check("L5", &["1:1 E0108"]);
+    check("Q5", &["1:1 E0108"]);
+    check("VA1", &["1:1 E0108"]);
+    check("G04 P100 Y5", &["1:10 E0108"]);
+    check("M10 P1000", &["1:5 E0108"]);
+    check("M00 L1", &["1:5 E0108"]);
+}
+
+#[test]
+fn d19_a_dwell_has_one_time() {
+    check("G04 P500 X1", &["1:10 E0113"]);
+    check("G04 F1 P1 X1", &["1:8 E0113"]);
+    check("G04 M98 P1000", &["1:9 E0118"]);
+}
+
+#[test]
+fn reserved_m_codes_take_no_parameters() {
+    for code in ["M00", "M01", "M02", "M30", "M99"] {
+        let found = findings(&format!("{code} VA1\nM30"), &CheckContext::default());
+        assert!(found.contains(&"1:5 E0112".to_owned()), "{found:?}");
+    }
+    check("M98 P1000 VB1", &["1:11 E0112"]);
+}
+
+#[test]
+fn m98_needs_a_program_number() {
+    check("M98", &["1:1 E0111"]);
+    check("M98 L2", &["1:1 E0111"]);
+}
+
+#[test]
+fn d06_a_program_needs_an_end() {
+    for end in ["M02", "M30", "M99", "X1 M30"] {
+        check_whole(&format!("G01 X1 F1\n{end}"), &[]);
+    }
+    check_whole("X1\nY2", &["2:1 E0115"]);
+    check_whole("", &["1:1 E0115"]);
+    check_whole("// nothing", &["1:1 E0115"]);
+    check_whole("X1\n/1 M30", &["2:1 E0115"]);
+    check_whole("X1\n/1 M30\nM99", &[]);
+}
+
+#[test]
+fn a_missing_end_is_not_told_where_the_end_cannot_be_read() {
+    check_whole("X1\nM3O", &["2:3 E0007"]);
+    check_whole("X1\n/* M30", &["2:1 E0004"]);
+    check_whole("if(L1==1){M30}", &["1:1 E0116"]);
+}
+
+#[test]
+fn blocks_after_the_end_are_warned_of_once() {
+    check("M30\nX1\nY1", &["2:1 W0002"]);
+    check("/1 M30\nX1", &[]);
+    check("M99\n// comment", &["3:1 W0002"]);
+}
+
+#[test]
+fn program_codes_and_indirection_are_not_supported_yet() {
+    check("L1=5", &["1:1 E0116"]);
+    check("L1=5 Q2=6", &["1:1 E0116", "1:6 E0116"]);
+    check("if(L1==1){\nX1 X1 W5\n}", &["1:1 E0116"]);
+    check("while(L1<5) X1", &["1:1 E0116"]);
+    check("X[L12] Y1", &["1:1 E0117"]);
+    check("M100 VA[_CNC_CapturedPosition2]", &["1:6 E0117"]);
+}
+
+#[test]
+fn all_findings_come_at_once_in_the_order_of_the_text() {
+    check(
+        "X1 R5\nX\nG90 G91\nM3 M4\nW1",
+        &["1:4 E0108", "2:1 E0005", "3:5 E0106", "4:4 E0107", "5:1 E0007"],
+    );
+}
+
+#[test]
+fn a_broken_word_is_one_error() {
+    check("M98 P", &["1:5 E0005"]);
+    check("G04 P1.2.3", &["1:5 E0006"]);
+}
+
+#[test]
+fn the_axes_of_the_coordinate_system_are_known() {
+    let context = CheckContext {
+        axes: Some([Axis::X, Axis::Y].into_iter().collect()),
+        ..CheckContext::default()
+    };
+    assert_eq!(findings("X1 Y2 Z3\nG04 X1\nM30", &context), ["1:7 E0114"]);
+}
+
+#[test]
+fn d11_feedrate_above_the_maximum_is_a_warning_and_spindle_speed_an_error() {
+    let context = CheckContext {
+        max_feedrate_mm_min: Some(3000.0),
+        max_spindle_speed_r_min: Some(8000.0),
+        ..CheckContext::default()
+    };
+    assert_eq!(
+        findings("X1 F3000 S8000\nX2 F3001\nS8001\nG04 F5000\nM30", &context),
+        ["2:4 W0004", "3:1 E0109"]
+    );
+}
+
+#[test]
+fn what_the_configuration_lacks_is_a_warning_once() {
+    let programs = BTreeSet::from([1000]);
+    let m_codes = BTreeSet::from([3, 5]);
+    let context = CheckContext {
+        programs: Some(&programs),
+        m_codes_with_settings: Some(&m_codes),
+        ..CheckContext::default()
+    };
+    let source = "M98 P1000\nM98 P2000\nM98 P2000\nM98 P3000 L0\nM03\nM10\nM10\nM00\nM30";
+    assert_eq!(findings(source, &context), ["2:5 W0001", "6:1 W0003"]);
+    let (_, check) = check_source(source, &context);
+    assert!(!check.has_errors());
+    assert!(
+        check
+            .diagnostics
+            .iter()
+            .all(|finding| finding.severity == Severity::Warning)
+    );
+}
+
+#[test]
+fn m_codes_and_programs_are_listed_once_ascending() {
+    let (_, check) = check_source(
+        "M98 P3000\nM19\nM3\nM03\nM98 P1000 L0\nM0\nM1\nM98 P3000\nM2\nM30",
+        &CheckContext::default(),
+    );
+    assert_eq!(check.m_codes, [3, 19]);
+    assert_eq!(check.programs, [1000, 3000]);
+}
+
+#[test]
+fn the_list_of_findings_has_a_limit() {
+    let (_, check) = check_source("X1 R1\n".repeat(5000), &CheckContext::default());
+    assert_eq!(
+        check
+            .diagnostics
+            .iter()
+            .filter(|finding| finding.code == "E0108")
+            .count(),
+        1000
+    );
+    assert_eq!(
+        check
+            .diagnostics
+            .iter()
+            .filter(|finding| finding.code == "E0002")
+            .count(),
+        1
+    );
+}

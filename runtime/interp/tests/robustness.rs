@@ -1,0 +1,219 @@
+//! No text makes parser, checker or interpreter panic or run without end, and they agree about what is an error.
+//! Seeded: the same texts in each run.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use tandem_interp::{CheckContext, Inputs, Interpreter, check_source};
+use tandem_model::flow::Item;
+use tandem_model::settings::{CoordinateSystemSettings, WorkOffsets};
+use tandem_syntax::{LineIndex, NcProgram};
+
+/// Texts to begin with: each construct of the language, right and wrong.
+const CORPUS: &[&str] = &[
+    "N10 G17 G54 G90 G01 ta100 td100 ts50 F1000 X10.5 Y-.5 Z5.\n/1 N20 G00 X0\nM100 VA1 VB-2 VH3\nM98 P1000 L2\nM30\n",
+    "g91g61x1y2z3a4b5c6\ng09x1\nx1g09\ng64\ng04p100\ng04x1\ng04f.5\nm00\nm01\nm02\n",
+    "// comment\n/* block\ncomment */ X1 /* in */ Y2\r\n\t/1/2/31 X3\n/ X4\nM99\n",
+    "L12=10 Q34=-20 P5=+1\nL1 = P3 + 2*sin(30) - (4 % 3) / -L2\nG01 X[L12] Y[Q34] VA[_CNC_CapturedPosition2]\nM30",
+    "if (L1==1) { X1 } else { X2 }\nwhile(L1<3) { L1=L1+1 }\ndo X1 while(1==2)\nswitch(L1) { case 1: X1 break default: X2 }\nM30",
+    "G02 X1 I1\nG84 Z-5 R2 P1 K2\nX1 R5\nG05\nM200\nM3 M4\nX1 X2\nG90 G91\nW5\nX1,2\nX--1\n(c)\n%\nO1000\n",
+    "X\nG\nM\nN\nVA\nta\nX[\nX[L\nX[L1\nL1=\nL1=(\nif\nif(\nif(1\n{\n}\n/\n/*",
+    "S8000 M03 X1000000 F0.000000001\nM98\nM98 P999\nG50.1 G501 G40\nM191\n",
+    "\u{feff}X1 \u{e4} \u{0} \u{7f}\nM30",
+];
+
+/// Pieces that mutations put in.
+const PIECES: &[&str] = &[
+    "G",
+    "M",
+    "X",
+    "/",
+    "//",
+    "/*",
+    "*/",
+    "(",
+    ")",
+    "{",
+    "}",
+    "[",
+    "]",
+    "=",
+    "==",
+    ",",
+    "%",
+    "-",
+    "+",
+    ".",
+    "\n",
+    "\r\n",
+    " ",
+    "9",
+    "0",
+    "1e9",
+    "M30",
+    "M99",
+    "M98 P1",
+    "L1=",
+    "if(",
+    "else",
+    "while",
+    "do",
+    "switch",
+    "_CNC_CapturedPosition",
+    "VA",
+    "ta",
+    "N1",
+    "/31",
+    "999999999999999999999999",
+    "\u{e4}",
+    "\u{1f600}",
+    "\0",
+    "G04",
+    "sin(",
+];
+
+/// A small generator of numbers (xorshift64*), so that the test needs nothing else.
+struct Random(u64);
+
+impl Random {
+    fn below(&mut self, bound: usize) -> usize {
+        self.0 ^= self.0 >> 12;
+        self.0 ^= self.0 << 25;
+        self.0 ^= self.0 >> 27;
+        let value = self.0.wrapping_mul(0x2545_f491_4f6c_dd1d) >> 33;
+        usize::try_from(value).unwrap_or(0) % bound.max(1)
+    }
+
+    fn boundary(&mut self, text: &str) -> usize {
+        let mut at = self.below(text.len() + 1);
+        while !text.is_char_boundary(at) {
+            at -= 1;
+        }
+        at
+    }
+}
+
+fn mutate(text: &mut String, random: &mut Random) {
+    let (a, b) = (random.boundary(text), random.boundary(text));
+    let (from, to) = (a.min(b), a.max(b).min(a.min(b) + 20));
+    let to = (from..=to)
+        .rev()
+        .find(|at| text.is_char_boundary(*at))
+        .unwrap_or(from);
+    match random.below(4) {
+        0 => text.replace_range(from..to, ""),
+        1 => {
+            let copy = text[from..to].to_owned();
+            let at = random.boundary(text);
+            text.insert_str(at, &copy);
+        }
+        _ => text.insert_str(from, PIECES[random.below(PIECES.len())]),
+    }
+}
+
+fn settings() -> CoordinateSystemSettings {
+    CoordinateSystemSettings {
+        number: 1,
+        motors: [const { None }; 8],
+        spindle: None,
+        max_feedrate_mm_min: 10_000.0,
+        default_feedrate_mm_min: 0.0,
+        default_ta_ms: 100.0,
+        default_td_ms: 100.0,
+        default_ts_ms: 50.0,
+        rotary_feedrate_deg_min: 0.0,
+        override_slew_ms: 1000.0,
+        hold_slew_ms: 200.0,
+        servo_period_s: 0.001,
+    }
+}
+
+/// Runs a program for a number of items; the number of the alarm that ended it.
+fn run(program: &Arc<NcProgram>, optional_skip: u32) -> Option<u16> {
+    let programs = BTreeMap::from([(1000, Arc::clone(program))]);
+    let mut interpreter = Interpreter::new(&settings());
+    interpreter.start(Arc::clone(program), 1);
+    for _ in 0..200 {
+        match interpreter.next(&Inputs {
+            programs: &programs,
+            optional_skip,
+            work_offsets: &WorkOffsets::default(),
+        }) {
+            Ok(Item::End(_)) => return None,
+            Ok(_) => {}
+            Err(alarm) => return Some(alarm.entry.number),
+        }
+    }
+    None
+}
+
+fn examine(source: &str) {
+    let (program, check) = check_source(source, &CheckContext::default());
+    let index = LineIndex::new(source);
+    for finding in &check.diagnostics {
+        let (start, end) = (finding.span.start as usize, finding.span.end as usize);
+        assert!(
+            start <= end && end <= source.len().max(1),
+            "{finding:?} in {source:?}"
+        );
+        let (line, column) = index.locate(finding.span.start);
+        assert!(line >= 1 && column >= 1 && !finding.message.is_empty() && !finding.help.is_empty());
+        assert!(
+            start >= source.len() || source.is_char_boundary(start),
+            "{finding:?} in {source:?}"
+        );
+    }
+    let has_errors = check.has_errors();
+    let program = Arc::new(program);
+    for optional_skip in [0, 1, u32::MAX] {
+        let alarm = run(&program, optional_skip);
+        // a clean program may only miss a program that it calls, or call itself without end
+        let allowed = matches!(alarm, None | Some(20 | 21));
+        assert!(
+            has_errors || allowed,
+            "alarm {alarm:?} without an error in {source:?}"
+        );
+    }
+}
+
+#[test]
+fn the_corpus_itself_is_read() {
+    for source in CORPUS {
+        examine(source);
+    }
+}
+
+#[test]
+fn mutated_programs_are_read_and_run_without_a_panic() {
+    let mut random = Random(0x7a4d_e311_0000_0001);
+    for round in 0..6000 {
+        let mut text = CORPUS[round % CORPUS.len()].to_owned();
+        for _ in 0..=random.below(8) {
+            mutate(&mut text, &mut random);
+        }
+        examine(&text);
+    }
+}
+
+#[test]
+fn random_bytes_are_read_without_a_panic() {
+    let mut random = Random(0x1234_5678_9abc_def1);
+    for _ in 0..1000 {
+        let bytes: Vec<u8> = (0..random.below(200))
+            .map(|_| u8::try_from(random.below(256)).unwrap_or(0))
+            .collect();
+        examine(&String::from_utf8_lossy(&bytes));
+    }
+}
+
+#[test]
+fn long_lines_and_deep_nesting_are_read_in_a_moment() {
+    for piece in [
+        "(", "{", "[", "-", "L1=(", "if(", "if(1){", "else ", "/", "/*", "X", "X1 ", "ä", "do{", "N1", "VA[",
+    ] {
+        examine(&piece.repeat(50_000));
+        examine(&format!("{}\nM30", format!("{piece}\n").repeat(5_000)));
+        examine(&format!("L1={}", piece.repeat(50_000)));
+        examine(&format!("if(1) {}", piece.repeat(50_000)));
+    }
+}
