@@ -1,34 +1,127 @@
 //! Server ends of the sequence-control interface: MQTT, REST, WebSocket, HMI.
 //!
-//! They know `plc_api` only and serve any [`Port`]: the runtime's, or one of a test.
+//! They know `plc_api` only and serve any [`Port`]: the runtime's, or one of a test. [`Gateway::start`] opens the
+//! listeners; from there [`rest`] leads to every HTTP route, [`websocket`] and [`hmi`], and [`mqtt`] to the broker.
 
+mod broker;
 mod error;
+mod hmi;
+mod metrics;
+mod mqtt;
+mod origin;
+mod position;
+mod problem;
+mod rest;
+mod server;
 mod settings;
+mod shared;
+mod websocket;
 
 use std::net::SocketAddr;
 use std::sync::Arc;
+use std::time::Duration;
 
 use plc_api::port::Port;
+use tokio::net::TcpListener;
+use tokio::sync::mpsc;
+use tokio::task::JoinHandle;
+use tokio_util::sync::CancellationToken;
+use tracing::warn;
+
+use broker::Broker;
+use mqtt::{MqttEnd, inbound};
+use server::LimitedListener;
+use settings::{HTTP_LISTEN, MQTT_LISTEN, listen_error, loopback};
+use shared::Shared;
 
 pub use error::GatewayError;
 pub use settings::{GatewaySettings, MqttSettings};
 
+/// Time for HTTP requests that run to end at a shutdown; then they are cut off.
+const HTTP_STOP_MAX: Duration = Duration::from_secs(2);
+
 /// The server ends of one machine while they run.
-#[derive(Debug)]
 pub struct Gateway {
     http_addr: SocketAddr,
-    mqtt_addr: Option<SocketAddr>,
+    http: JoinHandle<()>,
+    shared: Arc<Shared>,
+    mqtt: MqttEnd,
+    broker: Option<Broker>,
+}
+
+impl std::fmt::Debug for Gateway {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Gateway")
+            .field("http_addr", &self.http_addr)
+            .field("mqtt_addr", &self.mqtt_addr())
+            .finish_non_exhaustive()
+    }
 }
 
 impl Gateway {
-    /// Starts all server ends. When it returns, HTTP and the embedded broker answer.
+    /// Starts all server ends. When it returns, HTTP and the embedded broker answer; an external broker may still
+    /// be away, and is connected when it comes.
     ///
     /// # Errors
     /// A setting cannot be used, or a port is taken; nothing is left running.
-    #[allow(clippy::unused_async, reason = "the listeners are opened here")]
     pub async fn start(port: Arc<dyn Port>, settings: GatewaySettings) -> Result<Gateway, GatewayError> {
-        drop(port);
-        Err(GatewayError::Broker(format!("{settings:?} is not served yet")))
+        settings.check()?;
+        let address = loopback(HTTP_LISTEN, &settings.http_listen)?;
+        let listener = TcpListener::bind(address)
+            .await
+            .map_err(|source| listen_error(HTTP_LISTEN, address, source))?;
+        let http_addr = listener
+            .local_addr()
+            .map_err(|source| listen_error(HTTP_LISTEN, address, source))?;
+        let root = settings.mqtt.root(&settings.machine);
+        let (refused_sender, refused) = mpsc::channel(mqtt::REFUSED_MAX);
+        let broker = match &settings.mqtt.embedded_listen {
+            None => None,
+            Some(listen) => {
+                let address = loopback(MQTT_LISTEN, listen)?;
+                let root = root.clone();
+                let is_inbound = move |topic: &str| topic.strip_prefix(&root).is_some_and(inbound::is_inbound);
+                Some(Broker::start(address, Arc::new(is_inbound), refused_sender).await?)
+            }
+        };
+        let position_interval = Duration::from_millis(settings.position_interval_ms);
+        let stop = CancellationToken::new();
+        let shared = Arc::new(Shared::new(
+            Arc::clone(&port),
+            http_addr,
+            position_interval,
+            stop.clone(),
+        ));
+        let (host, tcp_port) = match &broker {
+            Some(broker) => (broker.addr().ip().to_string(), broker.addr().port()),
+            None => (settings.mqtt.host.clone(), settings.mqtt.port),
+        };
+        let mqtt = MqttEnd::start(mqtt::Parts {
+            port,
+            settings: settings.mqtt,
+            machine: settings.machine,
+            root,
+            host,
+            tcp_port,
+            position_interval,
+            refused,
+            metrics: Arc::clone(&shared.metrics),
+        });
+        let router = rest::router(Arc::clone(&shared));
+        let http = tokio::spawn(async move {
+            let serve = axum::serve(LimitedListener::new(listener), router)
+                .with_graceful_shutdown(stop.cancelled_owned());
+            if let Err(error) = serve.await {
+                warn!("the HTTP server has ended: {error}");
+            }
+        });
+        Ok(Gateway {
+            http_addr,
+            http,
+            shared,
+            mqtt,
+            broker,
+        })
     }
 
     /// Where REST, WebSocket and HMI are served.
@@ -38,10 +131,25 @@ impl Gateway {
 
     /// Where the embedded broker listens; `None` with an external broker.
     pub fn mqtt_addr(&self) -> Option<SocketAddr> {
-        self.mqtt_addr
+        self.broker.as_ref().map(Broker::addr)
     }
 
-    /// Says goodbye on MQTT, lets requests end, and stops all server ends, within 5 s.
-    #[allow(clippy::unused_async, reason = "the server ends are awaited here")]
-    pub async fn shutdown(self) {}
+    /// Says goodbye on MQTT, lets requests end, and stops all server ends, within about 5 s.
+    pub async fn shutdown(mut self) {
+        self.shared.stop.cancel();
+        self.shared.tasks.close();
+        let http = async {
+            let ended = async {
+                let _ = (&mut self.http).await;
+                self.shared.tasks.wait().await;
+            };
+            if tokio::time::timeout(HTTP_STOP_MAX, ended).await.is_err() {
+                self.http.abort();
+            }
+        };
+        tokio::join!(http, self.mqtt.stop());
+        if let Some(broker) = self.broker {
+            broker.stop().await;
+        }
+    }
 }

@@ -1,0 +1,227 @@
+use plc_api::types::BootId;
+use plc_api::types::output::{Claim, HandlerPresence, ProgressReport, Redeliver, Redelivery, Reset, ResetResult};
+use plc_api::types::request::{OverrideChange, SpindleCommand};
+use plc_api::types::state::SpindleDirection;
+
+use super::*;
+
+fn ask(path: &str, payload: &str) -> Request {
+    match read(path, payload.as_bytes(), false) {
+        Inbound::Ask { request, .. } => request,
+        other => panic!("{path}: {other:?}"),
+    }
+}
+
+#[test]
+fn the_handshake_comes_in_with_the_m_number_of_its_topic() {
+    let boot_id = BootId("b".into());
+    assert_eq!(
+        ask("cs/2/m_code/100/claim", r#"{"boot_id":"b","seq":7,"handler_id":"h"}"#),
+        Request::Claim(
+            2,
+            Some(100),
+            Claim {
+                boot_id: boot_id.clone(),
+                seq: 7,
+                handler_id: "h".into()
+            }
+        )
+    );
+    assert_eq!(
+        ask(
+            "cs/1/m_code/0/reset",
+            r#"{"boot_id":"b","seq":7,"handler_id":"h","result":"fault","code":3,"text":"jam"}"#
+        ),
+        Request::Reset(
+            1,
+            Some(0),
+            Reset {
+                boot_id: boot_id.clone(),
+                seq: 7,
+                handler_id: "h".into(),
+                result: ResetResult::Fault,
+                code: Some(3),
+                text: Some("jam".into()),
+                force: None,
+            }
+        )
+    );
+    assert_eq!(
+        ask(
+            "cs/1/m_code/5/progress",
+            r#"{"boot_id":"b","seq":7,"handler_id":"h","text":"turning"}"#
+        ),
+        Request::Progress(
+            1,
+            Some(5),
+            ProgressReport {
+                boot_id: boot_id.clone(),
+                seq: 7,
+                handler_id: "h".into(),
+                text: "turning".into(),
+                percent: None,
+            }
+        )
+    );
+    assert_eq!(
+        ask("cs/1/m_code/5/redeliver", r#"{"boot_id":"b","seq":7,"how":"verify"}"#),
+        Request::Redeliver(
+            1,
+            Some(5),
+            Redeliver {
+                boot_id,
+                seq: 7,
+                how: Redelivery::Verify
+            }
+        )
+    );
+}
+
+#[test]
+fn inputs_and_settings_come_in() {
+    let input = |name: &str, payload: &str| ask(&format!("cs/1/{name}/set"), payload);
+    let lock = Lock {
+        value: true,
+        text: "door".into(),
+    };
+    assert_eq!(
+        input("input/optional_skip", r#"{"set":{"3":true,"31":false}}"#),
+        Request::Input(1, Input::OptionalSkip([(3, true), (31, false)].into()))
+    );
+    for (name, expected) in [
+        ("optional_stop", Input::OptionalStop(true)),
+        ("single_block", Input::SingleBlock(true)),
+        ("dry_run", Input::DryRun(true)),
+    ] {
+        assert_eq!(
+            input(&format!("input/{name}"), r#"{"value":true}"#),
+            Request::Input(1, expected)
+        );
+    }
+    let payload = r#"{"value":true,"text":"door"}"#;
+    assert_eq!(
+        input("input/interlock", payload),
+        Request::Input(1, Input::Interlock(lock.clone()))
+    );
+    assert_eq!(
+        input("input/start_lock", payload),
+        Request::Input(1, Input::StartLock(lock))
+    );
+    let change = OverrideChange {
+        feed: Some(50.0),
+        ..OverrideChange::default()
+    };
+    assert_eq!(
+        input("override", r#"{"feed":50}"#),
+        Request::Input(1, Input::Override(change))
+    );
+    let command = SpindleCommand {
+        direction: SpindleDirection::Cw,
+        rpm: 900.0,
+    };
+    assert_eq!(
+        input("spindle", r#"{"direction":"cw","rpm":900}"#),
+        Request::Spindle(1, command)
+    );
+    assert_eq!(input("tool", r#"{"id":4}"#), Request::Tool(1, 4));
+    let presence = HandlerPresence {
+        online: false,
+        handles: Vec::new(),
+        validates: false,
+    };
+    assert_eq!(
+        ask("handler/h1/presence", r#"{"online":false}"#),
+        Request::Handler("h1".into(), presence)
+    );
+}
+
+#[test]
+fn hold_stop_and_abort_are_urgent_and_others_are_not() {
+    let payload = br#"{"command_id":"c","client_id":"hmi","args":{"program":1}}"#;
+    for verb in ["load", "start", "hold", "resume", "stop", "reset", "abort"] {
+        match read(&format!("cs/1/command/{verb}"), payload, false) {
+            Inbound::Ask {
+                urgent,
+                request: Request::Command { meta, wait, .. },
+            } => {
+                assert_eq!(urgent, ["hold", "stop", "abort"].contains(&verb), "{verb}");
+                assert_eq!((meta.client_id.as_str(), wait), ("hmi", false));
+            }
+            other => panic!("{verb}: {other:?}"),
+        }
+    }
+}
+
+#[test]
+fn a_malformed_command_is_answered_when_its_sender_can_be_read() {
+    let code_of = |verb: &str, payload: &str, retained: bool| {
+        match read(&format!("cs/1/command/{verb}"), payload.as_bytes(), retained) {
+            Inbound::Reject {
+                cs: 1,
+                client_id,
+                command_id,
+                refusal,
+            } => {
+                assert_eq!((client_id.as_str(), command_id.as_str()), ("hmi", "c"));
+                refusal.code
+            }
+            other => panic!("{other:?}"),
+        }
+    };
+    let good = r#"{"command_id":"c","client_id":"hmi"}"#;
+    assert_eq!(code_of("load", good, false), RefusalCode::Invalid);
+    assert_eq!(code_of("jump", good, false), RefusalCode::Invalid);
+    assert_eq!(code_of("jog", good, false), RefusalCode::NotSupported);
+    assert_eq!(code_of("start", good, true), RefusalCode::Retained);
+    let unknown_field = r#"{"command_id":"c","client_id":"hmi","expct":{}}"#;
+    assert_eq!(code_of("start", unknown_field, false), RefusalCode::Invalid);
+    let text = r#"{"command_id":"c","client_id":"hmi","kind":"P","from":0,"count":1}"#;
+    match read("cs/1/variable/get", text.as_bytes(), false) {
+        Inbound::Reject { refusal, .. } => assert_eq!(refusal.code, RefusalCode::NotSupported),
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn what_names_nobody_or_is_retained_is_dropped_with_a_reason() {
+    let large = format!("{{\"text\":\"{}\"}}", "x".repeat(PAYLOAD_MAX));
+    for (path, payload, retained) in [
+        ("cs/1/command/start", "not json", false),
+        ("cs/1/command/start", r#"{"client_id":"a/b","command_id":"c"}"#, false),
+        ("cs/1/input/dry_run/set", r#"{"value":true}"#, true),
+        ("cs/1/m_code/5/claim", "{}", false),
+        ("cs/1/m_code/70000/claim", "{}", false),
+        ("cs/x/command/start", "{}", false),
+        ("cs/1/input/nothing/set", "{}", false),
+        ("motor/1/skip_input/set", r#"{"value":true}"#, false),
+        ("cs/1/command/start", large.as_str(), false),
+        ("elsewhere", "{}", false),
+    ] {
+        match read(path, payload.as_bytes(), retained) {
+            Inbound::Drop(text) => assert!(text.contains("refused"), "{text}"),
+            other => panic!("{path}: {other:?}"),
+        }
+    }
+}
+
+#[test]
+fn only_what_must_not_be_retained_is_inbound() {
+    for path in [
+        "cs/1/command/start",
+        "cs/1/input/dry_run/set",
+        "cs/2/m_code/5/reset",
+        "motor/1/skip_input/set",
+    ] {
+        assert!(is_inbound(path), "{path}");
+    }
+    for path in [
+        "cs/1/state",
+        "handler/h/presence",
+        "presence",
+        "cs/1/input/dry_run/state",
+        "cs/1/command",
+        "cs/1/command/start/x",
+    ] {
+        assert!(!is_inbound(path), "{path}");
+    }
+}

@@ -1,0 +1,43 @@
+//! Positions are a stream: of each coordinate system only the latest is sent, at an interval.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Duration;
+
+use plc_api::types::message::Message;
+use plc_api::types::topic::{CsTopic, Topic};
+use tokio::time::{Interval, MissedTickBehavior};
+
+/// The latest position of each coordinate system that has not been sent.
+#[derive(Debug)]
+pub(crate) struct Positions {
+    waiting: BTreeMap<Topic, Arc<Message>>,
+    interval: Interval,
+}
+
+impl Positions {
+    pub(crate) fn new(interval: Duration) -> Self {
+        let mut interval = tokio::time::interval(interval);
+        interval.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        Self {
+            waiting: BTreeMap::new(),
+            interval,
+        }
+    }
+
+    /// Keeps a position; gives back any other message.
+    pub(crate) fn keep(&mut self, message: Arc<Message>) -> Option<Arc<Message>> {
+        if matches!(message.topic, Topic::CoordinateSystem(_, CsTopic::Position)) {
+            self.waiting.insert(message.topic.clone(), message);
+            None
+        } else {
+            Some(message)
+        }
+    }
+
+    /// Waits until positions are due. Safe to drop while it waits.
+    pub(crate) async fn due(&mut self) -> Vec<Arc<Message>> {
+        self.interval.tick().await;
+        std::mem::take(&mut self.waiting).into_values().collect()
+    }
+}

@@ -1,0 +1,297 @@
+//! WebSocket `/api/v1/ws`: the messages of the topics that a client names, as on MQTT.
+//!
+//! The client sends `{"subscribe": ["cs/1/state", "cs/1/m_code/+/output"]}` and `{"unsubscribe": [...]}`; `+` stands
+//! for one level and a last `#` for all below. It gets `{"topic": "cs/1/state", "v": 1, ...}`: of each state first
+//! the full value, then every change. A slow reader is given the latest values: what waits for it is bounded by the
+//! hub. What cannot be understood is answered with `{"error": "..."}`.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+use axum::Router;
+use axum::extract::State;
+use axum::extract::ws::{CloseFrame, Message as Frame, Utf8Bytes, WebSocket, WebSocketUpgrade, close_code};
+use axum::http::StatusCode;
+use axum::response::{IntoResponse, Response};
+use axum::routing::get;
+use plc_api::hub::Filter;
+use plc_api::types::message::Message;
+use plc_api::types::topic::Topic;
+use serde::Deserialize;
+use serde_json::json;
+use tokio::time::{Instant, MissedTickBehavior};
+
+use crate::metrics::add;
+use crate::position::Positions;
+use crate::problem::Problem;
+use crate::shared::{Shared, WEBSOCKETS_MAX};
+
+/// Bytes of one message of a client; more ends the connection.
+const CLIENT_MESSAGE_MAX: usize = 64 * 1024;
+
+/// Patterns of one client; more are refused.
+const PATTERNS_MAX: usize = 256;
+
+/// Time between pings.
+const PING_INTERVAL: Duration = Duration::from_secs(15);
+
+/// A client that says nothing for this long, not even a pong, has gone.
+const SILENCE_MAX: Duration = Duration::from_secs(45);
+
+/// A message that cannot be handed to the client's connection within this time ends it.
+const SEND_MAX: Duration = Duration::from_secs(30);
+
+pub(crate) fn routes() -> Router<Arc<Shared>> {
+    Router::new().route("/ws", get(upgrade))
+}
+
+async fn upgrade(
+    State(shared): State<Arc<Shared>>,
+    upgrade: Result<WebSocketUpgrade, axum::extract::ws::rejection::WebSocketUpgradeRejection>,
+) -> Response {
+    let upgrade = match upgrade {
+        Ok(upgrade) => upgrade,
+        Err(refusal) => {
+            return Problem::new(refusal.status(), "no_websocket", refusal.body_text()).into_response();
+        }
+    };
+    let Ok(permit) = Arc::clone(&shared.websockets).try_acquire_owned() else {
+        return Problem::new(
+            StatusCode::SERVICE_UNAVAILABLE,
+            "unavailable",
+            format!("{WEBSOCKETS_MAX} WebSockets are open, which is the limit; close one"),
+        )
+        .into_response();
+    };
+    let tasks = shared.tasks.clone();
+    upgrade
+        .max_message_size(CLIENT_MESSAGE_MAX)
+        .max_frame_size(CLIENT_MESSAGE_MAX)
+        .on_upgrade(move |socket| {
+            tasks.track_future(async move {
+                add(&shared.metrics.websockets, 1);
+                Client::new(&shared).run(socket).await;
+                shared.metrics.websockets.fetch_sub(1, Ordering::Relaxed);
+                drop(permit);
+            })
+        })
+}
+
+/// What a client asks.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Asked {
+    #[serde(default)]
+    subscribe: Vec<String>,
+    #[serde(default)]
+    unsubscribe: Vec<String>,
+}
+
+/// One connection.
+struct Client {
+    shared: Arc<Shared>,
+    patterns: BTreeSet<String>,
+    // last value of every state, so that a later subscription starts with the full value
+    states: BTreeMap<Topic, Arc<Message>>,
+    positions: Positions,
+}
+
+/// The connection cannot be used any more.
+struct Gone;
+
+impl Client {
+    fn new(shared: &Arc<Shared>) -> Self {
+        Self {
+            shared: Arc::clone(shared),
+            patterns: BTreeSet::new(),
+            states: BTreeMap::new(),
+            positions: Positions::new(shared.position_interval),
+        }
+    }
+
+    async fn run(mut self, mut socket: WebSocket) {
+        let close = tokio::select! {
+            () = self.shared.stop.clone().cancelled_owned() => true,
+            result = self.serve(&mut socket) => result.is_ok(),
+        };
+        if close {
+            let frame = Frame::Close(Some(CloseFrame {
+                code: close_code::AWAY,
+                reason: Utf8Bytes::from_static("the runtime stops"),
+            }));
+            let _ = send(&mut socket, frame).await;
+        }
+    }
+
+    /// Serves until the port closes (`Ok`) or the client has gone.
+    async fn serve(&mut self, socket: &mut WebSocket) -> Result<(), Gone> {
+        let mut subscription = self.shared.port.subscribe(Filter::All);
+        let mut ping = tokio::time::interval(PING_INTERVAL);
+        ping.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let mut heard = Instant::now();
+        loop {
+            tokio::select! {
+                message = subscription.next() => match message {
+                    Some(message) => self.put(socket, message).await?,
+                    None => return Ok(()),
+                },
+                positions = self.positions.due() => for position in positions {
+                    self.send_if_wanted(socket, &position).await?;
+                },
+                frame = socket.recv() => {
+                    heard = Instant::now();
+                    match frame {
+                        Some(Ok(Frame::Text(text))) => self.asked(socket, &text).await?,
+                        Some(Ok(Frame::Binary(_))) => {
+                            send(socket, error_frame("send JSON as text, not as a binary message")).await?;
+                        }
+                        Some(Ok(Frame::Ping(_) | Frame::Pong(_))) => {}
+                        Some(Ok(Frame::Close(_)) | Err(_)) | None => return Err(Gone),
+                    }
+                }
+                _ = ping.tick() => {
+                    if heard.elapsed() > SILENCE_MAX {
+                        return Err(Gone);
+                    }
+                    send(socket, Frame::Ping(Vec::new().into())).await?;
+                }
+            }
+        }
+    }
+
+    async fn put(&mut self, socket: &mut WebSocket, message: Arc<Message>) -> Result<(), Gone> {
+        if message.topic.is_state() {
+            self.states.insert(message.topic.clone(), Arc::clone(&message));
+        }
+        match self.positions.keep(message) {
+            Some(message) => self.send_if_wanted(socket, &message).await,
+            None => Ok(()),
+        }
+    }
+
+    async fn send_if_wanted(&self, socket: &mut WebSocket, message: &Message) -> Result<(), Gone> {
+        let path = message.topic.path();
+        if self.patterns.iter().any(|pattern| matches(pattern, &path)) {
+            send(socket, message_frame(&path, message)).await?;
+        }
+        Ok(())
+    }
+
+    async fn asked(&mut self, socket: &mut WebSocket, text: &str) -> Result<(), Gone> {
+        let asked: Asked = match serde_json::from_str(text) {
+            Ok(asked) => asked,
+            Err(error) => {
+                let text = format!("write {{\"subscribe\": [\"cs/1/state\"]}} or unsubscribe: {error}");
+                return send(socket, error_frame(&text)).await;
+            }
+        };
+        for pattern in &asked.unsubscribe {
+            self.patterns.remove(pattern);
+        }
+        let mut new = Vec::new();
+        for pattern in asked.subscribe {
+            let refusal = if !is_known(&pattern) {
+                format!("there is no topic {pattern}; write one such as cs/1/state, or with wildcards cs/1/#")
+            } else if self.patterns.len() == PATTERNS_MAX && !self.patterns.contains(&pattern) {
+                format!("{PATTERNS_MAX} subscriptions are the limit of one connection; unsubscribe some, or use #")
+            } else {
+                self.patterns.insert(pattern.clone());
+                new.push(pattern);
+                continue;
+            };
+            send(socket, error_frame(&refusal)).await?;
+        }
+        for message in self.states.values() {
+            let path = message.topic.path();
+            if new.iter().any(|pattern| matches(pattern, &path)) {
+                send(socket, message_frame(&path, message)).await?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Hands a frame to the connection, which may be slow, within [`SEND_MAX`].
+async fn send(socket: &mut WebSocket, frame: Frame) -> Result<(), Gone> {
+    match tokio::time::timeout(SEND_MAX, socket.send(frame)).await {
+        Ok(Ok(())) => Ok(()),
+        Ok(Err(_)) | Err(_) => Err(Gone),
+    }
+}
+
+fn error_frame(text: &str) -> Frame {
+    Frame::Text(json!({ "error": text }).to_string().into())
+}
+
+/// The message with its topic in front.
+fn message_frame(path: &str, message: &Message) -> Frame {
+    let json = message.to_json();
+    let rest = json.strip_prefix('{').unwrap_or("}");
+    Frame::Text(format!("{{\"topic\":{},{rest}", json!(path)).into())
+}
+
+/// True for a topic that the runtime publishes, and for a well-formed pattern with wildcards.
+fn is_known(pattern: &str) -> bool {
+    let levels: Vec<_> = pattern.split('/').collect();
+    let wild = levels.iter().any(|level| level.contains(['+', '#']));
+    if !wild {
+        return Topic::parse(pattern).is_some();
+    }
+    let last = levels.len() - 1;
+    levels
+        .iter()
+        .enumerate()
+        .all(|(place, level)| match *level {
+            "+" => true,
+            "#" => place == last,
+            level => !level.is_empty() && !level.contains(['+', '#']),
+        })
+}
+
+/// True when the path is one that the pattern names: `+` is one level, a last `#` that level and all below.
+fn matches(pattern: &str, path: &str) -> bool {
+    let mut path = path.split('/');
+    let mut pattern = pattern.split('/');
+    loop {
+        match (pattern.next(), path.next()) {
+            (Some("#"), _) | (None, None) => return true,
+            (Some("+"), Some(_)) => {}
+            (Some(wanted), Some(level)) if wanted == level => {}
+            _ => return false,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn patterns_match_as_on_mqtt() {
+        for (pattern, path, expected) in [
+            ("cs/1/state", "cs/1/state", true),
+            ("cs/1/state", "cs/2/state", false),
+            ("cs/+/state", "cs/2/state", true),
+            ("cs/1/#", "cs/1/m_code/5/output", true),
+            ("cs/1/#", "cs/2/state", false),
+            ("#", "presence", true),
+            ("cs/1/+", "cs/1/m_code/pending", false),
+            ("cs/1/m_code/+/output", "cs/1/m_code/7/output", true),
+            ("cs/1", "cs/1/state", false),
+        ] {
+            assert_eq!(matches(pattern, path), expected, "{pattern} {path}");
+        }
+    }
+
+    #[test]
+    fn a_topic_that_does_not_exist_is_not_known() {
+        for pattern in ["cs/1/state", "presence", "cs/1/#", "#", "cs/+/m_code/+/output"] {
+            assert!(is_known(pattern), "{pattern}");
+        }
+        for pattern in ["cs/1/stat", "", "cs/#/state", "cs/1+/state", "cs//#", "cs/300/state"] {
+            assert!(!is_known(pattern), "{pattern}");
+        }
+    }
+}
