@@ -25,36 +25,50 @@ impl UnitRamp {
 
     /// S(t): share of the final speed at `t_s` seconds, 0 before the ramp and 1 after it.
     pub fn speed(self, t_s: f64) -> f64 {
-        let Self { ta_s: ta, ts_s: ts } = self;
-        let duration = ta + ts;
+        let duration = self.duration_s();
         if t_s <= 0.0 {
             0.0
         } else if t_s >= duration {
             1.0
-        } else if t_s < ts {
-            t_s * t_s / (2.0 * ta * ts)
-        } else if t_s <= ta {
-            (t_s - ts / 2.0) / ta
+        } else if t_s <= self.ta_s {
+            self.rising_speed(t_s)
         } else {
-            1.0 - self.speed(duration - t_s)
+            1.0 - self.rising_speed(duration - t_s)
         }
     }
 
     /// P(t): integral of S up to `t_s` seconds; half the duration at its end, growing with t after it.
     pub fn distance(self, t_s: f64) -> f64 {
-        let Self { ta_s: ta, ts_s: ts } = self;
-        let duration = ta + ts;
+        let duration = self.duration_s();
         if t_s <= 0.0 {
             0.0
         } else if t_s >= duration {
             t_s - duration / 2.0
-        } else if t_s < ts {
+        } else if t_s <= self.ta_s {
+            self.rising_distance(t_s)
+        } else {
+            t_s - duration / 2.0 + self.rising_distance(duration - t_s)
+        }
+    }
+
+    /// S(t) up to ta: first jerk phase and constant acceleration.
+    fn rising_speed(self, t_s: f64) -> f64 {
+        let Self { ta_s: ta, ts_s: ts } = self;
+        if t_s < ts {
+            t_s * t_s / (2.0 * ta * ts)
+        } else {
+            (t_s - ts / 2.0) / ta
+        }
+    }
+
+    /// P(t) up to ta: first jerk phase and constant acceleration.
+    fn rising_distance(self, t_s: f64) -> f64 {
+        let Self { ta_s: ta, ts_s: ts } = self;
+        if t_s < ts {
             t_s * t_s * t_s / (6.0 * ta * ts)
-        } else if t_s <= ta {
+        } else {
             let past = t_s - ts;
             ts * ts / (6.0 * ta) + ts * past / (2.0 * ta) + past * past / (2.0 * ta)
-        } else {
-            t_s - duration / 2.0 + self.distance(duration - t_s)
         }
     }
 }
@@ -96,5 +110,22 @@ mod tests {
     #[test]
     fn acceleration_time_is_never_below_jerk_time() {
         close(UnitRamp::new(0.01, 0.05).duration_s(), 0.1);
+    }
+
+    #[test]
+    fn what_is_not_a_number_stays_so() {
+        let ramp = UnitRamp::new(0.1, 0.05);
+        assert!(ramp.speed(f64::NAN).is_nan());
+        assert!(ramp.distance(f64::NAN).is_nan());
+        assert!(UnitRamp::new(f64::NAN, f64::NAN).distance(0.1).is_nan());
+    }
+
+    #[test]
+    fn jerk_time_and_acceleration_time_may_differ_by_the_last_bit() {
+        let ramp = UnitRamp::new(f64::from_bits(0.05_f64.to_bits() + 1), 0.05);
+        for k in 0..=1000 {
+            let t_s = 0.1 * f64::from(k) / 1000.0;
+            assert!((ramp.distance(t_s) - UnitRamp::new(0.05, 0.05).distance(t_s)).abs() < 1e-15);
+        }
     }
 }

@@ -4,8 +4,8 @@
 //! point; drives follow; what has come to rest is told. So in one cycle a profile gives its end point and, with an
 //! ideal drive, is found in position; the next one gives its start point in the cycle after (motion-semantics 1c).
 
-use tandem_model::MachinePosition;
 use tandem_model::profile::{Law, Profile, TimeBase};
+use tandem_model::{Axis, AxisVector, MachinePosition};
 
 use crate::brake::Brake;
 use crate::channel::{Channel, Hold};
@@ -184,7 +184,8 @@ impl Channel {
             let Some(profile) = &self.current else { return };
             let left_s = profile.duration_s - t_s;
             if left_s > END_TOLERANCE * self.period_s {
-                self.setpoint = profile.position(t_s);
+                let position = profile.position(t_s);
+                self.command(position);
                 return;
             }
             self.setpoint = profile.end();
@@ -205,6 +206,17 @@ impl Channel {
             });
             t_s = (-left_s).max(0.0);
             self.time.carry(t_s);
+        }
+    }
+
+    /// A position that is not a number is never commanded: the channel rests where it is, with a fault.
+    fn command(&mut self, position: AxisVector) {
+        let not_finite = Axis::ALL.into_iter().find(|&axis| !position[axis].is_finite());
+        if let Some(axis) = not_finite {
+            let (motor, jump) = (self.motors.number(axis), position[axis]);
+            self.fail(Fault::PositionJump { motor, axis, jump });
+        } else {
+            self.setpoint = position;
         }
     }
 

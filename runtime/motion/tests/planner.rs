@@ -1,0 +1,537 @@
+//! The planner against formulas written down a second time, in another form.
+
+#![allow(clippy::unwrap_used, clippy::panic, reason = "tests fail by panicking")]
+
+use std::collections::VecDeque;
+
+use proptest::prelude::*;
+use tandem_model::alarm::{AlarmEntry, LIMIT_ZERO, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
+use tandem_model::flow::{Feed, Path, Segment, SegmentEnd, SegmentMotion};
+use tandem_model::profile::{Law, Profile, TimeBase};
+use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
+use tandem_model::{AXES_MAX, Axis, AxisVector, Origin};
+use tandem_motion::Planner;
+
+const PERIOD_S: f64 = 0.001;
+
+fn motor(velocity: f64, acceleration: f64, jerk: Option<f64>) -> MotorSettings {
+    MotorSettings {
+        number: 1,
+        kind: MotorKind::Linear,
+        max_velocity: velocity,
+        max_acceleration: acceleration,
+        max_jerk: jerk,
+        rapid_velocity: velocity,
+        rapid_acceleration: acceleration,
+        skip_velocity: velocity / 10.0,
+        in_position: 0.01,
+        in_position_timeout_ms: 2000.0,
+        soft_limits: None,
+        reference_points: [0.0; 4],
+        lag_ms: 0.0,
+        orientation_velocity: 0.0,
+        orientation_position: 0.0,
+    }
+}
+
+fn settings(motors: [Option<MotorSettings>; AXES_MAX]) -> CoordinateSystemSettings {
+    CoordinateSystemSettings {
+        number: 1,
+        motors,
+        spindle: None,
+        max_feedrate_mm_min: 1e6,
+        default_feedrate_mm_min: 0.0,
+        default_ta_ms: 100.0,
+        default_td_ms: 100.0,
+        default_ts_ms: 50.0,
+        rotary_feedrate_deg_min: 0.0,
+        override_slew_ms: 1000.0,
+        hold_slew_ms: 200.0,
+        servo_period_s: PERIOD_S,
+    }
+}
+
+/// All eight axes with wide limits.
+fn fast() -> CoordinateSystemSettings {
+    settings(std::array::from_fn(|_| Some(motor(1e5, 1e6, None))))
+}
+
+fn vector(values: &[f64]) -> AxisVector {
+    AxisVector(std::array::from_fn(|i| values.get(i).copied().unwrap_or(0.0)))
+}
+
+fn segment(motion: SegmentMotion) -> Segment {
+    Segment {
+        origin: Origin {
+            program: 7,
+            line: 3,
+            column: 1,
+        },
+        motion,
+        end: SegmentEnd::ExactStop,
+    }
+}
+
+fn line(from: AxisVector, to: AxisVector, feed: Feed) -> Segment {
+    let way = to.minus(from);
+    let length = if way.orthogonal_length() > 0.0 {
+        way.orthogonal_length()
+    } else {
+        way.rotary_length()
+    };
+    segment(SegmentMotion::Feed {
+        path: Path::Line { from, to, length },
+        feed,
+    })
+}
+
+fn feed(feedrate_mm_min: f64, [ta_ms, td_ms, ts_ms]: [f64; 3]) -> Feed {
+    Feed {
+        feedrate_mm_min,
+        ta_ms,
+        td_ms,
+        ts_ms,
+    }
+}
+
+fn plan(settings: &CoordinateSystemSettings, segment: &Segment) -> Profile {
+    let mut planner = Planner::new(settings);
+    let mut out = VecDeque::new();
+    planner.push(segment, &mut out).unwrap();
+    planner.flush(&mut out).unwrap();
+    assert_eq!(out.len(), 1);
+    out.pop_front().unwrap()
+}
+
+#[track_caller]
+fn refused(settings: &CoordinateSystemSettings, segment: &Segment, entry: &'static AlarmEntry) -> String {
+    let mut planner = Planner::new(settings);
+    let mut out = VecDeque::new();
+    let alarm = planner.push(segment, &mut out).unwrap_err();
+    assert_eq!(alarm.entry, entry, "{}", alarm.text);
+    assert_eq!(alarm.origin, Some(segment.origin));
+    assert!(out.is_empty());
+    assert_eq!(planner.last_segment(), 0);
+    alarm.text
+}
+
+#[track_caller]
+fn close(value: f64, expected: f64) {
+    assert!((value - expected).abs() < 1e-9, "{value} is not {expected}");
+}
+
+/// P(t) as what it is, step * box(ta) * box(ts) integrated: truncated powers, no phases. After the ramp the powers
+/// amount to t - (ta + ts)/2, written so because their sum cancels there.
+fn integral_of_ramp(t: f64, ta: f64, ts: f64) -> f64 {
+    if t > ta + ts {
+        return t - f64::midpoint(ta, ts);
+    }
+    let cut = |x: f64, power: i32| if x > 0.0 { x.powi(power) } else { 0.0 };
+    if ts > 0.0 {
+        (cut(t, 3) - cut(t - ta, 3) - cut(t - ts, 3) + cut(t - ta - ts, 3)) / (6.0 * ta * ts)
+    } else {
+        (cut(t, 2) - cut(t - ta, 2)) / (2.0 * ta)
+    }
+}
+
+/// Time of the whole block and distance after `t`, by motion-semantics 1a.
+fn ramped_distance(length: f64, v: f64, [ta, td, ts]: [f64; 3], t: f64) -> (f64, f64) {
+    let (ta, td) = (ta.max(ts), td.max(ts));
+    let (ramp_a, ramp_d) = (ta + ts, td + ts);
+    let half = f64::midpoint(ramp_a, ramp_d);
+    let (v, t_end) = if length / v >= half {
+        (v, length / v + half)
+    } else {
+        (length / half, 2.0 * half)
+    };
+    let stopped = integral_of_ramp(t - (t_end - ramp_d), td, ts);
+    (t_end, v * (integral_of_ramp(t, ta, ts) - stopped))
+}
+
+#[test]
+fn s1a_a_block_takes_its_length_over_f_and_half_a_ramp_at_each_end() {
+    // 100 mm at F6000: 1 s; ta + ts = 150 ms, td + ts = 250 ms: 1 + 0.4/2
+    let block = line(
+        AxisVector::ZERO,
+        vector(&[60.0, 80.0]),
+        feed(6000.0, [100.0, 200.0, 50.0]),
+    );
+    let profile = plan(&fast(), &block);
+    close(profile.duration_s, 1.2);
+    assert_eq!(profile.time_base, TimeBase::Feed);
+    assert!(profile.exact_stop);
+    // Half a ramp of full speed after the ramp, then v t: 100 (0.5 - 0.075)
+    close(profile.position(0.5)[Axis::X], 0.6 * 42.5);
+    assert_eq!(profile.position(0.0), AxisVector::ZERO);
+    assert_eq!(profile.position(1.2), vector(&[60.0, 80.0]));
+}
+
+#[test]
+fn s1a_a_block_too_short_for_f_keeps_its_ramps_and_lowers_its_peak() {
+    // half the ramps: 0.15 s at 100 mm/s would be 15 mm; 3 mm: v_peak = 2 * 3 / 0.3 = 20 mm/s, t = 0.3 s
+    let block = line(
+        AxisVector::ZERO,
+        vector(&[3.0]),
+        feed(6000.0, [100.0, 100.0, 50.0]),
+    );
+    let profile = plan(&fast(), &block);
+    close(profile.duration_s, 0.3);
+    close(profile.position(0.15)[Axis::X], 1.5);
+    match profile.law {
+        Law::Ramped { speed, .. } => close(speed, 20.0),
+        other => panic!("not ramped: {other:?}"),
+    }
+    // The limit between the two rules belongs to both.
+    let block = line(
+        AxisVector::ZERO,
+        vector(&[15.0]),
+        feed(6000.0, [100.0, 100.0, 50.0]),
+    );
+    close(plan(&fast(), &block).duration_s, 0.3);
+}
+
+#[test]
+fn s1a_acceleration_times_below_ts_are_raised_to_it() {
+    let block = line(
+        AxisVector::ZERO,
+        vector(&[100.0]),
+        feed(6000.0, [10.0, 0.0, 50.0]),
+    );
+    close(plan(&fast(), &block).duration_s, 1.1);
+}
+
+#[test]
+fn s1a_an_acceleration_time_of_zero_counts_as_one_servo_period() {
+    let block = line(AxisVector::ZERO, vector(&[100.0]), feed(6000.0, [0.0, 0.0, 0.0]));
+    close(plan(&fast(), &block).duration_s, 1.0 + PERIOD_S);
+}
+
+#[test]
+fn s1a_f_is_clipped_by_the_maximum_feedrate() {
+    let mut settings = fast();
+    settings.max_feedrate_mm_min = 3000.0;
+    let block = line(
+        AxisVector::ZERO,
+        vector(&[100.0]),
+        feed(6000.0, [100.0, 100.0, 0.0]),
+    );
+    close(plan(&settings, &block).duration_s, 2.1);
+}
+
+#[test]
+fn s1a_the_whole_block_slows_so_that_no_motor_exceeds_its_maximum_velocity() {
+    // X and Y 30 and 40 mm, C 90 degrees, F3000 = 50 mm/s: 1 s, C at 90 deg/s; its maximum is 45 deg/s: 2 s.
+    let mut motors: [Option<MotorSettings>; AXES_MAX] = std::array::from_fn(|_| Some(motor(1e3, 1e4, None)));
+    motors[Axis::C.index()] = Some(motor(45.0, 1e3, None));
+    let to = vector(&[30.0, 40.0, 0.0, 0.0, 0.0, 90.0]);
+    let profile = plan(
+        &settings(motors),
+        &line(AxisVector::ZERO, to, feed(3000.0, [100.0, 100.0, 0.0])),
+    );
+    close(profile.duration_s, 2.1);
+    let middle = profile.position(1.05);
+    close(middle[Axis::X], 15.0);
+    close(middle[Axis::C], 45.0);
+}
+
+#[test]
+fn s1e_g00_moves_each_motor_alone_and_ends_with_the_slowest() {
+    let mut motors: [Option<MotorSettings>; AXES_MAX] = Default::default();
+    motors[0] = Some(motor(100.0, 1000.0, None));
+    motors[1] = Some(motor(50.0, 1000.0, None));
+    motors[2] = Some(motor(100.0, 1000.0, None));
+    let to = vector(&[-40.0, 30.0, 2.5]);
+    let motion = SegmentMotion::Rapid {
+        from: AxisVector::ZERO,
+        to,
+    };
+    let profile = plan(&settings(motors), &segment(motion));
+    // X: 40/100 + 0.1 = 0.5; Y: 30/50 + 0.05 = 0.65; Z: 2.5 < v^2/a = 10: 2 sqrt(2.5/1000) = 0.1
+    close(profile.duration_s, 0.65);
+    assert_eq!(profile.time_base, TimeBase::Rapid);
+    close(profile.position(0.05)[Axis::Z], 1.25);
+    close(profile.position(0.1)[Axis::Z], 2.5);
+    close(profile.position(0.25)[Axis::X], -20.0);
+    close(profile.position(0.25)[Axis::Y], 50.0 * (0.25 - 0.025));
+    assert_eq!(profile.position(0.5)[Axis::X].to_bits(), (-40.0_f64).to_bits());
+    assert_eq!(profile.position(0.65), to);
+}
+
+#[test]
+fn s1e_with_a_jerk_limit_a_rapid_has_seven_phases() {
+    // v 100, a 1000, j 20000: jerk phases 0.05 s, ramps 0.15 s over 15 mm; 20 mm: 20/100 + 0.15
+    let motors = std::array::from_fn(|_| Some(motor(100.0, 1000.0, Some(20_000.0))));
+    let rapid = |distance: f64| {
+        let to = vector(&[distance]);
+        let from = AxisVector::ZERO;
+        plan(
+            &settings(motors.clone()),
+            &segment(SegmentMotion::Rapid { from, to }),
+        )
+    };
+    close(rapid(20.0).duration_s, 0.35);
+    close(
+        rapid(20.0).position(0.05)[Axis::X],
+        20_000.0 * 0.05_f64.powi(3) / 6.0,
+    );
+    close(rapid(20.0).position(0.15)[Axis::X], 7.5);
+    // 5.625 mm reaches a but not v: a/j + sqrt((a/j)^2 + 4 D/a) = 0.05 + 0.15
+    close(rapid(5.625).duration_s, 0.05 + 0.025_f64.sqrt());
+    // 2 a^3/j^2 = 5 mm: shorter moves never reach a: 4 cbrt(D/(2 j))
+    close(rapid(1.35).duration_s, 4.0 * (1.35_f64 / 40_000.0).cbrt());
+}
+
+#[test]
+fn g04_rests_as_long_as_programmed_and_no_override_scales_it() {
+    let at = vector(&[1.0, 2.0]);
+    let profile = plan(&fast(), &segment(SegmentMotion::Dwell { at, dwell_s: 0.75 }));
+    close(profile.duration_s, 0.75);
+    assert_eq!(profile.time_base, TimeBase::Fixed);
+    assert_eq!(profile.law, Law::Rest { at });
+}
+
+#[test]
+fn segment_numbers_go_on_over_a_restart_and_profiles_carry_its_epoch() {
+    let mut planner = Planner::new(&fast());
+    let mut out = VecDeque::new();
+    let dwell = segment(SegmentMotion::Dwell {
+        at: AxisVector::ZERO,
+        dwell_s: 1.0,
+    });
+    planner.push(&dwell, &mut out).unwrap();
+    planner.push(&dwell, &mut out).unwrap();
+    planner.restart(4);
+    planner.push(&dwell, &mut out).unwrap();
+    let numbers: Vec<_> = out
+        .iter()
+        .map(|profile| (profile.segment, profile.epoch))
+        .collect();
+    assert_eq!(numbers, [(1, 0), (2, 0), (3, 4)]);
+    assert_eq!(planner.last_segment(), 3);
+    assert_eq!(out[2].origin, dwell.origin);
+}
+
+#[test]
+fn a_limit_that_is_not_above_zero_is_an_alarm_for_a_motor_that_moves() {
+    let with = |motor: Option<MotorSettings>| {
+        let mut motors: [Option<MotorSettings>; AXES_MAX] =
+            std::array::from_fn(|_| Some(self::motor(1.0, 1.0, None)));
+        motors[1] = motor;
+        settings(motors)
+    };
+    let y = vector(&[0.0, 5.0]);
+    let cut = line(AxisVector::ZERO, y, feed(600.0, [100.0, 100.0, 50.0]));
+    let rapid = segment(SegmentMotion::Rapid {
+        from: AxisVector::ZERO,
+        to: y,
+    });
+    for limit in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        let text = refused(&with(Some(motor(limit, 1.0, None))), &cut, &LIMIT_ZERO);
+        assert!(text.contains('Y'), "{text}");
+        refused(&with(Some(motor(limit, 1.0, None))), &rapid, &LIMIT_ZERO);
+        refused(&with(Some(motor(1.0, limit, None))), &rapid, &LIMIT_ZERO);
+        refused(&with(Some(motor(1.0, 1.0, Some(limit)))), &rapid, &LIMIT_ZERO);
+    }
+    refused(&with(None), &cut, &LIMIT_ZERO);
+    refused(&with(None), &rapid, &LIMIT_ZERO);
+    // X moves alone: Y's limit does not matter.
+    plan(
+        &with(None),
+        &line(AxisVector::ZERO, vector(&[5.0]), feed(600.0, [1.0; 3])),
+    );
+}
+
+#[test]
+fn what_cannot_be_planned_is_an_alarm() {
+    let to = vector(&[10.0]);
+    let cut = |feed| line(AxisVector::ZERO, to, feed);
+    for value in [f64::NAN, f64::INFINITY] {
+        refused(&fast(), &cut(feed(value, [1.0; 3])), &VALUE_NOT_FINITE);
+        for i in 0..3 {
+            let mut times = [1.0; 3];
+            times[i] = value;
+            refused(&fast(), &cut(feed(600.0, times)), &VALUE_NOT_FINITE);
+            times[i] = -1.0;
+            refused(&fast(), &cut(feed(600.0, times)), &VALUE_OUT_OF_RANGE);
+        }
+        let to = vector(&[value]);
+        refused(
+            &fast(),
+            &line(AxisVector::ZERO, to, feed(600.0, [1.0; 3])),
+            &VALUE_NOT_FINITE,
+        );
+        let from = AxisVector::ZERO;
+        refused(
+            &fast(),
+            &segment(SegmentMotion::Rapid { from, to }),
+            &VALUE_NOT_FINITE,
+        );
+        let dwell = SegmentMotion::Dwell {
+            at: from,
+            dwell_s: value,
+        };
+        refused(&fast(), &segment(dwell), &VALUE_NOT_FINITE);
+    }
+    refused(&fast(), &cut(feed(0.0, [1.0; 3])), &VALUE_OUT_OF_RANGE);
+    refused(&fast(), &cut(feed(-5.0, [1.0; 3])), &VALUE_OUT_OF_RANGE);
+    // More than 1e9 s, up to more than a number can hold.
+    refused(&fast(), &cut(feed(1e-7, [1.0; 3])), &VALUE_OUT_OF_RANGE);
+    refused(
+        &fast(),
+        &cut(feed(f64::MIN_POSITIVE, [1.0; 3])),
+        &VALUE_NOT_FINITE,
+    );
+}
+
+/// Numbers of a size that machines have, zero and signs included.
+fn coordinates() -> impl Strategy<Value = [f64; AXES_MAX]> {
+    prop::array::uniform8(prop_oneof![3 => -500.0..500.0, 1 => Just(0.0), 1 => -0.05..0.05])
+}
+
+fn ramp_times() -> impl Strategy<Value = [f64; 3]> {
+    let ts = prop_oneof![Just(0.0), 1.0..300.0];
+    (1.0..500.0, 1.0..500.0, ts).prop_map(|(ta, td, ts)| [ta, td, ts])
+}
+
+/// Peak speed, ramp time by motion-semantics 1e, the peak found by halving instead of a closed form.
+fn shortest_by_halving(way: f64, v: f64, a: f64, j: Option<f64>) -> (f64, f64) {
+    let ramp = |w: f64| match j {
+        None => w / a,
+        Some(j) if w >= a * a / j => w / a + a / j,
+        Some(j) => 2.0 * (w / j).sqrt(),
+    };
+    let (mut low, mut high) = (0.0, v);
+    if v * ramp(v) > way {
+        for _ in 0..200 {
+            let middle = f64::midpoint(low, high);
+            if middle * ramp(middle) > way {
+                high = middle;
+            } else {
+                low = middle;
+            }
+        }
+    }
+    (high, way / high + ramp(high))
+}
+
+proptest! {
+    #[test]
+    fn s1a_positions_are_those_of_the_formula(
+        from in coordinates(),
+        to in coordinates(),
+        feedrate in 1.0..60_000.0,
+        times in ramp_times(),
+    ) {
+        let (from, to) = (AxisVector(from), AxisVector(to));
+        let way = to.minus(from);
+        prop_assume!(way.orthogonal_length() > 1e-3);
+        let profile = plan(&fast(), &line(from, to, feed(feedrate, times)));
+        let seconds = times.map(|time| time / 1000.0);
+        let fastest = way.0.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
+        let v = (feedrate / 60.0).min(1e5 * way.orthogonal_length() / fastest);
+        let length = way.orthogonal_length();
+        let (t_end, _) = ramped_distance(length, v, seconds, 0.0);
+        prop_assert!((profile.duration_s - t_end).abs() <= 1e-9 * t_end.max(1.0));
+        for k in 0..=64 {
+            let t = t_end * f64::from(k) / 64.0;
+            let (_, distance) = ramped_distance(length, v, seconds, t);
+            let expected = from.plus(way.scaled(distance / length));
+            for axis in Axis::ALL {
+                let error = (profile.position(t)[axis] - expected[axis]).abs();
+                prop_assert!(error < 1e-9 * way[axis].abs().max(1.0), "{axis:?} at {t}: {error}");
+            }
+        }
+        prop_assert_eq!(profile.position(0.0), from);
+        prop_assert_eq!(profile.position(profile.duration_s), to);
+    }
+
+    #[test]
+    fn s1a_no_motor_exceeds_its_maximum_velocity_and_the_speed_has_no_step(
+        to in coordinates(),
+        feedrate in 1.0..60_000.0,
+        times in ramp_times(),
+        limits in prop::array::uniform8(1.0..300.0),
+    ) {
+        let to = AxisVector(to);
+        prop_assume!(to.orthogonal_length() > 1e-3);
+        let settings = settings(std::array::from_fn(|i| Some(motor(limits[i], 1e4, None))));
+        let profile = plan(&settings, &line(AxisVector::ZERO, to, feed(feedrate, times)));
+        let step_s = profile.duration_s / 500.0;
+        let ramp_s = times[0].min(times[1]).max(times[2]) / 1000.0;
+        let mut velocity = AxisVector::ZERO;
+        for k in 0..500 {
+            let at = |n: i32| profile.position(step_s * f64::from(n));
+            let next = at(k + 1).minus(at(k)).scaled(1.0 / step_s);
+            for axis in Axis::ALL {
+                let limit = limits[axis.index()];
+                prop_assert!(next[axis].abs() <= limit * (1.0 + 1e-9) + 1e-7);
+                // From rest to at most the limit within a ramp: acceleration at most limit/ta at each end.
+                let change = (next[axis] - velocity[axis]).abs();
+                prop_assert!(change <= 2.0 * limit * step_s / ramp_s * (1.0 + 1e-6) + 1e-7);
+            }
+            velocity = next;
+        }
+    }
+
+    #[test]
+    fn s1e_a_rapid_takes_the_shortest_time_and_keeps_every_limit(
+        from in -500.0..500.0,
+        distance in prop_oneof![-800.0..800.0, -0.5..0.5, -1e-4..1e-4],
+        velocity in 1.0..1000.0,
+        acceleration in 10.0..20_000.0,
+        jerk in prop::option::of(100.0..1e6),
+    ) {
+        prop_assume!(f64::abs(distance) > 1e-6);
+        let limits = motor(velocity, acceleration, jerk);
+        let settings = settings(std::array::from_fn(|i| (i == 0).then(|| limits.clone())));
+        let (from, to) = (vector(&[from]), vector(&[from + distance]));
+        let way = (to.0[0] - from.0[0]).abs();
+        let profile = plan(&settings, &segment(SegmentMotion::Rapid { from, to }));
+        let (peak, expected_s) = shortest_by_halving(way, velocity, acceleration, jerk);
+        prop_assert!((profile.duration_s - expected_s).abs() < 1e-9 * expected_s.max(1.0));
+        prop_assert_eq!(profile.position(0.0), from);
+        prop_assert_eq!(profile.position(profile.duration_s), to);
+
+        let steps = 400;
+        let step_s = profile.duration_s / f64::from(steps);
+        let at = |n: i32| (profile.position(step_s * f64::from(n)).0[0] - from.0[0]) * f64::signum(distance);
+        // Rounding of a position of up to 1300 in a first, second and third difference.
+        let noise = |order: i32| 4e-12 / step_s.powi(order);
+        for k in 0..steps {
+            let v = (at(k + 1) - at(k)) / step_s;
+            prop_assert!(v >= -noise(1) && v <= peak * (1.0 + 1e-9) + noise(1));
+            let a = (at(k + 1) - 2.0 * at(k) + at(k - 1)) / (step_s * step_s);
+            prop_assert!(a.abs() <= acceleration * (1.0 + 1e-6) + noise(2));
+            if let Some(jerk) = jerk {
+                let j = (at(k + 2) - 3.0 * at(k + 1) + 3.0 * at(k) - at(k - 1)) / step_s.powi(3);
+                prop_assert!(j.abs() <= jerk * (1.0 + 1e-6) + noise(3));
+            }
+        }
+    }
+
+    #[test]
+    fn any_numbers_give_a_finite_profile_or_an_alarm(
+        numbers in prop::array::uniform16(any::<f64>()),
+        limits in prop::array::uniform4(any::<f64>()),
+        jerk in prop::option::of(any::<f64>()),
+    ) {
+        let limits = motor(limits[0], limits[1], jerk);
+        let settings = settings(std::array::from_fn(|_| Some(limits.clone())));
+        let from = vector(&numbers[..3]);
+        let to = vector(&numbers[3..6]);
+        let segments = [
+            line(from, to, feed(numbers[6], [numbers[7], numbers[8], numbers[9]])),
+            segment(SegmentMotion::Rapid { from, to }),
+            segment(SegmentMotion::Dwell { at: AxisVector::ZERO, dwell_s: numbers[10] }),
+        ];
+        for segment in segments {
+            let mut out = VecDeque::new();
+            if Planner::new(&settings).push(&segment, &mut out).is_ok() {
+                let profile = out.pop_front().unwrap();
+                for share in [0.0, 0.1, 0.5, 0.9, 1.0] {
+                    prop_assert!(profile.position(profile.duration_s * share).is_finite(), "{profile:?}");
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,491 @@
+//! The path stage from outside: blocks in, segments out.
+
+#![allow(clippy::unwrap_used, clippy::panic, reason = "tests fail by panicking")]
+
+use tandem_model::alarm::{
+    AXIS_MISSING, AlarmEntry, FEEDRATE_MISSING, SOFT_LIMIT, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE,
+};
+use tandem_model::flow::{
+    Action, AxisWords, Block, Distance, Feed, Path, PathControl, Segment, SegmentEnd, SegmentMotion,
+    Transform,
+};
+use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
+use tandem_model::{Axis, AxisSet, AxisVector, MachinePosition, Origin};
+use tandem_path::{PathStage, work_position};
+
+fn motor(number: u16, kind: MotorKind) -> MotorSettings {
+    MotorSettings {
+        number,
+        kind,
+        max_velocity: 500.0,
+        max_acceleration: 5000.0,
+        max_jerk: None,
+        rapid_velocity: 500.0,
+        rapid_acceleration: 5000.0,
+        skip_velocity: 50.0,
+        in_position: 0.01,
+        in_position_timeout_ms: 2000.0,
+        soft_limits: (kind == MotorKind::Linear).then_some([-100.0, 200.0]),
+        reference_points: [0.0; 4],
+        lag_ms: 0.0,
+        orientation_velocity: 0.0,
+        orientation_position: 0.0,
+    }
+}
+
+/// X, Y, Z with soft limits -100 to 200, A and C without; no B.
+fn settings() -> CoordinateSystemSettings {
+    let linear = |number| Some(motor(number, MotorKind::Linear));
+    let rotary = |number| Some(motor(number, MotorKind::Rotary));
+    CoordinateSystemSettings {
+        number: 1,
+        motors: [
+            linear(1),
+            linear(2),
+            linear(3),
+            rotary(4),
+            None,
+            rotary(5),
+            None,
+            None,
+        ],
+        spindle: None,
+        max_feedrate_mm_min: 10_000.0,
+        default_feedrate_mm_min: 0.0,
+        default_ta_ms: 100.0,
+        default_td_ms: 100.0,
+        default_ts_ms: 50.0,
+        rotary_feedrate_deg_min: 0.0,
+        override_slew_ms: 1000.0,
+        hold_slew_ms: 200.0,
+        servo_period_s: 0.001,
+    }
+}
+
+fn words(distance: Distance, values: &[(Axis, f64)]) -> AxisWords {
+    let mut vector = AxisVector::ZERO;
+    let mut named = AxisSet::EMPTY;
+    for &(axis, value) in values {
+        vector[axis] = value;
+        named.insert(axis);
+    }
+    AxisWords {
+        values: vector,
+        named,
+        distance,
+    }
+}
+
+/// A block in G64 at F600 on this line.
+fn block(line: u32, action: Action) -> Block {
+    Block {
+        origin: Origin {
+            program: 1,
+            line,
+            column: 1,
+        },
+        action,
+        feed: Feed {
+            feedrate_mm_min: 600.0,
+            ta_ms: 100.0,
+            td_ms: 100.0,
+            ts_ms: 50.0,
+        },
+        path_control: PathControl::ContinuousPath,
+        exact_stop_before: false,
+        exact_stop_after: false,
+    }
+}
+
+fn g01(line: u32, values: &[(Axis, f64)]) -> Block {
+    block(line, Action::Linear(words(Distance::Absolute, values)))
+}
+
+fn g00(line: u32, values: &[(Axis, f64)]) -> Block {
+    block(line, Action::Rapid(words(Distance::Absolute, values)))
+}
+
+fn stage() -> PathStage {
+    PathStage::new(&settings(), MachinePosition::default())
+}
+
+/// All segments of these blocks, with a flush at the end.
+fn run(blocks: &[Block]) -> Vec<Segment> {
+    let mut stage = stage();
+    let mut out = Vec::new();
+    for block in blocks {
+        stage.push(block, &mut out).unwrap();
+    }
+    stage.flush(&mut out).unwrap();
+    out
+}
+
+fn ends(segments: &[Segment]) -> Vec<(u32, SegmentEnd)> {
+    segments
+        .iter()
+        .map(|segment| (segment.origin.line, segment.end))
+        .collect()
+}
+
+fn target(segment: &Segment) -> [f64; 3] {
+    let end = match &segment.motion {
+        SegmentMotion::Feed { path, .. } => path.end(),
+        SegmentMotion::Rapid { to, .. } => *to,
+        SegmentMotion::Dwell { at, .. } => *at,
+    };
+    [end.0[0], end.0[1], end.0[2]]
+}
+
+fn near(values: [f64; 3], expected: [f64; 3]) {
+    let close = values.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12);
+    assert!(close, "{values:?} is not {expected:?}");
+}
+
+fn length_and_feed(segment: &Segment) -> (f64, f64) {
+    match &segment.motion {
+        SegmentMotion::Feed { path, feed } => (path.length(), feed.feedrate_mm_min),
+        other => panic!("not a cutting block: {other:?}"),
+    }
+}
+
+#[track_caller]
+fn refused(block: &Block, entry: &'static AlarmEntry) -> String {
+    let mut stage = stage();
+    let mut out = Vec::new();
+    let alarm = stage.push(block, &mut out).unwrap_err();
+    assert_eq!(alarm.entry, entry);
+    assert_eq!(alarm.origin, Some(block.origin));
+    stage.flush(&mut out).unwrap();
+    assert!(out.is_empty());
+    assert_eq!(stage.position(), MachinePosition::default());
+    alarm.text
+}
+
+use Axis::{A, B, C, X, Y, Z};
+use SegmentEnd::{Continuous, ExactStop};
+
+#[test]
+fn g90_counts_from_the_work_offset_and_g91_from_the_last_position() {
+    let mut offset = AxisVector::ZERO;
+    offset[X] = 10.0;
+    offset[Y] = -5.0;
+    let transform = Transform { work_offset: offset };
+    let segments = run(&[
+        block(1, Action::Transform(Box::new(transform))),
+        g01(2, &[(X, 20.0)]),
+        block(
+            3,
+            Action::Linear(words(Distance::Incremental, &[(X, 1.5), (Y, 2.0)])),
+        ),
+        g00(4, &[(Y, 0.0)]),
+    ]);
+    assert_eq!(segments.len(), 3);
+    near(target(&segments[0]), [30.0, 0.0, 0.0]);
+    near(target(&segments[1]), [31.5, 2.0, 0.0]);
+    near(target(&segments[2]), [31.5, -5.0, 0.0]);
+}
+
+#[test]
+fn d20_switching_a_transform_on_moves_nothing_and_the_work_position_undoes_it() {
+    let mut stage = stage();
+    let mut out = Vec::new();
+    let mut offset = AxisVector::ZERO;
+    offset[X] = 10.0;
+    let transform = Transform { work_offset: offset };
+    stage
+        .push(&block(1, Action::Transform(Box::new(transform))), &mut out)
+        .unwrap();
+    assert!(out.is_empty());
+    assert_eq!(stage.transform(), &transform);
+    assert!((work_position(&transform, stage.position()).0[X] + 10.0).abs() < 1e-12);
+    stage.restart(MachinePosition::default());
+    assert_eq!(stage.transform(), &Transform::default());
+}
+
+#[test]
+fn s1a_f_counts_the_vector_length_of_x_y_z() {
+    let segments = run(&[g01(1, &[(X, 3.0), (Y, 4.0), (Z, 12.0), (A, 720.0)])]);
+    let (length, feed) = length_and_feed(&segments[0]);
+    assert!((length - 13.0).abs() < 1e-12);
+    assert!((feed - 600.0).abs() < 1e-12);
+    match &segments[0].motion {
+        SegmentMotion::Feed {
+            path: path @ Path::Line { .. },
+            ..
+        } => {
+            // A is as far along as X, Y and Z at every point of the line.
+            let middle = path.point_at(6.5);
+            assert!((middle[X] - 1.5).abs() < 1e-12 && (middle[A] - 360.0).abs() < 1e-12);
+        }
+        other => panic!("not a line: {other:?}"),
+    }
+}
+
+#[test]
+fn s1a_f_counts_the_vector_length_of_rotary_axes_when_only_they_move() {
+    let block = g01(1, &[(A, 30.0), (C, 40.0)]);
+    let (length, feed) = length_and_feed(&run(std::slice::from_ref(&block))[0]);
+    assert!((length - 50.0).abs() < 1e-12);
+    assert!((feed - 600.0).abs() < 1e-12);
+
+    let mut settings = settings();
+    settings.rotary_feedrate_deg_min = 3600.0;
+    let mut stage = PathStage::new(&settings, MachinePosition::default());
+    let mut out = Vec::new();
+    stage.push(&block, &mut out).unwrap();
+    stage.push(&g01(2, &[(X, 1.0), (A, 0.0)]), &mut out).unwrap();
+    stage.flush(&mut out).unwrap();
+    assert!((length_and_feed(&out[0]).1 - 3600.0).abs() < 1e-12);
+    assert!(
+        (length_and_feed(&out[1]).1 - 600.0).abs() < 1e-12,
+        "X moves too: F"
+    );
+}
+
+#[test]
+fn a_rounding_error_of_x_does_not_count_as_the_length_of_a_rotary_block() {
+    let (length, _) = length_and_feed(&run(&[g01(1, &[(X, 3e-10), (A, 90.0)])])[0]);
+    assert!((length - 90.0).abs() < 1e-12);
+}
+
+#[test]
+fn an_axis_that_the_coordinate_system_lacks_is_an_alarm() {
+    assert!(refused(&g01(4, &[(X, 1.0), (B, 1.0)]), &AXIS_MISSING).contains('B'));
+    assert!(refused(&g00(4, &[(B, 0.0)]), &AXIS_MISSING).contains('B'));
+}
+
+#[test]
+fn soft_limits_are_checked_before_anything_moves_and_the_text_names_axis_value_and_limit() {
+    let text = refused(&g01(9, &[(X, 10.0), (Y, 200.5)]), &SOFT_LIMIT);
+    assert!(
+        text.contains('Y') && text.contains("200.5") && text.contains("upper limit 200.0"),
+        "{text}"
+    );
+    let text = refused(&g00(9, &[(Z, -100.25)]), &SOFT_LIMIT);
+    assert!(
+        text.contains('Z') && text.contains("-100.25") && text.contains("lower limit -100.0"),
+        "{text}"
+    );
+    // On the limit is within it, and so is what rounding adds to it.
+    assert_eq!(
+        run(&[g01(1, &[(X, 200.0)]), g01(2, &[(Y, 200.0 + 1e-12)])]).len(),
+        2
+    );
+    // The limit is that of the machine position.
+    let mut stage = stage();
+    let mut offset = AxisVector::ZERO;
+    offset[X] = 150.0;
+    let transform = Transform { work_offset: offset };
+    let mut out = Vec::new();
+    stage
+        .push(&block(1, Action::Transform(Box::new(transform))), &mut out)
+        .unwrap();
+    assert_eq!(
+        stage.push(&g01(2, &[(X, 60.0)]), &mut out).unwrap_err().entry,
+        &SOFT_LIMIT
+    );
+    stage.push(&g01(2, &[(X, 50.0)]), &mut out).unwrap();
+}
+
+#[test]
+fn an_axis_outside_its_limits_hinders_only_blocks_that_move_it() {
+    let mut at = AxisVector::ZERO;
+    at[X] = 250.0;
+    let mut stage = PathStage::new(&settings(), MachinePosition(at));
+    let mut out = Vec::new();
+    stage.push(&g01(1, &[(Y, 5.0)]), &mut out).unwrap();
+    assert_eq!(
+        stage.push(&g01(2, &[(X, 240.0)]), &mut out).unwrap_err().entry,
+        &SOFT_LIMIT
+    );
+    stage.push(&g01(3, &[(X, 200.0)]), &mut out).unwrap();
+}
+
+#[test]
+fn a_missing_feedrate_is_an_alarm_only_for_a_block_that_moves() {
+    let without_f = |block: Block| Block {
+        feed: Feed {
+            feedrate_mm_min: 0.0,
+            ..block.feed
+        },
+        ..block
+    };
+    refused(&without_f(g01(1, &[(X, 1.0)])), &FEEDRATE_MISSING);
+    assert!(run(&[without_f(g01(1, &[(X, 0.0)]))]).is_empty());
+    assert_eq!(run(&[without_f(g00(1, &[(X, 1.0)]))]).len(), 1);
+
+    let mut settings = settings();
+    settings.default_feedrate_mm_min = 1000.0;
+    let mut stage = PathStage::new(&settings, MachinePosition::default());
+    let mut out = Vec::new();
+    stage.push(&without_f(g01(1, &[(X, 1.0)])), &mut out).unwrap();
+    stage.flush(&mut out).unwrap();
+    assert!((length_and_feed(&out[0]).1 - 1000.0).abs() < 1e-12);
+}
+
+#[test]
+fn d07_a_value_that_is_not_a_number_is_an_alarm() {
+    for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+        refused(&g01(1, &[(X, value)]), &VALUE_NOT_FINITE);
+        refused(&g00(1, &[(A, value)]), &VALUE_NOT_FINITE);
+        refused(&block(1, Action::Dwell { dwell_s: value }), &VALUE_NOT_FINITE);
+        let mut offset = AxisVector::ZERO;
+        offset[Y] = value;
+        let transform = Transform { work_offset: offset };
+        refused(
+            &block(1, Action::Transform(Box::new(transform))),
+            &VALUE_NOT_FINITE,
+        );
+        for field in 0..4 {
+            let mut block = g01(1, &[(X, 1.0)]);
+            let feed = &mut block.feed;
+            *[
+                &mut feed.feedrate_mm_min,
+                &mut feed.ta_ms,
+                &mut feed.td_ms,
+                &mut feed.ts_ms,
+            ][field] = value;
+            refused(&block, &VALUE_NOT_FINITE);
+        }
+    }
+    // Finite words whose length is not.
+    refused(&g01(1, &[(A, 1e200), (C, 1e200)]), &VALUE_NOT_FINITE);
+    refused(&block(1, Action::Dwell { dwell_s: -0.5 }), &VALUE_OUT_OF_RANGE);
+}
+
+#[test]
+fn s1c_in_g64_a_block_is_continuous_when_another_follows() {
+    let segments = run(&[g01(1, &[(X, 1.0)]), g01(2, &[(X, 2.0)]), g01(3, &[(X, 3.0)])]);
+    assert_eq!(
+        ends(&segments),
+        [(1, Continuous), (2, Continuous), (3, ExactStop)]
+    );
+}
+
+#[test]
+fn s1c_the_last_block_is_held_back_until_the_next_one_or_a_flush() {
+    let mut stage = stage();
+    let mut out = Vec::new();
+    stage.push(&g01(1, &[(X, 1.0)]), &mut out).unwrap();
+    assert!(out.is_empty());
+    stage.push(&g01(2, &[(X, 2.0)]), &mut out).unwrap();
+    assert_eq!(ends(&out), [(1, Continuous)]);
+    stage.flush(&mut out).unwrap();
+    stage.flush(&mut out).unwrap();
+    assert_eq!(ends(&out), [(1, Continuous), (2, ExactStop)]);
+    stage.push(&g01(3, &[(X, 3.0)]), &mut out).unwrap();
+    stage.restart(MachinePosition::default());
+    stage.flush(&mut out).unwrap();
+    assert_eq!(out.len(), 2, "a restart forgets what is held back");
+}
+
+#[test]
+fn d27_g09_stops_before_the_axis_words_or_after_them() {
+    // The manual's example: G09 X10 separates its block from the one before, X10 G09 from the one after.
+    let mut third = g01(3, &[(X, 30.0)]);
+    third.exact_stop_before = true;
+    let mut fourth = g01(4, &[(X, 40.0)]);
+    fourth.exact_stop_after = true;
+    let segments = run(&[
+        g01(2, &[(X, 20.0)]),
+        third,
+        fourth,
+        g01(5, &[(X, 50.0)]),
+        g01(6, &[(X, 60.0)]),
+    ]);
+    assert_eq!(
+        ends(&segments),
+        [
+            (2, ExactStop),
+            (3, Continuous),
+            (4, ExactStop),
+            (5, Continuous),
+            (6, ExactStop)
+        ]
+    );
+}
+
+#[test]
+fn s1c_a_joint_blends_only_between_two_blocks_in_g64() {
+    let exact = |mut block: Block| {
+        block.path_control = PathControl::ExactStop;
+        block
+    };
+    let segments = run(&[
+        g01(1, &[(X, 1.0)]),
+        exact(g01(2, &[(X, 2.0)])),
+        g01(3, &[(X, 3.0)]),
+        g01(4, &[(X, 4.0)]),
+    ]);
+    assert_eq!(
+        ends(&segments),
+        [(1, ExactStop), (2, ExactStop), (3, Continuous), (4, ExactStop)]
+    );
+    // In G61 nothing is held back.
+    let mut stage = stage();
+    let mut out = Vec::new();
+    stage.push(&exact(g01(1, &[(X, 1.0)])), &mut out).unwrap();
+    assert_eq!(ends(&out), [(1, ExactStop)]);
+}
+
+#[test]
+fn s1c_rapid_dwell_transform_and_a_block_without_movement_end_a_chain() {
+    let none = |line| block(line, Action::None);
+    let dwell = |line| block(line, Action::Dwell { dwell_s: 0.5 });
+    let transform = |line| block(line, Action::Transform(Box::default()));
+    let without_words = |line| g01(line, &[]);
+    for (between, segments) in [
+        (none(2), 2),
+        (dwell(2), 3),
+        (transform(2), 2),
+        (g00(2, &[(Y, 1.0)]), 3),
+        (g00(2, &[(X, 1.0)]), 2),
+        (without_words(2), 2),
+    ] {
+        let out = run(&[g01(1, &[(X, 1.0)]), between.clone(), g01(3, &[(X, 2.0)])]);
+        assert_eq!(out.len(), segments, "{between:?}");
+        assert!(out.iter().all(|segment| segment.end == ExactStop), "{between:?}");
+    }
+}
+
+#[test]
+fn a_move_of_length_zero_gives_no_segment_but_keeps_its_exact_stop() {
+    let still = |line| g01(line, &[(X, 1.0)]);
+    let chain = |between: Block| ends(&run(&[g01(1, &[(X, 1.0)]), between, g01(3, &[(X, 2.0)])]));
+    assert_eq!(chain(still(2)), [(1, Continuous), (3, ExactStop)]);
+    let mut before = still(2);
+    before.exact_stop_before = true;
+    assert_eq!(chain(before), [(1, ExactStop), (3, ExactStop)]);
+    let mut after = still(2);
+    after.exact_stop_after = true;
+    assert_eq!(chain(after), [(1, ExactStop), (3, ExactStop)]);
+    let mut g61 = still(2);
+    g61.path_control = PathControl::ExactStop;
+    assert_eq!(chain(g61), [(1, ExactStop), (3, ExactStop)]);
+    assert!(run(&[block(1, Action::Dwell { dwell_s: 0.0 })]).is_empty());
+}
+
+#[test]
+fn segments_join_without_a_gap() {
+    let segments = run(&[
+        g01(1, &[(X, 0.1)]),
+        block(
+            2,
+            Action::Linear(words(Distance::Incremental, &[(X, 0.2), (Y, 1e-10)])),
+        ),
+        g00(3, &[(Z, 7.0)]),
+        block(4, Action::Dwell { dwell_s: 0.1 }),
+        g01(5, &[(A, 5.0)]),
+    ]);
+    let mut at = AxisVector::ZERO;
+    for segment in &segments {
+        let (from, to) = match &segment.motion {
+            SegmentMotion::Feed { path, .. } => (path.start(), path.end()),
+            SegmentMotion::Rapid { from, to } => (*from, *to),
+            SegmentMotion::Dwell { at, .. } => (*at, *at),
+        };
+        assert_eq!(from, at);
+        at = to;
+    }
+    assert_eq!(segments.len(), 5);
+}

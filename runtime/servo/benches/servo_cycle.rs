@@ -1,0 +1,131 @@
+//! Time of one servo cycle: 8 channels of 8 axes, the most a machine can have, and one channel of 3 axes.
+
+use std::hint::black_box;
+
+use divan::Bencher;
+use tandem_model::flow::Path;
+use tandem_model::profile::{Law, MotorMove, Profile, TimeBase};
+use tandem_model::ramp::UnitRamp;
+use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
+use tandem_model::{AXES_MAX, AxisVector, Origin};
+use tandem_servo::{ChannelHandle, Servo, channel};
+
+const T: f64 = 0.001;
+
+/// Long enough that no profile ends while it is measured, s.
+const DURATION_S: f64 = 1e8;
+
+fn main() {
+    divan::main();
+}
+
+fn motor(number: u16) -> MotorSettings {
+    MotorSettings {
+        number,
+        kind: MotorKind::Linear,
+        max_velocity: 500.0,
+        max_acceleration: 5000.0,
+        max_jerk: None,
+        rapid_velocity: 500.0,
+        rapid_acceleration: 5000.0,
+        skip_velocity: 50.0,
+        in_position: 0.01,
+        in_position_timeout_ms: 2000.0,
+        soft_limits: None,
+        reference_points: [0.0; 4],
+        lag_ms: 5.0,
+        orientation_velocity: 60.0,
+        orientation_position: 0.0,
+    }
+}
+
+fn settings(axes: usize) -> CoordinateSystemSettings {
+    CoordinateSystemSettings {
+        number: 1,
+        motors: std::array::from_fn(|i| (i < axes).then(|| motor(1))),
+        spindle: Some(motor(9)),
+        max_feedrate_mm_min: 10_000.0,
+        default_feedrate_mm_min: 0.0,
+        default_ta_ms: 100.0,
+        default_td_ms: 100.0,
+        default_ts_ms: 50.0,
+        rotary_feedrate_deg_min: 0.0,
+        override_slew_ms: 1000.0,
+        hold_slew_ms: 200.0,
+        servo_period_s: T,
+    }
+}
+
+/// A slow way of all axes that lasts as long as the bench.
+fn law(rapid: bool) -> (Law, TimeBase) {
+    let from = AxisVector::ZERO;
+    let to = AxisVector([1000.0; AXES_MAX]);
+    if rapid {
+        let slow = MotorMove {
+            velocity: 2000.0 / DURATION_S,
+            ramp_s: DURATION_S / 2.0,
+            jerk_s: DURATION_S / 8.0,
+            cruise_s: 0.0,
+        };
+        let moves = [slow; AXES_MAX];
+        (Law::Motors { from, to, moves }, TimeBase::Rapid)
+    } else {
+        let length = to.orthogonal_length();
+        let ramp = UnitRamp::new(DURATION_S / 4.0, DURATION_S / 4.0);
+        let path = Path::Line { from, to, length };
+        let law = Law::Ramped {
+            path,
+            speed: 2.0 * length / DURATION_S,
+            start: ramp,
+            stop: ramp,
+        };
+        (law, TimeBase::Feed)
+    }
+}
+
+fn moving(channels: usize, axes: usize, rapid: bool) -> (Servo, Vec<ChannelHandle>) {
+    let settings = settings(axes);
+    let (channels, mut handles): (Vec<_>, Vec<_>) = (0..channels).map(|_| channel(&settings, 16)).unzip();
+    for handle in &mut handles {
+        let (law, time_base) = law(rapid);
+        let profile = Profile {
+            segment: 1,
+            epoch: 0,
+            origin: Origin::default(),
+            law,
+            duration_s: DURATION_S,
+            time_base,
+            exact_stop: true,
+        };
+        assert!(handle.profiles.push(profile).is_ok());
+    }
+    let mut servo = Servo::new(channels, T);
+    servo.cycle();
+    assert!(
+        servo
+            .channels()
+            .iter()
+            .all(|channel| channel.executing().is_some())
+    );
+    (servo, handles)
+}
+
+#[divan::bench(args = [(1, 3), (8, 8)])]
+fn linear(bencher: Bencher, (channels, axes): (usize, usize)) {
+    let (mut servo, _handles) = moving(channels, axes, false);
+    bencher.bench_local(|| black_box(&mut servo).cycle());
+}
+
+#[divan::bench(args = [(1, 3), (8, 8)])]
+fn rapid(bencher: Bencher, (channels, axes): (usize, usize)) {
+    let (mut servo, _handles) = moving(channels, axes, true);
+    bencher.bench_local(|| black_box(&mut servo).cycle());
+}
+
+#[divan::bench(args = [(1, 3), (8, 8)])]
+fn idle(bencher: Bencher, (channels, axes): (usize, usize)) {
+    let settings = settings(axes);
+    let (channels, _handles): (Vec<_>, Vec<_>) = (0..channels).map(|_| channel(&settings, 16)).unzip();
+    let mut servo = Servo::new(channels, T);
+    bencher.bench_local(|| black_box(&mut servo).cycle());
+}

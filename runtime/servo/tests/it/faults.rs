@@ -1,0 +1,198 @@
+//! What goes wrong, and the limits of the rings.
+
+use tandem_model::profile::Law;
+use tandem_model::{AXES_MAX, Axis, AxisVector};
+use tandem_servo::{
+    CONTROLS_MAX, Control, Drive, EVENTS_MAX, Event, Fault, Servo, SpindleDirection, channel,
+    channel_with_drives,
+};
+
+use crate::rig::{Rig, T, close, dwell, is_stopped, rapid, settings, vector};
+
+/// A drive that stays half a millimetre behind for ever.
+#[derive(Debug)]
+struct Stuck;
+
+impl Drive for Stuck {
+    fn cycle(&mut self, command: f64) -> f64 {
+        command - 0.5
+    }
+}
+
+fn fault(events: &[Event]) -> Fault {
+    match events {
+        [Event::Fault(fault)] => *fault,
+        other => panic!("not one fault: {other:?}"),
+    }
+}
+
+#[test]
+fn s1c_a_motor_that_does_not_come_into_position_is_a_fault_after_its_time_out() {
+    let mut drives: [Option<Box<dyn Drive>>; AXES_MAX] = Default::default();
+    drives[1] = Some(Box::new(Stuck));
+    let (channel, handle) = channel_with_drives(&settings(), 8, drives);
+    let mut rig = Rig {
+        servo: Servo::new(vec![channel], T),
+        handle,
+    };
+    rig.push(dwell(1, AxisVector::ZERO, 0.1));
+    rig.push(dwell(2, AxisVector::ZERO, 0.1));
+    rig.cycles(101);
+    assert!(rig.cycles(1999).is_empty());
+    let fault = fault(&rig.cycle());
+    let Fault::InPositionTimeout {
+        motor: 12,
+        axis: Axis::Y,
+        following_error,
+    } = fault
+    else {
+        panic!("{fault:?}");
+    };
+    close(following_error, 0.5);
+    let alarm = fault.alarm();
+    assert_eq!(alarm.entry.number, 200);
+    assert!(
+        alarm.text.contains("12") && alarm.text.contains('Y'),
+        "{}",
+        alarm.text
+    );
+    assert!(rig.cycles(100).is_empty(), "nothing starts");
+    rig.control(Control::Stop { epoch: 1 });
+    assert!(matches!(rig.cycle()[..], [Event::Stopped { epoch: 1, .. }]));
+    let mut next = dwell(3, AxisVector::ZERO, 0.1);
+    next.epoch = 1;
+    rig.push(next);
+    assert!(matches!(rig.cycle()[..], [Event::Started { segment: 3, .. }]));
+}
+
+#[test]
+fn a_profile_that_does_not_begin_where_the_machine_is_never_moves() {
+    for start in [5.0, f64::NAN] {
+        let mut rig = Rig::new(&settings());
+        rig.push(dwell(1, vector(&[0.0, start]), 0.1));
+        let fault = fault(&rig.cycle());
+        assert!(
+            matches!(
+                fault,
+                Fault::PositionJump {
+                    motor: 12,
+                    axis: Axis::Y,
+                    ..
+                }
+            ),
+            "{fault:?}"
+        );
+        assert_eq!(fault.alarm().entry.number, 202);
+        assert!(rig.cycles(100).is_empty());
+        assert_eq!(rig.position(), AxisVector::ZERO);
+        rig.control(Control::Abort { epoch: 1 });
+        assert!(rig.cycle().iter().any(is_stopped));
+    }
+}
+
+#[test]
+fn a_position_that_is_not_a_number_reaches_no_drive() {
+    let mut rig = Rig::new(&settings());
+    let mut broken = rapid(1, 0.0, 30.0);
+    let Law::Motors { moves, .. } = &mut broken.law else {
+        panic!("a rapid moves motors");
+    };
+    moves[0].velocity = f64::NAN;
+    rig.push(broken);
+    let events = rig.cycles(10);
+    assert!(
+        matches!(
+            events[..],
+            [
+                Event::Started { .. },
+                Event::Fault(Fault::PositionJump {
+                    motor: 11,
+                    axis: Axis::X,
+                    ..
+                })
+            ]
+        ),
+        "{events:?}"
+    );
+    assert_eq!(rig.position(), AxisVector::ZERO);
+}
+
+#[test]
+fn a_spindle_command_without_a_spindle_is_a_fault() {
+    let mut rig = Rig::new(&settings());
+    rig.control(Control::Spindle {
+        direction: SpindleDirection::Cw,
+        rpm: 100.0,
+    });
+    let fault = fault(&rig.cycle());
+    assert_eq!(fault, Fault::SpindleMissing);
+    assert_eq!(fault.alarm().entry.number, 203);
+}
+
+#[test]
+fn the_rings_refuse_what_is_beyond_their_limits() {
+    let (_channel, mut handle) = channel(&settings(), 3);
+    for n in 1..=3 {
+        handle.profiles.push(rapid(n, 0.0, 1.0)).unwrap();
+    }
+    assert!(handle.profiles.push(rapid(4, 0.0, 1.0)).is_err());
+    for _ in 0..CONTROLS_MAX {
+        handle.controls.push(Control::Hold).unwrap();
+    }
+    assert!(handle.controls.push(Control::Hold).is_err());
+}
+
+#[test]
+fn no_event_of_a_stop_is_lost_when_nobody_reads_for_a_long_time() {
+    let (channel, mut handle) = channel(&settings(), 8);
+    let mut servo = Servo::new(vec![channel], T);
+    let mut pushed = 0_u64;
+    // Twice as many events as the ring holds, and nobody reads.
+    for _ in 0..40_000 {
+        if pushed < EVENTS_MAX as u64
+            && handle
+                .profiles
+                .push(dwell(pushed + 1, AxisVector::ZERO, T))
+                .is_ok()
+        {
+            pushed += 1;
+        }
+        servo.cycle();
+    }
+    assert!(!servo.channel(0).is_idle(), "the channel waits for its reader");
+    let mut finished = 0;
+    for _ in 0..40_000 {
+        while let Ok(event) = handle.events.pop() {
+            if let Event::Finished { segment, .. } = event {
+                finished += 1;
+                assert_eq!(segment, finished);
+            }
+        }
+        if pushed < EVENTS_MAX as u64
+            && handle
+                .profiles
+                .push(dwell(pushed + 1, AxisVector::ZERO, T))
+                .is_ok()
+        {
+            pushed += 1;
+        }
+        servo.cycle();
+    }
+    assert_eq!(finished, EVENTS_MAX as u64);
+}
+
+#[test]
+fn a_ring_full_of_old_profiles_empties_in_few_cycles() {
+    let (channel, mut handle) = channel(&settings(), 1000);
+    let mut servo = Servo::new(vec![channel], T);
+    handle.controls.push(Control::Stop { epoch: 1 }).unwrap();
+    servo.cycle();
+    for n in 0..1000 {
+        handle.profiles.push(rapid(n + 1, 0.0, 1.0)).unwrap();
+    }
+    for _ in 0..16 {
+        servo.cycle();
+    }
+    assert!(servo.channel(0).is_idle());
+    assert_eq!(servo.channel(0).setpoint(), AxisVector::ZERO);
+}

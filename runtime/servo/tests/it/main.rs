@@ -1,0 +1,10 @@
+//! Channels from outside: profiles and controls in, setpoints and events out. Time is counted, never waited for.
+
+#![allow(clippy::unwrap_used, clippy::panic, reason = "tests fail by panicking")]
+
+mod controls;
+mod faults;
+mod properties;
+mod rig;
+mod running;
+mod spindle;

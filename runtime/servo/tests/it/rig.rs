@@ -1,0 +1,178 @@
+//! One channel with its handle, and profiles made by hand.
+
+use tandem_model::flow::Path;
+use tandem_model::profile::{Law, MotorMove, Profile, TimeBase};
+use tandem_model::ramp::UnitRamp;
+use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
+use tandem_model::{AXES_MAX, AxisVector, Origin};
+use tandem_servo::{ChannelHandle, Control, Event, Reading, Servo, channel};
+
+/// Servo period of the tests, s.
+pub const T: f64 = 0.001;
+
+pub fn motor(number: u16) -> MotorSettings {
+    MotorSettings {
+        number,
+        kind: MotorKind::Linear,
+        max_velocity: 500.0,
+        max_acceleration: 5000.0,
+        max_jerk: None,
+        rapid_velocity: 500.0,
+        rapid_acceleration: 5000.0,
+        skip_velocity: 50.0,
+        in_position: 0.01,
+        in_position_timeout_ms: 2000.0,
+        soft_limits: None,
+        reference_points: [0.0; 4],
+        lag_ms: 0.0,
+        orientation_velocity: 0.0,
+        orientation_position: 0.0,
+    }
+}
+
+/// Motors 11, 12, 13 as X, Y, Z; override slew 1 s, hold slew 0.2 s; no spindle.
+pub fn settings() -> CoordinateSystemSettings {
+    CoordinateSystemSettings {
+        number: 1,
+        motors: std::array::from_fn(|i| (i < 3).then(|| motor([11, 12, 13, 0, 0, 0, 0, 0][i]))),
+        spindle: None,
+        max_feedrate_mm_min: 10_000.0,
+        default_feedrate_mm_min: 0.0,
+        default_ta_ms: 100.0,
+        default_td_ms: 100.0,
+        default_ts_ms: 50.0,
+        rotary_feedrate_deg_min: 0.0,
+        override_slew_ms: 1000.0,
+        hold_slew_ms: 200.0,
+        servo_period_s: T,
+    }
+}
+
+pub fn vector(values: &[f64]) -> AxisVector {
+    AxisVector(std::array::from_fn(|i| values.get(i).copied().unwrap_or(0.0)))
+}
+
+pub fn origin(segment: u64) -> Origin {
+    Origin {
+        program: 5,
+        line: u32::try_from(segment).unwrap() + 100,
+        column: 1,
+    }
+}
+
+fn profile(segment: u64, law: Law, duration_s: f64, time_base: TimeBase) -> Profile {
+    Profile {
+        segment,
+        epoch: 0,
+        origin: origin(segment),
+        law,
+        duration_s,
+        time_base,
+        exact_stop: true,
+    }
+}
+
+/// From rest to rest at this speed with trapezoid ramps of `ta_s`; long enough to reach it.
+pub fn line(segment: u64, from: AxisVector, to: AxisVector, speed: f64, ta_s: f64) -> Profile {
+    let length = to.minus(from).orthogonal_length();
+    let ramp = UnitRamp::new(ta_s, 0.0);
+    let law = Law::Ramped {
+        path: Path::Line { from, to, length },
+        speed,
+        start: ramp,
+        stop: ramp,
+    };
+    profile(segment, law, length / speed + ta_s, TimeBase::Feed)
+}
+
+/// A rapid of X alone with velocity 100 and ramps of 0.1 s.
+pub fn rapid(segment: u64, from_x: f64, to_x: f64) -> Profile {
+    let mut moves = [MotorMove::default(); AXES_MAX];
+    moves[0] = MotorMove {
+        velocity: 100.0_f64.copysign(to_x - from_x),
+        ramp_s: 0.1,
+        jerk_s: 0.0,
+        cruise_s: (to_x - from_x).abs() / 100.0 - 0.1,
+    };
+    let law = Law::Motors {
+        from: vector(&[from_x]),
+        to: vector(&[to_x]),
+        moves,
+    };
+    profile(segment, law, moves[0].duration_s(), TimeBase::Rapid)
+}
+
+pub fn dwell(segment: u64, at: AxisVector, dwell_s: f64) -> Profile {
+    profile(segment, Law::Rest { at }, dwell_s, TimeBase::Fixed)
+}
+
+/// A servo of one channel.
+pub struct Rig {
+    pub servo: Servo,
+    pub handle: ChannelHandle,
+}
+
+impl Rig {
+    pub fn new(settings: &CoordinateSystemSettings) -> Self {
+        let (channel, handle) = channel(settings, 64);
+        Self {
+            servo: Servo::new(vec![channel], settings.servo_period_s),
+            handle,
+        }
+    }
+
+    pub fn push(&mut self, profile: Profile) {
+        self.handle.profiles.push(profile).unwrap();
+    }
+
+    pub fn control(&mut self, control: Control) {
+        self.handle.controls.push(control).unwrap();
+    }
+
+    /// One cycle and its events.
+    pub fn cycle(&mut self) -> Vec<Event> {
+        let told = self.servo.cycle();
+        let events: Vec<Event> = std::iter::from_fn(|| self.handle.events.pop().ok()).collect();
+        assert_eq!(told, !events.is_empty());
+        events
+    }
+
+    pub fn cycles(&mut self, n: u32) -> Vec<Event> {
+        (0..n).flat_map(|_| self.cycle()).collect()
+    }
+
+    /// Cycles until the events of one hold such an event; gives the number of cycles.
+    pub fn until(&mut self, wanted: impl Fn(&Event) -> bool) -> u32 {
+        for n in 1..1_000_000 {
+            if self.cycle().iter().any(&wanted) {
+                return n;
+            }
+        }
+        panic!("the event never comes");
+    }
+
+    pub fn position(&self) -> AxisVector {
+        self.servo.channel(0).setpoint()
+    }
+
+    pub fn x(&self) -> f64 {
+        self.position().0[0]
+    }
+
+    pub fn reading(&self) -> Reading {
+        self.handle.readings.read()
+    }
+}
+
+pub fn is_finished(number: u64) -> impl Fn(&Event) -> bool {
+    move |event| matches!(event, Event::Finished { segment, .. } if *segment == number)
+}
+
+pub fn is_stopped(event: &Event) -> bool {
+    matches!(event, Event::Stopped { .. })
+}
+
+#[track_caller]
+pub fn close(value: f64, expected: f64) {
+    assert!((value - expected).abs() < 1e-9, "{value} is not {expected}");
+}

@@ -1,0 +1,190 @@
+//! The servo cycle calls no allocator, in any of its states.
+
+#![allow(clippy::unwrap_used, reason = "tests fail by panicking")]
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+
+use tandem_model::flow::Path;
+use tandem_model::profile::{Law, MotorMove, Profile, TimeBase};
+use tandem_model::ramp::UnitRamp;
+use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
+use tandem_model::{AXES_MAX, AxisVector, Origin};
+use tandem_servo::{Control, Event, Servo, SpindleDirection, channel};
+
+thread_local! {
+    static CALLS: Cell<u64> = const { Cell::new(0) };
+}
+
+/// The system's allocator, counting each call of this thread.
+struct Counting;
+
+fn count() {
+    CALLS.with(|calls| calls.set(calls.get() + 1));
+}
+
+// SAFETY: every method hands its arguments unchanged to the system's allocator, whose contract is this one's; the
+// count is a thread-local cell without a destructor, so counting neither allocates nor can fail.
+#[allow(
+    unsafe_code,
+    reason = "a global allocator can only be written with unsafe; it exists in this test only"
+)]
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        count();
+        // SAFETY: the caller keeps the contract of `alloc`.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        count();
+        // SAFETY: the pointer came from `alloc` above, so from the system's allocator.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+const T: f64 = 0.001;
+
+fn motor(number: u16) -> MotorSettings {
+    MotorSettings {
+        number,
+        kind: MotorKind::Linear,
+        max_velocity: 500.0,
+        max_acceleration: 5000.0,
+        max_jerk: None,
+        rapid_velocity: 500.0,
+        rapid_acceleration: 5000.0,
+        skip_velocity: 50.0,
+        in_position: 0.01,
+        in_position_timeout_ms: 100.0,
+        soft_limits: None,
+        reference_points: [0.0; 4],
+        lag_ms: 5.0,
+        orientation_velocity: 60.0,
+        orientation_position: 90.0,
+    }
+}
+
+fn settings(spindle: bool) -> CoordinateSystemSettings {
+    CoordinateSystemSettings {
+        number: 1,
+        motors: std::array::from_fn(|_| Some(motor(1))),
+        spindle: spindle.then(|| motor(9)),
+        max_feedrate_mm_min: 10_000.0,
+        default_feedrate_mm_min: 0.0,
+        default_ta_ms: 100.0,
+        default_td_ms: 100.0,
+        default_ts_ms: 50.0,
+        rotary_feedrate_deg_min: 0.0,
+        override_slew_ms: 1000.0,
+        hold_slew_ms: 20.0,
+        servo_period_s: T,
+    }
+}
+
+/// Line, rapid, dwell in turn, each 50 ms long, from X 0 to X 1 and back.
+fn profile(n: u64) -> Profile {
+    let (from, to) = (AxisVector::ZERO, AxisVector([1.0; AXES_MAX]));
+    let ramp = UnitRamp::new(0.01, 0.01);
+    let (law, time_base) = match n % 3 {
+        0 => (
+            Law::Ramped {
+                path: Path::Line {
+                    from,
+                    to,
+                    length: 1.0,
+                },
+                speed: 1.0 / 0.03,
+                start: ramp,
+                stop: ramp,
+            },
+            TimeBase::Feed,
+        ),
+        1 => (Law::Rest { at: to }, TimeBase::Fixed),
+        _ => {
+            let back = MotorMove {
+                velocity: -1.0 / 0.03,
+                ramp_s: 0.02,
+                jerk_s: 0.005,
+                cruise_s: 0.01,
+            };
+            let law = Law::Motors {
+                from: to,
+                to: from,
+                moves: [back; AXES_MAX],
+            };
+            (law, TimeBase::Rapid)
+        }
+    };
+    Profile {
+        segment: n + 1,
+        epoch: 0,
+        origin: Origin::default(),
+        law,
+        duration_s: 0.05,
+        time_base,
+        exact_stop: n % 3 != 1,
+    }
+}
+
+/// Runs cycles and counts the calls of the allocator during them.
+fn cycles(servo: &mut Servo, n: u32) -> u64 {
+    let before = CALLS.with(Cell::get);
+    for _ in 0..n {
+        servo.cycle();
+    }
+    CALLS.with(Cell::get) - before
+}
+
+#[test]
+fn the_servo_cycle_neither_allocates_nor_frees() {
+    let (first, mut handle) = channel(&settings(true), 64);
+    let (second, mut other) = channel(&settings(false), 64);
+    let mut servo = Servo::new(vec![first, second], T);
+    for n in 0..60 {
+        handle.profiles.push(profile(n)).unwrap();
+    }
+    let controls = [
+        Control::Override {
+            feed: 0.7,
+            rapid: 0.5,
+        },
+        Control::Hold,
+        Control::Resume,
+        Control::Spindle {
+            direction: SpindleDirection::Cw,
+            rpm: 300.0,
+        },
+        Control::Spindle {
+            direction: SpindleDirection::Orient,
+            rpm: 0.0,
+        },
+        Control::Stop { epoch: 1 },
+        Control::Abort { epoch: 2 },
+    ];
+    let mut calls = 0;
+    for control in controls {
+        handle.controls.push(control).unwrap();
+        // In the second channel the spindle commands and the jump of the second profile are faults.
+        other.controls.push(control).unwrap();
+        other.profiles.push(profile(1)).unwrap();
+        calls += cycles(&mut servo, 500);
+    }
+    assert_eq!(calls, 0, "calls of the allocator");
+
+    // The test has been where it meant to be.
+    let events: Vec<Event> = std::iter::from_fn(|| handle.events.pop().ok()).collect();
+    let some = |wanted: fn(&Event) -> bool| events.iter().any(wanted);
+    assert!(some(|event| matches!(event, Event::Finished { .. })));
+    assert!(some(|event| matches!(event, Event::Held)));
+    assert!(some(|event| matches!(event, Event::Oriented)));
+    assert!(some(|event| matches!(event, Event::Stopped { epoch: 2, .. })));
+    let faults =
+        std::iter::from_fn(|| other.events.pop().ok()).filter(|event| matches!(event, Event::Fault(_)));
+    assert!(faults.count() >= 2);
+    drop(Box::new(0_u8));
+    assert!(CALLS.with(Cell::get) > 0, "the allocator counts");
+}
