@@ -2,21 +2,37 @@
 
 /** @typedef {{kind: "comment" | "g" | "m" | "n" | "axis" | "", text: string}} Part */
 
-/** Comments, then words: `/n`, `N`, `G`, `M`, everything that moves. */
-const WORDS = /(?<comment>\([^)]*\)?|\/\*.*?(?:\*\/|$)|\/\/.*|;.*)|(?<n>\bN\d+|^\s*\/\d?)|(?<g>G\d+(?:\.\d+)?)|(?<m>M\d+|V[A-H](?==|-|\d))|(?<axis>[XYZABCUVWIJK](?=[-+.\d=\[#(]))/gi;
+/**
+ * Comments of each dialect: within a line, and over the whole text.
+ * @type {Record<string, {inLine: string, all: RegExp}>}
+ */
+const COMMENTS = {
+  nj: { inLine: String.raw`\/\*.*?(?:\*\/|$)|\/\/.*`, all: /\/\/.*|\/\*[^]*?(?:\*\/|$)/g },
+  dgshape: { inLine: String.raw`\([^)]*\)?`, all: /\([^)\n]*\)?/g },
+};
+/** `/n` and `N`, `G`, `M` and its parameters, axis words. */
+const WORDS = String.raw`(?<n>N\d+|^\s*\/\d*)|(?<g>G\d+(?:\.\d+)?)|(?<m>M\d+|V[A-H](?=\s*[-+.\d=\[(]))|(?<axis>[XYZABCUVWIJK](?=\s*[-+.\d=\[(]))`;
 /** A longer line is shown without its words apart. */
 const COLOURED_MAX = 400;
 
 export class NcText {
   #text;
+  #words;
   /** @type {number[]} where each line begins */
   #starts = [0];
+  /** @type {[number, number][]} comments that go over a line end, ascending */
+  #blocks = [];
 
-  /** @param {string} text */
-  constructor(text) {
+  /** @param {string} text @param {string} dialect */
+  constructor(text, dialect) {
+    const comments = COMMENTS[dialect] ?? { inLine: "(?!)", all: /(?!)/g };
     this.#text = text;
+    this.#words = new RegExp(`(?<comment>${comments.inLine})|${WORDS}`, "gi");
     for (let at = text.indexOf("\n"); at >= 0; at = text.indexOf("\n", at + 1)) this.#starts.push(at + 1);
     if (this.#starts.length > 1 && this.#starts.at(-1) === text.length) this.#starts.pop();
+    for (const match of text.matchAll(comments.all)) {
+      if (match[0].includes("\n")) this.#blocks.push([match.index, match.index + match[0].length]);
+    }
   }
 
   /** How many lines there are. */
@@ -34,17 +50,32 @@ export class NcText {
   /** The same in parts. @param {number} number @returns {Part[]} */
   parts(number) {
     const line = this.line(number);
-    if (line.length > COLOURED_MAX) return [{ kind: "", text: line }];
+    const within = this.#commentFromBefore(number, line.length);
     /** @type {Part[]} */
-    const parts = [];
+    const parts = within > 0 ? [{ kind: "comment", text: line.slice(0, within) }] : [];
+    const rest = line.slice(within);
+    if (line.length > COLOURED_MAX) return [...parts, { kind: "", text: rest }];
     let end = 0;
-    for (const match of line.matchAll(WORDS)) {
-      if (match.index > end) parts.push({ kind: "", text: line.slice(end, match.index) });
+    for (const match of rest.matchAll(this.#words)) {
+      if (match.index > end) parts.push({ kind: "", text: rest.slice(end, match.index) });
       const kind = Object.entries(match.groups ?? {}).find(([, text]) => text !== undefined)?.[0] ?? "";
       parts.push({ kind: /** @type {Part["kind"]} */ (kind), text: match[0] });
       end = match.index + match[0].length;
     }
-    if (end < line.length) parts.push({ kind: "", text: line.slice(end) });
+    if (end < rest.length) parts.push({ kind: "", text: rest.slice(end) });
     return parts;
+  }
+
+  /** How many characters of the line belong to a comment that began on an earlier one. @param {number} number @param {number} length */
+  #commentFromBefore(number, length) {
+    const start = this.#starts[number - 1] ?? 0;
+    let low = 0;
+    for (let high = this.#blocks.length; low < high; ) {
+      const middle = (low + high) >> 1;
+      if ((this.#blocks[middle]?.[1] ?? 0) <= start) low = middle + 1;
+      else high = middle;
+    }
+    const [from, to] = this.#blocks[low] ?? [start, start];
+    return from < start ? Math.min(to - start, length) : 0;
   }
 }

@@ -73,7 +73,10 @@ test("program runs, waits for an M code, is reset by the button and completes", 
   await page.getByText("Waiting 1 s for").waitFor();
   await page.screenshot({ path: PICTURE });
 
+  await page.getByRole("button", { name: "Reset M8 by hand" }).click();
+  await page.getByText("1 open", { exact: true }).waitFor();
   await page.getByRole("button", { name: "Reset M100 by hand" }).click();
+  await screen.sees("ACTIVE");
   await screen.sees("PROGRAM_COMPLETED");
   await page.getByText("No M code is open.").waitFor();
   assert.equal(await screen.workPosition("X"), 10);

@@ -65,18 +65,36 @@ test("the trail keeps no point twice, and begins anew with a run", () => {
 
 test("program text by lines: both line ends, with or without a last one", () => {
   for (const text of ["A\nB\n", "A\r\nB\r\n", "A\nB"]) {
-    const nc = new NcText(text);
+    const nc = new NcText(text, "nj");
     assert.equal(nc.lines, 2);
     assert.deepEqual([nc.line(1), nc.line(2), nc.line(3)], ["A", "B", ""]);
   }
 });
 
 test("parts of a line put together are the line", () => {
-  const lines = ["N10 G01 X10.5 Y-3 F100 (cut)", "/1 M100 VA5 VB=#2", "G00Z5 // up", "(no end", "", "X=P1+3 /* a */ Y2"];
-  const nc = new NcText(lines.join("\n"));
+  const lines = ["N10 G01 X10.5 Y-3 F100 // cut", "/1 M100 VA5 VB=P2", "G00Z5 /* up */ X(P1)", "/* no end", "X1", "", "X=P1+3 */ Y2"];
+  const nc = new NcText(lines.join("\n"), "nj");
   for (const [i, line] of lines.entries()) assert.equal(nc.parts(i + 1).map((p) => p.text).join(""), line);
-  assert.deepEqual(nc.parts(1).filter((p) => p.kind).map((p) => `${p.kind}:${p.text}`), ["n:N10", "g:G01", "axis:X", "axis:Y", "comment:(cut)"]);
+  assert.deepEqual(kinds(nc, 1), ["n:N10", "g:G01", "axis:X", "axis:Y", "comment:// cut"]);
+  assert.deepEqual(kinds(nc, 2), ["n:/1", "m:M100", "m:VA", "m:VB"]);
+  assert.deepEqual(kinds(nc, 3), ["g:G00", "axis:Z", "comment:/* up */", "axis:X"]);
 });
+
+test("a comment goes on over the ends of lines", () => {
+  const nc = new NcText("G00 /* one\nX1 two // */ X2\nX3 // /* X4\nX5", "nj");
+  assert.deepEqual(kinds(nc, 1), ["g:G00", "comment:/* one"]);
+  assert.deepEqual(kinds(nc, 2), ["comment:X1 two // */", "axis:X"]);
+  assert.deepEqual(kinds(nc, 4), ["axis:X"]);
+});
+
+test("each dialect has its own comments", () => {
+  assert.deepEqual(kinds(new NcText("X1 (Y2) Z3", "dgshape"), 1), ["axis:X", "comment:(Y2)", "axis:Z"]);
+  assert.deepEqual(kinds(new NcText("X1 (Y2) Z3", "nj"), 1), ["axis:X", "axis:Y", "axis:Z"]);
+});
+
+function kinds(nc, number) {
+  return nc.parts(number).filter((part) => part.kind).map((part) => `${part.kind}:${part.text}`);
+}
 
 test("numbers as the screen shows them", () => {
   assert.equal(position(-0.0001), "0.000");

@@ -11,10 +11,11 @@ import { setTimeout as sleep } from "node:timers/promises";
 const BINARY = process.env.TANDEM_BIN ?? new URL("../../target/debug/tandem", import.meta.url).pathname;
 const START_MS = 20000;
 
-/** A bracket: contour, tool change in the middle, four holes. M100 has no handler here, so the program waits. */
-const BRACKET = `O0001 (BRACKET: CONTOUR, TOOL CHANGE, 4 HOLES)
+/** A bracket: contour, tool change in the middle, four holes. M08 and M100 have no handler here, so they stay open. */
+const BRACKET = `// Bracket: contour, tool change, four holes
 N10 G17 G90 G54
 N20 S3000
+N25 M08                    // coolant on, while the machine goes on
 N30 G00 X-8 Y-8 Z5
 N40 G01 Z-3 F3000
 N50 X88 F6000
@@ -24,7 +25,7 @@ N80 X10
 N90 X-8 Y40
 N100 Y-8
 N110 G00 Z50
-N120 M100 VA5 VB0.25 (drill 6.8 from pocket 5)
+N120 M100 VA5 VB0.25      // drill 6.8 from pocket 5
 N130 G00 X10 Y10
 N140 G01 Z-5 F3000
 N150 G00 Z5
@@ -41,14 +42,14 @@ N250 M30
 `;
 
 /** Slow enough to be held, switched and stopped by hand. */
-const LONG_WAY = `O0002 (LONG WAY)
+const LONG_WAY = `// Long way
 G90
 G01 X100 F600
 G01 X0
 M30
 `;
 
-const LOADER = `O0003 (LOADER: TO THE MAGAZINE AND BACK)
+const LOADER = `// Loader: to the magazine and back
 G90
 G01 X100 F3000
 G01 X0
@@ -94,6 +95,10 @@ programs = { 3 = "loader.nc" }
 [m_code.100]
 unhandled = "wait"
 wait_state = "TOOL_LOAD"
+
+[m_code.8]
+timing = "with_motion"
+unhandled = "wait"
 
 [mqtt]
 listen = "127.0.0.1:${mqtt}"

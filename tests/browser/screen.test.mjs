@@ -23,7 +23,7 @@ async function open(options) {
   ({ page, errors } = await openPage(browser, options));
   screen = new Screen(page);
   machine = new ScriptedMachine();
-  machine.programs.set(1, "O0001 (ONE)\nM100 VA5\nM30\n");
+  machine.programs.set(1, "// One\nM100 VA5\nM30\n");
   machine.programList = [{ number: 1, title: "ONE", bytes: 24, errors: 0, warnings: 0 }];
   machine.start();
   await machine.attach(page);
@@ -109,7 +109,7 @@ test("refusal shows the machine's own words, and the first finding of a broken p
 
 test("text of programs, handlers and alarms is never read as markup", async () => {
   const evil = '<img src=x onerror="document.title=1"><b>bold</b>';
-  machine.programs.set(1, `(${evil})\n`);
+  machine.programs.set(1, `// ${evil}\n`);
   machine.programList = [{ number: 1, title: evil, bytes: 1, errors: 0, warnings: 0 }];
   machine.say("alarm/active", { alarms: [{ id: 1, severity: "alarm", number: 10001, text: evil, cs: 1, program: 1, line: 1, raised_at: now(), cleared_at: null, acknowledged_by: null }] });
   waitForM100(evil, { progress: { text: evil } });

@@ -46,10 +46,11 @@ export const program = {
 
     /** @param {number} number @param {string} key */
     const read = async (number, key) => {
+      const dialect = app.model.current?.info.dialect ?? "";
       loaded = { number, key, text: null, error: "" };
       drawn = "";
       try {
-        const text = new NcText(await app.api.programText(number));
+        const text = new NcText(await app.api.programText(number), dialect);
         if (loaded.key === key) loaded.text = text;
       } catch (error) {
         if (loaded.key === key) loaded.error = error instanceof Error ? error.message : String(error);
