@@ -54,6 +54,8 @@ pub struct Channel {
     pub(crate) velocity: AxisVector,
     pub(crate) motors: Motors,
     pub(crate) spindle: Option<SimulatedSpindle>,
+    /// Where the block of the setpoint comes from.
+    pub(crate) executing: Option<Origin>,
     pub(crate) last_segment: u64,
     /// An event was put out in this cycle.
     pub(crate) told: bool,
@@ -136,6 +138,7 @@ pub fn channel_with_drives(
             .spindle
             .as_ref()
             .map(|motor| SimulatedSpindle::new(motor, period_s)),
+        executing: None,
         last_segment: 0,
         told: false,
     };
@@ -163,9 +166,10 @@ impl Channel {
             && self.controls.is_empty()
     }
 
-    /// Where the running block comes from; `None` between blocks.
+    /// Where the block comes from that the setpoint of the last cycle belongs to, its end point and the wait for its
+    /// motors included; `None` when no block runs, and while an abort brakes.
     pub fn executing(&self) -> Option<Origin> {
-        self.current.as_ref().map(|profile| profile.origin)
+        self.executing
     }
 
     /// Profiles that wait in the ring, those of an old epoch included.
@@ -194,7 +198,7 @@ impl Channel {
             feedrate_mm_min: speed * 60.0,
             rate: moving_rate,
             segment: self.last_segment,
-            executing: running.map(|profile| profile.origin),
+            executing: self.executing,
             held: self.hold != Hold::Off,
             spindle_rpm: self.spindle.as_ref().map_or(0.0, SimulatedSpindle::rpm),
             oriented: self.spindle.as_ref().is_some_and(SimulatedSpindle::is_oriented),

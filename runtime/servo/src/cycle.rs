@@ -43,6 +43,7 @@ impl Channel {
         } else {
             self.start_from_rest(time_s);
         }
+        self.executing = self.current.as_ref().map(|profile| profile.origin);
         self.velocity = self.setpoint.minus(before).scaled(1.0 / self.period_s);
         self.motors.cycle(self.setpoint);
         self.check_in_position(time_s);
@@ -177,7 +178,8 @@ impl Channel {
         self.sample(time_s, t_s);
     }
 
-    /// The setpoint at a profile time; at the end of a profile that another follows without a stop, in that one.
+    /// The setpoint at a profile time; at the end of a profile that another follows without a stop, in that one. Where
+    /// that one is missing the channel stays at the end point: the planner never lets a chain's queue end in motion.
     fn sample(&mut self, time_s: f64, t_s: f64) {
         let mut t_s = t_s;
         for _ in 0..JOINTS_PER_CYCLE {

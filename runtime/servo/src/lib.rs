@@ -5,6 +5,14 @@
 //! out) and a lock-free snapshot, [`Readings`]. A cycle never allocates, locks, waits or calls the system; it
 //! reads no clock either: time is the number of cycles times the servo period, so simulated time and real time
 //! run the same code.
+//!
+//! Decisions of ours, where the manual is silent (motion-semantics 1c, 1i):
+//! - In-position is checked in the cycle that gives the end point, and each cycle after it; the next profile gives its
+//!   start point in the cycle after it is found.
+//! - The time base is slewed only while something moves: from rest a profile starts at the override, and feed hold
+//!   stops a dwell at once. A dwell under hold loses no time.
+//! - A stop and an abort end feed hold. After a stop the spindle goes on turning.
+//! - Feed hold does not keep a block that comes to its end point from being finished.
 
 mod brake;
 mod channel;

@@ -24,7 +24,8 @@ pub struct Reading {
     pub rate: f64,
     /// Segment number of the current or, between blocks, the last block; 0 before the first.
     pub segment: u64,
-    /// Where the current block comes from; `None` between blocks.
+    /// Where the block comes from that the commanded position belongs to, its end point included; `None` when no
+    /// block runs.
     pub executing: Option<Origin>,
     /// True under feed hold, deceleration included.
     pub held: bool,

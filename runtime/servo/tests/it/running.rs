@@ -240,6 +240,11 @@ fn readings_show_the_running_block() {
     assert_eq!(reading.executing, Some(origin(1)));
     assert_eq!(rig.servo.channel(0).executing(), Some(origin(1)));
     rig.until(is_finished(1));
+    assert_eq!(
+        rig.reading().executing,
+        Some(origin(1)),
+        "the end point belongs to its block"
+    );
     rig.cycle();
     let reading = rig.reading();
     assert_eq!(reading.executing, None);
