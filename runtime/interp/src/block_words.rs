@@ -35,6 +35,7 @@ pub struct BlockWords {
     axis_words: AddressSet,
     first_axis_place: Option<usize>,
     not_supported: bool,
+    foreign_motion: bool,
     any: bool,
 }
 
@@ -50,6 +51,7 @@ impl BlockWords {
             axis_words: AddressSet::EMPTY,
             first_axis_place: None,
             not_supported: false,
+            foreign_motion: false,
             any: false,
         }
     }
@@ -59,7 +61,7 @@ impl BlockWords {
         self.present
     }
 
-    /// The value of a word.
+    /// The value of a word; not a number for an indirection.
     pub fn get(&self, address: Address) -> Option<f64> {
         self.present
             .contains(address)
@@ -96,9 +98,10 @@ impl BlockWords {
         self.first_axis_place
     }
 
-    /// True when a code of the block is not supported.
-    pub fn has_not_supported(&self) -> bool {
-        self.not_supported
+    /// True when the block brings a motion or a fixed cycle into force that is not supported: it may take words of
+    /// later blocks.
+    pub(crate) fn has_foreign_motion(&self) -> bool {
+        self.foreign_motion
     }
 
     /// True when the block has a word other than its number.
@@ -120,6 +123,7 @@ impl BlockWords {
         self.m_code = None;
         self.first_axis_place = None;
         self.not_supported = false;
+        self.foreign_motion = false;
         self.any = false;
         let words = program.words(block);
         for (place, word) in words.iter().enumerate() {
@@ -149,6 +153,7 @@ impl BlockWords {
             Some(Some(Known::Code(code))) => self.add_g_code(code, word, place, fault),
             Some(Some(Known::NotSupported(code))) => {
                 self.not_supported = true;
+                self.foreign_motion |= matches!(code.group, ModalGroup::Motion | ModalGroup::FixedCycle);
                 fault(diagnostics::NOT_SUPPORTED.at(
                     word.span(),
                     format!("{} ({}) is not supported yet", code.code, code.name),
@@ -252,13 +257,13 @@ impl BlockWords {
             self.first_axis_place = Some(place);
         }
         self.present.insert(word.address);
-        match word.number() {
-            Some(value) => self.values[word.address as usize] = value,
-            None => fault(diagnostics::INDIRECTION_NOT_SUPPORTED.at(
+        self.values[word.address as usize] = word.number().unwrap_or(f64::NAN);
+        if word.number().is_none() {
+            fault(diagnostics::INDIRECTION_NOT_SUPPORTED.at(
                 word.span(),
                 "indirection is not supported yet",
                 "Write a number.",
-            )),
+            ));
         }
     }
 

@@ -193,7 +193,7 @@ impl Checker<'_> {
         words.read(self.program, block, self.dialect, self.lenient, |finding| {
             findings.push(finding);
         });
-        if words.has_not_supported() {
+        if words.has_foreign_motion() {
             self.lenient = true;
         } else if words.g_codes().iter().any(|(code, _)| ends_leniency(code.group)) {
             self.lenient = false;

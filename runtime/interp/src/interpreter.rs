@@ -349,6 +349,14 @@ mod tests {
     }
 
     #[test]
+    fn the_alarm_for_programs_with_errors_has_a_number_of_its_own() {
+        let taken = tandem_model::alarm::ALARMS
+            .iter()
+            .any(|entry| entry.number == PROGRAM_HAS_ERRORS.number);
+        assert!(!taken);
+    }
+
+    #[test]
     fn d07_a_value_that_is_not_finite_is_an_alarm() {
         for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
             assert_eq!(alarm_number(&AXIS_WORDS[0], value), Some(10));

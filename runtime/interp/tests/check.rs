@@ -83,7 +83,8 @@ fn words_of_a_code_that_does_not_run_are_no_further_error() {
         "G84 X1 Z-5 R2 P100 K3\nX2\nG80\nX3 K2",
         &["1:1 E0102", "4:4 E0108"],
     );
-    check("G05 P1 Q2", &["1:1 E0101"]);
+    check("G05 P1 Q2\nP5", &["1:1 E0101", "2:1 E0108"]);
+    check("G28 P1\nP5", &["1:1 E0102", "2:1 E0108"]);
     // a code that runs is judged all the same
     check("G02 X1 I2 F0", &["1:1 E0102", "1:11 E0109"]);
 }
@@ -241,6 +242,7 @@ fn program_codes_and_indirection_are_not_supported_yet() {
     check("if(L1==1){\nX1 X1 W5\n}", &["1:1 E0116"]);
     check("while(L1<5) X1", &["1:1 E0116"]);
     check("X[L12] Y1", &["1:1 E0117"]);
+    check("M98 P1000\nM98 P[L1]", &["2:5 E0117"]);
     check("M100 VA[_CNC_CapturedPosition2]", &["1:6 E0117"]);
 }
 

@@ -1,5 +1,7 @@
 //! What the interpreter gives: one test a rule.
 
+#![allow(clippy::panic, reason = "helpers of tests")]
+
 use std::collections::BTreeMap;
 use std::sync::Arc;
 

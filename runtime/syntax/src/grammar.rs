@@ -1,6 +1,6 @@
 //! What the text of a dialect looks like, as data.
 
-use crate::tree::{Address, AddressSet};
+use crate::address::{Address, AddressSet};
 
 /// The grammar of a dialect.
 #[derive(Debug, PartialEq, Eq)]

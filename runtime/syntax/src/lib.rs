@@ -6,19 +6,19 @@
 //! Decisions where the manual is silent: blanks may stand between an address and its value (`X 10`); a comment
 //! `/* */` is a blank, so that a block goes on after one that holds line feeds; a lone carriage return is a blank.
 
+mod address;
 mod cursor;
 pub mod diagnostics;
-
 mod grammar;
 mod line_index;
 mod parser;
+mod program_code;
 mod tree;
 
+pub use address::{Address, AddressSet};
 pub use diagnostics::{DIAGNOSTICS, DiagnosticEntry};
 pub use grammar::Grammar;
 pub use line_index::LineIndex;
 pub use parser::{DIAGNOSTICS_MAX, NESTING_MAX, parse};
-pub use tree::{
-    Address, AddressSet, BinaryOperator, Block, Content, Expression, ExpressionId, Function, Keyword,
-    NcProgram, ProgramCode, Value, Variable, VariableKind, Word,
-};
+pub use program_code::{BinaryOperator, Expression, ExpressionId, Function, Keyword, ProgramCode};
+pub use tree::{Block, Content, NcProgram, Value, Variable, VariableKind, Word};

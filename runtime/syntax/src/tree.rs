@@ -5,6 +5,9 @@ use std::sync::Arc;
 
 use tandem_model::{Origin, Span};
 
+use crate::address::Address;
+use crate::program_code::{Expression, ExpressionId, ProgramCode};
+
 /// A parsed NC program. It exists for every text; whether it may run is for the diagnostics to say.
 #[derive(Debug, Clone)]
 pub struct NcProgram {
@@ -50,6 +53,22 @@ impl NcProgram {
             }
             Content::ProgramCode(_) => &[],
         }
+    }
+
+    /// The block number N, if the block has one that is whole and not negative.
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "the range is tested"
+    )]
+    pub fn block_number(&self, block: &Block) -> Option<u32> {
+        let first = self
+            .words(block)
+            .first()
+            .filter(|word| word.address == Address::N)?;
+        let number = first.number()?;
+        let whole = number.fract().abs() <= 0.0 && (0.0..=f64::from(u32::MAX)).contains(&number);
+        whole.then_some(number as u32)
     }
 
     /// The program code of a block of this program.
@@ -231,269 +250,6 @@ impl VariableKind {
     }
 }
 
-/// A statement of manual chapter 4.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum ProgramCode {
-    /// `L12 = P3 + 1`.
-    Assignment {
-        /// What is assigned to.
-        target: Variable,
-        /// The value.
-        value: ExpressionId,
-        /// Its range of bytes.
-        span: Span,
-    },
-    /// A branch or a repetition with all that belongs to it. It is recognised and not taken apart.
-    Control {
-        /// The word that it begins with.
-        keyword: Keyword,
-        /// Its range of bytes.
-        span: Span,
-    },
-}
-
-impl ProgramCode {
-    /// Its range of bytes.
-    pub fn span(&self) -> Span {
-        match self {
-            ProgramCode::Assignment { span, .. } | ProgramCode::Control { span, .. } => *span,
-        }
-    }
-}
-
-/// Words that begin or belong to a program code.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Keyword {
-    /// `if`
-    If,
-    /// `else`
-    Else,
-    /// `switch`
-    Switch,
-    /// `case`
-    Case,
-    /// `default`
-    Default,
-    /// `break`
-    Break,
-    /// `while`
-    While,
-    /// `do`
-    Do,
-}
-
-impl Keyword {
-    pub(crate) const ALL: [Keyword; 8] = [
-        Keyword::If,
-        Keyword::Else,
-        Keyword::Switch,
-        Keyword::Case,
-        Keyword::Default,
-        Keyword::Break,
-        Keyword::While,
-        Keyword::Do,
-    ];
-
-    /// As it is written.
-    pub const fn text(self) -> &'static str {
-        match self {
-            Keyword::If => "if",
-            Keyword::Else => "else",
-            Keyword::Switch => "switch",
-            Keyword::Case => "case",
-            Keyword::Default => "default",
-            Keyword::Break => "break",
-            Keyword::While => "while",
-            Keyword::Do => "do",
-        }
-    }
-}
-
-/// Index of a node of an expression.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct ExpressionId(pub(crate) u32);
-
-/// A node of an expression (manual 4-1).
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Expression {
-    /// A number.
-    Number(f64),
-    /// A variable.
-    Variable(Variable),
-    /// Unary minus.
-    Negation(ExpressionId),
-    /// Two operands.
-    Binary {
-        /// What is done.
-        operator: BinaryOperator,
-        /// Left operand.
-        left: ExpressionId,
-        /// Right operand.
-        right: ExpressionId,
-    },
-    /// A function of one or two arguments.
-    Call {
-        /// Which.
-        function: Function,
-        /// First argument.
-        first: ExpressionId,
-        /// Second argument, for the functions that take two.
-        second: Option<ExpressionId>,
-    },
-}
-
-/// Arithmetic operators (manual 4-1-2).
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum BinaryOperator {
-    /// `+`
-    Add,
-    /// `-`
-    Subtract,
-    /// `*`
-    Multiply,
-    /// `/`
-    Divide,
-    /// `%` (D07)
-    Modulo,
-}
-
-macro_rules! functions {
-    ($($name:ident $text:literal $arguments:literal,)*) => {
-        /// The functions (manual 4-1-3); a name that ends in `d` takes or gives degrees, the others radians.
-        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-        pub enum Function { $(#[doc = concat!("`", $text, "`")] $name,)* }
-
-        impl Function {
-            /// All functions.
-            pub const ALL: &[Function] = &[$(Function::$name),*];
-
-            /// As it is written.
-            pub const fn text(self) -> &'static str {
-                match self { $(Function::$name => $text,)* }
-            }
-
-            /// How many arguments it takes: 1 or 2.
-            pub const fn arguments(self) -> u8 {
-                match self { $(Function::$name => $arguments,)* }
-            }
-        }
-    };
-}
-
-functions! {
-    Abs "abs" 1, Acos "acos" 1, Acosd "acosd" 1, Acosh "acosh" 1, Asin "asin" 1, Asind "asind" 1, Asinh "asinh" 1,
-    Atan "atan" 1, Atan2 "atan2" 2, Atan2d "atan2d" 2, Atand "atand" 1, Atanh "atanh" 1, Cbrt "cbrt" 1,
-    Ceil "ceil" 1, Cos "cos" 1, Cosd "cosd" 1, Cosh "cosh" 1, Exp "exp" 1, Exp2 "exp2" 1, Floor "floor" 1,
-    Int "int" 1, Isnan "isnan" 1, Log "log" 1, Log10 "log10" 1, Log2 "log2" 1, Pow "pow" 2, Qnrt "qnrt" 1,
-    Qrrt "qrrt" 1, Rint "rint" 1, Sin "sin" 1, Sind "sind" 1, Sinh "sinh" 1, Sgn "sgn" 1, Sqrt "sqrt" 1,
-    Tan "tan" 1, Tand "tand" 1, Tanh "tanh" 1,
-}
-
-macro_rules! addresses {
-    ($($name:ident $text:literal,)*) => {
-        /// The address of a word: one letter, or one of the pairs of dialect nj.
-        #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
-        #[repr(u8)]
-        #[expect(missing_docs, reason = "a letter is its own name")]
-        pub enum Address { $($name,)* }
-
-        impl Address {
-            /// How many addresses there are.
-            pub const COUNT: usize = Address::ALL.len();
-
-            /// All addresses; the 26 letters first, in order.
-            pub const ALL: &[Address] = &[$(Address::$name),*];
-
-            /// As the manual writes it: `X`, `ta`, `VA`.
-            pub const fn text(self) -> &'static str {
-                match self { $(Address::$name => $text,)* }
-            }
-        }
-    };
-}
-
-addresses! {
-    A "A", B "B", C "C", D "D", E "E", F "F", G "G", H "H", I "I", J "J", K "K", L "L", M "M", N "N", O "O", P "P",
-    Q "Q", R "R", S "S", T "T", U "U", V "V", W "W", X "X", Y "Y", Z "Z",
-    Ta "ta", Td "td", Ts "ts",
-    Va "VA", Vb "VB", Vc "VC", Vd "VD", Ve "VE", Vf "VF", Vg "VG", Vh "VH",
-}
-
-impl Address {
-    /// Place of VA to VH among the parameters of an M code, 0 to 7.
-    pub const fn parameter_index(self) -> Option<usize> {
-        let index = self as u8;
-        if index >= Address::Va as u8 && index <= Address::Vh as u8 {
-            Some((index - Address::Va as u8) as usize)
-        } else {
-            None
-        }
-    }
-}
-
-/// A set of addresses.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
-pub struct AddressSet(u64);
-
-impl AddressSet {
-    /// The empty set.
-    pub const EMPTY: AddressSet = AddressSet(0);
-
-    /// The set of these addresses.
-    pub const fn of(addresses: &[Address]) -> AddressSet {
-        let mut bits = 0;
-        let mut i = 0;
-        while i < addresses.len() {
-            bits |= 1 << addresses[i] as u8;
-            i += 1;
-        }
-        AddressSet(bits)
-    }
-
-    /// Adds an address.
-    pub const fn insert(&mut self, address: Address) {
-        self.0 |= 1 << address as u8;
-    }
-
-    /// True when the address is in the set.
-    pub const fn contains(self, address: Address) -> bool {
-        self.0 & (1 << address as u8) != 0
-    }
-
-    /// True when nothing is in the set.
-    pub const fn is_empty(self) -> bool {
-        self.0 == 0
-    }
-
-    /// What is in either set.
-    #[must_use]
-    pub const fn union(self, other: AddressSet) -> AddressSet {
-        AddressSet(self.0 | other.0)
-    }
-
-    /// What is in both sets.
-    #[must_use]
-    pub const fn intersection(self, other: AddressSet) -> AddressSet {
-        AddressSet(self.0 & other.0)
-    }
-
-    /// What is in this set and not in the other.
-    #[must_use]
-    pub const fn without(self, other: AddressSet) -> AddressSet {
-        AddressSet(self.0 & !other.0)
-    }
-
-    /// The addresses of the set, ascending.
-    pub fn iter(self) -> impl Iterator<Item = Address> {
-        let mut bits = self.0;
-        std::iter::from_fn(move || {
-            let lowest = bits.trailing_zeros() as usize;
-            bits &= bits.wrapping_sub(1);
-            Address::ALL.get(lowest).copied()
-        })
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -502,10 +258,5 @@ mod tests {
     fn the_tree_stays_small() {
         assert_eq!(size_of::<Word>(), 16);
         assert_eq!(size_of::<Block>(), 20);
-    }
-
-    #[test]
-    fn there_are_37_functions() {
-        assert_eq!(Function::ALL.len(), 37);
     }
 }

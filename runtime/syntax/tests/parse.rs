@@ -180,6 +180,17 @@ fn d02_the_block_number_stands_first() {
 }
 
 #[test]
+fn block_numbers_can_be_asked_for() {
+    let (program, _) = parse("N0010 X1\nX2\n/1 N20 X3\nN1.5 X4", Grammar::nj());
+    let numbers: Vec<_> = program
+        .blocks()
+        .iter()
+        .map(|block| program.block_number(block))
+        .collect();
+    assert_eq!(numbers, [Some(10), None, Some(20), None]);
+}
+
+#[test]
 fn d03_a_block_of_more_than_1020_bytes_is_an_error() {
     let fits = format!("X1{} Y1", " ".repeat(1020 - 5));
     assert_eq!(fits.len(), 1020);
@@ -225,6 +236,10 @@ fn words_that_are_wrong_are_one_error_each_and_the_rest_is_read() {
     check("G01 XY10", &["1:5 E0005"]);
     check("G01 X1.2.3 Y--4 Z1", &["1:5 E0006", "1:12 E0006"]);
     check("X- Y1", &["1:1 E0006"]);
+    check("F\u{e4}5 X1", &["1:2 E0003"]);
+    check("X = 5 Y1", &["1:3 E0003"]);
+    check("X1 = 5 Y1", &["1:4 E0003"]);
+    check("GOTO 10", &["1:1 E0007"]);
     check("W10 T5 X1", &["1:1 E0007", "1:5 E0007"]);
     check("GOTO10", &["1:1 E0007"]);
     check("tx5", &["1:1 E0007"]);

@@ -1,6 +1,6 @@
 //! From a code's number to the code.
 
-use super::Code;
+use super::{Code, ModalGroup};
 
 /// One past ten times the highest number that a table can hold (999.9).
 const TENTHS: usize = 10_000;
@@ -27,6 +27,8 @@ pub struct NotSupported {
     pub tenths: u16,
     /// The manual's name of it.
     pub name: &'static str,
+    /// The modal group.
+    pub group: ModalGroup,
 }
 
 /// What a number stands for.

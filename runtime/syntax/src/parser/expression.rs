@@ -3,7 +3,7 @@
 use super::{NESTING_MAX, Parser, index};
 use crate::cursor::NumberError;
 use crate::diagnostics;
-use crate::tree::{BinaryOperator, Expression, ExpressionId, Function};
+use crate::program_code::{BinaryOperator, Expression, ExpressionId, Function};
 
 impl Parser<'_> {
     /// Reads an expression; `None` when an error has been reported.

@@ -15,7 +15,8 @@ use tandem_model::{Diagnostic, Span};
 use crate::cursor::Cursor;
 use crate::diagnostics::{self, DiagnosticEntry};
 use crate::grammar::Grammar;
-use crate::tree::{Block, Content, Expression, NcProgram, ProgramCode, Word};
+use crate::program_code::{Expression, ProgramCode};
+use crate::tree::{Block, Content, NcProgram, Word};
 
 /// Findings of one program. Parsing ends there, so that a text of errors only stays small in time and memory.
 pub const DIAGNOSTICS_MAX: usize = 1000;
@@ -324,6 +325,9 @@ impl<'a> Parser<'a> {
             }
             self.cursor.pass_character();
         }
+        if first == '=' {
+            self.skip_line();
+        }
         let span = self.cursor.span_from(start);
         let (message, help) = if first.is_ascii_digit() || matches!(first, '.' | '+' | '-') {
             let text = self.cursor.excerpt(span);
@@ -339,7 +343,7 @@ impl<'a> Parser<'a> {
             };
             let help = match first {
                 ',' => "The decimal sign is a point.",
-                '=' => "Assign to a variable L, Q or P.",
+                '=' => "Only variables L, Q and P can be assigned to.",
                 _ if first.is_ascii() => "Remove it, or make it a comment with //.",
                 _ => "Characters that are not ASCII stand in comments only.",
             };

@@ -4,8 +4,10 @@ use tandem_model::Span;
 
 use super::word::keyword;
 use super::{LineKind, Parser, index};
+use crate::address::Address;
 use crate::diagnostics;
-use crate::tree::{Address, Block, Content, Keyword, ProgramCode, VariableKind};
+use crate::program_code::{Keyword, ProgramCode};
+use crate::tree::{Block, Content, VariableKind};
 
 impl Parser<'_> {
     /// Reads an assignment; the cursor stands behind the target's index, at blanks or `=`.

@@ -3,9 +3,11 @@
 use tandem_model::Span;
 
 use super::{LineKind, Parser, index};
+use crate::address::Address;
 use crate::cursor::NumberError;
 use crate::diagnostics;
-use crate::tree::{Address, Keyword, Variable, VariableKind, Word};
+use crate::program_code::Keyword;
+use crate::tree::{Variable, VariableKind, Word};
 
 impl Parser<'_> {
     /// Reads what begins with a letter here. True when it was a branch or repetition, which ends the line's reading.
@@ -52,7 +54,8 @@ impl Parser<'_> {
         let rest = letters.get(1..).unwrap_or_default();
         if self.address_of(first).is_some() && self.address_of(rest).is_some() {
             self.cursor.advance(1);
-            self.value_missing(start);
+            let span = self.cursor.span_from(start);
+            self.value_missing(span);
         } else {
             self.unknown_word(start, letters.len());
         }
@@ -62,9 +65,15 @@ impl Parser<'_> {
         self.cursor.advance(letters);
         let letters_span = self.cursor.span_from(start);
         let name = self.cursor.excerpt(letters_span);
+        let mut ahead = self.cursor;
+        if ahead.blanks(self.grammar).is_ok()
+            && matches!(ahead.peek(), Some(b'0'..=b'9' | b'.' | b'-' | b'+' | b'['))
+        {
+            self.cursor = ahead;
+        }
         self.pass_value();
         let span = self.cursor.span_from(start);
-        let help = if name.contains(['O', 'o']) {
+        let help = if name.len() <= 2 && name.contains(['O', 'o']) {
             "If a zero is meant, write the digit 0."
         } else {
             "Remove it, or correct its address."
@@ -96,14 +105,13 @@ impl Parser<'_> {
         }
     }
 
-    fn value_missing(&mut self, start: usize) {
-        let span = self.cursor.span_from(start);
+    fn value_missing(&mut self, span: Span) {
         let name = self.cursor.excerpt(span);
         self.report(
             &diagnostics::VALUE_MISSING,
             span,
             format!("`{name}` has no value"),
-            format!("Write a number after it, for example {}0.", name.trim_end()),
+            format!("Write a number after it, for example {name}1."),
         );
     }
 
@@ -131,13 +139,14 @@ impl Parser<'_> {
                 }
             }
             Err(NumberError::Missing) => {
-                let name = self.cursor.excerpt(address_span);
-                self.report(
-                    &diagnostics::VALUE_MISSING,
-                    address_span,
-                    format!("`{name}` has no value"),
-                    format!("Write a number after it, for example {name}0."),
+                // a character that is not part of the language is told of by itself
+                let missing = matches!(
+                    self.cursor.peek(),
+                    None | Some(b'\n' | b'\r' | b'/' | b'_' | b'A'..=b'Z' | b'a'..=b'z' | b'{' | b'}')
                 );
+                if missing {
+                    self.value_missing(address_span);
+                }
             }
             Err(NumberError::Malformed) => {
                 self.pass_value();

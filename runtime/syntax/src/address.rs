@@ -1,0 +1,106 @@
+//! Addresses of words, and sets of them.
+
+macro_rules! addresses {
+    ($($name:ident $text:literal,)*) => {
+        /// The address of a word: one letter, or one of the pairs of dialect nj.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+        #[repr(u8)]
+        #[expect(missing_docs, reason = "a letter is its own name")]
+        pub enum Address { $($name,)* }
+
+        impl Address {
+            /// How many addresses there are.
+            pub const COUNT: usize = Address::ALL.len();
+
+            /// All addresses; the 26 letters first, in order.
+            pub const ALL: &[Address] = &[$(Address::$name),*];
+
+            /// As the manual writes it: `X`, `ta`, `VA`.
+            pub const fn text(self) -> &'static str {
+                match self { $(Address::$name => $text,)* }
+            }
+        }
+    };
+}
+
+addresses! {
+    A "A", B "B", C "C", D "D", E "E", F "F", G "G", H "H", I "I", J "J", K "K", L "L", M "M", N "N", O "O", P "P",
+    Q "Q", R "R", S "S", T "T", U "U", V "V", W "W", X "X", Y "Y", Z "Z",
+    Ta "ta", Td "td", Ts "ts",
+    Va "VA", Vb "VB", Vc "VC", Vd "VD", Ve "VE", Vf "VF", Vg "VG", Vh "VH",
+}
+
+impl Address {
+    /// Place of VA to VH among the parameters of an M code, 0 to 7.
+    pub const fn parameter_index(self) -> Option<usize> {
+        let index = self as u8;
+        if index >= Address::Va as u8 && index <= Address::Vh as u8 {
+            Some((index - Address::Va as u8) as usize)
+        } else {
+            None
+        }
+    }
+}
+
+/// A set of addresses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
+pub struct AddressSet(u64);
+
+impl AddressSet {
+    /// The empty set.
+    pub const EMPTY: AddressSet = AddressSet(0);
+
+    /// The set of these addresses.
+    pub const fn of(addresses: &[Address]) -> AddressSet {
+        let mut bits = 0;
+        let mut i = 0;
+        while i < addresses.len() {
+            bits |= 1 << addresses[i] as u8;
+            i += 1;
+        }
+        AddressSet(bits)
+    }
+
+    /// Adds an address.
+    pub const fn insert(&mut self, address: Address) {
+        self.0 |= 1 << address as u8;
+    }
+
+    /// True when the address is in the set.
+    pub const fn contains(self, address: Address) -> bool {
+        self.0 & (1 << address as u8) != 0
+    }
+
+    /// True when nothing is in the set.
+    pub const fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
+    /// What is in either set.
+    #[must_use]
+    pub const fn union(self, other: AddressSet) -> AddressSet {
+        AddressSet(self.0 | other.0)
+    }
+
+    /// What is in both sets.
+    #[must_use]
+    pub const fn intersection(self, other: AddressSet) -> AddressSet {
+        AddressSet(self.0 & other.0)
+    }
+
+    /// What is in this set and not in the other.
+    #[must_use]
+    pub const fn without(self, other: AddressSet) -> AddressSet {
+        AddressSet(self.0 & !other.0)
+    }
+
+    /// The addresses of the set, ascending.
+    pub fn iter(self) -> impl Iterator<Item = Address> {
+        let mut bits = self.0;
+        std::iter::from_fn(move || {
+            let lowest = bits.trailing_zeros() as usize;
+            bits &= bits.wrapping_sub(1);
+            Address::ALL.get(lowest).copied()
+        })
+    }
+}
