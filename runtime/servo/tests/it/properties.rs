@@ -68,7 +68,8 @@ proptest! {
             rig.cycles(wait);
         }
         rig.control(if aborts { Control::Abort { epoch: 1 } } else { Control::Stop { epoch: 1 } });
-        let events = rig.cycles(300);
+        // From 200 percent feed hold takes twice its slew time of 0.2 s.
+        let events = rig.cycles(401);
         let stops: Vec<_> = events.iter().filter(|event| matches!(event, Event::Stopped { epoch: 1, .. })).collect();
         prop_assert_eq!(stops.len(), 1);
         let position = rig.position();
