@@ -17,6 +17,9 @@ mod settings;
 mod shared;
 mod websocket;
 
+#[cfg(test)]
+mod tests;
+
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
@@ -80,7 +83,8 @@ impl Gateway {
             Some(listen) => {
                 let address = loopback(MQTT_LISTEN, listen)?;
                 let root = root.clone();
-                let is_inbound = move |topic: &str| topic.strip_prefix(&root).is_some_and(inbound::is_inbound);
+                let is_inbound =
+                    move |topic: &str| topic.strip_prefix(&root).is_some_and(inbound::is_inbound);
                 Some(Broker::start(address, Arc::new(is_inbound), refused_sender).await?)
             }
         };

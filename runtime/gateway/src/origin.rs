@@ -115,13 +115,27 @@ mod tests {
         let own: SocketAddr = "127.0.0.1:8080".parse().unwrap();
         let host = (header::HOST, "localhost:8080");
         assert!(check(&headers(std::slice::from_ref(&host)), own).is_ok());
-        assert!(check(&headers(&[host.clone(), (header::ORIGIN, "http://localhost:8080")]), own).is_ok());
-        for origin in ["http://evil.example", "null", "https://localhost:8080", "http://localhost:9"] {
+        assert!(
+            check(
+                &headers(&[host.clone(), (header::ORIGIN, "http://localhost:8080")]),
+                own
+            )
+            .is_ok()
+        );
+        for origin in [
+            "http://evil.example",
+            "null",
+            "https://localhost:8080",
+            "http://localhost:9",
+        ] {
             let problem = check(&headers(&[host.clone(), (header::ORIGIN, origin)]), own).unwrap_err();
             assert_eq!(problem.code, "foreign_origin", "{origin}");
         }
         let problem = check(&headers(&[(header::HOST, "evil.example:8080")]), own).unwrap_err();
-        assert_eq!((problem.status.as_u16(), problem.code.as_str()), (403, "foreign_host"));
+        assert_eq!(
+            (problem.status.as_u16(), problem.code.as_str()),
+            (403, "foreign_host")
+        );
         assert_eq!(check(&HeaderMap::new(), own).unwrap_err().code, "foreign_host");
     }
 }

@@ -154,7 +154,11 @@ pub(crate) fn loopback(setting: &'static str, value: &str) -> Result<SocketAddr,
 }
 
 /// What a failed `bind` means.
-pub(crate) fn listen_error(setting: &'static str, address: SocketAddr, source: std::io::Error) -> GatewayError {
+pub(crate) fn listen_error(
+    setting: &'static str,
+    address: SocketAddr,
+    source: std::io::Error,
+) -> GatewayError {
     if source.kind() == std::io::ErrorKind::AddrInUse {
         GatewayError::PortTaken { setting, address }
     } else {

@@ -195,7 +195,9 @@ impl Client {
             let refusal = if !is_known(&pattern) {
                 format!("there is no topic {pattern}; write one such as cs/1/state, or with wildcards cs/1/#")
             } else if self.patterns.len() == PATTERNS_MAX && !self.patterns.contains(&pattern) {
-                format!("{PATTERNS_MAX} subscriptions are the limit of one connection; unsubscribe some, or use #")
+                format!(
+                    "{PATTERNS_MAX} subscriptions are the limit of one connection; unsubscribe some, or use #"
+                )
             } else {
                 self.patterns.insert(pattern.clone());
                 new.push(pattern);
@@ -240,14 +242,11 @@ fn is_known(pattern: &str) -> bool {
         return Topic::parse(pattern).is_some();
     }
     let last = levels.len() - 1;
-    levels
-        .iter()
-        .enumerate()
-        .all(|(place, level)| match *level {
-            "+" => true,
-            "#" => place == last,
-            level => !level.is_empty() && !level.contains(['+', '#']),
-        })
+    levels.iter().enumerate().all(|(place, level)| match *level {
+        "+" => true,
+        "#" => place == last,
+        level => !level.is_empty() && !level.contains(['+', '#']),
+    })
 }
 
 /// True when the path is one that the pattern names: `+` is one level, a last `#` that level and all below.
@@ -290,7 +289,14 @@ mod tests {
         for pattern in ["cs/1/state", "presence", "cs/1/#", "#", "cs/+/m_code/+/output"] {
             assert!(is_known(pattern), "{pattern}");
         }
-        for pattern in ["cs/1/stat", "", "cs/#/state", "cs/1+/state", "cs//#", "cs/300/state"] {
+        for pattern in [
+            "cs/1/stat",
+            "",
+            "cs/#/state",
+            "cs/1+/state",
+            "cs//#",
+            "cs/300/state",
+        ] {
             assert!(!is_known(pattern), "{pattern}");
         }
     }

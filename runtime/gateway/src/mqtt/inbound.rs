@@ -34,10 +34,7 @@ const PAYLOAD_MAX: usize = 64 * 1024;
 #[derive(Debug, PartialEq)]
 pub(crate) enum Inbound {
     /// Something for the port. `urgent`: hold, stop and abort pass every queue.
-    Ask {
-        request: Request,
-        urgent: bool,
-    },
+    Ask { request: Request, urgent: bool },
     /// A command that never becomes a request: its sender is told.
     Reject {
         cs: CoordinateSystemNumber,
@@ -57,9 +54,11 @@ pub(crate) fn is_inbound(path: &str) -> bool {
         .filter(|filter| !filter.starts_with("handler/"))
         .any(|filter| {
             let mut levels = path.split('/');
-            let fits = filter
-                .split('/')
-                .all(|wanted| levels.next().is_some_and(|level| wanted == "+" || wanted == level));
+            let fits = filter.split('/').all(|wanted| {
+                levels
+                    .next()
+                    .is_some_and(|level| wanted == "+" || wanted == level)
+            });
             fits && levels.next().is_none()
         })
 }
@@ -72,9 +71,7 @@ pub(crate) fn read(path: &str, payload: &[u8], retained: bool) -> Inbound {
     } else {
         match levels.as_slice() {
             ["cs", cs, "command", verb] => number(cs).map(|cs| command(cs, verb, payload, retained)),
-            ["cs", cs, "variable", what] => {
-                number(cs).and_then(|cs| variable(cs, what, payload))
-            }
+            ["cs", cs, "variable", what] => number(cs).and_then(|cs| variable(cs, what, payload)),
             ["handler", id, "presence"] => handler(id, payload),
             _ if retained => Err("it is retained; publish it without the retain flag".to_owned()),
             ["motor", _, "skip_input", "set"] => Err("setting a skip input is not supported yet".to_owned()),

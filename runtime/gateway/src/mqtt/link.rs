@@ -21,10 +21,10 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::AbortOnDropHandle;
 use tracing::{info, warn};
 
+use super::Parts;
 use super::dispatch::Dispatch;
 use super::inbound::{self, FILTERS};
 use super::outbox::{Outbox, Parcel};
-use super::Parts;
 use crate::broker::Refused;
 use crate::metrics::{Metrics, add};
 use crate::position::Positions;
@@ -119,7 +119,10 @@ impl Link {
                 backoff = BACKOFF_MIN;
             }
             let wait = jittered(backoff);
-            warn!("no connection to the MQTT broker: {why}; next try in {} ms", wait.as_millis());
+            warn!(
+                "no connection to the MQTT broker: {why}; next try in {} ms",
+                wait.as_millis()
+            );
             backoff = (backoff * 2).min(BACKOFF_MAX);
             if self.absorb(wait).await {
                 return;
@@ -237,7 +240,9 @@ impl Link {
         let filters = FILTERS
             .map(|filter| SubscribeFilter::new(format!("{}{filter}", self.parts.root), QoS::AtLeastOnce));
         if client.try_subscribe_many(filters).is_err() {
-            warn!("the MQTT client takes no subscriptions; nothing can be commanded over MQTT until it reconnects");
+            warn!(
+                "the MQTT client takes no subscriptions; nothing can be commanded over MQTT until it reconnects"
+            );
         }
         self.outbox.connected(self.connections > 1);
     }
@@ -252,7 +257,11 @@ impl Link {
                 }
                 Parcel::Clear(path) => (path.clone(), true, 1, String::new()),
             };
-            let qos = if qos == 0 { QoS::AtMostOnce } else { QoS::AtLeastOnce };
+            let qos = if qos == 0 {
+                QoS::AtMostOnce
+            } else {
+                QoS::AtLeastOnce
+            };
             let taken = client
                 .try_publish(format!("{root}{path}"), qos, retain, payload)
                 .is_ok();
@@ -274,7 +283,9 @@ impl Link {
                     .iter()
                     .any(|code| *code == rumqttc::SubscribeReasonCode::Failure);
                 if refused {
-                    warn!("the MQTT broker refuses a subscription; its access rules must allow the runtime to read");
+                    warn!(
+                        "the MQTT broker refuses a subscription; its access rules must allow the runtime to read"
+                    );
                 }
             }
             _ => {}

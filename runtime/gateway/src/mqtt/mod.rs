@@ -64,4 +64,10 @@ impl MqttEnd {
             self.task.abort();
         }
     }
+
+    /// Ends without a goodbye, as a runtime that is killed.
+    #[cfg(test)]
+    pub(crate) fn crash(self) {
+        self.task.abort();
+    }
 }

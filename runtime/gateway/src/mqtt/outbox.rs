@@ -175,7 +175,9 @@ impl Outbox {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use plc_api::types::output::{Cancel, CancelReason, OutputNotice, Params, Pending, PendingOutput, Timing};
+    use plc_api::types::output::{
+        Cancel, CancelReason, OutputNotice, Params, Pending, PendingOutput, Timing,
+    };
     use plc_api::types::state::Switch;
     use plc_api::types::{BootId, Timestamp};
 
@@ -220,8 +222,14 @@ mod tests {
             since: Timestamp::default(),
             progress: None,
             how: None,
+            lost: false,
         };
-        message(CsTopic::Pending, Payload::Pending(Pending { outputs: vec![output] }))
+        message(
+            CsTopic::Pending,
+            Payload::Pending(Pending {
+                outputs: vec![output],
+            }),
+        )
     }
 
     fn send_all(outbox: &mut Outbox) -> Vec<Arc<Message>> {

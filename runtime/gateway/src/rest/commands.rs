@@ -167,7 +167,9 @@ fn state_rev(tag: &HeaderValue) -> Result<u64, Problem> {
     tag.to_str()
         .ok()
         .and_then(|tag| tag.trim().trim_matches('"').parse().ok())
-        .ok_or_else(|| Problem::invalid("If-Match is the ETag of the coordinate system's state, such as \"12\""))
+        .ok_or_else(|| {
+            Problem::invalid("If-Match is the ETag of the coordinate system's state, such as \"12\"")
+        })
 }
 
 /// Commands the coordinate system that the alarm stopped; the first one for an alarm of all.
@@ -195,13 +197,17 @@ async fn acknowledge(
             first.number
         }
     };
-    carry_out(&shared, cs, Command::AlarmAcknowledge { id }, &headers, wait.asked()?).await
+    carry_out(
+        &shared,
+        cs,
+        Command::AlarmAcknowledge { id },
+        &headers,
+        wait.asked()?,
+    )
+    .await
 }
 
-async fn status(
-    State(shared): State<Arc<Shared>>,
-    InPath(id): InPath<String>,
-) -> Result<Response, Problem> {
+async fn status(State(shared): State<Arc<Shared>>, InPath(id): InPath<String>) -> Result<Response, Problem> {
     match shared.ask(Request::CommandStatus(id)).await? {
         Answer::Command(reply) => Ok(json_response(&json!(reply)).into_response()),
         _ => Err(unexpected()),
@@ -220,7 +226,12 @@ mod tests {
 
     #[test]
     fn if_match_takes_the_revision_with_and_without_quotes() {
-        for (tag, rev) in [("\"12\"", Some(12)), ("7", Some(7)), ("W/\"3\"", None), ("*", None)] {
+        for (tag, rev) in [
+            ("\"12\"", Some(12)),
+            ("7", Some(7)),
+            ("W/\"3\"", None),
+            ("*", None),
+        ] {
             assert_eq!(state_rev(&HeaderValue::from_static(tag)).ok(), rev, "{tag}");
         }
     }

@@ -57,7 +57,9 @@ impl<S: Send + Sync, T: DeserializeOwned> FromRequest<S> for JsonBody<T> {
         let json = is_json(request.headers());
         let body = read_body(request, JSON_BODY_MAX).await?;
         if body.is_empty() {
-            return serde_json::from_str("{}").map(Self).map_err(|error| wrong_json(&error));
+            return serde_json::from_str("{}")
+                .map(Self)
+                .map_err(|error| wrong_json(&error));
         }
         if !json {
             return Err(Problem::new(
@@ -66,7 +68,9 @@ impl<S: Send + Sync, T: DeserializeOwned> FromRequest<S> for JsonBody<T> {
                 "send JSON with Content-Type: application/json",
             ));
         }
-        serde_json::from_slice(&body).map(Self).map_err(|error| wrong_json(&error))
+        serde_json::from_slice(&body)
+            .map(Self)
+            .map_err(|error| wrong_json(&error))
     }
 }
 
@@ -81,7 +85,14 @@ fn is_json(headers: &HeaderMap) -> bool {
 /// The media type without parameters, in lower case.
 pub(crate) fn media_type(headers: &HeaderMap) -> Option<String> {
     let value = headers.get(header::CONTENT_TYPE)?.to_str().ok()?;
-    Some(value.split(';').next().unwrap_or(value).trim().to_ascii_lowercase())
+    Some(
+        value
+            .split(';')
+            .next()
+            .unwrap_or(value)
+            .trim()
+            .to_ascii_lowercase(),
+    )
 }
 
 /// The whole body, at most `limit` bytes.

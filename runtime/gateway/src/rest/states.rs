@@ -53,7 +53,8 @@ pub(super) fn routes() -> Router<Arc<Shared>> {
     let inputs = INPUTS.map(|(name, topic)| (format!("/cs/{{cs}}/inputs/{name}"), topic));
     let others = CS_TOPICS.map(|(name, topic)| (format!("/cs/{{cs}}/{name}"), topic));
     for (path, topic) in others.into_iter().chain(inputs) {
-        let read = move |shared: State<Arc<Shared>>, cs: InPath<CoordinateSystemNumber>| one(shared, cs, topic);
+        let read =
+            move |shared: State<Arc<Shared>>, cs: InPath<CoordinateSystemNumber>| one(shared, cs, topic);
         router = router.route(&path, get(read));
     }
     router
@@ -83,7 +84,10 @@ async fn coordinate_systems(State(shared): State<Arc<Shared>>) -> Result<Respons
         let state = shared.read(&Topic::cs(info.number, CsTopic::State)).await.ok();
         let mut entry = serde_json::to_value(&info).unwrap_or_default();
         if let Value::Object(entry) = &mut entry {
-            entry.insert("state".into(), state.map_or(Value::Null, |state| message_value(&state)));
+            entry.insert(
+                "state".into(),
+                state.map_or(Value::Null, |state| message_value(&state)),
+            );
         }
         list.push(entry);
     }

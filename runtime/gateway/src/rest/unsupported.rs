@@ -15,9 +15,15 @@ pub(super) fn routes() -> Router<Arc<Shared>> {
         router = router.route(&format!("/cs/{{cs}}/{verb}"), post(move || refuse(verb)));
     }
     router
-        .route("/motors/{number}/skip_input", put(|| refuse("setting a skip input")))
+        .route(
+            "/motors/{number}/skip_input",
+            put(|| refuse("setting a skip input")),
+        )
         .route("/variables/p", read_write("reading and writing P variables"))
-        .route("/cs/{cs}/variables/q", read_write("reading and writing Q variables"))
+        .route(
+            "/cs/{cs}/variables/q",
+            read_write("reading and writing Q variables"),
+        )
         .route(
             "/cs/{cs}/work_offsets",
             read_write("reading and writing work offsets"),

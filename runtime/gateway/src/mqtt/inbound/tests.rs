@@ -1,5 +1,7 @@
 use plc_api::types::BootId;
-use plc_api::types::output::{Claim, HandlerPresence, ProgressReport, Redeliver, Redelivery, Reset, ResetResult};
+use plc_api::types::output::{
+    Claim, HandlerPresence, ProgressReport, Redeliver, Redelivery, Reset, ResetResult,
+};
 use plc_api::types::request::{OverrideChange, SpindleCommand};
 use plc_api::types::state::SpindleDirection;
 
@@ -16,7 +18,10 @@ fn ask(path: &str, payload: &str) -> Request {
 fn the_handshake_comes_in_with_the_m_number_of_its_topic() {
     let boot_id = BootId("b".into());
     assert_eq!(
-        ask("cs/2/m_code/100/claim", r#"{"boot_id":"b","seq":7,"handler_id":"h"}"#),
+        ask(
+            "cs/2/m_code/100/claim",
+            r#"{"boot_id":"b","seq":7,"handler_id":"h"}"#
+        ),
         Request::Claim(
             2,
             Some(100),
@@ -64,7 +69,10 @@ fn the_handshake_comes_in_with_the_m_number_of_its_topic() {
         )
     );
     assert_eq!(
-        ask("cs/1/m_code/5/redeliver", r#"{"boot_id":"b","seq":7,"how":"verify"}"#),
+        ask(
+            "cs/1/m_code/5/redeliver",
+            r#"{"boot_id":"b","seq":7,"how":"verify"}"#
+        ),
         Request::Redeliver(
             1,
             Some(5),
@@ -154,19 +162,21 @@ fn hold_stop_and_abort_are_urgent_and_others_are_not() {
 
 #[test]
 fn a_malformed_command_is_answered_when_its_sender_can_be_read() {
-    let code_of = |verb: &str, payload: &str, retained: bool| {
-        match read(&format!("cs/1/command/{verb}"), payload.as_bytes(), retained) {
-            Inbound::Reject {
-                cs: 1,
-                client_id,
-                command_id,
-                refusal,
-            } => {
-                assert_eq!((client_id.as_str(), command_id.as_str()), ("hmi", "c"));
-                refusal.code
-            }
-            other => panic!("{other:?}"),
+    let code_of = |verb: &str, payload: &str, retained: bool| match read(
+        &format!("cs/1/command/{verb}"),
+        payload.as_bytes(),
+        retained,
+    ) {
+        Inbound::Reject {
+            cs: 1,
+            client_id,
+            command_id,
+            refusal,
+        } => {
+            assert_eq!((client_id.as_str(), command_id.as_str()), ("hmi", "c"));
+            refusal.code
         }
+        other => panic!("{other:?}"),
     };
     let good = r#"{"command_id":"c","client_id":"hmi"}"#;
     assert_eq!(code_of("load", good, false), RefusalCode::Invalid);
@@ -187,7 +197,11 @@ fn what_names_nobody_or_is_retained_is_dropped_with_a_reason() {
     let large = format!("{{\"text\":\"{}\"}}", "x".repeat(PAYLOAD_MAX));
     for (path, payload, retained) in [
         ("cs/1/command/start", "not json", false),
-        ("cs/1/command/start", r#"{"client_id":"a/b","command_id":"c"}"#, false),
+        (
+            "cs/1/command/start",
+            r#"{"client_id":"a/b","command_id":"c"}"#,
+            false,
+        ),
         ("cs/1/input/dry_run/set", r#"{"value":true}"#, true),
         ("cs/1/m_code/5/claim", "{}", false),
         ("cs/1/m_code/70000/claim", "{}", false),

@@ -1,0 +1,210 @@
+//! Tests of the server ends over a port that remembers what it was asked and answers what a test says.
+
+mod gateway;
+mod mqtt;
+mod mqtt_refusals;
+mod rest;
+mod rest_refusals;
+mod websocket;
+
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use plc_api::hub::{Filter, Hub, Subscription};
+use plc_api::port::{BoxFuture, Port};
+use plc_api::types::command::{CommandReply, CommandStatus};
+use plc_api::types::machine::{Birth, CoordinateSystemInfo, Presence};
+use plc_api::types::message::{Message, Payload};
+use plc_api::types::request::{Answer, Refusal, Request};
+use plc_api::types::state::{Position, State, Switch};
+use plc_api::types::topic::{CsTopic, Topic};
+use plc_api::types::{BootId, Timestamp};
+use tokio_util::sync::CancellationToken;
+
+use crate::shared::Shared;
+use crate::{Gateway, GatewaySettings};
+
+type Script = Box<dyn Fn(&Request) -> Result<Answer, Refusal> + Send + Sync>;
+
+/// A port over a hub of its own.
+pub(super) struct StubPort {
+    pub(super) hub: Hub,
+    pub(super) asked: Mutex<Vec<Request>>,
+    pub(super) news: tokio::sync::Notify,
+    script: Script,
+}
+
+impl StubPort {
+    /// Commands are accepted, or done when waited for; everything else is done.
+    pub(super) fn new() -> Arc<Self> {
+        Self::with(|request| {
+            Ok(match request {
+                Request::Command { meta, wait, .. } => {
+                    let status = if *wait {
+                        CommandStatus::Done
+                    } else {
+                        CommandStatus::Accepted
+                    };
+                    Answer::Command(reply(&meta.command_id, status, "ok"))
+                }
+                _ => Answer::Done,
+            })
+        })
+    }
+
+    pub(super) fn with(
+        script: impl Fn(&Request) -> Result<Answer, Refusal> + Send + Sync + 'static,
+    ) -> Arc<Self> {
+        let stub = Self {
+            hub: Hub::new(),
+            asked: Mutex::default(),
+            news: tokio::sync::Notify::new(),
+            script: Box::new(script),
+        };
+        stub.say(
+            Topic::Presence,
+            Some(1),
+            Payload::Presence(Presence {
+                online: true,
+                started_at: Timestamp("2026-01-01T00:00:00Z".into()),
+                version: "0.1.0".into(),
+            }),
+        );
+        stub.say(
+            Topic::Birth,
+            Some(1),
+            Payload::Birth(Birth {
+                machine: "mill-1".into(),
+                coordinate_systems: vec![CoordinateSystemInfo {
+                    number: 1,
+                    ..CoordinateSystemInfo::default()
+                }],
+                ..Birth::default()
+            }),
+        );
+        stub.say(
+            Topic::cs(1, CsTopic::State),
+            Some(12),
+            Payload::State(State::default()),
+        );
+        Arc::new(stub)
+    }
+
+    pub(super) fn say(&self, topic: Topic, rev: Option<u64>, payload: Payload) {
+        self.hub.publish(message(topic, rev, payload));
+    }
+
+    pub(super) fn say_dry_run(&self, rev: u64, value: bool) {
+        let topic = Topic::cs(1, CsTopic::DryRun);
+        self.say(topic, Some(rev), Payload::Switch(Switch { value }));
+    }
+
+    pub(super) fn say_position(&self, feedrate: f64) {
+        let position = Position {
+            feedrate,
+            ..Position::default()
+        };
+        self.say(Topic::cs(1, CsTopic::Position), None, Payload::Position(position));
+    }
+
+    /// All requests so far.
+    pub(super) fn asked(&self) -> Vec<Request> {
+        self.asked.lock().unwrap().clone()
+    }
+
+    /// Waits until it was asked something that fits.
+    pub(super) async fn asked_for(&self, fits: impl Fn(&Request) -> bool) -> Request {
+        within(async {
+            loop {
+                let news = self.news.notified();
+                if let Some(request) = self.asked().into_iter().find(&fits) {
+                    return request;
+                }
+                news.await;
+            }
+        })
+        .await
+    }
+}
+
+impl Port for StubPort {
+    fn boot_id(&self) -> BootId {
+        BootId("boot-1".into())
+    }
+
+    fn read<'a>(&'a self, topic: &'a Topic) -> BoxFuture<'a, Option<Arc<Message>>> {
+        Box::pin(std::future::ready(self.hub.read(topic)))
+    }
+
+    fn subscribe(&self, filter: Filter) -> Subscription {
+        self.hub.subscribe(filter)
+    }
+
+    fn request(&self, request: Request) -> BoxFuture<'_, Result<Answer, Refusal>> {
+        let answer = (self.script)(&request);
+        self.asked.lock().unwrap().push(request);
+        self.news.notify_waiters();
+        Box::pin(std::future::ready(answer))
+    }
+
+    fn sleep(&self, duration: Duration) -> BoxFuture<'_, ()> {
+        Box::pin(tokio::time::sleep(duration))
+    }
+
+    fn now_s(&self) -> f64 {
+        0.0
+    }
+}
+
+pub(super) fn message(topic: Topic, rev: Option<u64>, payload: Payload) -> Message {
+    Message {
+        topic,
+        boot_id: BootId("boot-1".into()),
+        ts: Timestamp("2026-01-01T00:00:00Z".into()),
+        rev,
+        payload,
+    }
+}
+
+pub(super) fn reply(command_id: &str, status: CommandStatus, code: &str) -> CommandReply {
+    CommandReply {
+        command_id: command_id.to_owned(),
+        status,
+        code: code.to_owned(),
+        text: "as asked".to_owned(),
+        state_rev: 13,
+    }
+}
+
+/// What HTTP handlers share, as if served at 127.0.0.1:8080.
+pub(super) fn shared(port: Arc<StubPort>) -> Arc<Shared> {
+    Arc::new(Shared::new(
+        port,
+        "127.0.0.1:8080".parse().unwrap(),
+        Duration::from_millis(20),
+        CancellationToken::new(),
+    ))
+}
+
+/// Settings with free ports.
+pub(super) fn settings() -> GatewaySettings {
+    let mut settings = GatewaySettings {
+        http_listen: "127.0.0.1:0".into(),
+        position_interval_ms: 20,
+        ..GatewaySettings::default()
+    };
+    settings.mqtt.embedded_listen = Some("127.0.0.1:0".into());
+    settings
+}
+
+pub(super) async fn start(port: &Arc<StubPort>) -> Gateway {
+    let port: Arc<dyn Port> = Arc::<StubPort>::clone(port);
+    Gateway::start(port, settings()).await.unwrap()
+}
+
+/// A test that hangs fails instead.
+pub(super) async fn within<T>(future: impl Future<Output = T>) -> T {
+    tokio::time::timeout(Duration::from_secs(10), future)
+        .await
+        .expect("within 10 s")
+}

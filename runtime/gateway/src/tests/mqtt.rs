@@ -1,0 +1,336 @@
+//! MQTT end through the embedded broker, with the client library that anybody would use.
+
+use plc_api::types::command::Command;
+use plc_api::types::output::HandlerPresence;
+use plc_api::types::request::Input;
+use rumqttc::{AsyncClient, Event, LastWill, MqttOptions, Packet, Publish, QoS};
+use serde_json::{Value, json};
+use tokio::sync::mpsc;
+use tokio_util::task::AbortOnDropHandle;
+
+use super::*;
+use crate::broker::Broker;
+use crate::mqtt::{self, MqttEnd};
+use crate::settings::MqttSettings;
+
+pub(super) const ROOT: &str = "tandem/v1/mill-1/";
+
+/// A client of the broker.
+pub(super) struct Client {
+    pub(super) client: AsyncClient,
+    received: mpsc::UnboundedReceiver<Publish>,
+    _poller: AbortOnDropHandle<()>,
+}
+
+impl Client {
+    /// Connects, and subscribes to these filters below the root.
+    pub(super) async fn connect(address: std::net::SocketAddr, id: &str, filters: &[&str]) -> Self {
+        Self::with_will(address, id, filters, None).await
+    }
+
+    pub(super) async fn with_will(
+        address: std::net::SocketAddr,
+        id: &str,
+        filters: &[&str],
+        will: Option<LastWill>,
+    ) -> Self {
+        let mut options = MqttOptions::new(id, address.ip().to_string(), address.port());
+        if let Some(will) = will {
+            options.set_last_will(will);
+        }
+        let (client, mut eventloop) = AsyncClient::new(options, 64);
+        let (sender, received) = mpsc::unbounded_channel();
+        let (ready, is_ready) = tokio::sync::oneshot::channel();
+        let mut ready = Some(ready);
+        let subscribes = !filters.is_empty();
+        let poller = AbortOnDropHandle::new(tokio::spawn(async move {
+            while let Ok(event) = eventloop.poll().await {
+                match event {
+                    Event::Incoming(Packet::Publish(publish)) => {
+                        let _ = sender.send(publish);
+                    }
+                    Event::Incoming(Packet::ConnAck(_)) if !subscribes => {
+                        ready.take().map(|ready| ready.send(()));
+                    }
+                    Event::Incoming(Packet::SubAck(_)) => {
+                        ready.take().map(|ready| ready.send(()));
+                    }
+                    _ => {}
+                }
+            }
+        }));
+        for filter in filters {
+            client
+                .subscribe(format!("{ROOT}{filter}"), QoS::AtLeastOnce)
+                .await
+                .unwrap();
+        }
+        within(is_ready).await.unwrap();
+        Self {
+            client,
+            received,
+            _poller: poller,
+        }
+    }
+
+    pub(super) async fn publish(&self, path: &str, retain: bool, payload: &Value) {
+        let topic = format!("{ROOT}{path}");
+        let publish = self
+            .client
+            .publish(topic, QoS::AtLeastOnce, retain, payload.to_string());
+        within(publish).await.unwrap();
+    }
+
+    /// The next message on this path for which the check holds; others are skipped.
+    pub(super) async fn next(&mut self, path: &str, fits: impl Fn(&Value) -> bool) -> (Publish, Value) {
+        within(async {
+            loop {
+                let publish = self.received.recv().await.expect("still connected");
+                if publish.topic.strip_prefix(ROOT) != Some(path) {
+                    continue;
+                }
+                let value = serde_json::from_slice(&publish.payload).unwrap_or_default();
+                if fits(&value) {
+                    return (publish, value);
+                }
+            }
+        })
+        .await
+    }
+
+    /// Messages that are here now.
+    pub(super) fn here(&mut self) -> Vec<Publish> {
+        std::iter::from_fn(|| self.received.try_recv().ok()).collect()
+    }
+}
+
+fn is_command(request: &Request) -> bool {
+    matches!(request, Request::Command { .. })
+}
+
+#[tokio::test]
+async fn states_are_retained_and_the_position_is_a_stream() {
+    let port = StubPort::new();
+    let gateway = start(&port).await;
+    let address = gateway.mqtt_addr().unwrap();
+    // a first client sees them come, so that they are at the broker when the second one subscribes
+    let mut early = Client::connect(address, "early", &["#"]).await;
+    early.next("cs/1/state", |_| true).await;
+    let mut late = Client::connect(address, "late", &["#"]).await;
+    let (publish, state) = late.next("cs/1/state", |_| true).await;
+    assert!(publish.retain);
+    assert_eq!(
+        (&state["v"], &state["boot_id"], &state["rev"]),
+        (&json!(1), &json!("boot-1"), &json!(12))
+    );
+    port.say_dry_run(1, true);
+    late.next("cs/1/input/dry_run/state", |value| value["value"] == true)
+        .await;
+    for feedrate in 0..200 {
+        port.say_position(f64::from(feedrate));
+        tokio::task::yield_now().await;
+    }
+    let (publish, _) = late
+        .next("cs/1/position", |value| value["feedrate"] == 199.0)
+        .await;
+    assert_eq!((publish.qos, publish.retain), (QoS::AtMostOnce, false));
+    let others = early.here();
+    let positions = others
+        .iter()
+        .filter(|publish| publish.topic.ends_with("position"))
+        .count();
+    assert!(positions < 100, "{positions} of 200 positions were published");
+    let mut later = Client::connect(address, "later", &["cs/1/position", "presence"]).await;
+    let (publish, _) = later.next("presence", |value| value["online"] == true).await;
+    assert!(publish.retain);
+    assert_eq!(later.here(), [], "the position is not retained");
+    gateway.shutdown().await;
+}
+
+#[tokio::test]
+async fn commands_settings_and_handshakes_reach_the_port() {
+    let port = StubPort::new();
+    let gateway = start(&port).await;
+    let mut client = Client::connect(gateway.mqtt_addr().unwrap(), "hmi", &["presence"]).await;
+    client.next("presence", |value| value["online"] == true).await;
+    let command =
+        json!({"command_id": "c1", "client_id": "hmi", "expect": {"state_rev": 12}, "args": {"program": 7}});
+    client.publish("cs/1/command/load", false, &command).await;
+    let Request::Command {
+        cs: 1, command, meta, ..
+    } = port.asked_for(is_command).await
+    else {
+        panic!("a command");
+    };
+    assert_eq!(command, Command::Load { program: 7 });
+    assert_eq!((meta.command_id.as_str(), meta.client_id.as_str()), ("c1", "hmi"));
+    client
+        .publish("cs/1/input/dry_run/set", false, &json!({"value": true}))
+        .await;
+    port.asked_for(|request| *request == Request::Input(1, Input::DryRun(true)))
+        .await;
+    let claim = json!({"boot_id": "boot-1", "seq": 3, "handler_id": "h"});
+    client.publish("cs/1/m_code/100/claim", false, &claim).await;
+    port.asked_for(|request| matches!(request, Request::Claim(1, Some(100), claim) if claim.seq == 3))
+        .await;
+    gateway.shutdown().await;
+}
+
+#[tokio::test]
+async fn commands_reach_the_port_in_the_order_of_publishing() {
+    let port = StubPort::new();
+    let gateway = start(&port).await;
+    let mut client = Client::connect(gateway.mqtt_addr().unwrap(), "hmi", &["presence"]).await;
+    client.next("presence", |value| value["online"] == true).await;
+    let verbs = ["start", "hold", "resume", "stop", "reset", "start", "abort"];
+    for (number, verb) in verbs.iter().enumerate() {
+        let command = json!({"command_id": format!("c{number}"), "client_id": "hmi"});
+        client
+            .publish(&format!("cs/1/command/{verb}"), false, &command)
+            .await;
+    }
+    let last = format!("c{}", verbs.len() - 1);
+    port.asked_for(|request| matches!(request, Request::Command { meta, .. } if meta.command_id == last))
+        .await;
+    let order: Vec<_> = port
+        .asked()
+        .into_iter()
+        .filter_map(|request| match request {
+            Request::Command { command, .. } => Some(serde_json::to_value(command.verb()).unwrap()),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(order, verbs.map(Value::from));
+    gateway.shutdown().await;
+}
+
+#[tokio::test]
+async fn a_handler_that_dies_goes_offline_by_its_will() {
+    let port = StubPort::new();
+    let gateway = start(&port).await;
+    let address = gateway.mqtt_addr().unwrap();
+    let topic = format!("{ROOT}handler/h1/presence");
+    let will = LastWill::new(&topic, r#"{"online":false}"#, QoS::AtLeastOnce, true);
+    let handler = Client::with_will(address, "h1", &[], Some(will)).await;
+    let presence = json!({"online": true, "handles": [{"cs": 1, "m": 100}], "validates": false});
+    handler.publish("handler/h1/presence", true, &presence).await;
+    let is = |online: bool| move |request: &Request| matches!(request, Request::Handler(id, HandlerPresence { online: now, .. }) if id == "h1" && *now == online);
+    port.asked_for(is(true)).await;
+    drop(handler); // no goodbye: the socket just closes
+    port.asked_for(is(false)).await;
+    gateway.shutdown().await;
+}
+
+#[tokio::test]
+async fn presence_is_offline_after_a_shutdown_and_by_the_will_after_a_crash() {
+    let port = StubPort::new();
+    let (broker, address) = broker("127.0.0.1:0".parse().unwrap()).await;
+    let end = mqtt_end(&port, address);
+    let mut client = Client::connect(address, "hmi", &["presence"]).await;
+    client.next("presence", |value| value["online"] == true).await;
+    end.stop().await;
+    let (_, value) = client.next("presence", |value| value["online"] == false).await;
+    assert_eq!(
+        (&value["boot_id"], &value["version"]),
+        (&json!("boot-1"), &json!("0.1.0"))
+    );
+    let end = mqtt_end(&port, address);
+    client.next("presence", |value| value["online"] == true).await;
+    end.crash();
+    client.next("presence", |value| value["online"] == false).await;
+    broker.stop().await;
+}
+
+#[tokio::test]
+async fn on_every_connection_presence_birth_and_all_retained_state_are_published_again() {
+    let port = StubPort::new();
+    let (first, address) = broker("127.0.0.1:0".parse().unwrap()).await;
+    let end = mqtt_end(&port, address);
+    let mut client = Client::connect(address, "one", &["#"]).await;
+    client.next("cs/1/state", |_| true).await;
+    drop(client);
+    first.stop().await;
+    // said while nobody listens, and forgotten by the broker with everything else
+    port.say_dry_run(1, true);
+    port.say_dry_run(2, false);
+    let (second, _) = broker(address).await;
+    let mut client = Client::connect(address, "two", &["#"]).await;
+    client.next("presence", |value| value["online"] == true).await;
+    client.next("birth", |value| value["machine"] == "mill-1").await;
+    client.next("cs/1/state", |value| value["rev"] == 12).await;
+    client
+        .next("cs/1/input/dry_run/state", |value| value["rev"] == 2)
+        .await;
+    let command = json!({"command_id": "c1", "client_id": "hmi"});
+    client.publish("cs/1/command/hold", false, &command).await;
+    port.asked_for(is_command).await;
+    end.stop().await;
+    second.stop().await;
+}
+
+#[tokio::test]
+async fn an_external_broker_keeps_no_command() {
+    let port = StubPort::new();
+    let (broker, address) = broker("127.0.0.1:0".parse().unwrap()).await;
+    let client = Client::connect(address, "one", &[]).await;
+    let command = json!({"command_id": "old", "client_id": "hmi"});
+    client.publish("cs/1/command/start", true, &command).await;
+    client
+        .publish("cs/1/input/dry_run/set", true, &json!({"value": true}))
+        .await;
+    let mut hmi = Client::connect(address, "two", &["reply/hmi", "cs/1/command/start"]).await;
+    hmi.next("cs/1/command/start", |value| value["command_id"] == "old")
+        .await;
+    let end = mqtt_end(&port, address);
+    let (_, reply) = hmi.next("reply/hmi", |_| true).await;
+    assert_eq!(
+        (&reply["status"], &reply["code"]),
+        (&json!("rejected"), &json!("retained"))
+    );
+    // a live one counts, and its topic is cleared as well
+    let command = json!({"command_id": "new", "client_id": "hmi"});
+    client.publish("cs/1/command/hold", false, &command).await;
+    port.asked_for(is_command).await;
+    let commands: Vec<_> = port
+        .asked()
+        .into_iter()
+        .filter(|request| !matches!(request, Request::Handler(..)))
+        .collect();
+    assert!(
+        matches!(&commands[..], [Request::Command { meta, .. }] if meta.command_id == "new"),
+        "{commands:?}"
+    );
+    end.stop().await;
+    let mut late = Client::connect(address, "three", &["cs/1/command/#", "cs/1/input/#", "presence"]).await;
+    late.next("presence", |value| value["online"] == false).await;
+    assert_eq!(late.here(), [], "everything retained was cleared");
+    broker.stop().await;
+}
+
+/// A broker that knows nothing of commands, as an external one.
+async fn broker(address: std::net::SocketAddr) -> (Broker, std::net::SocketAddr) {
+    let (refused, _) = mpsc::channel(1);
+    let broker = Broker::start(address, Arc::new(|_: &str| false), refused)
+        .await
+        .unwrap();
+    let address = broker.addr();
+    (broker, address)
+}
+
+fn mqtt_end(port: &Arc<StubPort>, address: std::net::SocketAddr) -> MqttEnd {
+    let (_, refused) = mpsc::channel(1);
+    MqttEnd::start(mqtt::Parts {
+        port: Arc::<StubPort>::clone(port),
+        settings: MqttSettings {
+            embedded_listen: None,
+            ..MqttSettings::default()
+        },
+        machine: "mill-1".into(),
+        root: ROOT.into(),
+        host: address.ip().to_string(),
+        tcp_port: address.port(),
+        position_interval: Duration::from_millis(20),
+        refused,
+        metrics: Arc::default(),
+    })
+}

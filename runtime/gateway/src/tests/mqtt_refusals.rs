@@ -1,0 +1,107 @@
+//! What comes in over MQTT and is refused.
+
+use plc_api::types::request::Input;
+use rumqttc::{LastWill, QoS};
+use serde_json::{Value, json};
+
+use super::mqtt::{Client, ROOT};
+use super::*;
+
+/// A gateway whose MQTT end is connected, and a client that reads its replies.
+async fn connected(port: &Arc<StubPort>) -> (Gateway, Client) {
+    let gateway = start(port).await;
+    let filters = ["presence", "reply/hmi"];
+    let mut client = Client::connect(gateway.mqtt_addr().unwrap(), "hmi", &filters).await;
+    client.next("presence", |value| value["online"] == true).await;
+    (gateway, client)
+}
+
+#[tokio::test]
+async fn a_malformed_or_unsupported_command_is_rejected_with_a_reply() {
+    let port = StubPort::new();
+    let (gateway, mut client) = connected(&port).await;
+    for (verb, args, code) in [
+        ("load", Value::Null, "invalid"),
+        ("jump", Value::Null, "invalid"),
+        ("jog", json!({"axis": "X"}), "not_supported"),
+        ("mdi", json!({"text": "G00 X1"}), "not_supported"),
+    ] {
+        let command = json!({"command_id": verb, "client_id": "hmi", "args": args});
+        client
+            .publish(&format!("cs/1/command/{verb}"), false, &command)
+            .await;
+        let (_, reply) = client.next("reply/hmi", |_| true).await;
+        assert_eq!(
+            (&reply["command_id"], &reply["code"]),
+            (&json!(verb), &json!(code))
+        );
+        assert_eq!(
+            (&reply["status"], &reply["state_rev"]),
+            (&json!("rejected"), &json!(12))
+        );
+    }
+    let get = json!({"command_id": "v", "client_id": "hmi", "kind": "P", "from": 0, "count": 1});
+    client.publish("cs/1/variable/get", false, &get).await;
+    let (_, reply) = client.next("reply/hmi", |_| true).await;
+    assert_eq!(reply["code"], "not_supported");
+    assert_eq!(port.asked(), []);
+    gateway.shutdown().await;
+}
+
+#[tokio::test]
+async fn a_message_that_nobody_can_be_told_about_is_dropped_and_the_next_one_counts() {
+    let port = StubPort::new();
+    let (gateway, client) = connected(&port).await;
+    client
+        .publish("cs/1/command/start", false, &json!("no object"))
+        .await;
+    client
+        .publish("cs/1/m_code/5/claim", false, &json!({"seq": 1}))
+        .await;
+    client
+        .publish("motor/1/skip_input/set", false, &json!({"value": true}))
+        .await;
+    client.publish("cs/1/tool/set", false, &json!({"id": 4})).await;
+    port.asked_for(|request| *request == Request::Tool(1, 4)).await;
+    assert_eq!(port.asked().len(), 1);
+    gateway.shutdown().await;
+}
+
+#[tokio::test]
+async fn the_embedded_broker_refuses_a_retained_command_outright() {
+    let port = StubPort::new();
+    let (gateway, mut client) = connected(&port).await;
+    let command = json!({"command_id": "c1", "client_id": "hmi"});
+    client.publish("cs/1/command/start", true, &command).await;
+    let (_, reply) = client.next("reply/hmi", |_| true).await;
+    assert_eq!(
+        (&reply["status"], &reply["code"]),
+        (&json!("rejected"), &json!("retained"))
+    );
+    client
+        .publish("cs/1/input/dry_run/set", true, &json!({"value": true}))
+        .await;
+    client
+        .publish("cs/1/input/dry_run/set", false, &json!({"value": false}))
+        .await;
+    port.asked_for(|request| *request == Request::Input(1, Input::DryRun(false)))
+        .await;
+    assert_eq!(port.asked().len(), 1, "{:?}", port.asked());
+    let filters = ["cs/1/command/#", "cs/1/input/dry_run/set", "presence"];
+    let mut late = Client::connect(gateway.mqtt_addr().unwrap(), "late", &filters).await;
+    late.next("presence", |_| true).await;
+    assert_eq!(late.here(), [], "the broker kept none of them");
+    gateway.shutdown().await;
+}
+
+#[tokio::test]
+async fn a_client_whose_will_is_a_retained_command_is_not_let_in() {
+    let gateway = start(&StubPort::new()).await;
+    let address = gateway.mqtt_addr().unwrap();
+    let mut options = rumqttc::MqttOptions::new("evil", address.ip().to_string(), address.port());
+    let topic = format!("{ROOT}cs/1/command/start");
+    options.set_last_will(LastWill::new(topic, "{}", QoS::AtLeastOnce, true));
+    let (_client, mut eventloop) = rumqttc::AsyncClient::new(options, 8);
+    assert!(within(eventloop.poll()).await.is_err());
+    gateway.shutdown().await;
+}

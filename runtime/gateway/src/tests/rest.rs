@@ -1,0 +1,445 @@
+//! Every route that answers.
+
+use axum::body::Body;
+use axum::http::{Request as HttpRequest, Response};
+use http_body_util::BodyExt;
+use plc_api::types::command::{Command, CommandStatus, Expect};
+use plc_api::types::machine::{ActiveAlarms, AlarmRecord};
+use plc_api::types::output::{HandshakeResult, HandshakeStatus, Pending};
+use plc_api::types::program::{ProgramCheck, ProgramInfo};
+use plc_api::types::request::{Input, OverrideChange};
+use plc_api::types::state::{Captured, Lock, Modal, Overrides, ProgramPlace, Spindle, Tool};
+use serde_json::{Value, json};
+use tower::ServiceExt;
+
+use super::*;
+use crate::rest::router;
+
+/// Calls a route; headers as `name: value`.
+pub(super) async fn call(
+    port: &Arc<StubPort>,
+    method: &str,
+    path: &str,
+    headers: &[(&str, &str)],
+    body: impl Into<Body>,
+) -> Response<Body> {
+    let mut request = HttpRequest::builder().method(method).uri(path);
+    if !headers.iter().any(|(name, _)| *name == "host") {
+        request = request.header("host", "127.0.0.1:8080");
+    }
+    for (name, value) in headers {
+        request = request.header(*name, *value);
+    }
+    let app = router(shared(Arc::clone(port)));
+    app.oneshot(request.body(body.into()).unwrap()).await.unwrap()
+}
+
+pub(super) async fn text(response: Response<Body>) -> String {
+    let bytes = response.into_body().collect().await.unwrap().to_bytes();
+    String::from_utf8(bytes.to_vec()).unwrap()
+}
+
+pub(super) async fn json_of(response: Response<Body>) -> Value {
+    let text = text(response).await;
+    serde_json::from_str(&text).unwrap_or_else(|error| panic!("{error}: {text}"))
+}
+
+pub(super) const JSON: (&str, &str) = ("content-type", "application/json");
+
+async fn get(port: &Arc<StubPort>, path: &str) -> (u16, Value) {
+    let response = call(port, "GET", path, &[], "").await;
+    let status = response.status().as_u16();
+    (status, json_of(response).await)
+}
+
+#[tokio::test]
+async fn states_are_answered_as_their_messages_with_the_revision_as_etag() {
+    let port = StubPort::new();
+    for (topic, payload) in [
+        (CsTopic::Position, Payload::Position(Position::default())),
+        (CsTopic::Program, Payload::Program(ProgramPlace::default())),
+        (CsTopic::Modal, Payload::Modal(Modal::default())),
+        (CsTopic::Captured, Payload::Captured(Captured::default())),
+        (CsTopic::Pending, Payload::Pending(Pending::default())),
+        (CsTopic::Override, Payload::Override(Overrides::default())),
+        (CsTopic::Spindle, Payload::Spindle(Spindle::default())),
+        (CsTopic::Tool, Payload::Tool(Tool::default())),
+    ] {
+        port.say(Topic::cs(1, topic), Some(5), payload);
+    }
+    for name in [
+        "position",
+        "program",
+        "modal",
+        "captured",
+        "m_codes",
+        "overrides",
+        "spindle",
+        "tool",
+    ] {
+        let response = call(&port, "GET", &format!("/api/v1/cs/1/{name}"), &[], "").await;
+        assert_eq!(response.status(), 200, "{name}");
+        assert_eq!(response.headers()["etag"], "\"5\"", "{name}");
+        let body = json_of(response).await;
+        assert_eq!((&body["v"], &body["boot_id"]), (&json!(1), &json!("boot-1")));
+    }
+    let response = call(&port, "GET", "/api/v1/cs/1/state", &[], "").await;
+    assert_eq!(response.headers()["etag"], "\"12\"");
+    assert_eq!(response.headers()["cache-control"], "no-store");
+    assert_eq!(json_of(response).await["execution"], "STOPPED");
+}
+
+#[tokio::test]
+async fn the_machine_its_coordinate_systems_and_inputs_are_answered() {
+    let port = StubPort::new();
+    port.say_dry_run(4, true);
+    assert_eq!(get(&port, "/api/v1/machine").await.1["machine"], "mill-1");
+    let (_, list) = get(&port, "/api/v1/cs").await;
+    let first = &list["coordinate_systems"][0];
+    assert_eq!(
+        (&first["number"], &first["state"]["execution"]),
+        (&json!(1), &json!("STOPPED"))
+    );
+    let (_, inputs) = get(&port, "/api/v1/cs/1/inputs").await;
+    assert_eq!(
+        (&inputs["dry_run"]["value"], &inputs["dry_run"]["rev"]),
+        (&json!(true), &json!(4))
+    );
+    assert_eq!(get(&port, "/api/v1/cs/1/inputs/dry_run").await.1["value"], true);
+    assert_eq!(get(&port, "/api/v1/health").await, (200, json!({"status": "ok"})));
+}
+
+#[tokio::test]
+async fn a_command_is_accepted_with_its_id_and_where_to_ask() {
+    let port = StubPort::new();
+    let headers = [JSON, ("idempotency-key", "k 1"), ("if-match", "\"12\"")];
+    let response = call(&port, "POST", "/api/v1/cs/1/load", &headers, r#"{"program":7}"#).await;
+    assert_eq!(response.status(), 202);
+    assert_eq!(response.headers()["location"], "/api/v1/commands/k%201");
+    assert_eq!(json_of(response).await, json!({"command_id": "k 1"}));
+    let [
+        Request::Command {
+            cs,
+            command,
+            meta,
+            wait,
+        },
+    ] = &port.asked()[..]
+    else {
+        panic!("{:?}", port.asked());
+    };
+    assert_eq!((*cs, command, *wait), (1, &Command::Load { program: 7 }, false));
+    assert_eq!(
+        (meta.command_id.as_str(), meta.client_id.as_str()),
+        ("k 1", "rest")
+    );
+    let expect = Expect {
+        boot_id: None,
+        state_rev: Some(12),
+    };
+    assert_eq!(meta.expect, Some(expect));
+}
+
+#[tokio::test]
+async fn every_verb_has_its_route_and_each_command_an_id_of_its_own() {
+    let port = StubPort::new();
+    let app = router(shared(Arc::clone(&port)));
+    for verb in ["start", "hold", "resume", "stop", "reset", "abort"] {
+        let request = HttpRequest::post(format!("/api/v1/cs/2/{verb}"))
+            .header("host", "127.0.0.1:8080")
+            .body(Body::empty())
+            .unwrap();
+        let response = app.clone().oneshot(request).await.unwrap();
+        assert_eq!(response.status(), 202, "{verb}");
+    }
+    let commands = [
+        Command::Start,
+        Command::Hold,
+        Command::Resume,
+        Command::Stop,
+        Command::Reset,
+        Command::Abort,
+    ];
+    let mut ids = std::collections::BTreeSet::new();
+    for (request, expected) in port.asked().iter().zip(&commands) {
+        let Request::Command {
+            cs: 2, command, meta, ..
+        } = request
+        else {
+            panic!("{request:?}");
+        };
+        assert_eq!(command, expected);
+        ids.insert(meta.command_id.clone());
+    }
+    assert_eq!(ids.len(), commands.len());
+}
+
+#[tokio::test]
+async fn with_wait_a_command_answers_when_it_is_done() {
+    let port = StubPort::new();
+    let headers = [("idempotency-key", "c1")];
+    let response = call(&port, "POST", "/api/v1/cs/1/start?wait=1", &headers, "").await;
+    assert_eq!(response.status(), 200);
+    let body = json_of(response).await;
+    assert_eq!(
+        (&body["command_id"], &body["status"]),
+        (&json!("c1"), &json!("done"))
+    );
+    assert!(matches!(port.asked()[..], [Request::Command { wait: true, .. }]));
+}
+
+#[tokio::test]
+async fn a_command_that_failed_while_it_was_waited_for_is_a_problem() {
+    let port = StubPort::with(|_| Ok(Answer::Command(reply("c", CommandStatus::Failed, "not_allowed"))));
+    let response = call(&port, "POST", "/api/v1/cs/1/start?wait=1", &[], "").await;
+    assert_eq!(response.status(), 409);
+    assert_eq!(json_of(response).await["code"], "not_allowed");
+}
+
+#[tokio::test]
+async fn commands_and_lists_are_answered() {
+    let port = StubPort::with(|request| {
+        Ok(match request {
+            Request::CommandStatus(id) => Answer::Command(reply(id, CommandStatus::Done, "ok")),
+            Request::Programs => Answer::Programs(vec![ProgramInfo {
+                number: 7,
+                title: "Flange".into(),
+                bytes: 10,
+                errors: 0,
+                warnings: 1,
+            }]),
+            Request::Handlers => Answer::Handlers([].into()),
+            Request::AlarmHistory => Answer::Alarms(vec![AlarmRecord::default()]),
+            other => panic!("{other:?}"),
+        })
+    });
+    assert_eq!(get(&port, "/api/v1/commands/k%201").await.1["command_id"], "k 1");
+    assert_eq!(
+        get(&port, "/api/v1/programs").await.1["programs"][0]["title"],
+        "Flange"
+    );
+    assert_eq!(get(&port, "/api/v1/handlers").await.1, json!({"handlers": {}}));
+    let (_, history) = get(&port, "/api/v1/alarms/history").await;
+    assert_eq!(history["alarms"].as_array().unwrap().len(), 1);
+}
+
+#[tokio::test]
+async fn inputs_overrides_spindle_and_tool_are_set() {
+    let port = StubPort::new();
+    let lock = Lock {
+        value: true,
+        text: "door".into(),
+    };
+    let change = OverrideChange {
+        feed: Some(80.0),
+        ..OverrideChange::default()
+    };
+    let lock_body = r#"{"value":true,"text":"door"}"#;
+    let cases = [
+        (
+            "inputs/optional_skip/3",
+            r#"{"value":true}"#,
+            Input::OptionalSkip([(3, true)].into()),
+        ),
+        (
+            "inputs/optional_stop",
+            r#"{"value":true}"#,
+            Input::OptionalStop(true),
+        ),
+        (
+            "inputs/single_block",
+            r#"{"value":false}"#,
+            Input::SingleBlock(false),
+        ),
+        ("inputs/dry_run", r#"{"value":true}"#, Input::DryRun(true)),
+        ("inputs/interlock", lock_body, Input::Interlock(lock.clone())),
+        ("inputs/start_lock", lock_body, Input::StartLock(lock)),
+        ("overrides", r#"{"feed":80}"#, Input::Override(change)),
+    ];
+    for (path, body, expected) in cases {
+        let response = call(&port, "PUT", &format!("/api/v1/cs/1/{path}"), &[JSON], body).await;
+        assert_eq!(response.status(), 204, "{path}");
+        assert_eq!(port.asked().pop(), Some(Request::Input(1, expected)), "{path}");
+    }
+    let response = call(&port, "PUT", "/api/v1/cs/1/tool", &[JSON], r#"{"id":4}"#).await;
+    assert_eq!(
+        (response.status().as_u16(), port.asked().pop()),
+        (204, Some(Request::Tool(1, 4)))
+    );
+    let body = r#"{"direction":"ccw","rpm":500}"#;
+    let response = call(&port, "PUT", "/api/v1/cs/1/spindle", &[JSON], body).await;
+    assert_eq!(response.status(), 204);
+    assert!(matches!(port.asked().pop(), Some(Request::Spindle(1, command)) if command.rpm == 500.0));
+}
+
+#[tokio::test]
+async fn the_handshake_answers_200_when_it_counts_or_counted_and_409_with_the_status_else() {
+    for (status, expected) in [
+        (HandshakeStatus::Accepted, (200, "accepted")),
+        (HandshakeStatus::Duplicate, (200, "duplicate")),
+        (HandshakeStatus::Stale, (409, "stale")),
+        (HandshakeStatus::Unknown, (409, "unknown")),
+        (HandshakeStatus::NotOwner, (409, "not_owner")),
+    ] {
+        let port = StubPort::with(move |_| {
+            Ok(Answer::Handshake(HandshakeResult {
+                seq: 9,
+                handler_id: "h".into(),
+                status,
+            }))
+        });
+        let bodies = [
+            ("claim", r#"{"boot_id":"boot-1","handler_id":"h"}"#),
+            (
+                "reset",
+                r#"{"boot_id":"boot-1","handler_id":"h","result":"ok","force":true}"#,
+            ),
+        ];
+        for (what, body) in bodies {
+            let path = format!("/api/v1/cs/1/m_codes/9/{what}");
+            let response = call(&port, "POST", &path, &[JSON], body).await;
+            let code = response.status().as_u16();
+            let body = json_of(response).await;
+            let word = if code == 200 {
+                &body["status"]
+            } else {
+                &body["code"]
+            };
+            assert_eq!((code, word.as_str().unwrap()), expected, "{what}");
+        }
+        let asked = port.asked();
+        assert!(matches!(&asked[0], Request::Claim(1, None, claim) if claim.seq == 9));
+        assert!(matches!(&asked[1], Request::Reset(1, None, reset) if reset.force == Some(true)));
+    }
+}
+
+#[tokio::test]
+async fn progress_and_redelivery_are_taken() {
+    let port = StubPort::new();
+    let body = r#"{"boot_id":"boot-1","handler_id":"h","text":"turning","percent":40}"#;
+    let response = call(&port, "POST", "/api/v1/cs/1/m_codes/9/progress", &[JSON], body).await;
+    assert_eq!(response.status(), 204);
+    let body = r#"{"boot_id":"boot-1","how":"redo"}"#;
+    let response = call(&port, "POST", "/api/v1/cs/1/m_codes/9/redeliver", &[JSON], body).await;
+    assert_eq!(response.status(), 204);
+    let asked = port.asked();
+    assert!(matches!(&asked[0], Request::Progress(1, None, report) if report.percent == Some(40.0)));
+    assert!(matches!(&asked[1], Request::Redeliver(1, None, redeliver) if redeliver.seq == 9));
+}
+
+#[tokio::test]
+async fn programs_are_written_read_checked_and_removed_as_text() {
+    let created = std::sync::atomic::AtomicBool::new(true);
+    let port = StubPort::with(move |request| {
+        Ok(match request {
+            Request::WriteProgram(..) => Answer::Check(ProgramCheck {
+                created: created.swap(false, std::sync::atomic::Ordering::Relaxed),
+                ..ProgramCheck::default()
+            }),
+            Request::CheckProgram(_) => Answer::Check(ProgramCheck::default()),
+            Request::ReadProgram(_) => Answer::ProgramText("G01 X1 (\u{e4})\n".into()),
+            _ => Answer::Done,
+        })
+    });
+    let path = "/api/v1/programs/7";
+    let plain = [("content-type", "text/plain")];
+    let response = call(&port, "PUT", path, &plain, "G01 X1\r\n").await;
+    assert_eq!(response.status(), 201);
+    assert_eq!(json_of(response).await["diagnostics"], json!([]));
+    assert_eq!(call(&port, "PUT", path, &[], "G01 X1\r\n").await.status(), 200);
+    assert_eq!(port.asked()[0], Request::WriteProgram(7, "G01 X1\r\n".into()));
+    let response = call(&port, "GET", path, &[], "").await;
+    assert_eq!(response.headers()["content-type"], "text/plain; charset=utf-8");
+    assert_eq!(text(response).await, "G01 X1 (\u{e4})\n");
+    assert_eq!(
+        call(&port, "POST", "/api/v1/programs/7/check", &[], "")
+            .await
+            .status(),
+        200
+    );
+    assert_eq!(call(&port, "DELETE", path, &[], "").await.status(), 204);
+    assert_eq!(port.asked().pop(), Some(Request::DeleteProgram(7)));
+}
+
+#[tokio::test]
+async fn an_alarm_is_acknowledged_at_the_coordinate_system_that_it_stopped() {
+    let port = StubPort::new();
+    let alarm = |id, cs| AlarmRecord {
+        id,
+        cs,
+        ..AlarmRecord::default()
+    };
+    let active = ActiveAlarms {
+        alarms: vec![alarm(3, Some(2)), alarm(4, None)],
+    };
+    port.say(Topic::AlarmActive, Some(1), Payload::AlarmActive(active));
+    assert_eq!(get(&port, "/api/v1/alarms").await.1["alarms"][0]["id"], 3);
+    for (id, expected_cs) in [(3, 2), (4, 1)] {
+        let path = format!("/api/v1/alarms/{id}/acknowledge");
+        assert_eq!(call(&port, "POST", &path, &[], "").await.status(), 202);
+        let Some(Request::Command { cs, command, .. }) = port.asked().pop() else {
+            panic!("{:?}", port.asked());
+        };
+        assert_eq!((cs, command), (expected_cs, Command::AlarmAcknowledge { id }));
+    }
+    assert_eq!(
+        call(&port, "POST", "/api/v1/alarms/5/acknowledge", &[], "")
+            .await
+            .status(),
+        404
+    );
+}
+
+#[tokio::test]
+async fn metrics_count_responses_by_class() {
+    let app = router(shared(StubPort::new()));
+    for path in ["/api/v1/health", "/api/v1/nothing", "/api/v1/metrics"] {
+        let request = HttpRequest::get(path).header("host", "localhost:8080");
+        let response = app
+            .clone()
+            .oneshot(request.body(Body::empty()).unwrap())
+            .await
+            .unwrap();
+        if path.ends_with("metrics") {
+            let text = text(response).await;
+            assert!(
+                text.contains("tandem_http_responses_total{class=\"2xx\"} 1\n"),
+                "{text}"
+            );
+            assert!(
+                text.contains("tandem_http_responses_total{class=\"4xx\"} 1\n"),
+                "{text}"
+            );
+            assert!(text.contains("tandem_mqtt_connected 0\n"), "{text}");
+        }
+    }
+}
+
+#[tokio::test]
+async fn the_hmi_is_served_with_its_type_tag_and_protection() {
+    let port = StubPort::new();
+    let response = call(&port, "GET", "/", &[], "").await;
+    assert_eq!(response.status(), 200);
+    assert_eq!(response.headers()["content-type"], "text/html; charset=utf-8");
+    assert_eq!(response.headers()["x-content-type-options"], "nosniff");
+    let policy = response.headers()["content-security-policy"].to_str().unwrap();
+    assert!(
+        policy.contains("default-src 'self'") && policy.contains("frame-ancestors 'none'"),
+        "{policy}"
+    );
+    let tag = response.headers()["etag"].to_str().unwrap().to_owned();
+    let again = call(&port, "GET", "/", &[("if-none-match", &tag)], "").await;
+    assert_eq!((again.status().as_u16(), text(again).await), (304, String::new()));
+    let script = call(&port, "GET", "/main.js", &[], "").await;
+    let kind = script.headers()["content-type"].to_str().unwrap();
+    assert!(kind.starts_with("text/javascript"), "{kind}");
+    for path in [
+        "/types.d.ts",
+        "/nothing.js",
+        "/../Cargo.toml",
+        "/.git/config",
+        "/package.json",
+    ] {
+        assert_eq!(call(&port, "GET", path, &[], "").await.status(), 404, "{path}");
+    }
+}

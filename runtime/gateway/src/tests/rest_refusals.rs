@@ -1,0 +1,247 @@
+//! Every refusal is problem details with a code.
+
+use axum::body::Body;
+use axum::http::Response;
+use plc_api::types::command::Verb;
+use plc_api::types::program::{DiagnosticSeverity, ProgramDiagnostic};
+use plc_api::types::request::RefusalCode;
+use plc_api::types::state::Execution;
+use serde_json::json;
+
+use super::rest::{JSON, call, json_of};
+use super::*;
+
+/// Status and code, after looking that it is a problem.
+async fn problem(response: Response<Body>) -> (u16, String) {
+    assert_eq!(response.headers()["content-type"], "application/problem+json");
+    let status = response.status().as_u16();
+    let body = json_of(response).await;
+    assert_eq!(body["status"], status);
+    assert!(
+        body["detail"].as_str().is_some_and(|detail| !detail.is_empty()),
+        "{body}"
+    );
+    (status, body["code"].as_str().unwrap().to_owned())
+}
+
+#[tokio::test]
+async fn what_is_not_there_not_for_that_method_or_malformed_is_a_problem() {
+    let port = StubPort::new();
+    let large = format!("{{\"program\": {}1}}", " ".repeat(70_000));
+    for (method, path, headers, body, expected) in [
+        ("GET", "/api/v1/nothing", vec![], "", (404, "not_found")),
+        ("GET", "/api/v1/cs/9/state", vec![], "", (404, "not_found")),
+        ("GET", "/api/v1/cs/x/state", vec![], "", (404, "not_found")),
+        ("GET", "/api/v1/cs/9/inputs", vec![], "", (404, "not_found")),
+        (
+            "DELETE",
+            "/api/v1/cs/1/state",
+            vec![],
+            "",
+            (405, "method_not_allowed"),
+        ),
+        (
+            "GET",
+            "/api/v1/cs/1/start",
+            vec![],
+            "",
+            (405, "method_not_allowed"),
+        ),
+        ("POST", "/", vec![], "", (405, "method_not_allowed")),
+        ("POST", "/api/v1/cs/1/load", vec![JSON], "{", (400, "invalid")),
+        ("POST", "/api/v1/cs/1/load", vec![], "", (400, "invalid")),
+        (
+            "POST",
+            "/api/v1/cs/1/load",
+            vec![JSON],
+            r#"{"program":70000}"#,
+            (400, "invalid"),
+        ),
+        (
+            "POST",
+            "/api/v1/cs/1/load",
+            vec![],
+            r#"{"program":1}"#,
+            (415, "unsupported_media_type"),
+        ),
+        (
+            "POST",
+            "/api/v1/cs/1/load",
+            vec![JSON],
+            &large,
+            (413, "too_large"),
+        ),
+        ("POST", "/api/v1/cs/1/start?wait=x", vec![], "", (400, "invalid")),
+        (
+            "POST",
+            "/api/v1/cs/1/start",
+            vec![("if-match", "*")],
+            "",
+            (400, "invalid"),
+        ),
+        (
+            "POST",
+            "/api/v1/cs/1/start",
+            vec![("idempotency-key", "")],
+            "",
+            (400, "invalid"),
+        ),
+        (
+            "PUT",
+            "/api/v1/cs/1/inputs/optional_skip/0",
+            vec![JSON],
+            r#"{"value":true}"#,
+            (404, "not_found"),
+        ),
+        (
+            "PUT",
+            "/api/v1/cs/1/inputs/optional_skip/32",
+            vec![JSON],
+            r#"{"value":true}"#,
+            (404, "not_found"),
+        ),
+        (
+            "PUT",
+            "/api/v1/cs/1/inputs/dry_run",
+            vec![JSON],
+            r#"{"on":true}"#,
+            (400, "invalid"),
+        ),
+        (
+            "PUT",
+            "/api/v1/cs/1/overrides",
+            vec![JSON],
+            r#"{"fed":1}"#,
+            (400, "invalid"),
+        ),
+        (
+            "PUT",
+            "/api/v1/programs/1",
+            vec![JSON],
+            "G01",
+            (415, "unsupported_media_type"),
+        ),
+        ("GET", "/api/v1/ws", vec![], "", (400, "no_websocket")),
+    ] {
+        let response = call(&port, method, path, &headers, body.to_owned()).await;
+        let allow = response.headers().contains_key("allow");
+        let got = problem(response).await;
+        assert_eq!((got.0, got.1.as_str()), expected, "{method} {path}");
+        assert_eq!(allow, got.0 == 405, "{method} {path}");
+    }
+    assert_eq!(port.asked(), [], "a refusal asks the port nothing");
+}
+
+#[tokio::test]
+async fn a_program_that_is_not_utf_8_or_larger_than_64_mib_is_refused() {
+    let port = StubPort::new();
+    let response = call(&port, "PUT", "/api/v1/programs/1", &[], vec![b'G', 0xff]).await;
+    assert_eq!(problem(response).await, (400, "invalid".into()));
+    let chunk = axum::body::Bytes::from(vec![b' '; 1024 * 1024]);
+    let chunks = (0..65).map(move |_| Ok::<_, std::io::Error>(chunk.clone()));
+    let body = Body::from_stream(futures_util::stream::iter(chunks));
+    let response = call(&port, "PUT", "/api/v1/programs/1", &[], body).await;
+    assert_eq!(problem(response).await, (413, "too_large".into()));
+    assert_eq!(port.asked(), []);
+}
+
+#[tokio::test]
+async fn what_is_not_supported_yet_answers_501_and_asks_nothing() {
+    let port = StubPort::new();
+    for (method, path) in [
+        ("POST", "/api/v1/cs/1/mdi"),
+        ("POST", "/api/v1/cs/1/jog"),
+        ("POST", "/api/v1/cs/1/home"),
+        ("POST", "/api/v1/cs/1/back_trace"),
+        ("PUT", "/api/v1/motors/1/skip_input"),
+        ("GET", "/api/v1/variables/p?from=0&count=1"),
+        ("PUT", "/api/v1/variables/p"),
+        ("GET", "/api/v1/cs/1/variables/q"),
+        ("GET", "/api/v1/cs/1/work_offsets"),
+        ("PUT", "/api/v1/cs/1/work_offsets"),
+        ("GET", "/api/v1/tools"),
+        ("GET", "/api/v1/programs/1/intermediate"),
+        ("GET", "/api/v1/openapi.json"),
+        ("GET", "/api/v1/asyncapi.json"),
+    ] {
+        let response = call(&port, method, path, &[], "").await;
+        assert_eq!(
+            problem(response).await,
+            (501, "not_supported".into()),
+            "{method} {path}"
+        );
+    }
+    assert_eq!(port.asked(), []);
+}
+
+#[tokio::test]
+async fn a_refusal_of_the_machine_keeps_state_allowed_and_diagnostics() {
+    let port = StubPort::with(|_| {
+        Err(Refusal {
+            state: Some(Execution::Active),
+            allowed: vec![Verb::Hold],
+            diagnostics: vec![ProgramDiagnostic {
+                code: "E0001".into(),
+                severity: DiagnosticSeverity::Error,
+                line: 1,
+                column: 2,
+                end_line: 1,
+                end_column: 3,
+                message: "m".into(),
+                help: "h".into(),
+            }],
+            ..Refusal::new(RefusalCode::ProgramHasErrors, "program 7 has 1 error")
+        })
+    });
+    for path in ["/api/v1/cs/1/load", "/api/v1/cs/1/load?wait=1"] {
+        let response = call(&port, "POST", path, &[JSON], r#"{"program":7}"#).await;
+        assert_eq!(response.status(), 422);
+        let body = json_of(response).await;
+        assert_eq!(body["code"], "program_has_errors");
+        assert_eq!(
+            (&body["state"], &body["allowed"]),
+            (&json!("ACTIVE"), &json!(["hold"]))
+        );
+        assert_eq!(body["diagnostics"][0]["code"], "E0001");
+    }
+}
+
+#[tokio::test]
+async fn a_page_of_another_origin_or_host_starts_nothing() {
+    let port = StubPort::new();
+    for (headers, code) in [
+        (vec![("origin", "http://evil.example")], "foreign_origin"),
+        (vec![("origin", "null")], "foreign_origin"),
+        (vec![("origin", "http://127.0.0.1:9000")], "foreign_origin"),
+        (vec![("host", "evil.example:8080")], "foreign_host"),
+        (
+            vec![
+                ("host", "evil.example:8080"),
+                ("origin", "http://evil.example:8080"),
+            ],
+            "foreign_host",
+        ),
+    ] {
+        for (method, path) in [
+            ("POST", "/api/v1/cs/1/start"),
+            ("GET", "/api/v1/ws"),
+            ("GET", "/"),
+        ] {
+            let response = call(&port, method, path, &headers, "").await;
+            assert_eq!(problem(response).await, (403, code.into()), "{headers:?} {path}");
+        }
+    }
+    assert_eq!(port.asked(), []);
+    let own = [("origin", "http://127.0.0.1:8080")];
+    assert_eq!(
+        call(&port, "POST", "/api/v1/cs/1/start", &own, "").await.status(),
+        202
+    );
+}
+
+#[tokio::test]
+async fn an_answer_of_another_kind_is_our_fault_and_says_so() {
+    let port = StubPort::with(|_| Ok(Answer::Done));
+    let response = call(&port, "GET", "/api/v1/programs", &[], "").await;
+    assert_eq!(problem(response).await, (500, "unexpected_answer".into()));
+}
