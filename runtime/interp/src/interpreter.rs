@@ -208,18 +208,21 @@ impl Interpreter {
         let own_item = !matches!(draft.flow, Flow::Next | Flow::Output { .. });
         let silent = own_item || draft.transform.is_some() || !self.words.any();
         let action = draft.action.take().or((!silent).then_some(Action::None));
-        let transform = draft
-            .transform
-            .map(|transform| Action::Transform(Box::new(transform)));
-        for action in transform.into_iter().chain(action) {
+        let mut queue = |action, exact_stop_before, exact_stop_after| {
             self.queue.push_back(Item::Block(FlowBlock {
                 origin,
                 action,
                 feed: self.modal.feed(),
                 path_control: self.modal.path_control,
-                exact_stop_before: draft.exact_stop_before,
-                exact_stop_after: draft.exact_stop_after,
+                exact_stop_before,
+                exact_stop_after,
             }));
+        };
+        if let Some(transform) = draft.transform {
+            queue(Action::Transform(Box::new(transform)), false, false);
+        }
+        if let Some(action) = action {
+            queue(action, draft.exact_stop_before, draft.exact_stop_after);
         }
     }
 

@@ -358,6 +358,10 @@ fn d27_g09_acts_at_its_place_among_the_axis_words() {
     assert_eq!(stops("G01 F5 G09 X10\nM30"), (true, false));
     assert_eq!(stops("X10 G09\nM30"), (false, true));
     assert_eq!(stops("X10 G09 Y5\nM30"), (false, true));
+    // a transform of the same block is no motion
+    assert_eq!(stops("G54 G09 X10\nM30"), (false, false));
+    let block = last_motion("G54 G09 X10\nM30");
+    assert_eq!((block.exact_stop_before, block.exact_stop_after), (true, false));
     // it is not modal
     let block = last_motion("X10 G09\nX20\nM30");
     assert_eq!((block.exact_stop_before, block.exact_stop_after), (false, false));
