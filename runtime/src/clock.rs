@@ -30,7 +30,10 @@ struct SimulatedTime {
 impl Clock {
     /// Real time, from now.
     pub fn real() -> Self {
-        Self(Kind::Real { start: Instant::now(), wall: SystemTime::now() })
+        Self(Kind::Real {
+            start: Instant::now(),
+            wall: SystemTime::now(),
+        })
     }
 
     /// Simulated time, at 0.
@@ -70,7 +73,12 @@ impl Clock {
             Kind::Simulated(time) => {
                 let duration_ns = u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX);
                 let deadline_ns = lock(time).now_ns.saturating_add(duration_ns);
-                Sleep { time: Arc::clone(time), deadline_ns, id: None }.await;
+                Sleep {
+                    time: Arc::clone(time),
+                    deadline_ns,
+                    id: None,
+                }
+                .await;
             }
         }
     }
@@ -90,7 +98,9 @@ impl Clock {
 
     /// Simulated time only: wakes every sleeper whose time has come. True when there was one.
     pub(crate) fn wake_due(&self) -> bool {
-        let Kind::Simulated(time) = &self.0 else { return false };
+        let Kind::Simulated(time) = &self.0 else {
+            return false;
+        };
         let mut woken = false;
         loop {
             let mut time = lock(time);
@@ -107,7 +117,9 @@ impl Clock {
 
     /// Simulated time only: when the next sleeper is due, ns.
     pub(crate) fn next_due_ns(&self) -> Option<u64> {
-        let Kind::Simulated(time) = &self.0 else { return None };
+        let Kind::Simulated(time) = &self.0 else {
+            return None;
+        };
         lock(time).timers.keys().next().map(|(at_ns, _)| *at_ns)
     }
 }
@@ -131,7 +143,8 @@ impl Future for Sleep {
             time.next_id += 1;
             time.next_id
         });
-        time.timers.insert((self.deadline_ns, id), context.waker().clone());
+        time.timers
+            .insert((self.deadline_ns, id), context.waker().clone());
         Poll::Pending
     }
 }

@@ -1,7 +1,7 @@
 //! The coordinator: one task for each CNC coordinate system, one servo for all, and the port to all of it.
 
-use std::io;
 use std::future::Future;
+use std::io;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
@@ -59,6 +59,9 @@ pub enum StartError {
         /// Why.
         error: io::Error,
     },
+    /// The store could not be opened.
+    #[error("the program store does not open: {0}")]
+    Store(String),
     /// The operating system gives no thread.
     #[error("the servo thread does not start: {0}")]
     Servo(io::Error),
@@ -84,12 +87,18 @@ impl Runtime {
     /// The configuration, its programs or its data folder are refused, or there is no thread for the servo.
     pub async fn start(config: Config) -> Result<Runtime, StartError> {
         let machine = config.resolve()?;
-        let (store, first_state) = open_store(&machine)?;
+        let opening = machine.clone();
+        let (store, first_state) = tokio::task::spawn_blocking(move || open_store(&opening))
+            .await
+            .map_err(|error| StartError::Store(error.to_string()))??;
         let shared = Shared::new(machine, new_boot_id(), Clock::real(), store, Journal::to_log());
         let mut parts = Parts::new(Arc::new(shared), first_state);
         let period = Duration::from_micros(parts.shared.machine.servo_period_us);
         let servo = ServoThread::start(parts.servo, period, parts.wake).map_err(StartError::Servo)?;
-        parts.tasks.spawn(publish_positions(Arc::clone(&parts.shared), parts.port.handles().to_vec()));
+        parts.tasks.spawn(publish_positions(
+            Arc::clone(&parts.shared),
+            parts.port.handles().to_vec(),
+        ));
         Ok(Runtime {
             shared: parts.shared,
             port: parts.port,
@@ -103,21 +112,31 @@ impl Runtime {
     ///
     /// # Errors
     /// A program of the configuration cannot be read, or this is not inside [`simulation::run`].
-    pub async fn start_simulated(
+    pub fn start_simulated(
         machine: Machine,
         journal: Journal,
         options: SimulationOptions,
     ) -> Result<Runtime, StartError> {
         let slot = simulation::slot().ok_or(StartError::NotInSimulation)?;
-        let machine = Machine { data_dir: None, ..machine };
+        let machine = Machine {
+            data_dir: None,
+            ..machine
+        };
         let (store, first_state) = open_store(&machine)?;
         let clock = Clock::simulated();
         let boot_id = BootId("simulation".into());
         let shared = Shared::new(machine, boot_id, clock.clone(), store, journal);
         let parts = Parts::new(Arc::new(shared), first_state);
         let period_ns = parts.shared.machine.servo_period_us * 1000;
-        let simulation = Arc::new(Simulation::new(parts.servo, clock, parts.wake, period_ns, options));
-        slot.set(Arc::clone(&simulation)).map_err(|_| StartError::NotInSimulation)?;
+        let simulation = Arc::new(Simulation::new(
+            parts.servo,
+            clock,
+            parts.wake,
+            period_ns,
+            options,
+        ));
+        slot.set(Arc::clone(&simulation))
+            .map_err(|_| StartError::NotInSimulation)?;
         Ok(Runtime {
             shared: parts.shared,
             port: parts.port,
@@ -160,7 +179,10 @@ impl Runtime {
         let ended = async { while self.tasks.join_next().await.is_some() {} };
         let _ = tokio::time::timeout(Duration::from_secs(2), ended).await;
         self.tasks.shutdown().await;
-        let presence = Presence { online: false, ..presence(&self.shared) };
+        let presence = Presence {
+            online: false,
+            ..presence(&self.shared)
+        };
         self.shared.publish(Topic::Presence, Payload::Presence(presence));
     }
 }
@@ -185,17 +207,35 @@ impl Parts {
             let (requests, requests_out) = mpsc::channel(REQUESTS_MAX);
             let (urgent, urgent_out) = mpsc::channel(REQUESTS_MAX);
             let notify = Arc::new(Notify::new());
-            handles.push(Handle { number, requests, urgent, view: system.view() });
+            handles.push(Handle {
+                number,
+                requests,
+                urgent,
+                view: system.view(),
+            });
             channels.push(servo_end);
             wake.push(Arc::clone(&notify));
-            tasks.spawn(guarded(Arc::clone(&shared), number, system.run(requests_out, urgent_out, notify)));
+            tasks.spawn(guarded(
+                Arc::clone(&shared),
+                number,
+                system.run(requests_out, urgent_out, notify),
+            ));
         }
         let servo = Servo::new(channels, shared.machine.servo_period_us as f64 / 1e6);
         shared.publish(Topic::Birth, Payload::Birth(birth(&shared.machine)));
-        shared.publish(Topic::AlarmActive, Payload::AlarmActive(plc_api::types::machine::ActiveAlarms::default()));
+        shared.publish(
+            Topic::AlarmActive,
+            Payload::AlarmActive(plc_api::types::machine::ActiveAlarms::default()),
+        );
         shared.publish(Topic::Presence, Payload::Presence(presence(&shared)));
         let port = Arc::new(RuntimePort::new(Arc::clone(&shared), handles));
-        Self { shared, port, tasks, servo, wake }
+        Self {
+            shared,
+            port,
+            tasks,
+            servo,
+            wake,
+        }
     }
 }
 
@@ -220,7 +260,10 @@ async fn publish_positions(shared: Arc<Shared>, handles: Vec<Handle>) {
         odd = !odd;
         for handle in &handles {
             let topic = |topic| Topic::cs(handle.number, topic);
-            shared.publish(topic(CsTopic::Position), Payload::Position(handle.view.position()));
+            shared.publish(
+                topic(CsTopic::Position),
+                Payload::Position(handle.view.position()),
+            );
             if odd {
                 let place = handle.view.program(&shared.store);
                 shared.publish(topic(CsTopic::Program), Payload::Program(place));
@@ -232,7 +275,9 @@ async fn publish_positions(shared: Arc<Shared>, handles: Vec<Handle>) {
 fn new_boot_id() -> BootId {
     use std::hash::{BuildHasher, Hasher};
     // The standard library's hash keys are random for each process.
-    let random = std::collections::hash_map::RandomState::new().build_hasher().finish();
+    let random = std::collections::hash_map::RandomState::new()
+        .build_hasher()
+        .finish();
     BootId(format!("{random:016x}"))
 }
 
@@ -278,8 +323,12 @@ fn birth(machine: &Machine) -> Birth {
         };
         (*m, info)
     });
-    let open_outputs_max =
-        machine.coordinate_systems.iter().map(|system| system.open_outputs_max).max().unwrap_or_default();
+    let open_outputs_max = machine
+        .coordinate_systems
+        .iter()
+        .map(|system| system.open_outputs_max)
+        .max()
+        .unwrap_or_default();
     Birth {
         machine: machine.name.clone(),
         servo_period_us: machine.servo_period_us,
@@ -298,7 +347,10 @@ fn open_store(machine: &Machine) -> Result<(ProgramStore, (Execution, Option<Rea
     let (store, reason) = match &machine.data_dir {
         None => (ProgramStore::in_memory(), Reason::NoProgram),
         Some(folder) => {
-            let refused = |error| StartError::DataDir { path: folder.display().to_string(), error };
+            let refused = |error| StartError::DataDir {
+                path: folder.display().to_string(),
+                error,
+            };
             let store = ProgramStore::open(&folder.join("programs")).map_err(refused)?;
             let reason = mark_started(&folder.join("started")).map_err(refused)?;
             (store, reason)
@@ -310,8 +362,11 @@ fn open_store(machine: &Machine) -> Result<(ProgramStore, (Execution, Option<Rea
                 ProgramSource::File(path) => path.display().to_string(),
                 ProgramSource::Text(_) => "built in".to_owned(),
             };
-            put_program(&store, *number, source)
-                .map_err(|error| StartError::Program { number: *number, path, error })?;
+            put_program(&store, *number, source).map_err(|error| StartError::Program {
+                number: *number,
+                path,
+                error,
+            })?;
         }
     }
     Ok((store, (Execution::Stopped, Some(reason))))

@@ -75,7 +75,12 @@ impl Journal {
             Value::Object(fields) => fields.clone(),
             _ => Map::new(),
         };
-        let line = Line { t_s, cs, event: entry.event, fields };
+        let line = Line {
+            t_s,
+            cs,
+            event: entry.event,
+            fields,
+        };
         match &self.sink {
             Some(sink) => (sink.lock().unwrap_or_else(PoisonError::into_inner))(&line),
             None if entry.event == "block" => tracing::debug!(target: "journal", "{}", line.to_json()),

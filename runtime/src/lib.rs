@@ -2,7 +2,6 @@
 //!
 //! `runtime/ARCHITECTURE.md` in the repository follows one G01 and one M100 through the code.
 
-
 mod clock;
 mod config;
 mod coordinate_system;
@@ -16,6 +15,7 @@ mod shared;
 pub mod simulation;
 
 pub use clock::Clock;
-pub use config::{Config, ConfigError, Machine, MCodeSettings, Stock, Unhandled};
+pub use config::{Config, ConfigError, MCodeSettings, Machine, Stock, Unhandled};
 pub use coordinator::{Runtime, StartError};
+pub use sequence::demo::demo_sequence_program;
 pub use servo_thread::{JITTER_BUCKETS, ServoStatistics};

@@ -55,18 +55,33 @@ impl RuntimePort {
                 client_id: "runtime".into(),
                 ..CommandMeta::default()
             };
-            let stop = Request::Command { cs: handle.number, command: Command::Stop, meta, wait: true };
+            let stop = Request::Command {
+                cs: handle.number,
+                command: Command::Stop,
+                meta,
+                wait: true,
+            };
             // Whatever the answer is, the task ends next.
             let _ = tokio::time::timeout(Duration::from_secs(2), self.request(stop)).await;
         }
     }
 
     fn handle(&self, cs: CoordinateSystemNumber) -> Result<&Handle, Refusal> {
-        self.handles.iter().find(|handle| handle.number == cs).ok_or_else(|| {
-            let numbers: Vec<_> = self.handles.iter().map(|handle| handle.number.to_string()).collect();
-            let text = format!("there is no coordinate system {cs}; there are {}", numbers.join(", "));
-            Refusal::new(RefusalCode::NotFound, text)
-        })
+        self.handles
+            .iter()
+            .find(|handle| handle.number == cs)
+            .ok_or_else(|| {
+                let numbers: Vec<_> = self
+                    .handles
+                    .iter()
+                    .map(|handle| handle.number.to_string())
+                    .collect();
+                let text = format!(
+                    "there is no coordinate system {cs}; there are {}",
+                    numbers.join(", ")
+                );
+                Refusal::new(RefusalCode::NotFound, text)
+            })
     }
 
     async fn ask(&self, queue: &mpsc::Sender<Envelope>, request: Request) -> Result<Answer, Refusal> {
@@ -75,7 +90,10 @@ impl RuntimePort {
             return Err(gone());
         }
         let (reply, answer) = oneshot::channel();
-        queue.send(Envelope { request, reply }).await.map_err(|_| gone())?;
+        queue
+            .send(Envelope { request, reply })
+            .await
+            .map_err(|_| gone())?;
         answer.await.unwrap_or_else(|_| Err(gone()))
     }
 
@@ -94,11 +112,23 @@ impl RuntimePort {
         if let Command::AlarmAcknowledge { id } = command
             && !self.shared.acknowledge_alarm(id, &meta.client_id)
         {
-            return Err(self.reject(&meta, Refusal::new(RefusalCode::NotFound, format!("no alarm {id} is active"))));
+            return Err(self.reject(
+                &meta,
+                Refusal::new(RefusalCode::NotFound, format!("no alarm {id} is active")),
+            ));
         }
         let urgent = matches!(command.verb(), Verb::Hold | Verb::Stop | Verb::Abort);
         let queue = if urgent { &handle.urgent } else { &handle.requests };
-        self.ask(queue, Request::Command { cs, command, meta, wait }).await
+        self.ask(
+            queue,
+            Request::Command {
+                cs,
+                command,
+                meta,
+                wait,
+            },
+        )
+        .await
     }
 
     fn check_meta(&self, meta: &CommandMeta) -> Result<(), Refusal> {
@@ -114,9 +144,17 @@ impl RuntimePort {
                 let Some(issued) = issued_at.to_system_time() else {
                     return invalid(format!("issued_at \"{}\": write RFC 3339 in UTC", issued_at.0));
                 };
-                let age = self.shared.clock.wall().duration_since(issued).unwrap_or_default();
+                let age = self
+                    .shared
+                    .clock
+                    .wall()
+                    .duration_since(issued)
+                    .unwrap_or_default();
                 if age > Duration::from_millis(ttl_ms) {
-                    let text = format!("the command is {} ms old, its ttl_ms is {ttl_ms}", age.as_millis());
+                    let text = format!(
+                        "the command is {} ms old, its ttl_ms is {ttl_ms}",
+                        age.as_millis()
+                    );
                     return Err(self.reject(meta, Refusal::new(RefusalCode::Expired, text)));
                 }
                 Ok(())
@@ -129,7 +167,9 @@ impl RuntimePort {
         let reply = CommandReply {
             command_id: meta.command_id.clone(),
             status: CommandStatus::Rejected,
-            code: code.and_then(|code| code.as_str().map(str::to_owned)).unwrap_or_default(),
+            code: code
+                .and_then(|code| code.as_str().map(str::to_owned))
+                .unwrap_or_default(),
             text: refusal.text.clone(),
             state_rev: 0,
         };
@@ -144,21 +184,30 @@ impl RuntimePort {
             return Err(Refusal::new(RefusalCode::TooLarge, text));
         }
         if !self.shared.set_handler(&id, presence.clone()) {
-            return Err(Refusal::new(RefusalCode::Unavailable, "too many handlers are connected"));
+            return Err(Refusal::new(
+                RefusalCode::Unavailable,
+                "too many handlers are connected",
+            ));
         }
         for handle in &self.handles {
-            self.ask(&handle.requests, Request::Handler(id.clone(), presence.clone())).await?;
+            self.ask(&handle.requests, Request::Handler(id.clone(), presence.clone()))
+                .await?;
         }
         Ok(Answer::Done)
     }
 
     async fn write_program(&self, number: u16, text: String) -> Result<Answer, Refusal> {
         if text.len() > PROGRAM_BYTES_MAX {
-            let text = format!("the program has {} bytes; at most {PROGRAM_BYTES_MAX} are read", text.len());
+            let text = format!(
+                "the program has {} bytes; at most {PROGRAM_BYTES_MAX} are read",
+                text.len()
+            );
             return Err(Refusal::new(RefusalCode::TooLarge, text));
         }
         self.refuse_while_running(number)?;
-        let check = self.on_disk(move |shared| shared.store.write(number, &text)).await?;
+        let check = self
+            .on_disk(move |shared| shared.store.write(number, &text))
+            .await?;
         Ok(Answer::Check(check))
     }
 
@@ -180,7 +229,10 @@ impl RuntimePort {
             work(&self.shared)
         } else {
             let shared = Arc::clone(&self.shared);
-            tokio::task::spawn_blocking(move || work(&shared)).await.map_err(io::Error::other).flatten()
+            tokio::task::spawn_blocking(move || work(&shared))
+                .await
+                .map_err(io::Error::other)
+                .flatten()
         };
         done.map_err(|error| {
             let code = match error.kind() {
@@ -193,14 +245,25 @@ impl RuntimePort {
 
     fn refuse_while_running(&self, number: u16) -> Result<(), Refusal> {
         for handle in &self.handles {
-            let Some(state) = self.shared.hub.read(&Topic::cs(handle.number, CsTopic::State)) else { continue };
-            let Payload::State(state) = &state.payload else { continue };
+            let Some(state) = self.shared.hub.read(&Topic::cs(handle.number, CsTopic::State)) else {
+                continue;
+            };
+            let Payload::State(state) = &state.payload else {
+                continue;
+            };
             let ended = matches!(
                 state.execution,
                 Execution::Ready | Execution::Stopped | Execution::ProgramCompleted
             );
-            if !ended && state.program.is_some_and(|main| self.called_by(main).contains(&number)) {
-                let text = format!("program {number} runs in coordinate system {}; stop it first", handle.number);
+            if !ended
+                && state
+                    .program
+                    .is_some_and(|main| self.called_by(main).contains(&number))
+            {
+                let text = format!(
+                    "program {number} runs in coordinate system {}; stop it first",
+                    handle.number
+                );
                 return Err(Refusal::new(RefusalCode::ProgramRuns, text));
             }
         }
@@ -212,27 +275,47 @@ impl RuntimePort {
         let all = self.shared.store.all();
         let (mut called, mut left) = (BTreeSet::from([main]), vec![main]);
         while let Some(program) = left.pop().and_then(|number| all.get(&number)) {
-            left.extend(program.check.programs.iter().filter(|number| called.insert(**number)));
+            left.extend(
+                program
+                    .check
+                    .programs
+                    .iter()
+                    .filter(|number| called.insert(**number)),
+            );
         }
         called
     }
 
     fn program_check(&self, number: u16) -> Result<ProgramCheck, Refusal> {
-        Ok(self.shared.store.get(number).ok_or_else(|| no_program(number))?.check.clone())
+        Ok(self
+            .shared
+            .store
+            .get(number)
+            .ok_or_else(|| no_program(number))?
+            .check
+            .clone())
     }
 
     /// Topics whose value the servo's last cycle gives.
     fn read_live(&self, topic: &Topic) -> Option<Payload> {
-        let Topic::CoordinateSystem(cs, topic) = topic else { return None };
+        let Topic::CoordinateSystem(cs, topic) = topic else {
+            return None;
+        };
         let view = &self.handle(*cs).ok()?.view;
         match topic {
             CsTopic::Position => Some(Payload::Position(view.position())),
             CsTopic::Program => Some(Payload::Program(view.program(&self.shared.store))),
             CsTopic::Spindle => {
                 let last = self.shared.hub.read(&Topic::cs(*cs, CsTopic::Spindle))?;
-                let Payload::Spindle(spindle) = last.payload else { return None };
+                let Payload::Spindle(spindle) = last.payload else {
+                    return None;
+                };
                 let (actual_rpm, oriented) = view.spindle();
-                Some(Payload::Spindle(Spindle { actual_rpm, oriented, ..spindle }))
+                Some(Payload::Spindle(Spindle {
+                    actual_rpm,
+                    oriented,
+                    ..spindle
+                }))
             }
             _ => None,
         }
@@ -240,7 +323,12 @@ impl RuntimePort {
 
     async fn carry_out(&self, request: Request) -> Result<Answer, Refusal> {
         match request {
-            Request::Command { cs, command, meta, wait } => self.command(cs, command, meta, wait).await,
+            Request::Command {
+                cs,
+                command,
+                meta,
+                wait,
+            } => self.command(cs, command, meta, wait).await,
             Request::CommandStatus(id) => {
                 let reply = self.shared.replied(&id).map(Answer::Command);
                 reply.ok_or_else(|| Refusal::new(RefusalCode::NotFound, format!("no command {id} is known")))
@@ -268,7 +356,10 @@ impl RuntimePort {
 }
 
 fn no_program(number: u16) -> Refusal {
-    Refusal::new(RefusalCode::NotFound, format!("program {number} is not in the store"))
+    Refusal::new(
+        RefusalCode::NotFound,
+        format!("program {number} is not in the store"),
+    )
 }
 
 fn check_id(what: &str, id: &str) -> Result<(), Refusal> {

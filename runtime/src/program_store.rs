@@ -48,7 +48,13 @@ impl StoredProgram {
             programs: checked.programs,
         };
         let title = title(text);
-        Self { number, tree: Arc::new(tree), check, title, line_starts: OnceLock::new() }
+        Self {
+            number,
+            tree: Arc::new(tree),
+            check,
+            title,
+            line_starts: OnceLock::new(),
+        }
     }
 
     /// The text.
@@ -58,7 +64,10 @@ impl StoredProgram {
 
     /// True when checking found errors.
     pub fn has_errors(&self) -> bool {
-        self.check.diagnostics.iter().any(|found| found.severity == DiagnosticSeverity::Error)
+        self.check
+            .diagnostics
+            .iter()
+            .any(|found| found.severity == DiagnosticSeverity::Error)
     }
 
     /// Text of a line, from 1; empty past the end.
@@ -69,7 +78,9 @@ impl StoredProgram {
             let after = ends.filter_map(|(index, _)| u32::try_from(index + 1).ok());
             std::iter::once(0).chain(after).collect()
         });
-        let Some(index) = (line as usize).checked_sub(1) else { return "" };
+        let Some(index) = (line as usize).checked_sub(1) else {
+            return "";
+        };
         let Some(start) = starts.get(index) else { return "" };
         let rest = text.get(*start as usize..).unwrap_or("");
         rest.lines().next().unwrap_or("")
@@ -77,7 +88,11 @@ impl StoredProgram {
 
     fn info(&self) -> ProgramInfo {
         let count = |severity| {
-            let found = self.check.diagnostics.iter().filter(|found| found.severity == severity);
+            let found = self
+                .check
+                .diagnostics
+                .iter()
+                .filter(|found| found.severity == severity);
             u32::try_from(found.count()).unwrap_or(u32::MAX)
         };
         ProgramInfo {
@@ -114,9 +129,21 @@ pub fn locate(text: &str, diagnostics: &[Diagnostic]) -> Vec<ProgramDiagnostic> 
 }
 
 fn title(text: &str) -> String {
-    let first = text.lines().find(|line| !line.trim().is_empty()).unwrap_or("").trim();
-    let comment = first.strip_prefix("//").or_else(|| first.strip_prefix("/*")).unwrap_or("");
-    comment.trim_end_matches("*/").trim().chars().take(TITLE_MAX).collect()
+    let first = text
+        .lines()
+        .find(|line| !line.trim().is_empty())
+        .unwrap_or("")
+        .trim();
+    let comment = first
+        .strip_prefix("//")
+        .or_else(|| first.strip_prefix("/*"))
+        .unwrap_or("");
+    comment
+        .trim_end_matches("*/")
+        .trim()
+        .chars()
+        .take(TITLE_MAX)
+        .collect()
 }
 
 /// All programs of a machine.
@@ -138,7 +165,10 @@ impl ProgramStore {
     /// The folder cannot be made or read.
     pub fn open(folder: &Path) -> io::Result<Self> {
         fs::create_dir_all(folder)?;
-        let store = Self { folder: Some(folder.to_owned()), ..Self::default() };
+        let store = Self {
+            folder: Some(folder.to_owned()),
+            ..Self::default()
+        };
         for entry in fs::read_dir(folder)? {
             let path = entry?.path();
             if let Some(number) = program_number(&path) {
@@ -166,7 +196,9 @@ impl ProgramStore {
 
     /// When the program's file was last written; `None` without one.
     pub fn written_at(&self, number: u16) -> Option<std::time::SystemTime> {
-        fs::metadata(self.path(number)?).and_then(|metadata| metadata.modified()).ok()
+        fs::metadata(self.path(number)?)
+            .and_then(|metadata| metadata.modified())
+            .ok()
     }
 
     /// Writes a program; with a folder it is on disk when this returns. True in the answer's `created`: it is new.
@@ -192,7 +224,10 @@ impl ProgramStore {
         if let (Some(folder), Some(path)) = (&self.folder, self.path(number)) {
             write_and_rename(folder, &path, text.as_bytes())?;
         }
-        let check = ProgramCheck { created, ..program.check.clone() };
+        let check = ProgramCheck {
+            created,
+            ..program.check.clone()
+        };
         self.keep(program);
         Ok(check)
     }
@@ -221,7 +256,9 @@ impl ProgramStore {
     }
 
     fn path(&self, number: u16) -> Option<PathBuf> {
-        self.folder.as_ref().map(|folder| folder.join(format!("{number}.nc")))
+        self.folder
+            .as_ref()
+            .map(|folder| folder.join(format!("{number}.nc")))
     }
 }
 
@@ -264,7 +301,12 @@ mod tests {
     fn a_program_with_errors_is_stored_and_says_them() {
         let store = ProgramStore::in_memory();
         let check = store.write(1, "G01 X\nM30\n").unwrap();
-        assert!(check.diagnostics.iter().any(|found| found.severity == DiagnosticSeverity::Error));
+        assert!(
+            check
+                .diagnostics
+                .iter()
+                .any(|found| found.severity == DiagnosticSeverity::Error)
+        );
         assert!(store.get(1).unwrap().has_errors());
     }
 
@@ -287,6 +329,9 @@ mod tests {
     #[test]
     fn lines_are_found_by_number() {
         let program = StoredProgram::new(1, "G90\r\nG01 X1\nM30");
-        assert_eq!([program.line(1), program.line(2), program.line(3), program.line(4)], ["G90", "G01 X1", "M30", ""]);
+        assert_eq!(
+            [program.line(1), program.line(2), program.line(3), program.line(4)],
+            ["G90", "G01 X1", "M30", ""]
+        );
     }
 }

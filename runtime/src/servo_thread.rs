@@ -58,14 +58,16 @@ impl ServoThread {
         let stop = Arc::new(AtomicBool::new(false));
         let statistics = Arc::new(ServoStatistics::default());
         let relay_stop = Arc::clone(&stop);
-        let relay = std::thread::Builder::new().name("servo-relay".into()).spawn(move || {
-            while !relay_stop.load(Ordering::Acquire) {
-                std::thread::park();
-                for notify in &wake {
-                    notify.notify_one();
+        let relay = std::thread::Builder::new()
+            .name("servo-relay".into())
+            .spawn(move || {
+                while !relay_stop.load(Ordering::Acquire) {
+                    std::thread::park();
+                    for notify in &wake {
+                        notify.notify_one();
+                    }
                 }
-            }
-        })?;
+            })?;
         let relay_thread = relay.thread().clone();
         let (servo_stop, servo_statistics) = (Arc::clone(&stop), Arc::clone(&statistics));
         let cycles = std::thread::Builder::new().name("servo".into()).spawn(move || {
@@ -87,7 +89,11 @@ impl ServoThread {
                 }
             }
         })?;
-        Ok(Self { stop, threads: vec![cycles, relay], statistics })
+        Ok(Self {
+            stop,
+            threads: vec![cycles, relay],
+            statistics,
+        })
     }
 }
 

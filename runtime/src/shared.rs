@@ -23,7 +23,7 @@ use crate::program_store::ProgramStore;
 pub const ALARM_HISTORY_MAX: usize = 1000;
 
 /// How long a command's reply is kept: a command with the same id gets it again instead of being carried out twice.
-pub const COMMAND_MEMORY: Duration = Duration::from_secs(600);
+pub const COMMAND_MEMORY: Duration = Duration::from_mins(10);
 
 /// Replies kept at the most, whatever their age. Reason: at 16 commands a second 10 minutes fit.
 pub const COMMANDS_MAX: usize = 10_000;
@@ -83,7 +83,10 @@ impl Shared {
     }
 
     pub fn now(&self) -> Now {
-        Now { monotonic_s: self.clock.now_s(), time: self.clock.wall() }
+        Now {
+            monotonic_s: self.clock.now_s(),
+            time: self.clock.wall(),
+        }
     }
 
     pub fn timestamp(&self) -> Timestamp {
@@ -92,7 +95,13 @@ impl Shared {
 
     /// A message of now.
     pub fn message(&self, topic: Topic, rev: Option<u64>, payload: Payload) -> Message {
-        Message { topic, boot_id: self.boot_id.clone(), ts: self.timestamp(), rev, payload }
+        Message {
+            topic,
+            boot_id: self.boot_id.clone(),
+            ts: self.timestamp(),
+            rev,
+            payload,
+        }
     }
 
     /// Publishes an event, or a state that has changed; gives the topic's revision.
@@ -111,15 +120,19 @@ impl Shared {
     }
 
     /// Writes a line of the journal.
-    pub fn record(&self, cs: CoordinateSystemNumber, entry: Entry) {
-        self.journal.record(self.clock.now_s(), cs, &entry);
+    pub fn record(&self, cs: CoordinateSystemNumber, entry: &Entry) {
+        self.journal.record(self.clock.now_s(), cs, entry);
     }
 
     /// Raises an alarm or a warning; a warning is in the history only.
     pub fn raise(&self, record: AlarmRecord) -> AlarmRecord {
         let mut alarms = lock(&self.alarms);
         alarms.next_id += 1;
-        let record = AlarmRecord { id: alarms.next_id, raised_at: self.timestamp(), ..record };
+        let record = AlarmRecord {
+            id: alarms.next_id,
+            raised_at: self.timestamp(),
+            ..record
+        };
         alarms.history.push_back(record.clone());
         if alarms.history.len() > ALARM_HISTORY_MAX {
             alarms.history.pop_front();
@@ -135,11 +148,15 @@ impl Shared {
     pub fn clear_alarms(&self, cs: CoordinateSystemNumber) {
         let mut alarms = lock(&self.alarms);
         let now = self.timestamp();
-        let (cleared, active): (Vec<_>, Vec<_>) =
-            std::mem::take(&mut alarms.active).into_iter().partition(|alarm| alarm.cs == Some(cs));
+        let (cleared, active): (Vec<_>, Vec<_>) = std::mem::take(&mut alarms.active)
+            .into_iter()
+            .partition(|alarm| alarm.cs == Some(cs));
         alarms.active = active;
         for record in cleared {
-            let record = AlarmRecord { cleared_at: Some(now.clone()), ..record };
+            let record = AlarmRecord {
+                cleared_at: Some(now.clone()),
+                ..record
+            };
             alarms.update_history(&record);
             self.publish_alarms(&alarms, &record);
         }
@@ -148,7 +165,9 @@ impl Shared {
     /// Notes who has acknowledged an alarm; false when there is no such active alarm.
     pub fn acknowledge_alarm(&self, id: u64, by: &str) -> bool {
         let mut alarms = lock(&self.alarms);
-        let Some(record) = alarms.active.iter_mut().find(|alarm| alarm.id == id) else { return false };
+        let Some(record) = alarms.active.iter_mut().find(|alarm| alarm.id == id) else {
+            return false;
+        };
         record.acknowledged_by = Some(by.to_owned());
         let record = record.clone();
         alarms.update_history(&record);
@@ -157,7 +176,12 @@ impl Shared {
     }
 
     fn publish_alarms(&self, alarms: &Alarms, changed: &AlarmRecord) {
-        self.publish(Topic::AlarmActive, Payload::AlarmActive(ActiveAlarms { alarms: alarms.active.clone() }));
+        self.publish(
+            Topic::AlarmActive,
+            Payload::AlarmActive(ActiveAlarms {
+                alarms: alarms.active.clone(),
+            }),
+        );
         self.publish(Topic::AlarmEvent, Payload::AlarmEvent(changed.clone()));
     }
 
@@ -182,7 +206,10 @@ impl Shared {
         }
         handlers.insert(id.to_owned(), presence.clone());
         drop(handlers);
-        self.publish(Topic::HandlerPresence(id.to_owned()), Payload::HandlerPresence(presence));
+        self.publish(
+            Topic::HandlerPresence(id.to_owned()),
+            Payload::HandlerPresence(presence),
+        );
         true
     }
 
@@ -202,13 +229,18 @@ impl Shared {
         let now = self.clock.wall();
         let mut commands = lock(&self.commands);
         let id = reply.command_id.clone();
-        if commands.replies.insert(id.clone(), (now, reply.clone())).is_none() {
+        if commands
+            .replies
+            .insert(id.clone(), (now, reply.clone()))
+            .is_none()
+        {
             commands.order.push_back(id);
         }
         while let Some(oldest) = commands.order.front() {
-            let expired = commands.replies.get(oldest).is_none_or(|(at, _)| {
-                now.duration_since(*at).is_ok_and(|age| age > COMMAND_MEMORY)
-            });
+            let expired = commands
+                .replies
+                .get(oldest)
+                .is_none_or(|(at, _)| now.duration_since(*at).is_ok_and(|age| age > COMMAND_MEMORY));
             if !expired && commands.order.len() <= COMMANDS_MAX {
                 break;
             }
@@ -222,7 +254,10 @@ impl Shared {
 
     /// The last reply to a command.
     pub fn replied(&self, command_id: &str) -> Option<CommandReply> {
-        lock(&self.commands).replies.get(command_id).map(|(_, reply)| reply.clone())
+        lock(&self.commands)
+            .replies
+            .get(command_id)
+            .map(|(_, reply)| reply.clone())
     }
 }
 

@@ -3,6 +3,7 @@
 
 use std::future::Future;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::time::Duration;
 
 use tandem_servo::Servo;
 use tokio::sync::Notify;
@@ -42,14 +43,32 @@ impl Simulation {
         period_ns: u64,
         options: SimulationOptions,
     ) -> Self {
-        let limit_ns = (options.max_time_s * 1e9) as u64;
-        let servo = Mutex::new(SimulatedServo { servo, cycles: 0, on_cycle: options.on_cycle });
-        Self { servo, clock, wake, stalled: Notify::new(), period_ns, limit_ns }
+        let limit_ns = u64::try_from(Duration::from_secs_f64(options.max_time_s.clamp(0.0, 1e9)).as_nanos())
+            .unwrap_or(u64::MAX);
+        let servo = Mutex::new(SimulatedServo {
+            servo,
+            cycles: 0,
+            on_cycle: options.on_cycle,
+        });
+        Self {
+            servo,
+            clock,
+            wake,
+            stalled: Notify::new(),
+            period_ns,
+            limit_ns,
+        }
     }
 
     /// Resolves when nothing can happen any more: no motion, no sleeper, or the time limit is reached.
     pub async fn stalled(&self) {
         self.stalled.notified().await;
+    }
+
+    /// True when the time limit is reached.
+    pub fn is_at_limit(&self) -> bool {
+        let servo = self.servo.lock().unwrap_or_else(PoisonError::into_inner);
+        servo.cycles * self.period_ns >= self.limit_ns
     }
 
     /// Counts cycles until one gives a task something to do.
@@ -92,7 +111,10 @@ pub struct SimulationOptions {
 
 impl Default for SimulationOptions {
     fn default() -> Self {
-        Self { max_time_s: 86_400.0, on_cycle: None }
+        Self {
+            max_time_s: 86_400.0,
+            on_cycle: None,
+        }
     }
 }
 

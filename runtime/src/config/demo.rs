@@ -10,9 +10,12 @@ const DEMO_TOML: &str = include_str!("../../../examples/config/demo.toml");
 const DEMO_PROGRAMS: [(&str, &str); 6] = [
     ("../nc/plate.nc", include_str!("../../../examples/nc/plate.nc")),
     ("../nc/holes.nc", include_str!("../../../examples/nc/holes.nc")),
-    ("../nc/transfer.nc", include_str!("../../../examples/nc/transfer.nc")),
-    ("../nc/hole.nc", include_str!("../../../examples/nc/hole.nc")),
-    ("../nc/tool_change.nc", include_str!("../../../examples/nc/tool_change.nc")),
+    (
+        "../nc/transfer.nc",
+        include_str!("../../../examples/nc/transfer.nc"),
+    ),
+    ("../nc/1000.nc", include_str!("../../../examples/nc/1000.nc")),
+    ("../nc/1001.nc", include_str!("../../../examples/nc/1001.nc")),
     ("../nc/loader.nc", include_str!("../../../examples/nc/loader.nc")),
 ];
 
@@ -22,7 +25,10 @@ impl Config {
     ///
     /// # Panics
     /// Never: the text is part of the program and read by its tests.
-    #[allow(clippy::expect_used, reason = "the text is part of the program; a test reads it")]
+    #[allow(
+        clippy::expect_used,
+        reason = "the text is part of the program; a test reads it"
+    )]
     pub fn demo() -> Config {
         let mut config = Config::from_toml(DEMO_TOML, "").expect("the demo configuration is valid");
         config.embedded_programs = BTreeMap::from(DEMO_PROGRAMS);

@@ -34,14 +34,18 @@ impl ConfigError {
             let column = before.rsplit('\n').next().unwrap_or("").chars().count() + 1;
             format!("line {line}, column {column}")
         });
-        Self::Text { place, message: explain(error.message()) }
+        Self::Text {
+            place,
+            message: explain(error.message()),
+        }
     }
 
     pub(super) fn in_file(self, path: &Path) -> Self {
         match self {
-            Self::Text { place, message } => {
-                Self::Text { place: format!("{}, {place}", path.display()), message }
-            }
+            Self::Text { place, message } => Self::Text {
+                place: format!("{}, {place}", path.display()),
+                message,
+            },
             other => other,
         }
     }
@@ -49,7 +53,9 @@ impl ConfigError {
 
 // serde names an unknown key and all known ones; people want the nearest.
 fn explain(message: &str) -> String {
-    let Some(rest) = message.strip_prefix("unknown field `") else { return message.to_owned() };
+    let Some(rest) = message.strip_prefix("unknown field `") else {
+        return message.to_owned();
+    };
     let mut quoted = rest.split('`').step_by(2);
     let key = quoted.next().unwrap_or_default();
     match nearest(key, quoted.filter(|known| !known.trim().is_empty())) {
@@ -69,7 +75,9 @@ mod tests {
 
     fn refusal(text: &str) -> String {
         match Config::from_toml(text, "") {
-            Ok(config) => config.resolve().map(|_| String::new()).unwrap_or_else(|error| error.to_string()),
+            Ok(config) => config
+                .resolve()
+                .map_or_else(|error| error.to_string(), |_| String::new()),
             Err(error) => error.to_string(),
         }
     }
@@ -77,7 +85,10 @@ mod tests {
     #[test]
     fn a_key_that_nothing_reads_is_named_with_its_place_and_the_nearest_known_one() {
         let text = refusal("[machine]\nname = \"m\"\nservo_periode_us = 1000\n");
-        assert_eq!(text, "line 3, column 1: unknown key `servo_periode_us`; did you mean `servo_period_us`?");
+        assert_eq!(
+            text,
+            "line 3, column 1: unknown key `servo_periode_us`; did you mean `servo_period_us`?"
+        );
     }
 
     #[test]

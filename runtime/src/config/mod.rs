@@ -68,7 +68,11 @@ pub struct MachineConfig {
 
 impl Default for MachineConfig {
     fn default() -> Self {
-        Self { name: "mill-1".into(), servo_period_us: 1000, data_dir: "tandem-data".into() }
+        Self {
+            name: "mill-1".into(),
+            servo_period_us: 1000,
+            data_dir: "tandem-data".into(),
+        }
     }
 }
 
@@ -338,7 +342,10 @@ pub struct HttpConfig {
 
 impl Default for HttpConfig {
     fn default() -> Self {
-        Self { listen: "127.0.0.1:8080".into(), token_file: None }
+        Self {
+            listen: "127.0.0.1:8080".into(),
+            token_file: None,
+        }
     }
 }
 
@@ -348,8 +355,10 @@ impl Config {
     /// # Errors
     /// The file cannot be read, or [`Config::from_toml`] refuses it.
     pub fn read(path: &Path) -> Result<Config, ConfigError> {
-        let text = std::fs::read_to_string(path)
-            .map_err(|error| ConfigError::Unreadable { path: path.to_owned(), error })?;
+        let text = std::fs::read_to_string(path).map_err(|error| ConfigError::Unreadable {
+            path: path.to_owned(),
+            error,
+        })?;
         let base_dir = path.parent().unwrap_or(Path::new("")).to_owned();
         Self::from_toml(&text, base_dir).map_err(|error| error.in_file(path))
     }

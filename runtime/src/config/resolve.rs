@@ -142,7 +142,9 @@ impl Config {
             || mqtt.client_cert_file.is_some()
             || mqtt.client_key_file.is_some()
         {
-            problems.push("[mqtt] TLS to a broker is not supported yet; write broker = \"mqtt://host:port\"".into());
+            problems.push(
+                "[mqtt] TLS to a broker is not supported yet; write broker = \"mqtt://host:port\"".into(),
+            );
         } else if mqtt.broker != "embedded" && !mqtt.broker.starts_with("mqtt://") {
             problems.push(format!(
                 "[mqtt] broker = \"{}\": write \"embedded\" or \"mqtt://host:port\"",
@@ -153,12 +155,18 @@ impl Config {
             problems.push("[mqtt] on_bus_loss: only \"continue\" is supported yet".into());
         }
         if self.http.token_file.is_some() {
-            problems.push("[http] token_file is not supported yet; listen on a loopback address without it".into());
+            problems.push(
+                "[http] token_file is not supported yet; listen on a loopback address without it".into(),
+            );
         }
         if !self.simulated_skip.is_empty() {
             problems.push("[[simulated_skip]] is not supported yet (G31 is not)".into());
         }
-        if !self.tool.iter().all(|tool| tool.id >= 1 && tool.radius >= 0.0 && tool.length.is_finite()) {
+        if !self
+            .tool
+            .iter()
+            .all(|tool| tool.id >= 1 && tool.radius >= 0.0 && tool.length.is_finite())
+        {
             problems.push("[[tool]]: id counts from 1, radius is 0 or more, length a number".into());
         }
         let ids: BTreeSet<u16> = self.tool.iter().map(|tool| tool.id).collect();
@@ -172,7 +180,10 @@ impl Config {
         for motor in &self.motor {
             motor.check(problems);
             if motors.insert(motor.number, motor.settings()).is_some() {
-                problems.push(format!("[[motor]] number = {}: the number stands twice", motor.number));
+                problems.push(format!(
+                    "[[motor]] number = {}: the number stands twice",
+                    motor.number
+                ));
             }
         }
         motors
@@ -209,7 +220,9 @@ impl Config {
         problems: &mut Vec<String>,
     ) -> Vec<CoordinateSystem> {
         if self.coordinate_system.is_empty() || self.coordinate_system.len() > COORDINATE_SYSTEMS_MAX {
-            problems.push(format!("write 1 to {COORDINATE_SYSTEMS_MAX} [[coordinate_system]] tables"));
+            problems.push(format!(
+                "write 1 to {COORDINATE_SYSTEMS_MAX} [[coordinate_system]] tables"
+            ));
         }
         let mut taken = BTreeMap::new();
         let mut systems = BTreeMap::new();
@@ -220,7 +233,9 @@ impl Config {
             let all = config.axes.values().copied().chain(config.spindle);
             for motor in all {
                 if let Some(other) = taken.insert(motor, config.number) {
-                    problem(format!("motor {motor} already belongs to coordinate system {other}"));
+                    problem(format!(
+                        "motor {motor} already belongs to coordinate system {other}"
+                    ));
                 }
             }
             let system = CoordinateSystem {
@@ -247,7 +262,9 @@ impl Config {
         let mut programs = BTreeMap::new();
         for (key, path) in &config.programs {
             let Some(number) = key.parse().ok().filter(|n| (1..=PROGRAM_NUMBER_MAX).contains(n)) else {
-                problem(format!("programs: {key} is not a program number; write 1 to {PROGRAM_NUMBER_MAX}"));
+                problem(format!(
+                    "programs: {key} is not a program number; write 1 to {PROGRAM_NUMBER_MAX}"
+                ));
                 continue;
             };
             let source = match self.embedded_programs.get(path.as_str()) {
@@ -264,7 +281,10 @@ impl MotorConfig {
     fn check(&self, problems: &mut Vec<String>) {
         let mut positive = |key: &str, value: f64| {
             if !(value > 0.0 && value.is_finite()) {
-                problems.push(format!("[[motor]] number = {}: {key} = {value}: write a number above 0", self.number));
+                problems.push(format!(
+                    "[[motor]] number = {}: {key} = {value}: write a number above 0",
+                    self.number
+                ));
             }
         };
         positive("max_velocity", self.max_velocity);
@@ -284,11 +304,19 @@ impl MotorConfig {
             }
         }
         if !(0.0..=10_000.0).contains(&self.lag_ms) {
-            problems.push(format!("[[motor]] number = {}: lag_ms: write 0 to 10000", self.number));
+            problems.push(format!(
+                "[[motor]] number = {}: lag_ms: write 0 to 10000",
+                self.number
+            ));
         }
-        if self.soft_limits.is_some_and(|[low, high]| low.is_nan() || high.is_nan() || low >= high) {
-            problems
-                .push(format!("[[motor]] number = {}: soft_limits: write [lowest, highest]", self.number));
+        if self
+            .soft_limits
+            .is_some_and(|[low, high]| low.is_nan() || high.is_nan() || low >= high)
+        {
+            problems.push(format!(
+                "[[motor]] number = {}: soft_limits: write [lowest, highest]",
+                self.number
+            ));
         }
     }
 
@@ -338,7 +366,10 @@ impl CoordinateSystemConfig {
         ];
         for (key, value, allowed) in words {
             if !allowed.contains(&value.as_str()) {
-                problem(format!("{key} = \"{value}\": write \"{}\" or \"{}\"", allowed[0], allowed[1]));
+                problem(format!(
+                    "{key} = \"{value}\": write \"{}\" or \"{}\"",
+                    allowed[0], allowed[1]
+                ));
             }
         }
         let ranges = [
@@ -376,9 +407,13 @@ impl CoordinateSystemConfig {
         for (letter, number) in &self.axes {
             match (axis(letter), motors.get(number)) {
                 (None, _) => problem(format!("axes: {letter} is not an axis; write X Y Z A B C U or V")),
-                (_, None) => problem(format!("axes: {letter} = {number}: there is no [[motor]] {number}")),
+                (_, None) => problem(format!(
+                    "axes: {letter} = {number}: there is no [[motor]] {number}"
+                )),
                 (Some(_), Some(motor)) if motor.kind == MotorKind::Spindle => {
-                    problem(format!("axes: {letter} = {number}: motor {number} is a spindle; write spindle = {number}"));
+                    problem(format!(
+                        "axes: {letter} = {number}: motor {number} is a spindle; write spindle = {number}"
+                    ));
                 }
                 (Some(axis), Some(motor)) => of_axis[axis.index()] = Some(motor.clone()),
             }
@@ -388,9 +423,13 @@ impl CoordinateSystemConfig {
         }
         let spindle = self.spindle.and_then(|number| motors.get(&number)).cloned();
         if let Some(number) = self.spindle
-            && spindle.as_ref().is_none_or(|motor| motor.kind != MotorKind::Spindle)
+            && spindle
+                .as_ref()
+                .is_none_or(|motor| motor.kind != MotorKind::Spindle)
         {
-            problem(format!("spindle = {number}: there is no [[motor]] {number} of kind spindle"));
+            problem(format!(
+                "spindle = {number}: there is no [[motor]] {number} of kind spindle"
+            ));
         }
         CoordinateSystemSettings {
             number: self.number,
@@ -414,14 +453,20 @@ impl CoordinateSystemConfig {
         for (name, values) in &self.work_offset {
             let Some(index) = NAMES.iter().position(|known| known == name) else {
                 let known = nearest(name, NAMES.into_iter()).unwrap_or("G54");
-                problem(format!("work_offset: unknown key `{name}`; did you mean `{known}`?"));
+                problem(format!(
+                    "work_offset: unknown key `{name}`; did you mean `{known}`?"
+                ));
                 continue;
             };
             let mut offset = AxisVector::ZERO;
             for (letter, value) in values {
                 match axis(letter) {
-                    Some(axis) if self.axes.contains_key(letter) && value.is_finite() => offset[axis] = *value,
-                    _ => problem(format!("work_offset.{name}: {letter} = {value}: write an axis of this coordinate system and a number")),
+                    Some(axis) if self.axes.contains_key(letter) && value.is_finite() => {
+                        offset[axis] = *value;
+                    }
+                    _ => problem(format!(
+                        "work_offset.{name}: {letter} = {value}: write an axis of this coordinate system and a number"
+                    )),
                 }
             }
             offsets.0[index] = offset;
@@ -432,7 +477,10 @@ impl CoordinateSystemConfig {
 
 fn axis(letter: &str) -> Option<Axis> {
     let mut letters = letter.chars();
-    letters.next().filter(|_| letters.next().is_none()).and_then(Axis::from_letter)
+    letters
+        .next()
+        .filter(|_| letters.next().is_none())
+        .and_then(Axis::from_letter)
 }
 
 #[cfg(test)]
@@ -442,8 +490,18 @@ mod tests {
     #[test]
     fn everything_that_does_not_fit_is_said_at_once() {
         let text = "[machine]\nname = \"Mill 1\"\n[[coordinate_system]]\nnumber = 1\naxes = { X = 7, Q = 7 }\nspindle = 9\n";
-        let error = Config::from_toml(text, "").unwrap().resolve().unwrap_err().to_string();
-        for part in ["name = \"Mill 1\"", "there is no [[motor]] 7", "Q is not an axis", "spindle = 9", "motor 7 already belongs"] {
+        let error = Config::from_toml(text, "")
+            .unwrap()
+            .resolve()
+            .unwrap_err()
+            .to_string();
+        for part in [
+            "name = \"Mill 1\"",
+            "there is no [[motor]] 7",
+            "Q is not an axis",
+            "spindle = 9",
+            "motor 7 already belongs",
+        ] {
             assert!(error.contains(part), "{part} is missing in {error}");
         }
     }
@@ -454,8 +512,17 @@ mod tests {
         let machine = Config::from_toml(text, "").unwrap().resolve().unwrap();
         let system = &machine.coordinate_systems[0];
         let motor = &machine.motors[0];
-        assert_eq!((motor.rapid_velocity, motor.skip_velocity, motor.in_position), (500.0, 50.0, 0.01));
-        assert_eq!((system.settings.max_feedrate_mm_min, system.settings.default_feedrate_mm_min), (10_000.0, 0.0));
+        assert_eq!(
+            (motor.rapid_velocity, motor.skip_velocity, motor.in_position),
+            (500.0, 50.0, 0.01)
+        );
+        assert_eq!(
+            (
+                system.settings.max_feedrate_mm_min,
+                system.settings.default_feedrate_mm_min
+            ),
+            (10_000.0, 0.0)
+        );
         assert_eq!(system.open_outputs_max, 64);
         assert_eq!(machine.unhandled, Unhandled::Alarm);
     }

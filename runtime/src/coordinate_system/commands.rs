@@ -1,6 +1,6 @@
 //! Commands: judged and carried out one after another; hold, stop and abort wait for nothing.
 
-use std::collections::{BTreeSet, BTreeMap};
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use plc_api::types::command::{Command, CommandMeta, CommandReply, CommandStatus, Verb};
@@ -70,7 +70,9 @@ impl CoordinateSystem {
     /// Each command is judged against the state that those before it have left.
     pub(super) fn carry_out_deferred(&mut self) {
         while !self.is_in_transition() {
-            let Some(command) = self.deferred.pop_front() else { return };
+            let Some(command) = self.deferred.pop_front() else {
+                return;
+            };
             self.carry_out_command(command);
         }
     }
@@ -80,16 +82,23 @@ impl CoordinateSystem {
     }
 
     fn carry_out_command(&mut self, command: Deferred) {
-        let Deferred { command, meta, wait, reply } = command;
+        let Deferred {
+            command,
+            meta,
+            wait,
+            reply,
+        } = command;
         let verb = command.verb();
-        let judged = self.judge(verb, &meta).and_then(|()| self.prepare_command(&command));
+        let judged = self
+            .judge(verb, &meta)
+            .and_then(|()| self.prepare_command(&command));
         let (text, start) = match judged {
             Ok(prepared) => prepared,
             Err(refusal) => return self.reject(&meta, refusal, reply),
         };
         self.last_command_id = Some(meta.command_id.clone());
         let fields = json!({"verb": verb, "command_id": meta.command_id, "client_id": meta.client_id});
-        self.shared.record(self.number, Entry::new("command", fields));
+        self.shared.record(self.number, &Entry::new("command", fields));
         let accepted = self.say(&meta, CommandStatus::Accepted, "ok", &text);
         let mut reply = Some(reply);
         if !wait && let Some(reply) = reply.take() {
@@ -97,7 +106,7 @@ impl CoordinateSystem {
             let _ = reply.send(Ok(Answer::Command(accepted)));
         }
         self.awaiting.push(Awaiting { meta, verb, reply });
-        if self.take_effect(command, start) {
+        if self.take_effect(&command, start) {
             self.complete(&|awaiting| awaiting.verb == verb);
         }
     }
@@ -105,7 +114,11 @@ impl CoordinateSystem {
     fn judge(&self, verb: Verb, meta: &CommandMeta) -> Result<(), Refusal> {
         let failed = |text: String| Err(Refusal::new(RefusalCode::PreconditionFailed, text));
         if let Some(expect) = &meta.expect {
-            if expect.boot_id.as_ref().is_some_and(|boot_id| *boot_id != self.shared.boot_id) {
+            if expect
+                .boot_id
+                .as_ref()
+                .is_some_and(|boot_id| *boot_id != self.shared.boot_id)
+            {
                 return failed("the runtime was started again since; read its state".into());
             }
             let rev = self.state_rev();
@@ -116,7 +129,10 @@ impl CoordinateSystem {
         self.situation().judge(verb)?;
         if verb == Verb::Start && self.inputs.start_lock.value {
             let why = &self.inputs.start_lock.text;
-            return Err(Refusal::new(RefusalCode::StartLocked, format!("the start lock is on: {why}")));
+            return Err(Refusal::new(
+                RefusalCode::StartLocked,
+                format!("the start lock is on: {why}"),
+            ));
         }
         Ok(())
     }
@@ -137,10 +153,17 @@ impl CoordinateSystem {
                 let number = self.program.unwrap_or_default();
                 self.check_program(number)?;
                 let all = self.shared.store.all();
-                let programs: BTreeMap<_, _> =
-                    all.iter().map(|(number, program)| (*number, Arc::clone(&program.tree))).collect();
+                let programs: BTreeMap<_, _> = all
+                    .iter()
+                    .map(|(number, program)| (*number, Arc::clone(&program.tree)))
+                    .collect();
                 let id = format!("{}-{}", self.number, self.runs + 1);
-                let run = Run { id, programs, phase: Phase::Interpret, held: Held::No };
+                let run = Run {
+                    id,
+                    programs,
+                    phase: Phase::Interpret,
+                    held: Held::No,
+                };
                 Ok((String::new(), Some(run)))
             }
             _ => Ok((String::new(), None)),
@@ -148,10 +171,10 @@ impl CoordinateSystem {
     }
 
     /// Carries a command out. True when its effect is reached at once.
-    fn take_effect(&mut self, command: Command, start: Option<Run>) -> bool {
+    fn take_effect(&mut self, command: &Command, start: Option<Run>) -> bool {
         match command {
             Command::Load { program } => {
-                self.program = Some(program);
+                self.program = Some(*program);
                 self.idle = (Execution::Ready, None);
                 true
             }
@@ -183,11 +206,13 @@ impl CoordinateSystem {
 
     fn start(&mut self, run: Run) {
         let Some(number) = self.program else { return };
-        let Some(tree) = run.programs.get(&number) else { return };
-        self.pipeline.interpreter.start(Arc::clone(tree), number);
+        let Some(tree) = run.programs.get(&number) else {
+            return;
+        };
+        self.pipeline.start(Arc::clone(tree), number, self.servo.epoch());
         self.runs += 1;
         let fields = json!({"program": number, "run_id": run.id});
-        self.shared.record(self.number, Entry::new("start", fields));
+        self.shared.record(self.number, &Entry::new("start", fields));
         self.inputs.effective_from_line = 1;
         self.publish_inputs();
         self.run = Some(run);
@@ -207,15 +232,14 @@ impl CoordinateSystem {
 
     fn resume(&mut self) {
         let Some(run) = &mut self.run else { return };
-        match run.phase {
-            Phase::Paused(_) => run.phase = Phase::Interpret,
-            _ => {
-                run.held = Held::No;
-                self.servo.control(Control::Resume);
-                self.put_out_queued();
-            }
+        if let Phase::Paused(_) = run.phase {
+            run.phase = Phase::Interpret;
+        } else {
+            run.held = Held::No;
+            self.servo.control(Control::Resume);
+            self.put_out_queued();
         }
-        self.shared.record(self.number, Entry::new("resume", json!({})));
+        self.shared.record(self.number, &Entry::new("resume", json!({})));
     }
 
     /// Ends the run; without one, or when it is already being ended in the same way, there is nothing to do.
@@ -262,7 +286,9 @@ impl CoordinateSystem {
             .filter(|m| !self.shared.is_handled(self.number, *m))
             .map(|m| format!("M{m:02}"))
             .collect();
-        if unhandled.is_empty() { Ok(String::new()) } else {
+        if unhandled.is_empty() {
+            Ok(String::new())
+        } else {
             Ok(format!("no handler is registered for {}", unhandled.join(", ")))
         }
     }

@@ -37,7 +37,10 @@ impl Situation {
             }
             Verb::Start => matches!(self.execution, Ready | ProgramCompleted) && self.program_loaded,
             Verb::Resume => {
-                matches!(self.execution, FeedHold | ProgramStopped | OptionalStop | Interrupted)
+                matches!(
+                    self.execution,
+                    FeedHold | ProgramStopped | OptionalStop | Interrupted
+                )
             }
             Verb::Reset => self.execution != Active,
         }
@@ -87,9 +90,17 @@ mod tests {
     use super::*;
 
     fn allowed(execution: Execution, program_loaded: bool, alarm_active: bool) -> Vec<Verb> {
-        let mut verbs = Situation { execution, program_loaded, alarm_active }.allowed();
+        let mut verbs = Situation {
+            execution,
+            program_loaded,
+            alarm_active,
+        }
+        .allowed();
         verbs.retain(|verb| {
-            !matches!(verb, Verb::Hold | Verb::Stop | Verb::Abort | Verb::AlarmAcknowledge)
+            !matches!(
+                verb,
+                Verb::Hold | Verb::Stop | Verb::Abort | Verb::AlarmAcknowledge
+            )
         });
         verbs
     }
@@ -97,8 +108,14 @@ mod tests {
     #[test]
     fn the_command_table_of_the_interface_holds_in_every_state() {
         use Execution::*;
-        assert_eq!(allowed(Ready, true, false), [Verb::Load, Verb::Start, Verb::Reset]);
-        assert_eq!(allowed(ProgramCompleted, true, false), [Verb::Load, Verb::Start, Verb::Reset]);
+        assert_eq!(
+            allowed(Ready, true, false),
+            [Verb::Load, Verb::Start, Verb::Reset]
+        );
+        assert_eq!(
+            allowed(ProgramCompleted, true, false),
+            [Verb::Load, Verb::Start, Verb::Reset]
+        );
         assert_eq!(allowed(Active, true, false), []);
         assert_eq!(allowed(Wait, true, false), [Verb::Reset]);
         for paused in [FeedHold, ProgramStopped, OptionalStop, Interrupted] {
@@ -111,19 +128,39 @@ mod tests {
 
     #[test]
     fn hold_stop_and_abort_are_allowed_in_every_state() {
-        for execution in [Execution::Active, Execution::Stopped, Execution::Wait, Execution::Ready] {
-            let situation = Situation { execution, program_loaded: false, alarm_active: true };
-            assert!([Verb::Hold, Verb::Stop, Verb::Abort].into_iter().all(|verb| situation.allows(verb)));
+        for execution in [
+            Execution::Active,
+            Execution::Stopped,
+            Execution::Wait,
+            Execution::Ready,
+        ] {
+            let situation = Situation {
+                execution,
+                program_loaded: false,
+                alarm_active: true,
+            };
+            assert!(
+                [Verb::Hold, Verb::Stop, Verb::Abort]
+                    .into_iter()
+                    .all(|verb| situation.allows(verb))
+            );
         }
     }
 
     #[test]
     fn a_refusal_names_the_state_and_what_is_allowed() {
-        let situation =
-            Situation { execution: Execution::Active, program_loaded: true, alarm_active: false };
+        let situation = Situation {
+            execution: Execution::Active,
+            program_loaded: true,
+            alarm_active: false,
+        };
         let refusal = situation.judge(Verb::Start).unwrap_err();
         assert_eq!(refusal.state, Some(Execution::Active));
-        assert!(refusal.text.contains("start is not allowed in ACTIVE"), "{}", refusal.text);
+        assert!(
+            refusal.text.contains("start is not allowed in ACTIVE"),
+            "{}",
+            refusal.text
+        );
         assert!(refusal.allowed.contains(&Verb::Stop));
     }
 }

@@ -17,11 +17,11 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
 use plc_api::handshake::Ledger;
+use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::output::{CancelReason, OutputNotice};
 use plc_api::types::request::{Answer, Input, Refusal, RefusalCode, Request};
 use plc_api::types::state::{Execution, Lock, Overrides, Reason, SpindleDirection, Transition};
 use plc_api::types::topic::CsTopic;
-use plc_api::types::CoordinateSystemNumber;
 use tandem_model::MachinePosition;
 use tandem_servo::{ChannelHandle, Event};
 use tandem_syntax::NcProgram;
@@ -197,8 +197,16 @@ impl CoordinateSystem {
 
     fn next_deadline_s(&self) -> Option<f64> {
         let stock = self.stock.iter().filter_map(|work| work.due_s);
-        let retry = self.servo.is_backlogged().then(|| self.shared.clock.now_s() + 0.001);
-        self.ledger.next_deadline_s().into_iter().chain(stock).chain(retry).min_by(f64::total_cmp)
+        let retry = self
+            .servo
+            .is_backlogged()
+            .then(|| self.shared.clock.now_s() + 0.001);
+        self.ledger
+            .next_deadline_s()
+            .into_iter()
+            .chain(stock)
+            .chain(retry)
+            .min_by(f64::total_cmp)
     }
 
     fn servo_event(&mut self, event: Event) {
@@ -207,7 +215,7 @@ impl CoordinateSystem {
                 self.follow_changes(segment);
                 self.view.update(|place| place.executing = origin);
                 let fields = serde_json::json!({"program": origin.program, "line": origin.line});
-                self.shared.record(self.number, Entry::new("block", fields));
+                self.shared.record(self.number, &Entry::new("block", fields));
             }
             Event::Finished { segment, .. } => self.servo.finished_segment = segment,
             Event::Held => {
@@ -229,8 +237,15 @@ impl CoordinateSystem {
 
     /// What was in force ahead of the motion is in force now.
     fn follow_changes(&mut self, segment: u64) {
-        while self.pipeline.changes.front().is_some_and(|change| change.after_segment < segment) {
-            let Some(change) = self.pipeline.changes.pop_front() else { break };
+        while self
+            .pipeline
+            .changes
+            .front()
+            .is_some_and(|change| change.after_segment < segment)
+        {
+            let Some(change) = self.pipeline.changes.pop_front() else {
+                break;
+            };
             self.publish_modal(&change.modal);
             self.view.update(|place| {
                 place.transform = change.transform;
@@ -245,10 +260,15 @@ impl CoordinateSystem {
         self.ledger.cancel_all(self.shared.now(), reason);
         self.stock.clear();
         let epoch = self.servo.stop(reason == CancelReason::Abort);
-        self.ending = Some(Ending { epoch, from, into, transition });
+        self.ending = Some(Ending {
+            epoch,
+            from,
+            into,
+            transition,
+        });
         if self.run.take().is_some() {
             let fields = serde_json::json!({"outcome": execution::word(&into.0), "reason": into.1});
-            self.shared.record(self.number, Entry::new("end", fields));
+            self.shared.record(self.number, &Entry::new("end", fields));
         }
         self.carry_out_effects();
     }
@@ -270,23 +290,36 @@ impl CoordinateSystem {
             number,
             text,
             cs: Some(self.number),
-            program: origin.map(|origin| origin.program).filter(|program| *program != 0),
+            program: origin
+                .map(|origin| origin.program)
+                .filter(|program| *program != 0),
             line: origin.map(|origin| origin.line),
             column: origin.map(|origin| origin.column),
             ..Default::default()
         };
         let record = self.shared.raise(record);
         let fields = serde_json::to_value(&record).unwrap_or_default();
-        self.shared.record(self.number, Entry::new("alarm", fields));
-        self.end_run(CancelReason::Alarm, (Execution::Stopped, Some(Reason::Alarm)), Transition::Stopping);
+        self.shared.record(self.number, &Entry::new("alarm", fields));
+        self.end_run(
+            CancelReason::Alarm,
+            (Execution::Stopped, Some(Reason::Alarm)),
+            Transition::Stopping,
+        );
     }
 
     fn handle(&mut self, envelope: Envelope) {
         let Envelope { request, reply } = envelope;
         let now = self.shared.now();
         let answer = match request {
-            Request::Command { command, meta, wait, .. } => {
-                self.command(Deferred { command, meta, wait, reply });
+            Request::Command {
+                command, meta, wait, ..
+            } => {
+                self.command(Deferred {
+                    command,
+                    meta,
+                    wait,
+                    reply,
+                });
                 return;
             }
             Request::Claim(_, m, claim) => Ok(Answer::Handshake(self.claim(m, &claim))),
@@ -304,15 +337,18 @@ impl CoordinateSystem {
                 Ok(Answer::Done)
             }
             Request::Input(_, input) => self.set_input(input).map(|()| Answer::Done),
-            Request::Spindle(_, command) => {
-                self.command_spindle(command.direction, command.rpm).map(|()| Answer::Done)
-            }
+            Request::Spindle(_, command) => self
+                .command_spindle(command.direction, command.rpm)
+                .map(|()| Answer::Done),
             Request::Tool(_, id) => {
                 self.inputs.tool = id;
                 self.publish_tool();
                 Ok(Answer::Done)
             }
-            _ => Err(Refusal::new(RefusalCode::NotSupported, "not a request to a coordinate system")),
+            _ => Err(Refusal::new(
+                RefusalCode::NotSupported,
+                "not a request to a coordinate system",
+            )),
         };
         self.carry_out_effects();
         self.publish_changes();
@@ -329,8 +365,11 @@ impl CoordinateSystem {
                 }
                 for (number, on) in set {
                     let bit = 1 << (number - 1);
-                    self.inputs.optional_skip =
-                        if on { self.inputs.optional_skip | bit } else { self.inputs.optional_skip & !bit };
+                    self.inputs.optional_skip = if on {
+                        self.inputs.optional_skip | bit
+                    } else {
+                        self.inputs.optional_skip & !bit
+                    };
                 }
                 self.inputs.optional_skip_fresh = self.run.is_some();
             }
@@ -352,9 +391,11 @@ impl CoordinateSystem {
             rapid: change.rapid.unwrap_or(overrides.rapid),
             spindle: change.spindle.unwrap_or(overrides.spindle),
         };
-        for (name, value, high) in
-            [("feed", new.feed, 200.0), ("rapid", new.rapid, 100.0), ("spindle", new.spindle, 200.0)]
-        {
+        for (name, value, high) in [
+            ("feed", new.feed, 200.0),
+            ("rapid", new.rapid, 100.0),
+            ("spindle", new.spindle, 200.0),
+        ] {
             if !(0.0..=high).contains(&value) {
                 let text = format!("{name} override {value}: write 0 to {high} percent");
                 return Err(Refusal::new(RefusalCode::Invalid, text));
@@ -372,5 +413,12 @@ impl CoordinateSystem {
 }
 
 fn refuse_if(on: bool, what: &str) -> Result<(), Refusal> {
-    if on { Err(Refusal::new(RefusalCode::NotSupported, format!("{what} is not supported yet"))) } else { Ok(()) }
+    if on {
+        Err(Refusal::new(
+            RefusalCode::NotSupported,
+            format!("{what} is not supported yet"),
+        ))
+    } else {
+        Ok(())
+    }
 }

@@ -1,11 +1,11 @@
 //! Outputs and resets: from the interpreter to the ledger, and from the ledger to whoever listens.
 
 use plc_api::handshake::{Closed, Effect, Now, OutputSpec};
+use plc_api::types::message::Payload;
 use plc_api::types::output::{
     Claim, HandlerPresence, HandshakeResult, HandshakeStatus, OutputNotice, OutputState, Params, Reset,
     ResetResult, Timing,
 };
-use plc_api::types::message::Payload;
 use plc_api::types::request::{Answer, Refusal, RefusalCode};
 use plc_api::types::state::SpindleDirection;
 use plc_api::types::topic::CsTopic;
@@ -33,7 +33,11 @@ pub(super) struct StockWork {
 }
 
 pub(super) fn handshake_answer(seq: u64, handler_id: &str, status: HandshakeStatus) -> Answer {
-    Answer::Handshake(HandshakeResult { seq, handler_id: handler_id.to_owned(), status })
+    Answer::Handshake(HandshakeResult {
+        seq,
+        handler_id: handler_id.to_owned(),
+        status,
+    })
 }
 
 impl CoordinateSystem {
@@ -57,7 +61,11 @@ impl CoordinateSystem {
 
     /// Puts out while motion goes on; false when it has to wait (D32).
     pub(super) fn put_out_with_motion(&mut self, output: Output) -> bool {
-        let seq = if self.ledger.is_open(output.m) { None } else { self.enqueue(output, Timing::WithMotion) };
+        let seq = if self.ledger.is_open(output.m) {
+            None
+        } else {
+            self.enqueue(output, Timing::WithMotion)
+        };
         let Some(seq) = seq else {
             self.set_phase(Phase::Room(output));
             return false;
@@ -98,7 +106,9 @@ impl CoordinateSystem {
             timing,
             program: output.origin.program,
             line: output.origin.line,
-            timeout_s: settings.and_then(|settings| settings.timeout_ms).map(|ms| ms as f64 / 1000.0),
+            timeout_s: settings
+                .and_then(|settings| settings.timeout_ms)
+                .map(|ms| ms as f64 / 1000.0),
         };
         self.ledger.enqueue(self.shared.now(), spec).ok()
     }
@@ -107,7 +117,7 @@ impl CoordinateSystem {
         let result = self.ledger.claim(self.shared.now(), m, claim);
         if result.status == HandshakeStatus::Accepted {
             let fields = json!({"seq": claim.seq, "handler_id": claim.handler_id});
-            self.shared.record(self.number, Entry::new("claim", fields));
+            self.shared.record(self.number, &Entry::new("claim", fields));
         }
         result
     }
@@ -126,7 +136,7 @@ impl CoordinateSystem {
             if reset.force == Some(true) {
                 fields["force"] = json!(true);
             }
-            self.shared.record(self.number, Entry::new("reset", fields));
+            self.shared.record(self.number, &Entry::new("reset", fields));
         }
         result
     }
@@ -135,7 +145,12 @@ impl CoordinateSystem {
         let now = self.shared.now();
         if presence.online {
             let number = self.number;
-            let handles = |m| presence.handles.iter().any(|code| code.cs == number && code.m == m);
+            let handles = |m| {
+                presence
+                    .handles
+                    .iter()
+                    .any(|code| code.cs == number && code.m == m)
+            };
             self.ledger.republish(now, handles);
         } else {
             self.ledger.handler_lost(now, id);
@@ -158,34 +173,48 @@ impl CoordinateSystem {
     fn carry_out(&mut self, effect: Effect) {
         match effect {
             Effect::PendingChanged => {
-                self.shared.publish(self.topic(CsTopic::Pending), Payload::Pending(self.ledger.pending()));
+                self.shared.publish(
+                    self.topic(CsTopic::Pending),
+                    Payload::Pending(self.ledger.pending()),
+                );
             }
-            Effect::Output(notice) => self.made(notice),
+            Effect::Output(notice) => self.made(&notice),
             Effect::Result { m, result } => {
-                self.shared.publish(self.topic(CsTopic::Result(m)), Payload::Result(result));
+                self.shared
+                    .publish(self.topic(CsTopic::Result(m)), Payload::Result(result));
             }
             Effect::Cancel { m, cancel } => {
-                self.shared.publish(self.topic(CsTopic::Cancel(m)), Payload::Cancel(cancel));
+                self.shared
+                    .publish(self.topic(CsTopic::Cancel(m)), Payload::Cancel(cancel));
             }
             Effect::Closed { seq, how, .. } => self.closed(seq, how),
         }
     }
 
-    fn made(&mut self, notice: OutputNotice) {
-        self.shared.publish(self.topic(CsTopic::Output(notice.m)), Payload::Output(notice.clone()));
+    fn made(&mut self, notice: &OutputNotice) {
+        self.shared.publish(
+            self.topic(CsTopic::Output(notice.m)),
+            Payload::Output(notice.clone()),
+        );
         if notice.attempt == 1 {
-            let fields = serde_json::to_value(&notice).unwrap_or_default();
-            self.shared.record(self.number, Entry::new("output", fields));
+            let fields = serde_json::to_value(notice).unwrap_or_default();
+            self.shared.record(self.number, &Entry::new("output", fields));
         }
         let first = self.notices.insert(notice.seq, notice.clone()).is_none();
         if first && !self.shared.is_handled(self.number, notice.m) {
-            self.without_handler(&notice);
+            self.without_handler(notice);
         }
     }
 
     /// No handler is registered: the stock sequence program, or the M code's policy.
     fn without_handler(&mut self, notice: &OutputNotice) {
-        let settings = self.shared.machine.m_codes.get(&notice.m).cloned().unwrap_or_default();
+        let settings = self
+            .shared
+            .machine
+            .m_codes
+            .get(&notice.m)
+            .cloned()
+            .unwrap_or_default();
         let has_spindle = self.configured.settings.spindle.is_some();
         match stock::action(notice, &settings, has_spindle) {
             Some(Ok(action)) => self.start_stock_work(notice.seq, action, settings.simulated_s),
@@ -279,7 +308,7 @@ impl CoordinateSystem {
                     .and_then(|settings| settings.timeout_ms)
                     .unwrap_or_default();
                 let text = format!("M{m:02} was not reset within {timeout_ms} ms");
-                self.raise_entry(&M_CODE_TIMEOUT, text, origin);
+                self.raise_entry(&M_CODE_TIMEOUT, &text, origin);
             }
         }
     }
@@ -318,5 +347,9 @@ impl CoordinateSystem {
 }
 
 fn origin(notice: &OutputNotice) -> Origin {
-    Origin { program: notice.program, line: notice.line, column: 1 }
+    Origin {
+        program: notice.program,
+        line: notice.line,
+        column: 1,
+    }
 }

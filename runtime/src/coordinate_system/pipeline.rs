@@ -11,6 +11,7 @@ use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::{Alarm, MachinePosition};
 use tandem_motion::Planner;
 use tandem_path::PathStage;
+use tandem_syntax::NcProgram;
 
 /// The stages and what they have ready for the servo.
 #[derive(Debug)]
@@ -95,7 +96,10 @@ impl Pipeline {
             self.interpreter
                 .call_stack()
                 .take(depth.saturating_sub(1))
-                .map(|origin| CallSite { program: origin.program, line: origin.line })
+                .map(|origin| CallSite {
+                    program: origin.program,
+                    line: origin.line,
+                })
         };
         if *modal == self.last.modal
             && *transform == self.last.transform
@@ -115,6 +119,12 @@ impl Pipeline {
     /// The segment given out last; the servo reports it when it is finished.
     pub fn last_segment(&self) -> u64 {
         self.planner.last_segment()
+    }
+
+    /// Begins a program at its head, where the machine rests, in the start-up modal state.
+    pub fn start(&mut self, program: Arc<NcProgram>, number: u16, epoch: u32) {
+        self.restart(epoch, self.path.position());
+        self.interpreter.start(program, number);
     }
 
     /// Throws away what is prepared: the machine rests at `at`, and profiles carry `epoch` from here on.

@@ -21,9 +21,9 @@ pub(super) enum Phase {
     Interpret,
     /// All motion so far must be finished, in position, and not held; then this.
     Standstill(Then),
-    /// An after_motion output is open.
+    /// An `after_motion` output is open.
     Reset { seq: u64 },
-    /// A with_motion output whose M number is still open, or for which the ledger has no room (D32).
+    /// A `with_motion` output whose M number is still open, or for which the ledger has no room (D32).
     Room(Output),
     /// M00, or M01 with the optional stop on.
     Paused(ProgramStop),
@@ -123,7 +123,13 @@ impl CoordinateSystem {
     }
 
     fn note_interpreted(&mut self) {
-        let Some(line) = self.pipeline.interpreter.call_stack().last().map(|origin| origin.line) else {
+        let Some(line) = self
+            .pipeline
+            .interpreter
+            .call_stack()
+            .last()
+            .map(|origin| origin.line)
+        else {
             return;
         };
         self.view.update(|place| place.interpreted_line = line);
@@ -154,12 +160,12 @@ impl CoordinateSystem {
                 self.view.update(|place| place.executing = stop.origin);
                 let m = u16::from(stop.optional);
                 let fields = json!({"m": m, "program": stop.origin.program, "line": stop.origin.line});
-                self.shared.record(self.number, Entry::new("stop", fields));
+                self.shared.record(self.number, &Entry::new("stop", fields));
                 if let Some(run) = &mut self.run {
                     run.phase = Phase::Paused(stop);
                 }
             }
-            Then::Alarm(Alarm { entry, text, origin }) => self.raise_entry(entry, text, origin),
+            Then::Alarm(Alarm { entry, text, origin }) => self.raise_entry(entry, &text, origin),
             Then::End(origin) => {
                 self.view.update(|place| place.executing = origin);
                 if let Some(run) = &mut self.run {
@@ -169,7 +175,7 @@ impl CoordinateSystem {
         }
     }
 
-    pub(super) fn raise_entry(&mut self, entry: &AlarmEntry, text: String, origin: Option<Origin>) {
+    pub(super) fn raise_entry(&mut self, entry: &AlarmEntry, text: &str, origin: Option<Origin>) {
         self.raise(entry.number, format!("{}: {text}", entry.title), origin);
     }
 
@@ -177,6 +183,6 @@ impl CoordinateSystem {
         self.run = None;
         self.idle = (Execution::ProgramCompleted, None);
         let fields = json!({"outcome": "PROGRAM_COMPLETED"});
-        self.shared.record(self.number, Entry::new("end", fields));
+        self.shared.record(self.number, &Entry::new("end", fields));
     }
 }

@@ -1,14 +1,14 @@
 //! What others see: the state and what belongs to it, published when it has changed.
 
+use plc_api::types::Timestamp;
+use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
 use plc_api::types::message::Payload;
 use plc_api::types::state::{
     Captured, Execution, Lock, Modal, OptionalSkip, Reason, Spindle, State, Switch, Tool, Transition,
     WaitingOn,
 };
-use plc_api::types::Timestamp;
 use plc_api::types::topic::CsTopic;
 use serde_json::json;
-use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
 use tandem_model::Origin;
 
 use super::preparation::Phase;
@@ -29,9 +29,10 @@ impl CoordinateSystem {
             Phase::Paused(stop) if stop.optional => (Execution::OptionalStop, None),
             Phase::Paused(_) => (Execution::ProgramStopped, None),
             _ => match self.waited_for() {
-                Some(seq) => {
-                    (Execution::Wait, self.ledger.is_lost(seq).then_some(Reason::HandlerLost))
-                }
+                Some(seq) => (
+                    Execution::Wait,
+                    self.ledger.is_lost(seq).then_some(Reason::HandlerLost),
+                ),
                 None => (Execution::Active, None),
             },
         }
@@ -55,14 +56,21 @@ impl CoordinateSystem {
 
     fn state(&self) -> State {
         let (execution, reason) = self.execution();
-        let waiting_on = self.waited_for().and_then(|seq| self.ledger.get(seq)).map(|open| WaitingOn {
-            m: open.notice.m,
-            seq: open.notice.seq,
-            since: Timestamp::from_system_time(open.since),
-            progress: open.progress.clone(),
-        });
+        let waiting_on = self
+            .waited_for()
+            .and_then(|seq| self.ledger.get(seq))
+            .map(|open| WaitingOn {
+                m: open.notice.m,
+                seq: open.notice.seq,
+                since: Timestamp::from_system_time(open.since),
+                progress: open.progress.clone(),
+            });
         let wait_state = waiting_on.as_ref().and_then(|waiting| {
-            self.shared.machine.m_codes.get(&waiting.m).and_then(|settings| settings.wait_state.clone())
+            self.shared
+                .machine
+                .m_codes
+                .get(&waiting.m)
+                .and_then(|settings| settings.wait_state.clone())
         });
         let transition = match (&self.ending, &self.run) {
             (Some(ending), _) => Some(ending.transition),
@@ -95,9 +103,11 @@ impl CoordinateSystem {
         });
         if place_may_have_jumped {
             let place = self.view.program(&self.shared.store);
-            self.shared.publish(self.topic(CsTopic::Program), Payload::Program(place));
+            self.shared
+                .publish(self.topic(CsTopic::Program), Payload::Program(place));
         }
-        self.shared.publish(self.topic(CsTopic::State), Payload::State(state));
+        self.shared
+            .publish(self.topic(CsTopic::State), Payload::State(state));
     }
 
     /// Publishes every state topic once, at the start.
@@ -107,8 +117,14 @@ impl CoordinateSystem {
         self.publish_inputs();
         self.publish_spindle();
         self.publish_tool();
-        self.shared.publish(self.topic(CsTopic::Pending), Payload::Pending(self.ledger.pending()));
-        self.shared.publish(self.topic(CsTopic::Position), Payload::Position(self.view.position()));
+        self.shared.publish(
+            self.topic(CsTopic::Pending),
+            Payload::Pending(self.ledger.pending()),
+        );
+        self.shared.publish(
+            self.topic(CsTopic::Position),
+            Payload::Position(self.view.position()),
+        );
         let motors = &self.configured.settings.motors;
         let mut numbers: Vec<u16> = motors.iter().flatten().map(|motor| motor.number).collect();
         numbers.sort_unstable();
@@ -118,7 +134,8 @@ impl CoordinateSystem {
             motors: numbers,
             ..Captured::default()
         };
-        self.shared.publish(self.topic(CsTopic::Captured), Payload::Captured(captured));
+        self.shared
+            .publish(self.topic(CsTopic::Captured), Payload::Captured(captured));
     }
 
     pub(super) fn publish_inputs(&self) {
@@ -134,28 +151,47 @@ impl CoordinateSystem {
             (CsTopic::DryRun, false),
         ];
         for (topic, value) in switches {
-            self.shared.publish(self.topic(topic), Payload::Switch(Switch { value }));
+            self.shared
+                .publish(self.topic(topic), Payload::Switch(Switch { value }));
         }
-        self.shared.publish(self.topic(CsTopic::OptionalSkip), Payload::OptionalSkip(skip));
-        self.shared.publish(self.topic(CsTopic::Interlock), Payload::Lock(Lock::default()));
         self.shared
-            .publish(self.topic(CsTopic::StartLock), Payload::Lock(self.inputs.start_lock.clone()));
-        self.shared.publish(self.topic(CsTopic::Override), Payload::Override(self.inputs.overrides));
+            .publish(self.topic(CsTopic::OptionalSkip), Payload::OptionalSkip(skip));
+        self.shared
+            .publish(self.topic(CsTopic::Interlock), Payload::Lock(Lock::default()));
+        self.shared.publish(
+            self.topic(CsTopic::StartLock),
+            Payload::Lock(self.inputs.start_lock.clone()),
+        );
+        self.shared.publish(
+            self.topic(CsTopic::Override),
+            Payload::Override(self.inputs.overrides),
+        );
     }
 
     pub(super) fn publish_spindle(&self) {
         let (actual_rpm, oriented) = self.view.spindle();
         let (direction, rpm) = self.inputs.spindle;
-        let spindle = Spindle { direction, rpm, actual_rpm, oriented };
-        self.shared.publish(self.topic(CsTopic::Spindle), Payload::Spindle(spindle));
+        let spindle = Spindle {
+            direction,
+            rpm,
+            actual_rpm,
+            oriented,
+        };
+        self.shared
+            .publish(self.topic(CsTopic::Spindle), Payload::Spindle(spindle));
     }
 
     pub(super) fn publish_tool(&self) {
-        self.shared.publish(self.topic(CsTopic::Tool), Payload::Tool(Tool { id: self.inputs.tool }));
+        self.shared.publish(
+            self.topic(CsTopic::Tool),
+            Payload::Tool(Tool { id: self.inputs.tool }),
+        );
     }
 
     pub(super) fn publish_modal(&self, modal: &tandem_interp::Modal) {
-        let groups = modal.groups().map(|(group, code)| (group.to_owned(), code.to_owned()));
+        let groups = modal
+            .groups()
+            .map(|(group, code)| (group.to_owned(), code.to_owned()));
         let modal = Modal {
             g: groups.collect(),
             f: modal.feedrate_mm_min,
@@ -166,7 +202,8 @@ impl CoordinateSystem {
             tool: self.inputs.tool,
             work_offset: modal.work_offset().map(str::to_owned),
         };
-        self.shared.publish(self.topic(CsTopic::Modal), Payload::Modal(modal));
+        self.shared
+            .publish(self.topic(CsTopic::Modal), Payload::Modal(modal));
     }
 
     /// A warning: an alarm of severity warning, which stops nothing.
@@ -182,10 +219,12 @@ impl CoordinateSystem {
             ..AlarmRecord::default()
         });
         let fields = json!({"program": record.program, "line": record.line, "text": record.text});
-        self.shared.record(self.number, Entry::new("warning", fields));
+        self.shared.record(self.number, &Entry::new("warning", fields));
     }
 }
 
 fn skip_numbers(bits: u32) -> Vec<u8> {
-    (1..=31).filter(|number| bits & (1 << (number - 1)) != 0).collect()
+    (1..=31)
+        .filter(|number| bits & (1 << (number - 1)) != 0)
+        .collect()
 }

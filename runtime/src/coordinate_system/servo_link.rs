@@ -17,7 +17,12 @@ pub(super) struct ServoLink {
 
 impl ServoLink {
     pub fn new(handle: ChannelHandle) -> Self {
-        Self { handle, backlog: VecDeque::new(), epoch: 0, finished_segment: 0 }
+        Self {
+            handle,
+            backlog: VecDeque::new(),
+            epoch: 0,
+            finished_segment: 0,
+        }
     }
 
     pub fn next_event(&mut self) -> Option<Event> {
@@ -32,7 +37,8 @@ impl ServoLink {
 
     /// Overrides: only the latest counts, so a flood of them takes one place.
     pub fn set_override(&mut self, feed: f64, rapid: f64) {
-        self.backlog.retain(|control| !matches!(control, Control::Override { .. }));
+        self.backlog
+            .retain(|control| !matches!(control, Control::Override { .. }));
         self.control(Control::Override { feed, rapid });
     }
 
@@ -40,7 +46,11 @@ impl ServoLink {
     pub fn stop(&mut self, abort: bool) -> u32 {
         self.epoch += 1;
         let epoch = self.epoch;
-        self.control(if abort { Control::Abort { epoch } } else { Control::Stop { epoch } });
+        self.control(if abort {
+            Control::Abort { epoch }
+        } else {
+            Control::Stop { epoch }
+        });
         epoch
     }
 

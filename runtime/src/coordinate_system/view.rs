@@ -31,7 +31,11 @@ pub(super) struct Place {
 
 impl View {
     pub fn new(settings: &CoordinateSystemSettings, readings: Arc<Readings>) -> Self {
-        Self { axes: settings.axes(), readings, place: Mutex::default() }
+        Self {
+            axes: settings.axes(),
+            readings,
+            place: Mutex::default(),
+        }
     }
 
     pub(super) fn update(&self, change: impl FnOnce(&mut Place)) {
@@ -65,7 +69,12 @@ impl View {
 
     /// Where the program is.
     pub fn program(&self, store: &ProgramStore) -> ProgramPlace {
-        let Place { stack, executing, interpreted_line, .. } = self.place();
+        let Place {
+            stack,
+            executing,
+            interpreted_line,
+            ..
+        } = self.place();
         let number = (executing.program != 0).then_some(executing.program);
         let program = number.and_then(|number| store.get(number));
         ProgramPlace {
@@ -73,13 +82,18 @@ impl View {
             nest_level: u8::try_from(stack.len()).unwrap_or(u8::MAX),
             stack: stack.to_vec(),
             line: executing.line,
-            block: program.map(|program| program.line(executing.line).to_owned()).unwrap_or_default(),
+            block: program
+                .map(|program| program.line(executing.line).to_owned())
+                .unwrap_or_default(),
             interpreted_line,
         }
     }
 
     fn by_letter(&self, values: AxisVector) -> BTreeMap<String, f64> {
-        self.axes.iter().map(|axis| (axis.letter().to_string(), finite(values[axis]))).collect()
+        self.axes
+            .iter()
+            .map(|axis| (axis.letter().to_string(), finite(values[axis])))
+            .collect()
     }
 }
 

@@ -39,8 +39,13 @@ pub fn action(
 fn select_tool(output: &OutputNotice) -> Result<StockAction, String> {
     let m = output.m;
     match output.params.a {
-        Some(id) if id.fract() == 0.0 && (0.0..=f64::from(u16::MAX)).contains(&id) => {
-            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked above")]
+        Some(id) if id.fract() == 0.0 && (0.0..=f64::from(u16::MAX)).contains(&id) =>
+        {
+            #[allow(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "checked above"
+            )]
             Ok(StockAction::SelectTool(id as u16))
         }
         Some(id) => Err(format!("M{m:02} VA{id}: VA is not a tool number")),
@@ -58,7 +63,10 @@ mod tests {
             seq: 1,
             run_id: "1".into(),
             m,
-            params: Params { a, ..Params::default() },
+            params: Params {
+                a,
+                ..Params::default()
+            },
             timing: Timing::AfterMotion,
             program: 1,
             line: 1,
@@ -78,9 +86,18 @@ mod tests {
 
     #[test]
     fn select_tool_takes_va() {
-        let settings = MCodeSettings { stock: Some(Stock::SelectTool), ..MCodeSettings::default() };
-        assert_eq!(action(&output(6, Some(12.0)), &settings, false), Some(Ok(StockAction::SelectTool(12))));
+        let settings = MCodeSettings {
+            stock: Some(Stock::SelectTool),
+            ..MCodeSettings::default()
+        };
+        assert_eq!(
+            action(&output(6, Some(12.0)), &settings, false),
+            Some(Ok(StockAction::SelectTool(12)))
+        );
         assert!(matches!(action(&output(6, None), &settings, false), Some(Err(_))));
-        assert!(matches!(action(&output(6, Some(1.5)), &settings, false), Some(Err(_))));
+        assert!(matches!(
+            action(&output(6, Some(1.5)), &settings, false),
+            Some(Err(_))
+        ));
     }
 }

@@ -1,0 +1,207 @@
+//! `tandem check`: all that is wrong with NC programs, in one go.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use codespan_reporting::diagnostic::{Diagnostic, Label};
+use codespan_reporting::files::SimpleFile;
+use codespan_reporting::term;
+use plc_api::types::program::ProgramDiagnostic;
+use serde_json::json;
+use tandem_interp::{Check, CheckContext, check};
+use tandem_model::Severity;
+use tandem_runtime::Machine;
+use tandem_runtime::program_store::locate;
+use tandem_syntax::{Grammar, parse};
+
+use super::{
+    Dialect, EXIT_FOUND, EXIT_OK, EXIT_UNREADABLE, complain, find_subprogram, read_config, read_program, say,
+};
+
+#[derive(Args)]
+pub struct Arguments {
+    /// NC programs
+    #[arg(required_unless_present = "config")]
+    files: Vec<PathBuf>,
+    /// NC dialect of the programs
+    #[arg(long, value_enum, default_value = "nj")]
+    dialect: Dialect,
+    /// Text for people, json for editors
+    #[arg(long, value_enum, default_value = "text")]
+    format: Format,
+    /// Checks this configuration, and the programs against it
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Format {
+    Text,
+    Json,
+}
+
+pub(super) fn run(arguments: &Arguments) -> u8 {
+    if arguments.dialect == Dialect::Dgshape {
+        complain("dialect dgshape is not supported yet; write --dialect nj");
+        return EXIT_UNREADABLE;
+    }
+    let machine = match &arguments.config {
+        None => None,
+        Some(path) => match read_config(Some(path)) {
+            Ok((_, machine)) => Some(machine),
+            Err(text) => {
+                complain(text);
+                return EXIT_UNREADABLE;
+            }
+        },
+    };
+    if let (Some(path), []) = (&arguments.config, &arguments.files[..]) {
+        say(&format!("{}: the configuration is good", path.display()));
+        return EXIT_OK;
+    }
+    let mut files = Vec::new();
+    let (mut errors, mut unreadable) = (false, false);
+    for path in &arguments.files {
+        match read_program(path) {
+            Ok(text) => {
+                let checked = CheckedFile::new(path, text, machine.as_ref());
+                errors |= checked.has_errors();
+                if arguments.format == Format::Text {
+                    checked.print();
+                }
+                files.push(checked.to_json());
+            }
+            Err(text) => {
+                complain(text);
+                unreadable = true;
+            }
+        }
+    }
+    if arguments.format == Format::Json {
+        say(&json!({"files": files}).to_string());
+    }
+    if unreadable {
+        EXIT_UNREADABLE
+    } else if errors {
+        EXIT_FOUND
+    } else {
+        EXIT_OK
+    }
+}
+
+/// One NC program and what was found in it.
+pub(super) struct CheckedFile<'a> {
+    path: &'a Path,
+    text: String,
+    check: Check,
+}
+
+impl<'a> CheckedFile<'a> {
+    /// Checks a program; with a machine, against its axes, limits and M codes.
+    pub fn new(path: &'a Path, text: String, machine: Option<&Machine>) -> Self {
+        let (tree, mut diagnostics) = parse(text.as_str(), Grammar::nj());
+        let data_dir = machine.and_then(|machine| machine.data_dir.as_deref());
+        let called = check(&tree, &CheckContext::default()).programs;
+        let programs: BTreeSet<u16> = called
+            .into_iter()
+            .filter(|n| find_subprogram(*n, path, data_dir).is_some())
+            .collect();
+        let m_codes: Option<BTreeSet<u16>> = machine.map(|machine| machine.m_codes.keys().copied().collect());
+        let settings = machine
+            .and_then(|machine| machine.coordinate_systems.first())
+            .map(|system| &system.settings);
+        let context = CheckContext {
+            axes: settings.map(tandem_model::settings::CoordinateSystemSettings::axes),
+            programs: Some(&programs),
+            m_codes_with_settings: m_codes.as_ref(),
+            max_feedrate_mm_min: settings.map(|settings| settings.max_feedrate_mm_min),
+            max_spindle_speed_r_min: settings
+                .and_then(|settings| settings.spindle.as_ref())
+                .map(|spindle| spindle.max_velocity),
+        };
+        let mut check = check(&tree, &context);
+        diagnostics.append(&mut check.diagnostics);
+        diagnostics.sort_by_key(|diagnostic| (diagnostic.span.start, diagnostic.span.end));
+        check.diagnostics = diagnostics;
+        Self { path, text, check }
+    }
+
+    pub fn has_errors(&self) -> bool {
+        self.check
+            .diagnostics
+            .iter()
+            .any(tandem_model::Diagnostic::is_error)
+    }
+
+    /// Programs that it calls.
+    pub fn programs(&self) -> &[u16] {
+        &self.check.programs
+    }
+
+    /// The findings with lines and columns.
+    pub fn located(&self) -> Vec<ProgramDiagnostic> {
+        locate(&self.text, &self.check.diagnostics)
+    }
+
+    fn to_json(&self) -> serde_json::Value {
+        json!({
+            "file": self.path.display().to_string(),
+            "diagnostics": self.located(),
+            "m_codes": self.check.m_codes,
+            "programs": self.check.programs,
+        })
+    }
+
+    /// The findings with source line and underline, and what the program uses.
+    pub fn print(&self) {
+        let file = SimpleFile::new(self.path.display().to_string(), &self.text);
+        let config = term::Config::default();
+        for found in &self.check.diagnostics {
+            let diagnostic = match found.severity {
+                Severity::Error => Diagnostic::error(),
+                Severity::Warning => Diagnostic::warning(),
+            };
+            let range = found.span.start as usize..found.span.end as usize;
+            let diagnostic = diagnostic
+                .with_code(found.code)
+                .with_message(&found.message)
+                .with_label(Label::primary((), range))
+                .with_note(format!("help: {}", found.help));
+            match term::emit_into_string(&config, &file, &diagnostic) {
+                Ok(text) => say(&text),
+                Err(_) => say(&format!(
+                    "{}: {}: {}",
+                    self.path.display(),
+                    found.code,
+                    found.message
+                )),
+            }
+        }
+        let errors = self
+            .check
+            .diagnostics
+            .iter()
+            .filter(|found| found.is_error())
+            .count();
+        let warnings = self.check.diagnostics.len() - errors;
+        let m_codes: Vec<_> = self.check.m_codes.iter().map(|m| format!("M{m:02}")).collect();
+        let programs: Vec<_> = self.check.programs.iter().map(u16::to_string).collect();
+        let or_none = |list: Vec<String>| {
+            if list.is_empty() {
+                "none".into()
+            } else {
+                list.join(" ")
+            }
+        };
+        say(&format!(
+            "{}: {errors} errors, {warnings} warnings",
+            self.path.display()
+        ));
+        say(&format!(
+            "  M codes: {}; programs called: {}",
+            or_none(m_codes),
+            or_none(programs)
+        ));
+    }
+}

@@ -1,0 +1,155 @@
+//! `tandem serve`: the machine with all its server ends.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use plc_api::Plc;
+use tandem_gateway::{Gateway, GatewaySettings, MqttSettings};
+use tandem_runtime::{Config, Runtime, demo_sequence_program};
+use tracing_subscriber::EnvFilter;
+
+use super::{EXIT_OK, EXIT_UNREADABLE, complain, read_config, say};
+
+#[derive(Args)]
+pub struct Arguments {
+    /// Configuration file; without one the built-in demo machine runs
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+}
+
+pub(super) fn run(arguments: &Arguments) -> u8 {
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("warn,journal=info"));
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .init();
+    let config = match read_config(arguments.config.as_deref()) {
+        Ok((config, _)) => config,
+        Err(text) => {
+            complain(text);
+            return EXIT_UNREADABLE;
+        }
+    };
+    let served = tokio::runtime::Builder::new_multi_thread()
+        .enable_all()
+        .build()
+        .map_err(anyhow::Error::from)
+        .and_then(|executor| executor.block_on(serve(config)));
+    match served {
+        Ok(()) => EXIT_OK,
+        Err(error) => {
+            complain(format!("tandem does not start: {error:#}"));
+            EXIT_UNREADABLE
+        }
+    }
+}
+
+async fn serve(config: Config) -> anyhow::Result<()> {
+    let settings = gateway_settings(&config)?;
+    let is_demo = config.is_demo;
+    let runtime = Runtime::start(config).await?;
+    let gateway = match Gateway::start(runtime.port(), settings.clone()).await {
+        Ok(gateway) => gateway,
+        Err(error) => {
+            runtime.shutdown().await;
+            return Err(error.into());
+        }
+    };
+    let sequence = is_demo.then(|| {
+        let plc = Plc::in_process(runtime.port());
+        tokio::spawn(async move {
+            if let Err(error) = demo_sequence_program().run(&plc).await {
+                tracing::error!("the demo sequence program ended: {error}");
+            }
+        })
+    });
+    announce(&settings, &gateway, is_demo);
+    wait_for_signal().await?;
+    say("Stopping: motion comes to rest on its path.");
+    runtime.shutdown().await;
+    if let Some(sequence) = sequence {
+        sequence.abort();
+    }
+    gateway.shutdown().await;
+    Ok(())
+}
+
+fn gateway_settings(config: &Config) -> anyhow::Result<GatewaySettings> {
+    let mqtt = &config.mqtt;
+    let password = match &mqtt.password_file {
+        None => None,
+        Some(path) => {
+            let path = config.base_dir.join(path);
+            let text = std::fs::read_to_string(&path)
+                .map_err(|error| anyhow::anyhow!("[mqtt] password_file = {}: {error}", path.display()))?;
+            Some(text.trim_end().to_owned())
+        }
+    };
+    let (embedded_listen, host, port) = match mqtt.broker.strip_prefix("mqtt://") {
+        None => (Some(mqtt.listen.clone()), String::new(), 0),
+        Some(address) => {
+            let (host, port) = address.rsplit_once(':').unwrap_or((address, "1883"));
+            let port = port
+                .parse()
+                .map_err(|_| anyhow::anyhow!("[mqtt] broker = \"{}\": {port} is not a port", mqtt.broker))?;
+            (None, host.to_owned(), port)
+        }
+    };
+    Ok(GatewaySettings {
+        machine: config.machine.name.clone(),
+        http_listen: config.http.listen.clone(),
+        mqtt: MqttSettings {
+            embedded_listen,
+            host,
+            port,
+            username: mqtt.username.clone(),
+            password,
+            prefix: mqtt.prefix.clone(),
+            ..MqttSettings::default()
+        },
+        ..GatewaySettings::default()
+    })
+}
+
+fn announce(settings: &GatewaySettings, gateway: &Gateway, is_demo: bool) {
+    let http = gateway.http_addr();
+    let broker = match gateway.mqtt_addr() {
+        Some(address) => format!("mqtt://{address}  (embedded broker)"),
+        None => format!("mqtt://{}:{}", settings.mqtt.host, settings.mqtt.port),
+    };
+    let prefix = match settings.mqtt.prefix.as_str() {
+        "" => String::new(),
+        prefix => format!("{prefix}/"),
+    };
+    let machine = &settings.machine;
+    say(&format!(
+        "Tandem {} runs machine {machine}.",
+        env!("CARGO_PKG_VERSION")
+    ));
+    say(&format!("  HMI    http://{http}/"));
+    say(&format!("  REST   http://{http}/api/v1/machine"));
+    say(&format!(
+        "  MQTT   {broker}  topics {prefix}tandem/v1/{machine}/#"
+    ));
+    if is_demo {
+        let post = |what: &str| format!("  curl -X POST http://{http}/api/v1/cs/1/{what}");
+        say("");
+        say("Try it: open the HMI, load program 1 and press Start. Or:");
+        say(&format!(
+            "{} -H 'Content-Type: application/json' -d '{{\"program\": 1}}'",
+            post("load")
+        ));
+        say(&post("start"));
+        say(&format!("  curl http://{http}/api/v1/cs/1/state"));
+        say("For the part transfer load 3 in coordinate system 1 and 20 in 2, and start both.");
+    }
+    say("Ctrl-C stops it.");
+}
+
+async fn wait_for_signal() -> std::io::Result<()> {
+    let mut terminate = tokio::signal::unix::signal(tokio::signal::unix::SignalKind::terminate())?;
+    tokio::select! {
+        result = tokio::signal::ctrl_c() => result,
+        _ = terminate.recv() => Ok(()),
+    }
+}

@@ -1,0 +1,347 @@
+//! `tandem simulate`: a program in simulated time, as fast as the machine can.
+
+mod recorder;
+mod report;
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
+
+use clap::Args;
+use futures_util::FutureExt;
+use plc_api::hub::Filter;
+use plc_api::port::Port;
+use plc_api::types::CoordinateSystemNumber;
+use plc_api::types::command::{Command, CommandMeta};
+use plc_api::types::message::Payload;
+use plc_api::types::program::ProgramDiagnostic;
+use plc_api::types::request::{Input, OverrideChange, Request};
+use plc_api::types::state::{Execution, State};
+use plc_api::types::topic::{CsTopic, Topic};
+use serde_json::json;
+use tandem_model::alarm::{AlarmEntry, SIMULATION_LIMIT, SIMULATION_STALLED};
+use tandem_runtime::journal::Journal;
+use tandem_runtime::program_store::program_number;
+use tandem_runtime::simulation::{self, SimulationOptions};
+use tandem_runtime::{Machine, Runtime, Unhandled};
+
+use super::check::CheckedFile;
+use super::{
+    EXIT_FOUND, EXIT_OK, EXIT_UNREADABLE, complain, find_subprogram, read_config, read_program, say,
+};
+use recorder::{Recorder, Trace};
+use report::Outcome;
+
+/// Program number of a file whose name is not a number.
+const MAIN_PROGRAM: u16 = 1;
+
+#[derive(Args)]
+pub struct Arguments {
+    /// NC program; its subprograms are looked for beside it, then in the data folder's programs
+    file: PathBuf,
+    /// Configuration file; without one the demo machine
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Prints one JSON object instead of text
+    #[arg(long)]
+    json: bool,
+    /// Writes the commanded positions of each servo period as CSV
+    #[arg(long, value_name = "OUT.csv")]
+    trace: Option<PathBuf>,
+    /// Writes what happened, one JSON object a line
+    #[arg(long, value_name = "OUT.jsonl")]
+    events: Option<PathBuf>,
+    /// Optional block skip inputs that are on, such as 1,3
+    #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u8).range(1..=31))]
+    skip: Vec<u8>,
+    /// Optional stop (M01) is on
+    #[arg(long)]
+    optional_stop: bool,
+    /// Feed override, percent
+    #[arg(long, value_name = "PERCENT", default_value_t = 100.0)]
+    feed_override: f64,
+    /// Coordinate system that runs the program
+    #[arg(long, default_value_t = 1)]
+    cs: CoordinateSystemNumber,
+    /// Another coordinate system's program at the same time, such as 2=FILE2
+    #[arg(long, value_name = "N=FILE", value_parser = parse_with)]
+    with: Vec<(CoordinateSystemNumber, PathBuf)>,
+    /// Ends a program that does not end by itself, simulated seconds
+    #[arg(long, value_name = "SECONDS", default_value_t = 86_400.0)]
+    max_time_s: f64,
+}
+
+fn parse_with(text: &str) -> Result<(CoordinateSystemNumber, PathBuf), String> {
+    let (number, file) = text.split_once('=').ok_or("write N=FILE, such as 2=loader.nc")?;
+    let number = number
+        .parse()
+        .map_err(|_| format!("{number} is not a coordinate system"))?;
+    Ok((number, file.into()))
+}
+
+/// A program that one coordinate system runs.
+struct Job {
+    cs: CoordinateSystemNumber,
+    program: u16,
+}
+
+/// What is to be simulated, read and checked.
+struct Plan {
+    machine: Machine,
+    jobs: Vec<Job>,
+    texts: BTreeMap<u16, String>,
+}
+
+pub(super) fn run(arguments: &Arguments) -> u8 {
+    let plan = match Plan::read(arguments) {
+        Ok(plan) => plan,
+        Err(Refused::Unreadable(text)) => {
+            complain(text);
+            return EXIT_UNREADABLE;
+        }
+        Err(Refused::Errors(diagnostics)) => {
+            if arguments.json {
+                say(&json!({"outcome": "errors", "diagnostics": diagnostics}).to_string());
+            }
+            return EXIT_FOUND;
+        }
+    };
+    let cs = plan.jobs.iter().map(|job| job.cs);
+    let recorder = match Recorder::new(cs, arguments.events.as_deref()) {
+        Ok(recorder) => Arc::new(Mutex::new(recorder)),
+        Err(text) => {
+            complain(text);
+            return EXIT_UNREADABLE;
+        }
+    };
+    let simulated = simulation::run(simulate(arguments, plan, Arc::clone(&recorder)))
+        .map_err(anyhow::Error::from)
+        .flatten();
+    match simulated {
+        Ok(outcome) => {
+            if arguments.json {
+                say(&outcome.to_json().to_string());
+            } else {
+                outcome.print();
+            }
+            if outcome.is_completed() {
+                EXIT_OK
+            } else {
+                EXIT_FOUND
+            }
+        }
+        Err(error) => {
+            complain(format!("{error:#}"));
+            EXIT_UNREADABLE
+        }
+    }
+}
+
+enum Refused {
+    Unreadable(String),
+    Errors(Vec<ProgramDiagnostic>),
+}
+
+impl Plan {
+    fn read(arguments: &Arguments) -> Result<Self, Refused> {
+        let unreadable = |text: String| Refused::Unreadable(text);
+        let (config, mut machine) = read_config(arguments.config.as_deref()).map_err(unreadable)?;
+        machine.unhandled = Unhandled::AutoReset;
+        if config.is_demo {
+            for system in &mut machine.coordinate_systems {
+                system.programs.clear();
+            }
+        }
+        if !(0.0..=200.0).contains(&arguments.feed_override) {
+            return Err(unreadable(format!(
+                "--feed-override {}: write 0 to 200",
+                arguments.feed_override
+            )));
+        }
+        if arguments.max_time_s.is_nan() || arguments.max_time_s <= 0.0 {
+            return Err(unreadable("--max-time-s: write a time above 0".into()));
+        }
+        let mut plan = Self {
+            machine,
+            jobs: Vec::new(),
+            texts: BTreeMap::new(),
+        };
+        let mut diagnostics = Vec::new();
+        let first = (arguments.cs, arguments.file.clone());
+        for (cs, file) in std::iter::once(&first).chain(&arguments.with) {
+            plan.add(*cs, file, arguments.json, &mut diagnostics)?;
+        }
+        if diagnostics.is_empty() {
+            Ok(plan)
+        } else {
+            Err(Refused::Errors(diagnostics))
+        }
+    }
+
+    fn add(
+        &mut self,
+        cs: CoordinateSystemNumber,
+        file: &Path,
+        json: bool,
+        diagnostics: &mut Vec<ProgramDiagnostic>,
+    ) -> Result<(), Refused> {
+        if !self
+            .machine
+            .coordinate_systems
+            .iter()
+            .any(|system| system.settings.number == cs)
+        {
+            return Err(Refused::Unreadable(format!(
+                "the machine has no coordinate system {cs}"
+            )));
+        }
+        if self.jobs.iter().any(|job| job.cs == cs) {
+            return Err(Refused::Unreadable(format!(
+                "coordinate system {cs} can run one program at a time"
+            )));
+        }
+        let mut number = program_number(file).unwrap_or(MAIN_PROGRAM);
+        while self.jobs.iter().any(|job| job.program == number) {
+            number += 1;
+        }
+        self.jobs.push(Job { cs, program: number });
+        let mut left = vec![(number, file.to_owned())];
+        while let Some((number, path)) = left.pop() {
+            if self.texts.contains_key(&number) {
+                continue;
+            }
+            let text = read_program(&path).map_err(Refused::Unreadable)?;
+            let checked = CheckedFile::new(&path, text.clone(), None);
+            if checked.has_errors() {
+                if !json {
+                    checked.print();
+                }
+                diagnostics.extend(checked.located());
+            }
+            let data_dir = self.machine.data_dir.as_deref();
+            let called = checked.programs().iter();
+            left.extend(called.filter_map(|n| Some((*n, find_subprogram(*n, file, data_dir)?))));
+            self.texts.insert(number, text);
+        }
+        Ok(())
+    }
+}
+
+async fn simulate(
+    arguments: &Arguments,
+    plan: Plan,
+    recorder: Arc<Mutex<Recorder>>,
+) -> anyhow::Result<Outcome> {
+    let Plan { machine, jobs, texts } = plan;
+    let trace = Trace::new(arguments.trace.as_deref(), &machine, &jobs[0])?;
+    let sink = Arc::clone(&recorder);
+    let journal = Journal::to_sink(Arc::new(Mutex::new(move |line: &_| {
+        recorder::record(&sink, line);
+    })));
+    let options = SimulationOptions {
+        max_time_s: arguments.max_time_s,
+        on_cycle: trace.on_cycle(),
+    };
+    let runtime = Runtime::start_simulated(machine, journal, options)?;
+    for (number, text) in texts {
+        runtime.store().write(number, &text)?;
+    }
+    let port = runtime.port();
+    set_inputs(arguments, port.as_ref(), &jobs).await?;
+    for job in &jobs {
+        command(port.as_ref(), job.cs, Command::Load { program: job.program }).await?;
+    }
+    for job in &jobs {
+        command(port.as_ref(), job.cs, Command::Start).await?;
+    }
+    let ended = run_to_end(&runtime, &jobs).await?;
+    trace.finish()?;
+    let outcome = Outcome::new(&runtime, &jobs, &recorder, ended).await;
+    recorder::finish(&recorder)?;
+    runtime.shutdown().await;
+    Ok(outcome)
+}
+
+async fn set_inputs(arguments: &Arguments, port: &dyn Port, jobs: &[Job]) -> anyhow::Result<()> {
+    for job in jobs {
+        let skip = arguments.skip.iter().map(|number| (*number, true)).collect();
+        let feed = Some(arguments.feed_override);
+        let inputs = [
+            Input::OptionalSkip(skip),
+            Input::OptionalStop(arguments.optional_stop),
+            Input::Override(OverrideChange {
+                feed,
+                ..OverrideChange::default()
+            }),
+        ];
+        for input in inputs {
+            port.request(Request::Input(job.cs, input)).await?;
+        }
+    }
+    Ok(())
+}
+
+async fn command(port: &dyn Port, cs: CoordinateSystemNumber, command: Command) -> anyhow::Result<()> {
+    static NEXT: std::sync::atomic::AtomicU64 = std::sync::atomic::AtomicU64::new(1);
+    let number = NEXT.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+    let meta = CommandMeta {
+        command_id: format!("simulate-{number}"),
+        client_id: "simulate".into(),
+        ..CommandMeta::default()
+    };
+    let request = Request::Command {
+        cs,
+        command,
+        meta,
+        wait: true,
+    };
+    match port.request(request).await {
+        Ok(_) => Ok(()),
+        Err(refusal) => {
+            let first = refusal
+                .diagnostics
+                .first()
+                .map(|found| format!(": {}", found.message));
+            Err(anyhow::anyhow!("{refusal}{}", first.unwrap_or_default()))
+        }
+    }
+}
+
+/// Runs until each program has ended. `Some`: why the simulation was ended before that.
+async fn run_to_end(runtime: &Runtime, jobs: &[Job]) -> anyhow::Result<Option<&'static AlarmEntry>> {
+    let port = runtime.port();
+    let topics = jobs.iter().map(|job| Topic::cs(job.cs, CsTopic::State)).collect();
+    let mut states = port.subscribe(Filter::Topics(topics));
+    let Some(simulation) = runtime.simulation() else {
+        return Ok(None);
+    };
+    // A stall from before the start says nothing about the programs.
+    let _ = simulation.stalled().now_or_never();
+    let mut running: Vec<CoordinateSystemNumber> = jobs.iter().map(|job| job.cs).collect();
+    while !running.is_empty() {
+        tokio::select! {
+            biased;
+            message = states.next() => {
+                let Some(message) = message else { return Ok(None) };
+                let (Topic::CoordinateSystem(cs, _), Payload::State(state)) = (&message.topic, &message.payload)
+                else { continue };
+                match state.execution {
+                    Execution::ProgramStopped | Execution::OptionalStop => {
+                        command(port.as_ref(), *cs, Command::Resume).await?;
+                    }
+                    Execution::ProgramCompleted => running.retain(|running| running != cs),
+                    Execution::Stopped if is_over(state) => running.retain(|running| running != cs),
+                    _ => {}
+                }
+            }
+            () = simulation.stalled() => {
+                return Ok(Some(if simulation.is_at_limit() { &SIMULATION_LIMIT } else { &SIMULATION_STALLED }));
+            }
+        }
+    }
+    Ok(None)
+}
+
+fn is_over(state: &State) -> bool {
+    state.run_id.is_some() && state.transition.is_none()
+}

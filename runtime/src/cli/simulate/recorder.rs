@@ -1,0 +1,261 @@
+//! What is written down while a simulation runs: the journal's lines and the trace of positions.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::fs::File;
+use std::io::{BufWriter, IsTerminal, Write};
+use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use anyhow::Context;
+use plc_api::types::CoordinateSystemNumber;
+use serde_json::{Value, json};
+use tandem_model::Axis;
+use tandem_runtime::Machine;
+use tandem_runtime::journal::Line;
+use tandem_runtime::simulation::OnCycle;
+
+use super::Job;
+
+/// What happened in one coordinate system.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Record {
+    pub start_s: f64,
+    pub end_s: f64,
+    pub blocks: u64,
+    /// In the order of their outputs; `reset_s` is null until the reset.
+    pub m_codes: Vec<Value>,
+    pub stops: Vec<Value>,
+    pub warnings: Vec<Value>,
+    pub alarm: Value,
+}
+
+/// The journal of a simulation.
+pub(super) struct Recorder {
+    records: BTreeMap<CoordinateSystemNumber, Record>,
+    events: Option<BufWriter<File>>,
+    failed: Option<std::io::Error>,
+}
+
+impl Recorder {
+    pub fn new(
+        cs: impl Iterator<Item = CoordinateSystemNumber>,
+        events: Option<&Path>,
+    ) -> Result<Self, String> {
+        let open = |path: &Path| {
+            File::create(path)
+                .map(BufWriter::new)
+                .map_err(|error| format!("cannot write {}: {error}", path.display()))
+        };
+        let events = events.map(open).transpose()?;
+        Ok(Self {
+            records: cs.map(|cs| (cs, Record::default())).collect(),
+            events,
+            failed: None,
+        })
+    }
+
+    pub fn record(&self, cs: CoordinateSystemNumber) -> Record {
+        self.records.get(&cs).cloned().unwrap_or_default()
+    }
+
+    fn take(&mut self, line: &Line) {
+        // Commands are the simulation's own.
+        if line.event == "command" {
+            return;
+        }
+        if let Some(events) = &mut self.events
+            && let Err(error) = writeln!(events, "{}", line.to_json())
+        {
+            self.failed.get_or_insert(error);
+        }
+        if let Some(record) = self.records.get_mut(&line.cs) {
+            record.take(line);
+        }
+    }
+}
+
+impl Record {
+    fn take(&mut self, line: &Line) {
+        let field = |name: &str| line.fields.get(name).cloned().unwrap_or(Value::Null);
+        match line.event {
+            "start" => self.start_s = line.t_s,
+            "block" => self.blocks += 1,
+            "output" => self.m_codes.push(json!({
+                "seq": field("seq"), "m": field("m"), "params": field("params"), "program": field("program"),
+                "line": field("line"), "output_s": line.t_s - self.start_s, "reset_s": null,
+            })),
+            "reset" => {
+                if let Some(output) = self
+                    .m_codes
+                    .iter_mut()
+                    .find(|output| output["seq"] == field("seq"))
+                {
+                    output["reset_s"] = json!(line.t_s - self.start_s);
+                }
+            }
+            "stop" => self.stops.push(json!({
+                "m": field("m"), "line": field("line"), "at_s": line.t_s - self.start_s,
+            })),
+            "warning" => self.warnings.push(json!({
+                "program": field("program"), "line": field("line"), "text": field("text"),
+            })),
+            "alarm" => {
+                self.alarm = json!({
+                    "number": field("number"), "text": field("text"), "program": field("program"),
+                    "line": field("line"), "column": field("column"),
+                });
+            }
+            "end" => self.end_s = line.t_s,
+            _ => {}
+        }
+    }
+}
+
+pub(super) fn record(recorder: &Arc<Mutex<Recorder>>, line: &Line) {
+    recorder.lock().unwrap_or_else(PoisonError::into_inner).take(line);
+}
+
+/// Everything is in the file when this returns.
+pub(super) fn finish(recorder: &Arc<Mutex<Recorder>>) -> anyhow::Result<()> {
+    let mut recorder = recorder.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some(error) = recorder.failed.take() {
+        return Err(error).context("--events");
+    }
+    recorder
+        .events
+        .as_mut()
+        .map_or(Ok(()), Write::flush)
+        .context("--events")
+}
+
+/// Positions of each servo period as CSV, and a sign of life on a terminal.
+#[derive(Clone)]
+pub(super) struct Trace(Arc<Mutex<TraceFile>>);
+
+struct TraceFile {
+    file: Option<BufWriter<File>>,
+    failed: Option<std::io::Error>,
+    index: usize,
+    axes: Vec<Axis>,
+    program: u16,
+    line: u32,
+    cycles: u64,
+    started: Instant,
+    shown: Option<Instant>,
+}
+
+impl Trace {
+    pub fn new(path: Option<&Path>, machine: &Machine, job: &Job) -> anyhow::Result<Self> {
+        let index = machine
+            .coordinate_systems
+            .iter()
+            .position(|system| system.settings.number == job.cs);
+        let index = index.unwrap_or_default();
+        let axes = machine.coordinate_systems[index]
+            .settings
+            .axes()
+            .iter()
+            .collect::<Vec<_>>();
+        let mut trace = TraceFile {
+            file: None,
+            failed: None,
+            index,
+            axes,
+            program: job.program,
+            line: 0,
+            cycles: 0,
+            started: Instant::now(),
+            shown: None,
+        };
+        if let Some(path) = path {
+            let file = File::create(path).with_context(|| format!("--trace {}", path.display()))?;
+            let mut file = BufWriter::new(file);
+            let letters: String = trace.axes.iter().flat_map(|axis| [',', axis.letter()]).collect();
+            writeln!(file, "time_s,program,line{letters}")?;
+            trace.file = Some(file);
+            trace.write(0.0, &[0.0; tandem_model::AXES_MAX]);
+        }
+        Ok(Self(Arc::new(Mutex::new(trace))))
+    }
+
+    /// What the simulation calls after each servo cycle; `None`: nothing has to be written or shown.
+    pub fn on_cycle(&self) -> Option<OnCycle> {
+        let trace = Arc::clone(&self.0);
+        let wanted = trace
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .file
+            .is_some();
+        if !wanted && !std::io::stderr().is_terminal() {
+            return None;
+        }
+        Some(Box::new(move |servo| {
+            let mut trace = trace.lock().unwrap_or_else(PoisonError::into_inner);
+            let channel = servo.channel(trace.index);
+            if let Some(origin) = channel.executing() {
+                (trace.program, trace.line) = (origin.program, origin.line);
+            }
+            trace.write(servo.time_s(), &channel.setpoint().0);
+            trace.show(servo.time_s());
+        }))
+    }
+
+    /// Everything is in the file when this returns.
+    pub fn finish(&self) -> anyhow::Result<()> {
+        let mut trace = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if trace.shown.is_some() {
+            super::complain("");
+        }
+        if let Some(error) = trace.failed.take() {
+            return Err(error).context("--trace");
+        }
+        trace
+            .file
+            .as_mut()
+            .map_or(Ok(()), Write::flush)
+            .context("--trace")
+    }
+}
+
+impl TraceFile {
+    fn write(&mut self, time_s: f64, position: &[f64]) {
+        let Some(file) = &mut self.file else { return };
+        let mut line = format!("{time_s:.6},{},{}", self.program, self.line);
+        for axis in &self.axes {
+            // The sum takes the sign off a negative zero.
+            // Writing into a String never fails.
+            let _ = write!(line, ",{:.9}", position[axis.index()] + 0.0);
+        }
+        if let Err(error) = writeln!(file, "{line}") {
+            self.failed.get_or_insert(error);
+        }
+    }
+
+    /// After a second, five times a second, on a terminal.
+    fn show(&mut self, time_s: f64) {
+        self.cycles += 1;
+        if !self.cycles.is_multiple_of(1024) || !std::io::stderr().is_terminal() {
+            return;
+        }
+        let now = Instant::now();
+        let since_shown = self.shown.map_or(now - self.started, |shown| now - shown);
+        let pause = if self.shown.is_some() {
+            Duration::from_millis(200)
+        } else {
+            Duration::from_secs(1)
+        };
+        if since_shown >= pause {
+            self.shown = Some(now);
+            let (program, line) = (self.program, self.line);
+            let mut stderr = std::io::stderr().lock();
+            // A terminal that has gone is no reason to fail.
+            let _ = write!(
+                stderr,
+                "\rsimulated {time_s:.1} s, program {program} line {line}   "
+            );
+            let _ = stderr.flush();
+        }
+    }
+}

@@ -1,0 +1,137 @@
+//! The demo machine's sequence program: a tool magazine, clamps, coolant, and the meeting of mill and loader.
+//! A machine builder's own program replaces it handler by handler.
+
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use plc_api::{Alarm, AuxOutput, Plc, SequenceProgram};
+use tokio::sync::oneshot;
+
+/// Pockets of the simulated magazine, numbered from 1.
+const POCKETS: u16 = 8;
+
+/// Time for the magazine to pass one pocket.
+const POCKET_TIME: Duration = Duration::from_millis(250);
+
+/// Highest clamping pressure, bar.
+const CLAMP_PRESSURE_MAX_BAR: f64 = 80.0;
+
+/// The handlers of the demo machine: M08 M09 M10 M11 M70 M80 M100.
+pub fn demo_sequence_program() -> SequenceProgram {
+    let meeting = Arc::new(Meeting::default());
+    let meet = move |output: AuxOutput| meet(output, Arc::clone(&meeting));
+    SequenceProgram::new()
+        .handler_id("demo")
+        .on(8..=9, coolant)
+        .on(10, clamp)
+        .on(11, release)
+        .on(70, meet)
+        .on(80, inspect)
+        .on(100, change_tool)
+}
+
+/// M100 VA: turns the magazine to the pocket of tool VA, and swaps.
+async fn change_tool(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
+    let wanted = output
+        .params()
+        .a()
+        .ok_or(Alarm::user(1, "M100 needs VA: the tool number"))?;
+    let pocket = (1..=POCKETS)
+        .find(|pocket| (f64::from(*pocket) - wanted).abs() < 1e-9)
+        .ok_or_else(|| {
+            Alarm::user(
+                2,
+                format!("the magazine has no tool {wanted}; it has 1 to {POCKETS}"),
+            )
+        })?;
+    let system = plc.coordinate_system(output.coordinate_system());
+    let now = system.tool().await?.id;
+    let away = now.abs_diff(pocket);
+    let turns = away.min(POCKETS - away).max(1);
+    for turn in 0..turns {
+        let percent = f64::from(turn) / f64::from(turns + 1) * 100.0;
+        output
+            .progress(format!("the magazine turns to pocket {pocket}"), percent)
+            .await?;
+        plc.sleep(POCKET_TIME).await;
+    }
+    output
+        .progress(format!("the arm swaps tool {now} for tool {pocket}"), 80.0)
+        .await?;
+    plc.sleep(Duration::from_millis(700)).await;
+    system.select_tool(pocket).await?;
+    Ok(())
+}
+
+/// M10 VA VB: closes clamp VA with VB bar.
+async fn clamp(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
+    let clamp = output
+        .params()
+        .a()
+        .ok_or(Alarm::user(10, "M10 needs VA: the clamp"))?;
+    let pressure_bar = output.params().b().unwrap_or(30.0);
+    if !(0.0..=CLAMP_PRESSURE_MAX_BAR).contains(&pressure_bar) {
+        let text = format!("clamp {clamp}: {pressure_bar} bar is outside 0 to {CLAMP_PRESSURE_MAX_BAR} bar");
+        return Err(Alarm::user(11, text));
+    }
+    output
+        .progress(format!("clamp {clamp} closes with {pressure_bar} bar"), None)
+        .await?;
+    plc.sleep(Duration::from_millis(600)).await;
+    Ok(())
+}
+
+/// M11 VA: opens clamp VA.
+async fn release(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
+    let clamp = output.params().a().unwrap_or(1.0);
+    output.progress(format!("clamp {clamp} opens"), None).await?;
+    plc.sleep(Duration::from_millis(400)).await;
+    Ok(())
+}
+
+/// M08, M09: coolant on and off, while the machine goes on moving.
+async fn coolant(_output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
+    plc.sleep(Duration::from_millis(200)).await;
+    Ok(())
+}
+
+/// Where two coordinate systems meet: whoever comes first leaves a signal for the other. A handler that is cancelled
+/// while it waits drops its end, so that nobody meets a ghost.
+#[derive(Debug, Default)]
+struct Meeting(Mutex<Option<oneshot::Sender<()>>>);
+
+impl Meeting {
+    async fn meet(&self) {
+        loop {
+            let first = self.0.lock().unwrap_or_else(PoisonError::into_inner).take();
+            if first.is_some_and(|first| first.send(()).is_ok()) {
+                return;
+            }
+            let (signal, other) = oneshot::channel();
+            *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(signal);
+            if other.await.is_ok() {
+                return;
+            }
+        }
+    }
+}
+
+/// M70: mill and loader meet; both go on when both are there.
+async fn meet(output: AuxOutput, meeting: Arc<Meeting>) -> Result<(), Alarm> {
+    let other = if output.coordinate_system() == 1 {
+        "the loader"
+    } else {
+        "the mill"
+    };
+    output.progress(format!("waits for {other}"), None).await?;
+    meeting.meet().await;
+    Ok(())
+}
+
+/// M80: an operator looks at the part and resets the output by hand.
+async fn inspect(output: AuxOutput) -> Result<(), Alarm> {
+    output
+        .progress("look at the holes, then press Reset beside M80", None)
+        .await?;
+    std::future::pending().await
+}
