@@ -131,7 +131,7 @@ impl Ledger {
 
     /// A handler or an operator answers an output. Of an unclaimed output it is claim and reset in one; `force` ends
     /// it whoever owns it.
-    pub fn reset(&mut self, now: Now, m: Option<u16>, reset: &Reset) -> HandshakeResult {
+    pub fn reset(&mut self, _now: Now, m: Option<u16>, reset: &Reset) -> HandshakeResult {
         let place = match self.find(&reset.boot_id, reset.seq, m) {
             Ok(place) => place,
             Err(status) => return self.answer(m, reset.seq, &reset.handler_id, status),
@@ -150,7 +150,7 @@ impl Ledger {
             },
         };
         let cancel = foreign.then_some(CancelReason::Operator);
-        self.close(now, place, how, cancel);
+        self.close(place, how, cancel);
         // the answer follows the pending topic that no longer shows the output, and the end of the output itself
         self.answer(
             m.or(Some(output_m)),
@@ -230,18 +230,27 @@ impl Ledger {
     }
 
     /// The runtime fails an output, such as one that nobody handles; its owner is told.
-    pub fn fail(&mut self, now: Now, seq: u64, alarm: Alarm) {
+    pub fn fail(&mut self, _now: Now, seq: u64, alarm: Alarm) {
         if let Some(place) = self.place(seq) {
             let cancel = self.made(place).then_some(CancelReason::Alarm);
-            self.close(now, place, Closed::Failed { alarm }, cancel);
+            self.close(place, Closed::Failed { alarm }, cancel);
         }
     }
 
-    /// Cancels every open output (D34).
-    pub fn cancel_all(&mut self, now: Now, reason: CancelReason) {
-        while !self.open.is_empty() {
-            let cancel = self.made(0).then_some(reason);
-            self.close(now, 0, Closed::Cancelled(reason), cancel);
+    /// Cancels every open output (D34): handlers are told first, then the pending topic shows none.
+    pub fn cancel_all(&mut self, _now: Now, reason: CancelReason) {
+        if self.open.is_empty() {
+            return;
+        }
+        let open = std::mem::take(&mut self.open);
+        for output in open.iter().filter(|output| output.state != OutputState::Queued) {
+            let (seq, m) = (output.notice.seq, output.notice.m);
+            let cancel = Cancel { seq, reason };
+            self.effects.push(Effect::Cancel { m, cancel });
+        }
+        self.pending_changed();
+        for output in open {
+            self.end(&output, Closed::Cancelled(reason));
         }
     }
 
@@ -253,7 +262,7 @@ impl Ledger {
                 .is_some_and(|deadline_s| deadline_s <= now.monotonic_s)
         };
         while let Some(place) = self.open.iter().position(late) {
-            self.close(now, place, Closed::TimedOut, Some(CancelReason::Timeout));
+            self.close(place, Closed::TimedOut, Some(CancelReason::Timeout));
         }
     }
 
@@ -364,8 +373,18 @@ impl Ledger {
         }
     }
 
-    fn close(&mut self, _now: Now, place: usize, how: Closed, cancel: Option<CancelReason>) {
+    fn close(&mut self, place: usize, how: Closed, cancel: Option<CancelReason>) {
         let output = self.open.remove(place);
+        if let Some(reason) = cancel {
+            let (seq, m) = (output.notice.seq, output.notice.m);
+            let cancel = Cancel { seq, reason };
+            self.effects.push(Effect::Cancel { m, cancel });
+        }
+        self.pending_changed();
+        self.end(&output, how);
+    }
+
+    fn end(&mut self, output: &OpenOutput, how: Closed) {
         let (seq, m) = (output.notice.seq, output.notice.m);
         let fate = match (&how, output.state) {
             (_, OutputState::Queued) => Fate::NeverMade,
@@ -373,11 +392,6 @@ impl Ledger {
             _ => Fate::Ended,
         };
         self.closed.remember(seq, m, fate);
-        self.pending_changed();
-        if let Some(reason) = cancel {
-            let cancel = Cancel { seq, reason };
-            self.effects.push(Effect::Cancel { m, cancel });
-        }
         self.effects.push(Effect::Closed { seq, m, how });
     }
 

@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use tokio::sync::Notify;
 
 use crate::types::message::Message;
-use crate::types::topic::Topic;
+use crate::types::topic::{CsTopic, Topic};
 
 /// Events that wait for one subscriber. Reason: 64 open outputs, each with a notice, a result and a cancel, in each
 /// of 8 coordinate systems fit many times over.
@@ -24,6 +24,9 @@ pub enum Filter {
     All,
     /// These topics.
     Topics(Vec<Topic>),
+    /// What a handler needs: presence, birth, presence of handlers, and pending, output, result and cancel of every
+    /// coordinate system.
+    Handshake,
 }
 
 impl Filter {
@@ -31,6 +34,14 @@ impl Filter {
         match self {
             Filter::All => true,
             Filter::Topics(topics) => topics.contains(topic),
+            Filter::Handshake => match topic {
+                Topic::Presence | Topic::Birth | Topic::HandlerPresence(_) => true,
+                Topic::CoordinateSystem(_, topic) => matches!(
+                    topic,
+                    CsTopic::Pending | CsTopic::Output(_) | CsTopic::Result(_) | CsTopic::Cancel(_)
+                ),
+                Topic::AlarmEvent | Topic::AlarmActive | Topic::Reply(_) => false,
+            },
         }
     }
 }
@@ -208,7 +219,6 @@ mod tests {
     use crate::types::message::Payload;
     use crate::types::output::{Cancel, CancelReason};
     use crate::types::state::Switch;
-    use crate::types::topic::CsTopic;
     use crate::types::{BootId, Timestamp};
 
     fn message(topic: CsTopic, payload: Payload) -> Message {

@@ -1,0 +1,245 @@
+//! One coordinate system as a sequence program sees it: commands, inputs and readings.
+
+use std::collections::BTreeMap;
+
+use crate::error::{Error, Result};
+use crate::hub::Filter;
+use crate::plc::{Plc, unexpected};
+use crate::types::CoordinateSystemNumber;
+use crate::types::command::{Command, CommandMeta, CommandStatus};
+use crate::types::message::Payload;
+use crate::types::output::Pending;
+use crate::types::request::{Answer, Input, OverrideChange, Refusal, RefusalCode, Request, SpindleCommand};
+use crate::types::state::{
+    Captured, Execution, Modal, Overrides, Position, ProgramPlace, Spindle, SpindleDirection, State, Tool,
+};
+use crate::types::topic::{CsTopic, Topic};
+
+/// One CNC coordinate system of a machine. Each command is answered when its effect has been reached.
+#[derive(Debug, Clone)]
+pub struct CoordinateSystem {
+    plc: Plc,
+    number: CoordinateSystemNumber,
+}
+
+macro_rules! readings {
+    ($($(#[$doc:meta])* $name:ident: $topic:ident as $payload:ident -> $type:ty;)*) => {
+        impl CoordinateSystem {
+            $(
+                $(#[$doc])*
+                ///
+                /// # Errors
+                /// There is no such coordinate system, or it has not said this yet.
+                pub async fn $name(&self) -> Result<$type> {
+                    let topic = Topic::cs(self.number, CsTopic::$topic);
+                    match self.plc.port().read(&topic).await.as_deref().map(|message| &message.payload) {
+                        Some(Payload::$payload(value)) => Ok(value.clone()),
+                        _ => Err(self.no_value(stringify!($name))),
+                    }
+                }
+            )*
+        }
+    };
+}
+
+readings! {
+    /// State word, reason, and what is waited for.
+    state: State as State -> State;
+    /// Program, call stack and line that run.
+    program: Program as Program -> ProgramPlace;
+    /// Positions of the last servo cycle, mm or degrees; feedrate mm/min.
+    position: Position as Position -> Position;
+    /// Modal G codes, F, S, ta, td, ts.
+    modal: Modal as Modal -> Modal;
+    /// Positions latched by the last G31.
+    captured: Captured as Captured -> Captured;
+    /// Spindle, commanded and actual, r/min.
+    spindle: Spindle as Spindle -> Spindle;
+    /// Tool in the spindle.
+    tool: Tool as Tool -> Tool;
+    /// Overrides, percent.
+    overrides: Override as Override -> Overrides;
+    /// Open auxiliary function outputs.
+    pending: Pending as Pending -> Pending;
+}
+
+impl CoordinateSystem {
+    pub(crate) fn new(plc: Plc, number: CoordinateSystemNumber) -> Self {
+        Self { plc, number }
+    }
+
+    /// Its number, from 1.
+    pub fn number(&self) -> CoordinateSystemNumber {
+        self.number
+    }
+
+    /// Takes a program of the store: READY. Allowed in READY, `PROGRAM_COMPLETED` and STOPPED without an alarm.
+    ///
+    /// # Errors
+    /// Not allowed now, no such program, or the program has errors.
+    pub async fn load(&self, program: u16) -> Result<()> {
+        self.command(Command::Load { program }).await
+    }
+
+    /// Starts the loaded program from its head: ACTIVE.
+    ///
+    /// # Errors
+    /// Not allowed now, or a start lock is on.
+    pub async fn start(&self) -> Result<()> {
+        self.command(Command::Start).await
+    }
+
+    /// Feed hold: `FEED_HOLD` once at rest. Without effect on a paused program and without a run.
+    ///
+    /// # Errors
+    /// No such coordinate system, or the machine cannot be reached.
+    pub async fn hold(&self) -> Result<()> {
+        self.command(Command::Hold).await
+    }
+
+    /// Goes on after a pause.
+    ///
+    /// # Errors
+    /// Nothing is paused.
+    pub async fn resume(&self) -> Result<()> {
+        self.command(Command::Resume).await
+    }
+
+    /// Decelerates on the path and ends the run; open outputs are cancelled.
+    ///
+    /// # Errors
+    /// No such coordinate system, or the machine cannot be reached.
+    pub async fn stop(&self) -> Result<()> {
+        self.command(Command::Stop).await
+    }
+
+    /// Brakes each motor at its highest deceleration and ends the run; open outputs are cancelled.
+    ///
+    /// # Errors
+    /// No such coordinate system, or the machine cannot be reached.
+    pub async fn abort(&self) -> Result<()> {
+        self.command(Command::Abort).await
+    }
+
+    /// Ends the run, cancels open outputs, clears alarms of this coordinate system.
+    ///
+    /// # Errors
+    /// The program is ACTIVE.
+    pub async fn reset(&self) -> Result<()> {
+        self.command(Command::Reset).await
+    }
+
+    /// Carries out a command, and returns when its effect has been reached.
+    ///
+    /// # Errors
+    /// [`Error::Refused`] when nothing has changed, [`Error::CommandFailed`] when something prevented its effect.
+    pub async fn command(&self, command: Command) -> Result<()> {
+        let (client_id, command_id) = self.plc.command_names();
+        let verb = command.verb();
+        let request = Request::Command {
+            cs: self.number,
+            command,
+            meta: CommandMeta {
+                command_id,
+                client_id,
+                ..CommandMeta::default()
+            },
+            wait: true,
+        };
+        match self.plc.request(request).await? {
+            Answer::Command(reply) if reply.status == CommandStatus::Rejected => {
+                Err(Refusal::new(RefusalCode::NotAllowed, reply.text).into())
+            }
+            Answer::Command(reply) if reply.status == CommandStatus::Failed => Err(Error::CommandFailed {
+                verb: format!("{verb:?}").to_lowercase(),
+                cs: self.number,
+                code: reply.code,
+                text: reply.text,
+            }),
+            Answer::Command(_) | Answer::Done => Ok(()),
+            other => Err(unexpected(&other)),
+        }
+    }
+
+    /// Waits until the state word is `execution`, and gives the state of then.
+    ///
+    /// # Errors
+    /// The machine's side ended.
+    pub async fn wait_until(&self, execution: Execution) -> Result<State> {
+        self.wait_for(|state| state.execution == execution).await
+    }
+
+    /// Waits until the state is as `is_it` says, and gives that state. Each state is looked at in order; of states
+    /// that follow each other faster than this program reads them, the latest.
+    ///
+    /// # Errors
+    /// The machine's side ended.
+    pub async fn wait_for(&self, is_it: impl Fn(&State) -> bool) -> Result<State> {
+        let topic = Topic::cs(self.number, CsTopic::State);
+        let mut states = self.plc.port().subscribe(Filter::Topics(vec![topic]));
+        while let Some(message) = states.next().await {
+            if let Payload::State(state) = &message.payload
+                && is_it(state)
+            {
+                return Ok(state.clone());
+            }
+        }
+        Err(Error::Closed)
+    }
+
+    /// Tells which tool is in the spindle; 0: none.
+    ///
+    /// # Errors
+    /// No such coordinate system, or the machine cannot be reached.
+    pub async fn select_tool(&self, id: u16) -> Result<()> {
+        self.done(Request::Tool(self.number, id)).await
+    }
+
+    /// Commands the spindle; `rpm` counts for `Cw` and `Ccw`.
+    ///
+    /// # Errors
+    /// There is no spindle, or the speed is out of its range.
+    pub async fn set_spindle(&self, direction: SpindleDirection, rpm: f64) -> Result<()> {
+        self.done(Request::Spindle(self.number, SpindleCommand { direction, rpm }))
+            .await
+    }
+
+    /// Sets one optional block skip input, 1 to 31.
+    ///
+    /// # Errors
+    /// A number out of this range, or no such coordinate system.
+    pub async fn set_optional_skip(&self, number: u8, value: bool) -> Result<()> {
+        let input = Input::OptionalSkip(BTreeMap::from([(number, value)]));
+        self.done(Request::Input(self.number, input)).await
+    }
+
+    /// Sets the optional stop input (M01).
+    ///
+    /// # Errors
+    /// No such coordinate system, or the machine cannot be reached.
+    pub async fn set_optional_stop(&self, value: bool) -> Result<()> {
+        self.done(Request::Input(self.number, Input::OptionalStop(value)))
+            .await
+    }
+
+    /// Sets overrides, percent; those that are `None` stay.
+    ///
+    /// # Errors
+    /// A value out of its range, or no such coordinate system.
+    pub async fn set_overrides(&self, change: OverrideChange) -> Result<()> {
+        self.done(Request::Input(self.number, Input::Override(change)))
+            .await
+    }
+
+    async fn done(&self, request: Request) -> Result<()> {
+        self.plc.request(request).await.map(|_| ())
+    }
+
+    fn no_value(&self, what: &str) -> Error {
+        let text = format!(
+            "coordinate system {} does not exist, or has no {what} yet",
+            self.number
+        );
+        Refusal::new(RefusalCode::NotFound, text).into()
+    }
+}
