@@ -35,7 +35,7 @@ const RETAINED_MAX: usize = 4096;
 /// Bytes of one retained message.
 const RETAINED_SIZE_MAX: usize = 256 * 1024;
 /// How long the broker remembers a client that went; messages for it wait in memory.
-const SESSION_EXPIRY: Duration = Duration::from_secs(3600);
+const SESSION_EXPIRY: Duration = Duration::from_hours(1);
 /// Messages that wait for one client; more are dropped by the broker.
 const QUEUED_MAX: usize = 1000;
 /// Bytes that wait for one client.
@@ -124,7 +124,7 @@ fn config(address: SocketAddr, guard: Arc<Guard>) -> BrokerConfig {
     let storage = StorageConfig::new()
         .with_backend(StorageBackend::Memory)
         .with_persistence(true)
-        .with_cleanup_interval(Duration::from_secs(60))
+        .with_cleanup_interval(Duration::from_mins(1))
         .with_max_queued_messages_per_client(QUEUED_MAX)
         .with_max_queued_bytes_per_client(QUEUED_BYTES_MAX);
     BrokerConfig {
@@ -170,7 +170,7 @@ struct Guard {
 type Answer<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;
 
 impl BrokerEventHandler for Guard {
-    fn on_client_publish<'a>(&'a self, event: ClientPublishEvent) -> Answer<'a, PublishAction> {
+    fn on_client_publish(&self, event: ClientPublishEvent) -> Answer<'_, PublishAction> {
         let action = if event.retain && !event.payload.is_empty() && (self.is_inbound)(&event.topic) {
             // when nobody takes them any more, refusing without a word is enough
             let _ = self

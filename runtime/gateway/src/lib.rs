@@ -1,7 +1,7 @@
 //! Server ends of the sequence-control interface: MQTT, REST, WebSocket, HMI.
 //!
 //! They know `plc_api` only and serve any [`Port`]: the runtime's, or one of a test. [`Gateway::start`] opens the
-//! listeners; from there [`rest`] leads to every HTTP route, [`websocket`] and [`hmi`], and [`mqtt`] to the broker.
+//! listeners; from there `rest` leads to every HTTP route, `websocket` and `hmi`, and `mqtt` to the broker.
 
 mod broker;
 mod error;

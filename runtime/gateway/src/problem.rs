@@ -9,42 +9,48 @@ use plc_api::types::request::{Refusal, RefusalCode};
 use plc_api::types::state::Execution;
 use serde::Serialize;
 
-/// A refusal as HTTP says it.
+/// A refusal as HTTP says it. Boxed, since it is the rare way out of every handler.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub(crate) struct Problem {
+#[serde(transparent)]
+pub(crate) struct Problem(Box<Details>);
+
+/// What a [`Problem`] says.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(crate) struct Details {
     #[serde(rename = "type")]
     kind: &'static str,
     title: &'static str,
-    #[serde(serialize_with = "status_number")]
-    pub(crate) status: StatusCode,
+    status: u16,
     /// Machine-readable.
-    pub(crate) code: String,
+    code: String,
     /// What, why, and what to do.
-    pub(crate) detail: String,
+    detail: String,
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub(crate) state: Option<Execution>,
+    state: Option<Execution>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub(crate) allowed: Vec<Verb>,
+    allowed: Vec<Verb>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub(crate) diagnostics: Vec<ProgramDiagnostic>,
-}
-
-fn status_number<S: serde::Serializer>(status: &StatusCode, serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.serialize_u16(status.as_u16())
+    diagnostics: Vec<ProgramDiagnostic>,
 }
 
 impl Problem {
     pub(crate) fn new(status: StatusCode, code: impl Into<String>, detail: impl Into<String>) -> Self {
-        Self {
+        Self(Box::new(Details {
             kind: "about:blank",
             title: status.canonical_reason().unwrap_or("Problem"),
-            status,
+            status: status.as_u16(),
             code: code.into(),
             detail: detail.into(),
             state: None,
             allowed: Vec::new(),
             diagnostics: Vec::new(),
-        }
+        }))
+    }
+
+    /// Status number and code, for tests.
+    #[cfg(test)]
+    pub(crate) fn status_and_code(&self) -> (u16, &str) {
+        (self.0.status, &self.0.code)
     }
 
     pub(crate) fn not_found(detail: impl Into<String>) -> Self {
@@ -72,12 +78,11 @@ impl Problem {
 
 impl From<Refusal> for Problem {
     fn from(refusal: Refusal) -> Self {
-        Self {
-            state: refusal.state,
-            allowed: refusal.allowed,
-            diagnostics: refusal.diagnostics,
-            ..Self::new(status_of(refusal.code), code_word(refusal.code), refusal.text)
-        }
+        let mut problem = Self::new(status_of(refusal.code), code_word(refusal.code), refusal.text);
+        problem.0.state = refusal.state;
+        problem.0.allowed = refusal.allowed;
+        problem.0.diagnostics = refusal.diagnostics;
+        problem
     }
 }
 
@@ -85,7 +90,8 @@ impl IntoResponse for Problem {
     fn into_response(self) -> Response {
         let body = serde_json::to_string(&self).unwrap_or_else(|_| "{}".to_owned());
         let mut response = Response::new(Body::from(body));
-        *response.status_mut() = self.status;
+        *response.status_mut() =
+            StatusCode::from_u16(self.0.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
         response.headers_mut().insert(
             header::CONTENT_TYPE,
             HeaderValue::from_static("application/problem+json"),

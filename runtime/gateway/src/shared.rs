@@ -20,7 +20,7 @@ use crate::problem::Problem;
 /// Programs that may be uploaded at the same time; more wait. Reason: each may hold 64 MiB.
 const UPLOADS_MAX: usize = 4;
 
-/// WebSockets that may be open at the same time; more get 503.
+/// `WebSocket` connections that may be open at the same time; more get 503.
 pub(crate) const WEBSOCKETS_MAX: usize = 64;
 
 /// What all HTTP handlers share.

@@ -95,14 +95,11 @@ impl Dispatch {
             RefusalCode::Unavailable,
             "too many requests are unanswered; send it again",
         );
-        match request {
-            Request::Command { cs, meta, .. } => {
-                self.reject(cs, meta.client_id, meta.command_id, refusal).await;
-            }
-            _ => {
-                add(&self.metrics.mqtt_refused, 1);
-                warn!("MQTT request refused: {refusal}");
-            }
+        if let Request::Command { cs, meta, .. } = request {
+            self.reject(cs, meta.client_id, meta.command_id, refusal).await;
+        } else {
+            add(&self.metrics.mqtt_refused, 1);
+            warn!("MQTT request refused: {refusal}");
         }
     }
 

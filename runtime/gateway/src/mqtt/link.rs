@@ -13,7 +13,7 @@ use plc_api::types::message::{Message, Payload};
 use plc_api::types::topic::Topic;
 use rumqttc::{
     AsyncClient, ConnectionError, Event, EventLoop, LastWill, MqttOptions, NetworkOptions, Packet, Publish,
-    QoS, SubscribeFilter,
+    QoS, SubscribeFilter, SubscribeReasonCode,
 };
 use tokio::sync::mpsc;
 use tokio::time::Instant;
@@ -277,16 +277,12 @@ impl Link {
             Event::Incoming(Packet::Publish(publish)) => self.incoming(&publish).await,
             // brokers acknowledge in the order of publishing (MQTT-4.6.0-2)
             Event::Incoming(Packet::PubAck(_)) => self.outbox.acknowledged(),
-            Event::Incoming(Packet::SubAck(ack)) => {
-                let refused = ack
-                    .return_codes
-                    .iter()
-                    .any(|code| *code == rumqttc::SubscribeReasonCode::Failure);
-                if refused {
-                    warn!(
-                        "the MQTT broker refuses a subscription; its access rules must allow the runtime to read"
-                    );
-                }
+            Event::Incoming(Packet::SubAck(ack))
+                if ack.return_codes.contains(&SubscribeReasonCode::Failure) =>
+            {
+                warn!(
+                    "the MQTT broker refuses a subscription; its access rules must allow the runtime to read"
+                );
             }
             _ => {}
         }

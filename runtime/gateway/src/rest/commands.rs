@@ -26,7 +26,7 @@ use crate::shared::{Shared, unexpected};
 const CLIENT_ID: &str = "rest";
 
 /// Longest time that `?wait=1` waits; then 202. Reason: shorter than what proxies and clients allow.
-const WAIT_MAX: Duration = Duration::from_secs(60);
+const WAIT_MAX: Duration = Duration::from_mins(1);
 
 /// Characters of a command id.
 const COMMAND_ID_MAX: usize = 128;
@@ -189,13 +189,12 @@ async fn acknowledge(
         .iter()
         .find(|alarm| alarm.id == id)
         .ok_or_else(|| Problem::not_found(format!("no alarm with id {id} is active")))?;
-    let cs = match alarm.cs {
-        Some(cs) => cs,
-        None => {
-            let birth = shared.birth().await?;
-            let first = birth.coordinate_systems.first().ok_or_else(unexpected)?;
-            first.number
-        }
+    let cs = if let Some(cs) = alarm.cs {
+        cs
+    } else {
+        let birth = shared.birth().await?;
+        let first = birth.coordinate_systems.first().ok_or_else(unexpected)?;
+        first.number
     };
     carry_out(
         &shared,

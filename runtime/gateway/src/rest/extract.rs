@@ -14,7 +14,7 @@ use crate::problem::Problem;
 pub(crate) const JSON_BODY_MAX: usize = 64 * 1024;
 
 /// Time for a whole body to come in; then 408.
-const BODY_TIMEOUT: Duration = Duration::from_secs(60);
+const BODY_TIMEOUT: Duration = Duration::from_mins(1);
 
 /// The numbers and names in a path; others are 404.
 pub(crate) struct InPath<T>(pub(crate) T);

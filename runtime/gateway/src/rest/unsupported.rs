@@ -1,5 +1,6 @@
 //! Routes of the interface that this version refuses: 501 with code `not_supported`, never a pretended success.
 
+use std::future::{Ready, ready};
 use std::sync::Arc;
 
 use axum::Router;
@@ -42,6 +43,6 @@ fn read_write(what: &'static str) -> MethodRouter<Arc<Shared>> {
     get(move || refuse(what)).put(move || refuse(what))
 }
 
-async fn refuse(what: &'static str) -> Problem {
-    Problem::not_supported(what)
+fn refuse(what: &'static str) -> Ready<Problem> {
+    ready(Problem::not_supported(what))
 }

@@ -17,7 +17,7 @@ pub(super) const ROOT: &str = "tandem/v1/mill-1/";
 
 /// A client of the broker.
 pub(super) struct Client {
-    pub(super) client: AsyncClient,
+    pub(super) mqtt: AsyncClient,
     received: mpsc::UnboundedReceiver<Publish>,
     _poller: AbortOnDropHandle<()>,
 }
@@ -67,7 +67,7 @@ impl Client {
         }
         within(is_ready).await.unwrap();
         Self {
-            client,
+            mqtt: client,
             received,
             _poller: poller,
         }
@@ -76,7 +76,7 @@ impl Client {
     pub(super) async fn publish(&self, path: &str, retain: bool, payload: &Value) {
         let topic = format!("{ROOT}{path}");
         let publish = self
-            .client
+            .mqtt
             .publish(topic, QoS::AtLeastOnce, retain, payload.to_string());
         within(publish).await.unwrap();
     }

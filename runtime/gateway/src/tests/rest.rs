@@ -269,7 +269,9 @@ async fn inputs_overrides_spindle_and_tool_are_set() {
     let body = r#"{"direction":"ccw","rpm":500}"#;
     let response = call(&port, "PUT", "/api/v1/cs/1/spindle", &[JSON], body).await;
     assert_eq!(response.status(), 204);
-    assert!(matches!(port.asked().pop(), Some(Request::Spindle(1, command)) if command.rpm == 500.0));
+    assert!(
+        matches!(port.asked().pop(), Some(Request::Spindle(1, command)) if (499.9..500.1).contains(&command.rpm))
+    );
 }
 
 #[tokio::test]

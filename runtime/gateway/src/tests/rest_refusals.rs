@@ -24,112 +24,66 @@ async fn problem(response: Response<Body>) -> (u16, String) {
     (status, body["code"].as_str().unwrap().to_owned())
 }
 
-#[tokio::test]
-async fn what_is_not_there_not_for_that_method_or_malformed_is_a_problem() {
+/// Method, path, headers, body, and the status and code to expect.
+type Case<'a> = (
+    &'a str,
+    &'a str,
+    &'a [(&'a str, &'a str)],
+    &'a str,
+    (u16, &'a str),
+);
+
+async fn refused(cases: &[Case<'_>]) {
     let port = StubPort::new();
-    let large = format!("{{\"program\": {}1}}", " ".repeat(70_000));
-    for (method, path, headers, body, expected) in [
-        ("GET", "/api/v1/nothing", vec![], "", (404, "not_found")),
-        ("GET", "/api/v1/cs/9/state", vec![], "", (404, "not_found")),
-        ("GET", "/api/v1/cs/x/state", vec![], "", (404, "not_found")),
-        ("GET", "/api/v1/cs/9/inputs", vec![], "", (404, "not_found")),
-        (
-            "DELETE",
-            "/api/v1/cs/1/state",
-            vec![],
-            "",
-            (405, "method_not_allowed"),
-        ),
-        (
-            "GET",
-            "/api/v1/cs/1/start",
-            vec![],
-            "",
-            (405, "method_not_allowed"),
-        ),
-        ("POST", "/", vec![], "", (405, "method_not_allowed")),
-        ("POST", "/api/v1/cs/1/load", vec![JSON], "{", (400, "invalid")),
-        ("POST", "/api/v1/cs/1/load", vec![], "", (400, "invalid")),
-        (
-            "POST",
-            "/api/v1/cs/1/load",
-            vec![JSON],
-            r#"{"program":70000}"#,
-            (400, "invalid"),
-        ),
-        (
-            "POST",
-            "/api/v1/cs/1/load",
-            vec![],
-            r#"{"program":1}"#,
-            (415, "unsupported_media_type"),
-        ),
-        (
-            "POST",
-            "/api/v1/cs/1/load",
-            vec![JSON],
-            &large,
-            (413, "too_large"),
-        ),
-        ("POST", "/api/v1/cs/1/start?wait=x", vec![], "", (400, "invalid")),
-        (
-            "POST",
-            "/api/v1/cs/1/start",
-            vec![("if-match", "*")],
-            "",
-            (400, "invalid"),
-        ),
-        (
-            "POST",
-            "/api/v1/cs/1/start",
-            vec![("idempotency-key", "")],
-            "",
-            (400, "invalid"),
-        ),
-        (
-            "PUT",
-            "/api/v1/cs/1/inputs/optional_skip/0",
-            vec![JSON],
-            r#"{"value":true}"#,
-            (404, "not_found"),
-        ),
-        (
-            "PUT",
-            "/api/v1/cs/1/inputs/optional_skip/32",
-            vec![JSON],
-            r#"{"value":true}"#,
-            (404, "not_found"),
-        ),
-        (
-            "PUT",
-            "/api/v1/cs/1/inputs/dry_run",
-            vec![JSON],
-            r#"{"on":true}"#,
-            (400, "invalid"),
-        ),
-        (
-            "PUT",
-            "/api/v1/cs/1/overrides",
-            vec![JSON],
-            r#"{"fed":1}"#,
-            (400, "invalid"),
-        ),
-        (
-            "PUT",
-            "/api/v1/programs/1",
-            vec![JSON],
-            "G01",
-            (415, "unsupported_media_type"),
-        ),
-        ("GET", "/api/v1/ws", vec![], "", (400, "no_websocket")),
-    ] {
-        let response = call(&port, method, path, &headers, body.to_owned()).await;
+    for (method, path, headers, body, expected) in cases {
+        let path = format!("/api/v1{path}");
+        let response = call(&port, method, &path, headers, (*body).to_owned()).await;
         let allow = response.headers().contains_key("allow");
-        let got = problem(response).await;
-        assert_eq!((got.0, got.1.as_str()), expected, "{method} {path}");
-        assert_eq!(allow, got.0 == 405, "{method} {path}");
+        let (status, code) = problem(response).await;
+        assert_eq!((status, code.as_str()), *expected, "{method} {path} {body:.40}");
+        assert_eq!(allow, status == 405, "{method} {path}");
     }
     assert_eq!(port.asked(), [], "a refusal asks the port nothing");
+}
+
+#[tokio::test]
+async fn what_is_not_there_or_not_for_that_method_is_a_problem() {
+    let (missing, wrong) = ((404, "not_found"), (405, "method_not_allowed"));
+    let on = r#"{"value":true}"#;
+    refused(&[
+        ("GET", "/nothing", &[], "", missing),
+        ("GET", "/cs/9/state", &[], "", missing),
+        ("GET", "/cs/x/state", &[], "", missing),
+        ("GET", "/cs/9/inputs", &[], "", missing),
+        ("PUT", "/cs/1/inputs/optional_skip/0", &[JSON], on, missing),
+        ("PUT", "/cs/1/inputs/optional_skip/32", &[JSON], on, missing),
+        ("DELETE", "/cs/1/state", &[], "", wrong),
+        ("GET", "/cs/1/start", &[], "", wrong),
+        ("PATCH", "/programs/1", &[], "", wrong),
+        ("GET", "/ws", &[], "", (400, "no_websocket")),
+    ])
+    .await;
+}
+
+#[tokio::test]
+async fn what_is_malformed_too_large_or_of_another_type_is_a_problem() {
+    let (invalid, wrong_type) = ((400, "invalid"), (415, "unsupported_media_type"));
+    let large = format!("{{\"program\": {}1}}", " ".repeat(70_000));
+    let load = "/cs/1/load";
+    refused(&[
+        ("POST", load, &[JSON], "{", invalid),
+        ("POST", load, &[], "", invalid),
+        ("POST", load, &[JSON], r#"{"program":70000}"#, invalid),
+        ("POST", load, &[], r#"{"program":1}"#, wrong_type),
+        ("POST", load, &[JSON], &large, (413, "too_large")),
+        ("POST", "/cs/1/start?wait=x", &[], "", invalid),
+        ("POST", "/cs/1/start", &[("if-match", "*")], "", invalid),
+        ("POST", "/cs/1/start", &[("idempotency-key", "")], "", invalid),
+        ("PUT", "/cs/1/inputs/dry_run", &[JSON], r#"{"on":true}"#, invalid),
+        ("PUT", "/cs/1/overrides", &[JSON], r#"{"fed":1}"#, invalid),
+        ("PUT", "/programs/1", &[JSON], "G01", wrong_type),
+    ])
+    .await;
 }
 
 #[tokio::test]

@@ -9,6 +9,9 @@ use tokio_tungstenite::{MaybeTlsStream, WebSocketStream, connect_async};
 
 use super::*;
 
+/// Values of 64 KiB each: far more than what the connection itself can hold.
+const VALUES: u64 = 2000;
+
 type Socket = WebSocketStream<MaybeTlsStream<TcpStream>>;
 
 async fn connect(gateway: &Gateway) -> Socket {
@@ -121,8 +124,6 @@ async fn a_slow_reader_is_given_the_latest_values_and_never_an_unbounded_backlog
     let mut socket = connect(&gateway).await;
     ask(&mut socket, &json!({"subscribe": ["cs/1/state"]})).await;
     assert_eq!(next(&mut socket).await["rev"], 12);
-    // each value is 64 KiB, so that what the connection itself can hold is full soon
-    const VALUES: u64 = 2000;
     for rev in 100..100 + VALUES {
         let state = State {
             run_id: Some("r".repeat(64 * 1024)),
