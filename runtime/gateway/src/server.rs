@@ -126,3 +126,40 @@ impl AsyncWrite for Connection {
         self.stream.is_write_vectored()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use tokio::io::AsyncReadExt;
+
+    use super::*;
+
+    #[tokio::test(start_paused = true)]
+    async fn a_silent_connection_is_closed() {
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let mut listener = LimitedListener::new(listener);
+        let address = Listener::local_addr(&listener).unwrap();
+        let (client, (mut connection, _)) = tokio::join!(TcpStream::connect(address), listener.accept());
+        let begun = Instant::now();
+        let error = connection.read_u8().await.unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::TimedOut);
+        assert!(begun.elapsed() >= SILENCE_MAX);
+        drop(client);
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn no_more_connections_are_accepted_than_the_limit() {
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let mut listener = LimitedListener::new(listener);
+        let address = Listener::local_addr(&listener).unwrap();
+        let mut open = Vec::new();
+        for _ in 0..CONNECTIONS_MAX {
+            let (client, (connection, _)) = tokio::join!(TcpStream::connect(address), listener.accept());
+            open.push((client, connection));
+        }
+        let _waiting = TcpStream::connect(address).await.unwrap();
+        let second = Duration::from_secs(1);
+        assert!(tokio::time::timeout(second, listener.accept()).await.is_err());
+        open.pop();
+        listener.accept().await;
+    }
+}

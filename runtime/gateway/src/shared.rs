@@ -20,6 +20,9 @@ use crate::problem::Problem;
 /// Programs that may be uploaded at the same time; more wait. Reason: each may hold 64 MiB.
 const UPLOADS_MAX: usize = 4;
 
+/// Commands over REST that may be unanswered; more get 503. They go on when their client has gone.
+const COMMANDS_MAX: usize = 256;
+
 /// `WebSocket` connections that may be open at the same time; more get 503.
 pub(crate) const WEBSOCKETS_MAX: usize = 64;
 
@@ -31,6 +34,7 @@ pub(crate) struct Shared {
     pub(crate) position_interval: Duration,
     pub(crate) uploads: Semaphore,
     pub(crate) websockets: Arc<Semaphore>,
+    pub(crate) open_commands: Arc<Semaphore>,
     pub(crate) tasks: TaskTracker,
     pub(crate) stop: CancellationToken,
     commands: AtomicU64,
@@ -50,6 +54,7 @@ impl Shared {
             position_interval,
             uploads: Semaphore::new(UPLOADS_MAX),
             websockets: Arc::new(Semaphore::new(WEBSOCKETS_MAX)),
+            open_commands: Arc::new(Semaphore::new(COMMANDS_MAX)),
             tasks: TaskTracker::new(),
             stop,
             commands: AtomicU64::new(1),

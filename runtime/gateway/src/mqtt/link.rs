@@ -24,7 +24,7 @@ use tracing::{info, warn};
 use super::Parts;
 use super::dispatch::Dispatch;
 use super::inbound::{self, FILTERS};
-use super::outbox::{Outbox, Parcel};
+use super::outbox::{Handed, Outbox, Parcel};
 use crate::broker::Refused;
 use crate::metrics::{Metrics, add};
 use crate::position::Positions;
@@ -37,6 +37,8 @@ const CONNECT_TIMEOUT_S: u64 = 5;
 const PACKET_IN_MAX: usize = 8 * 1024 * 1024;
 /// Bytes of a packet that goes out.
 const PACKET_OUT_MAX: usize = 1024 * 1024;
+/// Bytes of one message; a larger one is dropped with a warning. Reason: the embedded broker retains no more.
+const MESSAGE_MAX: usize = 256 * 1024;
 /// Publishes that wait in the client library.
 const CHANNEL: usize = 64;
 /// Wait before the second try to connect; doubles up to [`BACKOFF_MAX`].
@@ -257,18 +259,21 @@ impl Link {
                 }
                 Parcel::Clear(path) => (path.clone(), true, 1, String::new()),
             };
-            let qos = if qos == 0 {
-                QoS::AtMostOnce
-            } else {
-                QoS::AtLeastOnce
-            };
-            let taken = client
-                .try_publish(format!("{root}{path}"), qos, retain, payload)
-                .is_ok();
-            if taken {
-                add(&metrics.mqtt_published, 1);
+            if path.contains(['+', '#', '\0']) || payload.len() > MESSAGE_MAX {
+                warn!(
+                    "message on {path:.200} dropped: {} bytes, and at most {MESSAGE_MAX} on a topic without wildcards",
+                    payload.len()
+                );
+                return Handed::Never;
             }
-            taken
+            let qos = if qos == 0 { QoS::AtMostOnce } else { QoS::AtLeastOnce };
+            match client.try_publish(format!("{root}{path}"), qos, retain, payload) {
+                Ok(()) => {
+                    add(&metrics.mqtt_published, 1);
+                    Handed::Over
+                }
+                Err(_) => Handed::Full,
+            }
         });
     }
 

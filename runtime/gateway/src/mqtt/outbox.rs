@@ -21,6 +21,17 @@ pub(super) enum Parcel {
     Clear(String),
 }
 
+/// What became of a parcel that was to be handed over.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Handed {
+    /// The client library has it.
+    Over,
+    /// The client library is full: later.
+    Full,
+    /// No broker can take it: it is dropped.
+    Never,
+}
+
 #[derive(Debug)]
 enum Item {
     // the value is looked up when its turn comes
@@ -79,25 +90,29 @@ impl Outbox {
     }
 
     /// Hands over, in order, as long as `publish` takes.
-    pub(super) fn send(&mut self, mut publish: impl FnMut(&Parcel) -> bool) {
+    pub(super) fn send(&mut self, mut publish: impl FnMut(&Parcel) -> Handed) {
         while let Some(item) = self.queue.front() {
             let parcel = match item {
                 Item::State(topic) => self.states.get(topic).cloned().map(Parcel::Message),
                 Item::Event(parcel) => Some(parcel.clone()),
             };
-            if parcel.as_ref().is_some_and(|parcel| !publish(parcel)) {
+            let handed = parcel.as_ref().map_or(Handed::Never, &mut publish);
+            if handed == Handed::Full {
                 return;
             }
+            let over = handed == Handed::Over;
             match self.queue.pop_front() {
                 Some(Item::State(topic)) => {
                     self.queued.remove(&topic);
-                    if topic.qos() > 0 {
+                    if over && topic.qos() > 0 {
                         self.unacknowledged.push_back(None);
                     }
                 }
                 Some(Item::Event(parcel)) => {
                     self.events -= 1;
-                    self.unacknowledged.push_back(Some(parcel));
+                    if over {
+                        self.unacknowledged.push_back(Some(parcel));
+                    }
                 }
                 None => {}
             }
@@ -238,7 +253,7 @@ mod tests {
             if let Parcel::Message(message) = parcel {
                 sent.push(Arc::clone(message));
             }
-            true
+            Handed::Over
         });
         sent
     }
@@ -302,8 +317,17 @@ mod tests {
         let mut room = 1;
         outbox.send(|_| {
             room -= 1;
-            room >= 0
+            if room >= 0 { Handed::Over } else { Handed::Full }
         });
         assert_eq!(send_all(&mut outbox), [cancel(2)]);
+    }
+
+    #[test]
+    fn what_no_broker_can_take_is_dropped_and_holds_up_nothing() {
+        let mut outbox = Outbox::default();
+        outbox.put(switch(true));
+        outbox.put(cancel(1));
+        outbox.send(|_| Handed::Never);
+        assert!(outbox.is_empty(), "no acknowledgement is awaited");
     }
 }

@@ -83,10 +83,21 @@ async fn carry_out(
         meta,
         wait,
     };
+    let Ok(place) = Arc::clone(&shared.open_commands).try_acquire_owned() else {
+        return Err(Problem::new(
+            StatusCode::SERVICE_UNAVAILABLE,
+            "unavailable",
+            "too many commands are unanswered; send it again",
+        ));
+    };
     // a task of its own: a client that goes away takes back nothing
     let asking = shared.tasks.spawn({
         let shared = Arc::clone(shared);
-        async move { shared.ask(request).await }
+        async move {
+            let answer = shared.ask(request).await;
+            drop(place);
+            answer
+        }
     });
     let answer = if wait {
         match tokio::time::timeout(WAIT_MAX, asking).await {

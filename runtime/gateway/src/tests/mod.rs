@@ -32,6 +32,8 @@ pub(super) struct StubPort {
     pub(super) asked: Mutex<Vec<Request>>,
     pub(super) news: tokio::sync::Notify,
     script: Script,
+    /// Requests are taken and never answered.
+    pub(super) silent: std::sync::atomic::AtomicBool,
 }
 
 impl StubPort {
@@ -60,6 +62,7 @@ impl StubPort {
             asked: Mutex::default(),
             news: tokio::sync::Notify::new(),
             script: Box::new(script),
+            silent: false.into(),
         };
         stub.say(
             Topic::Presence,
@@ -144,6 +147,9 @@ impl Port for StubPort {
         let answer = (self.script)(&request);
         self.asked.lock().unwrap().push(request);
         self.news.notify_waiters();
+        if self.silent.load(std::sync::atomic::Ordering::Relaxed) {
+            return Box::pin(std::future::pending());
+        }
         Box::pin(std::future::ready(answer))
     }
 

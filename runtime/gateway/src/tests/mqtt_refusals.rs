@@ -105,3 +105,37 @@ async fn a_client_whose_will_is_a_retained_command_is_not_let_in() {
     assert!(within(eventloop.poll()).await.is_err());
     gateway.shutdown().await;
 }
+
+#[tokio::test]
+async fn a_port_that_answers_slowly_holds_up_no_stop() {
+    let port = StubPort::new();
+    let (gateway, client) = connected(&port).await;
+    port.silent.store(true, std::sync::atomic::Ordering::Relaxed);
+    for number in 0..300 {
+        let command = json!({"command_id": format!("c{number}"), "client_id": "other"});
+        client.publish("cs/1/command/start", false, &command).await;
+    }
+    let stop = json!({"command_id": "stop", "client_id": "hmi"});
+    client.publish("cs/1/command/stop", false, &stop).await;
+    port.asked_for(|request| matches!(request, Request::Command { meta, .. } if meta.command_id == "stop"))
+        .await;
+    // 256 unanswered starts are the limit; the others were rejected, the stop passed them
+    assert_eq!(port.asked().len(), 256 + 1);
+    gateway.shutdown().await;
+}
+
+#[tokio::test]
+async fn a_message_that_no_broker_takes_holds_up_no_other() {
+    let port = StubPort::new();
+    let (gateway, mut client) = connected(&port).await;
+    let done = || Payload::Reply(reply("c", plc_api::types::command::CommandStatus::Done, "ok"));
+    port.say(Topic::Reply("a#".into()), None, done());
+    let large = State {
+        run_id: Some("r".repeat(300_000)),
+        ..State::default()
+    };
+    port.say(Topic::cs(1, CsTopic::State), Some(13), Payload::State(large));
+    port.say(Topic::Reply("hmi".into()), None, done());
+    client.next("reply/hmi", |value| value["status"] == "done").await;
+    gateway.shutdown().await;
+}

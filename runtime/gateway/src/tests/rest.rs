@@ -188,6 +188,20 @@ async fn with_wait_a_command_answers_when_it_is_done() {
     assert!(matches!(port.asked()[..], [Request::Command { wait: true, .. }]));
 }
 
+#[tokio::test(start_paused = true)]
+async fn a_command_that_takes_longer_than_a_minute_answers_202_to_wait() {
+    let port = StubPort::new();
+    port.silent.store(true, std::sync::atomic::Ordering::Relaxed);
+    let begun = tokio::time::Instant::now();
+    let headers = [("idempotency-key", "c1")];
+    let response = call(&port, "POST", "/api/v1/cs/1/start?wait=1", &headers, "").await;
+    assert_eq!(begun.elapsed().as_secs(), 60);
+    assert_eq!(
+        (response.status().as_u16(), json_of(response).await),
+        (202, json!({"command_id": "c1"}))
+    );
+}
+
 #[tokio::test]
 async fn a_command_that_failed_while_it_was_waited_for_is_a_problem() {
     let port = StubPort::with(|_| Ok(Answer::Command(reply("c", CommandStatus::Failed, "not_allowed"))));

@@ -10,7 +10,7 @@ use tokio_tungstenite::{MaybeTlsStream, WebSocketStream, connect_async};
 use super::*;
 
 /// Values of 64 KiB each: far more than what the connection itself can hold.
-const VALUES: u64 = 2000;
+const VALUES: u64 = 800;
 
 type Socket = WebSocketStream<MaybeTlsStream<TcpStream>>;
 
