@@ -11,7 +11,7 @@ const COMMENTS = {
   dgshape: { inLine: String.raw`\([^)]*\)?`, all: /\([^)\n]*\)?/g },
 };
 /** `/n` and `N`, `G`, `M` and its parameters, axis words. */
-const WORDS = String.raw`(?<n>N\d+|^\s*\/\d*)|(?<g>G\d+(?:\.\d+)?)|(?<m>M\d+|V[A-H](?=\s*[-+.\d=\[(]))|(?<axis>[XYZABCUVWIJK](?=\s*[-+.\d=\[(]))`;
+const WORDS = String.raw`(?<n>N\d+|^\s*\/\d*)|(?<g>G\d+(?:\.\d+)?)|(?<m>M\d+|(?<![A-Z])V[A-H](?=\s*[-+.\d=\[(]))|(?<axis>(?<![A-Z])[XYZABCUVWIJK](?=\s*[-+.\d=\[(]))`;
 /** A longer line is shown without its words apart. */
 const COLOURED_MAX = 400;
 

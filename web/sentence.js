@@ -24,13 +24,16 @@ export function look(state) {
     case "WAIT":
       return { tone: state.reason === "HANDLER_LOST" ? "attention" : "wait", icon: "wait", word };
     case "PROGRAM_COMPLETED":
-      return { tone: "done", icon: "done", word: "COMPLETED" };
+      return { tone: "done", icon: "done", word };
     case "STOPPED":
       return state.reason === "ALARM" ? { tone: "alarm", icon: "alarm", word } : { tone: "ready", icon: "stop", word };
     default:
       return { tone: "attention", icon: "pause", word };
   }
 }
+
+/** How long an output may go untaken before it is worth a word, ms. */
+const UNTAKEN_MS = 2000;
 
 /** @type {Record<string, string>} */
 const TRANSITIONS = {
@@ -102,7 +105,8 @@ function waiting({ state, pending }, ageMs) {
     const percent = progress.percent === undefined ? "" : ` (${Math.round(progress.percent)}\u00a0%)`;
     return `${since}: ${handler} works: ${progress.text}${percent}.`;
   }
-  return `${since}: no handler has taken it yet. A sequence program resets it, or you by hand.`;
+  if (ageMs(on.since) < UNTAKEN_MS) return `${since}.`;
+  return `${since}: no handler has taken it. When its work is done, reset it by hand.`;
 }
 
 /**
@@ -138,7 +142,7 @@ function stopped({ state, info }, alarms) {
  */
 export function announcement(system, alarms) {
   if (!system.state) return "";
-  const text = sentence(system, alarms, () => 0).replace("Waiting 0 s for", "Waiting for");
+  const text = sentence(system, alarms, () => UNTAKEN_MS).replace(/^Waiting \d+ s for/, "Waiting for");
   const running = system.state.execution === "ACTIVE" && !system.state.transition;
   return `Coordinate system ${system.info.number}: ${look(system.state).word}. ${running ? "" : text}`.trim();
 }

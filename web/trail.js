@@ -14,6 +14,7 @@ export class Trail {
   revision = 0;
   /** @type {string | null} */
   #runId = null;
+  #wasRapid = false;
 
   /** Begins anew with a new run. @param {string | null} runId */
   run(runId) {
@@ -28,8 +29,14 @@ export class Trail {
     this.revision += 1;
   }
 
-  /** @param {import("./types.d.ts").AxisValues} at machine positions @param {boolean} rapid */
-  add(at, rapid) {
+  /**
+   * A way that is rapid at one of its ends counts as rapid: within a tenth of a second a rapid goes far, a feed does not.
+   * @param {import("./types.d.ts").AxisValues} at machine positions
+   * @param {boolean} isRapid whether G00 is in force now
+   */
+  add(at, isRapid) {
+    const rapid = isRapid || this.#wasRapid;
+    this.#wasRapid = isRapid;
     const last = this.points.at(-1);
     if (last && Object.keys(at).every((axis) => Math.abs((at[axis] ?? 0) - (last.at[axis] ?? 0)) < NEAR_MM)) return;
     this.points.push({ at, rapid });

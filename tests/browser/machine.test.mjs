@@ -70,7 +70,7 @@ test("program runs, waits for an M code, is reset by the button and completes", 
   await screen.sees("WAIT");
   await page.getByText(/Waiting \d+ s for M100 \(TOOL_LOAD\), A=5, B=0\.25/).waitFor();
   await page.locator('.line[aria-current="step"]', { hasText: "N120 M100" }).waitFor();
-  await page.getByText("Waiting 1 s for").waitFor();
+  await page.getByText("Waiting 2 s for").waitFor();
   await page.screenshot({ path: PICTURE });
 
   await page.getByRole("button", { name: "Reset M8 by hand" }).click();
@@ -99,7 +99,7 @@ test("feed hold stops on the path, resume goes on, stop ends the run, reset make
 
   await screen.command("Resume").click();
   await screen.sees("ACTIVE");
-  await page.waitForFunction((x) => Number(document.querySelector('tr[data-axis="X"] td.work')?.textContent) > x + 0.5, held);
+  await page.waitForFunction((x) => Number(document.querySelector('tr[data-axis="X"] td.work')?.textContent) - x > 0.5, held);
 
   await screen.command("Stop").click();
   await screen.sees("STOPPED");
@@ -128,9 +128,9 @@ test("keyboard alone loads, starts and stops", async () => {
   await ready("O0002");
   await screen.tab(1).focus();
   await page.keyboard.press("ArrowRight");
-  assert.equal(await screen.tab(2).getAttribute("aria-selected"), "true");
+  await page.locator("#tab-2[aria-selected=true]:focus").waitFor();
   await page.keyboard.press("ArrowLeft");
-  assert.equal(await screen.tab(1).getAttribute("aria-selected"), "true");
+  await page.locator("#tab-1[aria-selected=true]:focus").waitFor();
   await tabTo("Start");
   await page.keyboard.press("Enter");
   await screen.sees("ACTIVE");

@@ -63,6 +63,12 @@ test("the trail keeps no point twice, and begins anew with a run", () => {
   assert.deepEqual(trail.points.map((p) => p.at.X), [2]);
 });
 
+test("a way between rapid and feed counts as rapid", () => {
+  const trail = new Trail();
+  for (const [X, rapid] of [[0, true], [10, false], [11, false], [30, true]]) trail.add({ X }, rapid);
+  assert.deepEqual(trail.points.map((p) => p.rapid), [true, true, false, true]);
+});
+
 test("program text by lines: both line ends, with or without a last one", () => {
   for (const text of ["A\nB\n", "A\r\nB\r\n", "A\nB"]) {
     const nc = new NcText(text, "nj");
@@ -72,12 +78,13 @@ test("program text by lines: both line ends, with or without a last one", () => 
 });
 
 test("parts of a line put together are the line", () => {
-  const lines = ["N10 G01 X10.5 Y-3 F100 // cut", "/1 M100 VA5 VB=P2", "G00Z5 /* up */ X(P1)", "/* no end", "X1", "", "X=P1+3 */ Y2"];
+  const lines = ["ta60 TD60", "N10 G01 X10.5 Y-3 F100 // cut", "/1 M100 VA5 VB=P2", "G00Z5 /* up */ X(P1)", "/* no end", "X1", "", "X=P1+3 */ Y2"];
   const nc = new NcText(lines.join("\n"), "nj");
   for (const [i, line] of lines.entries()) assert.equal(nc.parts(i + 1).map((p) => p.text).join(""), line);
-  assert.deepEqual(kinds(nc, 1), ["n:N10", "g:G01", "axis:X", "axis:Y", "comment:// cut"]);
-  assert.deepEqual(kinds(nc, 2), ["n:/1", "m:M100", "m:VA", "m:VB"]);
-  assert.deepEqual(kinds(nc, 3), ["g:G00", "axis:Z", "comment:/* up */", "axis:X"]);
+  assert.deepEqual(kinds(nc, 1), []);
+  assert.deepEqual(kinds(nc, 2), ["n:N10", "g:G01", "axis:X", "axis:Y", "comment:// cut"]);
+  assert.deepEqual(kinds(nc, 3), ["n:/1", "m:M100", "m:VA", "m:VB"]);
+  assert.deepEqual(kinds(nc, 4), ["g:G00", "axis:Z", "comment:/* up */", "axis:X"]);
 });
 
 test("a comment goes on over the ends of lines", () => {

@@ -12,7 +12,7 @@ const BINARY = process.env.TANDEM_BIN ?? new URL("../../target/debug/tandem", im
 const START_MS = 20000;
 
 /** A bracket: contour, tool change in the middle, four holes. M08 and M100 have no handler here, so they stay open. */
-const BRACKET = `// Bracket: contour, tool change, four holes
+const BRACKET = `// Bracket with four holes
 N10 G17 G90 G54
 N20 S3000
 N25 M08                    // coolant on, while the machine goes on
@@ -25,7 +25,7 @@ N80 X10
 N90 X-8 Y40
 N100 Y-8
 N110 G00 Z50
-N120 M100 VA5 VB0.25      // drill 6.8 from pocket 5
+N120 M100 VA5 VB0.25   // drill 6.8
 N130 G00 X10 Y10
 N140 G01 Z-5 F3000
 N150 G00 Z5
@@ -43,7 +43,7 @@ N250 M30
 
 /** Slow enough to be held, switched and stopped by hand. */
 const LONG_WAY = `// Long way
-G90
+G90 G54
 G01 X100 F600
 G01 X0
 M30

@@ -41,8 +41,8 @@ function entry(app, seq) {
   const name = h("strong", { class: "m" });
   const badge = h("span", { class: "chip" });
   const age = h("span", { class: "age" });
-  const given = h("span", { class: "params" });
-  const from = h("span", { class: "muted" });
+  const given = h("p", { class: "params" });
+  const from = h("p", { class: "muted" });
   const handler = h("p", { class: "handler" });
   const bar = h("progress", { max: 100, hidden: true });
   const reset = h("button", { type: "button", class: "button reset-output" }, icon("done"), "Reset");
@@ -53,8 +53,7 @@ function entry(app, seq) {
     "li",
     { class: "output", "data-seq": seq },
     h("div", { class: "row" }, name, badge, h("span", { class: "spring" }), age),
-    h("div", { class: "row wrap" }, given, h("span", { class: "spring" }), from),
-    h("div", { class: "row wrap end" }, h("div", { class: "work" }, handler, bar), again, reset),
+    h("div", { class: "row wrap end" }, h("div", { class: "work" }, given, from, handler, bar), again, reset),
   );
   /** @type {import("../types.d.ts").PendingOutput | null} */
   let output = null;

@@ -5,6 +5,9 @@ import { programName } from "../format.js";
 import { icon, setIcon } from "../icons.js";
 import { announcement, look, sentence } from "../sentence.js";
 
+/** A word of more letters is set smaller. */
+const LONG_WORD = 12;
+
 /** @type {import("../main.js").View} */
 export const status = {
   place: "banner",
@@ -35,6 +38,7 @@ export const status = {
       setAttr(element, "data-execution", state.execution);
       setIcon(sign, name);
       setText(word, text);
+      setAttr(word, "data-long", text.length > LONG_WORD);
       setText(said, sentence(system, model.alarms, (ts) => model.ageMs(ts)));
       setText(detail, details(system, model.programs));
       setText(live, announcement(system, model.alarms));
