@@ -1,5 +1,7 @@
-//! How a sequence program reaches a machine. In its own process it is given the coordinator's port as it is
-//! ([`Plc::in_process`](crate::Plc::in_process)); everything else is a [`Port`](crate::port::Port) here.
+//! How a sequence program reaches a machine.
+//!
+//! In the runtime's own process it is given the coordinator's port as it is
+//! ([`Plc::in_process`](crate::Plc::in_process)). Any other transport is a [`Port`](crate::port::Port) in a file here.
 
 #[cfg(feature = "mqtt")]
 pub mod mqtt;

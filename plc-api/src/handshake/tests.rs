@@ -1,1 +1,320 @@
+use std::time::SystemTime;
 
+use super::*;
+use crate::types::output::{Params, Timing};
+
+fn now(monotonic_s: f64) -> Now {
+    Now {
+        monotonic_s,
+        time: SystemTime::UNIX_EPOCH,
+    }
+}
+
+fn boot() -> BootId {
+    BootId("b1".into())
+}
+
+fn spec(m: u16) -> OutputSpec {
+    OutputSpec {
+        run_id: "r1".into(),
+        m,
+        params: Params::default(),
+        timing: Timing::AfterMotion,
+        program: 1,
+        line: 3,
+        timeout_s: None,
+    }
+}
+
+fn ledger() -> Ledger {
+    Ledger::new(boot(), 64)
+}
+
+fn made(ledger: &mut Ledger, m: u16) -> u64 {
+    let seq = ledger.enqueue(now(0.0), spec(m)).unwrap();
+    ledger.put_out(now(0.0), seq);
+    seq
+}
+
+fn claim(ledger: &mut Ledger, seq: u64, handler_id: &str) -> HandshakeStatus {
+    let claim = Claim {
+        boot_id: boot(),
+        seq,
+        handler_id: handler_id.into(),
+    };
+    ledger.claim(now(0.0), None, &claim).status
+}
+
+fn reset_by(seq: u64, handler_id: &str) -> Reset {
+    crate::outputs::reset_of(&boot(), seq, handler_id, None)
+}
+
+fn reset(ledger: &mut Ledger, seq: u64, handler_id: &str) -> HandshakeStatus {
+    ledger.reset(now(0.0), None, &reset_by(seq, handler_id)).status
+}
+
+fn effects(ledger: &mut Ledger) -> Vec<Effect> {
+    ledger.take_effects().collect()
+}
+
+#[test]
+fn pending_is_published_before_the_output_itself() {
+    let mut ledger = ledger();
+    let seq = made(&mut ledger, 100);
+    let effects = effects(&mut ledger);
+    let [Effect::PendingChanged, Effect::Output(notice)] = effects.as_slice() else {
+        panic!("{effects:?}");
+    };
+    assert_eq!(
+        (notice.seq, notice.m, notice.attempt, notice.redelivered),
+        (seq, 100, 1, false)
+    );
+}
+
+#[test]
+fn d33_sequence_numbers_grow_and_an_old_reset_never_frees_a_later_output_of_the_same_m() {
+    let mut ledger = ledger();
+    let first = made(&mut ledger, 100);
+    assert_eq!(reset(&mut ledger, first, "h"), HandshakeStatus::Accepted);
+    let second = made(&mut ledger, 100);
+    assert!(second > first);
+    assert_eq!(reset(&mut ledger, first, "h"), HandshakeStatus::Duplicate);
+    assert!(ledger.is_open(100));
+}
+
+#[test]
+fn answers_to_what_is_not_open_are_those_of_the_interface() {
+    let mut ledger = ledger();
+    let other_m = made(&mut ledger, 7);
+    let cancelled = made(&mut ledger, 8);
+    let queued = ledger.enqueue(now(0.0), spec(9)).unwrap();
+    assert_eq!(reset(&mut ledger, queued, "h"), HandshakeStatus::Unknown);
+    assert_eq!(
+        ledger.reset(now(0.0), Some(8), &reset_by(other_m, "h")).status,
+        HandshakeStatus::Unknown
+    );
+    ledger.cancel_all(now(0.0), CancelReason::Stop);
+    assert_eq!(reset(&mut ledger, cancelled, "h"), HandshakeStatus::Stale);
+    assert_eq!(reset(&mut ledger, queued, "h"), HandshakeStatus::Unknown);
+    assert_eq!(reset(&mut ledger, queued + 1, "h"), HandshakeStatus::Unknown);
+    assert_eq!(reset(&mut ledger, 0, "h"), HandshakeStatus::Unknown);
+    let mut other_boot = reset_by(cancelled, "h");
+    other_boot.boot_id = BootId("b0".into());
+    assert_eq!(
+        ledger.reset(now(0.0), None, &other_boot).status,
+        HandshakeStatus::Stale
+    );
+}
+
+#[test]
+fn only_the_owner_resets_and_force_tells_it() {
+    let mut ledger = ledger();
+    let seq = made(&mut ledger, 100);
+    assert_eq!(claim(&mut ledger, seq, "a"), HandshakeStatus::Accepted);
+    assert_eq!(claim(&mut ledger, seq, "a"), HandshakeStatus::Accepted);
+    assert_eq!(claim(&mut ledger, seq, "b"), HandshakeStatus::NotOwner);
+    assert_eq!(reset(&mut ledger, seq, "b"), HandshakeStatus::NotOwner);
+    effects(&mut ledger);
+    let mut force = reset_by(seq, "hmi");
+    force.force = Some(true);
+    let result = ledger.reset(now(0.0), None, &force);
+    assert_eq!(result.status, HandshakeStatus::Accepted);
+    let cancel = Cancel {
+        seq,
+        reason: CancelReason::Operator,
+    };
+    assert_eq!(
+        effects(&mut ledger),
+        [
+            Effect::Cancel { m: 100, cancel },
+            Effect::PendingChanged,
+            Effect::Closed {
+                seq,
+                m: 100,
+                how: Closed::Reset
+            },
+            Effect::Result { m: 100, result },
+        ]
+    );
+}
+
+#[test]
+fn a_fault_is_an_alarm_10000_plus_code_with_the_text_unchanged() {
+    let mut ledger = ledger();
+    let seq = made(&mut ledger, 100);
+    effects(&mut ledger);
+    let fault = crate::outputs::reset_of(&boot(), seq, "h", Some(Alarm::user(12, "door open")));
+    ledger.reset(now(0.0), Some(100), &fault);
+    let alarm = Alarm {
+        number: 10_012,
+        text: "door open".into(),
+    };
+    let closed = Effect::Closed {
+        seq,
+        m: 100,
+        how: Closed::Failed { alarm },
+    };
+    assert!(effects(&mut ledger).contains(&closed));
+    assert_eq!(reset(&mut ledger, seq, "h"), HandshakeStatus::Stale);
+}
+
+#[test]
+fn the_queue_is_bounded_and_takes_again_after_a_reset() {
+    let mut ledger = Ledger::new(boot(), 2);
+    let first = made(&mut ledger, 1);
+    made(&mut ledger, 2);
+    assert_eq!(ledger.enqueue(now(0.0), spec(3)), Err(Full));
+    reset(&mut ledger, first, "h");
+    assert_eq!(ledger.enqueue(now(0.0), spec(3)), Ok(3));
+}
+
+#[test]
+fn a_lost_owner_gives_its_claim_back() {
+    let mut ledger = ledger();
+    let seq = made(&mut ledger, 100);
+    claim(&mut ledger, seq, "h");
+    ledger.handler_lost(now(1.0), "other");
+    assert!(!ledger.is_lost(seq));
+    ledger.handler_lost(now(1.0), "h");
+    assert!(ledger.is_lost(seq));
+    let pending = &ledger.pending().outputs[0];
+    assert_eq!((pending.state, pending.lost), (OutputState::Output, true));
+    assert_eq!((pending.output.redelivered, &pending.handler_id), (true, &None));
+    let redeliver = Redeliver {
+        boot_id: boot(),
+        seq,
+        how: Redelivery::Verify,
+    };
+    effects(&mut ledger);
+    assert_eq!(
+        ledger.redeliver(now(2.0), None, &redeliver),
+        HandshakeStatus::Accepted
+    );
+    assert_eq!(ledger.pending().outputs[0].how, Some(Redelivery::Verify));
+    assert!(
+        matches!(&effects(&mut ledger)[..], [Effect::PendingChanged, Effect::Output(notice)] if notice.attempt == 2)
+    );
+    claim(&mut ledger, seq, "h2");
+    assert!(!ledger.is_lost(seq));
+    assert_eq!(
+        ledger.redeliver(now(2.0), None, &redeliver),
+        HandshakeStatus::NotOwner
+    );
+}
+
+#[test]
+fn republishing_is_for_unclaimed_outputs_of_the_named_codes() {
+    let mut ledger = ledger();
+    let (mine, claimed, other) = (made(&mut ledger, 1), made(&mut ledger, 2), made(&mut ledger, 3));
+    claim(&mut ledger, claimed, "h");
+    effects(&mut ledger);
+    ledger.republish(now(0.0), |m| m < 3);
+    let again: Vec<u64> = effects(&mut ledger)
+        .iter()
+        .filter_map(|effect| match effect {
+            Effect::Output(notice) if notice.redelivered && notice.attempt == 2 => Some(notice.seq),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(again, [mine]);
+    assert!(!ledger.get(other).unwrap().notice.redelivered);
+}
+
+#[test]
+fn d36_the_time_limit_counts_from_output_and_across_owners() {
+    let mut ledger = ledger();
+    let mut limited = spec(100);
+    limited.timeout_s = Some(30.0);
+    let seq = ledger.enqueue(now(0.0), limited).unwrap();
+    assert_eq!(ledger.next_deadline_s(), None);
+    ledger.put_out(now(10.0), seq);
+    claim(&mut ledger, seq, "h");
+    ledger.handler_lost(now(20.0), "h");
+    assert_eq!(ledger.next_deadline_s(), Some(40.0));
+    ledger.expire(now(39.9));
+    assert!(ledger.is_open(100));
+    ledger.expire(now(40.0));
+    assert!(ledger.is_empty());
+    assert_eq!(
+        effects(&mut ledger).last(),
+        Some(&Effect::Closed {
+            seq,
+            m: 100,
+            how: Closed::TimedOut
+        })
+    );
+    assert_eq!(reset(&mut ledger, seq, "h"), HandshakeStatus::Stale);
+}
+
+#[test]
+fn d34_a_cancel_tells_every_handler_once_and_queued_outputs_none() {
+    let mut ledger = ledger();
+    let first = made(&mut ledger, 1);
+    let queued = ledger.enqueue(now(0.0), spec(2)).unwrap();
+    effects(&mut ledger);
+    ledger.cancel_all(now(0.0), CancelReason::Abort);
+    let how = Closed::Cancelled(CancelReason::Abort);
+    assert_eq!(
+        effects(&mut ledger),
+        [
+            Effect::Cancel {
+                m: 1,
+                cancel: Cancel {
+                    seq: first,
+                    reason: CancelReason::Abort
+                }
+            },
+            Effect::PendingChanged,
+            Effect::Closed {
+                seq: first,
+                m: 1,
+                how: how.clone()
+            },
+            Effect::Closed {
+                seq: queued,
+                m: 2,
+                how
+            },
+        ]
+    );
+}
+
+#[test]
+fn texts_and_ids_from_outside_are_limited() {
+    let mut ledger = ledger();
+    let seq = made(&mut ledger, 1);
+    let long_id = "h".repeat(HANDLER_ID_MAX + 1);
+    assert_eq!(claim(&mut ledger, seq, &long_id), HandshakeStatus::NotOwner);
+    assert_eq!(claim(&mut ledger, seq, ""), HandshakeStatus::NotOwner);
+    claim(&mut ledger, seq, "h");
+    let report = ProgressReport {
+        boot_id: boot(),
+        seq,
+        handler_id: "h".into(),
+        text: "x".repeat(500),
+        percent: Some(250.0),
+    };
+    assert_eq!(
+        ledger.progress(now(0.0), None, &report),
+        HandshakeStatus::Accepted
+    );
+    let progress = ledger.get(seq).unwrap().progress.clone().unwrap();
+    assert_eq!(
+        (progress.text.len(), progress.percent),
+        (PROGRESS_TEXT_MAX, Some(100.0))
+    );
+}
+
+#[test]
+fn an_output_forgotten_after_the_limit_is_stale_and_one_within_it_a_duplicate() {
+    let mut ledger = ledger();
+    let last = CLOSED_REMEMBERED as u64 + 1;
+    for _ in 0..last {
+        let seq = made(&mut ledger, 1);
+        reset(&mut ledger, seq, "h");
+        effects(&mut ledger);
+    }
+    assert_eq!(reset(&mut ledger, 1, "h"), HandshakeStatus::Stale);
+    assert_eq!(reset(&mut ledger, 2, "h"), HandshakeStatus::Duplicate);
+    assert_eq!(reset(&mut ledger, last, "h"), HandshakeStatus::Duplicate);
+}

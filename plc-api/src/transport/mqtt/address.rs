@@ -1,0 +1,144 @@
+//! Address of a machine on a broker.
+
+use crate::error::Error;
+
+/// Port of a broker where the address names none.
+const PORT_DEFAULT: u16 = 1883;
+
+/// `mqtt://[user[:password]@]host[:port]/[prefix/]machine`, taken apart.
+#[derive(Clone, PartialEq, Eq)]
+pub(super) struct Address {
+    pub(super) host: String,
+    pub(super) port: u16,
+    pub(super) credentials: Option<(String, String)>,
+    /// Root of the machine's topics, without a slash at the end.
+    pub(super) root: String,
+    /// As given, without user and password.
+    pub(super) shown: String,
+}
+
+impl std::fmt::Debug for Address {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.shown)
+    }
+}
+
+impl Address {
+    pub(super) fn parse(text: &str) -> Result<Self, Error> {
+        let rest = text.strip_prefix("mqtt://").unwrap_or(text);
+        let (authority, path) = rest.split_once('/').unwrap_or((rest, ""));
+        let (user, host) = match authority.rsplit_once('@') {
+            Some((user, host)) => (Some(user), host),
+            None => (None, authority),
+        };
+        let shown = format!("mqtt://{host}/{path}");
+        let wrong = |reason: String| Error::Address {
+            address: shown.clone(),
+            reason,
+        };
+        let (host, port) = host_and_port(host).map_err(wrong)?;
+        let (prefix, machine) = match path.rsplit_once('/') {
+            Some((prefix, machine)) => (format!("{prefix}/"), machine),
+            None => (String::new(), path),
+        };
+        if machine.is_empty() {
+            let reason = "it names no machine; write mqtt://host:port/machine";
+            return Err(wrong(reason.to_owned()));
+        }
+        if path.contains(['+', '#']) || path.starts_with('/') || path.contains("//") {
+            return Err(wrong("topic levels are not empty and have no + or #".to_owned()));
+        }
+        let root = format!("{prefix}tandem/v1/{machine}");
+        let credentials = user.map(|user| {
+            let (user, password) = user.split_once(':').unwrap_or((user, ""));
+            (percent_decoded(user), percent_decoded(password))
+        });
+        Ok(Self {
+            host,
+            port,
+            credentials,
+            root,
+            shown,
+        })
+    }
+}
+
+fn host_and_port(text: &str) -> Result<(String, u16), String> {
+    let (host, port) = match text.strip_prefix('[') {
+        // IPv6
+        Some(rest) => {
+            let (host, port) = rest
+                .split_once(']')
+                .ok_or("the ] of its IPv6 address is missing")?;
+            (host, port.strip_prefix(':'))
+        }
+        None => match text.split_once(':') {
+            Some((host, port)) => (host, Some(port)),
+            None => (text, None),
+        },
+    };
+    if host.is_empty() {
+        return Err("it names no host; write mqtt://host:port/machine".to_owned());
+    }
+    let port = match port {
+        None => PORT_DEFAULT,
+        Some(port) => port
+            .parse()
+            .map_err(|_| format!("{port:?} is not a port number"))?,
+    };
+    Ok((host.to_owned(), port))
+}
+
+/// `%40` as `@`, and so on; anything else stays as it is.
+fn percent_decoded(text: &str) -> String {
+    let mut bytes = Vec::with_capacity(text.len());
+    let mut rest = text.as_bytes();
+    while let Some((&first, after)) = rest.split_first() {
+        let code = after.get(..2).and_then(|digits| std::str::from_utf8(digits).ok());
+        match code.and_then(|digits| u8::from_str_radix(digits, 16).ok()) {
+            Some(byte) if first == b'%' => {
+                bytes.push(byte);
+                rest = &after[2..];
+            }
+            _ => {
+                bytes.push(first);
+                rest = after;
+            }
+        }
+    }
+    String::from_utf8_lossy(&bytes).into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_address_names_broker_user_prefix_and_machine() {
+        let address = Address::parse("mqtt://127.0.0.1:1884/mill-1").unwrap();
+        assert_eq!(
+            (address.host.as_str(), address.port, address.root.as_str()),
+            ("127.0.0.1", 1884, "tandem/v1/mill-1")
+        );
+        let address = Address::parse("mqtt://anna:p%40ss@broker/hall/3/mill-1").unwrap();
+        assert_eq!((address.host.as_str(), address.port), ("broker", 1883));
+        assert_eq!(address.root, "hall/3/tandem/v1/mill-1");
+        assert_eq!(address.credentials, Some(("anna".to_owned(), "p@ss".to_owned())));
+        assert_eq!(Address::parse("mqtt://[::1]:1/m").unwrap().host, "::1");
+    }
+
+    #[test]
+    fn a_wrong_address_is_refused_without_showing_the_password() {
+        for wrong in [
+            "mqtt://host:1883",
+            "mqtt://:1883/m",
+            "mqtt://h:x/m",
+            "mqtt://h/a/#/m",
+            "mqtt://u:secret@h//m",
+            "mqtt://[::1/m",
+        ] {
+            let error = Address::parse(wrong).unwrap_err().to_string();
+            assert!(!error.contains("secret"), "{error}");
+        }
+    }
+}

@@ -1,0 +1,242 @@
+//! What is to be sent and not yet known to have arrived. The client library forgets it with its connection; this does
+//! not: each message stays until its end is known, and is sent again on every new connection, in order.
+
+use std::collections::{HashMap, VecDeque};
+
+use tokio::sync::oneshot;
+
+use crate::types::command::{CommandReply, CommandStatus};
+use crate::types::message::{Message, Payload};
+use crate::types::output::HandshakeStatus;
+use crate::types::request::{Answer, Refusal, RefusalCode};
+use crate::types::topic::{CsTopic, Topic};
+
+use super::outgoing::{Outgoing, Until};
+
+/// Messages that wait at a time; a request beyond is refused. Reason: 64 open outputs in each of 8 coordinate systems
+/// with a claim or reset each, twice.
+pub(super) const OUTBOX_MAX: usize = 1_024;
+
+pub(super) type Outcome = Result<Answer, Refusal>;
+
+#[derive(Debug)]
+struct Entry {
+    id: u64,
+    outgoing: Outgoing,
+    sent: bool,
+    done: oneshot::Sender<Outcome>,
+}
+
+#[derive(Debug, Default)]
+pub(super) struct Outbox {
+    next_id: u64,
+    entries: VecDeque<Entry>,
+    // given to the library, in order, before it has told their packet ids
+    unnumbered: VecDeque<u64>,
+    by_packet: HashMap<u16, u64>,
+}
+
+impl Outbox {
+    /// Takes a message; gives its id and its end.
+    pub(super) fn put(&mut self, outgoing: Outgoing) -> Result<(u64, oneshot::Receiver<Outcome>), Refusal> {
+        if self.entries.len() >= OUTBOX_MAX {
+            let text = format!("{OUTBOX_MAX} messages wait for the broker");
+            return Err(Refusal::new(RefusalCode::Unavailable, text));
+        }
+        let (done, end) = oneshot::channel();
+        self.next_id += 1;
+        self.entries.push_back(Entry {
+            id: self.next_id,
+            outgoing,
+            sent: false,
+            done,
+        });
+        Ok((self.next_id, end))
+    }
+
+    /// Forgets a message whose end nobody waits for any more.
+    pub(super) fn forget(&mut self, id: u64) {
+        self.entries.retain(|entry| entry.id != id);
+    }
+
+    /// On a new connection nothing has been sent.
+    pub(super) fn new_connection(&mut self) {
+        self.unnumbered.clear();
+        self.by_packet.clear();
+        for entry in &mut self.entries {
+            entry.sent = false;
+        }
+    }
+
+    /// Gives what has not been sent to `send`, in order, until that cannot take more.
+    pub(super) fn send(&mut self, mut send: impl FnMut(&Outgoing) -> bool) {
+        for entry in &mut self.entries {
+            if entry.sent {
+                continue;
+            }
+            if !send(&entry.outgoing) {
+                return;
+            }
+            entry.sent = true;
+            self.unnumbered.push_back(entry.id);
+        }
+    }
+
+    /// The library has given a packet id to the oldest message without one.
+    pub(super) fn numbered(&mut self, packet: u16) {
+        if let Some(id) = self.unnumbered.pop_front() {
+            self.by_packet.insert(packet, id);
+        }
+    }
+
+    /// The broker has a message.
+    pub(super) fn acknowledged(&mut self, packet: u16) {
+        if let Some(id) = self.by_packet.remove(&packet) {
+            self.end(
+                |entry| entry.id == id && entry.outgoing.until == Until::Acknowledged,
+                &|| Ok(Answer::Done),
+            );
+        }
+    }
+
+    /// Looks whether a message of the machine ends a request. `is_open` tells whether the output still stands in
+    /// `pending`, which is published before its result.
+    pub(super) fn hear(&mut self, message: &Message, is_open: impl Fn(u64) -> bool) {
+        match (&message.topic, &message.payload) {
+            (Topic::CoordinateSystem(heard_cs, CsTopic::Result(heard_m)), Payload::Result(result)) => {
+                // an open output was not reset: that is the late answer to a claim of it
+                let of_claim = result.status == HandshakeStatus::Accepted && is_open(result.seq);
+                let is_its = |entry: &Entry| match &entry.outgoing.until {
+                    Until::Result {
+                        cs,
+                        m,
+                        seq,
+                        handler_id,
+                        is_reset,
+                    } => {
+                        (cs, m, *seq) == (heard_cs, heard_m, result.seq)
+                            && *handler_id == result.handler_id
+                            && !(*is_reset && of_claim)
+                    }
+                    _ => false,
+                };
+                self.end(is_its, &|| Ok(Answer::Handshake(result.clone())));
+            }
+            (Topic::Reply(_), Payload::Reply(reply)) => {
+                let is_its = |entry: &Entry| match &entry.outgoing.until {
+                    Until::Reply { command_id, done } => {
+                        *command_id == reply.command_id && !(*done && reply.status == CommandStatus::Accepted)
+                    }
+                    _ => false,
+                };
+                self.end(is_its, &|| answer_of(reply));
+            }
+            _ => {}
+        }
+    }
+
+    fn end(&mut self, is_its: impl Fn(&Entry) -> bool, outcome: &dyn Fn() -> Outcome) {
+        while let Some(place) = self.entries.iter().position(&is_its) {
+            if let Some(entry) = self.entries.remove(place) {
+                let _nobody_waits = entry.done.send(outcome());
+            }
+        }
+    }
+}
+
+fn answer_of(reply: &CommandReply) -> Outcome {
+    if reply.status == CommandStatus::Rejected {
+        let code = serde_json::from_value(reply.code.clone().into()).unwrap_or(RefusalCode::NotAllowed);
+        return Err(Refusal::new(code, reply.text.clone()));
+    }
+    Ok(Answer::Command(reply.clone()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::types::output::HandshakeResult;
+    use crate::types::{BootId, Timestamp};
+
+    fn outgoing(path: &str, until: Until) -> Outgoing {
+        Outgoing {
+            path: path.to_owned(),
+            payload: String::new(),
+            retain: false,
+            until,
+        }
+    }
+
+    fn handshake(is_reset: bool) -> Until {
+        Until::Result {
+            cs: 1,
+            m: 100,
+            seq: 5,
+            handler_id: "h".to_owned(),
+            is_reset,
+        }
+    }
+
+    fn sent(outbox: &mut Outbox) -> Vec<String> {
+        let mut paths = Vec::new();
+        outbox.send(|outgoing| {
+            paths.push(outgoing.path.clone());
+            true
+        });
+        paths
+    }
+
+    fn accepted() -> Message {
+        Message {
+            topic: Topic::cs(1, CsTopic::Result(100)),
+            boot_id: BootId("b".into()),
+            ts: Timestamp::default(),
+            rev: None,
+            payload: Payload::Result(HandshakeResult {
+                seq: 5,
+                handler_id: "h".into(),
+                status: HandshakeStatus::Accepted,
+            }),
+        }
+    }
+
+    #[test]
+    fn what_is_not_known_to_have_arrived_is_sent_again_on_a_new_connection() {
+        let mut outbox = Outbox::default();
+        let (_, mut tool) = outbox.put(outgoing("tool", Until::Acknowledged)).unwrap();
+        let (_, mut reset) = outbox.put(outgoing("reset", handshake(true))).unwrap();
+        assert_eq!(sent(&mut outbox), ["tool", "reset"]);
+        assert!(sent(&mut outbox).is_empty());
+        outbox.numbered(1);
+        outbox.numbered(2);
+        outbox.acknowledged(2);
+        outbox.new_connection();
+        assert_eq!(sent(&mut outbox), ["tool", "reset"]);
+        outbox.numbered(1);
+        outbox.acknowledged(1);
+        assert_eq!(tool.try_recv().unwrap(), Ok(Answer::Done));
+        assert!(reset.try_recv().is_err());
+        outbox.hear(&accepted(), |_| false);
+        assert!(reset.try_recv().unwrap().is_ok());
+    }
+
+    #[test]
+    fn the_late_answer_to_a_claim_is_not_taken_for_that_to_the_reset() {
+        let mut outbox = Outbox::default();
+        let (_, mut reset) = outbox.put(outgoing("reset", handshake(true))).unwrap();
+        outbox.hear(&accepted(), |_| true);
+        assert!(reset.try_recv().is_err());
+        outbox.hear(&accepted(), |_| false);
+        assert!(reset.try_recv().unwrap().is_ok());
+    }
+
+    #[test]
+    fn a_full_outbox_refuses() {
+        let mut outbox = Outbox::default();
+        for _ in 0..OUTBOX_MAX {
+            outbox.put(outgoing("x", Until::Acknowledged)).unwrap();
+        }
+        let refusal = outbox.put(outgoing("x", Until::Acknowledged)).unwrap_err();
+        assert_eq!(refusal.code, RefusalCode::Unavailable);
+    }
+}

@@ -1,0 +1,199 @@
+//! The connection to the broker: made, kept, and made again for ever.
+
+use std::hash::{BuildHasher, RandomState};
+use std::time::Duration;
+
+use rumqttc::{
+    AsyncClient, Event, EventLoop, LastWill, MqttOptions, Outgoing as Sent, Packet, QoS, SubscribeFilter,
+};
+
+use crate::types::message::{Message, Payload};
+use crate::types::topic::{CsTopic, Topic};
+
+use super::Shared;
+
+/// First and longest wait before a connection is tried again; it doubles in between.
+const BACKOFF_FIRST: Duration = Duration::from_millis(100);
+const BACKOFF_MAX: Duration = Duration::from_secs(5);
+
+/// Bytes of one packet either way. Reason: 64 open outputs with long texts fit many times.
+const PACKET_MAX: usize = 1 << 20;
+
+/// Messages that the library holds; more wait in our own outbox.
+const LIBRARY_QUEUE: usize = 64;
+
+const KEEP_ALIVE: Duration = Duration::from_secs(5);
+
+/// What a machine says, below its root; `reply` comes beside it.
+const FILTERS: [&str; 14] = [
+    "presence",
+    "birth",
+    "alarm/event",
+    "alarm/active",
+    "handler/+/presence",
+    "cs/+/+",
+    "cs/+/m_code/pending",
+    "cs/+/m_code/+/output",
+    "cs/+/m_code/+/result",
+    "cs/+/m_code/+/cancel",
+    "cs/+/input/+/state",
+    "cs/+/spindle/state",
+    "cs/+/tool/state",
+    "cs/+/override/state",
+];
+
+/// Keeps a connection until the port is dropped.
+pub(super) async fn keep_connected(shared: std::sync::Arc<Shared>) {
+    let mut backoff = BACKOFF_FIRST;
+    while !shared.is_closed() {
+        let (client, mut events) = AsyncClient::new(options(&shared), LIBRARY_QUEUE);
+        events.network_options.set_tcp_nodelay(true);
+        shared.lock().outbox.new_connection();
+        let mut connected = false;
+        tokio::select! {
+            () = receive(&shared, &client, &mut events, &mut connected) => {}
+            () = send(&shared, &client) => {}
+        }
+        shared.lock().connected = false;
+        if shared.lock().take_reconnect() {
+            continue;
+        }
+        if connected {
+            backoff = BACKOFF_FIRST;
+        }
+        tokio::time::sleep(jittered(backoff)).await;
+        backoff = (backoff * 2).min(BACKOFF_MAX);
+    }
+}
+
+fn options(shared: &Shared) -> MqttOptions {
+    let address = &shared.address;
+    let mut options = MqttOptions::new(shared.client_id.clone(), address.host.clone(), address.port);
+    options
+        .set_clean_session(true)
+        .set_keep_alive(KEEP_ALIVE)
+        .set_max_packet_size(PACKET_MAX, PACKET_MAX);
+    if let Some((user, password)) = &address.credentials {
+        options.set_credentials(user.clone(), password.clone());
+    }
+    if let Some(handler_id) = &shared.lock().will {
+        let topic = format!("{}/handler/{handler_id}/presence", address.root);
+        let gone = r#"{"online":false,"handles":[],"validates":false}"#;
+        options.set_last_will(LastWill::new(topic, gone, QoS::AtLeastOnce, true));
+    }
+    options
+}
+
+/// From half to one and a half of it, so that the clients of a broker that comes back do not all come at once.
+fn jittered(backoff: Duration) -> Duration {
+    let random = RandomState::new().hash_one(0_u8) % 1000;
+    backoff / 2 + backoff.mul_f64(random as f64 / 1000.0)
+}
+
+/// Reads until the connection ends.
+async fn receive(shared: &Shared, client: &AsyncClient, events: &mut EventLoop, connected: &mut bool) {
+    loop {
+        match events.poll().await {
+            Ok(Event::Incoming(Packet::ConnAck(_))) => {
+                *connected = true;
+                if let Err(error) = subscribe(shared, client) {
+                    tracing::warn!(%error, "subscribing failed; connecting again");
+                    return;
+                }
+                let mut state = shared.lock();
+                state.connected = true;
+                state.trouble = None;
+                drop(state);
+                shared.wake.notify_one();
+                tracing::info!(address = %shared.address.shown, "connected");
+            }
+            Ok(Event::Incoming(Packet::Publish(publish))) => hear(shared, &publish.topic, &publish.payload),
+            Ok(Event::Incoming(Packet::PubAck(ack))) => {
+                shared.lock().outbox.acknowledged(ack.pkid);
+                // the library may take more now
+                shared.wake.notify_one();
+            }
+            Ok(Event::Outgoing(Sent::Publish(packet))) => {
+                shared.lock().outbox.numbered(packet);
+                shared.wake.notify_one();
+            }
+            Ok(Event::Outgoing(Sent::Disconnect)) => return,
+            Ok(_) => {}
+            Err(error) => {
+                if *connected {
+                    tracing::warn!(%error, address = %shared.address.shown, "connection lost");
+                }
+                shared.lock().trouble = Some(error.to_string());
+                return;
+            }
+        }
+    }
+}
+
+fn subscribe(shared: &Shared, client: &AsyncClient) -> Result<(), rumqttc::ClientError> {
+    let root = &shared.address.root;
+    let filters = FILTERS.iter().map(|filter| format!("{root}/{filter}"));
+    let reply = format!("{root}/reply/{}", shared.client_id);
+    let all = filters.chain([reply]);
+    client.try_subscribe_many(all.map(|path| SubscribeFilter::new(path, QoS::AtLeastOnce)))
+}
+
+/// Gives the outbox to the library as long as the connection stands.
+async fn send(shared: &Shared, client: &AsyncClient) {
+    loop {
+        shared.wake.notified().await;
+        if shared.lock().reconnect || shared.is_closed() {
+            if client.try_disconnect().is_err() {
+                return;
+            }
+            // receiving ends once the broker has been told
+            std::future::pending::<()>().await;
+        }
+        let mut state = shared.lock();
+        if !state.connected {
+            continue;
+        }
+        let root = &shared.address.root;
+        state.outbox.send(|outgoing| {
+            let path = format!("{root}/{}", outgoing.path);
+            let payload = outgoing.payload.clone();
+            client
+                .try_publish(path, QoS::AtLeastOnce, outgoing.retain, payload)
+                .is_ok()
+        });
+    }
+}
+
+/// Hands a message to the hub and to the requests that wait for it.
+fn hear(shared: &Shared, path: &str, payload: &[u8]) {
+    let Some(topic) = path
+        .strip_prefix(&shared.address.root)
+        .and_then(|path| path.strip_prefix('/'))
+        .and_then(Topic::parse)
+    else {
+        return;
+    };
+    if payload.is_empty() {
+        // a retained value that was cleared
+        shared.hub.forget(&topic);
+        return;
+    }
+    let message = match Message::from_json(topic, payload) {
+        Ok(message) => message,
+        Err(error) => {
+            tracing::warn!(%error, path, "a message that is not of its topic's form");
+            return;
+        }
+    };
+    shared.hub.publish(message.clone());
+    let cs = match &message.topic {
+        Topic::CoordinateSystem(cs, _) => *cs,
+        _ => 0,
+    };
+    let pending = shared.hub.read(&Topic::cs(cs, CsTopic::Pending));
+    let is_open = |seq| match pending.as_deref().map(|message| &message.payload) {
+        Some(Payload::Pending(pending)) => pending.outputs.iter().any(|output| output.output.seq == seq),
+        _ => false,
+    };
+    shared.lock().outbox.hear(&message, is_open);
+}
