@@ -95,6 +95,7 @@ function waiting({ state, pending }, ageMs) {
   const name = `M${on.m}${state.wait_state ? ` (${state.wait_state})` : ""}`;
   const given = output && Object.keys(output.params).length > 0 ? `, ${params(output.params).replaceAll("  ", ", ")}` : "";
   if (state.reason === "HANDLER_LOST") {
+    if (output?.how) return `${name} is redelivered (${output.how}): waiting for its handler to come back.`;
     return `The handler of ${name} has gone. Look at the machine, then redeliver ${name} or reset it by hand.`;
   }
   const since = `Waiting ${duration(ageMs(on.since))} for ${name}${given}`;

@@ -72,6 +72,8 @@ export interface PendingOutput {
   state: "QUEUED" | "OUTPUT" | "CLAIMED";
   handler_id: string | null;
   since: string;
+  /** The handler that had it has gone. */
+  lost: boolean;
   progress?: Progress;
   how?: "redo" | "verify";
 }

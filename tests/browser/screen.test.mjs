@@ -46,7 +46,7 @@ function expectErrors(pattern) {
 function waitForM100(handler, change = {}) {
   const output = {
     seq: 12, run_id: "r", m: 100, params: { A: 5 }, timing: "after_motion", program: 1, line: 2, attempt: 1,
-    redelivered: false, state: handler ? "CLAIMED" : "OUTPUT", handler_id: handler, since: now(12000), ...change,
+    redelivered: false, lost: false, state: handler ? "CLAIMED" : "OUTPUT", handler_id: handler, since: now(12000), ...change,
   };
   machine.say("cs/1/m_code/pending", { outputs: [output] });
   const waiting_on = { m: 100, seq: 12, since: output.since, ...(output.progress && { progress: output.progress }) };
@@ -90,7 +90,7 @@ test("reset that comes too late says what became of it", async () => {
 });
 
 test("lost handler is said in words and can be redelivered", async () => {
-  waitForM100(null, { redelivered: true, attempt: 2 });
+  waitForM100(null, { redelivered: true, lost: true, attempt: 2 });
   machine.state(1, { reason: "HANDLER_LOST" });
   await page.getByText(/The handler of M100 \(TOOL_LOAD\) has gone/).first().waitFor();
   await page.getByRole("button", { name: /Redeliver M100: look/ }).click();
@@ -208,7 +208,7 @@ test("state is announced to screen readers once, not with every second", async (
 for (const [width, height] of [[1280, 800], [1920, 1080], [1024, 768], [820, 1180], [768, 1024]]) {
   test(`at ${width}x${height} nothing is cut off and every target is at least 44 px`, async () => {
     await page.setViewportSize({ width, height });
-    waitForM100(null, { redelivered: true });
+    waitForM100(null, { redelivered: true, lost: true });
     machine.say("alarm/active", { alarms: [{ id: 1, severity: "warning", number: 310, text: "Coolant is low", cs: null, program: null, line: null, raised_at: now(), cleared_at: null, acknowledged_by: null }] });
     await page.getByRole("button", { name: "Acknowledge 310" }).waitFor();
     assert.ok(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), "no sideways scroll");

@@ -47,6 +47,7 @@ function override(app, which, label, max) {
   const slider = h("input", { type: "range", min: 0, max, step: 5, "aria-label": `${label} override, percent` });
   const value = h("output", { class: "override-value" });
   let ownUntil = 0;
+  let ownCs = 0;
   let timer = 0;
 
   /** @param {number} percent */
@@ -54,9 +55,10 @@ function override(app, which, label, max) {
     slider.value = String(percent);
     ownUntil = Date.now() + OWN_MS;
     const cs = app.model.selected;
+    ownCs = cs;
     clearTimeout(timer);
     timer = window.setTimeout(() => {
-      void app.attempt(() => app.api.setOverrides(cs, { [which]: Number(slider.value) })).then((done) => {
+      void app.attempt(() => app.api.setOverrides(cs, { [which]: percent })).then((done) => {
         if (!done) ownUntil = 0;
         app.invalidate();
       });
@@ -80,7 +82,7 @@ function override(app, which, label, max) {
   const render = () => {
     const system = app.model.current;
     const percent = system?.overrides?.[which];
-    if (percent !== undefined && Date.now() > ownUntil) slider.value = String(percent);
+    if (percent !== undefined && (Date.now() > ownUntil || ownCs !== app.model.selected)) slider.value = String(percent);
     setText(value, percent === undefined ? "–" : `${Math.round(Number(slider.value))} %`);
     setAttr(value, "data-changed", percent !== undefined && Number(slider.value) !== 100);
     setAttr(slider, "aria-valuetext", `${slider.value} percent`);

@@ -19,7 +19,9 @@ export const mCodes = {
 
     const render = () => {
       const { model } = app;
-      const outputs = model.current?.pending?.outputs ?? [];
+      const waited = model.current?.state?.waiting_on?.seq;
+      // the one that the program waits for comes first
+      const outputs = [...(model.current?.pending?.outputs ?? [])].sort((a, b) => Number(b.seq === waited) - Number(a.seq === waited) || a.seq - b.seq);
       const keys = outputs.map((output) => `${model.bootId} ${model.selected} ${output.seq}`);
       if (keys.join() !== [...shown.keys()].join()) {
         shown = new Map(keys.map((key, i) => [key, shown.get(key) ?? entry(app, outputs[i]?.seq ?? 0)]));
@@ -48,12 +50,12 @@ function entry(app, seq) {
   const reset = h("button", { type: "button", class: "button reset-output" }, icon("done"), "Reset");
   const redo = h("button", { type: "button", class: "button" }, "Redo");
   const verify = h("button", { type: "button", class: "button" }, "Verify");
-  const again = h("span", { class: "row", role: "group", "aria-label": "Redeliver" }, redo, verify);
+  const redeliveries = h("span", { class: "row", role: "group", "aria-label": "Redeliver" }, redo, verify);
   const element = h(
     "li",
     { class: "output", "data-seq": seq },
     h("div", { class: "row" }, name, badge, h("span", { class: "spring" }), age),
-    h("div", { class: "row wrap end" }, h("div", { class: "work" }, given, from, handler, bar), again, reset),
+    h("div", { class: "row wrap end" }, h("div", { class: "work" }, given, from, handler, bar), redeliveries, reset),
   );
   /** @type {import("../types.d.ts").PendingOutput | null} */
   let output = null;
@@ -70,19 +72,18 @@ function entry(app, seq) {
   const render = (now) => {
     output = now;
     const { model } = app;
-    const lost = isLost(app, now);
     setText(name, `M${now.m}`);
-    setText(badge, lost ? "handler lost" : (STATES[now.state] ?? now.state));
-    setAttr(badge, "data-tone", lost ? "attention" : now.state === "CLAIMED" ? "wait" : "ready");
+    setText(badge, now.lost ? "handler lost" : (STATES[now.state] ?? now.state));
+    setAttr(badge, "data-tone", now.lost ? "attention" : now.state === "CLAIMED" ? "wait" : "ready");
     setText(age, duration(model.ageMs(now.since)));
     setText(given, params(now.params));
     setText(from, `${programName(now.program)} line ${now.line} · seq ${now.seq}${now.attempt > 1 ? ` · attempt ${now.attempt}` : ""}`);
-    setText(handler, lost ? "Redo starts the handler anew; Verify lets it look at the machine first." : handlerText(now));
+    setText(handler, now.lost ? lostText(now) : handlerText(now));
     setAttr(handler, "hidden", !handler.textContent);
     setAttr(bar, "hidden", now.progress?.percent === undefined);
     if (now.progress?.percent !== undefined) bar.value = now.progress.percent;
     setAttr(bar, "aria-label", `Progress of M${now.m}`);
-    setAttr(again, "hidden", !lost);
+    setAttr(redeliveries, "hidden", !now.lost);
     setAttr(reset, "aria-label", `Reset M${now.m} by hand`);
     setAttr(redo, "aria-label", `Redeliver M${now.m}: do it again from the start`);
     setAttr(verify, "aria-label", `Redeliver M${now.m}: look at the machine first`);
@@ -91,18 +92,17 @@ function entry(app, seq) {
   return { element, render };
 }
 
-/** True when the handler that had the output has gone. @param {import("../main.js").App} app @param {import("../types.d.ts").PendingOutput} output */
-function isLost(app, output) {
-  const state = app.model.current?.state;
-  if (output.state !== "OUTPUT") return false;
-  return output.redelivered || (state?.reason === "HANDLER_LOST" && state.waiting_on?.seq === output.seq);
-}
-
 /** @param {import("../types.d.ts").PendingOutput} output */
 function handlerText({ handler_id, progress }) {
   if (!handler_id) return progress?.text ?? "";
   const percent = progress?.percent === undefined ? "" : `, ${Math.round(progress.percent)} %`;
   return progress ? `${handler_id}: ${progress.text}${percent}` : handler_id;
+}
+
+/** @param {import("../types.d.ts").PendingOutput} output */
+function lostText({ how }) {
+  if (how) return `Waits for its handler, which is asked to ${how === "redo" ? "do it again" : "verify it"}.`;
+  return "Redo starts the handler anew; Verify lets it look at the machine first.";
 }
 
 /** @param {import("../main.js").App} app @param {import("../types.d.ts").PendingOutput | null} output */
