@@ -67,7 +67,8 @@ struct Subscriber {
 
 #[derive(Debug, Default)]
 struct Waiting {
-    // in the order of publishing; a state that is published again moves to the end with its new value
+    // in the order of publishing; a state that is published again keeps its place, so that a state which announces
+    // an event still comes before it
     queue: VecDeque<Arc<Message>>,
     events: usize,
     lost: u64,
@@ -153,10 +154,11 @@ impl Subscriber {
         if message.topic.is_state() {
             if let Some(place) = waiting
                 .queue
-                .iter()
-                .position(|other| other.topic == message.topic)
+                .iter_mut()
+                .find(|other| other.topic == message.topic)
             {
-                waiting.queue.remove(place);
+                *place = message;
+                return;
             }
         } else if waiting.events == EVENTS_MAX {
             if let Some(place) = waiting.queue.iter().position(|other| !other.topic.is_state()) {
@@ -256,7 +258,7 @@ mod tests {
         let got: Vec<_> = std::iter::from_fn(|| subscription.try_next())
             .map(|m| (*m).clone())
             .collect();
-        assert_eq!(got, [cancel(1), switch(false), cancel(2)]);
+        assert_eq!(got, [switch(false), cancel(1), cancel(2)]);
     }
 
     #[test]

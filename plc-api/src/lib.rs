@@ -1,4 +1,73 @@
-//! Sequence-control API of the Tandem runtime.
+//! Sequence-control API of the Tandem runtime: the PLC side of an NC machine, in Rust.
+//!
+//! An NC program puts out M codes with parameters (`M100 VA3`), and waits until each is reset. A *sequence program* is
+//! what works on them: one async function for each M code. It runs in the runtime's own process
+//! ([`Plc::in_process`]), in another process over MQTT ([`Plc::connect`]) and in a unit test ([`fake::FakePort`]),
+//! unchanged.
+//!
+//! # A sequence program
+//! ```no_run
+//! use plc_api::{Alarm, AuxOutput, Plc, SequenceProgram};
+//!
+//! #[tokio::main]
+//! async fn main() -> plc_api::Result<()> {
+//!     let plc = Plc::connect("mqtt://127.0.0.1:1883/mill-1").await?;
+//!     SequenceProgram::new()
+//!         .on(100, change_tool)                               // one M code
+//!         .on(10..=13, clamp)                                 // a range
+//!         .in_coordinate_system(2, |cs| cs.on(20, eject))     // in one coordinate system only
+//!         .run(&plc)
+//!         .await
+//! }
+//!
+//! async fn change_tool(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
+//!     let tool = output.params().a().ok_or(Alarm::user(1, "M100 needs VA"))? as u16;
+//!     output.progress("the magazine turns", 50.0).await?;
+//!     plc.coordinate_system(output.coordinate_system()).select_tool(tool).await?;
+//!     Ok(())
+//! }
+//! # async fn clamp(_: AuxOutput) -> Result<(), Alarm> { Ok(()) }
+//! # async fn eject(_: AuxOutput) -> Result<(), Alarm> { Ok(()) }
+//! ```
+//!
+//! `Ok` resets the output, and the NC program goes on. `Err` raises alarm 10000 + code with its text and stops the
+//! program; a panic does the same. Several open outputs run their handlers at the same time.
+//!
+//! # Cancel
+//! A stop, a reset or an alarm cancels open outputs: the handler's future is dropped where it waits, and what it
+//! started elsewhere sees it by [`AuxOutput::cancellation`]. Handlers sleep by [`Plc::sleep`], never by another clock.
+//!
+//! # Redelivery
+//! A handler whose process dies gives its output back: the program waits, with reason `HANDLER_LOST`. Nothing is done
+//! twice without being asked: what happens when the sequence program is there again is its
+//! [`on_redelivery`](SequenceProgram::on_redelivery), by default to wait for an operator.
+//!
+//! # Testing
+//! ```
+//! use std::time::Duration;
+//! use plc_api::{Alarm, AuxOutput, Params, Plc, SequenceProgram, fake::FakePort, handshake::Closed};
+//!
+//! async fn drill(_output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
+//!     plc.sleep(Duration::from_secs(600)).await;
+//!     Ok(())
+//! }
+//!
+//! # #[tokio::main(flavor = "current_thread")] async fn main() {
+//! let fake = FakePort::new([1]);
+//! let plc = fake.plc();
+//! tokio::spawn(async move { SequenceProgram::new().on(20, drill).run(&plc).await });
+//! let seq = fake.put_out(1, 20, Params::default());
+//! fake.advance(Duration::from_secs(599)).await;
+//! assert_eq!(fake.closed(1, seq), None);
+//! fake.advance(Duration::from_secs(1)).await;
+//! assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+//! # }
+//! ```
+//!
+//! # Layers
+//! [`port::Port`] is the whole interface as one trait; [`types`] is all that crosses a wire; [`handshake`] is the state
+//! machine of outputs and resets that every transport goes through; [`hub`] hands messages out.
+//! Features: `mqtt` (default) is the MQTT client.
 
 pub mod alarm;
 mod coordinate_system;

@@ -124,6 +124,7 @@ pub struct CommandMeta {
 
 /// Condition of a command.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Expect {
     /// The boot that the sender has seen.
     #[serde(default, skip_serializing_if = "Option::is_none")]

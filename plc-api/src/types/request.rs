@@ -55,6 +55,10 @@ pub enum Request {
     DeleteProgram(u16),
     /// Checks a program of the store; answered by [`Answer::Check`].
     CheckProgram(u16),
+    /// Publishes the outputs again that nobody has claimed: a transport has reconnected, and notices may be lost.
+    Republish,
+    /// A server end refused something that an operator should know; raised as a warning. At most 500 characters.
+    Warn(String),
     /// Alarms raised since the start, newest last, at most 1000; answered by [`Answer::Alarms`].
     AlarmHistory,
 }
