@@ -9,6 +9,7 @@ use std::time::Duration;
 use plc_api::hub::{Filter, Subscription};
 use plc_api::port::{BoxFuture, Port};
 use plc_api::types::command::{Command, CommandMeta, CommandReply, CommandStatus, Verb};
+use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::output::HandlerPresence;
 use plc_api::types::program::ProgramCheck;
@@ -16,6 +17,7 @@ use plc_api::types::request::{Answer, Refusal, RefusalCode, Request};
 use plc_api::types::state::{Execution, Spindle};
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::types::{BootId, CoordinateSystemNumber};
+use tandem_model::alarm::REQUEST_REFUSED;
 use tandem_model::limits::PROGRAM_BYTES_MAX;
 use tokio::sync::{mpsc, oneshot};
 
@@ -30,6 +32,9 @@ const CLIENT_ID_MAX: usize = 64;
 
 /// M codes that one handler may say it serves: all of them in every coordinate system.
 const HANDLED_CODES_MAX: usize = 8 * 192;
+
+/// Characters of a warning that a server end raises.
+const WARNING_TEXT_MAX: usize = 500;
 
 /// The port of a running machine.
 #[derive(Debug)]
@@ -350,6 +355,21 @@ impl RuntimePort {
             Request::WriteProgram(number, text) => self.write_program(number, text).await,
             Request::DeleteProgram(number) => self.delete_program(number).await,
             Request::CheckProgram(number) => self.program_check(number).map(Answer::Check),
+            Request::Republish => {
+                for handle in &self.handles {
+                    self.ask(&handle.requests, Request::Republish).await?;
+                }
+                Ok(Answer::Done)
+            }
+            Request::Warn(text) => {
+                self.shared.raise(AlarmRecord {
+                    severity: AlarmSeverity::Warning,
+                    number: REQUEST_REFUSED.number,
+                    text: text.chars().take(WARNING_TEXT_MAX).collect(),
+                    ..AlarmRecord::default()
+                });
+                Ok(Answer::Done)
+            }
             Request::AlarmHistory => Ok(Answer::Alarms(self.shared.alarm_history())),
         }
     }

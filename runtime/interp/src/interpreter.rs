@@ -4,7 +4,8 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
 use tandem_model::alarm::{
-    AlarmEntry, PROGRAM_END_MISSING, PROGRAM_NOT_FOUND, STEP_LIMIT, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE,
+    PROGRAM_END_MISSING, PROGRAM_HAS_ERRORS, PROGRAM_NOT_FOUND, STEP_LIMIT, VALUE_NOT_FINITE,
+    VALUE_OUT_OF_RANGE,
 };
 use tandem_model::flow::{Action, Block as FlowBlock, Item, Output, ProgramStop};
 use tandem_model::limits::{CALL_DEPTH_MAX, STEPS_WITHOUT_ITEM_MAX};
@@ -17,14 +18,6 @@ use crate::codes::{ModalGroup, feed_words};
 use crate::dialects::{self, Dialect};
 use crate::execution::{Draft, Execution, Flow, Limits};
 use crate::modal::Modal;
-
-/// Alarm 23: a block with an error was to be executed. Programs are checked when they are loaded; this one is raised
-/// for a subprogram with errors, which is known only when it is called.
-pub static PROGRAM_HAS_ERRORS: AlarmEntry = AlarmEntry {
-    number: 23,
-    title: "The program has an error",
-    remedy: "Check the program and correct what the check names.",
-};
 
 /// Values from outside, read when a block is interpreted (D16).
 #[derive(Debug, Clone, Copy)]
@@ -349,14 +342,6 @@ mod tests {
             number = Some(alarm_of(&fault).entry.number);
         });
         number
-    }
-
-    #[test]
-    fn the_alarm_for_programs_with_errors_has_a_number_of_its_own() {
-        let taken = tandem_model::alarm::ALARMS
-            .iter()
-            .any(|entry| entry.number == PROGRAM_HAS_ERRORS.number);
-        assert!(!taken);
     }
 
     #[test]

@@ -19,5 +19,5 @@ mod modal;
 
 pub use check::{Check, CheckContext, check, check_dialect, check_source};
 pub use dialects::Dialect;
-pub use interpreter::{Inputs, Interpreter, PROGRAM_HAS_ERRORS};
+pub use interpreter::{Inputs, Interpreter};
 pub use modal::Modal;

@@ -59,6 +59,7 @@ alarms! {
     PROGRAM_NOT_FOUND = 20, "The program is not in the store", "Load the program, or correct its number.";
     STEP_LIMIT = 21, "The program makes no progress", "Look for a loop that neither moves nor waits.";
     PROGRAM_END_MISSING = 22, "The program ran past its last block", "End a main program with M30, a subprogram with M99.";
+    PROGRAM_HAS_ERRORS = 23, "The program has an error", "Check the program, and correct what is found.";
     PROGRAM_WARNING = 30, "The program was not carried out as written", "Look at the line that the text names.";
     // 100 to 199: path and motion
     AXIS_MISSING = 100, "The coordinate system does not have this axis", "Remove the word, or assign a motor to the axis.";
@@ -67,14 +68,13 @@ alarms! {
     LIMIT_ZERO = 103, "A motor's velocity or acceleration limit is zero", "Set a limit above zero in the configuration.";
     // 200 to 299: servo
     IN_POSITION_TIMEOUT = 200, "A motor did not come into position in time", "Look at the drive, in_position and in_position_timeout_ms.";
-    SERVO_OVERLOAD = 201, "The servo thread stopped", "Restart the runtime and report the log.";
     POSITION_JUMP = 202, "A motion does not begin where the machine is", "Reset; report the log if it happens again.";
     SPINDLE_MISSING = 203, "The coordinate system has no spindle", "Assign a spindle motor in the configuration.";
     // 300 to 399: sequence control
     M_CODE_UNHANDLED = 300, "No handler is registered for this M code", "Connect a handler, or set unhandled for the M code.";
     M_CODE_TIMEOUT = 301, "The M code was not reset in time", "Look at the handler, or raise timeout_ms.";
-    OUTPUT_FAILED = 302, "The M code was failed by hand", "Look at the machine, then reset.";
-    // 400 to 499: runtime
+    REQUEST_REFUSED = 310, "A request from outside was refused", "Look at who sends it; the text says what is wrong with it.";
+    // 390 to 499: runtime
     SIMULATION_STALLED = 390, "The program waits for something that never comes", "Look at what it waits for; give the M code a handler or unhandled = \"auto_reset\".";
     SIMULATION_LIMIT = 391, "The program did not end within the time limit", "Look for a loop, or raise --max-time-s.";
     RUNTIME_FAULT = 400, "The coordinate system's task failed", "Reset; report the log if it happens again.";

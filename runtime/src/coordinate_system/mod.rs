@@ -336,6 +336,10 @@ impl CoordinateSystem {
                 self.handler_changed(&id, &presence);
                 Ok(Answer::Done)
             }
+            Request::Republish => {
+                self.ledger.republish(now, |_| true);
+                Ok(Answer::Done)
+            }
             Request::Input(_, input) => self.set_input(input).map(|()| Answer::Done),
             Request::Spindle(_, command) => self
                 .command_spindle(command.direction, command.rpm)

@@ -68,7 +68,7 @@ impl Dispatch {
         }
     }
 
-    async fn ask(&self, request: Request, urgent: bool) {
+    pub(super) async fn ask(&self, request: Request, urgent: bool) {
         let places = if urgent { &self.urgent } else { &self.unanswered };
         let Ok(place) = Arc::clone(places).try_acquire_owned() else {
             return self.too_many(request).await;
@@ -112,6 +112,10 @@ impl Dispatch {
     ) {
         add(&self.metrics.mqtt_refused, 1);
         warn!("MQTT command {command_id} of {client_id} rejected: {refusal}");
+        if refusal.code == RefusalCode::Retained {
+            let text = format!("retained command {command_id:.128} of {client_id:.64} over MQTT: {refusal}");
+            Box::pin(self.ask(Request::Warn(text), false)).await;
+        }
         let state = self.port.read(&Topic::cs(cs, CsTopic::State)).await;
         let reply = Message {
             topic: Topic::Reply(client_id),

@@ -10,6 +10,7 @@ use plc_api::port::Port;
 use plc_api::types::Timestamp;
 use plc_api::types::machine::Presence;
 use plc_api::types::message::{Message, Payload};
+use plc_api::types::request::Request;
 use plc_api::types::topic::Topic;
 use rumqttc::{
     AsyncClient, ConnectionError, Event, EventLoop, LastWill, MqttOptions, NetworkOptions, Packet, Publish,
@@ -163,7 +164,7 @@ impl Link {
             match self.happening(Some(&mut events)).await {
                 Happening::Mqtt(Ok(Event::Incoming(Packet::ConnAck(_)))) => {
                     online = true;
-                    self.connected(&client);
+                    self.connected(&client).await;
                 }
                 Happening::Mqtt(Ok(event)) => self.event(event).await,
                 Happening::Mqtt(Err(error)) => return End::Lost(error.to_string()),
@@ -233,8 +234,9 @@ impl Link {
         }
     }
 
-    /// On every connection: subscribe, then say everything that is retained.
-    fn connected(&mut self, client: &AsyncClient) {
+    /// On every connection: subscribe, and say everything that is retained; after the first one also the outputs
+    /// whose notices may be lost.
+    async fn connected(&mut self, client: &AsyncClient) {
         self.connections += 1;
         self.metrics.mqtt_connected.store(true, Ordering::Relaxed);
         add(&self.metrics.mqtt_connections, 1);
@@ -246,7 +248,10 @@ impl Link {
                 "the MQTT client takes no subscriptions; nothing can be commanded over MQTT until it reconnects"
             );
         }
-        self.outbox.connected(self.connections > 1);
+        self.outbox.connected();
+        if self.connections > 1 {
+            self.dispatch.ask(Request::Republish, false).await;
+        }
     }
 
     fn publish(&mut self, client: &AsyncClient) {

@@ -4,9 +4,8 @@
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 
-use plc_api::types::message::{Message, Payload};
-use plc_api::types::output::OutputState;
-use plc_api::types::topic::{CsTopic, Topic};
+use plc_api::types::message::Message;
+use plc_api::types::topic::Topic;
 
 /// Events that wait for the broker; more drop the oldest. Reason: 64 open outputs with notice, result and cancel in
 /// each of 8 coordinate systems, twice over; open outputs themselves stand in `m_code/pending`, which is a state.
@@ -129,9 +128,8 @@ impl Outbox {
         self.queue.is_empty() && self.unacknowledged.is_empty()
     }
 
-    /// After a connection was made: all retained states, then the events that no broker has acknowledged, then
-    /// the outputs that wait for a handler, which may have missed their notice.
-    pub(super) fn connected(&mut self, again: bool) {
+    /// After a connection was made: all retained states, then the events that no broker has acknowledged.
+    pub(super) fn connected(&mut self) {
         let mut events: VecDeque<_> = self.unacknowledged.drain(..).flatten().collect();
         let waiting = std::mem::take(&mut self.queue);
         events.extend(waiting.into_iter().filter_map(|item| match item {
@@ -144,41 +142,9 @@ impl Outbox {
         for topic in topics {
             self.queue_state(topic);
         }
-        let notices = if again { self.waiting_outputs() } else { Vec::new() };
-        let notices = notices
-            .into_iter()
-            .map(Parcel::Message)
-            .filter(|notice| !events.contains(notice))
-            .collect::<Vec<_>>();
-        for parcel in events.into_iter().chain(notices) {
+        for parcel in events {
             self.put_event(parcel);
         }
-    }
-
-    /// Notices of the outputs that nobody has claimed, as `m_code/pending` says them.
-    fn waiting_outputs(&self) -> Vec<Arc<Message>> {
-        let mut notices = Vec::new();
-        for message in self.states.values() {
-            let (Topic::CoordinateSystem(cs, _), Payload::Pending(pending)) =
-                (&message.topic, &message.payload)
-            else {
-                continue;
-            };
-            let open = pending
-                .outputs
-                .iter()
-                .filter(|output| output.state == OutputState::Output);
-            notices.extend(open.map(|output| {
-                Arc::new(Message {
-                    topic: Topic::cs(*cs, CsTopic::Output(output.output.m)),
-                    boot_id: message.boot_id.clone(),
-                    ts: message.ts.clone(),
-                    rev: None,
-                    payload: Payload::Output(output.output.clone()),
-                })
-            }));
-        }
-        notices
     }
 
     /// Events dropped since this was asked last.
@@ -189,10 +155,11 @@ impl Outbox {
 
 #[cfg(test)]
 mod tests {
+    use plc_api::types::message::Payload;
+    use plc_api::types::topic::CsTopic;
+
     use super::*;
-    use plc_api::types::output::{
-        Cancel, CancelReason, OutputNotice, Params, Pending, PendingOutput, Timing,
-    };
+    use plc_api::types::output::{Cancel, CancelReason};
     use plc_api::types::state::Switch;
     use plc_api::types::{BootId, Timestamp};
 
@@ -213,38 +180,6 @@ mod tests {
     fn cancel(seq: u64) -> Arc<Message> {
         let reason = CancelReason::Stop;
         message(CsTopic::Cancel(5), Payload::Cancel(Cancel { seq, reason }))
-    }
-
-    fn notice() -> OutputNotice {
-        OutputNotice {
-            seq: 9,
-            run_id: "r".into(),
-            m: 5,
-            params: Params::default(),
-            timing: Timing::AfterMotion,
-            program: 1,
-            line: 2,
-            attempt: 1,
-            redelivered: false,
-        }
-    }
-
-    fn pending() -> Arc<Message> {
-        let output = PendingOutput {
-            output: notice(),
-            state: OutputState::Output,
-            handler_id: None,
-            since: Timestamp::default(),
-            progress: None,
-            how: None,
-            lost: false,
-        };
-        message(
-            CsTopic::Pending,
-            Payload::Pending(Pending {
-                outputs: vec![output],
-            }),
-        )
     }
 
     fn send_all(outbox: &mut Outbox) -> Vec<Arc<Message>> {
@@ -281,19 +216,8 @@ mod tests {
         outbox.acknowledged(); // the state
         outbox.acknowledged(); // cancel 1
         outbox.put(cancel(3));
-        outbox.connected(true);
+        outbox.connected();
         assert_eq!(send_all(&mut outbox), [switch(true), cancel(2), cancel(3)]);
-    }
-
-    #[test]
-    fn after_a_reconnect_outputs_that_nobody_claimed_are_said_again_after_pending() {
-        let mut outbox = Outbox::default();
-        outbox.put(pending());
-        send_all(&mut outbox);
-        outbox.acknowledged();
-        outbox.connected(true);
-        let notice = message(CsTopic::Output(5), Payload::Output(notice()));
-        assert_eq!(send_all(&mut outbox), [pending(), notice]);
     }
 
     #[test]
