@@ -39,7 +39,12 @@ async function request(method, path, body, headers = {}) {
   if (response.ok) return response;
   /** @type {import("./types.d.ts").Problem} */
   const problem = await response.json().catch(() => ({}));
-  throw new Refusal(problem.detail || problem.title || `Refused with status ${response.status}.`, problem);
+  throw new Refusal(asSentence(problem.detail || problem.title || `refused with status ${response.status}`), problem);
+}
+
+/** With a capital and a full stop. @param {string} text */
+function asSentence(text) {
+  return text.charAt(0).toUpperCase() + text.slice(1).replace(/[^.!?]$/, "$&.");
 }
 
 /** A random name of a command, so that one sent twice is carried out once. */
@@ -93,6 +98,11 @@ export const api = {
   /** @returns {Promise<import("./types.d.ts").ProgramInfo[]>} */
   async programs() {
     return (await (await request("GET", "/programs")).json()).programs;
+  },
+
+  /** @param {number} number @returns {Promise<import("./types.d.ts").Diagnostic[]>} */
+  async check(number) {
+    return (await (await request("POST", `/programs/${number}/check`)).json()).diagnostics;
   },
 
   /** @param {number} number */

@@ -49,7 +49,7 @@ const app = {
       return true;
     } catch (error) {
       if (!(error instanceof Refusal)) throw error;
-      toasts.show(refusalText(error), "error");
+      toasts.show(error.message, "error");
       return false;
     }
   },
@@ -86,12 +86,6 @@ const connection = new Connection({
     invalidate();
   },
 });
-
-/** @param {Refusal} refusal */
-function refusalText(refusal) {
-  const first = refusal.problem.diagnostics?.find((d) => d.severity === "error");
-  return first ? `${refusal.message} Line ${first.line}: ${first.message} (${first.code})` : refusal.message;
-}
 
 function build() {
   /** @type {Record<string, HTMLElement>} */

@@ -81,11 +81,29 @@ test("reset of an output that a handler owns asks first; Escape keeps waiting", 
   ]);
 });
 
+test("stop can be pressed while a question is open", async () => {
+  waitForM100("demo");
+  await page.getByRole("button", { name: "Reset M100 by hand" }).click();
+  await page.getByRole("dialog").waitFor();
+  await screen.command("Stop").click();
+  assert.deepEqual(await requestsUntil(1), [{ method: "POST", path: "/cs/1/stop", body: {} }]);
+});
+
+test("program text that could not be read is read again", async () => {
+  machine.answers.set("GET /programs/2", { status: 503, body: { detail: "the store is busy" } });
+  machine.state(1, { program: 2 });
+  await page.locator(".program-card").getByText("The store is busy.").waitFor();
+  machine.answers.clear();
+  machine.programs.set(2, "// Two\nM30\n");
+  await page.locator(".line", { hasText: "// Two" }).waitFor();
+  expectErrors(/status of 503/);
+});
+
 test("reset that comes too late says what became of it", async () => {
   machine.answers.set("POST /cs/1/m_codes/12/reset", { status: 409, body: { code: "stale", detail: "output 12: it was cancelled; nothing was changed" } });
   waitForM100(null);
   await page.getByRole("button", { name: "Reset M100 by hand" }).click();
-  await page.getByText("output 12: it was cancelled; nothing was changed").waitFor();
+  await page.getByText("Output 12: it was cancelled; nothing was changed.").waitFor();
   expectErrors(/status of 409/);
 });
 
@@ -99,12 +117,32 @@ test("lost handler is said in words and can be redelivered", async () => {
   ]);
 });
 
-test("refusal shows the machine's own words, and the first finding of a broken program", async () => {
-  const diagnostics = [{ code: "E0104", severity: "error", line: 2, column: 1, message: "X has no value", help: "" }];
-  machine.answers.set("POST /cs/1/load", { status: 422, body: { detail: "Program 1 has errors.", code: "program_has_errors", diagnostics } });
+test("refusal shows the machine's own words", async () => {
+  machine.answers.set("POST /cs/1/start", { status: 409, body: { detail: "the start lock is on: door open", code: "start_locked" } });
+  await screen.command("Start").click();
+  await page.getByText("The start lock is on: door open.", { exact: true }).waitFor();
+  expectErrors(/status of 409/);
+});
+
+test("broken program that is loaded shows all its errors", async () => {
+  const diagnostics = [2, 5, 9].map((line) => ({ code: "E0104", severity: "error", line, column: 4, message: `X has no value in line ${line}`, help: "Write a number." }));
+  machine.answers.set("POST /cs/1/load", { status: 422, body: { detail: "program 1 has 3 errors", code: "program_has_errors", diagnostics } });
   await screen.load("O0001");
-  await page.getByText("Program 1 has errors. Line 2: X has no value (E0104)").waitFor();
+  const dialog = page.getByRole("dialog", { name: "O0001: 3 errors" });
+  await dialog.waitFor();
+  for (const { message } of diagnostics) assert.ok(await dialog.getByText(message).isVisible(), message);
+  await page.keyboard.press("Enter");
+  await dialog.waitFor({ state: "detached" });
   expectErrors(/status of 422/);
+});
+
+test("findings of a program in the list open as a list", async () => {
+  machine.programList = [{ number: 1, title: "ONE", bytes: 24, errors: 0, warnings: 1 }];
+  const diagnostics = [{ code: "W0201", severity: "warning", line: 2, column: 1, message: "M100 has no handler", help: "" }];
+  machine.answers.set("POST /programs/1/check", { status: 200, body: { diagnostics, m_codes: [100], programs: [] } });
+  await page.getByRole("button", { name: "Read again" }).click();
+  await page.getByRole("button", { name: "1 warning in O0001: show" }).click();
+  await page.getByRole("dialog", { name: "O0001: 1 warning" }).getByText("M100 has no handler").waitFor();
 });
 
 test("text of programs, handlers and alarms is never read as markup", async () => {
@@ -192,7 +230,7 @@ test("stop, hold and abort stay pressable without a connection, and fail aloud",
   await page.getByText(/Not connected to the machine/).waitFor();
   for (const label of ["Start", "Resume", "Reset"]) assert.ok(await screen.command(label).isDisabled(), label);
   await screen.command("Stop").click();
-  await page.getByText(/The machine did not answer/).waitFor();
+  await page.locator(".toast", { hasText: "The machine did not answer" }).waitFor();
   expectErrors(/ERR_FAILED|WebSocket/);
 });
 
@@ -209,6 +247,8 @@ for (const [width, height] of [[1280, 800], [1920, 1080], [1024, 768], [820, 118
   test(`at ${width}x${height} nothing is cut off and every target is at least 44 px`, async () => {
     await page.setViewportSize({ width, height });
     waitForM100(null, { redelivered: true, lost: true });
+    machine.programList = [{ number: 1, title: "ONE", bytes: 24, errors: 2, warnings: 1 }];
+    await page.getByRole("button", { name: "Read again" }).click();
     machine.say("alarm/active", { alarms: [{ id: 1, severity: "warning", number: 310, text: "Coolant is low", cs: null, program: null, line: null, raised_at: now(), cleared_at: null, acknowledged_by: null }] });
     await page.getByRole("button", { name: "Acknowledge 310" }).waitFor();
     assert.ok(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), "no sideways scroll");

@@ -9,6 +9,8 @@ import { NcText } from "../nc_text.js";
 const LINE_PX = 24;
 /** Browsers limit the height of an element; longer programs are scrolled in proportion. */
 const HEIGHT_MAX_PX = 8_000_000;
+/** Wait before a text that could not be read is asked for again. */
+const AGAIN_MS = 2000;
 
 /** @type {import("../main.js").View} */
 export const program = {
@@ -27,6 +29,8 @@ class ProgramView {
 
   /** What was asked for last, and what came of it. @type {{key: string, text: NcText | null, error: string}} */
   #loaded = { key: "", text: null, error: "" };
+  /** When a text that could not be read is asked for again, ms of the local clock. */
+  #againAt = Number.POSITIVE_INFINITY;
   #following = true;
   /** Where this view has scrolled to by itself, px. */
   #scrolledTo = -1;
@@ -52,7 +56,7 @@ class ProgramView {
     // a program may have been written anew before a load or a start, so those read it again
     const key = `${model.bootId} ${model.selected} ${number} ${system?.state?.run_id} ${system?.state?.program}`;
     if (number === null) this.#loaded = { key, text: null, error: system?.state ? "No program is loaded." : "" };
-    else if (key !== this.#loaded.key) void this.#read(number, key);
+    else if (key !== this.#loaded.key || (model.online && Date.now() > this.#againAt)) void this.#read(number, key);
     const { text, error } = this.#loaded;
     setText(this.#note, error);
     setAttr(this.#note, "hidden", error === "");
@@ -78,10 +82,12 @@ class ProgramView {
     const dialect = this.app.model.current?.info.dialect ?? "";
     const asked = { key, text: /** @type {NcText | null} */ (null), error: "" };
     this.#loaded = asked;
+    this.#againAt = Number.POSITIVE_INFINITY;
     try {
       asked.text = new NcText(await this.app.api.programText(number), dialect);
     } catch (error) {
       asked.error = error instanceof Error ? error.message : String(error);
+      this.#againAt = Date.now() + AGAIN_MS;
     }
     if (this.#loaded === asked) this.#setFollowing(true);
   }

@@ -1,6 +1,8 @@
 // Programs of the store.
 
+import { Refusal } from "../api.js";
 import { card, fill, h, setAttr, setText } from "../dom.js";
+import { count, showFindings } from "../findings.js";
 import { bytes, programName } from "../format.js";
 import { icon } from "../icons.js";
 
@@ -29,7 +31,7 @@ export const programs = {
         const number = Number(/** @type {HTMLElement} */ (item).dataset.number);
         const loaded = number === current?.state?.program;
         setAttr(item, "data-loaded", loaded);
-        const button = /** @type {HTMLButtonElement | null} */ (item.querySelector("button"));
+        const button = /** @type {HTMLButtonElement | null} */ (item.querySelector("button.button"));
         const usable = model.online && LOADABLE.has(current?.state?.execution ?? "") && !current?.state?.transition;
         if (button) button.disabled = !usable;
       }
@@ -43,19 +45,30 @@ function entry(app, program) {
   const load = h("button", { type: "button", class: "button", "aria-label": `Load ${programName(program.number)}` }, icon("load"), "Load");
   load.addEventListener("click", () => {
     const cs = app.model.selected;
-    void app.attempt(() => app.api.command(cs, "load", { program: program.number }));
+    void app.attempt(async () => {
+      try {
+        await app.api.command(cs, "load", { program: program.number });
+      } catch (error) {
+        const diagnostics = error instanceof Refusal ? error.problem.diagnostics : undefined;
+        if (!diagnostics?.length) throw error;
+        showFindings(program.number, diagnostics);
+      }
+    });
   });
-  const found = [
-    program.errors > 0 && `${program.errors} ${program.errors === 1 ? "error" : "errors"}`,
-    program.warnings > 0 && `${program.warnings} ${program.warnings === 1 ? "warning" : "warnings"}`,
-  ].filter(Boolean);
+  const found = [count(program.errors, "error"), count(program.warnings, "warning")].filter((text) => text !== "").join(", ");
+  const findings = h(
+    "button",
+    { type: "button", class: "chip-button", "aria-label": `${found} in ${programName(program.number)}: show` },
+    h("span", { class: "chip", "data-tone": program.errors > 0 ? "alarm" : "attention" }, found),
+  );
+  findings.addEventListener("click", () => void app.attempt(async () => showFindings(program.number, await app.api.check(program.number))));
   return h(
     "li",
     { class: "stored", "data-number": program.number },
     h(
       "div",
       { class: "grow" },
-      h("div", { class: "row" }, h("strong", {}, programName(program.number)), h("span", { class: "chip loaded-chip" }, "loaded"), found.length > 0 && h("span", { class: "chip", "data-tone": program.errors > 0 ? "alarm" : "attention" }, found.join(", "))),
+      h("div", { class: "row" }, h("strong", {}, programName(program.number)), h("span", { class: "chip loaded-chip" }, "loaded"), found !== "" && findings),
       h("p", { class: "muted title" }, program.title || bytes(program.bytes)),
     ),
     load,

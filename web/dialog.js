@@ -1,0 +1,29 @@
+// One dialog at a time, which does not lock the rest of the screen: hold, stop and abort can be pressed beside it.
+
+import { h } from "./dom.js";
+
+/**
+ * Opens a dialog. Its first element with `autofocus` has the focus; Escape closes it, and the focus goes back.
+ * @param {string} name class, and beginning of the title's id
+ * @param {string} title
+ * @param {import("./dom.js").Child[]} children
+ * @param {(answer: string) => void} [closed] given what `dialog.close` was called with; Escape gives nothing
+ * @returns {HTMLDialogElement}
+ */
+export function openDialog(name, title, children, closed = () => {}) {
+  /** @type {HTMLDialogElement | null} */ (document.querySelector("dialog[open]"))?.close("");
+  const before = document.activeElement;
+  const id = `${name}-title`;
+  const dialog = h("dialog", { class: `dialog ${name}`, "aria-labelledby": id }, h("h2", { id }, title), ...children);
+  dialog.addEventListener("keydown", (event) => {
+    if (event.key === "Escape") dialog.close("");
+  });
+  dialog.addEventListener("close", () => {
+    dialog.remove();
+    if (before instanceof HTMLElement) before.focus();
+    closed(dialog.returnValue);
+  });
+  document.body.append(dialog);
+  dialog.show();
+  return dialog;
+}
