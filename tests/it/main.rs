@@ -1,1 +1,16 @@
-//! t
+//! Tests of the whole product: the `tandem` command as a process, the machine over its port, over MQTT and over REST.
+//!
+//! Each test is named after the rule that it proves. Expected values come from the manuals' rules and from formulas.
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "this crate is tests and nothing else"
+)]
+
+mod support;
+
+mod conformance;
+mod cli_check;
+mod cli_simulate;
+mod serve;

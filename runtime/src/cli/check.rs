@@ -7,6 +7,7 @@ use clap::Args;
 use codespan_reporting::diagnostic::{Diagnostic, Label};
 use codespan_reporting::files::SimpleFile;
 use codespan_reporting::term;
+use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::program::ProgramDiagnostic;
 use serde_json::json;
 use tandem_interp::{Check, CheckContext, check};
@@ -65,7 +66,7 @@ pub(super) fn run(arguments: &Arguments) -> u8 {
     for path in &arguments.files {
         match read_program(path) {
             Ok(text) => {
-                let checked = CheckedFile::new(path, text, machine.as_ref());
+                let checked = CheckedFile::new(path, text, machine.as_ref(), None);
                 errors |= checked.has_errors();
                 if arguments.format == Format::Text {
                     checked.print();
@@ -98,8 +99,14 @@ pub(super) struct CheckedFile<'a> {
 }
 
 impl<'a> CheckedFile<'a> {
-    /// Checks a program; with a machine, against its axes, limits and M codes.
-    pub fn new(path: &'a Path, text: String, machine: Option<&Machine>) -> Self {
+    /// Checks a program; with a machine, against the axes, limits and M codes of a coordinate system of it, or of its
+    /// first one.
+    pub fn new(
+        path: &'a Path,
+        text: String,
+        machine: Option<&Machine>,
+        cs: Option<CoordinateSystemNumber>,
+    ) -> Self {
         let (tree, mut diagnostics) = parse(text.as_str(), Grammar::nj());
         let data_dir = machine.and_then(|machine| machine.data_dir.as_deref());
         let called = check(&tree, &CheckContext::default()).programs;
@@ -109,7 +116,10 @@ impl<'a> CheckedFile<'a> {
             .collect();
         let m_codes: Option<BTreeSet<u16>> = machine.map(|machine| machine.m_codes.keys().copied().collect());
         let settings = machine
-            .and_then(|machine| machine.coordinate_systems.first())
+            .and_then(|machine| {
+                let mut systems = machine.coordinate_systems.iter();
+                systems.find(|system| cs.is_none_or(|cs| system.settings.number == cs))
+            })
             .map(|system| &system.settings);
         let context = CheckContext {
             axes: settings.map(tandem_model::settings::CoordinateSystemSettings::axes),
@@ -169,7 +179,7 @@ impl<'a> CheckedFile<'a> {
                 .with_label(Label::primary((), range))
                 .with_note(format!("help: {}", found.help));
             match term::emit_into_string(&config, &file, &diagnostic) {
-                Ok(text) => say(&text),
+                Ok(text) => say(&format!("{}\n", text.trim_end())),
                 Err(_) => say(&format!(
                     "{}: {}: {}",
                     self.path.display(),

@@ -211,7 +211,7 @@ impl Plan {
                 continue;
             }
             let text = read_program(&path).map_err(Refused::Unreadable)?;
-            let checked = CheckedFile::new(&path, text.clone(), None);
+            let checked = CheckedFile::new(&path, text.clone(), Some(&self.machine), Some(cs));
             if checked.has_errors() {
                 if !json {
                     checked.print();

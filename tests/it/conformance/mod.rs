@@ -1,0 +1,8 @@
+//! NC programs run as the rules say: times and positions from formulas, M codes in their order, alarms in their place.
+
+mod alarms;
+mod linear;
+mod m_codes;
+mod positions;
+mod program_flow;
+mod rapid;

@@ -1,0 +1,30 @@
+//! `tandem serve` as a process: start, life of a program over every server end, refusals, end.
+
+mod coordinate_systems;
+mod life;
+mod programs;
+mod start;
+
+use crate::support::machine::Machine;
+use crate::support::served::{FREE_PORTS, Served};
+
+/// M100 waits for somebody; M20 goes along with motion.
+const M_CODES: &str = r#"
+[m_code.100]
+unhandled = "wait"
+wait_state = "TOOL_LOAD"
+
+[m_code.20]
+unhandled = "wait"
+timing = "with_motion"
+"#;
+
+fn machine() -> Machine {
+    Machine::new(&format!("{M_CODES}{FREE_PORTS}"))
+}
+
+fn served() -> (Machine, Served) {
+    let machine = machine();
+    let served = Served::start(&machine);
+    (machine, served)
+}

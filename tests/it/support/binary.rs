@@ -1,0 +1,65 @@
+//! The programs under test, built once when they are needed first.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::OnceLock;
+
+/// The root of the checkout.
+pub fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// The `tandem` command: `TANDEM_BIN` where it is set, else built here with the profile and folder of this test.
+pub fn tandem() -> &'static Path {
+    static BUILT: OnceLock<PathBuf> = OnceLock::new();
+    BUILT.get_or_init(|| {
+        if let Some(path) = std::env::var_os("TANDEM_BIN") {
+            let path = PathBuf::from(path);
+            assert!(path.is_file(), "TANDEM_BIN = {}: no such file", path.display());
+            return path;
+        }
+        build(&["-p", "tandem-runtime", "--bin", "tandem"]);
+        built("tandem")
+    })
+}
+
+/// One of the programs in `examples/`.
+pub fn example(name: &str) -> PathBuf {
+    static BUILT: OnceLock<()> = OnceLock::new();
+    BUILT.get_or_init(|| build(&["-p", "tandem", "--examples"]));
+    built(&format!("examples/{name}"))
+}
+
+fn built(name: &str) -> PathBuf {
+    let path = folder().join(name);
+    assert!(
+        path.is_file(),
+        "{} is missing: run `cargo build -p tandem-runtime && cargo build -p tandem --examples`",
+        path.display()
+    );
+    path
+}
+
+/// `target/debug`, from `target/debug/deps/it-...`.
+fn folder() -> PathBuf {
+    let test = std::env::current_exe().expect("the path of this test");
+    let folder = test.parent().and_then(Path::parent).expect("a test in target/*/deps");
+    folder.to_owned()
+}
+
+fn build(what: &[&str]) {
+    let folder = folder();
+    let mut cargo = Command::new(env!("CARGO"));
+    cargo.arg("build").args(what).current_dir(root());
+    cargo.env("CARGO_TARGET_DIR", folder.parent().expect("a target folder"));
+    if folder.file_name().is_some_and(|name| name == "release") {
+        cargo.arg("--release");
+    }
+    let output = cargo.output().expect("cargo starts");
+    assert!(
+        output.status.success(),
+        "cargo build {} fails:\n{}",
+        what.join(" "),
+        String::from_utf8_lossy(&output.stderr)
+    );
+}

@@ -1,0 +1,11 @@
+//! What tests share: the built command, machines, simulations, served runtimes and their clients.
+
+pub mod binary;
+pub mod broker;
+pub mod formula;
+pub mod http;
+pub mod machine;
+pub mod mqtt;
+pub mod served;
+pub mod simulated;
+pub mod wait;

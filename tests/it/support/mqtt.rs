@@ -1,0 +1,65 @@
+//! Somebody who listens to a machine over MQTT with a client of his own.
+
+use std::time::Duration;
+
+use rumqttc::{AsyncClient, Event, MqttOptions, Packet, QoS};
+use serde_json::Value;
+
+use super::wait::{History, within};
+
+/// A connected client; everything below the machine's root is in `history`.
+pub struct Bus {
+    pub history: History,
+    client: AsyncClient,
+    root: String,
+    task: tokio::task::JoinHandle<()>,
+}
+
+impl Bus {
+    /// Connects to a broker and subscribes to all of a machine.
+    pub async fn connect(broker: &str, machine: &str) -> Self {
+        let (host, port) = broker.rsplit_once(':').expect("host:port");
+        let id = format!("listener-{}", broker.replace(['.', ':'], "-"));
+        let mut options = MqttOptions::new(id, host, port.parse().expect("a port"));
+        options.set_keep_alive(Duration::from_secs(5));
+        options.set_max_packet_size(1 << 20, 1 << 20);
+        let (client, mut events) = AsyncClient::new(options, 64);
+        let root = format!("tandem/v1/{machine}/");
+        client.subscribe(format!("{root}#"), QoS::AtLeastOnce).await.expect("a subscription");
+        let history = History::default();
+        let (sink, prefix) = (history.clone(), root.clone());
+        let task = tokio::spawn(async move {
+            loop {
+                match events.poll().await {
+                    Ok(Event::Incoming(Packet::Publish(publish))) => {
+                        let topic = publish.topic.strip_prefix(&prefix).unwrap_or(&publish.topic).to_owned();
+                        let value = serde_json::from_slice(&publish.payload).unwrap_or(Value::Null);
+                        sink.push(topic, value);
+                    }
+                    Ok(_) => {}
+                    Err(_) => tokio::time::sleep(Duration::from_millis(50)).await,
+                }
+            }
+        });
+        let bus = Self {
+            history,
+            client,
+            root,
+            task,
+        };
+        within("presence over MQTT", bus.history.find("presence", |value| value["online"] == true)).await;
+        bus
+    }
+
+    pub async fn publish(&self, topic: &str, value: &Value) {
+        let topic = format!("{}{topic}", self.root);
+        let sent = self.client.publish(topic, QoS::AtLeastOnce, false, value.to_string());
+        sent.await.expect("a publish");
+    }
+}
+
+impl Drop for Bus {
+    fn drop(&mut self) {
+        self.task.abort();
+    }
+}

@@ -1,0 +1,213 @@
+//! `tandem serve` as a process of its own, and what a client does with it.
+
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::time::{Duration, Instant};
+
+use futures_util::{SinkExt, StreamExt};
+use serde_json::{Value, json};
+use tokio_tungstenite::tungstenite::Message;
+
+use super::binary::tandem;
+use super::http::{Answer, request};
+use super::machine::Machine;
+use super::wait::{History, PATIENCE, until};
+
+/// Free ports, as a part of a configuration.
+pub const FREE_PORTS: &str = "[http]\nlisten = \"127.0.0.1:0\"\n[mqtt]\nlisten = \"127.0.0.1:0\"\n";
+
+/// A process whose output is read line by line; killed when it is dropped.
+pub struct Process {
+    child: Child,
+    lines: Receiver<String>,
+    /// Both outputs so far.
+    pub output: String,
+}
+
+impl Process {
+    pub fn start(program: &Path, folder: &Path, arguments: &[&str]) -> Self {
+        let mut child = Command::new(program)
+            .args(arguments)
+            .current_dir(folder)
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap_or_else(|error| panic!("{} does not start: {error}", program.display()));
+        let (sender, lines) = channel();
+        let read = |stream: Box<dyn std::io::Read + Send>| {
+            let sender = sender.clone();
+            std::thread::spawn(move || {
+                for line in BufReader::new(stream).lines().map_while(Result::ok) {
+                    if sender.send(line).is_err() {
+                        return;
+                    }
+                }
+            });
+        };
+        read(Box::new(child.stdout.take().expect("a pipe")));
+        read(Box::new(child.stderr.take().expect("a pipe")));
+        Self {
+            child,
+            lines,
+            output: String::new(),
+        }
+    }
+
+    /// Reads until a line that fits.
+    pub fn line(&mut self, what: &str, fits: impl Fn(&str) -> bool) -> String {
+        let end = Instant::now() + PATIENCE;
+        loop {
+            match self.lines.recv_timeout(end.saturating_duration_since(Instant::now())) {
+                Ok(line) => {
+                    self.output.push_str(&line);
+                    self.output.push('\n');
+                    if fits(&line) {
+                        return line;
+                    }
+                }
+                Err(RecvTimeoutError::Timeout) => panic!("{what}: not printed in time\n{}", self.output),
+                Err(RecvTimeoutError::Disconnected) => panic!("{what}: not printed\n{}", self.output),
+            }
+        }
+    }
+
+    pub fn signal(&self, name: &str) {
+        let kill = Command::new("kill").arg(format!("-{name}")).arg(self.child.id().to_string()).status();
+        assert!(kill.expect("kill starts").success());
+    }
+
+    /// The exit code, when it ends within a time.
+    pub fn exit_code_within(&mut self, limit: Duration) -> Option<i32> {
+        let end = Instant::now() + limit;
+        loop {
+            if let Some(status) = self.child.try_wait().expect("a process of ours") {
+                while let Ok(line) = self.lines.recv_timeout(Duration::from_secs(1)) {
+                    self.output.push_str(&line);
+                    self.output.push('\n');
+                }
+                return status.code();
+            }
+            if Instant::now() >= end {
+                return None;
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        // It may have ended by itself.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// A machine that is served.
+pub struct Served {
+    pub process: Process,
+    pub http: String,
+    pub broker: String,
+}
+
+impl Served {
+    /// Starts `tandem serve` with a machine's configuration and waits until it has printed its addresses.
+    pub fn start(machine: &Machine) -> Self {
+        let config = machine.config();
+        let arguments = ["serve", "--config", config.to_str().expect("a path in UTF-8")];
+        let mut process = Process::start(tandem(), machine.folder(), &arguments);
+        let after = |line: &str, what: &str| {
+            let rest = line.split_once(what).expect("an address").1;
+            rest.split(['/', ' ']).next().expect("an address").to_owned()
+        };
+        let rest = process.line("the HTTP address", |line| line.trim_start().starts_with("REST"));
+        let http = after(&rest, "http://");
+        let mqtt = process.line("the MQTT address", |line| line.trim_start().starts_with("MQTT"));
+        let broker = after(&mqtt, "mqtt://");
+        Self { process, http, broker }
+    }
+
+    /// The address that `Plc::connect` takes.
+    pub fn mqtt_url(&self) -> String {
+        format!("mqtt://{}/test-1", self.broker)
+    }
+
+    pub async fn get(&self, path: &str) -> Answer {
+        request(&self.http, "GET", &format!("/api/v1{path}"), "", "").await
+    }
+
+    pub async fn post(&self, path: &str, body: &Value) -> Answer {
+        let body = if body.is_null() { String::new() } else { body.to_string() };
+        request(&self.http, "POST", &format!("/api/v1{path}"), "application/json", &body).await
+    }
+
+    pub async fn put(&self, path: &str, body: &Value) -> Answer {
+        request(&self.http, "PUT", &format!("/api/v1{path}"), "application/json", &body.to_string()).await
+    }
+
+    pub async fn put_program(&self, number: u16, text: &str) -> Answer {
+        request(&self.http, "PUT", &format!("/api/v1/programs/{number}"), "text/plain", text).await
+    }
+
+    /// Writes a program and loads it.
+    pub async fn load(&self, cs: u8, number: u16, text: &str) {
+        self.put_program(number, text).await.expect(201);
+        self.post(&format!("/cs/{cs}/load?wait=1"), &json!({"program": number})).await.expect(200);
+    }
+
+    /// A command that must be carried out.
+    pub async fn command(&self, cs: u8, verb: &str) {
+        self.post(&format!("/cs/{cs}/{verb}?wait=1"), &Value::Null).await.expect(200);
+    }
+
+    pub async fn state(&self, cs: u8) -> Value {
+        self.get(&format!("/cs/{cs}/state")).await.expect(200).json()
+    }
+
+    /// Waits for a state that fits.
+    pub async fn state_where(&self, cs: u8, what: &str, fits: impl Fn(&Value) -> bool) -> Value {
+        let mut last = Value::Null;
+        let waiting = until(what, async || {
+            last = self.state(cs).await;
+            fits(&last).then(|| last.clone())
+        });
+        waiting.await
+    }
+
+    /// Waits for a word of execution.
+    pub async fn execution(&self, cs: u8, word: &str) -> Value {
+        self.state_where(cs, word, |state| state["execution"] == word).await
+    }
+
+    /// Resets the output that a coordinate system waits for, as `handler_id`.
+    pub async fn reset_output(&self, cs: u8, handler_id: &str, force: bool) -> Answer {
+        let state = self.state(cs).await;
+        let seq = &state["waiting_on"]["seq"];
+        let mut body = json!({"boot_id": state["boot_id"], "handler_id": handler_id, "result": "ok"});
+        if force {
+            body["force"] = json!(true);
+        }
+        self.post(&format!("/cs/{cs}/m_codes/{seq}/reset"), &body).await
+    }
+
+    /// Everything that a WebSocket says about topics, from now on.
+    pub async fn watch(&self, topics: &[&str]) -> History {
+        let url = format!("ws://{}/api/v1/ws", self.http);
+        let (mut socket, _) = tokio_tungstenite::connect_async(url).await.expect("a WebSocket");
+        let ask = json!({"subscribe": topics}).to_string();
+        socket.send(Message::text(ask)).await.expect("a subscription");
+        let history = History::default();
+        let sink = history.clone();
+        tokio::spawn(async move {
+            while let Some(Ok(message)) = socket.next().await {
+                let Message::Text(text) = message else { continue };
+                let value: Value = serde_json::from_str(&text).expect("JSON");
+                sink.push(value["topic"].as_str().unwrap_or_default().to_owned(), value);
+            }
+        });
+        history
+    }
+}

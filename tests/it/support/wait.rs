@@ -1,0 +1,76 @@
+//! Waiting that ends: a test that would hang fails instead and says what it waited for.
+
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use serde_json::Value;
+use tokio::sync::Notify;
+
+/// The longest that anything in these tests is waited for.
+pub const PATIENCE: Duration = Duration::from_secs(20);
+
+/// The result of a future, or a failure that names what did not come.
+pub async fn within<T>(what: &str, future: impl Future<Output = T>) -> T {
+    tokio::time::timeout(PATIENCE, future)
+        .await
+        .unwrap_or_else(|_| panic!("{what}: not within {} s", PATIENCE.as_secs()))
+}
+
+/// Asks again and again until the answer is there.
+pub async fn until<T>(what: &str, mut ask: impl AsyncFnMut() -> Option<T>) -> T {
+    within(what, async {
+        loop {
+            if let Some(found) = ask().await {
+                return found;
+            }
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
+    })
+    .await
+}
+
+/// What was said on topics, in order. Cloning gives another handle to the same history.
+#[derive(Clone, Default)]
+pub struct History {
+    said: Arc<Mutex<Vec<(String, Value)>>>,
+    news: Arc<Notify>,
+}
+
+impl History {
+    pub fn push(&self, topic: String, value: Value) {
+        self.said.lock().unwrap().push((topic, value));
+        self.news.notify_waiters();
+    }
+
+    /// Everything on a topic so far.
+    pub fn on(&self, topic: &str) -> Vec<Value> {
+        let said = self.said.lock().unwrap();
+        said.iter().filter(|(on, _)| on == topic).map(|(_, value)| value.clone()).collect()
+    }
+
+    /// The first value on a topic that fits, from the beginning of the history on.
+    pub async fn find(&self, topic: &str, fits: impl Fn(&Value) -> bool) -> Value {
+        let search = async {
+            loop {
+                let news = self.news.notified();
+                tokio::pin!(news);
+                news.as_mut().enable();
+                if let Some(found) = self.on(topic).into_iter().find(&fits) {
+                    return found;
+                }
+                news.await;
+            }
+        };
+        let found = tokio::time::timeout(PATIENCE, search).await;
+        found.unwrap_or_else(|_| panic!("nothing that fits on {topic}: {:#?}", self.on(topic)))
+    }
+
+    /// The words of execution of a coordinate system, each once where it repeats.
+    pub fn executions(&self, cs: u8) -> Vec<String> {
+        let states = self.on(&format!("cs/{cs}/state"));
+        let mut words: Vec<String> =
+            states.iter().filter_map(|state| state["execution"].as_str().map(str::to_owned)).collect();
+        words.dedup();
+        words
+    }
+}
