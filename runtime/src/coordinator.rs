@@ -184,6 +184,7 @@ impl Runtime {
             ..presence(&self.shared)
         };
         self.shared.publish(Topic::Presence, Payload::Presence(presence));
+        self.shared.hub.close();
     }
 }
 

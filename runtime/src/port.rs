@@ -54,7 +54,11 @@ impl RuntimePort {
 
     /// Stops every coordinate system that runs.
     pub async fn stop_all(&self) {
-        for handle in &self.handles {
+        for handle in self
+            .handles
+            .iter()
+            .filter(|handle| self.running_program(handle.number).is_some())
+        {
             let meta = CommandMeta {
                 command_id: format!("shutdown-{}", handle.number),
                 client_id: "runtime".into(),
@@ -250,21 +254,8 @@ impl RuntimePort {
 
     fn refuse_while_running(&self, number: u16) -> Result<(), Refusal> {
         for handle in &self.handles {
-            let Some(state) = self.shared.hub.read(&Topic::cs(handle.number, CsTopic::State)) else {
-                continue;
-            };
-            let Payload::State(state) = &state.payload else {
-                continue;
-            };
-            let ended = matches!(
-                state.execution,
-                Execution::Ready | Execution::Stopped | Execution::ProgramCompleted
-            );
-            if !ended
-                && state
-                    .program
-                    .is_some_and(|main| self.called_by(main).contains(&number))
-            {
+            let main = self.running_program(handle.number);
+            if main.is_some_and(|main| self.called_by(main).contains(&number)) {
                 let text = format!(
                     "program {number} runs in coordinate system {}; stop it first",
                     handle.number
@@ -273,6 +264,19 @@ impl RuntimePort {
             }
         }
         Ok(())
+    }
+
+    /// The main program of a run that has not ended.
+    fn running_program(&self, cs: CoordinateSystemNumber) -> Option<u16> {
+        let message = self.shared.hub.read(&Topic::cs(cs, CsTopic::State))?;
+        let Payload::State(state) = &message.payload else {
+            return None;
+        };
+        let ended = matches!(
+            state.execution,
+            Execution::Ready | Execution::Stopped | Execution::ProgramCompleted
+        );
+        state.program.filter(|_| !ended)
     }
 
     /// A program and all that it calls.

@@ -80,6 +80,9 @@ fn read_config(path: Option<&Path>) -> Result<(Config, Machine), String> {
         Some(path) => format!("{}: {error}", path.display()),
         None => error.to_string(),
     })?;
+    for warning in &machine.warnings {
+        complain(format!("warning: {warning}"));
+    }
     Ok((config, machine))
 }
 

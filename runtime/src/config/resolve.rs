@@ -29,6 +29,8 @@ pub struct Machine {
     pub m_codes: BTreeMap<u16, MCodeSettings>,
     /// What happens to an output of an M code without settings that no handler is registered for.
     pub unhandled: Unhandled,
+    /// Settings that have no effect yet, in words for the person who wrote them.
+    pub warnings: Vec<String>,
 }
 
 /// A coordinate system as configured.
@@ -119,7 +121,47 @@ impl Config {
             coordinate_systems,
             m_codes,
             unhandled: Unhandled::Alarm,
+            warnings: self.warnings(),
         })
+    }
+
+    /// What is set and has no effect yet.
+    fn warnings(&self) -> Vec<String> {
+        let mut warnings = Vec::new();
+        if !self.simulated_skip.is_empty() {
+            warnings.push("[[simulated_skip]] has no effect yet: G31 is not supported".to_owned());
+        }
+        for system in &self.coordinate_system {
+            let unusual = [
+                (
+                    "short_block",
+                    &system.short_block,
+                    "shrink",
+                    "blocks do not blend",
+                ),
+                (
+                    "compensation_feed",
+                    &system.compensation_feed,
+                    "centre",
+                    "G41 and G42 are not supported",
+                ),
+                (
+                    "overcut",
+                    &system.overcut,
+                    "detect",
+                    "G41 and G42 are not supported",
+                ),
+            ];
+            for (key, value, default, why) in unusual {
+                if value != default {
+                    let number = system.number;
+                    warnings.push(format!(
+                        "[[coordinate_system]] number = {number}: {key} = \"{value}\" has no effect yet: {why}"
+                    ));
+                }
+            }
+        }
+        warnings
     }
 
     fn check_machine(&self, problems: &mut Vec<String>) {
@@ -158,9 +200,6 @@ impl Config {
             problems.push(
                 "[http] token_file is not supported yet; listen on a loopback address without it".into(),
             );
-        }
-        if !self.simulated_skip.is_empty() {
-            problems.push("[[simulated_skip]] is not supported yet (G31 is not)".into());
         }
         if !self
             .tool
