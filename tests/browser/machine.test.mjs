@@ -39,7 +39,7 @@ beforeEach(async () => {
 });
 
 afterEach(async (context) => {
-  await page.screenshot({ path: `${OUT}last-${context.name.replace(/\W+/g, "-")}.png` }).catch(() => {});
+  await page.screenshot({ path: `${OUT}last-${(context?.name ?? "test").replace(/\W+/g, "-")}.png` }).catch(() => {});
   await page.context().close();
   assert.deepEqual(errors, [], "the browser's console shows no errors");
 });
