@@ -1,5 +1,6 @@
 //! `tandem serve`: the machine with all its server ends.
 
+use std::io::IsTerminal;
 use std::path::PathBuf;
 
 use clap::Args;
