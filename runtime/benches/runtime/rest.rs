@@ -1,7 +1,8 @@
 //! REST: `GET /api/v1/cs/1/state`, again and again on connections that stay open. The clients run in the same process
 //! and take their share of the processors.
 //!
-//! Measured on a 2-core AMD EPYC virtual machine that had other work to do, release profile:
+//! Measured on a 2-core AMD EPYC virtual machine, release profile; while compilers keep both processors busy a third to
+//! all of that is reached.
 //!
 //! | connections | requests/s | median | p99 |
 //! | --- | --- | --- | --- |

@@ -1,12 +1,15 @@
 //! How late the servo thread wakes up, with a servo period of 1 ms: while nothing else happens, and while eight REST
 //! clients in the same process ask as fast as they can. The thread has the priority of any other thread.
 //!
-//! Measured on a 2-core AMD EPYC virtual machine that had other work to do, without a real-time kernel:
+//! Measured on a 2-core AMD EPYC virtual machine without a real-time kernel, release profile. The tails are those of the
+//! operating system's scheduler: the same run while compilers kept both processors busy was late far more often.
 //!
 //! | | median | p99 | p99.9 | latest | more than a period late |
 //! | --- | --- | --- | --- | --- | --- |
-//! | idle | below 128 µs | below 256 µs | below 2048 µs | 3.7 ms | 13 of 9991 |
-//! | REST load | below 128 µs | below 1024 µs | below 4096 µs | 41 ms | 33 of 9901 |
+//! | idle | below 128 µs | below 256 µs | below 2 ms | 4 ms | 13 of 9991 |
+//! | REST load | below 128 µs | below 1 ms | below 4 ms | 41 ms | 33 of 9901 |
+//! | idle, compilers running | below 128 µs | below 4 ms | below 66 ms | 96 ms | 238 of 8831 |
+//! | REST load, compilers running | below 128 µs | below 8 ms | below 66 ms | 144 ms | 370 of 8211 |
 
 use std::sync::atomic::Ordering;
 use std::time::Duration;

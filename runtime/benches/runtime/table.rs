@@ -11,6 +11,10 @@ impl Durations {
         self.0.push(duration);
     }
 
+    pub fn push_some(&mut self, duration: Option<Duration>) {
+        self.0.extend(duration);
+    }
+
     pub fn append(&mut self, mut other: Durations) {
         self.0.append(&mut other.0);
     }
