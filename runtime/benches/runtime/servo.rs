@@ -1,8 +1,8 @@
 //! How late the servo thread wakes up, with a servo period of 1 ms: while nothing else happens, and while eight REST
 //! clients in the same process ask as fast as they can. The thread has the priority of any other thread.
 //!
-//! Measured on a 2-core AMD EPYC virtual machine without a real-time kernel, release profile. The tails are those of the
-//! operating system's scheduler: the same run while compilers kept both processors busy was late far more often.
+//! Measured on a 2-core AMD EPYC virtual machine without a real-time kernel, release profile. The tails are those of
+//! the operating system's scheduler: the same run while compilers kept both processors busy was late far more often.
 //!
 //! | | median | p99 | p99.9 | latest | more than a period late |
 //! | --- | --- | --- | --- | --- | --- |
