@@ -283,7 +283,7 @@ impl CoordinateSystem {
         }
         let unhandled: Vec<String> = m_codes
             .into_iter()
-            .filter(|m| !self.shared.is_handled(self.number, *m))
+            .filter(|m| !self.is_served(*m))
             .map(|m| format!("M{m:02}"))
             .collect();
         if unhandled.is_empty() {
