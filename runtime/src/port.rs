@@ -113,11 +113,14 @@ impl RuntimePort {
         meta: CommandMeta,
         wait: bool,
     ) -> Result<Answer, Refusal> {
-        let handle = self.handle(cs)?;
         self.check_meta(&meta)?;
         if let Some(reply) = self.shared.replied(&meta.command_id) {
+            // Who asks again has not heard it.
+            self.shared
+                .publish(Topic::Reply(meta.client_id), Payload::Reply(reply.clone()));
             return Ok(Answer::Command(reply));
         }
+        let handle = self.handle(cs).map_err(|refusal| self.reject(&meta, refusal))?;
         if let Command::AlarmAcknowledge { id } = command
             && !self.shared.acknowledge_alarm(id, &meta.client_id)
         {

@@ -267,9 +267,15 @@ impl CoordinateSystem {
         while let Some(program) = left.pop() {
             let (found, codes) = self.check_here(&program);
             m_codes.extend(codes);
-            errors.extend(found.into_iter().map(|diagnostic| ProgramDiagnostic {
-                message: format!("program {}: {}", program.number, diagnostic.message),
-                ..diagnostic
+            errors.extend(found.into_iter().map(|diagnostic| match program.number {
+                main if main == number => diagnostic,
+                called => {
+                    let message = format!("in program {called}, which is called: {}", diagnostic.message);
+                    ProgramDiagnostic {
+                        message,
+                        ..diagnostic
+                    }
+                }
             }));
             let called = program.check.programs.iter().filter_map(|called| all.get(called));
             left.extend(called.filter(|called| seen.insert(called.number)).cloned());
