@@ -10,7 +10,11 @@
 
 mod support;
 
-mod conformance;
 mod cli_check;
 mod cli_simulate;
+mod conformance;
+mod examples;
+mod extension;
 mod serve;
+mod tidy;
+mod transports;

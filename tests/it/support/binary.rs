@@ -43,7 +43,10 @@ fn built(name: &str) -> PathBuf {
 /// `target/debug`, from `target/debug/deps/it-...`.
 fn folder() -> PathBuf {
     let test = std::env::current_exe().expect("the path of this test");
-    let folder = test.parent().and_then(Path::parent).expect("a test in target/*/deps");
+    let folder = test
+        .parent()
+        .and_then(Path::parent)
+        .expect("a test in target/*/deps");
     folder.to_owned()
 }
 

@@ -77,7 +77,9 @@ pub struct Machine {
 impl Machine {
     /// The machine of [`MOTORS`] and [`COORDINATE_SYSTEMS`], with `more` behind them, such as `[m_code.N]` tables.
     pub fn new(more: &str) -> Self {
-        Self::with_config(&format!("[machine]\nname = \"test-1\"\n{MOTORS}{COORDINATE_SYSTEMS}{more}"))
+        Self::with_config(&format!(
+            "[machine]\nname = \"test-1\"\n{MOTORS}{COORDINATE_SYSTEMS}{more}"
+        ))
     }
 
     /// A machine of a whole configuration.
