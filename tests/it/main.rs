@@ -7,6 +7,7 @@
     clippy::panic,
     reason = "this crate is tests and nothing else"
 )]
+#![allow(clippy::float_cmp, reason = "a motion ends at its end point exactly")]
 
 mod support;
 

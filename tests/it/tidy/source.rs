@@ -41,10 +41,10 @@ fn functions(text: &str) -> Vec<(usize, usize)> {
         if !begins_function(line) || line.ends_with('}') || line.ends_with(';') {
             continue;
         }
-        let same = |at: &&str| !at.trim().is_empty() && indent(at) == indent(line);
+        let same = |at: &str| !at.trim().is_empty() && indent(at) == indent(line);
         let end = lines[begin + 1..]
             .iter()
-            .position(|at| same(&at) && (at.trim_start().starts_with('}') || at.ends_with(';')));
+            .position(|at| same(at) && (at.trim_start().starts_with('}') || at.ends_with(';')));
         if let Some(end) = end {
             found.push((begin + 1, end + 2));
         }

@@ -22,7 +22,7 @@ async fn online(served: &Served) -> bool {
     handlers["handlers"]["clamp"]["online"] == true || handlers["clamp"]["online"] == true
 }
 
-/// Runs program 51 and kills the handler in the middle of M12; leaves WAIT with HANDLER_LOST.
+/// Runs program 51 and kills the handler in the middle of M12; leaves WAIT with `HANDLER_LOST`.
 async fn lose_the_handler(served: &Served) -> Value {
     served
         .post("/cs/1/load?wait=1", &json!({"program": 51}))
