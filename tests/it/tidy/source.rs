@@ -102,10 +102,17 @@ fn words(line: &str) -> impl Iterator<Item = &str> {
 #[test]
 fn nothing_is_left_for_later() {
     let found = lines_with(&TEXTS, |line| {
-        words(line).any(|word| ["TODO", "FIXME", "XXX", "HACK"].contains(&word))
-            || ["unimplemented!", "todo!(", "#[ignore"]
-                .iter()
-                .any(|what| line.contains(what))
+        words(line).any(|word| {
+            [
+                concat!("TO", "DO"),
+                concat!("FIX", "ME"),
+                concat!("X", "XX"),
+                concat!("HA", "CK"),
+            ]
+            .contains(&word)
+        }) || ["unimplemented!", "todo!(", "#[ignore"]
+            .iter()
+            .any(|what| line.contains(what))
     });
     assert!(found.is_empty(), "{found:#?}");
 }
