@@ -88,6 +88,11 @@ impl CoordinateSystem {
             wait,
             reply,
         } = command;
+        // The same command may have come twice before the first was carried out.
+        if let Some(said) = self.shared.replied(&meta.command_id) {
+            let _ = reply.send(Ok(Answer::Command(said)));
+            return;
+        }
         let verb = command.verb();
         let judged = self
             .judge(verb, &meta)
