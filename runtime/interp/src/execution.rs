@@ -2,7 +2,7 @@
 
 use tandem_model::Alarm;
 use tandem_model::axis::{Axis, AxisSet, AxisVector};
-use tandem_model::flow::{Action, AxisWords, Transform};
+use tandem_model::flow::{Action, AxisWords, Frame, Transform};
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_syntax::Address;
 
@@ -161,6 +161,7 @@ impl<'a> Execution<'a> {
             values,
             named,
             distance: self.modal.distance,
+            frame: Frame::Work,
         })
     }
 

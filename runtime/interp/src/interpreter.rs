@@ -7,7 +7,7 @@ use tandem_model::alarm::{
     PROGRAM_END_MISSING, PROGRAM_HAS_ERRORS, PROGRAM_NOT_FOUND, STEP_LIMIT, VALUE_NOT_FINITE,
     VALUE_OUT_OF_RANGE,
 };
-use tandem_model::flow::{Action, Block as FlowBlock, Item, Output, ProgramStop};
+use tandem_model::flow::{Action, Block as FlowBlock, Compensation, Item, MultiBlock, Output, ProgramStop};
 use tandem_model::limits::{CALL_DEPTH_MAX, STEPS_WITHOUT_ITEM_MAX};
 use tandem_model::settings::{CoordinateSystemSettings, WorkOffsets};
 use tandem_model::{Alarm, Diagnostic, Origin};
@@ -209,6 +209,8 @@ impl Interpreter {
                 path_control: self.modal.path_control,
                 exact_stop_before,
                 exact_stop_after,
+                multi_block: MultiBlock::Off,
+                compensation: Compensation::Off,
             }));
         };
         if let Some(transform) = draft.transform {
