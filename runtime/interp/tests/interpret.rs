@@ -135,6 +135,7 @@ fn text(item: &Item) -> String {
                 Action::Linear(words) => format!("linear {}", axes(words.values, words.named)),
                 Action::Dwell { dwell_s } => format!("dwell {dwell_s}"),
                 Action::Transform(transform) => format!("transform X{}", transform.work_offset[Axis::X]),
+                other => format!("{other:?}"),
             };
             format!("{} {what}", place(&block.origin))
         }
