@@ -6,13 +6,17 @@ use std::sync::Arc;
 use tandem_model::limits::PROGRAM_BYTES_MAX;
 use tandem_model::{AxisSet, Diagnostic, Severity, Span};
 use tandem_syntax::{
-    Address, Block, Content, DIAGNOSTICS_MAX, NcProgram, ProgramCode, Word, diagnostics, parse,
+    Address, AddressSet, Block, Content, DIAGNOSTICS_MAX, NcProgram, Statement, Word, diagnostics, parse,
 };
 
-use crate::block_words::BlockWords;
+use crate::block_words::{BlockWords, Reading};
+use crate::codes::g04_dwell::G04;
+use crate::codes::motion_built::motion_is_built;
 use crate::codes::{ModalGroup, m_auxiliary::AUXILIARY, m98_call::M98};
 use crate::dialects::{self, Dialect};
 use crate::execution::axis_of;
+use crate::modal::Modal;
+use crate::restrictions;
 
 /// What the checker may know of the machine; what is `None` is not checked.
 ///
@@ -29,6 +33,8 @@ pub struct CheckContext<'a> {
     pub max_feedrate_mm_min: Option<f64>,
     /// S above it is an error, r/min.
     pub max_spindle_speed_r_min: Option<f64>,
+    /// Codes whose motion is not built ([`crate::codes::motion_built`]) are let pass: the program is not to be run.
+    pub without_motion: bool,
 }
 
 /// What checking a program gives.
@@ -75,7 +81,7 @@ pub fn check_dialect(program: &NcProgram, dialect: &'static Dialect, context: &C
         m_codes: BTreeSet::new(),
         programs: BTreeSet::new(),
         ending: Ending::Open,
-        lenient: false,
+        modal: Modal::of_text(dialect),
         branches: false,
     };
     if program.source().len() <= PROGRAM_BYTES_MAX {
@@ -139,9 +145,9 @@ struct Checker<'a> {
     m_codes: BTreeSet<u16>,
     programs: BTreeSet<u16>,
     ending: Ending,
-    /// A code that is not supported may take words of later blocks.
-    lenient: bool,
-    /// The program has branches that are not taken apart.
+    /// What is in force as far as the text shows.
+    modal: Modal,
+    /// The program has branches: which blocks are executed is not known.
     branches: bool,
 }
 
@@ -166,38 +172,23 @@ impl Checker<'_> {
     }
 
     fn program_code(&mut self, block: &Block) {
-        let Some(code) = self.program.program_code(block) else {
-            return;
-        };
-        let (what, span) = match code {
-            ProgramCode::Assignment { span, .. } => ("assignments", *span),
-            ProgramCode::Control { keyword, span } => {
-                self.branches = true;
-                let length = u32::try_from(keyword.text().len()).unwrap_or_default();
-                (keyword.text(), Span::new(span.start, span.start + length))
-            }
-        };
-        if block.has_errors() {
-            return;
+        let statement = self.program.program_code(block).map(|code| code.statement);
+        if !matches!(statement, Some(Statement::Assignment { .. })) {
+            self.branches = true;
+            self.modal.forget();
         }
-        let verb = if what == "assignments" { "are" } else { "is" };
-        self.findings.push(diagnostics::PROGRAM_CODE_NOT_SUPPORTED.at(
-            span,
-            format!("{what} {verb} not supported yet"),
-            "Write the blocks with numbers, and call subprograms with M98 and L to repeat.",
-        ));
     }
 
     fn block(&mut self, block: &Block, words: &mut BlockWords) {
         let findings = &mut self.findings;
-        words.read(self.program, block, self.dialect, self.lenient, |finding| {
-            findings.push(finding);
-        });
-        if words.has_foreign_motion() {
-            self.lenient = true;
-        } else if words.g_codes().iter().any(|(code, _)| ends_leniency(code.group)) {
-            self.lenient = false;
-        }
+        let reading = Reading {
+            dialect: self.dialect,
+            modal: &self.modal,
+            scope: None,
+        };
+        words.read(self.program, block, reading, |finding| findings.push(finding));
+        self.motion_built(block, words);
+        self.follow(block, words);
         if let Some(code) = words.m_code() {
             if *code == AUXILIARY {
                 self.auxiliary(block, words.m_number());
@@ -208,6 +199,47 @@ impl Checker<'_> {
             }
         }
         self.context_of_words(block, words);
+    }
+
+    /// Tells of codes whose motion is not built.
+    fn motion_built(&mut self, block: &Block, words: &BlockWords) {
+        if self.context.without_motion {
+            return;
+        }
+        for (code, place) in words.g_codes() {
+            if !motion_is_built(code) {
+                let span = self
+                    .program
+                    .words(block)
+                    .get(*place)
+                    .map(Word::span)
+                    .unwrap_or_default();
+                self.findings.push(diagnostics::NOT_SUPPORTED.at(
+                    span,
+                    format!("{} ({}) is not supported yet", code.code, code.name),
+                    "Remove the block, or write it with codes that are supported.",
+                ));
+            }
+        }
+    }
+
+    /// Follows what is in force: a skipped block and a subprogram leave open what follows.
+    fn follow(&mut self, block: &Block, words: &BlockWords) {
+        restrictions::follow(words, &mut self.modal);
+        for (code, _) in words.g_codes() {
+            match code.group {
+                ModalGroup::NonModal => {}
+                ModalGroup::Motion if code.motion.is_some() => {
+                    self.modal.end_cycle();
+                    self.modal.remember(code);
+                }
+                _ => self.modal.remember(code),
+            }
+        }
+        let leaves_open = block.skip_numbers() != 0 && !words.g_codes().is_empty();
+        if leaves_open || block.has_errors() || words.m_code().is_some_and(|code| *code == M98) {
+            self.modal.forget();
+        }
     }
 
     fn auxiliary(&mut self, block: &Block, number: u16) {
@@ -253,7 +285,13 @@ impl Checker<'_> {
     /// Checks words against what is known of the coordinate system.
     fn context_of_words(&mut self, block: &Block, words: &BlockWords) {
         if let Some(axes) = self.context.axes {
-            for address in words.axis_words().iter() {
+            let dwells = words.g_codes().iter().any(|(code, _)| **code == G04);
+            let own = if dwells {
+                AddressSet::EMPTY
+            } else {
+                words.own().intersection(words.present())
+            };
+            for address in words.axis_words().union(own).iter() {
                 if axis_of(address).is_some_and(|axis| !axes.contains(axis)) {
                     self.findings.push(diagnostics::AXIS_UNKNOWN.at(
                         self.span_of(block, address),
@@ -306,11 +344,6 @@ impl Checker<'_> {
             .find(|word| word.address == address)
             .map_or_else(|| self.program.span(block), Word::span)
     }
-}
-
-/// True for groups whose codes take words from blocks that do not name them.
-fn ends_leniency(group: ModalGroup) -> bool {
-    matches!(group, ModalGroup::Motion | ModalGroup::FixedCycle)
 }
 
 fn is_end(code: &str) -> bool {

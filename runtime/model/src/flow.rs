@@ -145,9 +145,9 @@ pub enum Plane {
 /// Thread cutting of a tapping cycle: revolutions are Z travel times S / F (motion-semantics 1h).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tap {
-    /// Z point.
+    /// Z point; an incremental one counts from where the tool is, the R point.
     pub depth: AxisWords,
-    /// R point: where the tool comes back to.
+    /// R point: where the tool comes back to; an incremental one counts from the Z point.
     pub retract: AxisWords,
     /// Dwell at the Z point, s.
     pub dwell_s: f64,
@@ -276,6 +276,8 @@ pub struct Mirror {
 pub struct Scaling {
     /// The centre.
     pub centre: AxisVector,
+    /// The axes that the centre names; for the others it is where the tool is when the transform comes into force.
+    pub centre_named: AxisSet,
     /// Factors of X, Y, Z.
     pub factors: [f64; 3],
 }
@@ -287,6 +289,8 @@ pub struct Rotation {
     pub plane: Plane,
     /// The centre.
     pub centre: AxisVector,
+    /// The axes that the centre names; for the others it is where the tool is when the transform comes into force.
+    pub centre_named: AxisSet,
     /// Counter-clockwise, degrees.
     pub angle_deg: f64,
 }

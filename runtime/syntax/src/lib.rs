@@ -20,5 +20,7 @@ pub use diagnostics::{DIAGNOSTICS, DiagnosticEntry};
 pub use grammar::Grammar;
 pub use line_index::LineIndex;
 pub use parser::{DIAGNOSTICS_MAX, NESTING_MAX, parse};
-pub use program_code::{BinaryOperator, Expression, ExpressionId, Function, Keyword, ProgramCode};
+pub use program_code::{
+    BinaryOperator, Comparator, Expression, ExpressionId, Function, Keyword, ProgramCode, Statement,
+};
 pub use tree::{Block, Content, NcProgram, Value, Variable, VariableKind, Word};

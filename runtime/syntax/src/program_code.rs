@@ -4,34 +4,93 @@ use tandem_model::Span;
 
 use crate::tree::Variable;
 
-/// A statement of manual chapter 4.
+/// A statement of manual chapter 4, or a part of one. Branches and repetitions stand flat among the blocks: each part
+/// is a block of its own that tells where the program goes on, as an index of [`crate::NcProgram::blocks`].
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum ProgramCode {
+pub struct ProgramCode {
+    /// What it does.
+    pub statement: Statement,
+    /// Its range of bytes.
+    pub span: Span,
+}
+
+/// What a program code does. Parts that no variant says more about do nothing by themselves.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Statement {
     /// `L12 = P3 + 1`.
     Assignment {
         /// What is assigned to.
         target: Variable,
         /// The value.
         value: ExpressionId,
-        /// Its range of bytes.
-        span: Span,
     },
-    /// A branch or a repetition with all that belongs to it. It is recognised and not taken apart.
-    Control {
-        /// The word that it begins with.
-        keyword: Keyword,
-        /// Its range of bytes.
-        span: Span,
+    /// `if(condition)`: goes to `otherwise` when it is false.
+    If {
+        /// A condition.
+        condition: ExpressionId,
+        /// The block after the commands, past an `else`.
+        otherwise: u32,
     },
+    /// `else`, reached from the commands before it: goes to `end`.
+    Else {
+        /// The block after the commands of the last `else`.
+        end: u32,
+    },
+    /// `while(condition)`: goes to `end` when it is false.
+    While {
+        /// A condition.
+        condition: ExpressionId,
+        /// The block after the repetition.
+        end: u32,
+    },
+    /// The end of the commands of a `while`; no text of its own. Goes to `start`.
+    Repeat {
+        /// The `while`.
+        start: u32,
+    },
+    /// `do`.
+    Do,
+    /// The `while(condition)` that ends a `do`: goes to `start` when it is true.
+    DoWhile {
+        /// A condition.
+        condition: ExpressionId,
+        /// The first command after `do`.
+        start: u32,
+    },
+    /// `switch(expression)`: goes to the case of the value, truncated toward zero (D10).
+    Switch {
+        /// The value.
+        value: ExpressionId,
+        /// Index of its first case among those of the program.
+        first: u32,
+        /// How many cases it has.
+        count: u32,
+        /// `default`, or the block after the `switch`.
+        otherwise: u32,
+    },
+    /// `case 1:`.
+    Case {
+        /// The label.
+        label: i64,
+    },
+    /// `default:`.
+    Default,
+    /// `break`: goes to `end`.
+    Break {
+        /// The block after the `switch`, `while` or `do`.
+        end: u32,
+    },
+    /// `{`.
+    Open,
+    /// `}`.
+    Close,
 }
 
-impl ProgramCode {
-    /// Its range of bytes.
-    pub fn span(&self) -> Span {
-        match self {
-            ProgramCode::Assignment { span, .. } | ProgramCode::Control { span, .. } => *span,
-        }
-    }
+/// A label of a `switch` and where it stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct CaseLabel {
+    pub(crate) label: i64,
+    pub(crate) block: u32,
 }
 
 /// Words that begin or belong to a program code.
@@ -95,6 +154,26 @@ pub enum Expression {
     Variable(Variable),
     /// Unary minus.
     Negation(ExpressionId),
+    /// Comparison of two numbers; a condition (manual 4-1-4).
+    Comparison {
+        /// How they are compared.
+        comparator: Comparator,
+        /// Left operand.
+        left: ExpressionId,
+        /// Right operand.
+        right: ExpressionId,
+    },
+    /// Two conditions; a condition (manual 4-1-5).
+    Join {
+        /// True for `&&`, false for `||`.
+        both: bool,
+        /// Left condition.
+        left: ExpressionId,
+        /// Right condition, read only when the left one does not decide.
+        right: ExpressionId,
+    },
+    /// `!(condition)`; a condition.
+    Not(ExpressionId),
     /// Two operands.
     Binary {
         /// What is done.
@@ -128,6 +207,50 @@ pub enum BinaryOperator {
     Divide,
     /// `%` (D07)
     Modulo,
+}
+
+/// Comparators (manual 4-1-4).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Comparator {
+    /// `==`
+    Equal,
+    /// `!=`
+    NotEqual,
+    /// `<`
+    Less,
+    /// `>`
+    Greater,
+    /// `<=`
+    LessOrEqual,
+    /// `>=`
+    GreaterOrEqual,
+}
+
+impl BinaryOperator {
+    /// As it is written.
+    pub const fn text(self) -> &'static str {
+        match self {
+            BinaryOperator::Add => "+",
+            BinaryOperator::Subtract => "-",
+            BinaryOperator::Multiply => "*",
+            BinaryOperator::Divide => "/",
+            BinaryOperator::Modulo => "%",
+        }
+    }
+}
+
+impl Comparator {
+    /// As it is written.
+    pub const fn text(self) -> &'static str {
+        match self {
+            Comparator::Equal => "==",
+            Comparator::NotEqual => "!=",
+            Comparator::Less => "<",
+            Comparator::Greater => ">",
+            Comparator::LessOrEqual => "<=",
+            Comparator::GreaterOrEqual => ">=",
+        }
+    }
 }
 
 macro_rules! functions {
