@@ -3,20 +3,25 @@
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-use tandem_model::limits::PROGRAM_BYTES_MAX;
+use tandem_model::limits::{BLOCK_BYTES_MAX, PROGRAM_BYTES_MAX};
 use tandem_model::{AxisSet, Diagnostic, Severity, Span};
 use tandem_syntax::{
-    Address, AddressSet, Block, Content, DIAGNOSTICS_MAX, NcProgram, Statement, Word, diagnostics, parse,
+    Address, AddressSet, Block, Content, DIAGNOSTICS_MAX, NcProgram, Statement, Word, block_bytes,
+    diagnostics, parse,
 };
 
 use crate::block_words::{BlockWords, Reading};
 use crate::codes::g04_dwell::G04;
 use crate::codes::motion_built::motion_is_built;
-use crate::codes::{ModalGroup, m_auxiliary::AUXILIARY, m98_call::M98};
+use crate::codes::{ModalGroup, m_auxiliary::AUXILIARY, m98_call::M98, tenths};
 use crate::dialects::{self, Dialect};
 use crate::execution::axis_of;
 use crate::modal::Modal;
 use crate::restrictions;
+
+/// A shorter block cannot be too long in the intermediate code: there each word of two bytes or more has a blank, and
+/// numbers and operators of expressions have two.
+const LONG_BYTES: u32 = 300;
 
 /// What the checker may know of the machine; what is `None` is not checked.
 ///
@@ -163,12 +168,26 @@ impl Checker<'_> {
                     "Remove them, or move the end of the program below them.",
                 ));
             }
+            self.length(block);
             match block.content {
                 Content::ProgramCode(_) => self.program_code(block),
                 Content::Words { .. } => self.block(block, &mut words),
             }
         }
         self.end();
+    }
+
+    /// Tells when the block's line in the intermediate code is too long (D03).
+    fn length(&mut self, block: &Block) {
+        let span = self.program.span(block);
+        let may_be = span.end - span.start > LONG_BYTES && !block.has_errors();
+        if may_be && block_bytes(self.program, block) > BLOCK_BYTES_MAX {
+            self.findings.push(diagnostics::BLOCK_TOO_LONG.at(
+                span,
+                format!("the block's line in the intermediate code is longer than {BLOCK_BYTES_MAX} bytes"),
+                "Write the words in several blocks.",
+            ));
+        }
     }
 
     fn program_code(&mut self, block: &Block) {
@@ -322,12 +341,32 @@ impl Checker<'_> {
         }
     }
 
-    /// Tells when the program runs past its last block (D06).
+    /// Tells when the program runs past its last block (D06), and with branches which blocks are never executed.
     fn end(&mut self) {
-        let last = self.program.blocks().last();
-        let unclear = self.branches || !self.program.is_complete() || last.is_some_and(Block::has_errors);
-        if self.ending != Ending::Open || unclear {
+        let blocks = self.program.blocks();
+        let last = blocks.last();
+        let unclear = !self.program.is_complete() || last.is_some_and(Block::has_errors);
+        if unclear || (self.ending != Ending::Open && !self.branches) {
             return;
+        }
+        if self.branches {
+            let reached = reachable(self.program, self.dialect);
+            let dead = blocks
+                .iter()
+                .zip(&reached)
+                .find(|(block, reached)| !**reached && !is_mark(self.program, block));
+            if let Some((block, _)) = dead
+                && self.ending != Ending::Warned
+            {
+                self.findings.push(diagnostics::UNREACHABLE.at(
+                    self.program.span(block),
+                    "this block is never executed",
+                    "Remove it, or move the end of the program below it.",
+                ));
+            }
+            if !reached.last().is_some_and(|past_the_end| *past_the_end) {
+                return;
+            }
         }
         let span = last.map_or_else(Span::default, |block| self.program.span(block));
         self.findings.push(diagnostics::END_MISSING.at(
@@ -344,6 +383,64 @@ impl Checker<'_> {
             .find(|word| word.address == address)
             .map_or_else(|| self.program.span(block), Word::span)
     }
+}
+
+/// Which blocks a run may come to, whatever conditions say; the last entry stands for the place past the last block.
+fn reachable(program: &NcProgram, dialect: &Dialect) -> Vec<bool> {
+    let blocks = program.blocks();
+    let mut reached = vec![false; blocks.len() + 1];
+    let mut open = vec![0];
+    while let Some(at) = open.pop() {
+        let Some(seen) = reached.get_mut(at) else { continue };
+        if std::mem::replace(seen, true) {
+            continue;
+        }
+        let Some(block) = blocks.get(at) else { continue };
+        match program.program_code(block).map(|code| code.statement) {
+            Some(
+                Statement::If { otherwise: to, .. }
+                | Statement::While { end: to, .. }
+                | Statement::DoWhile { start: to, .. },
+            ) => open.extend([at + 1, to as usize]),
+            Some(
+                Statement::Else { end: to } | Statement::Break { end: to } | Statement::Repeat { start: to },
+            ) => {
+                open.push(to as usize);
+            }
+            Some(Statement::Switch {
+                first,
+                count,
+                otherwise,
+                ..
+            }) => {
+                open.push(otherwise as usize);
+                open.extend(program.case_blocks(first, count).map(|case| case as usize));
+            }
+            None if ends(program, block, dialect) => {}
+            Some(_) | None => open.push(at + 1),
+        }
+    }
+    reached
+}
+
+/// True for a block that always ends the program.
+fn ends(program: &NcProgram, block: &Block, dialect: &Dialect) -> bool {
+    block.skip_numbers() == 0
+        && program.words(block).iter().any(|word| {
+            let code = word
+                .number()
+                .filter(|_| word.address == Address::M)
+                .and_then(tenths)
+                .and_then(|tenths| dialect.m_codes.find(tenths));
+            code.is_some_and(|code| is_end(code.code))
+        })
+}
+
+/// True for parts of branches that need not be reached: the way on from commands that end.
+fn is_mark(program: &NcProgram, block: &Block) -> bool {
+    program
+        .program_code(block)
+        .is_some_and(|code| !matches!(code.statement, Statement::Assignment { .. }))
 }
 
 fn is_end(code: &str) -> bool {

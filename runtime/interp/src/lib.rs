@@ -19,6 +19,7 @@ pub mod fixed_cycles;
 mod flow;
 mod interpreter;
 mod modal;
+pub mod reference;
 mod restrictions;
 
 pub use check::{Check, CheckContext, check, check_dialect, check_source};

@@ -233,7 +233,26 @@ fn d06_a_program_needs_an_end() {
 fn a_missing_end_is_not_told_where_the_end_cannot_be_read() {
     check_whole("X1\nM3O", &["2:3 E0007"]);
     check_whole("X1\n/* M30", &["2:1 E0004"]);
-    check_whole("if(L1==1){M30}", &[]);
+}
+
+#[test]
+fn d06_branches_may_end_or_go_past_the_end() {
+    check_whole("if(L1==1){M30}", &["1:14 E0115"]);
+    check_whole("if(L1==1) M30 else M99", &[]);
+    check_whole("while(1==1) X1\nM30", &[]);
+    check_whole("do M30 while(1==1)", &[]);
+    check_whole("switch(L1){case 1: M30\ndefault: M30 }", &[]);
+    check_whole("switch(L1){case 1: M30 }", &["1:24 E0115"]);
+    check_whole("if(L1==1) M30 else M99\nX1\nX2", &["2:1 W0002"]);
+}
+
+#[test]
+fn d03_the_line_of_the_intermediate_code_counts() {
+    // N1, and a blank and four bytes a word, and the end of the block
+    let block = |words: usize| (0..words).map(|_| "G904").collect::<String>();
+    let findings = |words| findings(&format!("{}\nM30", block(words)), &CheckContext::default());
+    assert!(findings(201).iter().all(|finding| !finding.ends_with("E0011")));
+    assert!(findings(202).iter().any(|finding| finding.ends_with("E0011")));
 }
 
 #[test]

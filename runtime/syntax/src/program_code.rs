@@ -254,10 +254,10 @@ impl Comparator {
 }
 
 macro_rules! functions {
-    ($($name:ident $text:literal $arguments:literal,)*) => {
+    ($($name:ident $text:literal $arguments:literal $meaning:literal, $domain:literal;)*) => {
         /// The functions (manual 4-1-3); a name that ends in `d` takes or gives degrees, the others radians.
         #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-        pub enum Function { $(#[doc = concat!("`", $text, "`")] $name,)* }
+        pub enum Function { $(#[doc = concat!("`", $text, "`: ", $meaning, ".")] $name,)* }
 
         impl Function {
             /// All functions.
@@ -272,17 +272,58 @@ macro_rules! functions {
             pub const fn arguments(self) -> u8 {
                 match self { $(Function::$name => $arguments,)* }
             }
+
+            /// What it gives.
+            pub const fn meaning(self) -> &'static str {
+                match self { $(Function::$name => $meaning,)* }
+            }
+
+            /// For which arguments.
+            pub const fn domain(self) -> &'static str {
+                match self { $(Function::$name => $domain,)* }
+            }
         }
     };
 }
 
 functions! {
-    Abs "abs" 1, Acos "acos" 1, Acosd "acosd" 1, Acosh "acosh" 1, Asin "asin" 1, Asind "asind" 1, Asinh "asinh" 1,
-    Atan "atan" 1, Atan2 "atan2" 2, Atan2d "atan2d" 2, Atand "atand" 1, Atanh "atanh" 1, Cbrt "cbrt" 1,
-    Ceil "ceil" 1, Cos "cos" 1, Cosd "cosd" 1, Cosh "cosh" 1, Exp "exp" 1, Exp2 "exp2" 1, Floor "floor" 1,
-    Int "int" 1, Isnan "isnan" 1, Log "log" 1, Log10 "log10" 1, Log2 "log2" 1, Pow "pow" 2, Qnrt "qnrt" 1,
-    Qrrt "qrrt" 1, Rint "rint" 1, Sin "sin" 1, Sind "sind" 1, Sinh "sinh" 1, Sgn "sgn" 1, Sqrt "sqrt" 1,
-    Tan "tan" 1, Tand "tand" 1, Tanh "tanh" 1,
+    Abs "abs" 1 "the absolute value", "any";
+    Acos "acos" 1 "the arc cosine, radians", "-1 to 1";
+    Acosd "acosd" 1 "the arc cosine, degrees", "-1 to 1";
+    Acosh "acosh" 1 "the inverse hyperbolic cosine", "1 or more";
+    Asin "asin" 1 "the arc sine, radians", "-1 to 1";
+    Asind "asind" 1 "the arc sine, degrees", "-1 to 1";
+    Asinh "asinh" 1 "the inverse hyperbolic sine", "any";
+    Atan "atan" 1 "the arc tangent, radians", "any";
+    Atan2 "atan2" 2 "the angle of the point (y, x), radians", "any, but not both 0";
+    Atan2d "atan2d" 2 "the angle of the point (y, x), degrees", "any, but not both 0";
+    Atand "atand" 1 "the arc tangent, degrees", "any";
+    Atanh "atanh" 1 "the inverse hyperbolic tangent", "-1 to 1";
+    Cbrt "cbrt" 1 "the cube root", "any";
+    Ceil "ceil" 1 "the next whole number upward", "any";
+    Cos "cos" 1 "the cosine of radians", "any";
+    Cosd "cosd" 1 "the cosine of degrees", "any";
+    Cosh "cosh" 1 "the hyperbolic cosine", "any";
+    Exp "exp" 1 "e to the power of x", "any";
+    Exp2 "exp2" 1 "2 to the power of x", "any";
+    Floor "floor" 1 "the next whole number downward", "any";
+    Int "int" 1 "the next whole number downward", "any";
+    Isnan "isnan" 1 "1 for what is not a number, 0 for a number; a condition too", "any";
+    Log "log" 1 "the natural logarithm", "above 0";
+    Log10 "log10" 1 "the logarithm of base 10", "above 0";
+    Log2 "log2" 1 "the logarithm of base 2", "above 0";
+    Pow "pow" 2 "x to the power of y", "any; a whole y where x is below 0";
+    Qnrt "qnrt" 1 "the fifth root", "any";
+    Qrrt "qrrt" 1 "the fourth root", "0 or more";
+    Rint "rint" 1 "the nearest whole number, half to even", "any";
+    Sin "sin" 1 "the sine of radians", "any";
+    Sind "sind" 1 "the sine of degrees", "any";
+    Sinh "sinh" 1 "the hyperbolic sine", "any";
+    Sgn "sgn" 1 "-1, 0 or 1", "any";
+    Sqrt "sqrt" 1 "the square root", "0 or more";
+    Tan "tan" 1 "the tangent of radians", "any but odd quarter turns";
+    Tand "tand" 1 "the tangent of degrees", "any but odd quarter turns";
+    Tanh "tanh" 1 "the hyperbolic tangent", "any";
 }
 
 #[cfg(test)]

@@ -93,6 +93,12 @@ impl NcProgram {
         cases.get(at).map(|case| case.block)
     }
 
+    /// The blocks of the cases of a `switch`.
+    pub fn case_blocks(&self, first: u32, count: u32) -> impl Iterator<Item = u32> {
+        let cases = self.cases.iter().skip(first as usize).take(count as usize);
+        cases.map(|case| case.block)
+    }
+
     /// The block's range of bytes: from its first word (or block skip) to the end of its last one.
     pub fn span(&self, block: &Block) -> Span {
         let end = match self.program_code(block) {

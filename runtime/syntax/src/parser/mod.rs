@@ -44,6 +44,7 @@ pub fn parse(source: impl Into<Arc<str>>, grammar: &Grammar) -> (NcProgram, Vec<
             "Split the program and call the parts with M98.",
         );
     } else {
+        parser.reserve(&source);
         parser.run();
     }
     let Parser {
@@ -124,6 +125,20 @@ impl<'a> Parser<'a> {
             line_start: 0,
             comment_bytes_before: 0,
         }
+    }
+
+    /// Makes room for the blocks and words that the text seems to have, so that the arrays need not grow and move: a
+    /// letter before a value begins a word, a line is a block.
+    fn reserve(&mut self, source: &str) {
+        let (mut lines, mut words) = (1, 0);
+        let mut letter = false;
+        for byte in source.bytes() {
+            lines += usize::from(byte == b'\n');
+            words += usize::from(letter && matches!(byte, b'0'..=b'9' | b'-' | b'.' | b'[' | b'+'));
+            letter = byte.is_ascii_alphabetic();
+        }
+        self.blocks.reserve_exact(lines.min(words));
+        self.words.reserve_exact(words);
     }
 
     fn run(&mut self) {
