@@ -203,6 +203,19 @@ fn the_corpus_itself_is_read() {
 }
 
 #[test]
+fn the_corpus_of_the_fuzzers_is_read() -> std::io::Result<()> {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/fuzz/corpus");
+    let mut files = 0;
+    for entry in std::fs::read_dir(folder)? {
+        let bytes = std::fs::read(entry?.path())?;
+        examine(&String::from_utf8_lossy(&bytes));
+        files += 1;
+    }
+    assert!(files > 0);
+    Ok(())
+}
+
+#[test]
 fn mutated_programs_are_read_and_run_without_a_panic() {
     let mut random = Random(0x7a4d_e311_0000_0001);
     for round in 0..6000 {
