@@ -6,6 +6,8 @@ use tandem_syntax::DiagnosticEntry;
 use tandem_syntax::diagnostics::{ARC_SHAPE, COMPENSATION_RULE, FIXED_CYCLE_RULE, TOOL_OFFSET_RULE};
 
 use crate::block_words::BlockWords;
+use crate::codes::g00_rapid::G00;
+use crate::codes::g01_linear::G01;
 use crate::codes::{ModalGroup, Refusal};
 use crate::modal::Modal;
 
@@ -18,10 +20,22 @@ const CYCLES: &[&str] = &["G74", "G84"];
 
 /// What is wrong with a block where `modal` is in force before it.
 pub(crate) fn find(words: &BlockWords, modal: &Modal) -> Option<Refusal> {
+    if is_plain(words, modal) {
+        return None;
+    }
     in_fixed_cycle(words, modal)
         .or_else(|| with_compensation(words, modal))
         .or_else(|| to_machine_position(words, modal))
         .or_else(|| arc(words, modal))
+}
+
+/// True for a block of words of G00 or G01 only, where nothing restricts it: most blocks of a program.
+fn is_plain(words: &BlockWords, modal: &Modal) -> bool {
+    words.g_codes().is_empty()
+        && words.m_code().is_none()
+        && !modal.lead_pending
+        && words.taker().is_some_and(|taker| taker == &G00 || taker == &G01)
+        && modal.is(ModalGroup::ToolRadius, &["G40"])
 }
 
 /// Follows which motion leads compensation in and out, when the block has been found right.
