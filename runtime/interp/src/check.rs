@@ -199,14 +199,17 @@ impl Checker<'_> {
     }
 
     fn block(&mut self, block: &Block, words: &mut BlockWords) {
-        let findings = &mut self.findings;
+        let mut found = Vec::new();
         let reading = Reading {
             dialect: self.dialect,
             modal: &self.modal,
             scope: None,
         };
-        words.read(self.program, block, reading, |finding| findings.push(finding));
+        words.read(self.program, block, reading, |finding| found.push(finding));
         self.motion_built(block, words);
+        for finding in found {
+            self.findings.push(finding);
+        }
         self.follow(block, words);
         if let Some(code) = words.m_code() {
             if *code == AUXILIARY {
