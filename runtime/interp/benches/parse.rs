@@ -1,7 +1,7 @@
 //! Speed of the language stages over a generated program of a million short blocks (15.7 MB).
 //!
 //! Measured on one core of an AMD EPYC virtual machine with two, shared with other builds: parsing 19 million blocks
-//! a second, parsing and checking 8 to 14 million, interpretation 14 million (medians).
+//! a second, parsing and checking 12 million, interpretation 8 million (medians).
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
