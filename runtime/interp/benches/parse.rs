@@ -1,7 +1,7 @@
 //! Speed of the language stages over a generated program of a million short blocks (15.7 MB).
 //!
 //! Measured on one core of an AMD EPYC virtual machine with two, shared with other builds: parsing 19 million blocks
-//! a second, parsing and checking 8 to 14 million, interpretation 14 million (medians).
+//! a second, parsing and checking 12 million, interpretation 8 million (medians).
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -11,7 +11,8 @@ use divan::Bencher;
 use divan::counter::{BytesCount, ItemsCount};
 use tandem_interp::{CheckContext, Inputs, Interpreter, check};
 use tandem_model::flow::Item;
-use tandem_model::settings::{CoordinateSystemSettings, WorkOffsets};
+use tandem_model::settings::{CoordinateSystemSettings, Tool, WorkOffsets};
+use tandem_model::{AxisVector, Variables};
 use tandem_syntax::{Grammar, parse};
 
 const BLOCKS: usize = 1_000_000;
@@ -79,10 +80,15 @@ fn interpret(bencher: Bencher<'_, '_>) {
     let program = Arc::new(parse(million_blocks(), Grammar::nj()).0);
     let programs = BTreeMap::new();
     let work_offsets = WorkOffsets::default();
+    let variables = Variables::default();
     let inputs = Inputs {
         programs: &programs,
         optional_skip: 0,
         work_offsets: &work_offsets,
+        variables: &variables,
+        tool: Tool::default(),
+        captured: [0.0; 8],
+        position: AxisVector::ZERO,
     };
     let mut interpreter = Interpreter::new(&settings());
     bencher.counter(ItemsCount::new(BLOCKS)).bench_local(|| {

@@ -3,10 +3,17 @@
 
 use tandem_model::limits::M_CODE_MAX;
 use tandem_model::{Diagnostic, Span};
-use tandem_syntax::{Address, AddressSet, Block, NcProgram, Word, diagnostics};
+use tandem_syntax::{Address, AddressSet, Block, NcProgram, Value, Word, diagnostics};
 
-use crate::codes::{AXIS_ADDRESSES, Code, Known, ModalGroup, WordSpec, tenths};
+use crate::codes::{AXIS_ADDRESSES, Code, ModalGroup, Refusal, WordSpec, tenths};
 use crate::dialects::Dialect;
+use crate::evaluation::Scope;
+use crate::modal::Modal;
+use crate::restrictions;
+
+/// The words of arcs and fixed cycles.
+const MOTION_WORDS: AddressSet =
+    AddressSet::of(&[Address::I, Address::J, Address::K, Address::R, Address::P]);
 
 /// G codes of one block: one of each modal group, G09, and one more that is not modal.
 const G_CODES_MAX: usize = ModalGroup::COUNT + 1;
@@ -34,9 +41,22 @@ pub struct BlockWords {
     own: AddressSet,
     axis_words: AddressSet,
     first_axis_place: Option<usize>,
-    not_supported: bool,
-    foreign_motion: bool,
+    taker: Option<&'static Code>,
+    taken: AddressSet,
+    /// A code could not be read, and may have words that seem to be no one's.
+    unknown_code: bool,
     any: bool,
+}
+
+/// With what a block is read.
+#[derive(Clone, Copy)]
+pub(crate) struct Reading<'a> {
+    /// The dialect.
+    pub(crate) dialect: &'static Dialect,
+    /// What is in force before the block; which motion takes words is not known when it has none.
+    pub(crate) modal: &'a Modal,
+    /// The variables of indirections; without them their values are not known.
+    pub(crate) scope: Option<Scope<'a>>,
 }
 
 impl BlockWords {
@@ -50,8 +70,9 @@ impl BlockWords {
             own: AddressSet::EMPTY,
             axis_words: AddressSet::EMPTY,
             first_axis_place: None,
-            not_supported: false,
-            foreign_motion: false,
+            taker: None,
+            taken: AddressSet::EMPTY,
+            unknown_code: false,
             any: false,
         }
     }
@@ -88,7 +109,7 @@ impl BlockWords {
         self.own
     }
 
-    /// The axis words that the motion in force takes.
+    /// The axis words that the motion or fixed cycle in force takes.
     pub fn axis_words(&self) -> AddressSet {
         self.axis_words
     }
@@ -98,10 +119,20 @@ impl BlockWords {
         self.first_axis_place
     }
 
-    /// True when the block brings a motion or a fixed cycle into force that is not supported: it may take words of
-    /// later blocks.
-    pub(crate) fn has_foreign_motion(&self) -> bool {
-        self.foreign_motion
+    /// The motion or fixed cycle that takes words of the block; `None` when it is not known, or another code has axis
+    /// words of its own.
+    pub(crate) fn taker(&self) -> Option<&'static Code> {
+        self.taker
+    }
+
+    /// The words that the motion or fixed cycle takes.
+    pub(crate) fn taken(&self) -> AddressSet {
+        self.taken
+    }
+
+    /// True when the block has one of VA to VH.
+    pub(crate) fn has_parameters(&self) -> bool {
+        !self.present.intersection(PARAMETERS).is_empty()
     }
 
     /// True when the block has a word other than its number.
@@ -109,39 +140,37 @@ impl BlockWords {
         self.any
     }
 
-    /// Reads a block and hands over what is wrong with it. With `lenient` words that no code takes are let pass.
+    /// Reads a block and hands over what is wrong with it.
     pub(crate) fn read(
         &mut self,
         program: &NcProgram,
         block: &Block,
-        dialect: &'static Dialect,
-        lenient: bool,
+        with: Reading<'_>,
         mut fault: impl FnMut(Diagnostic),
     ) {
         self.present = AddressSet::EMPTY;
         self.g_count = 0;
         self.m_code = None;
         self.first_axis_place = None;
-        self.not_supported = false;
-        self.foreign_motion = false;
+        self.unknown_code = false;
         self.any = false;
         let words = program.words(block);
         for (place, word) in words.iter().enumerate() {
             match word.address {
-                Address::G => self.g_word(word, place, dialect, &mut fault),
-                Address::M => self.m_word(word, dialect, &mut fault),
+                Address::G => self.g_word(word, place, with.dialect, &mut fault),
+                Address::M => self.m_word(word, with.dialect, &mut fault),
                 Address::N => block_number(word, &mut fault),
-                _ => self.value_word(word, place, &mut fault),
+                _ => self.value_word(word, place, with.scope, &mut fault),
             }
         }
-        self.take_words(words, &mut fault);
+        self.take_words(words, with.modal, &mut fault);
         for word in words {
             if !matches!(word.address, Address::G | Address::M | Address::N) {
-                self.judge(word, dialect, lenient, &mut fault);
+                self.judge(word, with, &mut fault);
             }
         }
         if !block.has_errors() {
-            self.judge_codes(program, block, &mut fault);
+            self.judge_codes(program, block, with, &mut fault);
         }
     }
 
@@ -150,18 +179,9 @@ impl BlockWords {
         let known =
             code_number(word).map(|value| tenths(value).and_then(|tenths| dialect.g_codes.find(tenths)));
         match known {
-            Some(Some(Known::Code(code))) => self.add_g_code(code, word, place, fault),
-            Some(Some(Known::NotSupported(code))) => {
-                self.not_supported = true;
-                self.foreign_motion |= matches!(code.group, ModalGroup::Motion | ModalGroup::FixedCycle);
-                fault(diagnostics::NOT_SUPPORTED.at(
-                    word.span(),
-                    format!("{} ({}) is not supported yet", code.code, code.name),
-                    "Remove the block, or write it with codes that are supported.",
-                ));
-            }
+            Some(Some(code)) => self.add_g_code(code, word, place, fault),
             Some(None) => {
-                self.not_supported = true;
+                self.unknown_code = true;
                 let number = word.number().unwrap_or_default();
                 fault(diagnostics::G_UNKNOWN.at(
                     word.span(),
@@ -170,7 +190,7 @@ impl BlockWords {
                 ));
             }
             None => {
-                self.not_supported = true;
+                self.unknown_code = true;
                 fault(constant_needed(word, "a constant such as G01"));
             }
         }
@@ -213,7 +233,7 @@ impl BlockWords {
     fn m_word(&mut self, word: &Word, dialect: &'static Dialect, fault: &mut impl FnMut(Diagnostic)) {
         self.any = true;
         let Some(number) = code_number(word).and_then(whole) else {
-            self.not_supported = true;
+            self.unknown_code = true;
             fault(constant_needed(word, "a whole number such as M30"));
             return;
         };
@@ -226,7 +246,7 @@ impl BlockWords {
             return;
         }
         if number > u32::from(M_CODE_MAX) {
-            self.not_supported = true;
+            self.unknown_code = true;
             fault(diagnostics::M_UNKNOWN.at(
                 word.span(),
                 format!("there is no M{number}"),
@@ -235,14 +255,17 @@ impl BlockWords {
             return;
         }
         let number = u16::try_from(number).unwrap_or(M_CODE_MAX);
-        let code = match dialect.m_codes.find(number * 10) {
-            Some(Known::Code(code)) => code,
-            _ => dialect.auxiliary,
-        };
+        let code = dialect.m_codes.find(number * 10).unwrap_or(dialect.auxiliary);
         self.m_code = Some((code, number));
     }
 
-    fn value_word(&mut self, word: &Word, place: usize, fault: &mut impl FnMut(Diagnostic)) {
+    fn value_word(
+        &mut self,
+        word: &Word,
+        place: usize,
+        scope: Option<Scope<'_>>,
+        fault: &mut impl FnMut(Diagnostic),
+    ) {
         self.any = true;
         if self.present.contains(word.address) {
             let name = word.address.text();
@@ -257,18 +280,14 @@ impl BlockWords {
             self.first_axis_place = Some(place);
         }
         self.present.insert(word.address);
-        self.values[word.address as usize] = word.number().unwrap_or(f64::NAN);
-        if word.number().is_none() {
-            fault(diagnostics::INDIRECTION_NOT_SUPPORTED.at(
-                word.span(),
-                "indirection is not supported yet",
-                "Write a number.",
-            ));
-        }
+        self.values[word.address as usize] = match word.value() {
+            Value::Number(value) => value,
+            Value::Indirection(variable) => scope.map_or(f64::NAN, |scope| scope.variable(variable)),
+        };
     }
 
     /// Settles which code takes which words.
-    fn take_words(&mut self, words: &[Word], fault: &mut impl FnMut(Diagnostic)) {
+    fn take_words(&mut self, words: &[Word], modal: &Modal, fault: &mut impl FnMut(Diagnostic)) {
         let mut own = AddressSet::EMPTY;
         let mut shared = AddressSet::EMPTY;
         for code in codes_with_words(&self.g_codes[..self.g_count], self.m_code) {
@@ -276,11 +295,17 @@ impl BlockWords {
             own = own.union(code.addresses());
         }
         self.own = own;
-        self.axis_words = if own.intersection(AXIS_ADDRESSES).is_empty() {
-            self.present.intersection(AXIS_ADDRESSES)
+        if own.intersection(AXIS_ADDRESSES).is_empty() {
+            self.taker = self.taker_in_force(modal);
+            self.axis_words = self.present.intersection(AXIS_ADDRESSES);
+            self.taken = self.taker.map_or(AddressSet::EMPTY, |code| {
+                code.addresses().intersection(self.present).without(own)
+            });
         } else {
-            AddressSet::EMPTY
-        };
+            self.taker = None;
+            self.axis_words = AddressSet::EMPTY;
+            self.taken = AddressSet::EMPTY;
+        }
         for address in shared.intersection(self.present).iter() {
             let name = address.text();
             fault(diagnostics::WORD_SHARED.at(
@@ -291,21 +316,40 @@ impl BlockWords {
         }
     }
 
+    /// What takes axis words: a motion of the block ends a fixed cycle.
+    fn taker_in_force(&self, modal: &Modal) -> Option<&'static Code> {
+        let of = |group| {
+            self.g_codes()
+                .iter()
+                .map(|(code, _)| *code)
+                .find(move |code| code.group == group)
+        };
+        of(ModalGroup::Motion).or_else(|| match of(ModalGroup::FixedCycle) {
+            Some(cycle) if cycle.motion.is_some() => Some(cycle),
+            Some(_) => modal.code(ModalGroup::Motion),
+            None => modal.taker(),
+        })
+    }
+
     /// The description of a word of this block: by the code that takes it.
     fn spec(&self, address: Address, dialect: &Dialect) -> Option<&'static WordSpec> {
         if self.own.contains(address) {
             return codes_with_words(&self.g_codes[..self.g_count], self.m_code)
                 .find_map(|code| code.word(address));
         }
-        if AXIS_ADDRESSES.contains(address) && !self.axis_words.contains(address) {
+        if self.taken.contains(address) {
+            return self.taker.and_then(|taker| taker.word(address));
+        }
+        if AXIS_ADDRESSES.contains(address) && (self.taker.is_some() || self.axis_words.is_empty()) {
             return None;
         }
         dialect.modal_words.get(address)
     }
 
     /// Judges a word: whether it is taken, and its value.
-    fn judge(&self, word: &Word, dialect: &Dialect, lenient: bool, fault: &mut impl FnMut(Diagnostic)) {
+    fn judge(&self, word: &Word, with: Reading<'_>, fault: &mut impl FnMut(Diagnostic)) {
         let name = word.address.text();
+        let dialect = with.dialect;
         let Some(spec) = self.spec(word.address, dialect) else {
             if self.m_code.is_some() && PARAMETERS.contains(word.address) {
                 fault(diagnostics::PARAMETERS_REFUSED.at(
@@ -313,7 +357,7 @@ impl BlockWords {
                     format!("M{:02} takes no parameter {name}", self.m_number()),
                     "Remove the parameter.",
                 ));
-            } else if !(lenient || self.not_supported) {
+            } else if !(self.unknown_code || self.may_be_taken(word.address)) {
                 fault(diagnostics::WORD_NOT_TAKEN.at(
                     word.span(),
                     format!("no code of the block takes {name}"),
@@ -322,16 +366,31 @@ impl BlockWords {
             }
             return;
         };
-        let Some(value) = word.number() else { return };
-        if self.not_supported && !dialect.modal_words.is_feed_word(word.address) {
+        let Some(value) = word.number().or(with.scope.and(self.get(word.address))) else {
+            return;
+        };
+        if self.unknown_code && !dialect.modal_words.is_feed_word(word.address) {
             // a code that is not known may read it differently
             return;
         }
         judge_value(spec, value, word.span(), fault);
     }
 
+    /// True when a motion or fixed cycle that the text does not show may take the word.
+    fn may_be_taken(&self, address: Address) -> bool {
+        self.taker.is_none()
+            && self.own.intersection(AXIS_ADDRESSES).is_empty()
+            && MOTION_WORDS.contains(address)
+    }
+
     /// Judges what codes need together.
-    fn judge_codes(&self, program: &NcProgram, block: &Block, fault: &mut impl FnMut(Diagnostic)) {
+    fn judge_codes(
+        &self,
+        program: &NcProgram,
+        block: &Block,
+        with: Reading<'_>,
+        fault: &mut impl FnMut(Diagnostic),
+    ) {
         for code in codes_with_words(&self.g_codes[..self.g_count], self.m_code) {
             for word in code.words {
                 if word.required && !self.present.contains(word.address) {
@@ -344,9 +403,11 @@ impl BlockWords {
                 }
             }
             if let Some(refusal) = code.check.and_then(|check| check(self)) {
-                let span = span_of(program.words(block), refusal.address);
-                fault(refusal.entry.at(span, refusal.message, refusal.help));
+                fault(at_word(program, block, refusal));
             }
+        }
+        if let Some(refusal) = restrictions::find(self, with.modal) {
+            fault(at_word(program, block, refusal));
         }
     }
 }
@@ -384,7 +445,20 @@ fn codes_with_words<'a>(
         .iter()
         .map(|(code, _)| *code)
         .chain(m_code.map(|(code, _)| code))
-        .filter(|code| !code.words.is_empty() && code.group != ModalGroup::Motion)
+        .filter(|code| {
+            !code.words.is_empty() && !matches!(code.group, ModalGroup::Motion | ModalGroup::FixedCycle)
+        })
+}
+
+/// A refusal at its word, or at the block where the word does not stand.
+fn at_word(program: &NcProgram, block: &Block, refusal: Refusal) -> Diagnostic {
+    let span = span_of(program.words(block), refusal.address);
+    let span = if span == Span::default() {
+        program.span(block)
+    } else {
+        span
+    };
+    refusal.entry.at(span, refusal.message, refusal.help)
 }
 
 fn span_of(words: &[Word], address: Address) -> Span {

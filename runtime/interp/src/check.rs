@@ -3,16 +3,25 @@
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-use tandem_model::limits::PROGRAM_BYTES_MAX;
+use tandem_model::limits::{BLOCK_BYTES_MAX, PROGRAM_BYTES_MAX};
 use tandem_model::{AxisSet, Diagnostic, Severity, Span};
 use tandem_syntax::{
-    Address, Block, Content, DIAGNOSTICS_MAX, NcProgram, ProgramCode, Word, diagnostics, parse,
+    Address, AddressSet, Block, Content, DIAGNOSTICS_MAX, NcProgram, Statement, Word, block_bytes,
+    diagnostics, parse,
 };
 
-use crate::block_words::BlockWords;
-use crate::codes::{ModalGroup, m_auxiliary::AUXILIARY, m98_call::M98};
+use crate::block_words::{BlockWords, Reading};
+use crate::codes::g04_dwell::G04;
+use crate::codes::motion_built::motion_is_built;
+use crate::codes::{ModalGroup, m_auxiliary::AUXILIARY, m98_call::M98, tenths};
 use crate::dialects::{self, Dialect};
 use crate::execution::axis_of;
+use crate::modal::Modal;
+use crate::restrictions;
+
+/// A shorter block cannot be too long in the intermediate code: there each word of two bytes or more has a blank, and
+/// numbers and operators of expressions have two.
+const LONG_BYTES: u32 = 300;
 
 /// What the checker may know of the machine; what is `None` is not checked.
 ///
@@ -29,6 +38,8 @@ pub struct CheckContext<'a> {
     pub max_feedrate_mm_min: Option<f64>,
     /// S above it is an error, r/min.
     pub max_spindle_speed_r_min: Option<f64>,
+    /// Codes whose motion is not built ([`crate::codes::motion_built`]) are let pass: the program is not to be run.
+    pub without_motion: bool,
 }
 
 /// What checking a program gives.
@@ -75,7 +86,7 @@ pub fn check_dialect(program: &NcProgram, dialect: &'static Dialect, context: &C
         m_codes: BTreeSet::new(),
         programs: BTreeSet::new(),
         ending: Ending::Open,
-        lenient: false,
+        modal: Modal::of_text(dialect),
         branches: false,
     };
     if program.source().len() <= PROGRAM_BYTES_MAX {
@@ -139,9 +150,9 @@ struct Checker<'a> {
     m_codes: BTreeSet<u16>,
     programs: BTreeSet<u16>,
     ending: Ending,
-    /// A code that is not supported may take words of later blocks.
-    lenient: bool,
-    /// The program has branches that are not taken apart.
+    /// What is in force as far as the text shows.
+    modal: Modal,
+    /// The program has branches: which blocks are executed is not known.
     branches: bool,
 }
 
@@ -157,6 +168,7 @@ impl Checker<'_> {
                     "Remove them, or move the end of the program below them.",
                 ));
             }
+            self.length(block);
             match block.content {
                 Content::ProgramCode(_) => self.program_code(block),
                 Content::Words { .. } => self.block(block, &mut words),
@@ -165,39 +177,40 @@ impl Checker<'_> {
         self.end();
     }
 
-    fn program_code(&mut self, block: &Block) {
-        let Some(code) = self.program.program_code(block) else {
-            return;
-        };
-        let (what, span) = match code {
-            ProgramCode::Assignment { span, .. } => ("assignments", *span),
-            ProgramCode::Control { keyword, span } => {
-                self.branches = true;
-                let length = u32::try_from(keyword.text().len()).unwrap_or_default();
-                (keyword.text(), Span::new(span.start, span.start + length))
-            }
-        };
-        if block.has_errors() {
-            return;
+    /// Tells when the block's line in the intermediate code is too long (D03).
+    fn length(&mut self, block: &Block) {
+        let span = self.program.span(block);
+        let may_be = span.end - span.start > LONG_BYTES && !block.has_errors();
+        if may_be && block_bytes(self.program, block) > BLOCK_BYTES_MAX {
+            self.findings.push(diagnostics::BLOCK_TOO_LONG.at(
+                span,
+                format!("the block's line in the intermediate code is longer than {BLOCK_BYTES_MAX} bytes"),
+                "Write the words in several blocks.",
+            ));
         }
-        let verb = if what == "assignments" { "are" } else { "is" };
-        self.findings.push(diagnostics::PROGRAM_CODE_NOT_SUPPORTED.at(
-            span,
-            format!("{what} {verb} not supported yet"),
-            "Write the blocks with numbers, and call subprograms with M98 and L to repeat.",
-        ));
+    }
+
+    fn program_code(&mut self, block: &Block) {
+        let statement = self.program.program_code(block).map(|code| code.statement);
+        if !matches!(statement, Some(Statement::Assignment { .. })) {
+            self.branches = true;
+            self.modal.forget();
+        }
     }
 
     fn block(&mut self, block: &Block, words: &mut BlockWords) {
-        let findings = &mut self.findings;
-        words.read(self.program, block, self.dialect, self.lenient, |finding| {
-            findings.push(finding);
-        });
-        if words.has_foreign_motion() {
-            self.lenient = true;
-        } else if words.g_codes().iter().any(|(code, _)| ends_leniency(code.group)) {
-            self.lenient = false;
+        let mut found = Vec::new();
+        let reading = Reading {
+            dialect: self.dialect,
+            modal: &self.modal,
+            scope: None,
+        };
+        words.read(self.program, block, reading, |finding| found.push(finding));
+        self.motion_built(block, words);
+        for finding in found {
+            self.findings.push(finding);
         }
+        self.follow(block, words);
         if let Some(code) = words.m_code() {
             if *code == AUXILIARY {
                 self.auxiliary(block, words.m_number());
@@ -208,6 +221,47 @@ impl Checker<'_> {
             }
         }
         self.context_of_words(block, words);
+    }
+
+    /// Tells of codes whose motion is not built.
+    fn motion_built(&mut self, block: &Block, words: &BlockWords) {
+        if self.context.without_motion {
+            return;
+        }
+        for (code, place) in words.g_codes() {
+            if !motion_is_built(code) {
+                let span = self
+                    .program
+                    .words(block)
+                    .get(*place)
+                    .map(Word::span)
+                    .unwrap_or_default();
+                self.findings.push(diagnostics::NOT_SUPPORTED.at(
+                    span,
+                    format!("{} ({}) is not supported yet", code.code, code.name),
+                    "Remove the block, or write it with codes that are supported.",
+                ));
+            }
+        }
+    }
+
+    /// Follows what is in force: a skipped block and a subprogram leave open what follows.
+    fn follow(&mut self, block: &Block, words: &BlockWords) {
+        restrictions::follow(words, &mut self.modal);
+        for (code, _) in words.g_codes() {
+            match code.group {
+                ModalGroup::NonModal => {}
+                ModalGroup::Motion if code.motion.is_some() => {
+                    self.modal.end_cycle();
+                    self.modal.remember(code);
+                }
+                _ => self.modal.remember(code),
+            }
+        }
+        let leaves_open = block.skip_numbers() != 0 && !words.g_codes().is_empty();
+        if leaves_open || block.has_errors() || words.m_code().is_some_and(|code| *code == M98) {
+            self.modal.forget();
+        }
     }
 
     fn auxiliary(&mut self, block: &Block, number: u16) {
@@ -253,7 +307,13 @@ impl Checker<'_> {
     /// Checks words against what is known of the coordinate system.
     fn context_of_words(&mut self, block: &Block, words: &BlockWords) {
         if let Some(axes) = self.context.axes {
-            for address in words.axis_words().iter() {
+            let dwells = words.g_codes().iter().any(|(code, _)| **code == G04);
+            let own = if dwells {
+                AddressSet::EMPTY
+            } else {
+                words.own().intersection(words.present())
+            };
+            for address in words.axis_words().union(own).iter() {
                 if axis_of(address).is_some_and(|axis| !axes.contains(axis)) {
                     self.findings.push(diagnostics::AXIS_UNKNOWN.at(
                         self.span_of(block, address),
@@ -284,12 +344,32 @@ impl Checker<'_> {
         }
     }
 
-    /// Tells when the program runs past its last block (D06).
+    /// Tells when the program runs past its last block (D06), and with branches which blocks are never executed.
     fn end(&mut self) {
-        let last = self.program.blocks().last();
-        let unclear = self.branches || !self.program.is_complete() || last.is_some_and(Block::has_errors);
-        if self.ending != Ending::Open || unclear {
+        let blocks = self.program.blocks();
+        let last = blocks.last();
+        let unclear = !self.program.is_complete() || last.is_some_and(Block::has_errors);
+        if unclear || (self.ending != Ending::Open && !self.branches) {
             return;
+        }
+        if self.branches {
+            let reached = reachable(self.program, self.dialect);
+            let dead = blocks
+                .iter()
+                .zip(&reached)
+                .find(|(block, reached)| !**reached && !is_mark(self.program, block));
+            if let Some((block, _)) = dead
+                && self.ending != Ending::Warned
+            {
+                self.findings.push(diagnostics::UNREACHABLE.at(
+                    self.program.span(block),
+                    "this block is never executed",
+                    "Remove it, or move the end of the program below it.",
+                ));
+            }
+            if !reached.last().is_some_and(|past_the_end| *past_the_end) {
+                return;
+            }
         }
         let span = last.map_or_else(Span::default, |block| self.program.span(block));
         self.findings.push(diagnostics::END_MISSING.at(
@@ -308,9 +388,62 @@ impl Checker<'_> {
     }
 }
 
-/// True for groups whose codes take words from blocks that do not name them.
-fn ends_leniency(group: ModalGroup) -> bool {
-    matches!(group, ModalGroup::Motion | ModalGroup::FixedCycle)
+/// Which blocks a run may come to, whatever conditions say; the last entry stands for the place past the last block.
+fn reachable(program: &NcProgram, dialect: &Dialect) -> Vec<bool> {
+    let blocks = program.blocks();
+    let mut reached = vec![false; blocks.len() + 1];
+    let mut open = vec![0];
+    while let Some(at) = open.pop() {
+        let Some(seen) = reached.get_mut(at) else { continue };
+        if std::mem::replace(seen, true) {
+            continue;
+        }
+        let Some(block) = blocks.get(at) else { continue };
+        match program.program_code(block).map(|code| code.statement) {
+            Some(
+                Statement::If { otherwise: to, .. }
+                | Statement::While { end: to, .. }
+                | Statement::DoWhile { start: to, .. },
+            ) => open.extend([at + 1, to as usize]),
+            Some(
+                Statement::Else { end: to } | Statement::Break { end: to } | Statement::Repeat { start: to },
+            ) => {
+                open.push(to as usize);
+            }
+            Some(Statement::Switch {
+                first,
+                count,
+                otherwise,
+                ..
+            }) => {
+                open.push(otherwise as usize);
+                open.extend(program.case_blocks(first, count).map(|case| case as usize));
+            }
+            None if ends(program, block, dialect) => {}
+            Some(_) | None => open.push(at + 1),
+        }
+    }
+    reached
+}
+
+/// True for a block that always ends the program.
+fn ends(program: &NcProgram, block: &Block, dialect: &Dialect) -> bool {
+    block.skip_numbers() == 0
+        && program.words(block).iter().any(|word| {
+            let code = word
+                .number()
+                .filter(|_| word.address == Address::M)
+                .and_then(tenths)
+                .and_then(|tenths| dialect.m_codes.find(tenths));
+            code.is_some_and(|code| is_end(code.code))
+        })
+}
+
+/// True for parts of branches that need not be reached: the way on from commands that end.
+fn is_mark(program: &NcProgram, block: &Block) -> bool {
+    program
+        .program_code(block)
+        .is_some_and(|code| !matches!(code.statement, Statement::Assignment { .. }))
 }
 
 fn is_end(code: &str) -> bool {

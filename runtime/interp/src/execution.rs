@@ -2,11 +2,16 @@
 
 use tandem_model::Alarm;
 use tandem_model::axis::{Axis, AxisSet, AxisVector};
-use tandem_model::flow::{Action, AxisWords, Transform};
+use tandem_model::flow::{Action, AxisWords, Frame, Transform};
 use tandem_model::settings::CoordinateSystemSettings;
-use tandem_syntax::Address;
+use tandem_syntax::{Address, AddressSet};
 
 use crate::block_words::BlockWords;
+use crate::codes::AXIS_ADDRESSES;
+use crate::codes::g50_1_g51_1_mirroring::G50_1;
+use crate::codes::g50_g51_scaling::G50;
+use crate::codes::g68_g69_rotation::G69;
+use crate::fixed_cycles::Tapping;
 use crate::interpreter::Inputs;
 use crate::modal::Modal;
 
@@ -17,6 +22,8 @@ pub struct Limits {
     pub max_feedrate_mm_min: f64,
     /// S above it is an alarm, r/min; `None` without a spindle.
     pub max_spindle_speed_r_min: Option<f64>,
+    /// True when the coordinate system has a spindle.
+    pub has_spindle: bool,
 }
 
 impl Limits {
@@ -24,6 +31,7 @@ impl Limits {
         Self {
             max_feedrate_mm_min: settings.max_feedrate_mm_min,
             max_spindle_speed_r_min: settings.spindle.as_ref().map(|spindle| spindle.max_velocity),
+            has_spindle: settings.spindle.is_some(),
         }
     }
 }
@@ -64,6 +72,8 @@ pub enum Flow {
 pub(crate) struct Draft {
     pub(crate) action: Option<Action>,
     pub(crate) transform: Option<Transform>,
+    pub(crate) transform_after: bool,
+    pub(crate) cycle: Option<Box<Tapping>>,
     pub(crate) exact_stop_before: bool,
     pub(crate) exact_stop_after: bool,
     pub(crate) flow: Flow,
@@ -143,25 +153,66 @@ impl<'a> Execution<'a> {
         self.limits
     }
 
-    /// The axis words that the motion in force takes, if there is one.
-    pub fn axis_words(&self) -> Option<AxisWords> {
-        let taken = self.words.axis_words();
-        if taken.is_empty() {
-            return None;
-        }
+    /// A length in mm, whatever the unit in force (D25).
+    pub fn length(&self, address: Address) -> Option<f64> {
+        Some(self.words.get(address)? * self.modal.unit())
+    }
+
+    /// The axis words that the motion or fixed cycle in force takes.
+    pub fn axis_words(&self) -> AxisWords {
+        self.axes_of(self.words.axis_words())
+    }
+
+    /// The axis words that a code of the block has as its own.
+    pub fn own_axis_words(&self) -> AxisWords {
+        self.axes_of(self.words.present().intersection(AXIS_ADDRESSES))
+    }
+
+    fn axes_of(&self, addresses: AddressSet) -> AxisWords {
         let mut values = AxisVector::ZERO;
         let mut named = AxisSet::EMPTY;
-        for address in taken.iter() {
+        for address in addresses.iter() {
             if let Some(axis) = axis_of(address) {
-                values[axis] = self.words.get(address).unwrap_or(0.0);
+                let value = self.words.get(address).unwrap_or_default();
+                values[axis] = if axis.is_orthogonal() {
+                    value * self.modal.unit()
+                } else {
+                    value
+                };
                 named.insert(axis);
             }
         }
-        Some(AxisWords {
+        AxisWords {
             values,
             named,
             distance: self.modal.distance,
-        })
+            frame: Frame::Work,
+        }
+    }
+
+    /// Ends scaling, mirroring and rotation. True when the transform changes by it.
+    pub fn release_shape(&mut self) -> bool {
+        for code in [&G50, &G50_1, &G69] {
+            self.modal.remember(code);
+        }
+        let transform = &self.modal.transform;
+        let any = transform.mirror.is_some() || transform.scaling.is_some() || transform.rotation.is_some();
+        if any {
+            self.transform(|transform| {
+                (transform.mirror, transform.scaling, transform.rotation) = (None, None, None);
+            });
+        }
+        any
+    }
+
+    /// The transform of the block holds from behind its motion on.
+    pub fn transform_after_motion(&mut self) {
+        self.draft.transform_after = true;
+    }
+
+    /// The block is a fixed cycle.
+    pub(crate) fn run_cycle(&mut self, tapping: Tapping) {
+        self.draft.cycle = Some(Box::new(tapping));
     }
 
     /// What the block does.

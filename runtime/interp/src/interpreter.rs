@@ -4,20 +4,24 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
 use tandem_model::alarm::{
-    PROGRAM_END_MISSING, PROGRAM_HAS_ERRORS, PROGRAM_NOT_FOUND, STEP_LIMIT, VALUE_NOT_FINITE,
-    VALUE_OUT_OF_RANGE,
+    ARC_REFUSED, COMPENSATION_REFUSED, FIXED_CYCLE_REFUSED, OFFSET_REFUSED, PROGRAM_END_MISSING,
+    PROGRAM_HAS_ERRORS, PROGRAM_NOT_FOUND, STEP_LIMIT, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE,
 };
 use tandem_model::flow::{Action, Block as FlowBlock, Item, Output, ProgramStop};
 use tandem_model::limits::{CALL_DEPTH_MAX, STEPS_WITHOUT_ITEM_MAX};
-use tandem_model::settings::{CoordinateSystemSettings, WorkOffsets};
-use tandem_model::{Alarm, Diagnostic, Origin};
-use tandem_syntax::{Content, NcProgram, diagnostics};
+use tandem_model::settings::{CoordinateSystemSettings, Tool, WorkOffsets};
+use tandem_model::variables::{LOCAL_VARIABLES, Variables};
+use tandem_model::{AXES_MAX, Alarm, AxisVector, Diagnostic, Origin};
+use tandem_syntax::{Block, Content, NcProgram, Statement, Value, VariableKind, diagnostics};
 
-use crate::block_words::BlockWords;
+use crate::block_words::{BlockWords, Reading};
 use crate::codes::{ModalGroup, feed_words};
 use crate::dialects::{self, Dialect};
+use crate::evaluation::{Locals, Scope, reads_captured};
 use crate::execution::{Draft, Execution, Flow, Limits};
+use crate::fixed_cycles::{Step, Tapping};
 use crate::modal::Modal;
+use crate::{flow, restrictions};
 
 /// Values from outside, read when a block is interpreted (D16).
 #[derive(Debug, Clone, Copy)]
@@ -28,6 +32,15 @@ pub struct Inputs<'a> {
     pub optional_skip: u32,
     /// G54 to G59.
     pub work_offsets: &'a WorkOffsets,
+    /// P and Q.
+    pub variables: &'a Variables,
+    /// The tool that is selected (D17).
+    pub tool: Tool,
+    /// `_CNC_CapturedPosition<n>` of the last G31, in command units (D41). Read only at a standstill, when a G31 has
+    /// been given out ([`Item::NeedsStandstill`]).
+    pub captured: [f64; AXES_MAX],
+    /// Where all that has been given out so far ends, machine coordinates.
+    pub position: AxisVector,
 }
 
 /// A program of the nesting and where it stands.
@@ -66,6 +79,12 @@ pub struct Interpreter {
     stack: Vec<Frame>,
     words: BlockWords,
     queue: VecDeque<Item>,
+    /// A fixed cycle that is being expanded, with its block.
+    cycle: Option<(Box<Tapping>, Origin)>,
+    /// L0 to L255 of each program of the nesting.
+    locals: Vec<Locals>,
+    /// A G31 has been given out, and no standstill has been since (D15).
+    skip_unfinished: bool,
     state: State,
 }
 
@@ -86,6 +105,9 @@ impl Interpreter {
             stack: Vec::with_capacity(CALL_DEPTH_MAX + 1),
             words: BlockWords::new(dialect),
             queue: VecDeque::with_capacity(4),
+            cycle: None,
+            locals: Vec::with_capacity(CALL_DEPTH_MAX + 1),
+            skip_unfinished: false,
             state: State::Ended(Origin::default()),
         }
     }
@@ -94,8 +116,12 @@ impl Interpreter {
     pub fn start(&mut self, program: Arc<NcProgram>, number: u16) {
         self.modal = self.start_up.clone();
         self.queue.clear();
+        self.cycle = None;
+        self.skip_unfinished = false;
         self.stack.clear();
         self.stack.push(Frame::new(program, number, 1));
+        self.locals.clear();
+        self.locals.push([0.0; LOCAL_VARIABLES]);
         self.state = State::Running;
     }
 
@@ -109,6 +135,9 @@ impl Interpreter {
         let mut steps = 0;
         loop {
             if let Some(item) = self.queue.pop_front() {
+                return Ok(item);
+            }
+            if let Some(item) = self.cycle_item() {
                 return Ok(item);
             }
             match &self.state {
@@ -158,29 +187,45 @@ impl Interpreter {
             );
             return Err(Alarm::new(&PROGRAM_END_MISSING, text));
         };
-        frame.next += 1;
         if block.skip_numbers() & inputs.optional_skip != 0 {
+            frame.next += 1;
             return Ok(());
         }
-        frame.origin = frame.program.origin(block, frame.number);
+        let block = *block;
+        frame.origin = frame.program.origin(&block, frame.number);
+        let origin = frame.origin;
         if block.has_errors() {
             return Err(Alarm::new(&PROGRAM_HAS_ERRORS, "the block has an error"));
         }
+        if self.skip_unfinished && reads_captured_position(&frame.program, &block) {
+            self.skip_unfinished = false;
+            self.queue.push_back(Item::NeedsStandstill(origin));
+            return Ok(());
+        }
+        frame.next += 1;
+        let Some(locals) = self.locals.last_mut() else {
+            return Ok(());
+        };
         if let Content::ProgramCode(_) = block.content {
-            return Err(Alarm::new(
-                &PROGRAM_HAS_ERRORS,
-                "program codes are not supported yet",
-            ));
+            flow::run(&frame.program, &block, &mut frame.next, locals, inputs);
+            return Ok(());
         }
         let mut fault = None;
-        self.words
-            .read(&frame.program, block, self.dialect, false, |found| {
-                fault.get_or_insert(found);
-            });
+        let reading = Reading {
+            dialect: self.dialect,
+            modal: &self.modal,
+            scope: Some(Scope {
+                locals,
+                variables: inputs.variables,
+                captured: &inputs.captured,
+            }),
+        };
+        self.words.read(&frame.program, &block, reading, |found| {
+            fault.get_or_insert(found);
+        });
         if let Some(fault) = fault {
             return Err(alarm_of(&fault));
         }
-        let origin = frame.origin;
         let mut execution = Execution::new(&self.words, &mut self.modal, inputs, &self.limits);
         execute(&mut execution);
         let mut draft = execution.draft;
@@ -192,6 +237,38 @@ impl Interpreter {
         self.go_on(flow, origin, inputs)
     }
 
+    /// The next item of the fixed cycle that is being expanded.
+    fn cycle_item(&mut self) -> Option<Item> {
+        let (cycle, origin) = self.cycle.as_mut()?;
+        let origin = *origin;
+        match cycle.advance() {
+            Some(Step::Motion(action)) => Some(Item::Block(self.block(action, origin))),
+            Some(Step::Output(m)) => Some(Item::Output(Output {
+                origin,
+                m,
+                params: [None; 8],
+            })),
+            None => {
+                self.cycle = None;
+                None
+            }
+        }
+    }
+
+    /// A block with what is in force.
+    fn block(&self, action: Action, origin: Origin) -> FlowBlock {
+        FlowBlock {
+            origin,
+            action,
+            feed: self.modal.feed(),
+            path_control: self.modal.path_control,
+            exact_stop_before: false,
+            exact_stop_after: false,
+            multi_block: self.modal.multi_block(),
+            compensation: self.modal.compensation,
+        }
+    }
+
     /// Queues warnings, transform and motion of a block.
     fn queue_block(&mut self, mut draft: Draft, origin: Origin) {
         for text in draft.warnings.drain(..) {
@@ -199,24 +276,26 @@ impl Interpreter {
         }
         // these end a chain of motions by themselves, or are no more than a way to the next block
         let own_item = !matches!(draft.flow, Flow::Next | Flow::Output { .. });
-        let silent = own_item || draft.transform.is_some() || !self.words.any();
+        let cycle = draft.cycle.take();
+        let silent = own_item || draft.transform.is_some() || cycle.is_some() || !self.words.any();
         let action = draft.action.take().or((!silent).then_some(Action::None));
-        let mut queue = |action, exact_stop_before, exact_stop_after| {
-            self.queue.push_back(Item::Block(FlowBlock {
-                origin,
-                action,
-                feed: self.modal.feed(),
-                path_control: self.modal.path_control,
-                exact_stop_before,
-                exact_stop_after,
-            }));
-        };
-        if let Some(transform) = draft.transform {
-            queue(Action::Transform(Box::new(transform)), false, false);
+        self.skip_unfinished |= matches!(action, Some(Action::Skip(_)));
+        let transform = draft
+            .transform
+            .map(|transform| Item::Block(self.block(Action::Transform(Box::new(transform)), origin)));
+        let action = action.map(|action| {
+            Item::Block(FlowBlock {
+                exact_stop_before: draft.exact_stop_before,
+                exact_stop_after: draft.exact_stop_after,
+                ..self.block(action, origin)
+            })
+        });
+        if draft.transform_after {
+            self.queue.extend(action.into_iter().chain(transform));
+        } else {
+            self.queue.extend(transform.into_iter().chain(action));
         }
-        if let Some(action) = action {
-            queue(action, draft.exact_stop_before, draft.exact_stop_after);
-        }
+        self.cycle = cycle.map(|cycle| (cycle, origin));
     }
 
     /// Does what the M code of a block says.
@@ -251,6 +330,7 @@ impl Interpreter {
             ));
         };
         self.stack.push(Frame::new(Arc::clone(program), number, times));
+        self.locals.push([0.0; LOCAL_VARIABLES]);
         Ok(())
     }
 
@@ -261,9 +341,13 @@ impl Interpreter {
             Some(frame) if frame.repeats_left > 0 => {
                 frame.repeats_left -= 1;
                 frame.next = 0;
+                if let Some(locals) = self.locals.last_mut() {
+                    *locals = [0.0; LOCAL_VARIABLES];
+                }
             }
             Some(_) if called => {
                 self.stack.pop();
+                self.locals.pop();
             }
             _ => self.state = State::Ended(origin),
         }
@@ -289,12 +373,23 @@ impl Frame {
 /// Runs the effects of a block: modal codes, feed words, codes that are not modal, motion, M code.
 fn execute(execution: &mut Execution<'_>) {
     let words = execution.words();
-    for (code, place) in words.g_codes() {
-        if code.group != ModalGroup::NonModal {
-            execution.modal_mut().remember(code);
-            execution.turn_to(*place);
-            (code.select)(execution);
+    let modal_codes = || {
+        words
+            .g_codes()
+            .iter()
+            .filter(|(code, _)| code.group != ModalGroup::NonModal)
+    };
+    restrictions::follow(words, execution.modal_mut());
+    // all are in force before the first has its effect: words may stand in any order (D02)
+    for (code, _) in modal_codes() {
+        if code.group == ModalGroup::Motion {
+            execution.modal_mut().end_cycle();
         }
+        execution.modal_mut().remember(code);
+    }
+    for (code, place) in modal_codes() {
+        execution.turn_to(*place);
+        (code.select)(execution);
     }
     feed_words::take_over(execution);
     for (code, place) in words.g_codes() {
@@ -303,16 +398,33 @@ fn execute(execution: &mut Execution<'_>) {
             (code.select)(execution);
         }
     }
-    if let Some(axis_words) = execution.axis_words()
-        && let Some(motion) = execution
-            .modal()
-            .code(ModalGroup::Motion)
-            .and_then(|code| code.motion)
+    let taker = execution.modal().taker();
+    let starts_cycle = taker.is_some_and(|taker| {
+        taker.group == ModalGroup::FixedCycle && words.g_codes().iter().any(|(code, _)| *code == taker)
+    });
+    if (starts_cycle || !words.taken().is_empty())
+        && let Some(motion) = taker.and_then(|taker| taker.motion)
     {
+        let axis_words = execution.axis_words();
         motion(execution, axis_words);
     }
     if let Some(code) = words.m_code() {
         (code.select)(execution);
+    }
+}
+
+/// True when a block reads a captured position.
+fn reads_captured_position(program: &NcProgram, block: &Block) -> bool {
+    let reads = |id| reads_captured(program, id);
+    match program.program_code(block).map(|code| code.statement) {
+        Some(Statement::Assignment { value, .. } | Statement::Switch { value, .. }) => reads(value),
+        Some(
+            Statement::If { condition, .. } | Statement::While { condition, .. } | Statement::DoWhile { condition, .. },
+        ) => reads(condition),
+        Some(_) => false,
+        None => program.words(block).iter().any(|word| {
+            matches!(word.value(), Value::Indirection(variable) if variable.kind == VariableKind::CapturedPosition)
+        }),
     }
 }
 
@@ -322,6 +434,14 @@ fn alarm_of(fault: &Diagnostic) -> Alarm {
         &VALUE_NOT_FINITE
     } else if fault.code == diagnostics::OUT_OF_RANGE.code {
         &VALUE_OUT_OF_RANGE
+    } else if fault.code == diagnostics::COMPENSATION_RULE.code {
+        &COMPENSATION_REFUSED
+    } else if fault.code == diagnostics::TOOL_OFFSET_RULE.code {
+        &OFFSET_REFUSED
+    } else if fault.code == diagnostics::FIXED_CYCLE_RULE.code {
+        &FIXED_CYCLE_REFUSED
+    } else if fault.code == diagnostics::ARC_SHAPE.code {
+        &ARC_REFUSED
     } else {
         &PROGRAM_HAS_ERRORS
     };

@@ -13,11 +13,16 @@ pub mod block_words;
 mod check;
 pub mod codes;
 pub mod dialects;
+mod evaluation;
 pub mod execution;
+pub mod fixed_cycles;
+mod flow;
 mod interpreter;
 mod modal;
+pub mod reference;
+mod restrictions;
 
 pub use check::{Check, CheckContext, check, check_dialect, check_source};
 pub use dialects::Dialect;
 pub use interpreter::{Inputs, Interpreter};
-pub use modal::Modal;
+pub use modal::{CycleWords, Modal};

@@ -2,193 +2,17 @@
 
 #![allow(clippy::panic, reason = "helpers of tests")]
 
+mod support;
+
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
 use tandem_interp::{Inputs, Interpreter};
-use tandem_model::axis::{Axis, AxisSet, AxisVector};
+use tandem_model::Variables;
+use tandem_model::axis::{Axis, AxisVector};
 use tandem_model::flow::{Action, Distance, Item, PathControl};
-use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings, WorkOffsets};
-use tandem_model::{Alarm, Origin};
-use tandem_syntax::{Grammar, NcProgram, parse};
+use tandem_model::settings::{Tool, WorkOffsets};
 
-fn motor(number: u16, kind: MotorKind, max_velocity: f64) -> MotorSettings {
-    MotorSettings {
-        number,
-        kind,
-        max_velocity,
-        max_acceleration: 1000.0,
-        max_jerk: None,
-        rapid_velocity: max_velocity,
-        rapid_acceleration: 1000.0,
-        skip_velocity: 10.0,
-        in_position: 0.01,
-        in_position_timeout_ms: 2000.0,
-        soft_limits: None,
-        reference_points: [0.0; 4],
-        lag_ms: 0.0,
-        orientation_velocity: 100.0,
-        orientation_position: 0.0,
-    }
-}
-
-/// Axes X, Y, Z, A, and a spindle of 8000 r/min; F at most 6000 mm/min and 500 at start-up.
-fn settings() -> CoordinateSystemSettings {
-    let mut motors = [const { None }; 8];
-    for (index, kind) in [
-        MotorKind::Linear,
-        MotorKind::Linear,
-        MotorKind::Linear,
-        MotorKind::Rotary,
-    ]
-    .into_iter()
-    .enumerate()
-    {
-        motors[index] = Some(motor(u16::try_from(index).unwrap_or_default() + 1, kind, 100.0));
-    }
-    CoordinateSystemSettings {
-        number: 1,
-        motors,
-        spindle: Some(motor(5, MotorKind::Spindle, 8000.0)),
-        max_feedrate_mm_min: 6000.0,
-        default_feedrate_mm_min: 500.0,
-        default_ta_ms: 100.0,
-        default_td_ms: 90.0,
-        default_ts_ms: 50.0,
-        rotary_feedrate_deg_min: 0.0,
-        override_slew_ms: 1000.0,
-        hold_slew_ms: 200.0,
-        servo_period_s: 0.001,
-    }
-}
-
-fn program(source: &str) -> Arc<NcProgram> {
-    Arc::new(parse(source, Grammar::nj()).0)
-}
-
-/// A main program 1 with subprograms and inputs.
-struct Run {
-    interpreter: Interpreter,
-    programs: BTreeMap<u16, Arc<NcProgram>>,
-    optional_skip: u32,
-    work_offsets: WorkOffsets,
-}
-
-impl Run {
-    fn new(source: &str) -> Self {
-        let mut interpreter = Interpreter::new(&settings());
-        interpreter.start(program(source), 1);
-        Self {
-            interpreter,
-            programs: BTreeMap::new(),
-            optional_skip: 0,
-            work_offsets: WorkOffsets::default(),
-        }
-    }
-
-    fn with(mut self, number: u16, source: &str) -> Self {
-        self.programs.insert(number, program(source));
-        self
-    }
-
-    fn next(&mut self) -> Result<Item, Alarm> {
-        self.interpreter.next(&Inputs {
-            programs: &self.programs,
-            optional_skip: self.optional_skip,
-            work_offsets: &self.work_offsets,
-        })
-    }
-
-    /// All items up to the end or an alarm, as text.
-    fn items(mut self) -> Vec<String> {
-        let mut items = Vec::new();
-        loop {
-            match self.next() {
-                Ok(item) => {
-                    let ended = matches!(item, Item::End(_));
-                    items.push(text(&item));
-                    if ended {
-                        return items;
-                    }
-                }
-                Err(alarm) => {
-                    let origin = alarm.origin.unwrap_or_default();
-                    items.push(format!(
-                        "{}:{} alarm {}",
-                        origin.program, origin.line, alarm.entry.number
-                    ));
-                    return items;
-                }
-            }
-        }
-    }
-}
-
-/// `program:line what`.
-fn text(item: &Item) -> String {
-    let place = |origin: &Origin| format!("{}:{}", origin.program, origin.line);
-    match item {
-        Item::Block(block) => {
-            let what = match &block.action {
-                Action::None => "none".to_owned(),
-                Action::Rapid(words) => format!("rapid {}", axes(words.values, words.named)),
-                Action::Linear(words) => format!("linear {}", axes(words.values, words.named)),
-                Action::Dwell { dwell_s } => format!("dwell {dwell_s}"),
-                Action::Transform(transform) => format!("transform X{}", transform.work_offset[Axis::X]),
-            };
-            format!("{} {what}", place(&block.origin))
-        }
-        Item::Output(output) => {
-            let params: Vec<String> = ('A'..='H')
-                .zip(output.params)
-                .filter_map(|(letter, value)| value.map(|value| format!(" {letter}{value}")))
-                .collect();
-            format!("{} M{}{}", place(&output.origin), output.m, params.concat())
-        }
-        Item::Stop(stop) => format!(
-            "{} stop{}",
-            place(&stop.origin),
-            if stop.optional { " optional" } else { "" }
-        ),
-        Item::NeedsStandstill(origin) => format!("{} standstill", place(origin)),
-        Item::Warning(origin, text) => format!("{} warning {text}", place(origin)),
-        Item::End(origin) => format!("{} end", place(origin)),
-    }
-}
-
-fn axes(values: AxisVector, named: AxisSet) -> String {
-    named
-        .iter()
-        .map(|axis| format!("{}{}", axis.letter(), values[axis]))
-        .collect::<Vec<_>>()
-        .join(" ")
-}
-
-fn check(source: &str, expect: &[&str]) {
-    assert_eq!(Run::new(source).items(), expect, "{source:?}");
-}
-
-/// The first block of a program, as the path stage gets it.
-fn first_block(source: &str) -> tandem_model::flow::Block {
-    match Run::new(source).next() {
-        Ok(Item::Block(block)) => block,
-        other => panic!("{source:?} gives {other:?}"),
-    }
-}
-
-/// The last motion block of a program.
-fn last_motion(source: &str) -> tandem_model::flow::Block {
-    let mut run = Run::new(source);
-    let mut last = None;
-    loop {
-        match run.next() {
-            Ok(Item::Block(block)) => last = Some(block),
-            Ok(Item::End(_)) => return last.unwrap_or_else(|| panic!("no block")),
-            Ok(_) => {}
-            Err(alarm) => panic!("{alarm:?}"),
-        }
-    }
-}
+use support::{Run, check, first_block, last_motion, program, settings, text};
 
 #[test]
 fn motion_starts_as_g01_and_stays_in_force() {
@@ -443,6 +267,10 @@ fn m02_and_m30_end_and_the_end_repeats() {
         programs: &BTreeMap::new(),
         optional_skip: 0,
         work_offsets: &WorkOffsets::default(),
+        variables: &Variables::default(),
+        tool: Tool::default(),
+        captured: [0.0; 8],
+        position: AxisVector::ZERO,
     };
     assert!(matches!(idle.next(&inputs), Ok(Item::End(_))));
 }
@@ -529,17 +357,7 @@ fn a_program_without_an_end_is_an_alarm() {
 
 #[test]
 fn a_program_with_errors_is_an_alarm_at_the_block_of_the_error() {
-    for source in [
-        "X1 R5",
-        "X",
-        "G02 X1 I1",
-        "L1=5",
-        "X[L1]",
-        "if(L1==1){X1}",
-        "X1 X1",
-        "G05",
-        "M98",
-    ] {
+    for source in ["X1 R5", "X", "L1=", "X[L1", "if(L1){X1}", "X1 X1", "G05", "M98"] {
         check(&format!("X9\n{source}\nM30"), &["1:1 linear X9", "1:2 alarm 23"]);
     }
 }

@@ -61,11 +61,16 @@ alarms! {
     PROGRAM_END_MISSING = 22, "The program ran past its last block", "End a main program with M30, a subprogram with M99.";
     PROGRAM_HAS_ERRORS = 23, "The program has an error", "Check the program, and correct what is found.";
     PROGRAM_WARNING = 30, "The program was not carried out as written", "Look at the line that the text names.";
+    COMPENSATION_REFUSED = 40, "Not allowed with cutter compensation", "End the compensation with G40 before the block, and look at the rules of G41.";
+    OFFSET_REFUSED = 41, "Not allowed with an offset of the tool", "Write G40 and G49 before G28, G30 and G53 (D23).";
+    FIXED_CYCLE_REFUSED = 42, "Not allowed in a fixed cycle", "End the cycle with G80 before the block.";
+    ARC_REFUSED = 43, "The arc cannot be made", "Look at I, J, K and R of the block (D26).";
     // 100 to 199: path and motion
     AXIS_MISSING = 100, "The coordinate system does not have this axis", "Remove the word, or assign a motor to the axis.";
     FEEDRATE_MISSING = 101, "No feedrate is programmed", "Write F before the first cutting block, or set default_feedrate.";
     SOFT_LIMIT = 102, "The target is beyond a soft limit", "Correct the position or the work offset; nothing has moved.";
     LIMIT_ZERO = 103, "A motor's velocity or acceleration limit is zero", "Set a limit above zero in the configuration.";
+    MOTION_NOT_SUPPORTED = 199, "This motion is not supported yet", "Write the block with codes that are supported.";
     // 200 to 299: servo
     IN_POSITION_TIMEOUT = 200, "A motor did not come into position in time", "Look at the drive, in_position and in_position_timeout_ms.";
     POSITION_JUMP = 202, "A motion does not begin where the machine is", "Reset; report the log if it happens again.";

@@ -62,6 +62,10 @@ pub struct Block {
     pub exact_stop_before: bool,
     /// G09 after the axis words: motion comes to an exact stop at the end of this block (D27).
     pub exact_stop_after: bool,
+    /// G500 or G501.
+    pub multi_block: MultiBlock,
+    /// G40, G41 or G42, with the plane that it works in.
+    pub compensation: Compensation,
 }
 
 /// What a block does.
@@ -73,6 +77,19 @@ pub enum Action {
     Rapid(AxisWords),
     /// G01.
     Linear(AxisWords),
+    /// G02 or G03.
+    Arc(Box<Arc>),
+    /// G31: each motor alone at its skip velocity, until its skip input comes.
+    Skip(AxisWords),
+    /// G28 or G30: to the middle point, then to a reference point, named axes only (none named: D24).
+    Reference {
+        /// The middle point.
+        middle: AxisWords,
+        /// 1 to 4.
+        point: u8,
+    },
+    /// The cutting part of G74 or G84: to the depth and back, phase locked to the spindle.
+    Tap(Box<Tap>),
     /// G04.
     Dwell {
         /// Time at rest, s.
@@ -80,6 +97,64 @@ pub enum Action {
     },
     /// The transform for the blocks from here on; moves nothing.
     Transform(Box<Transform>),
+}
+
+/// A circular, spiral, helical or conical move.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Arc {
+    /// Where it ends; axes outside the plane move linearly in the angle.
+    pub target: AxisWords,
+    /// Plane of the circle.
+    pub plane: Plane,
+    /// G02 or G03.
+    pub turn: Turn,
+    /// How the circle is given.
+    pub shape: ArcShape,
+}
+
+/// How a circle is given.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum ArcShape {
+    /// I, J, K: the centre, from the start point, mm (D26).
+    Centre([f64; 3]),
+    /// R, mm: positive for an arc up to a half circle, negative for a larger one, 0 for a straight line.
+    Radius(f64),
+}
+
+/// Sense of turning, seen against the plane's third axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Turn {
+    /// G02, M03.
+    Clockwise,
+    /// G03, M04.
+    CounterClockwise,
+}
+
+/// G17, G18 or G19.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Plane {
+    /// G17: X, Y.
+    #[default]
+    Xy,
+    /// G18: Z, X.
+    Zx,
+    /// G19: Y, Z.
+    Yz,
+}
+
+/// Thread cutting of a tapping cycle: revolutions are Z travel times S / F (motion-semantics 1h).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tap {
+    /// Z point; an incremental one counts from where the tool is, the R point.
+    pub depth: AxisWords,
+    /// R point: where the tool comes back to; an incremental one counts from the Z point.
+    pub retract: AxisWords,
+    /// Dwell at the Z point, s.
+    pub dwell_s: f64,
+    /// Sense on the way in.
+    pub turn: Turn,
+    /// S, r/min.
+    pub spindle_speed_r_min: f64,
 }
 
 /// Axis words of a block.
@@ -91,6 +166,18 @@ pub struct AxisWords {
     pub named: AxisSet,
     /// How the values count.
     pub distance: Distance,
+    /// Which coordinates they are in.
+    pub frame: Frame,
+}
+
+/// Coordinates of axis words.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Frame {
+    /// The coordinates in force.
+    #[default]
+    Work,
+    /// G53: machine coordinates.
+    Machine,
 }
 
 /// G90 or G91.
@@ -113,6 +200,38 @@ pub enum PathControl {
     ContinuousPath,
 }
 
+/// G500 or G501.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum MultiBlock {
+    /// G501, the start-up default: ramps within each block.
+    #[default]
+    Off,
+    /// G500: acceleration over several blocks within the motors' limits.
+    On,
+}
+
+/// Cutter compensation in force.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Compensation {
+    /// G40.
+    #[default]
+    Off,
+    /// G41: the tool is on the left of the path.
+    Left {
+        /// Tool radius, mm (D17).
+        radius: f64,
+        /// Plane of the offset.
+        plane: Plane,
+    },
+    /// G42: the tool is on the right of the path.
+    Right {
+        /// Tool radius, mm (D17).
+        radius: f64,
+        /// Plane of the offset.
+        plane: Plane,
+    },
+}
+
 /// Feedrate and ramp times of a cutting block.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Feed {
@@ -126,12 +245,54 @@ pub struct Feed {
     pub ts_ms: f64,
 }
 
-/// From the programmed point to the machine position (D20). Only the work offset exists so far; each further
-/// transform becomes a field here and a step in the path stage.
+/// From the programmed point to the machine position, in the order of the fields (D20).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Transform {
-    /// G54 to G59, added to the programmed point.
+    /// G51.1.
+    pub mirror: Option<Mirror>,
+    /// G51.
+    pub scaling: Option<Scaling>,
+    /// G68.
+    pub rotation: Option<Rotation>,
+    /// G52, added.
+    pub local: AxisVector,
+    /// G54 to G59, added.
     pub work_offset: AxisVector,
+    /// G43 (positive) or G44 (negative): added to Z, mm.
+    pub tool_length: f64,
+}
+
+/// G51.1: each of these axes changes its sign about the centre.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Mirror {
+    /// The mirrored axes.
+    pub axes: AxisSet,
+    /// The centre.
+    pub centre: AxisVector,
+}
+
+/// G51: distances from the centre times the factor of the axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scaling {
+    /// The centre.
+    pub centre: AxisVector,
+    /// The axes that the centre names; for the others it is where the tool is when the transform comes into force.
+    pub centre_named: AxisSet,
+    /// Factors of X, Y, Z.
+    pub factors: [f64; 3],
+}
+
+/// G68: a turn in the plane about the centre.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rotation {
+    /// The plane.
+    pub plane: Plane,
+    /// The centre.
+    pub centre: AxisVector,
+    /// The axes that the centre names; for the others it is where the tool is when the transform comes into force.
+    pub centre_named: AxisSet,
+    /// Counter-clockwise, degrees.
+    pub angle_deg: f64,
 }
 
 /// A piece of the way in machine coordinates, for the motion stage.

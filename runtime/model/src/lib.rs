@@ -13,8 +13,10 @@ pub mod profile;
 pub mod ramp;
 pub mod settings;
 pub mod span;
+pub mod variables;
 
 pub use alarm::Alarm;
 pub use axis::{AXES_MAX, Axis, AxisSet, AxisVector, MachinePosition, ProgrammedPosition, WorkPosition};
 pub use diagnostic::{Diagnostic, Severity};
 pub use span::{Origin, Span};
+pub use variables::Variables;

@@ -90,3 +90,12 @@ pub enum MotorKind {
 /// Work offsets G54 to G59 of one coordinate system.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct WorkOffsets(pub [AxisVector; 6]);
+
+/// The tool that G41 to G44 take (D17).
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Tool {
+    /// Length, mm: G43 adds it to Z, G44 takes it away.
+    pub length: f64,
+    /// Radius, mm: the offset of G41 and G42.
+    pub radius: f64,
+}

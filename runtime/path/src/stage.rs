@@ -1,6 +1,8 @@
 //! Blocks in, segments out.
 
-use tandem_model::alarm::{AXIS_MISSING, FEEDRATE_MISSING, SOFT_LIMIT, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
+use tandem_model::alarm::{
+    AXIS_MISSING, FEEDRATE_MISSING, MOTION_NOT_SUPPORTED, SOFT_LIMIT, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE,
+};
 use tandem_model::flow::{
     Action, AxisWords, Block, Distance, Feed, Path, PathControl, Segment, SegmentEnd, SegmentMotion,
     Transform,
@@ -96,6 +98,9 @@ impl PathStage {
             Action::Dwell { dwell_s } => self.dwell(block.origin, *dwell_s, out)?,
             Action::Rapid(words) => self.rapid(block.origin, words, out)?,
             Action::Linear(words) => self.linear(block, words, out)?,
+            Action::Arc(_) | Action::Skip(_) | Action::Reference { .. } | Action::Tap(_) => {
+                return Err(Alarm::new(&MOTION_NOT_SUPPORTED, "The block cannot be moved"));
+            }
         }
         Ok(())
     }

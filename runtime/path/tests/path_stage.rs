@@ -6,8 +6,8 @@ use tandem_model::alarm::{
     AXIS_MISSING, AlarmEntry, FEEDRATE_MISSING, SOFT_LIMIT, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE,
 };
 use tandem_model::flow::{
-    Action, AxisWords, Block, Distance, Feed, Path, PathControl, Segment, SegmentEnd, SegmentMotion,
-    Transform,
+    Action, AxisWords, Block, Compensation, Distance, Feed, Frame, MultiBlock, Path, PathControl, Segment,
+    SegmentEnd, SegmentMotion, Transform,
 };
 use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
 use tandem_model::{Axis, AxisSet, AxisVector, MachinePosition, Origin};
@@ -73,6 +73,7 @@ fn words(distance: Distance, values: &[(Axis, f64)]) -> AxisWords {
         values: vector,
         named,
         distance,
+        frame: Frame::Work,
     }
 }
 
@@ -94,6 +95,8 @@ fn block(line: u32, action: Action) -> Block {
         path_control: PathControl::ContinuousPath,
         exact_stop_before: false,
         exact_stop_after: false,
+        multi_block: MultiBlock::Off,
+        compensation: Compensation::Off,
     }
 }
 
@@ -169,7 +172,10 @@ fn g90_counts_from_the_work_offset_and_g91_from_the_last_position() {
     let mut offset = AxisVector::ZERO;
     offset[X] = 10.0;
     offset[Y] = -5.0;
-    let transform = Transform { work_offset: offset };
+    let transform = Transform {
+        work_offset: offset,
+        ..Transform::default()
+    };
     let segments = run(&[
         block(1, Action::Transform(Box::new(transform))),
         g01(2, &[(X, 20.0)]),
@@ -191,7 +197,10 @@ fn d20_switching_a_transform_on_moves_nothing_and_the_work_position_undoes_it() 
     let mut out = Vec::new();
     let mut offset = AxisVector::ZERO;
     offset[X] = 10.0;
-    let transform = Transform { work_offset: offset };
+    let transform = Transform {
+        work_offset: offset,
+        ..Transform::default()
+    };
     stage
         .push(&block(1, Action::Transform(Box::new(transform))), &mut out)
         .unwrap();
@@ -275,7 +284,10 @@ fn soft_limits_are_checked_before_anything_moves_and_the_text_names_axis_value_a
     let mut stage = stage();
     let mut offset = AxisVector::ZERO;
     offset[X] = 150.0;
-    let transform = Transform { work_offset: offset };
+    let transform = Transform {
+        work_offset: offset,
+        ..Transform::default()
+    };
     let mut out = Vec::new();
     stage
         .push(&block(1, Action::Transform(Box::new(transform))), &mut out)
@@ -331,7 +343,10 @@ fn d07_a_value_that_is_not_a_number_is_an_alarm() {
         refused(&block(1, Action::Dwell { dwell_s: value }), &VALUE_NOT_FINITE);
         let mut offset = AxisVector::ZERO;
         offset[Y] = value;
-        let transform = Transform { work_offset: offset };
+        let transform = Transform {
+            work_offset: offset,
+            ..Transform::default()
+        };
         refused(
             &block(1, Action::Transform(Box::new(transform))),
             &VALUE_NOT_FINITE,

@@ -129,6 +129,7 @@ impl<'a> CheckedFile<'a> {
             max_spindle_speed_r_min: settings
                 .and_then(|settings| settings.spindle.as_ref())
                 .map(|spindle| spindle.max_velocity),
+            ..CheckContext::default()
         };
         let mut check = check(&tree, &context);
         diagnostics.append(&mut check.diagnostics);

@@ -8,7 +8,7 @@ use tandem_interp::{Inputs, Interpreter, Modal};
 use tandem_model::flow::{Block, Item, Segment, Transform};
 use tandem_model::profile::Profile;
 use tandem_model::settings::CoordinateSystemSettings;
-use tandem_model::{Alarm, MachinePosition};
+use tandem_model::{Alarm, MachinePosition, Variables};
 use tandem_motion::Planner;
 use tandem_path::PathStage;
 use tandem_syntax::NcProgram;
@@ -17,6 +17,8 @@ use tandem_syntax::NcProgram;
 #[derive(Debug)]
 pub(super) struct Pipeline {
     pub interpreter: Interpreter,
+    /// P and Q of the programs.
+    pub variables: Variables,
     path: PathStage,
     planner: Planner,
     segments: Vec<Segment>,
@@ -48,6 +50,7 @@ impl Pipeline {
         };
         Self {
             interpreter,
+            variables: Variables::default(),
             path,
             planner: Planner::new(settings),
             segments: Vec::new(),
@@ -114,6 +117,11 @@ impl Pipeline {
             stack: callers().collect(),
         };
         self.changes.push_back(self.last.clone());
+    }
+
+    /// Where all that has been given out so far ends.
+    pub fn position(&self) -> MachinePosition {
+        self.path.position()
     }
 
     /// The segment given out last; the servo reports it when it is finished.

@@ -3,7 +3,8 @@
 use tandem_interp::Inputs;
 use tandem_model::alarm::AlarmEntry;
 use tandem_model::flow::{Item, Output, ProgramStop};
-use tandem_model::{Alarm, Origin};
+use tandem_model::settings::Tool;
+use tandem_model::{AXES_MAX, Alarm, Origin};
 
 use plc_api::types::state::Execution;
 use serde_json::json;
@@ -100,10 +101,15 @@ impl CoordinateSystem {
 
     fn interpret(&mut self) {
         let Some(run) = &mut self.run else { return };
+        let variables = self.pipeline.variables.clone();
         let inputs = Inputs {
             programs: &run.programs,
             optional_skip: self.inputs.optional_skip,
             work_offsets: &self.configured.work_offsets,
+            variables: &variables,
+            tool: Tool::default(),
+            captured: [0.0; AXES_MAX],
+            position: self.pipeline.position().0,
         };
         let item = self.pipeline.next(&inputs);
         self.note_interpreted();

@@ -102,8 +102,8 @@ diagnostics! {
         "An expression consists of numbers, variables, functions, + - * / % and parentheses (manual 4-1). Plus has no unary form but before a number.",
         "wrong: L1=2*(3+   right: L1=2*(3+4)";
     NESTING_TOO_DEEP = "E0015", "Nesting is too deep",
-        "Parentheses and signs nest at most 64 deep.",
-        "Assign parts of the expression to variables first.";
+        "Parentheses and signs nest at most 64 deep, and so do branches and repetitions.",
+        "Assign parts of the expression to variables, or move commands to a subprogram.";
     BRACE_UNMATCHED = "E0016", "A bracket has no partner",
         "Every opening parenthesis or brace needs a closing one, and the other way round.",
         "wrong: if(L1==1){M30   right: if(L1==1){M30}";
@@ -119,6 +119,15 @@ diagnostics! {
     KEYWORD_PLACE = "E0020", "A program code stands where it does not belong",
         "else follows if; case, default and break stand in switch (break also in while and do).",
         "wrong: else X10   right: if(L1==1) X5 else X10";
+    CONDITION_KIND = "E0021", "A condition and a number are mixed up",
+        "A condition is a comparison, a join of conditions with && or ||, !(condition) or isnan(...); a bare number is none, a condition is no number, and a comparison does not chain (D09).",
+        "wrong: if(L1) X5   right: if(L1!=0) X5";
+    COMMAND_MISSING = "E0022", "A program code lacks its commands",
+        "if, else, while and do are followed by one command or by commands in braces, switch by cases in braces.",
+        "wrong: if(L1==1)   right: if(L1==1) X5";
+    CASE_LABEL = "E0023", "A case label is wrong",
+        "case is followed by a whole constant and a colon, default by a colon; each label stands once in its switch (D10).",
+        "wrong: case L1:   right: case 1:";
     // E0100 to E0199: the meaning
     G_UNKNOWN = "E0101", "There is no such G code",
         "The G codes of the dialect are those of the manual's table.",
@@ -165,15 +174,21 @@ diagnostics! {
     END_MISSING = "E0115", "The program has no end",
         "A program ends with M02 or M30, a subprogram with M99, in a block that is never skipped (D06).",
         "Write M30 (in a subprogram M99) in the last block.";
-    PROGRAM_CODE_NOT_SUPPORTED = "E0116", "Program codes are not supported yet",
-        "Assignments, branches and repetitions are part of the language, and this version of Tandem does not run them.",
-        "The README lists what is not supported yet.";
-    INDIRECTION_NOT_SUPPORTED = "E0117", "Indirection is not supported yet",
-        "A word with a variable is part of the language, and this version of Tandem does not run it.",
-        "wrong: X[L1]   right: X10";
     WORD_SHARED = "E0118", "Two codes of the block take the same word",
         "It cannot be told which of the codes the value is for.",
         "wrong: G04 M98 P1000   right: G04 P500 and M98 P1000 in blocks of their own";
+    COMPENSATION_RULE = "E0119", "Not allowed with cutter compensation",
+        "Cutter compensation is led in by G01 and led out by G00 or G01. In between only G01, G02 and G03 move, the plane and the side stay, and M00, M01, M codes with parameters, G28, G30 and G53 do not stand (D23).",
+        "wrong: G41 and then G00 X5   right: G41 and then G01 X5";
+    TOOL_OFFSET_RULE = "E0120", "Not allowed with a tool offset",
+        "G28, G30 and G53 need G49 before them (D23).",
+        "wrong: G43 and then G28   right: G43, G49 and then G28";
+    FIXED_CYCLE_RULE = "E0121", "Not allowed in a fixed cycle",
+        "From G74 or G84 to G80 no other code than these, G98 and G99 stands; G00 to G03 end the cycle. The first block needs Z and R.",
+        "wrong: G84 Z-5 R1 and then M98 P1000   right: G80 before M98";
+    ARC_SHAPE = "E0122", "An arc is not defined",
+        "G02 and G03 need the centre by I, J, K of the plane in force, or the radius R, which is half the way to the end or more (D26).",
+        "wrong: G02 X10 Y0   right: G02 X10 Y0 R5";
     // W0001 to W0099: the program can run
     PROGRAM_MISSING = "W0001", "A called program is not there",
         "M98 of a program that is missing is an alarm when it is interpreted (D12).",

@@ -10,6 +10,7 @@ mod address;
 mod cursor;
 pub mod diagnostics;
 mod grammar;
+mod intermediate;
 mod line_index;
 mod parser;
 mod program_code;
@@ -18,7 +19,10 @@ mod tree;
 pub use address::{Address, AddressSet};
 pub use diagnostics::{DIAGNOSTICS, DiagnosticEntry};
 pub use grammar::Grammar;
+pub use intermediate::{Header, block_bytes, compile};
 pub use line_index::LineIndex;
 pub use parser::{DIAGNOSTICS_MAX, NESTING_MAX, parse};
-pub use program_code::{BinaryOperator, Expression, ExpressionId, Function, Keyword, ProgramCode};
+pub use program_code::{
+    BinaryOperator, Comparator, Expression, ExpressionId, Function, Keyword, ProgramCode, Statement,
+};
 pub use tree::{Block, Content, NcProgram, Value, Variable, VariableKind, Word};

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use tandem_model::{Origin, Span};
 
 use crate::address::Address;
-use crate::program_code::{Expression, ExpressionId, ProgramCode};
+use crate::program_code::{CaseLabel, Expression, ExpressionId, ProgramCode};
 
 /// A parsed NC program. It exists for every text; whether it may run is for the diagnostics to say.
 #[derive(Debug, Clone)]
@@ -18,6 +18,7 @@ pub struct NcProgram {
     pub(crate) words: Vec<Word>,
     pub(crate) program_codes: Vec<ProgramCode>,
     pub(crate) expressions: Vec<Expression>,
+    pub(crate) cases: Vec<CaseLabel>,
 }
 
 impl NcProgram {
@@ -84,10 +85,24 @@ impl NcProgram {
         self.expressions.get(id.0 as usize)
     }
 
+    /// The block of a label among `count` cases from `first` on, if there is one.
+    pub fn case(&self, first: u32, count: u32, label: i64) -> Option<u32> {
+        let first = first as usize;
+        let cases = self.cases.get(first..first.checked_add(count as usize)?)?;
+        let at = cases.binary_search_by_key(&label, |case| case.label).ok()?;
+        cases.get(at).map(|case| case.block)
+    }
+
+    /// The blocks of the cases of a `switch`.
+    pub fn case_blocks(&self, first: u32, count: u32) -> impl Iterator<Item = u32> {
+        let cases = self.cases.iter().skip(first as usize).take(count as usize);
+        cases.map(|case| case.block)
+    }
+
     /// The block's range of bytes: from its first word (or block skip) to the end of its last one.
     pub fn span(&self, block: &Block) -> Span {
         let end = match self.program_code(block) {
-            Some(code) => code.span().end,
+            Some(code) => code.span.end,
             None => self
                 .words(block)
                 .last()

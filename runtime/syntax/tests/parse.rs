@@ -4,8 +4,8 @@
 
 use tandem_model::limits::PROGRAM_BYTES_MAX;
 use tandem_syntax::{
-    Address, BinaryOperator, DIAGNOSTICS_MAX, Expression, ExpressionId, Grammar, LineIndex, NcProgram,
-    ProgramCode, Value, Variable, VariableKind, parse,
+    Address, DIAGNOSTICS_MAX, Expression, ExpressionId, Grammar, LineIndex, NcProgram, ProgramCode,
+    Statement, Value, Variable, VariableKind, parse,
 };
 
 /// All findings as `line:column code`.
@@ -65,11 +65,31 @@ fn blocks(source: &str) -> Vec<String> {
 }
 
 fn code_text(program: &NcProgram, code: &ProgramCode) -> String {
-    match code {
-        ProgramCode::Assignment { target, value, .. } => {
-            format!("{}={}", variable_text(*target), expression_text(program, *value))
+    let text = |id| expression_text(program, id);
+    match code.statement {
+        Statement::Assignment { target, value } => format!("{}={}", variable_text(target), text(value)),
+        Statement::If { condition, otherwise } => format!("if {} ->{otherwise}", text(condition)),
+        Statement::Else { end } => format!("else ->{end}"),
+        Statement::While { condition, end } => format!("while {} ->{end}", text(condition)),
+        Statement::Repeat { start } => format!("repeat ->{start}"),
+        Statement::Do => "do".to_owned(),
+        Statement::DoWhile { condition, start } => format!("until {} ->{start}", text(condition)),
+        Statement::Switch {
+            value,
+            first,
+            count,
+            otherwise,
+        } => {
+            let cases: Vec<_> = (-9..=9)
+                .filter_map(|label| Some(format!("{label}->{}", program.case(first, count, label)?)))
+                .collect();
+            format!("switch {} {} ->{otherwise}", text(value), cases.join(" "))
         }
-        ProgramCode::Control { keyword, .. } => keyword.text().to_owned(),
+        Statement::Case { label } => format!("case {label}"),
+        Statement::Default => "default".to_owned(),
+        Statement::Break { end } => format!("break ->{end}"),
+        Statement::Open => "{".to_owned(),
+        Statement::Close => "}".to_owned(),
     }
 }
 
@@ -88,15 +108,22 @@ fn expression_text(program: &NcProgram, id: ExpressionId) -> String {
             left,
             right,
         } => {
-            let sign = match operator {
-                BinaryOperator::Add => '+',
-                BinaryOperator::Subtract => '-',
-                BinaryOperator::Multiply => '*',
-                BinaryOperator::Divide => '/',
-                BinaryOperator::Modulo => '%',
-            };
-            format!("({}{sign}{})", text(left), text(right))
+            format!("({}{}{})", text(left), operator.text(), text(right))
         }
+        Expression::Comparison {
+            comparator,
+            left,
+            right,
+        } => format!("({}{}{})", text(left), comparator.text(), text(right)),
+        Expression::Join { both, left, right } => {
+            format!(
+                "({}{}{})",
+                text(left),
+                if both { "&&" } else { "||" },
+                text(right)
+            )
+        }
+        Expression::Not(condition) => format!("!{}", text(condition)),
         Expression::Call {
             function,
             first,
@@ -112,7 +139,13 @@ fn expression_text(program: &NcProgram, id: ExpressionId) -> String {
 fn d01_letters_are_read_without_regard_to_case() {
     assert_eq!(
         blocks("g01 x1 TA5 td6 tS7 va8 vH9\nif(l1==1){m30}"),
-        ["1: G1 X1 ta5 td6 ts7 VA8 VH9", "2: if"]
+        [
+            "1: G1 X1 ta5 td6 ts7 VA8 VH9",
+            "2: if (L1==1) ->5",
+            "2: {",
+            "2: M30",
+            "2: }"
+        ]
     );
 }
 
@@ -335,17 +368,141 @@ fn nesting_has_a_limit() {
 }
 
 #[test]
-fn branches_and_repetitions_are_passed_as_a_whole() {
+fn branches_lie_flat_and_tell_where_the_program_goes_on() {
     assert_eq!(
-        blocks("N05 if (Q0==1) {X10}\nX1\nwhile(L1<3)\n{\n if(L1==2) {\n X@#\n } /* } */ // }\n}\nX2\n"),
-        ["1: if", "2: X1", "3: while", "9: X2"]
+        blocks("N05 if (Q0==1) {X10}\nX1"),
+        ["1: if (Q0==1) ->4", "1: {", "1: X10", "1: }", "2: X1"]
     );
     assert_eq!(
-        blocks(
-            "if(L1==1)\n X1\nelse {\n X2\n}\nX3\ndo { X4 } while(L1<2)\nX5\nswitch(L1){case 1: X1 break}\nM30"
-        ),
-        ["1: if", "6: X3", "7: do", "8: X5", "9: switch", "10: M30"]
+        blocks("if(L1==1)\n X1\nelse {\n X2\n}\nX3"),
+        [
+            "1: if (L1==1) ->3",
+            "2: X1",
+            "3: else ->6",
+            "3: {",
+            "4: X2",
+            "5: }",
+            "6: X3"
+        ]
     );
+    assert_eq!(
+        blocks("if(L1<1) X1 else if(L1<2) X2 else X3\nX4"),
+        [
+            "1: if (L1<1) ->3",
+            "1: X1",
+            "1: else ->7",
+            "1: if (L1<2) ->6",
+            "1: X2",
+            "1: else ->7",
+            "1: X3",
+            "2: X4"
+        ]
+    );
+}
+
+#[test]
+fn repetitions_go_back_to_their_condition_or_head() {
+    assert_eq!(
+        blocks("while(L1<3)\n{\n L1=L1+1\n break\n}\nX2"),
+        [
+            "1: while (L1<3) ->6",
+            "2: {",
+            "3: L1=(L1+1)",
+            "4: break ->6",
+            "5: }",
+            "5: repeat ->0",
+            "6: X2"
+        ]
+    );
+    assert_eq!(
+        blocks("do { X4 } while(L1<2)\nX5\ndo X1 while(L1<2)"),
+        [
+            "1: do",
+            "1: {",
+            "1: X4",
+            "1: }",
+            "1: until (L1<2) ->1",
+            "2: X5",
+            "3: do",
+            "3: X1",
+            "3: until (L1<2) ->7"
+        ]
+    );
+}
+
+#[test]
+fn a_branch_without_braces_takes_one_command() {
+    assert_eq!(
+        blocks("if(L1==1) L2=3 L3=4\nwhile(L1==1) X1 Y2"),
+        [
+            "1: if (L1==1) ->2",
+            "1: L2=3",
+            "1: L3=4",
+            "2: while (L1==1) ->6",
+            "2: X1 Y2",
+            "2: repeat ->3"
+        ]
+    );
+}
+
+#[test]
+fn d10_a_switch_knows_its_cases() {
+    assert_eq!(
+        blocks("switch(L1){case 2: X1 break case -1: X2\ndefault: X3\n}\nM30"),
+        [
+            "1: switch L1 -1->5 2->2 ->7",
+            "1: {",
+            "1: case 2",
+            "1: X1",
+            "1: break ->10",
+            "1: case -1",
+            "1: X2",
+            "2: default",
+            "2: X3",
+            "3: }",
+            "4: M30"
+        ]
+    );
+    check("switch(L1){case 1: X1 case 1: X2}", &["1:23 E0023"]);
+    check("switch(L1){default: X1 default: X2}", &["1:24 E0023"]);
+    check("switch(L1){case 1.5: X1}", &["1:12 E0023", "1:18 E0003"]);
+    check("case 1: X1", &["1:1 E0020", "1:6 E0003"]);
+}
+
+#[test]
+fn d09_conditions_and_numbers_are_told_apart() {
+    assert_eq!(
+        blocks("if(L1<1&&L2>=2||!(L3!=4)&&isnan(L5)) X1")[0],
+        "1: if (((L1<1)&&(L2>=2))||(!(L3!=4)&&isnan(L5))) ->2"
+    );
+    assert_eq!(
+        blocks("if((L1+1)*2==(3)) X1\nL1=isnan(L2)")[..1],
+        ["1: if (((L1+1)*2)==3) ->2"]
+    );
+    for text in [
+        "if(L1) X1",
+        "L1=(L2==3)",
+        "if(L1<2<3) X1",
+        "if((L1<2)==(L2<3)) X1",
+        "if(!(L1)) X1",
+        "if(L1==1&&L2) X1",
+        "L1=-(L2<3)",
+        "switch(L1==2){}",
+    ] {
+        assert_eq!(findings(text).len(), 1, "{text}");
+        assert!(
+            findings(text)[0].ends_with("E0021"),
+            "{text}: {:?}",
+            findings(text)
+        );
+    }
+    check("if(!L1==1) X1", &["1:5 E0014"]);
+}
+
+#[test]
+fn d13_block_skip_stands_at_the_beginning_of_a_line_within_braces_too() {
+    check("if(L1==1){\n/1 X1\n}", &[]);
+    check("if(L1==1){ /1 X1\n}", &["1:12 E0009"]);
 }
 
 #[test]
@@ -353,9 +510,21 @@ fn program_codes_out_of_place_are_one_error_each() {
     check("else X1\nX2", &["1:1 E0020"]);
     check("break", &["1:1 E0020"]);
     check("if(L1==1){X1\nX2\nM30", &["1:10 E0016"]);
-    check("if(L1==1 X1\nX2", &["1:3 E0016"]);
+    check("if(L1==1 X1\nX2", &["1:3 E0014"]);
     check("X1 }\nX2", &["1:4 E0016"]);
     check("G01 if(L1==1){X1}", &["1:5 E0018"]);
+    check("if(L1==1)", &["1:1 E0022"]);
+    check("while(L1==1){}\nif(L1==1) }", &["2:1 E0022", "2:11 E0016"]);
+    check("do X1\nX2", &["1:1 E0022"]);
+    check("switch(L1) X1", &["1:1 E0022"]);
+    check("if(L1==1){ L1= }\nX1 X2", &["1:16 E0014"]);
+}
+
+#[test]
+fn branches_nest_64_deep() {
+    check(&format!("{}X1", "if(L1==1) ".repeat(64)), &[]);
+    check(&format!("{}X1", "if(L1==1) ".repeat(65)), &["1:651 E0015"]);
+    check(&format!("if(L1==1) X1{}", " else if(L1==1) X1".repeat(500)), &[]);
 }
 
 #[test]

@@ -23,6 +23,7 @@ pub static FEED_WORDS: [WordSpec; 5] = [
 /// above the spindle's maximum is an alarm (D11).
 pub(crate) fn take_over(execution: &mut Execution<'_>) {
     if let Some(programmed) = execution.free_word(Address::F) {
+        let programmed = programmed * execution.modal().unit();
         let max = execution.limits().max_feedrate_mm_min;
         if programmed > max {
             execution.warn(format!(

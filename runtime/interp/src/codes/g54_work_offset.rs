@@ -12,7 +12,7 @@ const fn work_offset(code: &'static str, tenths: u16, name: &'static str, select
         group: ModalGroup::WorkCoordinates,
         words: &[],
         docs: "Adds the offsets of this work coordinate system to all positions from here on. The code itself moves \
-               nothing. At start-up no work coordinate system is selected.",
+               nothing; it ends scaling, mirroring and rotation. At start-up no work coordinate system is selected.",
         check: None,
         select,
         motion: None,
@@ -34,5 +34,6 @@ pub static G59: Code = work_offset("G59", 590, "6th Work Coordinate System selec
 
 fn select<const INDEX: usize>(execution: &mut Execution<'_>) {
     let offset = execution.inputs().work_offsets.0[INDEX];
+    execution.release_shape();
     execution.transform(|transform| transform.work_offset = offset);
 }

@@ -7,27 +7,39 @@
 pub mod feed_words;
 pub mod g00_rapid;
 pub mod g01_linear;
+pub mod g02_g03_arc;
 pub mod g04_dwell;
 pub mod g09_exact_stop;
-pub mod g17_plane;
-pub mod g21_metric;
+pub mod g17_g18_g19_plane;
+pub mod g20_g21_unit;
+pub mod g28_g30_reference;
+pub mod g31_skip;
+pub mod g40_g41_g42_cutter_compensation;
+pub mod g43_g44_g49_tool_offset;
+pub mod g500_g501_multi_block;
+pub mod g50_1_g51_1_mirroring;
+pub mod g50_g51_scaling;
+pub mod g52_local;
+pub mod g53_machine;
 pub mod g54_work_offset;
 pub mod g61_g64_path_control;
+pub mod g68_g69_rotation;
+pub mod g74_g84_tapping;
 pub mod g90_g91_distance;
-pub mod initial_states;
+pub mod g98_g99_return_level;
 pub mod m00_m01_stop;
 pub mod m02_m30_end;
 pub mod m98_call;
 pub mod m99_return;
 pub mod m_auxiliary;
-pub mod not_supported;
+pub mod motion_built;
 mod table;
 
 use tandem_model::flow::AxisWords;
 use tandem_syntax::{Address, AddressSet, DiagnosticEntry};
 
+pub use table::CodeTable;
 pub(crate) use table::tenths;
-pub use table::{CodeTable, Known, NotSupported};
 
 use crate::block_words::BlockWords;
 use crate::execution::Execution;
@@ -234,9 +246,9 @@ pub const AXIS_ADDRESSES: AddressSet = AddressSet::of(&[
 ]);
 
 /// Largest absolute value of a position or distance, command units (manual, table of instruction parameters).
-const POSITION_MAX: f64 = 1_000_000.0;
+pub(crate) const POSITION_MAX: f64 = 1_000_000.0;
 
-const fn axis_word(address: Address) -> WordSpec {
+pub(crate) const fn axis_word(address: Address) -> WordSpec {
     WordSpec::new(
         address,
         "target position or distance",

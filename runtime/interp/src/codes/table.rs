@@ -1,84 +1,40 @@
 //! From a code's number to the code.
 
-use super::{Code, ModalGroup};
+use super::Code;
 
 /// One past ten times the highest number that a table can hold (999.9).
 const TENTHS: usize = 10_000;
 
-/// Entries of the index from here on are codes that are not supported.
-const NOT_SUPPORTED_FROM: u8 = 128;
-
 /// The codes of one letter in a dialect.
 #[derive(Debug)]
 pub struct CodeTable {
-    /// The codes that run.
+    /// The codes.
     pub codes: &'static [&'static Code],
-    /// The codes that the language has and this version does not run.
-    pub not_supported: &'static [NotSupported],
     index: [u8; TENTHS],
 }
 
-/// A code that the language has and this version does not run.
-#[derive(Debug, PartialEq, Eq)]
-pub struct NotSupported {
-    /// As the manual writes it.
-    pub code: &'static str,
-    /// Ten times the number.
-    pub tenths: u16,
-    /// The manual's name of it.
-    pub name: &'static str,
-    /// The modal group.
-    pub group: ModalGroup,
-}
-
-/// What a number stands for.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Known {
-    /// A code that runs.
-    Code(&'static Code),
-    /// One that does not.
-    NotSupported(&'static NotSupported),
-}
-
 impl CodeTable {
-    /// Builds the index when the program is compiled. A table holds at most 126 codes of either kind.
+    /// Builds the index when the program is compiled. A table holds at most 254 codes.
     ///
     /// # Panics
     /// When two codes have one number or there are too many; in a `static` that is an error of the compiler.
-    pub const fn new(codes: &'static [&'static Code], not_supported: &'static [NotSupported]) -> Self {
-        assert!(
-            codes.len() < NOT_SUPPORTED_FROM as usize - 1
-                && not_supported.len() < NOT_SUPPORTED_FROM as usize - 1
-        );
+    pub const fn new(codes: &'static [&'static Code]) -> Self {
+        assert!(codes.len() < u8::MAX as usize);
         let mut index = [0; TENTHS];
-        let mut entry = 0;
-        while entry < NOT_SUPPORTED_FROM - 1 {
-            if (entry as usize) < codes.len() {
-                let at = &mut index[codes[entry as usize].tenths as usize];
-                assert!(*at == 0, "two codes have one number");
-                *at = entry + 1;
-            }
-            if (entry as usize) < not_supported.len() {
-                let at = &mut index[not_supported[entry as usize].tenths as usize];
-                assert!(*at == 0, "two codes have one number");
-                *at = entry + NOT_SUPPORTED_FROM;
-            }
+        let mut entry: u8 = 0;
+        while (entry as usize) < codes.len() {
+            let at = &mut index[codes[entry as usize].tenths as usize];
+            assert!(*at == 0, "two codes have one number");
             entry += 1;
+            *at = entry;
         }
-        Self {
-            codes,
-            not_supported,
-            index,
-        }
+        Self { codes, index }
     }
 
     /// What ten times a number stands for.
-    pub fn find(&self, tenths: u16) -> Option<Known> {
+    pub fn find(&self, tenths: u16) -> Option<&'static Code> {
         let entry = usize::from(*self.index.get(usize::from(tenths))?);
-        if let Some(at) = entry.checked_sub(usize::from(NOT_SUPPORTED_FROM)) {
-            return self.not_supported.get(at).map(Known::NotSupported);
-        }
-        self.codes.get(entry.checked_sub(1)?).copied().map(Known::Code)
+        self.codes.get(entry.checked_sub(1)?).copied()
     }
 }
 

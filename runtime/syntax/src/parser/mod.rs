@@ -3,6 +3,7 @@
 //! A line is either a block of words or program codes. After an error the parser goes on with the next word, the end
 //! of the line, or the matching brace, whichever leaves one error for one cause.
 
+mod control;
 mod expression;
 mod program_code;
 mod word;
@@ -12,16 +13,17 @@ use std::sync::Arc;
 use tandem_model::limits::{BLOCK_BYTES_MAX, OPTIONAL_SKIP_MAX, PROGRAM_BYTES_MAX};
 use tandem_model::{Diagnostic, Span};
 
+use self::control::Nesting;
 use crate::cursor::Cursor;
 use crate::diagnostics::{self, DiagnosticEntry};
 use crate::grammar::Grammar;
-use crate::program_code::{Expression, ProgramCode};
+use crate::program_code::{CaseLabel, Expression, ProgramCode};
 use crate::tree::{Block, Content, NcProgram, Word};
 
 /// Findings of one program. Parsing ends there, so that a text of errors only stays small in time and memory.
 pub const DIAGNOSTICS_MAX: usize = 1000;
 
-/// Depth of parentheses and signs in an expression; a deeper one is an error.
+/// Depth of parentheses and signs in an expression, and of branches and repetitions; a deeper one is an error.
 pub const NESTING_MAX: usize = 64;
 
 /// Parses a text. It always gives a program, and all findings in the order of the text.
@@ -42,6 +44,7 @@ pub fn parse(source: impl Into<Arc<str>>, grammar: &Grammar) -> (NcProgram, Vec<
             "Split the program and call the parts with M98.",
         );
     } else {
+        parser.reserve(&source);
         parser.run();
     }
     let Parser {
@@ -49,6 +52,7 @@ pub fn parse(source: impl Into<Arc<str>>, grammar: &Grammar) -> (NcProgram, Vec<
         words,
         program_codes,
         expressions,
+        cases,
         diagnostics,
         complete,
         ..
@@ -61,6 +65,7 @@ pub fn parse(source: impl Into<Arc<str>>, grammar: &Grammar) -> (NcProgram, Vec<
         words,
         program_codes,
         expressions,
+        cases,
     };
     (program, diagnostics)
 }
@@ -83,10 +88,16 @@ struct Parser<'a> {
     words: Vec<Word>,
     program_codes: Vec<ProgramCode>,
     expressions: Vec<Expression>,
+    cases: Vec<CaseLabel>,
+    nesting: Nesting,
+    /// The line of the last thing read that is no comment.
+    code_line: u32,
     diagnostics: Vec<Diagnostic>,
     complete: bool,
     // the line that is read
     kind: LineKind,
+    /// Only one command belongs to the branch or repetition before it.
+    single: bool,
     flags: u32,
     first_word: usize,
     line_start: usize,
@@ -102,14 +113,32 @@ impl<'a> Parser<'a> {
             words: Vec::new(),
             program_codes: Vec::new(),
             expressions: Vec::new(),
+            cases: Vec::new(),
+            nesting: Nesting::default(),
+            code_line: 0,
             diagnostics: Vec::new(),
             complete: true,
             kind: LineKind::Open,
+            single: false,
             flags: 0,
             first_word: 0,
             line_start: 0,
             comment_bytes_before: 0,
         }
+    }
+
+    /// Makes room for the blocks and words that the text seems to have, so that the arrays need not grow and move: a
+    /// letter before a value begins a word, a line is a block.
+    fn reserve(&mut self, source: &str) {
+        let (mut lines, mut words) = (1, 0);
+        let mut letter = false;
+        for byte in source.bytes() {
+            lines += usize::from(byte == b'\n');
+            words += usize::from(letter && matches!(byte, b'0'..=b'9' | b'-' | b'.' | b'[' | b'+'));
+            letter = byte.is_ascii_alphabetic();
+        }
+        self.blocks.reserve_exact(lines.min(words));
+        self.words.reserve_exact(words);
     }
 
     fn run(&mut self) {
@@ -118,7 +147,8 @@ impl<'a> Parser<'a> {
             if self.cursor.peek().is_none() {
                 break;
             }
-            self.line();
+            self.line(false);
+            self.code_line = self.cursor.line();
         }
     }
 
@@ -170,15 +200,16 @@ impl<'a> Parser<'a> {
         );
     }
 
-    /// Reads one line, whose first token is here.
-    fn line(&mut self) {
+    /// Reads one line, whose first token is here; with `single` at most one command of it.
+    fn line(&mut self, single: bool) {
+        self.single = single;
         self.kind = LineKind::Open;
         self.flags = 0;
         self.first_word = self.words.len();
         self.line_start = self.cursor.at();
         self.comment_bytes_before = self.cursor.comment_bytes();
         let line = self.cursor.line();
-        if self.grammar.block_skip && self.cursor.peek() == Some(b'/') {
+        if self.grammar.block_skip && self.cursor.peek() == Some(b'/') && line != self.code_line {
             self.block_skips();
         }
         while let Some(byte) = self.cursor.peek() {
@@ -192,6 +223,7 @@ impl<'a> Parser<'a> {
                 b'\n' => break,
                 _ if self.cursor.is_comment(self.grammar) => self.blanks(),
                 b'/' if self.grammar.block_skip => self.misplaced_skip(),
+                b'}' if self.nesting.braces > 0 => break,
                 b'{' | b'}' => self.stray_brace(byte),
                 b'(' => self.foreign_comment(),
                 _ => self.unexpected_characters(),
@@ -358,6 +390,7 @@ impl<'a> Parser<'a> {
             self.blanks();
             match self.cursor.peek() {
                 None | Some(b'\n') => break,
+                Some(b'}') if self.nesting.braces > 0 => break,
                 Some(_) => {
                     self.cursor.pass_character();
                 }

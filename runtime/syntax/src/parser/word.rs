@@ -19,12 +19,17 @@ impl Parser<'_> {
                 Some(address) => self.word(start, address, 1),
                 None => self.unknown_word(start, 1),
             }
-            return false;
+            return self.single && self.kind == LineKind::ProgramCodes;
         }
         let letters = self.cursor.letters();
         if self.grammar.program_codes
             && let Some(keyword) = keyword(letters)
         {
+            let ends = self.nesting.braces > 0 || (self.nesting.depth > 0 && ends_command(keyword));
+            if self.kind == LineKind::Words && ends {
+                self.end_words(line);
+                return true;
+            }
             self.control(keyword, line);
             return true;
         }
@@ -32,7 +37,7 @@ impl Parser<'_> {
             Some(address) => self.word(start, address, letters.len()),
             None => self.no_address(start, letters),
         }
-        false
+        self.single && self.kind == LineKind::ProgramCodes
     }
 
     /// The address that letters spell, if the grammar has it.
@@ -308,6 +313,7 @@ impl Parser<'_> {
             "Write words and program codes on lines of their own.",
         );
         self.skip_line();
+        self.push_failed(start, self.cursor.line());
     }
 }
 
@@ -318,6 +324,14 @@ fn single_letter(letter: u8) -> Option<Address> {
     } else {
         None
     }
+}
+
+/// True for what may follow a command of a branch or repetition on its line.
+fn ends_command(keyword: Keyword) -> bool {
+    matches!(
+        keyword,
+        Keyword::Else | Keyword::Case | Keyword::Default | Keyword::Break | Keyword::While
+    )
 }
 
 /// The keyword that letters spell, read without regard to case (D01).

@@ -1,0 +1,79 @@
+//! G02 and G03 Circular Interpolation: arcs, full circles, spirals, helices and cones (D26).
+
+use tandem_model::flow::{Action, Arc, ArcShape, AxisWords, Turn};
+use tandem_syntax::Address;
+
+use super::{Code, ModalGroup, POSITION_MAX, WordSpec, axis_word, remembered};
+use crate::execution::Execution;
+
+const fn centre(address: Address) -> WordSpec {
+    WordSpec::new(
+        address,
+        "centre, from the start point",
+        "mm",
+        -POSITION_MAX,
+        POSITION_MAX,
+    )
+}
+
+static WORDS: [WordSpec; 10] = [
+    axis_word(Address::X),
+    axis_word(Address::Y),
+    axis_word(Address::Z),
+    axis_word(Address::A),
+    axis_word(Address::B),
+    axis_word(Address::C),
+    centre(Address::I),
+    centre(Address::J),
+    centre(Address::K),
+    WordSpec::new(Address::R, "radius", "mm", -POSITION_MAX, POSITION_MAX),
+];
+
+/// G02: clockwise.
+pub static G02: Code = Code {
+    code: "G02",
+    tenths: 20,
+    name: "Circular Interpolation in CW direction",
+    group: ModalGroup::Motion,
+    words: &WORDS,
+    docs: "Moves clockwise on an arc of the selected plane, with the centre I, J, K from the start point, or the \
+           radius R: positive for up to a half circle, negative for more, 0 for a straight line. Without a target in \
+           the plane I, J, K give a full circle. Axes outside the plane move linearly in the angle; a different \
+           radius at the end makes a spiral. R wins over I, J, K.",
+    check: None,
+    select: remembered,
+    motion: Some(|execution, words| arc(execution, words, Turn::Clockwise)),
+};
+
+/// G03: counter-clockwise.
+pub static G03: Code = Code {
+    code: "G03",
+    tenths: 30,
+    name: "Circular Interpolation in CCW direction",
+    group: ModalGroup::Motion,
+    words: &WORDS,
+    docs: "As G02, counter-clockwise.",
+    check: None,
+    select: remembered,
+    motion: Some(|execution, words| arc(execution, words, Turn::CounterClockwise)),
+};
+
+fn arc(execution: &mut Execution<'_>, target: AxisWords, turn: Turn) {
+    let centre = [Address::I, Address::J, Address::K].map(|address| execution.length(address));
+    let shape = match execution.length(Address::R) {
+        Some(radius) => {
+            if centre.iter().any(Option::is_some) {
+                execution.warn("the arc has R and a centre: R is used".to_owned());
+            }
+            ArcShape::Radius(radius)
+        }
+        None => ArcShape::Centre(centre.map(Option::unwrap_or_default)),
+    };
+    let plane = execution.modal().plane();
+    execution.act(Action::Arc(Box::new(Arc {
+        target,
+        plane,
+        turn,
+        shape,
+    })));
+}

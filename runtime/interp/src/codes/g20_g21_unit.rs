@@ -1,0 +1,30 @@
+//! G20 Inch input and G21 Metric input, the unit at start-up (D25).
+
+use super::{Code, ModalGroup, remembered};
+
+/// G20: lengths and feedrates are in inches.
+pub static G20: Code = Code {
+    code: "G20",
+    tenths: 200,
+    name: "Inch input",
+    group: ModalGroup::Unit,
+    words: &[],
+    docs: "Lengths and feedrates from this block on are in inches and inches a minute. Settings, offsets and tools stay \
+           in mm (D25).",
+    check: None,
+    select: remembered,
+    motion: None,
+};
+
+/// G21: lengths and feedrates are in mm.
+pub static G21: Code = Code {
+    code: "G21",
+    tenths: 210,
+    name: "Metric input",
+    group: ModalGroup::Unit,
+    words: &[],
+    docs: "Lengths and feedrates from this block on are in mm and mm/min. In force at start-up.",
+    check: None,
+    select: remembered,
+    motion: None,
+};

@@ -1,0 +1,58 @@
+//! G28 and G30: to a reference point by way of a middle point (D23, D24).
+
+use tandem_model::flow::Action;
+use tandem_syntax::Address;
+
+use super::{AXIS_WORDS, Code, ModalGroup, WordSpec, axis_word};
+use crate::execution::Execution;
+
+/// G28: to the first reference point.
+pub static G28: Code = Code {
+    code: "G28",
+    tenths: 280,
+    name: "Return to Reference Point",
+    group: ModalGroup::NonModal,
+    words: &AXIS_WORDS,
+    docs: "Moves the named axes as G00 to the middle point and on to the reference point; without axis words all axes \
+           go straight there. Scaling, mirroring and rotation end at the middle point. Cutter compensation and tool \
+           offset must be off (D23).",
+    check: None,
+    select: |execution| reference(execution, 1),
+    motion: None,
+};
+
+/// G30: to the second, third or fourth one.
+pub static G30: Code = Code {
+    code: "G30",
+    tenths: 300,
+    name: "Return to 2nd, 3rd or 4th Reference Point",
+    group: ModalGroup::NonModal,
+    words: &[
+        WordSpec::new(Address::P, "reference point", "", 2.0, 4.0).whole(),
+        axis_word(Address::X),
+        axis_word(Address::Y),
+        axis_word(Address::Z),
+        axis_word(Address::A),
+        axis_word(Address::B),
+        axis_word(Address::C),
+    ],
+    docs: "As G28, to the second reference point, or to that of P.",
+    check: None,
+    select: |execution| {
+        let point = match execution.words().get(Address::P) {
+            Some(point) if point >= 4.0 => 4,
+            Some(point) if point >= 3.0 => 3,
+            _ => 2,
+        };
+        reference(execution, point);
+    },
+    motion: None,
+};
+
+fn reference(execution: &mut Execution<'_>, point: u8) {
+    let middle = execution.own_axis_words();
+    execution.act(Action::Reference { middle, point });
+    if execution.release_shape() {
+        execution.transform_after_motion();
+    }
+}

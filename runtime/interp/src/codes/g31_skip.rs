@@ -1,0 +1,25 @@
+//! G31 Skip Function (D40, D41).
+
+use tandem_model::flow::Action;
+
+use super::{AXIS_WORDS, Code, ModalGroup};
+
+/// G31: moves until the skip inputs come.
+pub static G31: Code = Code {
+    code: "G31",
+    tenths: 310,
+    name: "Skip Function",
+    group: ModalGroup::NonModal,
+    words: &AXIS_WORDS,
+    docs: "Moves each named axis alone at its skip velocity until its skip input comes or the target is reached; the \
+           motor then stands at the captured position. A later read of `_CNC_CapturedPosition` waits for the end of \
+           the motion (D15). Never blended.",
+    check: None,
+    select: |execution| {
+        let words = execution.own_axis_words();
+        if !words.named.is_empty() {
+            execution.act(Action::Skip(words));
+        }
+    },
+    motion: None,
+};

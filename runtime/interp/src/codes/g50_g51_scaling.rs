@@ -1,0 +1,81 @@
+//! G50 and G51 Scaling. The factors have a gap about zero, which no range can say.
+
+use tandem_model::flow::Scaling;
+use tandem_syntax::Address;
+use tandem_syntax::diagnostics::OUT_OF_RANGE;
+
+use super::{Code, ModalGroup, Refusal, WordSpec, axis_word};
+use crate::block_words::BlockWords;
+
+const FACTOR_MIN: f64 = 0.000_01;
+const FACTOR_MAX: f64 = 10_000.0;
+
+const fn factor(address: Address, meaning: &'static str) -> WordSpec {
+    WordSpec::new(address, meaning, "", -FACTOR_MAX, FACTOR_MAX)
+}
+
+/// G50.
+pub static G50: Code = Code {
+    code: "G50",
+    tenths: 500,
+    name: "Cancel scaling",
+    group: ModalGroup::Scaling,
+    words: &[],
+    docs: "Switches scaling off. In force at start-up.",
+    check: None,
+    select: |execution| {
+        if execution.modal().transform.scaling.is_some() {
+            execution.transform(|transform| transform.scaling = None);
+        }
+    },
+    motion: None,
+};
+
+/// G51.
+pub static G51: Code = Code {
+    code: "G51",
+    tenths: 510,
+    name: "Scaling",
+    group: ModalGroup::Scaling,
+    words: &[
+        axis_word(Address::X),
+        axis_word(Address::Y),
+        axis_word(Address::Z),
+        WordSpec::new(Address::P, "factor of all axes", "", FACTOR_MIN, FACTOR_MAX),
+        factor(Address::I, "factor of X"),
+        factor(Address::J, "factor of Y"),
+        factor(Address::K, "factor of Z"),
+    ],
+    docs: "Multiplies distances from the centre X, Y, Z by P, or by I, J and K axis by axis; a factor that is not \
+           written is 1, P wins, and a factor below zero mirrors. Factors are from 0.00001 to 10000 in amount. The \
+           centre is absolute; an axis that is not written has it where the tool is.",
+    check: Some(factors),
+    select: |execution| {
+        let all = execution.words().get(Address::P);
+        let factors = [Address::I, Address::J, Address::K]
+            .map(|address| all.or(execution.words().get(address)).unwrap_or(1.0));
+        let centre = execution.own_axis_words();
+        execution.transform(|transform| {
+            transform.scaling = Some(Scaling {
+                centre: centre.values,
+                centre_named: centre.named,
+                factors,
+            });
+        });
+    },
+    motion: None,
+};
+
+fn factors(words: &BlockWords) -> Option<Refusal> {
+    let address = [Address::I, Address::J, Address::K].into_iter().find(|address| {
+        words
+            .get(*address)
+            .is_some_and(|factor| factor.abs() < FACTOR_MIN)
+    })?;
+    Some(Refusal {
+        entry: &OUT_OF_RANGE,
+        address,
+        message: format!("the factor {} is too small", address.text()),
+        help: "Write a factor of 0.00001 to 10000 in amount.".to_owned(),
+    })
+}

@@ -1,0 +1,30 @@
+//! G52 Local Coordinate System Set.
+
+use tandem_model::AxisVector;
+
+use super::{AXIS_WORDS, Code, ModalGroup};
+
+/// G52: an offset on top of the work coordinates.
+pub static G52: Code = Code {
+    code: "G52",
+    tenths: 520,
+    name: "Local Coordinate System Set",
+    group: ModalGroup::NonModal,
+    words: &AXIS_WORDS,
+    docs: "Adds the values to the coordinates in force, for the named axes; without axis words all local offsets end. \
+           Ends scaling, mirroring and rotation. Moves nothing.",
+    check: None,
+    select: |execution| {
+        let offset = execution.own_axis_words();
+        execution.release_shape();
+        execution.transform(|transform| {
+            if offset.named.is_empty() {
+                transform.local = AxisVector::ZERO;
+            }
+            for axis in offset.named.iter() {
+                transform.local[axis] = offset.values[axis];
+            }
+        });
+    },
+    motion: None,
+};

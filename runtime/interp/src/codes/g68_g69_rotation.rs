@@ -1,0 +1,53 @@
+//! G68 and G69 Coordinate System Rotation.
+
+use tandem_model::flow::Rotation;
+use tandem_syntax::Address;
+
+use super::{Code, ModalGroup, WordSpec, axis_word};
+
+/// G68.
+pub static G68: Code = Code {
+    code: "G68",
+    tenths: 680,
+    name: "Enables rotation",
+    group: ModalGroup::Rotation,
+    words: &[
+        axis_word(Address::X),
+        axis_word(Address::Y),
+        axis_word(Address::Z),
+        WordSpec::new(Address::R, "angle, counter-clockwise", "deg", -300.0, 300.0).needed(),
+    ],
+    docs: "Turns the coordinates about the centre X, Y, Z by the angle R in the plane in force. The centre is absolute; \
+           an axis that is not written has it where the tool is.",
+    check: None,
+    select: |execution| {
+        let angle_deg = execution.words().get(Address::R).unwrap_or_default();
+        let (centre, plane) = (execution.own_axis_words(), execution.modal().plane());
+        execution.transform(|transform| {
+            transform.rotation = Some(Rotation {
+                plane,
+                centre: centre.values,
+                centre_named: centre.named,
+                angle_deg,
+            });
+        });
+    },
+    motion: None,
+};
+
+/// G69.
+pub static G69: Code = Code {
+    code: "G69",
+    tenths: 690,
+    name: "Disables rotation",
+    group: ModalGroup::Rotation,
+    words: &[],
+    docs: "Switches the rotation of coordinates off. In force at start-up.",
+    check: None,
+    select: |execution| {
+        if execution.modal().transform.rotation.is_some() {
+            execution.transform(|transform| transform.rotation = None);
+        }
+    },
+    motion: None,
+};

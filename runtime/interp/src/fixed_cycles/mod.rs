@@ -1,0 +1,5 @@
+//! Fixed cycles: one block becomes many items.
+
+mod tapping;
+
+pub(crate) use tapping::{Step, Tapping, tapping};

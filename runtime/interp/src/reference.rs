@@ -1,0 +1,142 @@
+//! The reference pages of the language, from the tables that the checker and the interpreter read.
+
+use std::fmt::Write as _;
+
+use tandem_syntax::{DIAGNOSTICS, Function};
+
+use crate::codes::motion_built::motion_is_built;
+use crate::codes::{Code, ModalGroup, WordSpec};
+use crate::dialects::Dialect;
+
+mod decisions;
+
+use decisions::DECISIONS;
+
+/// A page of the reference.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Page {
+    /// Its file name.
+    pub name: &'static str,
+    /// Markdown.
+    pub text: String,
+}
+
+/// All pages of a dialect. The same dialect gives the same bytes.
+pub fn pages(dialect: &Dialect) -> Vec<Page> {
+    vec![
+        Page {
+            name: "codes.md",
+            text: codes(dialect),
+        },
+        Page {
+            name: "functions.md",
+            text: functions(),
+        },
+        Page {
+            name: "diagnostics.md",
+            text: diagnostics(),
+        },
+        Page {
+            name: "decisions.md",
+            text: decisions(),
+        },
+    ]
+}
+
+fn codes(dialect: &Dialect) -> String {
+    let mut page = format!("# Codes of dialect {}\n\n## G codes\n\n", dialect.name);
+    for code in dialect.g_codes.codes {
+        describe(&mut page, code);
+    }
+    page.push_str("## M codes\n\n");
+    for code in dialect.m_codes.codes.iter().chain([&dialect.auxiliary]) {
+        describe(&mut page, code);
+    }
+    page.push_str("## Words that stay in force without a code\n\n");
+    let modal: Vec<&WordSpec> = tandem_syntax::Address::ALL
+        .iter()
+        .filter(|address| dialect.modal_words.is_feed_word(**address))
+        .filter_map(|address| dialect.modal_words.get(*address))
+        .collect();
+    table(&mut page, modal.into_iter());
+    page
+}
+
+fn describe(page: &mut String, code: &Code) {
+    let _ = writeln!(page, "### {}: {}\n", code.code, code.name);
+    if code.group != ModalGroup::NonModal {
+        let _ = writeln!(
+            page,
+            "Modal group {} ({}).\n",
+            code.group.number(),
+            code.group.text()
+        );
+    }
+    let _ = writeln!(page, "{}\n", code.docs);
+    if !motion_is_built(code) {
+        page.push_str("Its motion is not built yet: a program that uses it is refused with E0102.\n\n");
+    }
+    table(page, code.words.iter());
+}
+
+fn table<'a>(page: &mut String, words: impl Iterator<Item = &'a WordSpec>) {
+    let mut words = words.peekable();
+    if words.peek().is_none() {
+        return;
+    }
+    page.push_str("| word | meaning | range | needed |\n| --- | --- | --- | --- |\n");
+    for word in words {
+        let needed = if word.required { "yes" } else { "" };
+        let whole = if word.integer { ", whole" } else { "" };
+        let _ = writeln!(
+            page,
+            "| {} | {} | {}{whole} | {needed} |",
+            word.address.text(),
+            word.meaning,
+            word.range_text()
+        );
+    }
+    page.push('\n');
+}
+
+fn functions() -> String {
+    let mut page = String::from(
+        "# Functions\n\nA name that ends in `d` takes or gives degrees, the others radians. Outside its domain a \
+         function gives what is not a number; where that reaches a word, the block is an alarm (D07).\n\n\
+         | function | gives | domain |\n| --- | --- | --- |\n",
+    );
+    for function in Function::ALL {
+        let arguments = if function.arguments() == 2 { "x, y" } else { "x" };
+        let _ = writeln!(
+            page,
+            "| `{}({arguments})` | {} | {} |",
+            function.text(),
+            function.meaning(),
+            function.domain()
+        );
+    }
+    page
+}
+
+fn diagnostics() -> String {
+    let mut page = String::from("# Diagnostics\n\nE: the program cannot run. W: it can.\n\n");
+    for entry in DIAGNOSTICS {
+        let _ = writeln!(
+            page,
+            "## {}: {}\n\n{}\n\n```text\n{}\n```\n",
+            entry.code, entry.title, entry.explanation, entry.example
+        );
+    }
+    page
+}
+
+fn decisions() -> String {
+    let mut page = String::from(
+        "# Decisions\n\nWhere the manual is silent, this is how Tandem reads a program.\n\n| number | decision |\n\
+         | --- | --- |\n",
+    );
+    for (number, text) in DECISIONS {
+        let _ = writeln!(page, "| {number} | {text} |");
+    }
+    page
+}

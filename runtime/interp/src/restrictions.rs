@@ -1,0 +1,241 @@
+//! What may not stand where another code is in force (D23, D26; manual, restrictions of G41 and G74). The checker asks
+//! with what the text shows, the interpreter with what is in force.
+
+use tandem_syntax::Address;
+use tandem_syntax::DiagnosticEntry;
+use tandem_syntax::diagnostics::{ARC_SHAPE, COMPENSATION_RULE, FIXED_CYCLE_RULE, TOOL_OFFSET_RULE};
+
+use crate::block_words::BlockWords;
+use crate::codes::g00_rapid::G00;
+use crate::codes::g01_linear::G01;
+use crate::codes::{ModalGroup, Refusal};
+use crate::modal::Modal;
+
+/// A radius may be smaller than half the chord by so much, mm (D26).
+const ARC_RADIUS_TOLERANCE: f64 = 0.01;
+
+const COMPENSATING: &[&str] = &["G41", "G42"];
+const OFFSETTING: &[&str] = &["G43", "G44"];
+const CYCLES: &[&str] = &["G74", "G84"];
+
+/// What is wrong with a block where `modal` is in force before it.
+pub(crate) fn find(words: &BlockWords, modal: &Modal) -> Option<Refusal> {
+    if is_plain(words, modal) {
+        return None;
+    }
+    in_fixed_cycle(words, modal)
+        .or_else(|| with_compensation(words, modal))
+        .or_else(|| to_machine_position(words, modal))
+        .or_else(|| arc(words, modal))
+}
+
+/// True for a block of words of G00 or G01 only, where nothing restricts it: most blocks of a program.
+fn is_plain(words: &BlockWords, modal: &Modal) -> bool {
+    words.g_codes().is_empty()
+        && words.m_code().is_none()
+        && !modal.lead_pending
+        && words.taker().is_some_and(|taker| taker == &G00 || taker == &G01)
+        && modal.is(ModalGroup::ToolRadius, &["G40"])
+}
+
+/// Follows which motion leads compensation in and out, when the block has been found right.
+pub(crate) fn follow(words: &BlockWords, modal: &mut Modal) {
+    if has(words, &["G40", "G41", "G42"]) && modal.is(ModalGroup::ToolRadius, &["G40", "G41", "G42"]) {
+        let before = modal.is(ModalGroup::ToolRadius, COMPENSATING);
+        if before != has(words, COMPENSATING) {
+            modal.lead_pending = true;
+        }
+    }
+    if moves(words) {
+        modal.lead_pending = false;
+    }
+}
+
+fn has(words: &BlockWords, codes: &[&str]) -> bool {
+    words.g_codes().iter().any(|(code, _)| codes.contains(&code.code))
+}
+
+/// True when the motion or cycle in force takes a word of the block.
+fn moves(words: &BlockWords) -> bool {
+    !words.taken().is_empty()
+}
+
+fn moves_by(words: &BlockWords, codes: &[&str]) -> bool {
+    moves(words) && words.taker().is_some_and(|code| codes.contains(&code.code))
+}
+
+fn refusal(entry: &'static DiagnosticEntry, address: Address, message: String, help: &str) -> Refusal {
+    Refusal {
+        entry,
+        address,
+        message,
+        help: help.to_owned(),
+    }
+}
+
+fn in_fixed_cycle(words: &BlockWords, modal: &Modal) -> Option<Refusal> {
+    let starts = has(words, CYCLES);
+    if starts && modal.is(ModalGroup::FixedCycle, &["G80"]) {
+        let missing = [Address::Z, Address::R]
+            .into_iter()
+            .find(|address| !words.present().contains(*address))?;
+        let text = format!("the first block of a fixed cycle has no {}", missing.text());
+        return Some(refusal(
+            &FIXED_CYCLE_RULE,
+            Address::G,
+            text,
+            "Write Z and R in it.",
+        ));
+    }
+    let ends = has(words, &["G80", "G00", "G01", "G02", "G03"]);
+    if !modal.is(ModalGroup::FixedCycle, CYCLES) || ends {
+        return None;
+    }
+    let foreign = words
+        .g_codes()
+        .iter()
+        .map(|(code, _)| code.code)
+        .find(|code| !["G74", "G84", "G98", "G99"].contains(code));
+    let (what, address) = match (foreign, words.m_code()) {
+        (Some(code), _) => (code.to_owned(), Address::G),
+        (None, Some(_)) => (format!("M{:02}", words.m_number()), Address::M),
+        (None, None) => return None,
+    };
+    Some(refusal(
+        &FIXED_CYCLE_RULE,
+        address,
+        format!("{what} stands in a fixed cycle"),
+        "Write G80 before it.",
+    ))
+}
+
+fn with_compensation(words: &BlockWords, modal: &Modal) -> Option<Refusal> {
+    let ends = has(words, &["G40"]);
+    let before = modal.is(ModalGroup::ToolRadius, COMPENSATING);
+    let after = (before && !ends) || has(words, COMPENSATING);
+    let rule = |address, message: &str, help: &str| {
+        Some(refusal(&COMPENSATION_RULE, address, message.to_owned(), help))
+    };
+    let leads = modal.lead_pending || (after != before);
+    if leads && moves_by(words, &["G02", "G03"]) {
+        return rule(
+            Address::G,
+            "an arc leads cutter compensation in or out",
+            "Lead in and out with G01.",
+        );
+    }
+    if !after {
+        return None;
+    }
+    if before && has(words, COMPENSATING) {
+        let same = modal
+            .code(ModalGroup::ToolRadius)
+            .is_some_and(|code| has(words, &[code.code]));
+        if !same {
+            return rule(
+                Address::G,
+                "the side of the compensation changes",
+                "Write G40 and a lead-out first.",
+            );
+        }
+    }
+    let plane = modal.code(ModalGroup::Plane);
+    let other_plane = words
+        .g_codes()
+        .iter()
+        .any(|(code, _)| code.group == ModalGroup::Plane && plane.is_some_and(|plane| plane != *code));
+    if before && other_plane {
+        return rule(
+            Address::G,
+            "the plane changes during cutter compensation",
+            "Write G40 and a lead-out first.",
+        );
+    }
+    if moves_by(words, &["G00", "G74", "G84"]) || has(words, &["G31"]) {
+        return rule(
+            Address::G,
+            "only G01, G02 and G03 move during cutter compensation",
+            "Write G40 and a lead-out first.",
+        );
+    }
+    let stops = words
+        .m_code()
+        .is_some_and(|code| matches!(code.code, "M00" | "M01"));
+    if stops || (words.m_code().is_some() && words.has_parameters()) {
+        return rule(
+            Address::M,
+            "the program waits during cutter compensation",
+            "Write it before G41 or G42, or behind the lead-out.",
+        );
+    }
+    None
+}
+
+fn to_machine_position(words: &BlockWords, modal: &Modal) -> Option<Refusal> {
+    let (code, _) = words
+        .g_codes()
+        .iter()
+        .find(|(code, _)| matches!(code.code, "G28" | "G30" | "G53"))?;
+    if modal.is(ModalGroup::ToolRadius, COMPENSATING) || has(words, COMPENSATING) {
+        let text = format!("{} stands during cutter compensation", code.code);
+        return Some(refusal(
+            &COMPENSATION_RULE,
+            Address::G,
+            text,
+            "Write G40 and a lead-out before it.",
+        ));
+    }
+    if modal.is(ModalGroup::ToolLength, OFFSETTING) || has(words, OFFSETTING) {
+        let text = format!("{} stands with a tool offset", code.code);
+        return Some(refusal(
+            &TOOL_OFFSET_RULE,
+            Address::G,
+            text,
+            "Write G49 before it.",
+        ));
+    }
+    None
+}
+
+fn arc(words: &BlockWords, modal: &Modal) -> Option<Refusal> {
+    if !moves_by(words, &["G02", "G03"]) {
+        return None;
+    }
+    let address = words.taken().iter().next()?;
+    let in_block = words
+        .g_codes()
+        .iter()
+        .map(|(code, _)| *code)
+        .find(|code| code.group == ModalGroup::Plane);
+    let plane = in_block.or(modal.code(ModalGroup::Plane)).map(|code| code.code);
+    let (axes, centres) = match plane {
+        Some("G18") => ([Address::Z, Address::X], [Address::K, Address::I]),
+        Some("G19") => ([Address::Y, Address::Z], [Address::J, Address::K]),
+        Some(_) => ([Address::X, Address::Y], [Address::I, Address::J]),
+        None => return None,
+    };
+    let Some(radius) = words.get(Address::R) else {
+        let centred = centres.iter().any(|centre| words.present().contains(*centre));
+        let text = "the arc has neither a centre in its plane nor a radius".to_owned();
+        let help = format!("Write {} and {}, or R.", centres[0].text(), centres[1].text());
+        return (!centred).then(|| refusal(&ARC_SHAPE, address, text, &help));
+    };
+    let incremental =
+        has(words, &["G91"]) || (modal.is(ModalGroup::Distance, &["G91"]) && !has(words, &["G90"]));
+    if !incremental || radius.abs() <= 0.0 {
+        return None;
+    }
+    let [first, second] = axes.map(|axis| words.get(axis).unwrap_or_default());
+    let chord = first.hypot(second);
+    // a difference in the unit in force: an inch is more than a millimetre, so this never refuses too much
+    let short = radius.abs() < chord / 2.0 - ARC_RADIUS_TOLERANCE;
+    (short || chord <= 0.0).then(|| {
+        let text = format!("no arc of radius {} reaches over {chord}", radius.abs());
+        refusal(
+            &ARC_SHAPE,
+            Address::R,
+            text,
+            "Write a radius of half the way or more; a full circle needs a centre.",
+        )
+    })
+}

@@ -1,0 +1,488 @@
+//! Chapter 4 and the codes whose motion is not built, as the path stage gets them: one test a rule.
+
+#![allow(
+    clippy::panic,
+    clippy::float_cmp,
+    reason = "helpers of tests; values come through unchanged"
+)]
+
+mod support;
+
+use std::f64::consts::PI;
+
+use support::{Run, check};
+use tandem_model::axis::Axis;
+use tandem_model::flow::{
+    Action, ArcShape, Block, Compensation, Distance, Frame, Item, MultiBlock, Plane, Transform, Turn,
+};
+
+/// The blocks of a program up to its end.
+fn blocks(source: &str) -> Vec<Block> {
+    blocks_of(Run::new(source))
+}
+
+fn blocks_of(mut run: Run) -> Vec<Block> {
+    let mut blocks = Vec::new();
+    loop {
+        match run.next() {
+            Ok(Item::Block(block)) => blocks.push(block),
+            Ok(Item::End(_)) => return blocks,
+            Ok(_) => {}
+            Err(alarm) => panic!("{alarm:?}"),
+        }
+    }
+}
+
+fn last(source: &str) -> Block {
+    blocks(source).pop().unwrap_or_else(|| panic!("no block"))
+}
+
+fn last_transform(source: &str) -> Transform {
+    blocks(source)
+        .into_iter()
+        .rev()
+        .find_map(|block| match block.action {
+            Action::Transform(transform) => Some(*transform),
+            _ => None,
+        })
+        .unwrap_or_else(|| panic!("no transform"))
+}
+
+/// L0 after a program, given out as parameter VA.
+fn calculated(code: &str) -> f64 {
+    let mut run = Run::new(&format!("{code}\nM100 VA[L0]\nM30"));
+    loop {
+        match run.next() {
+            Ok(Item::Output(output)) => return output.params[0].unwrap_or_default(),
+            Ok(_) => {}
+            Err(alarm) => panic!("{alarm:?}"),
+        }
+    }
+}
+
+fn equal(code: &str, expected: f64) {
+    let value = calculated(code);
+    assert!((value - expected).abs() < 1e-12, "{code} gives {value}");
+}
+
+#[test]
+fn operators_follow_the_priority_of_the_manual() {
+    equal("L0=1+2*3", 7.0);
+    equal("L0=(1+2)*3", 9.0);
+    equal("L0=-2*-3", 6.0);
+    equal("L0=10-4-3", 3.0);
+    equal("L0=2*sind(30)+sqrt(16)/4", 2.0);
+    equal("L0=acos(-1)", PI);
+}
+
+#[test]
+fn d07_modulo_keeps_the_sign_of_the_dividend() {
+    equal("L0=7%3", 1.0);
+    equal("L0=-7%3", -1.0);
+    equal("L0=7%-3", 1.0);
+    equal("L0=-7%-3", -1.0);
+    equal("L0=7%4.5", 2.5);
+    equal("L1=0/0 L2=7%0 L0=isnan(L1)+2*isnan(L2)+4*isnan(1/0)", 3.0);
+}
+
+#[test]
+fn d07_what_is_not_a_number_alarms_only_where_it_reaches_a_word() {
+    check("L1=0/0\nX[L1]\nM30", &["1:2 alarm 10"]);
+    check("L1=1/0\nX[L1]\nM30", &["1:2 alarm 10"]);
+    check("L1=1000001\nX[L1]\nM30", &["1:2 alarm 11"]);
+    check("L1=1000.5\nM98 P[L1]\nM30", &["1:2 alarm 23"]);
+}
+
+#[test]
+fn d04_an_indirection_is_the_value_of_its_variable() {
+    check(
+        "L12=10 Q34=-2.5 P5=7\nX[L12] Y[Q34] Z[P5] F[L12]\nM100 VA[Q34]\nM30",
+        &["1:2 linear X10 Y-2.5 Z7", "1:3 none", "1:3 M100 A-2.5", "1:4 end"],
+    );
+}
+
+#[test]
+fn l_is_fresh_in_each_call_and_q_is_not() {
+    let run = Run::new("L1=5 Q1=5\nM98 P1000 L2\nX[L1] Y[Q1]\nM30").with(1000, "X[L1]\nL1=9 Q1=Q1+1\nM99");
+    assert_eq!(
+        run.items(),
+        [
+            "1000:1 linear X0",
+            "1000:1 linear X0",
+            "1:3 linear X5 Y7",
+            "1:4 end"
+        ]
+    );
+}
+
+#[test]
+fn p_and_q_are_seen_from_outside() {
+    let mut run = Run::new("P7=Q3*2\nX1\nM30");
+    run.variables.coordinate_system.set(3, 21.0);
+    assert!(run.next().is_ok());
+    assert_eq!(run.variables.global.get(7), Some(42.0));
+}
+
+#[test]
+fn if_and_else_take_one_command_or_braces() {
+    let program =
+        |value: i32| format!("L1={value}\nif(L1==1) X1\nelse if(L1==2) {{\nX2\nX3\n}}\nelse X4\nX5\nM30");
+    check(&program(1), &["1:2 linear X1", "1:8 linear X5", "1:9 end"]);
+    check(
+        &program(2),
+        &["1:4 linear X2", "1:5 linear X3", "1:8 linear X5", "1:9 end"],
+    );
+    check(&program(3), &["1:7 linear X4", "1:8 linear X5", "1:9 end"]);
+}
+
+#[test]
+fn d09_joins_and_negation_decide() {
+    let taken = |condition: &str| calculated(&format!("L1=3 L2=0/0\nif({condition}) L0=1")) > 0.0;
+    assert!(taken("L1>=3&&L1<=3"));
+    assert!(taken("L1<3||L1!=4"));
+    assert!(taken("!(L1==4)"));
+    assert!(taken("isnan(L2)&&!(L2==L2)"));
+    assert!(!taken("L1>3||L1<3&&1==1"));
+    assert!(taken("1==1||1==2&&1==2"));
+}
+
+#[test]
+fn while_and_do_repeat_and_break_leaves() {
+    check(
+        "while(L1<3) { L1=L1+1 X[L1] if(L1==2) break }\ndo { L2=L2+1 } while(L2<5)\nY[L2]\ndo Z1 while(1==2)\nM30",
+        &[
+            "1:1 linear X1",
+            "1:1 linear X2",
+            "1:3 linear Y5",
+            "1:4 linear Z1",
+            "1:5 end",
+        ],
+    );
+}
+
+#[test]
+fn d10_a_switch_falls_through_to_break_and_takes_default() {
+    let program = |value: &str| {
+        format!(
+            "L1={value}\nswitch(L1){{\ncase 1: X1\ncase -2: X2 break\ndefault: X3\ncase 4: X4\n}}\nX5\nM30"
+        )
+    };
+    let items = |value: &str| Run::new(&program(value)).items();
+    assert_eq!(
+        items("1.9"),
+        ["1:3 linear X1", "1:4 linear X2", "1:8 linear X5", "1:9 end"]
+    );
+    assert_eq!(items("-2.9"), ["1:4 linear X2", "1:8 linear X5", "1:9 end"]);
+    assert_eq!(
+        items("7"),
+        ["1:5 linear X3", "1:6 linear X4", "1:8 linear X5", "1:9 end"]
+    );
+    assert_eq!(items("4"), ["1:6 linear X4", "1:8 linear X5", "1:9 end"]);
+    assert_eq!(
+        items("0/0"),
+        ["1:5 linear X3", "1:6 linear X4", "1:8 linear X5", "1:9 end"]
+    );
+    check("switch(L1){case 1: X1}\nM30", &["1:2 end"]);
+}
+
+#[test]
+fn an_endless_loop_is_an_alarm() {
+    check("while(1==1) L1=L1+1\nM30", &["1:1 alarm 21"]);
+}
+
+#[test]
+fn d15_a_captured_position_waits_for_the_end_of_its_g31() {
+    let mut run = Run::new("G31 X10\nX1\nL1=_CNC_CapturedPosition0\nX[_CNC_CapturedPosition1] Y[L1]\nM30");
+    run.captured[1] = 4.0;
+    let skip = run.next();
+    assert!(matches!(
+        skip,
+        Ok(Item::Block(Block {
+            action: Action::Skip(_),
+            ..
+        }))
+    ));
+    assert!(matches!(run.next(), Ok(Item::Block(_))));
+    assert!(matches!(run.next(), Ok(Item::NeedsStandstill(origin)) if origin.line == 3));
+    run.captured[0] = 2.5;
+    assert_eq!(run.items(), ["1:4 linear X4 Y2.5", "1:5 end"]);
+}
+
+#[test]
+fn d26_arcs_carry_plane_turn_and_shape() {
+    let arc = |source: &str| match last(source).action {
+        Action::Arc(arc) => *arc,
+        other => panic!("{other:?}"),
+    };
+    let full = arc("G02 J50 Z10\nM30");
+    assert_eq!((full.plane, full.turn), (Plane::Xy, Turn::Clockwise));
+    assert_eq!(full.shape, ArcShape::Centre([0.0, 50.0, 0.0]));
+    assert!(!full.target.named.contains(Axis::X) && full.target.named.contains(Axis::Z));
+    let later = arc("G18 G91 G03 X1 R-7\nX3 R2\nM30");
+    assert_eq!((later.plane, later.turn), (Plane::Zx, Turn::CounterClockwise));
+    assert_eq!(later.shape, ArcShape::Radius(2.0));
+    assert_eq!(later.target.distance, Distance::Incremental);
+    assert_eq!(arc("G02 I1\nM30").shape, ArcShape::Centre([1.0, 0.0, 0.0]));
+    assert!(Run::new("G02 X1 I3 R2\nM30").items()[0].contains("warning"));
+}
+
+#[test]
+fn d25_inches_are_lengths_and_feedrates() {
+    let block = last("G20 X1 Y-2 A3 F10\nM30");
+    let Action::Linear(words) = block.action else {
+        panic!("no line")
+    };
+    assert!((words.values[Axis::X] - 25.4).abs() < 1e-12);
+    assert!((words.values[Axis::Y] + 50.8).abs() < 1e-12);
+    assert!((words.values[Axis::A] - 3.0).abs() < 1e-12);
+    assert!((block.feed.feedrate_mm_min - 254.0).abs() < 1e-12);
+    let Action::Linear(words) = last("G20\nG21 X1\nM30").action else {
+        panic!("no line")
+    };
+    assert!((words.values[Axis::X] - 1.0).abs() < 1e-12);
+}
+
+#[test]
+fn d24_references_name_their_middle_point_and_end_the_shape() {
+    let blocks = blocks("G51.1 X0\nG68 R30\nG28 X5\nM30");
+    let actions: Vec<_> = blocks.iter().rev().take(2).map(|block| &block.action).collect();
+    let [Action::Transform(after), Action::Reference { middle, point: 1 }] = actions[..] else {
+        panic!("{actions:?}")
+    };
+    assert!(after.mirror.is_none() && after.rotation.is_none());
+    assert_eq!(middle.named.iter().collect::<Vec<_>>(), [Axis::X]);
+    let Action::Reference { middle, point } = last("G28\nG30 P3\nM30").action else {
+        panic!()
+    };
+    assert_eq!(point, 3);
+    assert!(middle.named.is_empty());
+    assert!(matches!(
+        last("G30 X1\nM30").action,
+        Action::Reference { point: 2, .. }
+    ));
+}
+
+#[test]
+fn g53_is_rapid_in_machine_coordinates_and_ends_the_local_ones() {
+    let blocks = blocks("G91 G52 X5\nG53 X10\nM30");
+    let Some(Action::Rapid(words)) = blocks.last().map(|block| &block.action) else {
+        panic!()
+    };
+    assert_eq!(
+        (words.frame, words.distance),
+        (Frame::Machine, Distance::Absolute)
+    );
+    assert!(last_transform("G52 X5\nG53 X10\nM30").local[Axis::X].abs() <= 0.0);
+}
+
+#[test]
+fn d20_transforms_come_one_by_one() {
+    let all = last_transform("G17 G52 X1 Y2\nG52 X3\nG51.1 Y5\nG51 X1 J2 K-3\nG68 X7 R90\nG43\nM30");
+    assert!((all.local[Axis::X] - 3.0).abs() <= 0.0 && (all.local[Axis::Y] - 2.0).abs() <= 0.0);
+    let (Some(mirror), Some(scaling), Some(rotation)) = (all.mirror, all.scaling, all.rotation) else {
+        panic!("{all:?}")
+    };
+    assert_eq!(mirror.axes.iter().collect::<Vec<_>>(), [Axis::Y]);
+    assert_eq!(scaling.factors, [1.0, 2.0, -3.0]);
+    assert_eq!(scaling.centre_named.iter().collect::<Vec<_>>(), [Axis::X]);
+    assert_eq!((rotation.plane, rotation.angle_deg), (Plane::Xy, 90.0));
+    assert!((all.tool_length - 8.0).abs() <= 0.0);
+    assert!((last_transform("G44\nM30").tool_length + 8.0).abs() <= 0.0);
+    assert!(last_transform("G43\nG49\nM30").tool_length.abs() <= 0.0);
+    assert_eq!(
+        last_transform("G51 P3 I2\nM30").scaling.map(|s| s.factors),
+        Some([3.0; 3])
+    );
+}
+
+#[test]
+fn work_coordinates_and_g52_end_scaling_mirroring_and_rotation() {
+    for code in ["G54", "G52 X1", "G53 X1"] {
+        let source = format!("G51.1 X1\nG51 P2\nG68 R9\n{code}\nM30");
+        let transform = last_transform(&source);
+        assert!(transform.mirror.is_none() && transform.scaling.is_none() && transform.rotation.is_none());
+    }
+    let mut run = Run::new("G51 P2\nG54\nM30");
+    while !matches!(run.next(), Ok(Item::End(_))) {}
+    assert!(
+        run.interpreter
+            .modal()
+            .groups()
+            .any(|group| group == ("11", "G50"))
+    );
+}
+
+#[test]
+fn g50_1_ends_the_mirroring_of_named_axes() {
+    let axes = |source: &str| {
+        last_transform(source)
+            .mirror
+            .map(|mirror| mirror.axes.iter().collect::<Vec<_>>())
+    };
+    assert_eq!(axes("G51.1 X1 Y2\nG50.1 X0\nM30"), Some(vec![Axis::Y]));
+    assert_eq!(axes("G51.1 X1 Y2\nG50.1\nM30"), None);
+    assert_eq!(axes("G51.1 X1 Y2\nG51.1 Z1\nM30"), Some(vec![Axis::Z]));
+}
+
+#[test]
+fn d17_compensation_takes_the_tool_and_the_plane_in_force() {
+    let left = last("G42 G18 X10\nM30").compensation;
+    assert_eq!(
+        left,
+        Compensation::Right {
+            radius: 5.0,
+            plane: Plane::Zx
+        }
+    );
+    let blocks = blocks("G41\nX10\nG40\nX20\nM30");
+    assert_eq!(
+        blocks[1].compensation,
+        Compensation::Left {
+            radius: 5.0,
+            plane: Plane::Xy
+        }
+    );
+    assert_eq!(blocks[3].compensation, Compensation::Off);
+}
+
+#[test]
+fn g500_stands_in_the_block() {
+    assert_eq!(last("G500 X1\nM30").multi_block, MultiBlock::On);
+    assert_eq!(last("G500\nG501 X1\nM30").multi_block, MultiBlock::Off);
+}
+
+/// A run that begins at Z20, with or without its spindle.
+fn tapping(source: &str, spindle: bool) -> Vec<String> {
+    let mut settings = support::settings();
+    if !spindle {
+        settings.spindle = None;
+    }
+    let mut run = Run::with_settings(source, &settings);
+    run.position[Axis::Z] = 20.0;
+    let mut items = Vec::new();
+    loop {
+        let item = run.next().unwrap_or_else(|alarm| panic!("{alarm:?}"));
+        let ended = matches!(item, Item::End(_));
+        items.push(match &item {
+            Item::Block(Block {
+                action: Action::Tap(tap),
+                ..
+            }) => {
+                format!(
+                    "tap {} {} {}s S{} {:?}",
+                    tap.depth.values[Axis::Z],
+                    tap.retract.values[Axis::Z],
+                    tap.dwell_s,
+                    tap.spindle_speed_r_min,
+                    tap.turn
+                )
+            }
+            Item::Block(Block {
+                action: Action::Rapid(words) | Action::Linear(words),
+                ..
+            }) if words.frame == Frame::Machine => {
+                format!("back to {}", words.values[Axis::Z])
+            }
+            other => support::text(other),
+        });
+        if ended {
+            return items;
+        }
+    }
+}
+
+#[test]
+fn d42_each_hole_of_a_cycle_expands_on_its_own() {
+    assert_eq!(
+        tapping(
+            "F100 S300 G99 G84 X10 Y0 Z-10 R-5 P1000\nG98 X30\nG80\nX40\nM30",
+            true
+        ),
+        [
+            "1:1 M19",
+            "1:1 rapid X10 Y0",
+            "1:1 rapid Z-5",
+            "tap -10 -5 1s S300 Clockwise",
+            "1:1 M5",
+            "1:2 M19",
+            "1:2 rapid X30",
+            "1:2 rapid Z-5",
+            "tap -10 -5 1s S300 Clockwise",
+            "back to 20",
+            "1:2 M5",
+            "1:3 none",
+            "1:4 linear X40",
+            "1:5 end"
+        ]
+    );
+}
+
+#[test]
+fn d42_repetitions_stand_between_orientation_and_stop() {
+    let hole = [
+        "1:1 rapid X10",
+        "1:1 rapid Z-5",
+        "tap -10 10 0s S300 CounterClockwise",
+    ];
+    let cycle = |level: &str| tapping(&format!("G91 S300 {level} G74 X10 Z-10 R-5 K2\nG80 M30"), true);
+    let mut expected = vec!["1:1 M19"];
+    for _ in 0..2 {
+        expected.extend(hole);
+        expected.push("back to 20");
+    }
+    expected.extend(["1:1 M5", "1:2 end"]);
+    assert_eq!(cycle("G98"), expected);
+    let expected = [
+        "1:1 M19", hole[0], hole[1], hole[2], hole[0], hole[2], "1:1 M5", "1:2 end",
+    ];
+    assert_eq!(cycle("G99"), expected);
+    assert_eq!(tapping("S300 G84 X10 Z-10 R-5 K0\nG80 M30", true), ["1:2 end"]);
+}
+
+#[test]
+fn d42_without_a_spindle_m_codes_turn_it() {
+    let cycle = |level: &str| tapping(&format!("S300 {level} G84 X10 Z-10 R-5 P500\nG80 M30"), false);
+    let mut expected = vec![
+        "1:1 rapid X10",
+        "1:1 rapid Z-5",
+        "1:1 M19",
+        "1:1 M3",
+        "1:1 linear Z-10",
+        "1:1 dwell 0.5",
+        "1:1 M4",
+        "1:1 linear Z-5",
+        "1:1 M3",
+    ];
+    assert_eq!(cycle("G99")[..9], expected);
+    expected.extend(["back to 20", "1:2 end"]);
+    assert_eq!(cycle("G98"), expected);
+}
+
+#[test]
+fn a_motion_ends_a_fixed_cycle() {
+    assert_eq!(
+        tapping("G84 X10 Z-10 R-5\nG01 X5\nX6\nM30", true)[6..],
+        ["1:2 linear X5", "1:3 linear X6", "1:4 end"]
+    );
+}
+
+#[test]
+fn what_the_text_does_not_show_is_an_alarm() {
+    let alarm = |main: &str, sub: &str| Run::new(main).with(1000, sub).items().pop();
+    assert_eq!(
+        alarm("G43\nM98 P1000\nM30", "G28\nM99"),
+        Some("1000:1 alarm 41".into())
+    );
+    assert_eq!(
+        alarm("G41\nX9\nM98 P1000\nM30", "G00 X1\nM99"),
+        Some("1000:1 alarm 40".into())
+    );
+    assert_eq!(
+        alarm("G02 I1\nM98 P1000\nM30", "X1\nM99"),
+        Some("1000:1 alarm 43".into())
+    );
+    assert_eq!(
+        alarm("G84 Z-1 R1\nif(1==1) M98 P1000\nM30", "M99"),
+        Some("1:2 alarm 42".into())
+    );
+}

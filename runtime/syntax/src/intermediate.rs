@@ -1,0 +1,284 @@
+//! The intermediate code of a program (manual, appendix A-1; D43).
+//!
+//! Decisions where the manual is silent: program codes have a line each without block number and end-of-block word, as
+//! its sample shows for `if`; several block skips are several words; values of words keep the digits of the source,
+//! numbers of expressions are written in their shortest form.
+
+use std::fmt::Write as _;
+
+use crate::address::Address;
+use crate::program_code::{BinaryOperator, Expression, ExpressionId, Statement};
+use crate::tree::{Block, NcProgram, Value, Variable, Word};
+
+/// Ends each block (D43).
+const END_OF_BLOCK: &str = "M999.002";
+
+/// Stands before the code that begins a fixed cycle.
+const CYCLE_START: &str = "G80.001";
+
+/// What the code begins with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Header {
+    /// A main program of this number.
+    Program(u16),
+    /// A subprogram of this number.
+    Subprogram(u16),
+}
+
+/// The intermediate code of a program without errors; each line ends with a line feed. Blocks with an error are left
+/// out: check the program first.
+pub fn compile(program: &NcProgram, header: Header) -> String {
+    let mut writer = Writer {
+        program,
+        text: String::with_capacity(program.source().len() + program.blocks().len() * 16),
+        cycle: None,
+        returned: false,
+    };
+    let _ = match header {
+        Header::Program(number) => writeln!(writer.text, "open prog {number}"),
+        Header::Subprogram(number) => writeln!(writer.text, "open subprog {number}"),
+    };
+    for block in program.blocks().iter().filter(|block| !block.has_errors()) {
+        writer.block(block);
+    }
+    if matches!(header, Header::Subprogram(_)) && !writer.returned {
+        writer.text.push_str("return\n");
+    }
+    writer.text.push_str("close\n");
+    writer.text
+}
+
+/// Bytes of a block's line in the intermediate code, the code of a fixed cycle not counted (D03).
+pub fn block_bytes(program: &NcProgram, block: &Block) -> usize {
+    let mut writer = Writer {
+        program,
+        text: String::new(),
+        cycle: None,
+        returned: false,
+    };
+    writer.block(block);
+    writer.text.trim_end().len()
+}
+
+struct Writer<'a> {
+    program: &'a NcProgram,
+    text: String,
+    /// The fixed cycle in force, `G74` or `G84` as the source writes it.
+    cycle: Option<String>,
+    /// The last line holds M99.
+    returned: bool,
+}
+
+impl Writer<'_> {
+    fn block(&mut self, block: &Block) {
+        if let Some(code) = self.program.program_code(block) {
+            self.statement(code.statement);
+            return;
+        }
+        let words = self.program.words(block);
+        if words.iter().all(|word| word.address == Address::N) {
+            return;
+        }
+        for number in (1..=31).filter(|number| block.skip_numbers() & (1 << (number - 1)) != 0) {
+            let _ = write!(self.text, "cskip{number} ");
+        }
+        let _ = write!(self.text, "N{}", block.line);
+        self.words(words);
+        let _ = write!(self.text, " {END_OF_BLOCK}");
+        self.returned = words.iter().any(|word| is_code(word, Address::M, &[99.0]));
+        self.text.push_str(if self.returned { " return\n" } else { "\n" });
+    }
+
+    fn words(&mut self, words: &[Word]) {
+        let own = words.iter().find(|word| is_code(word, Address::G, &[74.0, 84.0]));
+        let ends = words
+            .iter()
+            .any(|word| is_code(word, Address::G, &[80.0, 0.0, 1.0, 2.0, 3.0]));
+        if ends {
+            self.cycle = None;
+        }
+        let drills = words
+            .iter()
+            .any(|word| matches!(word.address, Address::X | Address::Y | Address::Z | Address::R));
+        let mut repeated = self.cycle.clone().filter(|_| own.is_none() && drills);
+        for word in words.iter().filter(|word| word.address != Address::N) {
+            if word.address != Address::G
+                && let Some(code) = repeated.take()
+            {
+                let _ = write!(self.text, " {code}");
+            }
+            if own.is_some_and(|own| std::ptr::eq(own, word)) && self.cycle.is_none() {
+                let _ = write!(self.text, " {CYCLE_START}");
+            }
+            self.text.push(' ');
+            self.word(word);
+        }
+        if let Some(own) = own {
+            self.cycle = Some(format!("G{}", self.value_text(own)));
+        }
+    }
+
+    fn word(&mut self, word: &Word) {
+        let address = word.address.text();
+        // VA to VH are A to H
+        let address = match word.address.parameter_index() {
+            Some(_) => &address[1..],
+            None => address,
+        };
+        self.text.push_str(address);
+        match word.value() {
+            Value::Number(_) => {
+                let value = self.value_text(word);
+                self.text.push_str(&value);
+            }
+            Value::Indirection(variable) => {
+                self.text.push('(');
+                self.variable(variable);
+                self.text.push(')');
+            }
+        }
+    }
+
+    /// The value as the source writes it.
+    fn value_text(&self, word: &Word) -> String {
+        let span = word.span();
+        let source = self.program.source();
+        let text = source
+            .get(span.start as usize..span.end as usize)
+            .unwrap_or_default();
+        let digits = text.trim_start_matches(|letter: char| letter.is_ascii_alphabetic());
+        match digits.trim().parse::<f64>() {
+            Ok(_) => digits.trim().to_owned(),
+            // a comment stands between address and value
+            Err(_) => word.number().unwrap_or_default().to_string(),
+        }
+    }
+
+    fn variable(&mut self, variable: Variable) {
+        let _ = write!(self.text, "{}{}", variable.kind.prefix(), variable.index);
+    }
+
+    fn statement(&mut self, statement: Statement) {
+        let condition = match statement {
+            Statement::Assignment { target, value } => {
+                self.variable(target);
+                self.text.push_str(" = ");
+                Some((value, ""))
+            }
+            Statement::If { condition, .. } => Some((condition, "if(")),
+            Statement::While { condition, .. } | Statement::DoWhile { condition, .. } => {
+                Some((condition, "while("))
+            }
+            Statement::Switch { value, .. } => Some((value, "switch(")),
+            _ => None,
+        };
+        if let Some((id, keyword)) = condition {
+            self.text.push_str(keyword);
+            self.expression(id, 0);
+            self.text.push_str(if keyword.is_empty() { "\n" } else { ")\n" });
+        }
+        match statement {
+            Statement::Else { .. } => self.text.push_str("else\n"),
+            Statement::Do => self.text.push_str("do\n"),
+            Statement::Case { label } => {
+                let _ = writeln!(self.text, "case {label}:");
+            }
+            Statement::Default => self.text.push_str("default:\n"),
+            Statement::Break { .. } => self.text.push_str("break\n"),
+            Statement::Open => self.text.push_str("{\n"),
+            Statement::Close => self.text.push_str("}\n"),
+            _ => {}
+        }
+        if !matches!(statement, Statement::Repeat { .. }) {
+            self.returned = false;
+        }
+    }
+
+    /// Writes an expression, in parentheses where its priority is below `outer`. Its depth is bounded by the length of
+    /// a block.
+    fn expression(&mut self, id: ExpressionId, outer: u8) {
+        let Some(expression) = self.program.expression(id).copied() else {
+            return;
+        };
+        let priority = priority(&expression);
+        let parentheses = priority < outer;
+        if parentheses {
+            self.text.push('(');
+        }
+        match expression {
+            Expression::Number(value) => {
+                let _ = write!(self.text, "{value}");
+            }
+            Expression::Variable(variable) => self.variable(variable),
+            Expression::Negation(operand) => {
+                self.text.push('-');
+                self.expression(operand, priority);
+            }
+            Expression::Not(condition) => {
+                self.text.push_str("!(");
+                self.expression(condition, 0);
+                self.text.push(')');
+            }
+            Expression::Binary {
+                operator,
+                left,
+                right,
+            } => self.pair(operator.text(), left, right, priority),
+            Expression::Comparison {
+                comparator,
+                left,
+                right,
+            } => {
+                self.pair(comparator.text(), left, right, priority);
+            }
+            Expression::Join { both, left, right } => {
+                self.pair(if both { "&&" } else { "||" }, left, right, priority);
+            }
+            Expression::Call {
+                function,
+                first,
+                second,
+            } => {
+                self.text.push_str(function.text());
+                self.text.push('(');
+                self.expression(first, 0);
+                if let Some(second) = second {
+                    self.text.push_str(", ");
+                    self.expression(second, 0);
+                }
+                self.text.push(')');
+            }
+        }
+        if parentheses {
+            self.text.push(')');
+        }
+    }
+
+    /// Two operands that combine from the left.
+    fn pair(&mut self, operator: &str, left: ExpressionId, right: ExpressionId, priority: u8) {
+        self.expression(left, priority);
+        let _ = write!(self.text, " {operator} ");
+        self.expression(right, priority + 1);
+    }
+}
+
+/// The manual's priority, low to high.
+fn priority(expression: &Expression) -> u8 {
+    match expression {
+        Expression::Join { both: false, .. } => 1,
+        Expression::Join { .. } => 2,
+        Expression::Comparison { .. } => 3,
+        Expression::Binary {
+            operator: BinaryOperator::Add | BinaryOperator::Subtract,
+            ..
+        } => 4,
+        Expression::Binary { .. } => 5,
+        Expression::Negation(_) | Expression::Not(_) => 6,
+        Expression::Number(_) | Expression::Variable(_) | Expression::Call { .. } => 7,
+    }
+}
+
+/// True for a word of this address with one of these numbers.
+fn is_code(word: &Word, address: Address, numbers: &[f64]) -> bool {
+    word.address == address && word.number().is_some_and(|number| numbers.contains(&number))
+}
