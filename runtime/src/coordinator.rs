@@ -8,13 +8,14 @@ use std::time::Duration;
 
 use futures_util::FutureExt;
 use plc_api::port::Port;
-use plc_api::types::BootId;
 use plc_api::types::machine::{
     AlarmRecord, Birth, CoordinateSystemInfo, Limits, MCodeInfo, MotorInfo, Presence,
 };
 use plc_api::types::message::Payload;
 use plc_api::types::state::{Execution, Reason};
 use plc_api::types::topic::{CsTopic, Topic};
+use plc_api::types::{BootId, CoordinateSystemNumber};
+use tandem_model::Variables;
 use tandem_model::alarm::RUNTIME_FAULT;
 use tandem_model::limits::PROGRAM_BYTES_MAX;
 use tandem_model::settings::MotorKind;
@@ -156,6 +157,12 @@ impl Runtime {
         &self.shared.machine
     }
 
+    /// P variables, and the Q variables of a coordinate system; `None`: there is no such coordinate system.
+    pub fn variables(&self, cs: CoordinateSystemNumber) -> Option<Variables> {
+        let handle = self.port.handles().iter().find(|handle| handle.number == cs)?;
+        Some(handle.variables.clone())
+    }
+
     /// The program store.
     pub fn store(&self) -> &ProgramStore {
         &self.shared.store
@@ -212,6 +219,7 @@ impl Parts {
                 requests,
                 urgent,
                 view: system.view(),
+                variables: system.variables(),
             });
             channels.push(servo_end);
             wake.push(Arc::clone(&notify));

@@ -13,6 +13,7 @@ use plc_api::types::output::HandlerPresence;
 use plc_api::types::topic::Topic;
 use plc_api::types::{BootId, CoordinateSystemNumber, Timestamp};
 use tandem_model::alarm::ALARMS;
+use tandem_model::variables::{GLOBAL_VARIABLES, VariableArray};
 use tokio_util::sync::CancellationToken;
 
 use crate::clock::Clock;
@@ -41,6 +42,8 @@ pub(crate) struct Shared {
     pub clock: Clock,
     pub store: ProgramStore,
     pub journal: Journal,
+    /// P variables, of all coordinate systems.
+    pub global_variables: VariableArray,
     /// Cancelled when the runtime stops.
     pub closing: CancellationToken,
     alarms: Mutex<Alarms>,
@@ -76,6 +79,7 @@ impl Shared {
             clock,
             store,
             journal,
+            global_variables: VariableArray::new(GLOBAL_VARIABLES),
             closing: CancellationToken::new(),
             alarms: Mutex::default(),
             handlers: Mutex::default(),

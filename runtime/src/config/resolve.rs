@@ -6,11 +6,11 @@ use std::path::PathBuf;
 use plc_api::types::output::Timing;
 use serde::Deserialize;
 use tandem_model::limits::{COORDINATE_SYSTEMS_MAX, M_CODE_MAX, PROGRAM_NUMBER_MAX};
-use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings, WorkOffsets};
+use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings, Tool, WorkOffsets};
 use tandem_model::{AXES_MAX, Axis, AxisVector};
 
 use super::error::nearest;
-use super::{Config, ConfigError, CoordinateSystemConfig, MotorConfig, MotorKindConfig};
+use super::{Config, ConfigError, CoordinateSystemConfig, MotorConfig, MotorKindConfig, ToolConfig};
 
 /// A machine as configured.
 #[derive(Debug, Clone)]
@@ -25,6 +25,8 @@ pub struct Machine {
     pub motors: Vec<MotorSettings>,
     /// Coordinate systems, ascending by number.
     pub coordinate_systems: Vec<CoordinateSystem>,
+    /// Tools by number (D17).
+    pub tools: BTreeMap<u16, Tool>,
     /// M codes that have settings.
     pub m_codes: BTreeMap<u16, MCodeSettings>,
     /// What happens to an output of an M code without settings that no handler is registered for.
@@ -119,10 +121,24 @@ impl Config {
             data_dir: Some(self.base_dir.join(&self.machine.data_dir)),
             motors: motors.into_values().collect(),
             coordinate_systems,
+            tools: self.tools(),
             m_codes,
             unhandled: Unhandled::Alarm,
             warnings: self.warnings(),
         })
+    }
+
+    fn tools(&self) -> BTreeMap<u16, Tool> {
+        let of = |tool: &ToolConfig| {
+            (
+                tool.id,
+                Tool {
+                    length: tool.length,
+                    radius: tool.radius,
+                },
+            )
+        };
+        self.tool.iter().map(of).collect()
     }
 
     /// What is set and has no effect yet.

@@ -22,7 +22,7 @@ use plc_api::types::output::{CancelReason, OutputNotice};
 use plc_api::types::request::{Answer, Input, Refusal, RefusalCode, Request};
 use plc_api::types::state::{Execution, Lock, Overrides, Reason, SpindleDirection, Transition};
 use plc_api::types::topic::CsTopic;
-use tandem_model::MachinePosition;
+use tandem_model::{MachinePosition, Variables};
 use tandem_servo::{ChannelHandle, Event};
 use tandem_syntax::NcProgram;
 use tokio::sync::{Notify, mpsc, oneshot};
@@ -54,6 +54,7 @@ pub(crate) struct Handle {
     /// Hold, stop and abort pass every queue.
     pub urgent: mpsc::Sender<Envelope>,
     pub view: Arc<View>,
+    pub variables: Variables,
 }
 
 /// State of the task.
@@ -64,6 +65,7 @@ pub(crate) struct CoordinateSystem {
     view: Arc<View>,
     servo: ServoLink,
     pipeline: Pipeline,
+    variables: Variables,
     ledger: Ledger,
     /// What each open output said, for alarms and the journal.
     notices: BTreeMap<u64, OutputNotice>,
@@ -132,6 +134,7 @@ impl CoordinateSystem {
             view,
             servo: ServoLink::new(handle),
             pipeline: Pipeline::new(&configured.settings),
+            variables: Variables::new(shared.global_variables.clone()),
             ledger: Ledger::new(shared.boot_id.clone(), configured.open_outputs_max),
             notices: BTreeMap::new(),
             program: None,
@@ -147,6 +150,10 @@ impl CoordinateSystem {
             shared,
             configured,
         }
+    }
+
+    pub fn variables(&self) -> Variables {
+        self.variables.clone()
     }
 
     pub fn view(&self) -> Arc<View> {

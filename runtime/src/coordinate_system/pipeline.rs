@@ -8,7 +8,7 @@ use tandem_interp::{Inputs, Interpreter, Modal};
 use tandem_model::flow::{Block, Item, Segment, Transform};
 use tandem_model::profile::Profile;
 use tandem_model::settings::CoordinateSystemSettings;
-use tandem_model::{Alarm, MachinePosition, Variables};
+use tandem_model::{Alarm, MachinePosition};
 use tandem_motion::Planner;
 use tandem_path::PathStage;
 use tandem_syntax::NcProgram;
@@ -17,8 +17,6 @@ use tandem_syntax::NcProgram;
 #[derive(Debug)]
 pub(super) struct Pipeline {
     pub interpreter: Interpreter,
-    /// P and Q of the programs.
-    pub variables: Variables,
     path: PathStage,
     planner: Planner,
     segments: Vec<Segment>,
@@ -50,7 +48,6 @@ impl Pipeline {
         };
         Self {
             interpreter,
-            variables: Variables::default(),
             path,
             planner: Planner::new(settings),
             segments: Vec::new(),
@@ -149,6 +146,8 @@ impl Pipeline {
 mod tests {
     use std::collections::BTreeMap;
 
+    use tandem_model::settings::Tool;
+    use tandem_model::{AXES_MAX, AxisVector, Variables};
     use tandem_syntax::{Grammar, parse};
 
     use super::*;
@@ -166,6 +165,10 @@ mod tests {
             programs: &BTreeMap::new(),
             optional_skip: 0,
             work_offsets: &system.work_offsets,
+            variables: &Variables::default(),
+            tool: Tool::default(),
+            captured: [0.0; AXES_MAX],
+            position: AxisVector::ZERO,
         };
         while !matches!(pipeline.next(&inputs).unwrap(), Item::End(_)) {}
         let in_force_from = |is_it: &dyn Fn(&Change) -> bool| {

@@ -3,7 +3,6 @@
 use tandem_interp::Inputs;
 use tandem_model::alarm::AlarmEntry;
 use tandem_model::flow::{Item, Output, ProgramStop};
-use tandem_model::settings::Tool;
 use tandem_model::{AXES_MAX, Alarm, Origin};
 
 use plc_api::types::state::Execution;
@@ -101,13 +100,18 @@ impl CoordinateSystem {
 
     fn interpret(&mut self) {
         let Some(run) = &mut self.run else { return };
-        let variables = self.pipeline.variables.clone();
         let inputs = Inputs {
             programs: &run.programs,
             optional_skip: self.inputs.optional_skip,
             work_offsets: &self.configured.work_offsets,
-            variables: &variables,
-            tool: Tool::default(),
+            variables: &self.variables,
+            tool: self
+                .shared
+                .machine
+                .tools
+                .get(&self.inputs.tool)
+                .copied()
+                .unwrap_or_default(),
             captured: [0.0; AXES_MAX],
             position: self.pipeline.position().0,
         };

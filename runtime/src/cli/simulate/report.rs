@@ -8,6 +8,7 @@ use plc_api::types::message::Payload;
 use plc_api::types::topic::{CsTopic, Topic};
 use serde_json::{Map, Value, json};
 use tandem_model::alarm::AlarmEntry;
+use tandem_model::variables::VariableArray;
 use tandem_runtime::Runtime;
 
 use super::super::say;
@@ -26,6 +27,7 @@ struct Part {
     machine: BTreeMap<String, f64>,
     work: BTreeMap<String, f64>,
     captured: Vec<Value>,
+    variables: Value,
 }
 
 impl Outcome {
@@ -83,6 +85,7 @@ impl Part {
             machine: BTreeMap::new(),
             work: BTreeMap::new(),
             captured: Vec::new(),
+            variables: json!({"P": {}, "Q": {}}),
         }
     }
 
@@ -109,6 +112,13 @@ impl Part {
                     json!({"motor": motor, "position": position, "captured": captured})
                 })
                 .collect();
+        }
+        if let Some(variables) = runtime.variables(job.cs) {
+            let (p, q) = (
+                non_zero(&variables.global),
+                non_zero(&variables.coordinate_system),
+            );
+            part.variables = json!({"P": p, "Q": q});
         }
         if record.end_s == 0.0 {
             record.end_s = port.now_s();
@@ -152,7 +162,7 @@ impl Part {
             "m_codes": self.record.m_codes,
             "stops": self.record.stops,
             "captured": self.captured,
-            "variables": {"P": {}, "Q": {}},
+            "variables": self.variables,
             "warnings": self.record.warnings,
             "alarm": self.record.alarm,
         });
@@ -216,4 +226,20 @@ impl Part {
             ));
         }
     }
+}
+
+/// Variables that are not zero, by number; what is no number is a string.
+fn non_zero(variables: &VariableArray) -> Map<String, Value> {
+    let value = |value: f64| {
+        if value.is_finite() {
+            json!(value)
+        } else {
+            json!(value.to_string())
+        }
+    };
+    (0..variables.len())
+        .filter_map(|index| Some((index, variables.get(index)?)))
+        .filter(|(_, v)| *v != 0.0)
+        .map(|(index, v)| (index.to_string(), value(v)))
+        .collect()
 }
