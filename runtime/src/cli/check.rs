@@ -4,17 +4,17 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use codespan_reporting::diagnostic::{Diagnostic, Label};
+use codespan_reporting::diagnostic::{Diagnostic as Rendered, Label};
 use codespan_reporting::files::SimpleFile;
 use codespan_reporting::term;
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::program::ProgramDiagnostic;
 use serde_json::json;
 use tandem_interp::{Check, CheckContext, check};
-use tandem_model::Severity;
+use tandem_model::{Diagnostic, Severity};
 use tandem_runtime::Machine;
 use tandem_runtime::program_store::locate;
-use tandem_syntax::{Grammar, parse};
+use tandem_syntax::{Grammar, NcProgram, parse};
 
 use super::{
     Dialect, EXIT_FOUND, EXIT_OK, EXIT_UNREADABLE, complain, find_subprogram, read_config, read_program, say,
@@ -94,7 +94,7 @@ pub(super) fn run(arguments: &Arguments) -> u8 {
 /// One NC program and what was found in it.
 pub(super) struct CheckedFile<'a> {
     path: &'a Path,
-    text: String,
+    tree: NcProgram,
     check: Check,
 }
 
@@ -107,7 +107,7 @@ impl<'a> CheckedFile<'a> {
         machine: Option<&Machine>,
         cs: Option<CoordinateSystemNumber>,
     ) -> Self {
-        let (tree, mut diagnostics) = parse(text.as_str(), Grammar::nj());
+        let (tree, diagnostics) = parse(text, Grammar::nj());
         let data_dir = machine.and_then(|machine| machine.data_dir.as_deref());
         let called = check(&tree, &CheckContext::default()).programs;
         let programs: BTreeSet<u16> = called
@@ -131,11 +131,31 @@ impl<'a> CheckedFile<'a> {
                 .map(|spindle| spindle.max_velocity),
             ..CheckContext::default()
         };
-        let mut check = check(&tree, &context);
-        diagnostics.append(&mut check.diagnostics);
-        diagnostics.sort_by_key(|diagnostic| (diagnostic.span.start, diagnostic.span.end));
-        check.diagnostics = diagnostics;
-        Self { path, text, check }
+        let check = check(&tree, &context);
+        Self::merged(path, tree, diagnostics, check)
+    }
+
+    /// Checks a program that is to be compiled, not moved: codes whose motion is not built pass.
+    pub fn without_motion(path: &'a Path, text: String) -> Self {
+        let (tree, diagnostics) = parse(text, Grammar::nj());
+        let context = CheckContext {
+            without_motion: true,
+            ..CheckContext::default()
+        };
+        let check = check(&tree, &context);
+        Self::merged(path, tree, diagnostics, check)
+    }
+
+    fn merged(path: &'a Path, tree: NcProgram, of_parser: Vec<Diagnostic>, mut check: Check) -> Self {
+        check.diagnostics.extend(of_parser);
+        check
+            .diagnostics
+            .sort_by_key(|diagnostic| (diagnostic.span.start, diagnostic.span.end));
+        Self { path, tree, check }
+    }
+
+    pub fn tree(&self) -> &NcProgram {
+        &self.tree
     }
 
     pub fn has_errors(&self) -> bool {
@@ -152,7 +172,7 @@ impl<'a> CheckedFile<'a> {
 
     /// The findings with lines and columns.
     pub fn located(&self) -> Vec<ProgramDiagnostic> {
-        locate(&self.text, &self.check.diagnostics)
+        locate(self.tree.source(), &self.check.diagnostics)
     }
 
     fn to_json(&self) -> serde_json::Value {
@@ -164,30 +184,35 @@ impl<'a> CheckedFile<'a> {
         })
     }
 
-    /// The findings with source line and underline, and what the program uses.
-    pub fn print(&self) {
-        let file = SimpleFile::new(self.path.display().to_string(), &self.text);
+    /// The findings with source line and underline.
+    pub fn findings(&self) -> String {
+        let file = SimpleFile::new(self.path.display().to_string(), self.tree.source().as_ref());
         let config = term::Config::default();
+        let mut text = String::new();
         for found in &self.check.diagnostics {
-            let diagnostic = match found.severity {
-                Severity::Error => Diagnostic::error(),
-                Severity::Warning => Diagnostic::warning(),
+            let rendered = match found.severity {
+                Severity::Error => Rendered::error(),
+                Severity::Warning => Rendered::warning(),
             };
             let range = found.span.start as usize..found.span.end as usize;
-            let diagnostic = diagnostic
+            let rendered = rendered
                 .with_code(found.code)
                 .with_message(&found.message)
                 .with_label(Label::primary((), range))
                 .with_note(format!("help: {}", found.help));
-            match term::emit_into_string(&config, &file, &diagnostic) {
-                Ok(text) => say(&format!("{}\n", text.trim_end())),
-                Err(_) => say(&format!(
-                    "{}: {}: {}",
-                    self.path.display(),
-                    found.code,
-                    found.message
-                )),
-            }
+            let shown = term::emit_into_string(&config, &file, &rendered)
+                .unwrap_or_else(|_| format!("{}: {}: {}", self.path.display(), found.code, found.message));
+            text.push_str(shown.trim_end());
+            text.push_str("\n\n");
+        }
+        text
+    }
+
+    /// The findings, and what the program uses.
+    pub fn print(&self) {
+        let findings = self.findings();
+        if !findings.is_empty() {
+            say(findings.strip_suffix('\n').unwrap_or(&findings));
         }
         let errors = self
             .check

@@ -1,6 +1,7 @@
 //! The command line.
 
 mod check;
+mod compile;
 mod explain;
 mod serve;
 mod simulate;
@@ -38,6 +39,8 @@ enum Command {
     Serve(serve::Arguments),
     /// Tells all that is wrong with NC programs, or with a configuration
     Check(check::Arguments),
+    /// Writes the intermediate code of NC programs
+    Compile(compile::Arguments),
     /// Tells what a diagnostic means
     Explain(explain::Arguments),
     /// Runs an NC program in simulated time
@@ -58,6 +61,7 @@ pub fn run() -> ExitCode {
         None => serve::run(&cli.serve),
         Some(Command::Serve(arguments)) => serve::run(&arguments),
         Some(Command::Check(arguments)) => check::run(&arguments),
+        Some(Command::Compile(arguments)) => compile::run(&arguments),
         Some(Command::Explain(arguments)) => explain::run(&arguments),
         Some(Command::Simulate(arguments)) => simulate::run(&arguments),
     };

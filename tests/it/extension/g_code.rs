@@ -13,9 +13,10 @@ use tandem_interp::codes::{AXIS_WORDS, Code, CodeTable, ModalGroup, WordSpec};
 use tandem_interp::dialects::ModalWords;
 use tandem_interp::execution::Execution;
 use tandem_interp::{CheckContext, Dialect, Inputs, Interpreter, check_dialect};
-use tandem_model::axis::{Axis, AxisSet, AxisVector};
-use tandem_model::flow::{Action, AxisWords, Distance, Item};
-use tandem_model::settings::WorkOffsets;
+use tandem_model::axis::{AXES_MAX, Axis, AxisSet, AxisVector};
+use tandem_model::flow::{Action, AxisWords, Distance, Frame, Item};
+use tandem_model::settings::{Tool, WorkOffsets};
+use tandem_model::variables::Variables;
 use tandem_runtime::Config;
 use tandem_syntax::{Address, Grammar, parse};
 
@@ -37,6 +38,7 @@ fn lift(execution: &mut Execution<'_>) {
         values: AxisVector::ZERO,
         named: AxisSet::EMPTY,
         distance: Distance::Incremental,
+        frame: Frame::Work,
     };
     words.values[Axis::Z] = execution.words().get(Address::K).unwrap_or_default();
     words.named.insert(Axis::Z);
@@ -46,8 +48,8 @@ fn lift(execution: &mut Execution<'_>) {
 static SHOP: Dialect = Dialect {
     name: "shop",
     grammar: Grammar::nj,
-    g_codes: CodeTable::new(&[&G00, &G01, &G07, &G90, &G91], &[]),
-    m_codes: CodeTable::new(&[&M30], &[]),
+    g_codes: CodeTable::new(&[&G00, &G01, &G07, &G90, &G91]),
+    m_codes: CodeTable::new(&[&M30]),
     auxiliary: &AUXILIARY,
     modal_words: ModalWords::new(&AXIS_WORDS, &FEED_WORDS),
     start_up: &[&G00, &G90],
@@ -79,6 +81,10 @@ fn a_g_code_of_a_dialect_of_ones_own_acts() {
         programs: &programs,
         optional_skip: 0,
         work_offsets: &work_offsets,
+        variables: &Variables::default(),
+        tool: Tool::default(),
+        captured: [0.0; AXES_MAX],
+        position: AxisVector::ZERO,
     };
     let mut actions = Vec::new();
     loop {
