@@ -6,17 +6,15 @@
 //!
 //! A next block with motion gives its first setpoint in the servo cycle after that, up to one servo period later.
 //!
-//! Measured on a 2-core AMD EPYC virtual machine, release profile, three runs while compilers took one to two thirds of
-//! the processors; so the medians say more than the tails:
+//! Measured on a 2-core AMD EPYC virtual machine, release profile, nothing else running:
 //!
 //! | from the output to | in process: median | p99 | embedded broker: median | p99 |
 //! | --- | --- | --- | --- | --- |
-//! | claim counts | 10 to 17 µs | 0.2 to 0.3 ms | 0.20 to 0.33 ms | 0.4 to 0.7 ms |
-//! | reset counts | 17 to 31 µs | 0.3 to 0.8 ms | 0.38 to 0.62 ms | 0.8 to 1.2 ms |
-//! | next output | 19 to 38 µs | 0.3 to 0.9 ms | 0.40 to 0.63 ms | 0.8 to 1.2 ms |
+//! | claim counts | 18 µs | 0.14 ms | 0.33 ms | 0.75 ms |
+//! | reset counts | 33 µs | 0.21 ms | 0.62 ms | 1.38 ms |
+//! | next output | 39 µs | 0.22 ms | 0.64 ms | 1.41 ms |
 //!
-//! Over the broker four messages follow each other: the pending output, the claim, its result, the reset; each takes
-//! 0.10 to 0.15 ms.
+//! Over the broker four messages follow each other: the pending output, the claim, its result, the reset.
 
 use std::time::{Duration, SystemTime};
 

@@ -1,14 +1,13 @@
 //! REST: `GET /api/v1/cs/1/state`, again and again on connections that stay open. The clients run in the same process
 //! and take their share of the processors.
 //!
-//! Measured on a 2-core AMD EPYC virtual machine, release profile; while compilers keep both processors busy a third to
-//! all of that is reached.
+//! Measured on a 2-core AMD EPYC virtual machine, release profile, nothing else running; other work takes its share.
 //!
 //! | connections | requests/s | median | p99 |
 //! | --- | --- | --- | --- |
-//! | 1 | 51,000 | 19 µs | 35 µs |
-//! | 8 | 96,000 | 76 µs | 162 µs |
-//! | 64 | 98,000 | 639 µs | 1216 µs |
+//! | 1 | 57,000 | 17 µs | 23 µs |
+//! | 8 | 109,000 | 70 µs | 129 µs |
+//! | 64 | 110,000 | 583 µs | 930 µs |
 
 use std::net::SocketAddr;
 use std::time::{Duration, Instant};

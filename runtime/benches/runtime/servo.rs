@@ -6,8 +6,8 @@
 //!
 //! | | median | p99 | p99.9 | latest | more than a period late |
 //! | --- | --- | --- | --- | --- | --- |
-//! | idle | below 128 µs | below 256 µs | below 2 ms | 4 ms | 13 of 9991 |
-//! | REST load | below 128 µs | below 1 ms | below 4 ms | 41 ms | 33 of 9901 |
+//! | idle | below 128 µs | below 256 µs | below 2 ms | 6 ms | 17 of 9980 |
+//! | REST load | below 128 µs | below 1 ms | below 2 ms | 6 ms | 30 of 10005 |
 //! | idle, compilers running | below 128 µs | below 4 ms | below 66 ms | 96 ms | 238 of 8831 |
 //! | REST load, compilers running | below 128 µs | below 8 ms | below 66 ms | 144 ms | 370 of 8211 |
 
