@@ -1,6 +1,6 @@
 //! What the stages hand on: [`Item`] and [`Block`] from `interp`, [`Segment`] from `path`.
 
-use crate::axis::{AxisSet, AxisVector};
+use crate::axis::{Axis, AxisSet, AxisVector};
 use crate::span::Origin;
 
 /// What the interpreter answers when asked for the next thing.
@@ -140,6 +140,17 @@ pub enum Plane {
     Zx,
     /// G19: Y, Z.
     Yz,
+}
+
+impl Plane {
+    /// First and second axis: counter-clockwise turns the first towards the second.
+    pub const fn axes(self) -> [Axis; 2] {
+        match self {
+            Plane::Xy => [Axis::X, Axis::Y],
+            Plane::Zx => [Axis::Z, Axis::X],
+            Plane::Yz => [Axis::Y, Axis::Z],
+        }
+    }
 }
 
 /// Thread cutting of a tapping cycle: revolutions are Z travel times S / F (motion-semantics 1h).

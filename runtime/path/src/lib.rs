@@ -1,14 +1,19 @@
 //! Blocks to path segments: transforms, offsets, geometry.
 //!
 //! [`PathStage`] is asked with one block after the other and answers segments in machine coordinates. It is pure:
-//! the same blocks give the same segments. Straight lines, G00 and G04 so far; the transform is the work offset.
+//! the same blocks give the same segments. Straight lines, G00, G04, G28, G30 and G53 so far, under all transforms of
+//! D20. What is not built is refused with an alarm: G500, cutter compensation, G31 and tapping.
 //!
 //! Decisions of ours, where the manual is silent:
 //! - A move shorter than [`LENGTH_MIN`] on every axis is no move: no segment, the position stays. Its exact stop
 //!   still counts, and G00 still ends a chain.
 //! - A block without movement ends a chain of blended blocks (motion-semantics 1c, G501).
+//! - A change of tool length is made good by the next motion block in work coordinates; G53 with Z makes it void (D22).
+//! - An axis that no word moves stays to the last bit; under a rotation both axes of its plane count as moved when a
+//!   word names one of them.
 //! - Soft limits are checked for the axes that a block moves.
 
 mod stage;
+mod transform;
 
 pub use stage::{LENGTH_MIN, PathStage, work_position};

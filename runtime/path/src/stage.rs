@@ -1,14 +1,17 @@
 //! Blocks in, segments out.
 
 use tandem_model::alarm::{
-    AXIS_MISSING, FEEDRATE_MISSING, MOTION_NOT_SUPPORTED, SOFT_LIMIT, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE,
+    AXIS_MISSING, FEEDRATE_MISSING, MOTION_NOT_SUPPORTED, OFFSET_IN_FORCE, SOFT_LIMIT, VALUE_NOT_FINITE,
+    VALUE_OUT_OF_RANGE,
 };
 use tandem_model::flow::{
-    Action, AxisWords, Block, Distance, Feed, Path, PathControl, Segment, SegmentEnd, SegmentMotion,
-    Transform,
+    Action, AxisWords, Block, Compensation, Distance, Feed, Frame, MultiBlock, Path, PathControl, Segment,
+    SegmentEnd, SegmentMotion, Transform,
 };
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::{Alarm, Axis, AxisSet, AxisVector, MachinePosition, Origin, WorkPosition};
+
+use crate::transform::{self, finite};
 
 /// Distances below this are rounding, not motion: mm or degrees. It is also the tolerance of the soft limits.
 ///
@@ -22,10 +25,14 @@ pub const LENGTH_MIN: f64 = 1e-9;
 pub struct PathStage {
     axes: AxisSet,
     soft_limits: [Option<[f64; 2]>; tandem_model::AXES_MAX],
+    /// First to fourth, machine positions.
+    reference_points: [AxisVector; 4],
     default_feedrate_mm_min: f64,
     rotary_feedrate_deg_min: f64,
     transform: Transform,
     at: AxisVector,
+    /// Change of the tool length that no motion block has made good yet (D22), mm.
+    tool_shift: f64,
     /// The last segment, while it is open whether it ends in a stop.
     held_back: Option<Segment>,
 }
@@ -38,10 +45,18 @@ impl PathStage {
             soft_limits: std::array::from_fn(|i| {
                 settings.motors[i].as_ref().and_then(|motor| motor.soft_limits)
             }),
+            reference_points: std::array::from_fn(|point| {
+                AxisVector(std::array::from_fn(|i| {
+                    settings.motors[i]
+                        .as_ref()
+                        .map_or(0.0, |motor| motor.reference_points[point])
+                }))
+            }),
             default_feedrate_mm_min: settings.default_feedrate_mm_min,
             rotary_feedrate_deg_min: settings.rotary_feedrate_deg_min,
             transform: Transform::default(),
             at: at.0,
+            tool_shift: 0.0,
             held_back: None,
         }
     }
@@ -51,7 +66,8 @@ impl PathStage {
     ///
     /// # Errors
     /// An alarm at the block's origin when it cannot run; the stage is as before the block then, and nothing was
-    /// put out for it: `VALUE_NOT_FINITE`, `VALUE_OUT_OF_RANGE` (negative dwell), `AXIS_MISSING`, `SOFT_LIMIT`, `FEEDRATE_MISSING`.
+    /// put out for it: `VALUE_NOT_FINITE`, `VALUE_OUT_OF_RANGE` (negative dwell, scale factor 0, reference point not
+    /// 1 to 4), `AXIS_MISSING`, `SOFT_LIMIT`, `FEEDRATE_MISSING`, `OFFSET_IN_FORCE` (D23), `MOTION_NOT_SUPPORTED`.
     pub fn push(&mut self, block: &Block, out: &mut Vec<Segment>) -> Result<(), Alarm> {
         self.take(block, out).map_err(|alarm| alarm.at(block.origin))
     }
@@ -68,6 +84,7 @@ impl PathStage {
     /// After a stop or reset: this position, the identity transform, nothing held back.
     pub fn restart(&mut self, at: MachinePosition) {
         self.at = at.0;
+        self.tool_shift = 0.0;
         self.transform = Transform::default();
         self.held_back = None;
     }
@@ -86,14 +103,16 @@ impl PathStage {
         match &block.action {
             Action::None => self.release(SegmentEnd::ExactStop, out),
             Action::Transform(transform) => {
-                finite(transform.work_offset, "work offset")?;
+                transform::check(transform)?;
                 self.release(SegmentEnd::ExactStop, out);
+                self.tool_shift += transform.tool_length - self.transform.tool_length;
                 self.transform = **transform;
             }
             Action::Dwell { dwell_s } => self.dwell(block.origin, *dwell_s, out)?,
-            Action::Rapid(words) => self.rapid(block.origin, words, out)?,
+            Action::Rapid(words) => self.rapid(block, words, out)?,
             Action::Linear(words) => self.linear(block, words, out)?,
-            Action::Arc(_) | Action::Skip(_) | Action::Reference { .. } | Action::Tap(_) => {
+            Action::Reference { middle, point } => self.reference(block, middle, *point, out)?,
+            Action::Arc(_) | Action::Skip(_) | Action::Tap(_) => {
                 return Err(Alarm::new(&MOTION_NOT_SUPPORTED, "The block cannot be moved"));
             }
         }
@@ -123,10 +142,17 @@ impl PathStage {
         Ok(())
     }
 
-    fn rapid(&mut self, origin: Origin, words: &AxisWords, out: &mut Vec<Segment>) -> Result<(), Alarm> {
-        let to = self.target(words)?;
+    fn rapid(&mut self, block: &Block, words: &AxisWords, out: &mut Vec<Segment>) -> Result<(), Alarm> {
+        let to = self.target(block, words)?;
+        self.within_all_soft_limits(self.at, to)?;
         // G00 is never blended (motion-semantics 1c), so it waits for no other block.
         self.release(SegmentEnd::ExactStop, out);
+        self.rapid_to(block.origin, to, out);
+        self.arrived(words);
+        Ok(())
+    }
+
+    fn rapid_to(&mut self, origin: Origin, to: AxisVector, out: &mut Vec<Segment>) {
         if moves(self.at, to) {
             let motion = SegmentMotion::Rapid { from: self.at, to };
             out.push(Segment {
@@ -136,20 +162,68 @@ impl PathStage {
             });
             self.at = to;
         }
+    }
+
+    /// G28, G30: G00 to the middle point, then to the reference point, named axes only; none named: all, and straight
+    /// to the reference point (D24).
+    fn reference(
+        &mut self,
+        block: &Block,
+        words: &AxisWords,
+        point: u8,
+        out: &mut Vec<Segment>,
+    ) -> Result<(), Alarm> {
+        self.without_offsets(block, "G28 and G30")?;
+        let reference = usize::from(point)
+            .checked_sub(1)
+            .and_then(|i| self.reference_points.get(i).copied());
+        let Some(reference) = reference else {
+            let text = format!("The reference point {point} is not 1 to 4");
+            return Err(Alarm::new(&VALUE_OUT_OF_RANGE, text));
+        };
+        let (middle, named) = if words.named.is_empty() {
+            (self.at, self.axes)
+        } else {
+            (self.target(block, words)?, words.named)
+        };
+        let mut to = middle;
+        for axis in named.iter() {
+            to[axis] = reference[axis];
+        }
+        finite(to, "reference point")?;
+        self.within_all_soft_limits(self.at, middle)?;
+        self.within_all_soft_limits(middle, to)?;
+        self.release(SegmentEnd::ExactStop, out);
+        self.rapid_to(block.origin, middle, out);
+        self.rapid_to(block.origin, to, out);
+        if words.named.is_empty() {
+            self.tool_shift = 0.0;
+        } else {
+            self.arrived(words);
+        }
         Ok(())
     }
 
     fn linear(&mut self, block: &Block, words: &AxisWords, out: &mut Vec<Segment>) -> Result<(), Alarm> {
-        let to = self.target(words)?;
-        let segment = if moves(self.at, to) {
-            Some(self.line(block, to)?)
-        } else {
-            None
-        };
+        let to = self.target(block, words)?;
+        self.within_all_soft_limits(self.at, to)?;
+        let path = self.line(to)?;
+        self.feed(block, words, path, out)
+    }
+
+    /// Takes a cutting block along this path; `None`: it does not move.
+    fn feed(
+        &mut self,
+        block: &Block,
+        words: &AxisWords,
+        path: Option<Path>,
+        out: &mut Vec<Segment>,
+    ) -> Result<(), Alarm> {
+        let segment = path.map(|path| self.segment(block, path)).transpose()?;
         let each_block_stops = block.path_control == PathControl::ExactStop;
         // Two blocks blend only when both are in G64.
         let stop_before = each_block_stops || block.exact_stop_before || words.named.is_empty();
-        if let Some(segment) = segment {
+        if let Some((segment, to)) = segment {
             let end = if stop_before {
                 SegmentEnd::ExactStop
             } else {
@@ -161,27 +235,50 @@ impl PathStage {
         } else if stop_before {
             self.release(SegmentEnd::ExactStop, out);
         }
+        self.arrived(words);
         if each_block_stops || block.exact_stop_after {
             self.release(SegmentEnd::ExactStop, out);
         }
         Ok(())
     }
 
-    fn line(&self, block: &Block, to: AxisVector) -> Result<Segment, Alarm> {
+    /// The straight line to a machine position; `None` when that is no move.
+    fn line(&self, to: AxisVector) -> Result<Option<Path>, Alarm> {
+        if !moves(self.at, to) {
+            return Ok(None);
+        }
+        let distance = to.minus(self.at);
+        let orthogonal = distance.orthogonal_length();
+        let length = if orthogonal < LENGTH_MIN {
+            distance.rotary_length()
+        } else {
+            orthogonal
+        };
+        if !length.is_finite() {
+            let text = format!("The length of the block is {length}");
+            return Err(Alarm::new(&VALUE_NOT_FINITE, text));
+        }
+        Ok(Some(Path::Line {
+            from: self.at,
+            to,
+            length,
+        }))
+    }
+
+    /// The segment of a path with its feedrate, and where it ends.
+    fn segment(&self, block: &Block, path: Path) -> Result<(Segment, AxisVector), Alarm> {
+        if block.multi_block == MultiBlock::On {
+            return Err(Alarm::new(&MOTION_NOT_SUPPORTED, "G500 is on"));
+        }
         let Feed {
             feedrate_mm_min: programmed,
             ta_ms,
             td_ms,
             ts_ms,
         } = block.feed;
-        let distance = to.minus(self.at);
-        let orthogonal = distance.orthogonal_length();
-        let rotary_only = orthogonal < LENGTH_MIN;
-        let length = if rotary_only {
-            distance.rotary_length()
-        } else {
-            orthogonal
-        };
+        let to = path.end();
+        let rotary_only =
+            to.minus(path.start()).orthogonal_length() < LENGTH_MIN && matches!(path, Path::Line { .. });
         let feedrate = if rotary_only && self.rotary_feedrate_deg_min > 0.0 {
             self.rotary_feedrate_deg_min
         } else if programmed == 0.0 {
@@ -190,7 +287,6 @@ impl PathStage {
             programmed
         };
         for (name, value) in [
-            ("length of the block", length),
             ("feedrate", feedrate),
             ("ta", ta_ms),
             ("td", td_ms),
@@ -206,42 +302,118 @@ impl PathStage {
                 format!("The feedrate is {feedrate}"),
             ));
         }
-        let path = Path::Line {
-            from: self.at,
-            to,
-            length,
-        };
         let feed = Feed {
             feedrate_mm_min: feedrate,
             ..block.feed
         };
-        Ok(Segment {
+        let segment = Segment {
             origin: block.origin,
             motion: SegmentMotion::Feed { path, feed },
             end: SegmentEnd::Continuous,
-        })
+        };
+        Ok((segment, to))
     }
 
-    /// The machine position that axis words lead to, within what the coordinate system has.
-    fn target(&self, words: &AxisWords) -> Result<AxisVector, Alarm> {
-        let mut to = self.at;
-        for axis in words.named.iter() {
-            if !self.axes.contains(axis) {
-                let text = format!("The block moves axis {}", axis.letter());
-                return Err(Alarm::new(&AXIS_MISSING, text));
-            }
-            to[axis] = words.values[axis]
-                + match words.distance {
-                    Distance::Absolute => self.transform.work_offset[axis],
-                    Distance::Incremental => self.at[axis],
-                };
+    /// The machine position that axis words lead to, on axes that the coordinate system has.
+    fn target(&self, block: &Block, words: &AxisWords) -> Result<AxisVector, Alarm> {
+        if block.compensation != Compensation::Off {
+            return Err(Alarm::new(&MOTION_NOT_SUPPORTED, "Cutter compensation is on"));
         }
+        if let Some(axis) = words.named.iter().find(|axis| !self.axes.contains(*axis)) {
+            return Err(Self::axis_missing(axis));
+        }
+        let to = match words.frame {
+            Frame::Work => self.work_target(words),
+            Frame::Machine => {
+                self.without_offsets(block, "G53")?;
+                let mut to = self.at;
+                for axis in words.named.iter() {
+                    to[axis] = words.values[axis]
+                        + match words.distance {
+                            Distance::Absolute => 0.0,
+                            Distance::Incremental => self.at[axis],
+                        };
+                }
+                to
+            }
+        };
         finite(to, "target")?;
+        let missing = Axis::ALL
+            .into_iter()
+            .find(|&axis| !self.axes.contains(axis) && (to[axis] - self.at[axis]).abs() >= LENGTH_MIN);
+        match missing {
+            Some(axis) => Err(Self::axis_missing(axis)),
+            None => Ok(to),
+        }
+    }
+
+    fn axis_missing(axis: Axis) -> Alarm {
+        Alarm::new(&AXIS_MISSING, format!("The block moves axis {}", axis.letter()))
+    }
+
+    /// The target in the coordinates in force. Axes that no word moves stay as they are to the last bit.
+    fn work_target(&self, words: &AxisWords) -> AxisVector {
+        let transform = &self.transform;
+        let mut from = self.at;
+        if !words.named.is_empty() {
+            from[Axis::Z] += self.tool_shift;
+        }
+        let mut programmed = match words.distance {
+            Distance::Absolute => transform::inverse(transform, from),
+            Distance::Incremental => AxisVector::ZERO,
+        };
+        let mut moved = AxisSet::EMPTY;
+        for axis in words.named.iter() {
+            programmed[axis] = words.values[axis];
+            moved.insert(axis);
+            for coupled in transform::couples(transform, axis).into_iter().flatten() {
+                moved.insert(coupled);
+            }
+        }
+        let target = match words.distance {
+            Distance::Absolute => transform::forward(transform, programmed),
+            Distance::Incremental => from.plus(transform::linear(transform, programmed)),
+        };
+        let mut to = from;
+        for axis in moved.iter() {
+            let is_rounding = (target[axis] - from[axis]).abs() < LENGTH_MIN;
+            if words.named.contains(axis) || !is_rounding {
+                to[axis] = target[axis];
+            }
+        }
+        to
+    }
+
+    /// After a motion block: Z is where the tool length in force asks for it (D22), or where G53 has put it.
+    fn arrived(&mut self, words: &AxisWords) {
+        let reached = match words.frame {
+            Frame::Work => !words.named.is_empty(),
+            Frame::Machine => words.named.contains(Axis::Z),
+        };
+        if reached {
+            self.tool_shift = 0.0;
+        }
+    }
+
+    /// D23.
+    fn without_offsets(&self, block: &Block, what: &str) -> Result<(), Alarm> {
+        let length = self.transform.tool_length;
+        if length == 0.0 && block.compensation == Compensation::Off {
+            return Ok(());
+        }
+        let text = match block.compensation {
+            Compensation::Off => format!("{what}: the tool length offset is {length} mm"),
+            _ => format!("{what}: cutter compensation is on"),
+        };
+        Err(Alarm::new(&OFFSET_IN_FORCE, text))
+    }
+
+    /// The axes that move from here to there end within their limits.
+    fn within_all_soft_limits(&self, from: AxisVector, to: AxisVector) -> Result<(), Alarm> {
         Axis::ALL
             .into_iter()
-            .filter(|&axis| (to[axis] - self.at[axis]).abs() >= LENGTH_MIN)
-            .try_for_each(|axis| self.within_soft_limits(axis, to[axis]))?;
-        Ok(to)
+            .filter(|&axis| (to[axis] - from[axis]).abs() >= LENGTH_MIN)
+            .try_for_each(|axis| self.within_soft_limits(axis, to[axis]))
     }
 
     fn within_soft_limits(&self, axis: Axis, value: f64) -> Result<(), Alarm> {
@@ -268,9 +440,9 @@ impl PathStage {
     }
 }
 
-/// The work position of a machine position: the transform undone.
+/// The work position of a machine position: the transform undone (D20), tool length included.
 pub fn work_position(transform: &Transform, machine: MachinePosition) -> WorkPosition {
-    WorkPosition(machine.0.minus(transform.work_offset))
+    WorkPosition(transform::inverse(transform, machine.0))
 }
 
 fn moves(from: AxisVector, to: AxisVector) -> bool {
@@ -278,15 +450,4 @@ fn moves(from: AxisVector, to: AxisVector) -> bool {
         .0
         .iter()
         .any(|distance| distance.abs() >= LENGTH_MIN)
-}
-
-fn finite(vector: AxisVector, name: &str) -> Result<(), Alarm> {
-    let not_finite = Axis::ALL.into_iter().find(|&axis| !vector[axis].is_finite());
-    match not_finite {
-        None => Ok(()),
-        Some(axis) => {
-            let text = format!("The {name} of axis {} is {}", axis.letter(), vector[axis]);
-            Err(Alarm::new(&VALUE_NOT_FINITE, text))
-        }
-    }
 }

@@ -1,0 +1,8 @@
+//! The path stage from outside: blocks in, segments out.
+
+#![allow(clippy::unwrap_used, clippy::panic, reason = "tests fail by panicking")]
+
+mod reference;
+mod rig;
+mod stage;
+mod transforms;
