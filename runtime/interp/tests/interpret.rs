@@ -59,6 +59,7 @@ fn settings() -> CoordinateSystemSettings {
         override_slew_ms: 1000.0,
         hold_slew_ms: 200.0,
         servo_period_s: 0.001,
+        motion: tandem_model::settings::MotionOptions::default(),
     }
 }
 

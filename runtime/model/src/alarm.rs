@@ -67,6 +67,8 @@ alarms! {
     SOFT_LIMIT = 102, "The target is beyond a soft limit", "Correct the position or the work offset; nothing has moved.";
     LIMIT_ZERO = 103, "A motor's velocity or acceleration limit is zero", "Set a limit above zero in the configuration.";
     OFFSET_IN_FORCE = 110, "Cutter compensation or a tool offset is on", "Cancel it with G40 or G49 before G53, G28 and G30 (D23).";
+    ARC_IMPOSSIBLE = 111, "There is no such arc", "Correct the target, the centre (I, J, K) or the radius (R).";
+    ARC_DISTORTED = 112, "The transforms in force leave no circle", "Scale both axes of the plane alike, and rotate in the arc's plane (D21).";
     MOTION_NOT_SUPPORTED = 199, "This motion is not supported yet", "Write the block with codes that are supported.";
     // 200 to 299: servo
     IN_POSITION_TIMEOUT = 200, "A motor did not come into position in time", "Look at the drive, in_position and in_position_timeout_ms.";

@@ -1,5 +1,6 @@
 //! What the stages hand on: [`Item`] and [`Block`] from `interp`, [`Segment`] from `path`.
 
+use crate::arc::ArcPath;
 use crate::axis::{Axis, AxisSet, AxisVector};
 use crate::span::Origin;
 
@@ -351,6 +352,8 @@ pub enum Path {
         /// What F counts: mm over X, Y, Z, or degrees when only rotary axes move.
         length: f64,
     },
+    /// A circle, spiral, helix or cone.
+    Arc(ArcPath),
 }
 
 impl Path {
@@ -358,6 +361,7 @@ impl Path {
     pub fn start(&self) -> AxisVector {
         match self {
             Path::Line { from, .. } => *from,
+            Path::Arc(arc) => arc.start(),
         }
     }
 
@@ -365,6 +369,7 @@ impl Path {
     pub fn end(&self) -> AxisVector {
         match self {
             Path::Line { to, .. } => *to,
+            Path::Arc(arc) => arc.end(),
         }
     }
 
@@ -372,6 +377,15 @@ impl Path {
     pub fn length(&self) -> f64 {
         match self {
             Path::Line { length, .. } => *length,
+            Path::Arc(arc) => arc.length(),
+        }
+    }
+
+    /// Bound of the change of an axis per unit of the path's length; 0 for an axis that rests.
+    pub fn steepest(&self, axis: Axis) -> f64 {
+        match self {
+            Path::Line { from, to, length } => (to[axis] - from[axis]).abs() / length,
+            Path::Arc(arc) => arc.steepest(axis),
         }
     }
 
@@ -387,6 +401,7 @@ impl Path {
                     from.plus(to.minus(*from).scaled(distance / length))
                 }
             }
+            Path::Arc(arc) => arc.point_at(distance),
         }
     }
 }

@@ -5,6 +5,7 @@
 //! Nothing here reads a clock, a file or a socket; the same input gives the same bytes.
 
 pub mod alarm;
+pub mod arc;
 pub mod axis;
 pub mod diagnostic;
 pub mod flow;
@@ -15,6 +16,7 @@ pub mod settings;
 pub mod span;
 
 pub use alarm::Alarm;
+pub use arc::ArcPath;
 pub use axis::{AXES_MAX, Axis, AxisSet, AxisVector, MachinePosition, ProgrammedPosition, WorkPosition};
 pub use diagnostic::{Diagnostic, Severity};
 pub use span::{Origin, Span};

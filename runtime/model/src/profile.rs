@@ -35,12 +35,9 @@ pub enum TimeBase {
     Fixed,
 }
 
-/// Position as a function of time.
+/// Position as a function of time. Nothing in it is boxed: the servo cycle would free it, and must not call the
+/// allocator.
 #[derive(Debug, Clone, PartialEq)]
-#[expect(
-    clippy::large_enum_variant,
-    reason = "a box would be freed by the servo cycle, which must not call the allocator"
-)]
 pub enum Law {
     /// One speed along a path, a ramp at each end.
     Ramped {

@@ -29,6 +29,23 @@ pub struct CoordinateSystemSettings {
     pub hold_slew_ms: f64,
     /// Servo period, s.
     pub servo_period_s: f64,
+    /// Rules of path and motion that have a usual value.
+    pub motion: MotionOptions,
+}
+
+/// Rules of path and motion that have a usual value.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MotionOptions {
+    /// R form of an arc: how much the radius may fall short of half the chord, mm (D26).
+    pub arc_radius_tolerance_mm: f64,
+}
+
+impl Default for MotionOptions {
+    fn default() -> Self {
+        Self {
+            arc_radius_tolerance_mm: 0.01,
+        }
+    }
 }
 
 impl CoordinateSystemSettings {

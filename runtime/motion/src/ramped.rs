@@ -57,10 +57,9 @@ fn speed_limit(settings: &CoordinateSystemSettings, path: &Path, feed: Feed) -> 
         return Err(Alarm::new(&VALUE_OUT_OF_RANGE, text));
     }
     let mut speed = feedrate.min(maximum) / 60.0;
-    let way = path.end().minus(path.start());
     for axis in Axis::ALL {
-        let distance = way[axis].abs();
-        if distance == 0.0 {
+        let steepest = path.steepest(axis);
+        if steepest == 0.0 {
             continue;
         }
         let motor = settings.motors[axis.index()].as_ref();
@@ -69,7 +68,7 @@ fn speed_limit(settings: &CoordinateSystemSettings, path: &Path, feed: Feed) -> 
             let text = format!("max_velocity of axis {} is {max_velocity}", axis.letter());
             return Err(Alarm::new(&LIMIT_ZERO, text));
         }
-        speed = speed.min(max_velocity * path.length() / distance);
+        speed = speed.min(max_velocity / steepest);
     }
     if speed > 0.0 {
         Ok(speed)

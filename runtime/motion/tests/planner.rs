@@ -3,13 +3,14 @@
 #![allow(clippy::unwrap_used, clippy::panic, reason = "tests fail by panicking")]
 
 use std::collections::VecDeque;
+use std::f64::consts::{PI, TAU};
 
 use proptest::prelude::*;
 use tandem_model::alarm::{AlarmEntry, LIMIT_ZERO, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
-use tandem_model::flow::{Feed, Path, Segment, SegmentEnd, SegmentMotion};
+use tandem_model::flow::{Feed, Path, Plane, Segment, SegmentEnd, SegmentMotion, Turn};
 use tandem_model::profile::{Law, Profile, TimeBase};
 use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
-use tandem_model::{AXES_MAX, Axis, AxisVector, Origin};
+use tandem_model::{AXES_MAX, ArcPath, Axis, AxisVector, Origin};
 use tandem_motion::Planner;
 
 const PERIOD_S: f64 = 0.001;
@@ -48,6 +49,7 @@ fn settings(motors: [Option<MotorSettings>; AXES_MAX]) -> CoordinateSystemSettin
         override_slew_ms: 1000.0,
         hold_slew_ms: 200.0,
         servo_period_s: PERIOD_S,
+        motion: tandem_model::settings::MotionOptions::default(),
     }
 }
 
@@ -232,6 +234,64 @@ fn s1a_the_whole_block_slows_so_that_no_motor_exceeds_its_maximum_velocity() {
     let middle = profile.position(1.05);
     close(middle[Axis::X], 15.0);
     close(middle[Axis::C], 45.0);
+}
+
+#[test]
+fn s1f_an_arc_moves_along_its_length_as_a_line_does() {
+    // A full circle of radius 30 in Z 4 at F3000: ramps of 0.15 s.
+    let to = vector(&[0.0, 0.0, 4.0]);
+    let arc = ArcPath::new(AxisVector::ZERO, to, Plane::Xy, [30.0, 0.0], Turn::Clockwise);
+    let motion = SegmentMotion::Feed {
+        path: Path::Arc(arc),
+        feed: feed(3000.0, [100.0, 100.0, 50.0]),
+    };
+    let profile = plan(&fast(), &segment(motion));
+    let length = (TAU * 30.0).hypot(4.0);
+    close(profile.duration_s, length / 50.0 + 0.15);
+    for k in 0..=100 {
+        let t = profile.duration_s * f64::from(k) / 100.0;
+        let (_, distance) = ramped_distance(length, 50.0, [0.1, 0.1, 0.05], t);
+        let angle = PI - TAU * distance / length;
+        let position = profile.position(t);
+        close(position[Axis::X], 30.0 + 30.0 * angle.cos());
+        close(position[Axis::Y], 30.0 * angle.sin());
+        close(position[Axis::Z], 4.0 * distance / length);
+    }
+}
+
+#[test]
+fn s1f_an_arc_slows_so_that_no_motor_exceeds_its_maximum_velocity_on_it() {
+    let slow_y = |limit| {
+        let mut motors: [Option<MotorSettings>; AXES_MAX] =
+            std::array::from_fn(|_| Some(motor(1e3, 1e4, None)));
+        motors[Axis::Y.index()] = Some(motor(limit, 1e4, None));
+        settings(motors)
+    };
+    let turn = |to: [f64; 2]| {
+        let path = Path::Arc(ArcPath::new(
+            vector(&[10.0, 0.0]),
+            vector(&to),
+            Plane::Xy,
+            [0.0, 0.0],
+            Turn::CounterClockwise,
+        ));
+        let feed = feed(3000.0, [100.0, 100.0, 0.0]);
+        segment(SegmentMotion::Feed { path, feed })
+    };
+    // Y alone moves at (10, 0): its 20 mm/s hold the whole quarter.
+    let quarter = plan(&slow_y(20.0), &turn([0.0, 10.0]));
+    close(quarter.duration_s, 10.0 * PI / 2.0 / 20.0 + 0.1);
+    // From 60 to 90 degrees: |cos| is at most 1/2, so 40 mm/s are within 20 mm/s for Y.
+    let path = Path::Arc(ArcPath::new(
+        vector(&[5.0, 75.0_f64.sqrt()]),
+        vector(&[0.0, 10.0]),
+        Plane::Xy,
+        [0.0, 0.0],
+        Turn::CounterClockwise,
+    ));
+    let feed = feed(3000.0, [100.0, 100.0, 0.0]);
+    let upper = plan(&slow_y(20.0), &segment(SegmentMotion::Feed { path, feed }));
+    close(upper.duration_s, 10.0 * PI / 6.0 / 40.0 + 0.1);
 }
 
 #[test]

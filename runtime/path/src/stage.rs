@@ -1,15 +1,12 @@
 //! Blocks in, segments out.
 
-use tandem_model::alarm::{
-    AXIS_MISSING, FEEDRATE_MISSING, MOTION_NOT_SUPPORTED, OFFSET_IN_FORCE, SOFT_LIMIT, VALUE_NOT_FINITE,
-    VALUE_OUT_OF_RANGE,
-};
+use tandem_model::alarm::{FEEDRATE_MISSING, MOTION_NOT_SUPPORTED, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
 use tandem_model::flow::{
-    Action, AxisWords, Block, Compensation, Distance, Feed, Frame, MultiBlock, Path, PathControl, Segment,
-    SegmentEnd, SegmentMotion, Transform,
+    Action, AxisWords, Block, Feed, MultiBlock, Path, PathControl, Segment, SegmentEnd, SegmentMotion,
+    Transform,
 };
 use tandem_model::settings::CoordinateSystemSettings;
-use tandem_model::{Alarm, Axis, AxisSet, AxisVector, MachinePosition, Origin, WorkPosition};
+use tandem_model::{Alarm, AxisSet, AxisVector, MachinePosition, Origin, WorkPosition};
 
 use crate::transform::{self, finite};
 
@@ -23,16 +20,17 @@ pub const LENGTH_MIN: f64 = 1e-9;
 /// The path stage of one coordinate system.
 #[derive(Debug, Clone)]
 pub struct PathStage {
-    axes: AxisSet,
-    soft_limits: [Option<[f64; 2]>; tandem_model::AXES_MAX],
+    pub(crate) axes: AxisSet,
+    pub(crate) soft_limits: [Option<[f64; 2]>; tandem_model::AXES_MAX],
     /// First to fourth, machine positions.
     reference_points: [AxisVector; 4],
+    pub(crate) arc_radius_tolerance_mm: f64,
     default_feedrate_mm_min: f64,
     rotary_feedrate_deg_min: f64,
-    transform: Transform,
-    at: AxisVector,
+    pub(crate) transform: Transform,
+    pub(crate) at: AxisVector,
     /// Change of the tool length that no motion block has made good yet (D22), mm.
-    tool_shift: f64,
+    pub(crate) tool_shift: f64,
     /// The last segment, while it is open whether it ends in a stop.
     held_back: Option<Segment>,
 }
@@ -52,6 +50,7 @@ impl PathStage {
                         .map_or(0.0, |motor| motor.reference_points[point])
                 }))
             }),
+            arc_radius_tolerance_mm: settings.motion.arc_radius_tolerance_mm,
             default_feedrate_mm_min: settings.default_feedrate_mm_min,
             rotary_feedrate_deg_min: settings.rotary_feedrate_deg_min,
             transform: Transform::default(),
@@ -67,7 +66,8 @@ impl PathStage {
     /// # Errors
     /// An alarm at the block's origin when it cannot run; the stage is as before the block then, and nothing was
     /// put out for it: `VALUE_NOT_FINITE`, `VALUE_OUT_OF_RANGE` (negative dwell, scale factor 0, reference point not
-    /// 1 to 4), `AXIS_MISSING`, `SOFT_LIMIT`, `FEEDRATE_MISSING`, `OFFSET_IN_FORCE` (D23), `MOTION_NOT_SUPPORTED`.
+    /// 1 to 4), `AXIS_MISSING`, `SOFT_LIMIT`, `FEEDRATE_MISSING`, `OFFSET_IN_FORCE` (D23), `ARC_IMPOSSIBLE`,
+    /// `ARC_DISTORTED` (D21), `MOTION_NOT_SUPPORTED`.
     pub fn push(&mut self, block: &Block, out: &mut Vec<Segment>) -> Result<(), Alarm> {
         self.take(block, out).map_err(|alarm| alarm.at(block.origin))
     }
@@ -112,7 +112,11 @@ impl PathStage {
             Action::Rapid(words) => self.rapid(block, words, out)?,
             Action::Linear(words) => self.linear(block, words, out)?,
             Action::Reference { middle, point } => self.reference(block, middle, *point, out)?,
-            Action::Arc(_) | Action::Skip(_) | Action::Tap(_) => {
+            Action::Arc(arc) => {
+                let path = self.arc(block, arc)?;
+                self.feed(block, &arc.target, path, out)?;
+            }
+            Action::Skip(_) | Action::Tap(_) => {
                 return Err(Alarm::new(&MOTION_NOT_SUPPORTED, "The block cannot be moved"));
             }
         }
@@ -148,7 +152,7 @@ impl PathStage {
         // G00 is never blended (motion-semantics 1c), so it waits for no other block.
         self.release(SegmentEnd::ExactStop, out);
         self.rapid_to(block.origin, to, out);
-        self.arrived(words);
+        self.arrived(block, words);
         Ok(())
     }
 
@@ -199,7 +203,7 @@ impl PathStage {
         if words.named.is_empty() {
             self.tool_shift = 0.0;
         } else {
-            self.arrived(words);
+            self.arrived(block, words);
         }
         Ok(())
     }
@@ -222,7 +226,8 @@ impl PathStage {
         let segment = path.map(|path| self.segment(block, path)).transpose()?;
         let each_block_stops = block.path_control == PathControl::ExactStop;
         // Two blocks blend only when both are in G64.
-        let stop_before = each_block_stops || block.exact_stop_before || words.named.is_empty();
+        let no_movement = segment.is_none() && words.named.is_empty();
+        let stop_before = each_block_stops || block.exact_stop_before || no_movement;
         if let Some((segment, to)) = segment {
             let end = if stop_before {
                 SegmentEnd::ExactStop
@@ -235,7 +240,7 @@ impl PathStage {
         } else if stop_before {
             self.release(SegmentEnd::ExactStop, out);
         }
-        self.arrived(words);
+        self.arrived(block, words);
         if each_block_stops || block.exact_stop_after {
             self.release(SegmentEnd::ExactStop, out);
         }
@@ -243,7 +248,7 @@ impl PathStage {
     }
 
     /// The straight line to a machine position; `None` when that is no move.
-    fn line(&self, to: AxisVector) -> Result<Option<Path>, Alarm> {
+    pub(crate) fn line(&self, to: AxisVector) -> Result<Option<Path>, Alarm> {
         if !moves(self.at, to) {
             return Ok(None);
         }
@@ -312,125 +317,6 @@ impl PathStage {
             end: SegmentEnd::Continuous,
         };
         Ok((segment, to))
-    }
-
-    /// The machine position that axis words lead to, on axes that the coordinate system has.
-    fn target(&self, block: &Block, words: &AxisWords) -> Result<AxisVector, Alarm> {
-        if block.compensation != Compensation::Off {
-            return Err(Alarm::new(&MOTION_NOT_SUPPORTED, "Cutter compensation is on"));
-        }
-        if let Some(axis) = words.named.iter().find(|axis| !self.axes.contains(*axis)) {
-            return Err(Self::axis_missing(axis));
-        }
-        let to = match words.frame {
-            Frame::Work => self.work_target(words),
-            Frame::Machine => {
-                self.without_offsets(block, "G53")?;
-                let mut to = self.at;
-                for axis in words.named.iter() {
-                    to[axis] = words.values[axis]
-                        + match words.distance {
-                            Distance::Absolute => 0.0,
-                            Distance::Incremental => self.at[axis],
-                        };
-                }
-                to
-            }
-        };
-        finite(to, "target")?;
-        let missing = Axis::ALL
-            .into_iter()
-            .find(|&axis| !self.axes.contains(axis) && (to[axis] - self.at[axis]).abs() >= LENGTH_MIN);
-        match missing {
-            Some(axis) => Err(Self::axis_missing(axis)),
-            None => Ok(to),
-        }
-    }
-
-    fn axis_missing(axis: Axis) -> Alarm {
-        Alarm::new(&AXIS_MISSING, format!("The block moves axis {}", axis.letter()))
-    }
-
-    /// The target in the coordinates in force. Axes that no word moves stay as they are to the last bit.
-    fn work_target(&self, words: &AxisWords) -> AxisVector {
-        let transform = &self.transform;
-        let mut from = self.at;
-        if !words.named.is_empty() {
-            from[Axis::Z] += self.tool_shift;
-        }
-        let mut programmed = match words.distance {
-            Distance::Absolute => transform::inverse(transform, from),
-            Distance::Incremental => AxisVector::ZERO,
-        };
-        let mut moved = AxisSet::EMPTY;
-        for axis in words.named.iter() {
-            programmed[axis] = words.values[axis];
-            moved.insert(axis);
-            for coupled in transform::couples(transform, axis).into_iter().flatten() {
-                moved.insert(coupled);
-            }
-        }
-        let target = match words.distance {
-            Distance::Absolute => transform::forward(transform, programmed),
-            Distance::Incremental => from.plus(transform::linear(transform, programmed)),
-        };
-        let mut to = from;
-        for axis in moved.iter() {
-            let is_rounding = (target[axis] - from[axis]).abs() < LENGTH_MIN;
-            if words.named.contains(axis) || !is_rounding {
-                to[axis] = target[axis];
-            }
-        }
-        to
-    }
-
-    /// After a motion block: Z is where the tool length in force asks for it (D22), or where G53 has put it.
-    fn arrived(&mut self, words: &AxisWords) {
-        let reached = match words.frame {
-            Frame::Work => !words.named.is_empty(),
-            Frame::Machine => words.named.contains(Axis::Z),
-        };
-        if reached {
-            self.tool_shift = 0.0;
-        }
-    }
-
-    /// D23.
-    fn without_offsets(&self, block: &Block, what: &str) -> Result<(), Alarm> {
-        let length = self.transform.tool_length;
-        if length == 0.0 && block.compensation == Compensation::Off {
-            return Ok(());
-        }
-        let text = match block.compensation {
-            Compensation::Off => format!("{what}: the tool length offset is {length} mm"),
-            _ => format!("{what}: cutter compensation is on"),
-        };
-        Err(Alarm::new(&OFFSET_IN_FORCE, text))
-    }
-
-    /// The axes that move from here to there end within their limits.
-    fn within_all_soft_limits(&self, from: AxisVector, to: AxisVector) -> Result<(), Alarm> {
-        Axis::ALL
-            .into_iter()
-            .filter(|&axis| (to[axis] - from[axis]).abs() >= LENGTH_MIN)
-            .try_for_each(|axis| self.within_soft_limits(axis, to[axis]))
-    }
-
-    fn within_soft_limits(&self, axis: Axis, value: f64) -> Result<(), Alarm> {
-        let Some([lowest, highest]) = self.soft_limits[axis.index()] else {
-            return Ok(());
-        };
-        let (which, limit) = if value < lowest - LENGTH_MIN {
-            ("lower", lowest)
-        } else if value > highest + LENGTH_MIN {
-            ("upper", highest)
-        } else {
-            return Ok(());
-        };
-        let letter = axis.letter();
-        let text =
-            format!("Axis {letter} would go to {value:.6} (machine), beyond its {which} limit {limit:.6}");
-        Err(Alarm::new(&SOFT_LIMIT, text))
     }
 
     fn release(&mut self, end: SegmentEnd, out: &mut Vec<Segment>) {

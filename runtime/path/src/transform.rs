@@ -1,7 +1,7 @@
 //! From the programmed point to the machine position and back (D20).
 
 use tandem_model::alarm::{VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
-use tandem_model::flow::{Rotation, Transform};
+use tandem_model::flow::{Plane, Rotation, Transform};
 use tandem_model::{Alarm, Axis, AxisVector};
 
 /// The machine position of a programmed point: mirror, scaling, rotation, local, work offset, tool length.
@@ -75,6 +75,35 @@ pub(crate) fn inverse(transform: &Transform, machine: AxisVector) -> AxisVector 
 pub(crate) fn couples(transform: &Transform, axis: Axis) -> Option<[Axis; 2]> {
     let axes = transform.rotation.as_ref()?.plane.axes();
     axes.contains(&axis).then_some(axes)
+}
+
+/// What an arc of this plane becomes: `None` when it is no arc of this plane any more (D21), else its scale and
+/// whether its sense of turning changes.
+pub(crate) fn arc_scale(transform: &Transform, plane: Plane) -> Option<(f64, bool)> {
+    let rotated_out = transform
+        .rotation
+        .as_ref()
+        .is_some_and(|rotation| rotation.plane != plane && rotation.angle_deg.rem_euclid(360.0) != 0.0);
+    if rotated_out {
+        return None;
+    }
+    let mut scales = [1.0; 2];
+    for (scale, axis) in scales.iter_mut().zip(plane.axes()) {
+        if let Some(scaling) = &transform.scaling {
+            *scale *= scaling.factors[axis.index()];
+        }
+        if transform
+            .mirror
+            .as_ref()
+            .is_some_and(|mirror| mirror.axes.contains(axis))
+        {
+            *scale = -*scale;
+        }
+    }
+    let [first, second] = scales;
+    // Factors are typed in or read from one variable: equal means equal up to rounding.
+    let equal = (first.abs() - second.abs()).abs() <= 1e-12 * first.abs();
+    equal.then_some((first.abs(), first * second < 0.0))
 }
 
 /// # Errors

@@ -62,6 +62,7 @@ fn settings(axes: usize) -> CoordinateSystemSettings {
         override_slew_ms: 1000.0,
         hold_slew_ms: 200.0,
         servo_period_s: T,
+        motion: tandem_model::settings::MotionOptions::default(),
     }
 }
 

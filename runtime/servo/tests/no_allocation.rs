@@ -82,6 +82,7 @@ fn settings(spindle: bool) -> CoordinateSystemSettings {
         override_slew_ms: 1000.0,
         hold_slew_ms: 20.0,
         servo_period_s: T,
+        motion: tandem_model::settings::MotionOptions::default(),
     }
 }
 

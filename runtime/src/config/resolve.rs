@@ -483,6 +483,7 @@ impl CoordinateSystemConfig {
             override_slew_ms: self.override_slew_ms,
             hold_slew_ms: self.hold_slew_ms,
             servo_period_s: servo_period_us as f64 / 1e6,
+            motion: tandem_model::settings::MotionOptions::default(),
         }
     }
 

@@ -55,6 +55,7 @@ pub fn settings() -> CoordinateSystemSettings {
         override_slew_ms: 1000.0,
         hold_slew_ms: 200.0,
         servo_period_s: 0.001,
+        motion: tandem_model::settings::MotionOptions::default(),
     }
 }
 

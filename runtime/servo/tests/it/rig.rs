@@ -45,6 +45,7 @@ pub fn settings() -> CoordinateSystemSettings {
         override_slew_ms: 1000.0,
         hold_slew_ms: 200.0,
         servo_period_s: T,
+        motion: tandem_model::settings::MotionOptions::default(),
     }
 }
 
