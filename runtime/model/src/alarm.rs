@@ -72,6 +72,7 @@ alarms! {
     MOTION_NOT_SUPPORTED = 199, "This motion is not supported yet", "Write the block with codes that are supported.";
     // 200 to 299: servo
     IN_POSITION_TIMEOUT = 200, "A motor did not come into position in time", "Look at the drive, in_position and in_position_timeout_ms.";
+    MOTION_RAN_OUT = 201, "The motion prepared ran out within a blended chain", "Reset; report the log if it happens again.";
     POSITION_JUMP = 202, "A motion does not begin where the machine is", "Reset; report the log if it happens again.";
     SPINDLE_MISSING = 203, "The coordinate system has no spindle", "Assign a spindle motor in the configuration.";
     // 300 to 399: sequence control

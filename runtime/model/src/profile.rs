@@ -39,7 +39,8 @@ pub enum TimeBase {
 /// allocator.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Law {
-    /// One speed along a path, a ramp at each end.
+    /// One speed along a path, a ramp at each end: from rest to rest, or blended with the blocks beside it. A blended
+    /// block's profile begins where the ramp from the block before is over, and ends with the ramp to the next one.
     Ramped {
         /// The geometry.
         path: Path,
@@ -47,8 +48,13 @@ pub enum Law {
         speed: f64,
         /// From rest to speed.
         start: UnitRamp,
-        /// From speed to rest.
+        /// From speed to rest, or over to the speed of the next block.
         stop: UnitRamp,
+        /// How far the start ramp has come when the profile begins, s: 0 from rest; all of it when the block began
+        /// within the profile before.
+        begun_s: f64,
+        /// The block that begins along the stop ramp; `None`: this one ends at rest.
+        next: Option<Lead>,
     },
     /// Each motor alone: start position and its own law.
     Motors {
@@ -64,6 +70,22 @@ pub enum Law {
         /// Where, machine coordinates.
         at: AxisVector,
     },
+}
+
+/// The begin of the next block within the profile of the one before it (motion-semantics 1b).
+#[derive(Debug, Clone, PartialEq)]
+pub struct Lead {
+    /// The next block's geometry.
+    pub path: Path,
+    /// Its speed after the ramp, path units per second.
+    pub speed: f64,
+}
+
+impl Lead {
+    /// How far the machine is from the joint because of the next block, `ramped_s` being P of the common ramp.
+    fn offset(&self, ramped_s: f64) -> AxisVector {
+        self.path.point_at(self.speed * ramped_s).minus(self.path.start())
+    }
 }
 
 /// The shortest way of one motor over a distance with limited speed, acceleration and jerk, from rest to rest; all
@@ -108,8 +130,8 @@ impl MotorMove {
 }
 
 impl Profile {
-    /// Position at rest after the profile, machine coordinates.
-    pub fn end(&self) -> AxisVector {
+    /// Where the block ends as programmed, machine coordinates.
+    pub fn target(&self) -> AxisVector {
         match &self.law {
             Law::Ramped { path, .. } => path.end(),
             Law::Motors { to, .. } => *to,
@@ -117,7 +139,21 @@ impl Profile {
         }
     }
 
-    /// Commanded machine position `t_s` seconds after the start; exact at both ends.
+    /// Last position of the profile, machine coordinates: its target, and what the next block has gone by then.
+    pub fn end(&self) -> AxisVector {
+        match &self.law {
+            Law::Ramped {
+                path,
+                stop,
+                next: Some(next),
+                ..
+            } => path.end().plus(next.offset(stop.duration_s() / 2.0)),
+            _ => self.target(),
+        }
+    }
+
+    /// Commanded machine position `t_s` seconds after the start; exact at both ends. A time before the start counts as
+    /// the start.
     pub fn position(&self, t_s: f64) -> AxisVector {
         if t_s >= self.duration_s {
             return self.end();
@@ -128,9 +164,16 @@ impl Profile {
                 speed,
                 start,
                 stop,
+                begun_s,
+                next,
             } => {
                 let stop_begins_s = self.duration_s - stop.duration_s();
-                path.point_at(speed * (start.distance(t_s) - stop.distance(t_s - stop_begins_s)))
+                let stopped_s = stop.distance(t_s - stop_begins_s);
+                let own = path.point_at(speed * (start.distance(t_s + begun_s) - stopped_s));
+                match next {
+                    Some(next) => own.plus(next.offset(stopped_s)),
+                    None => own,
+                }
             }
             Law::Motors { from, to, moves } => AxisVector(std::array::from_fn(|i| {
                 if t_s >= moves[i].duration_s() {

@@ -18,6 +18,19 @@ impl UnitRamp {
         }
     }
 
+    /// The same ramp within `duration_s`: the jerk time gives way first, then the acceleration time.
+    #[must_use]
+    pub fn at_most(self, duration_s: f64) -> Self {
+        if self.duration_s() <= duration_s {
+            return self;
+        }
+        let ta_s = self.ta_s.min(duration_s);
+        Self {
+            ta_s,
+            ts_s: duration_s - ta_s,
+        }
+    }
+
     /// Duration `ta + ts`, s.
     pub fn duration_s(self) -> f64 {
         self.ta_s + self.ts_s
@@ -110,6 +123,16 @@ mod tests {
     #[test]
     fn acceleration_time_is_never_below_jerk_time() {
         close(UnitRamp::new(0.01, 0.05).duration_s(), 0.1);
+    }
+
+    #[test]
+    fn s1b_in_a_shorter_ramp_the_jerk_time_gives_way_first() {
+        let ramp = UnitRamp::new(0.1, 0.05);
+        assert_eq!(ramp.at_most(0.2), ramp);
+        let shorter = ramp.at_most(0.12);
+        close(shorter.ta_s, 0.1);
+        close(shorter.ts_s, 0.02);
+        assert_eq!(ramp.at_most(0.04), UnitRamp::new(0.04, 0.0));
     }
 
     #[test]

@@ -38,12 +38,25 @@ pub struct CoordinateSystemSettings {
 pub struct MotionOptions {
     /// R form of an arc: how much the radius may fall short of half the chord, mm (D26).
     pub arc_radius_tolerance_mm: f64,
+    /// What gives way in a chain of blended blocks that are too short for their ramps (motion-semantics 1b).
+    pub short_block: ShortBlock,
+}
+
+/// What gives way in a chain of blended blocks that are too short for their ramps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ShortBlock {
+    /// The ramps: the feedrate is kept.
+    #[default]
+    Shrink,
+    /// The feedrate: the ramps are kept.
+    Extend,
 }
 
 impl Default for MotionOptions {
     fn default() -> Self {
         Self {
             arc_radius_tolerance_mm: 0.01,
+            short_block: ShortBlock::Shrink,
         }
     }
 }

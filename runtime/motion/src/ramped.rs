@@ -1,4 +1,4 @@
-//! G01 from rest to rest along a path (motion-semantics 1a).
+//! G01 along a path: from rest to rest (motion-semantics 1a), and what a chain needs of it.
 
 use tandem_model::alarm::{LIMIT_ZERO, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
 use tandem_model::flow::{Feed, Path};
@@ -35,6 +35,8 @@ pub(crate) fn plan(settings: &CoordinateSystemSettings, path: &Path, feed: Feed)
             speed,
             start,
             stop,
+            begun_s: 0.0,
+            next: None,
         },
         duration_s,
         time_base: TimeBase::Feed,
@@ -43,7 +45,11 @@ pub(crate) fn plan(settings: &CoordinateSystemSettings, path: &Path, feed: Feed)
 
 /// F in units per second, clipped by the coordinate system's maximum feedrate and slowed until no motor exceeds its
 /// maximum velocity.
-fn speed_limit(settings: &CoordinateSystemSettings, path: &Path, feed: Feed) -> Result<f64, Alarm> {
+pub(crate) fn speed_limit(
+    settings: &CoordinateSystemSettings,
+    path: &Path,
+    feed: Feed,
+) -> Result<f64, Alarm> {
     let feedrate = feed.feedrate_mm_min;
     if !feedrate.is_finite() {
         return Err(Alarm::new(
@@ -79,7 +85,7 @@ fn speed_limit(settings: &CoordinateSystemSettings, path: &Path, feed: Feed) -> 
 }
 
 /// A programmed ramp. An acceleration time of 0 counts as one servo period; then it is at least the jerk time.
-fn ramp(
+pub(crate) fn ramp(
     settings: &CoordinateSystemSettings,
     name: &str,
     time_ms: f64,

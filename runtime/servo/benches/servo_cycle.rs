@@ -88,6 +88,8 @@ fn law(rapid: bool) -> (Law, TimeBase) {
             speed: 2.0 * length / DURATION_S,
             start: ramp,
             stop: ramp,
+            begun_s: 0.0,
+            next: None,
         };
         (law, TimeBase::Feed)
     }

@@ -48,6 +48,8 @@ pub struct Channel {
     /// Older profiles never run.
     pub(crate) epoch: u32,
     pub(crate) hold: Hold,
+    /// The next profile of a chain is late: the motion waits for it on its path.
+    pub(crate) starved: bool,
     pub(crate) faulted: bool,
     pub(crate) setpoint: AxisVector,
     /// Change of the setpoint in the last cycle, units per second.
@@ -130,6 +132,7 @@ pub fn channel_with_drives(
         stopping: None,
         epoch: 0,
         hold: Hold::Off,
+        starved: false,
         faulted: false,
         setpoint: AxisVector::ZERO,
         velocity: AxisVector::ZERO,
@@ -194,7 +197,7 @@ impl Channel {
             time_s,
             commanded: MachinePosition(self.setpoint),
             actual: MachinePosition(self.motors.actual()),
-            distance_to_go: running.map_or(AxisVector::ZERO, |profile| profile.end().minus(self.setpoint)),
+            distance_to_go: running.map_or(AxisVector::ZERO, |profile| profile.target().minus(self.setpoint)),
             feedrate_mm_min: speed * 60.0,
             rate: moving_rate,
             segment: self.last_segment,

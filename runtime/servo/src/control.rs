@@ -1,6 +1,6 @@
 //! What the coordinator tells a channel, and what the channel tells back.
 
-use tandem_model::alarm::{Alarm, IN_POSITION_TIMEOUT, POSITION_JUMP, SPINDLE_MISSING};
+use tandem_model::alarm::{Alarm, IN_POSITION_TIMEOUT, MOTION_RAN_OUT, POSITION_JUMP, SPINDLE_MISSING};
 use tandem_model::{Axis, MachinePosition, Origin};
 
 /// A command to one channel. Taken at the start of a servo cycle, in the order given.
@@ -111,6 +111,11 @@ pub enum Fault {
         /// Distance that the motor would have jumped, mm or degrees.
         jump: f64,
     },
+    /// A chain's next profile was missing when its joint was passed: the motors brake off the path.
+    RanOut {
+        /// Segment number of the last profile.
+        segment: u64,
+    },
     /// A spindle was commanded in a coordinate system without one.
     SpindleMissing,
 }
@@ -136,6 +141,10 @@ impl Fault {
                     "Motor {motor} (axis {}) would jump by {jump:.6}; the profile was not started",
                     axis.letter()
                 ),
+            ),
+            Fault::RanOut { segment } => Alarm::new(
+                &MOTION_RAN_OUT,
+                format!("Nothing followed segment {segment} in time; the motors brake off the path"),
             ),
             Fault::SpindleMissing => Alarm::new(
                 &SPINDLE_MISSING,

@@ -125,6 +125,11 @@ impl Channel {
         {
             return;
         }
+        // A chain begins when its second block is there, too.
+        let alone = self.profiles.slots() < 2 && self.profiles.peek().is_ok_and(|first| !first.exact_stop);
+        if alone {
+            return;
+        }
         let Some(profile) = self.next_profile() else {
             return;
         };
@@ -144,6 +149,7 @@ impl Channel {
         });
         self.current = Some(profile);
         self.ended_cycles = None;
+        self.starved = false;
         self.sample(time_s, 0.0);
     }
 
@@ -161,8 +167,9 @@ impl Channel {
             *cycles += 1;
             return;
         }
+        self.starved = self.runs_dry();
         let Some(profile) = &self.current else { return };
-        let slows = self.hold != Hold::Off || self.stopping.is_some();
+        let slows = self.hold != Hold::Off || self.stopping.is_some() || self.starved;
         let target = if slows {
             0.0
         } else {
@@ -178,8 +185,21 @@ impl Channel {
         self.sample(time_s, t_s);
     }
 
-    /// The setpoint at a profile time; at the end of a profile that another follows without a stop, in that one. Where
-    /// that one is missing the channel stays at the end point: the planner never lets a chain's queue end in motion.
+    /// True when the next profile of a chain is missing, and what is left of this one is the way to rest at the slew of
+    /// feed hold; then until it is there. So a late planner slows the motion, and never takes it off its path.
+    fn runs_dry(&self) -> bool {
+        let Some(profile) = &self.current else {
+            return false;
+        };
+        if profile.exact_stop || !self.profiles.is_empty() {
+            return false;
+        }
+        let rate = self.time.rate();
+        let stopping_s = rate * rate / (2.0 * self.hold_slope) + rate * self.period_s;
+        self.starved || profile.duration_s - self.time.now_s() <= stopping_s
+    }
+
+    /// The setpoint at a profile time; at the end of a profile that another follows without a stop, in that one.
     fn sample(&mut self, time_s: f64, t_s: f64) {
         let mut t_s = t_s;
         for _ in 0..JOINTS_PER_CYCLE {
@@ -190,25 +210,38 @@ impl Channel {
                 self.command(position);
                 return;
             }
-            self.setpoint = profile.end();
+            let end = profile.end();
             if profile.exact_stop {
+                self.setpoint = end;
                 self.ended_cycles = Some(0);
                 return;
             }
             let segment = profile.segment;
             self.tell_joint(Event::Finished { segment, time_s });
             self.current = self.next_profile();
-            let Some(next) = &self.current else { return };
+            let Some(next) = &self.current else {
+                self.run_out(segment, end);
+                return;
+            };
             let (segment, origin) = (next.segment, next.origin);
+            self.setpoint = end;
             self.last_segment = segment;
             self.tell_joint(Event::Started {
                 segment,
                 origin,
                 time_s,
             });
-            t_s = (-left_s).max(0.0);
+            t_s = -left_s;
             self.time.carry(t_s);
         }
+    }
+
+    /// A joint was passed, and there is nothing behind it.
+    fn run_out(&mut self, segment: u64, end: AxisVector) {
+        self.setpoint = end;
+        let deceleration = self.motors.deceleration();
+        self.braking = Some(Brake::new(end, self.velocity, deceleration));
+        self.fail(Fault::RanOut { segment });
     }
 
     /// A position that is not a number is never commanded: the channel rests where it is, with a fault.

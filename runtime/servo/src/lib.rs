@@ -12,6 +12,9 @@
 //! - The time base is slewed only while something moves: from rest a profile starts at the override, and feed hold
 //!   stops a dwell at once. A dwell under hold loses no time.
 //! - A stop and an abort end feed hold. After a stop the spindle goes on turning.
+//! - A blended chain begins when two of its profiles are there. Where the next one is late, the motion slows on its path
+//!   with the slew of feed hold and goes on when it comes; a joint that is passed with nothing behind it is a fault.
+//! - A block of a chain counts as finished when the ramp to the next one is over.
 //! - Feed hold does not keep a block that comes to its end point from being finished.
 
 mod brake;

@@ -101,6 +101,8 @@ fn profile(n: u64) -> Profile {
                 speed: 1.0 / 0.03,
                 start: ramp,
                 stop: ramp,
+                begun_s: 0.0,
+                next: None,
             },
             TimeBase::Feed,
         ),

@@ -82,6 +82,8 @@ pub fn line(segment: u64, from: AxisVector, to: AxisVector, speed: f64, ta_s: f6
         speed,
         start: ramp,
         stop: ramp,
+        begun_s: 0.0,
+        next: None,
     };
     profile(segment, law, length / speed + ta_s, TimeBase::Feed)
 }

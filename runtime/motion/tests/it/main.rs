@@ -1,0 +1,7 @@
+//! The planner from outside: segments in, profiles out.
+
+#![allow(clippy::unwrap_used, clippy::panic, reason = "tests fail by panicking")]
+
+mod chain;
+mod planner;
+mod rig;
