@@ -331,6 +331,13 @@ pub enum SegmentMotion {
         /// Target, machine coordinates.
         to: AxisVector,
     },
+    /// G31: each motor alone at its skip velocity; one whose skip input comes turns back to where it came.
+    Skip {
+        /// Start, machine coordinates.
+        from: AxisVector,
+        /// Target, machine coordinates.
+        to: AxisVector,
+    },
     /// G04.
     Dwell {
         /// Where the machine rests, machine coordinates.

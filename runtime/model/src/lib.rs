@@ -10,6 +10,7 @@ pub mod axis;
 pub mod diagnostic;
 pub mod flow;
 pub mod limits;
+mod motor_move;
 pub mod profile;
 pub mod ramp;
 pub mod settings;

@@ -2,6 +2,7 @@
 
 use crate::axis::{AXES_MAX, AxisVector};
 use crate::flow::Path;
+pub use crate::motor_move::{MotorLimits, MotorMove};
 use crate::ramp::UnitRamp;
 use crate::span::Origin;
 
@@ -65,6 +66,15 @@ pub enum Law {
         /// One law for each axis.
         moves: [MotorMove; AXES_MAX],
     },
+    /// As `Motors`, until a motor's skip input comes: then the servo cycle takes that motor back to where it came.
+    Skip {
+        /// Start, machine coordinates.
+        from: AxisVector,
+        /// Target, machine coordinates.
+        to: AxisVector,
+        /// One law for each axis, to the target.
+        moves: [MotorMove; AXES_MAX],
+    },
     /// Rest.
     Rest {
         /// Where, machine coordinates.
@@ -88,53 +98,12 @@ impl Lead {
     }
 }
 
-/// The shortest way of one motor over a distance with limited speed, acceleration and jerk, from rest to rest; all
-/// zero: it stays.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct MotorMove {
-    /// Signed peak velocity, units per second.
-    pub velocity: f64,
-    /// Time of each of the two ramps, jerk phases included, s.
-    pub ramp_s: f64,
-    /// Time of each of the two jerk phases of a ramp, s, at most half of `ramp_s`; 0: jerk is not limited.
-    pub jerk_s: f64,
-    /// Time at peak velocity, s.
-    pub cruise_s: f64,
-}
-
-impl MotorMove {
-    /// Time from start to rest, s.
-    pub fn duration_s(&self) -> f64 {
-        2.0 * self.ramp_s + self.cruise_s
-    }
-
-    /// Distance from the start after `t_s` seconds.
-    pub fn distance(&self, t_s: f64) -> f64 {
-        let Self {
-            velocity,
-            ramp_s,
-            jerk_s,
-            cruise_s,
-        } = *self;
-        if ramp_s <= 0.0 || t_s <= 0.0 {
-            return 0.0;
-        }
-        let ramp = UnitRamp::new(ramp_s - jerk_s, jerk_s);
-        if t_s <= ramp_s + cruise_s {
-            velocity * ramp.distance(t_s)
-        } else {
-            let left = (self.duration_s() - t_s).max(0.0);
-            velocity * (ramp_s + cruise_s - ramp.distance(left))
-        }
-    }
-}
-
 impl Profile {
     /// Where the block ends as programmed, machine coordinates.
     pub fn target(&self) -> AxisVector {
         match &self.law {
             Law::Ramped { path, .. } => path.end(),
-            Law::Motors { to, .. } => *to,
+            Law::Motors { to, .. } | Law::Skip { to, .. } => *to,
             Law::Rest { at } => *at,
         }
     }
@@ -175,58 +144,16 @@ impl Profile {
                     None => own,
                 }
             }
-            Law::Motors { from, to, moves } => AxisVector(std::array::from_fn(|i| {
-                if t_s >= moves[i].duration_s() {
-                    to.0[i]
-                } else {
-                    from.0[i] + moves[i].distance(t_s)
-                }
-            })),
+            Law::Motors { from, to, moves } | Law::Skip { from, to, moves } => {
+                AxisVector(std::array::from_fn(|i| {
+                    if t_s >= moves[i].duration_s() {
+                        to.0[i]
+                    } else {
+                        from.0[i] + moves[i].distance(t_s)
+                    }
+                }))
+            }
             Law::Rest { at } => *at,
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn close(a: f64, b: f64) {
-        assert!((a - b).abs() < 1e-12, "{a} is not {b}");
-    }
-
-    #[test]
-    fn s1e_a_motor_move_without_jerk_limit_is_a_trapezoid() {
-        // v = 10, a = 100: ramps of 0.1 s, 0.5 each; cruise 0.2 s, 2.0
-        let trapezoid = MotorMove {
-            velocity: 10.0,
-            ramp_s: 0.1,
-            jerk_s: 0.0,
-            cruise_s: 0.2,
-        };
-        close(trapezoid.duration_s(), 0.4);
-        close(trapezoid.distance(0.05), 100.0 * 0.05 * 0.05 / 2.0);
-        close(trapezoid.distance(0.1), 0.5);
-        close(trapezoid.distance(0.2), 1.5);
-        close(trapezoid.distance(0.35), 3.0 - 100.0 * 0.05 * 0.05 / 2.0);
-        close(trapezoid.distance(0.4), 3.0);
-        close(trapezoid.distance(9.0), 3.0);
-    }
-
-    #[test]
-    fn s1e_a_motor_move_with_jerk_limit_has_seven_phases() {
-        // v = -8, ramp 0.2 s of jerk 0.05, constant 0.1, jerk 0.05: ta = 0.15, a = 8/0.15, j = a/0.05
-        let shaped = MotorMove {
-            velocity: -8.0,
-            ramp_s: 0.2,
-            jerk_s: 0.05,
-            cruise_s: 0.1,
-        };
-        let jerk = 8.0 / 0.15 / 0.05;
-        close(shaped.distance(0.04), -jerk * 0.04_f64.powi(3) / 6.0);
-        close(shaped.distance(0.2), -8.0 * 0.1);
-        close(shaped.distance(0.3), -8.0 * 0.2);
-        close(shaped.distance(0.46), -8.0 * 0.3 + jerk * 0.04_f64.powi(3) / 6.0);
-        close(shaped.distance(0.5), -8.0 * 0.3);
     }
 }

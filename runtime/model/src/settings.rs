@@ -40,6 +40,34 @@ pub struct MotionOptions {
     pub arc_radius_tolerance_mm: f64,
     /// What gives way in a chain of blended blocks that are too short for their ramps (motion-semantics 1b).
     pub short_block: ShortBlock,
+    /// The simulated skip input of each axis's motor (G31); `None`: its input never comes.
+    pub simulated_skip: [Option<SimulatedSkip>; AXES_MAX],
+}
+
+/// When a simulated skip input is on, by the motor's actual machine position, mm or degrees.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum SimulatedSkip {
+    /// Below this position.
+    Below(f64),
+    /// Above this position.
+    Above(f64),
+}
+
+impl SimulatedSkip {
+    /// The position at which it comes.
+    pub fn threshold(self) -> f64 {
+        match self {
+            SimulatedSkip::Below(threshold) | SimulatedSkip::Above(threshold) => threshold,
+        }
+    }
+
+    /// True when the input is on at this position.
+    pub fn is_on(self, position: f64) -> bool {
+        match self {
+            SimulatedSkip::Below(threshold) => position < threshold,
+            SimulatedSkip::Above(threshold) => position > threshold,
+        }
+    }
 }
 
 /// What gives way in a chain of blended blocks that are too short for their ramps.
@@ -57,6 +85,7 @@ impl Default for MotionOptions {
         Self {
             arc_radius_tolerance_mm: 0.01,
             short_block: ShortBlock::Shrink,
+            simulated_skip: [None; AXES_MAX],
         }
     }
 }

@@ -85,7 +85,7 @@ impl Planner {
                 };
                 self.chain.push(&self.settings, block, self.epoch, out)?;
             }
-            SegmentMotion::Rapid { .. } | SegmentMotion::Dwell { .. } => {
+            SegmentMotion::Rapid { .. } | SegmentMotion::Skip { .. } | SegmentMotion::Dwell { .. } => {
                 self.finish_chain(out);
                 out.push_back(Profile {
                     segment: number,
@@ -118,6 +118,7 @@ impl Planner {
         let planned = match &segment.motion {
             SegmentMotion::Feed { path, feed } => ramped::plan(&self.settings, path, *feed)?,
             SegmentMotion::Rapid { from, to } => rapid::plan(&self.settings, *from, *to)?,
+            SegmentMotion::Skip { from, to } => rapid::plan_skip(&self.settings, *from, *to)?,
             SegmentMotion::Dwell { at, dwell_s } => Planned {
                 law: Law::Rest { at: *at },
                 duration_s: *dwell_s,

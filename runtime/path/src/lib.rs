@@ -1,8 +1,8 @@
 //! Blocks to path segments: transforms, offsets, geometry.
 //!
 //! [`PathStage`] is asked with one block after the other and answers segments in machine coordinates. It is pure:
-//! the same blocks give the same segments. Lines, arcs (G02, G03), G00, G04, G28, G30 and G53 so far, under all
-//! transforms of D20. What is not built is refused with an alarm: G500, cutter compensation, G31 and tapping.
+//! the same blocks give the same segments. Lines, arcs (G02, G03), G00, G04, G28, G30, G31 and G53 so far, under all
+//! transforms of D20. What is not built is refused with an alarm: G500, cutter compensation and tapping.
 //!
 //! Decisions of ours, where the manual is silent:
 //! - A move shorter than [`LENGTH_MIN`] on every axis is no move: no segment, the position stays. Its exact stop
@@ -13,6 +13,7 @@
 //!   word names one of them.
 //! - An arc under a rotation of another plane is refused as one under unequal scale is (D21): it would leave its plane.
 //! - An arc whose centre is its end point has no end direction and is refused.
+//! - Where G31 ends only the servo knows: no block may be pushed before [`PathStage::skipped_to`] has told it.
 //! - Soft limits are checked for the axes that a block moves, on an arc at its turning points, too; a
 //!   machine that stands beyond a limit may come back.
 

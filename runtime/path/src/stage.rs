@@ -94,7 +94,7 @@ impl PathStage {
         &self.transform
     }
 
-    /// Where the last block ends.
+    /// Where the last block ends; after G31 without a skip input, its target.
     pub fn position(&self) -> MachinePosition {
         MachinePosition(self.at)
     }
@@ -116,7 +116,8 @@ impl PathStage {
                 let path = self.arc(block, arc)?;
                 self.feed(block, &arc.target, path, out)?;
             }
-            Action::Skip(_) | Action::Tap(_) => {
+            Action::Skip(words) => self.skip(block, words, out)?,
+            Action::Tap(_) => {
                 return Err(Alarm::new(&MOTION_NOT_SUPPORTED, "The block cannot be moved"));
             }
         }
@@ -154,6 +155,28 @@ impl PathStage {
         self.rapid_to(block.origin, to, out);
         self.arrived(block, words);
         Ok(())
+    }
+
+    fn skip(&mut self, block: &Block, words: &AxisWords, out: &mut Vec<Segment>) -> Result<(), Alarm> {
+        let to = self.target(block, words)?;
+        self.within_all_soft_limits(self.at, to)?;
+        self.release(SegmentEnd::ExactStop, out);
+        if moves(self.at, to) {
+            let motion = SegmentMotion::Skip { from: self.at, to };
+            out.push(Segment {
+                origin: block.origin,
+                motion,
+                end: SegmentEnd::ExactStop,
+            });
+            self.at = to;
+        }
+        self.arrived(block, words);
+        Ok(())
+    }
+
+    /// After G31: the machine rests here, perhaps short of the target. The transform stays.
+    pub fn skipped_to(&mut self, at: MachinePosition) {
+        self.at = at.0;
     }
 
     fn rapid_to(&mut self, origin: Origin, to: AxisVector, out: &mut Vec<Segment>) {

@@ -13,6 +13,7 @@ use crate::drive::{Drive, SimulatedDrive};
 use crate::motors::{Drives, Motors};
 use crate::path_time::{PathTime, slope};
 use crate::readings::{Reading, Readings};
+use crate::skip::SkipRun;
 use crate::spindle::SimulatedSpindle;
 
 /// Controls that may wait for one channel; the ring refuses more. A cycle takes at most 16 of them.
@@ -42,6 +43,8 @@ pub struct Channel {
     pub(crate) current: Option<Profile>,
     /// Cycles since the current profile gave its end point.
     pub(crate) ended_cycles: Option<u64>,
+    /// The motors that have turned back in the running G31.
+    pub(crate) skip: SkipRun,
     pub(crate) braking: Option<Brake>,
     /// Epoch of a stop or abort under way.
     pub(crate) stopping: Option<u32>,
@@ -128,6 +131,7 @@ pub fn channel_with_drives(
         time: PathTime::new(period_s),
         current: None,
         ended_cycles: None,
+        skip: SkipRun::default(),
         braking: None,
         stopping: None,
         epoch: 0,

@@ -1,7 +1,7 @@
 //! What the coordinator tells a channel, and what the channel tells back.
 
 use tandem_model::alarm::{Alarm, IN_POSITION_TIMEOUT, MOTION_RAN_OUT, POSITION_JUMP, SPINDLE_MISSING};
-use tandem_model::{Axis, MachinePosition, Origin};
+use tandem_model::{Axis, AxisSet, MachinePosition, Origin};
 
 /// A command to one channel. Taken at the start of a servo cycle, in the order given.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -73,6 +73,15 @@ pub enum Event {
         segment: u64,
         /// Time of the cycle, s.
         time_s: f64,
+    },
+    /// A G31 block is at its end; its [`Event::Finished`] follows (D41).
+    Captured {
+        /// Its segment number.
+        segment: u64,
+        /// Where the motors rest: those that captured a position, there; the others at their target.
+        position: MachinePosition,
+        /// The axes whose motors captured a position.
+        captured: AxisSet,
     },
     /// The command is at rest under feed hold. Once for each [`Control::Hold`] that took effect.
     Held,

@@ -11,6 +11,7 @@ use crate::brake::Brake;
 use crate::channel::{Channel, Hold};
 use crate::control::{Control, Event, Fault};
 use crate::motors::{InPosition, first_jump};
+use crate::skip::SkipRun;
 use crate::spindle::SimulatedSpindle;
 
 /// Controls taken in one cycle; the rest waits for the next.
@@ -46,6 +47,7 @@ impl Channel {
         self.executing = self.current.as_ref().map(|profile| profile.origin);
         self.velocity = self.setpoint.minus(before).scaled(1.0 / self.period_s);
         self.motors.cycle(self.setpoint);
+        self.check_skip_inputs();
         self.check_in_position(time_s);
         self.tell_rest();
         if self.spindle.as_mut().is_some_and(SimulatedSpindle::cycle) {
@@ -150,6 +152,7 @@ impl Channel {
         self.current = Some(profile);
         self.ended_cycles = None;
         self.starved = false;
+        self.skip = SkipRun::default();
         self.sample(time_s, 0.0);
     }
 
@@ -204,13 +207,13 @@ impl Channel {
         let mut t_s = t_s;
         for _ in 0..JOINTS_PER_CYCLE {
             let Some(profile) = &self.current else { return };
-            let left_s = profile.duration_s - t_s;
+            let left_s = self.skip.duration_s(profile) - t_s;
             if left_s > END_TOLERANCE * self.period_s {
-                let position = profile.position(t_s);
+                let position = self.skip.position(profile, t_s);
                 self.command(position);
                 return;
             }
-            let end = profile.end();
+            let end = self.skip.end(profile);
             if profile.exact_stop {
                 self.setpoint = end;
                 self.ended_cycles = Some(0);
@@ -263,6 +266,25 @@ impl Channel {
         }
     }
 
+    /// G31: motors whose input has come turn back from the next cycle on; one that stands beyond its threshold at the
+    /// start stays there.
+    fn check_skip_inputs(&mut self) {
+        let Some(profile) = &self.current else { return };
+        if !matches!(profile.law, Law::Skip { .. }) {
+            return;
+        }
+        let t_s = self.time.now_s();
+        for axis in Axis::ALL {
+            if !self.skip.seeks(profile, axis) {
+                continue;
+            }
+            if let Some((captured, limits)) = self.motors.skip(axis, t_s == 0.0) {
+                self.skip.turn_back(profile, axis, t_s, captured, limits);
+                self.ended_cycles = None;
+            }
+        }
+    }
+
     fn check_in_position(&mut self, time_s: f64) {
         let (Some(cycles), Some(profile)) = (self.ended_cycles, &self.current) else {
             return;
@@ -273,6 +295,13 @@ impl Channel {
             .in_position(self.setpoint, cycles as f64 * self.period_s)
         {
             InPosition::Yes => {
+                if matches!(profile.law, Law::Skip { .. }) {
+                    self.tell(Event::Captured {
+                        segment,
+                        position: MachinePosition(self.setpoint),
+                        captured: self.skip.captured(),
+                    });
+                }
                 self.give_up();
                 self.tell(Event::Finished { segment, time_s });
             }

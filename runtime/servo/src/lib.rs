@@ -15,6 +15,8 @@
 //! - A blended chain begins when two of its profiles are there. Where the next one is late, the motion slows on its path
 //!   with the slew of feed hold and goes on when it comes; a joint that is passed with nothing behind it is a fault.
 //! - A block of a chain counts as finished when the ramp to the next one is over.
+//! - After a skip input a motor brakes at `rapid_acceleration` without a jerk limit; motors that G31 does not move
+//!   capture nothing.
 //! - Feed hold does not keep a block that comes to its end point from being finished.
 
 mod brake;
@@ -26,6 +28,7 @@ mod motors;
 mod path_time;
 mod readings;
 mod servo;
+mod skip;
 mod spindle;
 #[cfg(test)]
 mod testing;

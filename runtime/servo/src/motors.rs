@@ -1,7 +1,7 @@
 //! The motors of a channel: drives, actual positions, in-position check.
 
-use tandem_model::profile::Profile;
-use tandem_model::settings::CoordinateSystemSettings;
+use tandem_model::profile::{MotorLimits, Profile};
+use tandem_model::settings::{CoordinateSystemSettings, SimulatedSkip};
 use tandem_model::{AXES_MAX, Axis, AxisVector};
 
 use crate::control::Fault;
@@ -20,6 +20,9 @@ struct Motor {
     number: u16,
     in_position: f64,
     timeout_s: f64,
+    skip_input: Option<SimulatedSkip>,
+    /// Of the way back to a captured position.
+    skip_limits: MotorLimits,
     drive: Box<dyn Drive>,
 }
 
@@ -48,6 +51,12 @@ impl Motors {
                 number: motor.number,
                 in_position: motor.in_position,
                 timeout_s: motor.in_position_timeout_ms / 1000.0,
+                skip_input: settings.motion.simulated_skip[i],
+                skip_limits: MotorLimits {
+                    velocity: motor.skip_velocity,
+                    acceleration: motor.rapid_acceleration,
+                    jerk: None,
+                },
                 drive: drives[i].take()?,
             })
         });
@@ -80,6 +89,16 @@ impl Motors {
     /// `max_acceleration` of each motor.
     pub(crate) fn deceleration(&self) -> [f64; AXES_MAX] {
         self.deceleration
+    }
+
+    /// The position at which an axis's skip input is on now: its threshold, and with `at_once` the actual position. With
+    /// the limits of the way back.
+    pub(crate) fn skip(&self, axis: Axis, at_once: bool) -> Option<(f64, MotorLimits)> {
+        let motor = self.axes[axis.index()].as_ref()?;
+        let input = motor.skip_input?;
+        let actual = self.actual[axis];
+        let position = if at_once { actual } else { input.threshold() };
+        input.is_on(actual).then_some((position, motor.skip_limits))
     }
 
     /// CNC motor number of an axis; 0 without one.

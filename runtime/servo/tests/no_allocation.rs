@@ -5,11 +5,11 @@
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
-use tandem_model::flow::Path;
-use tandem_model::profile::{Law, MotorMove, Profile, TimeBase};
+use tandem_model::flow::{Path, Plane, Turn};
+use tandem_model::profile::{Law, Lead, MotorLimits, MotorMove, Profile, TimeBase};
 use tandem_model::ramp::UnitRamp;
-use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
-use tandem_model::{AXES_MAX, AxisVector, Origin};
+use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings, SimulatedSkip};
+use tandem_model::{AXES_MAX, ArcPath, Axis, AxisVector, Origin};
 use tandem_servo::{Control, Event, Servo, SpindleDirection, channel};
 
 thread_local! {
@@ -190,4 +190,104 @@ fn the_servo_cycle_neither_allocates_nor_frees() {
     assert!(faults.count() >= 2);
     drop(Box::new(0_u8));
     assert!(CALLS.with(Cell::get) > 0, "the allocator counts");
+}
+
+#[test]
+fn blended_blocks_arcs_and_skip_inputs_neither_allocate_nor_free() {
+    let mut settings = settings(false);
+    settings.motion.simulated_skip[1] = Some(SimulatedSkip::Above(0.5));
+    let (channel, mut handle) = channel(&settings, 64);
+    let mut servo = Servo::new(vec![channel], T);
+    let point = |x, y| AxisVector([x, y, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    // A line, then a spiral and a G31 of Y back from its end.
+    let (corner, end) = (point(1.0, 0.0), point(1.5, 2.5));
+    let arc = Path::Arc(ArcPath::new(
+        corner,
+        end,
+        Plane::Xy,
+        [1.5, 1.0],
+        Turn::CounterClockwise,
+    ));
+    let (speed, ramp) = (1.0 / 0.03, UnitRamp::new(0.01, 0.01));
+    let line = Path::Line {
+        from: AxisVector::ZERO,
+        to: corner,
+        length: 1.0,
+    };
+    let limits = MotorLimits {
+        velocity: 50.0,
+        acceleration: 5000.0,
+        jerk: None,
+    };
+    let mut moves = [MotorMove::default(); AXES_MAX];
+    moves[1] = MotorMove::shortest(1.0, limits);
+    let down = [MotorMove::default(), MotorMove::shortest(-2.5, limits)];
+    let mut back = [MotorMove::default(); AXES_MAX];
+    back[..2].copy_from_slice(&down);
+    let laws = [
+        (
+            Law::Ramped {
+                path: line,
+                speed,
+                start: ramp,
+                stop: ramp,
+                begun_s: 0.0,
+                next: Some(Lead {
+                    path: arc.clone(),
+                    speed,
+                }),
+            },
+            0.03 + 0.02,
+        ),
+        (
+            Law::Ramped {
+                path: arc.clone(),
+                speed,
+                start: ramp,
+                stop: ramp,
+                begun_s: 0.02,
+                next: None,
+            },
+            arc.length() / speed,
+        ),
+        (
+            Law::Motors {
+                from: end,
+                to: point(1.5, 0.0),
+                moves: back,
+            },
+            back[1].duration_s(),
+        ),
+        (
+            Law::Skip {
+                from: point(1.5, 0.0),
+                to: point(1.5, 1.0),
+                moves,
+            },
+            moves[1].duration_s(),
+        ),
+    ];
+    for ((law, duration_s), segment) in laws.into_iter().zip(1..) {
+        let profile = Profile {
+            segment,
+            epoch: 0,
+            origin: Origin::default(),
+            law,
+            duration_s,
+            time_base: TimeBase::Feed,
+            exact_stop: segment != 1,
+        };
+        handle.profiles.push(profile).unwrap();
+    }
+    assert_eq!(cycles(&mut servo, 1000), 0, "calls of the allocator");
+    let events: Vec<Event> = std::iter::from_fn(|| handle.events.pop().ok()).collect();
+    assert!(
+        !events.iter().any(|event| matches!(event, Event::Fault(_))),
+        "{events:?}"
+    );
+    let captured = events.iter().any(|event| {
+        matches!(event, Event::Captured { position, captured, .. }
+            if captured.contains(Axis::Y) && (position.0[Axis::Y] - 0.5).abs() < 1e-12)
+    });
+    assert!(captured, "{events:?}");
 }

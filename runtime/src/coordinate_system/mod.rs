@@ -228,6 +228,7 @@ impl CoordinateSystem {
             }
             Event::Stopped { epoch, position } => self.at_rest(epoch, position),
             Event::Oriented => self.stock_oriented(),
+            Event::Captured { .. } => {}
             Event::Fault(fault) => {
                 let alarm = fault.alarm();
                 self.raise(alarm.entry.number, alarm.text, alarm.origin);

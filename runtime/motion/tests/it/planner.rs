@@ -197,6 +197,23 @@ fn s1e_g00_moves_each_motor_alone_and_ends_with_the_slowest() {
 }
 
 #[test]
+fn s1e_g31_moves_as_g00_at_the_skip_velocities() {
+    // Skip velocity is a tenth of 100: 40 mm at 10 mm/s, a 1000: 4.01 s
+    let motors = std::array::from_fn(|_| Some(motor(100.0, 1000.0, None)));
+    let (from, to) = (AxisVector::ZERO, vector(&[40.0, -5.0]));
+    let profile = plan(&settings(motors), &segment(SegmentMotion::Skip { from, to }));
+    close(profile.duration_s, 4.01);
+    // Y takes 5/10 + 0.01 s; 5 ms before its end 1000 t^2/2 are left.
+    close(profile.position(0.505)[Axis::Y], -5.0 + 500.0 * 0.005 * 0.005);
+    assert!(matches!(profile.law, Law::Skip { .. }));
+    assert_eq!(profile.time_base, TimeBase::Rapid);
+    let mut slow = fast();
+    slow.motors[1].as_mut().unwrap().skip_velocity = 0.0;
+    let text = refused(&slow, &segment(SegmentMotion::Skip { from, to }), &LIMIT_ZERO);
+    assert!(text.contains("skip_velocity") && text.contains('Y'), "{text}");
+}
+
+#[test]
 fn s1e_with_a_jerk_limit_a_rapid_has_seven_phases() {
     // v 100, a 1000, j 20000: jerk phases 0.05 s, ramps 0.15 s over 15 mm; 20 mm: 20/100 + 0.15
     let motors = std::array::from_fn(|_| Some(motor(100.0, 1000.0, Some(20_000.0))));

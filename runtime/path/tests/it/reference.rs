@@ -1,4 +1,4 @@
-//! G28 and G30.
+//! G28, G30 and G31.
 
 use tandem_model::alarm::{SOFT_LIMIT, VALUE_OUT_OF_RANGE};
 use tandem_model::flow::{Action, AxisWords, Block, Distance, SegmentEnd, SegmentMotion, Transform};
@@ -104,4 +104,30 @@ fn soft_limits_of_both_ways_are_checked_before_either_begins() {
         assert!(out.is_empty());
         assert_eq!(stage.position(), MachinePosition(AxisVector::ZERO));
     }
+}
+
+#[test]
+fn g31_goes_to_its_target_and_the_next_block_begins_where_the_servo_says_it_rests() {
+    let mut stage = stage();
+    let mut out = Vec::new();
+    let offset = Transform {
+        work_offset: xyz([0.0, 0.0, 5.0]),
+        ..Transform::default()
+    };
+    stage.push(&transform(1, offset), &mut out).unwrap();
+    stage.push(&g01(2, &[(X, 10.0)]), &mut out).unwrap();
+    let down = Action::Skip(words(Distance::Absolute, &[(Z, -20.0)]));
+    stage.push(&block(3, down), &mut out).unwrap();
+    assert_eq!(out[0].end, SegmentEnd::ExactStop, "G31 is not blended");
+    let (from, to) = (xyz([10.0, 0.0, 0.0]), xyz([10.0, 0.0, -15.0]));
+    assert_eq!(out[1].motion, SegmentMotion::Skip { from, to });
+    stage.skipped_to(MachinePosition(xyz([10.0, 0.0, -7.3])));
+    let up = words(Distance::Incremental, &[(Z, 1.0)]);
+    stage.push(&block(4, Action::Rapid(up)), &mut out).unwrap();
+    near(target(&out[2]), [10.0, 0.0, -6.3]);
+    let beyond = Action::Skip(words(Distance::Absolute, &[(Z, -106.0)]));
+    assert_eq!(
+        stage.push(&block(5, beyond), &mut out).unwrap_err().entry,
+        &SOFT_LIMIT
+    );
 }

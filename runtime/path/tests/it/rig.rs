@@ -130,7 +130,7 @@ pub fn ends(segments: &[Segment]) -> Vec<(u32, SegmentEnd)> {
 pub fn target(segment: &Segment) -> [f64; 3] {
     let end = match &segment.motion {
         SegmentMotion::Feed { path, .. } => path.end(),
-        SegmentMotion::Rapid { to, .. } => *to,
+        SegmentMotion::Rapid { to, .. } | SegmentMotion::Skip { to, .. } => *to,
         SegmentMotion::Dwell { at, .. } => *at,
     };
     [end.0[0], end.0[1], end.0[2]]

@@ -343,7 +343,7 @@ fn segments_join_without_a_gap() {
     for segment in &segments {
         let (from, to) = match &segment.motion {
             SegmentMotion::Feed { path, .. } => (path.start(), path.end()),
-            SegmentMotion::Rapid { from, to } => (*from, *to),
+            SegmentMotion::Rapid { from, to } | SegmentMotion::Skip { from, to } => (*from, *to),
             SegmentMotion::Dwell { at, .. } => (*at, *at),
         };
         assert_eq!(from, at);

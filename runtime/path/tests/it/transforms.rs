@@ -116,7 +116,7 @@ fn d20_under_a_rotation_an_axis_that_is_not_named_keeps_its_programmed_value() {
     // A quarter turn moves the other axis by nothing at all, and a word outside the plane moves neither.
     let x_moved = segments.iter().skip(1).any(|segment| match &segment.motion {
         SegmentMotion::Feed { path, .. } => path.start()[X].to_bits() != path.end()[X].to_bits(),
-        SegmentMotion::Rapid { from, to } => {
+        SegmentMotion::Rapid { from, to } | SegmentMotion::Skip { from, to } => {
             from[X].to_bits() != to[X].to_bits() || from[Y].to_bits() != to[Y].to_bits()
         }
         SegmentMotion::Dwell { .. } => false,

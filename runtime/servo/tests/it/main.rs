@@ -8,4 +8,5 @@ mod faults;
 mod properties;
 mod rig;
 mod running;
+mod skip;
 mod spindle;
