@@ -379,3 +379,55 @@ fn a_rotary_axis_goes_along_with_the_angle_and_does_not_count_for_f() {
     close(path(&segments[0]).length(), TAU * 5.0);
     close(path(&segments[0]).point_at(PI * 5.0)[A], 180.0);
 }
+
+#[test]
+fn any_numbers_give_a_finite_arc_or_an_alarm() {
+    let mut settings = settings();
+    for motor in settings.motors.iter_mut().flatten() {
+        motor.soft_limits = None;
+    }
+    let numbers = [
+        0.0,
+        -0.0,
+        1e-12,
+        2e-9,
+        -1e-5,
+        0.3,
+        10.0,
+        -1e6,
+        1e150,
+        1e300,
+        -1e308,
+        f64::MIN_POSITIVE,
+        f64::NAN,
+    ];
+    let mut drawn = 0;
+    for x in numbers {
+        for i in numbers {
+            for j in numbers {
+                for shape in [Centre([i, j, 0.0]), Radius(i)] {
+                    let mut stage = PathStage::new(&settings, MachinePosition::default());
+                    let mut out = Vec::new();
+                    let block = g02(1, &[(X, x), (Y, j), (Z, 3.0)], shape);
+                    if stage.push(&block, &mut out).is_err() {
+                        continue;
+                    }
+                    stage.flush(&mut out).unwrap();
+                    for segment in &out {
+                        let path = path(segment);
+                        for share in [0.0, 1e-9, 0.25, 0.5, 0.999, 1.0] {
+                            let point = path.point_at(path.length() * share);
+                            assert!(point.is_finite(), "{x} {i} {j} {shape:?} at {share}: {path:?}");
+                        }
+                        assert!(
+                            path.steepest(X).is_finite() && path.steepest(Z).is_finite(),
+                            "{path:?}"
+                        );
+                        drawn += 1;
+                    }
+                }
+            }
+        }
+    }
+    assert!(drawn > 500, "{drawn}");
+}
