@@ -11,7 +11,6 @@ const CS_TOPICS = /** @type {const} */ ({
   "m_code/pending": "pending",
   "input/optional_skip/state": "optionalSkip",
   "input/optional_stop/state": "optionalStop",
-  "input/single_block/state": "singleBlock",
   "override/state": "overrides",
 });
 
@@ -26,7 +25,6 @@ const CS_TOPICS = /** @type {const} */ ({
  * @property {import("./types.d.ts").Pending | null} pending
  * @property {import("./types.d.ts").OptionalSkip | null} optionalSkip
  * @property {import("./types.d.ts").Switch | null} optionalStop
- * @property {import("./types.d.ts").Switch | null} singleBlock
  * @property {import("./types.d.ts").Overrides | null} overrides
  * @property {Trail} trail
  */
@@ -152,7 +150,6 @@ function empty(info) {
     pending: null,
     optionalSkip: null,
     optionalStop: null,
-    singleBlock: null,
     overrides: null,
     trail: new Trail(),
   };

@@ -175,7 +175,6 @@ impl Runtime {
     pub async fn shutdown(mut self) {
         self.port.stop_all().await;
         self.shared.closing.cancel();
-        // The publisher of positions never ends by itself; the coordinate systems end with their request channels.
         let ended = async { while self.tasks.join_next().await.is_some() {} };
         let _ = tokio::time::timeout(Duration::from_secs(2), ended).await;
         self.tasks.shutdown().await;
@@ -257,7 +256,10 @@ async fn publish_positions(shared: Arc<Shared>, handles: Vec<Handle>) {
     interval.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Skip);
     let mut odd = false;
     loop {
-        interval.tick().await;
+        tokio::select! {
+            () = shared.closing.cancelled() => return,
+            _ = interval.tick() => {}
+        }
         odd = !odd;
         for handle in &handles {
             let topic = |topic| Topic::cs(handle.number, topic);

@@ -113,11 +113,16 @@ impl RuntimePort {
         meta: CommandMeta,
         wait: bool,
     ) -> Result<Answer, Refusal> {
-        let handle = self.handle(cs)?;
-        self.check_meta(&meta)?;
+        check_ids(&meta)?;
         if let Some(reply) = self.shared.replied(&meta.command_id) {
+            // Who asks again has not heard it.
+            self.shared
+                .publish(Topic::Reply(meta.client_id), Payload::Reply(reply.clone()));
             return Ok(Answer::Command(reply));
         }
+        self.check_age(&meta)
+            .map_err(|refusal| self.reject(&meta, refusal))?;
+        let handle = self.handle(cs).map_err(|refusal| self.reject(&meta, refusal))?;
         if let Command::AlarmAcknowledge { id } = command
             && !self.shared.acknowledge_alarm(id, &meta.client_id)
         {
@@ -140,35 +145,32 @@ impl RuntimePort {
         .await
     }
 
-    fn check_meta(&self, meta: &CommandMeta) -> Result<(), Refusal> {
+    fn check_age(&self, meta: &CommandMeta) -> Result<(), Refusal> {
         let invalid = |text: String| Err(Refusal::new(RefusalCode::Invalid, text));
-        if meta.command_id.is_empty() || meta.command_id.chars().count() > COMMAND_ID_MAX {
-            return invalid(format!("command_id: write 1 to {COMMAND_ID_MAX} characters"));
+        let Some(ttl_ms) = meta.ttl_ms else { return Ok(()) };
+        let Some(issued_at) = &meta.issued_at else {
+            return invalid("ttl_ms needs issued_at".into());
+        };
+        let Some(issued) = issued_at.to_system_time() else {
+            return invalid(format!(
+                "issued_at \"{:.64}\": write RFC 3339 in UTC",
+                issued_at.0
+            ));
+        };
+        let age = self
+            .shared
+            .clock
+            .wall()
+            .duration_since(issued)
+            .unwrap_or_default();
+        if age > Duration::from_millis(ttl_ms) {
+            let text = format!(
+                "the command is {} ms old, its ttl_ms is {ttl_ms}",
+                age.as_millis()
+            );
+            return Err(Refusal::new(RefusalCode::Expired, text));
         }
-        check_id("client_id", &meta.client_id)?;
-        match (meta.ttl_ms, &meta.issued_at) {
-            (None, _) => Ok(()),
-            (Some(_), None) => invalid("ttl_ms needs issued_at".into()),
-            (Some(ttl_ms), Some(issued_at)) => {
-                let Some(issued) = issued_at.to_system_time() else {
-                    return invalid(format!("issued_at \"{}\": write RFC 3339 in UTC", issued_at.0));
-                };
-                let age = self
-                    .shared
-                    .clock
-                    .wall()
-                    .duration_since(issued)
-                    .unwrap_or_default();
-                if age > Duration::from_millis(ttl_ms) {
-                    let text = format!(
-                        "the command is {} ms old, its ttl_ms is {ttl_ms}",
-                        age.as_millis()
-                    );
-                    return Err(self.reject(meta, Refusal::new(RefusalCode::Expired, text)));
-                }
-                Ok(())
-            }
-        }
+        Ok(())
     }
 
     fn reject(&self, meta: &CommandMeta, refusal: Refusal) -> Refusal {
@@ -386,6 +388,14 @@ fn no_program(number: u16) -> Refusal {
     )
 }
 
+fn check_ids(meta: &CommandMeta) -> Result<(), Refusal> {
+    if meta.command_id.is_empty() || meta.command_id.chars().count() > COMMAND_ID_MAX {
+        let text = format!("command_id: write 1 to {COMMAND_ID_MAX} characters");
+        return Err(Refusal::new(RefusalCode::Invalid, text));
+    }
+    check_id("client_id", &meta.client_id)
+}
+
 fn check_id(what: &str, id: &str) -> Result<(), Refusal> {
     let length = id.chars().count();
     if length == 0 || length > CLIENT_ID_MAX || id.contains(['/', '+', '#', '\0']) {
@@ -427,5 +437,132 @@ impl Port for RuntimePort {
 
     fn now_s(&self) -> f64 {
         self.shared.clock.now_s()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use plc_api::types::Timestamp;
+    use plc_api::types::command::Expect;
+
+    use super::*;
+    use crate::journal::Journal;
+    use crate::simulation::{self, SimulationOptions};
+    use crate::{Config, Runtime};
+
+    fn start(command_id: &str) -> Request {
+        let meta = CommandMeta {
+            command_id: command_id.into(),
+            client_id: "test".into(),
+            ..CommandMeta::default()
+        };
+        Request::Command {
+            cs: 1,
+            command: Command::Start,
+            meta,
+            wait: false,
+        }
+    }
+
+    /// Runs a test against the demo machine in simulated time, with a program loaded that waits for 1000 s.
+    fn with_machine<T>(test: impl AsyncFnOnce(Arc<dyn Port>) -> T) -> T {
+        simulation::run(async {
+            let machine = Config::demo().resolve().unwrap();
+            let options = SimulationOptions::default();
+            let runtime = Runtime::start_simulated(machine, Journal::to_log(), options).unwrap();
+            runtime.store().write(50, "G04 X1000\nM30\n").unwrap();
+            let port = runtime.port();
+            let Request::Command { meta, .. } = start("load") else {
+                unreachable!()
+            };
+            let command = Command::Load { program: 50 };
+            port.request(Request::Command {
+                cs: 1,
+                command,
+                meta,
+                wait: true,
+            })
+            .await
+            .unwrap();
+            test(port).await
+        })
+        .unwrap()
+    }
+
+    fn status(answer: &Result<Answer, Refusal>) -> Option<CommandStatus> {
+        match answer {
+            Ok(Answer::Command(reply)) => Some(reply.status),
+            _ => None,
+        }
+    }
+
+    #[test]
+    fn a_command_that_comes_twice_at_once_is_carried_out_once() {
+        with_machine(async |port| {
+            let both = futures_util::future::join(port.request(start("s1")), port.request(start("s1")));
+            let (first, second) = both.await;
+            assert_eq!(status(&first), Some(CommandStatus::Accepted));
+            assert!(
+                matches!(
+                    status(&second),
+                    Some(CommandStatus::Accepted | CommandStatus::Done)
+                ),
+                "{second:?}"
+            );
+            let other = port.request(start("s2")).await;
+            assert_eq!(other.unwrap_err().code, RefusalCode::NotAllowed);
+        });
+    }
+
+    #[test]
+    fn a_command_past_its_ttl_or_for_another_boot_is_refused_and_the_reply_is_published() {
+        with_machine(async |port| {
+            let Request::Command { mut meta, .. } = start("old") else {
+                unreachable!()
+            };
+            (meta.ttl_ms, meta.issued_at) = (Some(500), Some(Timestamp("1999-12-31T23:59:59Z".into())));
+            let mut replies = port.subscribe(Filter::Topics(vec![Topic::Reply("test".into())]));
+            let command = Command::Start;
+            let late = Request::Command {
+                cs: 1,
+                command: command.clone(),
+                meta,
+                wait: false,
+            };
+            assert_eq!(port.request(late).await.unwrap_err().code, RefusalCode::Expired);
+            let said = replies.try_next().map(|message| message.payload.clone());
+            assert!(matches!(said, Some(Payload::Reply(reply)) if reply.status == CommandStatus::Rejected));
+            let Request::Command { mut meta, .. } = start("elsewhere") else {
+                unreachable!()
+            };
+            meta.expect = Some(Expect {
+                boot_id: Some(BootId("another".into())),
+                state_rev: None,
+            });
+            let other = Request::Command {
+                cs: 1,
+                command,
+                meta,
+                wait: false,
+            };
+            assert_eq!(
+                port.request(other).await.unwrap_err().code,
+                RefusalCode::PreconditionFailed
+            );
+        });
+    }
+
+    #[test]
+    fn a_program_cannot_be_written_while_it_runs() {
+        with_machine(async |port| {
+            port.request(start("s1")).await.unwrap();
+            let write = port.request(Request::WriteProgram(50, "M30\n".into())).await;
+            assert_eq!(write.unwrap_err().code, RefusalCode::ProgramRuns);
+            assert!(
+                port.request(Request::WriteProgram(51, "M30\n".into()))
+                    .await
+                    .is_ok()
+            );
+        });
     }
 }

@@ -12,6 +12,7 @@ use plc_api::types::message::{Message, Payload};
 use plc_api::types::output::HandlerPresence;
 use plc_api::types::topic::Topic;
 use plc_api::types::{BootId, CoordinateSystemNumber, Timestamp};
+use tandem_model::alarm::ALARMS;
 use tokio_util::sync::CancellationToken;
 
 use crate::clock::Clock;
@@ -128,7 +129,9 @@ impl Shared {
     pub fn raise(&self, record: AlarmRecord) -> AlarmRecord {
         let mut alarms = lock(&self.alarms);
         alarms.next_id += 1;
+        let entry = ALARMS.iter().find(|entry| entry.number == record.number);
         let record = AlarmRecord {
+            remedy: entry.map(|entry| entry.remedy.to_owned()),
             id: alarms.next_id,
             raised_at: self.timestamp(),
             ..record

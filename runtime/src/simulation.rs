@@ -10,6 +10,9 @@ use tokio::sync::Notify;
 
 use crate::clock::Clock;
 
+/// Real time after which simulated time that stands is reported.
+const STANDSTILL_REPORT: Duration = Duration::from_secs(5);
+
 /// Called after each servo cycle, for a trace.
 pub type OnCycle = Box<dyn FnMut(&Servo) + Send>;
 
@@ -67,8 +70,11 @@ impl Simulation {
 
     /// True when the time limit is reached.
     pub fn is_at_limit(&self) -> bool {
-        let servo = self.servo.lock().unwrap_or_else(PoisonError::into_inner);
-        servo.cycles * self.period_ns >= self.limit_ns
+        self.cycles() * self.period_ns >= self.limit_ns
+    }
+
+    fn cycles(&self) -> u64 {
+        self.servo.lock().unwrap_or_else(PoisonError::into_inner).cycles
     }
 
     /// Counts cycles until one gives a task something to do.
@@ -145,5 +151,28 @@ pub fn run<T>(main: impl Future<Output = T>) -> std::io::Result<T> {
             }
         })
         .build()?;
-    Ok(executor.block_on(SLOT.scope(slot, main)))
+    let report = report_standstill(Arc::clone(&slot));
+    let watched = async {
+        tokio::select! {
+            biased;
+            done = main => done,
+            never = report => match never {},
+        }
+    };
+    Ok(executor.block_on(SLOT.scope(slot, watched)))
+}
+
+/// Reports a clock that stands: every task waits for something that simulated time does not bring.
+async fn report_standstill(slot: Slot) -> std::convert::Infallible {
+    let mut last = None;
+    loop {
+        tokio::time::sleep(STANDSTILL_REPORT).await;
+        let cycles = slot.get().map(|simulation| simulation.cycles());
+        if cycles.is_some() && cycles == last {
+            tracing::error!(
+                "simulated time stands: nothing moves, nobody sleeps on its clock, and the tasks wait for something else"
+            );
+        }
+        last = cycles;
+    }
 }

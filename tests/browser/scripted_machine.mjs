@@ -91,7 +91,7 @@ export class ScriptedMachine {
       this.say(`cs/${number}/m_code/pending`, { outputs: [] });
       this.say(`cs/${number}/override/state`, { feed: 100, rapid: 100, spindle: 100 });
       this.say(`cs/${number}/input/optional_skip/state`, { requested: [], effective: [], effective_from_line: 0 });
-      for (const input of ["optional_stop", "single_block"]) this.say(`cs/${number}/input/${input}/state`, { value: false });
+      for (const input of ["optional_stop"]) this.say(`cs/${number}/input/${input}/state`, { value: false });
     }
   }
 

@@ -34,7 +34,11 @@ fn all_errors_of_a_broken_file_are_shown_at_once_and_the_exit_code_is_1() {
     for place in ["broken.nc:2:1", "broken.nc:3:8", "broken.nc:5:5"] {
         assert!(ran.stdout.contains(place), "{place} is missing in {}", ran.stdout);
     }
-    assert!(!ran.stdout.contains("broken.nc:4:"), "line 4 is right: {}", ran.stdout);
+    assert!(
+        !ran.stdout.contains("broken.nc:4:"),
+        "line 4 is right: {}",
+        ran.stdout
+    );
     assert!(ran.stdout.contains("3 errors"), "{}", ran.stdout);
 }
 
@@ -44,7 +48,10 @@ fn a_finding_has_its_code_line_column_source_line_underline_and_help() {
     let lines: Vec<&str> = ran.stdout.lines().collect();
     assert!(lines[0].starts_with("error[E0"), "{}", lines[0]);
     assert!(ran.stdout.contains("broken.nc:2:8"), "{}", ran.stdout);
-    let source = lines.iter().position(|line| line.ends_with("G00 X1 X22")).expect("the source line");
+    let source = lines
+        .iter()
+        .position(|line| line.ends_with("G00 X1 X22"))
+        .expect("the source line");
     let underline = lines[source + 1];
     let column = |line: &str, what: &str| line[..line.find(what).unwrap()].chars().count();
     assert_eq!(
@@ -87,7 +94,12 @@ fn several_files_are_checked_in_one_call() {
 }
 
 fn keys(value: &Value) -> Vec<&str> {
-    value.as_object().expect("an object").keys().map(String::as_str).collect()
+    value
+        .as_object()
+        .expect("an object")
+        .keys()
+        .map(String::as_str)
+        .collect()
 }
 
 #[test]
@@ -119,7 +131,16 @@ fn json_findings_have_exactly_the_documented_fields_and_places() {
         names.sort_unstable();
         assert_eq!(
             names,
-            ["code", "column", "end_column", "end_line", "help", "line", "message", "severity"]
+            [
+                "code",
+                "column",
+                "end_column",
+                "end_line",
+                "help",
+                "line",
+                "message",
+                "severity"
+            ]
         );
         assert_eq!(one["severity"], "error");
         let code = one["code"].as_str().unwrap();
@@ -144,12 +165,25 @@ fn d06_a_program_without_an_end_is_an_error() {
 
 #[test]
 fn a_code_that_is_not_built_yet_is_a_numbered_error_at_its_place() {
-    for code in ["G02 X1 I1", "G41", "G43", "G28", "G31 X1", "G51 X2", "G68", "G84 Z-1"] {
+    for code in [
+        "G02 X1 I1",
+        "G41",
+        "G43",
+        "G28",
+        "G31 X1",
+        "G51 X2",
+        "G68",
+        "G84 Z-1",
+    ] {
         let found = check("main.nc", &format!("{code}\nM30\n"), &["--format", "json"]);
         assert_eq!(found.code, 1, "{code}");
         let first = found.json()["files"][0]["diagnostics"][0].clone();
         assert_eq!(first["code"], "E0102", "{code}: {first}");
-        assert_eq!((&first["line"], &first["column"]), (&1.into(), &1.into()), "{code}: {first}");
+        assert_eq!(
+            (&first["line"], &first["column"]),
+            (&1.into(), &1.into()),
+            "{code}: {first}"
+        );
     }
 }
 
@@ -157,7 +191,11 @@ fn a_code_that_is_not_built_yet_is_a_numbered_error_at_its_place() {
 fn dialect_dgshape_is_exit_2_and_says_so() {
     let ran = check("main.nc", CLEAN, &["--dialect", "dgshape"]);
     assert_eq!(ran.code, 2);
-    assert!(ran.stderr.contains("dgshape") && ran.stderr.contains("not"), "{}", ran.stderr);
+    assert!(
+        ran.stderr.contains("dgshape") && ran.stderr.contains("not"),
+        "{}",
+        ran.stderr
+    );
 }
 
 #[test]
@@ -179,7 +217,12 @@ fn an_unknown_config_key_is_named_with_its_place_and_the_nearest_known_one() {
         machine.write("tandem.toml", more);
         let ran = run(machine.folder(), &["check", "--config", "tandem.toml"]);
         assert_ne!(ran.code, 0, "{more}");
-        for word in [format!("`{key}`"), format!("`{known}`"), format!("line {line}"), "tandem.toml".into()] {
+        for word in [
+            format!("`{key}`"),
+            format!("`{known}`"),
+            format!("line {line}"),
+            "tandem.toml".into(),
+        ] {
             assert!(ran.stderr.contains(&word), "{word} is missing in {}", ran.stderr);
         }
     }

@@ -37,7 +37,10 @@ fn json_has_exactly_the_documented_fields() {
     assert_eq!(run.json["variables"], json!({"P": {}, "Q": {}}));
     assert_eq!(run.json["warnings"], json!([]));
     let output = &run.json["m_codes"][0];
-    assert_eq!(keys(output), ["line", "m", "output_s", "params", "program", "reset_s", "seq"]);
+    assert_eq!(
+        keys(output),
+        ["line", "m", "output_s", "params", "program", "reset_s", "seq"]
+    );
     let expected = json!({"m": 100, "params": {"A": 2.0}, "program": 1, "line": 2});
     for (key, value) in expected.as_object().unwrap() {
         assert_eq!(&output[key], value, "{key}");
@@ -52,7 +55,10 @@ fn json_has_exactly_the_documented_fields() {
 fn json_of_an_alarm_has_exactly_the_documented_fields_and_exit_1() {
     let run = simulate("G00 X999\nM30\n");
     run.alarm();
-    assert_eq!(keys(&run.json["alarm"]), ["column", "line", "number", "program", "text"]);
+    assert_eq!(
+        keys(&run.json["alarm"]),
+        ["column", "line", "number", "program", "text"]
+    );
 }
 
 #[test]
@@ -63,17 +69,38 @@ fn the_trace_has_a_row_each_period_from_0_to_the_end() {
     assert_eq!(text.lines().next(), Some("time_s,program,line,X,Y,Z"));
     for line in text.lines().skip(1) {
         for cell in line.split(',').skip(3) {
-            assert_eq!(cell.split_once('.').expect("a decimal point").1.len(), 9, "{line}");
+            assert_eq!(
+                cell.split_once('.').expect("a decimal point").1.len(),
+                9,
+                "{line}"
+            );
         }
     }
     for (k, row) in run.trace.iter().enumerate() {
-        assert!((row.time_s - k as f64 * 0.001).abs() < 1e-9, "row {k} is at {}", row.time_s);
+        assert!(
+            (row.time_s - k as f64 * 0.001).abs() < 1e-9,
+            "row {k} is at {}",
+            row.time_s
+        );
     }
     let last = run.trace.last().unwrap();
-    assert!((last.time_s - run.cycle_time_s()).abs() < 0.0011, "{} {}", last.time_s, run.cycle_time_s());
+    assert!(
+        (last.time_s - run.cycle_time_s()).abs() < 0.0011,
+        "{} {}",
+        last.time_s,
+        run.cycle_time_s()
+    );
     assert_eq!(last.axes, [5.0, -1.0, 0.0]);
-    let lines: Vec<_> = run.trace.iter().map(|row| row.line).filter(|line| *line > 0).collect();
-    assert!(lines.windows(2).all(|pair| pair[0] <= pair[1]), "lines come in program order");
+    let lines: Vec<_> = run
+        .trace
+        .iter()
+        .map(|row| row.line)
+        .filter(|line| *line > 0)
+        .collect();
+    assert!(
+        lines.windows(2).all(|pair| pair[0] <= pair[1]),
+        "lines come in program order"
+    );
     assert!(lines.contains(&1) && lines.contains(&3));
 }
 
@@ -88,8 +115,15 @@ fn the_trace_has_every_axis_of_the_coordinate_system_and_no_other() {
 #[test]
 fn events_are_one_json_object_a_line_in_the_order_of_time() {
     let run = simulate("G00 X5\nM100 VA1\nM00\nM30\n").completed();
-    let kinds: Vec<_> = run.events.iter().map(|event| event["event"].as_str().unwrap()).collect();
-    assert_eq!(kinds, ["start", "block", "output", "reset", "stop", "resume", "end"]);
+    let kinds: Vec<_> = run
+        .events
+        .iter()
+        .map(|event| event["event"].as_str().unwrap())
+        .collect();
+    assert_eq!(
+        kinds,
+        ["start", "block", "output", "reset", "stop", "resume", "end"]
+    );
     let mut last_s = 0.0;
     for event in &run.events {
         assert_eq!(event["cs"], 1);
@@ -98,7 +132,17 @@ fn events_are_one_json_object_a_line_in_the_order_of_time() {
         last_s = t_s;
     }
     let output = run.events("output")[0];
-    for key in ["seq", "run_id", "m", "params", "timing", "program", "line", "attempt", "redelivered"] {
+    for key in [
+        "seq",
+        "run_id",
+        "m",
+        "params",
+        "timing",
+        "program",
+        "line",
+        "attempt",
+        "redelivered",
+    ] {
         assert!(!output[key].is_null(), "{key} is missing in {output}");
     }
 }
@@ -119,8 +163,16 @@ fn with_runs_another_coordinate_system_at_the_same_time() {
     let machine = Machine::new("");
     machine.write("second.nc", "G00 X30\nM30\n");
     let run = simulate_on(&machine, "G00 X50\nM30\n", &["--with", "2=second.nc"]).completed();
-    assert!((0.6..0.6052).contains(&run.cycle_time_s()), "{}", run.cycle_time_s());
-    let ends: Vec<_> = run.events("end").iter().map(|event| (event["cs"].as_u64(), event["t_s"].as_f64())).collect();
+    assert!(
+        (0.6..0.6052).contains(&run.cycle_time_s()),
+        "{}",
+        run.cycle_time_s()
+    );
+    let ends: Vec<_> = run
+        .events("end")
+        .iter()
+        .map(|event| (event["cs"].as_u64(), event["t_s"].as_f64()))
+        .collect();
     assert_eq!(ends.len(), 2, "{ends:?}");
     assert_eq!((ends[0].0, ends[1].0), (Some(2), Some(1)));
     assert!((0.4..0.4052).contains(&ends[0].1.unwrap()), "{ends:?}");
@@ -145,7 +197,11 @@ fn a_program_that_does_not_end_is_ended_by_max_time_s() {
     let machine = Machine::new("");
     let run = simulate_on(&machine, "G04 X100\nM30\n", &["--max-time-s", "2"]);
     assert_eq!(run.alarm(), 391);
-    assert!((1.99..=2.01).contains(&run.cycle_time_s()), "{}", run.cycle_time_s());
+    assert!(
+        (1.99..=2.01).contains(&run.cycle_time_s()),
+        "{}",
+        run.cycle_time_s()
+    );
 }
 
 #[test]
@@ -155,7 +211,12 @@ fn a_program_with_errors_runs_nothing_and_gives_its_diagnostics() {
     assert_eq!(ran.code, 1);
     assert_eq!(keys(&json), ["diagnostics", "outcome"]);
     assert_eq!(json["outcome"], "errors");
-    let lines: Vec<_> = json["diagnostics"].as_array().unwrap().iter().map(|one| one["line"].as_u64()).collect();
+    let lines: Vec<_> = json["diagnostics"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|one| one["line"].as_u64())
+        .collect();
     assert_eq!(lines, [Some(1), Some(2)]);
     assert!(trace.is_empty());
 }
@@ -183,7 +244,10 @@ fn what_cannot_be_read_is_exit_2_and_is_named() {
     machine.write("main.nc", "M30\n");
     for (arguments, named) in [
         (&["simulate", "nothing.nc"][..], "nothing.nc"),
-        (&["simulate", "main.nc", "--config", "nothing.toml"], "nothing.toml"),
+        (
+            &["simulate", "main.nc", "--config", "nothing.toml"],
+            "nothing.toml",
+        ),
         (&["simulate", "main.nc", "--with", "2=nothing.nc"], "nothing.nc"),
         (&["simulate", "main.nc", "--cs", "7"], "7"),
     ] {
@@ -198,7 +262,10 @@ fn what_cannot_be_read_is_exit_2_and_is_named() {
 fn without_json_the_result_is_text_for_people() {
     let machine = Machine::new("");
     machine.write("main.nc", "G00 X5\nM100 VA3\nM30\n");
-    let ran = run(machine.folder(), &["simulate", "main.nc", "--config", "tandem.toml"]);
+    let ran = run(
+        machine.folder(),
+        &["simulate", "main.nc", "--config", "tandem.toml"],
+    );
     assert_eq!(ran.code, 0, "{}", ran.stderr);
     for word in ["completed", "X 5.0000", "M100", "VA3"] {
         assert!(ran.stdout.contains(word), "{word} is missing in {}", ran.stdout);

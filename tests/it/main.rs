@@ -7,10 +7,15 @@
     clippy::panic,
     reason = "this crate is tests and nothing else"
 )]
+#![allow(clippy::float_cmp, reason = "a motion ends at its end point exactly")]
 
 mod support;
 
-mod conformance;
 mod cli_check;
 mod cli_simulate;
+mod conformance;
+mod examples;
+mod extension;
 mod serve;
+mod tidy;
+mod transports;

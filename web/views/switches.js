@@ -1,4 +1,4 @@
-// Inputs of the operator: optional stop, single block, block skip 1 to 9.
+// Inputs of the operator: optional stop, block skip 1 to 9.
 
 import { h, setAttr } from "../dom.js";
 
@@ -7,17 +7,16 @@ export const switches = {
   place: "footer",
   create(app) {
     const optionalStop = toggle(app, "optional_stop", "Opt. stop", "Optional stop", (cs) => cs.optionalStop?.value ?? cs.state?.optional_stop);
-    const singleBlock = toggle(app, "single_block", "Single", "Single block", (cs) => cs.singleBlock?.value ?? cs.state?.single_block);
     const skips = Array.from({ length: 9 }, (_, i) => i + 1).map((number) =>
       toggle(app, `optional_skip/${number}`, `/${number}`, `Skip blocks marked /${number}`, (cs) =>
         (cs.optionalSkip?.requested ?? cs.state?.optional_skip)?.includes(number),
       ),
     );
-    const all = [optionalStop, singleBlock, ...skips];
+    const all = [optionalStop, ...skips];
     const element = h(
       "div",
       { class: "switches" },
-      h("div", { class: "row", role: "group", "aria-label": "Stops" }, optionalStop.element, singleBlock.element),
+      h("div", { class: "row", role: "group", "aria-label": "Stops" }, optionalStop.element),
       h("div", { class: "skips", role: "group", "aria-label": "Block skip" }, ...skips.map((s) => s.element)),
     );
     return { element, render: () => all.forEach((one) => one.render()) };

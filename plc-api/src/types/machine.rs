@@ -105,6 +105,9 @@ pub struct AlarmRecord {
     pub number: u16,
     /// What happened.
     pub text: String,
+    /// What to do, where the alarm table says it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub remedy: Option<String>,
     /// The coordinate system that it stopped; null: all.
     pub cs: Option<CoordinateSystemNumber>,
     /// Program number.

@@ -167,4 +167,25 @@ mod tests {
             message
         );
     }
+
+    #[test]
+    fn the_time_of_a_message_and_the_jerk_time_of_modal_are_two_fields() {
+        let modal = super::super::state::Modal {
+            ts: 50.0,
+            ..Default::default()
+        };
+        let message = Message {
+            topic: Topic::cs(1, CsTopic::Modal),
+            boot_id: BootId("b1".into()),
+            ts: Timestamp("2026-01-01T00:00:00.000000Z".into()),
+            rev: Some(1),
+            payload: Payload::Modal(modal),
+        };
+        let json = message.to_json();
+        assert_eq!(json.matches("\"ts\":").count(), 1, "{json}");
+        assert_eq!(
+            Message::from_json(message.topic.clone(), json.as_bytes()).unwrap(),
+            message
+        );
+    }
 }

@@ -173,7 +173,8 @@ pub struct Modal {
     pub ta: f64,
     /// Deceleration time, ms.
     pub td: f64,
-    /// Jerk time, ms.
+    /// Jerk time, ms. In JSON it is `ts_ms`, since `ts` is the time of every message.
+    #[serde(rename = "ts_ms")]
     pub ts: f64,
     /// Tool selected; 0: none.
     pub tool: u16,

@@ -94,6 +94,11 @@ impl PathStage {
         &self.transform
     }
 
+    /// True while a segment is held back: the next segment put out is that one.
+    pub fn holds_back(&self) -> bool {
+        self.held_back.is_some()
+    }
+
     /// Where the last block ends; after G31 without a skip input, its target.
     pub fn position(&self) -> MachinePosition {
         MachinePosition(self.at)

@@ -1,6 +1,7 @@
 //! The command line.
 
 mod check;
+mod explain;
 mod serve;
 mod simulate;
 
@@ -37,6 +38,8 @@ enum Command {
     Serve(serve::Arguments),
     /// Tells all that is wrong with NC programs, or with a configuration
     Check(check::Arguments),
+    /// Tells what a diagnostic means
+    Explain(explain::Arguments),
     /// Runs an NC program in simulated time
     Simulate(simulate::Arguments),
 }
@@ -55,6 +58,7 @@ pub fn run() -> ExitCode {
         None => serve::run(&cli.serve),
         Some(Command::Serve(arguments)) => serve::run(&arguments),
         Some(Command::Check(arguments)) => check::run(&arguments),
+        Some(Command::Explain(arguments)) => explain::run(&arguments),
         Some(Command::Simulate(arguments)) => simulate::run(&arguments),
     };
     ExitCode::from(code)

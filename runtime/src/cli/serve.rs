@@ -1,5 +1,6 @@
 //! `tandem serve`: the machine with all its server ends.
 
+use std::io::IsTerminal;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -21,6 +22,7 @@ pub(super) fn run(arguments: &Arguments) -> u8 {
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("warn,journal=info"));
     tracing_subscriber::fmt()
         .with_env_filter(filter)
+        .with_ansi(std::io::stderr().is_terminal())
         .with_writer(std::io::stderr)
         .init();
     let config = match read_config(arguments.config.as_deref()) {

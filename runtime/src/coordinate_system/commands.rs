@@ -88,6 +88,11 @@ impl CoordinateSystem {
             wait,
             reply,
         } = command;
+        // The same command may have come twice before the first was carried out.
+        if let Some(said) = self.shared.replied(&meta.command_id) {
+            let _ = reply.send(Ok(Answer::Command(said)));
+            return;
+        }
         let verb = command.verb();
         let judged = self
             .judge(verb, &meta)
@@ -267,9 +272,15 @@ impl CoordinateSystem {
         while let Some(program) = left.pop() {
             let (found, codes) = self.check_here(&program);
             m_codes.extend(codes);
-            errors.extend(found.into_iter().map(|diagnostic| ProgramDiagnostic {
-                message: format!("program {}: {}", program.number, diagnostic.message),
-                ..diagnostic
+            errors.extend(found.into_iter().map(|diagnostic| match program.number {
+                main if main == number => diagnostic,
+                called => {
+                    let message = format!("in program {called}, which is called: {}", diagnostic.message);
+                    ProgramDiagnostic {
+                        message,
+                        ..diagnostic
+                    }
+                }
             }));
             let called = program.check.programs.iter().filter_map(|called| all.get(called));
             left.extend(called.filter(|called| seen.insert(called.number)).cloned());
@@ -283,7 +294,7 @@ impl CoordinateSystem {
         }
         let unhandled: Vec<String> = m_codes
             .into_iter()
-            .filter(|m| !self.shared.is_handled(self.number, *m))
+            .filter(|m| !self.is_served(*m))
             .map(|m| format!("M{m:02}"))
             .collect();
         if unhandled.is_empty() {

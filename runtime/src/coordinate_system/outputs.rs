@@ -206,6 +206,18 @@ impl CoordinateSystem {
         }
     }
 
+    /// True when a handler that is there or the stock sequence program resets this M code.
+    pub(super) fn is_served(&self, m: u16) -> bool {
+        let stock = self
+            .shared
+            .machine
+            .m_codes
+            .get(&m)
+            .and_then(|settings| settings.stock);
+        let has_spindle = self.configured.settings.spindle.is_some();
+        stock.is_some() || has_spindle && stock::is_spindle_code(m) || self.shared.is_handled(self.number, m)
+    }
+
     /// No handler is registered: the stock sequence program, or the M code's policy.
     fn without_handler(&mut self, notice: &OutputNotice) {
         let settings = self

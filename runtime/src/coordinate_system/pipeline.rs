@@ -108,7 +108,7 @@ impl Pipeline {
             return;
         }
         self.last = Change {
-            after_segment: self.planner.last_segment(),
+            after_segment: self.planner.last_segment() + u64::from(self.path.holds_back()),
             modal: modal.clone(),
             transform: *transform,
             stack: callers().collect(),
@@ -134,5 +134,45 @@ impl Pipeline {
         self.changes.clear();
         self.path.restart(at);
         self.planner.restart(epoch);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use tandem_syntax::{Grammar, parse};
+
+    use super::*;
+    use crate::Config;
+
+    #[test]
+    fn what_is_in_force_changes_with_the_block_that_moves_though_a_segment_is_held_back() {
+        let machine = Config::demo().resolve().unwrap();
+        let system = &machine.coordinate_systems[0];
+        let (program, found) = parse("G90 G01 X10 F3000\nY10 F6000\nG54 G00 Z5\nM30\n", Grammar::nj());
+        assert_eq!(found, []);
+        let mut pipeline = Pipeline::new(&system.settings);
+        pipeline.start(Arc::new(program), 1, 0);
+        let inputs = Inputs {
+            programs: &BTreeMap::new(),
+            optional_skip: 0,
+            work_offsets: &system.work_offsets,
+        };
+        while !matches!(pipeline.next(&inputs).unwrap(), Item::End(_)) {}
+        let in_force_from = |is_it: &dyn Fn(&Change) -> bool| {
+            pipeline
+                .changes
+                .iter()
+                .find(|change| is_it(change))
+                .map(|change| change.after_segment + 1)
+        };
+        let feedrate_is = |f: f64| move |change: &Change| (change.modal.feedrate_mm_min - f).abs() < 1e-9;
+        assert_eq!(in_force_from(&feedrate_is(3000.0)), Some(1));
+        assert_eq!(in_force_from(&feedrate_is(6000.0)), Some(2));
+        let rapid = |change: &Change| change.modal.groups().any(|group| group == ("01", "G00"));
+        assert_eq!(in_force_from(&rapid), Some(3));
+        let offset = |change: &Change| change.transform.work_offset != tandem_model::AxisVector::ZERO;
+        assert_eq!(in_force_from(&offset), Some(3));
     }
 }

@@ -26,14 +26,23 @@ pub fn action(
     if settings.stock == Some(Stock::SelectTool) {
         return Some(select_tool(output));
     }
-    let direction = match output.m {
-        3 => SpindleDirection::Cw,
-        4 => SpindleDirection::Ccw,
-        5 => SpindleDirection::Stop,
-        19 => SpindleDirection::Orient,
-        _ => return None,
-    };
+    let direction = spindle_direction(output.m)?;
     has_spindle.then_some(Ok(StockAction::Spindle(direction)))
+}
+
+/// True for M03, M04, M05 and M19.
+pub fn is_spindle_code(m: u16) -> bool {
+    spindle_direction(m).is_some()
+}
+
+fn spindle_direction(m: u16) -> Option<SpindleDirection> {
+    match m {
+        3 => Some(SpindleDirection::Cw),
+        4 => Some(SpindleDirection::Ccw),
+        5 => Some(SpindleDirection::Stop),
+        19 => Some(SpindleDirection::Orient),
+        _ => None,
+    }
 }
 
 fn select_tool(output: &OutputNotice) -> Result<StockAction, String> {

@@ -8,7 +8,10 @@ fn a_target_beyond_a_soft_limit_is_an_alarm_before_its_motion_starts() {
     // X may go to 300 mm.
     let run = simulate("G00 X200\nG01 X301 F6000\nM30\n");
     assert_eq!(run.alarm(), 102);
-    assert_eq!((&run.json["alarm"]["program"], &run.json["alarm"]["line"]), (&1.into(), &2.into()));
+    assert_eq!(
+        (&run.json["alarm"]["program"], &run.json["alarm"]["line"]),
+        (&1.into(), &2.into())
+    );
     let highest = run.trace.iter().map(|row| row.axes[0]).fold(f64::MIN, f64::max);
     assert_eq!(highest, 200.0);
 }
@@ -38,8 +41,17 @@ fn cutting_without_a_feedrate_is_an_alarm_and_moves_nothing() {
 fn default_feedrate_is_the_f_of_a_program_that_writes_none() {
     let config = "[[motor]]\nnumber = 1\nkind = \"linear\"\nmax_velocity = 500.0\nmax_acceleration = 5000.0\n\
                   [[coordinate_system]]\nnumber = 1\naxes = { X = 1 }\ndefault_feedrate = 6000.0\n";
-    let run = simulate_on(&Machine::with_config(config), "ta100 td100 ts0\nG01 X60\nM30\n", &[]).completed();
-    assert!((0.7..0.7051).contains(&run.cycle_time_s()), "{}", run.cycle_time_s());
+    let run = simulate_on(
+        &Machine::with_config(config),
+        "ta100 td100 ts0\nG01 X60\nM30\n",
+        &[],
+    )
+    .completed();
+    assert!(
+        (0.7..0.7051).contains(&run.cycle_time_s()),
+        "{}",
+        run.cycle_time_s()
+    );
 }
 
 #[test]
@@ -64,7 +76,10 @@ fn an_alarm_cancels_the_open_outputs() {
     let machine = Machine::new("[m_code.20]\ntiming = \"with_motion\"\nsimulated_ms = 60000\n");
     let run = simulate_on(&machine, "M20\nG00 X50\nG00 X900\nM30\n", &[]);
     assert_eq!(run.alarm(), 102);
-    assert!(run.events("reset").is_empty(), "the cancelled output is not reset");
+    assert!(
+        run.events("reset").is_empty(),
+        "the cancelled output is not reset"
+    );
     assert!(run.json["m_codes"][0]["reset_s"].is_null());
 }
 
@@ -74,6 +89,9 @@ fn an_alarm_of_one_coordinate_system_does_not_stop_the_other() {
     machine.write("second.nc", "G00 X50\nG00 X0\nM30\n");
     let run = simulate_on(&machine, "G00 X900\nM30\n", &["--with", "2=second.nc"]);
     assert_eq!(run.alarm(), 102);
-    let ended = run.events.iter().any(|event| event["cs"] == 2 && event["event"] == "end");
+    let ended = run
+        .events
+        .iter()
+        .any(|event| event["cs"] == 2 && event["event"] == "end");
     assert!(ended, "coordinate system 2 comes to its end: {:?}", run.events);
 }

@@ -64,7 +64,11 @@ fn m1a_a_single_block_too_short_for_f_keeps_its_ramps_and_lowers_its_peak() {
     assert_time(&run, 0.3, 1);
     let samples = run.samples(1, 2, X);
     assert_samples(&samples, 0.0, 1.0, block.end_s, |t| block.way(t));
-    let peak = samples.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max) / 0.001;
+    let peak = samples
+        .windows(2)
+        .map(|pair| pair[1] - pair[0])
+        .fold(0.0, f64::max)
+        / 0.001;
     assert!((39.5..=40.0 + 1e-6).contains(&peak), "peak {peak} mm/s");
 }
 
@@ -75,7 +79,9 @@ fn m1a_f_counts_along_the_vector_of_x_y_and_z() {
     let block = Block::new(70.0, 70.0, 0.1, 0.1, 0.0);
     assert_time(&run, 1.1, 1);
     for (axis, share) in [(X, 2.0 / 7.0), (Y, -3.0 / 7.0), (Z, 6.0 / 7.0)] {
-        assert_samples(&run.samples(1, 2, axis), 0.0, share, block.end_s, |t| block.way(t));
+        assert_samples(&run.samples(1, 2, axis), 0.0, share, block.end_s, |t| {
+            block.way(t)
+        });
     }
 }
 
@@ -116,10 +122,16 @@ fn m1a_times_and_f_of_a_block_stay_in_force_and_defaults_come_from_the_configura
 #[test]
 fn m1c_g61_stops_in_position_at_each_block_end() {
     let run = simulate("ta50 td50 ts0\nG61\nG01 X10 F6000\nY10\nM30\n").completed();
-    let (x, y) = (Block::new(10.0, 100.0, 0.05, 0.05, 0.0), Block::new(10.0, 50.0, 0.05, 0.05, 0.0));
+    let (x, y) = (
+        Block::new(10.0, 100.0, 0.05, 0.05, 0.0),
+        Block::new(10.0, 50.0, 0.05, 0.05, 0.0),
+    );
     assert_samples(&run.samples(1, 3, X), 0.0, 1.0, x.end_s, |t| x.way(t));
     assert_samples(&run.samples(1, 4, Y), 0.0, 1.0, y.end_s, |t| y.way(t));
-    let corner = run.trace.iter().any(|row| row.axes[X] == 10.0 && row.axes[Y] == 0.0);
+    let corner = run
+        .trace
+        .iter()
+        .any(|row| row.axes[X] == 10.0 && row.axes[Y] == 0.0);
     assert!(corner, "the path meets the corner");
 }
 
@@ -127,7 +139,10 @@ fn m1c_g61_stops_in_position_at_each_block_end() {
 fn m1c_g09_before_and_behind_the_axis_words_comes_to_rest_at_the_corner() {
     for program in ["G01 X10 F3000\nG09 Y10\nM30\n", "G01 X10 G09 F3000\nY10\nM30\n"] {
         let run = simulate(program).completed();
-        let corner = run.trace.iter().any(|row| row.axes[X] == 10.0 && row.axes[Y] == 0.0);
+        let corner = run
+            .trace
+            .iter()
+            .any(|row| row.axes[X] == 10.0 && row.axes[Y] == 0.0);
         assert!(corner, "the path meets the corner of {program}");
     }
 }
@@ -144,7 +159,9 @@ fn m1i_the_feed_override_scales_time_along_the_same_path() {
     let run = run.completed();
     let block = Block::new(60.0, 100.0, 0.1, 0.1, 0.0);
     assert_time(&run, 2.0 * block.end_s, 1);
-    assert_samples(&run.samples(1, 2, X), 0.0, 1.0, 2.0 * block.end_s, |t| block.way(t / 2.0));
+    assert_samples(&run.samples(1, 2, X), 0.0, 1.0, 2.0 * block.end_s, |t| {
+        block.way(t / 2.0)
+    });
 }
 
 #[test]

@@ -44,10 +44,21 @@ fn d31_an_m_code_in_a_block_of_motion_is_put_out_behind_that_motion() {
 fn d31_the_next_block_waits_for_the_reset() {
     let run = run("M100\nG00 X50\nM30\n");
     let (output_s, reset_s) = (run.at_s("output", "m", 100), run.at_s("reset", "m", 100));
-    assert!((0.3 - 1e-9..0.302).contains(&(reset_s - output_s)), "300 ms, not {}", reset_s - output_s);
+    assert!(
+        (0.3 - 1e-9..0.302).contains(&(reset_s - output_s)),
+        "300 ms, not {}",
+        reset_s - output_s
+    );
     let moved = run.trace.iter().find(|row| row.axes[0] != 0.0).unwrap();
-    assert!(moved.time_s > reset_s, "moves at {} s, reset at {reset_s} s", moved.time_s);
-    assert_eq!(run.story(&["output", "reset", "block", "end"]), ["output 100", "reset 100", "block 2", "end"]);
+    assert!(
+        moved.time_s > reset_s,
+        "moves at {} s, reset at {reset_s} s",
+        moved.time_s
+    );
+    assert_eq!(
+        run.story(&["output", "reset", "block", "end"]),
+        ["output 100", "reset 100", "block 2", "end"]
+    );
 }
 
 #[test]
@@ -72,15 +83,24 @@ fn d30_an_m_code_with_parameters_is_always_after_motion() {
 #[test]
 fn d32_the_same_m_number_again_waits_for_the_reset_of_the_first() {
     let run = run("M20\nM20\nM30\n");
-    assert_eq!(run.story(&["output", "reset", "end"]), ["output 20", "reset 20", "output 20", "reset 20", "end"]);
+    assert_eq!(
+        run.story(&["output", "reset", "end"]),
+        ["output 20", "reset 20", "output 20", "reset 20", "end"]
+    );
     let cycle_s = run.cycle_time_s();
-    assert!((1.0 - 1e-9..1.005).contains(&cycle_s), "twice 500 ms, not {cycle_s}");
+    assert!(
+        (1.0 - 1e-9..1.005).contains(&cycle_s),
+        "twice 500 ms, not {cycle_s}"
+    );
 }
 
 #[test]
 fn d32_different_with_motion_codes_are_open_at_the_same_time() {
     let run = run("M20\nM21\nM30\n");
-    assert_eq!(run.story(&["output", "reset", "end"]), ["output 20", "output 21", "reset 20", "reset 21", "end"]);
+    assert_eq!(
+        run.story(&["output", "reset", "end"]),
+        ["output 20", "output 21", "reset 20", "reset 21", "end"]
+    );
     let cycle_s = run.cycle_time_s();
     assert!((0.5 - 1e-9..0.505).contains(&cycle_s), "{cycle_s}");
 }
@@ -88,7 +108,10 @@ fn d32_different_with_motion_codes_are_open_at_the_same_time() {
 #[test]
 fn d32_m30_waits_for_the_reset_of_every_open_output() {
     let run = run("M20\nM30\n");
-    assert_eq!(run.story(&["output", "reset", "end"]), ["output 20", "reset 20", "end"]);
+    assert_eq!(
+        run.story(&["output", "reset", "end"]),
+        ["output 20", "reset 20", "end"]
+    );
     assert!(run.at_s("reset", "m", 20) >= 0.5 - 1e-9);
 }
 
@@ -96,14 +119,22 @@ fn d32_m30_waits_for_the_reset_of_every_open_output() {
 fn d33_outputs_come_in_program_order_each_once_with_a_number_that_grows() {
     let run = run("M20\nM100\nM21\nM100 VA1\nM30\n");
     let outputs = run.events("output");
-    let field = |name: &str| outputs.iter().map(|event| event[name].as_u64().unwrap()).collect::<Vec<_>>();
+    let field = |name: &str| {
+        outputs
+            .iter()
+            .map(|event| event[name].as_u64().unwrap())
+            .collect::<Vec<_>>()
+    };
     assert_eq!(field("m"), [20, 100, 21, 100]);
     assert_eq!(field("line"), [1, 2, 3, 4]);
     assert_eq!(field("program"), [1, 1, 1, 1]);
     let seq = field("seq");
     assert!(seq.windows(2).all(|pair| pair[0] < pair[1]), "{seq:?}");
     let resets = run.events("reset");
-    let mut reset: Vec<_> = resets.iter().map(|event| event["seq"].as_u64().unwrap()).collect();
+    let mut reset: Vec<_> = resets
+        .iter()
+        .map(|event| event["seq"].as_u64().unwrap())
+        .collect();
     reset.sort_unstable();
     assert_eq!(reset, seq, "each output is reset once");
 }
@@ -111,11 +142,18 @@ fn d33_outputs_come_in_program_order_each_once_with_a_number_that_grows() {
 #[test]
 fn d33_an_output_carries_va_to_vh_and_only_those_that_are_written() {
     let run = run("M100 VA1 VB-2.5 VC3 VD4 VE5 VF6 VG7 VH0.125\nM100 VC0\nM100\nM30\n");
-    let params: Vec<_> = run.events("output").iter().map(|event| event["params"].clone()).collect();
+    let params: Vec<_> = run
+        .events("output")
+        .iter()
+        .map(|event| event["params"].clone())
+        .collect();
     let all = serde_json::json!({
         "A": 1.0, "B": -2.5, "C": 3.0, "D": 4.0, "E": 5.0, "F": 6.0, "G": 7.0, "H": 0.125,
     });
-    assert_eq!(params, [all, serde_json::json!({"C": 0.0}), serde_json::json!({})]);
+    assert_eq!(
+        params,
+        [all, serde_json::json!({"C": 0.0}), serde_json::json!({})]
+    );
 }
 
 #[test]
@@ -130,7 +168,10 @@ fn d33_an_output_of_a_subprogram_names_that_program_and_its_line() {
 #[test]
 fn d35_m03_is_an_output_that_the_stock_sequence_program_resets() {
     let run = simulate("S1000 M03\nM05\nM30\n").completed();
-    assert_eq!(run.story(&["output", "reset"]), ["output 3", "reset 3", "output 5", "reset 5"]);
+    assert_eq!(
+        run.story(&["output", "reset"]),
+        ["output 3", "reset 3", "output 5", "reset 5"]
+    );
 }
 
 #[test]

@@ -45,7 +45,11 @@ fn subprograms_are_found_beside_the_file_by_number_and_by_o_and_number() {
 /// Program 1001 calls 1002, and so on up to `last`, each with a step of 1 mm before and 100 mm behind its call.
 fn chain(last: u16) -> Vec<(u16, String)> {
     let program = |number: u16| {
-        let call = if number < last { format!("M98 P{}\n", number + 1) } else { String::new() };
+        let call = if number < last {
+            format!("M98 P{}\n", number + 1)
+        } else {
+            String::new()
+        };
         (number, format!("G91 G00 X1\n{call}G91 G00 Z10\nM99\n"))
     };
     (1001..=last).map(program).collect()
@@ -54,7 +58,10 @@ fn chain(last: u16) -> Vec<(u16, String)> {
 #[test]
 fn m98_nests_eight_deep() {
     let chain = chain(1008);
-    let texts: Vec<_> = chain.iter().map(|(number, text)| (*number, text.as_str())).collect();
+    let texts: Vec<_> = chain
+        .iter()
+        .map(|(number, text)| (*number, text.as_str()))
+        .collect();
     let run = with_subprograms("M98 P1001\nM30\n", &texts).completed();
     assert_eq!((run.machine("X"), run.machine("Z")), (8.0, 80.0));
     assert_eq!(run.json["warnings"].as_array().unwrap().len(), 0);
@@ -63,19 +70,28 @@ fn m98_nests_eight_deep() {
 #[test]
 fn d12_a_call_deeper_than_eight_is_not_made_and_the_next_block_follows_with_a_warning() {
     let chain = chain(1009);
-    let texts: Vec<_> = chain.iter().map(|(number, text)| (*number, text.as_str())).collect();
+    let texts: Vec<_> = chain
+        .iter()
+        .map(|(number, text)| (*number, text.as_str()))
+        .collect();
     let run = with_subprograms("M98 P1001\nM30\n", &texts).completed();
     assert_eq!((run.machine("X"), run.machine("Z")), (8.0, 80.0));
     let warnings = run.json["warnings"].as_array().unwrap();
     assert_eq!(warnings.len(), 1, "{warnings:?}");
-    assert_eq!((&warnings[0]["program"], &warnings[0]["line"]), (&1008.into(), &2.into()));
+    assert_eq!(
+        (&warnings[0]["program"], &warnings[0]["line"]),
+        (&1008.into(), &2.into())
+    );
 }
 
 #[test]
 fn d12_a_missing_subprogram_is_an_alarm_at_its_call_and_what_stands_before_it_runs() {
     let run = with_subprograms("G00 X5\nM98 P2999\nG00 X9\nM30\n", &[]);
     assert_eq!(run.alarm(), 20);
-    assert_eq!((&run.json["alarm"]["program"], &run.json["alarm"]["line"]), (&1.into(), &2.into()));
+    assert_eq!(
+        (&run.json["alarm"]["program"], &run.json["alarm"]["line"]),
+        (&1.into(), &2.into())
+    );
     assert_eq!(run.machine("X"), 5.0);
 }
 
@@ -101,7 +117,9 @@ fn m02_ends_the_program_like_m30_and_nothing_behind_it_runs() {
 const SKIPS: &str = "G91\n/ G00 X1\n/1 G00 X2\n/3 G00 X4\n/2/3 G00 X8\nM30\n";
 
 fn with_skips(skip: &[&str]) -> f64 {
-    simulate_on(&Machine::new(""), SKIPS, skip).completed().machine("X")
+    simulate_on(&Machine::new(""), SKIPS, skip)
+        .completed()
+        .machine("X")
 }
 
 #[test]
@@ -128,7 +146,10 @@ fn m00_stops_always_and_m01_only_with_the_optional_stop_on() {
     let off = simulate(program).completed();
     let stops = |run: &Simulated| {
         let stops = run.json["stops"].as_array().unwrap().clone();
-        stops.iter().map(|stop| (stop["m"].as_u64(), stop["line"].as_u64())).collect::<Vec<_>>()
+        stops
+            .iter()
+            .map(|stop| (stop["m"].as_u64(), stop["line"].as_u64()))
+            .collect::<Vec<_>>()
     };
     assert_eq!(stops(&off), [(Some(0), Some(2))]);
     let on = simulate_on(&Machine::new(""), program, &["--optional-stop"]).completed();

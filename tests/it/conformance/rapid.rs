@@ -41,6 +41,9 @@ fn m1e_each_motor_moves_alone_and_the_block_ends_with_the_slowest() {
 fn m1c_g00_blends_neither_before_nor_behind_it() {
     let run = simulate("G00 X20\nX20 Y10\nG01 X30 F3000\nG00 Z5\nM30\n").completed();
     for corner in [[20.0, 0.0, 0.0], [20.0, 10.0, 0.0], [30.0, 10.0, 0.0]] {
-        assert!(run.trace.iter().any(|row| row.axes == corner), "the path meets {corner:?}");
+        assert!(
+            run.trace.iter().any(|row| row.axes == corner),
+            "the path meets {corner:?}"
+        );
     }
 }

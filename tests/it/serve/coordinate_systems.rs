@@ -13,10 +13,16 @@ async fn both_coordinate_systems_run_and_wait_at_the_same_time_each_with_its_own
     served.load(2, 60, "G00 X30\nM100 VA2\nG00 X0\nM30\n").await;
     served.command(1, "start").await;
     served.command(2, "start").await;
-    let (first, second) = (served.execution(1, "WAIT").await, served.execution(2, "WAIT").await);
+    let (first, second) = (
+        served.execution(1, "WAIT").await,
+        served.execution(2, "WAIT").await,
+    );
     assert_eq!((&first["program"], &second["program"]), (&json!(50), &json!(60)));
     for (cs, params) in [(1, json!({"A": 1.0})), (2, json!({"A": 2.0}))] {
-        let output = bus.history.find(&format!("cs/{cs}/m_code/100/output"), |_| true).await;
+        let output = bus
+            .history
+            .find(&format!("cs/{cs}/m_code/100/output"), |_| true)
+            .await;
         assert_eq!(output["params"], params);
         let pending = served.get(&format!("/cs/{cs}/m_codes")).await.expect(200).json();
         assert_eq!(pending["outputs"].as_array().unwrap().len(), 1);
@@ -25,7 +31,10 @@ async fn both_coordinate_systems_run_and_wait_at_the_same_time_each_with_its_own
     served.reset_output(2, "test", false).await.expect(200);
     served.execution(2, "PROGRAM_COMPLETED").await;
     let state = served.state(1).await;
-    assert_eq!((&state["execution"], &state["waiting_on"]["m"]), (&json!("WAIT"), &json!(100)));
+    assert_eq!(
+        (&state["execution"], &state["waiting_on"]["m"]),
+        (&json!("WAIT"), &json!(100))
+    );
     served.reset_output(1, "test", false).await.expect(200);
     served.execution(1, "PROGRAM_COMPLETED").await;
 }
@@ -35,9 +44,16 @@ async fn d32_several_outputs_of_one_coordinate_system_are_open_together_and_m30_
     let (_machine, served) = served();
     served.load(1, 50, "M20\nM100\nM30\n").await;
     served.command(1, "start").await;
-    let state = served.state_where(1, "M100 is waited for", |state| state["waiting_on"]["m"] == 100).await;
+    let state = served
+        .state_where(1, "M100 is waited for", |state| state["waiting_on"]["m"] == 100)
+        .await;
     let pending = served.get("/cs/1/m_codes").await.expect(200).json();
-    let m: Vec<_> = pending["outputs"].as_array().unwrap().iter().map(|output| output["m"].as_u64()).collect();
+    let m: Vec<_> = pending["outputs"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|output| output["m"].as_u64())
+        .collect();
     assert_eq!(m, [Some(20), Some(100)]);
     served.reset_output(1, "test", false).await.expect(200);
     let state = served

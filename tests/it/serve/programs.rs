@@ -7,19 +7,36 @@ use super::served;
 #[tokio::test]
 async fn a_program_with_errors_is_stored_with_its_diagnostics_and_cannot_be_loaded() {
     let (_machine, served) = served();
-    let stored = served.put_program(50, "G00 X1 X2\nG05\nM30\n").await.expect(201).json();
+    let stored = served
+        .put_program(50, "G00 X1 X2\nG05\nM30\n")
+        .await
+        .expect(201)
+        .json();
     let lines = |body: &Value| {
         let found = body["diagnostics"].as_array().expect("diagnostics").clone();
-        found.iter().map(|one| one["line"].as_u64().unwrap()).collect::<Vec<_>>()
+        found
+            .iter()
+            .map(|one| one["line"].as_u64().unwrap())
+            .collect::<Vec<_>>()
     };
     assert_eq!(lines(&stored), [1, 2]);
     let before = served.state(1).await;
-    let refused = served.post("/cs/1/load", &json!({"program": 50})).await.expect(422).json();
+    let refused = served
+        .post("/cs/1/load", &json!({"program": 50}))
+        .await
+        .expect(422)
+        .json();
     assert_eq!(lines(&refused), [1, 2]);
     let after = served.state(1).await;
-    assert_eq!((&after["execution"], &after["program"]), (&before["execution"], &before["program"]));
+    assert_eq!(
+        (&after["execution"], &after["program"]),
+        (&before["execution"], &before["program"])
+    );
     served.put_program(50, "G00 X1\nM30\n").await.expect(200);
-    served.post("/cs/1/load?wait=1", &json!({"program": 50})).await.expect(200);
+    served
+        .post("/cs/1/load?wait=1", &json!({"program": 50}))
+        .await
+        .expect(200);
 }
 
 #[tokio::test]
@@ -27,8 +44,18 @@ async fn errors_of_a_called_subprogram_refuse_the_load_too() {
     let (_machine, served) = served();
     served.put_program(50, "M98 P1000\nM30\n").await.expect(201);
     served.put_program(1000, "G05\nM99\n").await.expect(201);
-    let refused = served.post("/cs/1/load", &json!({"program": 50})).await.expect(422).json();
-    assert!(refused["diagnostics"][0]["message"].as_str().unwrap().contains("1000"), "{refused}");
+    let refused = served
+        .post("/cs/1/load", &json!({"program": 50}))
+        .await
+        .expect(422)
+        .json();
+    assert!(
+        refused["diagnostics"][0]["message"]
+            .as_str()
+            .unwrap()
+            .contains("1000"),
+        "{refused}"
+    );
 }
 
 #[tokio::test]
@@ -44,7 +71,10 @@ async fn what_was_stored_is_read_again_letter_by_letter() {
 async fn a_program_that_does_not_exist_is_404() {
     let (_machine, served) = served();
     served.get("/programs/8").await.expect(404);
-    served.post("/cs/1/load", &json!({"program": 8})).await.expect(404);
+    served
+        .post("/cs/1/load", &json!({"program": 8}))
+        .await
+        .expect(404);
     served.get("/cs/9/state").await.expect(404);
     served.post("/cs/9/start", &Value::Null).await.expect(404);
 }

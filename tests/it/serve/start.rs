@@ -31,7 +31,10 @@ fn a_taken_http_port_is_an_error_that_names_the_address_and_the_setting() {
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = taken.local_addr().unwrap().to_string();
     let output = refused(&with_ports(&address, "127.0.0.1:0"));
-    assert!(output.contains(&address) && output.contains("[http] listen"), "{output}");
+    assert!(
+        output.contains(&address) && output.contains("[http] listen"),
+        "{output}"
+    );
 }
 
 #[test]
@@ -39,12 +42,17 @@ fn a_taken_mqtt_port_is_an_error_that_names_the_address_and_the_setting() {
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = taken.local_addr().unwrap().to_string();
     let output = refused(&with_ports("127.0.0.1:0", &address));
-    assert!(output.contains(&address) && output.contains("[mqtt] listen"), "{output}");
+    assert!(
+        output.contains(&address) && output.contains("[mqtt] listen"),
+        "{output}"
+    );
 }
 
 #[test]
 fn a_broken_config_key_is_named_with_the_nearest_known_one_and_nothing_starts() {
-    let output = refused(&format!("[machine]\nservo_periode_us = 1000\n{MOTORS}{COORDINATE_SYSTEMS}"));
+    let output = refused(&format!(
+        "[machine]\nservo_periode_us = 1000\n{MOTORS}{COORDINATE_SYSTEMS}"
+    ));
     for word in ["servo_periode_us", "servo_period_us", "tandem.toml", "line 2"] {
         assert!(output.contains(word), "{word} is missing in {output}");
     }
@@ -64,7 +72,9 @@ async fn the_printed_addresses_answer() {
     assert_eq!(machine["machine"], "test-1");
     served.get("/health").await.expect(200);
     std::net::TcpStream::connect(&served.broker).expect("the broker answers");
-    let page = crate::support::http::request(&served.http, "GET", "/", "", "").await.expect(200);
+    let page = crate::support::http::request(&served.http, "GET", "/", "", "")
+        .await
+        .expect(200);
     assert!(page.body.contains("<html"), "the HMI is served");
 }
 
@@ -72,14 +82,24 @@ async fn the_printed_addresses_answer() {
 fn sigterm_ends_it_with_exit_0_within_seconds() {
     let (_machine, mut served) = served();
     served.process.signal("TERM");
-    assert_eq!(served.process.exit_code_within(Duration::from_secs(5)), Some(0), "{}", served.process.output);
+    assert_eq!(
+        served.process.exit_code_within(Duration::from_secs(5)),
+        Some(0),
+        "{}",
+        served.process.output
+    );
 }
 
 #[test]
 fn ctrl_c_ends_it_with_exit_0_within_seconds() {
     let (_machine, mut served) = served();
     served.process.signal("INT");
-    assert_eq!(served.process.exit_code_within(Duration::from_secs(5)), Some(0), "{}", served.process.output);
+    assert_eq!(
+        served.process.exit_code_within(Duration::from_secs(5)),
+        Some(0),
+        "{}",
+        served.process.output
+    );
 }
 
 #[tokio::test]
@@ -89,7 +109,12 @@ async fn sigterm_in_the_middle_of_a_motion_ends_it_in_order() {
     served.command(1, "start").await;
     served.execution(1, "ACTIVE").await;
     served.process.signal("TERM");
-    assert_eq!(served.process.exit_code_within(Duration::from_secs(10)), Some(0), "{}", served.process.output);
+    assert_eq!(
+        served.process.exit_code_within(Duration::from_secs(10)),
+        Some(0),
+        "{}",
+        served.process.output
+    );
 }
 
 #[tokio::test]
@@ -97,7 +122,10 @@ async fn the_first_start_is_no_program_and_any_later_one_is_restarted_and_nothin
     let machine = machine();
     let mut served = Served::start(&machine);
     let state = served.state(1).await;
-    assert_eq!((&state["execution"], &state["reason"]), (&json!("STOPPED"), &json!("NO_PROGRAM")));
+    assert_eq!(
+        (&state["execution"], &state["reason"]),
+        (&json!("STOPPED"), &json!("NO_PROGRAM"))
+    );
     let boot_id = state["boot_id"].clone();
     served.load(1, 50, "G01 X200 F600\nM100\nM30\n").await;
     served.command(1, "start").await;
@@ -108,12 +136,18 @@ async fn the_first_start_is_no_program_and_any_later_one_is_restarted_and_nothin
     let served = Served::start(&machine);
     for cs in [1, 2] {
         let state = served.state(cs).await;
-        assert_eq!((&state["execution"], &state["reason"]), (&json!("STOPPED"), &json!("RESTARTED")));
+        assert_eq!(
+            (&state["execution"], &state["reason"]),
+            (&json!("STOPPED"), &json!("RESTARTED"))
+        );
         assert_ne!(state["boot_id"], boot_id);
         assert_eq!(state["waiting_on"], json!(null));
     }
     let programs = served.get("/programs").await.expect(200).json();
-    assert!(programs.to_string().contains("50"), "the program is kept: {programs}");
+    assert!(
+        programs.to_string().contains("50"),
+        "the program is kept: {programs}"
+    );
 }
 
 #[test]

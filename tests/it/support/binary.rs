@@ -43,7 +43,10 @@ fn built(name: &str) -> PathBuf {
 /// `target/debug`, from `target/debug/deps/it-...`.
 fn folder() -> PathBuf {
     let test = std::env::current_exe().expect("the path of this test");
-    let folder = test.parent().and_then(Path::parent).expect("a test in target/*/deps");
+    let folder = test
+        .parent()
+        .and_then(Path::parent)
+        .expect("a test in target/*/deps");
     folder.to_owned()
 }
 
@@ -51,6 +54,22 @@ fn build(what: &[&str]) {
     let folder = folder();
     let mut cargo = Command::new(env!("CARGO"));
     cargo.arg("build").args(what).current_dir(root());
+    // What cargo tells a test about its own package would make build scripts run again.
+    for (key, _) in std::env::vars_os() {
+        let name = key.to_string_lossy();
+        if [
+            "CARGO_PKG_",
+            "CARGO_MANIFEST_",
+            "CARGO_CRATE_",
+            "CARGO_BIN_",
+            "CARGO_PRIMARY_",
+        ]
+        .iter()
+        .any(|prefix| name.starts_with(prefix))
+        {
+            cargo.env_remove(&key);
+        }
+    }
     cargo.env("CARGO_TARGET_DIR", folder.parent().expect("a target folder"));
     if folder.file_name().is_some_and(|name| name == "release") {
         cargo.arg("--release");

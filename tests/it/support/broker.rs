@@ -22,7 +22,8 @@ impl Mosquitto {
         let port = free.local_addr().expect("its address").port();
         drop(free);
         let folder = TempDir::new().expect("a folder");
-        let config = format!("listener {port} 127.0.0.1\nallow_anonymous true\npersistence false\nlog_dest stderr\n");
+        let config =
+            format!("listener {port} 127.0.0.1\nallow_anonymous true\npersistence false\nlog_dest stderr\n");
         std::fs::write(folder.path().join("mosquitto.conf"), config).expect("its configuration");
         let mut broker = Self {
             folder,
@@ -59,9 +60,15 @@ impl Mosquitto {
 }
 
 fn program() -> PathBuf {
-    let places = ["/usr/sbin/mosquitto", "/usr/local/sbin/mosquitto", "/opt/homebrew/sbin/mosquitto"];
+    let places = [
+        "/usr/sbin/mosquitto",
+        "/usr/local/sbin/mosquitto",
+        "/opt/homebrew/sbin/mosquitto",
+    ];
     let path = std::env::var_os("PATH").unwrap_or_default();
-    let mut all = std::env::split_paths(&path).map(|folder| folder.join("mosquitto")).chain(places.map(PathBuf::from));
+    let mut all = std::env::split_paths(&path)
+        .map(|folder| folder.join("mosquitto"))
+        .chain(places.map(PathBuf::from));
     all.find(|place| place.is_file()).expect(
         "mosquitto is not installed; `apt-get install mosquitto`, or run tests/run, which installs what tests need",
     )

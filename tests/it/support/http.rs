@@ -26,7 +26,9 @@ impl Answer {
     /// A header's value.
     pub fn header(&self, name: &str) -> Option<&str> {
         let mut fields = self.head.lines().filter_map(|line| line.split_once(':'));
-        fields.find(|(key, _)| key.eq_ignore_ascii_case(name)).map(|(_, value)| value.trim())
+        fields
+            .find(|(key, _)| key.eq_ignore_ascii_case(name))
+            .map(|(_, value)| value.trim())
     }
 
     #[track_caller]
@@ -45,9 +47,16 @@ pub async fn request(address: &str, method: &str, path: &str, kind: &str, body: 
         } else {
             format!("Content-Type: {kind}\r\nContent-Length: {}", body.len())
         };
-        let head = format!("{method} {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n{content}\r\n\r\n");
-        stream.write_all(head.as_bytes()).await.expect("the request is taken");
-        stream.write_all(body.as_bytes()).await.expect("the body is taken");
+        let head =
+            format!("{method} {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n{content}\r\n\r\n");
+        stream
+            .write_all(head.as_bytes())
+            .await
+            .expect("the request is taken");
+        stream
+            .write_all(body.as_bytes())
+            .await
+            .expect("the body is taken");
         let mut bytes = Vec::new();
         stream.read_to_end(&mut bytes).await.expect("an answer");
         parse(&bytes)
@@ -58,7 +67,11 @@ pub async fn request(address: &str, method: &str, path: &str, kind: &str, body: 
 fn parse(bytes: &[u8]) -> Answer {
     let text = String::from_utf8_lossy(bytes);
     let (head, body) = text.split_once("\r\n\r\n").expect("a head and a body");
-    let status = head.split(' ').nth(1).and_then(|word| word.parse().ok()).expect("a status");
+    let status = head
+        .split(' ')
+        .nth(1)
+        .and_then(|word| word.parse().ok())
+        .expect("a status");
     let mut answer = Answer {
         status,
         head: head.to_owned(),

@@ -49,7 +49,7 @@ rapid_acceleration = 1000.0
 
 /// The coordinate systems that go with [`MOTORS`]. The second one ends the text without a table, so that a test can
 /// add keys to it or tables behind it.
-pub const COORDINATE_SYSTEMS: &str = r#"
+pub const COORDINATE_SYSTEMS: &str = r"
 [[coordinate_system]]
 number = 1
 axes = { X = 1, Y = 2, Z = 3 }
@@ -67,7 +67,7 @@ G59 = { X = 15.0 }
 [[coordinate_system]]
 number = 2
 axes = { X = 5 }
-"#;
+";
 
 /// A folder with a configuration and programs; gone when it is dropped.
 pub struct Machine {
@@ -77,7 +77,9 @@ pub struct Machine {
 impl Machine {
     /// The machine of [`MOTORS`] and [`COORDINATE_SYSTEMS`], with `more` behind them, such as `[m_code.N]` tables.
     pub fn new(more: &str) -> Self {
-        Self::with_config(&format!("[machine]\nname = \"test-1\"\n{MOTORS}{COORDINATE_SYSTEMS}{more}"))
+        Self::with_config(&format!(
+            "[machine]\nname = \"test-1\"\n{MOTORS}{COORDINATE_SYSTEMS}{more}"
+        ))
     }
 
     /// A machine of a whole configuration.

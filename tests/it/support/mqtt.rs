@@ -2,6 +2,8 @@
 
 use std::time::Duration;
 
+use plc_api::types::message::Message;
+use plc_api::types::topic::Topic;
 use rumqttc::{AsyncClient, Event, MqttOptions, Packet, QoS};
 use serde_json::Value;
 
@@ -10,6 +12,8 @@ use super::wait::{History, within};
 /// A connected client; everything below the machine's root is in `history`.
 pub struct Bus {
     pub history: History,
+    /// What is no message of the interface, with the reason.
+    pub unreadable: History,
     client: AsyncClient,
     root: String,
     task: tokio::task::JoinHandle<()>,
@@ -25,14 +29,27 @@ impl Bus {
         options.set_max_packet_size(1 << 20, 1 << 20);
         let (client, mut events) = AsyncClient::new(options, 64);
         let root = format!("tandem/v1/{machine}/");
-        client.subscribe(format!("{root}#"), QoS::AtLeastOnce).await.expect("a subscription");
+        client
+            .subscribe(format!("{root}#"), QoS::AtLeastOnce)
+            .await
+            .expect("a subscription");
         let history = History::default();
-        let (sink, prefix) = (history.clone(), root.clone());
+        let unreadable = History::default();
+        let (sink, wrong, prefix) = (history.clone(), unreadable.clone(), root.clone());
         let task = tokio::spawn(async move {
             loop {
                 match events.poll().await {
                     Ok(Event::Incoming(Packet::Publish(publish))) => {
-                        let topic = publish.topic.strip_prefix(&prefix).unwrap_or(&publish.topic).to_owned();
+                        let topic = publish
+                            .topic
+                            .strip_prefix(&prefix)
+                            .unwrap_or(&publish.topic)
+                            .to_owned();
+                        if let Some(known) = Topic::parse(&topic)
+                            && let Err(error) = Message::from_json(known, &publish.payload)
+                        {
+                            wrong.push("unreadable".into(), Value::from(format!("{topic}: {error}")));
+                        }
                         let value = serde_json::from_slice(&publish.payload).unwrap_or(Value::Null);
                         sink.push(topic, value);
                     }
@@ -43,17 +60,24 @@ impl Bus {
         });
         let bus = Self {
             history,
+            unreadable,
             client,
             root,
             task,
         };
-        within("presence over MQTT", bus.history.find("presence", |value| value["online"] == true)).await;
+        within(
+            "presence over MQTT",
+            bus.history.find("presence", |value| value["online"] == true),
+        )
+        .await;
         bus
     }
 
     pub async fn publish(&self, topic: &str, value: &Value) {
         let topic = format!("{}{topic}", self.root);
-        let sent = self.client.publish(topic, QoS::AtLeastOnce, false, value.to_string());
+        let sent = self
+            .client
+            .publish(topic, QoS::AtLeastOnce, false, value.to_string());
         sent.await.expect("a publish");
     }
 }

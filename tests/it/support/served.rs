@@ -60,7 +60,10 @@ impl Process {
     pub fn line(&mut self, what: &str, fits: impl Fn(&str) -> bool) -> String {
         let end = Instant::now() + PATIENCE;
         loop {
-            match self.lines.recv_timeout(end.saturating_duration_since(Instant::now())) {
+            match self
+                .lines
+                .recv_timeout(end.saturating_duration_since(Instant::now()))
+            {
                 Ok(line) => {
                     self.output.push_str(&line);
                     self.output.push('\n');
@@ -75,7 +78,10 @@ impl Process {
     }
 
     pub fn signal(&self, name: &str) {
-        let kill = Command::new("kill").arg(format!("-{name}")).arg(self.child.id().to_string()).status();
+        let kill = Command::new("kill")
+            .arg(format!("-{name}"))
+            .arg(self.child.id().to_string())
+            .status();
         assert!(kill.expect("kill starts").success());
     }
 
@@ -127,7 +133,11 @@ impl Served {
         let http = after(&rest, "http://");
         let mqtt = process.line("the MQTT address", |line| line.trim_start().starts_with("MQTT"));
         let broker = after(&mqtt, "mqtt://");
-        Self { process, http, broker }
+        Self {
+            process,
+            http,
+            broker,
+        }
     }
 
     /// The address that `Plc::connect` takes.
@@ -140,27 +150,45 @@ impl Served {
     }
 
     pub async fn post(&self, path: &str, body: &Value) -> Answer {
-        let body = if body.is_null() { String::new() } else { body.to_string() };
-        request(&self.http, "POST", &format!("/api/v1{path}"), "application/json", &body).await
-    }
-
-    pub async fn put(&self, path: &str, body: &Value) -> Answer {
-        request(&self.http, "PUT", &format!("/api/v1{path}"), "application/json", &body.to_string()).await
+        let body = if body.is_null() {
+            String::new()
+        } else {
+            body.to_string()
+        };
+        request(
+            &self.http,
+            "POST",
+            &format!("/api/v1{path}"),
+            "application/json",
+            &body,
+        )
+        .await
     }
 
     pub async fn put_program(&self, number: u16, text: &str) -> Answer {
-        request(&self.http, "PUT", &format!("/api/v1/programs/{number}"), "text/plain", text).await
+        request(
+            &self.http,
+            "PUT",
+            &format!("/api/v1/programs/{number}"),
+            "text/plain",
+            text,
+        )
+        .await
     }
 
     /// Writes a program and loads it.
     pub async fn load(&self, cs: u8, number: u16, text: &str) {
         self.put_program(number, text).await.expect(201);
-        self.post(&format!("/cs/{cs}/load?wait=1"), &json!({"program": number})).await.expect(200);
+        self.post(&format!("/cs/{cs}/load?wait=1"), &json!({"program": number}))
+            .await
+            .expect(200);
     }
 
     /// A command that must be carried out.
     pub async fn command(&self, cs: u8, verb: &str) {
-        self.post(&format!("/cs/{cs}/{verb}?wait=1"), &Value::Null).await.expect(200);
+        self.post(&format!("/cs/{cs}/{verb}?wait=1"), &Value::Null)
+            .await
+            .expect(200);
     }
 
     pub async fn state(&self, cs: u8) -> Value {
@@ -179,7 +207,8 @@ impl Served {
 
     /// Waits for a word of execution.
     pub async fn execution(&self, cs: u8, word: &str) -> Value {
-        self.state_where(cs, word, |state| state["execution"] == word).await
+        self.state_where(cs, word, |state| state["execution"] == word)
+            .await
     }
 
     /// Resets the output that a coordinate system waits for, as `handler_id`.

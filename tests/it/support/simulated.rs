@@ -133,9 +133,15 @@ impl Simulated {
     /// Positions of an axis while a line of a program is carried out, and the one before: sample 0 is at rest.
     pub fn samples(&self, program: u16, line: u32, axis: usize) -> Vec<f64> {
         let positions = |rows: &[Row]| rows.iter().map(|row| row.axes[axis]).collect::<Vec<_>>();
-        let first = self.trace.iter().position(|row| (row.program, row.line) == (program, line));
+        let first = self
+            .trace
+            .iter()
+            .position(|row| (row.program, row.line) == (program, line));
         let first = first.unwrap_or_else(|| panic!("line {line} of program {program} is not in the trace"));
-        let last = self.trace.iter().rposition(|row| (row.program, row.line) == (program, line));
+        let last = self
+            .trace
+            .iter()
+            .rposition(|row| (row.program, row.line) == (program, line));
         let all = positions(&self.trace[first.saturating_sub(1)..=last.unwrap_or(first)]);
         // The last sample at rest is sample 0.
         let rest = all.iter().take_while(|position| **position == all[0]).count();
@@ -144,12 +150,18 @@ impl Simulated {
 
     /// Events of a kind.
     pub fn events(&self, kind: &str) -> Vec<&Value> {
-        self.events.iter().filter(|event| event["event"] == kind).collect()
+        self.events
+            .iter()
+            .filter(|event| event["event"] == kind)
+            .collect()
     }
 
     /// Kinds of events and the M code or line that belongs to them, in order: `output 8`, `block 3`, `end`.
     pub fn story(&self, kinds: &[&str]) -> Vec<String> {
-        let of_interest = self.events.iter().filter(|event| kinds.contains(&text(event, "event")));
+        let of_interest = self
+            .events
+            .iter()
+            .filter(|event| kinds.contains(&text(event, "event")));
         of_interest
             .map(|event| {
                 let kind = text(event, "event");
@@ -164,7 +176,10 @@ impl Simulated {
 
     /// When the first event of a kind with a field of a value happened.
     pub fn at_s(&self, kind: &str, field: &str, value: u64) -> f64 {
-        let found = self.events.iter().find(|event| event["event"] == kind && event[field] == value);
+        let found = self
+            .events
+            .iter()
+            .find(|event| event["event"] == kind && event[field] == value);
         let found = found.unwrap_or_else(|| panic!("no {kind} with {field} {value} in {:?}", self.events));
         found["t_s"].as_f64().expect("t_s")
     }

@@ -45,7 +45,10 @@ impl History {
     /// Everything on a topic so far.
     pub fn on(&self, topic: &str) -> Vec<Value> {
         let said = self.said.lock().unwrap();
-        said.iter().filter(|(on, _)| on == topic).map(|(_, value)| value.clone()).collect()
+        said.iter()
+            .filter(|(on, _)| on == topic)
+            .map(|(_, value)| value.clone())
+            .collect()
     }
 
     /// The first value on a topic that fits, from the beginning of the history on.
@@ -68,9 +71,23 @@ impl History {
     /// The words of execution of a coordinate system, each once where it repeats.
     pub fn executions(&self, cs: u8) -> Vec<String> {
         let states = self.on(&format!("cs/{cs}/state"));
-        let mut words: Vec<String> =
-            states.iter().filter_map(|state| state["execution"].as_str().map(str::to_owned)).collect();
+        let mut words: Vec<String> = states
+            .iter()
+            .filter_map(|state| state["execution"].as_str().map(str::to_owned))
+            .collect();
         words.dedup();
         words
     }
+}
+
+/// Runs a future in simulated time. A simulation that stands still for ever fails instead.
+pub fn simulate<T: Send + 'static, F: Future<Output = T>>(main: impl FnOnce() -> F + Send + 'static) -> T {
+    let (ended, end) = std::sync::mpsc::channel();
+    std::thread::spawn(move || {
+        let result = tandem_runtime::simulation::run(main()).expect("a simulation");
+        // Nobody listens any more when it took too long.
+        let _ = ended.send(result);
+    });
+    end.recv_timeout(Duration::from_mins(1))
+        .expect("the simulation ends, and ends within a minute")
 }

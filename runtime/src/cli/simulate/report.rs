@@ -178,7 +178,7 @@ impl Part {
         }
         for output in &self.record.m_codes {
             let params: Vec<_> = (output["params"].as_object().into_iter().flatten())
-                .map(|(letter, value)| format!(" V{letter}{value}"))
+                .map(|(letter, value)| format!(" V{letter}{}", value.as_f64().unwrap_or_default()))
                 .collect();
             let m = output["m"].as_u64().unwrap_or_default();
             let reset = match output["reset_s"].as_f64() {

@@ -1,0 +1,40 @@
+//! What a user feels of the runtime as a whole, measured in real time. Run it on a quiet machine:
+//!
+//! ```text
+//! cargo bench -p tandem-runtime --bench runtime              all, about 45 s
+//! cargo bench -p tandem-runtime --bench runtime -- m_code    one of: m_code servo rest
+//! ```
+//!
+//! Each part says in its own docs what it measures, and what was measured where.
+
+mod http;
+mod m_code;
+mod machine;
+mod rest;
+mod servo;
+mod table;
+
+use machine::in_real_time;
+
+fn main() -> anyhow::Result<()> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    // `cargo test --all-targets` runs benches too, without this flag
+    if !arguments.iter().any(|argument| argument == "--bench") {
+        return Ok(());
+    }
+    let wanted: Vec<&String> = arguments
+        .iter()
+        .filter(|argument| !argument.starts_with('-'))
+        .collect();
+    let is_wanted = |part: &str| wanted.is_empty() || wanted.iter().any(|name| part.contains(name.as_str()));
+    if is_wanted("m_code") {
+        in_real_time(m_code::run())?;
+    }
+    if is_wanted("servo") {
+        in_real_time(servo::run())?;
+    }
+    if is_wanted("rest") {
+        in_real_time(rest::run())?;
+    }
+    Ok(())
+}

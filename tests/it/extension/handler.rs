@@ -1,0 +1,80 @@
+//! An M-code handler costs one function of the user's, and is tried out in simulated time.
+
+use std::time::Duration;
+
+use plc_api::types::request::Request;
+use plc_api::{Alarm, AuxOutput, Execution, Plc, SequenceProgram};
+use tandem_runtime::journal::Journal;
+use tandem_runtime::simulation::SimulationOptions;
+use tandem_runtime::{Config, Runtime};
+
+use crate::support::wait::simulate;
+
+/// M150 VA: blows chips away for VA seconds.
+async fn blow(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
+    let seconds = output
+        .params()
+        .a()
+        .ok_or(Alarm::user(150, "M150 needs VA: seconds"))?;
+    plc.sleep(Duration::from_secs_f64(seconds)).await;
+    Ok(())
+}
+
+/// Runs a program with the handler; gives how it ended, when, and the alarm's text.
+fn run(program: &'static str) -> (Execution, f64, Option<String>) {
+    simulate(move || async move {
+        let machine = Config::demo().resolve().unwrap();
+        let runtime =
+            Runtime::start_simulated(machine, Journal::to_log(), SimulationOptions::default()).unwrap();
+        let plc = Plc::in_process(runtime.port());
+        let serving = plc.clone();
+        let handlers = tokio::spawn(async move { SequenceProgram::new().on(150, blow).run(&serving).await });
+        plc.sleep(Duration::from_millis(10)).await;
+        plc.port()
+            .request(Request::WriteProgram(500, program.to_owned()))
+            .await
+            .unwrap();
+        let system = plc.coordinate_system(1);
+        system.load(500).await.unwrap();
+        let started_s = plc.now_s();
+        system.start().await.unwrap();
+        let ended = |state: &plc_api::types::state::State| {
+            matches!(state.execution, Execution::ProgramCompleted | Execution::Stopped)
+        };
+        let state = system.wait_for(ended).await.unwrap();
+        let took_s = plc.now_s() - started_s;
+        let active = plc
+            .port()
+            .read(&plc_api::types::topic::Topic::AlarmActive)
+            .await
+            .unwrap();
+        let text = match &active.payload {
+            plc_api::types::message::Payload::AlarmActive(active) => {
+                active.alarms.first().map(|alarm| alarm.text.clone())
+            }
+            _ => None,
+        };
+        handlers.abort();
+        runtime.shutdown().await;
+        (state.execution, took_s, text)
+    })
+}
+
+#[test]
+fn a_handler_is_a_function_and_its_sleep_is_simulated_time() {
+    let begun = std::time::Instant::now();
+    let (execution, took_s, _) = run("M150 VA600\nM30\n");
+    assert_eq!(execution, Execution::ProgramCompleted);
+    assert!((600.0 - 1e-6..600.01).contains(&took_s), "{took_s}");
+    assert!(
+        begun.elapsed() < Duration::from_mins(1),
+        "ten minutes do not take one"
+    );
+}
+
+#[test]
+fn a_handlers_error_stops_the_program_with_its_text() {
+    let (execution, _, text) = run("M150\nM30\n");
+    assert_eq!(execution, Execution::Stopped);
+    assert_eq!(text.as_deref(), Some("M150 needs VA: seconds"));
+}

@@ -1,0 +1,100 @@
+//! The layout: which crates there are, and what each may import.
+
+use std::collections::BTreeSet;
+
+use super::read;
+
+/// Stages: plain data in and out.
+const STAGES: [&str; 5] = ["syntax", "interp", "path", "motion", "servo"];
+
+/// Names of a manifest's `[dependencies]`.
+fn dependencies(folder: &str) -> BTreeSet<String> {
+    let manifest = read(format!("{folder}/Cargo.toml").as_ref());
+    let mut inside = false;
+    let mut found = BTreeSet::new();
+    for line in manifest.lines() {
+        if line.starts_with('[') {
+            inside = line.trim() == "[dependencies]";
+        } else if inside && line.starts_with(|letter: char| letter.is_ascii_lowercase()) {
+            found.insert(line.split(['.', ' ', '=']).next().unwrap_or_default().to_owned());
+        }
+    }
+    found
+}
+
+#[test]
+fn every_crate_of_the_layout_is_there_with_its_name() {
+    for (folder, name) in [
+        ("plc-api", "plc-api"),
+        ("runtime", "tandem-runtime"),
+        ("runtime/model", "tandem-model"),
+        ("runtime/syntax", "tandem-syntax"),
+        ("runtime/interp", "tandem-interp"),
+        ("runtime/path", "tandem-path"),
+        ("runtime/motion", "tandem-motion"),
+        ("runtime/servo", "tandem-servo"),
+        ("runtime/gateway", "tandem-gateway"),
+    ] {
+        let manifest = read(format!("{folder}/Cargo.toml").as_ref());
+        assert!(
+            manifest.contains(&format!("name = \"{name}\"")),
+            "{folder} is not {name}"
+        );
+    }
+}
+
+#[test]
+fn no_stage_imports_another_but_interp_imports_syntax() {
+    for stage in STAGES {
+        let mut ours = dependencies(&format!("runtime/{stage}"));
+        ours.retain(|name| name.starts_with("tandem-") || name == "plc-api");
+        let mut allowed = BTreeSet::from(["tandem-model".to_owned()]);
+        if stage == "interp" {
+            allowed.insert("tandem-syntax".into());
+        }
+        assert!(ours.is_subset(&allowed), "{stage} imports {ours:?}");
+    }
+}
+
+#[test]
+fn stages_and_model_know_no_executor_no_socket_and_no_clock() {
+    for stage in STAGES.iter().chain(&["model"]) {
+        let found = dependencies(&format!("runtime/{stage}"));
+        for outside in ["tokio", "axum", "rumqttc", "mqtt5", "tracing", "humantime"] {
+            assert!(!found.contains(outside), "{stage} imports {outside}");
+        }
+        for path in super::files(&[".rs"]) {
+            if path.starts_with(format!("runtime/{stage}/src")) {
+                let text = read(&path);
+                let text = super::without_unit_tests(&text);
+                for outside in [
+                    "std::time::",
+                    "std::fs",
+                    "std::net",
+                    "thread::spawn",
+                    "thread::sleep",
+                ] {
+                    assert!(!text.contains(outside), "{} uses {outside}", path.display());
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn the_gateway_imports_plc_api_only_and_plc_api_imports_none_of_ours() {
+    let ours = |folder: &str| {
+        let mut found = dependencies(folder);
+        found.retain(|name| name.starts_with("tandem") || name == "plc-api");
+        found
+    };
+    assert_eq!(ours("runtime/gateway"), BTreeSet::from(["plc-api".to_owned()]));
+    assert_eq!(ours("plc-api"), BTreeSet::new());
+    assert_eq!(ours("runtime/model"), BTreeSet::new());
+}
+
+#[test]
+fn the_manifests_are_read() {
+    assert!(dependencies("runtime/interp").contains("tandem-syntax"));
+    assert!(dependencies("plc-api").contains("serde"));
+}

@@ -1,0 +1,89 @@
+//! The broker dies and comes back while an output is open.
+
+use std::sync::{Arc, Mutex};
+
+use plc_api::{Alarm, AuxOutput, SequenceProgram};
+use serde_json::json;
+use tokio::sync::Notify;
+
+use super::over_mosquitto;
+use crate::support::wait::until;
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn an_output_survives_the_death_of_the_broker_and_is_handled_once() {
+    let (reached, mut broker) = over_mosquitto().await;
+    let served = reached.served();
+    let (calls, go_on) = (Arc::new(Mutex::new(Vec::new())), Arc::new(Notify::new()));
+    let (handler_calls, handler_go_on) = (Arc::clone(&calls), Arc::clone(&go_on));
+    let handler = move |output: AuxOutput| {
+        let (calls, go_on) = (Arc::clone(&handler_calls), Arc::clone(&handler_go_on));
+        async move {
+            calls.lock().unwrap().push(output.params().a());
+            if output.params().a() == Some(1.0) {
+                go_on.notified().await;
+            }
+            Ok::<(), Alarm>(())
+        }
+    };
+    let plc = reached.plc.clone();
+    let handlers = tokio::spawn(async move { SequenceProgram::new().on(100, handler).run(&plc).await });
+    served
+        .post("/cs/1/load?wait=1", &json!({"program": 52}))
+        .await
+        .expect(200);
+    served.command(1, "start").await;
+    until("the handler works", async || {
+        (!calls.lock().unwrap().is_empty()).then_some(())
+    })
+    .await;
+
+    broker.kill();
+    // The work ends while nobody can be told.
+    go_on.notify_one();
+    let state = served.state(1).await;
+    assert_eq!(
+        (&state["execution"], &state["waiting_on"]["m"]),
+        (&json!("WAIT"), &json!(100))
+    );
+    broker.start_again();
+    served.execution(1, "PROGRAM_COMPLETED").await;
+    assert_eq!(
+        *calls.lock().unwrap(),
+        [Some(1.0), Some(2.0)],
+        "each output is handled once"
+    );
+    handlers.abort();
+}
+
+#[tokio::test]
+async fn motion_never_waits_for_the_broker() {
+    let (reached, mut broker) = over_mosquitto().await;
+    let served = reached.served();
+    broker.kill();
+    served.load(1, 60, "G00 X50\nG00 X0\nM30\n").await;
+    served.command(1, "start").await;
+    served.execution(1, "PROGRAM_COMPLETED").await;
+}
+
+#[tokio::test]
+async fn an_output_made_without_a_broker_is_there_when_it_is_back() {
+    let (reached, mut broker) = over_mosquitto().await;
+    let served = reached.served();
+    served.load(1, 60, "M100 VA3\nM30\n").await;
+    broker.kill();
+    served.command(1, "start").await;
+    let state = served.execution(1, "WAIT").await;
+    broker.start_again();
+    let bus = crate::support::mqtt::Bus::connect(&broker.address(), "test-1").await;
+    let seq = &state["waiting_on"]["seq"];
+    let pending = bus
+        .history
+        .find("cs/1/m_code/pending", |pending| {
+            pending["outputs"][0]["seq"] == *seq
+        })
+        .await;
+    assert_eq!(pending["outputs"][0]["params"], json!({"A": 3.0}));
+    let reset = json!({"boot_id": state["boot_id"], "seq": seq, "handler_id": "late", "result": "ok"});
+    bus.publish("cs/1/m_code/100/reset", &reset).await;
+    served.execution(1, "PROGRAM_COMPLETED").await;
+}

@@ -1,0 +1,119 @@
+//! kill -9 of a handler in a process of its own, while the program waits for it.
+
+use std::path::Path;
+
+use serde_json::{Value, json};
+
+use super::{Reached, over_mosquitto, over_the_embedded_broker};
+use crate::support::binary::example;
+use crate::support::served::{Process, Served};
+use crate::support::wait::until;
+
+/// Starts the example handler of M12 against a machine, and waits until it serves it.
+fn start_handler(served: &Served) -> Process {
+    let url = served.mqtt_url();
+    let mut handler = Process::start(&example("04_mqtt_handler"), Path::new("/"), &[url.as_str()]);
+    handler.line("the handler is there", |line| line.contains(url.as_str()));
+    handler
+}
+
+async fn online(served: &Served) -> bool {
+    let handlers = served.get("/handlers").await.expect(200).json();
+    handlers["handlers"]["clamp"]["online"] == true || handlers["clamp"]["online"] == true
+}
+
+/// Runs program 51 and kills the handler in the middle of M12; leaves WAIT with `HANDLER_LOST`.
+async fn lose_the_handler(served: &Served) -> Value {
+    served
+        .post("/cs/1/load?wait=1", &json!({"program": 51}))
+        .await
+        .expect(200);
+    for _ in 0..5 {
+        let handler = start_handler(served);
+        served.command(1, "start").await;
+        let working = |state: &Value| {
+            !state["waiting_on"]["progress"].is_null() || state["execution"] == "PROGRAM_COMPLETED"
+        };
+        served.state_where(1, "the handler works", working).await;
+        // As kill -9.
+        drop(handler);
+        let after =
+            |state: &Value| state["reason"] == "HANDLER_LOST" || state["execution"] == "PROGRAM_COMPLETED";
+        let state = served.state_where(1, "HANDLER_LOST", after).await;
+        if state["execution"] == "WAIT" {
+            return state;
+        }
+        // The handler was faster than this test; once more.
+    }
+    panic!("the handler was never caught at work");
+}
+
+async fn kill_9_leaves_wait_handler_lost_and_a_reset_by_hand_completes(reached: &Reached) {
+    let served = reached.served();
+    let state = lose_the_handler(served).await;
+    assert_eq!(
+        (&state["execution"], &state["waiting_on"]["m"]),
+        (&json!("WAIT"), &json!(12))
+    );
+    let pending = served.get("/cs/1/m_codes").await.expect(200).json();
+    assert_eq!(
+        pending["outputs"][0]["state"], "OUTPUT",
+        "the claim is given back: {pending}"
+    );
+    let position = served.get("/cs/1/position").await.expect(200).json();
+    assert_eq!(position["machine"]["X"], 5.0, "the next block waits");
+    served.reset_output(1, "operator", true).await.expect(200);
+    served.execution(1, "PROGRAM_COMPLETED").await;
+}
+
+async fn a_handler_that_returns_leaves_it_until_it_is_redelivered(reached: &Reached) {
+    let served = reached.served();
+    let lost = lose_the_handler(served).await;
+    let mut handler = start_handler(served);
+    until("the handler is online again", async || {
+        online(served).await.then_some(())
+    })
+    .await;
+    // on_redelivery is `ask`: what the dead handler had begun is not begun again by itself.
+    tokio::time::sleep(std::time::Duration::from_millis(500)).await;
+    let state = served.state(1).await;
+    assert_eq!(
+        (&state["execution"], &state["reason"]),
+        (&json!("WAIT"), &json!("HANDLER_LOST")),
+        "{state}"
+    );
+    assert!(!handler.output.contains("closing"), "{}", handler.output);
+
+    let seq = &lost["waiting_on"]["seq"];
+    let redo = json!({"boot_id": lost["boot_id"], "how": "redo"});
+    served
+        .post(&format!("/cs/1/m_codes/{seq}/redeliver"), &redo)
+        .await
+        .expect(204);
+    served.execution(1, "PROGRAM_COMPLETED").await;
+    handler.line("the handler did it again", |line| line.contains("closed"));
+}
+
+#[tokio::test]
+async fn kill_9_of_the_handler_over_the_embedded_broker_leaves_wait_handler_lost_until_a_reset_by_hand() {
+    let reached = over_the_embedded_broker().await;
+    kill_9_leaves_wait_handler_lost_and_a_reset_by_hand_completes(&reached).await;
+}
+
+#[tokio::test]
+async fn kill_9_of_the_handler_over_mosquitto_leaves_wait_handler_lost_until_a_reset_by_hand() {
+    let (reached, _broker) = over_mosquitto().await;
+    kill_9_leaves_wait_handler_lost_and_a_reset_by_hand_completes(&reached).await;
+}
+
+#[tokio::test]
+async fn a_handler_that_returns_over_the_embedded_broker_does_it_again_only_when_told() {
+    let reached = over_the_embedded_broker().await;
+    a_handler_that_returns_leaves_it_until_it_is_redelivered(&reached).await;
+}
+
+#[tokio::test]
+async fn a_handler_that_returns_over_mosquitto_does_it_again_only_when_told() {
+    let (reached, _broker) = over_mosquitto().await;
+    a_handler_that_returns_leaves_it_until_it_is_redelivered(&reached).await;
+}
