@@ -192,14 +192,9 @@ fn the_servo_cycle_neither_allocates_nor_frees() {
     assert!(CALLS.with(Cell::get) > 0, "the allocator counts");
 }
 
-#[test]
-fn blended_blocks_arcs_and_skip_inputs_neither_allocate_nor_free() {
-    let mut settings = settings(false);
-    settings.motion.simulated_skip[1] = Some(SimulatedSkip::Above(0.5));
-    let (channel, mut handle) = channel(&settings, 64);
-    let mut servo = Servo::new(vec![channel], T);
+/// A line, then a spiral, and a G31 of Y back from its end; with their times.
+fn chain_and_skip() -> [(Law, f64); 4] {
     let point = |x, y| AxisVector([x, y, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
-    // A line, then a spiral and a G31 of Y back from its end.
     let (corner, end) = (point(1.0, 0.0), point(1.5, 2.5));
     let arc = Path::Arc(ArcPath::new(
         corner,
@@ -224,7 +219,7 @@ fn blended_blocks_arcs_and_skip_inputs_neither_allocate_nor_free() {
     let down = [MotorMove::default(), MotorMove::shortest(-2.5, limits)];
     let mut back = [MotorMove::default(); AXES_MAX];
     back[..2].copy_from_slice(&down);
-    let laws = [
+    [
         (
             Law::Ramped {
                 path: line,
@@ -266,8 +261,16 @@ fn blended_blocks_arcs_and_skip_inputs_neither_allocate_nor_free() {
             },
             moves[1].duration_s(),
         ),
-    ];
-    for ((law, duration_s), segment) in laws.into_iter().zip(1..) {
+    ]
+}
+
+#[test]
+fn blended_blocks_arcs_and_skip_inputs_neither_allocate_nor_free() {
+    let mut settings = settings(false);
+    settings.motion.simulated_skip[1] = Some(SimulatedSkip::Above(0.5));
+    let (channel, mut handle) = channel(&settings, 64);
+    let mut servo = Servo::new(vec![channel], T);
+    for ((law, duration_s), segment) in chain_and_skip().into_iter().zip(1..) {
         let profile = Profile {
             segment,
             epoch: 0,

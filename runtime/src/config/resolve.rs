@@ -6,7 +6,9 @@ use std::path::PathBuf;
 use plc_api::types::output::Timing;
 use serde::Deserialize;
 use tandem_model::limits::{COORDINATE_SYSTEMS_MAX, M_CODE_MAX, PROGRAM_NUMBER_MAX};
-use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings, WorkOffsets};
+use tandem_model::settings::{
+    CoordinateSystemSettings, MotionOptions, MotorKind, MotorSettings, ShortBlock, SimulatedSkip, WorkOffsets,
+};
 use tandem_model::{AXES_MAX, Axis, AxisVector};
 
 use super::error::nearest;
@@ -128,17 +130,8 @@ impl Config {
     /// What is set and has no effect yet.
     fn warnings(&self) -> Vec<String> {
         let mut warnings = Vec::new();
-        if !self.simulated_skip.is_empty() {
-            warnings.push("[[simulated_skip]] has no effect yet: G31 is not supported".to_owned());
-        }
         for system in &self.coordinate_system {
             let unusual = [
-                (
-                    "short_block",
-                    &system.short_block,
-                    "shrink",
-                    "blocks do not blend",
-                ),
                 (
                     "compensation_feed",
                     &system.compensation_feed,
@@ -263,6 +256,7 @@ impl Config {
                 "write 1 to {COORDINATE_SYSTEMS_MAX} [[coordinate_system]] tables"
             ));
         }
+        let skips = self.simulated_skips(motors, problems);
         let mut taken = BTreeMap::new();
         let mut systems = BTreeMap::new();
         for config in &self.coordinate_system {
@@ -278,7 +272,7 @@ impl Config {
                 }
             }
             let system = CoordinateSystem {
-                settings: config.settings(motors, self.machine.servo_period_us, &mut problem),
+                settings: config.settings(motors, self.machine.servo_period_us, &skips, &mut problem),
                 dialect: config.dialect.clone(),
                 units: config.units.clone(),
                 work_offsets: config.work_offsets(&mut problem),
@@ -291,6 +285,39 @@ impl Config {
             }
         }
         systems.into_values().collect()
+    }
+
+    /// The simulated skip input of each motor that has one.
+    fn simulated_skips(
+        &self,
+        motors: &BTreeMap<u16, MotorSettings>,
+        problems: &mut Vec<String>,
+    ) -> BTreeMap<u16, SimulatedSkip> {
+        let mut skips = BTreeMap::new();
+        for config in &self.simulated_skip {
+            let place = format!("[[simulated_skip]] motor = {}", config.motor);
+            let is_axis = motors
+                .get(&config.motor)
+                .is_some_and(|motor| motor.kind != MotorKind::Spindle);
+            if !is_axis {
+                problems.push(format!(
+                    "{place}: there is no [[motor]] {} of an axis",
+                    config.motor
+                ));
+            }
+            let skip = match (config.below, config.above) {
+                (Some(below), None) if below.is_finite() => SimulatedSkip::Below(below),
+                (None, Some(above)) if above.is_finite() => SimulatedSkip::Above(above),
+                _ => {
+                    problems.push(format!("{place}: write a position for either below or above"));
+                    continue;
+                }
+            };
+            if skips.insert(config.motor, skip).is_some() {
+                problems.push(format!("{place}: the motor stands twice"));
+            }
+        }
+        skips
     }
 
     fn programs(
@@ -440,6 +467,7 @@ impl CoordinateSystemConfig {
         &self,
         motors: &BTreeMap<u16, MotorSettings>,
         servo_period_us: u64,
+        skips: &BTreeMap<u16, SimulatedSkip>,
         problem: &mut impl FnMut(String),
     ) -> CoordinateSystemSettings {
         let mut of_axis: [Option<MotorSettings>; AXES_MAX] = [const { None }; AXES_MAX];
@@ -483,7 +511,24 @@ impl CoordinateSystemConfig {
             override_slew_ms: self.override_slew_ms,
             hold_slew_ms: self.hold_slew_ms,
             servo_period_s: servo_period_us as f64 / 1e6,
-            motion: tandem_model::settings::MotionOptions::default(),
+            motion: self.motion_options(skips),
+        }
+    }
+
+    fn motion_options(&self, skips: &BTreeMap<u16, SimulatedSkip>) -> MotionOptions {
+        let mut simulated_skip = [None; AXES_MAX];
+        for (letter, number) in &self.axes {
+            if let Some(axis) = axis(letter) {
+                simulated_skip[axis.index()] = skips.get(number).copied();
+            }
+        }
+        MotionOptions {
+            arc_radius_tolerance_mm: self.arc_radius_tolerance,
+            short_block: match self.short_block.as_str() {
+                "extend" => ShortBlock::Extend,
+                _ => ShortBlock::Shrink,
+            },
+            simulated_skip,
         }
     }
 

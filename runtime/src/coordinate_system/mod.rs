@@ -228,7 +228,12 @@ impl CoordinateSystem {
             }
             Event::Stopped { epoch, position } => self.at_rest(epoch, position),
             Event::Oriented => self.stock_oriented(),
-            Event::Captured { .. } => {}
+            Event::Captured {
+                position, captured, ..
+            } => {
+                self.pipeline.skipped_to(position);
+                self.publish_captured(position, captured);
+            }
             Event::Fault(fault) => {
                 let alarm = fault.alarm();
                 self.raise(alarm.entry.number, alarm.text, alarm.origin);

@@ -67,7 +67,12 @@ impl CoordinateSystem {
             self.enqueue(output, Timing::WithMotion)
         };
         let Some(seq) = seq else {
-            self.set_phase(Phase::Room(output));
+            // Nothing follows soon: what is held back comes to rest here.
+            let phase = match self.pipeline.flush() {
+                Ok(()) => Phase::Room(output),
+                Err(alarm) => Phase::Standstill(super::preparation::Then::Alarm(alarm)),
+            };
+            self.set_phase(phase);
             return false;
         };
         // D18: while held no output is made; it stays QUEUED until the resume.

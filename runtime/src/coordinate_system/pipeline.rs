@@ -116,6 +116,11 @@ impl Pipeline {
         self.changes.push_back(self.last.clone());
     }
 
+    /// After G31: the machine rests here, perhaps short of the target.
+    pub fn skipped_to(&mut self, at: MachinePosition) {
+        self.path.skipped_to(at);
+    }
+
     /// The segment given out last; the servo reports it when it is finished.
     pub fn last_segment(&self) -> u64 {
         self.planner.last_segment()

@@ -2,7 +2,7 @@
 
 use tandem_interp::Inputs;
 use tandem_model::alarm::AlarmEntry;
-use tandem_model::flow::{Item, Output, ProgramStop};
+use tandem_model::flow::{Action, Item, Output, ProgramStop};
 use tandem_model::{Alarm, Origin};
 
 use plc_api::types::state::Execution;
@@ -108,6 +108,10 @@ impl CoordinateSystem {
         let item = self.pipeline.next(&inputs);
         self.note_interpreted();
         match item {
+            // Where G31 ends only the servo knows.
+            Ok(Item::Block(block)) if matches!(block.action, Action::Skip(_)) => {
+                self.stand_still_then(Then::Interpret);
+            }
             Ok(Item::Block(_)) => {}
             Ok(Item::Warning(origin, text)) => self.warn(origin, &text),
             Ok(Item::Output(output)) if self.is_with_motion(&output) => {

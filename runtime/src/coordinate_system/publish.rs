@@ -9,7 +9,7 @@ use plc_api::types::state::{
 };
 use plc_api::types::topic::CsTopic;
 use serde_json::json;
-use tandem_model::Origin;
+use tandem_model::{Axis, AxisSet, MachinePosition, Origin};
 
 use super::preparation::Phase;
 use super::{CoordinateSystem, Held};
@@ -125,17 +125,38 @@ impl CoordinateSystem {
             self.topic(CsTopic::Position),
             Payload::Position(self.view.position()),
         );
-        let motors = &self.configured.settings.motors;
-        let mut numbers: Vec<u16> = motors.iter().flatten().map(|motor| motor.number).collect();
-        numbers.sort_unstable();
-        let captured = Captured {
-            positions: vec![0.0; numbers.len()],
-            captured: vec![false; numbers.len()],
-            motors: numbers,
-            ..Captured::default()
-        };
+        let captured = self.captured_of(MachinePosition::default(), AxisSet::EMPTY);
         self.shared
             .publish(self.topic(CsTopic::Captured), Payload::Captured(captured));
+    }
+
+    /// A G31 has ended: where its motors rest, and which of them captured that position (D41).
+    pub(super) fn publish_captured(&self, position: MachinePosition, captured: AxisSet) {
+        let captured = Captured {
+            run_id: self.run.as_ref().map(|run| run.id.clone()),
+            line: self.view.executing_line(),
+            ..self.captured_of(position, captured)
+        };
+        let fields = serde_json::to_value(&captured).unwrap_or_default();
+        self.shared.record(self.number, &Entry::new("capture", fields));
+        self.shared
+            .publish(self.topic(CsTopic::Captured), Payload::Captured(captured));
+    }
+
+    /// By motor number, ascending.
+    fn captured_of(&self, position: MachinePosition, captured: AxisSet) -> Captured {
+        let motors = &self.configured.settings.motors;
+        let mut each: Vec<(u16, Axis)> = Axis::ALL
+            .into_iter()
+            .filter_map(|axis| Some((motors[axis.index()].as_ref()?.number, axis)))
+            .collect();
+        each.sort_unstable_by_key(|(number, _)| *number);
+        Captured {
+            motors: each.iter().map(|(number, _)| *number).collect(),
+            positions: each.iter().map(|(_, axis)| position.0[*axis]).collect(),
+            captured: each.iter().map(|(_, axis)| captured.contains(*axis)).collect(),
+            ..Captured::default()
+        }
     }
 
     pub(super) fn publish_inputs(&self) {

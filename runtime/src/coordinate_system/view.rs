@@ -46,6 +46,11 @@ impl View {
         self.place.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
+    /// Line of the block that is executed.
+    pub(super) fn executing_line(&self) -> u32 {
+        self.place().executing.line
+    }
+
     /// Actual spindle speed, r/min, and whether it is oriented.
     pub fn spindle(&self) -> (f64, bool) {
         let reading = self.readings.read();

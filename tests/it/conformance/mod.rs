@@ -1,6 +1,7 @@
 //! NC programs run as the rules say: times and positions from formulas, M codes in their order, alarms in their place.
 
 mod alarms;
+mod chains;
 mod linear;
 mod m_codes;
 mod positions;

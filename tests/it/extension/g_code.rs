@@ -14,7 +14,7 @@ use tandem_interp::dialects::ModalWords;
 use tandem_interp::execution::Execution;
 use tandem_interp::{CheckContext, Dialect, Inputs, Interpreter, check_dialect};
 use tandem_model::axis::{Axis, AxisSet, AxisVector};
-use tandem_model::flow::{Action, AxisWords, Distance, Item};
+use tandem_model::flow::{Action, AxisWords, Distance, Frame, Item};
 use tandem_model::settings::WorkOffsets;
 use tandem_runtime::Config;
 use tandem_syntax::{Address, Grammar, parse};
@@ -37,6 +37,7 @@ fn lift(execution: &mut Execution<'_>) {
         values: AxisVector::ZERO,
         named: AxisSet::EMPTY,
         distance: Distance::Incremental,
+        frame: Frame::Work,
     };
     words.values[Axis::Z] = execution.words().get(Address::K).unwrap_or_default();
     words.named.insert(Axis::Z);
