@@ -7,6 +7,7 @@ use clap::Args;
 use plc_api::Plc;
 use tandem_gateway::{Gateway, GatewaySettings, MqttSettings};
 use tandem_runtime::{Config, Runtime, demo_sequence_program};
+use tokio::signal::unix::{Signal, SignalKind, signal};
 use tracing_subscriber::EnvFilter;
 
 use super::{EXIT_OK, EXIT_UNREADABLE, complain, read_config, say};
@@ -47,6 +48,7 @@ pub(super) fn run(arguments: &Arguments) -> u8 {
 }
 
 async fn serve(config: Config) -> anyhow::Result<()> {
+    let mut signals = Signals::listen()?;
     let settings = gateway_settings(&config)?;
     let is_demo = config.is_demo;
     let runtime = Runtime::start(config).await?;
@@ -66,7 +68,7 @@ async fn serve(config: Config) -> anyhow::Result<()> {
         })
     });
     announce(&settings, &gateway, is_demo);
-    wait_for_signal().await?;
+    signals.received().await;
     say("Stopping: motion comes to rest on its path.");
     runtime.shutdown().await;
     if let Some(sequence) = sequence {
@@ -148,10 +150,24 @@ fn announce(settings: &GatewaySettings, gateway: &Gateway, is_demo: bool) {
     say("Ctrl-C stops it.");
 }
 
-async fn wait_for_signal() -> std::io::Result<()> {
-    let mut terminate = tokio::signal::unix::signal(tokio::signal::unix::SignalKind::terminate())?;
-    tokio::select! {
-        result = tokio::signal::ctrl_c() => result,
-        _ = terminate.recv() => Ok(()),
+/// Ctrl-C and SIGTERM, listened for from the start: a signal that comes early must not end the process out of order.
+struct Signals {
+    interrupt: Signal,
+    terminate: Signal,
+}
+
+impl Signals {
+    fn listen() -> std::io::Result<Self> {
+        Ok(Self {
+            interrupt: signal(SignalKind::interrupt())?,
+            terminate: signal(SignalKind::terminate())?,
+        })
+    }
+
+    async fn received(&mut self) {
+        tokio::select! {
+            _ = self.interrupt.recv() => {}
+            _ = self.terminate.recv() => {}
+        }
     }
 }
