@@ -10,6 +10,7 @@ use crate::dialects::Dialect;
 use crate::evaluation::Scope;
 use crate::modal::Modal;
 use crate::restrictions;
+use crate::text_position::TextPosition;
 
 /// The words of arcs and fixed cycles.
 const MOTION_WORDS: AddressSet =
@@ -57,6 +58,8 @@ pub(crate) struct Reading<'a> {
     pub(crate) modal: &'a Modal,
     /// The variables of indirections; without them their values are not known.
     pub(crate) scope: Option<Scope<'a>>,
+    /// Where the block begins, as far as the text shows.
+    pub(crate) position: TextPosition,
 }
 
 impl BlockWords {
@@ -406,7 +409,7 @@ impl BlockWords {
                 fault(at_word(program, block, refusal));
             }
         }
-        if let Some(refusal) = restrictions::find(self, with.modal) {
+        if let Some(refusal) = restrictions::find(self, with.modal, &with.position) {
             fault(at_word(program, block, refusal));
         }
     }

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use tandem_model::limits::{BLOCK_BYTES_MAX, PROGRAM_BYTES_MAX};
+use tandem_model::settings::{CoordinateSystemSettings, Unit};
 use tandem_model::{AxisSet, Diagnostic, Severity, Span};
 use tandem_syntax::{
     Address, AddressSet, Block, Content, DIAGNOSTICS_MAX, NcProgram, Statement, Word, block_bytes,
@@ -12,12 +13,12 @@ use tandem_syntax::{
 
 use crate::block_words::{BlockWords, Reading};
 use crate::codes::g04_dwell::G04;
-use crate::codes::motion_built::motion_is_built;
-use crate::codes::{ModalGroup, m_auxiliary::AUXILIARY, m98_call::M98, tenths};
+use crate::codes::{Code, ModalGroup, m_auxiliary::AUXILIARY, m98_call::M98, m99_return::M99, tenths};
 use crate::dialects::{self, Dialect};
 use crate::execution::axis_of;
 use crate::modal::Modal;
-use crate::restrictions;
+use crate::text_position::TextPosition;
+use crate::{fixed_cycles, restrictions};
 
 /// A shorter block cannot be too long in the intermediate code: there each word of two bytes or more has a blank, and
 /// numbers and operators of expressions have two.
@@ -34,12 +35,30 @@ pub struct CheckContext<'a> {
     pub programs: Option<&'a BTreeSet<u16>>,
     /// M codes that have settings.
     pub m_codes_with_settings: Option<&'a BTreeSet<u16>>,
+    /// The unit in force at the head of the program.
+    pub unit: Unit,
     /// F above it is clipped with a warning, mm/min.
     pub max_feedrate_mm_min: Option<f64>,
+    /// Whether the coordinate system has a spindle: fixed cycles put out other M codes without one.
+    pub has_spindle: Option<bool>,
     /// S above it is an error, r/min.
     pub max_spindle_speed_r_min: Option<f64>,
-    /// Codes whose motion is not built ([`crate::codes::motion_built`]) are let pass: the program is not to be run.
-    pub without_motion: bool,
+    /// What is in force at the head is not that of the start-up: manual data input.
+    pub goes_on: bool,
+}
+
+impl CheckContext<'_> {
+    /// What the settings of a coordinate system tell.
+    pub fn of(settings: &CoordinateSystemSettings) -> Self {
+        Self {
+            axes: Some(settings.axes()),
+            unit: settings.unit,
+            max_feedrate_mm_min: Some(settings.max_feedrate_mm_min),
+            has_spindle: Some(settings.spindle.is_some()),
+            max_spindle_speed_r_min: settings.spindle.as_ref().map(|spindle| spindle.max_velocity),
+            ..Self::default()
+        }
+    }
 }
 
 /// What checking a program gives.
@@ -86,9 +105,13 @@ pub fn check_dialect(program: &NcProgram, dialect: &'static Dialect, context: &C
         m_codes: BTreeSet::new(),
         programs: BTreeSet::new(),
         ending: Ending::Open,
-        modal: Modal::of_text(dialect),
+        modal: Modal::of_text(dialect, context.unit),
+        position: TextPosition::unknown(),
         branches: false,
     };
+    if context.goes_on {
+        checker.modal.forget();
+    }
     if program.source().len() <= PROGRAM_BYTES_MAX {
         checker.run();
     }
@@ -152,6 +175,8 @@ struct Checker<'a> {
     ending: Ending,
     /// What is in force as far as the text shows.
     modal: Modal,
+    /// Where the programmed point is as far as the text shows.
+    position: TextPosition,
     /// The program has branches: which blocks are executed is not known.
     branches: bool,
 }
@@ -159,7 +184,15 @@ struct Checker<'a> {
 impl Checker<'_> {
     fn run(&mut self) {
         let mut words = BlockWords::new(self.dialect);
-        for block in self.program.blocks() {
+        if may_be_called(self.program, self.dialect) {
+            self.forget();
+        }
+        let joins = joins(self.program);
+        let mut joins = joins.iter().copied().peekable();
+        for (index, block) in self.program.blocks().iter().enumerate() {
+            if joins.next_if_eq(&index).is_some() {
+                self.forget();
+            }
             if self.ending == Ending::Ended && !self.branches {
                 self.ending = Ending::Warned;
                 self.findings.push(diagnostics::UNREACHABLE.at(
@@ -181,7 +214,8 @@ impl Checker<'_> {
     fn length(&mut self, block: &Block) {
         let span = self.program.span(block);
         let may_be = span.end - span.start > LONG_BYTES && !block.has_errors();
-        if may_be && block_bytes(self.program, block) > BLOCK_BYTES_MAX {
+        let in_cycle = self.modal.is(ModalGroup::FixedCycle, &["G74", "G84"]);
+        if may_be && block_bytes(self.program, block, in_cycle) > BLOCK_BYTES_MAX {
             self.findings.push(diagnostics::BLOCK_TOO_LONG.at(
                 span,
                 format!("the block's line in the intermediate code is longer than {BLOCK_BYTES_MAX} bytes"),
@@ -194,8 +228,13 @@ impl Checker<'_> {
         let statement = self.program.program_code(block).map(|code| code.statement);
         if !matches!(statement, Some(Statement::Assignment { .. })) {
             self.branches = true;
-            self.modal.forget();
         }
+    }
+
+    /// Lets go what is in force and where the tool is: the text alone does not show it from here on.
+    fn forget(&mut self) {
+        self.modal.forget();
+        self.position = TextPosition::unknown();
     }
 
     fn block(&mut self, block: &Block, words: &mut BlockWords) {
@@ -204,9 +243,9 @@ impl Checker<'_> {
             dialect: self.dialect,
             modal: &self.modal,
             scope: None,
+            position: self.position,
         };
         words.read(self.program, block, reading, |finding| found.push(finding));
-        self.motion_built(block, words);
         for finding in found {
             self.findings.push(finding);
         }
@@ -220,27 +259,19 @@ impl Checker<'_> {
                 self.ending = Ending::Ended;
             }
         }
+        self.cycle_outputs(block, words);
         self.context_of_words(block, words);
     }
 
-    /// Tells of codes whose motion is not built.
-    fn motion_built(&mut self, block: &Block, words: &BlockWords) {
-        if self.context.without_motion {
-            return;
-        }
-        for (code, place) in words.g_codes() {
-            if !motion_is_built(code) {
-                let span = self
-                    .program
-                    .words(block)
-                    .get(*place)
-                    .map(Word::span)
-                    .unwrap_or_default();
-                self.findings.push(diagnostics::NOT_SUPPORTED.at(
-                    span,
-                    format!("{} ({}) is not supported yet", code.code, code.name),
-                    "Remove the block, or write it with codes that are supported.",
-                ));
+    /// Notes the M codes that a fixed cycle puts out.
+    fn cycle_outputs(&mut self, block: &Block, words: &BlockWords) {
+        let cycle = words
+            .taker()
+            .filter(|taker| taker.group == ModalGroup::FixedCycle);
+        let starts = cycle.is_some_and(|cycle| words.g_codes().iter().any(|(code, _)| *code == cycle));
+        if starts || (cycle.is_some() && !words.taken().is_empty()) {
+            for m in fixed_cycles::outputs(self.context.has_spindle) {
+                self.auxiliary(block, *m);
             }
         }
     }
@@ -258,9 +289,14 @@ impl Checker<'_> {
                 _ => self.modal.remember(code),
             }
         }
-        let leaves_open = block.skip_numbers() != 0 && !words.g_codes().is_empty();
+        self.position.follow(words, &self.modal);
+        let may_be_skipped = block.skip_numbers() != 0;
+        if may_be_skipped {
+            self.position.lose(words.axis_words());
+        }
+        let leaves_open = may_be_skipped && !words.g_codes().is_empty();
         if leaves_open || block.has_errors() || words.m_code().is_some_and(|code| *code == M98) {
-            self.modal.forget();
+            self.forget();
         }
     }
 
@@ -325,12 +361,15 @@ impl Checker<'_> {
         }
         let free = |address| words.get(address).filter(|_| !words.own().contains(address));
         if let (Some(feedrate), Some(max)) = (free(Address::F), self.context.max_feedrate_mm_min)
-            && feedrate > max
+            && feedrate * self.modal.unit() > max
         {
             self.findings.push(diagnostics::FEEDRATE_CLIPPED.at(
                 self.span_of(block, Address::F),
                 format!("F{feedrate} is above the maximum feedrate of {max} mm/min, which will be used"),
-                format!("Write F{max} or less, or raise max_feedrate."),
+                format!(
+                    "Write F{} or less, or raise max_feedrate.",
+                    max / self.modal.unit()
+                ),
             ));
         }
         if let (Some(speed), Some(max)) = (free(Address::S), self.context.max_spindle_speed_r_min)
@@ -399,44 +438,81 @@ fn reachable(program: &NcProgram, dialect: &Dialect) -> Vec<bool> {
             continue;
         }
         let Some(block) = blocks.get(at) else { continue };
-        match program.program_code(block).map(|code| code.statement) {
+        let statement = program.program_code(block).map(|code| code.statement);
+        open.extend(
+            statement
+                .iter()
+                .flat_map(|statement| targets(program, *statement)),
+        );
+        let goes_on = match statement {
             Some(
-                Statement::If { otherwise: to, .. }
-                | Statement::While { end: to, .. }
-                | Statement::DoWhile { start: to, .. },
-            ) => open.extend([at + 1, to as usize]),
-            Some(
-                Statement::Else { end: to } | Statement::Break { end: to } | Statement::Repeat { start: to },
-            ) => {
-                open.push(to as usize);
-            }
-            Some(Statement::Switch {
-                first,
-                count,
-                otherwise,
-                ..
-            }) => {
-                open.push(otherwise as usize);
-                open.extend(program.case_blocks(first, count).map(|case| case as usize));
-            }
-            None if ends(program, block, dialect) => {}
-            Some(_) | None => open.push(at + 1),
+                Statement::Else { .. }
+                | Statement::Break { .. }
+                | Statement::Repeat { .. }
+                | Statement::Switch { .. },
+            ) => false,
+            Some(_) => true,
+            None => !ends(program, block, dialect),
+        };
+        if goes_on {
+            open.push(at + 1);
         }
     }
     reached
 }
 
+/// The blocks that a program code may lead to beside the next one.
+fn targets(program: &NcProgram, statement: Statement) -> impl Iterator<Item = usize> {
+    let (one, cases) = match statement {
+        Statement::If { otherwise: to, .. }
+        | Statement::While { end: to, .. }
+        | Statement::DoWhile { start: to, .. }
+        | Statement::Else { end: to }
+        | Statement::Break { end: to }
+        | Statement::Repeat { start: to } => (Some(to), None),
+        Statement::Switch {
+            first,
+            count,
+            otherwise,
+            ..
+        } => (Some(otherwise), Some(program.case_blocks(first, count))),
+        _ => (None, None),
+    };
+    one.into_iter()
+        .chain(cases.into_iter().flatten())
+        .map(|block| block as usize)
+}
+
+/// The blocks that a run may come to by a jump, ascending: what is in force there depends on the way.
+fn joins(program: &NcProgram) -> Vec<usize> {
+    let codes = program
+        .blocks()
+        .iter()
+        .filter_map(|block| program.program_code(block));
+    let mut joins: Vec<usize> = codes.flat_map(|code| targets(program, code.statement)).collect();
+    joins.sort_unstable();
+    joins.dedup();
+    joins
+}
+
 /// True for a block that always ends the program.
 fn ends(program: &NcProgram, block: &Block, dialect: &Dialect) -> bool {
-    block.skip_numbers() == 0
-        && program.words(block).iter().any(|word| {
-            let code = word
-                .number()
-                .filter(|_| word.address == Address::M)
-                .and_then(tenths)
-                .and_then(|tenths| dialect.m_codes.find(tenths));
-            code.is_some_and(|code| is_end(code.code))
-        })
+    block.skip_numbers() == 0 && m_codes(program, block, dialect).any(|code| is_end(code.code))
+}
+
+/// True for a program that returns: what is in force at its head may be what its caller left.
+fn may_be_called(program: &NcProgram, dialect: &Dialect) -> bool {
+    let mut blocks = program.blocks().iter();
+    blocks.any(|block| m_codes(program, block, dialect).any(|code| code == &M99))
+}
+
+/// The M codes of a block that the runtime handles itself.
+fn m_codes(program: &NcProgram, block: &Block, dialect: &Dialect) -> impl Iterator<Item = &'static Code> {
+    program
+        .words(block)
+        .iter()
+        .filter(|word| word.address == Address::M)
+        .filter_map(|word| dialect.m_codes.find(tenths(word.number()?)?))
 }
 
 /// True for parts of branches that need not be reached: the way on from commands that end.

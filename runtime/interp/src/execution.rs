@@ -168,6 +168,16 @@ impl<'a> Execution<'a> {
         self.axes_of(self.words.present().intersection(AXIS_ADDRESSES))
     }
 
+    /// The axis words that a code of the block has as its own, absolute; where the tool is for an axis without a word.
+    pub fn centre(&self, tool: AxisVector) -> AxisVector {
+        let words = self.own_axis_words();
+        let mut centre = tool;
+        for axis in words.named.iter() {
+            centre[axis] = words.values[axis];
+        }
+        centre
+    }
+
     fn axes_of(&self, addresses: AddressSet) -> AxisWords {
         let mut values = AxisVector::ZERO;
         let mut named = AxisSet::EMPTY;

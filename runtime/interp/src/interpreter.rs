@@ -8,10 +8,10 @@ use tandem_model::alarm::{
     PROGRAM_HAS_ERRORS, PROGRAM_NOT_FOUND, STEP_LIMIT, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE,
 };
 use tandem_model::flow::{Action, Block as FlowBlock, Item, Output, ProgramStop};
-use tandem_model::limits::{CALL_DEPTH_MAX, STEPS_WITHOUT_ITEM_MAX};
+use tandem_model::limits::{CALL_DEPTH_MAX, STEPS_IN_CHAIN_MAX, STEPS_WITHOUT_ITEM_MAX};
 use tandem_model::settings::{CoordinateSystemSettings, Tool, WorkOffsets};
 use tandem_model::variables::{LOCAL_VARIABLES, Variables};
-use tandem_model::{AXES_MAX, Alarm, AxisVector, Diagnostic, Origin};
+use tandem_model::{AXES_MAX, Alarm, Axis, AxisSet, AxisVector, Diagnostic, Origin};
 use tandem_syntax::{Block, Content, NcProgram, Statement, Value, VariableKind, diagnostics};
 
 use crate::block_words::{BlockWords, Reading};
@@ -21,6 +21,7 @@ use crate::evaluation::{Locals, Scope, reads_captured};
 use crate::execution::{Draft, Execution, Flow, Limits};
 use crate::fixed_cycles::{Step, Tapping};
 use crate::modal::Modal;
+use crate::text_position::TextPosition;
 use crate::{flow, restrictions};
 
 /// Values from outside, read when a block is interpreted (D16).
@@ -39,7 +40,8 @@ pub struct Inputs<'a> {
     /// `_CNC_CapturedPosition<n>` of the last G31, in command units (D41). Read only at a standstill, when a G31 has
     /// been given out ([`Item::NeedsStandstill`]).
     pub captured: [f64; AXES_MAX],
-    /// Where all that has been given out so far ends, machine coordinates.
+    /// Where the next block counts from, machine coordinates: the end of all that has been given out so far, with a
+    /// change of tool length that nothing has moved for yet (D22).
     pub position: AxisVector,
 }
 
@@ -68,8 +70,8 @@ enum State {
 ///
 /// A block gives its items in this order: warnings, the transform, the motion (or [`Action::None`]), and what its M code
 /// gives. An auxiliary output thus follows its block's own motion; the coordinator decides by the M code's setting when
-/// it is made (D31, D32). In a block without motion M00, M01, M02 and M30 give nothing before their own item, and M98
-/// and M99 give nothing: motions blend across a call.
+/// it is made (D31, D32). In a block without motion M00, M01, M02 and M30 give nothing before their own item; M98 and M99
+/// give [`Action::None`], which ends a chain (motion-semantics 1c). So do [`STEPS_IN_CHAIN_MAX`] blocks without an item.
 #[derive(Debug)]
 pub struct Interpreter {
     dialect: &'static Dialect,
@@ -85,6 +87,10 @@ pub struct Interpreter {
     locals: Vec<Locals>,
     /// A G31 has been given out, and no standstill has been since (D15).
     skip_unfinished: bool,
+    /// Blocks since the last item that moves, waits or puts out.
+    idle_steps: u32,
+    /// Blocks since the start.
+    steps: u64,
     state: State,
 }
 
@@ -108,21 +114,47 @@ impl Interpreter {
             cycle: None,
             locals: Vec::with_capacity(CALL_DEPTH_MAX + 1),
             skip_unfinished: false,
+            idle_steps: 0,
+            steps: 0,
             state: State::Ended(Origin::default()),
         }
     }
 
     /// Begins a program at its head, in the start-up modal state. `number` 0: a program without a number.
     pub fn start(&mut self, program: Arc<NcProgram>, number: u16) {
+        self.reset();
+        self.start_in_modal(program, number);
+    }
+
+    /// Begins a program at its head, in the modal state that is in force: manual data input goes on from its last line.
+    /// What the transform is must be told to the path stage.
+    pub fn start_in_modal(&mut self, program: Arc<NcProgram>, number: u16) {
+        self.forget_program();
+        self.stack.push(Frame::new(program, number, 1));
+        self.locals.push([0.0; LOCAL_VARIABLES]);
+        self.state = State::Running;
+    }
+
+    /// No program, in the start-up modal state.
+    pub fn reset(&mut self) {
         self.modal = self.start_up.clone();
+        self.forget_program();
+    }
+
+    fn forget_program(&mut self) {
         self.queue.clear();
         self.cycle = None;
         self.skip_unfinished = false;
+        self.idle_steps = 0;
+        self.steps = 0;
         self.stack.clear();
-        self.stack.push(Frame::new(program, number, 1));
         self.locals.clear();
-        self.locals.push([0.0; LOCAL_VARIABLES]);
-        self.state = State::Running;
+        self.state = State::Ended(Origin::default());
+    }
+
+    /// True when all items of the block interpreted last have been given out.
+    pub fn is_between_blocks(&self) -> bool {
+        self.queue.is_empty() && self.cycle.is_none()
     }
 
     /// The next item. After [`Item::End`] and after an alarm the answer repeats until [`Interpreter::start`].
@@ -132,21 +164,21 @@ impl Interpreter {
     /// (D11) or not finite (D07), a missing program (D12), a missing end, a program with errors, or
     /// [`STEPS_WITHOUT_ITEM_MAX`] blocks without an item.
     pub fn next(&mut self, inputs: &Inputs<'_>) -> Result<Item, Alarm> {
-        let mut steps = 0;
         loop {
             if let Some(item) = self.queue.pop_front() {
-                return Ok(item);
+                return Ok(self.given(item));
             }
             if let Some(item) = self.cycle_item() {
-                return Ok(item);
+                return Ok(self.given(item));
             }
             match &self.state {
                 State::Running => {}
                 State::Ended(origin) => return Ok(Item::End(*origin)),
                 State::Failed(alarm) => return Err(alarm.clone()),
             }
-            steps += 1;
-            let step = if steps > STEPS_WITHOUT_ITEM_MAX {
+            self.idle_steps += 1;
+            self.steps += 1;
+            let step = if self.idle_steps > STEPS_WITHOUT_ITEM_MAX {
                 let text = format!("{STEPS_WITHOUT_ITEM_MAX} blocks have given neither motion nor output");
                 Err(Alarm::new(&STEP_LIMIT, text))
             } else {
@@ -154,8 +186,29 @@ impl Interpreter {
             };
             if let Err(alarm) = step {
                 self.state = State::Failed(alarm.at(self.origin()));
+            } else if self.queue.is_empty() && self.idle_steps.is_multiple_of(STEPS_IN_CHAIN_MAX) {
+                let no_movement = Item::Block(self.block(Action::None, self.origin()));
+                self.queue.push_back(no_movement);
             }
         }
+    }
+
+    /// Counts anew from what moves, waits or puts out.
+    fn given(&mut self, item: Item) -> Item {
+        let goes_on = match &item {
+            Item::Block(block) => !matches!(block.action, Action::None | Action::Transform(_)),
+            Item::Output(_) | Item::Stop(_) => true,
+            Item::NeedsStandstill(_) | Item::Warning(..) | Item::End(_) => false,
+        };
+        if goes_on {
+            self.idle_steps = 0;
+        }
+        item
+    }
+
+    /// Blocks interpreted since the start of the program, those passed over included.
+    pub fn steps(&self) -> u64 {
+        self.steps
     }
 
     /// The modal state after the last interpreted block.
@@ -219,6 +272,8 @@ impl Interpreter {
                 variables: inputs.variables,
                 captured: &inputs.captured,
             }),
+            // the path stage knows it
+            position: TextPosition::unknown(),
         };
         self.words.read(&frame.program, &block, reading, |found| {
             fault.get_or_insert(found);
@@ -257,10 +312,15 @@ impl Interpreter {
 
     /// A block with what is in force.
     fn block(&self, action: Action, origin: Origin) -> FlowBlock {
+        let rotary = matches!(&action, Action::Linear(words) if is_rotary(words.named));
+        let mut feed = self.modal.feed();
+        if rotary {
+            feed.feedrate_mm_min = self.modal.feedrate_deg_min;
+        }
         FlowBlock {
             origin,
             action,
-            feed: self.modal.feed(),
+            feed,
             path_control: self.modal.path_control,
             exact_stop_before: false,
             exact_stop_after: false,
@@ -274,8 +334,12 @@ impl Interpreter {
         for text in draft.warnings.drain(..) {
             self.queue.push_back(Item::Warning(origin, text));
         }
-        // these end a chain of motions by themselves, or are no more than a way to the next block
-        let own_item = !matches!(draft.flow, Flow::Next | Flow::Output { .. });
+        // these end a chain of motions by themselves
+        let own_item = match draft.flow {
+            Flow::Stop { .. } | Flow::End => true,
+            Flow::Return => self.stack.len() == 1,
+            Flow::Next | Flow::Output { .. } | Flow::Call { .. } => false,
+        };
         let cycle = draft.cycle.take();
         let silent = own_item || draft.transform.is_some() || cycle.is_some() || !self.words.any();
         let action = draft.action.take().or((!silent).then_some(Action::None));
@@ -368,6 +432,11 @@ impl Frame {
             },
         }
     }
+}
+
+/// True when only rotary axes are named: F counts degrees (D25).
+fn is_rotary(named: AxisSet) -> bool {
+    !named.is_empty() && !named.iter().any(Axis::is_orthogonal)
 }
 
 /// Runs the effects of a block: modal codes, feed words, codes that are not modal, motion, M code.

@@ -19,10 +19,13 @@ pub mod fixed_cycles;
 mod flow;
 mod interpreter;
 mod modal;
+mod outputs;
 pub mod reference;
 mod restrictions;
+mod text_position;
 
 pub use check::{Check, CheckContext, check, check_dialect, check_source};
 pub use dialects::Dialect;
 pub use interpreter::{Inputs, Interpreter};
 pub use modal::{CycleWords, Modal};
+pub use outputs::{WrittenOutput, written_outputs};

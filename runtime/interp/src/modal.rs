@@ -1,8 +1,9 @@
 //! Modal state: what stays in force from block to block.
 
 use tandem_model::flow::{Compensation, Distance, Feed, MultiBlock, PathControl, Plane, Transform};
-use tandem_model::settings::CoordinateSystemSettings;
+use tandem_model::settings::{CoordinateSystemSettings, Unit};
 
+use crate::codes::g20_g21_unit::G20;
 use crate::codes::g74_g84_tapping::G80;
 use crate::codes::{Code, ModalGroup};
 use crate::dialects::Dialect;
@@ -13,6 +14,8 @@ const INCH_MM: f64 = 25.4;
 /// The words of a fixed cycle that stay until G80 (D42), in mm and s; `None` where not programmed.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct CycleWords {
+    /// Initial level: Z where the cycle began.
+    pub initial: Option<f64>,
     /// Z point.
     pub z: Option<f64>,
     /// R point.
@@ -29,6 +32,8 @@ pub struct Modal {
     codes: [Option<&'static Code>; ModalGroup::COUNT],
     /// F, mm/min; 0: never programmed.
     pub feedrate_mm_min: f64,
+    /// F as blocks of rotary axes alone read it, deg/min: a number of degrees, whatever the unit of lengths.
+    pub feedrate_deg_min: f64,
     /// S, r/min.
     pub spindle_speed_r_min: f64,
     /// ta, ms.
@@ -59,15 +64,17 @@ impl Modal {
             ta_ms: settings.default_ta_ms,
             td_ms: settings.default_td_ms,
             ts_ms: settings.default_ts_ms,
-            ..Self::of_text(dialect)
+            feedrate_deg_min: settings.default_feedrate_mm_min,
+            ..Self::of_text(dialect, settings.unit)
         }
     }
 
     /// What the text of a main program shows at its head.
-    pub(crate) fn of_text(dialect: &Dialect) -> Self {
+    pub(crate) fn of_text(dialect: &Dialect, unit: Unit) -> Self {
         let mut modal = Self {
             codes: [None; ModalGroup::COUNT],
             feedrate_mm_min: 0.0,
+            feedrate_deg_min: 0.0,
             spindle_speed_r_min: 0.0,
             ta_ms: 0.0,
             td_ms: 0.0,
@@ -79,7 +86,8 @@ impl Modal {
             lead_pending: false,
             cycle: CycleWords::default(),
         };
-        for code in dialect.start_up {
+        let of_unit = dialect.g_codes.find(G20.tenths).filter(|_| unit == Unit::Inch);
+        for code in dialect.start_up.iter().copied().chain(of_unit) {
             modal.remember(code);
         }
         modal
@@ -160,6 +168,17 @@ impl Modal {
     /// `"G54"` to `"G59"`; `None`: no work coordinate system is selected (the start-up state).
     pub fn work_offset(&self) -> Option<&'static str> {
         self.code(ModalGroup::WorkCoordinates).map(|code| code.code)
+    }
+
+    /// True in cutter compensation, where the program cannot be stopped between blocks (manual, G41 and G42).
+    pub fn compensates(&self) -> bool {
+        self.is(ModalGroup::ToolRadius, &["G41", "G42"])
+    }
+
+    /// True from G74 or G84 to the end of the fixed cycle.
+    pub fn in_fixed_cycle(&self) -> bool {
+        self.code(ModalGroup::FixedCycle)
+            .is_some_and(|code| code.motion.is_some())
     }
 
     /// Feedrate and ramp times in force.

@@ -4,7 +4,6 @@ use std::fmt::Write as _;
 
 use tandem_syntax::{DIAGNOSTICS, Function};
 
-use crate::codes::motion_built::motion_is_built;
 use crate::codes::{Code, ModalGroup, WordSpec};
 use crate::dialects::Dialect;
 
@@ -73,9 +72,6 @@ fn describe(page: &mut String, code: &Code) {
         );
     }
     let _ = writeln!(page, "{}\n", code.docs);
-    if !motion_is_built(code) {
-        page.push_str("Its motion is not built yet: a program that uses it is refused with E0102.\n\n");
-    }
     table(page, code.words.iter());
 }
 

@@ -1,6 +1,8 @@
 //! What may not stand where another code is in force (D23, D26; manual, restrictions of G41 and G74). The checker asks
 //! with what the text shows, the interpreter with what is in force.
 
+use tandem_model::Axis;
+use tandem_model::flow::Distance;
 use tandem_syntax::Address;
 use tandem_syntax::DiagnosticEntry;
 use tandem_syntax::diagnostics::{ARC_SHAPE, COMPENSATION_RULE, FIXED_CYCLE_RULE, TOOL_OFFSET_RULE};
@@ -10,6 +12,7 @@ use crate::codes::g00_rapid::G00;
 use crate::codes::g01_linear::G01;
 use crate::codes::{ModalGroup, Refusal};
 use crate::modal::Modal;
+use crate::text_position::TextPosition;
 
 /// A radius may be smaller than half the chord by so much, mm (D26).
 const ARC_RADIUS_TOLERANCE: f64 = 0.01;
@@ -18,15 +21,15 @@ const COMPENSATING: &[&str] = &["G41", "G42"];
 const OFFSETTING: &[&str] = &["G43", "G44"];
 const CYCLES: &[&str] = &["G74", "G84"];
 
-/// What is wrong with a block where `modal` is in force before it.
-pub(crate) fn find(words: &BlockWords, modal: &Modal) -> Option<Refusal> {
+/// What is wrong with a block that begins at `position`, where `modal` is in force before it.
+pub(crate) fn find(words: &BlockWords, modal: &Modal, position: &TextPosition) -> Option<Refusal> {
     if is_plain(words, modal) {
         return None;
     }
     in_fixed_cycle(words, modal)
         .or_else(|| with_compensation(words, modal))
         .or_else(|| to_machine_position(words, modal))
-        .or_else(|| arc(words, modal))
+        .or_else(|| arc(words, modal, position))
 }
 
 /// True for a block of words of G00 or G01 only, where nothing restricts it: most blocks of a program.
@@ -43,16 +46,38 @@ pub(crate) fn follow(words: &BlockWords, modal: &mut Modal) {
     if has(words, &["G40", "G41", "G42"]) && modal.is(ModalGroup::ToolRadius, &["G40", "G41", "G42"]) {
         let before = modal.is(ModalGroup::ToolRadius, COMPENSATING);
         if before != has(words, COMPENSATING) {
-            modal.lead_pending = true;
+            // what has not led in needs no way out
+            modal.lead_pending = !modal.lead_pending;
         }
     }
-    if moves(words) {
+    if moves_in_plane(words, modal) {
         modal.lead_pending = false;
     }
 }
 
+/// True when the motion in force takes a word that may move in the plane of the compensation.
+fn moves_in_plane(words: &BlockWords, modal: &Modal) -> bool {
+    let outside = match modal.code(ModalGroup::Plane).map(|code| code.code) {
+        Some("G17") => Address::Z,
+        Some("G18") => Address::Y,
+        Some("G19") => Address::X,
+        _ => return moves(words),
+    };
+    words
+        .taken()
+        .iter()
+        .any(|address| address != outside && !matches!(address, Address::A | Address::B | Address::C))
+}
+
 fn has(words: &BlockWords, codes: &[&str]) -> bool {
     words.g_codes().iter().any(|(code, _)| codes.contains(&code.code))
+}
+
+/// The code of a group that holds in a block: its own one, or the one in force before it.
+fn code_of(words: &BlockWords, modal: &Modal, group: ModalGroup) -> Option<&'static str> {
+    let own = words.g_codes().iter().map(|(code, _)| *code);
+    let own = own.into_iter().find(|code| code.group == group);
+    own.or(modal.code(group)).map(|code| code.code)
 }
 
 /// True when the motion or cycle in force takes a word of the block.
@@ -116,7 +141,11 @@ fn with_compensation(words: &BlockWords, modal: &Modal) -> Option<Refusal> {
     let rule = |address, message: &str, help: &str| {
         Some(refusal(&COMPENSATION_RULE, address, message.to_owned(), help))
     };
-    let leads = modal.lead_pending || (after != before);
+    let leads = if after == before {
+        modal.lead_pending
+    } else {
+        !modal.lead_pending
+    };
     if leads && moves_by(words, &["G02", "G03"]) {
         return rule(
             Address::G,
@@ -124,7 +153,9 @@ fn with_compensation(words: &BlockWords, modal: &Modal) -> Option<Refusal> {
             "Lead in and out with G01.",
         );
     }
-    if !after {
+    // G40 ends it with the motion that leads out: where the tool is before depends on that motion.
+    let still_on = leads && !after;
+    if !after && !still_on {
         return None;
     }
     if before && has(words, COMPENSATING) {
@@ -144,31 +175,40 @@ fn with_compensation(words: &BlockWords, modal: &Modal) -> Option<Refusal> {
         .g_codes()
         .iter()
         .any(|(code, _)| code.group == ModalGroup::Plane && plane.is_some_and(|plane| plane != *code));
-    if before && other_plane {
+    if (before || still_on) && other_plane {
         return rule(
             Address::G,
             "the plane changes during cutter compensation",
             "Write G40 and a lead-out first.",
         );
     }
-    if moves_by(words, &["G00", "G74", "G84"]) || has(words, &["G31"]) {
+    let rapid = after && moves_by(words, &["G00"]);
+    if rapid || moves_by(words, &["G74", "G84"]) || has(words, &["G31"]) {
         return rule(
             Address::G,
             "only G01, G02 and G03 move during cutter compensation",
             "Write G40 and a lead-out first.",
         );
     }
-    let stops = words
-        .m_code()
-        .is_some_and(|code| matches!(code.code, "M00" | "M01"));
-    if stops || (words.m_code().is_some() && words.has_parameters()) {
-        return rule(
-            Address::M,
+    let leads_out_here = still_on && moves_in_plane(words, modal);
+    if leads_out_here { None } else { waits(words) }
+}
+
+/// What may not stand where the next motion decides where the tool is.
+fn waits(words: &BlockWords) -> Option<Refusal> {
+    let code = words.m_code()?.code;
+    let (message, help) = match code {
+        "M02" | "M30" => (
+            "the program ends during cutter compensation",
+            "Write G40 and a lead-out before it.",
+        ),
+        _ if matches!(code, "M00" | "M01") || words.has_parameters() => (
             "the program waits during cutter compensation",
             "Write it before G41 or G42, or behind the lead-out.",
-        );
-    }
-    None
+        ),
+        _ => return None,
+    };
+    Some(refusal(&COMPENSATION_RULE, Address::M, message.to_owned(), help))
 }
 
 fn to_machine_position(words: &BlockWords, modal: &Modal) -> Option<Refusal> {
@@ -176,7 +216,9 @@ fn to_machine_position(words: &BlockWords, modal: &Modal) -> Option<Refusal> {
         .g_codes()
         .iter()
         .find(|(code, _)| matches!(code.code, "G28" | "G30" | "G53"))?;
-    if modal.is(ModalGroup::ToolRadius, COMPENSATING) || has(words, COMPENSATING) {
+    let led_out = modal.is(ModalGroup::ToolRadius, &["G40"]) && !modal.lead_pending;
+    let unknown = modal.code(ModalGroup::ToolRadius).is_none();
+    if !(led_out || unknown) || has(words, COMPENSATING) {
         let text = format!("{} stands during cutter compensation", code.code);
         return Some(refusal(
             &COMPENSATION_RULE,
@@ -197,21 +239,15 @@ fn to_machine_position(words: &BlockWords, modal: &Modal) -> Option<Refusal> {
     None
 }
 
-fn arc(words: &BlockWords, modal: &Modal) -> Option<Refusal> {
+fn arc(words: &BlockWords, modal: &Modal, position: &TextPosition) -> Option<Refusal> {
     if !moves_by(words, &["G02", "G03"]) {
         return None;
     }
     let address = words.taken().iter().next()?;
-    let in_block = words
-        .g_codes()
-        .iter()
-        .map(|(code, _)| *code)
-        .find(|code| code.group == ModalGroup::Plane);
-    let plane = in_block.or(modal.code(ModalGroup::Plane)).map(|code| code.code);
-    let (axes, centres) = match plane {
-        Some("G18") => ([Address::Z, Address::X], [Address::K, Address::I]),
-        Some("G19") => ([Address::Y, Address::Z], [Address::J, Address::K]),
-        Some(_) => ([Address::X, Address::Y], [Address::I, Address::J]),
+    let (axes, centres) = match code_of(words, modal, ModalGroup::Plane) {
+        Some("G18") => ([Axis::Z, Axis::X], [Address::K, Address::I]),
+        Some("G19") => ([Axis::Y, Axis::Z], [Address::J, Address::K]),
+        Some(_) => ([Axis::X, Axis::Y], [Address::I, Address::J]),
         None => return None,
     };
     let Some(radius) = words.get(Address::R) else {
@@ -220,12 +256,16 @@ fn arc(words: &BlockWords, modal: &Modal) -> Option<Refusal> {
         let help = format!("Write {} and {}, or R.", centres[0].text(), centres[1].text());
         return (!centred).then(|| refusal(&ARC_SHAPE, address, text, &help));
     };
-    let incremental =
-        has(words, &["G91"]) || (modal.is(ModalGroup::Distance, &["G91"]) && !has(words, &["G90"]));
-    if !incremental || radius.abs() <= 0.0 {
+    if radius.abs() <= 0.0 {
         return None;
     }
-    let [first, second] = axes.map(|axis| words.get(axis).unwrap_or_default());
+    let distance = match code_of(words, modal, ModalGroup::Distance) {
+        Some("G91") => Some(Distance::Incremental),
+        Some(_) => Some(Distance::Absolute),
+        None => None,
+    };
+    let [first, second] = axes.map(|axis| position.way(words, distance, axis));
+    // not a number, and so no reason to refuse, where the text does not show the way
     let chord = first.hypot(second);
     // a difference in the unit in force: an inch is more than a millimetre, so this never refuses too much
     let short = radius.abs() < chord / 2.0 - ARC_RADIUS_TOLERANCE;

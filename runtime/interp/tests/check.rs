@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 
 use tandem_interp::{CheckContext, check_source};
+use tandem_model::settings::Unit;
 use tandem_model::{Axis, Severity};
 use tandem_syntax::LineIndex;
 
@@ -29,27 +30,9 @@ fn check(source: &str, expect: &[&str]) {
     );
 }
 
-/// As [`check`], with the codes whose motion is not built.
-fn interpretable(source: &str, expect: &[&str]) {
-    let context = CheckContext {
-        without_motion: true,
-        ..CheckContext::default()
-    };
-    assert_eq!(
-        findings(&format!("{source}\nM30"), &context),
-        expect,
-        "{source:?}"
-    );
-}
-
 /// Checks a text as it stands.
 fn check_whole(source: &str, expect: &[&str]) {
     assert_eq!(findings(source, &CheckContext::default()), expect, "{source:?}");
-}
-
-fn message(source: &str) -> String {
-    let (_, check) = check_source(format!("{source}\nM30"), &CheckContext::default());
-    check.diagnostics[0].message.clone()
 }
 
 #[test]
@@ -68,33 +51,15 @@ fn d01_codes_are_read_by_number() {
 }
 
 #[test]
-fn g_codes_of_the_manual_that_do_not_run_are_named() {
-    for code in [
-        "G02", "G03", "G28", "G30", "G31", "G41", "G42", "G43", "G44", "G51", "G51.1", "G52", "G53", "G500",
-    ] {
-        check(code, &["1:1 E0102"]);
-        assert!(
-            message(code).starts_with(&format!("{code} (")),
-            "{}",
-            message(code)
-        );
-    }
-    assert_eq!(
-        message("G2 X1 R1"),
-        "G02 (Circular Interpolation in CW direction) is not supported yet"
-    );
-}
-
-#[test]
 fn words_of_arcs_and_cycles_belong_to_later_blocks_too() {
-    interpretable("G02 X10 Y0 I5 J0\nX20 I5\nX30 R5\nG01 X1\nX2 R1", &["5:4 E0108"]);
-    interpretable("G84 X1 Z-5 R2 P100 K3\nX2\nG80\nX3 K2", &["4:4 E0108"]);
-    interpretable("G05 P1 Q2\nP5", &["1:1 E0101", "2:1 E0108"]);
-    interpretable("G28 P1\nP5", &["1:5 E0108", "2:1 E0108"]);
-    interpretable("G02 X1 I2 F0", &["1:11 E0109"]);
+    check("G02 X10 Y0 I5 J0\nX20 I5\nX30 R5\nG01 X1\nX2 R1", &["5:4 E0108"]);
+    check("G84 X1 Z-5 R2 P100 K3\nX2\nG80\nX3 K2", &["4:4 E0108"]);
+    check("G05 P1 Q2\nP5", &["1:1 E0101", "2:1 E0108"]);
+    check("G28 P1\nP5", &["1:5 E0108", "2:1 E0108"]);
+    check("G02 X1 I2 F0", &["1:11 E0109"]);
     // what a subprogram or a branch leaves in force the text does not show
-    interpretable("M98 P1000\nX1 I1", &[]);
-    interpretable("if(L1==1) G02 X1 R5\nX3 R5", &[]);
+    check("M98 P1000\nX1 I1", &[]);
+    check("if(L1==1) G02 X1 R5\nX3 R5", &[]);
 }
 
 #[test]
@@ -256,6 +221,29 @@ fn d03_the_line_of_the_intermediate_code_counts() {
 }
 
 #[test]
+fn d13_a_block_skip_number_that_skips_nothing_is_a_warning() {
+    check("/2\nX1", &["1:1 W0006"]);
+    check("X1\n /3/5 N10 // nothing", &["2:2 W0006"]);
+    check("/1/2/ X1\n/7/31 X2", &["1:5 W0006"]);
+    check("/1 L1=2", &["1:1 E0017"]);
+}
+
+#[test]
+fn d03_the_repeated_code_of_a_fixed_cycle_counts() {
+    // N2, a blank and the words, and a blank and the end of the block: 1020 bytes with the repeated code
+    let digits = "1".repeat(1020 - "N2 G84 X. M999.002".len() - 1);
+    let second = |more: &str| {
+        let found = findings(
+            &format!("G84 X1 Z-5 R1\nX0.{digits}{more}\nG80\nM30"),
+            &CheckContext::default(),
+        );
+        found.iter().any(|finding| finding == "2:1 E0011")
+    };
+    assert!(!second(""));
+    assert!(second("1"));
+}
+
+#[test]
 fn blocks_after_the_end_are_warned_of_once() {
     check("M30\nX1\nY1", &["2:1 W0002"]);
     check("/1 M30\nX1", &[]);
@@ -274,57 +262,119 @@ fn program_codes_and_indirections_are_part_of_the_language() {
 
 #[test]
 fn d26_an_arc_needs_a_centre_in_its_plane_or_a_radius_that_reaches() {
-    interpretable("G02 X10", &["1:5 E0122"]);
-    interpretable("G02 X10 K5", &["1:9 E0122"]);
-    interpretable("G18 G02 X10 K5\nG19 Y5 K1\nG17 X1 I1", &[]);
-    interpretable("G91 G03 X10 R4.98", &["1:13 E0122"]);
-    interpretable("G91 G03 X10 R4.99\nX3 Y4 R-2.5\nX9 R0", &[]);
-    interpretable("G90 G03 X10 R1", &[]);
+    check("G02 X10", &["1:5 E0122"]);
+    check("G02 X10 K5", &["1:9 E0122"]);
+    check("G18 G02 X10 K5\nG19 Y5 K1\nG17 X1 I1", &[]);
+    check("G91 G03 X10 R4.98", &["1:13 E0122"]);
+    check("G91 G03 X10 R4.99\nX3 Y4 R-2.5\nX9 R0", &[]);
+    check("G90 G03 X10 R1", &[]);
+}
+
+#[test]
+fn d26_absolute_arcs_are_judged_where_the_text_shows_the_start() {
+    check("G00 X0 Y0\nG02 X20 R9.98", &["2:9 E0122"]);
+    check("G00 X0 Y0\nG02 X20 R9.99\nX20 R5", &["3:5 E0122"]);
+    check("G18 G00 X0 Z5\nG03 X3 Z1 R2.4", &["2:11 E0122"]);
+    check("G91 X5\nG90 X1 Y1\nG91 X9\nG90 G02 X18 Y1 R3.9", &["4:16 E0122"]);
+    // nothing shows the start: neither the head of a program, nor a variable, another frame, a skipped block, a call
+    for before in [
+        "X0",
+        "X0 Y[L1]",
+        "X0 Y0\nG55",
+        "X0 Y0\nG52 X1",
+        "X0 Y0\nG20",
+        "X0 Y0\nG53 X1",
+        "X0 Y0\n/X9",
+        "X0 Y0\nM98 P1000\nG90 G17",
+    ] {
+        check(&format!("G90 G00 {before}\nG02 X20 Y0 R5"), &[]);
+    }
+}
+
+#[test]
+fn what_is_in_force_behind_a_branch_depends_on_the_way() {
+    check("G02 X1 R5\nif(L1==1) G00 X1\nX3 R5", &[]);
+    check("G02 X1 R5\nwhile(L1==1) { X3 R5\nG00 X1 }", &[]);
+    check("G01 X1\nif(L1==1) { X3 R5 }", &["2:16 E0108"]);
+    check("G90 G00 X0 Y0\nif(L1==1) { G02 X20 R5 }", &["2:21 E0122"]);
+    check("G90 G00 X0 Y0\nif(L1==1) X20\nG90 G02 X0 R5", &[]);
+}
+
+#[test]
+fn what_is_in_force_at_the_head_of_a_subprogram_depends_on_its_caller() {
+    let context = CheckContext::default();
+    assert_eq!(findings("X3 R5\nM99", &context), [""; 0]);
+    assert_eq!(findings("G40 X3\nG28\nM99", &context), [""; 0]);
+    assert_eq!(findings("G01 X3 R5\nM99", &context), ["1:8 E0108"]);
 }
 
 #[test]
 fn d23_reference_and_machine_positions_need_the_tool_without_offsets() {
     for code in ["G28", "G30 P2 X1", "G53 X1"] {
-        interpretable(&format!("G43\n{code}"), &["2:1 E0120"]);
-        interpretable(&format!("G41\nX9\n{code}"), &["3:1 E0119"]);
-        interpretable(&format!("G43\nG49\n{code}"), &[]);
+        check(&format!("G43\n{code}"), &["2:1 E0120"]);
+        check(&format!("G41\nX9\n{code}\nG40\nX0"), &["3:1 E0119"]);
+        check(&format!("G41\nX9\nG40\n{code}\nG01 X0"), &["4:1 E0119"]);
+        check(&format!("G43\nG49\n{code}"), &[]);
     }
+}
+
+/// The same with a lead-out before the end.
+fn led_out(source: &str, expect: &[&str]) {
+    check(&format!("{source}\nG40\nG01 X0 Y0"), expect);
 }
 
 #[test]
 fn cutter_compensation_keeps_its_rules() {
-    interpretable("G41\nG02 X5 I5", &["2:1 E0119"]);
-    interpretable("G41\nX9\nG02 X5 I5\nG40\nG03 X1 R9", &["5:1 E0119"]);
-    interpretable("G41 X9\nG02 X5 I5\nG40 G01 X1\nG02 X3 R9", &[]);
-    interpretable("G41\nG00 X1", &["2:1 E0119"]);
-    interpretable("G41\nX9\nG42", &["3:1 E0119"]);
-    interpretable("G41\nX9\nG18", &["3:1 E0119"]);
-    interpretable("G41\nX9\nG17\nG41", &[]);
-    interpretable("G42\nM00", &["2:1 E0119"]);
-    interpretable("G42\nM100 VA1", &["2:1 E0119"]);
-    interpretable("G42\nM100", &[]);
+    led_out("G41\nG02 X5 I5", &["2:1 E0119"]);
+    check("G41\nX9\nG02 X5 I5\nG40\nG03 X1 R9", &["5:1 E0119"]);
+    check("G41 X9\nG02 X5 I5\nG40 G01 X1\nG02 X3 R9", &[]);
+    led_out("G41\nG00 X1", &["2:1 E0119"]);
+    led_out("G41\nX9\nG42", &["3:1 E0119"]);
+    led_out("G41\nX9\nG18", &["3:1 E0119"]);
+    led_out("G41\nX9\nG17\nG41", &[]);
+    led_out("G42\nM00", &["2:1 E0119"]);
+    led_out("G42\nM100 VA1", &["2:1 E0119"]);
+    led_out("G42\nM100", &[]);
+}
+
+#[test]
+fn cutter_compensation_lasts_to_the_lead_out() {
+    check("G41\nX9\nX20", &["4:1 E0119"]);
+    check("G41\nX9\nX20\nG40", &["5:1 E0119"]);
+    check("G41\nX9\nX20\nG40\nG00 Z50", &["6:1 E0119"]);
+    check("G41\nX9\nX20\nG40\nG00 Z50\nX0", &[]);
+    check("G41\nX9\nX20\nG40 X30 M100 VA1", &[]);
+    for code in ["M01", "M100 VA1", "G19", "G31 X5"] {
+        let text = format!("G41\nX9\nX20\nG40\n{code}\nG01 X30 Y9");
+        check(&text, &["5:1 E0119"]);
+    }
+    // nothing has led in
+    check("G41\nG40\nM00\nG02 X5 I5", &[]);
+    // a move along another axis does not lead in
+    led_out("G41\nZ-5\nG02 X5 I5", &["3:1 E0119"]);
+    led_out("G41\nZ-5\nX5\nG02 X9 I5", &[]);
 }
 
 #[test]
 fn d42_a_fixed_cycle_keeps_its_rules() {
-    interpretable("G84 X1 Z-5\nG80", &["1:1 E0121"]);
-    interpretable("G84 X1 Z-5 R1\nG98 X2\nG99 X3\nG74 X4\nG80", &[]);
-    interpretable("G84 X1 Z-5 R1\nM98 P1000\nG80", &["2:1 E0121"]);
-    interpretable("G84 X1 Z-5 R1", &["2:1 E0121"]);
-    interpretable("G84 X1 Z-5 R1\nG04 P100\nG80", &["2:1 E0121"]);
-    interpretable("G84 X1 Z-5 R1\nG00 X1\nG04 P100", &[]);
-    interpretable("G84 X1 Z-5 R1\nA5\nG80", &["2:1 E0108"]);
+    check("G84 X1 Z-5\nG80", &["1:1 E0121"]);
+    check("G84 X1 Z-5 R1\nG98 X2\nG99 X3\nG74 X4\nG80", &[]);
+    check("G84 X1 Z-5 R1\nM98 P1000\nG80", &["2:1 E0121"]);
+    check("G84 X1 Z-5 R1", &["2:1 E0121"]);
+    check("G84 X1 Z-5 R1\nG04 P100\nG80", &["2:1 E0121"]);
+    check("G84 X1 Z-5 R1\nG00 X1\nG04 P100", &[]);
+    check("G84 X1 Z-5 R1\nA5\nG80", &["2:1 E0108"]);
 }
 
 #[test]
 fn ranges_of_the_codes_hold() {
-    interpretable("G51 P0", &["1:5 E0109"]);
-    interpretable("G51 I0.000001", &["1:5 E0109"]);
-    interpretable("G51 I-0.00001 J10000", &[]);
-    interpretable("G68 R301", &["1:5 E0109"]);
-    interpretable("G68 X1", &["1:1 E0111"]);
-    interpretable("G30 P5", &["1:5 E0109"]);
-    interpretable("G84 Z-1 R1 K10001\nG80", &["1:12 E0109"]);
+    check("G51 P0", &["1:5 E0109"]);
+    check("G51 I0.000001", &["1:5 E0109"]);
+    check("G51 I-0.00001 J10000", &[]);
+    check("G68 R301", &["1:5 E0109"]);
+    check("G68 X1", &["1:1 E0111"]);
+    check("G30 P5", &["1:5 E0109"]);
+    check("G84 Z-1 R1 K10001\nG80", &["1:12 E0109"]);
 }
 
 #[test]
@@ -392,6 +442,39 @@ fn m_codes_and_programs_are_listed_once_ascending() {
     );
     assert_eq!(check.m_codes, [3, 19]);
     assert_eq!(check.programs, [1000, 3000]);
+}
+
+#[test]
+fn d42_m_codes_that_a_tapping_cycle_puts_out_are_listed() {
+    let listed = |source: &str, has_spindle| {
+        let context = CheckContext {
+            has_spindle,
+            ..CheckContext::default()
+        };
+        check_source(source, &context).1.m_codes
+    };
+    let source = "G84 X1 Z-5 R1\nX2\nG80\nM100\nM30";
+    assert_eq!(listed(source, Some(true)), [5, 19, 100]);
+    assert_eq!(listed(source, Some(false)), [3, 4, 19, 100]);
+    assert_eq!(listed(source, None), [3, 4, 5, 19, 100]);
+    assert_eq!(listed("G80\nG98\nX1\nM30", Some(true)), [0; 0]);
+}
+
+#[test]
+fn d25_a_feedrate_in_inches_is_held_to_the_maximum_in_millimetres() {
+    let context = CheckContext {
+        max_feedrate_mm_min: Some(2540.0),
+        ..CheckContext::default()
+    };
+    assert_eq!(
+        findings("G20 X1 F100\nF101\nG21 F2540\nM30", &context),
+        ["2:1 W0004"]
+    );
+    let inch = CheckContext {
+        unit: Unit::Inch,
+        ..context
+    };
+    assert_eq!(findings("F101\nM30", &inch), ["1:1 W0004"]);
 }
 
 #[test]

@@ -7,10 +7,10 @@ mod support;
 use std::collections::BTreeMap;
 
 use tandem_interp::{Inputs, Interpreter};
-use tandem_model::Variables;
 use tandem_model::axis::{Axis, AxisVector};
 use tandem_model::flow::{Action, Distance, Item, PathControl};
 use tandem_model::settings::{Tool, WorkOffsets};
+use tandem_model::{Alarm, Variables};
 
 use support::{Run, check, first_block, last_motion, program, settings, text};
 
@@ -291,9 +291,15 @@ fn d12_m98_calls_a_subprogram_l_times_and_m99_returns() {
     assert_eq!(
         run.items(),
         [
+            "1:1 none",
             "1000:1 linear X1",
+            "1000:2 none",
+            "1:2 none",
             "1000:1 linear X1",
+            "1000:2 none",
             "1000:1 linear X1",
+            "1000:2 none",
+            "1:3 none",
             "1:4 linear X9",
             "1:5 end"
         ]
@@ -303,7 +309,10 @@ fn d12_m98_calls_a_subprogram_l_times_and_m99_returns() {
 #[test]
 fn d12_motion_of_the_calling_block_comes_first() {
     let run = Run::new("X5 M98 P1000\nM30").with(1000, "X1\nM99");
-    assert_eq!(run.items(), ["1:1 linear X5", "1000:1 linear X1", "1:2 end"]);
+    assert_eq!(
+        run.items(),
+        ["1:1 linear X5", "1000:1 linear X1", "1000:2 none", "1:2 end"]
+    );
 }
 
 #[test]
@@ -331,13 +340,13 @@ fn d12_a_call_deeper_than_8_is_not_made() {
 #[test]
 fn m30_in_a_subprogram_ends_the_run() {
     let run = Run::new("M98 P1000\nX2\nM30").with(1000, "X1\nM30");
-    assert_eq!(run.items(), ["1000:1 linear X1", "1000:2 end"]);
+    assert_eq!(run.items(), ["1:1 none", "1000:1 linear X1", "1000:2 end"]);
 }
 
 #[test]
 fn the_call_stack_names_program_and_calling_line() {
     let mut run = Run::new("X1\n  M98 P1000\nM30").with(1000, "\n\nX2\nM99");
-    for _ in 0..2 {
+    for _ in 0..3 {
         assert!(run.next().is_ok());
     }
     let stack: Vec<_> = run
@@ -352,7 +361,7 @@ fn the_call_stack_names_program_and_calling_line() {
 fn a_program_without_an_end_is_an_alarm() {
     check("X1", &["1:1 linear X1", "1:1 alarm 22"]);
     let run = Run::new("M98 P1000\nM30").with(1000, "X1");
-    assert_eq!(run.items(), ["1000:1 linear X1", "1000:1 alarm 22"]);
+    assert_eq!(run.items(), ["1:1 none", "1000:1 linear X1", "1000:1 alarm 22"]);
 }
 
 #[test]
@@ -372,18 +381,46 @@ fn an_alarm_repeats_until_the_next_start() {
     assert!(run.next().is_ok());
 }
 
+/// The first answer that is not a block without movement, and how many of those came before it.
+fn after_no_movement(run: &mut Run) -> (usize, Result<Item, Alarm>) {
+    let mut passed = 0;
+    loop {
+        match run.next() {
+            Ok(Item::Block(block)) if block.action == Action::None => passed += 1,
+            other => return (passed, other),
+        }
+    }
+}
+
 #[test]
 fn a_program_that_makes_no_progress_is_an_alarm() {
-    let run = Run::new("M98 P1000 L10000\nM30")
+    let mut run = Run::new("M98 P1000 L10000\nM30")
         .with(1000, "M98 P1001 L10000\nM99")
         .with(1001, "/1 X1\nM99");
-    let mut run = run;
     run.optional_skip = 1;
-    assert_eq!(run.next().err().map(|alarm| alarm.entry.number), Some(21));
+    let number = |answer: Result<Item, Alarm>| answer.err().map(|alarm| alarm.entry.number);
+    assert_eq!(number(after_no_movement(&mut run).1), Some(21));
+    for endless in ["while(1==1) F100\nM30", "while(1==1) {\nG54\nG55\n}\nM30"] {
+        let mut run = Run::new(endless);
+        let alarm = (0..2_000_000).find_map(|_| run.next().err());
+        assert_eq!(alarm.map(|alarm| alarm.entry.number), Some(21), "{endless:?}");
+    }
     // a million blocks may be passed over, one more not
     for (skipped, ends) in [(1_000_000 - 1, true), (1_000_000, false)] {
         let mut run = Run::new(&("/1 X1\n".repeat(skipped) + "M30"));
         run.optional_skip = 1;
-        assert_eq!(run.next().is_ok(), ends);
+        assert_eq!(after_no_movement(&mut run).1.is_ok(), ends);
+    }
+}
+
+#[test]
+fn m1c_each_10000_blocks_without_an_item_end_a_chain() {
+    for (skipped, ended) in [(9_999, 0), (10_000, 1), (30_000, 3)] {
+        let mut run = Run::new(&("X1\n".to_owned() + &"/1 X2\n".repeat(skipped) + "X3\nM30"));
+        run.optional_skip = 1;
+        assert!(run.next().is_ok());
+        let (passed, next) = after_no_movement(&mut run);
+        assert_eq!(passed, ended, "{skipped}");
+        assert!(matches!(next, Ok(Item::Block(_))));
     }
 }

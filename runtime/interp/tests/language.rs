@@ -10,11 +10,13 @@ mod support;
 
 use std::f64::consts::PI;
 
-use support::{Run, check};
-use tandem_model::axis::Axis;
+use support::{Run, check, settings};
+use tandem_interp::Interpreter;
+use tandem_model::axis::{Axis, AxisVector};
 use tandem_model::flow::{
     Action, ArcShape, Block, Compensation, Distance, Frame, Item, MultiBlock, Plane, Transform, Turn,
 };
+use tandem_model::settings::{CoordinateSystemSettings, Unit};
 
 /// The blocks of a program up to its end.
 fn blocks(source: &str) -> Vec<Block> {
@@ -107,8 +109,11 @@ fn l_is_fresh_in_each_call_and_q_is_not() {
     assert_eq!(
         run.items(),
         [
+            "1:2 none",
             "1000:1 linear X0",
+            "1000:3 none",
             "1000:1 linear X0",
+            "1000:3 none",
             "1:3 linear X5 Y7",
             "1:4 end"
         ]
@@ -121,6 +126,29 @@ fn p_and_q_are_seen_from_outside() {
     run.variables.coordinate_system.set(3, 21.0);
     assert!(run.next().is_ok());
     assert_eq!(run.variables.global.get(7), Some(42.0));
+}
+
+#[test]
+fn p_is_shared_with_other_threads_and_is_never_torn() {
+    let global = Run::new("M30").variables.global;
+    let writers = [1e300, -1e-300].map(|value| {
+        let global = global.clone();
+        std::thread::spawn(move || {
+            // the fraction's bits differ, so that a torn value would be seen
+            let mut run = Run::new("L0=Q0\nwhile(Q1<3000) { P5=L0 Q1=Q1+1 }\nM30");
+            run.variables.global = global;
+            run.variables.coordinate_system.set(0, value);
+            while !matches!(run.next(), Ok(Item::End(_))) {}
+        })
+    });
+    while !writers.iter().all(std::thread::JoinHandle::is_finished) {
+        let value = global.get(5).unwrap_or(f64::NAN);
+        assert!([0.0, 1e300, -1e-300].contains(&value), "{value}");
+    }
+    for writer in writers {
+        assert!(writer.join().is_ok());
+    }
+    assert_ne!(global.get(5), Some(0.0));
 }
 
 #[test]
@@ -187,7 +215,8 @@ fn d10_a_switch_falls_through_to_break_and_takes_default() {
 
 #[test]
 fn an_endless_loop_is_an_alarm() {
-    check("while(1==1) L1=L1+1\nM30", &["1:1 alarm 21"]);
+    let items = Run::new("while(1==1) L1=L1+1\nM30").items();
+    assert_eq!(items.last().map(String::as_str), Some("1:1 alarm 21"));
 }
 
 #[test]
@@ -243,6 +272,37 @@ fn d25_inches_are_lengths_and_feedrates() {
 }
 
 #[test]
+fn d25_blocks_of_rotary_axes_count_degrees_in_inches_too() {
+    let feedrate = |source: &str| last(&format!("{source}\nM30")).feed.feedrate_mm_min;
+    assert!((feedrate("G20 F10 A90") - 10.0).abs() < 1e-12);
+    assert!((feedrate("G20 F10 X1\nA90") - 10.0).abs() < 1e-12);
+    assert!((feedrate("G20 F10 A90\nX1 A0") - 254.0).abs() < 1e-9);
+    assert!((feedrate("G21 F10 A90") - 10.0).abs() < 1e-12);
+    // before an F, that of the settings counts
+    assert!((feedrate("G20 A90") - 500.0).abs() < 1e-12);
+}
+
+#[test]
+fn d25_the_settings_tell_the_unit_at_start_up() {
+    let inch = CoordinateSystemSettings {
+        unit: Unit::Inch,
+        ..settings()
+    };
+    let mut run = Run::with_settings("X1 F10\nG21 X1\nM30", &inch);
+    let mut step = || match run.next() {
+        Ok(Item::Block(block)) => match block.action {
+            Action::Linear(words) => (words.values[Axis::X], block.feed.feedrate_mm_min),
+            other => panic!("{other:?}"),
+        },
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(step(), (25.4, 254.0));
+    assert_eq!(step(), (1.0, 254.0));
+    let groups: Vec<_> = Interpreter::new(&inch).modal().groups().collect();
+    assert!(groups.contains(&("06", "G20")), "{groups:?}");
+}
+
+#[test]
 fn d24_references_name_their_middle_point_and_end_the_shape() {
     let blocks = blocks("G51.1 X0\nG68 R30\nG28 X5\nM30");
     let actions: Vec<_> = blocks.iter().rev().take(2).map(|block| &block.action).collect();
@@ -284,7 +344,6 @@ fn d20_transforms_come_one_by_one() {
     };
     assert_eq!(mirror.axes.iter().collect::<Vec<_>>(), [Axis::Y]);
     assert_eq!(scaling.factors, [1.0, 2.0, -3.0]);
-    assert_eq!(scaling.centre_named.iter().collect::<Vec<_>>(), [Axis::X]);
     assert_eq!((rotation.plane, rotation.angle_deg), (Plane::Xy, 90.0));
     assert!((all.tool_length - 8.0).abs() <= 0.0);
     assert!((last_transform("G44\nM30").tool_length + 8.0).abs() <= 0.0);
@@ -293,6 +352,43 @@ fn d20_transforms_come_one_by_one() {
         last_transform("G51 P3 I2\nM30").scaling.map(|s| s.factors),
         Some([3.0; 3])
     );
+}
+
+#[test]
+fn d20_a_centre_that_names_no_axis_is_where_the_tool_is() {
+    // The tool is at machine (30, 40, 5), with G52 X2 at (28, 40, 5) of the coordinates that scaling and rotation take.
+    let centre = |source: &str, of: &dyn Fn(&Transform) -> AxisVector| {
+        let mut run = Run::new(source);
+        run.position = AxisVector([30.0, 40.0, 5.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        loop {
+            match run.next() {
+                Ok(Item::Block(block)) => {
+                    if let Action::Transform(transform) = block.action
+                        && (transform.scaling.is_some() || transform.rotation.is_some())
+                    {
+                        let centre = of(&transform);
+                        return [Axis::X, Axis::Y, Axis::Z].map(|axis| centre[axis]);
+                    }
+                }
+                Ok(Item::End(_)) | Err(_) => panic!("{source:?} switches nothing on"),
+                Ok(_) => {}
+            }
+        }
+    };
+    let of_scaling = |transform: &Transform| {
+        transform
+            .scaling
+            .map(|scaling| scaling.centre)
+            .unwrap_or_default()
+    };
+    let of_rotation = |transform: &Transform| {
+        transform
+            .rotation
+            .map(|rotation| rotation.centre)
+            .unwrap_or_default()
+    };
+    assert_eq!(centre("G52 X2\nG51 Y7 P2\nM30", &of_scaling), [28.0, 7.0, 5.0]);
+    assert_eq!(centre("G52 X2\nG68 X1 R90\nM30", &of_rotation), [1.0, 40.0, 5.0]);
 }
 
 #[test]
@@ -326,9 +422,9 @@ fn g50_1_ends_the_mirroring_of_named_axes() {
 
 #[test]
 fn d17_compensation_takes_the_tool_and_the_plane_in_force() {
-    let left = last("G42 G18 X10\nM30").compensation;
+    let right = &blocks("G42 G18 X10\nG40 X20\nM30")[0];
     assert_eq!(
-        left,
+        right.compensation,
         Compensation::Right {
             radius: 5.0,
             plane: Plane::Zx
@@ -351,121 +447,6 @@ fn g500_stands_in_the_block() {
     assert_eq!(last("G500\nG501 X1\nM30").multi_block, MultiBlock::Off);
 }
 
-/// A run that begins at Z20, with or without its spindle.
-fn tapping(source: &str, spindle: bool) -> Vec<String> {
-    let mut settings = support::settings();
-    if !spindle {
-        settings.spindle = None;
-    }
-    let mut run = Run::with_settings(source, &settings);
-    run.position[Axis::Z] = 20.0;
-    let mut items = Vec::new();
-    loop {
-        let item = run.next().unwrap_or_else(|alarm| panic!("{alarm:?}"));
-        let ended = matches!(item, Item::End(_));
-        items.push(match &item {
-            Item::Block(Block {
-                action: Action::Tap(tap),
-                ..
-            }) => {
-                format!(
-                    "tap {} {} {}s S{} {:?}",
-                    tap.depth.values[Axis::Z],
-                    tap.retract.values[Axis::Z],
-                    tap.dwell_s,
-                    tap.spindle_speed_r_min,
-                    tap.turn
-                )
-            }
-            Item::Block(Block {
-                action: Action::Rapid(words) | Action::Linear(words),
-                ..
-            }) if words.frame == Frame::Machine => {
-                format!("back to {}", words.values[Axis::Z])
-            }
-            other => support::text(other),
-        });
-        if ended {
-            return items;
-        }
-    }
-}
-
-#[test]
-fn d42_each_hole_of_a_cycle_expands_on_its_own() {
-    assert_eq!(
-        tapping(
-            "F100 S300 G99 G84 X10 Y0 Z-10 R-5 P1000\nG98 X30\nG80\nX40\nM30",
-            true
-        ),
-        [
-            "1:1 M19",
-            "1:1 rapid X10 Y0",
-            "1:1 rapid Z-5",
-            "tap -10 -5 1s S300 Clockwise",
-            "1:1 M5",
-            "1:2 M19",
-            "1:2 rapid X30",
-            "1:2 rapid Z-5",
-            "tap -10 -5 1s S300 Clockwise",
-            "back to 20",
-            "1:2 M5",
-            "1:3 none",
-            "1:4 linear X40",
-            "1:5 end"
-        ]
-    );
-}
-
-#[test]
-fn d42_repetitions_stand_between_orientation_and_stop() {
-    let hole = [
-        "1:1 rapid X10",
-        "1:1 rapid Z-5",
-        "tap -10 10 0s S300 CounterClockwise",
-    ];
-    let cycle = |level: &str| tapping(&format!("G91 S300 {level} G74 X10 Z-10 R-5 K2\nG80 M30"), true);
-    let mut expected = vec!["1:1 M19"];
-    for _ in 0..2 {
-        expected.extend(hole);
-        expected.push("back to 20");
-    }
-    expected.extend(["1:1 M5", "1:2 end"]);
-    assert_eq!(cycle("G98"), expected);
-    let expected = [
-        "1:1 M19", hole[0], hole[1], hole[2], hole[0], hole[2], "1:1 M5", "1:2 end",
-    ];
-    assert_eq!(cycle("G99"), expected);
-    assert_eq!(tapping("S300 G84 X10 Z-10 R-5 K0\nG80 M30", true), ["1:2 end"]);
-}
-
-#[test]
-fn d42_without_a_spindle_m_codes_turn_it() {
-    let cycle = |level: &str| tapping(&format!("S300 {level} G84 X10 Z-10 R-5 P500\nG80 M30"), false);
-    let mut expected = vec![
-        "1:1 rapid X10",
-        "1:1 rapid Z-5",
-        "1:1 M19",
-        "1:1 M3",
-        "1:1 linear Z-10",
-        "1:1 dwell 0.5",
-        "1:1 M4",
-        "1:1 linear Z-5",
-        "1:1 M3",
-    ];
-    assert_eq!(cycle("G99")[..9], expected);
-    expected.extend(["back to 20", "1:2 end"]);
-    assert_eq!(cycle("G98"), expected);
-}
-
-#[test]
-fn a_motion_ends_a_fixed_cycle() {
-    assert_eq!(
-        tapping("G84 X10 Z-10 R-5\nG01 X5\nX6\nM30", true)[6..],
-        ["1:2 linear X5", "1:3 linear X6", "1:4 end"]
-    );
-}
-
 #[test]
 fn what_the_text_does_not_show_is_an_alarm() {
     let alarm = |main: &str, sub: &str| Run::new(main).with(1000, sub).items().pop();
@@ -485,4 +466,44 @@ fn what_the_text_does_not_show_is_an_alarm() {
         alarm("G84 Z-1 R1\nif(1==1) M98 P1000\nM30", "M99"),
         Some("1:2 alarm 42".into())
     );
+}
+
+#[test]
+fn where_a_program_cannot_be_stopped_between_blocks_is_known() {
+    for (source, compensates, in_cycle) in [
+        ("G41\nX9\nM30", true, false),
+        ("G42\nX9\nG40 X0\nM30", false, false),
+        ("G84 X1 Z-5 R2 F100 S100\nM30", false, true),
+        ("G84 X1 Z-5 R2 F100 S100\nG80\nM30", false, false),
+    ] {
+        let mut run = Run::new(source);
+        // G41 up to the end: the last answer is an alarm, and says nothing of what is in force.
+        (0..20).for_each(|_| drop(run.next()));
+        let modal = run.interpreter.modal();
+        assert_eq!(
+            (modal.compensates(), modal.in_fixed_cycle()),
+            (compensates, in_cycle),
+            "{source:?}"
+        );
+    }
+}
+
+#[test]
+fn a_program_begins_in_the_start_up_state_and_manual_data_input_in_what_is_in_force() {
+    let mut run = Run::new("G91 F500 G54\nM30");
+    assert!((0..9).any(|_| matches!(run.next(), Ok(Item::End(_)))));
+    assert!(run.interpreter.is_between_blocks());
+    run.interpreter.start_in_modal(support::program("X1\nM30"), 0);
+    assert_eq!(
+        run.next().map(|item| support::text(&item)),
+        Ok("0:1 linear X1".to_owned())
+    );
+    let modal = run.interpreter.modal();
+    assert_eq!(
+        (modal.distance, modal.work_offset()),
+        (Distance::Incremental, Some("G54"))
+    );
+    run.interpreter.reset();
+    let modal = run.interpreter.modal();
+    assert_eq!((modal.distance, modal.work_offset()), (Distance::Absolute, None));
 }

@@ -1,15 +1,9 @@
 //! No text makes parser, checker or interpreter panic or run without end, and they agree about what is an error.
 //! Seeded: the same texts in each run.
 
-use std::collections::BTreeMap;
-use std::sync::Arc;
+mod properties;
 
-use tandem_interp::{CheckContext, Inputs, Interpreter, check_source};
-use tandem_model::AxisVector;
-use tandem_model::flow::Item;
-use tandem_model::settings::{CoordinateSystemSettings, Tool, WorkOffsets};
-use tandem_model::variables::{VariableArray, Variables};
-use tandem_syntax::{LineIndex, NcProgram};
+use properties::all as examine;
 
 /// Texts to begin with: each construct of the language, right and wrong.
 const CORPUS: &[&str] = &[
@@ -112,86 +106,6 @@ fn mutate(text: &mut String, random: &mut Random) {
             text.insert_str(at, &copy);
         }
         _ => text.insert_str(from, PIECES[random.below(PIECES.len())]),
-    }
-}
-
-fn settings() -> CoordinateSystemSettings {
-    CoordinateSystemSettings {
-        number: 1,
-        motors: [const { None }; 8],
-        spindle: None,
-        max_feedrate_mm_min: 10_000.0,
-        default_feedrate_mm_min: 0.0,
-        default_ta_ms: 100.0,
-        default_td_ms: 100.0,
-        default_ts_ms: 50.0,
-        rotary_feedrate_deg_min: 0.0,
-        override_slew_ms: 1000.0,
-        hold_slew_ms: 200.0,
-        servo_period_s: 0.001,
-    }
-}
-
-/// Runs a program for a number of items; the number of the alarm that ended it.
-fn run(program: &Arc<NcProgram>, optional_skip: u32) -> Option<u16> {
-    let programs = BTreeMap::from([(1000, Arc::clone(program))]);
-    let variables = Variables {
-        global: VariableArray::new(64),
-        coordinate_system: VariableArray::new(64),
-    };
-    let mut interpreter = Interpreter::new(&settings());
-    interpreter.start(Arc::clone(program), 1);
-    for _ in 0..200 {
-        match interpreter.next(&Inputs {
-            programs: &programs,
-            optional_skip,
-            work_offsets: &WorkOffsets::default(),
-            variables: &variables,
-            tool: Tool::default(),
-            captured: [0.0; 8],
-            position: AxisVector::ZERO,
-        }) {
-            Ok(Item::End(_)) => return None,
-            Ok(_) => {}
-            Err(alarm) => return Some(alarm.entry.number),
-        }
-    }
-    None
-}
-
-fn examine(source: &str) {
-    let (program, check) = check_source(
-        source,
-        &CheckContext {
-            without_motion: true,
-            ..CheckContext::default()
-        },
-    );
-    let index = LineIndex::new(source);
-    for finding in &check.diagnostics {
-        let (start, end) = (finding.span.start as usize, finding.span.end as usize);
-        assert!(
-            start <= end && end <= source.len().max(1),
-            "{finding:?} in {source:?}"
-        );
-        let (line, column) = index.locate(finding.span.start);
-        assert!(line >= 1 && column >= 1 && !finding.message.is_empty() && !finding.help.is_empty());
-        assert!(
-            start >= source.len() || source.is_char_boundary(start),
-            "{finding:?} in {source:?}"
-        );
-    }
-    let has_errors = check.has_errors();
-    let program = Arc::new(program);
-    for optional_skip in [0, 1, u32::MAX] {
-        let alarm = run(&program, optional_skip);
-        // a clean program may only calculate a wrong value, miss a program that it calls, run without end or past its
-        // last block by a branch, or break a rule that the text alone does not show
-        let allowed = matches!(alarm, None | Some(10 | 11 | 20..=23 | 40..=43));
-        assert!(
-            has_errors || allowed,
-            "alarm {alarm:?} without an error in {source:?}"
-        );
     }
 }
 

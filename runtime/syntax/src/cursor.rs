@@ -54,6 +54,17 @@ impl<'a> Cursor<'a> {
         self.line
     }
 
+    /// The line of a byte that has been passed.
+    pub(crate) fn line_of(&self, start: usize) -> u32 {
+        self.line.saturating_sub(self.line_feeds(start))
+    }
+
+    /// Line feeds from a byte to here.
+    fn line_feeds(&self, start: usize) -> u32 {
+        let passed = self.bytes.get(start..self.at).unwrap_or_default();
+        passed.iter().map(|byte| u32::from(*byte == b'\n')).sum()
+    }
+
     /// Bytes of comments passed so far.
     pub(crate) fn comment_bytes(&self) -> usize {
         self.comment_bytes
@@ -91,7 +102,9 @@ impl<'a> Cursor<'a> {
 
     /// Goes to the end of the text.
     pub(crate) fn finish(&mut self) {
+        let start = self.at;
         self.at = self.bytes.len();
+        self.line += self.line_feeds(start);
     }
 
     /// The range from a byte to here.
@@ -157,10 +170,8 @@ impl<'a> Cursor<'a> {
                 self.finish();
                 return Err(start);
             };
-            for byte in inside[..length].bytes() {
-                self.line += u32::from(byte == b'\n');
-            }
             self.at += open.len() + length + close.len();
+            self.line += self.line_feeds(start);
         }
         self.comment_bytes += self.at - start;
         Ok(())

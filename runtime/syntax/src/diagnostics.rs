@@ -132,9 +132,6 @@ diagnostics! {
     G_UNKNOWN = "E0101", "There is no such G code",
         "The G codes of the dialect are those of the manual's table.",
         "wrong: G05   right: G04 P500";
-    NOT_SUPPORTED = "E0102", "A code is not supported yet",
-        "The code is part of the language, and this version of Tandem does not run it. Nothing is skipped silently.",
-        "The README lists what is not supported yet.";
     CODE_NUMBER = "E0103", "A code is not a number of that kind",
         "The number after G, M or N is a constant, not negative; after M and N it has no decimals.",
         "wrong: M3.5   right: M3";
@@ -178,7 +175,7 @@ diagnostics! {
         "It cannot be told which of the codes the value is for.",
         "wrong: G04 M98 P1000   right: G04 P500 and M98 P1000 in blocks of their own";
     COMPENSATION_RULE = "E0119", "Not allowed with cutter compensation",
-        "Cutter compensation is led in by G01 and led out by G00 or G01. In between only G01, G02 and G03 move, the plane and the side stay, and M00, M01, M codes with parameters, G28, G30 and G53 do not stand (D23).",
+        "Cutter compensation is led in by G01 and led out by G00 or G01. In between only G01, G02 and G03 move, the plane and the side stay, and M00, M01, M02, M30, M codes with parameters, G28, G30 and G53 do not stand (D23).",
         "wrong: G41 and then G00 X5   right: G41 and then G01 X5";
     TOOL_OFFSET_RULE = "E0120", "Not allowed with a tool offset",
         "G28, G30 and G53 need G49 before them (D23).",
@@ -189,6 +186,9 @@ diagnostics! {
     ARC_SHAPE = "E0122", "An arc is not defined",
         "G02 and G03 need the centre by I, J, K of the plane in force, or the radius R, which is half the way to the end or more (D26).",
         "wrong: G02 X10 Y0   right: G02 X10 Y0 R5";
+    HANDLER_REFUSES = "E0190", "A handler refuses the parameters of an M code",
+        "When a program is loaded, the handlers of its M codes are asked whether they take the parameters; the message is the handler's own.",
+        "Correct the parameters as the message says.";
     // W0001 to W0099: the program can run
     PROGRAM_MISSING = "W0001", "A called program is not there",
         "M98 of a program that is missing is an alarm when it is interpreted (D12).",
@@ -205,6 +205,9 @@ diagnostics! {
     TOO_MANY_WARNINGS = "W0005", "Too many warnings",
         "The list of warnings of one program ends at 1000; what follows has not been listed.",
         "Look at the warnings above, then check again.";
+    SKIP_UNUSED = "W0006", "A block skip number is not used",
+        "Block skip skips the words of its own line. It has no effect where the line has none, and each number counts once (D13).",
+        "wrong: /2 on a line of its own   right: /2 X10";
 }
 
 #[cfg(test)]

@@ -48,12 +48,12 @@ pub fn compile(program: &NcProgram, header: Header) -> String {
     writer.text
 }
 
-/// Bytes of a block's line in the intermediate code, the code of a fixed cycle not counted (D03).
-pub fn block_bytes(program: &NcProgram, block: &Block) -> usize {
+/// Bytes of a block's line in the intermediate code, which repeats the code of a fixed cycle in force (D03).
+pub fn block_bytes(program: &NcProgram, block: &Block, in_cycle: bool) -> usize {
     let mut writer = Writer {
         program,
         text: String::new(),
-        cycle: None,
+        cycle: in_cycle.then(|| "G84".to_owned()),
         returned: false,
     };
     writer.block(block);

@@ -190,7 +190,7 @@ fn carriage_returns_tabs_and_byte_order_mark_are_no_words() {
 #[test]
 fn d13_block_skip_numbers_stand_at_the_beginning_of_the_line() {
     assert_eq!(
-        blocks("/1 N03 X10\n/ Y1\n/1/2 X-20\n/31X3\n/7// nothing"),
+        blocks("/1 N03 X10\n/ Y1\n/1/2 X-20\n/31X3"),
         ["1: /1 N3 X10", "2: /1 Y1", "3: /1 /2 X-20", "4: /31 X3"]
     );
     check("/0 X1", &["1:1 E0008"]);
@@ -574,4 +574,21 @@ fn spans_reach_from_the_first_to_the_last_byte() {
             index: 1
         })
     );
+}
+
+#[test]
+fn a_program_code_stands_on_the_line_where_it_begins() {
+    let lines = |source: &str| {
+        let (program, _) = parse(source, Grammar::nj());
+        program
+            .blocks()
+            .iter()
+            .map(|block| block.line)
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(lines("X1\nL1=/*\n*/2\nX2"), [1, 2, 4]);
+    assert_eq!(lines("if(L1==/*\n*/1)\nX1"), [1, 3]);
+    // what could not be read, too
+    assert_eq!(lines("G01 X1\nif(\nif(1==1\n\n")[..2], [1, 2]);
+    assert_eq!(lines("L1=(\nX1"), [1, 2]);
 }

@@ -23,14 +23,15 @@ pub static FEED_WORDS: [WordSpec; 5] = [
 /// above the spindle's maximum is an alarm (D11).
 pub(crate) fn take_over(execution: &mut Execution<'_>) {
     if let Some(programmed) = execution.free_word(Address::F) {
-        let programmed = programmed * execution.modal().unit();
+        let feedrate = programmed * execution.modal().unit();
         let max = execution.limits().max_feedrate_mm_min;
-        if programmed > max {
+        if feedrate > max {
             execution.warn(format!(
                 "F{programmed} is above the maximum feedrate: {max} mm/min is used"
             ));
         }
-        execution.modal_mut().feedrate_mm_min = programmed.min(max);
+        execution.modal_mut().feedrate_mm_min = feedrate.min(max);
+        execution.modal_mut().feedrate_deg_min = programmed.min(max);
     }
     if let Some(speed) = execution.free_word(Address::S) {
         if let Some(max) = execution.limits().max_spindle_speed_r_min

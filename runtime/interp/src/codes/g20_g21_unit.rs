@@ -1,4 +1,4 @@
-//! G20 Inch input and G21 Metric input, the unit at start-up (D25).
+//! G20 Inch input and G21 Metric input; `units` of the coordinate system tells which is in force at start-up (D25).
 
 use super::{Code, ModalGroup, remembered};
 
@@ -10,7 +10,7 @@ pub static G20: Code = Code {
     group: ModalGroup::Unit,
     words: &[],
     docs: "Lengths and feedrates from this block on are in inches and inches a minute. Settings, offsets and tools stay \
-           in mm (D25).",
+           in mm, and F of blocks that name rotary axes only stays in degrees a minute (D25).",
     check: None,
     select: remembered,
     motion: None,
@@ -23,7 +23,7 @@ pub static G21: Code = Code {
     name: "Metric input",
     group: ModalGroup::Unit,
     words: &[],
-    docs: "Lengths and feedrates from this block on are in mm and mm/min. In force at start-up.",
+    docs: "Lengths and feedrates from this block on are in mm and mm/min. In force at start-up, but with units = \"inch\".",
     check: None,
     select: remembered,
     motion: None,

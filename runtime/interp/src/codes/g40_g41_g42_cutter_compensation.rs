@@ -29,7 +29,8 @@ pub static G40: Code = compensation(
     "G40",
     400,
     "Cancels tool compensation",
-    "Switches cutter compensation off; the next G00 or G01 leads out. In force at start-up.",
+    "Switches cutter compensation off; the next G00 or G01 that moves in the plane leads out, over at least the tool's \
+     radius. Until then the program neither waits nor ends. In force at start-up.",
     |execution| execution.modal_mut().compensation = Compensation::Off,
 );
 /// G41.
@@ -37,9 +38,12 @@ pub static G41: Code = compensation(
     "G41",
     410,
     "Tool Compensation, left",
-    "Moves the tool's centre to the left of the path by its radius, in the plane in force. The next motion leads in: a \
-     G01. Until G40 only G01, G02 and G03 move, the plane and the side stay, and no M00, M01 or M code with parameters \
-     may stand.",
+    "Moves the tool's centre to the left of the path by its radius, in the plane in force. The next motion in the plane \
+     leads in: a G01 over at least the tool's radius. Until G40 only G01, G02 and G03 move, the plane and the side stay, \
+     and nothing may stand at which the program waits: M00, M01, an M code with parameters or one that is output after \
+     the motion. Inside corners end where the offset blocks meet, outside corners are extended up to 90 degrees of \
+     deflection and rounded beyond. Where the tool would cut into another block there is an alarm, or with overcut = \
+     \"prevent\" the blocks that it does not fit between are left out.",
     |execution| {
         let (radius, plane) = (execution.inputs().tool.radius, execution.modal().plane());
         execution.modal_mut().compensation = Compensation::Left { radius, plane };

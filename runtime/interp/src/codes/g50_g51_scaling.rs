@@ -54,13 +54,13 @@ pub static G51: Code = Code {
         let all = execution.words().get(Address::P);
         let factors = [Address::I, Address::J, Address::K]
             .map(|address| all.or(execution.words().get(address)).unwrap_or(1.0));
-        let centre = execution.own_axis_words();
+        let tool = execution
+            .modal()
+            .transform
+            .before_scaling(execution.inputs().position);
+        let centre = execution.centre(tool);
         execution.transform(|transform| {
-            transform.scaling = Some(Scaling {
-                centre: centre.values,
-                centre_named: centre.named,
-                factors,
-            });
+            transform.scaling = Some(Scaling { centre, factors });
         });
     },
     motion: None,

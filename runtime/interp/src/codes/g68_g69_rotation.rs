@@ -22,12 +22,16 @@ pub static G68: Code = Code {
     check: None,
     select: |execution| {
         let angle_deg = execution.words().get(Address::R).unwrap_or_default();
-        let (centre, plane) = (execution.own_axis_words(), execution.modal().plane());
+        let plane = execution.modal().plane();
+        let tool = execution
+            .modal()
+            .transform
+            .before_rotation(execution.inputs().position);
+        let centre = execution.centre(tool);
         execution.transform(|transform| {
             transform.rotation = Some(Rotation {
                 plane,
-                centre: centre.values,
-                centre_named: centre.named,
+                centre,
                 angle_deg,
             });
         });

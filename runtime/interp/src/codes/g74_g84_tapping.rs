@@ -24,8 +24,10 @@ pub static G74: Code = Code {
     words: &WORDS,
     docs: "Taps at X, Y from the R point to the Z point and back, the spindle turning counter-clockwise on the way in, \
            K times (once without K). Each later block with an axis word taps again until G80 or G00 to G03; Z, R, P \
-           and K stay. The first block needs Z and R. In G91 R counts from the level where the block starts, Z from \
-           R (D42). G98 and G99 tell where it returns to.",
+           and K stay. The first block needs Z and R. In G91 R counts from the initial level, Z from R (D42). The \
+           initial level is Z where the cycle began; G98 returns to it, G99 to the R point. With a spindle in the \
+           coordinate system it turns in step with Z, S / F revolutions a millimetre, ramps included, and rests at the \
+           R and Z point. No override acts on a thread, and feed hold waits until the tool is out.",
     check: None,
     select: remembered,
     motion: Some(|execution, words| fixed_cycles::tapping(execution, words, Turn::CounterClockwise)),

@@ -29,7 +29,8 @@ pub static M98: Code = Code {
         WordSpec::new(Address::L, "number of calls", "", 0.0, 10_000.0).whole(),
     ],
     docs: "Runs subprogram P from its first block, L times (once without L, not at all with L0), then goes on with the \
-           next block. Calls nest 8 deep; a deeper call is not made, and a warning tells. A missing program is an alarm.",
+           next block. Calls nest 8 deep; a deeper call is not made, and a warning tells. A missing program is an alarm. \
+           As every block without movement, it ends a chain of blended blocks, and so does M99.",
     check: None,
     select: call,
     motion: None,

@@ -32,7 +32,6 @@ pub mod m02_m30_end;
 pub mod m98_call;
 pub mod m99_return;
 pub mod m_auxiliary;
-pub mod motion_built;
 mod table;
 
 use tandem_model::flow::AxisWords;

@@ -1,4 +1,4 @@
-//! Dialects: a grammar, a list of codes, words, and defaults. A dialect is one file.
+//! Dialects: a grammar, a list of codes, words, and defaults. A dialect is one file, named here in two lines.
 
 mod nj;
 
@@ -7,6 +7,29 @@ use tandem_syntax::{Address, AddressSet, Grammar};
 use crate::codes::{Code, CodeTable, WordSpec};
 
 pub use nj::nj;
+
+/// All dialects. Configuration and command line find them by name.
+static DIALECTS: &[&Dialect] = &[&nj::NJ];
+
+/// Dialects that are part of the design and not built yet.
+const NOT_BUILT: &[&str] = &["dgshape"];
+
+/// The dialect of a name.
+///
+/// # Errors
+/// What to write instead.
+pub fn find(name: &str) -> Result<&'static Dialect, String> {
+    let found = DIALECTS.iter().copied().find(|dialect| dialect.name == name);
+    found.ok_or_else(|| {
+        let names: Vec<&str> = DIALECTS.iter().map(|dialect| dialect.name).collect();
+        let what = if NOT_BUILT.contains(&name) {
+            format!("dialect {name} is not supported yet")
+        } else {
+            format!("there is no dialect {name}")
+        };
+        format!("{what}; write {}", names.join(" or "))
+    })
+}
 
 /// What differs between dialects (D50).
 #[derive(Debug)]

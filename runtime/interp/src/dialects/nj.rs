@@ -38,7 +38,7 @@ pub fn nj() -> &'static Dialect {
     &NJ
 }
 
-static NJ: Dialect = Dialect {
+pub(super) static NJ: Dialect = Dialect {
     name: "nj",
     grammar: Grammar::nj,
     g_codes: CodeTable::new(&[

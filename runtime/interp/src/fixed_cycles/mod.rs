@@ -2,4 +2,4 @@
 
 mod tapping;
 
-pub(crate) use tapping::{Step, Tapping, tapping};
+pub(crate) use tapping::{Step, Tapping, outputs, tapping};

@@ -1,10 +1,14 @@
 //! The tapping cycles G74 and G84 (manual 2, utilities; D42).
 //!
-//! With a spindle in the coordinate system the cut is one [`Tap`], its phase locked to the spindle; without one it is
-//! M codes and G01 moves. The way back to the initial level is in machine coordinates: it is where the block began.
+//! M19, rapid moves to X, Y and to the R point, the thread in, dwell, the thread out; with G98 back to the initial level.
+//! With a spindle in the coordinate system the thread is locked to it; without one M codes turn it between.
+//!
+//! All levels are programmed positions. The initial level is Z where the cycle began, not where each of its blocks
+//! does: in the manual's examples the last hole returns with G98 to the level before the first one, and in G91 all
+//! holes have the same R and Z point.
 
 use tandem_model::alarm::FIXED_CYCLE_REFUSED;
-use tandem_model::flow::{Action, AxisWords, Distance, Frame, Tap, Turn};
+use tandem_model::flow::{Action, AxisWords, Distance, Frame, Tap, TapLeg, Turn};
 use tandem_model::{Alarm, Axis, AxisSet, AxisVector};
 use tandem_syntax::Address;
 
@@ -23,8 +27,7 @@ pub(crate) enum Step {
 pub(crate) struct Tapping {
     position: AxisWords,
     r_point: AxisWords,
-    depth: AxisWords,
-    retract: AxisWords,
+    z_point: AxisWords,
     /// The initial level, when the cycle returns to it (G98).
     initial: Option<AxisWords>,
     dwell_s: f64,
@@ -45,26 +48,22 @@ pub(crate) fn tapping(execution: &mut Execution<'_>, words: AxisWords, turn: Tur
         execution.refuse(Alarm::new(&FIXED_CYCLE_REFUSED, text));
         return;
     };
-    let distance = words.distance;
+    let initial = kept.initial.unwrap_or_else(|| initial_level(execution));
+    execution.modal_mut().cycle.initial = Some(initial);
+    let (r, z) = match words.distance {
+        Distance::Absolute => (r, z),
+        Distance::Incremental => (initial + r, initial + r + z),
+    };
     let mut position = words;
     position.named = words.named.iter().filter(|axis| *axis != Axis::Z).collect();
     position.values[Axis::Z] = 0.0;
-    let level = |value, distance, frame| AxisWords {
-        values: along_z(value),
-        named: AxisSet::from_iter([Axis::Z]),
-        distance,
-        frame,
-    };
-    let retract = if distance == Distance::Incremental { -z } else { r };
     let returns = execution.modal().is(ModalGroup::ReturnLevel, &["G98"]);
-    let start = execution.inputs().position[Axis::Z];
     let has_spindle = execution.limits().has_spindle;
     let cycle = Tapping {
         position,
-        r_point: level(r, distance, Frame::Work),
-        depth: level(z, distance, Frame::Work),
-        retract: level(retract, distance, Frame::Work),
-        initial: returns.then(|| level(start, Distance::Absolute, Frame::Machine)),
+        r_point: level(r),
+        z_point: level(z),
+        initial: returns.then(|| level(initial)),
         dwell_s: kept.dwell_s.unwrap_or_default(),
         turn,
         spindle_speed_r_min: execution.modal().spindle_speed_r_min,
@@ -92,10 +91,30 @@ fn take_words(execution: &mut Execution<'_>) {
     kept.repetitions = repetitions.or(kept.repetitions);
 }
 
-fn along_z(value: f64) -> AxisVector {
+/// The M codes that a tapping cycle puts out, ascending; all that it may put out where it is not known whether there
+/// is a spindle.
+pub(crate) fn outputs(has_spindle: Option<bool>) -> &'static [u16] {
+    match has_spindle {
+        Some(true) => &[5, 19],
+        Some(false) => &[3, 4, 19],
+        None => &[3, 4, 5, 19],
+    }
+}
+
+/// Z where the tool is, as a programmed position.
+fn initial_level(execution: &Execution<'_>) -> f64 {
+    execution.modal().transform.inverse(execution.inputs().position)[Axis::Z]
+}
+
+fn level(z: f64) -> AxisWords {
     let mut values = AxisVector::ZERO;
-    values[Axis::Z] = value;
-    values
+    values[Axis::Z] = z;
+    AxisWords {
+        values,
+        named: AxisSet::from_iter([Axis::Z]),
+        distance: Distance::Absolute,
+        frame: Frame::Work,
+    }
 }
 
 impl Tapping {
@@ -139,18 +158,14 @@ impl Tapping {
             0 => Found::Step(Step::Output(19)),
             1 => self.to_position(),
             2 => self.to_r_point(),
-            3 => Found::Step(Step::Motion(Action::Tap(Box::new(Tap {
-                depth: self.depth,
-                retract: self.retract,
-                dwell_s: self.dwell_s,
-                turn: self.turn,
-                spindle_speed_r_min: self.spindle_speed_r_min,
-            })))),
-            4 => self
+            3 => self.thread(TapLeg::In),
+            4 => self.dwell(),
+            5 => self.thread(TapLeg::Out),
+            6 => self
                 .initial
                 .map_or(Found::Nothing, |level| motion(Action::Rapid(level))),
-            5 => Found::Repeat,
-            6 => Found::Step(Step::Output(5)),
+            7 => Found::Repeat,
+            8 => Found::Step(Step::Output(5)),
             _ => Found::End,
         }
     }
@@ -166,18 +181,35 @@ impl Tapping {
             2 => self.to_r_point(),
             3 => Found::Step(Step::Output(19)),
             4 | 9 => Found::Step(Step::Output(inward)),
-            5 => motion(Action::Linear(self.depth)),
-            6 => motion(Action::Dwell {
-                dwell_s: self.dwell_s,
-            }),
+            5 => self.thread(TapLeg::In),
+            6 => self.dwell(),
             7 => Found::Step(Step::Output(outward)),
-            8 => motion(Action::Linear(self.retract)),
+            8 => self.thread(TapLeg::Out),
             10 => self
                 .initial
                 .map_or(Found::Nothing, |level| motion(Action::Linear(level))),
             11 => Found::Repeat,
             _ => Found::End,
         }
+    }
+
+    fn thread(&self, leg: TapLeg) -> Found {
+        let (target, turn) = match leg {
+            TapLeg::In => (self.z_point, self.turn),
+            TapLeg::Out => (self.r_point, self.turn.reversed()),
+        };
+        motion(Action::Tap(Box::new(Tap {
+            target,
+            leg,
+            turn,
+            spindle_speed_r_min: self.has_spindle.then_some(self.spindle_speed_r_min),
+        })))
+    }
+
+    fn dwell(&self) -> Found {
+        motion(Action::Dwell {
+            dwell_s: self.dwell_s,
+        })
     }
 
     fn to_position(&self) -> Found {

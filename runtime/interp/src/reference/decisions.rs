@@ -86,7 +86,7 @@ pub(super) static DECISIONS: &[(&str, &str)] = &[
     ),
     (
         "D25",
-        "G20 changes the reading of lengths and feedrates; settings, offsets and tools stay in mm.",
+        "G20 changes the reading of lengths and feedrates; settings, offsets and tools stay in mm. F of a block that names rotary axes only is in degrees a minute in G20 too.",
     ),
     (
         "D26",
@@ -103,7 +103,7 @@ pub(super) static DECISIONS: &[(&str, &str)] = &[
     ),
     (
         "D42",
-        "Each block of a fixed cycle expands on its own, with repetitions between orientation and spindle stop. Z, R, P and K stay until G80. In G91 R counts from the level where the block starts, Z from R.",
+        "Each block of a fixed cycle expands on its own, with repetitions between orientation and spindle stop. Z, R, P and K stay until G80. In G91 R counts from the initial level, Z from R; the initial level is Z where the cycle began, as in the manual's examples.",
     ),
     (
         "D43",

@@ -54,6 +54,7 @@ pub fn settings() -> CoordinateSystemSettings {
         number: 1,
         motors,
         spindle: Some(motor(5, MotorKind::Spindle, 8000.0)),
+        unit: tandem_model::settings::Unit::Millimetre,
         max_feedrate_mm_min: 6000.0,
         default_feedrate_mm_min: 500.0,
         default_ta_ms: 100.0,
@@ -63,6 +64,7 @@ pub fn settings() -> CoordinateSystemSettings {
         override_slew_ms: 1000.0,
         hold_slew_ms: 200.0,
         servo_period_s: 0.001,
+        motion: tandem_model::settings::MotionOptions::default(),
     }
 }
 

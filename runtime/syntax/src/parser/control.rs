@@ -72,7 +72,7 @@ impl Parser<'_> {
             format!("`{}` stands alone", keyword.text()),
             "Write it inside the if, switch, while or do that it belongs to.",
         );
-        self.push_failed(start, self.cursor.line());
+        self.push_failed(start);
     }
 
     fn branch(&mut self, start: usize) {
@@ -89,7 +89,7 @@ impl Parser<'_> {
                 )
             });
             if branch.is_none() {
-                self.push_failed(start, self.cursor.line());
+                self.push_failed(start);
             }
             self.body(start);
             if self.next_keyword() != Some(Keyword::Else) {
@@ -122,7 +122,7 @@ impl Parser<'_> {
         let repetition =
             condition.map(|condition| self.push_program_code(start, Statement::While { condition, end: 0 }));
         if repetition.is_none() {
-            self.push_failed(start, self.cursor.line());
+            self.push_failed(start);
         }
         let breaks = self.enter();
         self.body(start);
@@ -152,7 +152,7 @@ impl Parser<'_> {
                     },
                 );
             } else {
-                self.push_failed(at, self.cursor.line());
+                self.push_failed(at);
             }
         } else if self.complete {
             self.report(
@@ -161,7 +161,7 @@ impl Parser<'_> {
                 "`do` has no `while` after its commands",
                 "Write while and a condition in parentheses.",
             );
-            self.push_failed(start, self.cursor.line());
+            self.push_failed(start);
         }
         self.leave(breaks);
     }
@@ -184,7 +184,7 @@ impl Parser<'_> {
             )
         });
         if code.is_none() {
-            self.push_failed(start, self.cursor.line());
+            self.push_failed(start);
         }
         let breaks = self.enter();
         self.nesting.switches.push(OpenSwitch {
@@ -260,7 +260,7 @@ impl Parser<'_> {
                 "Write case, a whole number and a colon, or default and a colon.",
             );
         }
-        self.push_failed(start, self.cursor.line());
+        self.push_failed(start);
     }
 
     /// Tells of labels that stand again, in cases ascending by label and place.
@@ -405,7 +405,7 @@ impl Parser<'_> {
             "the commands are missing",
             "Write a command, or commands in braces.",
         );
-        self.push_failed(start, self.cursor.line());
+        self.push_failed(start);
     }
 
     /// Goes one level deeper; false when that is too deep, which ends the reading.
@@ -419,7 +419,7 @@ impl Parser<'_> {
                 "Move commands to a subprogram.",
             );
             self.complete = false;
-            self.push_failed(self.cursor.at(), self.cursor.line());
+            self.push_failed(self.cursor.at());
             self.cursor.finish();
             return false;
         }
@@ -457,7 +457,7 @@ impl Parser<'_> {
                             "`{` is not closed",
                             "Write `}` where it ends.",
                         );
-                        self.push_failed(start, self.cursor.line());
+                        self.push_failed(start);
                     }
                     self.complete = false;
                     break;
@@ -475,7 +475,7 @@ impl Parser<'_> {
         self.program_codes.push(ProgramCode { statement, span });
         self.blocks.push(Block {
             start: index(start),
-            line: self.cursor.line(),
+            line: self.cursor.line_of(start),
             flags: self.flags,
             content: Content::ProgramCode(index(code)),
         });

@@ -99,6 +99,8 @@ struct Parser<'a> {
     /// Only one command belongs to the branch or repetition before it.
     single: bool,
     flags: u32,
+    /// Behind the block skips of the line.
+    skips_end: usize,
     first_word: usize,
     line_start: usize,
     comment_bytes_before: usize,
@@ -121,6 +123,7 @@ impl<'a> Parser<'a> {
             kind: LineKind::Open,
             single: false,
             flags: 0,
+            skips_end: 0,
             first_word: 0,
             line_start: 0,
             comment_bytes_before: 0,
@@ -152,7 +155,7 @@ impl<'a> Parser<'a> {
         }
     }
 
-    /// Notes a finding; an error marks the line.
+    /// Notes an error, which marks the line.
     fn report(
         &mut self,
         entry: &'static DiagnosticEntry,
@@ -161,6 +164,17 @@ impl<'a> Parser<'a> {
         help: impl Into<String>,
     ) {
         self.flags |= Block::HAS_ERRORS;
+        self.note(entry, span, message, help);
+    }
+
+    /// Notes a finding.
+    fn note(
+        &mut self,
+        entry: &'static DiagnosticEntry,
+        span: Span,
+        message: impl Into<String>,
+        help: impl Into<String>,
+    ) {
         self.diagnostics.push(entry.at(span, message, help));
         if self.diagnostics.len() == DIAGNOSTICS_MAX {
             self.diagnostics.push(diagnostics::TOO_MANY.at(
@@ -236,6 +250,13 @@ impl<'a> Parser<'a> {
     fn end_words(&mut self, line: u32) {
         let count = self.words.len() - self.first_word;
         let failed = self.flags & Block::HAS_ERRORS != 0;
+        if self.flags != 0 && !failed && self.kind == LineKind::Open {
+            self.skip_unused(
+                self.line_start,
+                self.skips_end,
+                "nothing stands behind the block skip",
+            );
+        }
         if count > 0 || (failed && self.kind != LineKind::ProgramCodes) {
             self.blocks.push(Block {
                 start: index(self.line_start),
@@ -276,7 +297,11 @@ impl<'a> Parser<'a> {
         while self.cursor.peek() == Some(b'/') && !self.cursor.is_comment(self.grammar) {
             let start = self.cursor.at();
             if let Some(number) = self.skip_number() {
+                if self.flags & (1 << (number - 1)) != 0 {
+                    self.skip_unused(start, self.cursor.at(), "the block skip number stands twice");
+                }
                 self.flags |= 1 << (number - 1);
+                self.skips_end = self.cursor.at();
             } else {
                 let span = self.cursor.span_from(start);
                 let text = self.cursor.excerpt(span);
@@ -289,6 +314,16 @@ impl<'a> Parser<'a> {
             }
             self.blanks();
         }
+    }
+
+    fn skip_unused(&mut self, start: usize, end: usize, message: &str) {
+        let span = Span::new(index(start), index(end));
+        self.note(
+            &diagnostics::SKIP_UNUSED,
+            span,
+            message,
+            "Remove it, or write the words that it skips behind it.",
+        );
     }
 
     /// Passes `/` and the digits that follow it at once.

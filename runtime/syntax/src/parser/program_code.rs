@@ -11,7 +11,6 @@ use crate::tree::{Block, Content, VariableKind};
 impl Parser<'_> {
     /// Reads an assignment; the cursor stands behind the target's index, at blanks or `=`.
     pub(super) fn assignment(&mut self, start: usize, address: Address, index_start: usize) {
-        let line = self.cursor.line();
         let target_span = self.cursor.span_from(start);
         let index_span = self.cursor.span_from(index_start);
         if self.kind == LineKind::Words {
@@ -45,7 +44,7 @@ impl Parser<'_> {
             self.too_long(start);
         } else {
             self.skip_line();
-            self.push_failed(start, line);
+            self.push_failed(start);
         }
     }
 
@@ -68,10 +67,10 @@ impl Parser<'_> {
     }
 
     /// A block in the place of a program code that could not be read.
-    pub(super) fn push_failed(&mut self, start: usize, line: u32) {
+    pub(super) fn push_failed(&mut self, start: usize) {
         self.blocks.push(Block {
             start: index(start),
-            line,
+            line: self.cursor.line_of(start),
             flags: self.flags | Block::HAS_ERRORS,
             content: Content::Words {
                 first: index(self.words.len()),

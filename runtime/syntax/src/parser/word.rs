@@ -313,7 +313,7 @@ impl Parser<'_> {
             "Write words and program codes on lines of their own.",
         );
         self.skip_line();
-        self.push_failed(start, self.cursor.line());
+        self.push_failed(start);
     }
 }
 

@@ -1,0 +1,83 @@
+//! The outputs that stand in a program, as far as its text tells.
+
+use tandem_model::limits::M_CODE_MAX;
+use tandem_syntax::{Address, NcProgram};
+
+use crate::codes::tenths;
+use crate::dialects;
+
+/// An auxiliary function output as it is written.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WrittenOutput {
+    /// M number.
+    pub m: u16,
+    /// VA to VH.
+    pub params: [Option<f64>; 8],
+    /// Line of the source file, from 1.
+    pub line: u32,
+}
+
+/// The outputs of a program of dialect nj whose parameters are all numbers, in the order of the text. A parameter that
+/// a variable holds (D04) is known only when its block runs, so its output is left out.
+pub fn written_outputs(program: &NcProgram) -> impl Iterator<Item = WrittenOutput> {
+    let dialect = dialects::nj();
+    program.blocks().iter().filter_map(move |block| {
+        let words = program.words(block);
+        let number = words.iter().find(|word| word.address == Address::M)?.number()?;
+        let m = whole(number)?;
+        let is_reserved = tenths(number).is_some_and(|tenths| dialect.m_codes.find(tenths).is_some());
+        if is_reserved {
+            return None;
+        }
+        let mut params = [None; 8];
+        for word in words {
+            if let Some(place) = word
+                .address
+                .parameter_index()
+                .and_then(|index| params.get_mut(index))
+            {
+                *place = Some(word.number()?);
+            }
+        }
+        Some(WrittenOutput {
+            m,
+            params,
+            line: block.line,
+        })
+    })
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "the range is tested"
+)]
+fn whole(number: f64) -> Option<u16> {
+    let is_m_number = number.fract() == 0.0 && (0.0..=f64::from(M_CODE_MAX)).contains(&number);
+    is_m_number.then_some(number as u16)
+}
+
+#[cfg(test)]
+mod tests {
+    use tandem_syntax::{Grammar, parse};
+
+    use super::*;
+
+    #[test]
+    fn outputs_are_found_with_their_parameters_and_lines() {
+        let text = "N1 G90 G01 X1 M08\nM100 VA3 VH-0.5\nM98 P1000\n/1 M100 VB2\nM100 VA[P3]\nM00\nM30\n";
+        let (program, found) = parse(text, Grammar::nj());
+        assert_eq!(found, []);
+        let params = |a, b, h| [a, b, None, None, None, None, None, h];
+        let written: Vec<_> = written_outputs(&program).collect();
+        let expected = [
+            (8, params(None, None, None), 1),
+            (100, params(Some(3.0), None, Some(-0.5)), 2),
+            (100, params(None, Some(2.0), None), 4),
+        ];
+        assert_eq!(
+            written,
+            expected.map(|(m, params, line)| WrittenOutput { m, params, line })
+        );
+    }
+}

@@ -1,0 +1,85 @@
+//! Where the programmed point is, as far as the text of a program shows.
+
+use tandem_model::flow::Distance;
+use tandem_model::{Axis, AxisVector};
+use tandem_syntax::AddressSet;
+
+use crate::block_words::BlockWords;
+use crate::codes::ModalGroup;
+use crate::execution::axis_of;
+use crate::modal::Modal;
+
+/// Codes that move nothing by themselves and leave the coordinates as they are, beside those of the motion group.
+const HARMLESS: &[&str] = &["G04", "G09"];
+
+/// The groups of codes that leave the coordinates as they are.
+const HARMLESS_GROUPS: &[ModalGroup] = &[
+    ModalGroup::Motion,
+    ModalGroup::Plane,
+    ModalGroup::Distance,
+    ModalGroup::ToolRadius,
+    ModalGroup::ReturnLevel,
+    ModalGroup::PathControl,
+    ModalGroup::MultiBlock,
+];
+
+/// A programmed point in the coordinates and the unit in force; not a number for an axis that the text does not show.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct TextPosition(AxisVector);
+
+impl TextPosition {
+    /// A point that the text does not show.
+    pub(crate) fn unknown() -> Self {
+        let mut position = AxisVector::ZERO;
+        for axis in Axis::ALL {
+            position[axis] = f64::NAN;
+        }
+        Self(position)
+    }
+
+    /// Follows a block that has been found right. `modal` is in force in it.
+    pub(crate) fn follow(&mut self, words: &BlockWords, modal: &Modal) {
+        let harmless = words
+            .g_codes()
+            .iter()
+            .all(|(code, _)| HARMLESS_GROUPS.contains(&code.group) || HARMLESS.contains(&code.code));
+        let named = words.axis_words();
+        let moves = words.taker().map(|taker| taker.group);
+        if !harmless || (!named.is_empty() && moves != Some(ModalGroup::Motion)) {
+            *self = Self::unknown();
+            return;
+        }
+        let Some(distance) = modal.code(ModalGroup::Distance) else {
+            self.lose(named);
+            return;
+        };
+        let incremental = distance.code == "G91";
+        for (axis, value) in values(words, named) {
+            self.0[axis] = if incremental { self.0[axis] + value } else { value };
+        }
+    }
+
+    /// Lets go the axes of a block that may be skipped.
+    pub(crate) fn lose(&mut self, named: AddressSet) {
+        for axis in named.iter().filter_map(axis_of) {
+            self.0[axis] = f64::NAN;
+        }
+    }
+
+    /// How far a block goes along an axis; not a number where the text does not show it.
+    pub(crate) fn way(&self, words: &BlockWords, distance: Option<Distance>, axis: Axis) -> f64 {
+        let word = values(words, words.axis_words()).find(|(named, _)| *named == axis);
+        match (word, distance) {
+            (None, _) => 0.0,
+            (Some((_, value)), Some(Distance::Incremental)) => value,
+            (Some((_, value)), Some(Distance::Absolute)) => value - self.0[axis],
+            (Some(_), None) => f64::NAN,
+        }
+    }
+}
+
+fn values(words: &BlockWords, named: AddressSet) -> impl Iterator<Item = (Axis, f64)> {
+    named
+        .iter()
+        .filter_map(|address| Some((axis_of(address)?, words.get(address)?)))
+}

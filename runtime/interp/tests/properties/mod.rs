@@ -1,0 +1,165 @@
+//! What holds for every text, one property a stage. The robustness tests and the fuzzers of `tests/fuzz` examine texts
+//! with these functions; each panics where its property does not hold.
+
+#![allow(dead_code, reason = "a fuzzer examines one stage")]
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use tandem_interp::{Check, CheckContext, Inputs, Interpreter, check_source};
+use tandem_model::flow::Item;
+use tandem_model::settings::{CoordinateSystemSettings, Tool, WorkOffsets};
+use tandem_model::variables::{VariableArray, Variables};
+use tandem_model::{AxisVector, Diagnostic};
+use tandem_syntax::{
+    DIAGNOSTICS_MAX, Grammar, Header, LineIndex, NcProgram, Statement, block_bytes, compile, parse,
+};
+
+/// Items that a program is run for.
+const ITEMS: usize = 200;
+
+/// All of them.
+pub fn all(source: &str) {
+    words_are_what_the_text_says(source);
+    parsing_gives_a_sound_tree(source);
+    checking_gives_bounded_findings(source);
+    what_checks_clean_runs_clean(source);
+}
+
+/// Lexer: words come in the order of the text, none overlaps another, each number is the nearest one to what is
+/// written, and each block knows its line.
+pub fn words_are_what_the_text_says(source: &str) {
+    let (program, _) = parse(source, Grammar::nj());
+    let index = LineIndex::new(source);
+    let mut end = 0;
+    for block in program.blocks() {
+        assert_eq!(
+            index.locate(program.span(block).start).0,
+            block.line,
+            "{source:?}"
+        );
+        if block.has_errors() {
+            // it may hold what another block of the line holds, and is never run
+            continue;
+        }
+        for word in program.words(block) {
+            let span = word.span();
+            assert!(
+                span.start >= end && span.start < span.end,
+                "{word:?} in {source:?}"
+            );
+            end = span.end;
+            let text = &source[span.start as usize..end as usize];
+            let digits = text
+                .trim_start_matches(|letter: char| letter.is_ascii_alphabetic())
+                .trim();
+            if let (Ok(expected), Some(value)) = (digits.parse::<f64>(), word.number()) {
+                assert_eq!(value.to_bits(), expected.to_bits(), "{text:?}");
+            }
+        }
+    }
+}
+
+/// Parser: findings lie within the text, branches lead to blocks, and the tree can be written as intermediate code.
+pub fn parsing_gives_a_sound_tree(source: &str) {
+    let (program, findings) = parse(source, Grammar::nj());
+    examine_findings(source, &findings);
+    assert!(findings.len() <= DIAGNOSTICS_MAX + 1);
+    let blocks = program.blocks().len();
+    for block in program.blocks() {
+        let target = match program.program_code(block).map(|code| code.statement) {
+            Some(
+                Statement::If { otherwise: to, .. }
+                | Statement::While { end: to, .. }
+                | Statement::DoWhile { start: to, .. }
+                | Statement::Switch { otherwise: to, .. }
+                | Statement::Else { end: to }
+                | Statement::Break { end: to }
+                | Statement::Repeat { start: to },
+            ) => to as usize,
+            _ => 0,
+        };
+        assert!(
+            target <= blocks,
+            "a branch leads to {target} of {blocks} in {source:?}"
+        );
+        let _ = block_bytes(&program, block, true);
+    }
+    for header in [Header::Program(1), Header::Subprogram(1000)] {
+        assert!(compile(&program, header).ends_with("close\n"));
+    }
+}
+
+/// Checker: findings lie within the text, their number is bounded, and they are the same each time.
+pub fn checking_gives_bounded_findings(source: &str) {
+    let (_, check) = checked(source);
+    let (_, again) = checked(source);
+    assert_eq!(check, again, "{source:?}");
+    // errors and warnings of parser and checker, and what tells of more
+    assert!(check.diagnostics.len() <= 4 * (DIAGNOSTICS_MAX + 1));
+    examine_findings(source, &check.diagnostics);
+}
+
+/// Interpreter: every text runs for a number of items, and one that checks clean meets no alarm that the text shows.
+pub fn what_checks_clean_runs_clean(source: &str) {
+    let (program, check) = checked(source);
+    let program = Arc::new(program);
+    for optional_skip in [0, 1, u32::MAX] {
+        let alarm = run(&program, optional_skip);
+        // a clean program may only calculate a wrong value, miss a program that it calls, run without end or past its
+        // last block by a branch, or break a rule that the text alone does not show
+        let allowed = matches!(alarm, None | Some(10 | 11 | 20..=23 | 40..=43));
+        assert!(
+            check.has_errors() || allowed,
+            "alarm {alarm:?} without an error in {source:?}"
+        );
+    }
+}
+
+fn checked(source: &str) -> (NcProgram, Check) {
+    check_source(source, &CheckContext::default())
+}
+
+fn examine_findings(source: &str, findings: &[Diagnostic]) {
+    let index = LineIndex::new(source);
+    for finding in findings {
+        let (start, end) = (finding.span.start as usize, finding.span.end as usize);
+        assert!(
+            start <= end && end <= source.len().max(1),
+            "{finding:?} in {source:?}"
+        );
+        assert!(
+            start >= source.len() || source.is_char_boundary(start),
+            "{finding:?} in {source:?}"
+        );
+        let (line, column) = index.locate(finding.span.start);
+        assert!(line >= 1 && column >= 1 && !finding.message.is_empty() && !finding.help.is_empty());
+    }
+}
+
+/// Runs a program, which may call itself as 1000; the number of the alarm that ended it.
+fn run(program: &Arc<NcProgram>, optional_skip: u32) -> Option<u16> {
+    let programs = BTreeMap::from([(1000, Arc::clone(program))]);
+    let variables = Variables {
+        global: VariableArray::new(64),
+        coordinate_system: VariableArray::new(64),
+    };
+    let mut interpreter = Interpreter::new(&CoordinateSystemSettings::default());
+    interpreter.start(Arc::clone(program), 1);
+    for _ in 0..ITEMS {
+        match interpreter.next(&Inputs {
+            programs: &programs,
+            optional_skip,
+            work_offsets: &WorkOffsets::default(),
+            variables: &variables,
+            tool: Tool::default(),
+            captured: [0.0; 8],
+            position: AxisVector::ZERO,
+        }) {
+            Ok(Item::End(_)) => return None,
+            Ok(_) => {}
+            Err(alarm) => return Some(alarm.entry.number),
+        }
+    }
+    None
+}

@@ -1,0 +1,170 @@
+//! The coordinate transforms of D20, and what they make of points and distances.
+
+use crate::axis::{Axis, AxisSet, AxisVector};
+use crate::flow::Plane;
+
+/// From the programmed point to the machine position, in the order of the fields (D20).
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Transform {
+    /// G51.1.
+    pub mirror: Option<Mirror>,
+    /// G51.
+    pub scaling: Option<Scaling>,
+    /// G68.
+    pub rotation: Option<Rotation>,
+    /// G52, added.
+    pub local: AxisVector,
+    /// G54 to G59, added.
+    pub work_offset: AxisVector,
+    /// G43 (positive) or G44 (negative): added to Z, mm.
+    pub tool_length: f64,
+}
+
+/// G51.1: each of these axes changes its sign about the centre.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Mirror {
+    /// The mirrored axes.
+    pub axes: AxisSet,
+    /// The centre.
+    pub centre: AxisVector,
+}
+
+/// G51: distances from the centre times the factor of the axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scaling {
+    /// The centre.
+    pub centre: AxisVector,
+    /// Factors of X, Y, Z.
+    pub factors: [f64; 3],
+}
+
+/// G68: a turn in the plane about the centre.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rotation {
+    /// The plane.
+    pub plane: Plane,
+    /// The centre.
+    pub centre: AxisVector,
+    /// Counter-clockwise, degrees.
+    pub angle_deg: f64,
+}
+
+impl Transform {
+    /// The machine position of a programmed point: mirror, scaling, rotation, local, work offset, tool length.
+    pub fn forward(&self, point: AxisVector) -> AxisVector {
+        let mut point = point;
+        if let Some(mirror) = &self.mirror {
+            for axis in mirror.axes.iter() {
+                point[axis] = 2.0 * mirror.centre[axis] - point[axis];
+            }
+        }
+        if let Some(scaling) = &self.scaling {
+            for (axis, factor) in SCALED.into_iter().zip(scaling.factors) {
+                point[axis] = scaling.centre[axis] + (point[axis] - scaling.centre[axis]) * factor;
+            }
+        }
+        if let Some(rotation) = &self.rotation {
+            let from_centre = turned(rotation, point.minus(rotation.centre), 1.0);
+            for axis in rotation.plane.axes() {
+                point[axis] = rotation.centre[axis] + from_centre[axis];
+            }
+        }
+        let mut point = point.plus(self.local).plus(self.work_offset);
+        point[Axis::Z] += self.tool_length;
+        point
+    }
+
+    /// The machine distance of a programmed distance: what is left of [`forward`](Self::forward) without centres and offsets.
+    pub fn linear(&self, distance: AxisVector) -> AxisVector {
+        let mut distance = distance;
+        if let Some(mirror) = &self.mirror {
+            for axis in mirror.axes.iter() {
+                distance[axis] = -distance[axis];
+            }
+        }
+        if let Some(scaling) = &self.scaling {
+            for (axis, factor) in SCALED.into_iter().zip(scaling.factors) {
+                distance[axis] *= factor;
+            }
+        }
+        match &self.rotation {
+            Some(rotation) => turned(rotation, distance, 1.0),
+            None => distance,
+        }
+    }
+
+    /// The programmed point of a machine position. Scale factors must not be zero.
+    pub fn inverse(&self, machine: AxisVector) -> AxisVector {
+        let mut point = machine;
+        point[Axis::Z] -= self.tool_length;
+        let mut point = point.minus(self.work_offset).minus(self.local);
+        if let Some(rotation) = &self.rotation {
+            let from_centre = turned(rotation, point.minus(rotation.centre), -1.0);
+            for axis in rotation.plane.axes() {
+                point[axis] = rotation.centre[axis] + from_centre[axis];
+            }
+        }
+        if let Some(scaling) = &self.scaling {
+            for (axis, factor) in SCALED.into_iter().zip(scaling.factors) {
+                point[axis] = scaling.centre[axis] + (point[axis] - scaling.centre[axis]) / factor;
+            }
+        }
+        if let Some(mirror) = &self.mirror {
+            for axis in mirror.axes.iter() {
+                point[axis] = 2.0 * mirror.centre[axis] - point[axis];
+            }
+        }
+        point
+    }
+
+    /// Where a tool at this machine position stands in the coordinates that G51 scales.
+    pub fn before_scaling(&self, machine: AxisVector) -> AxisVector {
+        let later = Self {
+            mirror: None,
+            scaling: None,
+            ..*self
+        };
+        later.inverse(machine)
+    }
+
+    /// Where a tool at this machine position stands in the coordinates that G68 turns.
+    pub fn before_rotation(&self, machine: AxisVector) -> AxisVector {
+        let later = Self {
+            rotation: None,
+            ..*self
+        };
+        later.before_scaling(machine)
+    }
+}
+
+/// Axes that G51 scales.
+const SCALED: [Axis; 3] = [Axis::X, Axis::Y, Axis::Z];
+
+/// The vector turned in the rotation's plane, forth (`sense` 1) or back (-1).
+fn turned(rotation: &Rotation, vector: AxisVector, sense: f64) -> AxisVector {
+    let [first, second] = rotation.plane.axes();
+    let (sin, cos) = sine_and_cosine(rotation.angle_deg);
+    let sin = sin * sense;
+    let mut turned = vector;
+    turned[first] = cos * vector[first] - sin * vector[second];
+    turned[second] = sin * vector[first] + cos * vector[second];
+    turned
+}
+
+/// Exact at whole quarter turns, so that they leave no rounding error on the other axis.
+fn sine_and_cosine(angle_deg: f64) -> (f64, f64) {
+    let within = angle_deg.rem_euclid(360.0);
+    let quarters = [
+        (0.0, (0.0, 1.0)),
+        (90.0, (1.0, 0.0)),
+        (180.0, (0.0, -1.0)),
+        (270.0, (-1.0, 0.0)),
+    ];
+    match quarters
+        .into_iter()
+        .find(|(angle, _)| (angle - within).abs() == 0.0)
+    {
+        Some((_, exact)) => exact,
+        None => within.to_radians().sin_cos(),
+    }
+}
