@@ -70,11 +70,23 @@ alarms! {
     FEEDRATE_MISSING = 101, "No feedrate is programmed", "Write F before the first cutting block, or set default_feedrate.";
     SOFT_LIMIT = 102, "The target is beyond a soft limit", "Correct the position or the work offset; nothing has moved.";
     LIMIT_ZERO = 103, "A motor's velocity or acceleration limit is zero", "Set a limit above zero in the configuration.";
-    MOTION_NOT_SUPPORTED = 199, "This motion is not supported yet", "Write the block with codes that are supported.";
+    OFFSET_IN_FORCE = 110, "Cutter compensation or a tool offset is on", "Cancel it with G40 or G49 before G53, G28 and G30 (D23).";
+    ARC_IMPOSSIBLE = 111, "There is no such arc", "Correct the target, the centre (I, J, K) or the radius (R).";
+    ARC_DISTORTED = 112, "The transforms in force leave no circle", "Scale both axes of the plane alike, and rotate in the arc's plane (D21).";
+    SPINDLE_SPEED_MISSING = 113, "No spindle speed is programmed", "Write S before the tapping cycle: its pitch is F / S.";
+    TAP_OFF_AXIS = 114, "The tap would leave the Z axis", "End the rotation with G69 before the tapping cycle.";
+    COMPENSATION_LEAD_SHORT = 115, "The way into or out of cutter compensation is too short", "Lead in and out over at least the tool's radius.";
+    COMPENSATION_ARC_SMALL = 116, "The tool does not fit into the arc", "Use a smaller tool, or replace the arc by a line.";
+    COMPENSATION_CORNER = 117, "The compensated blocks do not meet", "Use a smaller tool, or look at the corner between the blocks.";
+    COMPENSATION_SPIRAL = 118, "A spiral has no cutter compensation", "Write an arc with one radius, or raise arc_radius_tolerance if the difference is rounding.";
+    COMPENSATION_LOOK_AHEAD = 119, "Too many blocks in a row without a move in the plane of the compensation", "Write G40 and a lead-out before them.";
+    OVERCUT = 120, "The tool would cut into another block", "Use a smaller tool, change the blocks, or set overcut = \"prevent\".";
     // 200 to 299: servo
     IN_POSITION_TIMEOUT = 200, "A motor did not come into position in time", "Look at the drive, in_position and in_position_timeout_ms.";
+    MOTION_RAN_OUT = 201, "The motion prepared ran out within a blended chain", "Reset; report the log if it happens again.";
     POSITION_JUMP = 202, "A motion does not begin where the machine is", "Reset; report the log if it happens again.";
     SPINDLE_MISSING = 203, "The coordinate system has no spindle", "Assign a spindle motor in the configuration.";
+    SPINDLE_TURNS = 204, "The spindle does not rest where a thread begins", "Reset M19 when the spindle rests at its position.";
     // 300 to 399: sequence control
     M_CODE_UNHANDLED = 300, "No handler is registered for this M code", "Connect a handler, or set unhandled for the M code.";
     M_CODE_TIMEOUT = 301, "The M code was not reset in time", "Look at the handler, or raise timeout_ms.";
@@ -83,6 +95,8 @@ alarms! {
     SIMULATION_STALLED = 390, "The program waits for something that never comes", "Look at what it waits for; give the M code a handler or unhandled = \"auto_reset\".";
     SIMULATION_LIMIT = 391, "The program did not end within the time limit", "Look for a loop, or raise --max-time-s.";
     RUNTIME_FAULT = 400, "The coordinate system's task failed", "Reset; report the log if it happens again.";
+    RESTARTED_IN_RUN = 401, "The runtime ended while a program ran", "Look at the machine and at what was open before anything is started; acknowledge or reset.";
+    STORE_FAILED = 402, "What is kept cannot be written", "Look at the disk of data_dir; it is tried again by itself.";
 }
 
 #[cfg(test)]

@@ -1,7 +1,9 @@
 //! What the stages hand on: [`Item`] and [`Block`] from `interp`, [`Segment`] from `path`.
 
-use crate::axis::{AxisSet, AxisVector};
+use crate::arc::ArcPath;
+use crate::axis::{Axis, AxisSet, AxisVector};
 use crate::span::Origin;
+pub use crate::transform::{Mirror, Rotation, Scaling, Transform};
 
 /// What the interpreter answers when asked for the next thing.
 #[derive(Debug, Clone, PartialEq)]
@@ -88,7 +90,7 @@ pub enum Action {
         /// 1 to 4.
         point: u8,
     },
-    /// The cutting part of G74 or G84: to the depth and back, phase locked to the spindle.
+    /// A way of G74 or G84 in the thread, into the hole or out of it; with a spindle locked to it.
     Tap(Box<Tap>),
     /// G04.
     Dwell {
@@ -130,6 +132,17 @@ pub enum Turn {
     CounterClockwise,
 }
 
+impl Turn {
+    /// The other sense.
+    #[must_use]
+    pub const fn reversed(self) -> Self {
+        match self {
+            Turn::Clockwise => Turn::CounterClockwise,
+            Turn::CounterClockwise => Turn::Clockwise,
+        }
+    }
+}
+
 /// G17, G18 or G19.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Plane {
@@ -142,19 +155,37 @@ pub enum Plane {
     Yz,
 }
 
-/// Thread cutting of a tapping cycle: revolutions are Z travel times S / F (motion-semantics 1h).
+impl Plane {
+    /// First and second axis: counter-clockwise turns the first towards the second.
+    pub const fn axes(self) -> [Axis; 2] {
+        match self {
+            Plane::Xy => [Axis::X, Axis::Y],
+            Plane::Zx => [Axis::Z, Axis::X],
+            Plane::Yz => [Axis::Y, Axis::Z],
+        }
+    }
+}
+
+/// A way of a tapping cycle in the thread: revolutions are Z travel times S / F (motion-semantics 1h).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tap {
-    /// Z point; an incremental one counts from where the tool is, the R point.
-    pub depth: AxisWords,
-    /// R point: where the tool comes back to; an incremental one counts from the Z point.
-    pub retract: AxisWords,
-    /// Dwell at the Z point, s.
-    pub dwell_s: f64,
-    /// Sense on the way in.
+    /// Where it ends: the Z point, or the R point on the way out.
+    pub target: AxisWords,
+    /// Into the hole, or out of it.
+    pub leg: TapLeg,
+    /// How the spindle turns on this way.
     pub turn: Turn,
-    /// S, r/min.
-    pub spindle_speed_r_min: f64,
+    /// S, r/min; `None`: the coordinate system has no spindle, the sequence program turns it.
+    pub spindle_speed_r_min: Option<f64>,
+}
+
+/// Which way of a thread.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TapLeg {
+    /// From the R point to the Z point.
+    In,
+    /// Back to the R point.
+    Out,
 }
 
 /// Axis words of a block.
@@ -245,56 +276,6 @@ pub struct Feed {
     pub ts_ms: f64,
 }
 
-/// From the programmed point to the machine position, in the order of the fields (D20).
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Transform {
-    /// G51.1.
-    pub mirror: Option<Mirror>,
-    /// G51.
-    pub scaling: Option<Scaling>,
-    /// G68.
-    pub rotation: Option<Rotation>,
-    /// G52, added.
-    pub local: AxisVector,
-    /// G54 to G59, added.
-    pub work_offset: AxisVector,
-    /// G43 (positive) or G44 (negative): added to Z, mm.
-    pub tool_length: f64,
-}
-
-/// G51.1: each of these axes changes its sign about the centre.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Mirror {
-    /// The mirrored axes.
-    pub axes: AxisSet,
-    /// The centre.
-    pub centre: AxisVector,
-}
-
-/// G51: distances from the centre times the factor of the axis.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Scaling {
-    /// The centre.
-    pub centre: AxisVector,
-    /// The axes that the centre names; for the others it is where the tool is when the transform comes into force.
-    pub centre_named: AxisSet,
-    /// Factors of X, Y, Z.
-    pub factors: [f64; 3],
-}
-
-/// G68: a turn in the plane about the centre.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Rotation {
-    /// The plane.
-    pub plane: Plane,
-    /// The centre.
-    pub centre: AxisVector,
-    /// The axes that the centre names; for the others it is where the tool is when the transform comes into force.
-    pub centre_named: AxisSet,
-    /// Counter-clockwise, degrees.
-    pub angle_deg: f64,
-}
-
 /// A piece of the way in machine coordinates, for the motion stage.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Segment {
@@ -315,6 +296,8 @@ pub enum SegmentMotion {
         path: Path,
         /// Speed along it and ramp times. The feedrate is that of the path's length.
         feed: Feed,
+        /// G500: within the motors' maximum acceleration.
+        multi_block: MultiBlock,
     },
     /// G00: each motor alone, in its shortest time.
     Rapid {
@@ -322,6 +305,26 @@ pub enum SegmentMotion {
         from: AxisVector,
         /// Target, machine coordinates.
         to: AxisVector,
+    },
+    /// G31: each motor alone at its skip velocity; one whose skip input comes turns back to where it came.
+    Skip {
+        /// Start, machine coordinates.
+        from: AxisVector,
+        /// Target, machine coordinates.
+        to: AxisVector,
+    },
+    /// A way in a thread, from rest to rest: no override acts on it, and feed hold waits until the tool is out.
+    Tap {
+        /// Start, machine coordinates.
+        from: AxisVector,
+        /// End, machine coordinates; Z differs.
+        to: AxisVector,
+        /// F, and ramp times.
+        feed: Feed,
+        /// Revolutions of the spindle from start to end, clockwise positive; 0: no spindle is locked to the way.
+        revolutions: f64,
+        /// Into the hole, or out of it.
+        leg: TapLeg,
     },
     /// G04.
     Dwell {
@@ -344,6 +347,8 @@ pub enum Path {
         /// What F counts: mm over X, Y, Z, or degrees when only rotary axes move.
         length: f64,
     },
+    /// A circle, spiral, helix or cone.
+    Arc(ArcPath),
 }
 
 impl Path {
@@ -351,6 +356,7 @@ impl Path {
     pub fn start(&self) -> AxisVector {
         match self {
             Path::Line { from, .. } => *from,
+            Path::Arc(arc) => arc.start(),
         }
     }
 
@@ -358,6 +364,7 @@ impl Path {
     pub fn end(&self) -> AxisVector {
         match self {
             Path::Line { to, .. } => *to,
+            Path::Arc(arc) => arc.end(),
         }
     }
 
@@ -365,6 +372,15 @@ impl Path {
     pub fn length(&self) -> f64 {
         match self {
             Path::Line { length, .. } => *length,
+            Path::Arc(arc) => arc.length(),
+        }
+    }
+
+    /// Bound of the change of an axis per unit of the path's length; 0 for an axis that rests.
+    pub fn steepest(&self, axis: Axis) -> f64 {
+        match self {
+            Path::Line { from, to, length } => (to[axis] - from[axis]).abs() / length,
+            Path::Arc(arc) => arc.steepest(axis),
         }
     }
 
@@ -380,6 +396,7 @@ impl Path {
                     from.plus(to.minus(*from).scaled(distance / length))
                 }
             }
+            Path::Arc(arc) => arc.point_at(distance),
         }
     }
 }

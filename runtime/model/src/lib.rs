@@ -5,17 +5,22 @@
 //! Nothing here reads a clock, a file or a socket; the same input gives the same bytes.
 
 pub mod alarm;
+pub mod arc;
 pub mod axis;
 pub mod diagnostic;
 pub mod flow;
 pub mod limits;
+mod motor_move;
+mod pace;
 pub mod profile;
 pub mod ramp;
 pub mod settings;
 pub mod span;
+mod transform;
 pub mod variables;
 
 pub use alarm::Alarm;
+pub use arc::ArcPath;
 pub use axis::{AXES_MAX, Axis, AxisSet, AxisVector, MachinePosition, ProgrammedPosition, WorkPosition};
 pub use diagnostic::{Diagnostic, Severity};
 pub use span::{Origin, Span};

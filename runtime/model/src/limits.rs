@@ -6,6 +6,9 @@ pub const CALL_DEPTH_MAX: usize = 8;
 /// Largest source text of one program, bytes: what REST accepts. A larger text is refused unread.
 pub const PROGRAM_BYTES_MAX: usize = 64 * 1024 * 1024;
 
+/// Largest text of one manual data input, bytes.
+pub const MDI_BYTES_MAX: usize = 32 * 1024;
+
 /// Largest block after parsing, bytes (manual, chapter 1).
 pub const BLOCK_BYTES_MAX: usize = 1020;
 
@@ -18,9 +21,13 @@ pub const M_CODE_MAX: u16 = 191;
 /// Highest program number (D05, manual's subprogram ranges).
 pub const PROGRAM_NUMBER_MAX: u16 = 9999;
 
-/// Blocks the interpreter may pass over (skipped, empty, calls) between two items before it raises an alarm:
-/// a program that never moves must not hold a thread for ever.
+/// Blocks the interpreter may pass over (skipped, calculations, calls, without movement) between two items that move,
+/// wait or put out before it raises an alarm: a program that never moves must not hold a thread for ever.
 pub const STEPS_WITHOUT_ITEM_MAX: u32 = 1_000_000;
+
+/// Blocks the interpreter may pass over before a chain of blended blocks ends at rest: what the path stage and the
+/// planner hold back must not wait for a long calculation.
+pub const STEPS_IN_CHAIN_MAX: u32 = 10_000;
 
 /// Coordinate systems of one machine.
 pub const COORDINATE_SYSTEMS_MAX: usize = 8;

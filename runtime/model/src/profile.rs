@@ -1,7 +1,9 @@
 //! Position over time of one segment: what the motion stage gives and the servo cycle evaluates.
 
 use crate::axis::{AXES_MAX, AxisVector};
-use crate::flow::Path;
+use crate::flow::{Path, TapLeg};
+pub use crate::motor_move::{MotorLimits, MotorMove};
+pub use crate::pace::{PACE_PIECES_MAX, Pace, PacePiece, SlewRoom};
 use crate::ramp::UnitRamp;
 use crate::span::Origin;
 
@@ -31,18 +33,21 @@ pub enum TimeBase {
     Feed,
     /// Rapid override, 0 to 100 percent.
     Rapid,
-    /// None: a dwell lasts as long as programmed. Feed hold still stops it.
+    /// None: a dwell lasts as long as programmed, a thread is cut as programmed. Feed hold stops a dwell outside of a
+    /// thread.
     Fixed,
 }
 
-/// Position as a function of time.
-#[derive(Debug, Clone, PartialEq)]
-#[expect(
+/// Position as a function of time. Nothing in it is boxed: the servo cycle would free it, and must not call the
+/// allocator.
+#[allow(
     clippy::large_enum_variant,
-    reason = "a box would be freed by the servo cycle, which must not call the allocator"
+    reason = "a box would be freed by the servo cycle"
 )]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Law {
-    /// One speed along a path, a ramp at each end.
+    /// One speed along a path, a ramp at each end: from rest to rest, or blended with the blocks beside it. A blended
+    /// block's profile begins where the ramp from the block before is over, and ends with the ramp to the next one.
     Ramped {
         /// The geometry.
         path: Path,
@@ -50,8 +55,32 @@ pub enum Law {
         speed: f64,
         /// From rest to speed.
         start: UnitRamp,
-        /// From speed to rest.
+        /// From speed to rest, or over to the speed of the next block.
         stop: UnitRamp,
+        /// How far the start ramp has come when the profile begins, s: 0 from rest; all of it when the block began
+        /// within the profile before.
+        begun_s: f64,
+        /// The block that begins along the stop ramp; `None`: this one ends at rest.
+        next: Option<Lead>,
+    },
+    /// As `Ramped`, in plan time, which goes on at a pace that keeps the motors' limits (motion-semantics 1d).
+    Paced {
+        /// The geometry.
+        path: Path,
+        /// Speed between the ramps, path units per second of plan time.
+        speed: f64,
+        /// From rest to speed.
+        start: UnitRamp,
+        /// From speed to rest, or over to the speed of the next block.
+        stop: UnitRamp,
+        /// How far the start ramp has come at plan time 0, s.
+        begun_s: f64,
+        /// The block that begins along the stop ramp; `None`: this one ends at rest.
+        next: Option<Lead>,
+        /// Plan time at the end of the block, s; its pace may end before it when several profiles follow each other.
+        plan_s: f64,
+        /// Plan time as a function of time.
+        pace: Pace,
     },
     /// Each motor alone: start position and its own law.
     Motors {
@@ -62,6 +91,32 @@ pub enum Law {
         /// One law for each axis.
         moves: [MotorMove; AXES_MAX],
     },
+    /// As `Motors`, until a motor's skip input comes: then the servo cycle takes that motor back to where it came.
+    Skip {
+        /// Start, machine coordinates.
+        from: AxisVector,
+        /// Target, machine coordinates.
+        to: AxisVector,
+        /// One law for each axis, to the target.
+        moves: [MotorMove; AXES_MAX],
+    },
+    /// A way in a thread from rest to rest, as `Ramped`; the spindle turns in proportion to it (motion-semantics 1h).
+    Tap {
+        /// Start, machine coordinates.
+        from: AxisVector,
+        /// End, machine coordinates.
+        to: AxisVector,
+        /// Share of the way covered between the ramps, per second.
+        rate: f64,
+        /// From rest to speed.
+        start: UnitRamp,
+        /// From speed to rest.
+        stop: UnitRamp,
+        /// Revolutions of the spindle over the way, clockwise positive; 0: it is not locked to it.
+        revolutions: f64,
+        /// Into the hole, or out of it.
+        leg: TapLeg,
+    },
     /// Rest.
     Rest {
         /// Where, machine coordinates.
@@ -69,124 +124,154 @@ pub enum Law {
     },
 }
 
-/// The shortest way of one motor over a distance with limited speed, acceleration and jerk, from rest to rest; all
-/// zero: it stays.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct MotorMove {
-    /// Signed peak velocity, units per second.
-    pub velocity: f64,
-    /// Time of each of the two ramps, jerk phases included, s.
-    pub ramp_s: f64,
-    /// Time of each of the two jerk phases of a ramp, s, at most half of `ramp_s`; 0: jerk is not limited.
-    pub jerk_s: f64,
-    /// Time at peak velocity, s.
-    pub cruise_s: f64,
+/// The begin of the next block within the profile of the one before it (motion-semantics 1b).
+#[derive(Debug, Clone, PartialEq)]
+pub struct Lead {
+    /// The next block's geometry.
+    pub path: Path,
+    /// Its speed after the ramp, path units per second.
+    pub speed: f64,
 }
 
-impl MotorMove {
-    /// Time from start to rest, s.
-    pub fn duration_s(&self) -> f64 {
-        2.0 * self.ramp_s + self.cruise_s
+impl Lead {
+    /// How far the machine is from the joint because of the next block, `ramped_s` being P of the common ramp.
+    fn offset(&self, ramped_s: f64) -> AxisVector {
+        self.path.point_at(self.speed * ramped_s).minus(self.path.start())
+    }
+}
+
+/// A block along its path with a ramp at each end, in its own time.
+struct Ramps<'a> {
+    path: &'a Path,
+    speed: f64,
+    start: UnitRamp,
+    stop: UnitRamp,
+    begun_s: f64,
+    next: Option<&'a Lead>,
+    duration_s: f64,
+}
+
+impl Ramps<'_> {
+    fn position(&self, t_s: f64) -> AxisVector {
+        if t_s >= self.duration_s {
+            return self.end();
+        }
+        let stopped_s = self
+            .stop
+            .distance(t_s - (self.duration_s - self.stop.duration_s()));
+        let gone = self.speed * (self.start.distance(t_s + self.begun_s) - stopped_s);
+        let own = self.path.point_at(gone);
+        match self.next {
+            Some(next) => own.plus(next.offset(stopped_s)),
+            None => own,
+        }
     }
 
-    /// Distance from the start after `t_s` seconds.
-    pub fn distance(&self, t_s: f64) -> f64 {
-        let Self {
-            velocity,
-            ramp_s,
-            jerk_s,
-            cruise_s,
-        } = *self;
-        if ramp_s <= 0.0 || t_s <= 0.0 {
-            return 0.0;
-        }
-        let ramp = UnitRamp::new(ramp_s - jerk_s, jerk_s);
-        if t_s <= ramp_s + cruise_s {
-            velocity * ramp.distance(t_s)
-        } else {
-            let left = (self.duration_s() - t_s).max(0.0);
-            velocity * (ramp_s + cruise_s - ramp.distance(left))
+    fn end(&self) -> AxisVector {
+        match self.next {
+            Some(next) => self.path.end().plus(next.offset(self.stop.duration_s() / 2.0)),
+            None => self.path.end(),
         }
     }
 }
 
 impl Profile {
-    /// Position at rest after the profile, machine coordinates.
-    pub fn end(&self) -> AxisVector {
+    /// Where the block ends as programmed, machine coordinates.
+    pub fn target(&self) -> AxisVector {
         match &self.law {
-            Law::Ramped { path, .. } => path.end(),
-            Law::Motors { to, .. } => *to,
+            Law::Ramped { path, .. } | Law::Paced { path, .. } => path.end(),
+            Law::Motors { to, .. } | Law::Skip { to, .. } | Law::Tap { to, .. } => *to,
             Law::Rest { at } => *at,
         }
     }
 
-    /// Commanded machine position `t_s` seconds after the start; exact at both ends.
+    /// Last position of the profile, machine coordinates: its target, and what the next block has gone by then.
+    pub fn end(&self) -> AxisVector {
+        match (&self.law, self.ramps()) {
+            (Law::Paced { pace, .. }, Some(ramps)) => ramps.position(pace.ends_s),
+            (_, Some(ramps)) => ramps.end(),
+            _ => self.target(),
+        }
+    }
+
+    /// Commanded machine position `t_s` seconds after the start; exact at both ends. A time before the start counts as
+    /// the start.
     pub fn position(&self, t_s: f64) -> AxisVector {
         if t_s >= self.duration_s {
             return self.end();
         }
-        match &self.law {
+        match (&self.law, self.ramps()) {
+            (Law::Paced { pace, .. }, Some(ramps)) => ramps.position(pace.plan_time(t_s)),
+            (_, Some(ramps)) => ramps.position(t_s),
+            (Law::Motors { from, to, moves } | Law::Skip { from, to, moves }, _) => {
+                AxisVector(std::array::from_fn(|i| {
+                    if t_s >= moves[i].duration_s() {
+                        to.0[i]
+                    } else {
+                        from.0[i] + moves[i].distance(t_s)
+                    }
+                }))
+            }
+            (Law::Tap { from, to, .. }, _) => from.plus(to.minus(*from).scaled(self.tap_share(t_s))),
+            _ => self.target(),
+        }
+    }
+
+    /// Revolutions that the spindle has turned `t_s` seconds after the start, clockwise positive; `None`: the spindle
+    /// is not locked to this profile. At any time in proportion to the way, exact at both ends.
+    pub fn spindle_revolutions(&self, t_s: f64) -> Option<f64> {
+        match self.law {
+            Law::Tap { revolutions, .. } if revolutions != 0.0 => Some(revolutions * self.tap_share(t_s)),
+            _ => None,
+        }
+    }
+
+    /// Share of a way in a thread, 0 to 1; 0 for another law.
+    fn tap_share(&self, t_s: f64) -> f64 {
+        let Law::Tap {
+            rate, start, stop, ..
+        } = &self.law
+        else {
+            return 0.0;
+        };
+        if t_s >= self.duration_s {
+            return 1.0;
+        }
+        let stop_begins_s = self.duration_s - stop.duration_s();
+        rate * (start.distance(t_s) - stop.distance(t_s - stop_begins_s))
+    }
+
+    /// The block along a path; `None` for any other law.
+    fn ramps(&self) -> Option<Ramps<'_>> {
+        let (path, speed, start, stop, begun_s, next, duration_s) = match &self.law {
             Law::Ramped {
                 path,
                 speed,
                 start,
                 stop,
-            } => {
-                let stop_begins_s = self.duration_s - stop.duration_s();
-                path.point_at(speed * (start.distance(t_s) - stop.distance(t_s - stop_begins_s)))
-            }
-            Law::Motors { from, to, moves } => AxisVector(std::array::from_fn(|i| {
-                if t_s >= moves[i].duration_s() {
-                    to.0[i]
-                } else {
-                    from.0[i] + moves[i].distance(t_s)
-                }
-            })),
-            Law::Rest { at } => *at,
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn close(a: f64, b: f64) {
-        assert!((a - b).abs() < 1e-12, "{a} is not {b}");
-    }
-
-    #[test]
-    fn s1e_a_motor_move_without_jerk_limit_is_a_trapezoid() {
-        // v = 10, a = 100: ramps of 0.1 s, 0.5 each; cruise 0.2 s, 2.0
-        let trapezoid = MotorMove {
-            velocity: 10.0,
-            ramp_s: 0.1,
-            jerk_s: 0.0,
-            cruise_s: 0.2,
+                begun_s,
+                next,
+            } => (path, speed, start, stop, begun_s, next, self.duration_s),
+            Law::Paced {
+                path,
+                speed,
+                start,
+                stop,
+                begun_s,
+                next,
+                plan_s,
+                ..
+            } => (path, speed, start, stop, begun_s, next, *plan_s),
+            _ => return None,
         };
-        close(trapezoid.duration_s(), 0.4);
-        close(trapezoid.distance(0.05), 100.0 * 0.05 * 0.05 / 2.0);
-        close(trapezoid.distance(0.1), 0.5);
-        close(trapezoid.distance(0.2), 1.5);
-        close(trapezoid.distance(0.35), 3.0 - 100.0 * 0.05 * 0.05 / 2.0);
-        close(trapezoid.distance(0.4), 3.0);
-        close(trapezoid.distance(9.0), 3.0);
-    }
-
-    #[test]
-    fn s1e_a_motor_move_with_jerk_limit_has_seven_phases() {
-        // v = -8, ramp 0.2 s of jerk 0.05, constant 0.1, jerk 0.05: ta = 0.15, a = 8/0.15, j = a/0.05
-        let shaped = MotorMove {
-            velocity: -8.0,
-            ramp_s: 0.2,
-            jerk_s: 0.05,
-            cruise_s: 0.1,
-        };
-        let jerk = 8.0 / 0.15 / 0.05;
-        close(shaped.distance(0.04), -jerk * 0.04_f64.powi(3) / 6.0);
-        close(shaped.distance(0.2), -8.0 * 0.1);
-        close(shaped.distance(0.3), -8.0 * 0.2);
-        close(shaped.distance(0.46), -8.0 * 0.3 + jerk * 0.04_f64.powi(3) / 6.0);
-        close(shaped.distance(0.5), -8.0 * 0.3);
+        Some(Ramps {
+            path,
+            speed: *speed,
+            start: *start,
+            stop: *stop,
+            begun_s: *begun_s,
+            next: next.as_ref(),
+            duration_s,
+        })
     }
 }

@@ -18,6 +18,19 @@ impl UnitRamp {
         }
     }
 
+    /// The same ramp within `duration_s`: the jerk time gives way first, then the acceleration time.
+    #[must_use]
+    pub fn at_most(self, duration_s: f64) -> Self {
+        if self.duration_s() <= duration_s {
+            return self;
+        }
+        let ta_s = self.ta_s.min(duration_s);
+        Self {
+            ta_s,
+            ts_s: duration_s - ta_s,
+        }
+    }
+
     /// Duration `ta + ts`, s.
     pub fn duration_s(self) -> f64 {
         self.ta_s + self.ts_s
@@ -48,6 +61,26 @@ impl UnitRamp {
             self.rising_distance(t_s)
         } else {
             t_s - duration / 2.0 + self.rising_distance(duration - t_s)
+        }
+    }
+
+    /// Begin and end of the jerk phase, of the phase of constant acceleration, and of the second jerk phase, s.
+    pub fn phases(self) -> [[f64; 2]; 3] {
+        let Self { ta_s: ta, ts_s: ts } = self;
+        [[0.0, ts], [ts, ta], [ta, ta + ts]]
+    }
+
+    /// Slope of S at `t_s` and of that slope, by the formula of the phase that holds `within_s`; 0 outside the ramp.
+    pub fn slopes(self, t_s: f64, within_s: f64) -> [f64; 2] {
+        let Self { ta_s: ta, ts_s: ts } = self;
+        if within_s <= 0.0 || within_s >= self.duration_s() {
+            [0.0, 0.0]
+        } else if within_s < ts {
+            [t_s / (ta * ts), 1.0 / (ta * ts)]
+        } else if within_s <= ta {
+            [1.0 / ta, 0.0]
+        } else {
+            [(self.duration_s() - t_s) / (ta * ts), -1.0 / (ta * ts)]
         }
     }
 
@@ -110,6 +143,16 @@ mod tests {
     #[test]
     fn acceleration_time_is_never_below_jerk_time() {
         close(UnitRamp::new(0.01, 0.05).duration_s(), 0.1);
+    }
+
+    #[test]
+    fn s1b_in_a_shorter_ramp_the_jerk_time_gives_way_first() {
+        let ramp = UnitRamp::new(0.1, 0.05);
+        assert_eq!(ramp.at_most(0.2), ramp);
+        let shorter = ramp.at_most(0.12);
+        close(shorter.ta_s, 0.1);
+        close(shorter.ts_s, 0.02);
+        assert_eq!(ramp.at_most(0.04), UnitRamp::new(0.04, 0.0));
     }
 
     #[test]

@@ -11,6 +11,8 @@ pub struct CoordinateSystemSettings {
     pub motors: [Option<MotorSettings>; AXES_MAX],
     /// The spindle's motor.
     pub spindle: Option<MotorSettings>,
+    /// The unit in force at start-up.
+    pub unit: Unit,
     /// F above it is clipped with a warning, mm/min.
     pub max_feedrate_mm_min: f64,
     /// F before one is programmed, mm/min; 0: F must be programmed.
@@ -29,6 +31,126 @@ pub struct CoordinateSystemSettings {
     pub hold_slew_ms: f64,
     /// Servo period, s.
     pub servo_period_s: f64,
+    /// Rules of path and motion that have a usual value.
+    pub motion: MotionOptions,
+}
+
+/// The unit of programmed lengths.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Unit {
+    /// G21.
+    #[default]
+    Millimetre,
+    /// G20.
+    Inch,
+}
+
+/// Rules of path and motion that have a usual value.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MotionOptions {
+    /// R form of an arc: how much the radius may fall short of half the chord, mm (D26).
+    pub arc_radius_tolerance_mm: f64,
+    /// How much the radii at start and end of an arc may differ, mm; 0: any difference makes a spiral.
+    pub spiral_tolerance_mm: f64,
+    /// Where F counts with cutter compensation.
+    pub compensation_feed: CompensationFeed,
+    /// What is done about an overcut with cutter compensation.
+    pub overcut: Overcut,
+    /// What gives way in a chain of blended blocks that are too short for their ramps (motion-semantics 1b).
+    pub short_block: ShortBlock,
+    /// The simulated skip input of each axis's motor (G31); `None`: its input never comes.
+    pub simulated_skip: [Option<SimulatedSkip>; AXES_MAX],
+}
+
+/// When a simulated skip input is on, by the motor's actual machine position, mm or degrees.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum SimulatedSkip {
+    /// Below this position.
+    Below(f64),
+    /// Above this position.
+    Above(f64),
+}
+
+impl SimulatedSkip {
+    /// The position at which it comes.
+    pub fn threshold(self) -> f64 {
+        match self {
+            SimulatedSkip::Below(threshold) | SimulatedSkip::Above(threshold) => threshold,
+        }
+    }
+
+    /// True when the input is on at this position.
+    pub fn is_on(self, position: f64) -> bool {
+        match self {
+            SimulatedSkip::Below(threshold) => position < threshold,
+            SimulatedSkip::Above(threshold) => position > threshold,
+        }
+    }
+}
+
+/// Where F counts with cutter compensation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum CompensationFeed {
+    /// On the way of the tool's centre.
+    #[default]
+    Centre,
+    /// On the programmed arc, where the tool's edge cuts.
+    Edge,
+}
+
+/// What is done about an overcut with cutter compensation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Overcut {
+    /// An alarm before the first block that it concerns moves.
+    #[default]
+    Detect,
+    /// The blocks that the tool does not fit between are left out; an alarm where that does not help.
+    Prevent,
+}
+
+/// What gives way in a chain of blended blocks that are too short for their ramps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ShortBlock {
+    /// The ramps: the feedrate is kept.
+    #[default]
+    Shrink,
+    /// The feedrate: the ramps are kept.
+    Extend,
+}
+
+impl Default for MotionOptions {
+    fn default() -> Self {
+        Self {
+            arc_radius_tolerance_mm: 0.01,
+            spiral_tolerance_mm: 0.0,
+            compensation_feed: CompensationFeed::Centre,
+            overcut: Overcut::Detect,
+            short_block: ShortBlock::Shrink,
+            simulated_skip: [None; AXES_MAX],
+        }
+    }
+}
+
+impl Default for CoordinateSystemSettings {
+    /// Coordinate system 1 without motors, and the values that a configuration has where it says nothing.
+    fn default() -> Self {
+        Self {
+            number: 1,
+            motors: [const { None }; AXES_MAX],
+            spindle: None,
+            unit: Unit::Millimetre,
+            max_feedrate_mm_min: 10_000.0,
+            default_feedrate_mm_min: 0.0,
+            default_ta_ms: 100.0,
+            default_td_ms: 100.0,
+            default_ts_ms: 50.0,
+            rotary_feedrate_deg_min: 0.0,
+            override_slew_ms: 1000.0,
+            hold_slew_ms: 200.0,
+            servo_period_s: 0.001,
+            motion: MotionOptions::default(),
+        }
+    }
 }
 
 impl CoordinateSystemSettings {

@@ -3,15 +3,18 @@
 //! [`Planner`] is pure: the same segments give the same profiles. A profile is position as a function of time in
 //! closed form ([`Law`](tandem_model::profile::Law)); the servo cycle evaluates it and scales its time.
 //!
-//! In this version each segment ends at rest: blending and look-ahead (motion-semantics 1b, 1d) are not built, so a
-//! segment that may blend ([`SegmentEnd::Continuous`](tandem_model::flow::SegmentEnd::Continuous)) comes to rest
-//! too, with the same in-position check as an exact stop.
+//! Segments that may blend ([`SegmentEnd::Continuous`](tandem_model::flow::SegmentEnd::Continuous)) form a chain with
+//! superposed ramps (motion-semantics 1b, G501). With G500 the chain keeps its path and slows down before a motor would
+//! exceed its maximum acceleration (1d, `look_ahead`).
 //!
 //! Decisions of ours: the rapid limits of a motor are taken as they are, also where they are above its maxima; G01
-//! is held to `max_velocity` but not to `max_acceleration` (manual: not checked in G501).
+//! is held to `max_velocity` but not to `max_acceleration` (manual: not checked in G501). With G500 the speed along the path is held to both.
 
+mod chain;
+mod look_ahead;
 mod planner;
 mod ramped;
 mod rapid;
+mod tapping;
 
 pub use planner::Planner;

@@ -4,10 +4,13 @@ use std::collections::VecDeque;
 
 use tandem_model::Alarm;
 use tandem_model::alarm::{VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
-use tandem_model::flow::{Segment, SegmentMotion};
+use tandem_model::flow::{MultiBlock, Segment, SegmentEnd, SegmentMotion};
 use tandem_model::profile::{Law, Profile, TimeBase};
 use tandem_model::settings::CoordinateSystemSettings;
 
+use crate::chain::{Block, Chain};
+use crate::look_ahead::LookAhead;
+use crate::tapping::{self, Thread};
 use crate::{ramped, rapid};
 
 /// The longest profile, s: about 31 years. A longer one is an alarm, so that counting servo periods stays exact.
@@ -26,6 +29,12 @@ pub struct Planner {
     settings: CoordinateSystemSettings,
     epoch: u32,
     last_segment: u64,
+    chain: Chain,
+    /// Of the chain's blocks.
+    multi_block: MultiBlock,
+    look_ahead: LookAhead,
+    /// What the chain gives to look-ahead.
+    chained: VecDeque<Profile>,
 }
 
 impl Planner {
@@ -35,52 +44,145 @@ impl Planner {
             settings: settings.clone(),
             epoch: 0,
             last_segment: 0,
+            chain: Chain::default(),
+            multi_block: MultiBlock::Off,
+            look_ahead: LookAhead::new(settings),
+            chained: VecDeque::new(),
         }
     }
 
     /// Forgets what it holds back; profiles carry this epoch from here on. Segment numbers go on.
     pub fn restart(&mut self, epoch: u32) {
         self.epoch = epoch;
+        self.chain.clear();
+        self.look_ahead.clear();
     }
 
-    /// Plans a segment: one profile in this version.
+    /// Plans a segment. One that may blend is held back until the next one, or [`Planner::flush`], tells how it ends;
+    /// with G500 until nothing to come can change its speed. A chain ends at rest where G500 changes to G501 or back.
+    /// Segment numbers are given in the order of the segments all the same.
     ///
     /// # Errors
-    /// An alarm at the segment's origin, and nothing put out: `LIMIT_ZERO` when a motor that moves has a limit that
-    /// is not above zero, `VALUE_NOT_FINITE`, `VALUE_OUT_OF_RANGE` for a negative time, a feedrate that is not above
-    /// zero, or a duration above 1e9 s.
+    /// An alarm at the segment's origin, and nothing put out for it; what was held back is put out, ending at rest:
+    /// `LIMIT_ZERO` when a motor that moves has a limit that is not above zero, `VALUE_NOT_FINITE`,
+    /// `VALUE_OUT_OF_RANGE` for a negative time, a feedrate that is not above zero, or a duration above 1e9 s.
     pub fn push(&mut self, segment: &Segment, out: &mut VecDeque<Profile>) -> Result<(), Alarm> {
-        let planned = self.plan(segment).map_err(|alarm| alarm.at(segment.origin))?;
-        self.last_segment += 1;
-        out.push_back(Profile {
-            segment: self.last_segment,
-            epoch: self.epoch,
-            origin: segment.origin,
-            law: planned.law,
-            duration_s: planned.duration_s,
-            time_base: planned.time_base,
-            exact_stop: true,
-        });
-        Ok(())
+        let pushed = self.take(segment, out);
+        if pushed.is_err() || segment.end == SegmentEnd::ExactStop {
+            self.finish_chain(out);
+        }
+        pushed.map_err(|alarm| alarm.at(segment.origin))
     }
 
-    /// Puts out what is held back: nothing in this version, which plans each segment at once.
+    /// Puts out what is held back, ending at rest.
     ///
     /// # Errors
-    /// None so far.
-    pub fn flush(&mut self, _out: &mut VecDeque<Profile>) -> Result<(), Alarm> {
+    /// None so far: each alarm is raised by the segment's own [`Planner::push`].
+    pub fn flush(&mut self, out: &mut VecDeque<Profile>) -> Result<(), Alarm> {
+        self.finish_chain(out);
         Ok(())
     }
 
-    /// Number of the last segment put out; 0 before the first.
+    fn take(&mut self, segment: &Segment, out: &mut VecDeque<Profile>) -> Result<(), Alarm> {
+        let planned = self.plan(segment)?;
+        let number = self.last_segment + 1;
+        match &segment.motion {
+            SegmentMotion::Feed {
+                path,
+                feed,
+                multi_block,
+            } => {
+                if *multi_block == MultiBlock::On {
+                    ramped::check_acceleration(&self.settings, path)?;
+                }
+                if *multi_block != self.multi_block {
+                    self.finish_chain(out);
+                    self.multi_block = *multi_block;
+                }
+                let block = Block {
+                    segment: number,
+                    origin: segment.origin,
+                    path,
+                    feed: *feed,
+                    alone: planned,
+                };
+                self.chain
+                    .push(&self.settings, block, self.epoch, &mut self.chained)?;
+                self.hand_on(out);
+            }
+            SegmentMotion::Rapid { .. }
+            | SegmentMotion::Skip { .. }
+            | SegmentMotion::Tap { .. }
+            | SegmentMotion::Dwell { .. } => {
+                self.finish_chain(out);
+                out.push_back(Profile {
+                    segment: number,
+                    epoch: self.epoch,
+                    origin: segment.origin,
+                    law: planned.law,
+                    duration_s: planned.duration_s,
+                    time_base: planned.time_base,
+                    exact_stop: true,
+                });
+            }
+        }
+        self.last_segment = number;
+        Ok(())
+    }
+
+    fn finish_chain(&mut self, out: &mut VecDeque<Profile>) {
+        if !self.chain.is_empty() {
+            self.chain
+                .finish(self.settings.motion.short_block, self.epoch, &mut self.chained);
+            self.hand_on(out);
+        }
+    }
+
+    fn hand_on(&mut self, out: &mut VecDeque<Profile>) {
+        for profile in self.chained.drain(..) {
+            match self.multi_block {
+                MultiBlock::On => self.look_ahead.push(profile, out),
+                MultiBlock::Off => out.push_back(profile),
+            }
+        }
+    }
+
+    /// The settings that it plans with.
+    pub fn settings(&self) -> &CoordinateSystemSettings {
+        &self.settings
+    }
+
+    /// Plans with these settings from the next segment on.
+    pub fn set_settings(&mut self, settings: &CoordinateSystemSettings) {
+        self.settings = settings.clone();
+    }
+
+    /// Number of the last segment taken; 0 before the first.
     pub fn last_segment(&self) -> u64 {
         self.last_segment
     }
 
     fn plan(&self, segment: &Segment) -> Result<Planned, Alarm> {
         let planned = match &segment.motion {
-            SegmentMotion::Feed { path, feed } => ramped::plan(&self.settings, path, *feed)?,
+            SegmentMotion::Feed { path, feed, .. } => ramped::plan(&self.settings, path, *feed)?,
             SegmentMotion::Rapid { from, to } => rapid::plan(&self.settings, *from, *to)?,
+            SegmentMotion::Skip { from, to } => rapid::plan_skip(&self.settings, *from, *to)?,
+            SegmentMotion::Tap {
+                from,
+                to,
+                feed,
+                revolutions,
+                leg,
+            } => {
+                let thread = Thread {
+                    from: *from,
+                    to: *to,
+                    feed: *feed,
+                    revolutions: *revolutions,
+                    leg: *leg,
+                };
+                tapping::plan(&self.settings, &thread)?
+            }
             SegmentMotion::Dwell { at, dwell_s } => Planned {
                 law: Law::Rest { at: *at },
                 duration_s: *dwell_s,

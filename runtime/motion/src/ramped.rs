@@ -1,4 +1,4 @@
-//! G01 from rest to rest along a path (motion-semantics 1a).
+//! G01 along a path: from rest to rest (motion-semantics 1a), and what a chain needs of it.
 
 use tandem_model::alarm::{LIMIT_ZERO, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
 use tandem_model::flow::{Feed, Path};
@@ -21,29 +21,39 @@ pub(crate) fn plan(settings: &CoordinateSystemSettings, path: &Path, feed: Feed)
     }
     let start = ramp(settings, "ta", feed.ta_ms, feed.ts_ms)?;
     let stop = ramp(settings, "td", feed.td_ms, feed.ts_ms)?;
-    let ramps_s = start.duration_s() + stop.duration_s();
-    let limit = speed_limit(settings, path, feed)?;
-    let cruises = length / limit >= ramps_s / 2.0;
-    let (speed, duration_s) = if cruises {
-        (limit, length / limit + ramps_s / 2.0)
-    } else {
-        (2.0 * length / ramps_s, ramps_s)
-    };
+    let (speed, duration_s) = stop_to_stop(length, speed_limit(settings, path, feed)?, start, stop);
     Ok(Planned {
         law: Law::Ramped {
             path: path.clone(),
             speed,
             start,
             stop,
+            begun_s: 0.0,
+            next: None,
         },
         duration_s,
         time_base: TimeBase::Feed,
     })
 }
 
+/// Speed and duration from rest to rest: the limit where the length is enough for both ramps, else the peak that they
+/// leave.
+pub(crate) fn stop_to_stop(length: f64, limit: f64, start: UnitRamp, stop: UnitRamp) -> (f64, f64) {
+    let ramps_s = start.duration_s() + stop.duration_s();
+    if length / limit >= ramps_s / 2.0 {
+        (limit, length / limit + ramps_s / 2.0)
+    } else {
+        (2.0 * length / ramps_s, ramps_s)
+    }
+}
+
 /// F in units per second, clipped by the coordinate system's maximum feedrate and slowed until no motor exceeds its
 /// maximum velocity.
-fn speed_limit(settings: &CoordinateSystemSettings, path: &Path, feed: Feed) -> Result<f64, Alarm> {
+pub(crate) fn speed_limit(
+    settings: &CoordinateSystemSettings,
+    path: &Path,
+    feed: Feed,
+) -> Result<f64, Alarm> {
     let feedrate = feed.feedrate_mm_min;
     if !feedrate.is_finite() {
         return Err(Alarm::new(
@@ -57,10 +67,9 @@ fn speed_limit(settings: &CoordinateSystemSettings, path: &Path, feed: Feed) -> 
         return Err(Alarm::new(&VALUE_OUT_OF_RANGE, text));
     }
     let mut speed = feedrate.min(maximum) / 60.0;
-    let way = path.end().minus(path.start());
     for axis in Axis::ALL {
-        let distance = way[axis].abs();
-        if distance == 0.0 {
+        let steepest = path.steepest(axis);
+        if steepest == 0.0 {
             continue;
         }
         let motor = settings.motors[axis.index()].as_ref();
@@ -69,7 +78,7 @@ fn speed_limit(settings: &CoordinateSystemSettings, path: &Path, feed: Feed) -> 
             let text = format!("max_velocity of axis {} is {max_velocity}", axis.letter());
             return Err(Alarm::new(&LIMIT_ZERO, text));
         }
-        speed = speed.min(max_velocity * path.length() / distance);
+        speed = speed.min(max_velocity / steepest);
     }
     if speed > 0.0 {
         Ok(speed)
@@ -79,8 +88,21 @@ fn speed_limit(settings: &CoordinateSystemSettings, path: &Path, feed: Feed) -> 
     }
 }
 
+/// G500: each motor that moves must have a maximum acceleration.
+pub(crate) fn check_acceleration(settings: &CoordinateSystemSettings, path: &Path) -> Result<(), Alarm> {
+    for axis in Axis::ALL {
+        let motor = settings.motors[axis.index()].as_ref();
+        let most = motor.map_or(0.0, |motor| motor.max_acceleration);
+        if path.steepest(axis) > 0.0 && !(most > 0.0 && most.is_finite()) {
+            let text = format!("max_acceleration of axis {} is {most}", axis.letter());
+            return Err(Alarm::new(&LIMIT_ZERO, text));
+        }
+    }
+    Ok(())
+}
+
 /// A programmed ramp. An acceleration time of 0 counts as one servo period; then it is at least the jerk time.
-fn ramp(
+pub(crate) fn ramp(
     settings: &CoordinateSystemSettings,
     name: &str,
     time_ms: f64,

@@ -1,8 +1,8 @@
-//! G00: each motor alone, in its shortest time (motion-semantics 1e).
+//! G00 and G31: each motor alone, in its shortest time (motion-semantics 1e).
 
 use tandem_model::alarm::{LIMIT_ZERO, VALUE_NOT_FINITE};
-use tandem_model::profile::{Law, MotorMove, TimeBase};
-use tandem_model::settings::CoordinateSystemSettings;
+use tandem_model::profile::{Law, MotorLimits, MotorMove, TimeBase};
+use tandem_model::settings::{CoordinateSystemSettings, MotorSettings};
 use tandem_model::{AXES_MAX, Alarm, Axis, AxisVector};
 
 use crate::planner::Planned;
@@ -13,6 +13,40 @@ pub(crate) fn plan(
     from: AxisVector,
     to: AxisVector,
 ) -> Result<Planned, Alarm> {
+    let velocity = |motor: &MotorSettings| motor.rapid_velocity;
+    let (moves, duration_s) = moves(settings, from, to, ("rapid_velocity", velocity))?;
+    Ok(Planned {
+        law: Law::Motors { from, to, moves },
+        duration_s,
+        time_base: TimeBase::Rapid,
+    })
+}
+
+/// The motion of a G31 block while no skip input comes: as G00, at the skip velocities.
+pub(crate) fn plan_skip(
+    settings: &CoordinateSystemSettings,
+    from: AxisVector,
+    to: AxisVector,
+) -> Result<Planned, Alarm> {
+    let velocity = |motor: &MotorSettings| motor.skip_velocity;
+    let (moves, duration_s) = moves(settings, from, to, ("skip_velocity", velocity))?;
+    Ok(Planned {
+        law: Law::Skip { from, to, moves },
+        duration_s,
+        time_base: TimeBase::Rapid,
+    })
+}
+
+/// A velocity of a motor, with its name.
+type Velocity = (&'static str, fn(&MotorSettings) -> f64);
+
+/// The shortest move of each motor, and the time of the slowest.
+fn moves(
+    settings: &CoordinateSystemSettings,
+    from: AxisVector,
+    to: AxisVector,
+    (name, velocity): Velocity,
+) -> Result<([MotorMove; AXES_MAX], f64), Alarm> {
     let mut moves = [MotorMove::default(); AXES_MAX];
     let mut duration_s = 0.0_f64;
     for axis in Axis::ALL {
@@ -25,12 +59,8 @@ pub(crate) fn plan(
             continue;
         }
         let motor = settings.motors[axis.index()].as_ref();
-        let limits = Limits {
-            velocity: limit(
-                axis,
-                "rapid_velocity",
-                motor.map_or(0.0, |motor| motor.rapid_velocity),
-            )?,
+        let limits = MotorLimits {
+            velocity: limit(axis, name, motor.map_or(0.0, velocity))?,
             acceleration: limit(
                 axis,
                 "rapid_acceleration",
@@ -41,15 +71,11 @@ pub(crate) fn plan(
                 None => None,
             },
         };
-        let motor_move = shortest_move(distance, limits);
+        let motor_move = MotorMove::shortest(distance, limits);
         duration_s = duration_s.max(motor_move.duration_s());
         moves[axis.index()] = motor_move;
     }
-    Ok(Planned {
-        law: Law::Motors { from, to, moves },
-        duration_s,
-        time_base: TimeBase::Rapid,
-    })
+    Ok((moves, duration_s))
 }
 
 fn limit(axis: Axis, name: &str, value: f64) -> Result<f64, Alarm> {
@@ -58,67 +84,5 @@ fn limit(axis: Axis, name: &str, value: f64) -> Result<f64, Alarm> {
     } else {
         let text = format!("{name} of axis {} is {value}", axis.letter());
         Err(Alarm::new(&LIMIT_ZERO, text))
-    }
-}
-
-/// Limits of one motor, all above zero.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Limits {
-    pub(crate) velocity: f64,
-    pub(crate) acceleration: f64,
-    /// `None`: not limited.
-    pub(crate) jerk: Option<f64>,
-}
-
-/// The shortest move from rest to rest over a signed distance.
-///
-/// Without a jerk limit: trapezoid, or triangle when `D < v^2/a`. With one, the ramp to a speed w has jerk phases of
-/// `ts` and an acceleration time `ta = w/a_peak`: `ts = a/j` where w is enough to reach a (`w >= a^2/j`), else
-/// `ts = ta = sqrt(w/j)`. Both ramps take the distance `w (ta + ts)`; w is the limit, or the speed at which that is D.
-pub(crate) fn shortest_move(distance: f64, limits: Limits) -> MotorMove {
-    let way = distance.abs();
-    let (peak, ramp_s, jerk_s) = match limits.jerk {
-        None => without_jerk_limit(way, limits.velocity, limits.acceleration),
-        Some(jerk) => with_jerk_limit(way, limits.velocity, limits.acceleration, jerk),
-    };
-    MotorMove {
-        velocity: peak.copysign(distance),
-        ramp_s,
-        jerk_s,
-        cruise_s: (way / peak - ramp_s).max(0.0),
-    }
-}
-
-/// Peak speed, ramp time and jerk time.
-fn without_jerk_limit(way: f64, velocity: f64, acceleration: f64) -> (f64, f64, f64) {
-    if way >= velocity * velocity / acceleration {
-        (velocity, velocity / acceleration, 0.0)
-    } else {
-        // D = w^2/a; the ramp time from D and w keeps w * ramp = D to the last bit or two.
-        let peak = (way * acceleration).sqrt();
-        (peak, way / peak, 0.0)
-    }
-}
-
-/// Peak speed, ramp time and jerk time.
-fn with_jerk_limit(way: f64, velocity: f64, acceleration: f64, jerk: f64) -> (f64, f64, f64) {
-    let full_jerk_s = acceleration / jerk;
-    let full = if velocity >= acceleration * full_jerk_s {
-        (velocity, velocity / acceleration + full_jerk_s, full_jerk_s)
-    } else {
-        let jerk_s = (velocity / jerk).sqrt();
-        (velocity, 2.0 * jerk_s, jerk_s)
-    };
-    if way >= full.0 * full.1 {
-        return full;
-    }
-    // Below the speed limit: D = w (w/a + a/j) while that w reaches a, else D = 2 w sqrt(w/j).
-    if way >= 2.0 * acceleration * full_jerk_s * full_jerk_s {
-        let discriminant = full_jerk_s * full_jerk_s + 4.0 * way / acceleration;
-        let peak = 2.0 * way / (full_jerk_s + discriminant.sqrt());
-        (peak, way / peak, full_jerk_s)
-    } else {
-        let jerk_s = (way / (2.0 * jerk)).cbrt();
-        (jerk * jerk_s * jerk_s, 2.0 * jerk_s, jerk_s)
     }
 }

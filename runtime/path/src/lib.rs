@@ -1,14 +1,29 @@
 //! Blocks to path segments: transforms, offsets, geometry.
 //!
 //! [`PathStage`] is asked with one block after the other and answers segments in machine coordinates. It is pure:
-//! the same blocks give the same segments. Straight lines, G00 and G04 so far; the transform is the work offset.
+//! the same blocks give the same segments. Lines, arcs (G02, G03), G00, G04, G28, G30, G31, G53 and threads (G74, G84), under
+//! all transforms of D20, with cutter compensation (G41, G42).
 //!
 //! Decisions of ours, where the manual is silent:
 //! - A move shorter than [`LENGTH_MIN`] on every axis is no move: no segment, the position stays. Its exact stop
 //!   still counts, and G00 still ends a chain.
 //! - A block without movement ends a chain of blended blocks (motion-semantics 1c, G501).
-//! - Soft limits are checked for the axes that a block moves.
+//! - A change of tool length is made good by the next motion block in work coordinates; G53 with Z makes it void (D22).
+//! - An axis that no word moves stays to the last bit; under a rotation both axes of its plane count as moved when a
+//!   word names one of them.
+//! - An arc under a rotation of another plane is refused as one under unequal scale is (D21): it would leave its plane.
+//! - An arc whose centre is its end point has no end direction and is refused.
+//! - A thread along another direction than the machine's Z is refused; its pitch F / S counts in machine coordinates.
+//! - Where G31 ends only the servo knows: no block may be pushed before [`PathStage::skipped_to`] has told it.
+//! - Soft limits are checked for the axes that a block moves, on an arc at its turning points, too; a
+//!   machine that stands beyond a limit may come back.
 
+mod arc;
+mod compensation;
 mod stage;
+mod tapping;
+mod target;
+mod transform;
 
+pub use compensation::LOOK_AHEAD_MAX;
 pub use stage::{LENGTH_MIN, PathStage, work_position};

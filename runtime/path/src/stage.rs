@@ -1,14 +1,15 @@
 //! Blocks in, segments out.
 
-use tandem_model::alarm::{
-    AXIS_MISSING, FEEDRATE_MISSING, MOTION_NOT_SUPPORTED, SOFT_LIMIT, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE,
-};
+use tandem_model::alarm::{COMPENSATION_REFUSED, FEEDRATE_MISSING, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
 use tandem_model::flow::{
-    Action, AxisWords, Block, Distance, Feed, Path, PathControl, Segment, SegmentEnd, SegmentMotion,
-    Transform,
+    Action, AxisWords, Block, Compensation, Feed, MultiBlock, Path, PathControl, Segment, SegmentEnd,
+    SegmentMotion, Transform,
 };
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::{Alarm, Axis, AxisSet, AxisVector, MachinePosition, Origin, WorkPosition};
+
+use crate::compensation::{Compensator, Leg, Side};
+use crate::transform::{self, finite};
 
 /// Distances below this are rounding, not motion: mm or degrees. It is also the tolerance of the soft limits.
 ///
@@ -20,12 +21,24 @@ pub const LENGTH_MIN: f64 = 1e-9;
 /// The path stage of one coordinate system.
 #[derive(Debug, Clone)]
 pub struct PathStage {
-    axes: AxisSet,
-    soft_limits: [Option<[f64; 2]>; tandem_model::AXES_MAX],
+    pub(crate) axes: AxisSet,
+    pub(crate) soft_limits: [Option<[f64; 2]>; tandem_model::AXES_MAX],
+    /// First to fourth, machine positions.
+    reference_points: [AxisVector; 4],
+    pub(crate) arc_radius_tolerance_mm: f64,
+    /// 0: any difference of the radii makes a spiral.
+    pub(crate) spiral_tolerance_mm: f64,
     default_feedrate_mm_min: f64,
     rotary_feedrate_deg_min: f64,
-    transform: Transform,
-    at: AxisVector,
+    pub(crate) transform: Transform,
+    /// Where the last block ends as programmed; with cutter compensation the tool's centre is elsewhere.
+    pub(crate) at: AxisVector,
+    /// Change of the tool length that no motion block has made good yet (D22), mm.
+    pub(crate) tool_shift: f64,
+    /// Between blocks and segments: G41 and G42.
+    pub(crate) compensator: Compensator,
+    /// What came out of it for one block; kept for its memory.
+    legs: Vec<Leg>,
     /// The last segment, while it is open whether it ends in a stop.
     held_back: Option<Segment>,
 }
@@ -38,25 +51,57 @@ impl PathStage {
             soft_limits: std::array::from_fn(|i| {
                 settings.motors[i].as_ref().and_then(|motor| motor.soft_limits)
             }),
+            reference_points: std::array::from_fn(|point| {
+                AxisVector(std::array::from_fn(|i| {
+                    settings.motors[i]
+                        .as_ref()
+                        .map_or(0.0, |motor| motor.reference_points[point])
+                }))
+            }),
+            arc_radius_tolerance_mm: settings.motion.arc_radius_tolerance_mm,
+            spiral_tolerance_mm: settings.motion.spiral_tolerance_mm,
             default_feedrate_mm_min: settings.default_feedrate_mm_min,
             rotary_feedrate_deg_min: settings.rotary_feedrate_deg_min,
             transform: Transform::default(),
             at: at.0,
+            tool_shift: 0.0,
+            compensator: Compensator::new(settings),
+            legs: Vec::new(),
             held_back: None,
         }
     }
 
     /// Takes a block; what is certain of the way comes out. The last block of a chain is held back until the next
-    /// one tells whether it stops there: see [`PathStage::flush`].
+    /// one tells whether it stops there: see [`PathStage::flush`]. With cutter compensation up to [`LOOK_AHEAD_MAX`]
+    /// blocks are held back.
     ///
     /// # Errors
     /// An alarm at the block's origin when it cannot run; the stage is as before the block then, and nothing was
-    /// put out for it: `VALUE_NOT_FINITE`, `VALUE_OUT_OF_RANGE` (negative dwell), `AXIS_MISSING`, `SOFT_LIMIT`, `FEEDRATE_MISSING`.
+    /// put out for it: `VALUE_NOT_FINITE`, `VALUE_OUT_OF_RANGE` (negative dwell, scale factor 0, reference point not
+    /// 1 to 4), `AXIS_MISSING`, `SOFT_LIMIT`, `FEEDRATE_MISSING`, `OFFSET_IN_FORCE` (D23), `ARC_IMPOSSIBLE`,
+    /// `ARC_DISTORTED` (D21), `SPINDLE_SPEED_MISSING`, `TAP_OFF_AXIS`.
+    ///
+    /// With cutter compensation also `COMPENSATION_REFUSED`, `COMPENSATION_LEAD_SHORT`, `COMPENSATION_ARC_SMALL`,
+    /// `COMPENSATION_CORNER`, `COMPENSATION_SPIRAL`, `COMPENSATION_LOOK_AHEAD` and `OVERCUT`, at the first block that
+    /// cannot be gone. What is certain before it has been put out (the block just before it is not: the refused one
+    /// decides where it ends), and the compensation is over.
+    ///
+    /// [`LOOK_AHEAD_MAX`]: crate::LOOK_AHEAD_MAX
     pub fn push(&mut self, block: &Block, out: &mut Vec<Segment>) -> Result<(), Alarm> {
-        self.take(block, out).map_err(|alarm| alarm.at(block.origin))
+        let taken = self.take(block, out);
+        taken.map_err(|alarm| {
+            self.compensator.abandon(&mut self.legs);
+            // A leg beyond a soft limit ends the way as well: the alarm that is there already came first.
+            let _ = self.join_legs(out);
+            match alarm.origin {
+                Some(_) => alarm,
+                None => alarm.at(block.origin),
+            }
+        })
     }
 
-    /// Puts out what is held back, ending in an exact stop: an output, a stop or the end follows.
+    /// The program waits, and goes on later: puts out what is certain, ending in an exact stop. With cutter
+    /// compensation blocks stay held back until those behind them show that no overcut comes.
     ///
     /// # Errors
     /// None so far: each alarm is raised by the block's own [`PathStage::push`].
@@ -65,10 +110,29 @@ impl PathStage {
         Ok(())
     }
 
+    /// The program ends here, well or with an alarm: puts out what is certain, ending in an exact stop, and forgets
+    /// the rest. Within cutter compensation the last block is among the rest, since where it ends is open.
+    ///
+    /// # Errors
+    /// `SOFT_LIMIT` of a block that was held back.
+    pub fn finish(&mut self, out: &mut Vec<Segment>) -> Result<(), Alarm> {
+        self.compensator.abandon(&mut self.legs);
+        let joined = self.join_legs(out);
+        self.release(SegmentEnd::ExactStop, out);
+        joined
+    }
+
+    /// True from the lead-in of cutter compensation to its lead-out: the program may neither wait nor end.
+    pub fn is_compensating(&self) -> bool {
+        self.compensator.is_on()
+    }
+
     /// After a stop or reset: this position, the identity transform, nothing held back.
     pub fn restart(&mut self, at: MachinePosition) {
         self.at = at.0;
+        self.tool_shift = 0.0;
         self.transform = Transform::default();
+        self.compensator.clear();
         self.held_back = None;
     }
 
@@ -77,35 +141,57 @@ impl PathStage {
         &self.transform
     }
 
-    /// True while a segment is held back: the next segment put out is that one.
-    pub fn holds_back(&self) -> bool {
-        self.held_back.is_some()
+    /// Segments that are still to come of the blocks pushed so far; fewer come when some are left out to prevent an
+    /// overcut.
+    pub fn held_back(&self) -> usize {
+        usize::from(self.held_back.is_some()) + self.compensator.pending()
     }
 
-    /// Where the last block ends.
+    /// Where the last block ends as programmed; after G31 without a skip input, its target. With cutter compensation
+    /// the tool's centre is elsewhere.
     pub fn position(&self) -> MachinePosition {
         MachinePosition(self.at)
     }
 
+    /// Where the next block counts from: the last block's end, with a change of tool length that no motion block has
+    /// made good yet (D22).
+    pub fn counts_from(&self) -> MachinePosition {
+        let mut from = self.at;
+        from[Axis::Z] += self.tool_shift;
+        MachinePosition(from)
+    }
+
     fn take(&mut self, block: &Block, out: &mut Vec<Segment>) -> Result<(), Alarm> {
+        let compensated = block.compensation != Compensation::Off || self.compensator.is_on();
         match &block.action {
-            Action::None => self.release(SegmentEnd::ExactStop, out),
+            Action::Skip(_) | Action::Tap(_) if compensated => {
+                let text = "G31, G74 and G84 do not move with G41 or G42, nor before the lead-out";
+                return Err(Alarm::new(&COMPENSATION_REFUSED, text));
+            }
+            // With G500 a block without movement ends no chain (motion-semantics 1c).
+            Action::None if block.multi_block == MultiBlock::On => {}
+            Action::None => self.stop(out),
             Action::Transform(transform) => {
-                finite(transform.work_offset, "work offset")?;
-                self.release(SegmentEnd::ExactStop, out);
+                transform::check(transform)?;
+                self.stop(out);
+                self.tool_shift += transform.tool_length - self.transform.tool_length;
                 self.transform = **transform;
             }
-            Action::Dwell { dwell_s } => self.dwell(block.origin, *dwell_s, out)?,
-            Action::Rapid(words) => self.rapid(block.origin, words, out)?,
+            Action::Dwell { dwell_s } => self.dwell(block, *dwell_s, out)?,
+            Action::Rapid(words) => self.rapid(block, words, out)?,
             Action::Linear(words) => self.linear(block, words, out)?,
-            Action::Arc(_) | Action::Skip(_) | Action::Reference { .. } | Action::Tap(_) => {
-                return Err(Alarm::new(&MOTION_NOT_SUPPORTED, "The block cannot be moved"));
+            Action::Reference { middle, point } => self.reference(block, middle, *point, out)?,
+            Action::Arc(arc) => {
+                let path = self.arc(block, arc)?;
+                self.feed(block, &arc.target, path, out)?;
             }
+            Action::Skip(words) => self.skip(block, words, out)?,
+            Action::Tap(tap) => self.tap(block, tap, out)?,
         }
         Ok(())
     }
 
-    fn dwell(&mut self, origin: Origin, dwell_s: f64, out: &mut Vec<Segment>) -> Result<(), Alarm> {
+    fn dwell(&mut self, block: &Block, dwell_s: f64, out: &mut Vec<Segment>) -> Result<(), Alarm> {
         if !dwell_s.is_finite() {
             return Err(Alarm::new(
                 &VALUE_NOT_FINITE,
@@ -116,22 +202,50 @@ impl PathStage {
             let text = format!("The dwell time {dwell_s} s is below 0");
             return Err(Alarm::new(&VALUE_OUT_OF_RANGE, text));
         }
-        self.release(SegmentEnd::ExactStop, out);
+        self.stop(out);
         if dwell_s > 0.0 {
             let motion = SegmentMotion::Dwell { at: self.at, dwell_s };
-            out.push(Segment {
-                origin,
-                motion,
-                end: SegmentEnd::ExactStop,
-            });
+            self.advance(block, motion, true, out)?;
+            self.stop(out);
         }
         Ok(())
     }
 
-    fn rapid(&mut self, origin: Origin, words: &AxisWords, out: &mut Vec<Segment>) -> Result<(), Alarm> {
-        let to = self.target(words)?;
+    fn rapid(&mut self, block: &Block, words: &AxisWords, out: &mut Vec<Segment>) -> Result<(), Alarm> {
+        let to = self.target(block, words)?;
         // G00 is never blended (motion-semantics 1c), so it waits for no other block.
+        if moves(self.at, to) {
+            self.advance(block, SegmentMotion::Rapid { from: self.at, to }, true, out)?;
+            self.at = to;
+        }
+        self.stop(out);
+        self.arrived(block, words);
+        Ok(())
+    }
+
+    fn skip(&mut self, block: &Block, words: &AxisWords, out: &mut Vec<Segment>) -> Result<(), Alarm> {
+        let to = self.target(block, words)?;
+        self.within_all_soft_limits(self.at, to)?;
         self.release(SegmentEnd::ExactStop, out);
+        if moves(self.at, to) {
+            let motion = SegmentMotion::Skip { from: self.at, to };
+            out.push(Segment {
+                origin: block.origin,
+                motion,
+                end: SegmentEnd::ExactStop,
+            });
+            self.at = to;
+        }
+        self.arrived(block, words);
+        Ok(())
+    }
+
+    /// After G31: the machine rests here, perhaps short of the target. The transform stays.
+    pub fn skipped_to(&mut self, at: MachinePosition) {
+        self.at = at.0;
+    }
+
+    fn rapid_to(&mut self, origin: Origin, to: AxisVector, out: &mut Vec<Segment>) {
         if moves(self.at, to) {
             let motion = SegmentMotion::Rapid { from: self.at, to };
             out.push(Segment {
@@ -141,20 +255,120 @@ impl PathStage {
             });
             self.at = to;
         }
+    }
+
+    /// G28, G30: G00 to the middle point, then to the reference point, named axes only; none named: all, and straight
+    /// to the reference point (D24).
+    fn reference(
+        &mut self,
+        block: &Block,
+        words: &AxisWords,
+        point: u8,
+        out: &mut Vec<Segment>,
+    ) -> Result<(), Alarm> {
+        self.without_offsets(block, "G28 and G30")?;
+        let reference = usize::from(point)
+            .checked_sub(1)
+            .and_then(|i| self.reference_points.get(i).copied());
+        let Some(reference) = reference else {
+            let text = format!("The reference point {point} is not 1 to 4");
+            return Err(Alarm::new(&VALUE_OUT_OF_RANGE, text));
+        };
+        let (middle, named) = if words.named.is_empty() {
+            (self.at, self.axes)
+        } else {
+            (self.target(block, words)?, words.named)
+        };
+        let mut to = middle;
+        for axis in named.iter() {
+            to[axis] = reference[axis];
+        }
+        finite(to, "reference point")?;
+        self.within_all_soft_limits(self.at, middle)?;
+        self.within_all_soft_limits(middle, to)?;
+        self.release(SegmentEnd::ExactStop, out);
+        self.rapid_to(block.origin, middle, out);
+        self.rapid_to(block.origin, to, out);
+        if words.named.is_empty() {
+            self.tool_shift = 0.0;
+        } else {
+            self.arrived(block, words);
+        }
         Ok(())
     }
 
     fn linear(&mut self, block: &Block, words: &AxisWords, out: &mut Vec<Segment>) -> Result<(), Alarm> {
-        let to = self.target(words)?;
-        let segment = if moves(self.at, to) {
-            Some(self.line(block, to)?)
-        } else {
-            None
-        };
+        let to = self.target(block, words)?;
+        let path = line_between(self.at, to)?;
+        self.feed(block, words, path, out)
+    }
+
+    /// Takes a cutting block along this path; `None`: it does not move.
+    fn feed(
+        &mut self,
+        block: &Block,
+        words: &AxisWords,
+        path: Option<Path>,
+        out: &mut Vec<Segment>,
+    ) -> Result<(), Alarm> {
+        let motion = path.map(|path| self.at_feedrate(block, path)).transpose()?;
         let each_block_stops = block.path_control == PathControl::ExactStop;
         // Two blocks blend only when both are in G64.
-        let stop_before = each_block_stops || block.exact_stop_before || words.named.is_empty();
-        if let Some(segment) = segment {
+        let no_movement = motion.is_none() && words.named.is_empty() && block.multi_block == MultiBlock::Off;
+        let stop_before = each_block_stops || block.exact_stop_before || no_movement;
+        if let Some((motion, to)) = motion {
+            self.advance(block, motion, stop_before, out)?;
+            self.at = to;
+        } else if stop_before {
+            self.stop(out);
+        }
+        self.arrived(block, words);
+        if each_block_stops || block.exact_stop_after {
+            self.stop(out);
+        }
+        Ok(())
+    }
+
+    /// Lets a block's motion through the compensation, and puts out what comes of it.
+    fn advance(
+        &mut self,
+        block: &Block,
+        motion: SegmentMotion,
+        stop_before: bool,
+        out: &mut Vec<Segment>,
+    ) -> Result<(), Alarm> {
+        let end = match motion {
+            SegmentMotion::Feed { .. } => SegmentEnd::Continuous,
+            _ => SegmentEnd::ExactStop,
+        };
+        let origin = block.origin;
+        let segment = Segment { origin, motion, end };
+        let side = self.side(block)?;
+        let taken = self
+            .compensator
+            .take(Leg { segment, stop_before }, side, &mut self.legs);
+        self.join_legs(out).and(taken)
+    }
+
+    fn join_legs(&mut self, out: &mut Vec<Segment>) -> Result<(), Alarm> {
+        let mut legs = std::mem::take(&mut self.legs);
+        let joined = legs.drain(..).try_for_each(|leg| self.join(leg, out));
+        self.legs = legs;
+        if joined.is_err() {
+            self.compensator.clear();
+        }
+        joined
+    }
+
+    /// The next piece of the way: now it is known how the one before ends.
+    fn join(&mut self, leg: Leg, out: &mut Vec<Segment>) -> Result<(), Alarm> {
+        let Leg { segment, stop_before } = leg;
+        self.segment_within_soft_limits(&segment.motion)
+            .map_err(|alarm| alarm.at(segment.origin))?;
+        if segment.end == SegmentEnd::ExactStop {
+            self.release(SegmentEnd::ExactStop, out);
+            out.push(segment);
+        } else {
             let end = if stop_before {
                 SegmentEnd::ExactStop
             } else {
@@ -162,31 +376,63 @@ impl PathStage {
             };
             self.release(end, out);
             self.held_back = Some(segment);
-            self.at = to;
-        } else if stop_before {
-            self.release(SegmentEnd::ExactStop, out);
-        }
-        if each_block_stops || block.exact_stop_after {
-            self.release(SegmentEnd::ExactStop, out);
         }
         Ok(())
     }
 
-    fn line(&self, block: &Block, to: AxisVector) -> Result<Segment, Alarm> {
+    /// The machine rests between the blocks so far and those to come.
+    fn stop(&mut self, out: &mut Vec<Segment>) {
+        if self.compensator.is_on() {
+            self.compensator.stop();
+        } else {
+            self.release(SegmentEnd::ExactStop, out);
+        }
+    }
+
+    /// The compensation that a block asks for, in machine coordinates.
+    fn side(&self, block: &Block) -> Result<Option<Side>, Alarm> {
+        let (radius, plane, left) = match block.compensation {
+            Compensation::Off => return Ok(None),
+            Compensation::Left { radius, plane } => (radius, plane, true),
+            Compensation::Right { radius, plane } => (radius, plane, false),
+        };
+        if !radius.is_finite() {
+            return Err(Alarm::new(
+                &VALUE_NOT_FINITE,
+                format!("The tool's radius is {radius}"),
+            ));
+        }
+        if radius < 0.0 {
+            let text = format!("The tool's radius {radius} mm is below 0");
+            return Err(Alarm::new(&VALUE_OUT_OF_RANGE, text));
+        }
+        let left = left != transform::swaps_sides(&self.transform, plane);
+        let tool = if left { radius } else { -radius };
+        Ok(Some(Side { plane, tool }))
+    }
+
+    /// The motion along a path with its feedrate, and where it ends.
+    fn at_feedrate(&self, block: &Block, path: Path) -> Result<(SegmentMotion, AxisVector), Alarm> {
+        let to = path.end();
+        let rotary_only =
+            to.minus(path.start()).orthogonal_length() < LENGTH_MIN && matches!(path, Path::Line { .. });
+        let feed = self.feed_in_force(block, rotary_only)?;
+        let motion = SegmentMotion::Feed {
+            path,
+            feed,
+            multi_block: block.multi_block,
+        };
+        Ok((motion, to))
+    }
+
+    /// Feedrate and ramp times of a cutting block; the feedrate of its own for one of rotary axes only.
+    pub(crate) fn feed_in_force(&self, block: &Block, rotary_only: bool) -> Result<Feed, Alarm> {
         let Feed {
             feedrate_mm_min: programmed,
             ta_ms,
             td_ms,
             ts_ms,
         } = block.feed;
-        let distance = to.minus(self.at);
-        let orthogonal = distance.orthogonal_length();
-        let rotary_only = orthogonal < LENGTH_MIN;
-        let length = if rotary_only {
-            distance.rotary_length()
-        } else {
-            orthogonal
-        };
         let feedrate = if rotary_only && self.rotary_feedrate_deg_min > 0.0 {
             self.rotary_feedrate_deg_min
         } else if programmed == 0.0 {
@@ -195,7 +441,6 @@ impl PathStage {
             programmed
         };
         for (name, value) in [
-            ("length of the block", length),
             ("feedrate", feedrate),
             ("ta", ta_ms),
             ("td", td_ms),
@@ -211,71 +456,41 @@ impl PathStage {
                 format!("The feedrate is {feedrate}"),
             ));
         }
-        let path = Path::Line {
-            from: self.at,
-            to,
-            length,
-        };
-        let feed = Feed {
+        Ok(Feed {
             feedrate_mm_min: feedrate,
             ..block.feed
-        };
-        Ok(Segment {
-            origin: block.origin,
-            motion: SegmentMotion::Feed { path, feed },
-            end: SegmentEnd::Continuous,
         })
     }
 
-    /// The machine position that axis words lead to, within what the coordinate system has.
-    fn target(&self, words: &AxisWords) -> Result<AxisVector, Alarm> {
-        let mut to = self.at;
-        for axis in words.named.iter() {
-            if !self.axes.contains(axis) {
-                let text = format!("The block moves axis {}", axis.letter());
-                return Err(Alarm::new(&AXIS_MISSING, text));
-            }
-            to[axis] = words.values[axis]
-                + match words.distance {
-                    Distance::Absolute => self.transform.work_offset[axis],
-                    Distance::Incremental => self.at[axis],
-                };
-        }
-        finite(to, "target")?;
-        Axis::ALL
-            .into_iter()
-            .filter(|&axis| (to[axis] - self.at[axis]).abs() >= LENGTH_MIN)
-            .try_for_each(|axis| self.within_soft_limits(axis, to[axis]))?;
-        Ok(to)
-    }
-
-    fn within_soft_limits(&self, axis: Axis, value: f64) -> Result<(), Alarm> {
-        let Some([lowest, highest]) = self.soft_limits[axis.index()] else {
-            return Ok(());
-        };
-        let (which, limit) = if value < lowest - LENGTH_MIN {
-            ("lower", lowest)
-        } else if value > highest + LENGTH_MIN {
-            ("upper", highest)
-        } else {
-            return Ok(());
-        };
-        let letter = axis.letter();
-        let text =
-            format!("Axis {letter} would go to {value:.6} (machine), beyond its {which} limit {limit:.6}");
-        Err(Alarm::new(&SOFT_LIMIT, text))
-    }
-
-    fn release(&mut self, end: SegmentEnd, out: &mut Vec<Segment>) {
+    pub(crate) fn release(&mut self, end: SegmentEnd, out: &mut Vec<Segment>) {
         if let Some(segment) = self.held_back.take() {
             out.push(Segment { end, ..segment });
         }
     }
 }
 
-/// The work position of a machine position: the transform undone.
+/// The straight line between two machine positions; `None` when that is no move.
+pub(crate) fn line_between(from: AxisVector, to: AxisVector) -> Result<Option<Path>, Alarm> {
+    if !moves(from, to) {
+        return Ok(None);
+    }
+    let distance = to.minus(from);
+    let orthogonal = distance.orthogonal_length();
+    let length = if orthogonal < LENGTH_MIN {
+        distance.rotary_length()
+    } else {
+        orthogonal
+    };
+    if !length.is_finite() {
+        let text = format!("The length of the block is {length}");
+        return Err(Alarm::new(&VALUE_NOT_FINITE, text));
+    }
+    Ok(Some(Path::Line { from, to, length }))
+}
+
+/// The work position of a machine position: the transform undone (D20), tool length included.
 pub fn work_position(transform: &Transform, machine: MachinePosition) -> WorkPosition {
-    WorkPosition(machine.0.minus(transform.work_offset))
+    WorkPosition(transform.inverse(machine.0))
 }
 
 fn moves(from: AxisVector, to: AxisVector) -> bool {
@@ -283,15 +498,4 @@ fn moves(from: AxisVector, to: AxisVector) -> bool {
         .0
         .iter()
         .any(|distance| distance.abs() >= LENGTH_MIN)
-}
-
-fn finite(vector: AxisVector, name: &str) -> Result<(), Alarm> {
-    let not_finite = Axis::ALL.into_iter().find(|&axis| !vector[axis].is_finite());
-    match not_finite {
-        None => Ok(()),
-        Some(axis) => {
-            let text = format!("The {name} of axis {} is {}", axis.letter(), vector[axis]);
-            Err(Alarm::new(&VALUE_NOT_FINITE, text))
-        }
-    }
 }

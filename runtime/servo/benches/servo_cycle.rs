@@ -8,16 +8,17 @@
 //! | idle | 80 ns | 494 ns |
 //! | G01, ramp with jerk phases | 75 ns | 606 ns |
 //! | G00, seven phases a motor | 90 ns | 711 ns |
+//! | G500, the override slewing | 117 ns | 951 ns |
 
 use std::hint::black_box;
 
 use divan::Bencher;
 use tandem_model::flow::Path;
-use tandem_model::profile::{Law, MotorMove, Profile, TimeBase};
+use tandem_model::profile::{Law, MotorMove, Pace, PacePiece, Profile, SlewRoom, TimeBase};
 use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
 use tandem_model::{AXES_MAX, AxisVector, Origin};
-use tandem_servo::{ChannelHandle, Servo, channel};
+use tandem_servo::{ChannelHandle, Control, Servo, channel};
 
 const T: f64 = 0.001;
 
@@ -53,6 +54,7 @@ fn settings(axes: usize) -> CoordinateSystemSettings {
         number: 1,
         motors: std::array::from_fn(|i| (i < axes).then(|| motor(1))),
         spindle: Some(motor(9)),
+        unit: tandem_model::settings::Unit::Millimetre,
         max_feedrate_mm_min: 10_000.0,
         default_feedrate_mm_min: 0.0,
         default_ta_ms: 100.0,
@@ -62,6 +64,7 @@ fn settings(axes: usize) -> CoordinateSystemSettings {
         override_slew_ms: 1000.0,
         hold_slew_ms: 200.0,
         servo_period_s: T,
+        motion: tandem_model::settings::MotionOptions::default(),
     }
 }
 
@@ -87,6 +90,8 @@ fn law(rapid: bool) -> (Law, TimeBase) {
             speed: 2.0 * length / DURATION_S,
             start: ramp,
             stop: ramp,
+            begun_s: 0.0,
+            next: None,
         };
         (law, TimeBase::Feed)
     }
@@ -123,6 +128,65 @@ fn moving(channels: usize, axes: usize, rapid: bool) -> (Servo, Vec<ChannelHandl
 fn linear(bencher: Bencher, (channels, axes): (usize, usize)) {
     let (mut servo, _handles) = moving(channels, axes, false);
     bencher.bench_local(|| black_box(&mut servo).cycle());
+}
+
+/// G500 while the override goes slowly to another value: each cycle asks what the motors leave.
+#[divan::bench(args = [(1, 3), (8, 8)])]
+fn look_ahead(bencher: Bencher, (channels, axes): (usize, usize)) {
+    let mut settings = settings(axes);
+    settings.override_slew_ms = 1e9;
+    let (channels, mut handles): (Vec<_>, Vec<_>) = (0..channels).map(|_| channel(&settings, 16)).unzip();
+    let mut servo = Servo::new(channels, T);
+    for handle in &mut handles {
+        assert!(handle.profiles.push(paced()).is_ok());
+    }
+    servo.cycle();
+    for handle in &mut handles {
+        let half = Control::Override {
+            feed: 0.5,
+            rapid: 1.0,
+        };
+        assert!(handle.controls.push(half).is_ok());
+    }
+    bencher.bench_local(|| black_box(&mut servo).cycle());
+}
+
+/// The line of [`law`] in eight pieces.
+fn paced() -> Profile {
+    let from = AxisVector::ZERO;
+    let to = AxisVector([1000.0; AXES_MAX]);
+    let length = to.orthogonal_length();
+    let ramp = UnitRamp::new(DURATION_S / 4.0, DURATION_S / 4.0);
+    let room = SlewRoom {
+        slope: 10.0,
+        braking: 0.5,
+        driving: 0.5,
+    };
+    let pieces = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0].map(|n| PacePiece {
+        begins_s: n * DURATION_S / 8.0,
+        plan_s: n * DURATION_S / 8.0,
+        rate: 1.0,
+        rate_change: 0.0,
+        room,
+    });
+    Profile {
+        segment: 1,
+        epoch: 0,
+        origin: Origin::default(),
+        law: Law::Paced {
+            path: Path::Line { from, to, length },
+            speed: 2.0 * length / DURATION_S,
+            start: ramp,
+            stop: ramp,
+            begun_s: 0.0,
+            next: None,
+            plan_s: DURATION_S,
+            pace: Pace::new(&pieces, DURATION_S, 1),
+        },
+        duration_s: DURATION_S,
+        time_base: TimeBase::Feed,
+        exact_stop: true,
+    }
 }
 
 #[divan::bench(args = [(1, 3), (8, 8)])]

@@ -3,7 +3,8 @@
 use std::sync::Arc;
 
 use rtrb::{Consumer, Producer, RingBuffer};
-use tandem_model::profile::Profile;
+use tandem_model::flow::TapLeg;
+use tandem_model::profile::{Profile, TimeBase};
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::{AxisVector, MachinePosition, Origin};
 
@@ -13,6 +14,7 @@ use crate::drive::{Drive, SimulatedDrive};
 use crate::motors::{Drives, Motors};
 use crate::path_time::{PathTime, slope};
 use crate::readings::{Reading, Readings};
+use crate::skip::SkipRun;
 use crate::spindle::SimulatedSpindle;
 
 /// Controls that may wait for one channel; the ring refuses more. A cycle takes at most 16 of them.
@@ -42,12 +44,19 @@ pub struct Channel {
     pub(crate) current: Option<Profile>,
     /// Cycles since the current profile gave its end point.
     pub(crate) ended_cycles: Option<u64>,
+    /// The motors that have turned back in the running G31.
+    pub(crate) skip: SkipRun,
     pub(crate) braking: Option<Brake>,
     /// Epoch of a stop or abort under way.
     pub(crate) stopping: Option<u32>,
     /// Older profiles never run.
     pub(crate) epoch: u32,
     pub(crate) hold: Hold,
+    /// The way in a thread that began last, from the start of the way in to the end of the way out, dwell and waits
+    /// between included: feed hold waits, and the spindle follows. `None`: the tool is out.
+    pub(crate) thread: Option<TapLeg>,
+    /// The next profile of a chain is late: the motion waits for it on its path.
+    pub(crate) starved: bool,
     pub(crate) faulted: bool,
     pub(crate) setpoint: AxisVector,
     /// Change of the setpoint in the last cycle, units per second.
@@ -56,6 +65,8 @@ pub struct Channel {
     pub(crate) spindle: Option<SimulatedSpindle>,
     /// Where the block of the setpoint comes from.
     pub(crate) executing: Option<Origin>,
+    /// Which override scales the block of the setpoint.
+    pub(crate) time_base: Option<TimeBase>,
     pub(crate) last_segment: u64,
     /// An event was put out in this cycle.
     pub(crate) told: bool,
@@ -65,10 +76,19 @@ pub struct Channel {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Hold {
     Off,
+    /// To begin when the block is over.
+    AfterBlock,
     /// Commanded; [`Event::Held`] is still to come.
     ComingToRest,
     /// Told.
     AtRest,
+}
+
+impl Hold {
+    /// True while the command comes to rest or rests.
+    pub(crate) fn holds(self) -> bool {
+        matches!(self, Hold::ComingToRest | Hold::AtRest)
+    }
 }
 
 /// The coordinator's end of a coordinate system.
@@ -126,10 +146,13 @@ pub fn channel_with_drives(
         time: PathTime::new(period_s),
         current: None,
         ended_cycles: None,
+        skip: SkipRun::default(),
         braking: None,
         stopping: None,
         epoch: 0,
         hold: Hold::Off,
+        thread: None,
+        starved: false,
         faulted: false,
         setpoint: AxisVector::ZERO,
         velocity: AxisVector::ZERO,
@@ -139,6 +162,7 @@ pub fn channel_with_drives(
             .as_ref()
             .map(|motor| SimulatedSpindle::new(motor, period_s)),
         executing: None,
+        time_base: None,
         last_segment: 0,
         told: false,
     };
@@ -156,20 +180,50 @@ impl Channel {
         self.motors.actual()
     }
 
+    /// Angle of the spindle in the last cycle, degrees, 0 to below 360, clockwise positive; 0 without one.
+    pub fn spindle_deg(&self) -> f64 {
+        self.spindle.as_ref().map_or(0.0, SimulatedSpindle::angle_deg)
+    }
+
     /// True when there is nothing to do: no profile or control waits, none runs or waits for its motors, nothing
-    /// brakes. The spindle does not count.
+    /// brakes, no orientation of the spindle is to be told. A spindle that turns does not count.
     pub fn is_idle(&self) -> bool {
         self.current.is_none()
             && self.braking.is_none()
             && self.stopping.is_none()
             && self.profiles.is_empty()
             && self.controls.is_empty()
+            && !(self.spindle.as_ref()).is_some_and(SimulatedSpindle::owes_report)
+    }
+
+    /// True when further cycles without a profile or a control change nothing but the angle of the spindle.
+    pub(crate) fn is_quiet(&self) -> bool {
+        self.is_idle()
+            && !self.told
+            && self.hold != Hold::ComingToRest
+            && self.velocity == AxisVector::ZERO
+            && self.motors.has_settled()
+            && self.spindle.as_ref().is_none_or(SimulatedSpindle::is_steady)
+    }
+
+    /// What so many cycles do while the channel is quiet.
+    pub(crate) fn pass(&mut self, cycles: u64) {
+        if let Some(spindle) = self.spindle.as_mut().filter(|spindle| spindle.rpm() != 0.0) {
+            for _ in 0..cycles {
+                spindle.cycle();
+            }
+        }
     }
 
     /// Where the block comes from that the setpoint of the last cycle belongs to, its end point and the wait for its
     /// motors included; `None` when no block runs, and while an abort brakes.
     pub fn executing(&self) -> Option<Origin> {
         self.executing
+    }
+
+    /// Which override scales the block of [`Channel::executing`]: [`TimeBase::Rapid`] for G00, G28, G30, G53 and G31.
+    pub fn time_base(&self) -> Option<TimeBase> {
+        self.time_base
     }
 
     /// Profiles that wait in the ring, those of an old epoch included.
@@ -194,13 +248,14 @@ impl Channel {
             time_s,
             commanded: MachinePosition(self.setpoint),
             actual: MachinePosition(self.motors.actual()),
-            distance_to_go: running.map_or(AxisVector::ZERO, |profile| profile.end().minus(self.setpoint)),
+            distance_to_go: running.map_or(AxisVector::ZERO, |profile| profile.target().minus(self.setpoint)),
             feedrate_mm_min: speed * 60.0,
             rate: moving_rate,
             segment: self.last_segment,
             executing: self.executing,
-            held: self.hold != Hold::Off,
+            held: self.hold.holds(),
             spindle_rpm: self.spindle.as_ref().map_or(0.0, SimulatedSpindle::rpm),
+            spindle_deg: self.spindle_deg(),
             oriented: self.spindle.as_ref().is_some_and(SimulatedSpindle::is_oriented),
         });
     }

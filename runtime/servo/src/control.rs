@@ -1,16 +1,22 @@
 //! What the coordinator tells a channel, and what the channel tells back.
 
-use tandem_model::alarm::{Alarm, IN_POSITION_TIMEOUT, POSITION_JUMP, SPINDLE_MISSING};
-use tandem_model::{Axis, MachinePosition, Origin};
+use tandem_model::alarm::{
+    Alarm, IN_POSITION_TIMEOUT, MOTION_RAN_OUT, POSITION_JUMP, SPINDLE_MISSING, SPINDLE_TURNS,
+};
+use tandem_model::{Axis, AxisSet, MachinePosition, Origin};
 
 /// A command to one channel. Taken at the start of a servo cycle, in the order given.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Control {
     /// Feed hold: the time base comes to 0 with `hold_slew_ms`, then [`Event::Held`]. No profile starts until
-    /// [`Control::Resume`]. Ignored while a stop or an abort is under way.
+    /// [`Control::Resume`]. While the tool is in a thread it waits until the way out is finished. Ignored while a stop or an abort is under way.
     Hold,
     /// Ends feed hold: the time base goes to the override with `override_slew_ms`.
     Resume,
+    /// Single block. True: as [`Control::Hold`] once the running block is over, or the next one when none runs: before
+    /// the block behind it starts, or in a chain from the joint on, along the path. Profiles of one origin in a row are
+    /// one block. False: no longer, where that has not begun yet.
+    HoldAfterBlock(bool),
     /// Decelerates on the path as feed hold does, throws away what is older than `epoch`, then
     /// [`Event::Stopped`]. Ends feed hold and clears a fault. Give it before the first profile of that epoch.
     Stop {
@@ -31,7 +37,16 @@ pub enum Control {
         /// Rapid override.
         rapid: f64,
     },
-    /// Commands the spindle. Not affected by hold, stop and abort.
+    /// Sets a motor's skip input, which keeps the value: on is as if its simulated skip input were on. The position that
+    /// G31 captures is the actual one of the cycle that takes this, so it is not exact.
+    SkipInput {
+        /// CNC motor number; one that no axis has changes nothing.
+        motor: u16,
+        /// On or off.
+        on: bool,
+    },
+    /// Commands the spindle. Not affected by hold, stop and abort. While a thread is cut the last command waits until the
+    /// tool is out.
     Spindle {
         /// What it does.
         direction: SpindleDirection,
@@ -74,6 +89,15 @@ pub enum Event {
         /// Time of the cycle, s.
         time_s: f64,
     },
+    /// A G31 block is at its end; its [`Event::Finished`] follows (D41).
+    Captured {
+        /// Its segment number.
+        segment: u64,
+        /// Where the motors rest: those that captured a position, there; the others at their target.
+        position: MachinePosition,
+        /// The axes whose motors captured a position.
+        captured: AxisSet,
+    },
     /// The command is at rest under feed hold. Once for each [`Control::Hold`] that took effect.
     Held,
     /// The command is at rest after [`Control::Stop`] or [`Control::Abort`]. The segment that was running is
@@ -111,8 +135,18 @@ pub enum Fault {
         /// Distance that the motor would have jumped, mm or degrees.
         jump: f64,
     },
+    /// A chain's next profile was missing when its joint was passed: the motors brake off the path.
+    RanOut {
+        /// Segment number of the last profile.
+        segment: u64,
+    },
     /// A spindle was commanded in a coordinate system without one.
     SpindleMissing,
+    /// The spindle turns, or is about to, where a thread begins. Not started.
+    SpindleTurns {
+        /// Its speed, r/min, clockwise positive.
+        rpm: f64,
+    },
 }
 
 impl Fault {
@@ -137,9 +171,17 @@ impl Fault {
                     axis.letter()
                 ),
             ),
+            Fault::RanOut { segment } => Alarm::new(
+                &MOTION_RAN_OUT,
+                format!("Nothing followed segment {segment} in time; the motors brake off the path"),
+            ),
             Fault::SpindleMissing => Alarm::new(
                 &SPINDLE_MISSING,
                 "A spindle command reached a coordinate system without a spindle",
+            ),
+            Fault::SpindleTurns { rpm } => Alarm::new(
+                &SPINDLE_TURNS,
+                format!("The spindle turns at {rpm:.3} r/min, or is about to turn; the thread was not begun"),
             ),
         }
     }

@@ -4,13 +4,16 @@
 //! point; drives follow; what has come to rest is told. So in one cycle a profile gives its end point and, with an
 //! ideal drive, is found in position; the next one gives its start point in the cycle after (motion-semantics 1c).
 
+use tandem_model::flow::TapLeg;
 use tandem_model::profile::{Law, Profile, TimeBase};
-use tandem_model::{Axis, AxisVector, MachinePosition};
+use tandem_model::{Axis, AxisVector, MachinePosition, Origin};
 
 use crate::brake::Brake;
 use crate::channel::{Channel, Hold};
 use crate::control::{Control, Event, Fault};
+use crate::look_ahead;
 use crate::motors::{InPosition, first_jump};
+use crate::skip::SkipRun;
 use crate::spindle::SimulatedSpindle;
 
 /// Controls taken in one cycle; the rest waits for the next.
@@ -19,8 +22,9 @@ const CONTROLS_PER_CYCLE: usize = 16;
 /// Profiles of an old epoch thrown away in one cycle: bounds the time of the cycle.
 const DROPS_PER_CYCLE: usize = 64;
 
-/// Profiles passed without a stop in one cycle; the time beyond is made up in the next cycles.
-const JOINTS_PER_CYCLE: usize = 16;
+/// Profiles passed without a stop in one cycle; the time beyond is made up in the next cycles. Look-ahead plans at most
+/// 128 blocks a period, a few profiles each.
+const JOINTS_PER_CYCLE: usize = 1024;
 
 /// Free places that the event ring must have before something that leads to an event is begun: `Started`,
 /// `Finished` or `Fault`, `Held`, `Stopped` and `Oriented` may all be owed at one time.
@@ -44,8 +48,11 @@ impl Channel {
             self.start_from_rest(time_s);
         }
         self.executing = self.current.as_ref().map(|profile| profile.origin);
+        self.time_base = self.current.as_ref().map(|profile| profile.time_base);
         self.velocity = self.setpoint.minus(before).scaled(1.0 / self.period_s);
+        self.turn_spindle();
         self.motors.cycle(self.setpoint);
+        self.check_skip_inputs();
         self.check_in_position(time_s);
         self.tell_rest();
         if self.spindle.as_mut().is_some_and(SimulatedSpindle::cycle) {
@@ -53,6 +60,17 @@ impl Channel {
         }
         self.publish(time_s);
         self.told
+    }
+
+    /// While a thread is cut the spindle follows the motion, dwell and deceleration included.
+    fn turn_spindle(&mut self) {
+        let Some(spindle) = &mut self.spindle else { return };
+        let t_s = match self.ended_cycles {
+            Some(_) => f64::INFINITY,
+            None => self.time.now_s(),
+        };
+        let profile = self.current.as_ref();
+        spindle.turn_to(profile.and_then(|profile| profile.spindle_revolutions(t_s)));
     }
 
     fn take_controls(&mut self) {
@@ -68,17 +86,23 @@ impl Channel {
     fn obey(&mut self, control: Control) {
         match control {
             Control::Hold => {
-                if self.stopping.is_none() && self.hold == Hold::Off {
+                if self.stopping.is_none() && !self.hold.holds() {
                     self.hold = Hold::ComingToRest;
                 }
             }
             Control::Resume => self.hold = Hold::Off,
+            Control::HoldAfterBlock(on) => {
+                if self.stopping.is_none() && !self.hold.holds() {
+                    self.hold = if on { Hold::AfterBlock } else { Hold::Off };
+                }
+            }
             Control::Stop { epoch } => self.stopping = self.stopping.max(Some(epoch)),
             Control::Abort { epoch } => {
                 self.stopping = self.stopping.max(Some(epoch));
                 if self.braking.is_none() {
                     let deceleration = self.motors.deceleration();
                     self.braking = Some(Brake::new(self.setpoint, self.velocity, deceleration));
+                    self.leave_thread(true);
                     self.give_up();
                 }
             }
@@ -90,6 +114,7 @@ impl Channel {
                     self.rapid_override = rapid.clamp(0.0, 1.0);
                 }
             }
+            Control::SkipInput { motor, on } => self.motors.set_skip_input(motor, on),
             Control::Spindle { direction, rpm } => match &mut self.spindle {
                 Some(spindle) => spindle.command(direction, rpm),
                 None => self.tell(Event::Fault(Fault::SpindleMissing)),
@@ -118,11 +143,10 @@ impl Channel {
 
     /// The next profile gives its start point, at rest, if it may start.
     fn start_from_rest(&mut self, time_s: f64) {
-        if self.hold != Hold::Off
-            || self.faulted
-            || self.stopping.is_some()
-            || self.events.slots() < EVENTS_RESERVE
-        {
+        if self.is_held() || self.faulted || self.stopping.is_some() || self.events.slots() < EVENTS_RESERVE {
+            return;
+        }
+        if !self.may_begin() {
             return;
         }
         let Some(profile) = self.next_profile() else {
@@ -134,8 +158,14 @@ impl Channel {
             self.fail(Fault::PositionJump { motor, axis, jump });
             return;
         }
+        if let Law::Tap { leg, .. } = &profile.law
+            && let Err(fault) = self.enter_thread(*leg)
+        {
+            self.fail(fault);
+            return;
+        }
         // From rest there is nothing to slew: the time base starts at the override.
-        self.time.start(self.override_of(profile.time_base));
+        self.time.start(self.override_of(&profile));
         self.last_segment = profile.segment;
         self.tell(Event::Started {
             segment: profile.segment,
@@ -144,7 +174,41 @@ impl Channel {
         });
         self.current = Some(profile);
         self.ended_cycles = None;
+        self.starved = false;
+        self.skip = SkipRun::default();
         self.sample(time_s, 0.0);
+    }
+
+    /// The spindle follows from here on; it must rest where the thread begins.
+    fn enter_thread(&mut self, leg: TapLeg) -> Result<(), Fault> {
+        if let Some(spindle) = &mut self.spindle {
+            if leg == TapLeg::In && !spindle.rests() {
+                return Err(Fault::SpindleTurns { rpm: spindle.rpm() });
+            }
+            spindle.lock();
+        }
+        self.thread = Some(leg);
+        Ok(())
+    }
+
+    /// The spindle goes its own way again: from rest, or braking from its speed.
+    fn leave_thread(&mut self, brakes: bool) {
+        self.thread = None;
+        if let Some(spindle) = &mut self.spindle {
+            spindle.let_go(brakes);
+        }
+    }
+
+    /// A chain begins when its second block is there, too; with G500 when it can come to rest within what is there.
+    fn may_begin(&mut self) -> bool {
+        let Ok(first) = self.profiles.peek() else {
+            return false;
+        };
+        if matches!(first.law, Law::Paced { .. }) {
+            let segment = first.segment;
+            return look_ahead::is_free(&mut self.profiles, None, segment);
+        }
+        first.exact_stop || self.profiles.slots() >= 2
     }
 
     fn next_profile(&mut self) -> Option<Profile> {
@@ -161,54 +225,105 @@ impl Channel {
             *cycles += 1;
             return;
         }
+        self.starved = self.runs_dry();
         let Some(profile) = &self.current else { return };
-        let slows = self.hold != Hold::Off || self.stopping.is_some();
-        let target = if slows {
-            0.0
+        let slows = self.is_held() || self.stopping.is_some() || self.starved;
+        let target = if slows { 0.0 } else { self.override_of(profile) };
+        let slope = if slows {
+            self.hold_slope
         } else {
-            self.override_of(profile.time_base)
+            self.override_slope
         };
-        let slope = match (&profile.law, slows) {
+        let slope = match &profile.law {
             // Nothing moves, so there is nothing to slew: a dwell stops and goes on at once.
-            (Law::Rest { .. }, _) => f64::INFINITY,
-            (_, true) => self.hold_slope,
-            (_, false) => self.override_slope,
+            Law::Rest { .. } => f64::INFINITY,
+            Law::Tap {
+                rate, revolutions, ..
+            } if slows => {
+                let rpm = rate * revolutions * 60.0;
+                let spindle = self.spindle.as_ref().map(|spindle| spindle.steepest_slope(rpm));
+                slope.min(spindle.unwrap_or(f64::INFINITY))
+            }
+            Law::Paced { .. } => {
+                let slew = look_ahead::slew(profile, &mut self.profiles, &self.time, target, self.period_s);
+                slope.min(slew)
+            }
+            _ => slope,
         };
         let t_s = self.time.advance(target, slope);
         self.sample(time_s, t_s);
     }
 
-    /// The setpoint at a profile time; at the end of a profile that another follows without a stop, in that one. Where
-    /// that one is missing the channel stays at the end point: the planner never lets a chain's queue end in motion.
+    /// Feed hold acts: not while the tool is in a thread.
+    fn is_held(&self) -> bool {
+        self.hold.holds() && self.thread.is_none()
+    }
+
+    /// True when the next profile of a chain is missing, and what is left of this one is the way to rest at the slew of
+    /// feed hold; then until it is there. So a late planner slows the motion, and never takes it off its path.
+    fn runs_dry(&mut self) -> bool {
+        let Some(profile) = &self.current else {
+            return false;
+        };
+        if let Law::Paced { pace, .. } = &profile.law {
+            return !look_ahead::is_free(&mut self.profiles, Some(pace), profile.segment);
+        }
+        if profile.exact_stop || !self.profiles.is_empty() {
+            return false;
+        }
+        let rate = self.time.rate();
+        let stopping_s = rate * rate / (2.0 * self.hold_slope) + rate * self.period_s;
+        self.starved || profile.duration_s - self.time.now_s() <= stopping_s
+    }
+
+    /// The setpoint at a profile time; at the end of a profile that another follows without a stop, in that one.
     fn sample(&mut self, time_s: f64, t_s: f64) {
         let mut t_s = t_s;
         for _ in 0..JOINTS_PER_CYCLE {
             let Some(profile) = &self.current else { return };
-            let left_s = profile.duration_s - t_s;
+            let left_s = self.skip.duration_s(profile) - t_s;
             if left_s > END_TOLERANCE * self.period_s {
-                let position = profile.position(t_s);
+                let position = self.skip.position(profile, t_s);
                 self.command(position);
                 return;
             }
-            self.setpoint = profile.end();
+            let end = self.skip.end(profile);
             if profile.exact_stop {
+                self.setpoint = end;
                 self.ended_cycles = Some(0);
                 return;
             }
-            let segment = profile.segment;
-            self.tell_joint(Event::Finished { segment, time_s });
+            let (segment, before) = (profile.segment, profile.origin);
             self.current = self.next_profile();
-            let Some(next) = &self.current else { return };
-            let (segment, origin) = (next.segment, next.origin);
-            self.last_segment = segment;
-            self.tell_joint(Event::Started {
-                segment,
-                origin,
-                time_s,
-            });
-            t_s = (-left_s).max(0.0);
+            let Some(next) = &self.current else {
+                self.tell_joint(Event::Finished { segment, time_s });
+                self.run_out(segment, end);
+                return;
+            };
+            let (next_segment, origin) = (next.segment, next.origin);
+            self.hold_after_block(before, Some(origin));
+            self.setpoint = end;
+            // A block may take several profiles.
+            if next_segment != segment {
+                self.tell_joint(Event::Finished { segment, time_s });
+                self.last_segment = next_segment;
+                self.tell_joint(Event::Started {
+                    segment: next_segment,
+                    origin,
+                    time_s,
+                });
+            }
+            t_s = -left_s;
             self.time.carry(t_s);
         }
+    }
+
+    /// A joint was passed, and there is nothing behind it.
+    fn run_out(&mut self, segment: u64, end: AxisVector) {
+        self.setpoint = end;
+        let deceleration = self.motors.deceleration();
+        self.braking = Some(Brake::new(end, self.velocity, deceleration));
+        self.fail(Fault::RanOut { segment });
     }
 
     /// A position that is not a number is never commanded: the channel rests where it is, with a fault.
@@ -222,11 +337,32 @@ impl Channel {
         }
     }
 
-    fn override_of(&self, time_base: TimeBase) -> f64 {
-        match time_base {
+    /// A pace already is the fastest that the motors allow, so no override is faster.
+    fn override_of(&self, profile: &Profile) -> f64 {
+        match profile.time_base {
+            TimeBase::Feed if matches!(profile.law, Law::Paced { .. }) => self.feed_override.min(1.0),
             TimeBase::Feed => self.feed_override,
             TimeBase::Rapid => self.rapid_override,
             TimeBase::Fixed => 1.0,
+        }
+    }
+
+    /// G31: motors whose input has come turn back from the next cycle on; one that stands beyond its threshold at the
+    /// start stays there.
+    fn check_skip_inputs(&mut self) {
+        let Some(profile) = &self.current else { return };
+        if !matches!(profile.law, Law::Skip { .. }) {
+            return;
+        }
+        let t_s = self.time.now_s();
+        for axis in Axis::ALL {
+            if !self.skip.seeks(profile, axis) {
+                continue;
+            }
+            if let Some((captured, limits)) = self.motors.skip(axis, t_s == 0.0) {
+                self.skip.turn_back(profile, axis, t_s, captured, limits);
+                self.ended_cycles = None;
+            }
         }
     }
 
@@ -234,17 +370,37 @@ impl Channel {
         let (Some(cycles), Some(profile)) = (self.ended_cycles, &self.current) else {
             return;
         };
-        let segment = profile.segment;
+        let (segment, origin) = (profile.segment, profile.origin);
         match self
             .motors
             .in_position(self.setpoint, cycles as f64 * self.period_s)
         {
             InPosition::Yes => {
+                let is_skip = matches!(profile.law, Law::Skip { .. });
+                if is_skip {
+                    self.tell(Event::Captured {
+                        segment,
+                        position: MachinePosition(self.setpoint),
+                        captured: self.skip.captured(),
+                    });
+                }
+                if self.thread == Some(TapLeg::Out) {
+                    self.leave_thread(false);
+                }
                 self.give_up();
                 self.tell(Event::Finished { segment, time_s });
+                let next = self.profiles.peek().ok().map(|next| next.origin);
+                self.hold_after_block(origin, next);
             }
             InPosition::NotYet => {}
             InPosition::TimedOut(fault) => self.fail(fault),
+        }
+    }
+
+    /// Between two profiles: feed hold begins here when it was to begin behind this block.
+    fn hold_after_block(&mut self, ended: Origin, next: Option<Origin>) {
+        if self.hold == Hold::AfterBlock && next != Some(ended) {
+            self.hold = Hold::ComingToRest;
         }
     }
 
@@ -257,13 +413,14 @@ impl Channel {
         if let Some(epoch) = self.stopping.take() {
             self.epoch = self.epoch.max(epoch);
             self.give_up();
+            self.leave_thread(false);
             self.hold = Hold::Off;
             self.faulted = false;
             self.tell(Event::Stopped {
                 epoch,
                 position: MachinePosition(self.setpoint),
             });
-        } else if self.hold == Hold::ComingToRest {
+        } else if self.hold == Hold::ComingToRest && self.thread.is_none() {
             self.hold = Hold::AtRest;
             self.tell(Event::Held);
         }
@@ -271,6 +428,7 @@ impl Channel {
 
     fn fail(&mut self, fault: Fault) {
         self.give_up();
+        self.leave_thread(false);
         self.faulted = true;
         self.tell(Event::Fault(fault));
     }

@@ -11,7 +11,20 @@
 //!   start point in the cycle after it is found.
 //! - The time base is slewed only while something moves: from rest a profile starts at the override, and feed hold
 //!   stops a dwell at once. A dwell under hold loses no time.
+//! - In a thread (tapping) the spindle follows Z in phase, and feed hold waits for the end of the way out. A stop
+//!   decelerates on the path, the spindle in phase, with the slew of feed hold or the one that the spindle's acceleration
+//!   allows; the tool may rest in the thread then. An abort breaks the phase: each motor brakes on its own, the spindle too.
+//! - A spindle command that comes while a thread is cut waits until the tool is out.
 //! - A stop and an abort end feed hold. After a stop the spindle goes on turning.
+//! - A blended chain begins when two of its profiles are there. Where the next one is late, the motion slows on its path
+//!   with the slew of feed hold and goes on when it comes; a joint that is passed with nothing behind it is a fault.
+//! - With G500 the override factor is at most 1, changes no faster than the motors' maximum accelerations leave room for
+//!   (hold, stop and resume, too), and the motion goes on only as far as it could still come to rest on its path.
+//! - A block of a chain counts as finished when the ramp to the next one is over.
+//! - After a skip input a motor brakes at `rapid_acceleration` without a jerk limit; motors that G31 does not move
+//!   capture nothing.
+//! - A skip input set from outside captures where the motor is when the servo hears of it: late by what the way there
+//!   takes. It keeps its value, so one that is on at the start of G31 captures there.
 //! - Feed hold does not keep a block that comes to its end point from being finished.
 
 mod brake;
@@ -19,10 +32,12 @@ mod channel;
 mod control;
 mod cycle;
 mod drive;
+mod look_ahead;
 mod motors;
 mod path_time;
 mod readings;
 mod servo;
+mod skip;
 mod spindle;
 #[cfg(test)]
 mod testing;

@@ -1,7 +1,7 @@
 //! The motors of a channel: drives, actual positions, in-position check.
 
-use tandem_model::profile::Profile;
-use tandem_model::settings::CoordinateSystemSettings;
+use tandem_model::profile::{MotorLimits, Profile};
+use tandem_model::settings::{CoordinateSystemSettings, SimulatedSkip};
 use tandem_model::{AXES_MAX, Axis, AxisVector};
 
 use crate::control::Fault;
@@ -20,6 +20,11 @@ struct Motor {
     number: u16,
     in_position: f64,
     timeout_s: f64,
+    /// As set from outside.
+    skip_is_set: bool,
+    simulated_skip: Option<SimulatedSkip>,
+    /// Of the way back to a captured position.
+    skip_limits: MotorLimits,
     drive: Box<dyn Drive>,
 }
 
@@ -28,6 +33,7 @@ pub(crate) struct Motors {
     axes: [Option<Motor>; AXES_MAX],
     deceleration: [f64; AXES_MAX],
     actual: AxisVector,
+    settled: bool,
 }
 
 /// What the in-position check finds.
@@ -48,6 +54,13 @@ impl Motors {
                 number: motor.number,
                 in_position: motor.in_position,
                 timeout_s: motor.in_position_timeout_ms / 1000.0,
+                skip_is_set: false,
+                simulated_skip: settings.motion.simulated_skip[i],
+                skip_limits: MotorLimits {
+                    velocity: motor.skip_velocity,
+                    acceleration: motor.rapid_acceleration,
+                    jerk: None,
+                },
                 drive: drives[i].take()?,
             })
         });
@@ -60,17 +73,26 @@ impl Motors {
             axes,
             deceleration,
             actual: at,
+            settled: false,
         }
     }
 
     /// Gives each drive its command and takes its actual position.
     pub(crate) fn cycle(&mut self, command: AxisVector) {
+        let before = self.actual;
         for (i, motor) in self.axes.iter_mut().enumerate() {
             self.actual.0[i] = match motor {
                 Some(motor) => motor.drive.cycle(command.0[i]),
                 None => command.0[i],
             };
         }
+        self.settled = self.actual == before;
+    }
+
+    /// True when no actual position changed in the last cycle. A drive that follows may rest the last bit beside its
+    /// command: with the same command again nothing changes any more.
+    pub(crate) fn has_settled(&self) -> bool {
+        self.settled
     }
 
     pub(crate) fn actual(&self) -> AxisVector {
@@ -80,6 +102,26 @@ impl Motors {
     /// `max_acceleration` of each motor.
     pub(crate) fn deceleration(&self) -> [f64; AXES_MAX] {
         self.deceleration
+    }
+
+    /// Sets the skip input of a motor from outside.
+    pub(crate) fn set_skip_input(&mut self, motor: u16, on: bool) {
+        for axis in self.axes.iter_mut().flatten().filter(|axis| axis.number == motor) {
+            axis.skip_is_set = on;
+        }
+    }
+
+    /// The position at which an axis's skip input is on now: set from outside the actual position, simulated its
+    /// threshold, and with `at_once` the actual position. With the limits of the way back.
+    pub(crate) fn skip(&self, axis: Axis, at_once: bool) -> Option<(f64, MotorLimits)> {
+        let motor = self.axes[axis.index()].as_ref()?;
+        let actual = self.actual[axis];
+        if motor.skip_is_set {
+            return Some((actual, motor.skip_limits));
+        }
+        let input = motor.simulated_skip?;
+        let position = if at_once { actual } else { input.threshold() };
+        input.is_on(actual).then_some((position, motor.skip_limits))
     }
 
     /// CNC motor number of an axis; 0 without one.

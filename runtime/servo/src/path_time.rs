@@ -30,6 +30,11 @@ impl PathTime {
         self.rate
     }
 
+    /// Profile time of the last cycle, s.
+    pub(crate) fn now_s(&self) -> f64 {
+        self.anchor_s + self.cycles as f64 * (self.rate * self.period_s)
+    }
+
     /// A profile starts from rest: at its time 0, and at this rate at once.
     pub(crate) fn start(&mut self, rate: f64) {
         self.rate = rate;
@@ -47,9 +52,9 @@ impl PathTime {
         let change = target - self.rate;
         if change == 0.0 {
             self.cycles += 1;
-            return self.anchor_s + self.cycles as f64 * (self.rate * self.period_s);
+            return self.now_s();
         }
-        let now_s = self.anchor_s + self.cycles as f64 * (self.rate * self.period_s);
+        let now_s = self.now_s();
         let slew_s = change.abs() / slope;
         let (rate, step_s) = if slew_s <= self.period_s * (1.0 + STEP_TOLERANCE) {
             let slewed_s = f64::midpoint(self.rate, target) * slew_s;

@@ -27,10 +27,12 @@ pub struct Reading {
     /// Where the block comes from that the commanded position belongs to, its end point included; `None` when no
     /// block runs.
     pub executing: Option<Origin>,
-    /// True under feed hold, deceleration included.
+    /// True under feed hold, deceleration and, in a thread, the wait for the end of the way out included.
     pub held: bool,
     /// Actual spindle speed, r/min, clockwise positive.
     pub spindle_rpm: f64,
+    /// Angle of the spindle, degrees, 0 to below 360, clockwise positive.
+    pub spindle_deg: f64,
     /// True while the spindle rests at its orientation position after an orientation.
     pub oriented: bool,
 }
@@ -43,7 +45,8 @@ const PLACE: usize = 4;
 const COLUMN: usize = 5;
 const FLAGS: usize = 6;
 const SPINDLE: usize = 7;
-const VECTORS: usize = 8;
+const ANGLE: usize = 8;
+const VECTORS: usize = 9;
 const CELLS: usize = VECTORS + 3 * AXES_MAX;
 
 const EXECUTING: u64 = 1;
@@ -108,6 +111,7 @@ fn pack(reading: &Reading) -> [u64; CELLS] {
     cells[RATE] = reading.rate.to_bits();
     cells[SEGMENT] = reading.segment;
     cells[SPINDLE] = reading.spindle_rpm.to_bits();
+    cells[ANGLE] = reading.spindle_deg.to_bits();
     if let Some(origin) = reading.executing {
         cells[PLACE] = u64::from(origin.program) << 32 | u64::from(origin.line);
         cells[COLUMN] = u64::from(origin.column);
@@ -148,6 +152,7 @@ fn unpack(cells: &[u64; CELLS]) -> Reading {
         }),
         held: flag(HELD),
         spindle_rpm: number(SPINDLE),
+        spindle_deg: number(ANGLE),
         oriented: flag(ORIENTED),
     }
 }
@@ -180,6 +185,7 @@ mod tests {
             }),
             held: true,
             spindle_rpm: -n,
+            spindle_deg: n + 0.25,
             oriented: true,
         }
     }

@@ -32,6 +32,21 @@ impl Servo {
         events
     }
 
+    /// Lets up to `cycles_max` cycles pass at once where they would change nothing but the time: every channel is idle,
+    /// its motors have settled, its spindle keeps its speed. Gives how many have passed, all or none; the readings show
+    /// them after the next [`Servo::cycle`]. For simulated time; a controller that is sent nothing meanwhile ends in the
+    /// same state, to the last bit, as by as many cycles.
+    pub fn pass(&mut self, cycles_max: u64) -> u64 {
+        if !self.channels.iter().all(Channel::is_quiet) {
+            return 0;
+        }
+        for channel in &mut self.channels {
+            channel.pass(cycles_max);
+        }
+        self.cycles += cycles_max;
+        cycles_max
+    }
+
     /// Time of the last cycle: cycles times the servo period, s. 0 before the first.
     pub fn time_s(&self) -> f64 {
         self.cycles as f64 * self.period_s

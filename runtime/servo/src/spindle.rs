@@ -1,4 +1,4 @@
-//! The simulated spindle: ramps to a commanded speed, and orientation.
+//! The simulated spindle: ramps to a commanded speed, orientation, and the phase lock of tapping.
 
 use tandem_model::settings::MotorSettings;
 
@@ -6,6 +6,9 @@ use crate::control::SpindleDirection;
 
 /// Degrees per second of one revolution per minute.
 const DEGREES_PER_SECOND: f64 = 6.0;
+
+/// A spindle that comes back from a thread to within this angle of its orientation position is oriented: rounding.
+const ORIENTED_WITHIN_DEG: f64 = 1e-6;
 
 /// A spindle that changes its speed by at most `max_acceleration` (r/min per second; not above 0: at once).
 #[derive(Debug, Clone)]
@@ -26,6 +29,18 @@ pub(crate) struct SimulatedSpindle {
     oriented: bool,
     /// An orientation was commanded and its end is not told yet.
     owes_report: bool,
+    /// While a thread is cut.
+    lock: Option<Lock>,
+}
+
+/// The spindle follows a motion. A command that comes meanwhile waits until it is let go.
+#[derive(Debug, Clone, Copy)]
+struct Lock {
+    /// Angle where the way in the thread begins.
+    from_deg: f64,
+    /// Revolutions from there, clockwise positive.
+    revolutions: f64,
+    waiting: Option<(SpindleDirection, f64)>,
 }
 
 /// The last turn of an orientation: on at orientation speed, then down to rest at the position.
@@ -58,6 +73,7 @@ impl SimulatedSpindle {
             approach: None,
             oriented: false,
             owes_report: false,
+            lock: None,
         }
     }
 
@@ -65,12 +81,76 @@ impl SimulatedSpindle {
         self.rpm
     }
 
+    /// 0 to below 360.
+    pub(crate) fn angle_deg(&self) -> f64 {
+        self.angle_deg
+    }
+
     pub(crate) fn is_oriented(&self) -> bool {
-        self.oriented
+        self.oriented && self.lock.is_none()
+    }
+
+    /// True while the end of an orientation is still to be told.
+    pub(crate) fn owes_report(&self) -> bool {
+        self.owes_report
+    }
+
+    /// True when it neither turns nor is about to, on its own.
+    pub(crate) fn rests(&self) -> bool {
+        let orients = self.direction == SpindleDirection::Orient && !self.oriented;
+        self.rpm == 0.0 && self.target_rpm == 0.0 && !orients
+    }
+
+    /// The greatest change of a time base per second at which a motion that turns the spindle at this speed at 100
+    /// percent keeps its acceleration.
+    pub(crate) fn steepest_slope(&self, rpm: f64) -> f64 {
+        self.acceleration / rpm.abs()
+    }
+
+    /// A way in a thread begins: from here on the spindle follows it.
+    pub(crate) fn lock(&mut self) {
+        self.lock = Some(Lock {
+            from_deg: self.angle_deg,
+            revolutions: 0.0,
+            waiting: self.lock.and_then(|lock| lock.waiting),
+        });
+    }
+
+    /// How far the spindle has turned on the way in the thread; `None`: it stays where it is.
+    pub(crate) fn turn_to(&mut self, revolutions: Option<f64>) {
+        if let Some(lock) = &mut self.lock {
+            let revolutions = revolutions.unwrap_or(lock.revolutions);
+            let turned = revolutions - lock.revolutions;
+            lock.revolutions = revolutions;
+            self.rpm = turned / self.period_s * 60.0;
+            self.angle_deg = (lock.from_deg + 360.0 * revolutions).rem_euclid(360.0);
+        }
+    }
+
+    /// The thread is over, or was given up: the spindle rests, or brakes from its speed, then what has been commanded
+    /// meanwhile holds. It is oriented again where it has come back to where it began.
+    pub(crate) fn let_go(&mut self, brakes: bool) {
+        let Some(lock) = self.lock.take() else { return };
+        if !brakes {
+            self.rpm = 0.0;
+        }
+        let off_deg = (self.angle_deg - self.orientation_deg + 540.0).rem_euclid(360.0) - 180.0;
+        self.oriented &= self.rpm == 0.0 && off_deg.abs() <= ORIENTED_WITHIN_DEG;
+        self.target_rpm = 0.0;
+        if self.direction != SpindleDirection::Orient || !self.oriented {
+            self.direction = SpindleDirection::Stop;
+        }
+        if let Some((direction, rpm)) = lock.waiting {
+            self.command(direction, rpm);
+        }
     }
 
     /// A speed that is not a number counts as 0.
     pub(crate) fn command(&mut self, direction: SpindleDirection, rpm: f64) {
+        if let Some(lock) = &mut self.lock {
+            lock.waiting = Some((direction, rpm));
+            return;
+        }
         let speed = if rpm.is_finite() {
             rpm.abs().min(self.max_rpm)
         } else {
@@ -92,6 +172,9 @@ impl SimulatedSpindle {
 
     /// One cycle; true when a commanded orientation has ended.
     pub(crate) fn cycle(&mut self) -> bool {
+        if self.lock.is_some() {
+            return false;
+        }
         if self.direction != SpindleDirection::Orient {
             self.slew(self.target_rpm);
         } else if let Some(mut approach) = self.approach.take() {
@@ -103,6 +186,14 @@ impl SimulatedSpindle {
         let ended = self.owes_report && self.oriented;
         self.owes_report &= !ended;
         ended
+    }
+
+    /// True when further cycles change its angle at most: it rests or turns as commanded.
+    pub(crate) fn is_steady(&self) -> bool {
+        match self.direction {
+            SpindleDirection::Orient => self.oriented && !self.owes_report,
+            _ => self.rpm.to_bits() == self.target_rpm.to_bits(),
+        }
     }
 
     /// To orientation speed in the direction that the spindle turns already; from rest clockwise.

@@ -5,11 +5,11 @@
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
-use tandem_model::flow::Path;
-use tandem_model::profile::{Law, MotorMove, Profile, TimeBase};
+use tandem_model::flow::{Feed, MultiBlock, Path, Plane, Segment, SegmentEnd, SegmentMotion, TapLeg, Turn};
+use tandem_model::profile::{Law, Lead, MotorLimits, MotorMove, Profile, TimeBase};
 use tandem_model::ramp::UnitRamp;
-use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
-use tandem_model::{AXES_MAX, AxisVector, Origin};
+use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings, SimulatedSkip};
+use tandem_model::{AXES_MAX, ArcPath, Axis, AxisVector, Origin};
 use tandem_servo::{Control, Event, Servo, SpindleDirection, channel};
 
 thread_local! {
@@ -73,6 +73,7 @@ fn settings(spindle: bool) -> CoordinateSystemSettings {
         number: 1,
         motors: std::array::from_fn(|_| Some(motor(1))),
         spindle: spindle.then(|| motor(9)),
+        unit: tandem_model::settings::Unit::Millimetre,
         max_feedrate_mm_min: 10_000.0,
         default_feedrate_mm_min: 0.0,
         default_ta_ms: 100.0,
@@ -82,6 +83,7 @@ fn settings(spindle: bool) -> CoordinateSystemSettings {
         override_slew_ms: 1000.0,
         hold_slew_ms: 20.0,
         servo_period_s: T,
+        motion: tandem_model::settings::MotionOptions::default(),
     }
 }
 
@@ -100,6 +102,8 @@ fn profile(n: u64) -> Profile {
                 speed: 1.0 / 0.03,
                 start: ramp,
                 stop: ramp,
+                begun_s: 0.0,
+                next: None,
             },
             TimeBase::Feed,
         ),
@@ -137,6 +141,65 @@ fn cycles(servo: &mut Servo, n: u32) -> u64 {
         servo.cycle();
     }
     CALLS.with(Cell::get) - before
+}
+
+/// A G500 chain with corners.
+fn paced() -> Vec<Profile> {
+    let mut planner = tandem_motion::Planner::new(&settings(false));
+    let mut out = std::collections::VecDeque::new();
+    for n in 0..200_u32 {
+        let at = |n: u32| AxisVector([f64::from(n), f64::from(n % 2), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        let (from, to) = (at(n), at(n + 1));
+        let segment = Segment {
+            origin: Origin::default(),
+            motion: SegmentMotion::Feed {
+                path: Path::Line {
+                    from,
+                    to,
+                    length: 2.0_f64.sqrt(),
+                },
+                feed: Feed {
+                    feedrate_mm_min: 12_000.0,
+                    ta_ms: 20.0,
+                    td_ms: 20.0,
+                    ts_ms: 0.0,
+                },
+                multi_block: MultiBlock::On,
+            },
+            end: SegmentEnd::Continuous,
+        };
+        planner.push(&segment, &mut out).unwrap();
+    }
+    planner.flush(&mut out).unwrap();
+    out.into()
+}
+
+#[test]
+fn a_g500_chain_with_holds_and_overrides_neither_allocates_nor_frees() {
+    let (channel, mut handle) = channel(&settings(false), 4096);
+    let mut servo = Servo::new(vec![channel], T);
+    let profiles = paced();
+    assert!(
+        profiles
+            .iter()
+            .any(|profile| matches!(profile.law, Law::Paced { .. }))
+    );
+    for profile in profiles {
+        handle.profiles.push(profile).unwrap();
+    }
+    for n in 0..60 {
+        let feed = 0.3 + 0.01 * f64::from(n);
+        for control in [
+            Control::Hold,
+            Control::Resume,
+            Control::Override { feed, rapid: 1.0 },
+        ] {
+            handle.controls.push(control).unwrap();
+            assert_eq!(cycles(&mut servo, 40), 0);
+            while handle.events.pop().is_ok() {}
+        }
+    }
+    assert!(servo.channel(0).setpoint().0[0] > 10.0);
 }
 
 #[test]
@@ -187,4 +250,169 @@ fn the_servo_cycle_neither_allocates_nor_frees() {
     assert!(faults.count() >= 2);
     drop(Box::new(0_u8));
     assert!(CALLS.with(Cell::get) > 0, "the allocator counts");
+}
+
+/// A line, then a spiral, and a G31 of Y back from its end; with their times.
+fn chain_and_skip() -> [(Law, f64); 4] {
+    let point = |x, y| AxisVector([x, y, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    let (corner, end) = (point(1.0, 0.0), point(1.5, 2.5));
+    let arc = Path::Arc(ArcPath::new(
+        corner,
+        end,
+        Plane::Xy,
+        [1.5, 1.0],
+        Turn::CounterClockwise,
+    ));
+    let (speed, ramp) = (1.0 / 0.03, UnitRamp::new(0.01, 0.01));
+    let line = Path::Line {
+        from: AxisVector::ZERO,
+        to: corner,
+        length: 1.0,
+    };
+    let limits = MotorLimits {
+        velocity: 50.0,
+        acceleration: 5000.0,
+        jerk: None,
+    };
+    let mut moves = [MotorMove::default(); AXES_MAX];
+    moves[1] = MotorMove::shortest(1.0, limits);
+    let down = [MotorMove::default(), MotorMove::shortest(-2.5, limits)];
+    let mut back = [MotorMove::default(); AXES_MAX];
+    back[..2].copy_from_slice(&down);
+    [
+        (
+            Law::Ramped {
+                path: line,
+                speed,
+                start: ramp,
+                stop: ramp,
+                begun_s: 0.0,
+                next: Some(Lead {
+                    path: arc.clone(),
+                    speed,
+                }),
+            },
+            0.03 + 0.02,
+        ),
+        (
+            Law::Ramped {
+                path: arc.clone(),
+                speed,
+                start: ramp,
+                stop: ramp,
+                begun_s: 0.02,
+                next: None,
+            },
+            arc.length() / speed,
+        ),
+        (
+            Law::Motors {
+                from: end,
+                to: point(1.5, 0.0),
+                moves: back,
+            },
+            back[1].duration_s(),
+        ),
+        (
+            Law::Skip {
+                from: point(1.5, 0.0),
+                to: point(1.5, 1.0),
+                moves,
+            },
+            moves[1].duration_s(),
+        ),
+    ]
+}
+
+#[test]
+fn blended_blocks_arcs_and_skip_inputs_neither_allocate_nor_free() {
+    let mut settings = settings(false);
+    settings.motion.simulated_skip[1] = Some(SimulatedSkip::Above(0.5));
+    let (channel, mut handle) = channel(&settings, 64);
+    let mut servo = Servo::new(vec![channel], T);
+    for ((law, duration_s), segment) in chain_and_skip().into_iter().zip(1..) {
+        let profile = Profile {
+            segment,
+            epoch: 0,
+            origin: Origin::default(),
+            law,
+            duration_s,
+            time_base: TimeBase::Feed,
+            exact_stop: segment != 1,
+        };
+        handle.profiles.push(profile).unwrap();
+    }
+    assert_eq!(cycles(&mut servo, 1000), 0, "calls of the allocator");
+    let events: Vec<Event> = std::iter::from_fn(|| handle.events.pop().ok()).collect();
+    assert!(
+        !events.iter().any(|event| matches!(event, Event::Fault(_))),
+        "{events:?}"
+    );
+    let captured = events.iter().any(|event| {
+        matches!(event, Event::Captured { position, captured, .. }
+            if captured.contains(Axis::Y) && (position.0[Axis::Y] - 0.5).abs() < 1e-12)
+    });
+    assert!(captured, "{events:?}");
+}
+
+#[test]
+fn a_thread_neither_allocates_nor_frees() {
+    let (channel, mut handle) = channel(&settings(true), 64);
+    let mut servo = Servo::new(vec![channel], T);
+    let (top, bottom) = (AxisVector::ZERO, AxisVector([-1.0; AXES_MAX]));
+    let ramp = UnitRamp::new(0.01, 0.01);
+    let way = |from, to, revolutions, leg| Law::Tap {
+        from,
+        to,
+        rate: 1.0 / 0.03,
+        start: ramp,
+        stop: ramp,
+        revolutions,
+        leg,
+    };
+    let laws = [
+        way(top, bottom, 0.1, TapLeg::In),
+        Law::Rest { at: bottom },
+        way(bottom, top, -0.1, TapLeg::Out),
+        way(top, bottom, 0.1, TapLeg::In),
+    ];
+    for (law, segment) in laws.into_iter().zip(1..) {
+        let profile = Profile {
+            segment,
+            epoch: 0,
+            origin: Origin::default(),
+            law,
+            duration_s: 0.05,
+            time_base: TimeBase::Fixed,
+            exact_stop: true,
+        };
+        handle.profiles.push(profile).unwrap();
+    }
+    let orient = Control::Spindle {
+        direction: SpindleDirection::Orient,
+        rpm: 0.0,
+    };
+    handle.controls.push(Control::Hold).unwrap();
+    let mut calls = cycles(&mut servo, 10);
+    for control in [
+        Control::Resume,
+        Control::Hold,
+        orient,
+        Control::Abort { epoch: 1 },
+    ] {
+        handle.controls.push(control).unwrap();
+        calls += cycles(&mut servo, 130);
+    }
+    assert_eq!(calls, 0, "calls of the allocator");
+    let events: Vec<Event> = std::iter::from_fn(|| handle.events.pop().ok()).collect();
+    for segment in 1..=3 {
+        let finished = |event: &Event| matches!(event, Event::Finished { segment: n, .. } if *n == segment);
+        assert!(events.iter().any(finished), "{events:?}");
+    }
+    assert_eq!(
+        events.iter().filter(|event| **event == Event::Held).count(),
+        2,
+        "{events:?}"
+    );
+    assert!(!events.iter().any(|event| matches!(event, Event::Fault(_))));
 }

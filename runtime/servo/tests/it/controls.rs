@@ -1,9 +1,10 @@
 //! Hold, resume, stop and abort.
 
+use tandem_model::profile::Profile;
 use tandem_model::{AxisVector, MachinePosition};
 use tandem_servo::{Control, Event};
 
-use crate::rig::{Rig, close, dwell, is_finished, is_stopped, line, rapid, settings, vector};
+use crate::rig::{Rig, close, dwell, is_finished, is_stopped, line, origin, rapid, settings, vector};
 
 fn is_held(event: &Event) -> bool {
     *event == Event::Held
@@ -231,4 +232,46 @@ fn a_hold_slew_of_zero_stops_at_once() {
     rig.control(Control::Hold);
     assert_eq!(rig.cycle(), [Event::Held]);
     close(rig.x(), x);
+}
+
+#[test]
+fn s1i_single_block_rests_at_the_end_of_each_block_that_stops_there() {
+    let mut rig = Rig::new(&settings());
+    rig.push(line(1, AxisVector::ZERO, vector(&[10.0]), 50.0, 0.1));
+    rig.push(rapid(2, 10.0, 30.0));
+    // The same block once more: G28 gives two.
+    rig.push(Profile {
+        origin: origin(2),
+        ..rapid(3, 30.0, 50.0)
+    });
+    rig.cycles(100);
+    rig.control(Control::HoldAfterBlock(true));
+    rig.until(is_held);
+    close(rig.x(), 10.0);
+    assert!(rig.cycles(500).is_empty());
+    rig.control(Control::Resume);
+    rig.control(Control::HoldAfterBlock(true));
+    rig.until(is_held);
+    close(rig.x(), 50.0);
+}
+
+#[test]
+fn single_block_that_is_taken_back_in_time_holds_nothing_and_a_hold_wins_over_it() {
+    let mut rig = Rig::new(&settings());
+    rig.push(line(1, AxisVector::ZERO, vector(&[10.0]), 50.0, 0.1));
+    rig.push(rapid(2, 10.0, 30.0));
+    rig.control(Control::HoldAfterBlock(true));
+    rig.cycles(50);
+    assert!(!rig.reading().held);
+    rig.control(Control::HoldAfterBlock(false));
+    rig.until(is_finished(2));
+    assert!(!rig.reading().held);
+    rig.push(rapid(3, 30.0, 60.0));
+    rig.control(Control::HoldAfterBlock(true));
+    rig.cycles(150);
+    rig.control(Control::Hold);
+    rig.until(is_held);
+    assert!(rig.x() < 60.0, "the hold did not wait for the end of the block");
+    rig.control(Control::HoldAfterBlock(false));
+    assert!(rig.cycles(100).is_empty(), "only a resume ends a hold");
 }

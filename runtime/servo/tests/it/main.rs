@@ -2,9 +2,14 @@
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "tests fail by panicking")]
 
+mod chains;
 mod controls;
 mod faults;
+mod look_ahead;
+mod passing;
 mod properties;
 mod rig;
 mod running;
+mod skip;
 mod spindle;
+mod tapping;

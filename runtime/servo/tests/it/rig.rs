@@ -36,6 +36,7 @@ pub fn settings() -> CoordinateSystemSettings {
         number: 1,
         motors: std::array::from_fn(|i| (i < 3).then(|| motor([11, 12, 13, 0, 0, 0, 0, 0][i]))),
         spindle: None,
+        unit: tandem_model::settings::Unit::Millimetre,
         max_feedrate_mm_min: 10_000.0,
         default_feedrate_mm_min: 0.0,
         default_ta_ms: 100.0,
@@ -45,6 +46,7 @@ pub fn settings() -> CoordinateSystemSettings {
         override_slew_ms: 1000.0,
         hold_slew_ms: 200.0,
         servo_period_s: T,
+        motion: tandem_model::settings::MotionOptions::default(),
     }
 }
 
@@ -81,6 +83,8 @@ pub fn line(segment: u64, from: AxisVector, to: AxisVector, speed: f64, ta_s: f6
         speed,
         start: ramp,
         stop: ramp,
+        begun_s: 0.0,
+        next: None,
     };
     profile(segment, law, length / speed + ta_s, TimeBase::Feed)
 }
@@ -114,7 +118,12 @@ pub struct Rig {
 
 impl Rig {
     pub fn new(settings: &CoordinateSystemSettings) -> Self {
-        let (channel, handle) = channel(settings, 64);
+        Self::with_room(settings, 64)
+    }
+
+    /// With room for so many profiles.
+    pub fn with_room(settings: &CoordinateSystemSettings, profiles: usize) -> Self {
+        let (channel, handle) = channel(settings, profiles);
         Self {
             servo: Servo::new(vec![channel], settings.servo_period_s),
             handle,

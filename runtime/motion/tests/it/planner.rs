@@ -1,138 +1,19 @@
-//! The planner against formulas written down a second time, in another form.
-
-#![allow(clippy::unwrap_used, clippy::panic, reason = "tests fail by panicking")]
+//! One block: the planner against formulas written down a second time, in another form.
 
 use std::collections::VecDeque;
+use std::f64::consts::{PI, TAU};
 
 use proptest::prelude::*;
-use tandem_model::alarm::{AlarmEntry, LIMIT_ZERO, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
-use tandem_model::flow::{Feed, Path, Segment, SegmentEnd, SegmentMotion};
-use tandem_model::profile::{Law, Profile, TimeBase};
-use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
-use tandem_model::{AXES_MAX, Axis, AxisVector, Origin};
+use tandem_model::alarm::{LIMIT_ZERO, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
+use tandem_model::flow::{MultiBlock, Path, Plane, SegmentMotion, Turn};
+use tandem_model::profile::{Law, TimeBase};
+use tandem_model::settings::MotorSettings;
+use tandem_model::{AXES_MAX, ArcPath, Axis, AxisVector};
 use tandem_motion::Planner;
 
-const PERIOD_S: f64 = 0.001;
-
-fn motor(velocity: f64, acceleration: f64, jerk: Option<f64>) -> MotorSettings {
-    MotorSettings {
-        number: 1,
-        kind: MotorKind::Linear,
-        max_velocity: velocity,
-        max_acceleration: acceleration,
-        max_jerk: jerk,
-        rapid_velocity: velocity,
-        rapid_acceleration: acceleration,
-        skip_velocity: velocity / 10.0,
-        in_position: 0.01,
-        in_position_timeout_ms: 2000.0,
-        soft_limits: None,
-        reference_points: [0.0; 4],
-        lag_ms: 0.0,
-        orientation_velocity: 0.0,
-        orientation_position: 0.0,
-    }
-}
-
-fn settings(motors: [Option<MotorSettings>; AXES_MAX]) -> CoordinateSystemSettings {
-    CoordinateSystemSettings {
-        number: 1,
-        motors,
-        spindle: None,
-        max_feedrate_mm_min: 1e6,
-        default_feedrate_mm_min: 0.0,
-        default_ta_ms: 100.0,
-        default_td_ms: 100.0,
-        default_ts_ms: 50.0,
-        rotary_feedrate_deg_min: 0.0,
-        override_slew_ms: 1000.0,
-        hold_slew_ms: 200.0,
-        servo_period_s: PERIOD_S,
-    }
-}
-
-/// All eight axes with wide limits.
-fn fast() -> CoordinateSystemSettings {
-    settings(std::array::from_fn(|_| Some(motor(1e5, 1e6, None))))
-}
-
-fn vector(values: &[f64]) -> AxisVector {
-    AxisVector(std::array::from_fn(|i| values.get(i).copied().unwrap_or(0.0)))
-}
-
-fn segment(motion: SegmentMotion) -> Segment {
-    Segment {
-        origin: Origin {
-            program: 7,
-            line: 3,
-            column: 1,
-        },
-        motion,
-        end: SegmentEnd::ExactStop,
-    }
-}
-
-fn line(from: AxisVector, to: AxisVector, feed: Feed) -> Segment {
-    let way = to.minus(from);
-    let length = if way.orthogonal_length() > 0.0 {
-        way.orthogonal_length()
-    } else {
-        way.rotary_length()
-    };
-    segment(SegmentMotion::Feed {
-        path: Path::Line { from, to, length },
-        feed,
-    })
-}
-
-fn feed(feedrate_mm_min: f64, [ta_ms, td_ms, ts_ms]: [f64; 3]) -> Feed {
-    Feed {
-        feedrate_mm_min,
-        ta_ms,
-        td_ms,
-        ts_ms,
-    }
-}
-
-fn plan(settings: &CoordinateSystemSettings, segment: &Segment) -> Profile {
-    let mut planner = Planner::new(settings);
-    let mut out = VecDeque::new();
-    planner.push(segment, &mut out).unwrap();
-    planner.flush(&mut out).unwrap();
-    assert_eq!(out.len(), 1);
-    out.pop_front().unwrap()
-}
-
-#[track_caller]
-fn refused(settings: &CoordinateSystemSettings, segment: &Segment, entry: &'static AlarmEntry) -> String {
-    let mut planner = Planner::new(settings);
-    let mut out = VecDeque::new();
-    let alarm = planner.push(segment, &mut out).unwrap_err();
-    assert_eq!(alarm.entry, entry, "{}", alarm.text);
-    assert_eq!(alarm.origin, Some(segment.origin));
-    assert!(out.is_empty());
-    assert_eq!(planner.last_segment(), 0);
-    alarm.text
-}
-
-#[track_caller]
-fn close(value: f64, expected: f64) {
-    assert!((value - expected).abs() < 1e-9, "{value} is not {expected}");
-}
-
-/// P(t) as what it is, step * box(ta) * box(ts) integrated: truncated powers, no phases. After the ramp the powers
-/// amount to t - (ta + ts)/2, written so because their sum cancels there.
-fn integral_of_ramp(t: f64, ta: f64, ts: f64) -> f64 {
-    if t > ta + ts {
-        return t - f64::midpoint(ta, ts);
-    }
-    let cut = |x: f64, power: i32| if x > 0.0 { x.powi(power) } else { 0.0 };
-    if ts > 0.0 {
-        (cut(t, 3) - cut(t - ta, 3) - cut(t - ts, 3) + cut(t - ta - ts, 3)) / (6.0 * ta * ts)
-    } else {
-        (cut(t, 2) - cut(t - ta, 2)) / (2.0 * ta)
-    }
-}
+use crate::rig::{
+    PERIOD_S, close, fast, feed, integral_of_ramp, line, motor, plan, refused, segment, settings, vector,
+};
 
 /// Time of the whole block and distance after `t`, by motion-semantics 1a.
 fn ramped_distance(length: f64, v: f64, [ta, td, ts]: [f64; 3], t: f64) -> (f64, f64) {
@@ -235,6 +116,76 @@ fn s1a_the_whole_block_slows_so_that_no_motor_exceeds_its_maximum_velocity() {
 }
 
 #[test]
+fn s1f_an_arc_moves_along_its_length_as_a_line_does() {
+    // A full circle of radius 30 in Z 4 at F3000: ramps of 0.15 s.
+    let to = vector(&[0.0, 0.0, 4.0]);
+    let arc = ArcPath::new(AxisVector::ZERO, to, Plane::Xy, [30.0, 0.0], Turn::Clockwise);
+    let motion = SegmentMotion::Feed {
+        path: Path::Arc(arc),
+        feed: feed(3000.0, [100.0, 100.0, 50.0]),
+        multi_block: MultiBlock::Off,
+    };
+    let profile = plan(&fast(), &segment(motion));
+    let length = (TAU * 30.0).hypot(4.0);
+    close(profile.duration_s, length / 50.0 + 0.15);
+    for k in 0..=100 {
+        let t = profile.duration_s * f64::from(k) / 100.0;
+        let (_, distance) = ramped_distance(length, 50.0, [0.1, 0.1, 0.05], t);
+        let angle = PI - TAU * distance / length;
+        let position = profile.position(t);
+        close(position[Axis::X], 30.0 + 30.0 * angle.cos());
+        close(position[Axis::Y], 30.0 * angle.sin());
+        close(position[Axis::Z], 4.0 * distance / length);
+    }
+}
+
+#[test]
+fn s1f_an_arc_slows_so_that_no_motor_exceeds_its_maximum_velocity_on_it() {
+    let slow_y = |limit| {
+        let mut motors: [Option<MotorSettings>; AXES_MAX] =
+            std::array::from_fn(|_| Some(motor(1e3, 1e4, None)));
+        motors[Axis::Y.index()] = Some(motor(limit, 1e4, None));
+        settings(motors)
+    };
+    let turn = |to: [f64; 2]| {
+        let path = Path::Arc(ArcPath::new(
+            vector(&[10.0, 0.0]),
+            vector(&to),
+            Plane::Xy,
+            [0.0, 0.0],
+            Turn::CounterClockwise,
+        ));
+        let feed = feed(3000.0, [100.0, 100.0, 0.0]);
+        segment(SegmentMotion::Feed {
+            path,
+            feed,
+            multi_block: MultiBlock::Off,
+        })
+    };
+    // Y alone moves at (10, 0): its 20 mm/s hold the whole quarter.
+    let quarter = plan(&slow_y(20.0), &turn([0.0, 10.0]));
+    close(quarter.duration_s, 10.0 * PI / 2.0 / 20.0 + 0.1);
+    // From 60 to 90 degrees: |cos| is at most 1/2, so 40 mm/s are within 20 mm/s for Y.
+    let path = Path::Arc(ArcPath::new(
+        vector(&[5.0, 75.0_f64.sqrt()]),
+        vector(&[0.0, 10.0]),
+        Plane::Xy,
+        [0.0, 0.0],
+        Turn::CounterClockwise,
+    ));
+    let feed = feed(3000.0, [100.0, 100.0, 0.0]);
+    let upper = plan(
+        &slow_y(20.0),
+        &segment(SegmentMotion::Feed {
+            path,
+            feed,
+            multi_block: MultiBlock::Off,
+        }),
+    );
+    close(upper.duration_s, 10.0 * PI / 6.0 / 40.0 + 0.1);
+}
+
+#[test]
 fn s1e_g00_moves_each_motor_alone_and_ends_with_the_slowest() {
     let mut motors: [Option<MotorSettings>; AXES_MAX] = Default::default();
     motors[0] = Some(motor(100.0, 1000.0, None));
@@ -255,6 +206,23 @@ fn s1e_g00_moves_each_motor_alone_and_ends_with_the_slowest() {
     close(profile.position(0.25)[Axis::Y], 50.0 * (0.25 - 0.025));
     assert_eq!(profile.position(0.5)[Axis::X].to_bits(), (-40.0_f64).to_bits());
     assert_eq!(profile.position(0.65), to);
+}
+
+#[test]
+fn s1e_g31_moves_as_g00_at_the_skip_velocities() {
+    // Skip velocity is a tenth of 100: 40 mm at 10 mm/s, a 1000: 4.01 s
+    let motors = std::array::from_fn(|_| Some(motor(100.0, 1000.0, None)));
+    let (from, to) = (AxisVector::ZERO, vector(&[40.0, -5.0]));
+    let profile = plan(&settings(motors), &segment(SegmentMotion::Skip { from, to }));
+    close(profile.duration_s, 4.01);
+    // Y takes 5/10 + 0.01 s; 5 ms before its end 1000 t^2/2 are left.
+    close(profile.position(0.505)[Axis::Y], -5.0 + 500.0 * 0.005 * 0.005);
+    assert!(matches!(profile.law, Law::Skip { .. }));
+    assert_eq!(profile.time_base, TimeBase::Rapid);
+    let mut slow = fast();
+    slow.motors[1].as_mut().unwrap().skip_velocity = 0.0;
+    let text = refused(&slow, &segment(SegmentMotion::Skip { from, to }), &LIMIT_ZERO);
+    assert!(text.contains("skip_velocity") && text.contains('Y'), "{text}");
 }
 
 #[test]

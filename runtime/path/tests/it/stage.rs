@@ -1,168 +1,16 @@
-//! The path stage from outside: blocks in, segments out.
+//! Stops, soft limits, F, and what is refused.
 
-#![allow(clippy::unwrap_used, clippy::panic, reason = "tests fail by panicking")]
-
-use tandem_model::alarm::{
-    AXIS_MISSING, AlarmEntry, FEEDRATE_MISSING, SOFT_LIMIT, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE,
-};
+use tandem_model::alarm::{AXIS_MISSING, FEEDRATE_MISSING, SOFT_LIMIT, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
 use tandem_model::flow::{
-    Action, AxisWords, Block, Compensation, Distance, Feed, Frame, MultiBlock, Path, PathControl, Segment,
-    SegmentEnd, SegmentMotion, Transform,
+    Action, Block, Distance, Feed, MultiBlock, Path, PathControl, Segment, SegmentEnd, SegmentMotion,
+    Transform,
 };
-use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
-use tandem_model::{Axis, AxisSet, AxisVector, MachinePosition, Origin};
+use tandem_model::{Axis, AxisVector, MachinePosition};
 use tandem_path::{PathStage, work_position};
 
-fn motor(number: u16, kind: MotorKind) -> MotorSettings {
-    MotorSettings {
-        number,
-        kind,
-        max_velocity: 500.0,
-        max_acceleration: 5000.0,
-        max_jerk: None,
-        rapid_velocity: 500.0,
-        rapid_acceleration: 5000.0,
-        skip_velocity: 50.0,
-        in_position: 0.01,
-        in_position_timeout_ms: 2000.0,
-        soft_limits: (kind == MotorKind::Linear).then_some([-100.0, 200.0]),
-        reference_points: [0.0; 4],
-        lag_ms: 0.0,
-        orientation_velocity: 0.0,
-        orientation_position: 0.0,
-    }
-}
-
-/// X, Y, Z with soft limits -100 to 200, A and C without; no B.
-fn settings() -> CoordinateSystemSettings {
-    let linear = |number| Some(motor(number, MotorKind::Linear));
-    let rotary = |number| Some(motor(number, MotorKind::Rotary));
-    CoordinateSystemSettings {
-        number: 1,
-        motors: [
-            linear(1),
-            linear(2),
-            linear(3),
-            rotary(4),
-            None,
-            rotary(5),
-            None,
-            None,
-        ],
-        spindle: None,
-        max_feedrate_mm_min: 10_000.0,
-        default_feedrate_mm_min: 0.0,
-        default_ta_ms: 100.0,
-        default_td_ms: 100.0,
-        default_ts_ms: 50.0,
-        rotary_feedrate_deg_min: 0.0,
-        override_slew_ms: 1000.0,
-        hold_slew_ms: 200.0,
-        servo_period_s: 0.001,
-    }
-}
-
-fn words(distance: Distance, values: &[(Axis, f64)]) -> AxisWords {
-    let mut vector = AxisVector::ZERO;
-    let mut named = AxisSet::EMPTY;
-    for &(axis, value) in values {
-        vector[axis] = value;
-        named.insert(axis);
-    }
-    AxisWords {
-        values: vector,
-        named,
-        distance,
-        frame: Frame::Work,
-    }
-}
-
-/// A block in G64 at F600 on this line.
-fn block(line: u32, action: Action) -> Block {
-    Block {
-        origin: Origin {
-            program: 1,
-            line,
-            column: 1,
-        },
-        action,
-        feed: Feed {
-            feedrate_mm_min: 600.0,
-            ta_ms: 100.0,
-            td_ms: 100.0,
-            ts_ms: 50.0,
-        },
-        path_control: PathControl::ContinuousPath,
-        exact_stop_before: false,
-        exact_stop_after: false,
-        multi_block: MultiBlock::Off,
-        compensation: Compensation::Off,
-    }
-}
-
-fn g01(line: u32, values: &[(Axis, f64)]) -> Block {
-    block(line, Action::Linear(words(Distance::Absolute, values)))
-}
-
-fn g00(line: u32, values: &[(Axis, f64)]) -> Block {
-    block(line, Action::Rapid(words(Distance::Absolute, values)))
-}
-
-fn stage() -> PathStage {
-    PathStage::new(&settings(), MachinePosition::default())
-}
-
-/// All segments of these blocks, with a flush at the end.
-fn run(blocks: &[Block]) -> Vec<Segment> {
-    let mut stage = stage();
-    let mut out = Vec::new();
-    for block in blocks {
-        stage.push(block, &mut out).unwrap();
-    }
-    stage.flush(&mut out).unwrap();
-    out
-}
-
-fn ends(segments: &[Segment]) -> Vec<(u32, SegmentEnd)> {
-    segments
-        .iter()
-        .map(|segment| (segment.origin.line, segment.end))
-        .collect()
-}
-
-fn target(segment: &Segment) -> [f64; 3] {
-    let end = match &segment.motion {
-        SegmentMotion::Feed { path, .. } => path.end(),
-        SegmentMotion::Rapid { to, .. } => *to,
-        SegmentMotion::Dwell { at, .. } => *at,
-    };
-    [end.0[0], end.0[1], end.0[2]]
-}
-
-fn near(values: [f64; 3], expected: [f64; 3]) {
-    let close = values.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12);
-    assert!(close, "{values:?} is not {expected:?}");
-}
-
-fn length_and_feed(segment: &Segment) -> (f64, f64) {
-    match &segment.motion {
-        SegmentMotion::Feed { path, feed } => (path.length(), feed.feedrate_mm_min),
-        other => panic!("not a cutting block: {other:?}"),
-    }
-}
-
-#[track_caller]
-fn refused(block: &Block, entry: &'static AlarmEntry) -> String {
-    let mut stage = stage();
-    let mut out = Vec::new();
-    let alarm = stage.push(block, &mut out).unwrap_err();
-    assert_eq!(alarm.entry, entry);
-    assert_eq!(alarm.origin, Some(block.origin));
-    stage.flush(&mut out).unwrap();
-    assert!(out.is_empty());
-    assert_eq!(stage.position(), MachinePosition::default());
-    alarm.text
-}
+use crate::rig::{
+    block, ends, g00, g01, length_and_feed, near, refused, run, settings, stage, target, words,
+};
 
 use Axis::{A, B, C, X, Y, Z};
 use SegmentEnd::{Continuous, ExactStop};
@@ -464,6 +312,37 @@ fn s1c_rapid_dwell_transform_and_a_block_without_movement_end_a_chain() {
 }
 
 #[test]
+fn m1c_with_g500_a_block_without_movement_ends_no_chain_but_rapid_dwell_and_g09_do() {
+    let with_g500 = |mut block: Block| {
+        block.multi_block = MultiBlock::On;
+        block
+    };
+    let mut exact = g01(2, &[(X, 1.0)]);
+    exact.exact_stop_before = true;
+    for (between, continuous) in [
+        (block(2, Action::None), true),
+        (g01(2, &[]), true),
+        (block(2, Action::Dwell { dwell_s: 0.5 }), false),
+        (g00(2, &[(X, 1.0)]), false),
+        (exact, false),
+    ] {
+        let blocks = [g01(1, &[(X, 1.0)]), between.clone(), g01(3, &[(X, 2.0)])].map(with_g500);
+        let out = run(&blocks);
+        assert_eq!(out[0].end == Continuous, continuous, "{between:?}");
+        let on = |segment: &Segment| {
+            matches!(
+                segment.motion,
+                SegmentMotion::Feed {
+                    multi_block: MultiBlock::On,
+                    ..
+                }
+            )
+        };
+        assert!(on(&out[0]), "the motion stage is told");
+    }
+}
+
+#[test]
 fn a_move_of_length_zero_gives_no_segment_but_keeps_its_exact_stop() {
     let still = |line| g01(line, &[(X, 1.0)]);
     let chain = |between: Block| ends(&run(&[g01(1, &[(X, 1.0)]), between, g01(3, &[(X, 2.0)])]));
@@ -496,7 +375,9 @@ fn segments_join_without_a_gap() {
     for segment in &segments {
         let (from, to) = match &segment.motion {
             SegmentMotion::Feed { path, .. } => (path.start(), path.end()),
-            SegmentMotion::Rapid { from, to } => (*from, *to),
+            SegmentMotion::Rapid { from, to }
+            | SegmentMotion::Skip { from, to }
+            | SegmentMotion::Tap { from, to, .. } => (*from, *to),
             SegmentMotion::Dwell { at, .. } => (*at, *at),
         };
         assert_eq!(from, at);

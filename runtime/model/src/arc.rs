@@ -1,0 +1,575 @@
+//! Circular, spiral, helical and conical paths (motion-semantics 1f).
+
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
+
+use crate::axis::{Axis, AxisVector};
+use crate::flow::{Plane, Turn};
+
+/// End and start in the same direction from the centre: closer than this, mm, they count as equal, and the arc is a
+/// full turn. Reason: rounding of the transforms before is about 1e-12.
+const SAME_DIRECTION: f64 = 1e-9;
+
+/// A change of radius below this share of it does not count in the arc length: it is rounding.
+const CONSTANT_RADIUS: f64 = 1e-12;
+
+/// Steps of Newton's method and of halving; both converge far earlier in all but the last bits.
+const STEPS_MAX: u32 = 60;
+
+/// A path whose plane axes turn about a centre with a radius linear in the angle, while all other axes go on
+/// linearly in the angle.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ArcPath {
+    from: AxisVector,
+    to: AxisVector,
+    plane: Plane,
+    centre: [f64; 2],
+    start_radius: f64,
+    /// End radius minus start radius.
+    growth: f64,
+    start_angle: f64,
+    /// Signed, counter-clockwise positive.
+    sweep: f64,
+    /// Distance of X, Y, Z outside the plane.
+    height: f64,
+    length: f64,
+}
+
+impl ArcPath {
+    /// The path from here to there about a centre, given as the values of the plane's two axes. Neither end may lie
+    /// on the centre. Equal directions of start and end give a full turn.
+    pub fn new(from: AxisVector, to: AxisVector, plane: Plane, centre: [f64; 2], turn: Turn) -> Self {
+        let [first, second] = plane.axes();
+        let start = [from[first] - centre[0], from[second] - centre[1]];
+        let end = [to[first] - centre[0], to[second] - centre[1]];
+        let (start_radius, end_radius) = (start[0].hypot(start[1]), end[0].hypot(end[1]));
+        let across = start[0] * end[1] - start[1] * end[0];
+        let along = start[0] * end[0] + start[1] * end[1];
+        let sense = match turn {
+            Turn::CounterClockwise => 1.0,
+            Turn::Clockwise => -1.0,
+        };
+        let angle = (sense * across).atan2(along);
+        let sweep = if angle.abs() * start_radius.max(end_radius) < SAME_DIRECTION {
+            TAU
+        } else if angle < 0.0 {
+            angle + TAU
+        } else {
+            angle
+        };
+        let way = to.minus(from);
+        let height = [Axis::X, Axis::Y, Axis::Z]
+            .into_iter()
+            .find(|&axis| axis != first && axis != second)
+            .map_or(0.0, |axis| way[axis].abs());
+        let mut path = Self {
+            from,
+            to,
+            plane,
+            centre,
+            start_radius,
+            growth: end_radius - start_radius,
+            start_angle: start[1].atan2(start[0]),
+            sweep: sense * sweep,
+            height,
+            length: 0.0,
+        };
+        path.length = path.length_to(1.0);
+        path
+    }
+
+    /// Start point.
+    pub fn start(&self) -> AxisVector {
+        self.from
+    }
+
+    /// End point.
+    pub fn end(&self) -> AxisVector {
+        self.to
+    }
+
+    /// Plane of the circle.
+    pub fn plane(&self) -> Plane {
+        self.plane
+    }
+
+    /// Centre, the values of the plane's two axes.
+    pub fn centre(&self) -> [f64; 2] {
+        self.centre
+    }
+
+    /// Radius at the start and at the end, mm.
+    pub fn radii(&self) -> [f64; 2] {
+        [self.start_radius, self.start_radius + self.growth]
+    }
+
+    /// Angle from start to end, radians, counter-clockwise positive.
+    pub fn sweep(&self) -> f64 {
+        self.sweep
+    }
+
+    /// Length over X, Y and Z, mm.
+    pub fn length(&self) -> f64 {
+        self.length
+    }
+
+    /// The point at `distance` mm from the start; both ends are exact.
+    pub fn point_at(&self, distance: f64) -> AxisVector {
+        if distance <= 0.0 {
+            self.from
+        } else if distance >= self.length {
+            self.to
+        } else {
+            self.point(self.share_at(distance))
+        }
+    }
+
+    /// Lowest and highest value of an axis at the end and at its turning points; the start does not count.
+    pub fn reach(&self, axis: Axis) -> [f64; 2] {
+        let mut reach = [self.to[axis]; 2];
+        let Some(place) = self
+            .plane
+            .axes()
+            .into_iter()
+            .position(|in_plane| in_plane == axis)
+        else {
+            return reach;
+        };
+        // The first axis turns where the direction of travel is a quarter turn off it, the second where it is level.
+        let offset = if place == 0 { FRAC_PI_2 } else { 0.0 };
+        let (a, b) = (self.travel_angle(0.0) - offset, self.travel_angle(1.0) - offset);
+        let (low, high) = (a.min(b), a.max(b));
+        let mut half_turns = (low / PI).ceil();
+        while half_turns * PI <= high {
+            let value = self.point(self.share_of_travel_angle(half_turns * PI + offset))[axis];
+            reach = [reach[0].min(value), reach[1].max(value)];
+            half_turns += 1.0;
+        }
+        reach
+    }
+
+    /// Bound of the change of an axis per mm of the path: exact where the radius is constant.
+    pub fn steepest(&self, axis: Axis) -> f64 {
+        let end_radius = self.start_radius + self.growth;
+        let rate = |radius: f64| self.growth.hypot(self.sweep * radius);
+        let Some(place) = self
+            .plane
+            .axes()
+            .into_iter()
+            .position(|in_plane| in_plane == axis)
+        else {
+            let slowest = rate(self.start_radius.min(end_radius)).hypot(self.height);
+            return (self.to[axis] - self.from[axis]).abs() / slowest;
+        };
+        let offset = if place == 0 { 0.0 } else { FRAC_PI_2 };
+        let (a, b) = (self.travel_angle(0.0) - offset, self.travel_angle(1.0) - offset);
+        let (low, high) = (a.min(b), a.max(b));
+        let straight_along = (low / PI).ceil() * PI <= high;
+        let share = if straight_along {
+            1.0
+        } else {
+            a.cos().abs().max(b.cos().abs())
+        };
+        let in_plane = rate(self.start_radius.max(end_radius));
+        share * in_plane / in_plane.hypot(self.height)
+    }
+
+    /// Angle that the path sweeps, always positive, rad.
+    pub fn swept(&self) -> f64 {
+        self.sweep.abs()
+    }
+
+    /// Distance from the start at a share of the angle, 0 to 1.
+    pub fn distance_at(&self, share: f64) -> f64 {
+        self.length_to(share)
+    }
+
+    /// First and second derivative of the point by the distance, at a distance from the start.
+    pub fn derivatives_at(&self, distance: f64) -> [AxisVector; 2] {
+        let share = self.share_at(distance.clamp(0.0, self.length));
+        let radius = self.start_radius + self.growth * share;
+        let rate = if self.is_circle() {
+            self.length
+        } else {
+            self.length_rate(radius)
+        };
+        let bend = -self.sweep * self.sweep * radius * self.growth / (rate * rate * rate * rate);
+        let way = self.to.minus(self.from);
+        let mut derivatives = [way.scaled(1.0 / rate), way.scaled(bend)];
+        let (sin, cos) = (self.start_angle + self.sweep * share).sin_cos();
+        let (g, turn) = (self.growth, self.sweep * radius);
+        let [first, second] = self.plane.axes();
+        for (axis, along, across) in [(first, cos, -sin), (second, sin, cos)] {
+            let once = g * along + turn * across;
+            let twice = self.sweep * (2.0 * g * across - turn * along);
+            derivatives[0][axis] = once / rate;
+            derivatives[1][axis] = twice / (rate * rate) + once * bend;
+        }
+        derivatives
+    }
+
+    /// Bounds of the first to fourth derivative of each axis by the distance, between two distances from the start.
+    ///
+    /// With the share u of the angle and `l = ds/du`, `|l'| <= e = |A g|`, so `|u''| <= e/l^3`, `|u'''| <= 4 e^2/l^5`,
+    /// `|u''''| <= 28 e^3/l^7`; in the plane the n-th derivative by u is at most `|A|^(n-1) hypot(n g, A r)`.
+    pub fn derivative_bounds(&self, from: f64, to: f64) -> [AxisVector; 4] {
+        let way = self.to.minus(self.from);
+        let mut all = [AxisVector::ZERO; 4];
+        if self.is_circle() {
+            let turn = self.sweep.abs() / self.length;
+            all[0] = way
+                .scaled(1.0 / self.length)
+                .zip(AxisVector::ZERO, |slope, _| slope.abs());
+            let mut bound = self.start_radius;
+            for vector in &mut all {
+                bound *= turn;
+                for axis in self.plane.axes() {
+                    vector[axis] = bound;
+                }
+            }
+            return all;
+        }
+        let radius_at =
+            |distance: f64| self.start_radius + self.growth * self.share_at(distance.clamp(0.0, self.length));
+        let radii = [radius_at(from), radius_at(to)];
+        let (small, large) = (radii[0].min(radii[1]), radii[0].max(radii[1]));
+        let (sweep, growth) = (self.sweep.abs(), self.growth.abs());
+        let u1 = 1.0 / self.length_rate(small);
+        let e = sweep * growth;
+        let (u2, u3, u4) = (
+            e * u1.powi(3),
+            4.0 * e * e * u1.powi(5),
+            28.0 * e * e * e * u1.powi(7),
+        );
+        let bounds = |d: [f64; 4]| {
+            [
+                d[0] * u1,
+                d[1] * u1 * u1 + d[0] * u2,
+                d[2] * u1 * u1 * u1 + 3.0 * d[1] * u1 * u2 + d[0] * u3,
+                d[3] * u1.powi(4)
+                    + 6.0 * d[2] * u1 * u1 * u2
+                    + d[1] * (4.0 * u1 * u3 + 3.0 * u2 * u2)
+                    + d[0] * u4,
+            ]
+        };
+        let turn = sweep * large;
+        let in_plane = bounds(std::array::from_fn(|k| {
+            let n = k as f64 + 1.0;
+            (n * growth).hypot(turn) * [1.0, sweep, sweep * sweep, sweep * sweep * sweep][k]
+        }));
+        for axis in Axis::ALL {
+            let of_axis = if self.plane.axes().contains(&axis) {
+                in_plane
+            } else {
+                bounds([way[axis].abs(), 0.0, 0.0, 0.0])
+            };
+            for (vector, bound) in all.iter_mut().zip(of_axis) {
+                vector[axis] = bound;
+            }
+        }
+        all
+    }
+
+    /// The point at a share of the angle, 0 to 1.
+    fn point(&self, share: f64) -> AxisVector {
+        let mut point = self.from.plus(self.to.minus(self.from).scaled(share));
+        let (sin, cos) = (self.start_angle + self.sweep * share).sin_cos();
+        let radius = self.start_radius + self.growth * share;
+        let [first, second] = self.plane.axes();
+        point[first] = self.centre[0] + radius * cos;
+        point[second] = self.centre[1] + radius * sin;
+        point
+    }
+
+    fn is_circle(&self) -> bool {
+        self.growth.abs() <= CONSTANT_RADIUS * self.start_radius
+    }
+
+    /// Change of the arc length with the share of the angle.
+    fn length_rate(&self, radius: f64) -> f64 {
+        (self.sweep * radius).hypot(self.growth.hypot(self.height))
+    }
+
+    /// Arc length up to a share u of the angle: the integral of `sqrt(A^2 r^2 + k^2)`, `r = r0 + g u`, A the sweep,
+    /// `k^2 = g^2 + height^2`, which is `[r q + k^2/A asinh(A r/k)]/(2 g)` with `q` the root. The differences are
+    /// written without cancellation, so that a small g costs no digits.
+    fn length_to(&self, share: f64) -> f64 {
+        let start = self.start_radius;
+        if self.is_circle() {
+            return share * self.length_rate(start);
+        }
+        let sweep = self.sweep.abs();
+        let rest = self.growth.hypot(self.height);
+        let radius = start + self.growth * share;
+        let (q, q_start) = (self.length_rate(radius), self.length_rate(start));
+        let (a, b) = (sweep * radius / rest, sweep * start / rest);
+        let slope = (a + b) / (a * b.hypot(1.0) + b * a.hypot(1.0));
+        // asinh(a) - asinh(b) = asinh(x)
+        let x = (a - b) * slope;
+        let asinh_over_x = if x.abs() < 1e-5 {
+            1.0 - x * x / 6.0
+        } else {
+            x.asinh() / x
+        };
+        let product = q + start * sweep * sweep * (radius + start) / (q + q_start);
+        share * 0.5 * (product + rest * slope * asinh_over_x)
+    }
+
+    /// The share of the angle at an arc length between 0 and the path's: Newton's method, kept in its bracket.
+    fn share_at(&self, distance: f64) -> f64 {
+        if self.is_circle() {
+            return distance / self.length;
+        }
+        let (mut low, mut high) = (0.0, 1.0);
+        let mut share = distance / self.length;
+        for _ in 0..STEPS_MAX {
+            let error = self.length_to(share) - distance;
+            if error > 0.0 {
+                high = share;
+            } else {
+                low = share;
+            }
+            let next = share - error / self.length_rate(self.start_radius + self.growth * share);
+            let next = if next > low && next < high {
+                next
+            } else {
+                f64::midpoint(low, high)
+            };
+            if (next - share).abs() <= f64::EPSILON {
+                return next;
+            }
+            share = next;
+        }
+        share
+    }
+
+    /// Direction of travel in the plane at a share of the angle, counter-clockwise from the first axis; it only grows,
+    /// or only falls, along the path.
+    fn travel_angle(&self, share: f64) -> f64 {
+        let radius = self.start_radius + self.growth * share;
+        let off_radius = (self.sweep * radius).atan2(self.growth);
+        self.start_angle + self.sweep * share + off_radius
+    }
+
+    /// Where the direction of travel is this, by halving.
+    fn share_of_travel_angle(&self, angle: f64) -> f64 {
+        if self.is_circle() {
+            return ((angle - self.travel_angle(0.0)) / self.sweep).clamp(0.0, 1.0);
+        }
+        let (mut low, mut high) = (0.0, 1.0);
+        for _ in 0..STEPS_MAX {
+            let share = f64::midpoint(low, high);
+            if (self.travel_angle(share) - angle) * self.sweep > 0.0 {
+                high = share;
+            } else {
+                low = share;
+            }
+        }
+        f64::midpoint(low, high)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn xyz(x: f64, y: f64, z: f64) -> AxisVector {
+        AxisVector([x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0])
+    }
+
+    fn close(a: f64, b: f64) {
+        assert!((a - b).abs() < 1e-9, "{a} is not {b}");
+    }
+
+    /// Length by summing chords of twenty thousand points of `r = r0 + g u`.
+    fn length_by_chords(r0: f64, r1: f64, sweep: f64, height: f64, share: f64) -> f64 {
+        let n = 20_000;
+        let at = |i: i32| {
+            let u = share * f64::from(i) / f64::from(n);
+            let (r, a) = (r0 + (r1 - r0) * u, sweep * u);
+            [r * a.cos(), r * a.sin(), height * u]
+        };
+        (0..n)
+            .map(|i| {
+                let (p, q) = (at(i), at(i + 1));
+                (0..3).map(|k| (q[k] - p[k]).powi(2)).sum::<f64>().sqrt()
+            })
+            .sum()
+    }
+
+    #[test]
+    fn s1f_equal_directions_are_a_full_turn_and_the_sweep_follows_the_sense() {
+        for (turn, end, turns) in [
+            (Turn::CounterClockwise, xyz(0.0, 10.0, 0.0), 0.25),
+            (Turn::Clockwise, xyz(0.0, 10.0, 0.0), 0.75),
+            (Turn::CounterClockwise, xyz(10.0, 0.0, 0.0), 1.0),
+            (Turn::Clockwise, xyz(10.0, 1e-12, 0.0), 1.0),
+            (Turn::Clockwise, xyz(-10.0, 0.0, 0.0), 0.5),
+        ] {
+            let path = ArcPath::new(xyz(10.0, 0.0, 0.0), end, Plane::Xy, [0.0, 0.0], turn);
+            close(path.length(), turns * TAU * 10.0);
+            let sense = if turn == Turn::CounterClockwise { 1.0 } else { -1.0 };
+            let angle = sense * turns * TAU / 3.0;
+            let third = path.point_at(path.length() / 3.0);
+            close(third[Axis::X], 10.0 * angle.cos());
+            close(third[Axis::Y], 10.0 * angle.sin());
+        }
+    }
+
+    #[test]
+    fn s1f_each_plane_turns_its_first_axis_towards_its_second() {
+        for plane in [Plane::Xy, Plane::Zx, Plane::Yz] {
+            let [first, second] = plane.axes();
+            let (mut from, mut to) = (AxisVector::ZERO, AxisVector::ZERO);
+            from[first] = 4.0;
+            to[second] = 4.0;
+            let path = ArcPath::new(from, to, plane, [0.0, 0.0], Turn::CounterClockwise);
+            let middle = path.point_at(path.length() / 2.0);
+            close(middle[first], 8.0_f64.sqrt());
+            close(middle[second], 8.0_f64.sqrt());
+        }
+    }
+
+    #[test]
+    fn s1f_a_helix_is_linear_in_the_angle_and_its_length_is_that_of_x_y_z() {
+        let mut to = xyz(10.0, 0.0, 7.0);
+        to[Axis::A] = 90.0;
+        let path = ArcPath::new(
+            xyz(10.0, 0.0, 0.0),
+            to,
+            Plane::Xy,
+            [0.0, 0.0],
+            Turn::CounterClockwise,
+        );
+        close(path.length(), (TAU * 10.0).hypot(7.0));
+        let quarter = path.point_at(path.length() / 4.0);
+        close(quarter[Axis::Y], 10.0);
+        close(quarter[Axis::Z], 1.75);
+        close(quarter[Axis::A], 22.5);
+    }
+
+    #[test]
+    fn s1f_spirals_and_cones_have_their_radius_linear_in_the_angle() {
+        for (r0, r1, height) in [
+            (50.0, 40.0, 0.0),
+            (50.0, 10.0, 0.0),
+            (1.0, 30.0, 25.0),
+            (10.0, 10.001, 3.0),
+            (10.0, 10.0 + 1e-7, 0.0),
+            (20.0, 0.001, 0.0),
+        ] {
+            let path = ArcPath::new(
+                xyz(r0, 0.0, 0.0),
+                xyz(0.0, -r1, height),
+                Plane::Xy,
+                [0.0, 0.0],
+                Turn::CounterClockwise,
+            );
+            let sweep = 1.5 * PI;
+            for share in [0.1, 0.5, 0.9, 1.0] {
+                let distance = length_by_chords(r0, r1, sweep, height, share);
+                let (r, a) = (r0 + (r1 - r0) * share, sweep * share);
+                let point = path.point_at(distance);
+                // Chords are shorter by about length/24 (angle step)^2.
+                let error = (point[Axis::X] - r * a.cos()).hypot(point[Axis::Y] - r * a.sin());
+                assert!(error < 1e-6, "{r0} to {r1} at {share}: {error}");
+                assert!((point[Axis::Z] - height * share).abs() < 1e-6);
+            }
+            assert_eq!(path.point_at(path.length()), path.end());
+            assert_eq!(path.point_at(0.0), path.start());
+        }
+    }
+
+    #[test]
+    fn derivatives_are_those_of_the_points_and_within_their_bounds() {
+        for (r0, r1, height) in [
+            (50.0, 50.0, 0.0),
+            (10.0, 10.0, 4.0),
+            (50.0, 20.0, 0.0),
+            (1.0, 5.0, 3.0),
+        ] {
+            let mut to = xyz(0.0, -r1, height);
+            to[Axis::A] = 30.0;
+            let path = ArcPath::new(
+                xyz(r0, 0.0, 0.0),
+                to,
+                Plane::Xy,
+                [0.0, 0.0],
+                Turn::CounterClockwise,
+            );
+            let step = path.length() / 4000.0;
+            for k in 1..20 {
+                let s = path.length() * f64::from(k) / 20.0;
+                let [first, second] = path.derivatives_at(s);
+                let bounds = path.derivative_bounds(s - 2.0 * step, s + 2.0 * step);
+                let points: Vec<AxisVector> =
+                    (-2..=2).map(|n| path.point_at(s + f64::from(n) * step)).collect();
+                for axis in [Axis::X, Axis::Y, Axis::Z, Axis::A] {
+                    let p: Vec<f64> = points.iter().map(|point| point[axis]).collect();
+                    let differences = [
+                        (p[3] - p[1]) / (2.0 * step),
+                        (p[3] - 2.0 * p[2] + p[1]) / (step * step),
+                        (p[4] - 2.0 * p[3] + 2.0 * p[1] - p[0]) / (2.0 * step.powi(3)),
+                        (p[4] - 4.0 * p[3] + 6.0 * p[2] - 4.0 * p[1] + p[0]) / step.powi(4),
+                    ];
+                    assert!((differences[0] - first[axis]).abs() < 1e-5);
+                    assert!((differences[1] - second[axis]).abs() < 1e-4);
+                    for (n, difference) in differences.into_iter().enumerate() {
+                        // Rounding of the points, 1e-14, over the step.
+                        let rounding = 1e-13 * step.powi(-(i32::try_from(n).unwrap() + 1));
+                        assert!(
+                            difference.abs() <= bounds[n][axis] * (1.0 + 1e-5) + 16.0 * rounding,
+                            "{axis:?} {n}"
+                        );
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn reach_and_steepest_hold_for_every_point_and_are_met_by_one() {
+        for (n, (r1, height, turn)) in [
+            (10.0, 0.0, Turn::CounterClockwise),
+            (10.0, 4.0, Turn::Clockwise),
+            (25.0, 0.0, Turn::Clockwise),
+            (3.0, 40.0, Turn::CounterClockwise),
+        ]
+        .into_iter()
+        .enumerate()
+        {
+            for k in 0..12 {
+                let end = f64::from(k) * TAU / 12.0 + 0.05;
+                let to = xyz(2.0 + r1 * end.cos(), 1.0 + r1 * end.sin(), height);
+                let path = ArcPath::new(xyz(12.0, 1.0, 0.0), to, Plane::Xy, [2.0, 1.0], turn);
+                for axis in [Axis::X, Axis::Y, Axis::Z] {
+                    let steps = 1000;
+                    let at = |i: i32| path.point_at(path.length() * f64::from(i) / f64::from(steps))[axis];
+                    let [low, high] = path.reach(axis);
+                    let (mut lowest, mut highest, mut steepest) = (f64::MAX, f64::MIN, 0.0_f64);
+                    for i in 1..=steps {
+                        let value = at(i);
+                        lowest = lowest.min(value);
+                        highest = highest.max(value);
+                        let step = path.length() / f64::from(steps);
+                        steepest = steepest.max((value - at(i - 1)).abs() / step);
+                    }
+                    let (lowest, highest) = (lowest.min(at(0)), highest.max(at(0)));
+                    // A turning point between two samples is higher by at most r (half a step)^2/2.
+                    assert!(
+                        (lowest - low.min(at(0))).abs() < 2e-4,
+                        "{n} {k} {axis:?}: {lowest} {low}"
+                    );
+                    assert!(
+                        (highest - high.max(at(0))).abs() < 2e-4,
+                        "{n} {k} {axis:?}: {highest} {high}"
+                    );
+                    let bound = path.steepest(axis);
+                    assert!(steepest <= bound + 1e-9, "{n} {k} {axis:?}: {steepest} {bound}");
+                    if n < 2 {
+                        assert!(steepest >= bound - 1e-3, "{n} {k} {axis:?}: {steepest} {bound}");
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,165 @@
+//! One motor alone, from rest to rest (motion-semantics 1e).
+
+use crate::ramp::UnitRamp;
+
+/// The shortest way of one motor over a distance with limited speed, acceleration and jerk, from rest to rest; all
+/// zero: it stays.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct MotorMove {
+    /// Signed peak velocity, units per second.
+    pub velocity: f64,
+    /// Time of each of the two ramps, jerk phases included, s.
+    pub ramp_s: f64,
+    /// Time of each of the two jerk phases of a ramp, s, at most half of `ramp_s`; 0: jerk is not limited.
+    pub jerk_s: f64,
+    /// Time at peak velocity, s.
+    pub cruise_s: f64,
+}
+
+impl MotorMove {
+    /// Time from start to rest, s.
+    pub fn duration_s(&self) -> f64 {
+        2.0 * self.ramp_s + self.cruise_s
+    }
+
+    /// The shortest move from rest to rest over a signed distance; a distance of 0 is no move.
+    ///
+    /// Without a jerk limit: trapezoid, or triangle when `D < v^2/a`. With one, the ramp to a speed w has jerk phases of
+    /// `ts` and an acceleration time `ta = w/a_peak`: `ts = a/j` where w is enough to reach a (`w >= a^2/j`), else
+    /// `ts = ta = sqrt(w/j)`. Both ramps take the distance `w (ta + ts)`; w is the limit, or the speed at which that is D.
+    pub fn shortest(distance: f64, limits: MotorLimits) -> Self {
+        let way = distance.abs();
+        if way == 0.0 {
+            return Self::default();
+        }
+        let (peak, ramp_s, jerk_s) = match limits.jerk {
+            None => without_jerk_limit(way, limits.velocity, limits.acceleration),
+            Some(jerk) => with_jerk_limit(way, limits.velocity, limits.acceleration, jerk),
+        };
+        Self {
+            velocity: peak.copysign(distance),
+            ramp_s,
+            jerk_s,
+            cruise_s: (way / peak - ramp_s).max(0.0),
+        }
+    }
+
+    /// Signed velocity `t_s` seconds after the start.
+    pub fn velocity_at(&self, t_s: f64) -> f64 {
+        let left = self.duration_s() - t_s;
+        if self.ramp_s <= 0.0 || t_s <= 0.0 || left <= 0.0 {
+            return 0.0;
+        }
+        let ramp = UnitRamp::new(self.ramp_s - self.jerk_s, self.jerk_s);
+        self.velocity * ramp.speed(t_s).min(ramp.speed(left))
+    }
+
+    /// Distance from the start after `t_s` seconds.
+    pub fn distance(&self, t_s: f64) -> f64 {
+        let Self {
+            velocity,
+            ramp_s,
+            jerk_s,
+            cruise_s,
+        } = *self;
+        if ramp_s <= 0.0 || t_s <= 0.0 {
+            return 0.0;
+        }
+        let ramp = UnitRamp::new(ramp_s - jerk_s, jerk_s);
+        if t_s <= ramp_s + cruise_s {
+            velocity * ramp.distance(t_s)
+        } else {
+            let left = (self.duration_s() - t_s).max(0.0);
+            velocity * (ramp_s + cruise_s - ramp.distance(left))
+        }
+    }
+}
+
+/// Limits of one motor, all above zero.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MotorLimits {
+    /// Units per second.
+    pub velocity: f64,
+    /// Units per second squared.
+    pub acceleration: f64,
+    /// Units per second cubed; `None`: not limited.
+    pub jerk: Option<f64>,
+}
+
+/// Peak speed, ramp time and jerk time.
+fn without_jerk_limit(way: f64, velocity: f64, acceleration: f64) -> (f64, f64, f64) {
+    if way >= velocity * velocity / acceleration {
+        (velocity, velocity / acceleration, 0.0)
+    } else {
+        // D = w^2/a; the ramp time from D and w keeps w * ramp = D to the last bit or two.
+        let peak = (way * acceleration).sqrt();
+        (peak, way / peak, 0.0)
+    }
+}
+
+/// Peak speed, ramp time and jerk time.
+fn with_jerk_limit(way: f64, velocity: f64, acceleration: f64, jerk: f64) -> (f64, f64, f64) {
+    let full_jerk_s = acceleration / jerk;
+    let full = if velocity >= acceleration * full_jerk_s {
+        (velocity, velocity / acceleration + full_jerk_s, full_jerk_s)
+    } else {
+        let jerk_s = (velocity / jerk).sqrt();
+        (velocity, 2.0 * jerk_s, jerk_s)
+    };
+    if way >= full.0 * full.1 {
+        return full;
+    }
+    // Below the speed limit: D = w (w/a + a/j) while that w reaches a, else D = 2 w sqrt(w/j).
+    if way >= 2.0 * acceleration * full_jerk_s * full_jerk_s {
+        let discriminant = full_jerk_s * full_jerk_s + 4.0 * way / acceleration;
+        let peak = 2.0 * way / (full_jerk_s + discriminant.sqrt());
+        (peak, way / peak, full_jerk_s)
+    } else {
+        let jerk_s = (way / (2.0 * jerk)).cbrt();
+        (jerk * jerk_s * jerk_s, 2.0 * jerk_s, jerk_s)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn close(a: f64, b: f64) {
+        assert!((a - b).abs() < 1e-12, "{a} is not {b}");
+    }
+
+    #[test]
+    fn s1e_a_motor_move_without_jerk_limit_is_a_trapezoid() {
+        // v = 10, a = 100: ramps of 0.1 s, 0.5 each; cruise 0.2 s, 2.0
+        let trapezoid = MotorMove {
+            velocity: 10.0,
+            ramp_s: 0.1,
+            jerk_s: 0.0,
+            cruise_s: 0.2,
+        };
+        close(trapezoid.duration_s(), 0.4);
+        close(trapezoid.distance(0.05), 100.0 * 0.05 * 0.05 / 2.0);
+        close(trapezoid.distance(0.1), 0.5);
+        close(trapezoid.distance(0.2), 1.5);
+        close(trapezoid.distance(0.35), 3.0 - 100.0 * 0.05 * 0.05 / 2.0);
+        close(trapezoid.distance(0.4), 3.0);
+        close(trapezoid.distance(9.0), 3.0);
+    }
+
+    #[test]
+    fn s1e_a_motor_move_with_jerk_limit_has_seven_phases() {
+        // v = -8, ramp 0.2 s of jerk 0.05, constant 0.1, jerk 0.05: ta = 0.15, a = 8/0.15, j = a/0.05
+        let shaped = MotorMove {
+            velocity: -8.0,
+            ramp_s: 0.2,
+            jerk_s: 0.05,
+            cruise_s: 0.1,
+        };
+        let jerk = 8.0 / 0.15 / 0.05;
+        close(shaped.distance(0.04), -jerk * 0.04_f64.powi(3) / 6.0);
+        close(shaped.distance(0.2), -8.0 * 0.1);
+        close(shaped.distance(0.3), -8.0 * 0.2);
+        close(shaped.distance(0.46), -8.0 * 0.3 + jerk * 0.04_f64.powi(3) / 6.0);
+        close(shaped.distance(0.5), -8.0 * 0.3);
+    }
+}

@@ -1,0 +1,127 @@
+//! How fast a profile goes through its plan: with G500 slower than planned wherever a motor would exceed its maximum
+//! acceleration (motion-semantics 1d).
+//!
+//! Plan time is the time of the motion without look-ahead. The square of its rate is linear in plan time on each piece;
+//! so in time the rate is linear and plan time quadratic, in closed form.
+
+/// The most pieces of one pace; a block that needs more takes several profiles.
+pub const PACE_PIECES_MAX: usize = 8;
+
+/// Plan time as a function of time, over one profile.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pace {
+    pieces: [PacePiece; PACE_PIECES_MAX],
+    count: usize,
+    /// Plan time at the end of the profile, s.
+    pub ends_s: f64,
+    /// Once this profile is known, the motion may go on to the end of this segment: from there it can still come to rest
+    /// within what is known then.
+    pub free_to: u64,
+}
+
+/// A piece of a pace.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct PacePiece {
+    /// Time of its begin within the profile, s.
+    pub begins_s: f64,
+    /// Plan time at its begin, s.
+    pub plan_s: f64,
+    /// Plan time per time at its begin; 1: as planned.
+    pub rate: f64,
+    /// Change of the rate per second.
+    pub rate_change: f64,
+    /// What the motors leave to overrides and feed hold.
+    pub room: SlewRoom,
+}
+
+/// How fast an override factor `o`, 0 to 1, may change without any motor above its maximum acceleration a: velocity V and
+/// acceleration A at 100 percent become `V o` and `A o^2 + V o'` (motion-semantics 1i).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SlewRoom {
+    /// Smallest a/|V|, per second.
+    pub slope: f64,
+    /// Largest share of a that a motor brakes with, 0 to 1.
+    pub braking: f64,
+    /// Largest share of a that a motor speeds up with, 0 to 1.
+    pub driving: f64,
+}
+
+impl Default for SlewRoom {
+    fn default() -> Self {
+        Self {
+            slope: f64::INFINITY,
+            braking: 0.0,
+            driving: 0.0,
+        }
+    }
+}
+
+impl SlewRoom {
+    /// What both leave.
+    #[must_use]
+    pub fn worst(self, other: SlewRoom) -> Self {
+        Self {
+            slope: self.slope.min(other.slope),
+            braking: self.braking.max(other.braking),
+            driving: self.driving.max(other.driving),
+        }
+    }
+
+    /// Largest fall of the override factor per second, from `factor` on.
+    pub fn fall(self, factor: f64) -> f64 {
+        self.slope * (1.0 - self.braking * factor * factor).max(0.0)
+    }
+
+    /// Largest rise of the override factor per second, from `factor` on, to at most 1 within `period_s`:
+    /// `s = slope (1 - driving (o + s T)^2)`, with `(o + s T)^2 <= o^2 + 2 s T`.
+    pub fn rise(self, factor: f64, period_s: f64) -> f64 {
+        let room = (1.0 - self.driving * factor * factor).max(0.0);
+        room / (1.0 / self.slope + 2.0 * self.driving * period_s)
+    }
+}
+
+impl Pace {
+    /// A pace of these pieces, in order; those beyond [`PACE_PIECES_MAX`] are left out.
+    pub fn new(pieces: &[PacePiece], ends_s: f64, free_to: u64) -> Self {
+        let mut kept = [PacePiece::default(); PACE_PIECES_MAX];
+        for (place, piece) in kept.iter_mut().zip(pieces) {
+            *place = *piece;
+        }
+        Self {
+            pieces: kept,
+            count: pieces.len().min(PACE_PIECES_MAX),
+            ends_s,
+            free_to,
+        }
+    }
+
+    /// The pieces in order.
+    pub fn pieces(&self) -> &[PacePiece] {
+        self.pieces.get(..self.count).unwrap_or(&[])
+    }
+
+    /// Plan time `t_s` seconds after the start of the profile, s.
+    pub fn plan_time(&self, t_s: f64) -> f64 {
+        let pieces = self.pieces();
+        let begun = pieces.partition_point(|piece| piece.begins_s <= t_s);
+        let Some(piece) = pieces.get(begun.saturating_sub(1)) else {
+            return self.ends_s;
+        };
+        let past_s = (t_s - piece.begins_s).max(0.0);
+        let plan_s = piece.plan_s + past_s * (piece.rate + piece.rate_change * past_s / 2.0);
+        plan_s.min(self.ends_s)
+    }
+
+    /// What the motors leave from one time of the profile to another.
+    pub fn room(&self, from_s: f64, to_s: f64) -> SlewRoom {
+        let pieces = self.pieces();
+        let first = pieces
+            .partition_point(|piece| piece.begins_s <= from_s)
+            .saturating_sub(1);
+        pieces
+            .iter()
+            .skip(first)
+            .take_while(|piece| piece.begins_s <= from_s.max(to_s))
+            .fold(SlewRoom::default(), |room, piece| room.worst(piece.room))
+    }
+}

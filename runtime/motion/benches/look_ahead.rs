@@ -1,0 +1,201 @@
+//! Speed of the path and motion stages over a million short blocks with G500, and with everything before them.
+//!
+//! Blocks a second on a 2-core AMD EPYC VM, one core, the other one busy (medians):
+//!
+//! | program | path and plan | from text to profiles |
+//! | --- | --- | --- |
+//! | lines of 0.1 to 1 mm, F3000 | 1,060,000 | 830,000 |
+//! | the same, F24000, beyond the limits where the spiral is narrow | 840,000 | |
+//! | quarter circles of 1 mm, left and right, F3000 | 165,000 | 140,000 |
+
+use std::collections::{BTreeMap, VecDeque};
+use std::fmt::Write as _;
+use std::sync::Arc;
+
+use divan::Bencher;
+use divan::counter::ItemsCount;
+use tandem_interp::{Inputs, Interpreter};
+use tandem_model::flow::{Block, Item};
+use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings, Tool, WorkOffsets};
+use tandem_model::{AxisVector, MachinePosition, Variables};
+use tandem_motion::Planner;
+use tandem_path::PathStage;
+use tandem_syntax::{Grammar, NcProgram, parse};
+
+const BLOCKS: usize = 1_000_000;
+
+fn main() {
+    divan::main();
+}
+
+/// A spiral of short straight blocks, as a CAM system writes them.
+fn lines(feedrate: u32) -> String {
+    let mut text = String::with_capacity(BLOCKS * 20);
+    let _ = writeln!(text, "G17 G90 G64 G500 G01 F{feedrate} X0 Y0");
+    for i in 2..BLOCKS {
+        let angle = i as f64 * 0.01;
+        let radius = 10.0 + i as f64 * 0.000_1;
+        let _ = writeln!(text, "X{:.3}Y{:.3}", radius * angle.cos(), radius * angle.sin());
+    }
+    text.push_str("M30\n");
+    text
+}
+
+/// The same length as a wave of quarter circles, left and right in turn.
+fn arcs(feedrate: u32) -> String {
+    let mut text = String::with_capacity(BLOCKS * 24);
+    let _ = writeln!(text, "G17 G91 G64 G500 G01 F{feedrate} X1");
+    for i in 2..BLOCKS {
+        let block = match i % 4 {
+            0 => "G03X1Y1I0J1",
+            1 => "G02X1Y1I1J0",
+            2 => "G02X1Y-1I0J-1",
+            _ => "G03X1Y-1I1J0",
+        };
+        text.push_str(block);
+        text.push('\n');
+    }
+    text.push_str("M30\n");
+    text
+}
+
+fn motor() -> MotorSettings {
+    MotorSettings {
+        number: 1,
+        kind: MotorKind::Linear,
+        max_velocity: 500.0,
+        max_acceleration: 5000.0,
+        max_jerk: None,
+        rapid_velocity: 500.0,
+        rapid_acceleration: 5000.0,
+        skip_velocity: 50.0,
+        in_position: 0.01,
+        in_position_timeout_ms: 2000.0,
+        soft_limits: None,
+        reference_points: [0.0; 4],
+        lag_ms: 0.0,
+        orientation_velocity: 0.0,
+        orientation_position: 0.0,
+    }
+}
+
+fn settings() -> CoordinateSystemSettings {
+    CoordinateSystemSettings {
+        motors: std::array::from_fn(|i| (i < 3).then(motor)),
+        max_feedrate_mm_min: 60_000.0,
+        ..CoordinateSystemSettings::default()
+    }
+}
+
+/// Calls `each` with all blocks of a program.
+fn interpret(program: &Arc<NcProgram>, mut each: impl FnMut(Block)) {
+    let programs = BTreeMap::new();
+    let work_offsets = WorkOffsets::default();
+    let variables = Variables::default();
+    let inputs = Inputs {
+        programs: &programs,
+        optional_skip: 0,
+        work_offsets: &work_offsets,
+        variables: &variables,
+        tool: Tool::default(),
+        captured: [0.0; 8],
+        position: AxisVector::ZERO,
+    };
+    let mut interpreter = Interpreter::new(&settings());
+    interpreter.start(Arc::clone(program), 1);
+    loop {
+        let item = interpreter.next(&inputs);
+        assert!(item.is_ok());
+        match item {
+            Ok(Item::Block(block)) => each(block),
+            Ok(Item::End(_)) | Err(_) => return,
+            Ok(_) => {}
+        }
+    }
+}
+
+/// Path and motion, profiles thrown away as the servo takes them.
+struct Stages {
+    path: PathStage,
+    planner: Planner,
+    segments: Vec<tandem_model::flow::Segment>,
+    profiles: VecDeque<tandem_model::profile::Profile>,
+    planned: usize,
+}
+
+impl Stages {
+    fn new() -> Self {
+        Self {
+            path: PathStage::new(&settings(), MachinePosition::default()),
+            planner: Planner::new(&settings()),
+            segments: Vec::new(),
+            profiles: VecDeque::new(),
+            planned: 0,
+        }
+    }
+
+    fn push(&mut self, block: &Block) {
+        let taken = self.path.push(block, &mut self.segments);
+        assert!(taken.is_ok());
+        for segment in self.segments.drain(..) {
+            assert!(self.planner.push(&segment, &mut self.profiles).is_ok());
+        }
+        self.planned += self.profiles.len();
+        self.profiles.clear();
+    }
+
+    fn finish(mut self) {
+        assert!(self.planner.flush(&mut self.profiles).is_ok());
+        assert!(self.planned + self.profiles.len() >= BLOCKS - 2);
+    }
+}
+
+fn path_and_plan(bencher: Bencher<'_, '_>, program: String) {
+    let program = Arc::new(parse(program, Grammar::nj()).0);
+    let mut blocks = Vec::new();
+    interpret(&program, |block| blocks.push(block));
+    bencher.counter(ItemsCount::new(BLOCKS)).bench_local(|| {
+        let mut stages = Stages::new();
+        for block in &blocks {
+            stages.push(block);
+        }
+        stages.finish();
+    });
+}
+
+/// At F as programmed nothing exceeds a limit.
+#[divan::bench(sample_count = 3)]
+fn lines_path_and_plan(bencher: Bencher<'_, '_>) {
+    path_and_plan(bencher, lines(3000));
+}
+
+/// Twice as fast as the curve allows at its begin.
+#[divan::bench(sample_count = 3)]
+fn lines_beyond_the_limits_path_and_plan(bencher: Bencher<'_, '_>) {
+    path_and_plan(bencher, lines(24_000));
+}
+
+#[divan::bench(sample_count = 3)]
+fn arcs_path_and_plan(bencher: Bencher<'_, '_>) {
+    path_and_plan(bencher, arcs(3000));
+}
+
+#[divan::bench(sample_count = 3)]
+fn lines_from_text_to_profiles(bencher: Bencher<'_, '_>) {
+    from_text(bencher, lines(3000));
+}
+
+#[divan::bench(sample_count = 3)]
+fn arcs_from_text_to_profiles(bencher: Bencher<'_, '_>) {
+    from_text(bencher, arcs(3000));
+}
+
+fn from_text(bencher: Bencher<'_, '_>, program: String) {
+    let source: Arc<str> = program.into();
+    bencher.counter(ItemsCount::new(BLOCKS)).bench_local(|| {
+        let program = Arc::new(parse(Arc::clone(&source), Grammar::nj()).0);
+        let mut stages = Stages::new();
+        interpret(&program, |block| stages.push(&block));
+        stages.finish();
+    });
+}

@@ -1,0 +1,189 @@
+//! A chain of blended blocks between two stops (motion-semantics 1b, G64 with G501).
+//!
+//! One ramp at each joint, centred on the time `t_i = t_(i-1) + L_i/v_i` at which the block would end without ramps;
+//! it slows the block before and speeds the next one up at once. A ramp never reaches beyond the middle of the blocks
+//! beside it, so at any time at most two blocks move, and a block's profile needs only the next block.
+
+use std::collections::VecDeque;
+
+use tandem_model::flow::{Feed, Path};
+use tandem_model::profile::{Law, Lead, Profile, TimeBase};
+use tandem_model::ramp::UnitRamp;
+use tandem_model::settings::{CoordinateSystemSettings, ShortBlock};
+use tandem_model::{Alarm, Origin};
+
+use crate::planner::Planned;
+use crate::ramped;
+
+/// The blocks of the chain that are not planned to their end.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Chain {
+    blocks: VecDeque<Link>,
+}
+
+/// A block of a chain.
+#[derive(Debug, Clone)]
+struct Link {
+    segment: u64,
+    origin: Origin,
+    path: Path,
+    length: f64,
+    /// Path units per second; final once the stop ramp is known, with [`ShortBlock::Shrink`] from the beginning.
+    speed: f64,
+    is_first: bool,
+    /// At full length for the first block until the second is there.
+    start: UnitRamp,
+    /// At rest at the end: td.
+    td: UnitRamp,
+    /// To the next block, or to rest; `None`: not known yet.
+    stop: Option<UnitRamp>,
+    /// The block alone, from rest to rest.
+    alone: (Law, f64),
+}
+
+impl Chain {
+    pub(crate) fn is_empty(&self) -> bool {
+        self.blocks.is_empty()
+    }
+
+    pub(crate) fn clear(&mut self) {
+        self.blocks.clear();
+    }
+
+    /// Adds a block that [`ramped::plan`] has planned alone, and puts out what is final.
+    ///
+    /// # Errors
+    /// Those of the block's ramps and speed; the chain is as before then.
+    pub(crate) fn push(
+        &mut self,
+        settings: &CoordinateSystemSettings,
+        block: Block<'_>,
+        epoch: u32,
+        out: &mut VecDeque<Profile>,
+    ) -> Result<(), Alarm> {
+        let Block {
+            segment,
+            origin,
+            path,
+            feed,
+            alone,
+        } = block;
+        let rule = settings.motion.short_block;
+        let mut link = Link {
+            segment,
+            origin,
+            path: path.clone(),
+            length: path.length(),
+            speed: ramped::speed_limit(settings, path, feed)?,
+            is_first: self.blocks.is_empty(),
+            start: ramped::ramp(settings, "ta", feed.ta_ms, feed.ts_ms)?,
+            td: ramped::ramp(settings, "td", feed.td_ms, feed.ts_ms)?,
+            stop: None,
+            alone: (alone.law, alone.duration_s),
+        };
+        if let Some(before) = self.blocks.back_mut() {
+            if rule == ShortBlock::Shrink {
+                if before.is_first {
+                    before.start = before.start.at_most(before.block_s());
+                }
+                link.start = link.start.at_most(before.block_s().min(link.block_s()));
+            }
+            before.end_with(link.start, rule);
+        }
+        self.blocks.push_back(link);
+        self.put_out(rule, epoch, out);
+        Ok(())
+    }
+
+    /// Ends the chain at rest and puts out all of it.
+    pub(crate) fn finish(&mut self, rule: ShortBlock, epoch: u32, out: &mut VecDeque<Profile>) {
+        if let Some(last) = self.blocks.back_mut()
+            && !last.is_first
+        {
+            let ramp = match rule {
+                ShortBlock::Shrink => last.td.at_most(last.block_s()),
+                ShortBlock::Extend => last.td,
+            };
+            last.end_with(ramp, rule);
+        }
+        self.put_out(rule, epoch, out);
+        if let Some(last) = self.blocks.pop_front() {
+            out.push_back(last.profile(None, epoch));
+        }
+    }
+
+    fn put_out(&mut self, rule: ShortBlock, epoch: u32, out: &mut VecDeque<Profile>) {
+        while let Some(next) = self.blocks.get(1) {
+            if rule == ShortBlock::Extend && next.stop.is_none() {
+                return;
+            }
+            let lead = Lead {
+                path: next.path.clone(),
+                speed: next.speed,
+            };
+            if let Some(first) = self.blocks.pop_front() {
+                out.push_back(first.profile(Some(lead), epoch));
+            }
+        }
+    }
+}
+
+/// What a chain takes of a segment.
+pub(crate) struct Block<'a> {
+    pub(crate) segment: u64,
+    pub(crate) origin: Origin,
+    pub(crate) path: &'a Path,
+    pub(crate) feed: Feed,
+    /// As a block from rest to rest.
+    pub(crate) alone: Planned,
+}
+
+impl Link {
+    /// Time of the block at its speed, s.
+    fn block_s(&self) -> f64 {
+        self.length / self.speed
+    }
+
+    fn end_with(&mut self, stop: UnitRamp, rule: ShortBlock) {
+        if rule == ShortBlock::Extend {
+            // Both half ramps must have room: the block takes at least their time.
+            let ramps_s = f64::midpoint(self.start.duration_s(), stop.duration_s());
+            self.speed = self.speed.min(self.length / ramps_s);
+        }
+        self.stop = Some(stop);
+    }
+
+    /// Its profile; alone in its chain, it is the block from rest to rest.
+    fn profile(self, next: Option<Lead>, epoch: u32) -> Profile {
+        let exact_stop = next.is_none();
+        let (law, duration_s) = match self.stop {
+            None => self.alone,
+            Some(stop) => {
+                let (begun_s, ramp_in_s) = if self.is_first {
+                    (0.0, self.start.duration_s() / 2.0)
+                } else {
+                    (self.start.duration_s(), -self.start.duration_s() / 2.0)
+                };
+                let duration_s = self.length / self.speed + ramp_in_s + stop.duration_s() / 2.0;
+                let law = Law::Ramped {
+                    path: self.path,
+                    speed: self.speed,
+                    start: self.start,
+                    stop,
+                    begun_s,
+                    next,
+                };
+                (law, duration_s)
+            }
+        };
+        Profile {
+            segment: self.segment,
+            epoch,
+            origin: self.origin,
+            law,
+            duration_s,
+            time_base: TimeBase::Feed,
+            exact_stop,
+        }
+    }
+}

@@ -1,0 +1,103 @@
+//! How far the motion may go with what is known: from there it must be able to slow to rest on its path, by the override
+//! factor alone and within the motors' limits.
+
+use std::collections::VecDeque;
+
+use tandem_model::profile::SlewRoom;
+
+/// Servo periods that the servo may be late with slowing.
+const LATE_PERIODS: f64 = 3.0;
+
+/// What is planned to its end, and not yet free to be passed.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Braking {
+    parts: VecDeque<Part>,
+    free_to: u64,
+}
+
+/// A long piece keeps its ends apart from its middle, which nothing beside it touches within a servo cycle.
+fn ends_apart(whole_s: f64, period_s: f64) -> [f64; 3] {
+    if whole_s > 4.0 * period_s {
+        [period_s, whole_s - 2.0 * period_s, period_s]
+    } else {
+        [whole_s, 0.0, 0.0]
+    }
+}
+
+/// At least one servo period of the motion.
+#[derive(Debug, Clone, Copy)]
+struct Part {
+    segment: u64,
+    duration_s: f64,
+    room: SlewRoom,
+}
+
+impl Braking {
+    /// A chain begins with this segment: all before it ends in rest.
+    pub(super) fn begin(&mut self, segment: u64) {
+        self.parts.clear();
+        self.free_to = segment.saturating_sub(1);
+    }
+
+    /// The chain ends in rest with this segment.
+    pub(super) fn end(&mut self, segment: u64) {
+        self.parts.clear();
+        self.free_to = segment;
+    }
+
+    pub(super) fn free_to(&self) -> u64 {
+        self.free_to
+    }
+
+    /// Adds a segment by its pieces: duration and room of each.
+    pub(super) fn add(&mut self, segment: u64, pieces: impl Iterator<Item = (f64, SlewRoom)>, period_s: f64) {
+        let pieces =
+            pieces.flat_map(|(whole_s, room)| ends_apart(whole_s, period_s).map(|part_s| (part_s, room)));
+        for (duration_s, room) in pieces.filter(|(duration_s, _)| *duration_s > 0.0) {
+            match self.parts.back_mut().filter(|last| last.duration_s < period_s) {
+                Some(last) => {
+                    last.duration_s += duration_s;
+                    last.room = last.room.worst(room);
+                }
+                None => self.parts.push_back(Part {
+                    segment,
+                    duration_s,
+                    room,
+                }),
+            }
+        }
+    }
+
+    /// Frees the segments from whose ends on the factor can still go from 1 to 0 within the parts, falling by at most
+    /// `slope` per second. Within a part of duration d the square of the factor falls by `2 s d`, where s is the least
+    /// fall that this part and those beside it leave: a servo cycle may touch two.
+    pub(super) fn free(&mut self, slope: f64, period_s: f64) {
+        let mut square = 0.0_f64;
+        let mut late_s = LATE_PERIODS * period_s;
+        for i in (0..self.parts.len()).rev() {
+            let beside = [i.checked_sub(1), Some(i), i.checked_add(1)];
+            let room = beside
+                .into_iter()
+                .flatten()
+                .filter_map(|k| self.parts.get(k))
+                .fold(SlewRoom::default(), |room, part| room.worst(part.room));
+            let Some(part) = self.parts.get(i) else { return };
+            let late = late_s.min(part.duration_s);
+            late_s -= late;
+            let time_s = part.duration_s - late;
+            let steady = square + 2.0 * slope * time_s;
+            let by_room = if room.slope.is_finite() {
+                let gained = 2.0 * room.slope * time_s;
+                (square + gained) / (1.0 + gained * room.braking.min(1.0))
+            } else {
+                f64::INFINITY
+            };
+            square = steady.min(by_room);
+            if square >= 1.0 {
+                self.free_to = self.free_to.max(part.segment.saturating_sub(1));
+                self.parts.drain(..i.saturating_sub(1));
+                return;
+            }
+        }
+    }
+}

@@ -1,0 +1,237 @@
+//! The limits of the motors on one piece, and how fast it may be passed within them.
+//!
+//! On a piece of plan time h the square x of the rate goes linearly from x0 to x1. With the derivatives `q'`, `q''` of a
+//! motor's position by plan time its acceleration is `f = q'' x + q' (x1 - x0)/(2 h)`. Between the ends f leaves its
+//! chord by at most `h^2/8 max |f''|`, `f'' = q'''' x + 5/2 q''' x'`: so limits at the ends, less that bound, are
+//! limits on the whole piece. All are half planes `left x0 + right x1 <= 1`.
+
+use tandem_model::profile::SlewRoom;
+use tandem_model::{AXES_MAX, Axis};
+
+use super::way::Motion;
+
+/// Rounding of the constraints, relative to a limit.
+const ROUNDING: f64 = 1e-12;
+
+/// Far more than rounding, far less than what is left of a maximum acceleration: a start on a border that hardly depends
+/// on the end must not lower it.
+const SLACK: f64 = 1e-9;
+
+/// `left x0 + right x1 <= 1`.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct HalfPlane {
+    left: f64,
+    right: f64,
+}
+
+/// Two-sided limit of a motor at one end of a piece, in shares of its maximum acceleration.
+#[derive(Debug, Clone, Copy)]
+struct Row {
+    left: f64,
+    right: f64,
+    /// Bound of what lies between the ends: `level (x0 + x1) + change |x1 - x0|`.
+    level: f64,
+    change: f64,
+}
+
+/// The rows of one motor.
+fn rows(motion: &Motion, axis: Axis, inverse: f64, h_s: f64) -> [Row; 2] {
+    let [q1, r1] = [motion.velocity[0][axis], motion.velocity[1][axis]].map(|v| v * inverse / (2.0 * h_s));
+    let [q2, r2] = [motion.acceleration[0][axis], motion.acceleration[1][axis]].map(|a| a * inverse);
+    let level = motion.fourth[axis] * inverse * h_s * h_s / 16.0;
+    let change = level + motion.third[axis] * inverse * h_s * (2.5 / 8.0);
+    let row = |left, right| Row {
+        left,
+        right,
+        level,
+        change,
+    };
+    [row(q2 - q1, q1), row(-r1, r2 + r1)]
+}
+
+/// The limits that can bind with rates from 0 to 1. `inverse` is 1 over each motor's maximum acceleration, 0 without one.
+pub(super) fn half_planes(motion: &Motion, inverse: &[f64; AXES_MAX], h_s: f64, planes: &mut Vec<HalfPlane>) {
+    planes.clear();
+    let mut add = |left: f64, right: f64| {
+        if left.max(0.0) + right.max(0.0) > 1.0 {
+            planes.push(HalfPlane { left, right });
+        }
+    };
+    for axis in Axis::ALL {
+        let inverse = inverse[axis.index()];
+        if inverse == 0.0 {
+            continue;
+        }
+        for row in rows(motion, axis, inverse, h_s) {
+            for [left, right] in [[row.left, row.right], [-row.left, -row.right]] {
+                add(left + row.level - row.change, right + row.level + row.change);
+                if row.change > 0.0 {
+                    add(left + row.level + row.change, right + row.level - row.change);
+                }
+            }
+        }
+    }
+}
+
+/// The largest x0 up to `cap` from which some x1 up to `end` is within the limits, and that x1: a linear program in two variables,
+/// solved one half plane after the other. (0, 0) is always within.
+pub(super) fn fastest_start(planes: &[HalfPlane], cap: f64, end: f64) -> [f64; 2] {
+    let (mut x, mut y) = (cap, end);
+    for (i, plane) in planes.iter().enumerate() {
+        if plane.left * x + plane.right * y <= 1.0 + ROUNDING {
+            continue;
+        }
+        let found = on_border(*plane, planes.get(..i).unwrap_or(&[]), cap, end);
+        let Some(found) = found else {
+            return [at_one_rate(planes, cap.min(end)); 2];
+        };
+        (x, y) = found;
+    }
+    [x, y]
+}
+
+/// The point of largest x, then y, on a half plane's border within these limits; `None`: none, by rounding.
+fn on_border(border: HalfPlane, within: &[HalfPlane], cap: f64, end: f64) -> Option<(f64, f64)> {
+    let HalfPlane { left, right } = border;
+    // The coordinate u runs along the border, the other one is w = base + slope u.
+    let by_x = right.abs() >= left.abs();
+    let (base, slope, u_max, w_max) = if by_x {
+        (1.0 / right, -left / right, cap, end)
+    } else {
+        (1.0 / left, -right / left, end, cap)
+    };
+    let (mut low, mut high) = (0.0_f64, u_max);
+    let mut limit = |of_u: f64, of_w: f64, most: f64| {
+        let (factor, rest) = (of_u + of_w * slope, most - of_w * base);
+        if factor > 0.0 {
+            high = high.min(rest / factor);
+        } else if factor < 0.0 {
+            low = low.max(rest / factor);
+        }
+    };
+    limit(0.0, 1.0, w_max);
+    limit(0.0, -1.0, 0.0);
+    for plane in within {
+        if by_x {
+            limit(plane.left, plane.right, 1.0);
+        } else {
+            limit(plane.right, plane.left, 1.0);
+        }
+    }
+    if low > high * (1.0 + ROUNDING) {
+        return None;
+    }
+    let high = high.max(low);
+    if by_x {
+        Some((high, base + slope * high))
+    } else {
+        let u = if slope < 0.0 { low } else { high };
+        Some((base + slope * u, u))
+    }
+}
+
+/// The largest x at both ends.
+fn at_one_rate(planes: &[HalfPlane], most: f64) -> f64 {
+    planes.iter().fold(most, |most, plane| {
+        let sum = plane.left + plane.right;
+        if sum > 0.0 { most.min(1.0 / sum) } else { most }
+    })
+}
+
+/// The largest x1 up to `end` within the limits, from a start that [`fastest_start`] allows.
+pub(super) fn fastest_end(planes: &[HalfPlane], start: f64, end: f64) -> f64 {
+    let most = planes.iter().fold(end, |most, plane| {
+        if plane.right > 0.0 {
+            most.min((1.0 + SLACK - plane.left * start) / plane.right)
+        } else {
+            most
+        }
+    });
+    most.max(0.0)
+}
+
+/// What the motors leave to overrides and feed hold while the piece is passed from x0 to x1.
+pub(super) fn room(motion: &Motion, inverse: &[f64; AXES_MAX], h_s: f64, [start, end]: [f64; 2]) -> SlewRoom {
+    let mut room = SlewRoom::default();
+    let fastest = start.max(end).sqrt();
+    for axis in Axis::ALL {
+        let inverse = inverse[axis.index()];
+        if inverse == 0.0 {
+            continue;
+        }
+        let velocity = [motion.velocity[0][axis], motion.velocity[1][axis]];
+        // A velocity leaves its chord by at most h^2/8 times the third derivative.
+        let off_chord = motion.third[axis] * h_s * h_s / 8.0;
+        let largest = velocity[0].abs().max(velocity[1].abs()) + off_chord;
+        if largest == 0.0 {
+            continue;
+        }
+        room.slope = room.slope.min(1.0 / (largest * fastest * inverse));
+        let [a, b] = rows(motion, axis, inverse, h_s).map(|row| row.left * start + row.right * end);
+        let [Row { level, change, .. }, _] = rows(motion, axis, inverse, h_s);
+        let between = level * (start + end) + change * (end - start).abs();
+        let (low, high) = (a.min(b) - between, a.max(b) + between);
+        let (braking, driving) = if velocity[0].min(velocity[1]) - off_chord >= 0.0 {
+            (-low, high)
+        } else if velocity[0].max(velocity[1]) + off_chord <= 0.0 {
+            (high, -low)
+        } else {
+            (high.max(-low), high.max(-low))
+        };
+        room.braking = room.braking.max(braking);
+        room.driving = room.driving.max(driving);
+    }
+    room
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The x1 that an x0 leaves open.
+    fn ends(planes: &[HalfPlane], x: f64, end: f64) -> [f64; 2] {
+        planes.iter().fold([0.0, end], |[low, high], plane| {
+            let border = (1.0 - plane.left * x) / plane.right;
+            if plane.right > 0.0 {
+                [low, high.min(border)]
+            } else {
+                [low.max(border), high]
+            }
+        })
+    }
+
+    #[test]
+    fn the_fastest_start_is_that_of_bisection_and_leaves_an_end() {
+        let mut bits = 7_u64;
+        let mut random = || {
+            bits = bits.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            (bits >> 11) as f64 / (1_u64 << 53) as f64
+        };
+        for case in 0..100_000 {
+            let scale = 10_f64.powf(4.0 * random());
+            let planes: Vec<HalfPlane> = (0..(case % 13))
+                .map(|_| HalfPlane {
+                    left: scale * (random() - 0.5),
+                    right: scale * (random() - 0.5),
+                })
+                .collect();
+            let (cap, end) = (random(), random());
+            let [found, _] = fastest_start(&planes, cap, end);
+            let (mut low, mut high) = (0.0, cap);
+            for _ in 0..100 {
+                let middle = f64::midpoint(low, high);
+                let [least, most] = ends(&planes, middle, end);
+                if least <= most {
+                    low = middle;
+                } else {
+                    high = middle;
+                }
+            }
+            assert!((found - low).abs() < 1e-9, "case {case}: {found} is not {low}");
+            let y = fastest_end(&planes, found, end);
+            for plane in &planes {
+                assert!(plane.left * found + plane.right * y <= 1.0 + 1e-8, "case {case}");
+            }
+        }
+    }
+}

@@ -1,0 +1,225 @@
+//! Look-ahead, G64 with G500 (motion-semantics 1d): a chain keeps its path, and slows down before a motor would exceed
+//! its maximum acceleration, over as many blocks as it needs.
+//!
+//! The motion is `q(t) = q501(tau(t))` with a rate `tau' <= 1`, whose square x is linear in tau on each piece. From the
+//! end of what is known backwards, each piece's begin gets the largest x from which the end can be reached at rest; with
+//! the end left open, too. Where both meet, nothing to come can change what is before: from there on it is final, and
+//! the rate is the largest one forward. The pass back begins only when as many blocks are new as are not final: so a
+//! block costs the same however far the look-ahead reaches.
+//!
+//! Maximum velocities hold because the rate is at most 1. Jerk is limited as programmed (ts), not by `max_jerk`.
+
+mod braking;
+mod grid;
+mod limits;
+mod paced;
+mod rate;
+mod way;
+
+use std::collections::VecDeque;
+
+use tandem_model::AXES_MAX;
+use tandem_model::profile::{Law, Profile};
+use tandem_model::settings::CoordinateSystemSettings;
+
+use self::braking::Braking;
+use self::grid::Piece;
+use self::limits::HalfPlane;
+use self::paced::Step;
+use self::rate::Limits;
+use self::way::Way;
+
+/// The most blocks that look-ahead holds back. When their way is too short to come to rest in, the first half is slowed
+/// to what the rest allows.
+pub(crate) const BLOCKS_MAX: usize = 16_384;
+
+/// The fewest new blocks that are planned at a time.
+const BLOCKS_MIN: usize = 32;
+
+/// Blocks passed in one servo period at most: the rate in blocks of less is lowered to that.
+const BLOCKS_PER_PERIOD: f64 = 128.0;
+
+/// Limits of x that differ by this share count as met: 0.05 percent of the rate.
+const MET: f64 = 1e-3;
+
+/// Share of the maximum acceleration that is left to feed hold and to rounding, so that a hold acts wherever it comes. It
+/// costs a thousandth of the time.
+const LEFT: f64 = 2e-3;
+
+/// The blocks of a chain that are not final.
+#[derive(Debug, Clone)]
+pub(crate) struct LookAhead {
+    /// 1 over the maximum acceleration of each motor, 0 without one.
+    inverse: [f64; AXES_MAX],
+    period_s: f64,
+    /// Of feed hold, per second.
+    hold_slope: f64,
+    blocks: VecDeque<Held>,
+    pieces: VecDeque<Piece>,
+    /// Blocks that an earlier pass back has seen.
+    seen: usize,
+    /// Square of the rate where the first block begins; `None`: at rest.
+    square: Option<f64>,
+    braking: Braking,
+    planes: Vec<HalfPlane>,
+    renewed: Vec<Piece>,
+    steps: Vec<Step>,
+}
+
+#[derive(Debug, Clone)]
+struct Held {
+    profile: Profile,
+    pieces: usize,
+    /// Largest x in it.
+    cap: f64,
+}
+
+impl LookAhead {
+    pub(crate) fn new(settings: &CoordinateSystemSettings) -> Self {
+        Self {
+            inverse: std::array::from_fn(|i| {
+                let motor = settings.motors[i].as_ref();
+                let most = motor.map_or(0.0, |motor| motor.max_acceleration * (1.0 - LEFT));
+                if most > 0.0 { 1.0 / most } else { 0.0 }
+            }),
+            period_s: settings.servo_period_s,
+            hold_slope: if settings.hold_slew_ms > 0.0 {
+                1000.0 / settings.hold_slew_ms
+            } else {
+                f64::INFINITY
+            },
+            blocks: VecDeque::new(),
+            pieces: VecDeque::new(),
+            seen: 0,
+            square: None,
+            braking: Braking::default(),
+            planes: Vec::new(),
+            renewed: Vec::new(),
+            steps: Vec::new(),
+        }
+    }
+
+    pub(crate) fn clear(&mut self) {
+        self.blocks.clear();
+        self.pieces.clear();
+        self.seen = 0;
+        self.square = None;
+    }
+
+    /// Takes the next profile of a chain, and puts out what is final; one with an exact stop ends the chain.
+    pub(crate) fn push(&mut self, profile: Profile, out: &mut VecDeque<Profile>) {
+        let Some(way) = Way::new(&profile) else { return };
+        if self.blocks.is_empty() && self.square.is_none() {
+            self.braking.begin(profile.segment);
+        }
+        let cap = (way.plan_s * BLOCKS_PER_PERIOD / self.period_s).min(1.0).powi(2);
+        let pieces = grid::cut(&way, &self.inverse, &mut self.pieces);
+        let ended = profile.exact_stop;
+        self.blocks.push_back(Held { profile, pieces, cap });
+        let new = self.blocks.len() - self.seen;
+        if ended {
+            self.plan(true, out);
+            self.clear();
+        } else if new >= self.seen.max(BLOCKS_MIN) || self.blocks.len() >= BLOCKS_MAX {
+            self.plan(false, out);
+        }
+    }
+
+    fn plan(&mut self, ended: bool, out: &mut VecDeque<Profile>) {
+        let mut finals = self.pass_back(ended);
+        if self.blocks.len() - finals >= BLOCKS_MAX {
+            finals = self.blocks.len() / 2;
+        }
+        let first = out.len();
+        for _ in 0..finals {
+            let Some(held) = self.blocks.pop_front() else {
+                break;
+            };
+            self.put_out(&held, out);
+        }
+        self.seen = self.blocks.len();
+        // Only with the last profile all of them are known.
+        if let Some(last) = out.range_mut(first..).next_back()
+            && let Law::Paced { pace, .. } = &mut last.law
+        {
+            if ended {
+                self.braking.end(last.segment);
+            } else {
+                self.braking.free(self.hold_slope, self.period_s);
+            }
+            pace.free_to = self.braking.free_to();
+        }
+    }
+
+    /// The limits of x from the end backwards; gives how many blocks from the first on are final.
+    fn pass_back(&mut self, ended: bool) -> usize {
+        let (mut to_rest, mut open) = if ended { (1.0, 1.0) } else { (0.0, 1.0) };
+        let mut finals = None;
+        let mut i = self.pieces.len();
+        self.renewed.clear();
+        for block in (0..self.blocks.len()).rev() {
+            let Some(held) = self.blocks.get_mut(block) else {
+                break;
+            };
+            let Some(way) = Way::new(&held.profile) else { break };
+            if finals.is_none() && open <= to_rest * (1.0 + MET) {
+                finals = Some(block + 1);
+            }
+            let mut task = Limits {
+                way,
+                inverse: &self.inverse,
+                cap: held.cap,
+                planes: &mut self.planes,
+            };
+            let first_of_block = self.renewed.len();
+            let mut unchanged = false;
+            for _ in 0..held.pieces {
+                i -= 1;
+                let Some(piece) = self.pieces.get(i) else { break };
+                let first = self.renewed.len();
+                let before = task.renew(piece, to_rest, &mut self.renewed);
+                unchanged = before.to_bits() == piece.limit.to_bits();
+                if finals.is_some() || open <= to_rest {
+                    open = before;
+                } else {
+                    for piece in self.renewed.get(first..).unwrap_or(&[]) {
+                        open = task.start(piece, open);
+                    }
+                }
+                to_rest = before;
+            }
+            held.pieces = self.renewed.len() - first_of_block;
+            if unchanged && finals.is_some() {
+                break;
+            }
+        }
+        self.pieces.truncate(i);
+        self.pieces.extend(self.renewed.drain(..).rev());
+        finals.unwrap_or(0)
+    }
+
+    /// Passes the first block forward as fast as its limits allow.
+    fn put_out(&mut self, held: &Held, out: &mut VecDeque<Profile>) {
+        let Some(way) = Way::new(&held.profile) else {
+            return;
+        };
+        self.steps.clear();
+        let mut task = Limits {
+            way,
+            inverse: &self.inverse,
+            cap: held.cap,
+            planes: &mut self.planes,
+        };
+        for _ in 0..held.pieces {
+            let Some(piece) = self.pieces.pop_front() else {
+                break;
+            };
+            let before = self.square.unwrap_or(piece.limit).min(piece.limit);
+            let limit = self.pieces.front().map_or(1.0, |next| next.limit);
+            self.square = Some(task.pass(&piece, before, limit.min(held.cap), &mut self.steps));
+        }
+        paced::profiles(&held.profile, &self.steps, self.braking.free_to(), out);
+        let steps = self.steps.iter().map(|step| (step.duration_s(), step.room));
+        self.braking.add(held.profile.segment, steps, self.period_s);
+    }
+}

@@ -1,0 +1,117 @@
+//! A block with the rate found for it, as profiles.
+
+use std::collections::VecDeque;
+
+use tandem_model::profile::{Law, PACE_PIECES_MAX, Pace, PacePiece, Profile, SlewRoom};
+
+use super::LEFT;
+
+/// Rates are one when they differ by less: rounding.
+const SAME_RATE: f64 = 1e-12;
+
+/// A step shorter than this share of its piece is rounding.
+const SHARE_MIN: f64 = 1e-12;
+
+/// Pieces with more of a motor's acceleration taken are kept apart, so that slewing on others need not wait for them.
+const KEPT_APART: f64 = 0.5;
+
+/// A part of a block on which the square of the rate goes linearly from `start` to `end`.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Step {
+    pub(super) from_s: f64,
+    pub(super) to_s: f64,
+    pub(super) start: f64,
+    pub(super) end: f64,
+    /// Change of the rate per second.
+    pub(super) rate_change: f64,
+    pub(super) room: SlewRoom,
+}
+
+impl Step {
+    fn is_as_planned(&self) -> bool {
+        (self.start - 1.0).abs() < SAME_RATE && (self.end - 1.0).abs() < SAME_RATE
+    }
+
+    /// Time that it takes: its plan time over the mean rate, the rate being linear in time.
+    pub(super) fn duration_s(&self) -> f64 {
+        2.0 * (self.to_s - self.from_s) / (self.start.sqrt() + self.end.sqrt())
+    }
+
+    fn joins(&self, next: &Step) -> bool {
+        let busy = |step: &Step| step.room.braking.max(step.room.driving) > KEPT_APART;
+        self.is_as_planned() && next.is_as_planned() && busy(self) == busy(next)
+    }
+}
+
+/// Adds a step, unless it is rounding; joins steps that are as planned.
+pub(super) fn push(steps: &mut Vec<Step>, step: Step, piece_s: f64) {
+    if step.to_s - step.from_s <= SHARE_MIN * piece_s {
+        return;
+    }
+    // Planned in shares of what is not left.
+    let room = SlewRoom {
+        braking: step.room.braking * (1.0 - LEFT),
+        driving: step.room.driving * (1.0 - LEFT),
+        ..step.room
+    };
+    let step = Step { room, ..step };
+    if let Some(last) = steps.last_mut()
+        && last.joins(&step)
+    {
+        last.to_s = step.to_s;
+        last.room = last.room.worst(step.room);
+        return;
+    }
+    steps.push(step);
+}
+
+/// The profiles of a block with these steps, as many as its pieces need.
+pub(super) fn profiles(block: &Profile, steps: &[Step], free_to: u64, out: &mut VecDeque<Profile>) {
+    let parts = steps.chunks(PACE_PIECES_MAX);
+    let last = parts.len().saturating_sub(1);
+    for (n, part) in parts.enumerate() {
+        let mut pieces = [PacePiece::default(); PACE_PIECES_MAX];
+        let (mut duration_s, mut ends_s) = (0.0, 0.0);
+        for (piece, step) in pieces.iter_mut().zip(part) {
+            *piece = PacePiece {
+                begins_s: duration_s,
+                plan_s: step.from_s,
+                rate: step.start.sqrt(),
+                rate_change: step.rate_change,
+                room: step.room,
+            };
+            duration_s += step.duration_s();
+            ends_s = step.to_s;
+        }
+        let pace = Pace::new(pieces.get(..part.len()).unwrap_or(&pieces), ends_s, free_to);
+        let Law::Ramped {
+            path,
+            speed,
+            start,
+            stop,
+            begun_s,
+            next,
+        } = block.law.clone()
+        else {
+            return;
+        };
+        out.push_back(Profile {
+            law: Law::Paced {
+                path,
+                speed,
+                start,
+                stop,
+                begun_s,
+                next,
+                plan_s: block.duration_s,
+                pace,
+            },
+            duration_s,
+            exact_stop: block.exact_stop && n == last,
+            segment: block.segment,
+            epoch: block.epoch,
+            origin: block.origin,
+            time_base: block.time_base,
+        });
+    }
+}

@@ -1,0 +1,172 @@
+//! G500 (motion-semantics 1d): limits, near the best time, the programmed profile where nothing exceeds them, the same
+//! path as G501, worst cases, and what is held back.
+
+use std::collections::VecDeque;
+
+use tandem_model::alarm::LIMIT_ZERO;
+use tandem_model::flow::{Feed, MultiBlock, SegmentMotion};
+use tandem_model::profile::Profile;
+use tandem_motion::Planner;
+
+use crate::look_ahead_rig::{Chain, Random, Shape, best_time_s, check, pieces, random, same_path, time_s};
+use crate::rig::{PERIOD_S, feed, line, vector};
+
+/// Random chains: 2,000, or 200,000 with `TANDEM_LONG=1`.
+fn chains() -> u64 {
+    if std::env::var("TANDEM_LONG").is_ok_and(|value| value == "1") {
+        200_000
+    } else {
+        2000
+    }
+}
+
+#[test]
+fn m1d_no_motor_exceeds_its_limits_on_random_chains_and_the_path_is_that_of_g501() {
+    for seed in 0..chains() {
+        let mut numbers = Random(seed);
+        let blocks = 1 + usize::try_from(numbers.bits() % 24).unwrap();
+        let chain = random(&mut numbers, blocks);
+        let profiles = chain.plan();
+        if let Err(found) = check(&chain, &profiles, 6).and_then(|()| same_path(&chain, &profiles)) {
+            panic!("seed {seed}, {blocks} blocks: {found}");
+        }
+        assert!(profiles[profiles.len() - 1].exact_stop);
+    }
+}
+
+#[test]
+fn m1d_the_time_is_within_2_percent_of_the_best_possible() {
+    for seed in 0..chains() / 10 {
+        let mut numbers = Random(1_000_000 + seed);
+        let blocks = 1 + usize::try_from(numbers.bits() % 8).unwrap();
+        let chain = random(&mut numbers, blocks);
+        let time = time_s(&chain.plan());
+        // A coarse grid may be too good by itself.
+        let near = [100, 1000]
+            .into_iter()
+            .any(|n| time <= best_time_s(&chain, n) * 1.02 + 3.0 * PERIOD_S);
+        assert!(near, "seed {seed}: {time} s");
+    }
+}
+
+/// Lines through points in X and Y at one feed.
+fn through(points: &[[f64; 2]], feed: Feed, acceleration: f64) -> Chain {
+    let blocks = points
+        .windows(2)
+        .map(|ends| (line(vector(&ends[0]), vector(&ends[1]), feed), Shape::Line))
+        .collect();
+    Chain::new([acceleration; 3], blocks)
+}
+
+fn assert_limits(chain: &Chain) -> Vec<Profile> {
+    let profiles = chain.plan();
+    check(chain, &profiles, 12)
+        .and_then(|()| same_path(chain, &profiles))
+        .unwrap();
+    profiles
+}
+
+#[test]
+fn m1d_within_the_limits_the_profile_is_the_programmed_one() {
+    let feed = feed(3000.0, [100.0, 100.0, 50.0]);
+    let chain = through(
+        &[[0.0, 0.0], [30.0, 0.0], [30.0, 30.0], [0.0, 35.0]],
+        feed,
+        5000.0,
+    );
+    for profile in assert_limits(&chain) {
+        assert!(
+            pieces(&profile)
+                .iter()
+                .all(|(piece, _)| (piece.rate - 1.0).abs() < 1e-12)
+        );
+    }
+    assert!((time_s(&chain.plan()) - chain.formula.end_s).abs() < 1e-9);
+}
+
+#[test]
+fn m1d_reversals_keep_the_limits_and_a_stop_and_go_is_the_best_there() {
+    let feed = feed(6000.0, [10.0, 10.0, 0.0]);
+    let chain = through(&[[0.0, 0.0], [40.0, 0.0], [0.0, 0.0], [40.0, 0.0]], feed, 1000.0);
+    let time = time_s(&assert_limits(&chain));
+    // 100 mm/s at 1000 mm/s^2: 0.1 s to speed. Nothing is faster than three ways of 40 mm so, less the rounded reversals.
+    assert!(time < 3.0 * (0.4 + 0.1) * 1.02, "{time}");
+}
+
+#[test]
+fn m1d_blocks_of_a_micrometre_and_points_that_coincide_keep_the_limits() {
+    let feed = feed(6000.0, [50.0, 50.0, 20.0]);
+    let zigzag: Vec<[f64; 2]> = (0..2000)
+        .map(|n| [f64::from(n) * 1e-3, f64::from(n % 2) * 1e-3])
+        .collect();
+    assert_limits(&through(&zigzag, feed, 2000.0));
+    // A micrometre there and back, between ways of 0.1 m.
+    let mut points = vec![[0.0, 0.0]];
+    for n in 0..50 {
+        let x = f64::from(n) * 100.0;
+        points.extend([
+            [x + 100.0, 0.0],
+            [x + 100.0, 1e-6],
+            [x + 100.0, 0.0],
+            [x + 100.0, 1e-6],
+        ]);
+    }
+    assert_limits(&through(&points, feed, 2000.0));
+}
+
+#[test]
+fn m1d_more_blocks_than_look_ahead_holds_slow_down_and_keep_the_limits() {
+    // 20,000 blocks of a micrometre are 20 mm; from 128 mm/s at 100 mm/s^2 the way to rest is 82 mm.
+    let feed = feed(60_000.0, [50.0, 50.0, 0.0]);
+    let points: Vec<[f64; 2]> = (0..=20_000).map(|n| [f64::from(n) * 1e-3, 0.0]).collect();
+    let chain = through(&points, feed, 100.0);
+    let profiles = assert_limits(&chain);
+    // The best is to speed up for half of the way and down for the other.
+    let best = 2.0 * (2.0 * 10.0 / 100.0_f64).sqrt();
+    let time = time_s(&profiles);
+    assert!(time < 1.5 * best, "{time} s, best {best} s");
+}
+
+#[test]
+fn m1d_blocks_come_out_when_nothing_to_come_can_change_them_and_flush_ends_at_rest() {
+    let feed = feed(6000.0, [20.0, 20.0, 0.0]);
+    let points: Vec<[f64; 2]> = (0..=400)
+        .map(|n| [f64::from(n) * 2.0, f64::from(n % 2) * 0.5])
+        .collect();
+    let chain = through(&points, feed, 1000.0);
+    let whole = chain.plan();
+    let mut planner = Planner::new(&chain.settings);
+    let mut out = VecDeque::new();
+    for segment in &chain.segments[..200] {
+        planner.push(segment, &mut out).unwrap();
+    }
+    let begun = out.len();
+    assert!(out.iter().any(|profile| profile.segment > 100), "{begun}");
+    assert!(out.iter().all(|profile| !profile.exact_stop));
+    // What came out is what it would have been with all blocks known.
+    for (early, late) in out.iter().zip(&whole) {
+        assert_eq!(early.segment, late.segment);
+        assert!((early.duration_s - late.duration_s).abs() <= 2e-3 * late.duration_s);
+    }
+    planner.flush(&mut out).unwrap();
+    assert!(out[out.len() - 1].exact_stop);
+    assert_eq!(out[out.len() - 1].segment, 200);
+    planner.flush(&mut out).unwrap();
+    assert_eq!(out.iter().filter(|profile| profile.exact_stop).count(), 1);
+}
+
+#[test]
+fn m1d_a_chain_ends_at_rest_between_g500_and_g501_and_a_motor_needs_an_acceleration() {
+    let feed = feed(600.0, [20.0, 20.0, 0.0]);
+    let mut chain = through(&[[0.0, 0.0], [10.0, 0.0], [20.0, 0.0]], feed, 1000.0);
+    let SegmentMotion::Feed { multi_block, .. } = &mut chain.segments[1].motion else {
+        panic!("not a cutting block")
+    };
+    *multi_block = MultiBlock::Off;
+    let stops: Vec<bool> = chain.plan().iter().map(|profile| profile.exact_stop).collect();
+    assert_eq!(stops, [true, true]);
+    chain.settings.motors[0].as_mut().unwrap().max_acceleration = 0.0;
+    let mut planner = Planner::new(&chain.settings);
+    let refused = planner.push(&chain.segments[0], &mut VecDeque::new());
+    assert_eq!(refused.unwrap_err().entry, &LIMIT_ZERO);
+}

@@ -1,0 +1,519 @@
+//! G500 against an independent writing of 1b and 1d: derivatives of the path in plan time, random chains, and the best
+//! possible time on a dense grid.
+
+use std::collections::VecDeque;
+use std::f64::consts::TAU;
+
+use tandem_model::flow::{MultiBlock, Path, Plane, Segment, SegmentEnd, SegmentMotion, Turn};
+use tandem_model::profile::{Law, Pace, PacePiece, Profile};
+use tandem_model::settings::{CoordinateSystemSettings, ShortBlock};
+use tandem_model::{AXES_MAX, ArcPath, AxisVector};
+use tandem_motion::Planner;
+
+use crate::chain::Formula;
+use crate::rig::{PERIOD_S, feed, line, motor, segment, settings};
+
+/// A random number generator whose numbers are the same everywhere (splitmix64).
+pub struct Random(pub u64);
+
+impl Random {
+    pub fn bits(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ (z >> 31)
+    }
+
+    pub fn unit(&mut self) -> f64 {
+        (self.bits() >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    pub fn within(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.unit()
+    }
+
+    /// Evenly over the orders of magnitude.
+    pub fn magnitude(&mut self, low: f64, high: f64) -> f64 {
+        low * (high / low).powf(self.unit())
+    }
+
+    pub fn one_of<T: Copy>(&mut self, all: &[T]) -> T {
+        all[usize::try_from(self.bits() % all.len() as u64).unwrap()]
+    }
+}
+
+/// Geometry of a block, kept beside the path that it made.
+#[derive(Debug, Clone, Copy)]
+pub enum Shape {
+    Line,
+    /// From an angle, by rad per mm of the path; Z goes along linearly.
+    Arc {
+        radius: f64,
+        angle: f64,
+        turn: f64,
+        rise: f64,
+    },
+}
+
+/// A chain to plan with G500, and its machine.
+pub struct Chain {
+    pub settings: CoordinateSystemSettings,
+    pub segments: Vec<Segment>,
+    pub shapes: Vec<Shape>,
+    pub formula: Formula,
+}
+
+impl Chain {
+    pub fn new(accelerations: [f64; 3], blocks: Vec<(Segment, Shape)>) -> Self {
+        let (segments, shapes): (Vec<_>, Vec<_>) = blocks
+            .into_iter()
+            .map(|(segment, shape)| {
+                let SegmentMotion::Feed { path, feed, .. } = segment.motion else {
+                    panic!("not a cutting block")
+                };
+                let motion = SegmentMotion::Feed {
+                    path,
+                    feed,
+                    multi_block: MultiBlock::On,
+                };
+                let end = SegmentEnd::Continuous;
+                (
+                    Segment {
+                        motion,
+                        end,
+                        ..segment
+                    },
+                    shape,
+                )
+            })
+            .unzip();
+        let rule = if segments.len() == 1 {
+            ShortBlock::Extend
+        } else {
+            ShortBlock::Shrink
+        };
+        // An acceleration time of 0 counts as one servo period.
+        let counted: Vec<Segment> = segments
+            .iter()
+            .cloned()
+            .map(|mut segment| {
+                if let SegmentMotion::Feed { feed, .. } = &mut segment.motion {
+                    for time in [&mut feed.ta_ms, &mut feed.td_ms] {
+                        if *time == 0.0 {
+                            *time = PERIOD_S * 1000.0;
+                        }
+                    }
+                }
+                segment
+            })
+            .collect();
+        let formula = Formula::new(&counted, rule);
+        let fastest = formula.speeds.iter().fold(0.0_f64, |v, &w| v.max(w));
+        let motors = std::array::from_fn(|i| {
+            let acceleration = *accelerations.get(i)?;
+            Some(motor(fastest, acceleration, None))
+        });
+        Self {
+            settings: settings(motors),
+            segments,
+            shapes,
+            formula,
+        }
+    }
+
+    pub fn plan(&self) -> Vec<Profile> {
+        let mut planner = Planner::new(&self.settings);
+        let mut out = VecDeque::new();
+        for segment in &self.segments {
+            planner.push(segment, &mut out).unwrap();
+        }
+        planner.flush(&mut out).unwrap();
+        out.into()
+    }
+
+    /// Velocity and acceleration of 1b, `t` after the begin of the profile of block i (from 0); where the acceleration
+    /// jumps, its value on the side of `within`. Times count from the profile, so that long chains cost no digits.
+    pub fn derivatives(&self, i: usize, t: f64, within: f64) -> [AxisVector; 2] {
+        let formula = &self.formula;
+        let total = |k: usize| formula.ramps[k][0] + formula.ramps[k][1];
+        let half_before = if i == 0 { total(0) } else { -total(i) } / 2.0;
+        let stop = formula.paths[i].length() / formula.speeds[i] + half_before - total(i + 1) / 2.0;
+        let start = if i == 0 { 0.0 } else { -total(i) };
+        let at = |k: usize, begin: f64| {
+            ramp(
+                t - begin,
+                within - begin,
+                formula.ramps[k][0],
+                formula.ramps[k][1],
+            )
+        };
+        let (from, to) = (at(i, start), at(i + 1, stop));
+        let mut sum = [AxisVector::ZERO; 2];
+        for (block, shares) in [(i, [0, 1, 2].map(|n| from[n] - to[n])), (i + 1, to)] {
+            if block < formula.paths.len() && (shares[1] > 0.0 || shares[2] != 0.0) {
+                let [s0, s1, s2] = shares.map(|share| share * formula.speeds[block]);
+                let [p1, p2] = self.path_derivatives(block, s0);
+                sum[0] = sum[0].plus(p1.scaled(s1));
+                sum[1] = sum[1].plus(p2.scaled(s1 * s1)).plus(p1.scaled(s2));
+            }
+        }
+        sum
+    }
+
+    fn path_derivatives(&self, i: usize, gone: f64) -> [AxisVector; 2] {
+        let path = &self.formula.paths[i];
+        let vector = |x: f64, y: f64, z: f64| AxisVector([x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        match self.shapes[i] {
+            Shape::Line => {
+                let way = path.end().minus(path.start());
+                [way.scaled(1.0 / way.orthogonal_length()), AxisVector::ZERO]
+            }
+            Shape::Arc {
+                radius,
+                angle,
+                turn,
+                rise,
+                ..
+            } => {
+                let (sin, cos) = (angle + turn * gone).sin_cos();
+                [
+                    vector(-sin * radius * turn, cos * radius * turn, rise),
+                    vector(-cos * radius * turn * turn, -sin * radius * turn * turn, 0.0),
+                ]
+            }
+        }
+    }
+
+    /// Plan time at which the profile of segment n (from 1) begins.
+    pub fn begins(&self, segment: u64) -> f64 {
+        let i = usize::try_from(segment).unwrap() - 1;
+        if i == 0 {
+            return 0.0;
+        }
+        let [ta, ts] = self.formula.ramps[i];
+        self.formula.centres[i] + f64::midpoint(ta, ts)
+    }
+
+    pub fn limit(&self, axis: usize) -> f64 {
+        self.settings.motors[axis].as_ref().unwrap().max_acceleration
+    }
+}
+
+/// P, S and its slope as truncated powers: step * box(ta) * box(ts), integrated.
+fn ramp(t: f64, within: f64, ta: f64, ts: f64) -> [f64; 3] {
+    let cut = |x: f64, power: i32| if x > 0.0 { x.powi(power) } else { 0.0 };
+    let total = ta + ts;
+    if within >= total {
+        return [t - total / 2.0, 1.0, 0.0];
+    }
+    // The ramp in which the piece lies, to its very ends.
+    let t = if within > 0.0 { t.clamp(0.0, total) } else { t };
+    if ts > 0.0 {
+        let with =
+            |power: i32| cut(t, power) - cut(t - ta, power) - cut(t - ts, power) + cut(t - ta - ts, power);
+        [
+            with(3) / (6.0 * ta * ts),
+            with(2) / (2.0 * ta * ts),
+            with(1) / (ta * ts),
+        ]
+    } else {
+        let inside = if within > 0.0 && within < ta {
+            1.0 / ta
+        } else {
+            0.0
+        };
+        [
+            (cut(t, 2) - cut(t - ta, 2)) / (2.0 * ta),
+            (cut(t, 1) - cut(t - ta, 1)) / ta,
+            inside,
+        ]
+    }
+}
+
+pub fn pace(profile: &Profile) -> &Pace {
+    match &profile.law {
+        Law::Paced { pace, .. } => pace,
+        other => panic!("not paced: {other:?}"),
+    }
+}
+
+/// Each piece of a profile with its duration.
+pub fn pieces(profile: &Profile) -> Vec<(PacePiece, f64)> {
+    let pieces = pace(profile).pieces();
+    let ends = pieces[1..]
+        .iter()
+        .map(|piece| piece.begins_s)
+        .chain([profile.duration_s]);
+    pieces
+        .iter()
+        .zip(ends)
+        .map(|(piece, end)| (*piece, end - piece.begins_s))
+        .collect()
+}
+
+/// A random chain: lines and arcs of lengths over nine orders of magnitude, reversals, points that coincide but for a
+/// micrometre, ramps from one servo period to 0.3 s, limits over three orders of magnitude.
+pub fn random(random: &mut Random, blocks: usize) -> Chain {
+    let accelerations = [(); 3].map(|()| random.magnitude(50.0, 20_000.0));
+    let f = random.magnitude(60.0, 30_000.0);
+    let times = [
+        random.one_of(&[0.0, 1.0, 20.0, 100.0, 300.0]),
+        random.one_of(&[0.0, 10.0, 100.0, 250.0]),
+        random.one_of(&[0.0, 0.0, 5.0, 50.0, 100.0]),
+    ];
+    let lengths = random.one_of(&[[1e-3, 1e-3], [1e-3, 1e-1], [0.1, 1.0], [1.0, 50.0], [1e-6, 200.0]]);
+    let style = random.one_of(&[0, 0, 1, 2, 3]);
+    let mut at = AxisVector::ZERO;
+    let mut angle = random.within(0.0, TAU);
+    let mut all = Vec::new();
+    for _ in 0..blocks {
+        let own = feed(
+            if style == 3 {
+                random.magnitude(60.0, 30_000.0)
+            } else {
+                f
+            },
+            times,
+        );
+        let length = random.magnitude(lengths[0], lengths[1]);
+        angle += match style {
+            0 => random.within(-3.2, 3.2),
+            1 => random.within(-0.2, 0.2),
+            2 => random.one_of(&[0.0, std::f64::consts::PI, 1.5]),
+            _ => random.within(-1.0, 1.0),
+        };
+        let arcs = style != 2 && random.unit() < 0.3 && length > 1e-5;
+        let (segment, shape) = if arcs {
+            arc(at, angle, length, random, own)
+        } else {
+            let z = if random.unit() < 0.3 {
+                random.within(-1.0, 1.0)
+            } else {
+                0.0
+            };
+            let mut to = at;
+            to.0[0] += length * angle.cos();
+            to.0[1] += length * angle.sin();
+            to.0[2] += length * z;
+            (line(at, to, own), Shape::Line)
+        };
+        if let SegmentMotion::Feed { path, .. } = &segment.motion {
+            at = path.end();
+        }
+        all.push((segment, shape));
+    }
+    Chain::new(accelerations, all)
+}
+
+/// An arc that begins in a direction.
+fn arc(
+    from: AxisVector,
+    direction: f64,
+    length: f64,
+    random: &mut Random,
+    feed: tandem_model::flow::Feed,
+) -> (Segment, Shape) {
+    let swept = random.within(0.3, 6.0);
+    let sense = random.one_of(&[1.0, -1.0]);
+    let height = if random.unit() < 0.3 { length * 0.5 } else { 0.0 };
+    let radius = length / swept;
+    let angle = direction - sense * TAU / 4.0;
+    let centre = [from.0[0] - radius * angle.cos(), from.0[1] - radius * angle.sin()];
+    let end = angle + sense * swept;
+    let mut to = from;
+    to.0[0] = centre[0] + radius * end.cos();
+    to.0[1] = centre[1] + radius * end.sin();
+    to.0[2] += height;
+    let turn = if sense > 0.0 {
+        Turn::CounterClockwise
+    } else {
+        Turn::Clockwise
+    };
+    let path = Path::Arc(ArcPath::new(from, to, Plane::Xy, centre, turn));
+    let whole = length.hypot(height);
+    let shape = Shape::Arc {
+        radius,
+        angle,
+        turn: sense * swept / whole,
+        rise: height / whole,
+    };
+    let motion = SegmentMotion::Feed {
+        path,
+        feed,
+        multi_block: MultiBlock::On,
+    };
+    (segment(motion), shape)
+}
+
+/// What the exact derivatives of the plan say: worst share of a maximum acceleration and velocity.
+pub fn check(chain: &Chain, profiles: &[Profile], samples: u32) -> Result<(), String> {
+    let mut rate_before = None;
+    for profile in profiles {
+        let block = usize::try_from(profile.segment).unwrap() - 1;
+        for (piece, duration_s) in pieces(profile) {
+            if let Some(before) = rate_before {
+                let step: f64 = piece.rate - before;
+                if step.abs() > 1e-6 * piece.rate.max(1e-3) {
+                    return Err(format!("the rate steps by {step} in segment {}", profile.segment));
+                }
+            }
+            rate_before = Some(piece.rate + piece.rate_change * duration_s);
+            let plan = |t: f64| piece.plan_s + t * (piece.rate + piece.rate_change * t / 2.0);
+            let within = plan(duration_s / 2.0);
+            // A ramp of a microsecond after a minute has ten digits of its time left.
+            let ramp_s = chain.formula.ramps[block + 1].iter().sum::<f64>();
+            let digits = 200.0 * f64::EPSILON * within / ramp_s;
+            for k in 0..=samples {
+                // Both ends, and between them never the very middle: a joint of ramps that the plan may have joined.
+                let shift = if k == 0 || k == samples { 0.0 } else { 0.0317 };
+                let t = duration_s * (f64::from(k) + shift) / f64::from(samples);
+                let rate = piece.rate + piece.rate_change * t;
+                if !(0.0..=1.0 + 1e-9).contains(&rate) {
+                    return Err(format!("the rate is {rate} in segment {}", profile.segment));
+                }
+                // Of the phase inside, so that rounding does not look at the one beside; only where it runs as planned a
+                // piece may hold several.
+                let joined = piece.rate_change.abs() < 1e-12;
+                let inside = plan(t) + (within - plan(t)) * if joined { 1e-3 } else { 1.0 };
+                let [q1, q2] = chain.derivatives(block, plan(t), inside);
+                for axis in 0..3 {
+                    let limit = chain.limit(axis);
+                    let a = q2.0[axis] * rate * rate + q1.0[axis] * piece.rate_change;
+                    if a.abs() > limit * (1.0 + 1e-6 + digits) {
+                        return Err(format!(
+                            "axis {axis}: {} of its acceleration in segment {} at {t} of {duration_s} s",
+                            a.abs() / limit,
+                            profile.segment
+                        ));
+                    }
+                    let v = (q1.0[axis] * rate).abs();
+                    let most = chain.settings.motors[axis].as_ref().unwrap().max_velocity;
+                    if v > most * (1.0 + 1e-6) {
+                        return Err(format!("axis {axis}: {} of its velocity", v / most));
+                    }
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Positions are those of 1b at the plan time of each sample.
+pub fn same_path(chain: &Chain, profiles: &[Profile]) -> Result<(), String> {
+    for profile in profiles {
+        let offset = chain.begins(profile.segment);
+        for k in 0..=4 {
+            let t = profile.duration_s * f64::from(k) / 4.0;
+            let planned = if k == 4 {
+                pace(profile).ends_s
+            } else {
+                pace(profile).plan_time(t)
+            };
+            let off = profile
+                .position(t)
+                .minus(chain.formula.position(offset + planned))
+                .orthogonal_length();
+            if off > 1e-7 {
+                return Err(format!("{off} off the path in segment {}", profile.segment));
+            }
+        }
+    }
+    Ok(())
+}
+
+pub fn time_s(profiles: &[Profile]) -> f64 {
+    profiles.iter().map(|profile| profile.duration_s).sum()
+}
+
+/// A step of plan time, and for each axis its acceleration over the largest one as factors of the squares of the rate at
+/// both ends, in the middle of the step: `q'' (x + y)/2 + q' (y - x)/(2 h)`.
+struct Step {
+    h: f64,
+    rows: [[f64; 2]; AXES_MAX],
+}
+
+/// A dense grid: each phase of a ramp and each way between ramps in `n` steps.
+fn grid(chain: &Chain, n: u32) -> Vec<Step> {
+    let formula = &chain.formula;
+    let mut breaks = vec![0.0];
+    for (centre, [ta, ts]) in formula.centres.iter().zip(&formula.ramps) {
+        let begin = centre - f64::midpoint(*ta, *ts);
+        breaks.extend([0.0, *ts, *ta, ta + ts].map(|phase| begin + phase));
+    }
+    let mut times = vec![0.0];
+    for pair in breaks.windows(2) {
+        if pair[1] - pair[0] > 1e-9 * formula.end_s / formula.centres.len() as f64 {
+            let from = times[times.len() - 1];
+            times.extend((1..=n).map(|k| from + (pair[1] - from) * f64::from(k) / f64::from(n)));
+        }
+    }
+    let step = |pair: &[f64]| {
+        let (h, middle) = (pair[1] - pair[0], f64::midpoint(pair[0], pair[1]));
+        let block = (1..chain.segments.len())
+            .rev()
+            .find(|&i| chain.begins(i as u64 + 1) <= middle)
+            .unwrap_or(0);
+        let local = middle - chain.begins(block as u64 + 1);
+        let [q1, q2] = chain.derivatives(block, local, local);
+        let mut rows = [[0.0; 2]; AXES_MAX];
+        for (axis, row) in rows.iter_mut().enumerate().take(3) {
+            let (a, b) = (q2.0[axis] / 2.0, q1.0[axis] / (2.0 * h));
+            *row = [(a - b) / chain.limit(axis), (a + b) / chain.limit(axis)];
+        }
+        Step { h, rows }
+    };
+    times.windows(2).map(step).collect()
+}
+
+impl Step {
+    /// The largest square of the rate at the end, up to `most`, that one at the begin leaves open.
+    fn end(&self, x: f64, most: f64) -> Option<f64> {
+        let (mut low, mut high) = (0.0_f64, most);
+        for [left, right] in self.rows {
+            if right != 0.0 {
+                let (a, b) = ((1.0 - left * x) / right, (-1.0 - left * x) / right);
+                (low, high) = (low.max(a.min(b)), high.min(a.max(b)));
+            } else if (left * x).abs() > 1.0 {
+                return None;
+            }
+        }
+        (low <= high).then_some(high)
+    }
+
+    /// The largest square of the rate at the begin, by bisection.
+    fn start(&self, end: f64) -> f64 {
+        if self.end(1.0, end).is_some() {
+            return 1.0;
+        }
+        let (mut low, mut high) = (0.0, 1.0);
+        for _ in 0..50 {
+            let middle = f64::midpoint(low, high);
+            if self.end(middle, end).is_some() {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        low
+    }
+}
+
+/// The best possible time: on a dense grid of plan time, largest squares of the rate backwards, then forward.
+pub fn best_time_s(chain: &Chain, n: u32) -> f64 {
+    let steps = grid(chain, n);
+    let mut limits = vec![1.0; steps.len() + 1];
+    for (i, step) in steps.iter().enumerate().rev() {
+        limits[i] = step.start(limits[i + 1]);
+    }
+    let mut x = limits[0];
+    let mut time = 0.0;
+    for (i, step) in steps.iter().enumerate() {
+        let y = step
+            .end(x.min(limits[i]), limits[i + 1])
+            .unwrap_or(x.min(limits[i + 1]));
+        time += 2.0 * step.h / (x.sqrt() + y.sqrt());
+        x = y;
+    }
+    time
+}

@@ -1,0 +1,10 @@
+//! The planner from outside: segments in, profiles out.
+
+#![allow(clippy::unwrap_used, clippy::panic, reason = "tests fail by panicking")]
+
+mod chain;
+mod look_ahead;
+mod look_ahead_rig;
+mod planner;
+mod rig;
+mod tapping;

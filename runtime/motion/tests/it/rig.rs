@@ -1,0 +1,135 @@
+//! Machines and segments made by hand, and ramps written down a second time.
+
+use std::collections::VecDeque;
+
+use tandem_model::alarm::AlarmEntry;
+use tandem_model::flow::{Feed, MultiBlock, Path, Segment, SegmentEnd, SegmentMotion};
+use tandem_model::profile::Profile;
+use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
+use tandem_model::{AXES_MAX, AxisVector, Origin};
+use tandem_motion::Planner;
+
+pub const PERIOD_S: f64 = 0.001;
+
+pub fn motor(velocity: f64, acceleration: f64, jerk: Option<f64>) -> MotorSettings {
+    MotorSettings {
+        number: 1,
+        kind: MotorKind::Linear,
+        max_velocity: velocity,
+        max_acceleration: acceleration,
+        max_jerk: jerk,
+        rapid_velocity: velocity,
+        rapid_acceleration: acceleration,
+        skip_velocity: velocity / 10.0,
+        in_position: 0.01,
+        in_position_timeout_ms: 2000.0,
+        soft_limits: None,
+        reference_points: [0.0; 4],
+        lag_ms: 0.0,
+        orientation_velocity: 0.0,
+        orientation_position: 0.0,
+    }
+}
+
+pub fn settings(motors: [Option<MotorSettings>; AXES_MAX]) -> CoordinateSystemSettings {
+    CoordinateSystemSettings {
+        number: 1,
+        motors,
+        spindle: None,
+        unit: tandem_model::settings::Unit::Millimetre,
+        max_feedrate_mm_min: 1e6,
+        default_feedrate_mm_min: 0.0,
+        default_ta_ms: 100.0,
+        default_td_ms: 100.0,
+        default_ts_ms: 50.0,
+        rotary_feedrate_deg_min: 0.0,
+        override_slew_ms: 1000.0,
+        hold_slew_ms: 200.0,
+        servo_period_s: PERIOD_S,
+        motion: tandem_model::settings::MotionOptions::default(),
+    }
+}
+
+/// All eight axes with wide limits.
+pub fn fast() -> CoordinateSystemSettings {
+    settings(std::array::from_fn(|_| Some(motor(1e5, 1e6, None))))
+}
+
+pub fn vector(values: &[f64]) -> AxisVector {
+    AxisVector(std::array::from_fn(|i| values.get(i).copied().unwrap_or(0.0)))
+}
+
+pub fn segment(motion: SegmentMotion) -> Segment {
+    Segment {
+        origin: Origin {
+            program: 7,
+            line: 3,
+            column: 1,
+        },
+        motion,
+        end: SegmentEnd::ExactStop,
+    }
+}
+
+pub fn line(from: AxisVector, to: AxisVector, feed: Feed) -> Segment {
+    let way = to.minus(from);
+    let length = if way.orthogonal_length() > 0.0 {
+        way.orthogonal_length()
+    } else {
+        way.rotary_length()
+    };
+    segment(SegmentMotion::Feed {
+        path: Path::Line { from, to, length },
+        feed,
+        multi_block: MultiBlock::Off,
+    })
+}
+
+pub fn feed(feedrate_mm_min: f64, [ta_ms, td_ms, ts_ms]: [f64; 3]) -> Feed {
+    Feed {
+        feedrate_mm_min,
+        ta_ms,
+        td_ms,
+        ts_ms,
+    }
+}
+
+pub fn plan(settings: &CoordinateSystemSettings, segment: &Segment) -> Profile {
+    let mut planner = Planner::new(settings);
+    let mut out = VecDeque::new();
+    planner.push(segment, &mut out).unwrap();
+    planner.flush(&mut out).unwrap();
+    assert_eq!(out.len(), 1);
+    out.pop_front().unwrap()
+}
+
+#[track_caller]
+pub fn refused(settings: &CoordinateSystemSettings, segment: &Segment, entry: &'static AlarmEntry) -> String {
+    let mut planner = Planner::new(settings);
+    let mut out = VecDeque::new();
+    let alarm = planner.push(segment, &mut out).unwrap_err();
+    assert_eq!(alarm.entry, entry, "{}", alarm.text);
+    assert_eq!(alarm.origin, Some(segment.origin));
+    assert!(out.is_empty());
+    assert_eq!(planner.last_segment(), 0);
+    alarm.text
+}
+
+#[track_caller]
+pub fn close(value: f64, expected: f64) {
+    assert!((value - expected).abs() < 1e-9, "{value} is not {expected}");
+}
+
+/// P(t) as what it is, step * box(ta) * box(ts) integrated: truncated powers, no phases. After the ramp the powers
+/// amount to t - (ta + ts)/2, written so because their sum cancels there.
+pub fn integral_of_ramp(t: f64, ta: f64, ts: f64) -> f64 {
+    if t > ta + ts {
+        return t - f64::midpoint(ta, ts);
+    }
+    let cut = |x: f64, power: i32| if x > 0.0 { x.powi(power) } else { 0.0 };
+    if ts > 0.0 {
+        (cut(t, 3) - cut(t - ta, 3) - cut(t - ts, 3) + cut(t - ta - ts, 3)) / (6.0 * ta * ts)
+    } else {
+        (cut(t, 2) - cut(t - ta, 2)) / (2.0 * ta)
+    }
+}

@@ -1,0 +1,127 @@
+//! G02 and G03: from the words to the circle in machine coordinates (motion-semantics 1f, D21, D26).
+
+use tandem_model::alarm::{ARC_DISTORTED, ARC_IMPOSSIBLE, VALUE_NOT_FINITE};
+use tandem_model::flow::{Arc, ArcShape, Block, Frame, Path, Transform, Turn};
+use tandem_model::{Alarm, ArcPath, AxisVector};
+
+use crate::stage::{LENGTH_MIN, PathStage, line_between};
+use crate::transform;
+
+impl PathStage {
+    /// The path of an arc; `None` when R0 leads nowhere.
+    pub(crate) fn arc(&self, block: &Block, arc: &Arc) -> Result<Option<Path>, Alarm> {
+        let plane = arc.plane.axes();
+        if let Some(axis) = plane.into_iter().find(|axis| !self.axes.contains(*axis)) {
+            return Err(Self::axis_missing(axis));
+        }
+        let mut to = self.target(block, &arc.target)?;
+        let transform = match arc.target.frame {
+            Frame::Work => self.transform,
+            Frame::Machine => Transform::default(),
+        };
+        let Some((scale, flips)) = transform::arc_scale(&transform, arc.plane) else {
+            return Err(Alarm::new(
+                &ARC_DISTORTED,
+                format!(
+                    "Scale factors are {:?}, rotation {:?}, the arc's plane {:?}",
+                    transform.scaling.map(|scaling| scaling.factors),
+                    transform
+                        .rotation
+                        .map(|rotation| (rotation.plane, rotation.angle_deg)),
+                    arc.plane,
+                ),
+            ));
+        };
+        let turn = match (arc.turn, flips) {
+            (Turn::Clockwise, false) | (Turn::CounterClockwise, true) => Turn::Clockwise,
+            (Turn::CounterClockwise, false) | (Turn::Clockwise, true) => Turn::CounterClockwise,
+        };
+        let chord = plane.map(|axis| to[axis] - self.at[axis]);
+        let closed = chord[0].hypot(chord[1]) < LENGTH_MIN;
+        let from_start = match arc.shape {
+            ArcShape::Centre(ijk) => {
+                if closed {
+                    for axis in plane {
+                        to[axis] = self.at[axis];
+                    }
+                }
+                let mut programmed = AxisVector::ZERO;
+                programmed.0[..3].copy_from_slice(&ijk);
+                let machine = transform.linear(programmed);
+                plane.map(|axis| machine[axis])
+            }
+            ArcShape::Radius(0.0) => return line_between(self.at, to),
+            ArcShape::Radius(radius) => {
+                centre_from_radius(chord, radius * scale, turn, self.arc_radius_tolerance_mm)?
+            }
+        };
+        self.around(from_start, to, arc, turn).map(Path::Arc).map(Some)
+    }
+
+    /// The arc about a centre, given from the start point.
+    fn around(&self, from_start: [f64; 2], to: AxisVector, arc: &Arc, turn: Turn) -> Result<ArcPath, Alarm> {
+        let [first, second] = arc.plane.axes();
+        let centre = [self.at[first] + from_start[0], self.at[second] + from_start[1]];
+        let start_radius = from_start[0].hypot(from_start[1]);
+        let end_radius = (to[first] - centre[0]).hypot(to[second] - centre[1]);
+        if !start_radius.is_finite() || !end_radius.is_finite() {
+            let text = format!("The radius is {start_radius} at the start, {end_radius} at the end");
+            return Err(Alarm::new(&VALUE_NOT_FINITE, text));
+        }
+        for (name, radius) in [("start", start_radius), ("end", end_radius)] {
+            if radius < LENGTH_MIN {
+                let text = format!(
+                    "The centre {}{:.6} {}{:.6} (machine) is the {name} point",
+                    first.letter(),
+                    centre[0],
+                    second.letter(),
+                    centre[1]
+                );
+                return Err(Alarm::new(&ARC_IMPOSSIBLE, text));
+            }
+        }
+        let tolerance = self.spiral_tolerance_mm;
+        if tolerance > 0.0 && (end_radius - start_radius).abs() > tolerance {
+            let text = format!(
+                "The radius is {start_radius:.6} mm at the start, {end_radius:.6} mm at the end, and spiral_tolerance \
+                 is {tolerance} mm"
+            );
+            return Err(Alarm::new(&ARC_IMPOSSIBLE, text));
+        }
+        let path = ArcPath::new(self.at, to, arc.plane, centre, turn);
+        if path.length().is_finite() {
+            Ok(path)
+        } else {
+            let text = format!("The length of the arc is {}", path.length());
+            Err(Alarm::new(&VALUE_NOT_FINITE, text))
+        }
+    }
+}
+
+/// The centre from the start point: the middle of the chord, and `sqrt(R^2 - c^2/4)` to its left for an arc up to a
+/// half circle turning counter-clockwise or a larger one turning clockwise, else to its right.
+fn centre_from_radius(
+    chord: [f64; 2],
+    radius: f64,
+    turn: Turn,
+    tolerance_mm: f64,
+) -> Result<[f64; 2], Alarm> {
+    let length = chord[0].hypot(chord[1]);
+    if !radius.is_finite() {
+        return Err(Alarm::new(&VALUE_NOT_FINITE, format!("R is {radius}")));
+    }
+    if length < LENGTH_MIN {
+        let text = format!("R {radius:.6} mm: the target is the start point in the arc's plane");
+        return Err(Alarm::new(&ARC_IMPOSSIBLE, text));
+    }
+    let half = length / 2.0;
+    if radius.abs() < half - tolerance_mm {
+        let text = format!("R {radius:.6} mm is smaller than half the distance to the target, {half:.6} mm");
+        return Err(Alarm::new(&ARC_IMPOSSIBLE, text));
+    }
+    // (R - h)(R + h) keeps its digits where R is hardly more than half the chord.
+    let off_chord = ((radius.abs() - half) * (radius.abs() + half)).max(0.0).sqrt();
+    let left = (radius > 0.0) == (turn == Turn::CounterClockwise);
+    let side = if left { off_chord } else { -off_chord } / length;
+    Ok([chord[0] / 2.0 - side * chord[1], chord[1] / 2.0 + side * chord[0]])
+}

@@ -1,0 +1,217 @@
+//! From pieces to the segments of the tool's centre: plane and other axes together again, and the feedrate.
+
+use tandem_model::flow::{Feed, MultiBlock, Path, Plane, Segment, SegmentMotion, Turn};
+use tandem_model::settings::CompensationFeed;
+use tandem_model::{Alarm, ArcPath, Axis, AxisVector};
+
+use super::curve::{Curve, Vec2};
+use super::piece::{Leg, Piece, Way};
+use crate::stage::line_between;
+
+/// An arc shorter than this goes out as a line, mm: an arc path between equal directions would be a full turn.
+const ARC_MIN: f64 = 1e-8;
+
+/// Builds segments one after the other; each begins to the last bit where the one before ends.
+#[derive(Debug, Clone)]
+pub(super) struct Builder {
+    basis: CompensationFeed,
+    max_feedrate_mm_min: f64,
+    plane: Plane,
+    /// Where what has been built ends.
+    at: AxisVector,
+    /// Of the block built last.
+    feed: Feed,
+    multi_block: MultiBlock,
+    /// A stop before a block that turned out not to move.
+    stop: bool,
+}
+
+impl Builder {
+    pub fn new(basis: CompensationFeed, max_feedrate_mm_min: f64) -> Self {
+        Self {
+            basis,
+            max_feedrate_mm_min,
+            plane: Plane::Xy,
+            at: AxisVector::ZERO,
+            feed: Feed {
+                feedrate_mm_min: 0.0,
+                ta_ms: 0.0,
+                td_ms: 0.0,
+                ts_ms: 0.0,
+            },
+            multi_block: MultiBlock::Off,
+            stop: false,
+        }
+    }
+
+    pub fn begin(&mut self, plane: Plane, at: AxisVector) {
+        (self.plane, self.at, self.stop) = (plane, at, false);
+    }
+
+    /// Puts out a piece and what follows it without moving in the plane.
+    ///
+    /// # Errors
+    /// `VALUE_NOT_FINITE` for a length that is not a number, at the block.
+    pub fn build(&mut self, piece: &Piece, out: &mut Vec<Leg>) -> Result<(), Alarm> {
+        self.stop |= piece.leg.stop_before;
+        let segment = &piece.leg.segment;
+        if let Some(way) = &piece.way {
+            match &segment.motion {
+                SegmentMotion::Feed {
+                    path,
+                    feed,
+                    multi_block,
+                } => {
+                    (self.feed, self.multi_block) = (*feed, *multi_block);
+                    self.along(piece, way, path, out)
+                }
+                SegmentMotion::Rapid { to, .. } => self.rapid(segment, way, *to, out),
+                SegmentMotion::Skip { .. } | SegmentMotion::Tap { .. } | SegmentMotion::Dwell { .. } => {
+                    Ok(())
+                }
+            }
+            .map_err(|alarm| alarm.at(segment.origin))?;
+        }
+        piece.stills.iter().try_for_each(|leg| self.still(leg, out))
+    }
+
+    fn along(&mut self, piece: &Piece, way: &Way, path: &Path, out: &mut Vec<Leg>) -> Result<(), Alarm> {
+        let segment = &piece.leg.segment;
+        let (start, end) = (path.start(), path.end());
+        if let Some(head) = &way.head {
+            self.cut(segment, head, start, self.feed, out)?;
+        }
+        if let Some(curve) = &way.curve {
+            let feed = self.curve_feed(&piece.wall, curve, end.minus(start));
+            self.cut(segment, curve, end, feed, out)?;
+        }
+        if let Some(tail) = &way.tail {
+            self.cut(segment, tail, end, self.feed, out)?;
+        }
+        Ok(())
+    }
+
+    /// A lead-out with G00; an arc that it needs is cut at the feedrate before it.
+    fn rapid(
+        &mut self,
+        segment: &Segment,
+        way: &Way,
+        to: AxisVector,
+        out: &mut Vec<Leg>,
+    ) -> Result<(), Alarm> {
+        if let Some(head) = &way.head {
+            self.cut(segment, head, self.at, self.feed, out)?;
+        }
+        let motion = SegmentMotion::Rapid { from: self.at, to };
+        self.put(segment, motion, to, out);
+        Ok(())
+    }
+
+    /// Along a curve; the axes outside the plane go to their values in `others`.
+    fn cut(
+        &mut self,
+        segment: &Segment,
+        curve: &Curve,
+        others: AxisVector,
+        feed: Feed,
+        out: &mut Vec<Leg>,
+    ) -> Result<(), Alarm> {
+        let to = curve.to().put_into(others, self.plane);
+        let path = match curve {
+            Curve::Arc(arc) if curve.length() >= ARC_MIN => {
+                let turn = if arc.sweep > 0.0 {
+                    Turn::CounterClockwise
+                } else {
+                    Turn::Clockwise
+                };
+                let Vec2(first, second) = arc.centre;
+                Path::Arc(ArcPath::new(self.at, to, self.plane, [first, second], turn))
+            }
+            _ => match line_between(self.at, to)? {
+                Some(line) => line,
+                None => return Ok(()),
+            },
+        };
+        let motion = SegmentMotion::Feed {
+            path,
+            feed,
+            multi_block: self.multi_block,
+        };
+        self.put(segment, motion, to, out);
+        Ok(())
+    }
+
+    /// What moves no axis of the plane happens where the centre is.
+    fn still(&mut self, leg: &Leg, out: &mut Vec<Leg>) -> Result<(), Alarm> {
+        self.stop |= leg.stop_before;
+        let (segment, centre) = (&leg.segment, Vec2::of(self.at, self.plane));
+        let there = |to: AxisVector| centre.put_into(to, self.plane);
+        match &segment.motion {
+            SegmentMotion::Feed {
+                path,
+                feed,
+                multi_block,
+            } => {
+                let to = there(path.end());
+                if let Some(path) = line_between(self.at, to).map_err(|alarm| alarm.at(segment.origin))? {
+                    let (feed, multi_block) = (*feed, *multi_block);
+                    let motion = SegmentMotion::Feed {
+                        path,
+                        feed,
+                        multi_block,
+                    };
+                    self.put(segment, motion, to, out);
+                }
+            }
+            SegmentMotion::Rapid { to, .. }
+            | SegmentMotion::Skip { to, .. }
+            | SegmentMotion::Tap { to, .. } => {
+                let to = there(*to);
+                self.put(segment, SegmentMotion::Rapid { from: self.at, to }, to, out);
+            }
+            SegmentMotion::Dwell { dwell_s, .. } => {
+                let (at, dwell_s) = (self.at, *dwell_s);
+                self.put(segment, SegmentMotion::Dwell { at, dwell_s }, at, out);
+            }
+        }
+        Ok(())
+    }
+
+    fn put(&mut self, segment: &Segment, motion: SegmentMotion, to: AxisVector, out: &mut Vec<Leg>) {
+        out.push(Leg {
+            segment: Segment {
+                origin: segment.origin,
+                motion,
+                end: segment.end,
+            },
+            stop_before: std::mem::take(&mut self.stop),
+        });
+        self.at = to;
+    }
+
+    /// Feedrate of the centre on an offset curve. With the feedrate of the edge both take the same time for the same
+    /// angle: `F |R -+ r|/R` in the plane, the other axes counted in.
+    fn curve_feed(&self, wall: &Curve, centre: &Curve, way: AxisVector) -> Feed {
+        let (Curve::Arc(wall), Curve::Arc(centre), CompensationFeed::Edge) = (wall, centre, self.basis)
+        else {
+            return self.feed;
+        };
+        let [first, second] = self.plane.axes();
+        let height = [Axis::X, Axis::Y, Axis::Z]
+            .into_iter()
+            .find(|axis| *axis != first && *axis != second)
+            .map_or(0.0, |axis| way[axis]);
+        let mean = |radii: [f64; 2]| f64::midpoint(radii[0], radii[1]);
+        let rate = |radius: f64| (radius * centre.sweep).hypot(height);
+        let programmed = self.feed.feedrate_mm_min;
+        let feedrate = programmed * rate(mean(centre.radii)) / rate(mean(wall.radii));
+        Feed {
+            feedrate_mm_min: if feedrate.is_finite() && feedrate > 0.0 {
+                feedrate.min(self.max_feedrate_mm_min.max(programmed))
+            } else {
+                programmed
+            },
+            ..self.feed
+        }
+    }
+}

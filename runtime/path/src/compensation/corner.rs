@@ -1,0 +1,178 @@
+//! Where two compensated blocks meet (motion-semantics 1g).
+//!
+//! A joint is judged by the deflection between the blocks. On the inside both are cut at the intersection of their
+//! offset curves. On the outside both go on straight to where these lines meet, as long as the deflection is at most
+//! 90 degrees; beyond, an arc about the programmed corner is added. A reversal within [`REVERSAL`] is taken as an
+//! outside corner on either side.
+//!
+//! Decision: an arc goes on along its tangent, so it gets a straight piece there.
+
+use std::f64::consts::PI;
+
+use super::curve::{Arc, Curve, Line, Vec2};
+use crate::stage::LENGTH_MIN;
+
+/// Deflections below this are rounding, radians: for a tool of 100 mm the corner is off the curves by less than
+/// 1e-10 mm.
+const TANGENT: f64 = 1e-6;
+
+/// Blocks that go back this close to where they came from are a reversal: 1 degree.
+const REVERSAL: f64 = PI / 180.0;
+
+/// A corner of 90 degrees is still extended when rounding lets its deflection seem larger: its cosine.
+const RIGHT_ANGLE: f64 = -1e-9;
+
+/// How the tool's centre goes from one block to the next: along the first one's curve to `end`, straight on to
+/// `meet`, there an exact stop is made if one is asked for, then along `arc` or straight to `start`, where the next
+/// one's curve begins.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Joint {
+    pub end: Vec2,
+    pub meet: Vec2,
+    pub arc: Option<Curve>,
+    pub start: Vec2,
+    /// Deflection, counter-clockwise positive.
+    pub turn: f64,
+}
+
+impl Joint {
+    /// Where the first piece begins.
+    pub fn begin(point: Vec2) -> Self {
+        Self::at(point, 0.0)
+    }
+
+    fn at(point: Vec2, turn: f64) -> Self {
+        Self {
+            end: point,
+            meet: point,
+            arc: None,
+            start: point,
+            turn,
+        }
+    }
+
+    /// An arc about the corner.
+    fn round(corner: Vec2, from: Vec2, to: Vec2, tool: f64, turn: f64) -> Self {
+        let away = -tool.signum();
+        let sweep = if turn * away > 0.0 {
+            turn
+        } else {
+            turn + away * 2.0 * PI
+        };
+        let radius = tool.abs();
+        Self {
+            end: from,
+            meet: from,
+            arc: Some(Curve::Arc(Arc {
+                centre: corner,
+                from,
+                to,
+                radii: [radius; 2],
+                sweep,
+            })),
+            start: to,
+            turn,
+        }
+    }
+}
+
+/// The joint of two offset curves whose programmed blocks meet in `corner`. `tool` is the tool radius, negative on
+/// the right. Without a solution the feet of the curves, and `false`.
+pub(super) fn between(before: &Curve, after: &Curve, corner: Vec2, tool: f64) -> (Joint, bool) {
+    let (incoming, outgoing) = (before.end_direction(), after.start_direction());
+    let (turn, cos) = (incoming.angle_to(outgoing), incoming.dot(outgoing));
+    if tool.abs() < LENGTH_MIN {
+        return (Joint::at(corner, turn), true);
+    }
+    if needs_arc(turn, cos, tool) {
+        return (Joint::round(corner, before.to(), after.from(), tool, turn), true);
+    }
+    let straight = matches!((before, after), (Curve::Line(_), Curve::Line(_)));
+    let outside = turn * tool < 0.0;
+    if straight || outside || turn.abs() < TANGENT {
+        // Both normals make the same angle with the way to the corner point.
+        let meet = corner + (incoming.left() + outgoing.left()) * (tool / (1.0 + cos));
+        let mut joint = Joint::at(meet, turn);
+        if outside && turn.abs() >= TANGENT {
+            if let Curve::Arc(arc) = before {
+                joint.end = arc.to;
+            }
+            if let Curve::Arc(arc) = after {
+                joint.start = arc.from;
+            }
+        }
+        return (joint, true);
+    }
+    let meet = match (before, after) {
+        (Curve::Line(line), Curve::Arc(arc)) => on_line_and_circle(line, arc, arc.radii[0], corner),
+        (Curve::Arc(arc), Curve::Line(line)) => on_line_and_circle(line, arc, arc.radii[1], corner),
+        (Curve::Arc(a), Curve::Arc(b)) => on_both_circles(a, b, corner),
+        (Curve::Line(_), Curve::Line(_)) => None,
+    };
+    let feet = Joint {
+        end: before.to(),
+        start: after.from(),
+        ..Joint::at(before.to(), turn)
+    };
+    meet.map_or((feet, false), |meet| (Joint::at(meet, turn), true))
+}
+
+/// The joint of a straight lead-in with this direction and the first compensated curve.
+pub(super) fn leading_in(direction: Vec2, after: &Curve, corner: Vec2, tool: f64) -> Joint {
+    let outgoing = after.start_direction();
+    let (turn, cos) = (direction.angle_to(outgoing), direction.dot(outgoing));
+    if needs_arc(turn, cos, tool) {
+        let foot = corner + direction.left() * tool;
+        Joint::round(corner, foot, after.from(), tool, turn)
+    } else {
+        Joint::at(after.from(), turn)
+    }
+}
+
+/// The joint of the last compensated curve and a straight lead-out with this direction.
+pub(super) fn leading_out(before: &Curve, direction: Vec2, corner: Vec2, tool: f64) -> Joint {
+    let incoming = before.end_direction();
+    let (turn, cos) = (incoming.angle_to(direction), incoming.dot(direction));
+    if needs_arc(turn, cos, tool) {
+        let foot = corner + direction.left() * tool;
+        Joint::round(corner, before.to(), foot, tool, turn)
+    } else {
+        Joint::at(before.to(), turn)
+    }
+}
+
+fn needs_arc(turn: f64, cos: f64, tool: f64) -> bool {
+    let reversal = PI - turn.abs() <= REVERSAL;
+    tool.abs() >= LENGTH_MIN && (reversal || (turn * tool < 0.0 && cos < RIGHT_ANGLE))
+}
+
+/// The intersection on the side of the line's foot on which the programmed corner lies: there it came from as the
+/// tool's radius grew from zero.
+fn on_line_and_circle(line: &Line, arc: &Arc, radius: f64, corner: Vec2) -> Option<Vec2> {
+    let foot = line.from + line.along * (arc.centre - line.from).dot(line.along);
+    let distance = (foot - arc.centre).length();
+    let half_chord = half_chord(radius, distance)?;
+    let side = (corner - arc.centre).dot(line.along).signum();
+    Some(foot + line.along * (side * half_chord))
+}
+
+/// The same for two circles and the line through their centres.
+fn on_both_circles(a: &Arc, b: &Arc, corner: Vec2) -> Option<Vec2> {
+    let way = b.centre - a.centre;
+    let distance = way.length();
+    if distance < LENGTH_MIN {
+        return None;
+    }
+    let along = way * (1.0 / distance);
+    let (first, second) = (a.radii[1], b.radii[0]);
+    let foot = f64::midpoint(distance, (first - second) * (first + second) / distance);
+    let half_chord = half_chord(first, foot.abs())?;
+    let side = along.cross(corner - a.centre).signum();
+    Some(a.centre + along * foot + along.left() * (side * half_chord))
+}
+
+/// Half the chord of a circle at this distance from its centre. A line that misses it by rounding touches it.
+fn half_chord(radius: f64, distance: f64) -> Option<f64> {
+    let square = (radius - distance) * (radius + distance);
+    (distance <= radius + LENGTH_MIN).then(|| square.max(0.0).sqrt())
+}

@@ -1,0 +1,303 @@
+//! Lines and arcs in the plane of the compensation, and their offset curves.
+
+use std::f64::consts::PI;
+use std::ops::{Add, Mul, Sub};
+
+use tandem_model::AxisVector;
+use tandem_model::flow::{Path, Plane};
+
+use crate::stage::LENGTH_MIN;
+
+/// A point or a direction in the plane: first and second axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Vec2(pub f64, pub f64);
+
+impl Vec2 {
+    pub fn of(vector: AxisVector, plane: Plane) -> Self {
+        let [first, second] = plane.axes();
+        Self(vector[first], vector[second])
+    }
+
+    /// The vector with these values on the plane's axes.
+    pub fn put_into(self, mut vector: AxisVector, plane: Plane) -> AxisVector {
+        let [first, second] = plane.axes();
+        vector[first] = self.0;
+        vector[second] = self.1;
+        vector
+    }
+
+    pub fn dot(self, other: Self) -> f64 {
+        self.0 * other.0 + self.1 * other.1
+    }
+
+    /// Positive when `other` points to the left.
+    pub fn cross(self, other: Self) -> f64 {
+        self.0 * other.1 - self.1 * other.0
+    }
+
+    /// A quarter turn counter-clockwise.
+    pub fn left(self) -> Self {
+        Self(-self.1, self.0)
+    }
+
+    /// Positions are far from where their squares overflow.
+    pub fn length(self) -> f64 {
+        self.dot(self).sqrt()
+    }
+
+    /// Angle from here to `other`, counter-clockwise, -pi to pi.
+    pub fn angle_to(self, other: Self) -> f64 {
+        self.cross(other).atan2(self.dot(other))
+    }
+}
+
+impl Add for Vec2 {
+    type Output = Self;
+    fn add(self, other: Self) -> Self {
+        Self(self.0 + other.0, self.1 + other.1)
+    }
+}
+
+impl Sub for Vec2 {
+    type Output = Self;
+    fn sub(self, other: Self) -> Self {
+        Self(self.0 - other.0, self.1 - other.1)
+    }
+}
+
+impl Mul<f64> for Vec2 {
+    type Output = Self;
+    fn mul(self, factor: f64) -> Self {
+        Self(self.0 * factor, self.1 * factor)
+    }
+}
+
+/// A line or an arc in the plane.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Curve {
+    Line(Line),
+    Arc(Arc),
+}
+
+/// A straight line. The direction stays that of the block when the line is cut, even to nothing.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Line {
+    pub from: Vec2,
+    pub to: Vec2,
+    /// Unit vector.
+    pub along: Vec2,
+}
+
+/// An arc; its radii at the ends may differ by the rounding of the program.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Arc {
+    pub centre: Vec2,
+    pub from: Vec2,
+    pub to: Vec2,
+    /// At the start and at the end.
+    pub radii: [f64; 2],
+    /// Counter-clockwise positive, radians.
+    pub sweep: f64,
+}
+
+impl Curve {
+    /// What a path is in the plane; `None` when it does not move there.
+    pub fn of(path: &Path, plane: Plane) -> Option<Self> {
+        let (from, to) = (Vec2::of(path.start(), plane), Vec2::of(path.end(), plane));
+        match path {
+            Path::Line { .. } => Self::line(from, to),
+            Path::Arc(arc) => Some(Self::Arc(Arc {
+                centre: Vec2(arc.centre()[0], arc.centre()[1]),
+                from,
+                to,
+                radii: arc.radii(),
+                sweep: arc.sweep(),
+            })),
+        }
+    }
+
+    /// The straight line; `None` when it leads nowhere.
+    pub fn line(from: Vec2, to: Vec2) -> Option<Self> {
+        let way = to - from;
+        let length = way.length();
+        let along = way * (1.0 / length);
+        (length >= LENGTH_MIN).then_some(Self::Line(Line { from, to, along }))
+    }
+
+    pub fn from(&self) -> Vec2 {
+        match self {
+            Self::Line(line) => line.from,
+            Self::Arc(arc) => arc.from,
+        }
+    }
+
+    pub fn to(&self) -> Vec2 {
+        match self {
+            Self::Line(line) => line.to,
+            Self::Arc(arc) => arc.to,
+        }
+    }
+
+    /// Unit vector of the direction at the start.
+    pub fn start_direction(&self) -> Vec2 {
+        match self {
+            Self::Line(line) => line.along,
+            Self::Arc(arc) => arc.direction(arc.from, arc.radii[0]),
+        }
+    }
+
+    /// Unit vector of the direction at the end.
+    pub fn end_direction(&self) -> Vec2 {
+        match self {
+            Self::Line(line) => line.along,
+            Self::Arc(arc) => arc.direction(arc.to, arc.radii[1]),
+        }
+    }
+
+    /// Angle by which the direction turns along the curve, counter-clockwise positive.
+    pub fn turning(&self) -> f64 {
+        match self {
+            Self::Line(_) => 0.0,
+            Self::Arc(arc) => arc.sweep,
+        }
+    }
+
+    /// The parallel curve at this distance to the left; `None` for an arc that the tool does not fit into.
+    pub fn offset(&self, left: f64) -> Option<Self> {
+        match *self {
+            Self::Line(line) => {
+                let shift = line.along.left() * left;
+                Some(Self::Line(Line {
+                    from: line.from + shift,
+                    to: line.to + shift,
+                    along: line.along,
+                }))
+            }
+            Self::Arc(arc) => {
+                let outward = -arc.sweep.signum() * left;
+                let radii = arc.radii.map(|radius| radius + outward);
+                let moved =
+                    |point: Vec2, i: usize| arc.centre + (point - arc.centre) * (radii[i] / arc.radii[i]);
+                radii.iter().all(|radius| *radius > LENGTH_MIN).then(|| {
+                    Self::Arc(Arc {
+                        from: moved(arc.from, 0),
+                        to: moved(arc.to, 1),
+                        radii,
+                        ..arc
+                    })
+                })
+            }
+        }
+    }
+
+    /// The part between two points of the curve; beyond its ends a line is extended. `None` when it would lead
+    /// against the curve's direction.
+    pub fn between(&self, from: Vec2, to: Vec2) -> Option<Self> {
+        match *self {
+            Self::Line(line) => {
+                let forward = (to - from).dot(line.along) >= -LENGTH_MIN;
+                forward.then_some(Self::Line(Line { from, to, ..line }))
+            }
+            Self::Arc(arc) => {
+                let sense = arc.sweep.signum();
+                let cut = |a: Vec2, b: Vec2| sense * (a - arc.centre).angle_to(b - arc.centre);
+                let (mut left, mut radii) = (arc.sweep.abs(), arc.radii);
+                if from != arc.from {
+                    left -= cut(arc.from, from);
+                    radii[0] = (from - arc.centre).length();
+                }
+                if to != arc.to {
+                    left -= cut(to, arc.to);
+                    radii[1] = (to - arc.centre).length();
+                }
+                let radius = arc.radii[0].min(arc.radii[1]);
+                (left * radius >= -LENGTH_MIN).then_some(Self::Arc(Arc {
+                    from,
+                    to,
+                    radii,
+                    sweep: sense * left.max(0.0),
+                    ..arc
+                }))
+            }
+        }
+    }
+
+    /// Length in the plane.
+    pub fn length(&self) -> f64 {
+        match self {
+            Self::Line(line) => (line.to - line.from).length(),
+            Self::Arc(arc) => arc.sweep.abs() * f64::midpoint(arc.radii[0], arc.radii[1]),
+        }
+    }
+}
+
+impl Arc {
+    /// Direction of travel at a point of the arc with this radius.
+    fn direction(&self, point: Vec2, radius: f64) -> Vec2 {
+        (point - self.centre).left() * (self.sweep.signum() / radius)
+    }
+
+    /// Share of the sweep at which this direction from the centre lies; `None` when the arc does not come there.
+    pub fn share(&self, towards: Vec2) -> Option<f64> {
+        let angle = self.sweep.signum() * (self.from - self.centre).angle_to(towards);
+        let angle = if angle < 0.0 { angle + 2.0 * PI } else { angle };
+        (angle <= self.sweep.abs()).then(|| angle / self.sweep.abs())
+    }
+
+    pub fn radius_at(&self, share: f64) -> f64 {
+        self.radii[0] + (self.radii[1] - self.radii[0]) * share
+    }
+}
+
+/// A rectangle along the axes that holds a curve.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Bounds {
+    low: Vec2,
+    high: Vec2,
+}
+
+impl Bounds {
+    pub fn of(curve: &Curve) -> Self {
+        let (from, to) = (curve.from(), curve.to());
+        let ends = Self {
+            low: Vec2(from.0.min(to.0), from.1.min(to.1)),
+            high: Vec2(from.0.max(to.0), from.1.max(to.1)),
+        };
+        let Curve::Arc(arc) = curve else { return ends };
+        let sweep = arc.sweep.abs();
+        if sweep <= PI {
+            // The rise above the chord c is c/2 tan(sweep/4), and the tangent is below its chord up to pi/4.
+            ends.wider((to - from).length() * sweep / (2.0 * PI))
+        } else {
+            let radius = arc.radii[0].max(arc.radii[1]);
+            let point = Self {
+                low: arc.centre,
+                high: arc.centre,
+            };
+            point.wider(radius).with(&ends)
+        }
+    }
+
+    pub fn with(self, other: &Self) -> Self {
+        Self {
+            low: Vec2(self.low.0.min(other.low.0), self.low.1.min(other.low.1)),
+            high: Vec2(self.high.0.max(other.high.0), self.high.1.max(other.high.1)),
+        }
+    }
+
+    fn wider(self, by: f64) -> Self {
+        let by = Vec2(by, by);
+        Self {
+            low: self.low - by,
+            high: self.high + by,
+        }
+    }
+
+    /// True when the rectangles come closer than this on both axes.
+    pub fn is_near(&self, other: &Self, distance: f64) -> bool {
+        self.low.0 - other.high.0 < distance
+            && other.low.0 - self.high.0 < distance
+            && self.low.1 - other.high.1 < distance
+            && other.low.1 - self.high.1 < distance
+    }
+}

@@ -1,0 +1,70 @@
+//! Overcut: where the tool on one block would cut into another one (motion-semantics 1g).
+//!
+//! Blocks whose directions lie within half a turn cannot do so as long as something is left of each between its
+//! neighbours: as the radius grows from zero, each stays forward, and curves that go forward in one direction never
+//! meet again. So only blocks more than that apart are measured, the way of the centre on each against what is
+//! programmed on the other.
+
+use std::collections::VecDeque;
+
+use super::distance::distance;
+use super::piece::{Piece, Role, Way};
+
+/// A tool that comes closer than its radius by less than this cuts nothing over, mm: the rounding of programs.
+pub(super) const OVERCUT_MIN: f64 = 1e-3;
+
+/// Directions within this angle count as within half a turn, radians.
+const HALF_TURN: f64 = 3.1;
+
+/// Two pieces of which one is in the tool's way on the other.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Overcut {
+    /// Place in the queue.
+    pub earlier: usize,
+    /// How close the centre comes, mm.
+    pub distance: f64,
+}
+
+/// The first piece that the piece at `place` interferes with: itself, or one of those in the queue before it and after
+/// the last move along another axis.
+pub(super) fn with_earlier(queue: &VecDeque<Piece>, place: usize, radius: f64) -> Option<Overcut> {
+    let piece = queue.get(place)?;
+    let [mut low, mut high] = piece.directions;
+    let mut measured = false;
+    let mut found = None;
+    for earlier in (0..=place).rev() {
+        let other = queue.get(earlier)?;
+        if other.role != Role::Contour || (earlier < place && other.lifts()) {
+            break;
+        }
+        low = low.min(other.directions[0]);
+        high = high.max(other.directions[1]);
+        measured |= high - low >= HALF_TURN || other.dropped;
+        if !measured {
+            continue;
+        }
+        let distance = of_piece(piece, other, radius).or_else(|| of_piece(other, piece, radius));
+        if let Some(distance) = distance {
+            found = Some(Overcut { earlier, distance });
+        }
+    }
+    found
+}
+
+/// The same for a piece and what is programmed on another one.
+fn of_piece(piece: &Piece, other: &Piece, radius: f64) -> Option<f64> {
+    to_wall(piece.way.as_ref()?, other, radius)
+}
+
+/// How close the centre comes to what is programmed on a piece, when that is too close.
+pub(super) fn to_wall(way: &Way, other: &Piece, radius: f64) -> Option<f64> {
+    let allowed = radius - OVERCUT_MIN;
+    if !way.bounds.is_near(&other.wall_bounds, allowed) {
+        return None;
+    }
+    let closest = way
+        .parts()
+        .map(|part| distance(part, &other.wall))
+        .fold(f64::INFINITY, f64::min);
+    (closest < allowed).then_some(closest)
+}

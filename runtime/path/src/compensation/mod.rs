@@ -1,0 +1,427 @@
+//! G41 and G42: from programmed segments to those of the tool's centre (motion-semantics 1g).
+//!
+//! Between lead-in and lead-out the last [`LOOK_AHEAD_MAX`] blocks that move in the plane are kept back, so that an
+//! overcut is found before the first motion of the first block that it concerns. All geometry is in the plane of the
+//! compensation; the other axes go on linearly with their block, and stand still where the plane needs a piece more.
+//!
+//! Decisions of ours, where the manual is silent:
+//! - The radius is in mm of the machine: the offset is made after all transforms (D20). A mirror of one axis of the
+//!   plane, or a negative scale, puts the tool on the other side in machine coordinates.
+//! - An added arc belongs to the block behind it: line, feedrate, stop. A straight extension belongs to the block that
+//!   it extends. An exact stop between two blocks is made where their extensions meet, before an added arc.
+//! - A block that moves no axis of the plane waits for the next one that does, and moves where the two meet; before
+//!   the lead-in and after G40 too. Blocks before and behind a move along another axis are not measured against each
+//!   other: they cut at different heights.
+//! - Lead-in and lead-out are measured against nothing: the manual's own ones come closer than the radius.
+//! - An arc whose radii differ by no more than the arc radius tolerance counts as the circle of each end; a spiral is
+//!   refused, since its offset is none.
+//! - Blocks that prevention leaves out take their feedrate and stops with them; what another axis did there, the next
+//!   block does.
+
+mod builder;
+mod corner;
+mod curve;
+mod distance;
+mod interference;
+mod piece;
+mod prevention;
+
+use std::collections::VecDeque;
+
+use tandem_model::Alarm;
+use tandem_model::alarm::{
+    COMPENSATION_ARC_SMALL, COMPENSATION_CORNER, COMPENSATION_LEAD_SHORT, COMPENSATION_LOOK_AHEAD,
+    COMPENSATION_REFUSED, COMPENSATION_SPIRAL, OVERCUT,
+};
+use tandem_model::flow::{Path, Plane, SegmentMotion};
+use tandem_model::settings::{CoordinateSystemSettings, Overcut};
+
+use self::builder::Builder;
+use self::corner::Joint;
+use self::curve::{Curve, Vec2};
+pub(crate) use self::piece::Leg;
+use self::piece::{Piece, Role};
+use crate::stage::LENGTH_MIN;
+
+/// Blocks that are kept back to look for overcuts, and blocks without a move in the plane between two with one. An
+/// overcut between blocks farther apart is not found; more blocks without a move in the plane are an alarm.
+pub const LOOK_AHEAD_MAX: usize = 64;
+
+/// The compensation in force.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Side {
+    pub plane: Plane,
+    /// Tool radius, mm; negative when the tool is on the right of the path in machine coordinates.
+    pub tool: f64,
+}
+
+/// Pieces that cannot all go as they are.
+#[derive(Debug, Clone)]
+struct Conflict {
+    /// The first one, which must not move before it is solved.
+    first: u64,
+    /// The last one known of.
+    last: u64,
+    alarm: Alarm,
+}
+
+/// Takes segments, gives segments; without G41 and G42 the same.
+#[derive(Debug, Clone)]
+pub(crate) struct Compensator {
+    overcut: Overcut,
+    spiral_min_mm: f64,
+    /// From lead-in to lead-out.
+    side: Option<Side>,
+    queue: VecDeque<Piece>,
+    builder: Builder,
+    /// Pieces since the lead-in.
+    count: u64,
+    /// The machine is to rest where the next piece begins.
+    stop_next: bool,
+    conflict: Option<Conflict>,
+}
+
+impl Compensator {
+    pub fn new(settings: &CoordinateSystemSettings) -> Self {
+        Self {
+            overcut: settings.motion.overcut,
+            spiral_min_mm: settings.motion.arc_radius_tolerance_mm,
+            side: None,
+            queue: VecDeque::new(),
+            builder: Builder::new(settings.motion.compensation_feed, settings.max_feedrate_mm_min),
+            count: 0,
+            stop_next: false,
+            conflict: None,
+        }
+    }
+
+    /// True from the lead-in to the lead-out.
+    pub fn is_on(&self) -> bool {
+        self.side.is_some()
+    }
+
+    /// Segments that the blocks kept back will give; fewer when some are left out to prevent an overcut.
+    pub fn pending(&self) -> usize {
+        let last = self.queue.len().saturating_sub(1);
+        let of = |(i, piece): (usize, &Piece)| {
+            let own = match &piece.way {
+                Some(way) => way.parts().count(),
+                None if i == last => 1 + usize::from(piece.joint.meet != piece.joint.start),
+                None => 0,
+            };
+            own + piece.stills.len()
+        };
+        self.queue.iter().enumerate().map(of).sum()
+    }
+
+    /// The machine is to rest between what has been taken and what comes.
+    pub fn stop(&mut self) {
+        self.stop_next = true;
+    }
+
+    /// Forgets everything.
+    pub fn clear(&mut self) {
+        self.side = None;
+        self.queue.clear();
+        self.conflict = None;
+        self.stop_next = false;
+    }
+
+    /// Puts out what does not depend on what comes, and forgets the rest.
+    pub fn abandon(&mut self, out: &mut Vec<Leg>) {
+        let end = self.conflict.as_ref().map_or(u64::MAX, |conflict| conflict.first);
+        while let Some(piece) = self.queue.pop_front() {
+            let certain = piece.id < end && (piece.way.is_some() || piece.dropped);
+            if !certain || self.builder.build(&piece, out).is_err() {
+                break;
+            }
+        }
+        self.clear();
+    }
+
+    /// Takes a segment of a block with this compensation.
+    ///
+    /// # Errors
+    /// The alarms of `PathStage::push`. What comes before the block that the alarm names has been put out.
+    pub fn take(&mut self, leg: Leg, wanted: Option<Side>, out: &mut Vec<Leg>) -> Result<(), Alarm> {
+        let Some(side) = self.side.or(wanted) else {
+            out.push(leg);
+            return Ok(());
+        };
+        let origin = leg.segment.origin;
+        let taken = self.take_compensated(leg, side, wanted, out);
+        taken.map_err(|alarm| {
+            self.abandon(out);
+            match alarm.origin {
+                Some(_) => alarm,
+                None => alarm.at(origin),
+            }
+        })
+    }
+
+    fn take_compensated(
+        &mut self,
+        mut leg: Leg,
+        side: Side,
+        wanted: Option<Side>,
+        out: &mut Vec<Leg>,
+    ) -> Result<(), Alarm> {
+        if wanted.is_some_and(|wanted| wanted != side) {
+            return refused("The side in effect, the plane or the radius of the tool changes");
+        }
+        if wanted.is_some() && matches!(leg.segment.motion, SegmentMotion::Rapid { .. }) {
+            return refused("G00 moves while G41 or G42 is on");
+        }
+        leg.stop_before |= std::mem::take(&mut self.stop_next);
+        let way = way_in_plane(&leg.segment.motion, side.plane)?;
+        match (way, self.is_on(), wanted) {
+            (None, false, _) => out.push(leg),
+            (None, true, _) => self.keep_still(leg)?,
+            (Some(way), false, _) => self.lead_in(leg, way, side)?,
+            (Some(way), true, Some(_)) => self.contour(leg, way, side)?,
+            (Some(way), true, None) => return self.lead_out(leg, way, side, out),
+        }
+        while self.queue.len() > LOOK_AHEAD_MAX {
+            if let Some(conflict) = &self.conflict {
+                return Err(conflict.alarm.clone());
+            }
+            if let Some(piece) = self.queue.front() {
+                self.builder.build(piece, out)?;
+            }
+            self.queue.drain(..1);
+        }
+        Ok(())
+    }
+
+    fn keep_still(&mut self, leg: Leg) -> Result<(), Alarm> {
+        let Some(last) = self.queue.back_mut() else {
+            return Ok(());
+        };
+        if last.stills.len() >= LOOK_AHEAD_MAX {
+            let text = format!(
+                "{LOOK_AHEAD_MAX} blocks since the last one that moves in the plane have not moved there"
+            );
+            return Err(Alarm::new(&COMPENSATION_LOOK_AHEAD, text));
+        }
+        last.stills.push(leg);
+        Ok(())
+    }
+
+    fn lead_in(&mut self, leg: Leg, way: Curve, side: Side) -> Result<(), Alarm> {
+        let lead = straight_lead(way, side, "lead-in")?;
+        if let SegmentMotion::Feed { path, .. } = &leg.segment.motion {
+            self.builder.begin(side.plane, path.start());
+        }
+        (self.side, self.count) = (Some(side), 0);
+        let joint = Joint::begin(lead.from());
+        self.append(leg, lead, lead, joint, Role::LeadIn);
+        Ok(())
+    }
+
+    fn contour(&mut self, leg: Leg, wall: Curve, side: Side) -> Result<(), Alarm> {
+        let offset = self.offset(&wall, side.tool)?;
+        let Some(last) = self.queue.back() else {
+            return Ok(());
+        };
+        let corner = last.wall.to();
+        let (joint, solved) = match last.role {
+            Role::LeadIn | Role::LeadOut => {
+                let joint = corner::leading_in(last.wall.end_direction(), &offset, corner, side.tool);
+                (joint, true)
+            }
+            Role::Contour => corner::between(&last.offset, &offset, corner, side.tool),
+        };
+        let origin = leg.segment.origin;
+        self.append(leg, wall, offset, joint, Role::Contour);
+        let unsolved = (!solved).then(|| {
+            let text = format!(
+                "With a tool radius of {:.6} mm the centre's way on the block before does not meet that on this block",
+                side.tool.abs()
+            );
+            Alarm::new(&COMPENSATION_CORNER, text).at(origin)
+        });
+        self.judge(unsolved, side.tool.abs())
+    }
+
+    fn lead_out(&mut self, leg: Leg, way: Curve, side: Side, out: &mut Vec<Leg>) -> Result<(), Alarm> {
+        let lead = straight_lead(way, side, "lead-out")?;
+        let Some(last) = self.queue.back().filter(|last| last.role == Role::Contour) else {
+            return refused("The lead-out follows the lead-in, and no block between them moves in the plane");
+        };
+        let joint = corner::leading_out(&last.offset, lead.start_direction(), lead.from(), side.tool);
+        self.append(leg, lead, lead, joint, Role::LeadOut);
+        self.judge(None, side.tool.abs())?;
+        if let Some(conflict) = &self.conflict {
+            return Err(conflict.alarm.clone());
+        }
+        let end = Joint::begin(lead.to());
+        if let Some(last) = self.queue.back_mut() {
+            last.way = last.up_to(&end);
+        }
+        for piece in &self.queue {
+            self.builder.build(piece, out)?;
+        }
+        self.clear();
+        Ok(())
+    }
+
+    /// The curve of the tool's centre on a block.
+    fn offset(&self, wall: &Curve, tool: f64) -> Result<Curve, Alarm> {
+        if let Curve::Arc(arc) = wall {
+            let [start, end] = arc.radii;
+            if (end - start).abs() > self.spiral_min_mm {
+                let text = format!("The radius is {start:.6} mm at the start, {end:.6} mm at the end");
+                return Err(Alarm::new(&COMPENSATION_SPIRAL, text));
+            }
+        }
+        wall.offset(tool).ok_or_else(|| {
+            let radius = match wall {
+                Curve::Arc(arc) => arc.radii[0].min(arc.radii[1]),
+                Curve::Line(_) => 0.0,
+            };
+            let text = format!(
+                "The arc's radius is {radius:.6} mm on the inside, the tool's {:.6} mm",
+                tool.abs()
+            );
+            Alarm::new(&COMPENSATION_ARC_SMALL, text)
+        })
+    }
+
+    /// Appends a piece; with its joint it is known where the piece before ends.
+    fn append(&mut self, leg: Leg, wall: Curve, offset: Curve, joint: Joint, role: Role) {
+        let mut before = 0.0;
+        if let Some(last) = self.queue.back_mut() {
+            last.way = last.up_to(&joint);
+            before = last.heading;
+        }
+        let start = before + joint.turn;
+        let heading = start + wall.turning();
+        let on_arc = if joint.arc.is_some() { before } else { start };
+        self.queue.push_back(Piece {
+            leg,
+            role,
+            id: self.count,
+            wall,
+            wall_bounds: curve::Bounds::of(&wall),
+            offset,
+            joint,
+            heading,
+            directions: [start.min(heading).min(on_arc), start.max(heading).max(on_arc)],
+            way: None,
+            dropped: false,
+            stills: Vec::new(),
+        });
+        self.count += 1;
+    }
+
+    /// Looks whether the piece before the last one, whose end is known now, can go as it is.
+    fn judge(&mut self, unsolved: Option<Alarm>, radius: f64) -> Result<(), Alarm> {
+        let Some(place) = self.queue.len().checked_sub(2) else {
+            return Ok(());
+        };
+        let Some(piece) = self.queue.get(place).filter(|piece| piece.role == Role::Contour) else {
+            return Ok(());
+        };
+        let id = piece.id;
+        let found = if let Some(alarm) = unsolved {
+            Some((id, id + 1, alarm))
+        } else if piece.way.is_none() {
+            Some((id.saturating_sub(1), id + 1, nothing_left(piece, radius)))
+        } else if self.conflict.is_none() {
+            interference::with_earlier(&self.queue, place, radius).and_then(|overcut| {
+                let earlier = self.queue.get(overcut.earlier)?;
+                Some((
+                    earlier.id,
+                    id,
+                    too_close(earlier, piece, overcut.distance, radius),
+                ))
+            })
+        } else {
+            None
+        };
+        if let Some((first, last, alarm)) = found {
+            self.conflict = Some(match self.conflict.take() {
+                Some(known) => Conflict {
+                    first: known.first.min(first),
+                    last: known.last.max(last),
+                    ..known
+                },
+                None => Conflict { first, last, alarm },
+            });
+        }
+        let Some(conflict) = &self.conflict else {
+            return Ok(());
+        };
+        match self.overcut {
+            Overcut::Detect => Err(conflict.alarm.clone()),
+            Overcut::Prevent => {
+                let (first, last) = (conflict.first, conflict.last);
+                if id >= last && prevention::prevent(&mut self.queue, place, first, radius) {
+                    self.conflict = None;
+                }
+                Ok(())
+            }
+        }
+    }
+}
+
+/// What a segment does in the plane; `None` when it does not move there.
+fn way_in_plane(motion: &SegmentMotion, plane: Plane) -> Result<Option<Curve>, Alarm> {
+    match motion {
+        SegmentMotion::Feed { path, .. } => {
+            if let Path::Arc(arc) = path
+                && arc.plane() != plane
+            {
+                return Err(Alarm::new(
+                    &COMPENSATION_REFUSED,
+                    format!(
+                        "The arc's plane is {:?}, that of the compensation {plane:?}",
+                        arc.plane()
+                    ),
+                ));
+            }
+            Ok(Curve::of(path, plane))
+        }
+        SegmentMotion::Rapid { from, to }
+        | SegmentMotion::Skip { from, to }
+        | SegmentMotion::Tap { from, to, .. } => {
+            Ok(Curve::line(Vec2::of(*from, plane), Vec2::of(*to, plane)))
+        }
+        SegmentMotion::Dwell { .. } => Ok(None),
+    }
+}
+
+/// A lead-in or lead-out: straight, and not shorter than the tool's radius.
+fn straight_lead(way: Curve, side: Side, what: &str) -> Result<Curve, Alarm> {
+    let (length, radius) = (way.length(), side.tool.abs());
+    match way {
+        Curve::Arc(_) => refused(&format!("The {what} is an arc")),
+        Curve::Line(_) if length < radius - LENGTH_MIN => Err(Alarm::new(
+            &COMPENSATION_LEAD_SHORT,
+            format!("The {what} is {length:.6} mm long in the plane, the tool's radius is {radius:.6} mm"),
+        )),
+        Curve::Line(_) => Ok(way),
+    }
+}
+
+fn refused<T>(text: &str) -> Result<T, Alarm> {
+    Err(Alarm::new(&COMPENSATION_REFUSED, text))
+}
+
+fn nothing_left(piece: &Piece, radius: f64) -> Alarm {
+    let text = format!(
+        "With a tool radius of {radius:.6} mm nothing is left of the block's {:.6} mm between its neighbours",
+        piece.wall.length()
+    );
+    Alarm::new(&OVERCUT, text).at(piece.leg.segment.origin)
+}
+
+fn too_close(earlier: &Piece, later: &Piece, distance: f64, radius: f64) -> Alarm {
+    let other = later.leg.segment.origin;
+    let text = format!(
+        "This block and the one in program {} line {}: the tool's centre comes to {distance:.6} mm, its radius is \
+         {radius:.6} mm",
+        other.program, other.line
+    );
+    Alarm::new(&OVERCUT, text).at(earlier.leg.segment.origin)
+}

@@ -1,0 +1,95 @@
+//! A block in the look-ahead of the compensation.
+
+use tandem_model::flow::{Segment, SegmentMotion};
+
+use super::corner::Joint;
+use super::curve::{Bounds, Curve};
+
+/// A segment, and whether the machine is to rest before it.
+#[derive(Debug, Clone)]
+pub(crate) struct Leg {
+    pub segment: Segment,
+    pub stop_before: bool,
+}
+
+/// What a piece is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Role {
+    LeadIn,
+    Contour,
+    LeadOut,
+}
+
+/// The tool centre's way: from where it meets the block before to the block's own offset curve, that curve, and from
+/// there to where it meets the next block.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Way {
+    pub head: Option<Curve>,
+    pub curve: Option<Curve>,
+    pub tail: Option<Curve>,
+    pub bounds: Bounds,
+}
+
+impl Way {
+    /// `None` without any part.
+    pub fn of(head: Option<Curve>, curve: Option<Curve>, tail: Option<Curve>) -> Option<Self> {
+        let parts = [&head, &curve, &tail].into_iter().flatten();
+        let bounds = parts.map(Bounds::of).reduce(|all, part| all.with(&part))?;
+        Some(Self {
+            head,
+            curve,
+            tail,
+            bounds,
+        })
+    }
+
+    pub fn parts(&self) -> impl Iterator<Item = &Curve> {
+        [&self.head, &self.curve, &self.tail].into_iter().flatten()
+    }
+}
+
+/// A block that moves in the plane.
+#[derive(Debug, Clone)]
+pub(super) struct Piece {
+    pub leg: Leg,
+    pub role: Role,
+    /// Counts pieces since the lead-in.
+    pub id: u64,
+    /// What is programmed, in the plane.
+    pub wall: Curve,
+    pub wall_bounds: Bounds,
+    /// The same moved by the tool's radius.
+    pub offset: Curve,
+    /// Joint with the piece before.
+    pub joint: Joint,
+    /// Direction at the end, counted from the lead-in's without jumps, radians.
+    pub heading: f64,
+    /// Lowest and highest direction on the way, an added arc before it counted in.
+    pub directions: [f64; 2],
+    /// `None` until the next block decides where it ends, and where nothing is left of it.
+    pub way: Option<Way>,
+    /// Left out to prevent an overcut.
+    pub dropped: bool,
+    /// What moves no axis of the plane between this piece and the next one.
+    pub stills: Vec<Leg>,
+}
+
+impl Piece {
+    /// The way when the joint with the next piece is known; `None` when nothing is left.
+    pub fn up_to(&self, next: &Joint) -> Option<Way> {
+        let joint = &self.joint;
+        let curve = match self.role {
+            Role::LeadIn | Role::LeadOut => Curve::line(joint.start, next.end),
+            Role::Contour => self.offset.between(joint.start, next.end),
+        }?;
+        let head = joint.arc.or_else(|| Curve::line(joint.meet, joint.start));
+        Way::of(head, Some(curve), Curve::line(next.end, next.meet))
+    }
+
+    /// True when the tool moves along another axis before the next piece.
+    pub fn lifts(&self) -> bool {
+        self.stills
+            .iter()
+            .any(|leg| !matches!(leg.segment.motion, SegmentMotion::Dwell { .. }))
+    }
+}

@@ -1,0 +1,117 @@
+//! Prevention of overcuts: what the tool does not fit into is left out (motion-semantics 1g).
+
+use std::collections::VecDeque;
+
+use super::curve::Curve;
+use super::distance::intersections;
+use super::interference::to_wall;
+use super::piece::{Piece, Role, Way};
+
+/// Tries to join the piece at `place` with an earlier one so that the pieces from `first` on, except these two, are
+/// left out. False when there is no such way without an overcut; nothing has changed then. Pieces with something
+/// between them that does not move in the plane are not left out.
+pub(super) fn prevent(queue: &mut VecDeque<Piece>, place: usize, first: u64, radius: f64) -> bool {
+    for earlier in (0..place).rev() {
+        let Some(piece) = queue.get(earlier) else {
+            return false;
+        };
+        if piece.role != Role::Contour || !piece.stills.is_empty() {
+            return false;
+        }
+        if piece.id > first {
+            continue;
+        }
+        let Some(ways) = joined(queue, earlier, place) else {
+            continue;
+        };
+        if is_free(queue, earlier, place, &ways, radius) {
+            apply(queue, earlier, place, ways);
+            return true;
+        }
+    }
+    false
+}
+
+fn joined(queue: &VecDeque<Piece>, earlier: usize, place: usize) -> Option<[Way; 2]> {
+    let before = queue.get(earlier)?.way.as_ref()?;
+    join(before, queue.get(place)?.way.as_ref()?)
+}
+
+/// True when neither the shortened ways nor those before them come too close to anything programmed.
+fn is_free(
+    queue: &VecDeque<Piece>,
+    earlier: usize,
+    place: usize,
+    [before, after]: &[Way; 2],
+    radius: f64,
+) -> bool {
+    let hits = |way: &Way, piece: &Piece| to_wall(way, piece, radius).is_some();
+    // What was passed over while there was no way is measured here for the first time.
+    let shortened_hits = |piece: &Piece| hits(before, piece) || hits(after, piece);
+    if queue.range(earlier..=place).any(shortened_hits) {
+        return false;
+    }
+    for piece in queue.range(..earlier).rev() {
+        if piece.role != Role::Contour || piece.lifts() {
+            break;
+        }
+        let hit = shortened_hits(piece)
+            || piece
+                .way
+                .as_ref()
+                .is_some_and(|way| queue.range(earlier..=place).any(|other| hits(way, other)));
+        if hit {
+            return false;
+        }
+    }
+    true
+}
+
+fn apply(queue: &mut VecDeque<Piece>, earlier: usize, place: usize, [before, after]: [Way; 2]) {
+    for (i, piece) in queue.iter_mut().enumerate().take(place + 1).skip(earlier) {
+        piece.dropped = i != earlier && i != place;
+        piece.way = match i {
+            _ if i == earlier => Some(before),
+            _ if i == place => Some(after),
+            _ => None,
+        };
+    }
+}
+
+/// Joins two ways where they meet first and leaves out what is between. `None` when they do not meet.
+fn join(earlier: &Way, later: &Way) -> Option<[Way; 2]> {
+    for (i, part) in [&earlier.head, &earlier.curve, &earlier.tail]
+        .into_iter()
+        .enumerate()
+    {
+        let Some(part) = part else { continue };
+        for (k, other) in [&later.head, &later.curve, &later.tail].into_iter().enumerate() {
+            let Some(other) = other else { continue };
+            let Some(meet) = intersections(part, other).first_on(part) else {
+                continue;
+            };
+            let before = ending(earlier, i, part.between(part.from(), meet)?)?;
+            let after = beginning(later, k, other.between(meet, other.to())?)?;
+            return Some([before, after]);
+        }
+    }
+    None
+}
+
+/// The way up to a part of it, 0 to 2, that is cut to `last`.
+fn ending(way: &Way, part: usize, last: Curve) -> Option<Way> {
+    match part {
+        0 => Way::of(Some(last), None, None),
+        1 => Way::of(way.head, Some(last), None),
+        _ => Way::of(way.head, way.curve, Some(last)),
+    }
+}
+
+/// The way from a part of it on that is cut to `first`.
+fn beginning(way: &Way, part: usize, first: Curve) -> Option<Way> {
+    match part {
+        0 => Way::of(Some(first), way.curve, way.tail),
+        1 => Way::of(None, Some(first), way.tail),
+        _ => Way::of(None, None, Some(first)),
+    }
+}

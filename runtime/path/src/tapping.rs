@@ -1,0 +1,53 @@
+//! A way of a tapping cycle in the thread: along Z, the spindle's revolutions with it (motion-semantics 1h).
+
+use tandem_model::alarm::{SPINDLE_SPEED_MISSING, TAP_OFF_AXIS};
+use tandem_model::flow::{Block, Segment, SegmentEnd, SegmentMotion, Tap, Turn};
+use tandem_model::{Alarm, Axis};
+
+use crate::stage::{LENGTH_MIN, PathStage};
+
+impl PathStage {
+    /// Takes a way in the thread. Its revolutions are the machine's Z travel times S / F, whatever the transforms.
+    pub(crate) fn tap(&mut self, block: &Block, tap: &Tap, out: &mut Vec<Segment>) -> Result<(), Alarm> {
+        let to = self.target(block, &tap.target)?;
+        let aside = Axis::ALL
+            .into_iter()
+            .find(|&axis| axis != Axis::Z && (to[axis] - self.at[axis]).abs() >= LENGTH_MIN);
+        if let Some(axis) = aside {
+            let text = format!("The way along Z would move axis {}, too", axis.letter());
+            return Err(Alarm::new(&TAP_OFF_AXIS, text));
+        }
+        self.within_all_soft_limits(self.at, to)?;
+        let feed = self.feed_in_force(block, false)?;
+        let travel = (to[Axis::Z] - self.at[Axis::Z]).abs();
+        let revolutions = match tap.spindle_speed_r_min {
+            None => 0.0,
+            Some(speed) if speed > 0.0 => travel * speed / feed.feedrate_mm_min,
+            Some(speed) => {
+                let text = format!("The spindle speed is {speed} r/min");
+                return Err(Alarm::new(&SPINDLE_SPEED_MISSING, text));
+            }
+        };
+        self.release(SegmentEnd::ExactStop, out);
+        if travel >= LENGTH_MIN {
+            let motion = SegmentMotion::Tap {
+                from: self.at,
+                to,
+                feed,
+                revolutions: match tap.turn {
+                    Turn::Clockwise => revolutions,
+                    Turn::CounterClockwise => -revolutions,
+                },
+                leg: tap.leg,
+            };
+            out.push(Segment {
+                origin: block.origin,
+                motion,
+                end: SegmentEnd::ExactStop,
+            });
+            self.at = to;
+        }
+        self.arrived(block, &tap.target);
+        Ok(())
+    }
+}

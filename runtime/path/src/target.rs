@@ -1,0 +1,161 @@
+//! Axis words to machine positions, and what these must keep.
+
+use tandem_model::alarm::{AXIS_MISSING, OFFSET_IN_FORCE, SOFT_LIMIT};
+use tandem_model::flow::{Action, AxisWords, Block, Compensation, Distance, Frame, Path, SegmentMotion};
+use tandem_model::{Alarm, ArcPath, Axis, AxisSet, AxisVector};
+
+use crate::stage::{LENGTH_MIN, PathStage};
+use crate::transform::{self, finite};
+
+impl PathStage {
+    /// The machine position that axis words lead to, on axes that the coordinate system has.
+    pub(crate) fn target(&self, block: &Block, words: &AxisWords) -> Result<AxisVector, Alarm> {
+        if let Some(axis) = words.named.iter().find(|axis| !self.axes.contains(*axis)) {
+            return Err(Self::axis_missing(axis));
+        }
+        let to = match words.frame {
+            Frame::Work => self.work_target(words, is_motion(block, words)),
+            Frame::Machine => {
+                self.without_offsets(block, "G53")?;
+                let mut to = self.at;
+                for axis in words.named.iter() {
+                    to[axis] = words.values[axis]
+                        + match words.distance {
+                            Distance::Absolute => 0.0,
+                            Distance::Incremental => self.at[axis],
+                        };
+                }
+                to
+            }
+        };
+        finite(to, "target")?;
+        let missing = Axis::ALL
+            .into_iter()
+            .find(|&axis| !self.axes.contains(axis) && (to[axis] - self.at[axis]).abs() >= LENGTH_MIN);
+        match missing {
+            Some(axis) => Err(Self::axis_missing(axis)),
+            None => Ok(to),
+        }
+    }
+
+    pub(crate) fn axis_missing(axis: Axis) -> Alarm {
+        Alarm::new(&AXIS_MISSING, format!("The block moves axis {}", axis.letter()))
+    }
+
+    /// The target in the coordinates in force. Axes that no word moves stay as they are to the last bit.
+    fn work_target(&self, words: &AxisWords, moves: bool) -> AxisVector {
+        let transform = &self.transform;
+        let mut from = self.at;
+        if moves {
+            from[Axis::Z] += self.tool_shift;
+        }
+        let mut programmed = match words.distance {
+            Distance::Absolute => transform.inverse(from),
+            Distance::Incremental => AxisVector::ZERO,
+        };
+        let mut moved = AxisSet::EMPTY;
+        for axis in words.named.iter() {
+            programmed[axis] = words.values[axis];
+            moved.insert(axis);
+            for coupled in transform::couples(transform, axis).into_iter().flatten() {
+                moved.insert(coupled);
+            }
+        }
+        let target = match words.distance {
+            Distance::Absolute => transform.forward(programmed),
+            Distance::Incremental => from.plus(transform.linear(programmed)),
+        };
+        let mut to = from;
+        for axis in moved.iter() {
+            let is_rounding = (target[axis] - from[axis]).abs() < LENGTH_MIN;
+            if words.named.contains(axis) || !is_rounding {
+                to[axis] = target[axis];
+            }
+        }
+        to
+    }
+
+    /// After a motion block: Z is where the tool length in force asks for it (D22), or where G53 has put it.
+    pub(crate) fn arrived(&mut self, block: &Block, words: &AxisWords) {
+        let reached = match words.frame {
+            Frame::Work => is_motion(block, words),
+            Frame::Machine => words.named.contains(Axis::Z),
+        };
+        if reached {
+            self.tool_shift = 0.0;
+        }
+    }
+
+    /// D23.
+    pub(crate) fn without_offsets(&self, block: &Block, what: &str) -> Result<(), Alarm> {
+        let length = self.transform.tool_length;
+        let text = if block.compensation != Compensation::Off || self.compensator.is_on() {
+            format!("{what}: cutter compensation is on")
+        } else if length != 0.0 {
+            format!("{what}: the tool length offset is {length} mm")
+        } else {
+            return Ok(());
+        };
+        Err(Alarm::new(&OFFSET_IN_FORCE, text))
+    }
+
+    /// The axes that move from here to there end within their limits.
+    pub(crate) fn within_all_soft_limits(&self, from: AxisVector, to: AxisVector) -> Result<(), Alarm> {
+        Axis::ALL
+            .into_iter()
+            .filter(|&axis| (to[axis] - from[axis]).abs() >= LENGTH_MIN)
+            .try_for_each(|axis| self.within_soft_limits(axis, to[axis]))
+    }
+
+    /// What a segment moves stays within its limits.
+    pub(crate) fn segment_within_soft_limits(&self, motion: &SegmentMotion) -> Result<(), Alarm> {
+        match motion {
+            SegmentMotion::Feed { path, .. } => match path {
+                Path::Line { from, to, .. } => self.within_all_soft_limits(*from, *to),
+                Path::Arc(arc) => self.arc_within_soft_limits(arc),
+            },
+            SegmentMotion::Rapid { from, to }
+            | SegmentMotion::Skip { from, to }
+            | SegmentMotion::Tap { from, to, .. } => self.within_all_soft_limits(*from, *to),
+            SegmentMotion::Dwell { .. } => Ok(()),
+        }
+    }
+
+    /// An arc stays within the limits of its axes from its start on, turning points included.
+    fn arc_within_soft_limits(&self, arc: &ArcPath) -> Result<(), Alarm> {
+        let from = arc.start();
+        for axis in self.axes.iter() {
+            let [lowest, highest] = arc.reach(axis);
+            let moves = [lowest, highest]
+                .into_iter()
+                .any(|value| (value - from[axis]).abs() >= LENGTH_MIN);
+            if moves {
+                self.within_soft_limits(axis, lowest)?;
+                self.within_soft_limits(axis, highest)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn within_soft_limits(&self, axis: Axis, value: f64) -> Result<(), Alarm> {
+        let Some([lowest, highest]) = self.soft_limits[axis.index()] else {
+            return Ok(());
+        };
+        let (which, limit) = if value < lowest - LENGTH_MIN {
+            ("lower", lowest)
+        } else if value > highest + LENGTH_MIN {
+            ("upper", highest)
+        } else {
+            return Ok(());
+        };
+        let letter = axis.letter();
+        let text =
+            format!("Axis {letter} would go to {value:.6} (machine), beyond its {which} limit {limit:.6}");
+        Err(Alarm::new(&SOFT_LIMIT, text))
+    }
+}
+
+/// True for a block that moves: G02 and G03 do so without axis words, too.
+fn is_motion(block: &Block, words: &AxisWords) -> bool {
+    !words.named.is_empty() || matches!(block.action, Action::Arc(_))
+}

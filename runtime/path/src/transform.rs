@@ -1,0 +1,96 @@
+//! What transforms (D20) ask of words, arcs and numbers.
+
+use tandem_model::alarm::{VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
+use tandem_model::flow::{Plane, Transform};
+use tandem_model::{Alarm, Axis, AxisVector};
+
+/// True when a word of one of these axes may move the other: the rotation's plane.
+pub(crate) fn couples(transform: &Transform, axis: Axis) -> Option<[Axis; 2]> {
+    let axes = transform.rotation.as_ref()?.plane.axes();
+    axes.contains(&axis).then_some(axes)
+}
+
+/// What an arc of this plane becomes: `None` when it is no arc of this plane any more (D21), else its scale and
+/// whether its sense of turning changes.
+pub(crate) fn arc_scale(transform: &Transform, plane: Plane) -> Option<(f64, bool)> {
+    let rotated_out = transform
+        .rotation
+        .as_ref()
+        .is_some_and(|rotation| rotation.plane != plane && rotation.angle_deg.rem_euclid(360.0) != 0.0);
+    if rotated_out {
+        return None;
+    }
+    let mut scales = [1.0; 2];
+    for (scale, axis) in scales.iter_mut().zip(plane.axes()) {
+        if let Some(scaling) = &transform.scaling {
+            *scale *= scaling.factors[axis.index()];
+        }
+        if transform
+            .mirror
+            .as_ref()
+            .is_some_and(|mirror| mirror.axes.contains(axis))
+        {
+            *scale = -*scale;
+        }
+    }
+    let [first, second] = scales;
+    // Factors are typed in or read from one variable: equal means equal up to rounding.
+    let equal = (first.abs() - second.abs()).abs() <= 1e-12 * first.abs();
+    equal.then_some((first.abs(), first * second < 0.0))
+}
+
+/// True when left of the programmed path is right of the machine's: when the images of the plane's axes turn the other
+/// way round.
+pub(crate) fn swaps_sides(transform: &Transform, plane: Plane) -> bool {
+    if transform.mirror.is_none() && transform.scaling.is_none() && transform.rotation.is_none() {
+        return false;
+    }
+    let [first, second] = plane.axes();
+    let image = |axis: Axis| {
+        let mut unit = AxisVector::ZERO;
+        unit[axis] = 1.0;
+        transform.linear(unit)
+    };
+    let (a, b) = (image(first), image(second));
+    a[first] * b[second] - a[second] * b[first] < 0.0
+}
+
+/// # Errors
+/// `VALUE_NOT_FINITE` when any value of the transform is not a number; `VALUE_OUT_OF_RANGE` for a scale factor of 0.
+pub(crate) fn check(transform: &Transform) -> Result<(), Alarm> {
+    finite(transform.work_offset, "work offset")?;
+    finite(transform.local, "local offset")?;
+    if let Some(mirror) = &transform.mirror {
+        finite(mirror.centre, "mirror centre")?;
+    }
+    let mut numbers = vec![("tool length", transform.tool_length)];
+    if let Some(scaling) = &transform.scaling {
+        finite(scaling.centre, "scaling centre")?;
+        numbers.extend(scaling.factors.map(|factor| ("scale factor", factor)));
+        if scaling.factors.contains(&0.0) {
+            let text = format!("A scale factor is 0: X, Y, Z are {:?}", scaling.factors);
+            return Err(Alarm::new(&VALUE_OUT_OF_RANGE, text));
+        }
+    }
+    if let Some(rotation) = &transform.rotation {
+        finite(rotation.centre, "centre of rotation")?;
+        numbers.push(("angle of rotation", rotation.angle_deg));
+    }
+    match numbers.iter().find(|(_, value)| !value.is_finite()) {
+        Some((name, value)) => Err(Alarm::new(&VALUE_NOT_FINITE, format!("The {name} is {value}"))),
+        None => Ok(()),
+    }
+}
+
+/// # Errors
+/// `VALUE_NOT_FINITE`, with the name of the first axis whose value is not a number.
+pub(crate) fn finite(vector: AxisVector, name: &str) -> Result<(), Alarm> {
+    let not_finite = Axis::ALL.into_iter().find(|&axis| !vector[axis].is_finite());
+    match not_finite {
+        None => Ok(()),
+        Some(axis) => {
+            let text = format!("The {name} of axis {} is {}", axis.letter(), vector[axis]);
+            Err(Alarm::new(&VALUE_NOT_FINITE, text))
+        }
+    }
+}

@@ -1,0 +1,180 @@
+//! A machine, blocks made by hand, and what comes out for them.
+
+use tandem_model::alarm::AlarmEntry;
+use tandem_model::flow::{
+    Action, AxisWords, Block, Compensation, Distance, Feed, Frame, MultiBlock, PathControl, Segment,
+    SegmentEnd, SegmentMotion, Transform,
+};
+use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
+use tandem_model::{Axis, AxisSet, AxisVector, MachinePosition, Origin};
+use tandem_path::PathStage;
+
+pub fn motor(number: u16, kind: MotorKind) -> MotorSettings {
+    MotorSettings {
+        number,
+        kind,
+        max_velocity: 500.0,
+        max_acceleration: 5000.0,
+        max_jerk: None,
+        rapid_velocity: 500.0,
+        rapid_acceleration: 5000.0,
+        skip_velocity: 50.0,
+        in_position: 0.01,
+        in_position_timeout_ms: 2000.0,
+        soft_limits: (kind == MotorKind::Linear).then_some([-100.0, 200.0]),
+        reference_points: [0.0; 4],
+        lag_ms: 0.0,
+        orientation_velocity: 0.0,
+        orientation_position: 0.0,
+    }
+}
+
+/// X, Y, Z with soft limits -100 to 200, A and C without; no B.
+pub fn settings() -> CoordinateSystemSettings {
+    let linear = |number| Some(motor(number, MotorKind::Linear));
+    let rotary = |number| Some(motor(number, MotorKind::Rotary));
+    CoordinateSystemSettings {
+        number: 1,
+        motors: [
+            linear(1),
+            linear(2),
+            linear(3),
+            rotary(4),
+            None,
+            rotary(5),
+            None,
+            None,
+        ],
+        spindle: None,
+        unit: tandem_model::settings::Unit::Millimetre,
+        max_feedrate_mm_min: 10_000.0,
+        default_feedrate_mm_min: 0.0,
+        default_ta_ms: 100.0,
+        default_td_ms: 100.0,
+        default_ts_ms: 50.0,
+        rotary_feedrate_deg_min: 0.0,
+        override_slew_ms: 1000.0,
+        hold_slew_ms: 200.0,
+        servo_period_s: 0.001,
+        motion: tandem_model::settings::MotionOptions::default(),
+    }
+}
+
+pub fn words(distance: Distance, values: &[(Axis, f64)]) -> AxisWords {
+    let mut vector = AxisVector::ZERO;
+    let mut named = AxisSet::EMPTY;
+    for &(axis, value) in values {
+        vector[axis] = value;
+        named.insert(axis);
+    }
+    AxisWords {
+        values: vector,
+        named,
+        distance,
+        frame: Frame::Work,
+    }
+}
+
+/// A block in G64 at F600 on this line.
+pub fn block(line: u32, action: Action) -> Block {
+    Block {
+        origin: Origin {
+            program: 1,
+            line,
+            column: 1,
+        },
+        action,
+        feed: Feed {
+            feedrate_mm_min: 600.0,
+            ta_ms: 100.0,
+            td_ms: 100.0,
+            ts_ms: 50.0,
+        },
+        path_control: PathControl::ContinuousPath,
+        exact_stop_before: false,
+        exact_stop_after: false,
+        multi_block: MultiBlock::Off,
+        compensation: Compensation::Off,
+    }
+}
+
+pub fn g01(line: u32, values: &[(Axis, f64)]) -> Block {
+    block(line, Action::Linear(words(Distance::Absolute, values)))
+}
+
+pub fn g00(line: u32, values: &[(Axis, f64)]) -> Block {
+    block(line, Action::Rapid(words(Distance::Absolute, values)))
+}
+
+pub fn stage() -> PathStage {
+    PathStage::new(&settings(), MachinePosition::default())
+}
+
+/// All segments of these blocks, with a flush at the end.
+pub fn run(blocks: &[Block]) -> Vec<Segment> {
+    let mut stage = stage();
+    let mut out = Vec::new();
+    for block in blocks {
+        stage.push(block, &mut out).unwrap();
+    }
+    stage.flush(&mut out).unwrap();
+    out
+}
+
+pub fn ends(segments: &[Segment]) -> Vec<(u32, SegmentEnd)> {
+    segments
+        .iter()
+        .map(|segment| (segment.origin.line, segment.end))
+        .collect()
+}
+
+pub fn target(segment: &Segment) -> [f64; 3] {
+    let end = match &segment.motion {
+        SegmentMotion::Feed { path, .. } => path.end(),
+        SegmentMotion::Rapid { to, .. } | SegmentMotion::Skip { to, .. } | SegmentMotion::Tap { to, .. } => {
+            *to
+        }
+        SegmentMotion::Dwell { at, .. } => *at,
+    };
+    [end.0[0], end.0[1], end.0[2]]
+}
+
+pub fn near(values: [f64; 3], expected: [f64; 3]) {
+    let close = values.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12);
+    assert!(close, "{values:?} is not {expected:?}");
+}
+
+pub fn length_and_feed(segment: &Segment) -> (f64, f64) {
+    match &segment.motion {
+        SegmentMotion::Feed { path, feed, .. } => (path.length(), feed.feedrate_mm_min),
+        other => panic!("not a cutting block: {other:?}"),
+    }
+}
+
+#[track_caller]
+pub fn refused(block: &Block, entry: &'static AlarmEntry) -> String {
+    let mut stage = stage();
+    let mut out = Vec::new();
+    let alarm = stage.push(block, &mut out).unwrap_err();
+    assert_eq!(alarm.entry, entry);
+    assert_eq!(alarm.origin, Some(block.origin));
+    stage.flush(&mut out).unwrap();
+    assert!(out.is_empty());
+    assert_eq!(stage.position(), MachinePosition::default());
+    alarm.text
+}
+
+/// A vector of X, Y, Z.
+pub fn xyz(values: [f64; 3]) -> AxisVector {
+    let mut vector = AxisVector::ZERO;
+    vector.0[..3].copy_from_slice(&values);
+    vector
+}
+
+pub fn transform(line: u32, transform: impl Into<Box<Transform>>) -> Block {
+    block(line, Action::Transform(transform.into()))
+}
+
+pub fn incremental(line: u32, values: &[(Axis, f64)]) -> Block {
+    block(line, Action::Linear(words(Distance::Incremental, values)))
+}

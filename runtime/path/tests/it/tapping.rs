@@ -1,0 +1,172 @@
+//! Threads of G74 and G84: revolutions, offsets, and what is refused (motion-semantics 1h).
+
+use tandem_model::alarm::{AXIS_MISSING, FEEDRATE_MISSING, SOFT_LIMIT, SPINDLE_SPEED_MISSING, TAP_OFF_AXIS};
+use tandem_model::flow::{
+    Action, Block, Distance, Feed, Mirror, Rotation, Scaling, Segment, SegmentEnd, SegmentMotion, Tap,
+    TapLeg, Transform, Turn,
+};
+use tandem_model::{Axis, AxisSet, AxisVector};
+
+use crate::rig::{block, g00, refused, run, settings, stage, transform, words};
+
+use Axis::{X, Z};
+
+/// At F100: the manual's example has S300.
+fn tap(line: u32, z: f64, leg: TapLeg, speed: Option<f64>) -> Block {
+    let turn = match leg {
+        TapLeg::In => Turn::Clockwise,
+        TapLeg::Out => Turn::CounterClockwise,
+    };
+    let tap = Tap {
+        target: words(Distance::Absolute, &[(Z, z)]),
+        leg,
+        turn,
+        spindle_speed_r_min: speed,
+    };
+    let block = block(line, Action::Tap(Box::new(tap)));
+    Block {
+        feed: Feed {
+            feedrate_mm_min: 100.0,
+            ..block.feed
+        },
+        ..block
+    }
+}
+
+fn hole(r: f64, z: f64, speed: Option<f64>) -> Vec<Block> {
+    vec![
+        g00(1, &[(Z, r)]),
+        tap(2, z, TapLeg::In, speed),
+        block(2, Action::Dwell { dwell_s: 1.0 }),
+        tap(2, r, TapLeg::Out, speed),
+    ]
+}
+
+fn thread(segment: &Segment) -> (f64, f64, f64, TapLeg) {
+    match &segment.motion {
+        SegmentMotion::Tap {
+            from,
+            to,
+            revolutions,
+            leg,
+            ..
+        } => (from[Z], to[Z], *revolutions, *leg),
+        other => panic!("not a thread: {other:?}"),
+    }
+}
+
+#[track_caller]
+fn near(value: (f64, f64, f64, TapLeg), expected: (f64, f64, f64, TapLeg)) {
+    let close = [
+        (value.0, expected.0),
+        (value.1, expected.1),
+        (value.2, expected.2),
+    ]
+    .iter()
+    .all(|(a, b)| (a - b).abs() < 1e-9);
+    assert!(close && value.3 == expected.3, "{value:?} is not {expected:?}");
+}
+
+#[test]
+fn m1h_f100_and_s300_are_15_revolutions_over_5_mm_and_back() {
+    let segments = run(&hole(-5.0, -10.0, Some(300.0)));
+    assert_eq!(segments.len(), 4);
+    near(thread(&segments[1]), (-5.0, -10.0, 15.0, TapLeg::In));
+    assert!(matches!(segments[2].motion, SegmentMotion::Dwell { .. }));
+    near(thread(&segments[3]), (-10.0, -5.0, -15.0, TapLeg::Out));
+    assert!(
+        segments
+            .iter()
+            .all(|segment| segment.end == SegmentEnd::ExactStop)
+    );
+    // 10 mm: 30
+    let segments = run(&hole(-5.0, -15.0, Some(300.0)));
+    near(thread(&segments[1]), (-5.0, -15.0, 30.0, TapLeg::In));
+}
+
+#[test]
+fn m1h_without_a_spindle_in_the_coordinate_system_nothing_is_locked_to_the_way() {
+    let segments = run(&hole(-5.0, -10.0, None));
+    near(thread(&segments[1]), (-5.0, -10.0, 0.0, TapLeg::In));
+}
+
+#[test]
+fn m1h_the_pitch_counts_in_machine_coordinates_and_a_mirror_keeps_the_turn() {
+    let mut scale = Transform {
+        scaling: Some(Scaling {
+            centre: AxisVector::ZERO,
+            factors: [2.0; 3],
+        }),
+        ..Transform::default()
+    };
+    scale.work_offset[Z] = 100.0;
+    let mut blocks = vec![transform(1, scale)];
+    blocks.extend(hole(-5.0, -10.0, Some(300.0)));
+    near(thread(&run(&blocks)[1]), (90.0, 80.0, 30.0, TapLeg::In));
+    let mirror = Transform {
+        mirror: Some(Mirror {
+            centre: AxisVector::ZERO,
+            axes: AxisSet::from_iter([Z]),
+        }),
+        ..Transform::default()
+    };
+    let mut blocks = vec![transform(1, mirror)];
+    blocks.extend(hole(-5.0, -10.0, Some(300.0)));
+    near(thread(&run(&blocks)[1]), (5.0, 10.0, 15.0, TapLeg::In));
+}
+
+#[test]
+fn a_thread_of_no_length_moves_nothing() {
+    assert_eq!(run(&hole(-5.0, -5.0, Some(300.0))).len(), 2);
+}
+
+#[test]
+fn a_thread_needs_f_and_s_an_axis_z_and_room() {
+    refused(&tap(1, -10.0, TapLeg::In, Some(0.0)), &SPINDLE_SPEED_MISSING);
+    refused(&tap(1, -100.1, TapLeg::In, Some(300.0)), &SOFT_LIMIT);
+    let mut without_feed = tap(1, -10.0, TapLeg::In, Some(300.0));
+    without_feed.feed.feedrate_mm_min = 0.0;
+    refused(&without_feed, &FEEDRATE_MISSING);
+    let mut without_z = settings();
+    without_z.motors[Z.index()] = None;
+    let mut stage = tandem_path::PathStage::new(&without_z, tandem_model::MachinePosition::default());
+    let alarm = stage.push(&tap(1, -10.0, TapLeg::In, Some(300.0)), &mut Vec::new());
+    assert_eq!(alarm.unwrap_err().entry, &AXIS_MISSING);
+}
+
+#[test]
+fn a_thread_along_another_direction_than_z_is_refused() {
+    let rotation = Rotation {
+        plane: tandem_model::flow::Plane::Zx,
+        centre: AxisVector::ZERO,
+        angle_deg: 30.0,
+    };
+    let turned = Transform {
+        rotation: Some(rotation),
+        ..Transform::default()
+    };
+    let mut stage = stage();
+    let mut out = Vec::new();
+    stage.push(&transform(1, turned), &mut out).unwrap();
+    let alarm = stage
+        .push(&tap(2, -10.0, TapLeg::In, Some(300.0)), &mut out)
+        .unwrap_err();
+    assert_eq!(alarm.entry, &TAP_OFF_AXIS);
+    assert!(out.is_empty());
+}
+
+#[test]
+fn d22_the_next_block_counts_from_z_with_the_tool_length_that_nothing_has_moved_for() {
+    let mut stage = stage();
+    let mut out = Vec::new();
+    let longer = Transform {
+        tool_length: 8.0,
+        ..Transform::default()
+    };
+    stage.push(&transform(1, longer), &mut out).unwrap();
+    assert!((stage.counts_from().0[Z] - 8.0).abs() < 1e-12);
+    assert!(stage.position().0[Z].abs() < 1e-12);
+    stage.push(&g00(2, &[(X, 1.0)]), &mut out).unwrap();
+    assert!((stage.counts_from().0[Z] - 8.0).abs() < 1e-12);
+    assert!((stage.position().0[Z] - 8.0).abs() < 1e-12);
+}

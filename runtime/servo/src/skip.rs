@@ -1,0 +1,118 @@
+//! G31 in the servo cycle (motion-semantics 1e, D40): a motor whose skip input comes brakes, and goes back to where it
+//! came.
+
+use tandem_model::profile::{Law, MotorLimits, MotorMove, Profile};
+use tandem_model::{AXES_MAX, Axis, AxisSet, AxisVector};
+
+/// The motors that have turned back in the running profile.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct SkipRun {
+    turned: [Option<Turned>; AXES_MAX],
+}
+
+/// A motor from its trigger on: to rest at its deceleration, then to the captured position. Times are profile times,
+/// s, so overrides and feed hold act as on any motion.
+#[derive(Debug, Clone, Copy)]
+struct Turned {
+    at_s: f64,
+    from: f64,
+    velocity: f64,
+    braking_s: f64,
+    captured: f64,
+    back: MotorMove,
+}
+
+impl Turned {
+    fn stop(&self) -> f64 {
+        self.from + self.velocity * self.braking_s / 2.0
+    }
+
+    fn end_s(&self) -> f64 {
+        self.at_s + self.braking_s + self.back.duration_s()
+    }
+
+    fn position(&self, t_s: f64) -> f64 {
+        let past_s = t_s - self.at_s;
+        if t_s >= self.end_s() {
+            self.captured
+        } else if past_s < self.braking_s {
+            self.from + self.velocity * past_s * (1.0 - past_s / (2.0 * self.braking_s))
+        } else {
+            self.stop() + self.back.distance(past_s - self.braking_s)
+        }
+    }
+}
+
+impl SkipRun {
+    /// Time of the profile, s, with the motors that have turned back.
+    pub(crate) fn duration_s(&self, profile: &Profile) -> f64 {
+        let Law::Skip { moves, .. } = &profile.law else {
+            return profile.duration_s;
+        };
+        self.turned
+            .iter()
+            .zip(moves)
+            .map(|(turned, to_target)| turned.map_or(to_target.duration_s(), |turned| turned.end_s()))
+            .fold(0.0, f64::max)
+    }
+
+    /// Position of all motors.
+    pub(crate) fn position(&self, profile: &Profile, t_s: f64) -> AxisVector {
+        self.put_in(profile.position(t_s), |turned| turned.position(t_s))
+    }
+
+    /// Where all motors end.
+    pub(crate) fn end(&self, profile: &Profile) -> AxisVector {
+        self.put_in(profile.end(), |turned| turned.captured)
+    }
+
+    /// The motors that have captured a position.
+    pub(crate) fn captured(&self) -> AxisSet {
+        Axis::ALL
+            .into_iter()
+            .filter(|axis| self.turned[axis.index()].is_some())
+            .collect()
+    }
+
+    /// True while this motor is on its way to the target.
+    pub(crate) fn seeks(&self, profile: &Profile, axis: Axis) -> bool {
+        let i = axis.index();
+        matches!(&profile.law, Law::Skip { moves, .. } if moves[i].duration_s() > 0.0)
+            && self.turned[i].is_none()
+    }
+
+    /// The motor's input has come at a profile time: it turns back to `captured`.
+    pub(crate) fn turn_back(
+        &mut self,
+        profile: &Profile,
+        axis: Axis,
+        t_s: f64,
+        captured: f64,
+        limits: MotorLimits,
+    ) {
+        let Law::Skip { moves, .. } = &profile.law else {
+            return;
+        };
+        let velocity = moves[axis.index()].velocity_at(t_s);
+        let mut turned = Turned {
+            at_s: t_s,
+            from: profile.position(t_s)[axis],
+            velocity,
+            braking_s: velocity.abs() / limits.acceleration,
+            captured,
+            back: MotorMove::default(),
+        };
+        turned.back = MotorMove::shortest(captured - turned.stop(), limits);
+        self.turned[axis.index()] = Some(turned);
+    }
+
+    fn put_in(&self, position: AxisVector, of_turned: impl Fn(&Turned) -> f64) -> AxisVector {
+        let mut position = position;
+        for (value, turned) in position.0.iter_mut().zip(&self.turned) {
+            if let Some(turned) = turned {
+                *value = of_turned(turned);
+            }
+        }
+        position
+    }
+}

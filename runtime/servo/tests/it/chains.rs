@@ -1,0 +1,295 @@
+//! Blended chains (motion-semantics 1b, 1i): joints, hold and override within arcs and blends, late profiles.
+
+use std::collections::VecDeque;
+
+use proptest::prelude::*;
+use tandem_model::flow::{Feed, MultiBlock, Path, Plane, Segment, SegmentEnd, SegmentMotion, Turn};
+use tandem_model::profile::Profile;
+use tandem_model::{ArcPath, Axis, AxisVector};
+use tandem_motion::Planner;
+use tandem_servo::{Control, Event, Fault};
+
+use crate::rig::{Rig, T, close, is_finished, origin, settings, vector};
+
+/// Line, half circle, line, quarter of a helix, short lines: X always grows, F6000, ramps of 0.15 s.
+fn chain() -> Vec<Profile> {
+    let arc = |from: [f64; 3], to: [f64; 3], centre, turn| {
+        Path::Arc(ArcPath::new(vector(&from), vector(&to), Plane::Xy, centre, turn))
+    };
+    let line = |from: [f64; 3], to: [f64; 3]| {
+        let (from, to) = (vector(&from), vector(&to));
+        let length = to.minus(from).orthogonal_length();
+        Path::Line { from, to, length }
+    };
+    let paths = [
+        line([0.0; 3], [20.0, 5.0, 0.0]),
+        arc([20.0, 5.0, 0.0], [60.0, 5.0, 0.0], [40.0, 5.0], Turn::Clockwise),
+        line([60.0, 5.0, 0.0], [75.0, 0.0, 3.0]),
+        arc(
+            [75.0, 0.0, 3.0],
+            [95.0, 20.0, 8.0],
+            [75.0, 20.0],
+            Turn::CounterClockwise,
+        ),
+        line([95.0, 20.0, 8.0], [97.0, 20.0, 8.0]),
+        line([97.0, 20.0, 8.0], [99.0, 21.0, 8.0]),
+        line([99.0, 21.0, 8.0], [130.0, 0.0, 0.0]),
+    ];
+    let feed = Feed {
+        feedrate_mm_min: 6000.0,
+        ta_ms: 100.0,
+        td_ms: 120.0,
+        ts_ms: 50.0,
+    };
+    let mut planner = Planner::new(&settings());
+    let mut out = VecDeque::new();
+    for (path, n) in paths.into_iter().zip(1..) {
+        let segment = Segment {
+            origin: origin(n),
+            motion: SegmentMotion::Feed {
+                path,
+                feed,
+                multi_block: MultiBlock::Off,
+            },
+            end: SegmentEnd::Continuous,
+        };
+        planner.push(&segment, &mut out).unwrap();
+    }
+    planner.flush(&mut out).unwrap();
+    out.into()
+}
+
+fn end_s(profiles: &[Profile]) -> f64 {
+    profiles.iter().map(|profile| profile.duration_s).sum()
+}
+
+fn position(profiles: &[Profile], t: f64) -> AxisVector {
+    let mut t = t;
+    for profile in profiles {
+        if t < profile.duration_s {
+            return profile.position(t);
+        }
+        t -= profile.duration_s;
+    }
+    profiles[profiles.len() - 1].end()
+}
+
+/// The point of the chain at this X, by halving its time.
+fn position_at_x(profiles: &[Profile], x: f64) -> AxisVector {
+    let (mut low, mut high) = (0.0, end_s(profiles));
+    for _ in 0..100 {
+        let middle = f64::midpoint(low, high);
+        if position(profiles, middle)[Axis::X] > x {
+            high = middle;
+        } else {
+            low = middle;
+        }
+    }
+    position(profiles, low)
+}
+
+#[test]
+fn s1b_sample_k_of_a_chain_is_its_formula_at_k_periods_over_all_joints() {
+    let profiles = chain();
+    let mut rig = Rig::new(&settings());
+    for profile in &profiles {
+        rig.push(profile.clone());
+    }
+    let mut events = rig.cycle();
+    let mut k = 0;
+    while !events.iter().any(is_finished(7)) {
+        events.extend(rig.cycle());
+        k += 1;
+        let off = rig.position().minus(position(&profiles, f64::from(k) * T));
+        assert!(
+            off.orthogonal_length() < 1e-9,
+            "sample {k}: {}",
+            off.orthogonal_length()
+        );
+    }
+    assert_eq!(rig.position(), vector(&[130.0, 0.0, 0.0]));
+    assert!(f64::from(k) * T - end_s(&profiles) <= T);
+    let order: Vec<u64> = events
+        .iter()
+        .filter_map(|event| match event {
+            Event::Started { segment, .. } => Some(*segment),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(order, [1, 2, 3, 4, 5, 6, 7]);
+}
+
+#[test]
+fn the_way_to_go_counts_to_the_end_of_the_block_as_programmed() {
+    let mut rig = Rig::new(&settings());
+    for profile in chain() {
+        rig.push(profile);
+    }
+    rig.cycles(100);
+    let to_go = rig.reading().distance_to_go;
+    close(to_go[Axis::X], 20.0 - rig.x());
+}
+
+#[test]
+fn s1i_a_chain_whose_next_block_is_late_waits_for_it_on_its_path() {
+    let profiles = chain();
+    let mut rig = Rig::new(&settings());
+    rig.push(profiles[0].clone());
+    rig.cycles(10);
+    assert_eq!(
+        rig.position(),
+        AxisVector::ZERO,
+        "a chain does not begin with one block"
+    );
+    rig.push(profiles[1].clone());
+    let events = rig.cycles(3000);
+    assert!(
+        events
+            .iter()
+            .all(|event| matches!(event, Event::Started { .. } | Event::Finished { .. }))
+    );
+    let rest = rig.position();
+    let off = rest.minus(position_at_x(&profiles, rest[Axis::X]));
+    assert!(off.orthogonal_length() < 1e-9);
+    // It rests where the second profile ends, or up to two samples of 0.1 mm before.
+    let left = profiles[1].end()[Axis::X] - rest[Axis::X];
+    assert!((0.0..0.2).contains(&left), "{left}");
+    rig.cycles(10);
+    assert_eq!(rig.position(), rest);
+    for profile in &profiles[2..] {
+        rig.push(profile.clone());
+    }
+    rig.until(is_finished(7));
+    assert_eq!(rig.position(), vector(&[130.0, 0.0, 0.0]));
+}
+
+#[test]
+fn a_joint_with_nothing_behind_it_is_a_fault_and_the_motors_brake() {
+    // Two blocks too short to come to rest in: 5 ms each.
+    let mut profiles = chain();
+    profiles.truncate(2);
+    let mut rig = Rig::new(&settings());
+    for (profile, n) in profiles.iter_mut().zip(0..) {
+        *profile = crate::rig::line(
+            n + 1,
+            vector(&[n as f64 * 0.5]),
+            vector(&[(n + 1) as f64 * 0.5]),
+            100.0,
+            0.0,
+        );
+        profile.exact_stop = false;
+        rig.push(profile.clone());
+    }
+    let events = rig.cycles(100);
+    let fault = events.iter().find_map(|event| match event {
+        Event::Fault(fault) => Some(*fault),
+        _ => None,
+    });
+    assert_eq!(fault, Some(Fault::RanOut { segment: 2 }));
+    assert!(fault.unwrap().alarm().text.contains("segment 2"));
+    let rest = rig.x();
+    // At most 100 mm/s at 5000 mm/s^2: 1 mm.
+    assert!((1.0..=2.0 + 1e-9).contains(&rest), "{rest}");
+    rig.cycles(10);
+    close(rig.x(), rest);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    #[test]
+    fn s1i_hold_resume_and_override_never_leave_the_path_of_arcs_and_blends(
+        controls in prop::collection::vec((0_u32..250, prop_oneof![
+            Just(Control::Hold),
+            Just(Control::Resume),
+            (0.0..2.0).prop_map(|feed| Control::Override { feed, rapid: 1.0 }),
+        ]), 0..12),
+    ) {
+        let profiles = chain();
+        let mut rig = Rig::new(&settings());
+        for profile in &profiles {
+            rig.push(profile.clone());
+        }
+        let mut cycle = 0;
+        let check = |rig: &mut Rig, cycle: &mut u32| {
+            rig.cycle();
+            *cycle += 1;
+            let at = rig.position();
+            // Each third cycle: the search takes its time.
+            if cycle.is_multiple_of(3) {
+                let off = at.minus(position_at_x(&profiles, at[Axis::X])).orthogonal_length();
+                prop_assert!(off < 1e-9, "{off} off at {at:?}");
+            }
+            Ok(())
+        };
+        for (wait, control) in controls {
+            rig.control(control);
+            for _ in 0..=wait {
+                check(&mut rig, &mut cycle)?;
+            }
+        }
+        rig.control(Control::Resume);
+        rig.control(Control::Override { feed: 1.0, rapid: 1.0 });
+        for _ in 0..300 {
+            check(&mut rig, &mut cycle)?;
+        }
+        rig.cycles(6000);
+        prop_assert_eq!(rig.position(), vector(&[130.0, 0.0, 0.0]));
+    }
+
+    #[test]
+    fn s1i_a_stop_within_a_chain_ends_on_its_path(wait in 1_u32..2000, feed in 0.1..2.0) {
+        let profiles = chain();
+        let mut rig = Rig::new(&settings());
+        rig.control(Control::Override { feed, rapid: 1.0 });
+        for profile in &profiles {
+            rig.push(profile.clone());
+        }
+        rig.cycles(wait);
+        rig.control(Control::Stop { epoch: 1 });
+        let events = rig.cycles(500);
+        let stopped = events.iter().any(|event| matches!(event, Event::Stopped { epoch: 1, .. }));
+        prop_assert!(stopped);
+        let at = rig.position();
+        prop_assert!(at.minus(position_at_x(&profiles, at[Axis::X])).orthogonal_length() < 1e-9);
+    }
+}
+
+#[test]
+fn s1i_single_block_in_a_chain_rests_on_the_path_behind_the_joint() {
+    let profiles = chain();
+    let mut rig = Rig::new(&settings());
+    for profile in profiles.clone() {
+        rig.push(profile);
+    }
+    let end = profiles[profiles.len() - 1].end();
+    let ends = profiles.iter().scan(0.0, |end_s, profile| {
+        *end_s += profile.duration_s;
+        Some(*end_s)
+    });
+    let mut rests = 0;
+    for joint_s in ends {
+        let joint = position(&profiles, joint_s)[Axis::X];
+        // The slew of the hold before may have passed short blocks.
+        if joint <= rig.x() {
+            continue;
+        }
+        rig.control(Control::Resume);
+        rig.control(Control::HoldAfterBlock(true));
+        rig.until(|event| *event == Event::Held);
+        rests += 1;
+        let on_path = position_at_x(&profiles, rig.x());
+        for axis in [Axis::X, Axis::Y, Axis::Z] {
+            close(rig.position()[axis], on_path[axis]);
+        }
+        // At 100 percent at the most: half of the hold's slew behind the joint.
+        let behind = position(&profiles, joint_s + 0.1 + T)[Axis::X];
+        assert!(
+            (joint..=behind).contains(&rig.x()),
+            "{} is not {joint} to {behind}",
+            rig.x()
+        );
+    }
+    assert!(rests > 3);
+    assert_eq!(rig.position(), end);
+}

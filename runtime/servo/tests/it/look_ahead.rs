@@ -1,0 +1,271 @@
+//! G500 in the servo cycle (motion-semantics 1d, 1i): limits at any override up to 100 percent, through holds, and when
+//! profiles come late. The plan itself is proven in the motion crate; here the commanded samples are looked at, whose
+//! second difference is a mean of the acceleration, so never above its bound.
+
+use std::collections::VecDeque;
+
+use proptest::prelude::*;
+use tandem_model::flow::{Feed, MultiBlock, Path, Plane, Segment, SegmentEnd, SegmentMotion, Turn};
+use tandem_model::profile::{Law, Profile};
+use tandem_model::settings::CoordinateSystemSettings;
+use tandem_model::{ArcPath, AxisVector};
+use tandem_motion::Planner;
+use tandem_servo::{Control, Event};
+
+use crate::rig::{Rig, T, close, is_finished, is_stopped, origin, settings, vector};
+
+/// Way of each block in X and Y, mm, and whether it is an arc.
+type Way = (f64, f64, bool);
+
+fn machine(acceleration: f64) -> CoordinateSystemSettings {
+    let mut settings = settings();
+    for motor in settings.motors.iter_mut().flatten() {
+        motor.max_acceleration = acceleration;
+    }
+    settings
+}
+
+fn plan(settings: &CoordinateSystemSettings, ways: &[Way], feed: Feed) -> Vec<Profile> {
+    let mut planner = Planner::new(settings);
+    let mut out = VecDeque::new();
+    let mut at = AxisVector::ZERO;
+    for (n, (x, y, bends)) in (1..).zip(ways) {
+        let to = at.plus(vector(&[*x, *y]));
+        let length = to.minus(at).orthogonal_length();
+        let path = if *bends {
+            // A half circle.
+            let centre = [at.0[0] + x / 2.0, at.0[1] + y / 2.0];
+            Path::Arc(ArcPath::new(at, to, Plane::Xy, centre, Turn::Clockwise))
+        } else {
+            Path::Line { from: at, to, length }
+        };
+        let segment = Segment {
+            origin: origin(n),
+            motion: SegmentMotion::Feed {
+                path,
+                feed,
+                multi_block: MultiBlock::On,
+            },
+            end: SegmentEnd::Continuous,
+        };
+        planner.push(&segment, &mut out).unwrap();
+        at = to;
+    }
+    planner.flush(&mut out).unwrap();
+    out.into()
+}
+
+/// Watches the samples.
+struct Watch {
+    before: [AxisVector; 2],
+    worst: f64,
+}
+
+impl Watch {
+    fn new() -> Self {
+        Self {
+            before: [AxisVector::ZERO; 2],
+            worst: 0.0,
+        }
+    }
+
+    fn cycle(&mut self, rig: &mut Rig) -> Vec<Event> {
+        let events = rig.cycle();
+        let at = rig.position();
+        let [one, two] = self.before;
+        for axis in 0..3 {
+            let second = (at.0[axis] - 2.0 * one.0[axis] + two.0[axis]) / (T * T);
+            self.worst = self.worst.max(second.abs());
+        }
+        self.before = [at, one];
+        events
+    }
+}
+
+fn is_fault(event: &Event) -> bool {
+    matches!(event, Event::Fault(_))
+}
+
+fn ways() -> impl Strategy<Value = Vec<Way>> {
+    let size = prop_oneof![Just(20.0), Just(1.0), Just(0.05), Just(0.001)];
+    let way = (-1.0..1.0, -1.0..1.0, size, prop::bool::weighted(0.2))
+        .prop_map(|(x, y, size, bends): (f64, f64, f64, bool)| (x * size, y * size, bends))
+        .prop_filter("moves", |(x, y, _)| x.hypot(*y) > 1e-5);
+    prop::collection::vec(way, 1..50)
+}
+
+fn feeds() -> impl Strategy<Value = Feed> {
+    let time = prop_oneof![Just(0.0), Just(20.0), Just(100.0)];
+    (600.0..30_000.0, time.clone(), time).prop_map(|(feedrate_mm_min, ta_ms, ts_ms)| Feed {
+        feedrate_mm_min,
+        ta_ms,
+        td_ms: ta_ms,
+        ts_ms,
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(100))]
+
+    #[test]
+    fn m1i_no_motor_exceeds_its_limits_at_any_override_through_holds_and_a_stop(
+        ways in ways(),
+        feed in feeds(),
+        acceleration in prop_oneof![Just(300.0), Just(2000.0), Just(10_000.0)],
+        hold_slew_ms in prop_oneof![Just(0.0), Just(50.0), Just(500.0)],
+        controls in prop::collection::vec((0_u32..200, prop_oneof![
+            Just(Control::Hold),
+            Just(Control::Resume),
+            (0.0..=1.0).prop_map(|feed| Control::Override { feed, rapid: 1.0 }),
+            Just(Control::Override { feed: 2.0, rapid: 1.0 }),
+        ]), 0..10),
+        stops in any::<bool>(),
+    ) {
+        let mut settings = machine(acceleration);
+        settings.hold_slew_ms = hold_slew_ms;
+        settings.override_slew_ms = hold_slew_ms;
+        let profiles = plan(&settings, &ways, feed);
+        let end = profiles[profiles.len() - 1].end();
+        let mut rig = Rig::with_room(&settings, 100_000);
+        for profile in profiles {
+            rig.push(profile);
+        }
+        let mut watch = Watch::new();
+        for (wait, control) in controls {
+            rig.control(control);
+            for _ in 0..=wait {
+                watch.cycle(&mut rig);
+            }
+        }
+        if stops {
+            rig.control(Control::Stop { epoch: 1 });
+        }
+        rig.control(Control::Resume);
+        rig.control(Control::Override { feed: 1.0, rapid: 1.0 });
+        let last = ways.len() as u64;
+        let mut events = Vec::new();
+        for _ in 0..200_000 {
+            events.extend(watch.cycle(&mut rig));
+            if events.iter().any(|event| is_stopped(event) || is_finished(last)(event)) || rig.servo.channel(0).is_idle() {
+                break;
+            }
+        }
+        prop_assert!(watch.worst <= acceleration * (1.0 + 1e-6), "{} of {acceleration}", watch.worst);
+        prop_assert!(!events.iter().any(is_fault), "{events:?}");
+        if !stops {
+            prop_assert_eq!(rig.position(), end);
+        }
+    }
+
+    #[test]
+    fn m1d_profiles_that_come_late_slow_the_motion_on_its_path_within_the_limits(
+        ways in ways(),
+        feed in feeds(),
+        acceleration in prop_oneof![Just(300.0), Just(2000.0), Just(10_000.0)],
+        late in prop::collection::vec((1_usize..200, 1_u32..400), 1..20),
+    ) {
+        let settings = machine(acceleration);
+        // Several times the same way, so that look-ahead gives it in parts.
+        let ways: Vec<Way> = (0..3).flat_map(|_| ways.clone()).collect();
+        let profiles = plan(&settings, &ways, feed);
+        let end = profiles[profiles.len() - 1].end();
+        let mut rig = Rig::with_room(&settings, 100_000);
+        let mut watch = Watch::new();
+        let mut events = Vec::new();
+        let mut profiles = profiles.into_iter();
+        let mut late = late.into_iter().cycle();
+        while profiles.len() > 0 {
+            let (some, cycles) = late.next().unwrap();
+            for profile in profiles.by_ref().take(some) {
+                rig.push(profile);
+            }
+            for _ in 0..cycles {
+                events.extend(watch.cycle(&mut rig));
+            }
+        }
+        for _ in 0..200_000 {
+            events.extend(watch.cycle(&mut rig));
+            if rig.servo.channel(0).is_idle() {
+                break;
+            }
+        }
+        prop_assert!(!events.iter().any(is_fault), "{events:?}");
+        prop_assert!(watch.worst <= acceleration * (1.0 + 1e-6), "{} of {acceleration}", watch.worst);
+        prop_assert_eq!(rig.position(), end);
+    }
+}
+
+#[test]
+fn m1i_an_override_above_100_percent_runs_a_g500_chain_as_planned() {
+    let settings = machine(2000.0);
+    let feed = Feed {
+        feedrate_mm_min: 6000.0,
+        ta_ms: 100.0,
+        td_ms: 100.0,
+        ts_ms: 50.0,
+    };
+    let ways = [(30.0, 0.0, false), (0.0, 30.0, false), (20.0, 5.0, true)];
+    let cycles: Vec<u32> = [1.0, 2.0]
+        .into_iter()
+        .map(|factor| {
+            let mut rig = Rig::new(&settings);
+            rig.control(Control::Override {
+                feed: factor,
+                rapid: 1.0,
+            });
+            for profile in plan(&settings, &ways, feed) {
+                rig.push(profile);
+            }
+            rig.until(is_finished(3))
+        })
+        .collect();
+    assert_eq!(cycles[0], cycles[1]);
+}
+
+#[test]
+fn m1d_what_is_known_always_ends_in_a_stop_on_the_path() {
+    let acceleration = 1000.0;
+    let settings = machine(acceleration);
+    let feed = Feed {
+        feedrate_mm_min: 9000.0,
+        ta_ms: 50.0,
+        td_ms: 50.0,
+        ts_ms: 0.0,
+    };
+    // 400 lines of 2 mm and a little up and down.
+    let ways: Vec<Way> = (0..400)
+        .map(|n| (2.0, if n % 2 == 0 { 0.1 } else { -0.1 }, false))
+        .collect();
+    let profiles = plan(&settings, &ways, feed);
+    let free_to = |profile: &Profile| match &profile.law {
+        Law::Paced { pace, .. } => pace.free_to,
+        _ => 0,
+    };
+    let known = profiles
+        .iter()
+        .position(|profile| (50..400).contains(&free_to(profile)))
+        .unwrap();
+    let mut rig = Rig::with_room(&settings, 100_000);
+    let mut watch = Watch::new();
+    for profile in &profiles[..=known] {
+        rig.push(profile.clone());
+    }
+    let mut events = Vec::new();
+    for _ in 0..5000 {
+        events.extend(watch.cycle(&mut rig));
+    }
+    let rest = rig.x();
+    assert!(rest > 2.0 * free_to(&profiles[known]) as f64, "{rest}");
+    assert!(rest < profiles[known].end().0[0], "{rest}");
+    assert_eq!(watch.cycle(&mut rig), []);
+    close(rig.x(), rest);
+    for profile in &profiles[known + 1..] {
+        rig.push(profile.clone());
+    }
+    while !events.iter().any(is_finished(400)) {
+        events.extend(watch.cycle(&mut rig));
+        assert!(!events.iter().any(is_fault));
+    }
+    assert!(watch.worst <= acceleration * (1.0 + 1e-6), "{}", watch.worst);
+    assert_eq!(rig.position(), profiles[profiles.len() - 1].end());
+}
