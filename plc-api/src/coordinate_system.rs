@@ -11,7 +11,8 @@ use crate::types::message::Payload;
 use crate::types::output::Pending;
 use crate::types::request::{Answer, Input, OverrideChange, Refusal, RefusalCode, Request, SpindleCommand};
 use crate::types::state::{
-    Captured, Execution, Modal, Overrides, Position, ProgramPlace, Spindle, SpindleDirection, State, Tool,
+    Captured, Execution, Lock, Modal, Overrides, Position, ProgramPlace, Spindle, SpindleDirection, State,
+    Tool,
 };
 use crate::types::topic::{CsTopic, Topic};
 
@@ -66,6 +67,10 @@ readings! {
 impl CoordinateSystem {
     pub(crate) fn new(plc: Plc, number: CoordinateSystemNumber) -> Self {
         Self { plc, number }
+    }
+
+    pub(crate) fn plc(&self) -> &Plc {
+        &self.plc
     }
 
     /// Its number, from 1.
@@ -127,6 +132,45 @@ impl CoordinateSystem {
     /// The program is ACTIVE.
     pub async fn reset(&self) -> Result<()> {
         self.command(Command::Reset).await
+    }
+
+    /// Manual data input: runs one or several lines of NC text to their end, then READY. The modal state of an input
+    /// stays for the next one, until a program, homing, a stop, an alarm or a reset.
+    ///
+    /// # Errors
+    /// Not allowed now, the text has errors, or it was ended before its end.
+    pub async fn mdi(&self, text: impl Into<String>) -> Result<()> {
+        self.command(Command::Mdi { text: text.into() }).await
+    }
+
+    /// Moves axes to their first reference points, then READY; without axes, all of them.
+    ///
+    /// # Errors
+    /// Not allowed now, there is no such axis, or it was ended before its end.
+    pub async fn home(&self, axes: &[char]) -> Result<()> {
+        self.command(Command::Home { axes: axes.to_vec() }).await
+    }
+
+    /// Moves one axis by hand while it is called again with the same `refresh_id` at least every 200 ms; a call that
+    /// refreshes returns at once, the one that began the jog when it has ended. `velocity` in mm/min or deg/min, its
+    /// sign is the direction; `distance` at the most, in mm or degrees.
+    ///
+    /// # Errors
+    /// Not allowed now, no such axis, a value out of its range, the axis is at its soft limit, or the jog has ended.
+    pub async fn jog(
+        &self,
+        axis: char,
+        velocity: f64,
+        distance: Option<f64>,
+        refresh_id: impl Into<String>,
+    ) -> Result<()> {
+        self.command(Command::Jog {
+            axis,
+            velocity,
+            distance,
+            refresh_id: refresh_id.into(),
+        })
+        .await
     }
 
     /// Carries out a command, and returns when its effect has been reached.
@@ -220,6 +264,41 @@ impl CoordinateSystem {
     pub async fn set_optional_stop(&self, value: bool) -> Result<()> {
         self.done(Request::Input(self.number, Input::OptionalStop(value)))
             .await
+    }
+
+    /// Sets single block: each block ends at rest, INTERRUPTED, until it is resumed.
+    ///
+    /// # Errors
+    /// Within cutter compensation or a tapping cycle, or no such coordinate system.
+    pub async fn set_single_block(&self, value: bool) -> Result<()> {
+        self.done(Request::Input(self.number, Input::SingleBlock(value)))
+            .await
+    }
+
+    /// Sets the interlock: while it is on, motion is held and nothing that moves begins; `text` says why.
+    ///
+    /// # Errors
+    /// No such coordinate system, or the machine cannot be reached.
+    pub async fn set_interlock(&self, value: bool, text: impl Into<String>) -> Result<()> {
+        let text = text.into();
+        self.done(Request::Input(
+            self.number,
+            Input::Interlock(Lock { value, text }),
+        ))
+        .await
+    }
+
+    /// Sets the start lock: while it is on, no program begins; `text` says why.
+    ///
+    /// # Errors
+    /// No such coordinate system, or the machine cannot be reached.
+    pub async fn set_start_lock(&self, value: bool, text: impl Into<String>) -> Result<()> {
+        let text = text.into();
+        self.done(Request::Input(
+            self.number,
+            Input::StartLock(Lock { value, text }),
+        ))
+        .await
     }
 
     /// Sets overrides, percent; those that are `None` stay.

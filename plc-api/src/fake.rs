@@ -4,6 +4,8 @@
 //! was asked ([`FakePort::requests`]). Time stands still until [`FakePort::advance`]. Made for current-thread tokio
 //! runtimes, the default of `#[tokio::test]`, where each run is the same.
 
+mod data;
+
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, SystemTime};
@@ -21,6 +23,7 @@ use crate::types::output::{
     CancelReason, HandlerPresence, HandshakeResult, HandshakeStatus, Params, PendingOutput, Redeliver,
     Redelivery, Timing,
 };
+use crate::types::question::{Validate, ValidateResult};
 use crate::types::request::{Answer, Refusal, RefusalCode, Request};
 use crate::types::state::{Spindle, Tool};
 use crate::types::topic::{CsTopic, Topic};
@@ -48,7 +51,9 @@ struct Inner {
     closed: BTreeMap<(CoordinateSystemNumber, u64), Closed>,
     handlers: BTreeMap<String, HandlerPresence>,
     requests: Vec<Request>,
+    validated: Vec<ValidateResult>,
     rev: u64,
+    data: data::Data,
     sleepers: Vec<(f64, oneshot::Sender<()>)>,
 }
 
@@ -66,7 +71,9 @@ impl FakePort {
                 closed: BTreeMap::new(),
                 handlers: BTreeMap::new(),
                 requests: Vec::new(),
+                validated: Vec::new(),
                 rev: 0,
+                data: data::Data::default(),
                 sleepers: Vec::new(),
             })),
             hub: Hub::new(),
@@ -139,6 +146,38 @@ impl FakePort {
         self.lock().handlers.clone()
     }
 
+    /// Asks the handlers of an M code whether they take these parameters, as a program load does. `Err` has the text
+    /// of the handler that refuses; handlers that do not validate take everything.
+    ///
+    /// # Errors
+    /// A handler refuses.
+    pub async fn validate(&self, cs: CoordinateSystemNumber, m: u16, params: Params) -> Result<(), String> {
+        let request_id = self.ask_to_validate(Topic::cs(cs, CsTopic::Validate(m)), params);
+        self.settle().await;
+        let inner = self.lock();
+        let mut results = inner
+            .validated
+            .iter()
+            .filter(|result| result.request_id == request_id);
+        match results.find(|result| !result.ok) {
+            Some(refused) => Err(refused.text.clone().unwrap_or_default()),
+            None => Ok(()),
+        }
+    }
+
+    fn ask_to_validate(&self, topic: Topic, params: Params) -> String {
+        let mut inner = self.lock();
+        let request_id = format!("validate-{}", inner.rev);
+        let asked = Validate {
+            request_id: request_id.clone(),
+            program: 1,
+            line: 1,
+            params,
+        };
+        self.publish(&mut inner, topic, Payload::Validate(asked));
+        request_id
+    }
+
     /// Cancels all open outputs, as a stop, a reset or an alarm does.
     pub fn cancel(&self, cs: CoordinateSystemNumber, reason: CancelReason) {
         let _none = self.with(cs, |ledger, now| ledger.cancel_all(now, reason));
@@ -169,6 +208,30 @@ impl FakePort {
         }
         inner.closed.clear();
         self.publish_birth(&mut inner);
+    }
+
+    /// The machine says something of a coordinate system, such as its state or captured positions: subscribers get it,
+    /// and whoever reads the topic gets it until something else is said. The payload is one of the topic.
+    ///
+    /// ```
+    /// use plc_api::types::message::Payload;
+    /// use plc_api::types::state::State;
+    /// use plc_api::types::topic::CsTopic;
+    /// use plc_api::{Execution, fake::FakePort};
+    ///
+    /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
+    /// let fake = FakePort::new([1]);
+    /// let held = State {
+    ///     execution: Execution::FeedHold,
+    ///     ..State::default()
+    /// };
+    /// fake.say(1, CsTopic::State, Payload::State(held));
+    /// let mill = fake.plc().coordinate_system(1);
+    /// assert_eq!(mill.state().await?.execution, Execution::FeedHold);
+    /// # Ok(()) }
+    /// ```
+    pub fn say(&self, cs: CoordinateSystemNumber, topic: CsTopic, payload: Payload) {
+        self.publish(&mut self.lock(), Topic::cs(cs, topic), payload);
     }
 
     /// Lets every task do what it can do without time going on.
@@ -300,12 +363,24 @@ impl FakePort {
                 .with(cs, |ledger, now| ledger.progress(now, m, &report))
                 .map(|status| handshake_answer(report.seq, &report.handler_id, status))
                 .ok_or_else(|| missing(cs)),
+            Request::Ask(cs, m, ask) => self
+                .with(cs, |ledger, now| ledger.ask(now, m, &ask))
+                .ok_or_else(|| missing(cs))?
+                .map(|status| handshake_answer(ask.seq, &ask.handler_id, status)),
+            Request::AnswerQuestion(cs, m, answer) => self
+                .with(cs, |ledger, now| ledger.answer_question(now, m, &answer))
+                .map(|status| handshake_answer(answer.seq, "", status))
+                .ok_or_else(|| missing(cs)),
             Request::Redeliver(cs, m, redeliver) => self
                 .with(cs, |ledger, now| ledger.redeliver(now, m, &redeliver))
                 .map(|status| handshake_answer(redeliver.seq, "", status))
                 .ok_or_else(|| missing(cs)),
             Request::Handler(id, presence) => {
                 self.handler(&id, &presence);
+                Ok(Answer::Done)
+            }
+            Request::ValidateResult(_, _, result) => {
+                self.lock().validated.push(result);
                 Ok(Answer::Done)
             }
             Request::Handlers => Ok(Answer::Handlers(self.handlers())),
@@ -337,6 +412,9 @@ impl FakePort {
     fn script(&self, request: Request) -> Result<Answer, Refusal> {
         let mut inner = self.lock();
         inner.requests.push(request.clone());
+        if let Some(answer) = inner.data.answer(&request) {
+            return answer;
+        }
         match request {
             Request::Command { meta, .. } => Ok(Answer::Command(CommandReply {
                 command_id: meta.command_id,
@@ -344,6 +422,7 @@ impl FakePort {
                 code: "ok".to_owned(),
                 text: String::new(),
                 state_rev: inner.rev,
+                variables: None,
             })),
             Request::Tool(cs, id) => {
                 self.publish(
@@ -367,7 +446,7 @@ impl FakePort {
                 );
                 Ok(Answer::Done)
             }
-            Request::Input(..) => Ok(Answer::Done),
+            Request::Input(..) | Request::SkipInput(..) => Ok(Answer::Done),
             Request::Programs => Ok(Answer::Programs(Vec::new())),
             _ => Err(Refusal::new(
                 RefusalCode::NotSupported,

@@ -11,15 +11,24 @@ mod tests;
 mod work;
 
 pub use output::{AuxOutput, Cancellation};
-pub use table::{Handler, M_CODE_MAX, MCodes, RUNTIME_M_CODES};
+pub use table::{Handler, M_CODE_MAX, MCodes, RUNTIME_M_CODES, with};
 
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use futures_util::FutureExt;
+use futures_util::stream::{FuturesUnordered, StreamExt};
+
+use crate::alarm::Alarm;
 use crate::error::{Error, Result};
 use crate::handshake::HANDLER_ID_MAX;
-use crate::plc::{Plc, unique_name};
+use crate::plc::Plc;
+use crate::scan::{Flags, SCAN_PERIOD_MIN, Scan, ScanProgram};
 use crate::types::CoordinateSystemNumber;
-use crate::types::output::Redelivery;
+use crate::types::output::{Params, Redelivery};
 
-use table::Table;
+use table::{Check, Table};
+pub(crate) use work::words as panic_words;
 
 /// A sequence program: handlers by M code.
 ///
@@ -50,6 +59,7 @@ pub struct SequenceProgram {
     table: Table,
     on_redelivery: Redelivery,
     handler_id: Option<String>,
+    scans: Vec<Scan>,
 }
 
 impl std::fmt::Debug for SequenceProgram {
@@ -74,7 +84,52 @@ impl SequenceProgram {
     /// M30, M98, M99) are errors of [`SequenceProgram::run`].
     #[must_use]
     pub fn on<A>(mut self, codes: impl MCodes, handler: impl Handler<A>) -> Self {
-        self.table.add(None, codes.m_codes(), handler);
+        self.table.add(None, &codes.m_codes(), handler);
+        self
+    }
+
+    /// Checks the parameters of an M code when a program is loaded, before anything moves: a program with parameters
+    /// that are refused is not loaded, and the refusal names their lines. Parameters that the program takes from
+    /// variables are known only when the block runs; so a handler checks them itself, by the same function.
+    ///
+    /// ```
+    /// # use plc_api::{Alarm, AuxOutput, Params, SequenceProgram};
+    /// /// The pocket of tool VA.
+    /// fn pocket(params: &Params) -> Result<u8, Alarm> {
+    ///     let tool = params.a().ok_or(Alarm::user(1, "M100 needs VA: the tool"))?;
+    ///     (1..=8)
+    ///         .find(|pocket| f64::from(*pocket) == tool)
+    ///         .ok_or_else(|| Alarm::user(2, format!("the magazine has no tool {tool}")))
+    /// }
+    ///
+    /// async fn change_tool(output: AuxOutput) -> Result<(), Alarm> {
+    ///     let pocket = pocket(output.params())?;
+    ///     // ... turn the magazine to the pocket ...
+    ///     Ok(())
+    /// }
+    ///
+    /// let program = SequenceProgram::new().on(100, change_tool).validate(100, pocket);
+    /// # assert_eq!(program.check(), Ok(()));
+    /// ```
+    ///
+    /// The check answers at once and within two seconds; a later answer is a warning, and the program is loaded. Two
+    /// checks of one code, and a check of a code without a handler, are errors of [`SequenceProgram::run`].
+    #[must_use]
+    pub fn validate<T>(
+        mut self,
+        codes: impl MCodes,
+        check: impl Fn(&Params) -> Result<T, Alarm> + Send + Sync + 'static,
+    ) -> Self {
+        self.table.add_check(None, &codes.m_codes(), &boxed_check(check));
+        self
+    }
+
+    /// A program in the scan-cycle style for these M codes, in every coordinate system: see [`scan`](crate::scan). The
+    /// period is at least 1 ms.
+    #[must_use]
+    pub fn scan(mut self, codes: impl MCodes, period: Duration, program: impl ScanProgram) -> Self {
+        let scan = scanned(&mut self.table, None, codes, period, program);
+        self.scans.push(scan);
         self
     }
 
@@ -88,8 +143,10 @@ impl SequenceProgram {
         let scope = build(InCoordinateSystem {
             number,
             table: std::mem::take(&mut self.table),
+            scans: std::mem::take(&mut self.scans),
         });
         self.table = scope.table;
+        self.scans = scope.scans;
         self
     }
 
@@ -102,7 +159,7 @@ impl SequenceProgram {
     }
 
     /// Name of this sequence program on the machine: 1 to 64 characters without `/ + #`, one program at a time by each
-    /// name. Default: a random one.
+    /// name. Default: the user's name where it connects with one, else a random one.
     #[must_use]
     pub fn handler_id(mut self, handler_id: impl Into<String>) -> Self {
         self.handler_id = Some(handler_id.into());
@@ -114,13 +171,16 @@ impl SequenceProgram {
     /// # Errors
     /// [`Error::SequenceProgram`] names every mistake.
     pub fn check(&self) -> Result<()> {
-        let mut mistakes = self.table.mistakes().to_vec();
+        let mut mistakes = self.table.mistakes();
         if let Some(id) = &self.handler_id
             && (id.is_empty() || id.chars().count() > HANDLER_ID_MAX || id.contains(['/', '+', '#']))
         {
             mistakes.push(format!(
                 "handler_id {id:?}: write 1 to {HANDLER_ID_MAX} characters without / + #"
             ));
+        }
+        if self.scans.iter().any(|scan| scan.period < SCAN_PERIOD_MIN) {
+            mistakes.push(format!("the period of a scan is at least {SCAN_PERIOD_MIN:?}"));
         }
         if mistakes.is_empty() {
             return Ok(());
@@ -134,11 +194,17 @@ impl SequenceProgram {
     /// When this future is dropped, handlers are dropped where they wait, and the machine is told that they have gone.
     ///
     /// # Errors
-    /// What [`SequenceProgram::check`] finds.
+    /// What [`SequenceProgram::check`] finds; a scan program that panics.
     pub async fn run(self, plc: &Plc) -> Result<()> {
         self.check()?;
-        let handler_id = self.handler_id.unwrap_or_else(|| unique_name("handler"));
-        Box::pin(run::run(self.table, self.on_redelivery, plc, handler_id.into())).await
+        let handler_id = self.handler_id.unwrap_or_else(|| plc.default_handler_id());
+        let serving = run::run(self.table, self.on_redelivery, plc, handler_id.into());
+        let scans = self.scans.into_iter().map(|scan| scan.run(plc.clone()));
+        tokio::select! {
+            ended = Box::pin(serving) => ended,
+            // without scans there is nothing that could end
+            Some(ended) = scans.collect::<FuturesUnordered<_>>().into_future().map(|(ended, _)| ended) => ended,
+        }
     }
 }
 
@@ -146,6 +212,7 @@ impl SequenceProgram {
 pub struct InCoordinateSystem {
     number: CoordinateSystemNumber,
     table: Table,
+    scans: Vec<Scan>,
 }
 
 impl std::fmt::Debug for InCoordinateSystem {
@@ -156,11 +223,57 @@ impl std::fmt::Debug for InCoordinateSystem {
     }
 }
 
+fn boxed_check<T>(check: impl Fn(&Params) -> Result<T, Alarm> + Send + Sync + 'static) -> Check {
+    Arc::new(move |params| check(params).map(|_| ()))
+}
+
+/// A scan program that serves these codes.
+fn scanned(
+    table: &mut Table,
+    cs: Option<CoordinateSystemNumber>,
+    codes: impl MCodes,
+    period: Duration,
+    program: impl ScanProgram,
+) -> Scan {
+    let flags = Flags::default();
+    let of_scan = flags.clone();
+    table.add(cs, &codes.m_codes(), move |output: AuxOutput| {
+        of_scan.clone().on(output)
+    });
+    Scan {
+        flags,
+        period,
+        program: Arc::new(Mutex::new(program)),
+    }
+}
+
 impl InCoordinateSystem {
     /// A handler for an M code or a range of them, in this coordinate system. See [`SequenceProgram::on`].
     #[must_use]
     pub fn on<A>(mut self, codes: impl MCodes, handler: impl Handler<A>) -> Self {
-        self.table.add(Some(self.number), codes.m_codes(), handler);
+        self.table.add(Some(self.number), &codes.m_codes(), handler);
+        self
+    }
+
+    /// A program in the scan-cycle style for these M codes, in this coordinate system: in no other are they on in its
+    /// image. See [`SequenceProgram::scan`].
+    #[must_use]
+    pub fn scan(mut self, codes: impl MCodes, period: Duration, program: impl ScanProgram) -> Self {
+        let scan = scanned(&mut self.table, Some(self.number), codes, period, program);
+        self.scans.push(scan);
+        self
+    }
+
+    /// Checks the parameters of an M code of this coordinate system when a program is loaded. See
+    /// [`SequenceProgram::validate`].
+    #[must_use]
+    pub fn validate<T>(
+        mut self,
+        codes: impl MCodes,
+        check: impl Fn(&Params) -> Result<T, Alarm> + Send + Sync + 'static,
+    ) -> Self {
+        let check = boxed_check(check);
+        self.table.add_check(Some(self.number), &codes.m_codes(), &check);
         self
     }
 }

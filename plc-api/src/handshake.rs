@@ -13,6 +13,9 @@
 //! - What is not open any more is answered `duplicate` or `stale`, what never was `unknown`: nothing changes then, so
 //!   an old reset never frees a later output with the same M number.
 //! - Every open output can be ended: by reset, by force, by cancel, and by its time limit where it has one.
+//! - Its owner may ask the operator one question at a time, which ends with the output.
+//!
+//! It does some ten million operations a second on one core, however many outputs are open (`cargo bench -p plc-api`).
 
 mod closed;
 mod effect;
@@ -26,11 +29,13 @@ pub use effect::{Closed, Effect, Full, Now, OpenOutput, OutputSpec};
 
 use crate::alarm::Alarm;
 use crate::text::cut;
-use crate::types::BootId;
 use crate::types::output::{
     Cancel, CancelReason, Claim, HandshakeResult, HandshakeStatus, OutputNotice, OutputState, Pending,
     Progress, ProgressReport, Redeliver, Redelivery, Reset, ResetResult,
 };
+use crate::types::question::{Ask, OperatorAnswer, Question};
+use crate::types::request::Refusal;
+use crate::types::{BootId, Timestamp};
 
 use closed::{ClosedOutputs, Fate};
 
@@ -93,6 +98,7 @@ impl Ledger {
             lost: false,
             how: None,
             progress: None,
+            question: None,
             deadline_s: None,
             timeout_s: spec.timeout_s,
         });
@@ -181,6 +187,58 @@ impl Ledger {
         HandshakeStatus::Accepted
     }
 
+    /// The owner asks the operator, in place of the question before, or without choices takes its question back. Asked
+    /// again with the same id it is the same question. `not_owner` from anyone else.
+    ///
+    /// # Errors
+    /// Text or choices are out of their limits.
+    pub fn ask(&mut self, now: Now, m: Option<u16>, ask: &Ask) -> Result<HandshakeStatus, Refusal> {
+        ask.check()?;
+        let place = match self.find(&ask.boot_id, ask.seq, m) {
+            Ok(place) => place,
+            Err(status) => return Ok(status),
+        };
+        let output = &mut self.open[place];
+        if output.handler_id.as_deref() != Some(ask.handler_id.as_str()) {
+            return Ok(HandshakeStatus::NotOwner);
+        }
+        let is_asked = output
+            .question
+            .as_ref()
+            .is_some_and(|question| question.id == ask.question_id);
+        if is_asked == ask.choices.is_empty() {
+            output.question = (!is_asked).then(|| Question {
+                id: ask.question_id.clone(),
+                text: ask.text.clone(),
+                choices: ask.choices.clone(),
+                since: Timestamp::from_system_time(now.time),
+                answer: None,
+            });
+            self.pending_changed();
+        }
+        Ok(HandshakeStatus::Accepted)
+    }
+
+    /// An operator answers. `unknown` when there is no such question or choice, `duplicate` when it has an answer.
+    pub fn answer_question(&mut self, _now: Now, m: Option<u16>, answer: &OperatorAnswer) -> HandshakeStatus {
+        let place = match self.find(&answer.boot_id, answer.seq, m) {
+            Ok(place) => place,
+            Err(status) => return status,
+        };
+        let asked = self.open[place].question.as_mut();
+        let Some(question) = asked.filter(|question| {
+            question.id == answer.question_id && question.choices.contains(&answer.choice)
+        }) else {
+            return HandshakeStatus::Unknown;
+        };
+        if question.answer.is_some() {
+            return HandshakeStatus::Duplicate;
+        }
+        question.answer = Some(answer.choice.clone());
+        self.pending_changed();
+        HandshakeStatus::Accepted
+    }
+
     /// An operator decides about an output that nobody owns: it is published again with `how`, and `ask` takes an
     /// earlier decision back. `not_owner` while a handler owns it.
     pub fn redeliver(&mut self, _now: Now, m: Option<u16>, redeliver: &Redeliver) -> HandshakeStatus {
@@ -215,6 +273,7 @@ impl Ledger {
             output.lost = true;
             output.how = None;
             output.progress = None;
+            output.question = None;
             output.notice.redelivered = true;
             any = true;
         }

@@ -24,7 +24,7 @@ pub enum Filter {
     All,
     /// These topics.
     Topics(Vec<Topic>),
-    /// What a handler needs: presence, birth, presence of handlers, and pending, output, result and cancel of every
+    /// What a handler needs: presence, birth, presence of handlers, and pending, output, result, cancel and validate of every
     /// coordinate system.
     Handshake,
 }
@@ -38,7 +38,11 @@ impl Filter {
                 Topic::Presence | Topic::Birth | Topic::HandlerPresence(_) => true,
                 Topic::CoordinateSystem(_, topic) => matches!(
                     topic,
-                    CsTopic::Pending | CsTopic::Output(_) | CsTopic::Result(_) | CsTopic::Cancel(_)
+                    CsTopic::Pending
+                        | CsTopic::Output(_)
+                        | CsTopic::Result(_)
+                        | CsTopic::Cancel(_)
+                        | CsTopic::Validate(_)
                 ),
                 Topic::AlarmEvent | Topic::AlarmActive | Topic::Reply(_) => false,
             },

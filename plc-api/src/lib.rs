@@ -2,7 +2,7 @@
 //!
 //! An NC program puts out M codes with parameters (`M100 VA3`), and waits until each is reset. A *sequence program* is
 //! what works on them: one async function for each M code. It runs in the runtime's own process
-//! ([`Plc::in_process`]), in another process over MQTT ([`Plc::connect`]) and in a unit test ([`fake::FakePort`]),
+//! ([`Plc::in_process`]), in another process over MQTT or REST ([`Plc::connect`]) and in a unit test ([`fake::FakePort`]),
 //! unchanged.
 //!
 //! # A sequence program
@@ -33,6 +33,23 @@
 //! `Ok` resets the output, and the NC program goes on. `Err` raises alarm 10000 + code with its text and stops the
 //! program; a panic does the same. Several open outputs run their handlers at the same time.
 //!
+//! What a handler shares with others it gets by [`handlers::with`]. Which parameters it takes it may say beforehand:
+//! with [`validate`](SequenceProgram::validate) a program with wrong ones is refused when it is loaded.
+//!
+//! # While the program waits
+//! [`AuxOutput::progress`] says how far the work is. [`Plc::ask`] asks the operator and waits for one of the choices;
+//! panels show the question with the M code, and [`CoordinateSystem::answer`] answers it.
+//! ```
+//! # use plc_api::{Alarm, AuxOutput, Plc};
+//! async fn inspect(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
+//!     output.progress("the part is brought to the window", None).await?;
+//!     match plc.ask("Is the surface good?", ["yes", "no"]).await?.as_str() {
+//!         "yes" => Ok(()),
+//!         _ => Err(Alarm::user(80, "the operator rejects the part")),
+//!     }
+//! }
+//! ```
+//!
 //! # Cancel
 //! A stop, a reset or an alarm cancels open outputs: the handler's future is dropped where it waits, and what it
 //! started elsewhere sees it by [`AuxOutput::cancellation`]. Handlers sleep by [`Plc::sleep`], never by another clock.
@@ -40,9 +57,16 @@
 //! # Redelivery
 //! A handler whose process dies gives its output back: the program waits, with reason `HANDLER_LOST`. Nothing is done
 //! twice without being asked: what happens when the sequence program is there again is its
-//! [`on_redelivery`](SequenceProgram::on_redelivery), by default to wait for an operator.
+//! [`on_redelivery`](SequenceProgram::on_redelivery), by default to wait for an operator. With
+//! [`Redelivery::Verify`] the handler runs again with [`AuxOutput::redelivered`] true, and looks at the machine first.
+//!
+//! # Scan style
+//! Who thinks in PLC scans writes a [`scan::ScanProgram`]: at a fixed period it sees M codes as flags with parameters
+//! and writes resets as flags. [`SequenceProgram::scan`] serves it beside handlers.
 //!
 //! # Testing
+//! [`fake::FakePort`] is a scripted machine: outputs are made by hand, and time goes on by hand. A whole runtime that
+//! runs NC programs in simulated time is `tandem_runtime::test`, a dev-dependency.
 //! ```
 //! use std::time::Duration;
 //! use plc_api::{Alarm, AuxOutput, Params, Plc, SequenceProgram, fake::FakePort, handshake::Closed};
@@ -67,9 +91,10 @@
 //! # Layers
 //! [`port::Port`] is the whole interface as one trait; [`types`] is all that crosses a wire; [`handshake`] is the state
 //! machine of outputs and resets that every transport goes through; [`hub`] hands messages out.
-//! Features: `mqtt` (default) is the MQTT client.
+//! Features: `mqtt` (default) is the MQTT client, with TLS; `schema` derives JSON Schemas of the types.
 
 pub mod alarm;
+mod ask;
 mod coordinate_system;
 mod error;
 pub mod fake;
@@ -79,15 +104,24 @@ pub mod hub;
 mod outputs;
 mod plc;
 pub mod port;
+pub mod scan;
+mod tables;
 mod text;
 pub mod transport;
 pub mod types;
+mod variables;
 
 pub use alarm::Alarm;
+pub use ask::OpenQuestion;
 pub use coordinate_system::CoordinateSystem;
 pub use error::{Error, Result};
 pub use handlers::{AuxOutput, Cancellation, SequenceProgram};
 pub use outputs::{Outputs, RawOutput};
 pub use plc::Plc;
+#[cfg(feature = "mqtt")]
+pub use transport::mqtt::MqttOptions;
+#[cfg(feature = "mqtt")]
+pub use transport::tls::TlsFiles;
 pub use types::output::{CancelReason, Params, Redelivery};
 pub use types::state::Execution;
+pub use variables::Variables;

@@ -189,15 +189,22 @@ impl RawOutput {
     }
 
     async fn accepted(&self, request: Request) -> Result<()> {
-        match self.plc.request(request).await? {
-            Answer::Handshake(result) if result.status == HandshakeStatus::Accepted => Ok(()),
-            Answer::Handshake(result) => Err(Error::Handshake {
-                m: self.notice.m,
-                seq: self.notice.seq,
-                status: result.status,
-            }),
-            other => Err(unexpected(&other)),
-        }
+        let answer = self.plc.request(request).await?;
+        accepted(self.notice.m, self.notice.seq, &answer)
+    }
+}
+
+/// Whether the machine has accepted what was said of an output, as far as its answer tells.
+pub(crate) fn accepted(m: u16, seq: u64, answer: &Answer) -> Result<()> {
+    match answer {
+        Answer::Handshake(result) if result.status == HandshakeStatus::Accepted => Ok(()),
+        Answer::Handshake(result) => Err(Error::Handshake {
+            m,
+            seq,
+            status: result.status,
+        }),
+        Answer::Done => Ok(()),
+        other => Err(unexpected(other)),
     }
 }
 

@@ -4,10 +4,15 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
+use futures_util::FutureExt;
+
+use crate::ask::Asker;
 use crate::coordinate_system::CoordinateSystem;
 use crate::error::{Error, Result};
 use crate::outputs::Outputs;
-use crate::port::Port;
+use crate::port::{BoxFuture, Port};
+#[cfg(feature = "mqtt")]
+use crate::transport::mqtt::MqttOptions;
 use crate::types::CoordinateSystemNumber;
 use crate::types::program::ProgramInfo;
 use crate::types::request::{Answer, Refusal, RefusalCode, Request};
@@ -25,7 +30,9 @@ use crate::types::request::{Answer, Refusal, RefusalCode, Request};
 pub struct Plc {
     port: Arc<dyn Port>,
     client_id: Arc<str>,
+    user: Option<Arc<str>>,
     commands: Arc<AtomicU64>,
+    asker: Option<Arc<Asker>>,
 }
 
 impl std::fmt::Debug for Plc {
@@ -42,18 +49,23 @@ impl Plc {
         Self {
             port,
             client_id: unique_name("plc").into(),
+            user: None,
             commands: Arc::default(),
+            asker: None,
         }
     }
 
-    /// A machine at an address: `mqtt://host:port/machine`, with a topic prefix `mqtt://host:port/prefix/machine`,
-    /// with a user `mqtt://user:password@host:port/machine`. The port is 1883 where none is named. Waits up to 10 s
+    /// A machine at an address. Over MQTT (feature `mqtt`): `mqtt://host:port/machine`, with a topic prefix
+    /// `mqtt://host:port/prefix/machine`, with a user `mqtt://user:password@host:port/machine`, with TLS
+    /// `mqtts://host:port/machine`; the port is 1883, or 8883 with TLS, where none is named. Over REST and WebSocket
+    /// (feature `rest`): `http://host:port`, with a token `http://token@host:port`; the port is 80 where none is named.
+    /// Waits up to 10 s
     /// until the runtime is present there; after that the connection is made again by itself for ever.
     ///
     /// # Errors
     /// The address is not one, no broker answers there, it refuses the user, or no runtime is online under that name.
     #[cfg_attr(
-        not(feature = "mqtt"),
+        not(any(feature = "mqtt", feature = "rest")),
         expect(clippy::unused_async, reason = "only transports wait")
     )]
     pub async fn connect(address: &str) -> Result<Self> {
@@ -63,16 +75,38 @@ impl Plc {
         };
         match address.split_once("://") {
             #[cfg(feature = "mqtt")]
-            Some(("mqtt", _)) => {
-                let port = crate::transport::mqtt::connect(address).await?;
+            Some(("mqtt" | "mqtts", _)) => Self::connect_with(address, MqttOptions::default()).await,
+            #[cfg(not(feature = "mqtt"))]
+            Some(("mqtt" | "mqtts", _)) => Err(wrong("plc-api was built without its feature mqtt")),
+            #[cfg(feature = "rest")]
+            Some(("http", _)) => {
+                let port = crate::transport::rest::connect(address).await?;
                 Ok(Self::in_process(port))
             }
-            #[cfg(not(feature = "mqtt"))]
-            Some(("mqtt", _)) => Err(wrong("plc-api was built without its feature mqtt")),
-            Some(("mqtts", _)) => Err(wrong("TLS is not built yet, use mqtt://")),
-            Some(("http" | "https", _)) => Err(wrong("the REST transport is not built yet, use mqtt://")),
-            _ => Err(wrong("write mqtt://host:port/machine")),
+            #[cfg(not(feature = "rest"))]
+            Some(("http", _)) => Err(wrong("plc-api was built without its feature rest")),
+            Some(("https", _)) => Err(wrong("REST is served without TLS, use http:// or a tunnel")),
+            _ => Err(wrong("write mqtt://host:port/machine or http://host:port")),
         }
+    }
+
+    /// The same with what an address should not hold: user and password, and the files of TLS.
+    ///
+    /// # Errors
+    /// As [`Plc::connect`]; a file of TLS that cannot be used is named.
+    #[cfg(feature = "mqtt")]
+    pub async fn connect_with(address: &str, options: MqttOptions) -> Result<Self> {
+        let (port, user) = crate::transport::mqtt::connect(address, options).await?;
+        Ok(Self {
+            user: user.map(Into::into),
+            ..Self::in_process(port)
+        })
+    }
+
+    /// Name of a sequence program that chose none: that of its user, since a token speaks in its own name only.
+    pub(crate) fn default_handler_id(&self) -> String {
+        let user = self.user.as_deref().map(ToOwned::to_owned);
+        user.unwrap_or_else(|| unique_name("handler"))
     }
 
     /// The port under this machine, for requests that have no method here.
@@ -96,6 +130,18 @@ impl Plc {
         }
     }
 
+    /// Sets the skip input of a motor, by its CNC motor number; it keeps the value until it is set again. Not real time:
+    /// what G31 captures is where the motor is when the servo hears of it.
+    ///
+    /// # Errors
+    /// No axis has such a motor, or the machine cannot be reached.
+    pub async fn set_skip_input(&self, motor: u16, value: bool) -> Result<()> {
+        match self.request(Request::SkipInput(motor, value)).await? {
+            Answer::Done => Ok(()),
+            other => Err(unexpected(&other)),
+        }
+    }
+
     /// Sleeps on the machine's clock: simulated time in a simulation. Handlers sleep by this and nothing else.
     pub async fn sleep(&self, duration: Duration) {
         self.port.sleep(duration).await;
@@ -110,6 +156,22 @@ impl Plc {
     /// handlers. [`SequenceProgram`](crate::SequenceProgram) is the usual way.
     pub fn outputs(&self) -> Outputs {
         Outputs::new(self, unique_name("queue"))
+    }
+
+    /// The same machine, as the handler of an output sees it.
+    pub(crate) fn of_output(&self, asker: Asker) -> Self {
+        Self {
+            asker: Some(Arc::new(asker)),
+            ..self.clone()
+        }
+    }
+
+    pub(crate) fn asker(&self) -> Option<&Asker> {
+        self.asker.as_deref()
+    }
+
+    pub(crate) fn client_id(&self) -> &str {
+        &self.client_id
     }
 
     pub(crate) async fn request(&self, request: Request) -> Result<Answer> {
@@ -136,4 +198,19 @@ pub(crate) fn unique_name(kind: &str) -> String {
     hasher.write_u32(std::process::id());
     hasher.write_u64(COUNT.fetch_add(1, Ordering::Relaxed));
     format!("{kind}-{:012x}", hasher.finish() & 0xffff_ffff_ffff)
+}
+
+/// Sends a request from a destructor: at once where the machine takes it at once, else from a task.
+pub(crate) fn send_without_waiting(plc: &Plc, request: Request, what_if_not: &'static str) {
+    let plc = plc.clone();
+    let mut sent: BoxFuture<'static, ()> = Box::pin(async move {
+        if let Err(refusal) = plc.port().request(request).await {
+            tracing::debug!(%refusal, "{what_if_not}");
+        }
+    });
+    if (&mut sent).now_or_never().is_none()
+        && let Ok(runtime) = tokio::runtime::Handle::try_current()
+    {
+        runtime.spawn(sent);
+    }
 }

@@ -3,5 +3,11 @@
 //! In the runtime's own process it is given the coordinator's port as it is
 //! ([`Plc::in_process`](crate::Plc::in_process)). Any other transport is a [`Port`](crate::port::Port) in a file here.
 
+#[cfg(any(feature = "mqtt", feature = "rest"))]
+mod backoff;
 #[cfg(feature = "mqtt")]
 pub mod mqtt;
+#[cfg(feature = "rest")]
+pub mod rest;
+#[cfg(feature = "mqtt")]
+pub mod tls;

@@ -50,6 +50,10 @@ impl AuxOutput {
         }
     }
 
+    pub(crate) fn plc(&self) -> &Plc {
+        &self.inner.plc
+    }
+
     /// M number, 0 to 191.
     pub fn m(&self) -> u16 {
         self.inner.notice.m

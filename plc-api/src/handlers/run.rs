@@ -3,20 +3,22 @@
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
+use futures_util::StreamExt;
 use futures_util::future::{AbortHandle, Abortable};
 use futures_util::stream::FuturesUnordered;
-use futures_util::{FutureExt, StreamExt};
 use tokio::sync::watch;
 
+use crate::ask::Asker;
 use crate::error::Result;
 use crate::hub::Filter;
-use crate::plc::Plc;
+use crate::plc::{Plc, send_without_waiting};
 use crate::port::BoxFuture;
 use crate::types::message::{Message, Payload};
 use crate::types::output::{
     CancelReason, Claim, HandledCode, HandlerPresence, HandshakeStatus, OutputState, Pending, PendingOutput,
     Redelivery,
 };
+use crate::types::question::{Validate, ValidateResult};
 use crate::types::request::Request;
 use crate::types::topic::{CsTopic, Topic};
 use crate::types::{BootId, CoordinateSystemNumber};
@@ -33,6 +35,7 @@ enum Ended {
     Work(Key),
     Reclaimed(Key, Option<HandshakeStatus>),
     Announced,
+    Validated,
 }
 
 struct Running {
@@ -147,6 +150,9 @@ impl Runner<'_> {
                 let key = (message.boot_id.clone(), *cs, told.seq);
                 self.cancel_where(|other, _| *other == key, Some(told.reason));
             }
+            (Topic::CoordinateSystem(cs, CsTopic::Validate(m)), Payload::Validate(asked)) => {
+                self.validate(*cs, *m, asked);
+            }
             (Topic::CoordinateSystem(cs, CsTopic::Pending), Payload::Pending(pending)) => {
                 self.pending
                     .insert(*cs, (message.boot_id.clone(), pending.clone()));
@@ -154,6 +160,28 @@ impl Runner<'_> {
             }
             _ => {}
         }
+    }
+
+    /// A program is being loaded that puts out this M code.
+    fn validate(&mut self, cs: CoordinateSystemNumber, m: u16, asked: &Validate) {
+        if !self.table.validates() || self.table.find(cs, m).is_none() {
+            return;
+        }
+        let refused = self.table.validate(cs, m, &asked.params).err();
+        let result = ValidateResult {
+            request_id: asked.request_id.clone(),
+            handler_id: self.handler_id.to_string(),
+            ok: refused.is_none(),
+            text: refused.map(|alarm| alarm.text),
+        };
+        let plc = self.plc.clone();
+        self.tasks.push(Box::pin(async move {
+            let request = Request::ValidateResult(cs, Some(m), result);
+            if let Err(refusal) = plc.port().request(request).await {
+                tracing::warn!(%refusal, m, "the result of a validation did not arrive");
+            }
+            Ended::Validated
+        }));
     }
 
     fn look_at_all(&mut self) {
@@ -216,13 +244,20 @@ impl Runner<'_> {
         };
         let (cancel, cancellation) = Cancellation::new();
         let phase = Arc::new(Phase::default());
+        let plc = self.plc.of_output(Asker {
+            handler_id: Arc::clone(&self.handler_id),
+            boot_id: boot_id.clone(),
+            cs: *cs,
+            m: pending.output.m,
+            seq: pending.output.seq,
+            turn: tokio::sync::Mutex::default(),
+        });
         let work = Work {
-            plc: self.plc.clone(),
             handler_id: Arc::clone(&self.handler_id),
             boot_id: boot_id.clone(),
             cs: *cs,
             output: AuxOutput::new(
-                self.plc,
+                &plc,
                 &self.handler_id,
                 (boot_id, *cs),
                 &pending.output,
@@ -231,6 +266,7 @@ impl Runner<'_> {
             ),
             handler: Arc::clone(handler),
             phase: Arc::clone(&phase),
+            plc,
         };
         let (abort, registration) = AbortHandle::new_pair();
         let running = Running {
@@ -295,6 +331,7 @@ impl Runner<'_> {
                     self.cancel_where(|other, _| *other == key, None);
                 }
             }
+            Ended::Validated => {}
             Ended::Announced => {
                 if !std::mem::replace(&mut self.known, true) {
                     self.look_at_all();
@@ -319,7 +356,7 @@ impl Runner<'_> {
         let online = HandlerPresence {
             online: true,
             handles: handled.map(|(cs, m)| HandledCode { cs, m }).collect(),
-            validates: false,
+            validates: self.table.validates(),
         };
         // claims of an earlier program of the same name that died unseen are given back first
         let first = !std::mem::replace(&mut self.announced, true);
@@ -361,17 +398,8 @@ struct Gone {
 
 impl Drop for Gone {
     fn drop(&mut self) {
-        let (plc, id) = (self.plc.clone(), self.handler_id.to_string());
-        let mut told: BoxFuture<'static, ()> = Box::pin(async move {
-            let request = Request::Handler(id, gone_presence());
-            if let Err(refusal) = plc.port().request(request).await {
-                tracing::debug!(%refusal, "the machine was not told that the handlers have gone");
-            }
-        });
-        if (&mut told).now_or_never().is_none()
-            && let Ok(runtime) = tokio::runtime::Handle::try_current()
-        {
-            runtime.spawn(told);
-        }
+        let request = Request::Handler(self.handler_id.to_string(), gone_presence());
+        let what_if_not = "the machine was not told that the handlers have gone";
+        send_without_waiting(&self.plc, request, what_if_not);
     }
 }

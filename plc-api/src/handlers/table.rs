@@ -3,14 +3,17 @@
 use std::collections::BTreeMap;
 use std::future::Future;
 use std::ops::{Range, RangeInclusive};
+use std::panic::AssertUnwindSafe;
 use std::sync::Arc;
 
 use crate::alarm::Alarm;
 use crate::plc::Plc;
 use crate::port::BoxFuture;
 use crate::types::CoordinateSystemNumber;
+use crate::types::output::Params;
 
 use super::output::AuxOutput;
+use super::work::words;
 
 /// Highest M number.
 pub const M_CODE_MAX: u16 = 191;
@@ -47,37 +50,78 @@ where
     }
 }
 
+/// A handler that needs something beside the output and the machine: each call gets a clone of `shared`, such as an
+/// `Arc` of what several handlers work with.
+///
+/// ```
+/// # use std::sync::{Arc, Mutex};
+/// # use plc_api::{Alarm, AuxOutput, Plc, SequenceProgram, handlers::with};
+/// type Magazine = Arc<Mutex<Vec<u16>>>;
+///
+/// async fn change_tool(output: AuxOutput, plc: Plc, magazine: Magazine) -> Result<(), Alarm> {
+///     // ...
+///     Ok(())
+/// }
+///
+/// let magazine = Magazine::default();
+/// let program = SequenceProgram::new().on(100, with(magazine, change_tool));
+/// # assert_eq!(program.check(), Ok(()));
+/// ```
+pub fn with<S, F, Work>(shared: S, handler: F) -> impl Handler<(AuxOutput, Plc)>
+where
+    S: Clone + Send + Sync + 'static,
+    F: Fn(AuxOutput, Plc, S) -> Work + Send + Sync + 'static,
+    Work: Future<Output = Result<(), Alarm>> + Send + 'static,
+{
+    move |output: AuxOutput, plc: Plc| handler(output, plc, shared.clone())
+}
+
+/// A check of parameters at program load.
+pub(super) type Check = Arc<dyn Fn(&Params) -> Result<(), Alarm> + Send + Sync>;
+
 pub(super) type Boxed = Arc<dyn Fn(AuxOutput, Plc) -> BoxFuture<'static, Result<(), Alarm>> + Send + Sync>;
 
-/// One M code or a range of them.
+/// M codes that a handler serves: one, a range, or several.
 pub trait MCodes {
-    /// First and last.
-    fn m_codes(self) -> RangeInclusive<u16>;
+    /// Ranges of first and last; an empty range is refused when the program is built.
+    fn m_codes(self) -> Vec<RangeInclusive<u16>>;
 }
 
 impl MCodes for u16 {
-    fn m_codes(self) -> RangeInclusive<u16> {
-        self..=self
+    fn m_codes(self) -> Vec<RangeInclusive<u16>> {
+        vec![self..=self]
     }
 }
 
 impl MCodes for RangeInclusive<u16> {
-    fn m_codes(self) -> RangeInclusive<u16> {
-        self
+    fn m_codes(self) -> Vec<RangeInclusive<u16>> {
+        vec![self]
     }
 }
 
 impl MCodes for Range<u16> {
-    fn m_codes(self) -> RangeInclusive<u16> {
+    fn m_codes(self) -> Vec<RangeInclusive<u16>> {
         if self.is_empty() {
-            #[expect(
-                clippy::reversed_empty_ranges,
-                reason = "an empty range, refused when the program is built"
-            )]
-            return 1..=0;
+            return Vec::new();
         }
-        self.start..=self.end - 1
+        vec![self.start..=self.end - 1]
     }
+}
+
+impl<const N: usize> MCodes for [u16; N] {
+    fn m_codes(self) -> Vec<RangeInclusive<u16>> {
+        self.map(|m| m..=m).to_vec()
+    }
+}
+
+/// The codes of a range, and of those above the highest only the first.
+fn within_limits(codes: RangeInclusive<u16>) -> impl Iterator<Item = u16> {
+    let first_above = (M_CODE_MAX + 1).max(*codes.start());
+    codes.take_while(move |m| *m <= first_above)
+}
+
+fn place(cs: Option<CoordinateSystemNumber>) -> String {
+    cs.map_or_else(String::new, |cs| format!(" in coordinate system {cs}"))
 }
 
 /// Handlers by M code, for every coordinate system and for single ones.
@@ -85,6 +129,7 @@ impl MCodes for Range<u16> {
 pub(super) struct Table {
     everywhere: BTreeMap<u16, Boxed>,
     single: BTreeMap<(CoordinateSystemNumber, u16), Boxed>,
+    checks: BTreeMap<(Option<CoordinateSystemNumber>, u16), Check>,
     mistakes: Vec<String>,
 }
 
@@ -92,26 +137,25 @@ impl Table {
     pub(super) fn add<A>(
         &mut self,
         cs: Option<CoordinateSystemNumber>,
-        codes: RangeInclusive<u16>,
+        codes: &[RangeInclusive<u16>],
         handler: impl Handler<A>,
     ) {
         let handler = Arc::new(handler);
         let boxed: Boxed = Arc::new(move |output, plc| handler.call(output, plc));
-        if codes.is_empty() {
+        if codes.iter().all(RangeInclusive::is_empty) {
             self.mistakes
                 .push("on() got an empty range of M codes".to_owned());
         }
-        for m in codes {
-            let place = cs.map_or_else(String::new, |cs| format!(" in coordinate system {cs}"));
+        for m in codes.iter().cloned().flat_map(within_limits) {
+            let place = place(cs);
             if m > M_CODE_MAX {
                 self.mistakes
                     .push(format!("M{m}{place}: M codes are 0 to {M_CODE_MAX}"));
-                break;
+                continue;
             }
             if RUNTIME_M_CODES.contains(&m) {
-                self.mistakes.push(format!(
-                    "M{m}{place}: the runtime handles it itself, leave it out"
-                ));
+                let mistake = format!("M{m}{place}: the runtime handles it itself, leave it out");
+                self.mistakes.push(mistake);
                 continue;
             }
             let before = match cs {
@@ -124,9 +168,50 @@ impl Table {
         }
     }
 
-    /// What was wrong in the calls so far, in words.
-    pub(super) fn mistakes(&self) -> &[String] {
-        &self.mistakes
+    pub(super) fn add_check(
+        &mut self,
+        cs: Option<CoordinateSystemNumber>,
+        codes: &[RangeInclusive<u16>],
+        check: &Check,
+    ) {
+        for m in codes.iter().cloned().flat_map(within_limits) {
+            if self.checks.insert((cs, m), Arc::clone(check)).is_some() {
+                let place = place(cs);
+                self.mistakes.push(format!("M{m}{place} is validated twice"));
+            }
+        }
+    }
+
+    /// What is wrong in the calls so far, in words.
+    pub(super) fn mistakes(&self) -> Vec<String> {
+        let is_handled = |cs: Option<CoordinateSystemNumber>, m| match cs {
+            None => self.everywhere.contains_key(&m) || self.single.keys().any(|(_, handled)| *handled == m),
+            Some(cs) => self.find(cs, m).is_some(),
+        };
+        let idle = self.checks.keys().filter(|(cs, m)| !is_handled(*cs, *m));
+        let idle = idle.map(|(cs, m)| format!("M{m}{} is validated and has no handler", place(*cs)));
+        self.mistakes.iter().cloned().chain(idle).collect()
+    }
+
+    /// True when parameters of any code are checked.
+    pub(super) fn validates(&self) -> bool {
+        !self.checks.is_empty()
+    }
+
+    /// Whether the handler of an M code takes these parameters. A check that panics refuses.
+    pub(super) fn validate(&self, cs: CoordinateSystemNumber, m: u16, params: &Params) -> Result<(), Alarm> {
+        let everywhere = || {
+            self.checks
+                .get(&(None, m))
+                .filter(|_| !self.single.contains_key(&(cs, m)))
+        };
+        let Some(check) = self.checks.get(&(Some(cs), m)).or_else(everywhere) else {
+            return Ok(());
+        };
+        std::panic::catch_unwind(AssertUnwindSafe(|| check(params))).unwrap_or_else(|panicked| {
+            let text = format!("the validation of M{m} panicked: {}", words(&*panicked));
+            Err(Alarm::user(Alarm::CODE_OF_PANIC, text))
+        })
     }
 
     /// The handler of an M code there: that of the coordinate system before that of all.

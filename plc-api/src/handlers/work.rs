@@ -130,7 +130,8 @@ pub(super) async fn until_answered(plc: &Plc, request: impl Fn() -> Request) -> 
     }
 }
 
-fn words(panicked: &(dyn Any + Send)) -> &str {
+/// What a panic said.
+pub(crate) fn words(panicked: &(dyn Any + Send)) -> &str {
     panicked
         .downcast_ref::<&str>()
         .copied()

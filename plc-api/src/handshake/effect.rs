@@ -8,6 +8,7 @@ use crate::types::output::{
     Cancel, CancelReason, HandshakeResult, OutputNotice, OutputState, Params, PendingOutput, Progress,
     Redelivery, Timing,
 };
+use crate::types::question::Question;
 
 /// The time of a call, on both clocks.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -59,6 +60,8 @@ pub struct OpenOutput {
     pub how: Option<Redelivery>,
     /// What its owner last said.
     pub progress: Option<Progress>,
+    /// What its owner asks the operator.
+    pub question: Option<Question>,
     /// When it times out, seconds on the monotonic clock; none while queued.
     pub deadline_s: Option<f64>,
     pub(super) timeout_s: Option<f64>,
@@ -75,6 +78,7 @@ impl OpenOutput {
             lost: self.lost,
             progress: self.progress.clone(),
             how: self.how,
+            question: self.question.clone(),
         }
     }
 }

@@ -1,5 +1,5 @@
 //! The ledger under random schedules: messages lost, doubled, late and out of order, handlers that die and come back,
-//! cancels at every point. Each run follows from its seed. The model beside the ledger is the plain list of outputs.
+//! questions asked, answered and taken back, cancels at every point. Each run follows from its seed. The model beside the ledger is the plain list of outputs.
 
 use std::collections::BTreeMap;
 use std::time::SystemTime;
@@ -11,6 +11,8 @@ const SEEDS: u64 = 2_000;
 const STEPS: usize = 120;
 const OPEN_MAX: usize = 6;
 const HANDLERS: [&str; 3] = ["a", "b", "hmi"];
+const QUESTIONS: [&str; 2] = ["q1", "q2"];
+const CHOICES: [&str; 2] = ["yes", "no"];
 
 /// xorshift64*, so that a seed gives the same run on every machine.
 struct Random(u64);
@@ -30,6 +32,8 @@ enum InFlight {
     Claim(Option<u16>, Claim),
     Reset(Option<u16>, Reset),
     Redeliver(Redeliver),
+    Ask(Option<u16>, Ask),
+    Answer(Option<u16>, OperatorAnswer),
 }
 
 /// What the model knows of one output.
@@ -37,6 +41,8 @@ struct Known {
     m: u16,
     made: bool,
     owner: Option<String>,
+    /// The question that stands, and its answer.
+    question: Option<(String, Option<String>)>,
     closed: Option<Closed>,
 }
 
@@ -48,6 +54,8 @@ struct World {
     known: BTreeMap<u64, Known>,
     messages: Vec<InFlight>,
     notices: BTreeMap<u64, u32>,
+    asked: u32,
+    answered: u32,
 }
 
 impl World {
@@ -60,6 +68,8 @@ impl World {
             known: BTreeMap::new(),
             messages: Vec::new(),
             notices: BTreeMap::new(),
+            asked: 0,
+            answered: 0,
         }
     }
 
@@ -73,22 +83,24 @@ impl World {
     fn step(&mut self) {
         self.now_s += 0.1;
         let now = self.now();
-        match self.random.below(16) {
+        match self.random.below(24) {
             0..=2 => self.enqueue(),
-            3 | 4 => self.put_out(),
-            5..=7 => self.send_something(),
-            8..=11 => self.deliver(),
-            12 => {
+            3..=5 => self.put_out(),
+            6..=9 => self.send_something(),
+            10..=13 => self.send_about_a_question(),
+            14..=20 => self.deliver(),
+            21 => {
                 let handler = HANDLERS[self.random.below(HANDLERS.len())];
                 self.ledger.handler_lost(now, handler);
                 for known in self.known.values_mut() {
                     if known.owner.as_deref() == Some(handler) {
                         known.owner = None;
+                        known.question = None;
                     }
                 }
             }
-            13 => self.ledger.republish(now, |m| m % 2 == 0),
-            14 => self.ledger.expire(now),
+            22 if self.random.below(2) == 0 => self.ledger.republish(now, |m| m % 2 == 0),
+            22 => self.ledger.expire(now),
             _ => {
                 if self.random.below(6) == 0 {
                     self.ledger.cancel_all(now, CancelReason::Stop);
@@ -120,6 +132,7 @@ impl World {
                     m,
                     made: false,
                     owner: None,
+                    question: None,
                     closed: None,
                 };
                 self.known.insert(seq, known);
@@ -141,7 +154,17 @@ impl World {
 
     /// A claim, reset or decision about any output, past ones and ones that never were included.
     fn send_something(&mut self) {
-        let seq = self.random.below(self.known.len() + 3) as u64;
+        let made: Vec<u64> = self
+            .known
+            .iter()
+            .filter(|(_, known)| known.made && known.closed.is_none())
+            .map(|(&seq, _)| seq)
+            .collect();
+        // every other message is about one that is open, so that many count
+        let seq = match self.random.below(2) {
+            0 if !made.is_empty() => made[self.random.below(made.len())],
+            _ => self.random.below(self.known.len() + 3) as u64,
+        };
         let boot = if self.random.below(20) == 0 { "old" } else { "b" };
         let (boot_id, handler_id) = (
             BootId(boot.into()),
@@ -171,6 +194,52 @@ impl World {
                 reset.force = (handler_id == "hmi").then_some(true);
                 InFlight::Reset(m, reset)
             }
+        };
+        self.messages.push(message);
+    }
+
+    /// A question or an answer about an output that was put out. Mostly it is the owner's, so that many count.
+    fn send_about_a_question(&mut self) {
+        let owned = self.known.iter().filter(|(_, known)| known.owner.is_some());
+        let owned: Vec<u64> = owned.map(|(&seq, _)| seq).collect();
+        let seq = match self.random.below(4) {
+            0 => self.random.below(self.known.len() + 3) as u64,
+            _ if owned.is_empty() => return,
+            _ => owned[self.random.below(owned.len())],
+        };
+        let owner = self.known.get(&seq).and_then(|known| known.owner.clone());
+        let any = HANDLERS[self.random.below(HANDLERS.len())].to_owned();
+        let boot_id = BootId(if self.random.below(20) == 0 { "old" } else { "b" }.into());
+        let question_id = QUESTIONS[self.random.below(QUESTIONS.len())].to_owned();
+        let message = if self.random.below(2) == 0 {
+            let choices = match self.random.below(4) {
+                0 => Vec::new(),
+                _ => CHOICES.map(str::to_owned).to_vec(),
+            };
+            let handler_id = owner.filter(|_| self.random.below(4) > 0).unwrap_or(any);
+            InFlight::Ask(
+                None,
+                Ask {
+                    boot_id,
+                    seq,
+                    handler_id,
+                    question_id,
+                    text: "?".into(),
+                    choices,
+                },
+            )
+        } else {
+            let choice = ["yes", "no", "maybe"][self.random.below(3)].to_owned();
+            InFlight::Answer(
+                None,
+                OperatorAnswer {
+                    boot_id,
+                    seq,
+                    question_id,
+                    choice,
+                    client_id: None,
+                },
+            )
         };
         self.messages.push(message);
     }
@@ -217,6 +286,49 @@ impl World {
             InFlight::Redeliver(redeliver) => {
                 self.ledger.redeliver(now, None, &redeliver);
             }
+            InFlight::Ask(m, ask) => self.deliver_ask(now, m, ask),
+            InFlight::Answer(m, answer) => self.deliver_answer(now, m, answer),
+        }
+    }
+
+    /// Only the owner asks; a question replaces another one, and its own repetition changes nothing.
+    fn deliver_ask(&mut self, now: Now, m: Option<u16>, ask: Ask) {
+        let mut expected = self.expected(&ask.boot_id, ask.seq, m, &ask.handler_id, false);
+        if expected == HandshakeStatus::Accepted && self.known[&ask.seq].owner.is_none() {
+            expected = HandshakeStatus::NotOwner;
+        }
+        let status = self.ledger.ask(now, m, &ask).unwrap();
+        assert_eq!(status, expected, "seed {} {ask:?}", self.seed);
+        if status == HandshakeStatus::Accepted {
+            self.asked += 1;
+            let question = &mut self.known.get_mut(&ask.seq).unwrap().question;
+            let stands = question.as_ref().is_some_and(|(id, _)| *id == ask.question_id);
+            match (ask.choices.is_empty(), stands) {
+                (true, true) => *question = None,
+                (false, false) => *question = Some((ask.question_id, None)),
+                (true, false) | (false, true) => {}
+            }
+        }
+    }
+
+    /// The first answer to the question that stands counts, whoever owns the output.
+    fn deliver_answer(&mut self, now: Now, m: Option<u16>, answer: OperatorAnswer) {
+        let mut expected = self.expected(&answer.boot_id, answer.seq, m, "", true);
+        if expected == HandshakeStatus::Accepted {
+            expected = match &self.known[&answer.seq].question {
+                Some((id, _)) if *id != answer.question_id => HandshakeStatus::Unknown,
+                Some(_) if !CHOICES.contains(&answer.choice.as_str()) => HandshakeStatus::Unknown,
+                Some((_, Some(_))) => HandshakeStatus::Duplicate,
+                Some((_, None)) => HandshakeStatus::Accepted,
+                None => HandshakeStatus::Unknown,
+            };
+        }
+        let status = self.ledger.answer_question(now, m, &answer);
+        assert_eq!(status, expected, "seed {} {answer:?}", self.seed);
+        if status == HandshakeStatus::Accepted {
+            let known = self.known.get_mut(&answer.seq).unwrap();
+            known.question = Some((answer.question_id, Some(answer.choice)));
+            self.answered += 1;
         }
     }
 
@@ -255,15 +367,21 @@ impl World {
                 Effect::PendingChanged | Effect::Result { .. } | Effect::Cancel { .. } => {}
             }
         }
-        // nothing lost: what has not ended is in pending, with its owner, and what has been made was told
+        // nothing lost: what has not ended is in pending, with its owner and its question, and what was made was told
         let pending = self.ledger.pending();
         let shown: Vec<_> = pending
             .outputs
             .iter()
-            .map(|output| (output.output.seq, output.handler_id.clone()))
+            .map(|output| {
+                let question = output.question.as_ref();
+                let question = question.map(|question| (question.id.clone(), question.answer.clone()));
+                (output.output.seq, output.handler_id.clone(), question)
+            })
             .collect();
         let open = self.known.iter().filter(|(_, known)| known.closed.is_none());
-        let expected: Vec<_> = open.map(|(&seq, known)| (seq, known.owner.clone())).collect();
+        let expected: Vec<_> = open
+            .map(|(&seq, known)| (seq, known.owner.clone(), known.question.clone()))
+            .collect();
         assert_eq!(shown, expected, "seed {}", self.seed);
         for (seq, known) in &self.known {
             assert_eq!(known.made, self.notices.contains_key(seq), "seed {}", self.seed);
@@ -298,11 +416,18 @@ impl World {
 
 #[test]
 fn no_output_is_lost_none_ends_twice_none_frees_another_and_every_wait_can_be_ended() {
+    let (mut asked, mut answered) = (0, 0);
     for seed in 1..=SEEDS {
         let mut world = World::new(seed);
         for _ in 0..STEPS {
             world.step();
         }
         world.end_all();
+        asked += world.asked;
+        answered += world.answered;
     }
+    assert!(
+        asked > 1000 && answered > 100,
+        "only {asked} questions and {answered} answers of all schedules count"
+    );
 }

@@ -14,12 +14,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use rumqttc::Transport;
 use tokio::sync::Notify;
 
 use crate::error::Error;
 use crate::hub::{Filter, Hub, Subscription};
 use crate::plc::unique_name;
 use crate::port::{BoxFuture, Port};
+use crate::transport::tls::TlsFiles;
 use crate::types::BootId;
 use crate::types::message::{Message, Payload};
 use crate::types::request::{Answer, Refusal, RefusalCode, Request};
@@ -38,13 +40,49 @@ pub const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
 /// How long a command waits until it is done: the longest is a hold in a long deceleration or a load of a large program.
 pub const COMMAND_DONE_TIMEOUT: Duration = Duration::from_mins(1);
 
-/// Connects to the machine at `mqtt://[user[:password]@]host[:port]/[prefix/]machine`, and waits until it is present.
+/// What an address does not say, or should not: a command line is read by others.
+#[derive(Clone, Default)]
+pub struct MqttOptions {
+    /// User name; goes before one in the address.
+    pub username: Option<String>,
+    /// The user's password, such as a token.
+    pub password: Option<String>,
+    /// For `mqtts://`: whom to trust, and who we are.
+    pub tls: TlsFiles,
+}
+
+impl std::fmt::Debug for MqttOptions {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("MqttOptions")
+            .field("username", &self.username)
+            .field("password", &self.password.as_ref().map(|_| "hidden"))
+            .field("tls", &self.tls)
+            .finish()
+    }
+}
+
+/// Connects to the machine at `mqtt://[user[:password]@]host[:port]/[prefix/]machine`, with TLS `mqtts://...`, and
+/// waits until it is present. The second value is the user's name.
 ///
 /// # Errors
-/// The address is wrong, or the runtime is not online there within [`CONNECT_TIMEOUT`].
-pub async fn connect(address: &str) -> Result<Arc<dyn Port>, Error> {
+/// The address or a TLS file is wrong, or the runtime is not online there within [`CONNECT_TIMEOUT`].
+pub async fn connect(address: &str, options: MqttOptions) -> Result<(Arc<dyn Port>, Option<String>), Error> {
+    let mut address = Address::parse(address)?;
+    if let Some(username) = options.username {
+        address.credentials = Some((username, options.password.unwrap_or_default()));
+    }
+    let user = address.credentials.as_ref().map(|(user, _)| user.clone());
+    let transport = if address.tls {
+        options.tls.transport().map_err(|reason| Error::Address {
+            address: address.shown.clone(),
+            reason,
+        })?
+    } else {
+        Transport::tcp()
+    };
     let shared = Arc::new(Shared {
-        address: Address::parse(address)?,
+        address,
+        transport,
         client_id: unique_name("plc"),
         hub: Hub::new(),
         started: Instant::now(),
@@ -57,21 +95,29 @@ pub async fn connect(address: &str) -> Result<Arc<dyn Port>, Error> {
     };
     tokio::spawn(session::keep_connected(Arc::clone(&shared)));
     match tokio::time::timeout(CONNECT_TIMEOUT, shared.until_present()).await {
-        Ok(()) => Ok(Arc::new(port)),
+        Ok(()) => Ok((Arc::new(port), user)),
         Err(_) => Err(shared.not_present()),
     }
 }
 
 /// What the port and its connection share.
-#[derive(Debug)]
 struct Shared {
     address: Address,
+    transport: Transport,
     client_id: String,
     hub: Hub,
     started: Instant,
     state: Mutex<ConnectionState>,
     wake: Notify,
     closed: AtomicBool,
+}
+
+impl std::fmt::Debug for Shared {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Shared")
+            .field("address", &self.address)
+            .finish_non_exhaustive()
+    }
 }
 
 #[derive(Debug, Default)]

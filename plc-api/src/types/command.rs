@@ -1,9 +1,11 @@
 //! Commands to a coordinate system and their replies.
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use super::BootId;
 use super::Timestamp;
+use super::data::VariableValues;
 
 /// What can be commanded. Verbs and arguments are those of `command/{verb}` and of the REST routes.
 #[derive(Debug, Clone, PartialEq)]
@@ -30,10 +32,34 @@ pub enum Command {
         /// Of the alarm.
         id: u64,
     },
+    /// Manual data input: runs lines of NC text, then READY. Its effect is reached when they have been run.
+    Mdi {
+        /// One or several lines, at most 32 KiB; an end (M30) is not needed.
+        text: String,
+    },
+    /// Moves one axis by hand, then READY. A jog with the `refresh_id` of the one that runs refreshes it and changes
+    /// nothing else; 200 ms after the last refresh it stops. It ends at the soft limit.
+    Jog {
+        /// Axis letter.
+        axis: char,
+        /// mm/min or deg/min, not 0; the sign is the direction. Clipped to the motor's maximum; the rapid override
+        /// counts.
+        velocity: f64,
+        /// How far at the most, mm or degrees, above 0; `None`: to the soft limit.
+        distance: Option<f64>,
+        /// Names the jog, 1 to 128 characters. One that has ended is not begun again.
+        refresh_id: String,
+    },
+    /// Moves axes to their first reference points, each motor alone as G28 does, then READY.
+    Home {
+        /// Axis letters; empty: all axes.
+        axes: Vec<char>,
+    },
 }
 
 /// A verb, for lists of what is allowed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Verb {
     /// See [`Command::Load`].
@@ -52,11 +78,38 @@ pub enum Verb {
     Reset,
     /// See [`Command::AlarmAcknowledge`].
     AlarmAcknowledge,
+    /// See [`Command::Mdi`].
+    Mdi,
+    /// See [`Command::Jog`].
+    Jog,
+    /// See [`Command::Home`].
+    Home,
 }
+
+/// Characters of a `refresh_id`.
+const REFRESH_ID_MAX: usize = 128;
+
+/// Largest distance of a jog, mm or degrees.
+const JOG_DISTANCE_MAX: f64 = 1_000_000.0;
 
 impl Command {
     /// Verbs of the interface that this version refuses with `not_supported`.
-    pub const NOT_SUPPORTED: [&'static str; 4] = ["mdi", "jog", "home", "back_trace"];
+    pub const NOT_SUPPORTED: [&'static str; 1] = ["back_trace"];
+
+    /// Verbs with arguments or without, as [`Command::parse`] takes them.
+    pub const VERBS: [&'static str; 11] = [
+        "load",
+        "start",
+        "hold",
+        "resume",
+        "stop",
+        "abort",
+        "reset",
+        "alarm_acknowledge",
+        "mdi",
+        "jog",
+        "home",
+    ];
 
     /// The verb of the command.
     pub fn verb(&self) -> Verb {
@@ -69,6 +122,35 @@ impl Command {
             Command::Abort => Verb::Abort,
             Command::Reset => Verb::Reset,
             Command::AlarmAcknowledge { .. } => Verb::AlarmAcknowledge,
+            Command::Mdi { .. } => Verb::Mdi,
+            Command::Jog { .. } => Verb::Jog,
+            Command::Home { .. } => Verb::Home,
+        }
+    }
+
+    /// The JSON arguments of the command, as [`Command::parse`] takes them.
+    pub fn args(&self) -> Value {
+        match self {
+            Command::Load { program } => json!({ "program": program }),
+            Command::AlarmAcknowledge { id } => json!({ "id": id }),
+            Command::Mdi { text } => json!({ "text": text }),
+            Command::Jog {
+                axis,
+                velocity,
+                distance,
+                refresh_id,
+            } => {
+                json!({"axis": axis, "velocity": velocity, "distance": distance, "refresh_id": refresh_id})
+            }
+            Command::Home { axes } => json!({ "axes": axes }),
+            Command::Start
+            | Command::Hold
+            | Command::Resume
+            | Command::Stop
+            | Command::Abort
+            | Command::Reset => {
+                json!({})
+            }
         }
     }
 
@@ -76,10 +158,10 @@ impl Command {
     ///
     /// # Errors
     /// What is wrong with them, in words for the sender.
-    pub fn parse(verb: &str, args: &serde_json::Value) -> Result<Command, String> {
+    pub fn parse(verb: &str, args: &Value) -> Result<Command, String> {
         let number = |key: &str| {
             args.get(key)
-                .and_then(serde_json::Value::as_u64)
+                .and_then(Value::as_u64)
                 .ok_or_else(|| format!("{verb} needs \"{key}\": a whole number"))
         };
         match verb {
@@ -96,16 +178,68 @@ impl Command {
             "abort" => Ok(Command::Abort),
             "reset" => Ok(Command::Reset),
             "alarm_acknowledge" => Ok(Command::AlarmAcknowledge { id: number("id")? }),
+            "mdi" => match args.get("text").and_then(Value::as_str) {
+                Some(text) if !text.trim().is_empty() => Ok(Command::Mdi {
+                    text: text.to_owned(),
+                }),
+                _ => Err("mdi needs \"text\": one or several lines of a program".to_owned()),
+            },
+            "jog" => jog(args),
+            "home" => match args.get("axes") {
+                None | Some(Value::Null) => Ok(Command::Home { axes: Vec::new() }),
+                Some(axes) => axes
+                    .as_array()
+                    .and_then(|axes| axes.iter().map(axis).collect())
+                    .map(|axes| Command::Home { axes })
+                    .ok_or_else(|| {
+                        "home: \"axes\" is a list of axis letters, such as [\"X\", \"Y\"]".to_owned()
+                    }),
+            },
             _ if Self::NOT_SUPPORTED.contains(&verb) => Err(format!("{verb} is not supported yet")),
             _ => Err(format!(
-                "there is no command {verb}; write load, start, hold, resume, stop, abort, reset or alarm_acknowledge"
+                "there is no command {verb}; there are {}",
+                Self::VERBS.join(", ")
             )),
         }
     }
 }
 
+fn axis(value: &Value) -> Option<char> {
+    let mut letters = value.as_str()?.chars();
+    letters.next().filter(|_| letters.next().is_none())
+}
+
+fn jog(args: &Value) -> Result<Command, String> {
+    let number = |key: &str| args.get(key).filter(|value| !value.is_null()).map(Value::as_f64);
+    let axis = args.get("axis").and_then(axis);
+    let axis = axis.ok_or("jog needs \"axis\": one letter")?;
+    let velocity = number("velocity").flatten().filter(|velocity| *velocity != 0.0);
+    let velocity =
+        velocity.ok_or("jog needs \"velocity\": mm/min or deg/min, not 0; its sign is the direction")?;
+    let distance = match number("distance") {
+        None => None,
+        Some(distance) => Some(
+            distance
+                .filter(|distance| *distance > 0.0 && *distance <= JOG_DISTANCE_MAX)
+                .ok_or_else(|| format!("jog: \"distance\" is above 0 and at most {JOG_DISTANCE_MAX}"))?,
+        ),
+    };
+    let refresh_id = args.get("refresh_id").and_then(Value::as_str).unwrap_or_default();
+    if refresh_id.is_empty() || refresh_id.chars().count() > REFRESH_ID_MAX {
+        let text = "jog needs \"refresh_id\", the name of this jog in its refreshes";
+        return Err(format!("{text}: 1 to {REFRESH_ID_MAX} characters"));
+    }
+    Ok(Command::Jog {
+        axis,
+        velocity,
+        distance,
+        refresh_id: refresh_id.to_owned(),
+    })
+}
+
 /// Who commands, and under which condition.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct CommandMeta {
     /// Names the command; one seen in the last 10 minutes gets the stored reply. 1 to 128 characters.
     pub command_id: String,
@@ -124,6 +258,7 @@ pub struct CommandMeta {
 
 /// Condition of a command.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Expect {
     /// The boot that the sender has seen.
@@ -136,6 +271,7 @@ pub struct Expect {
 
 /// How far a command is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum CommandStatus {
     /// It will be carried out.
@@ -149,7 +285,8 @@ pub enum CommandStatus {
 }
 
 /// Payload of `reply/{client_id}`, and of `GET /commands/{id}`.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct CommandReply {
     /// Of the command.
     pub command_id: String,
@@ -161,4 +298,66 @@ pub struct CommandReply {
     pub text: String,
     /// Revision of `state` when this was said.
     pub state_rev: u64,
+    /// What was read; of `variable/get` only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub variables: Option<VariableValues>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn arguments_come_back_as_sent() {
+        for command in [
+            Command::Load { program: 7 },
+            Command::Mdi {
+                text: "G00 X1\nY2".into(),
+            },
+            Command::Home { axes: vec!['X', 'Z'] },
+            Command::Home { axes: Vec::new() },
+            Command::Jog {
+                axis: 'Y',
+                velocity: -600.0,
+                distance: Some(0.1),
+                refresh_id: "pendant-1".into(),
+            },
+            Command::Jog {
+                axis: 'X',
+                velocity: 1.0,
+                distance: None,
+                refresh_id: "a".into(),
+            },
+        ] {
+            let verb = serde_json::to_value(command.verb()).unwrap();
+            let verb = verb.as_str().unwrap();
+            assert!(Command::VERBS.contains(&verb));
+            assert_eq!(Command::parse(verb, &command.args()), Ok(command));
+        }
+    }
+
+    #[test]
+    fn a_jog_without_direction_distance_or_name_is_refused_in_words() {
+        let good = json!({"axis": "X", "velocity": 100, "refresh_id": "a"});
+        assert!(Command::parse("jog", &good).is_ok());
+        for (key, value, what) in [
+            ("axis", json!("XY"), "axis"),
+            ("axis", json!(null), "axis"),
+            ("velocity", json!(0), "velocity"),
+            ("velocity", json!("fast"), "velocity"),
+            ("distance", json!(-1), "distance"),
+            ("distance", json!("far"), "distance"),
+            ("distance", json!(1e7), "distance"),
+            ("refresh_id", json!(""), "refresh_id"),
+            ("refresh_id", json!("x".repeat(129)), "refresh_id"),
+        ] {
+            let mut args = good.clone();
+            args[key] = value;
+            let refusal = Command::parse("jog", &args).unwrap_err();
+            assert!(refusal.contains(what), "{args}: {refusal}");
+        }
+        assert!(Command::parse("mdi", &json!({"text": " \n"})).is_err());
+        assert!(Command::parse("home", &json!({"axes": "X"})).is_err());
+        assert!(Command::parse("home", &json!({"axes": ["XY"]})).is_err());
+    }
 }

@@ -9,6 +9,7 @@ use super::{CoordinateSystemNumber, Timestamp};
 
 /// Payload of `presence`.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Presence {
     /// False: the runtime has gone, or its connection was lost.
     pub online: bool,
@@ -20,6 +21,7 @@ pub struct Presence {
 
 /// Payload of `birth`: what does not change while the runtime runs.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Birth {
     /// Machine name.
     pub machine: String,
@@ -37,6 +39,7 @@ pub struct Birth {
 
 /// One coordinate system.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct CoordinateSystemInfo {
     /// Its number.
     pub number: CoordinateSystemNumber,
@@ -52,6 +55,7 @@ pub struct CoordinateSystemInfo {
 
 /// One motor.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct MotorInfo {
     /// CNC motor number.
     pub number: u16,
@@ -65,6 +69,7 @@ pub struct MotorInfo {
 
 /// Settings of one M code.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct MCodeInfo {
     /// When it is output.
     pub timing: Timing,
@@ -76,6 +81,7 @@ pub struct MCodeInfo {
 
 /// Limits of the interface.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Limits {
     /// Outputs that may be open in one coordinate system; more hold back the interpreter.
     pub open_outputs_max: u32,
@@ -85,6 +91,7 @@ pub struct Limits {
 
 /// How much an alarm weighs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum AlarmSeverity {
     /// Worth knowing; nothing stops.
@@ -96,6 +103,7 @@ pub enum AlarmSeverity {
 
 /// One alarm: payload of `alarm/event`, and an entry of `alarm/active`.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct AlarmRecord {
     /// Names this occurrence.
     pub id: u64,
@@ -127,6 +135,7 @@ pub struct AlarmRecord {
 
 /// Payload of `alarm/active`.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ActiveAlarms {
     /// Ascending by id.
     pub alarms: Vec<AlarmRecord>,

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::command::CommandReply;
 use super::machine::{ActiveAlarms, AlarmRecord, Birth, Presence};
 use super::output::{Cancel, HandlerPresence, HandshakeResult, OutputNotice, Pending};
+use super::question::Validate;
 use super::state::{
     Captured, Lock, Modal, OptionalSkip, Overrides, Position, ProgramPlace, Spindle, State, Switch, Tool,
 };
@@ -51,6 +52,7 @@ pub enum Payload {
     Output(OutputNotice),
     Result(HandshakeResult),
     Cancel(Cancel),
+    Validate(Validate),
     Captured(Captured),
     OptionalSkip(OptionalSkip),
     Switch(Switch),
@@ -129,6 +131,7 @@ impl Payload {
                 CsTopic::Output(_) => Payload::Output(from_slice(json)?),
                 CsTopic::Result(_) => Payload::Result(from_slice(json)?),
                 CsTopic::Cancel(_) => Payload::Cancel(from_slice(json)?),
+                CsTopic::Validate(_) => Payload::Validate(from_slice(json)?),
                 CsTopic::Captured => Payload::Captured(from_slice(json)?),
                 CsTopic::OptionalSkip => Payload::OptionalSkip(from_slice(json)?),
                 CsTopic::OptionalStop | CsTopic::SingleBlock | CsTopic::DryRun => {

@@ -1,10 +1,12 @@
 //! Everything that crosses a wire: the same types in process, over MQTT and over REST.
 
 pub mod command;
+pub mod data;
 pub mod machine;
 pub mod message;
 pub mod output;
 pub mod program;
+pub mod question;
 pub mod request;
 pub mod state;
 pub mod topic;
@@ -16,6 +18,7 @@ pub type CoordinateSystemNumber = u8;
 
 /// Names one start of the runtime. Outputs, claims and resets of another boot are stale.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, Default)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(transparent)]
 pub struct BootId(pub String);
 
@@ -27,6 +30,7 @@ impl std::fmt::Display for BootId {
 
 /// A time as RFC 3339 in UTC, such as `2026-01-31T12:00:00.250000Z`.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, Default)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(transparent)]
 pub struct Timestamp(pub String);
 

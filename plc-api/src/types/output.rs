@@ -2,10 +2,12 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::question::Question;
 use super::{BootId, Timestamp};
 
 /// VA to VH of an output, as `A` to `H`.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "UPPERCASE", default, deny_unknown_fields)]
 pub struct Params {
     /// VA.
@@ -86,6 +88,7 @@ impl Params {
 
 /// When an output is made (D30).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Timing {
     /// When motion before it has come to rest in position; the next block waits for the reset.
@@ -97,6 +100,7 @@ pub enum Timing {
 
 /// Where an open output stands in its life.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "SCREAMING_SNAKE_CASE")]
 pub enum OutputState {
     /// Not made yet: held back while the program is held (D18).
@@ -109,6 +113,7 @@ pub enum OutputState {
 
 /// One output as `m_code/{m}/output` says it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct OutputNotice {
     /// Sequence number: strictly increasing in its coordinate system, never reused within a boot.
     pub seq: u64,
@@ -132,6 +137,7 @@ pub struct OutputNotice {
 
 /// One open output as `m_code/pending` says it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct PendingOutput {
     /// The output.
     #[serde(flatten)]
@@ -151,10 +157,14 @@ pub struct PendingOutput {
     /// How an operator asked for it to be taken up again.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub how: Option<Redelivery>,
+    /// What the owner asks the operator, with the answer once there is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub question: Option<Question>,
 }
 
 /// Payload of `m_code/pending`: all open outputs, ascending by `seq`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Pending {
     /// Empty when nothing is open.
     pub outputs: Vec<PendingOutput>,
@@ -162,6 +172,7 @@ pub struct Pending {
 
 /// Progress of a handler, shown while the program waits.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Progress {
     /// What it does now, at most 200 characters.
     pub text: String,
@@ -172,6 +183,7 @@ pub struct Progress {
 
 /// A handler takes an output.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Claim {
     /// Boot that made the output.
@@ -184,6 +196,7 @@ pub struct Claim {
 
 /// A handler or an operator answers an output.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Reset {
     /// Boot that made the output.
@@ -207,6 +220,7 @@ pub struct Reset {
 
 /// How a handler ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum ResetResult {
     /// The work is done; the program goes on.
@@ -217,6 +231,7 @@ pub enum ResetResult {
 
 /// What became of a claim or a reset.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum HandshakeStatus {
     /// It counts.
@@ -233,6 +248,7 @@ pub enum HandshakeStatus {
 
 /// Payload of `m_code/{m}/result`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct HandshakeResult {
     /// Sequence number that the claim or reset named.
     pub seq: u64,
@@ -244,6 +260,7 @@ pub struct HandshakeResult {
 
 /// Why an output was cancelled.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum CancelReason {
     /// The `reset` command.
@@ -264,6 +281,7 @@ pub enum CancelReason {
 
 /// Payload of `m_code/{m}/cancel`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Cancel {
     /// Sequence number of the output.
     pub seq: u64,
@@ -273,6 +291,7 @@ pub struct Cancel {
 
 /// Payload of `m_code/{m}/progress`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct ProgressReport {
     /// Boot that made the output.
@@ -290,6 +309,7 @@ pub struct ProgressReport {
 
 /// Payload of `m_code/{m}/redeliver`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Redeliver {
     /// Boot that made the output.
@@ -302,6 +322,7 @@ pub struct Redeliver {
 
 /// What a handler does with an output that it may already have worked on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Redelivery {
     /// Nothing: an operator decides by `redeliver` or by a reset by hand.
@@ -315,6 +336,7 @@ pub enum Redelivery {
 
 /// Payload of `handler/{id}/presence`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct HandlerPresence {
     /// False: the handler has gone, or its connection was lost.
     pub online: bool,
@@ -328,6 +350,7 @@ pub struct HandlerPresence {
 
 /// One M code that a handler serves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct HandledCode {
     /// Coordinate system.
     pub cs: u8,

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 /// One program of the store.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ProgramInfo {
     /// Program number, 1 to 9999.
     pub number: u16,
@@ -19,6 +20,7 @@ pub struct ProgramInfo {
 
 /// What checking says of a program.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ProgramCheck {
     /// True when the program is new in the store (of a write).
     #[serde(skip)]
@@ -33,6 +35,7 @@ pub struct ProgramCheck {
 
 /// One finding.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ProgramDiagnostic {
     /// `E0123` or `W0123`.
     pub code: String,
@@ -54,6 +57,7 @@ pub struct ProgramDiagnostic {
 
 /// Error or warning.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum DiagnosticSeverity {
     /// The program cannot run.

@@ -6,9 +6,11 @@ use serde::{Deserialize, Serialize};
 
 use super::CoordinateSystemNumber;
 use super::command::{Command, CommandMeta, CommandReply, Verb};
+use super::data::{LastRun, ToolChange, ToolTable, VariableArea, WorkOffsetTable};
 use super::machine::AlarmRecord;
 use super::output::{Claim, HandlerPresence, HandshakeResult, ProgressReport, Redeliver, Reset};
 use super::program::{ProgramCheck, ProgramDiagnostic, ProgramInfo};
+use super::question::{Ask, OperatorAnswer, ValidateResult};
 use super::state::{Execution, Lock, SpindleDirection};
 
 /// A request to a machine.
@@ -35,6 +37,13 @@ pub enum Request {
     Progress(CoordinateSystemNumber, Option<u16>, ProgressReport),
     /// An operator decides about an output whose handler was lost.
     Redeliver(CoordinateSystemNumber, Option<u16>, Redeliver),
+    /// The owner of an output asks the operator, or takes its question back; answered by [`Answer::Handshake`].
+    Ask(CoordinateSystemNumber, Option<u16>, Ask),
+    /// An operator answers; answered by [`Answer::Handshake`]: `unknown` when there is no such question or choice,
+    /// `duplicate` when it has an answer.
+    AnswerQuestion(CoordinateSystemNumber, Option<u16>, OperatorAnswer),
+    /// A handler says whether an M code of a program that is being loaded may be put out with its parameters.
+    ValidateResult(CoordinateSystemNumber, Option<u16>, ValidateResult),
     /// A handler comes, changes what it handles, or goes.
     Handler(String, HandlerPresence),
     /// All handlers that are or were there; answered by [`Answer::Handlers`].
@@ -45,6 +54,44 @@ pub enum Request {
     Spindle(CoordinateSystemNumber, SpindleCommand),
     /// Tells which tool is in the spindle.
     Tool(CoordinateSystemNumber, u16),
+    /// Sets the skip input of a motor, by its CNC motor number; it keeps the value. Not real time: what G31 captures is
+    /// where the motor is when the servo hears of it.
+    SkipInput(u16, bool),
+    /// How punctual the servo thread is; answered by [`Answer::ServoTiming`], in simulated time refused.
+    ServoTiming,
+    /// Reads variables as they are at one moment; answered by [`Answer::Variables`].
+    ReadVariables {
+        /// Which.
+        area: VariableArea,
+        /// Number of the first.
+        from: u32,
+        /// How many, 1 to 1024.
+        count: u32,
+        /// Who asks, where the answer is also published on `reply/{client_id}`.
+        meta: Option<CommandMeta>,
+    },
+    /// Writes variables, all of them between two blocks of any program, or none.
+    WriteVariables {
+        /// Which.
+        area: VariableArea,
+        /// Number of the first.
+        from: u32,
+        /// Their values, 1 to 1024.
+        values: Vec<f64>,
+        /// Who writes, where the answer is also published on `reply/{client_id}`: an id seen in the last 10 minutes
+        /// gets the stored reply and writes nothing.
+        meta: Option<CommandMeta>,
+    },
+    /// The tool table; answered by [`Answer::Tools`].
+    Tools,
+    /// Changes the tool table. Kept on disk before it is answered.
+    WriteTools(ToolChange),
+    /// Work offsets of a coordinate system; answered by [`Answer::WorkOffsets`].
+    WorkOffsets(CoordinateSystemNumber),
+    /// Changes work offsets. Kept on disk before it is answered.
+    WriteWorkOffsets(CoordinateSystemNumber, WorkOffsetTable),
+    /// How the last run before this start of the runtime stood; answered by [`Answer::LastRun`].
+    LastRun(CoordinateSystemNumber),
     /// Programs of the store; answered by [`Answer::Programs`].
     Programs,
     /// Text of a program; answered by [`Answer::ProgramText`].
@@ -55,6 +102,9 @@ pub enum Request {
     DeleteProgram(u16),
     /// Checks a program of the store; answered by [`Answer::Check`].
     CheckProgram(u16),
+    /// Intermediate code of a program of the store; answered by [`Answer::ProgramText`], or refused as
+    /// `program_has_errors` with the diagnostics.
+    IntermediateCode(u16),
     /// Publishes the outputs again that nobody has claimed: a transport has reconnected, and notices may be lost.
     Republish,
     /// A server end refused something that an operator should know; raised as a warning. At most 500 characters.
@@ -70,13 +120,13 @@ pub enum Input {
     OptionalSkip(BTreeMap<u8, bool>),
     /// Optional stop (M01).
     OptionalStop(bool),
-    /// Single block.
+    /// Single block: each block ends at rest and waits for a resume.
     SingleBlock(bool),
     /// Dry run.
     DryRun(bool),
-    /// Interlock: motion stops between blocks while it is on.
+    /// Interlock: motion is held on its path while it is on, and nothing that moves begins or goes on.
     Interlock(Lock),
-    /// Start lock: a start is refused while it is on.
+    /// Start lock: a start of a program or of manual data input is refused while it is on.
     StartLock(Lock),
     /// Overrides, percent; `None` stays.
     Override(OverrideChange),
@@ -84,6 +134,7 @@ pub enum Input {
 
 /// Overrides to set, percent, absolute.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct OverrideChange {
     /// 0 to 200.
@@ -99,6 +150,7 @@ pub struct OverrideChange {
 
 /// Payload of `spindle/set`.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct SpindleCommand {
     /// How it shall turn.
@@ -117,9 +169,17 @@ pub enum Answer {
     Command(CommandReply),
     /// Of a claim or reset.
     Handshake(HandshakeResult),
+    /// Values of variables, ascending by number.
+    Variables(Vec<f64>),
+    /// The tool table.
+    Tools(ToolTable),
+    /// Work offsets.
+    WorkOffsets(WorkOffsetTable),
+    /// How the last run stood; `None`: there was none.
+    LastRun(Option<LastRun>),
     /// Programs of the store, ascending.
     Programs(Vec<ProgramInfo>),
-    /// Text of a program.
+    /// Text of a program, or its intermediate code.
     ProgramText(String),
     /// What checking says.
     Check(ProgramCheck),
@@ -127,6 +187,33 @@ pub enum Answer {
     Handlers(BTreeMap<String, HandlerPresence>),
     /// Alarms.
     Alarms(Vec<AlarmRecord>),
+    /// Of the servo thread.
+    ServoTiming(ServoTiming),
+}
+
+/// How punctual the servo thread has been since its start.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ServoTiming {
+    /// Servo period, s.
+    pub period_s: f64,
+    /// Servo cycles that were not finished when the next one was due.
+    pub overruns: u64,
+    /// How late after its time each cycle began.
+    pub lateness: Durations,
+    /// How long each cycle took.
+    pub computing: Durations,
+}
+
+/// Durations that were measured, by size.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Durations {
+    /// Upper bound of each bucket, s, ascending, and how many are in it and not in one before. The last bound is
+    /// infinite.
+    pub buckets: Vec<(f64, u64)>,
+    /// Sum of all, s.
+    pub sum_s: f64,
+    /// The longest, s.
+    pub max_s: f64,
 }
 
 /// Why a request is not carried out; nothing has changed.
@@ -160,6 +247,7 @@ impl Refusal {
 
 /// Machine-readable reason of a refusal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum RefusalCode {
     /// There is no such coordinate system, program, command, alarm or value (404).
@@ -168,7 +256,7 @@ pub enum RefusalCode {
     NotAllowed,
     /// The program runs (409).
     ProgramRuns,
-    /// A start lock is on (409).
+    /// A start lock or the interlock is on (409).
     StartLocked,
     /// The condition of the command does not hold (412).
     PreconditionFailed,

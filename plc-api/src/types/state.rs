@@ -6,9 +6,11 @@ use serde::{Deserialize, Serialize};
 
 use super::Timestamp;
 use super::output::Progress;
+use super::question::Question;
 
 /// State words, after MTConnect Execution.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "SCREAMING_SNAKE_CASE")]
 pub enum Execution {
     /// A program is loaded and at its head.
@@ -23,7 +25,7 @@ pub enum Execution {
     ProgramStopped,
     /// Stopped by M01.
     OptionalStop,
-    /// Stopped between blocks; see the reason.
+    /// Stopped between blocks, or held by an input; see the reason.
     Interrupted,
     /// Ended before its end; see the reason.
     #[default]
@@ -34,6 +36,7 @@ pub enum Execution {
 
 /// On the way to another state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "SCREAMING_SNAKE_CASE")]
 pub enum Transition {
     /// A start was accepted.
@@ -50,6 +53,7 @@ pub enum Transition {
 
 /// Why a state is as it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "SCREAMING_SNAKE_CASE")]
 pub enum Reason {
     /// WAIT: the handler that owned the output has gone.
@@ -72,6 +76,7 @@ pub enum Reason {
 
 /// Payload of `state`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct State {
     /// The state word.
     pub execution: Execution,
@@ -103,6 +108,7 @@ pub struct State {
 
 /// The output that a program waits for.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct WaitingOn {
     /// M number.
     pub m: u16,
@@ -113,12 +119,16 @@ pub struct WaitingOn {
     /// What its handler last said.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub progress: Option<Progress>,
+    /// What its handler asks the operator, while there is no answer.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub question: Option<Box<Question>>,
 }
 
 /// Payload of `program`.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ProgramPlace {
-    /// Program number that runs now, main or subprogram.
+    /// Program number that runs now, main or subprogram; 0: manual data input.
     pub number: Option<u16>,
     /// 0 in the main program, 1 to 8 in subprograms.
     pub nest_level: u8,
@@ -134,6 +144,7 @@ pub struct ProgramPlace {
 
 /// A call in the program stack.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct CallSite {
     /// Program number.
     pub program: u16,
@@ -143,6 +154,7 @@ pub struct CallSite {
 
 /// Payload of `position`. Lengths are mm and angles degrees, whatever G20 or G21 says.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Position {
     /// Commanded machine position by axis letter.
     pub machine: BTreeMap<String, f64>,
@@ -162,6 +174,7 @@ pub struct Position {
 
 /// Payload of `modal`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Modal {
     /// G code in force by modal group number (`"01"` to `"23"`).
     pub g: BTreeMap<String, String>,
@@ -184,6 +197,7 @@ pub struct Modal {
 
 /// Payload of `captured`.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Captured {
     /// Run of the G31.
     pub run_id: Option<String>,
@@ -199,6 +213,7 @@ pub struct Captured {
 
 /// Payload of `input/optional_skip/state`.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct OptionalSkip {
     /// Numbers that are on, ascending.
     pub requested: Vec<u8>,
@@ -210,6 +225,7 @@ pub struct OptionalSkip {
 
 /// Payload of an input with one value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Switch {
     /// On or off.
     pub value: bool,
@@ -217,6 +233,7 @@ pub struct Switch {
 
 /// Payload of an input that says why it is on.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Lock {
     /// On or off.
     pub value: bool,
@@ -227,6 +244,7 @@ pub struct Lock {
 
 /// Payload of `override/state`, percent.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Overrides {
     /// Feed override, 0 to 200.
     pub feed: f64,
@@ -248,6 +266,7 @@ impl Default for Overrides {
 
 /// How a spindle turns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum SpindleDirection {
     /// Clockwise (M03).
@@ -263,6 +282,7 @@ pub enum SpindleDirection {
 
 /// Payload of `spindle/state`.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Spindle {
     /// Commanded direction.
     pub direction: SpindleDirection,
@@ -276,6 +296,7 @@ pub struct Spindle {
 
 /// Payload of `tool/state`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Tool {
     /// Number of the tool in the spindle; 0: none.
     pub id: u16,

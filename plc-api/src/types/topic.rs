@@ -40,6 +40,8 @@ pub enum CsTopic {
     Result(u16),
     /// `m_code/{m}/cancel`
     Cancel(u16),
+    /// `m_code/{m}/validate`
+    Validate(u16),
     /// `captured`
     Captured,
     /// `input/optional_skip/state`
@@ -87,6 +89,7 @@ impl CsTopic {
             CsTopic::Output(m) => format!("m_code/{m}/output"),
             CsTopic::Result(m) => format!("m_code/{m}/result"),
             CsTopic::Cancel(m) => format!("m_code/{m}/cancel"),
+            CsTopic::Validate(m) => format!("m_code/{m}/validate"),
             state => Self::STATES
                 .iter()
                 .find(|(topic, _)| *topic == state)
@@ -104,6 +107,7 @@ impl CsTopic {
             "output" => Some(CsTopic::Output(m)),
             "result" => Some(CsTopic::Result(m)),
             "cancel" => Some(CsTopic::Cancel(m)),
+            "validate" => Some(CsTopic::Validate(m)),
             _ => None,
         }
     }
@@ -155,7 +159,10 @@ impl Topic {
             self,
             Topic::AlarmEvent
                 | Topic::Reply(_)
-                | Topic::CoordinateSystem(_, CsTopic::Output(_) | CsTopic::Result(_) | CsTopic::Cancel(_))
+                | Topic::CoordinateSystem(
+                    _,
+                    CsTopic::Output(_) | CsTopic::Result(_) | CsTopic::Cancel(_) | CsTopic::Validate(_)
+                )
         )
     }
 
@@ -180,6 +187,7 @@ mod tests {
             CsTopic::Output(100),
             CsTopic::Result(7),
             CsTopic::Cancel(0),
+            CsTopic::Validate(100),
         ]);
         let topics = cs_topics.map(|topic| Topic::cs(2, topic)).chain([
             Topic::Presence,

@@ -5,11 +5,15 @@ use crate::error::Error;
 /// Port of a broker where the address names none.
 const PORT_DEFAULT: u16 = 1883;
 
-/// `mqtt://[user[:password]@]host[:port]/[prefix/]machine`, taken apart.
+/// The same with TLS.
+const TLS_PORT_DEFAULT: u16 = 8883;
+
+/// `mqtt://[user[:password]@]host[:port]/[prefix/]machine`, taken apart; `mqtts://` with TLS.
 #[derive(Clone, PartialEq, Eq)]
 pub(super) struct Address {
     pub(super) host: String,
     pub(super) port: u16,
+    pub(super) tls: bool,
     pub(super) credentials: Option<(String, String)>,
     /// Root of the machine's topics, without a slash at the end.
     pub(super) root: String,
@@ -25,18 +29,20 @@ impl std::fmt::Debug for Address {
 
 impl Address {
     pub(super) fn parse(text: &str) -> Result<Self, Error> {
-        let rest = text.strip_prefix("mqtt://").unwrap_or(text);
+        let (scheme, rest) = text.split_once("://").unwrap_or(("mqtt", text));
+        let tls = scheme == "mqtts";
         let (authority, path) = rest.split_once('/').unwrap_or((rest, ""));
         let (user, host) = match authority.rsplit_once('@') {
             Some((user, host)) => (Some(user), host),
             None => (None, authority),
         };
-        let shown = format!("mqtt://{host}/{path}");
+        let shown = format!("{scheme}://{host}/{path}");
         let wrong = |reason: String| Error::Address {
             address: shown.clone(),
             reason,
         };
-        let (host, port) = host_and_port(host).map_err(wrong)?;
+        let (host, port) =
+            host_and_port(host, if tls { TLS_PORT_DEFAULT } else { PORT_DEFAULT }).map_err(wrong)?;
         let (prefix, machine) = match path.rsplit_once('/') {
             Some((prefix, machine)) => (format!("{prefix}/"), machine),
             None => (String::new(), path),
@@ -56,6 +62,7 @@ impl Address {
         Ok(Self {
             host,
             port,
+            tls,
             credentials,
             root,
             shown,
@@ -63,7 +70,7 @@ impl Address {
     }
 }
 
-fn host_and_port(text: &str) -> Result<(String, u16), String> {
+fn host_and_port(text: &str, default: u16) -> Result<(String, u16), String> {
     let (host, port) = match text.strip_prefix('[') {
         // IPv6
         Some(rest) => {
@@ -81,7 +88,7 @@ fn host_and_port(text: &str) -> Result<(String, u16), String> {
         return Err("it names no host; write mqtt://host:port/machine".to_owned());
     }
     let port = match port {
-        None => PORT_DEFAULT,
+        None => default,
         Some(port) => port
             .parse()
             .map_err(|_| format!("{port:?} is not a port number"))?,
@@ -125,6 +132,9 @@ mod tests {
         assert_eq!(address.root, "hall/3/tandem/v1/mill-1");
         assert_eq!(address.credentials, Some(("anna".to_owned(), "p@ss".to_owned())));
         assert_eq!(Address::parse("mqtt://[::1]:1/m").unwrap().host, "::1");
+        let address = Address::parse("mqtts://broker/m").unwrap();
+        assert_eq!((address.tls, address.port), (true, 8883));
+        assert_eq!(address.shown, "mqtts://broker/m");
     }
 
     #[test]

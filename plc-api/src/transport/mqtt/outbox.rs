@@ -149,7 +149,10 @@ fn answer_of(reply: &CommandReply) -> Outcome {
         let code = serde_json::from_value(reply.code.clone().into()).unwrap_or(RefusalCode::NotAllowed);
         return Err(Refusal::new(code, reply.text.clone()));
     }
-    Ok(Answer::Command(reply.clone()))
+    Ok(match &reply.variables {
+        Some(read) => Answer::Variables(read.numbers()),
+        None => Answer::Command(reply.clone()),
+    })
 }
 
 #[cfg(test)]

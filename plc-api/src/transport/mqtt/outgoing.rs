@@ -3,8 +3,10 @@
 use serde::Serialize;
 use serde_json::{Value, json};
 
+use crate::plc::unique_name;
 use crate::types::CoordinateSystemNumber;
 use crate::types::command::{Command, CommandMeta};
+use crate::types::data::{Number, VariableArea};
 use crate::types::request::{Input, Refusal, RefusalCode, Request};
 
 /// A message to be sent, and how its end is known.
@@ -59,14 +61,21 @@ pub(super) fn outgoing(
         }
         Request::Progress(cs, m, report) => {
             let m = m_code(cs, m, report.seq)?;
-            let path = format!("cs/{cs}/m_code/{m}/progress");
-            message(path, &report, Until::Acknowledged)
+            told(cs, m, "progress", &report)
         }
         Request::Redeliver(cs, m, redeliver) => {
             let m = m_code(cs, m, redeliver.seq)?;
-            let path = format!("cs/{cs}/m_code/{m}/redeliver");
-            message(path, &redeliver, Until::Acknowledged)
+            told(cs, m, "redeliver", &redeliver)
         }
+        Request::Ask(cs, m, ask) => {
+            let m = m_code(cs, m, ask.seq)?;
+            told(cs, m, "ask", &ask)
+        }
+        Request::AnswerQuestion(cs, m, answer) => {
+            let m = m_code(cs, m, answer.seq)?;
+            told(cs, m, "answer", &answer)
+        }
+        Request::ValidateResult(cs, Some(m), result) => told(cs, m, "validate_result", &result),
         Request::Handler(id, presence) => {
             let path = format!("handler/{id}/presence");
             let mut outgoing = message(path, &presence, Until::Acknowledged)?;
@@ -80,19 +89,34 @@ pub(super) fn outgoing(
             wait,
         } => command_message(cs, &command, &meta, wait, client_id),
         Request::Input(cs, input) => input_message(cs, &input),
-        Request::Spindle(cs, command) => {
-            message(format!("cs/{cs}/spindle/set"), &command, Until::Acknowledged)
+        Request::Spindle(cs, command) => set(format!("cs/{cs}/spindle"), &command),
+        Request::Tool(cs, id) => set(format!("cs/{cs}/tool"), &json!({ "id": id })),
+        Request::SkipInput(motor, value) => {
+            set(format!("motor/{motor}/skip_input"), &json!({ "value": value }))
         }
-        Request::Tool(cs, id) => message(
-            format!("cs/{cs}/tool/set"),
-            &json!({ "id": id }),
-            Until::Acknowledged,
-        ),
+        Request::ReadVariables { .. } | Request::WriteVariables { .. } => {
+            variable_message(request, client_id)
+        }
         _ => {
             let text = "MQTT does not carry this request; use REST";
             Err(Refusal::new(RefusalCode::NotSupported, text))
         }
     }
+}
+
+/// What is said of an output, and is over when the broker has it.
+fn told(
+    cs: CoordinateSystemNumber,
+    m: u16,
+    what: &str,
+    payload: &impl Serialize,
+) -> Result<Outgoing, Refusal> {
+    message(format!("cs/{cs}/m_code/{m}/{what}"), payload, Until::Acknowledged)
+}
+
+/// A value of the machine that anyone may set.
+fn set(path: String, payload: &impl Serialize) -> Result<Outgoing, Refusal> {
+    message(path + "/set", payload, Until::Acknowledged)
 }
 
 fn result_of(cs: CoordinateSystemNumber, m: u16, seq: u64, handler_id: &str, is_reset: bool) -> Until {
@@ -123,11 +147,6 @@ fn command_message(
     wait: bool,
     client_id: &str,
 ) -> Result<Outgoing, Refusal> {
-    let args = match command {
-        Command::Load { program } => json!({ "program": program }),
-        Command::AlarmAcknowledge { id } => json!({ "id": id }),
-        _ => json!({}),
-    };
     let words = |error: serde_json::Error| Refusal::new(RefusalCode::Invalid, error.to_string());
     // replies come to this connection's client id, whoever asked
     let meta = CommandMeta {
@@ -135,7 +154,7 @@ fn command_message(
         ..meta.clone()
     };
     let mut payload = serde_json::to_value(&meta).map_err(words)?;
-    payload["args"] = args;
+    payload["args"] = command.args();
     let verb = serde_json::to_value(command.verb()).map_err(words)?;
     let path = format!("cs/{cs}/command/{}", verb.as_str().unwrap_or_default());
     let until = Until::Reply {
@@ -143,6 +162,45 @@ fn command_message(
         done: wait,
     };
     message(path, &payload, until)
+}
+
+/// P variables are the same on the topic of each coordinate system.
+fn variable_message(request: Request, client_id: &str) -> Result<Outgoing, Refusal> {
+    let (what, area, meta, mut payload) = match request {
+        Request::ReadVariables {
+            area,
+            from,
+            count,
+            meta,
+        } => ("get", area, meta, json!({"from": from, "count": count})),
+        Request::WriteVariables {
+            area,
+            from,
+            values,
+            meta,
+        } => {
+            let values: Vec<Number> = values.into_iter().map(Number).collect();
+            ("set", area, meta, json!({"from": from, "values": values}))
+        }
+        _ => {
+            let text = "not a request for variables";
+            return Err(Refusal::new(RefusalCode::NotSupported, text));
+        }
+    };
+    let cs = match area {
+        VariableArea::Global => 1,
+        VariableArea::CoordinateSystem(cs) => cs,
+    };
+    let command_id = meta.map_or_else(|| unique_name("variable"), |meta| meta.command_id);
+    payload["command_id"] = json!(command_id);
+    // replies come to this connection's client id, whoever asked
+    payload["client_id"] = json!(client_id);
+    payload["kind"] = json!(area.kind());
+    let until = Until::Reply {
+        command_id,
+        done: true,
+    };
+    message(format!("cs/{cs}/variable/{what}"), &payload, until)
 }
 
 fn input_message(cs: CoordinateSystemNumber, input: &Input) -> Result<Outgoing, Refusal> {
@@ -155,7 +213,7 @@ fn input_message(cs: CoordinateSystemNumber, input: &Input) -> Result<Outgoing, 
         Input::StartLock(lock) => ("input/start_lock", json!(lock)),
         Input::Override(change) => ("override", json!(change)),
     };
-    message(format!("cs/{cs}/{path}/set"), &payload, Until::Acknowledged)
+    set(format!("cs/{cs}/{path}"), &payload)
 }
 
 #[cfg(test)]
@@ -205,6 +263,10 @@ mod tests {
             sent(Request::Tool(1, 4)),
             ("cs/1/tool/set".to_owned(), json!({"id": 4}), false)
         );
+        assert_eq!(
+            sent(Request::SkipInput(3, true)),
+            ("motor/3/skip_input/set".to_owned(), json!({"value": true}), false)
+        );
     }
 
     #[test]
@@ -223,6 +285,34 @@ mod tests {
         };
         let json = json!({"command_id": "c1", "client_id": "plc-1", "args": {"program": 12}});
         assert_eq!(sent(request), ("cs/1/command/load".to_owned(), json, false));
+    }
+
+    #[test]
+    fn variables_are_read_and_written_under_a_command_id_of_the_connection() {
+        let meta = |id: &str| {
+            Some(CommandMeta {
+                command_id: id.into(),
+                client_id: "other".into(),
+                ..CommandMeta::default()
+            })
+        };
+        let get = Request::ReadVariables {
+            area: VariableArea::CoordinateSystem(2),
+            from: 10,
+            count: 3,
+            meta: meta("v1"),
+        };
+        let json = json!({"command_id": "v1", "client_id": "plc-1", "kind": "Q", "from": 10, "count": 3});
+        assert_eq!(sent(get), ("cs/2/variable/get".to_owned(), json, false));
+        let set = Request::WriteVariables {
+            area: VariableArea::Global,
+            from: 0,
+            values: vec![1.5, f64::INFINITY],
+            meta: meta("v2"),
+        };
+        let json =
+            json!({"command_id": "v2", "client_id": "plc-1", "kind": "P", "from": 0, "values": [1.5, "inf"]});
+        assert_eq!(sent(set), ("cs/1/variable/set".to_owned(), json, false));
     }
 
     #[test]

@@ -1,6 +1,5 @@
 //! The connection to the broker: made, kept, and made again for ever.
 
-use std::hash::{BuildHasher, RandomState};
 use std::time::Duration;
 
 use rumqttc::{
@@ -10,11 +9,8 @@ use rumqttc::{
 use crate::types::message::{Message, Payload};
 use crate::types::topic::{CsTopic, Topic};
 
+use super::super::backoff::Backoff;
 use super::Shared;
-
-/// First and longest wait before a connection is tried again; it doubles in between.
-const BACKOFF_FIRST: Duration = Duration::from_millis(100);
-const BACKOFF_MAX: Duration = Duration::from_secs(5);
 
 /// Bytes of one packet either way. Reason: 64 open outputs with long texts fit many times.
 const PACKET_MAX: usize = 1 << 20;
@@ -25,7 +21,7 @@ const LIBRARY_QUEUE: usize = 64;
 const KEEP_ALIVE: Duration = Duration::from_secs(5);
 
 /// What a machine says, below its root; `reply` comes beside it.
-const FILTERS: [&str; 14] = [
+const FILTERS: [&str; 15] = [
     "presence",
     "birth",
     "alarm/event",
@@ -36,6 +32,7 @@ const FILTERS: [&str; 14] = [
     "cs/+/m_code/+/output",
     "cs/+/m_code/+/result",
     "cs/+/m_code/+/cancel",
+    "cs/+/m_code/+/validate",
     "cs/+/input/+/state",
     "cs/+/spindle/state",
     "cs/+/tool/state",
@@ -44,7 +41,7 @@ const FILTERS: [&str; 14] = [
 
 /// Keeps a connection until the port is dropped.
 pub(super) async fn keep_connected(shared: std::sync::Arc<Shared>) {
-    let mut backoff = BACKOFF_FIRST;
+    let mut backoff = Backoff::new();
     while !shared.is_closed() {
         let (client, mut events) = AsyncClient::new(options(&shared), LIBRARY_QUEUE);
         events.network_options.set_tcp_nodelay(true);
@@ -59,10 +56,9 @@ pub(super) async fn keep_connected(shared: std::sync::Arc<Shared>) {
             continue;
         }
         if connected {
-            backoff = BACKOFF_FIRST;
+            backoff.reset();
         }
-        tokio::time::sleep(jittered(backoff)).await;
-        backoff = (backoff * 2).min(BACKOFF_MAX);
+        backoff.wait().await;
     }
 }
 
@@ -70,6 +66,7 @@ fn options(shared: &Shared) -> MqttOptions {
     let address = &shared.address;
     let mut options = MqttOptions::new(shared.client_id.clone(), address.host.clone(), address.port);
     options
+        .set_transport(shared.transport.clone())
         .set_clean_session(true)
         .set_keep_alive(KEEP_ALIVE)
         .set_max_packet_size(PACKET_MAX, PACKET_MAX);
@@ -82,12 +79,6 @@ fn options(shared: &Shared) -> MqttOptions {
         options.set_last_will(LastWill::new(topic, gone, QoS::AtLeastOnce, true));
     }
     options
-}
-
-/// From half to one and a half of it, so that the clients of a broker that comes back do not all come at once.
-fn jittered(backoff: Duration) -> Duration {
-    let random = RandomState::new().hash_one(0_u8) % 1000;
-    backoff / 2 + backoff.mul_f64(random as f64 / 1000.0)
 }
 
 /// Reads until the connection ends.

@@ -1,0 +1,86 @@
+//! The handshake ledger: how many operations a second. `cargo bench -p plc-api`
+//!
+//! An operation is one call: an output is queued, put out, claimed, reset. The coordinator also takes the effects after
+//! each call, so the bench does.
+
+use std::time::SystemTime;
+
+use divan::Bencher;
+use divan::counter::ItemsCount;
+use plc_api::Params;
+use plc_api::handshake::{Ledger, Now, OutputSpec};
+use plc_api::types::BootId;
+use plc_api::types::output::{Claim, Reset, ResetResult, Timing};
+
+const NOW: Now = Now {
+    monotonic_s: 0.0,
+    time: SystemTime::UNIX_EPOCH,
+};
+
+fn main() {
+    divan::main();
+}
+
+fn spec() -> OutputSpec {
+    OutputSpec {
+        run_id: "1-1".to_owned(),
+        m: 100,
+        params: Params::default(),
+        timing: Timing::WithMotion,
+        program: 1,
+        line: 1,
+        timeout_s: Some(30.0),
+    }
+}
+
+/// One output through its life: four operations, with `open` others open beside it.
+#[divan::bench(args = [0, 8, 63])]
+fn life_of_an_output(bencher: Bencher<'_, '_>, open: usize) {
+    let boot_id = BootId("boot".to_owned());
+    let mut ledger = Ledger::new(boot_id.clone(), 64);
+    for _ in 0..open {
+        let seq = ledger.enqueue(NOW, spec()).unwrap_or_default();
+        ledger.put_out(NOW, seq);
+    }
+    let mut effects = 0;
+    bencher.counter(ItemsCount::new(4_usize)).bench_local(|| {
+        let seq = ledger.enqueue(NOW, spec()).unwrap_or_default();
+        effects += ledger.take_effects().count();
+        ledger.put_out(NOW, seq);
+        effects += ledger.take_effects().count();
+        let claim = Claim {
+            boot_id: boot_id.clone(),
+            seq,
+            handler_id: "magazine".to_owned(),
+        };
+        divan::black_box(ledger.claim(NOW, Some(100), &claim));
+        effects += ledger.take_effects().count();
+        let reset = Reset {
+            boot_id: boot_id.clone(),
+            seq,
+            handler_id: "magazine".to_owned(),
+            result: ResetResult::Ok,
+            code: None,
+            text: None,
+            force: None,
+        };
+        divan::black_box(ledger.reset(NOW, Some(100), &reset));
+        effects += ledger.take_effects().count();
+    });
+    divan::black_box(effects);
+}
+
+/// A claim that comes too late, as after a reconnect.
+#[divan::bench]
+fn stale_claim(bencher: Bencher<'_, '_>) {
+    let mut ledger = Ledger::new(BootId("boot".to_owned()), 64);
+    let claim = Claim {
+        boot_id: BootId("before".to_owned()),
+        seq: 7,
+        handler_id: "magazine".to_owned(),
+    };
+    bencher.counter(ItemsCount::new(1_usize)).bench_local(|| {
+        divan::black_box(ledger.claim(NOW, Some(100), &claim));
+        ledger.take_effects().count()
+    });
+}

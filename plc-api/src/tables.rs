@@ -1,0 +1,117 @@
+//! Tool table and work offsets as a sequence program sees them.
+
+use std::collections::BTreeMap;
+
+use crate::coordinate_system::CoordinateSystem;
+use crate::error::Result;
+use crate::plc::{Plc, unexpected};
+use crate::types::data::{LastRun, ToolChange, ToolData, VariableArea, WorkOffsetTable};
+use crate::types::request::{Answer, Request};
+use crate::variables::Variables;
+
+impl Plc {
+    /// P variables, the same for all coordinate systems.
+    pub fn variables(&self) -> Variables {
+        Variables::new(self.clone(), VariableArea::Global)
+    }
+
+    /// The tool table, ascending by number.
+    ///
+    /// # Errors
+    /// The machine cannot be reached, or the transport does not carry the tool table (MQTT).
+    pub async fn tools(&self) -> Result<Vec<ToolData>> {
+        match self.request(Request::Tools).await? {
+            Answer::Tools(table) => Ok(table.tools),
+            other => Err(unexpected(&other)),
+        }
+    }
+
+    /// Sets a tool, a new one or one that is there; the others stay. G41 to G44 that are interpreted from now on take it
+    /// (D16). It is on disk when this returns.
+    ///
+    /// ```
+    /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
+    /// use plc_api::types::data::ToolData;
+    /// let plc = plc_api::fake::FakePort::new([1]).plc();
+    /// plc.set_tool(ToolData { id: 3, radius: 2.0, length: 41.25 }).await?;
+    /// assert_eq!(plc.tools().await?[0].length, 41.25);
+    /// # Ok(()) }
+    /// ```
+    ///
+    /// # Errors
+    /// A number or measure out of its range, a full table, a disk that refuses: nothing has changed.
+    pub async fn set_tool(&self, tool: ToolData) -> Result<()> {
+        let change = ToolChange {
+            tools: vec![tool],
+            remove: Vec::new(),
+        };
+        self.change_tools(change).await
+    }
+
+    /// Changes several tools, all or none.
+    ///
+    /// # Errors
+    /// As [`Plc::set_tool`].
+    pub async fn change_tools(&self, change: ToolChange) -> Result<()> {
+        self.request(Request::WriteTools(change)).await.map(|_| ())
+    }
+}
+
+impl CoordinateSystem {
+    /// Q variables of this coordinate system.
+    pub fn variables(&self) -> Variables {
+        Variables::new(self.plc().clone(), VariableArea::CoordinateSystem(self.number()))
+    }
+
+    /// How the last run stood when an earlier start of the runtime ended; `None`: there was none. One that
+    /// [is under way](LastRun::is_under_way) was cut short: nothing of it goes on by itself.
+    ///
+    /// # Errors
+    /// There is no such coordinate system, or the transport does not carry this (MQTT).
+    pub async fn last_run(&self) -> Result<Option<LastRun>> {
+        match self.plc().request(Request::LastRun(self.number())).await? {
+            Answer::LastRun(last_run) => Ok(last_run),
+            other => Err(unexpected(&other)),
+        }
+    }
+
+    /// Work offsets `G54` to `G59`, each with its value by axis letter, mm or degrees.
+    ///
+    /// # Errors
+    /// There is no such coordinate system, or the transport does not carry work offsets (MQTT).
+    pub async fn work_offsets(&self) -> Result<BTreeMap<String, BTreeMap<String, f64>>> {
+        match self.plc().request(Request::WorkOffsets(self.number())).await? {
+            Answer::WorkOffsets(table) => Ok(table.work_offsets),
+            other => Err(unexpected(&other)),
+        }
+    }
+
+    /// Sets axes of a work offset, `G54` to `G59`; axes that are not named stay. It counts from the next of these codes
+    /// that is interpreted (D16), and is on disk when this returns.
+    ///
+    /// ```
+    /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
+    /// let plc = plc_api::fake::FakePort::new([1]).plc();
+    /// plc.coordinate_system(1).set_work_offset("G54", [("X", 12.5)]).await?;
+    /// assert_eq!(plc.coordinate_system(1).work_offsets().await?["G54"]["X"], 12.5);
+    /// # Ok(()) }
+    /// ```
+    ///
+    /// # Errors
+    /// No such work offset, axis or coordinate system, a value that is no number, a disk that refuses: nothing has
+    /// changed.
+    pub async fn set_work_offset(
+        &self,
+        name: &str,
+        axes: impl IntoIterator<Item = (&str, f64)>,
+    ) -> Result<()> {
+        let axes = axes.into_iter().map(|(axis, value)| (axis.to_owned(), value));
+        let change = WorkOffsetTable {
+            work_offsets: BTreeMap::from([(name.to_owned(), axes.collect())]),
+        };
+        self.plc()
+            .request(Request::WriteWorkOffsets(self.number(), change))
+            .await
+            .map(|_| ())
+    }
+}

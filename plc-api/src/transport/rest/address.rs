@@ -1,0 +1,97 @@
+//! Address of a machine's REST interface.
+
+use tokio_tungstenite::tungstenite::http::Uri;
+use tokio_tungstenite::tungstenite::http::uri::InvalidUri;
+
+use crate::error::Error;
+
+/// Path of the interface below the server.
+const API: &str = "/api/v1";
+
+/// `http://[token@]host[:port]`, taken apart.
+#[derive(Clone, PartialEq, Eq)]
+pub(super) struct Address {
+    /// Of the interface, without a slash at the end.
+    pub(super) http: String,
+    /// Of its WebSocket.
+    pub(super) websocket: String,
+    /// Sent as `Authorization: Bearer`.
+    pub(super) token: Option<String>,
+    /// As given, without the token.
+    pub(super) shown: String,
+}
+
+impl std::fmt::Debug for Address {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.shown)
+    }
+}
+
+impl Address {
+    pub(super) fn parse(text: &str) -> Result<Self, Error> {
+        let rest = text.strip_prefix("http://").unwrap_or(text);
+        let (token, host) = match rest.rsplit_once('@') {
+            Some((token, host)) => (Some(token.to_owned()), host),
+            None => (None, rest),
+        };
+        let host = host.trim_end_matches('/');
+        let shown = format!("http://{host}");
+        let wrong = |reason: &str| Error::Address {
+            address: shown.clone(),
+            reason: reason.to_owned(),
+        };
+        if host.is_empty() || host.contains(['/', '?', '#']) {
+            return Err(wrong(
+                "write http://host:port, with a token http://token@host:port",
+            ));
+        }
+        let uri: Uri = shown
+            .parse()
+            .map_err(|error: InvalidUri| wrong(&error.to_string()))?;
+        let port = uri.authority().and_then(|authority| {
+            authority
+                .as_str()
+                .strip_prefix(authority.host())?
+                .strip_prefix(':')
+        });
+        if let Some(port) = port.filter(|port| port.parse::<u16>().is_err()) {
+            return Err(wrong(&format!("{port:?} is not a port number")));
+        }
+        Ok(Self {
+            http: format!("http://{host}{API}"),
+            websocket: format!("ws://{host}{API}/ws"),
+            token,
+            shown,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_address_names_host_and_token() {
+        let address = Address::parse("http://127.0.0.1:8080/").unwrap();
+        assert_eq!(address.http, "http://127.0.0.1:8080/api/v1");
+        assert_eq!(address.websocket, "ws://127.0.0.1:8080/api/v1/ws");
+        assert_eq!(address.token, None);
+        let address = Address::parse("http://s3cret@mill-1").unwrap();
+        assert_eq!(address.token.as_deref(), Some("s3cret"));
+        assert!(!format!("{address:?}").contains("s3cret"));
+    }
+
+    #[test]
+    fn a_wrong_address_is_refused_without_showing_the_token() {
+        for wrong in [
+            "http://",
+            "http://secret@",
+            "http://secret@h/path",
+            "http://h:x",
+            "http://secret@[::1",
+        ] {
+            let error = Address::parse(wrong).unwrap_err().to_string();
+            assert!(!error.contains("secret"), "{error}");
+        }
+    }
+}

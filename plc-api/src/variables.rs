@@ -1,0 +1,91 @@
+//! P and Q variables as a sequence program sees them.
+
+use crate::error::Result;
+use crate::plc::{Plc, unexpected};
+use crate::types::data::VariableArea;
+use crate::types::request::{Answer, Request};
+
+/// The P variables of a machine ([`Plc::variables`]) or the Q variables of a coordinate system
+/// ([`CoordinateSystem::variables`](crate::CoordinateSystem::variables)).
+///
+/// A program reads a variable when its block is interpreted, ahead of the motion (D16): what a handler writes before it
+/// resets an `after_motion` M code is seen by the next block. Values outlive the runtime; they are on disk at most
+/// 100 ms after they were set.
+///
+/// ```
+/// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
+/// let plc = plc_api::fake::FakePort::new([1]).plc();
+/// let q = plc.coordinate_system(1).variables();
+/// q.write(10, &[1.5, -2.0]).await?;
+/// assert_eq!(q.read(10, 2).await?, [1.5, -2.0]);
+/// plc.variables().set(100, 7.0).await?;
+/// assert_eq!(plc.variables().get(100).await?, 7.0);
+/// # Ok(()) }
+/// ```
+#[derive(Debug, Clone)]
+pub struct Variables {
+    plc: Plc,
+    area: VariableArea,
+}
+
+impl Variables {
+    pub(crate) fn new(plc: Plc, area: VariableArea) -> Self {
+        Self { plc, area }
+    }
+
+    /// The value of one variable. It may be infinite or not a number, since calculations of programs may (D07).
+    ///
+    /// # Errors
+    /// There is no such variable or coordinate system, or the machine cannot be reached.
+    pub async fn get(&self, number: u32) -> Result<f64> {
+        let values = self.read(number, 1).await?;
+        values
+            .first()
+            .copied()
+            .ok_or_else(|| unexpected(&Answer::Variables(values)))
+    }
+
+    /// Sets one variable.
+    ///
+    /// # Errors
+    /// There is no such variable or coordinate system, or the machine cannot be reached.
+    pub async fn set(&self, number: u32, value: f64) -> Result<()> {
+        self.write(number, &[value]).await
+    }
+
+    /// Values of `count` variables from `from` on, 1 to 1024 of them, as they are at one moment: no other write to them
+    /// lies in between.
+    ///
+    /// # Errors
+    /// A variable of the range does not exist, or there are more than 1024; or the machine cannot be reached.
+    pub async fn read(&self, from: u32, count: u32) -> Result<Vec<f64>> {
+        let request = Request::ReadVariables {
+            area: self.area,
+            from,
+            count,
+            meta: None,
+        };
+        match self.plc.request(request).await? {
+            Answer::Variables(values) => Ok(values),
+            other => Err(unexpected(&other)),
+        }
+    }
+
+    /// Writes variables from `from` on, 1 to 1024 of them, all between two blocks of any program, or none.
+    ///
+    /// # Errors
+    /// A variable of the range does not exist, or there are more than 1024; or the machine cannot be reached. Nothing
+    /// was written then, but for a connection that broke.
+    pub async fn write(&self, from: u32, values: &[f64]) -> Result<()> {
+        let request = Request::WriteVariables {
+            area: self.area,
+            from,
+            values: values.to_vec(),
+            meta: None,
+        };
+        match self.plc.request(request).await? {
+            Answer::Command(_) | Answer::Done => Ok(()),
+            other => Err(unexpected(&other)),
+        }
+    }
+}

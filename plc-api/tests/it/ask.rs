@@ -1,0 +1,194 @@
+//! An operator's question belongs to an output, is shown with it, and ends with it.
+
+use plc_api::fake::FakePort;
+use plc_api::handshake::Closed;
+use plc_api::types::output::HandshakeStatus;
+use plc_api::types::question::{Ask, OperatorAnswer};
+use plc_api::types::request::{Answer, RefusalCode, Request};
+use plc_api::{Alarm, AuxOutput, CancelReason, Error, Params, Plc, SequenceProgram};
+
+use crate::{ms, serve};
+
+async fn measure(_output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
+    let answer = plc.ask("Is the part clean?", ["yes", "no"]).await?;
+    if answer == "yes" {
+        Ok(())
+    } else {
+        Err(Alarm::user(3, answer))
+    }
+}
+
+fn program() -> SequenceProgram {
+    SequenceProgram::new().on(80, measure).handler_id("h")
+}
+
+#[tokio::test]
+async fn a_question_stands_in_pending_until_it_is_answered_by_one_of_its_choices() {
+    let fake = FakePort::new([1]);
+    let _task = serve(&fake, program()).await;
+    let seq = fake.put_out(1, 80, Params::default());
+    fake.settle().await;
+    let shown = fake.pending(1)[0].question.clone().unwrap();
+    assert_eq!(shown.text, "Is the part clean?");
+    assert_eq!(shown.choices, ["yes", "no"]);
+    let mill = fake.plc().coordinate_system(1);
+    let asked = mill.question().await.unwrap();
+    assert_eq!((asked.m, asked.seq), (80, seq));
+    let Err(Error::Refused(refusal)) = mill.answer(&asked, "maybe").await else {
+        panic!("it took a choice that is none");
+    };
+    assert_eq!(refusal.code, RefusalCode::Invalid);
+    assert_eq!(fake.closed(1, seq), None);
+    mill.answer(&asked, "no").await.unwrap();
+    fake.settle().await;
+    let alarm = Alarm::user(3, "no");
+    assert_eq!(fake.closed(1, seq), Some(Closed::Failed { alarm }));
+    assert_eq!(mill.questions().await.unwrap(), []);
+}
+
+#[tokio::test]
+async fn a_question_ends_with_its_output() {
+    let fake = FakePort::new([1]);
+    let _task = serve(&fake, program()).await;
+    fake.put_out(1, 80, Params::default());
+    fake.settle().await;
+    let mill = fake.plc().coordinate_system(1);
+    let asked = mill.question().await.unwrap();
+    fake.cancel(1, CancelReason::Stop);
+    fake.settle().await;
+    assert_eq!(mill.questions().await.unwrap(), []);
+    let Err(Error::Handshake { status, .. }) = mill.answer(&asked, "yes").await else {
+        panic!("an answer to a cancelled output counted");
+    };
+    assert_eq!(status, HandshakeStatus::Stale);
+}
+
+#[tokio::test]
+async fn a_question_that_is_dropped_is_taken_back_and_the_next_waits_for_its_turn() {
+    async fn two(_output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
+        tokio::select! {
+            answer = plc.ask("Go on?", ["yes"]) => { answer?; }
+            () = plc.sleep(ms(500)) => {}
+        }
+        plc.sleep(ms(500)).await;
+        let (first, second) = tokio::join!(plc.ask("First?", ["1"]), plc.ask("Second?", ["2"]));
+        assert_eq!((first?.as_str(), second?.as_str()), ("1", "2"));
+        Ok(())
+    }
+    let fake = FakePort::new([1]);
+    let _task = serve(&fake, SequenceProgram::new().on(80, two)).await;
+    let seq = fake.put_out(1, 80, Params::default());
+    let mill = fake.plc().coordinate_system(1);
+    assert_eq!(mill.question().await.unwrap().question.text, "Go on?");
+    fake.advance(ms(600)).await;
+    assert_eq!(fake.pending(1)[0].question, None);
+    fake.advance(ms(500)).await;
+    for (text, choice) in [("First?", "1"), ("Second?", "2")] {
+        let asked = mill.question().await.unwrap();
+        assert_eq!(asked.question.text, text);
+        mill.answer(&asked, choice).await.unwrap();
+        fake.settle().await;
+    }
+    assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+}
+
+#[tokio::test]
+async fn a_lost_handler_asks_no_more_and_only_the_owner_asks() {
+    let fake = FakePort::new([1]);
+    let task = serve(&fake, program()).await;
+    let seq = fake.put_out(1, 80, Params::default());
+    fake.settle().await;
+    let boot_id = fake.plc().port().boot_id();
+    let ask = |handler_id: &str| Ask {
+        boot_id: boot_id.clone(),
+        seq,
+        handler_id: handler_id.into(),
+        question_id: "q".into(),
+        text: "Really?".into(),
+        choices: vec!["yes".into()],
+    };
+    let status = async |request| match fake.plc().port().request(request).await.unwrap() {
+        Answer::Handshake(result) => result.status,
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(
+        status(Request::Ask(1, Some(80), ask("other"))).await,
+        HandshakeStatus::NotOwner
+    );
+    task.abort();
+    fake.settle().await;
+    assert!(fake.pending(1)[0].lost && fake.pending(1)[0].question.is_none());
+    assert_eq!(
+        status(Request::Ask(1, Some(80), ask("h"))).await,
+        HandshakeStatus::NotOwner
+    );
+}
+
+#[tokio::test]
+async fn an_answer_counts_once_and_names_question_and_choice() {
+    let fake = FakePort::new([1]);
+    let program = SequenceProgram::new().on(80, async |output: AuxOutput, plc: Plc| {
+        let _asked = plc.ask("Go on?", ["yes"]).await;
+        output.ask("And now?", ["yes", "no"]).await?;
+        Ok(())
+    });
+    let _task = serve(&fake, program).await;
+    let seq = fake.put_out(1, 80, Params::default());
+    fake.settle().await;
+    let plc = fake.plc();
+    let asked = plc.coordinate_system(1).question().await.unwrap();
+    let answer = async |question_id: &str, choice: &str| {
+        let answer = OperatorAnswer {
+            boot_id: asked.boot_id.clone(),
+            seq,
+            question_id: question_id.into(),
+            choice: choice.into(),
+            client_id: None,
+        };
+        match plc
+            .port()
+            .request(Request::AnswerQuestion(1, None, answer))
+            .await
+            .unwrap()
+        {
+            Answer::Handshake(result) => result.status,
+            other => panic!("{other:?}"),
+        }
+    };
+    let id = asked.question.id.as_str();
+    assert_eq!(answer(id, "no").await, HandshakeStatus::Unknown);
+    assert_eq!(answer("another", "yes").await, HandshakeStatus::Unknown);
+    assert_eq!(answer(id, "yes").await, HandshakeStatus::Accepted);
+    assert_eq!(answer(id, "yes").await, HandshakeStatus::Duplicate);
+    fake.settle().await;
+    // the late answer to the first question does not answer the second
+    assert_eq!(answer(id, "yes").await, HandshakeStatus::Unknown);
+    assert_eq!(fake.closed(1, seq), None);
+}
+
+#[tokio::test]
+async fn what_is_out_of_the_limits_of_a_panel_is_refused_at_the_handler() {
+    let fake = FakePort::new([1]);
+    let program = SequenceProgram::new().on(80, async |_output: AuxOutput, plc: Plc| {
+        let nine: Vec<String> = (0..9).map(|choice| choice.to_string()).collect();
+        let long = "x".repeat(201);
+        for refused in [
+            plc.ask("Go on?", nine).await,
+            plc.ask("Go on?", Vec::<String>::new()).await,
+            plc.ask("Go on?", ["yes", "yes"]).await,
+            plc.ask("Go on?", [""]).await,
+            plc.ask(long, ["yes"]).await,
+        ] {
+            assert!(matches!(refused, Err(Error::Refused(refusal)) if refusal.code == RefusalCode::Invalid));
+        }
+        Ok(())
+    });
+    let _task = serve(&fake, program).await;
+    let seq = fake.put_out(1, 80, Params::default());
+    fake.settle().await;
+    assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+    assert!(
+        fake.plc().ask("Go on?", ["yes"]).await.is_err(),
+        "it belongs to no output"
+    );
+}
