@@ -2,7 +2,7 @@
 
 use std::future::Future;
 use std::io;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -27,11 +27,14 @@ use crate::clock::Clock;
 use crate::config::{Config, ConfigError, Machine, ProgramSource};
 use crate::coordinate_system::{CoordinateSystem, Handle, REQUESTS_MAX};
 use crate::journal::Journal;
+use crate::persistence::journal_file::JournalThread;
+use crate::persistence::{Image, KeeperThread, Restored, Source, Store, restore, tell_of_last_runs};
 use crate::port::RuntimePort;
-use crate::program_store::ProgramStore;
+use crate::program_store::{ProgramStore, read_text};
 use crate::servo_thread::{ServoStatistics, ServoThread};
 use crate::shared::Shared;
 use crate::simulation::{self, Simulation, SimulationOptions};
+use crate::tables::Tables;
 
 /// How often positions and program places are published, at the most.
 const PUBLISH_INTERVAL: Duration = Duration::from_millis(100);
@@ -66,6 +69,9 @@ pub enum StartError {
     /// The operating system gives no thread.
     #[error("the servo thread does not start: {0}")]
     Servo(io::Error),
+    /// The operating system gives no thread.
+    #[error("the thread that keeps what changes does not start: {0}")]
+    Thread(io::Error),
     /// A simulated runtime was started outside of [`simulation::run`], or a second one inside it.
     #[error("a runtime in simulated time starts once inside simulation::run")]
     NotInSimulation,
@@ -79,6 +85,8 @@ pub struct Runtime {
     tasks: JoinSet<()>,
     servo: Option<ServoThread>,
     simulation: Option<Arc<Simulation>>,
+    /// What is kept, and the journal; `None` in simulated time.
+    kept: Option<(KeeperThread, JournalThread)>,
 }
 
 impl Runtime {
@@ -89,13 +97,27 @@ impl Runtime {
     pub async fn start(config: Config) -> Result<Runtime, StartError> {
         let machine = config.resolve()?;
         let opening = machine.clone();
-        let (store, first_state) = tokio::task::spawn_blocking(move || open_store(&opening))
+        let open = move || Ok::<_, StartError>((open_data(&opening)?, open_store(&opening)?));
+        let (data, (store, first_state)) = tokio::task::spawn_blocking(open)
             .await
             .map_err(|error| StartError::Store(error.to_string()))??;
-        let shared = Shared::new(machine, new_boot_id(), Clock::real(), store, Journal::to_log());
+        let journal =
+            (data.as_ref()).map_or_else(Journal::to_log, |data| Journal::to_disk(data.journal.writer()));
+        let mut tables = (Tables::new(&machine), Restored::default());
+        if let Some(data) = &data {
+            tables.1 = restore(&tables.0, &data.image).map_err(|error| data.refused(error))?;
+        }
+        let shared = Shared::new(machine, new_boot_id(), Clock::real(), store, journal, tables);
         let mut parts = Parts::new(Arc::new(shared), first_state);
+        let kept = match data {
+            Some(data) => Some(data.keep(&parts)?),
+            None => None,
+        };
+        tell_of_last_runs(&parts.shared);
         let period = Duration::from_micros(parts.shared.machine.servo_period_us);
-        let servo = ServoThread::start(parts.servo, period, parts.wake).map_err(StartError::Servo)?;
+        let statistics = Arc::clone(&parts.shared.servo);
+        let servo =
+            ServoThread::start(parts.servo, period, parts.wake, statistics).map_err(StartError::Servo)?;
         parts.tasks.spawn(publish_positions(
             Arc::clone(&parts.shared),
             parts.port.handles().to_vec(),
@@ -106,6 +128,7 @@ impl Runtime {
             tasks: parts.tasks,
             servo: Some(servo),
             simulation: None,
+            kept,
         })
     }
 
@@ -126,7 +149,8 @@ impl Runtime {
         let (store, first_state) = open_store(&machine)?;
         let clock = Clock::simulated();
         let boot_id = BootId("simulation".into());
-        let shared = Shared::new(machine, boot_id, clock.clone(), store, journal);
+        let tables = (Tables::new(&machine), Restored::default());
+        let shared = Shared::new(machine, boot_id, clock.clone(), store, journal, tables);
         let parts = Parts::new(Arc::new(shared), first_state);
         let period_ns = parts.shared.machine.servo_period_us * 1000;
         let simulation = Arc::new(Simulation::new(
@@ -144,6 +168,7 @@ impl Runtime {
             tasks: parts.tasks,
             servo: None,
             simulation: Some(simulation),
+            kept: None,
         })
     }
 
@@ -170,7 +195,7 @@ impl Runtime {
 
     /// How punctual the servo thread is; `None` in simulated time.
     pub fn servo_statistics(&self) -> Option<Arc<ServoStatistics>> {
-        self.servo.as_ref().map(|servo| Arc::clone(&servo.statistics))
+        self.servo.as_ref().map(|_| Arc::clone(&self.shared.servo))
     }
 
     /// The simulation; `None` in real time.
@@ -190,6 +215,9 @@ impl Runtime {
             ..presence(&self.shared)
         };
         self.shared.publish(Topic::Presence, Payload::Presence(presence));
+        let kept = self.kept.take();
+        // What is left is written; whether that fails is told in the log.
+        let _ = tokio::task::spawn_blocking(move || drop(kept)).await;
         self.shared.hub.close();
     }
 }
@@ -283,6 +311,66 @@ async fn publish_positions(shared: Arc<Shared>, handles: Vec<Handle>) {
     }
 }
 
+/// What is kept in the data folder, opened.
+struct Data {
+    path: PathBuf,
+    store: Store,
+    image: Image,
+    journal: JournalThread,
+}
+
+impl Data {
+    fn refused(&self, error: io::Error) -> StartError {
+        StartError::DataDir {
+            path: self.path.display().to_string(),
+            error,
+        }
+    }
+
+    /// Begins to keep what changes.
+    fn keep(self, parts: &Parts) -> Result<(KeeperThread, JournalThread), StartError> {
+        let shared = &parts.shared;
+        let views = parts.port.handles().iter();
+        let source = Source {
+            shared: Arc::clone(shared),
+            views: views
+                .map(|handle| (handle.number, Arc::clone(&handle.view)))
+                .collect(),
+            last_runs: shared.restored.last_runs.clone(),
+        };
+        let thread =
+            KeeperThread::start(self.path, self.store, self.image, source).map_err(StartError::Thread)?;
+        // Nobody else sets it.
+        let _ = shared.keeper.set(thread.keeper());
+        Ok((thread, self.journal))
+    }
+}
+
+/// Opens what is kept in the data folder, which is made if it is missing; no other runtime has it open then.
+fn open_data(machine: &Machine) -> Result<Option<Data>, StartError> {
+    let Some(folder) = &machine.data_dir else {
+        return Ok(None);
+    };
+    let path = folder.join("state.redb");
+    let opened = std::fs::create_dir_all(folder).and_then(|()| {
+        let store = Store::open(&path)?;
+        let image = store.load()?;
+        Ok((store, image, JournalThread::start(&folder.join("journal"))?))
+    });
+    match opened {
+        Ok((store, image, journal)) => Ok(Some(Data {
+            path,
+            store,
+            image,
+            journal,
+        })),
+        Err(error) => Err(StartError::DataDir {
+            path: folder.display().to_string(),
+            error,
+        }),
+    }
+}
+
 fn new_boot_id() -> BootId {
     use std::hash::{BuildHasher, Hasher};
     // The standard library's hash keys are random for each process.
@@ -316,7 +404,7 @@ fn birth(machine: &Machine) -> Birth {
             number: system.settings.number,
             axes: axes.iter().filter_map(motor).collect(),
             spindle: system.settings.spindle.as_ref().map(|motor| motor.number),
-            dialect: system.dialect.clone(),
+            dialect: system.dialect.name.to_owned(),
             units: system.units.clone(),
         }
     });
@@ -356,13 +444,13 @@ fn birth(machine: &Machine) -> Birth {
 /// Opens the store and puts the configuration's programs into it; tells what state a coordinate system begins in.
 fn open_store(machine: &Machine) -> Result<(ProgramStore, (Execution, Option<Reason>)), StartError> {
     let (store, reason) = match &machine.data_dir {
-        None => (ProgramStore::in_memory(), Reason::NoProgram),
+        None => (ProgramStore::in_memory(machine.dialect()), Reason::NoProgram),
         Some(folder) => {
             let refused = |error| StartError::DataDir {
                 path: folder.display().to_string(),
                 error,
             };
-            let store = ProgramStore::open(&folder.join("programs")).map_err(refused)?;
+            let store = ProgramStore::open(&folder.join("programs"), machine.dialect()).map_err(refused)?;
             let reason = mark_started(&folder.join("started")).map_err(refused)?;
             (store, reason)
         }
@@ -394,7 +482,7 @@ fn put_program(store: &ProgramStore, number: u16, source: &ProgramSource) -> io:
         ProgramSource::File(path) => {
             let written = std::fs::metadata(path)?.modified()?;
             if !in_store || store.written_at(number).is_none_or(|stored| stored < written) {
-                store.write(number, &String::from_utf8_lossy(&std::fs::read(path)?))?;
+                store.write(number, &read_text(path)?)?;
             }
         }
     }

@@ -1,9 +1,15 @@
-//! The journal: what happened, in order. To the log when serving, to a file or a list in a simulation.
+//! The journal: what happened, in order. To the log and to `data_dir` when serving, to a file or a list in a simulation.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use plc_api::types::CoordinateSystemNumber;
+use plc_api::handshake::Now;
+use plc_api::types::{CoordinateSystemNumber, Timestamp};
 use serde_json::{Map, Value, json};
+
+use crate::persistence::journal_file::JournalWriter;
+
+/// The event of each block that begins: too many for a disk, and what follows from it is said by others.
+const BLOCK: &str = "block";
 
 /// Takes each line of the journal.
 pub type Sink = Arc<Mutex<dyn FnMut(&Line) + Send>>;
@@ -51,6 +57,7 @@ impl Entry {
 #[derive(Clone, Default)]
 pub struct Journal {
     sink: Option<Sink>,
+    disk: Option<JournalWriter>,
 }
 
 impl std::fmt::Debug for Journal {
@@ -67,23 +74,39 @@ impl Journal {
 
     /// A journal whose lines go to `sink`.
     pub fn to_sink(sink: Sink) -> Self {
-        Self { sink: Some(sink) }
+        Self {
+            sink: Some(sink),
+            disk: None,
+        }
     }
 
-    pub(crate) fn record(&self, t_s: f64, cs: CoordinateSystemNumber, entry: &Entry) {
+    /// A journal whose lines go to the log and, but for blocks, to disk.
+    pub(crate) fn to_disk(disk: JournalWriter) -> Self {
+        Self {
+            sink: None,
+            disk: Some(disk),
+        }
+    }
+
+    pub(crate) fn record(&self, now: Now, cs: CoordinateSystemNumber, entry: &Entry) {
         let fields = match &entry.fields {
             Value::Object(fields) => fields.clone(),
             _ => Map::new(),
         };
         let line = Line {
-            t_s,
+            t_s: now.monotonic_s,
             cs,
             event: entry.event,
             fields,
         };
+        if let Some(disk) = self.disk.as_ref().filter(|_| entry.event != BLOCK) {
+            let mut json = line.to_json();
+            json["ts"] = json!(Timestamp::from_system_time(now.time));
+            disk.write(json.to_string());
+        }
         match &self.sink {
             Some(sink) => (sink.lock().unwrap_or_else(PoisonError::into_inner))(&line),
-            None if entry.event == "block" => tracing::debug!(target: "journal", "{}", line.to_json()),
+            None if entry.event == BLOCK => tracing::debug!(target: "journal", "{}", line.to_json()),
             None => tracing::info!(target: "journal", "{}", line.to_json()),
         }
     }

@@ -1,31 +1,29 @@
 //! The runtime's own [`Port`]: requests go to the task or the store that they concern, reads are answered from the
 //! hub and the servo's last cycle.
 
-use std::collections::BTreeSet;
+mod commands;
+mod data;
+mod programs;
+
 use std::io;
 use std::sync::Arc;
 use std::time::Duration;
 
 use plc_api::hub::{Filter, Subscription};
 use plc_api::port::{BoxFuture, Port};
-use plc_api::types::command::{Command, CommandMeta, CommandReply, CommandStatus, Verb};
+use plc_api::types::command::{Command, CommandMeta};
 use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::output::HandlerPresence;
-use plc_api::types::program::ProgramCheck;
 use plc_api::types::request::{Answer, Refusal, RefusalCode, Request};
-use plc_api::types::state::{Execution, Spindle};
+use plc_api::types::state::{Execution, Spindle, State};
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::types::{BootId, CoordinateSystemNumber};
 use tandem_model::alarm::REQUEST_REFUSED;
-use tandem_model::limits::PROGRAM_BYTES_MAX;
 use tokio::sync::{mpsc, oneshot};
 
 use crate::coordinate_system::{Envelope, Handle};
 use crate::shared::Shared;
-
-/// Characters of a command id.
-const COMMAND_ID_MAX: usize = 128;
 
 /// Characters of a client id and of a handler id: they are MQTT topic levels.
 const CLIENT_ID_MAX: usize = 64;
@@ -57,7 +55,7 @@ impl RuntimePort {
         for handle in self
             .handles
             .iter()
-            .filter(|handle| self.running_program(handle.number).is_some())
+            .filter(|handle| self.running(handle.number).is_some())
         {
             let meta = CommandMeta {
                 command_id: format!("shutdown-{}", handle.number),
@@ -106,88 +104,6 @@ impl RuntimePort {
         answer.await.unwrap_or_else(|_| Err(gone()))
     }
 
-    async fn command(
-        &self,
-        cs: CoordinateSystemNumber,
-        command: Command,
-        meta: CommandMeta,
-        wait: bool,
-    ) -> Result<Answer, Refusal> {
-        check_ids(&meta)?;
-        if let Some(reply) = self.shared.replied(&meta.command_id) {
-            // Who asks again has not heard it.
-            self.shared
-                .publish(Topic::Reply(meta.client_id), Payload::Reply(reply.clone()));
-            return Ok(Answer::Command(reply));
-        }
-        self.check_age(&meta)
-            .map_err(|refusal| self.reject(&meta, refusal))?;
-        let handle = self.handle(cs).map_err(|refusal| self.reject(&meta, refusal))?;
-        if let Command::AlarmAcknowledge { id } = command
-            && !self.shared.acknowledge_alarm(id, &meta.client_id)
-        {
-            return Err(self.reject(
-                &meta,
-                Refusal::new(RefusalCode::NotFound, format!("no alarm {id} is active")),
-            ));
-        }
-        let urgent = matches!(command.verb(), Verb::Hold | Verb::Stop | Verb::Abort);
-        let queue = if urgent { &handle.urgent } else { &handle.requests };
-        self.ask(
-            queue,
-            Request::Command {
-                cs,
-                command,
-                meta,
-                wait,
-            },
-        )
-        .await
-    }
-
-    fn check_age(&self, meta: &CommandMeta) -> Result<(), Refusal> {
-        let invalid = |text: String| Err(Refusal::new(RefusalCode::Invalid, text));
-        let Some(ttl_ms) = meta.ttl_ms else { return Ok(()) };
-        let Some(issued_at) = &meta.issued_at else {
-            return invalid("ttl_ms needs issued_at".into());
-        };
-        let Some(issued) = issued_at.to_system_time() else {
-            return invalid(format!(
-                "issued_at \"{:.64}\": write RFC 3339 in UTC",
-                issued_at.0
-            ));
-        };
-        let age = self
-            .shared
-            .clock
-            .wall()
-            .duration_since(issued)
-            .unwrap_or_default();
-        if age > Duration::from_millis(ttl_ms) {
-            let text = format!(
-                "the command is {} ms old, its ttl_ms is {ttl_ms}",
-                age.as_millis()
-            );
-            return Err(Refusal::new(RefusalCode::Expired, text));
-        }
-        Ok(())
-    }
-
-    fn reject(&self, meta: &CommandMeta, refusal: Refusal) -> Refusal {
-        let code = serde_json::to_value(refusal.code).ok();
-        let reply = CommandReply {
-            command_id: meta.command_id.clone(),
-            status: CommandStatus::Rejected,
-            code: code
-                .and_then(|code| code.as_str().map(str::to_owned))
-                .unwrap_or_default(),
-            text: refusal.text.clone(),
-            state_rev: 0,
-        };
-        self.shared.reply(&meta.client_id, reply);
-        refusal
-    }
-
     async fn handler(&self, id: String, presence: HandlerPresence) -> Result<Answer, Refusal> {
         check_id("handler_id", &id)?;
         if presence.handles.len() > HANDLED_CODES_MAX {
@@ -207,31 +123,26 @@ impl RuntimePort {
         Ok(Answer::Done)
     }
 
-    async fn write_program(&self, number: u16, text: String) -> Result<Answer, Refusal> {
-        if text.len() > PROGRAM_BYTES_MAX {
-            let text = format!(
-                "the program has {} bytes; at most {PROGRAM_BYTES_MAX} are read",
-                text.len()
-            );
-            return Err(Refusal::new(RefusalCode::TooLarge, text));
+    /// A motor's skip input, in each coordinate system that has the motor as an axis.
+    async fn skip_input(&self, motor: u16, value: bool) -> Result<Answer, Refusal> {
+        let mut found = false;
+        for system in &self.shared.machine.coordinate_systems {
+            let mut motors = system.settings.motors.iter().flatten();
+            if motors.any(|axis| axis.number == motor) {
+                found = true;
+                let queue = &self.handle(system.settings.number)?.requests;
+                self.ask(queue, Request::SkipInput(motor, value)).await?;
+            }
         }
-        self.refuse_while_running(number)?;
-        let check = self
-            .on_disk(move |shared| shared.store.write(number, &text))
-            .await?;
-        Ok(Answer::Check(check))
-    }
-
-    async fn delete_program(&self, number: u16) -> Result<Answer, Refusal> {
-        self.refuse_while_running(number)?;
-        if self.on_disk(move |shared| shared.store.delete(number)).await? {
+        if found {
             Ok(Answer::Done)
         } else {
-            Err(no_program(number))
+            let text = format!("no axis has motor {motor}");
+            Err(Refusal::new(RefusalCode::NotFound, text))
         }
     }
 
-    /// Work on the store, off the tasks that must not wait; in simulated time there is no disk and one thread.
+    /// Long work on programs, off the tasks that must not wait; in simulated time there is no disk and one thread.
     async fn on_disk<T: Send + 'static>(
         &self,
         work: impl FnOnce(&Shared) -> io::Result<T> + Send + 'static,
@@ -254,22 +165,8 @@ impl RuntimePort {
         })
     }
 
-    fn refuse_while_running(&self, number: u16) -> Result<(), Refusal> {
-        for handle in &self.handles {
-            let main = self.running_program(handle.number);
-            if main.is_some_and(|main| self.called_by(main).contains(&number)) {
-                let text = format!(
-                    "program {number} runs in coordinate system {}; stop it first",
-                    handle.number
-                );
-                return Err(Refusal::new(RefusalCode::ProgramRuns, text));
-            }
-        }
-        Ok(())
-    }
-
-    /// The main program of a run that has not ended.
-    fn running_program(&self, cs: CoordinateSystemNumber) -> Option<u16> {
+    /// The state of a run that has not ended, a run by hand included.
+    fn running(&self, cs: CoordinateSystemNumber) -> Option<State> {
         let message = self.shared.hub.read(&Topic::cs(cs, CsTopic::State))?;
         let Payload::State(state) = &message.payload else {
             return None;
@@ -278,33 +175,7 @@ impl RuntimePort {
             state.execution,
             Execution::Ready | Execution::Stopped | Execution::ProgramCompleted
         );
-        state.program.filter(|_| !ended)
-    }
-
-    /// A program and all that it calls.
-    fn called_by(&self, main: u16) -> BTreeSet<u16> {
-        let all = self.shared.store.all();
-        let (mut called, mut left) = (BTreeSet::from([main]), vec![main]);
-        while let Some(program) = left.pop().and_then(|number| all.get(&number)) {
-            left.extend(
-                program
-                    .check
-                    .programs
-                    .iter()
-                    .filter(|number| called.insert(**number)),
-            );
-        }
-        called
-    }
-
-    fn program_check(&self, number: u16) -> Result<ProgramCheck, Refusal> {
-        Ok(self
-            .shared
-            .store
-            .get(number)
-            .ok_or_else(|| no_program(number))?
-            .check
-            .clone())
+        (!ended).then(|| state.clone())
     }
 
     /// Topics whose value the servo's last cycle gives.
@@ -332,6 +203,16 @@ impl RuntimePort {
         }
     }
 
+    fn warn(&self, text: &str) -> Answer {
+        self.shared.raise(AlarmRecord {
+            severity: AlarmSeverity::Warning,
+            number: REQUEST_REFUSED.number,
+            text: text.chars().take(WARNING_TEXT_MAX).collect(),
+            ..AlarmRecord::default()
+        });
+        Answer::Done
+    }
+
     async fn carry_out(&self, request: Request) -> Result<Answer, Refusal> {
         match request {
             Request::Command {
@@ -347,53 +228,47 @@ impl RuntimePort {
             Request::Claim(cs, ..)
             | Request::Reset(cs, ..)
             | Request::Progress(cs, ..)
+            | Request::Ask(cs, ..)
+            | Request::AnswerQuestion(cs, ..)
+            | Request::ValidateResult(cs, ..)
             | Request::Redeliver(cs, ..)
             | Request::Input(cs, _)
-            | Request::Spindle(cs, _)
-            | Request::Tool(cs, _) => self.ask(&self.handle(cs)?.requests, request).await,
+            | Request::Spindle(cs, _) => self.ask(&self.handle(cs)?.requests, request).await,
+            Request::Tool(cs, id) => self.tool(cs, id).await,
+            Request::ReadVariables { .. }
+            | Request::WriteVariables { .. }
+            | Request::Tools
+            | Request::WriteTools(_)
+            | Request::WorkOffsets(_)
+            | Request::WriteWorkOffsets(..)
+            | Request::LastRun(_) => self.data(request).await,
             Request::Handler(id, presence) => self.handler(id, presence).await,
             Request::Handlers => Ok(Answer::Handlers(self.shared.handlers())),
-            Request::Programs => Ok(Answer::Programs(self.shared.store.list())),
-            Request::ReadProgram(number) => {
-                let program = self.shared.store.get(number).ok_or_else(|| no_program(number))?;
-                Ok(Answer::ProgramText(program.text().to_owned()))
-            }
-            Request::WriteProgram(number, text) => self.write_program(number, text).await,
-            Request::DeleteProgram(number) => self.delete_program(number).await,
-            Request::CheckProgram(number) => self.program_check(number).map(Answer::Check),
+            Request::Programs
+            | Request::ReadProgram(_)
+            | Request::WriteProgram(..)
+            | Request::DeleteProgram(_)
+            | Request::CheckProgram(_)
+            | Request::IntermediateCode(_) => self.programs(request).await,
             Request::Republish => {
                 for handle in &self.handles {
                     self.ask(&handle.requests, Request::Republish).await?;
                 }
                 Ok(Answer::Done)
             }
-            Request::Warn(text) => {
-                self.shared.raise(AlarmRecord {
-                    severity: AlarmSeverity::Warning,
-                    number: REQUEST_REFUSED.number,
-                    text: text.chars().take(WARNING_TEXT_MAX).collect(),
-                    ..AlarmRecord::default()
-                });
-                Ok(Answer::Done)
+            Request::Warn(text) => Ok(self.warn(&text)),
+            Request::SkipInput(motor, value) => self.skip_input(motor, value).await,
+            Request::ServoTiming if self.shared.clock.is_simulated() => Err(Refusal::new(
+                RefusalCode::NotSupported,
+                "in simulated time there is no servo thread",
+            )),
+            Request::ServoTiming => {
+                let period = Duration::from_micros(self.shared.machine.servo_period_us);
+                Ok(Answer::ServoTiming(self.shared.servo.timing(period)))
             }
             Request::AlarmHistory => Ok(Answer::Alarms(self.shared.alarm_history())),
         }
     }
-}
-
-fn no_program(number: u16) -> Refusal {
-    Refusal::new(
-        RefusalCode::NotFound,
-        format!("program {number} is not in the store"),
-    )
-}
-
-fn check_ids(meta: &CommandMeta) -> Result<(), Refusal> {
-    if meta.command_id.is_empty() || meta.command_id.chars().count() > COMMAND_ID_MAX {
-        let text = format!("command_id: write 1 to {COMMAND_ID_MAX} characters");
-        return Err(Refusal::new(RefusalCode::Invalid, text));
-    }
-    check_id("client_id", &meta.client_id)
 }
 
 fn check_id(what: &str, id: &str) -> Result<(), Refusal> {
@@ -443,7 +318,7 @@ impl Port for RuntimePort {
 #[cfg(test)]
 mod tests {
     use plc_api::types::Timestamp;
-    use plc_api::types::command::Expect;
+    use plc_api::types::command::{CommandStatus, Expect};
 
     use super::*;
     use crate::journal::Journal;
@@ -549,6 +424,20 @@ mod tests {
                 port.request(other).await.unwrap_err().code,
                 RefusalCode::PreconditionFailed
             );
+        });
+    }
+
+    #[test]
+    fn a_skip_input_needs_a_motor_of_an_axis_and_simulated_time_has_no_servo_thread() {
+        with_machine(async |port| {
+            // motor 4 of the demo is the spindle
+            assert_eq!(port.request(Request::SkipInput(3, true)).await, Ok(Answer::Done));
+            for motor in [4, 77] {
+                let refusal = port.request(Request::SkipInput(motor, true)).await.unwrap_err();
+                assert_eq!(refusal.code, RefusalCode::NotFound, "{}", refusal.text);
+            }
+            let refusal = port.request(Request::ServoTiming).await.unwrap_err();
+            assert_eq!(refusal.code, RefusalCode::NotSupported);
         });
     }
 

@@ -3,23 +3,36 @@
 //! With a folder, each program is a file `<number>.nc` in it, written beside and renamed, and on disk before the
 //! write is answered.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
-use std::io::{self, Write};
+use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, OnceLock, PoisonError, RwLock};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError, RwLock};
 
 use plc_api::types::program::{DiagnosticSeverity, ProgramCheck, ProgramDiagnostic, ProgramInfo};
-use tandem_interp::{CheckContext, check};
-use tandem_model::limits::PROGRAM_NUMBER_MAX;
+use tandem_interp::{CheckContext, Dialect, check_dialect};
+use tandem_model::limits::{PROGRAM_BYTES_MAX, PROGRAM_NUMBER_MAX};
+use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::{Diagnostic, Severity};
-use tandem_syntax::{Grammar, LineIndex, NcProgram, parse};
+use tandem_syntax::{Header, LineIndex, NcProgram, parse};
 
 /// Programs in the store at the most. A further one is refused.
 pub const PROGRAMS_MAX: usize = 2000;
 
 /// Characters of a title.
 const TITLE_MAX: usize = 80;
+
+/// First subprogram number (D05).
+const SUBPROGRAM_MIN: u16 = 1000;
+
+/// What the intermediate code of a program of this number begins with.
+pub fn header(number: u16) -> Header {
+    if number >= SUBPROGRAM_MIN {
+        Header::Subprogram(number)
+    } else {
+        Header::Program(number)
+    }
+}
 
 /// One program of the store.
 #[derive(Debug)]
@@ -30,15 +43,42 @@ pub struct StoredProgram {
     pub tree: Arc<NcProgram>,
     /// What checking says of it alone.
     pub check: ProgramCheck,
+    dialect: &'static Dialect,
+    /// It begins in what is in force, not in the start-up modal state.
+    goes_on: bool,
+    /// What checking says of it in a coordinate system, by the number of that; filled when it is first asked for.
+    here: Mutex<BTreeMap<u8, Arc<CheckHere>>>,
     title: String,
     line_starts: OnceLock<Vec<u32>>,
 }
 
+/// What checking says of a program in a coordinate system.
+#[derive(Debug)]
+pub struct CheckHere {
+    /// What keeps it from running, each once.
+    pub errors: Vec<ProgramDiagnostic>,
+    /// M codes that it puts out, ascending, each once.
+    pub m_codes: Vec<u16>,
+}
+
 impl StoredProgram {
     /// Parses and checks a text.
-    pub fn new(number: u16, text: &str) -> Self {
-        let (tree, mut diagnostics) = parse(text, Grammar::nj());
-        let checked = check(&tree, &CheckContext::default());
+    pub fn new(number: u16, text: &str, dialect: &'static Dialect) -> Self {
+        Self::checked(number, text, dialect, false)
+    }
+
+    /// A text without a number, which begins in the start-up modal state or goes on in what is in force.
+    pub(crate) fn manual(text: &str, dialect: &'static Dialect, goes_on: bool) -> Self {
+        Self::checked(0, text, dialect, goes_on)
+    }
+
+    fn checked(number: u16, text: &str, dialect: &'static Dialect, goes_on: bool) -> Self {
+        let (tree, mut diagnostics) = parse(text, (dialect.grammar)());
+        let context = CheckContext {
+            goes_on,
+            ..CheckContext::default()
+        };
+        let checked = check_dialect(&tree, dialect, &context);
         diagnostics.extend(checked.diagnostics);
         diagnostics.sort_by_key(|diagnostic| (diagnostic.span.start, diagnostic.span.end));
         let check = ProgramCheck {
@@ -52,8 +92,39 @@ impl StoredProgram {
             number,
             tree: Arc::new(tree),
             check,
+            dialect,
+            goes_on,
+            here: Mutex::default(),
             title,
             line_starts: OnceLock::new(),
+        }
+    }
+
+    /// What checking says of it in a coordinate system. Done once for each: text and settings stay as they are.
+    pub fn check_in(&self, settings: &CoordinateSystemSettings) -> Arc<CheckHere> {
+        let mut here = self.here.lock().unwrap_or_else(PoisonError::into_inner);
+        let check = here
+            .entry(settings.number)
+            .or_insert_with(|| Arc::new(self.check_with(settings)));
+        Arc::clone(check)
+    }
+
+    fn check_with(&self, settings: &CoordinateSystemSettings) -> CheckHere {
+        let context = CheckContext {
+            goes_on: self.goes_on,
+            ..CheckContext::of(settings)
+        };
+        let check = check_dialect(&self.tree, self.dialect, &context);
+        let of_check = locate(self.text(), &check.diagnostics);
+        let mut errors: Vec<ProgramDiagnostic> = Vec::new();
+        for found in self.check.diagnostics.iter().cloned().chain(of_check) {
+            if found.severity == DiagnosticSeverity::Error && !errors.contains(&found) {
+                errors.push(found);
+            }
+        }
+        CheckHere {
+            errors,
+            m_codes: check.m_codes,
         }
     }
 
@@ -68,6 +139,11 @@ impl StoredProgram {
             .diagnostics
             .iter()
             .any(|found| found.severity == DiagnosticSeverity::Error)
+    }
+
+    /// The intermediate code of a program without errors (D43).
+    pub fn intermediate_code(&self) -> String {
+        tandem_syntax::compile(&self.tree, header(self.number))
     }
 
     /// Text of a line, from 1; empty past the end.
@@ -107,6 +183,9 @@ impl StoredProgram {
 
 /// Diagnostics with lines and columns instead of byte offsets.
 pub fn locate(text: &str, diagnostics: &[Diagnostic]) -> Vec<ProgramDiagnostic> {
+    if diagnostics.is_empty() {
+        return Vec::new();
+    }
     let index = LineIndex::new(text);
     let place = |diagnostic: &Diagnostic| {
         let (line, column) = index.locate(diagnostic.span.start);
@@ -147,33 +226,47 @@ fn title(text: &str) -> String {
 }
 
 /// All programs of a machine.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct ProgramStore {
+    dialect: &'static Dialect,
     programs: RwLock<Arc<BTreeMap<u16, Arc<StoredProgram>>>>,
     folder: Option<PathBuf>,
+    /// Held while a file is written: the one beside it has one name.
+    writing: Mutex<()>,
 }
 
 impl ProgramStore {
-    /// A store that keeps nothing on disk.
-    pub fn in_memory() -> Self {
-        Self::default()
+    /// A store of programs of a dialect that keeps nothing on disk.
+    pub fn in_memory(dialect: &'static Dialect) -> Self {
+        Self {
+            dialect,
+            programs: RwLock::default(),
+            folder: None,
+            writing: Mutex::default(),
+        }
     }
 
-    /// The store of a folder, which is made if it is missing. Files that are not programs are left alone.
+    /// The store of a folder, which is made if it is missing. Files that are not programs, or are larger than one can
+    /// be, are left alone.
     ///
     /// # Errors
     /// The folder cannot be made or read.
-    pub fn open(folder: &Path) -> io::Result<Self> {
+    pub fn open(folder: &Path, dialect: &'static Dialect) -> io::Result<Self> {
         fs::create_dir_all(folder)?;
         let store = Self {
             folder: Some(folder.to_owned()),
-            ..Self::default()
+            ..Self::in_memory(dialect)
         };
         for entry in fs::read_dir(folder)? {
             let path = entry?.path();
             if let Some(number) = program_number(&path) {
-                let text = String::from_utf8_lossy(&fs::read(&path)?).into_owned();
-                store.keep(StoredProgram::new(number, &text));
+                match read_text(&path) {
+                    Ok(text) => store.keep(StoredProgram::new(number, &text, dialect)),
+                    Err(error) if error.kind() == io::ErrorKind::FileTooLarge => {
+                        tracing::warn!("{} is not in the store: {error}", path.display());
+                    }
+                    Err(error) => return Err(error),
+                }
             }
         }
         Ok(store)
@@ -212,6 +305,8 @@ impl ProgramStore {
                 format!("{number} is not a program number; write 1 to {PROGRAM_NUMBER_MAX}"),
             ));
         }
+        let program = StoredProgram::new(number, text, self.dialect);
+        let _one_at_a_time = self.writing.lock().unwrap_or_else(PoisonError::into_inner);
         let all = self.all();
         let created = !all.contains_key(&number);
         if created && all.len() >= PROGRAMS_MAX {
@@ -220,7 +315,6 @@ impl ProgramStore {
                 format!("the store holds {PROGRAMS_MAX} programs; delete one first"),
             ));
         }
-        let program = StoredProgram::new(number, text);
         if let (Some(folder), Some(path)) = (&self.folder, self.path(number)) {
             write_and_rename(folder, &path, text.as_bytes())?;
         }
@@ -237,13 +331,14 @@ impl ProgramStore {
     /// # Errors
     /// The disk refuses.
     pub fn delete(&self, number: u16) -> io::Result<bool> {
+        let _one_at_a_time = self.writing.lock().unwrap_or_else(PoisonError::into_inner);
         if self.get(number).is_none() {
             return Ok(false);
         }
-        if let Some(path) = self.path(number) {
+        if let (Some(folder), Some(path)) = (&self.folder, self.path(number)) {
             match fs::remove_file(path) {
                 Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
-                _ => {}
+                _ => fs::File::open(folder)?.sync_all()?,
             }
         }
         let mut programs = self.programs.write().unwrap_or_else(PoisonError::into_inner);
@@ -262,6 +357,22 @@ impl ProgramStore {
     }
 }
 
+/// The text of an NC program's file. Bytes that are not UTF-8 become replacement characters, which checking then shows.
+///
+/// # Errors
+/// The file cannot be read, or has more than [`PROGRAM_BYTES_MAX`] bytes; no more of it is read then.
+pub fn read_text(path: &Path) -> io::Result<String> {
+    let most = PROGRAM_BYTES_MAX as u64;
+    let mut bytes = Vec::new();
+    fs::File::open(path)?.take(most + 1).read_to_end(&mut bytes)?;
+    if bytes.len() > PROGRAM_BYTES_MAX {
+        let text = format!("it has more than {PROGRAM_BYTES_MAX} bytes, the most that a program may have");
+        return Err(io::Error::new(io::ErrorKind::FileTooLarge, text));
+    }
+    Ok(String::from_utf8(bytes)
+        .unwrap_or_else(|error| String::from_utf8_lossy(error.as_bytes()).into_owned()))
+}
+
 /// The program number that a file name says: `<number>.nc` or `O<number>.nc`.
 pub fn program_number(path: &Path) -> Option<u16> {
     if !path.extension()?.eq_ignore_ascii_case("nc") {
@@ -270,6 +381,21 @@ pub fn program_number(path: &Path) -> Option<u16> {
     let stem = path.file_stem()?.to_str()?;
     let number = stem.strip_prefix(['O', 'o']).unwrap_or(stem).parse().ok()?;
     (1..=PROGRAM_NUMBER_MAX).contains(&number).then_some(number)
+}
+
+/// A program and all that it calls, of those that there are.
+pub(crate) fn called_by(all: &BTreeMap<u16, Arc<StoredProgram>>, main: u16) -> BTreeSet<u16> {
+    let (mut called, mut left) = (BTreeSet::from([main]), vec![main]);
+    while let Some(number) = left.pop() {
+        let calls = all.get(&number).map(|program| program.check.programs.iter());
+        left.extend(
+            calls
+                .into_iter()
+                .flatten()
+                .filter(|number| called.insert(**number)),
+        );
+    }
+    called
 }
 
 fn write_and_rename(folder: &Path, path: &Path, bytes: &[u8]) -> io::Result<()> {
@@ -283,23 +409,25 @@ fn write_and_rename(folder: &Path, path: &Path, bytes: &[u8]) -> io::Result<()> 
 
 #[cfg(test)]
 mod tests {
+    use tandem_interp::dialects::nj;
+
     use super::*;
 
     #[test]
     fn a_written_program_is_there_after_the_store_is_opened_again() {
         let folder = tempfile::tempdir().unwrap();
-        let store = ProgramStore::open(folder.path()).unwrap();
+        let store = ProgramStore::open(folder.path(), nj()).unwrap();
         assert!(store.write(7, "// Seven\nG90\nM30\n").unwrap().created);
         assert!(!store.write(7, "// Seven again\nG90\nM30\n").unwrap().created);
-        let again = ProgramStore::open(folder.path()).unwrap();
+        let again = ProgramStore::open(folder.path(), nj()).unwrap();
         assert_eq!(again.list()[0].title, "Seven again");
         assert!(again.delete(7).unwrap());
-        assert!(ProgramStore::open(folder.path()).unwrap().list().is_empty());
+        assert!(ProgramStore::open(folder.path(), nj()).unwrap().list().is_empty());
     }
 
     #[test]
     fn a_program_with_errors_is_stored_and_says_them() {
-        let store = ProgramStore::in_memory();
+        let store = ProgramStore::in_memory(nj());
         let check = store.write(1, "G01 X\nM30\n").unwrap();
         assert!(
             check
@@ -312,9 +440,21 @@ mod tests {
 
     #[test]
     fn program_numbers_outside_1_to_9999_are_refused() {
-        let store = ProgramStore::in_memory();
+        let store = ProgramStore::in_memory(nj());
         assert!(store.write(0, "M30").is_err());
         assert!(store.write(10_000, "M30").is_err());
+    }
+
+    #[test]
+    fn a_file_that_is_larger_than_a_program_may_be_is_not_read_whole() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("7.nc");
+        fs::File::create(&path)
+            .unwrap()
+            .set_len(PROGRAM_BYTES_MAX as u64 + 1)
+            .unwrap();
+        assert_eq!(read_text(&path).unwrap_err().kind(), io::ErrorKind::FileTooLarge);
+        assert!(ProgramStore::open(folder.path(), nj()).unwrap().list().is_empty());
     }
 
     #[test]
@@ -328,7 +468,7 @@ mod tests {
 
     #[test]
     fn lines_are_found_by_number() {
-        let program = StoredProgram::new(1, "G90\r\nG01 X1\nM30");
+        let program = StoredProgram::new(1, "G90\r\nG01 X1\nM30", nj());
         assert_eq!(
             [program.line(1), program.line(2), program.line(3), program.line(4)],
             ["G90", "G01 X1", "M30", ""]

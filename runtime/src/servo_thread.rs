@@ -1,17 +1,23 @@
 //! The servo thread: in real time it keeps the servo period for all coordinate systems in lock-step.
 //!
 //! The thread itself never allocates, locks or waits for a task. What happened reaches the tasks by way of a relay
-//! thread, which it unparks: waking a task takes locks that a servo cycle must not take.
+//! thread, which it unparks: waking a task takes locks that a servo cycle must not take. It runs with real-time
+//! priority where the operating system allows it.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use plc_api::types::request::{Durations, ServoTiming};
 use tandem_servo::Servo;
 use tokio::sync::Notify;
 
-/// Buckets of the wake-up histogram: bucket `n` counts wake-ups that came 2^n to 2^(n+1) microseconds late.
+/// Real-time priority of the servo thread, 0 to 99: above what a desktop or server runs, below the kernel's own work.
+const PRIORITY: u8 = 80;
+
+/// Buckets of a histogram: bucket `n` counts times of 2^n to 2^(n+1) microseconds, the first one all below, the last
+/// one all above.
 pub const JITTER_BUCKETS: usize = 16;
 
 /// How punctual the servo thread is. Read at any time.
@@ -19,24 +25,69 @@ pub const JITTER_BUCKETS: usize = 16;
 pub struct ServoStatistics {
     /// Servo cycles since the start.
     pub cycles: AtomicU64,
-    /// Cycles that began more than one period late.
+    /// Cycles that were not finished when the next one was due.
     pub overruns: AtomicU64,
-    /// Latest wake-up so far, ns after its time.
-    pub jitter_max_ns: AtomicU64,
-    /// Wake-ups by lateness.
-    pub jitter: [AtomicU64; JITTER_BUCKETS],
+    /// How late after its time each cycle began.
+    pub lateness: Measured,
+    /// How long each cycle took.
+    pub computing: Measured,
+}
+
+/// Times that were measured.
+#[derive(Debug, Default)]
+pub struct Measured {
+    /// The longest so far, ns.
+    pub max_ns: AtomicU64,
+    /// All of them, ns.
+    pub sum_ns: AtomicU64,
+    /// By size.
+    pub buckets: [AtomicU64; JITTER_BUCKETS],
+}
+
+impl Measured {
+    fn count(&self, time: Duration) {
+        let time_ns = u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
+        self.max_ns.fetch_max(time_ns, Ordering::Relaxed);
+        self.sum_ns.fetch_add(time_ns, Ordering::Relaxed);
+        let bucket = ((time_ns / 1000).max(1).ilog2() as usize).min(JITTER_BUCKETS - 1);
+        self.buckets[bucket].fetch_add(1, Ordering::Relaxed);
+    }
+
+    fn durations(&self) -> Durations {
+        let bound_s = |n: usize| {
+            if n + 1 < JITTER_BUCKETS {
+                f64::from(2_u32 << n) / 1e6
+            } else {
+                f64::INFINITY
+            }
+        };
+        let counts = self.buckets.iter().map(|bucket| bucket.load(Ordering::Relaxed));
+        Durations {
+            buckets: counts.enumerate().map(|(n, count)| (bound_s(n), count)).collect(),
+            sum_s: self.sum_ns.load(Ordering::Relaxed) as f64 / 1e9,
+            max_s: self.max_ns.load(Ordering::Relaxed) as f64 / 1e9,
+        }
+    }
 }
 
 impl ServoStatistics {
-    fn count(&self, late: Duration, period: Duration) {
-        let late_ns = u64::try_from(late.as_nanos()).unwrap_or(u64::MAX);
+    fn count(&self, late: Duration, computing: Duration, period: Duration) {
         self.cycles.fetch_add(1, Ordering::Relaxed);
-        self.jitter_max_ns.fetch_max(late_ns, Ordering::Relaxed);
-        if late > period {
+        self.lateness.count(late);
+        self.computing.count(computing);
+        if late + computing > period {
             self.overruns.fetch_add(1, Ordering::Relaxed);
         }
-        let bucket = ((late_ns / 1000).max(1).ilog2() as usize).min(JITTER_BUCKETS - 1);
-        self.jitter[bucket].fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// The statistics as a server end shows them.
+    pub(crate) fn timing(&self, period: Duration) -> ServoTiming {
+        ServoTiming {
+            period_s: period.as_secs_f64(),
+            overruns: self.overruns.load(Ordering::Relaxed),
+            lateness: self.lateness.durations(),
+            computing: self.computing.durations(),
+        }
     }
 }
 
@@ -45,18 +96,20 @@ impl ServoStatistics {
 pub struct ServoThread {
     stop: Arc<AtomicBool>,
     threads: Vec<JoinHandle<()>>,
-    /// How punctual it is.
-    pub statistics: Arc<ServoStatistics>,
 }
 
 impl ServoThread {
-    /// Starts the thread. `wake` are the tasks' signals, one for each coordinate system.
+    /// Starts the thread, which counts into `statistics`. `wake` are the tasks' signals, one for each coordinate system.
     ///
     /// # Errors
     /// The operating system gives no thread.
-    pub fn start(mut servo: Servo, period: Duration, wake: Vec<Arc<Notify>>) -> std::io::Result<Self> {
+    pub fn start(
+        mut servo: Servo,
+        period: Duration,
+        wake: Vec<Arc<Notify>>,
+        statistics: Arc<ServoStatistics>,
+    ) -> std::io::Result<Self> {
         let stop = Arc::new(AtomicBool::new(false));
-        let statistics = Arc::new(ServoStatistics::default());
         let relay_stop = Arc::clone(&stop);
         let relay = std::thread::Builder::new()
             .name("servo-relay".into())
@@ -69,8 +122,9 @@ impl ServoThread {
                 }
             })?;
         let relay_thread = relay.thread().clone();
-        let (servo_stop, servo_statistics) = (Arc::clone(&stop), Arc::clone(&statistics));
+        let servo_stop = Arc::clone(&stop);
         let cycles = std::thread::Builder::new().name("servo".into()).spawn(move || {
+            ask_for_real_time();
             let mut next = Instant::now() + period;
             while !servo_stop.load(Ordering::Acquire) {
                 let now = Instant::now();
@@ -78,8 +132,10 @@ impl ServoThread {
                     std::thread::sleep(next - now);
                 }
                 let late = next.elapsed();
-                servo_statistics.count(late, period);
-                if servo.cycle() {
+                let begun = Instant::now();
+                let told = servo.cycle();
+                statistics.count(late, begun.elapsed(), period);
+                if told {
                     relay_thread.unpark();
                 }
                 next += period;
@@ -92,10 +148,37 @@ impl ServoThread {
         Ok(Self {
             stop,
             threads: vec![cycles, relay],
-            statistics,
         })
     }
 }
+
+/// First come, first served, before all ordinary threads. Without the permission the thread runs as an ordinary one.
+#[cfg(unix)]
+fn ask_for_real_time() {
+    use thread_priority::unix::{
+        RealtimeThreadSchedulePolicy, ThreadSchedulePolicy, set_thread_priority_and_policy, thread_native_id,
+    };
+    use thread_priority::{ThreadPriority, ThreadPriorityValue};
+
+    let policy = ThreadSchedulePolicy::Realtime(RealtimeThreadSchedulePolicy::Fifo);
+    let asked = ThreadPriorityValue::try_from(PRIORITY).and_then(|priority| {
+        let priority = ThreadPriority::Crossplatform(priority);
+        set_thread_priority_and_policy(thread_native_id(), priority, policy)
+            .map_err(|error| error.to_string())
+    });
+    match asked {
+        Ok(()) => tracing::debug!("the servo thread has real-time priority"),
+        Err(error) => tracing::info!(
+            error,
+            "the servo thread has no real-time priority and may be late under load; allow it with \
+             `setcap cap_sys_nice+ep` on the program, or an rtprio limit"
+        ),
+    }
+}
+
+/// There is no such priority that every other system grants.
+#[cfg(not(unix))]
+fn ask_for_real_time() {}
 
 impl Drop for ServoThread {
     fn drop(&mut self) {
@@ -105,5 +188,42 @@ impl Drop for ServoThread {
             // A panic of the servo thread has been reported by its own message; nothing is left to do here.
             let _ = thread.join();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cycle_that_is_not_finished_when_the_next_is_due_is_an_overrun() {
+        let statistics = ServoStatistics::default();
+        let (us, period) = (Duration::from_micros, Duration::from_millis(1));
+        for (late, computing) in [(1, 999), (0, 1001), (600, 500), (70_000, 3)] {
+            statistics.count(us(late), us(computing), period);
+        }
+        let timing = statistics.timing(period);
+        assert_eq!(timing.overruns, 3);
+        assert!((timing.period_s - 0.001).abs() < 1e-12);
+        let in_buckets = |durations: &Durations| -> Vec<(f64, u64)> {
+            durations
+                .buckets
+                .iter()
+                .copied()
+                .filter(|(_, count)| *count > 0)
+                .collect()
+        };
+        // below 2 us, 512 to 1024 us, above 32.768 ms
+        assert_eq!(
+            in_buckets(&timing.lateness),
+            [(2e-6, 2), (1024e-6, 1), (f64::INFINITY, 1)]
+        );
+        assert_eq!(
+            in_buckets(&timing.computing),
+            [(4e-6, 1), (512e-6, 1), (1024e-6, 2)]
+        );
+        assert_eq!(timing.lateness.buckets.len(), JITTER_BUCKETS);
+        assert!((timing.lateness.sum_s - 0.070_601).abs() < 1e-12);
+        assert!((timing.lateness.max_s - 0.07).abs() < 1e-12);
     }
 }

@@ -1,7 +1,7 @@
 //! What all coordinate systems, the port and the server ends share.
 
 use std::collections::{BTreeMap, VecDeque};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, SystemTime};
 
 use plc_api::handshake::Now;
@@ -13,13 +13,15 @@ use plc_api::types::output::HandlerPresence;
 use plc_api::types::topic::Topic;
 use plc_api::types::{BootId, CoordinateSystemNumber, Timestamp};
 use tandem_model::alarm::ALARMS;
-use tandem_model::variables::{GLOBAL_VARIABLES, VariableArray};
 use tokio_util::sync::CancellationToken;
 
 use crate::clock::Clock;
 use crate::config::Machine;
 use crate::journal::{Entry, Journal};
+use crate::persistence::{Keeper, Restored};
 use crate::program_store::ProgramStore;
+use crate::servo_thread::ServoStatistics;
+use crate::tables::Tables;
 
 /// Alarms kept after they were cleared. The oldest are forgotten.
 pub const ALARM_HISTORY_MAX: usize = 1000;
@@ -42,8 +44,13 @@ pub(crate) struct Shared {
     pub clock: Clock,
     pub store: ProgramStore,
     pub journal: Journal,
-    /// P variables, of all coordinate systems.
-    pub global_variables: VariableArray,
+    /// How punctual the servo thread is; nothing in simulated time.
+    pub servo: Arc<ServoStatistics>,
+    pub tables: Tables,
+    /// Writes what is kept; none in simulated time and without a data folder.
+    pub keeper: OnceLock<Keeper>,
+    /// Tools in the spindles and last runs, from before this start.
+    pub restored: Restored,
     /// Cancelled when the runtime stops.
     pub closing: CancellationToken,
     alarms: Mutex<Alarms>,
@@ -71,15 +78,19 @@ impl Shared {
         clock: Clock,
         store: ProgramStore,
         journal: Journal,
+        (tables, restored): (Tables, Restored),
     ) -> Self {
         Self {
+            tables,
+            keeper: OnceLock::new(),
+            restored,
             machine,
             boot_id,
             hub: Hub::new(),
             clock,
             store,
             journal,
-            global_variables: VariableArray::new(GLOBAL_VARIABLES),
+            servo: Arc::default(),
             closing: CancellationToken::new(),
             alarms: Mutex::default(),
             handlers: Mutex::default(),
@@ -126,11 +137,21 @@ impl Shared {
 
     /// Writes a line of the journal.
     pub fn record(&self, cs: CoordinateSystemNumber, entry: &Entry) {
-        self.journal.record(self.clock.now_s(), cs, entry);
+        self.journal.record(self.now(), cs, entry);
     }
 
     /// Raises an alarm or a warning; a warning is in the history only.
     pub fn raise(&self, record: AlarmRecord) -> AlarmRecord {
+        let stands = record.severity == AlarmSeverity::Alarm;
+        self.raise_for(record, stands)
+    }
+
+    /// Raises a warning that stands among the active alarms until a reset, and prevents nothing.
+    pub fn raise_standing(&self, record: AlarmRecord) -> AlarmRecord {
+        self.raise_for(record, true)
+    }
+
+    fn raise_for(&self, record: AlarmRecord, stands: bool) -> AlarmRecord {
         let mut alarms = lock(&self.alarms);
         alarms.next_id += 1;
         let entry = ALARMS.iter().find(|entry| entry.number == record.number);
@@ -144,7 +165,7 @@ impl Shared {
         if alarms.history.len() > ALARM_HISTORY_MAX {
             alarms.history.pop_front();
         }
-        if record.severity == AlarmSeverity::Alarm {
+        if stands {
             alarms.active.push(record.clone());
         }
         self.publish_alarms(&alarms, &record);
@@ -192,8 +213,11 @@ impl Shared {
         self.publish(Topic::AlarmEvent, Payload::AlarmEvent(changed.clone()));
     }
 
+    /// Alarms of a coordinate system that are active; warnings do not count.
     pub fn alarm_count(&self, cs: CoordinateSystemNumber) -> u32 {
-        let of_cs = |alarm: &&AlarmRecord| alarm.cs.is_none_or(|number| number == cs);
+        let of_cs = |alarm: &&AlarmRecord| {
+            alarm.severity == AlarmSeverity::Alarm && alarm.cs.is_none_or(|number| number == cs)
+        };
         u32::try_from(lock(&self.alarms).active.iter().filter(of_cs).count()).unwrap_or(u32::MAX)
     }
 

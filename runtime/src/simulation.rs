@@ -73,7 +73,8 @@ impl Simulation {
         self.cycles() * self.period_ns >= self.limit_ns
     }
 
-    fn cycles(&self) -> u64 {
+    /// Servo cycles counted so far.
+    pub(crate) fn cycles(&self) -> u64 {
         self.servo.lock().unwrap_or_else(PoisonError::into_inner).cycles
     }
 
@@ -90,7 +91,7 @@ impl Simulation {
                 self.stalled.notify_one();
                 return;
             }
-            servo.cycles += 1;
+            servo.cycles += self.pass(&mut servo, now_ns) + 1;
             let events = servo.servo.cycle();
             self.clock.set_ns(servo.cycles * self.period_ns);
             let SimulatedServo { servo, on_cycle, .. } = &mut *servo;
@@ -104,6 +105,17 @@ impl Simulation {
                 return;
             }
         }
+    }
+
+    /// Cycles before the next sleeper is due in which nothing happens pass at once; a trace wants each of them.
+    fn pass(&self, servo: &mut SimulatedServo, now_ns: u64) -> u64 {
+        let Some(due_ns) = self.clock.next_due_ns().filter(|_| servo.on_cycle.is_none()) else {
+            return 0;
+        };
+        let left_ns = due_ns.min(self.limit_ns).saturating_sub(now_ns);
+        servo
+            .servo
+            .pass(left_ns.div_ceil(self.period_ns).saturating_sub(1))
     }
 }
 

@@ -7,7 +7,8 @@ use tandem_gateway::{Gateway, GatewaySettings, MqttSettings};
 use tandem_runtime::{Config, Runtime};
 use tempfile::TempDir;
 
-const CONFIG: &str = r#"
+/// One coordinate system of three axes.
+pub const CONFIG: &str = r#"
 [machine]
 name = "bench"
 
@@ -44,8 +45,7 @@ pub struct Machine {
 impl Machine {
     /// Starts it in real time.
     pub async fn start() -> anyhow::Result<Machine> {
-        let folder = tempfile::tempdir()?;
-        let runtime = Runtime::start(Config::from_toml(CONFIG, folder.path())?).await?;
+        let (runtime, folder) = alone(CONFIG).await?;
         let settings = GatewaySettings {
             machine: "bench".to_owned(),
             http_listen: "127.0.0.1:0".to_owned(),
@@ -82,6 +82,13 @@ impl Machine {
         self.runtime.shutdown().await;
         self.gateway.shutdown().await;
     }
+}
+
+/// A runtime without server ends, in real time, and the folder that it keeps its programs in.
+pub async fn alone(config: &str) -> anyhow::Result<(Runtime, TempDir)> {
+    let folder = tempfile::tempdir()?;
+    let runtime = Runtime::start(Config::from_toml(config, folder.path())?).await?;
+    Ok((runtime, folder))
 }
 
 /// Runs a future as `tandem serve` runs: on as many threads as there are processors.

@@ -1,8 +1,8 @@
 //! What a user feels of the runtime as a whole, measured in real time. Run it on a quiet machine:
 //!
 //! ```text
-//! cargo bench -p tandem-runtime --bench runtime              all, about 45 s
-//! cargo bench -p tandem-runtime --bench runtime -- m_code    one of: m_code servo rest
+//! cargo bench -p tandem-runtime --bench runtime              all, about 60 s
+//! cargo bench -p tandem-runtime --bench runtime -- m_code    one of: m_code many servo rest program
 //! ```
 //!
 //! Each part says in its own docs what it measures, and what was measured where.
@@ -10,6 +10,8 @@
 mod http;
 mod m_code;
 mod machine;
+mod many;
+mod program;
 mod rest;
 mod servo;
 mod table;
@@ -30,11 +32,17 @@ fn main() -> anyhow::Result<()> {
     if is_wanted("m_code") {
         in_real_time(m_code::run())?;
     }
+    if is_wanted("many") {
+        in_real_time(many::run())?;
+    }
     if is_wanted("servo") {
         in_real_time(servo::run())?;
     }
     if is_wanted("rest") {
         in_real_time(rest::run())?;
+    }
+    if is_wanted("program") {
+        in_real_time(program::run())?;
     }
     Ok(())
 }

@@ -1,27 +1,35 @@
-//! The embedded MQTT broker: on the loopback only, in memory only, anonymous because of the loopback only.
+//! The embedded MQTT broker, in memory only. With tokens a user is the name of a token, and its password the token;
+//! without, it listens on the loopback only and lets everyone in. Only the runtime itself says state.
 //!
 //! Every setting of the broker is set here, since its defaults listen on all addresses and write files.
 //! It refuses what no broker of ours may hold: a command, claim or set with the retain flag, which would be carried
 //! out again at a later start.
 
+use std::collections::HashMap;
 use std::future::Future;
 use std::net::SocketAddr;
 use std::pin::Pin;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use mqtt5::broker::auth::AuthResult;
 use mqtt5::broker::config::{AuthConfig, AuthMethod, RateLimitConfig, StorageBackend, StorageConfig};
-use mqtt5::broker::events::{BrokerEventHandler, ClientPublishEvent, PublishAction};
+use mqtt5::broker::events::{
+    BrokerEventHandler, ClientConnectEvent, ClientDisconnectEvent, ClientPublishEvent, PublishAction,
+};
 use mqtt5::broker::{AuthProvider, BrokerConfig, BrokerShutdownHandle, MqttBroker};
 use mqtt5::packet::connect::ConnectPacket;
 use mqtt5::types::ReasonCode;
+use subtle::ConstantTimeEq;
 use tokio::net::TcpListener;
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 use tracing::warn;
 
+use crate::access::topics::{may_publish, may_say, may_subscribe};
+use crate::access::{Rate, Tokens, User, random_secret};
 use crate::error::GatewayError;
+use crate::mqtt::inbound;
 use crate::settings::{MQTT_LISTEN, listen_error};
 
 /// Clients that may be connected; more are refused.
@@ -46,11 +54,31 @@ const STOP_MAX: Duration = Duration::from_secs(2);
 /// A message that the broker refused: its topic and payload.
 pub(crate) type Refused = (String, Vec<u8>);
 
+/// Messages of one client: at once, and a second after that. More are taken later, which the client feels as a slow
+/// broker: over MQTT 3.1.1 one that is refused would be lost without a word. Reason: one process may serve 8 coordinate
+/// systems of 200 M codes a second, each with a claim and a reset.
+const CLIENT_BURST: u32 = 10_000;
+const CLIENT_PER_SECOND: u32 = 5000;
+
+/// User of the runtime's own connection. No token has this name.
+const RUNTIME_USER: &str = "$runtime";
+
+/// Whom the broker lets in, and what is kept from it.
+pub(crate) struct BrokerAccess {
+    /// Topic root of the machine, with its last slash.
+    pub(crate) root: String,
+    /// Client id of the runtime's own connection, which nobody else may use.
+    pub(crate) runtime_client_id: String,
+    /// Users; `None`: everyone.
+    pub(crate) tokens: Option<Arc<Tokens>>,
+}
+
 /// The embedded broker while it runs.
 #[derive(Debug)]
 pub(crate) struct Broker {
     addr: SocketAddr,
     handle: Handle,
+    secret: String,
     task: JoinHandle<()>,
 }
 
@@ -63,14 +91,20 @@ impl std::fmt::Debug for Handle {
 }
 
 impl Broker {
-    /// Starts the broker. Topics for which `is_inbound` holds may not be published with the retain flag; such
-    /// messages go to `refused`, as far as there is room.
+    /// Starts the broker. Commands with the retain flag go to `refused`, as far as there is room.
     pub(crate) async fn start(
         address: SocketAddr,
-        is_inbound: Arc<dyn Fn(&str) -> bool + Send + Sync>,
+        access: BrokerAccess,
         refused: mpsc::Sender<Refused>,
     ) -> Result<Broker, GatewayError> {
-        let guard = Arc::new(Guard { is_inbound, refused });
+        let secret = random_secret()?;
+        let guard = Arc::new(Guard {
+            access,
+            secret: secret.clone(),
+            refused,
+            rates: Mutex::default(),
+            owners: Mutex::default(),
+        });
         let broker = match MqttBroker::with_config(config(address, Arc::clone(&guard))).await {
             Ok(broker) => broker,
             Err(error) => return Err(why_not(address, &error).await),
@@ -86,12 +120,22 @@ impl Broker {
         });
         // false only when its task has ended already, which is logged there
         let _ = ready.wait_for(|ready| *ready).await;
-        Ok(Broker { addr, handle, task })
+        Ok(Broker {
+            addr,
+            handle,
+            secret,
+            task,
+        })
     }
 
     /// Where it listens.
     pub(crate) fn addr(&self) -> SocketAddr {
         self.addr
+    }
+
+    /// User and password of the runtime's own connection.
+    pub(crate) fn runtime_credentials(&self) -> (String, String) {
+        (RUNTIME_USER.to_owned(), self.secret.clone())
     }
 
     /// Closes all connections and stops.
@@ -161,26 +205,171 @@ fn config(address: SocketAddr, guard: Arc<Guard>) -> BrokerConfig {
     }
 }
 
-/// Lets everyone in, and refuses commands with the retain flag.
+/// Lets users in, to their topics only, and refuses commands with the retain flag.
 struct Guard {
-    is_inbound: Arc<dyn Fn(&str) -> bool + Send + Sync>,
+    access: BrokerAccess,
+    secret: String,
     refused: mpsc::Sender<Refused>,
+    // by client id; at most as many as may be connected
+    rates: Mutex<HashMap<Arc<str>, Arc<Rate>>>,
+    // user by client id while it is connected
+    owners: Mutex<HashMap<Arc<str>, Option<Arc<str>>>>,
+}
+
+/// Who speaks on a connection.
+enum Speaker {
+    Runtime,
+    User(User),
+}
+
+impl Guard {
+    /// Who a user id of [`Guard::authenticate`] is; `None` for one that is not known.
+    fn speaker(&self, user_id: Option<&str>) -> Option<Speaker> {
+        match (user_id, &self.access.tokens) {
+            (Some(RUNTIME_USER), _) => Some(Speaker::Runtime),
+            (_, None) => Some(Speaker::User(User::anyone())),
+            (Some(name), Some(tokens)) => tokens.role_of(name).map(|role| {
+                Speaker::User(User {
+                    name: Some(name.to_owned()),
+                    role,
+                })
+            }),
+            (None, Some(_)) => None,
+        }
+    }
+
+    /// The user id of a connection that may come in.
+    fn let_in(&self, connect: &ConnectPacket) -> Result<Option<String>, (ReasonCode, String)> {
+        let password = connect.password.as_deref().unwrap_or_default();
+        let name = connect.username.as_deref();
+        if name == Some(RUNTIME_USER) {
+            let right = bool::from(password.ct_eq(self.secret.as_bytes()));
+            let wrong = (
+                ReasonCode::BadUsernameOrPassword,
+                "that user is the runtime's own".to_owned(),
+            );
+            return if right {
+                Ok(name.map(ToOwned::to_owned))
+            } else {
+                Err(wrong)
+            };
+        }
+        if connect.client_id == self.access.runtime_client_id {
+            let text = "that client id is the runtime's own".to_owned();
+            return Err((ReasonCode::ClientIdentifierNotValid, text));
+        }
+        let user = match &self.access.tokens {
+            None => None,
+            Some(tokens) => match tokens.user_of(password).and_then(|user| user.name) {
+                Some(user) if name == Some(&user) => Some(user),
+                _ => {
+                    let text = "user and password are not name and token of a [[token]]".to_owned();
+                    return Err((ReasonCode::BadUsernameOrPassword, text));
+                }
+            },
+        };
+        let owners = self.owners.lock().unwrap_or_else(PoisonError::into_inner);
+        let owner = owners.get(connect.client_id.as_str()).cloned();
+        drop(owners);
+        if owner.is_some_and(|owner| owner.as_deref() != user.as_deref()) {
+            // a second connection of one client id ends the first
+            let text = "its client id is in use by another user".to_owned();
+            return Err((ReasonCode::ClientIdentifierNotValid, text));
+        }
+        match &connect.will {
+            Some(will) if will.retain && self.is_inbound(&will.topic) => {
+                let text = format!(
+                    "its will on {} has the retain flag, which commands may not have",
+                    will.topic
+                );
+                Err((ReasonCode::NotAuthorized, text))
+            }
+            Some(will) if !self.may_publish(user.as_deref(), &will.topic) => {
+                let text = format!("it may not publish its will on {}", will.topic);
+                Err((ReasonCode::NotAuthorized, text))
+            }
+            _ => Ok(user),
+        }
+    }
+
+    fn is_inbound(&self, topic: &str) -> bool {
+        topic
+            .strip_prefix(&self.access.root)
+            .is_some_and(inbound::is_inbound)
+    }
+
+    fn may_publish(&self, user_id: Option<&str>, topic: &str) -> bool {
+        match self.speaker(user_id) {
+            Some(Speaker::Runtime) => true,
+            Some(Speaker::User(user)) => may_publish(&user, &self.access.root, topic),
+            None => false,
+        }
+    }
+
+    /// True for a message that the broker must not carry; then it is dealt with.
+    fn keeps_back(&self, event: &ClientPublishEvent) -> bool {
+        if event.retain && !event.payload.is_empty() && self.is_inbound(&event.topic) {
+            // when nobody takes them any more, refusing without a word is enough
+            let _ = self
+                .refused
+                .try_send((event.topic.to_string(), event.payload.to_vec()));
+            return true;
+        }
+        let path = event.topic.strip_prefix(&self.access.root);
+        let (Some(Speaker::User(user)), Some(path)) = (self.speaker(event.user_id.as_deref()), path) else {
+            return false;
+        };
+        match may_say(&user, path, &event.payload) {
+            Ok(()) => false,
+            Err(text) => {
+                warn!("MQTT message on {} refused: {text}", event.topic);
+                true
+            }
+        }
+    }
+
+    fn rate_of(&self, client_id: &Arc<str>) -> Arc<Rate> {
+        let mut rates = self.rates.lock().unwrap_or_else(PoisonError::into_inner);
+        let new = || Arc::new(Rate::new(CLIENT_BURST, CLIENT_PER_SECOND));
+        Arc::clone(rates.entry(Arc::clone(client_id)).or_insert_with(new))
+    }
 }
 
 type Answer<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;
 
 impl BrokerEventHandler for Guard {
     fn on_client_publish(&self, event: ClientPublishEvent) -> Answer<'_, PublishAction> {
-        let action = if event.retain && !event.payload.is_empty() && (self.is_inbound)(&event.topic) {
-            // when nobody takes them any more, refusing without a word is enough
-            let _ = self
-                .refused
-                .try_send((event.topic.to_string(), event.payload.to_vec()));
-            PublishAction::Handled
-        } else {
-            PublishAction::Continue
-        };
-        Box::pin(std::future::ready(action))
+        Box::pin(async move {
+            // the runtime's own messages wait for nobody
+            if event.user_id.as_deref() != Some(RUNTIME_USER) {
+                let wait = self.rate_of(&event.client_id).owe();
+                if !wait.is_zero() {
+                    tokio::time::sleep(wait).await;
+                }
+            }
+            if self.keeps_back(&event) {
+                PublishAction::Handled
+            } else {
+                PublishAction::Continue
+            }
+        })
+    }
+
+    fn on_client_connect(&self, event: ClientConnectEvent) -> Answer<'_, ()> {
+        let mut owners = self.owners.lock().unwrap_or_else(PoisonError::into_inner);
+        owners.insert(event.client_id, event.user_id);
+        drop(owners);
+        Box::pin(std::future::ready(()))
+    }
+
+    fn on_client_disconnect(&self, event: ClientDisconnectEvent) -> Answer<'_, ()> {
+        let mut rates = self.rates.lock().unwrap_or_else(PoisonError::into_inner);
+        rates.remove(&event.client_id);
+        drop(rates);
+        let mut owners = self.owners.lock().unwrap_or_else(PoisonError::into_inner);
+        owners.remove(&event.client_id);
+        drop(owners);
+        Box::pin(std::future::ready(()))
     }
 }
 
@@ -188,30 +377,32 @@ impl AuthProvider for Guard {
     fn authenticate<'a>(
         &'a self,
         connect: &'a ConnectPacket,
-        _: SocketAddr,
+        address: SocketAddr,
     ) -> Answer<'a, mqtt5::Result<AuthResult>> {
-        let retained_will = connect
-            .will
-            .as_ref()
-            .filter(|will| will.retain && (self.is_inbound)(&will.topic));
-        let result = match retained_will {
-            Some(will) => {
+        let result = match self.let_in(connect) {
+            Ok(Some(user)) => AuthResult::success_with_user(user),
+            Ok(None) => AuthResult::success(),
+            Err((code, text)) => {
                 warn!(
-                    "MQTT client {} refused: its will on {} has the retain flag, which commands may not have",
-                    connect.client_id, will.topic
+                    "MQTT client {:.64} at {address} refused: {text}",
+                    connect.client_id
                 );
-                AuthResult::fail(ReasonCode::NotAuthorized)
+                AuthResult::fail(code)
             }
-            None => AuthResult::success(),
         };
         Box::pin(std::future::ready(Ok(result)))
     }
 
-    fn authorize_publish<'a>(&'a self, _: &str, _: Option<&'a str>, _: &'a str) -> Answer<'a, bool> {
-        Box::pin(std::future::ready(true))
+    fn authorize_publish<'a>(&'a self, _: &str, user: Option<&'a str>, topic: &'a str) -> Answer<'a, bool> {
+        Box::pin(std::future::ready(self.may_publish(user, topic)))
     }
 
-    fn authorize_subscribe<'a>(&'a self, _: &str, _: Option<&'a str>, _: &'a str) -> Answer<'a, bool> {
-        Box::pin(std::future::ready(true))
+    fn authorize_subscribe<'a>(&'a self, _: &str, user: Option<&'a str>, _: &'a str) -> Answer<'a, bool> {
+        let may = match self.speaker(user) {
+            Some(Speaker::Runtime) => true,
+            Some(Speaker::User(user)) => may_subscribe(&user),
+            None => false,
+        };
+        Box::pin(std::future::ready(may))
     }
 }

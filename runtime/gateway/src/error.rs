@@ -16,9 +16,9 @@ pub enum GatewayError {
         /// The address of the setting.
         address: SocketAddr,
     },
-    /// The address is one that the network may reach.
+    /// The address is one that the network may reach, and there are no tokens.
     #[error(
-        "{setting} = \"{address}\" can be reached from the network, which this version does not allow, since it has no users; write 127.0.0.1 or [::1] with a port"
+        "{setting} = \"{address}\" can be reached from the network, which needs users: make tokens with tandem token and name their file in [http] token_file, or write 127.0.0.1 or [::1] with a port"
     )]
     NotLoopback {
         /// The setting.
@@ -36,6 +36,12 @@ pub enum GatewayError {
         /// What is wrong, and what to write.
         text: String,
     },
+    /// A file of TLS cannot be used.
+    #[error("[mqtt] {0}")]
+    Tls(String),
+    /// No secret for the runtime's own connection to the embedded broker.
+    #[error("the runtime cannot log in at its embedded broker: {0}")]
+    Secret(#[from] crate::access::TokenError),
     /// The system refuses to listen there.
     #[error("{setting} = \"{address}\": cannot listen there: {source}")]
     Listen {

@@ -32,6 +32,10 @@ pub(crate) fn routes() -> Router<Arc<Shared>> {
             get(|headers: HeaderMap| async move { serve("index.html", &headers) }),
         )
         .route(
+            "/api",
+            get(|headers: HeaderMap| async move { serve("api.html", &headers) }),
+        )
+        .route(
             "/{*path}",
             get(|Path(path): Path<String>, headers: HeaderMap| async move { serve(&path, &headers) }),
         )

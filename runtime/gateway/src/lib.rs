@@ -3,7 +3,9 @@
 //! They know `plc_api` only and serve any [`Port`]: the runtime's, or one of a test. [`Gateway::start`] opens the
 //! listeners; from there `rest` leads to every HTTP route, `websocket` and `hmi`, and `mqtt` to the broker.
 
+mod access;
 mod broker;
+mod contract;
 mod error;
 mod hmi;
 mod metrics;
@@ -25,18 +27,20 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use plc_api::port::Port;
+use rumqttc::Transport;
 use tokio::net::TcpListener;
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
-use tracing::warn;
 
-use broker::Broker;
-use mqtt::{MqttEnd, inbound};
+use access::http::Access;
+use broker::{Broker, BrokerAccess, Refused};
+use mqtt::{BrokerAddress, MqttEnd};
 use server::LimitedListener;
-use settings::{HTTP_LISTEN, MQTT_LISTEN, listen_error, loopback};
+use settings::{HTTP_LISTEN, MQTT_LISTEN, listen_address, listen_error};
 use shared::Shared;
 
+pub use access::{NewToken, Role, TokenError, Tokens, mosquitto_acl, new_token};
 pub use error::GatewayError;
 pub use settings::{GatewaySettings, MqttSettings};
 
@@ -69,56 +73,47 @@ impl Gateway {
     /// A setting cannot be used, or a port is taken; nothing is left running.
     pub async fn start(port: Arc<dyn Port>, settings: GatewaySettings) -> Result<Gateway, GatewayError> {
         settings.check()?;
-        let address = loopback(HTTP_LISTEN, &settings.http_listen)?;
+        let address = listen_address(HTTP_LISTEN, &settings.http_listen, settings.tokens.is_some())?;
         let listener = TcpListener::bind(address)
             .await
             .map_err(|source| listen_error(HTTP_LISTEN, address, source))?;
         let http_addr = listener
             .local_addr()
             .map_err(|source| listen_error(HTTP_LISTEN, address, source))?;
+        let transport = match &settings.mqtt.tls {
+            None => Transport::tcp(),
+            Some(files) => files.transport().map_err(GatewayError::Tls)?,
+        };
         let root = settings.mqtt.root(&settings.machine);
         let (refused_sender, refused) = mpsc::channel(mqtt::REFUSED_MAX);
-        let broker = match &settings.mqtt.embedded_listen {
-            None => None,
-            Some(listen) => {
-                let address = loopback(MQTT_LISTEN, listen)?;
-                let root = root.clone();
-                let is_inbound =
-                    move |topic: &str| topic.strip_prefix(&root).is_some_and(inbound::is_inbound);
-                Some(Broker::start(address, Arc::new(is_inbound), refused_sender).await?)
-            }
-        };
+        let broker = embedded_broker(&settings, refused_sender).await?;
+        let at = BrokerAddress::new(&settings.mqtt, broker.as_ref(), transport);
         let position_interval = Duration::from_millis(settings.position_interval_ms);
         let stop = CancellationToken::new();
         let shared = Arc::new(Shared::new(
             Arc::clone(&port),
             http_addr,
+            Access::new(settings.tokens),
             position_interval,
             stop.clone(),
         ));
-        let (host, tcp_port) = match &broker {
-            Some(broker) => (broker.addr().ip().to_string(), broker.addr().port()),
-            None => (settings.mqtt.host.clone(), settings.mqtt.port),
-        };
         let mqtt = MqttEnd::start(mqtt::Parts {
             port,
             settings: settings.mqtt,
             machine: settings.machine,
             root,
-            host,
-            tcp_port,
+            at,
             position_interval,
             refused,
             metrics: Arc::clone(&shared.metrics),
         });
         let router = rest::router(Arc::clone(&shared));
-        let http = tokio::spawn(async move {
-            let serve = axum::serve(LimitedListener::new(listener), router)
-                .with_graceful_shutdown(stop.cancelled_owned());
-            if let Err(error) = serve.await {
-                warn!("the HTTP server has ended: {error}");
-            }
-        });
+        let http = tokio::spawn(server::serve(
+            LimitedListener::new(listener),
+            router,
+            stop,
+            server::HEADER_MAX,
+        ));
         Ok(Gateway {
             http_addr,
             http,
@@ -156,4 +151,21 @@ impl Gateway {
             broker.stop().await;
         }
     }
+}
+
+/// The embedded broker, where the settings name one.
+async fn embedded_broker(
+    settings: &GatewaySettings,
+    refused: mpsc::Sender<Refused>,
+) -> Result<Option<Broker>, GatewayError> {
+    let Some(listen) = &settings.mqtt.embedded_listen else {
+        return Ok(None);
+    };
+    let address = listen_address(MQTT_LISTEN, listen, settings.tokens.is_some())?;
+    let access = BrokerAccess {
+        root: settings.mqtt.root(&settings.machine),
+        runtime_client_id: mqtt::client_id(&settings.mqtt, &settings.machine),
+        tokens: settings.tokens.clone(),
+    };
+    Broker::start(address, access, refused).await.map(Some)
 }

@@ -1,7 +1,9 @@
-//! Counters of the server ends, as Prometheus text.
+//! Counters of the server ends and the timing of the servo thread, as Prometheus text.
 
 use std::fmt::Write as _;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+
+use plc_api::types::request::{Durations, ServoTiming};
 
 /// Counters since the start.
 #[derive(Debug, Default)]
@@ -26,7 +28,7 @@ impl Metrics {
     }
 
     /// The text of `GET /metrics`.
-    pub(crate) fn text(&self) -> String {
+    pub(crate) fn text(&self, servo: Option<&ServoTiming>) -> String {
         let mut text = String::new();
         let mut put = |name: &str, kind: &str, help: &str, values: &[(String, u64)]| {
             // writing to a String cannot fail
@@ -88,8 +90,74 @@ impl Metrics {
             "Events dropped while the MQTT broker was away.",
             &one(get(&self.mqtt_events_lost)),
         );
+        if let Some(servo) = servo {
+            put_servo(&mut text, servo);
+        }
         text
     }
+}
+
+/// The metrics of the servo thread.
+fn put_servo(text: &mut String, servo: &ServoTiming) {
+    let number = |text: &mut String, name: &str, kind: &str, help: &str, value: f64| {
+        // writing to a String cannot fail
+        let _ = writeln!(text, "# HELP {name} {help}\n# TYPE {name} {kind}\n{name} {value}");
+    };
+    let period = "Servo period.";
+    number(
+        text,
+        "tandem_servo_period_seconds",
+        "gauge",
+        period,
+        servo.period_s,
+    );
+    let overruns = "Servo cycles that were not finished when the next one was due.";
+    number(
+        text,
+        "tandem_servo_overruns_total",
+        "counter",
+        overruns,
+        servo.overruns as f64,
+    );
+    for (name, what, durations) in [
+        (
+            "tandem_servo_wakeup_lateness",
+            "How late after its time a servo cycle began",
+            &servo.lateness,
+        ),
+        (
+            "tandem_servo_cycle",
+            "How long a servo cycle computed",
+            &servo.computing,
+        ),
+    ] {
+        put_histogram(text, &format!("{name}_seconds"), what, durations);
+        let most = format!("{what}, the most since the start.");
+        number(
+            text,
+            &format!("{name}_max_seconds"),
+            "gauge",
+            &most,
+            durations.max_s,
+        );
+    }
+}
+
+/// Buckets of a histogram count all that is not above their bound.
+fn put_histogram(text: &mut String, name: &str, help: &str, durations: &Durations) {
+    let _ = writeln!(text, "# HELP {name} {help}.\n# TYPE {name} histogram");
+    let mut count = 0;
+    for (bound_s, in_bucket) in &durations.buckets {
+        count += in_bucket;
+        let bound = if bound_s.is_finite() {
+            bound_s.to_string()
+        } else {
+            "+Inf".to_owned()
+        };
+        let _ = writeln!(text, "{name}_bucket{{le=\"{bound}\"}} {count}");
+    }
+    let sum_s = durations.sum_s;
+    let _ = writeln!(text, "{name}_sum {sum_s}\n{name}_count {count}");
 }
 
 /// Adds to a counter.

@@ -1,6 +1,8 @@
 //! Which web pages may talk to us: only our own. A page of another site open in the same browser must not be able
 //! to start a machine, neither by a request of its own (CSRF) nor by a name that it lets point to the loopback (DNS
-//! rebinding). So the Host must be a name of the loopback with our port, and an Origin, where there is one, the same.
+//! rebinding). So on the loopback the Host must be a name of the loopback with our port, and an Origin, where there is
+//! one, the same. Where the network is listened to, each request needs a token, which no other page has: there the
+//! Host may be any name of the machine, and an Origin must be that of the Host.
 
 use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
@@ -23,20 +25,27 @@ pub(crate) async fn guard(State(shared): State<Arc<Shared>>, request: Request, n
 
 fn check(headers: &HeaderMap, own: SocketAddr) -> Result<(), Problem> {
     let hosts: Vec<_> = headers.get_all(header::HOST).iter().collect();
-    let host_ok = matches!(hosts.as_slice(), [host] if host.to_str().is_ok_and(|host| is_own(host, own)));
-    if !host_ok {
+    let host = match hosts.as_slice() {
+        [host] => host.to_str().ok(),
+        _ => None,
+    };
+    let Some(host) = host.filter(|host| !own.ip().is_loopback() || is_own(host, own)) else {
         return Err(Problem::new(
             StatusCode::FORBIDDEN,
             "foreign_host",
             format!("the Host header does not name this server; call it as http://{own}"),
         ));
-    }
+    };
     let origin_ok = headers.get_all(header::ORIGIN).iter().all(|origin| {
-        origin
-            .to_str()
-            .ok()
-            .and_then(|origin| origin.strip_prefix("http://"))
-            .is_some_and(|host| is_own(host, own))
+        origin.to_str().ok().is_some_and(|origin| {
+            let page = origin.strip_prefix("http://");
+            if own.ip().is_loopback() {
+                page.is_some_and(|page| is_own(page, own))
+            } else {
+                // a proxy before us may speak https
+                page.or_else(|| origin.strip_prefix("https://")) == Some(host)
+            }
+        })
     });
     if origin_ok {
         Ok(())
@@ -130,6 +139,16 @@ mod tests {
         ] {
             let problem = check(&headers(&[host.clone(), (header::ORIGIN, origin)]), own).unwrap_err();
             assert_eq!(problem.status_and_code(), (403, "foreign_origin"), "{origin}");
+        }
+        let network: SocketAddr = "0.0.0.0:8080".parse().unwrap();
+        let by_name = (header::HOST, "mill-1.local:8080");
+        for (origin, allowed) in [
+            ("http://mill-1.local:8080", true),
+            ("http://evil.example", false),
+            ("null", false),
+        ] {
+            let headers = headers(&[by_name.clone(), (header::ORIGIN, origin)]);
+            assert_eq!(check(&headers, network).is_ok(), allowed, "{origin}");
         }
         for headers in [headers(&[(header::HOST, "evil.example:8080")]), HeaderMap::new()] {
             let problem = check(&headers, own).unwrap_err();

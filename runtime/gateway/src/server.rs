@@ -1,18 +1,24 @@
-//! The HTTP listener: connections are counted, and silent ones are closed.
+//! The HTTP server: connections are counted, silent ones are closed, and headers have limits.
 
+use std::collections::HashMap;
 use std::future::Future;
 use std::io;
-use std::net::SocketAddr;
+use std::net::IpAddr;
 use std::pin::Pin;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::task::{Context, Poll};
 use std::time::Duration;
 
-use axum::serve::Listener;
+use axum::Router;
+use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
+use hyper_util::server::conn::auto;
+use hyper_util::server::graceful::GracefulShutdown;
+use hyper_util::service::TowerToHyperService;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio::time::{Instant, Sleep};
+use tokio_util::sync::CancellationToken;
 
 /// Connections that may be open; more wait in the system's queue.
 const CONNECTIONS_MAX: usize = 256;
@@ -21,11 +27,98 @@ const CONNECTIONS_MAX: usize = 256;
 /// than the pings of a WebSocket are apart.
 const SILENCE_MAX: Duration = Duration::from_secs(75);
 
+/// Connections of one address but the loopback; more are closed at once. Reason: one host must not take them all.
+const CONNECTIONS_OF_ONE_MAX: usize = 64;
+
+/// Time for the head of a request to come in; then its connection is closed.
+pub(crate) const HEADER_MAX: Duration = Duration::from_secs(10);
+
+/// Header lines of one request; more are 431.
+const HEADER_LINES_MAX: usize = 64;
+
+/// Bytes of the head of one request; more are 431.
+const HEADER_BYTES_MAX: usize = 64 * 1024;
+
+/// Wait after the system gave no connection, such as for want of file handles.
+const ACCEPT_RETRY: Duration = Duration::from_millis(100);
+
+/// Serves until `stop`, then until the requests that run have ended. `header_max` is [`HEADER_MAX`].
+pub(crate) async fn serve(
+    listener: LimitedListener,
+    router: Router,
+    stop: CancellationToken,
+    header_max: Duration,
+) {
+    let mut builder = auto::Builder::new(TokioExecutor::new()).http1_only();
+    builder
+        .http1()
+        .timer(TokioTimer::new())
+        .header_read_timeout(header_max)
+        .max_headers(HEADER_LINES_MAX)
+        .max_buf_size(HEADER_BYTES_MAX);
+    let graceful = GracefulShutdown::new();
+    loop {
+        let connection = tokio::select! {
+            connection = listener.accept() => connection,
+            () = stop.cancelled() => break,
+        };
+        let service = TowerToHyperService::new(router.clone());
+        let serving = builder
+            .serve_connection_with_upgrades(TokioIo::new(connection), service)
+            .into_owned();
+        let serving = graceful.watch(serving);
+        // a connection that breaks is its client's affair
+        tokio::spawn(async move { serving.await.ok() });
+    }
+    drop(listener);
+    graceful.shutdown().await;
+}
+
 /// Accepts connections within the limits.
 #[derive(Debug)]
 pub(crate) struct LimitedListener {
     listener: TcpListener,
     places: Arc<Semaphore>,
+    of_one: OfOne,
+}
+
+/// Connections that are open by address.
+#[derive(Debug, Clone, Default)]
+struct OfOne(Arc<Mutex<HashMap<IpAddr, usize>>>);
+
+impl OfOne {
+    /// A place for one more of an address, if there is one.
+    fn place(&self, address: IpAddr) -> Option<PlaceOfOne> {
+        let mut counts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let count = counts.entry(address).or_default();
+        if *count >= CONNECTIONS_OF_ONE_MAX && !address.is_loopback() {
+            return None;
+        }
+        *count += 1;
+        Some(PlaceOfOne {
+            of_one: self.clone(),
+            address,
+        })
+    }
+}
+
+/// Gives the place back when it is dropped.
+#[derive(Debug)]
+struct PlaceOfOne {
+    of_one: OfOne,
+    address: IpAddr,
+}
+
+impl Drop for PlaceOfOne {
+    fn drop(&mut self) {
+        let mut counts = self.of_one.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(count) = counts.get_mut(&self.address) {
+            *count -= 1;
+            if *count == 0 {
+                counts.remove(&self.address);
+            }
+        }
+    }
 }
 
 impl LimitedListener {
@@ -33,29 +126,32 @@ impl LimitedListener {
         Self {
             listener,
             places: Arc::new(Semaphore::new(CONNECTIONS_MAX)),
+            of_one: OfOne::default(),
         }
     }
-}
 
-impl Listener for LimitedListener {
-    type Io = Connection;
-    type Addr = SocketAddr;
-
-    async fn accept(&mut self) -> (Connection, SocketAddr) {
+    async fn accept(&self) -> Connection {
         let place = Arc::clone(&self.places).acquire_owned().await.ok();
-        let (stream, address) = Listener::accept(&mut self.listener).await;
-        // without it answers are slower, but right
-        let _ = stream.set_nodelay(true);
-        let connection = Connection {
-            stream,
-            silence: Box::pin(tokio::time::sleep(SILENCE_MAX)),
-            _place: place,
-        };
-        (connection, address)
-    }
-
-    fn local_addr(&self) -> io::Result<SocketAddr> {
-        self.listener.local_addr()
+        loop {
+            let (stream, address) = match self.listener.accept().await {
+                Ok(accepted) => accepted,
+                Err(error) => {
+                    tracing::warn!("no HTTP connection accepted: {error}");
+                    tokio::time::sleep(ACCEPT_RETRY).await;
+                    continue;
+                }
+            };
+            let Some(of_one) = self.of_one.place(address.ip()) else {
+                continue;
+            };
+            // without it answers are slower, but right
+            let _ = stream.set_nodelay(true);
+            return Connection {
+                stream,
+                silence: Box::pin(tokio::time::sleep(SILENCE_MAX)),
+                _places: (place, of_one),
+            };
+        }
     }
 }
 
@@ -64,7 +160,7 @@ impl Listener for LimitedListener {
 pub(crate) struct Connection {
     stream: TcpStream,
     silence: Pin<Box<Sleep>>,
-    _place: Option<OwnedSemaphorePermit>,
+    _places: (Option<OwnedSemaphorePermit>, PlaceOfOne),
 }
 
 impl Connection {
@@ -136,9 +232,9 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn a_silent_connection_is_closed() {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
-        let mut listener = LimitedListener::new(listener);
-        let address = Listener::local_addr(&listener).unwrap();
-        let (client, (mut connection, _)) = tokio::join!(TcpStream::connect(address), listener.accept());
+        let listener = LimitedListener::new(listener);
+        let address = listener.listener.local_addr().unwrap();
+        let (client, mut connection) = tokio::join!(TcpStream::connect(address), listener.accept());
         let begun = Instant::now();
         let error = connection.read_u8().await.unwrap_err();
         assert_eq!(error.kind(), io::ErrorKind::TimedOut);
@@ -149,11 +245,11 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn no_more_connections_are_accepted_than_the_limit() {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
-        let mut listener = LimitedListener::new(listener);
-        let address = Listener::local_addr(&listener).unwrap();
+        let listener = LimitedListener::new(listener);
+        let address = listener.listener.local_addr().unwrap();
         let mut open = Vec::new();
         for _ in 0..CONNECTIONS_MAX {
-            let (client, (connection, _)) = tokio::join!(TcpStream::connect(address), listener.accept());
+            let (client, connection) = tokio::join!(TcpStream::connect(address), listener.accept());
             open.push((client, connection));
         }
         let _waiting = TcpStream::connect(address).await.unwrap();

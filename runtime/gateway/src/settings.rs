@@ -1,7 +1,11 @@
 //! Settings of the server ends. The runtime fills them from its configuration file.
 
 use std::net::SocketAddr;
+use std::sync::Arc;
 
+use plc_api::TlsFiles;
+
+use crate::access::Tokens;
 use crate::error::GatewayError;
 
 /// Settings of all server ends of one machine.
@@ -13,6 +17,9 @@ pub struct GatewaySettings {
     pub http_listen: String,
     /// `[mqtt]`: the broker, embedded or external.
     pub mqtt: MqttSettings,
+    /// `[http] token_file`: who may do what over HTTP and on the embedded broker. `None`: everyone on the loopback
+    /// may do everything, and only the loopback may be listened on.
+    pub tokens: Option<Arc<Tokens>>,
     /// Least time between two positions of one coordinate system on MQTT and on a WebSocket, ms. 20 to 10 000.
     pub position_interval_ms: u64,
 }
@@ -27,6 +34,8 @@ pub struct MqttSettings {
     pub host: String,
     /// Port of the external broker.
     pub port: u16,
+    /// TLS to the external broker; `None`: without.
+    pub tls: Option<TlsFiles>,
     /// User at the external broker.
     pub username: Option<String>,
     /// Password at the external broker; never shown in a log.
@@ -44,6 +53,7 @@ impl Default for GatewaySettings {
             machine: "mill-1".to_owned(),
             http_listen: "127.0.0.1:8080".to_owned(),
             mqtt: MqttSettings::default(),
+            tokens: None,
             position_interval_ms: 100,
         }
     }
@@ -56,6 +66,7 @@ impl Default for MqttSettings {
             embedded_listen: Some("127.0.0.1:1883".to_owned()),
             host: "127.0.0.1".to_owned(),
             port: 1883,
+            tls: None,
             username: None,
             password: None,
             client_id: String::new(),
@@ -70,6 +81,7 @@ impl std::fmt::Debug for MqttSettings {
             .field("embedded_listen", &self.embedded_listen)
             .field("host", &self.host)
             .field("port", &self.port)
+            .field("tls", &self.tls)
             .field("username", &self.username)
             .field("password", &self.password.as_ref().map(|_| "hidden"))
             .field("client_id", &self.client_id)
@@ -121,7 +133,7 @@ impl GatewaySettings {
 
 impl MqttSettings {
     /// Root of all topics of a machine, with its last slash.
-    pub(crate) fn root(&self, machine: &str) -> String {
+    pub fn root(&self, machine: &str) -> String {
         let prefix = self.prefix.trim_matches('/');
         if prefix.is_empty() {
             format!("tandem/v1/{machine}/")
@@ -131,8 +143,12 @@ impl MqttSettings {
     }
 }
 
-/// The address of a listen setting, which must be on the loopback: this version has no users.
-pub(crate) fn loopback(setting: &'static str, value: &str) -> Result<SocketAddr, GatewayError> {
+/// The address of a listen setting, which must be on the loopback where there are no tokens.
+pub(crate) fn listen_address(
+    setting: &'static str,
+    value: &str,
+    has_tokens: bool,
+) -> Result<SocketAddr, GatewayError> {
     let with_name = value
         .strip_prefix("localhost:")
         .map(|port| format!("127.0.0.1:{port}"));
@@ -146,7 +162,7 @@ pub(crate) fn loopback(setting: &'static str, value: &str) -> Result<SocketAddr,
                 value: value.to_owned(),
                 text: "write an address and a port, such as 127.0.0.1:8080".to_owned(),
             })?;
-    if address.ip().is_loopback() {
+    if has_tokens || address.ip().is_loopback() {
         Ok(address)
     } else {
         Err(GatewayError::NotLoopback { setting, address })
@@ -175,15 +191,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_the_loopback_may_be_listened_on_and_the_refusal_names_the_setting() {
-        assert!(loopback(HTTP_LISTEN, "127.0.0.1:8080").is_ok());
-        assert!(loopback(HTTP_LISTEN, "[::1]:8080").is_ok());
-        assert!(loopback(HTTP_LISTEN, "localhost:0").is_ok());
-        for address in ["0.0.0.0:8080", "192.168.1.7:80", "[::]:8080"] {
-            let text = loopback(HTTP_LISTEN, address).unwrap_err().to_string();
-            assert!(text.contains("[http] listen") && text.contains(address), "{text}");
+    fn without_tokens_only_the_loopback_may_be_listened_on_and_the_refusal_names_the_setting() {
+        for address in ["127.0.0.1:8080", "[::1]:8080", "localhost:0"] {
+            assert!(listen_address(HTTP_LISTEN, address, false).is_ok());
         }
-        let text = loopback(MQTT_LISTEN, "here").unwrap_err().to_string();
+        for address in ["0.0.0.0:8080", "192.168.1.7:80", "[::]:8080"] {
+            let error = listen_address(HTTP_LISTEN, address, false).unwrap_err();
+            let text = error.to_string();
+            assert!(text.contains("[http] listen") && text.contains(address), "{text}");
+            assert!(text.contains("token_file"), "{text}");
+            assert!(listen_address(HTTP_LISTEN, address, true).is_ok());
+        }
+        let text = listen_address(MQTT_LISTEN, "here", true).unwrap_err().to_string();
         assert!(text.contains("[mqtt] listen") && text.contains("here"), "{text}");
     }
 

@@ -14,6 +14,7 @@ use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
+use crate::access::http::Access;
 use crate::metrics::Metrics;
 use crate::problem::Problem;
 
@@ -30,6 +31,7 @@ pub(crate) const WEBSOCKETS_MAX: usize = 64;
 pub(crate) struct Shared {
     pub(crate) port: Arc<dyn Port>,
     pub(crate) http_addr: SocketAddr,
+    pub(crate) access: Access,
     pub(crate) metrics: Arc<Metrics>,
     pub(crate) position_interval: Duration,
     pub(crate) uploads: Semaphore,
@@ -44,12 +46,14 @@ impl Shared {
     pub(crate) fn new(
         port: Arc<dyn Port>,
         http_addr: SocketAddr,
+        access: Access,
         position_interval: Duration,
         stop: CancellationToken,
     ) -> Self {
         Self {
             port,
             http_addr,
+            access,
             metrics: Arc::default(),
             position_interval,
             uploads: Semaphore::new(UPLOADS_MAX),

@@ -3,26 +3,36 @@
 //! The client sends `{"subscribe": ["cs/1/state", "cs/1/m_code/+/output"]}` and `{"unsubscribe": [...]}`; `+` stands
 //! for one level and a last `#` for all below. It gets `{"topic": "cs/1/state", "v": 1, ...}`: of each state first
 //! the full value, then every change. A slow reader is given the latest values: what waits for it is bounded by the
-//! hub. What cannot be understood is answered with `{"error": "..."}`.
+//! hub. `{"handler": {"id", "online", "handles", "validates"}}` is the presence of a handler that the client serves; it
+//! goes with the connection. `{"validate_result": {"cs", "m", "request_id", "handler_id", "ok", "text"}}` answers a
+//! `validate` message. Both ask for the rights of the topics of these names. What cannot be understood, or is refused, is
+//! answered with `{"error": "..."}`.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use axum::Router;
 use axum::extract::State;
 use axum::extract::ws::{CloseFrame, Message as Frame, Utf8Bytes, WebSocket, WebSocketUpgrade, close_code};
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
+use axum::{Extension, Router};
 use plc_api::hub::Filter;
+use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::message::Message;
+use plc_api::types::output::{HandledCode, HandlerPresence};
+use plc_api::types::question::ValidateResult;
+use plc_api::types::request::Request;
 use plc_api::types::topic::Topic;
 use serde::Deserialize;
 use serde_json::json;
 use tokio::time::{Instant, MissedTickBehavior};
 
+use crate::access::User;
+use crate::access::http::WEBSOCKET_PROTOCOL;
+use crate::access::topics::{may_publish, may_say, may_subscribe};
 use crate::metrics::add;
 use crate::position::Positions;
 use crate::problem::Problem;
@@ -33,6 +43,9 @@ const CLIENT_MESSAGE_MAX: usize = 64 * 1024;
 
 /// Patterns of one client; more are refused.
 const PATTERNS_MAX: usize = 256;
+
+/// Handlers that one client serves; more are refused.
+const HANDLERS_MAX: usize = 16;
 
 /// Time between pings.
 const PING_INTERVAL: Duration = Duration::from_secs(15);
@@ -49,6 +62,7 @@ pub(crate) fn routes() -> Router<Arc<Shared>> {
 
 async fn upgrade(
     State(shared): State<Arc<Shared>>,
+    Extension(user): Extension<User>,
     upgrade: Result<WebSocketUpgrade, axum::extract::ws::rejection::WebSocketUpgradeRejection>,
 ) -> Response {
     let upgrade = match upgrade {
@@ -67,12 +81,13 @@ async fn upgrade(
     };
     let tasks = shared.tasks.clone();
     upgrade
+        .protocols([WEBSOCKET_PROTOCOL])
         .max_message_size(CLIENT_MESSAGE_MAX)
         .max_frame_size(CLIENT_MESSAGE_MAX)
         .on_upgrade(move |socket| {
             tasks.track_future(async move {
                 add(&shared.metrics.websockets, 1);
-                Client::new(&shared).run(socket).await;
+                Client::new(&shared, user).run(socket).await;
                 shared.metrics.websockets.fetch_sub(1, Ordering::Relaxed);
                 drop(permit);
             })
@@ -87,27 +102,58 @@ struct Asked {
     subscribe: Vec<String>,
     #[serde(default)]
     unsubscribe: Vec<String>,
+    handler: Option<AnnouncedHandler>,
+    validate_result: Option<ValidatedCode>,
+}
+
+/// A handler that a client serves as long as it is connected.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct AnnouncedHandler {
+    id: String,
+    online: bool,
+    #[serde(default)]
+    handles: Vec<HandledCode>,
+    #[serde(default)]
+    validates: bool,
+}
+
+/// What a handler says of an M code that a program to be loaded holds.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ValidatedCode {
+    cs: CoordinateSystemNumber,
+    m: u16,
+    request_id: String,
+    handler_id: String,
+    ok: bool,
+    text: Option<String>,
 }
 
 /// One connection.
 struct Client {
     shared: Arc<Shared>,
+    user: User,
     patterns: BTreeSet<String>,
     // last value of every state, so that a later subscription starts with the full value
     states: BTreeMap<Topic, Arc<Message>>,
     positions: Positions,
+    /// Handlers that go when the connection ends.
+    handlers: BTreeSet<String>,
 }
 
 /// The connection cannot be used any more.
 struct Gone;
 
 impl Client {
-    fn new(shared: &Arc<Shared>) -> Self {
+    fn new(shared: &Arc<Shared>, user: User) -> Self {
         Self {
             shared: Arc::clone(shared),
+            user,
             patterns: BTreeSet::new(),
             states: BTreeMap::new(),
             positions: Positions::new(shared.position_interval),
+            handlers: BTreeSet::new(),
         }
     }
 
@@ -116,6 +162,15 @@ impl Client {
             () = self.shared.stop.clone().cancelled_owned() => true,
             result = self.serve(&mut socket) => result.is_ok(),
         };
+        for id in std::mem::take(&mut self.handlers) {
+            let gone = HandlerPresence {
+                online: false,
+                handles: Vec::new(),
+                validates: false,
+            };
+            // The runtime that stops tells it to nobody.
+            let _ = self.shared.port.request(Request::Handler(id, gone)).await;
+        }
         if close {
             let frame = Frame::Close(Some(CloseFrame {
                 code: close_code::AWAY,
@@ -192,7 +247,9 @@ impl Client {
         }
         let mut new = Vec::new();
         for pattern in asked.subscribe {
-            let refusal = if !is_known(&pattern) {
+            let refusal = if !may_subscribe(&self.user) {
+                format!("role {} may not subscribe", self.user.role.word())
+            } else if !is_known(&pattern) {
                 format!("there is no topic {pattern}; write one such as cs/1/state, or with wildcards cs/1/#")
             } else if self.patterns.len() == PATTERNS_MAX && !self.patterns.contains(&pattern) {
                 format!(
@@ -205,6 +262,12 @@ impl Client {
             };
             send(socket, error_frame(&refusal)).await?;
         }
+        if let Some(handler) = asked.handler {
+            self.announce(socket, handler).await?;
+        }
+        if let Some(validated) = asked.validate_result {
+            self.validated(socket, validated).await?;
+        }
         for message in self.states.values() {
             let path = message.topic.path();
             if new.iter().any(|pattern| matches(pattern, &path)) {
@@ -212,6 +275,78 @@ impl Client {
             }
         }
         Ok(())
+    }
+}
+
+impl Client {
+    /// A handler comes, changes, or goes.
+    async fn announce(&mut self, socket: &mut WebSocket, handler: AnnouncedHandler) -> Result<(), Gone> {
+        let AnnouncedHandler {
+            id,
+            online,
+            handles,
+            validates,
+        } = handler;
+        let path = format!("handler/{id}/presence");
+        if !may_publish(&self.user, "", &path) {
+            return send(socket, error_frame(&self.not_allowed(&path))).await;
+        }
+        if online && !self.handlers.contains(&id) && self.handlers.len() == HANDLERS_MAX {
+            let text = format!("{HANDLERS_MAX} handlers are the limit of one connection");
+            return send(socket, error_frame(&text)).await;
+        }
+        let presence = HandlerPresence {
+            online,
+            handles,
+            validates,
+        };
+        let request = Request::Handler(id.clone(), presence);
+        match self.shared.port.request(request).await {
+            Ok(_) if online => {
+                self.handlers.insert(id);
+                Ok(())
+            }
+            Ok(_) => {
+                self.handlers.remove(&id);
+                Ok(())
+            }
+            Err(refusal) => send(socket, error_frame(&refusal.text)).await,
+        }
+    }
+
+    /// A handler has validated an M code.
+    async fn validated(&self, socket: &mut WebSocket, validated: ValidatedCode) -> Result<(), Gone> {
+        let ValidatedCode {
+            cs,
+            m,
+            request_id,
+            handler_id,
+            ok,
+            text,
+        } = validated;
+        let path = format!("cs/{cs}/m_code/{m}/validate_result");
+        let result = ValidateResult {
+            request_id,
+            handler_id,
+            ok,
+            text,
+        };
+        let refusal = if !may_publish(&self.user, "", &path) {
+            self.not_allowed(&path)
+        } else if let Err(refusal) = may_say(&self.user, &path, json!(result).to_string().as_bytes()) {
+            refusal
+        } else {
+            let request = Request::ValidateResult(cs, Some(m), result);
+            match self.shared.port.request(request).await {
+                Ok(_) => return Ok(()),
+                Err(refusal) => refusal.text,
+            }
+        };
+        send(socket, error_frame(&refusal)).await
+    }
+
+    fn not_allowed(&self, path: &str) -> String {
+        format!("role {} may not say {path} here", self.user.role.word())
     }
 }
 

@@ -10,14 +10,14 @@ use codespan_reporting::term;
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::program::ProgramDiagnostic;
 use serde_json::json;
-use tandem_interp::{Check, CheckContext, check};
-use tandem_model::{Diagnostic, Severity};
+use tandem_interp::{Check, CheckContext, Dialect, check_dialect, check_source, dialects};
+use tandem_model::Severity;
 use tandem_runtime::Machine;
 use tandem_runtime::program_store::locate;
-use tandem_syntax::{Grammar, NcProgram, parse};
+use tandem_syntax::{NcProgram, parse};
 
 use super::{
-    Dialect, EXIT_FOUND, EXIT_OK, EXIT_UNREADABLE, complain, find_subprogram, read_config, read_program, say,
+    EXIT_FOUND, EXIT_OK, EXIT_UNREADABLE, complain, find_subprogram, read_config, read_program, say,
 };
 
 #[derive(Args)]
@@ -25,9 +25,9 @@ pub struct Arguments {
     /// NC programs
     #[arg(required_unless_present = "config")]
     files: Vec<PathBuf>,
-    /// NC dialect of the programs
-    #[arg(long, value_enum, default_value = "nj")]
-    dialect: Dialect,
+    /// NC dialect of the programs; without it, that of the configuration, or nj
+    #[arg(long, value_parser = dialects::find)]
+    dialect: Option<&'static Dialect>,
     /// Text for people, json for editors
     #[arg(long, value_enum, default_value = "text")]
     format: Format,
@@ -43,10 +43,6 @@ enum Format {
 }
 
 pub(super) fn run(arguments: &Arguments) -> u8 {
-    if arguments.dialect == Dialect::Dgshape {
-        complain("dialect dgshape is not supported yet; write --dialect nj");
-        return EXIT_UNREADABLE;
-    }
     let machine = match &arguments.config {
         None => None,
         Some(path) => match read_config(Some(path)) {
@@ -61,12 +57,14 @@ pub(super) fn run(arguments: &Arguments) -> u8 {
         say(&format!("{}: the configuration is good", path.display()));
         return EXIT_OK;
     }
+    let of_machine = || machine.as_ref().map_or_else(dialects::nj, Machine::dialect);
+    let dialect = arguments.dialect.unwrap_or_else(of_machine);
     let mut files = Vec::new();
     let (mut errors, mut unreadable) = (false, false);
     for path in &arguments.files {
         match read_program(path) {
             Ok(text) => {
-                let checked = CheckedFile::new(path, text, machine.as_ref(), None);
+                let checked = CheckedFile::new(path, text, dialect, machine.as_ref(), None);
                 errors |= checked.has_errors();
                 if arguments.format == Format::Text {
                     checked.print();
@@ -104,12 +102,13 @@ impl<'a> CheckedFile<'a> {
     pub fn new(
         path: &'a Path,
         text: String,
+        dialect: &'static Dialect,
         machine: Option<&Machine>,
         cs: Option<CoordinateSystemNumber>,
     ) -> Self {
-        let (tree, diagnostics) = parse(text, Grammar::nj());
+        let (tree, diagnostics) = parse(text, (dialect.grammar)());
         let data_dir = machine.and_then(|machine| machine.data_dir.as_deref());
-        let called = check(&tree, &CheckContext::default()).programs;
+        let called = check_dialect(&tree, dialect, &CheckContext::default()).programs;
         let programs: BTreeSet<u16> = called
             .into_iter()
             .filter(|n| find_subprogram(*n, path, data_dir).is_some())
@@ -122,35 +121,21 @@ impl<'a> CheckedFile<'a> {
             })
             .map(|system| &system.settings);
         let context = CheckContext {
-            axes: settings.map(tandem_model::settings::CoordinateSystemSettings::axes),
             programs: Some(&programs),
             m_codes_with_settings: m_codes.as_ref(),
-            max_feedrate_mm_min: settings.map(|settings| settings.max_feedrate_mm_min),
-            max_spindle_speed_r_min: settings
-                .and_then(|settings| settings.spindle.as_ref())
-                .map(|spindle| spindle.max_velocity),
-            ..CheckContext::default()
+            ..settings.map_or_else(CheckContext::default, CheckContext::of)
         };
-        let check = check(&tree, &context);
-        Self::merged(path, tree, diagnostics, check)
-    }
-
-    /// Checks a program that is to be compiled, not moved: codes whose motion is not built pass.
-    pub fn without_motion(path: &'a Path, text: String) -> Self {
-        let (tree, diagnostics) = parse(text, Grammar::nj());
-        let context = CheckContext {
-            without_motion: true,
-            ..CheckContext::default()
-        };
-        let check = check(&tree, &context);
-        Self::merged(path, tree, diagnostics, check)
-    }
-
-    fn merged(path: &'a Path, tree: NcProgram, of_parser: Vec<Diagnostic>, mut check: Check) -> Self {
-        check.diagnostics.extend(of_parser);
+        let mut check = check_dialect(&tree, dialect, &context);
+        check.diagnostics.extend(diagnostics);
         check
             .diagnostics
             .sort_by_key(|diagnostic| (diagnostic.span.start, diagnostic.span.end));
+        Self { path, tree, check }
+    }
+
+    /// Checks a program for no machine in particular.
+    pub fn alone(path: &'a Path, text: String) -> Self {
+        let (tree, check) = check_source(text, &CheckContext::default());
         Self { path, tree, check }
     }
 
@@ -186,6 +171,9 @@ impl<'a> CheckedFile<'a> {
 
     /// The findings with source line and underline.
     pub fn findings(&self) -> String {
+        if self.check.diagnostics.is_empty() {
+            return String::new();
+        }
         let file = SimpleFile::new(self.path.display().to_string(), self.tree.source().as_ref());
         let config = term::Config::default();
         let mut text = String::new();

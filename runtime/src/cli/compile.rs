@@ -4,14 +4,11 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use tandem_model::limits::PROGRAM_NUMBER_MAX;
-use tandem_runtime::program_store::program_number;
+use tandem_runtime::program_store::{header, program_number};
 use tandem_syntax::Header;
 
 use super::check::CheckedFile;
 use super::{EXIT_FOUND, EXIT_OK, EXIT_UNREADABLE, complain, read_program};
-
-/// First subprogram number (D05).
-const SUBPROGRAM_MIN: u16 = 1000;
 
 #[derive(Args)]
 pub struct Arguments {
@@ -49,7 +46,7 @@ fn compile(path: &Path, arguments: &Arguments) -> u8 {
             return EXIT_UNREADABLE;
         }
     };
-    let checked = CheckedFile::without_motion(path, text);
+    let checked = CheckedFile::alone(path, text);
     if checked.has_errors() {
         complain(checked.findings());
         complain(format!(
@@ -86,8 +83,7 @@ impl Arguments {
         match (self.main, self.subprogram, program_number(path)) {
             (Some(number), ..) => Header::Program(number),
             (None, Some(number), _) => Header::Subprogram(number),
-            (None, None, Some(number)) if number >= SUBPROGRAM_MIN => Header::Subprogram(number),
-            (None, None, number) => Header::Program(number.unwrap_or(1)),
+            (None, None, number) => header(number.unwrap_or(1)),
         }
     }
 }

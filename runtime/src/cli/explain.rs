@@ -7,7 +7,7 @@ use super::{EXIT_OK, EXIT_UNREADABLE, complain, say};
 
 #[derive(Args)]
 pub struct Arguments {
-    /// Code of a diagnostic, such as E0102; without one, all codes with their titles
+    /// Code of a diagnostic, such as E0101; without one, all codes with their titles
     code: Option<String>,
 }
 

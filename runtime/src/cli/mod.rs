@@ -3,14 +3,19 @@
 mod check;
 mod compile;
 mod explain;
+mod init;
+mod mqtt_acl;
+mod plot;
 mod serve;
 mod simulate;
+mod token;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand, ValueEnum};
+use clap::{Parser, Subcommand};
+use tandem_runtime::program_store::read_text;
 use tandem_runtime::{Config, Machine};
 
 /// Clean, completed, or stopped in order.
@@ -43,15 +48,16 @@ enum Command {
     Compile(compile::Arguments),
     /// Tells what a diagnostic means
     Explain(explain::Arguments),
+    /// Writes a machine of your own: configuration, NC program, handlers and a test
+    Init(init::Arguments),
+    /// Draws the tool path of an NC program
+    Plot(plot::Arguments),
     /// Runs an NC program in simulated time
     Simulate(simulate::Arguments),
-}
-
-/// NC dialects.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Dialect {
-    Nj,
-    Dgshape,
+    /// Makes a token for an HMI, a sequence program or another system
+    Token(token::Arguments),
+    /// Prints the access rules of the token file for an external Mosquitto
+    MqttAcl(mqtt_acl::Arguments),
 }
 
 /// Runs the command of this process's arguments.
@@ -63,7 +69,11 @@ pub fn run() -> ExitCode {
         Some(Command::Check(arguments)) => check::run(&arguments),
         Some(Command::Compile(arguments)) => compile::run(&arguments),
         Some(Command::Explain(arguments)) => explain::run(&arguments),
+        Some(Command::Init(arguments)) => init::run(&arguments),
+        Some(Command::Plot(arguments)) => plot::run(&arguments),
         Some(Command::Simulate(arguments)) => simulate::run(&arguments),
+        Some(Command::Token(arguments)) => token::run(&arguments),
+        Some(Command::MqttAcl(arguments)) => mqtt_acl::run(&arguments),
     };
     ExitCode::from(code)
 }
@@ -88,24 +98,12 @@ fn read_config(path: Option<&Path>) -> Result<(Config, Machine), String> {
         Some(path) => format!("{}: {error}", path.display()),
         None => error.to_string(),
     })?;
-    for warning in &machine.warnings {
-        complain(format!("warning: {warning}"));
-    }
     Ok((config, machine))
 }
 
-/// The text of an NC program. Bytes that are not UTF-8 become replacement characters, which checking then shows.
+/// The text of an NC program.
 fn read_program(path: &Path) -> Result<String, String> {
-    let bytes = std::fs::read(path).map_err(|error| format!("cannot read {}: {error}", path.display()))?;
-    if bytes.len() > tandem_model::limits::PROGRAM_BYTES_MAX {
-        return Err(format!(
-            "cannot read {}: it has {} bytes, and at most {} are read",
-            path.display(),
-            bytes.len(),
-            tandem_model::limits::PROGRAM_BYTES_MAX
-        ));
-    }
-    Ok(String::from_utf8_lossy(&bytes).into_owned())
+    read_text(path).map_err(|error| format!("cannot read {}: {error}", path.display()))
 }
 
 /// Where a subprogram of a file may be: beside it, then in the store's folder.

@@ -1,11 +1,13 @@
 //! `tandem serve`: the machine with all its server ends.
 
 use std::io::IsTerminal;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
+use anyhow::Context as _;
 use clap::Args;
-use plc_api::Plc;
-use tandem_gateway::{Gateway, GatewaySettings, MqttSettings};
+use plc_api::{Plc, TlsFiles};
+use tandem_gateway::{Gateway, GatewaySettings, MqttSettings, Tokens};
 use tandem_runtime::{Config, Runtime, demo_sequence_program};
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tracing_subscriber::EnvFilter;
@@ -79,47 +81,71 @@ async fn serve(config: Config) -> anyhow::Result<()> {
 }
 
 fn gateway_settings(config: &Config) -> anyhow::Result<GatewaySettings> {
-    let mqtt = &config.mqtt;
-    let password = match &mqtt.password_file {
+    let tokens = match &config.http.token_file {
         None => None,
         Some(path) => {
-            let path = config.base_dir.join(path);
-            let text = std::fs::read_to_string(&path)
-                .map_err(|error| anyhow::anyhow!("[mqtt] password_file = {}: {error}", path.display()))?;
-            Some(text.trim_end().to_owned())
+            let tokens = Tokens::read(&config.base_dir.join(path)).context("[http] token_file")?;
+            Some(Arc::new(tokens))
         }
     };
-    let (embedded_listen, host, port) = match mqtt.broker.strip_prefix("mqtt://") {
+    Ok(GatewaySettings {
+        machine: config.machine.name.clone(),
+        http_listen: config.http.listen.clone(),
+        mqtt: mqtt_settings(config)?,
+        tokens,
+        ..GatewaySettings::default()
+    })
+}
+
+/// `[mqtt]`, with the files that it names.
+pub(super) fn mqtt_settings(config: &Config) -> anyhow::Result<MqttSettings> {
+    let mqtt = &config.mqtt;
+    let read = |key: &str, path: &Path| {
+        let path = config.base_dir.join(path);
+        std::fs::read_to_string(&path)
+            .map_err(|error| anyhow::anyhow!("[mqtt] {key} = \"{}\": {error}", path.display()))
+    };
+    let password = match &mqtt.password_file {
+        None => None,
+        Some(path) => Some(read("password_file", path)?.trim_end().to_owned()),
+    };
+    let external = mqtt.broker.split_once("://");
+    let (embedded_listen, host, port) = match external {
         None => (Some(mqtt.listen.clone()), String::new(), 0),
-        Some(address) => {
-            let (host, port) = address.rsplit_once(':').unwrap_or((address, "1883"));
+        Some((scheme, address)) => {
+            let default = if scheme == "mqtts" { "8883" } else { "1883" };
+            let (host, port) = address.rsplit_once(':').unwrap_or((address, default));
             let port = port
                 .parse()
                 .map_err(|_| anyhow::anyhow!("[mqtt] broker = \"{}\": {port} is not a port", mqtt.broker))?;
             (None, host.to_owned(), port)
         }
     };
-    Ok(GatewaySettings {
-        machine: config.machine.name.clone(),
-        http_listen: config.http.listen.clone(),
-        mqtt: MqttSettings {
-            embedded_listen,
-            host,
-            port,
-            username: mqtt.username.clone(),
-            password,
-            prefix: mqtt.prefix.clone(),
-            ..MqttSettings::default()
-        },
-        ..GatewaySettings::default()
+    let file = |path: &Option<PathBuf>| path.as_ref().map(|path| config.base_dir.join(path));
+    let tls = mqtt.broker.starts_with("mqtts://").then(|| TlsFiles {
+        ca_file: file(&mqtt.ca_file),
+        client_cert_file: file(&mqtt.client_cert_file),
+        client_key_file: file(&mqtt.client_key_file),
+    });
+    Ok(MqttSettings {
+        embedded_listen,
+        host,
+        port,
+        tls,
+        username: mqtt.username.clone(),
+        password,
+        prefix: mqtt.prefix.clone(),
+        ..MqttSettings::default()
     })
 }
 
 fn announce(settings: &GatewaySettings, gateway: &Gateway, is_demo: bool) {
     let http = gateway.http_addr();
-    let broker = match gateway.mqtt_addr() {
-        Some(address) => format!("mqtt://{address}  (embedded broker)"),
-        None => format!("mqtt://{}:{}", settings.mqtt.host, settings.mqtt.port),
+    let broker = if let Some(address) = gateway.mqtt_addr() {
+        format!("mqtt://{address}  (embedded broker)")
+    } else {
+        let scheme = settings.mqtt.tls.as_ref().map_or("mqtt", |_| "mqtts");
+        format!("{scheme}://{}:{}", settings.mqtt.host, settings.mqtt.port)
     };
     let prefix = match settings.mqtt.prefix.as_str() {
         "" => String::new(),

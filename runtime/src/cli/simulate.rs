@@ -19,10 +19,11 @@ use plc_api::types::request::{Input, OverrideChange, Request};
 use plc_api::types::state::{Execution, State};
 use plc_api::types::topic::{CsTopic, Topic};
 use serde_json::json;
+use tandem_model::Axis;
 use tandem_model::alarm::{AlarmEntry, SIMULATION_LIMIT, SIMULATION_STALLED};
 use tandem_runtime::journal::Journal;
 use tandem_runtime::program_store::program_number;
-use tandem_runtime::simulation::{self, SimulationOptions};
+use tandem_runtime::simulation::{self, OnCycle, SimulationOptions};
 use tandem_runtime::{Machine, Runtime, Unhandled};
 
 use super::check::CheckedFile;
@@ -30,18 +31,15 @@ use super::{
     EXIT_FOUND, EXIT_OK, EXIT_UNREADABLE, complain, find_subprogram, read_config, read_program, say,
 };
 use recorder::{Recorder, Trace};
-use report::Outcome;
+pub(super) use report::Outcome;
 
 /// Program number of a file whose name is not a number.
 const MAIN_PROGRAM: u16 = 1;
 
 #[derive(Args)]
 pub struct Arguments {
-    /// NC program; its subprograms are looked for beside it, then in the data folder's programs
-    file: PathBuf,
-    /// Configuration file; without one the demo machine
-    #[arg(long, value_name = "FILE")]
-    config: Option<PathBuf>,
+    #[command(flatten)]
+    simulation: SimulationArguments,
     /// Prints one JSON object instead of text
     #[arg(long)]
     json: bool,
@@ -51,6 +49,16 @@ pub struct Arguments {
     /// Writes what happened, one JSON object a line
     #[arg(long, value_name = "OUT.jsonl")]
     events: Option<PathBuf>,
+}
+
+/// What is simulated, and how.
+#[derive(Args)]
+pub(super) struct SimulationArguments {
+    /// NC program; its subprograms are looked for beside it, then in the data folder's programs
+    pub file: PathBuf,
+    /// Configuration file; without one the demo machine
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
     /// Optional block skip inputs that are on, such as 1,3
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u8).range(1..=31))]
     skip: Vec<u8>,
@@ -86,14 +94,18 @@ struct Job {
 }
 
 /// What is to be simulated, read and checked.
-struct Plan {
+pub(super) struct Plan {
     machine: Machine,
     jobs: Vec<Job>,
     texts: BTreeMap<u16, String>,
+    skip: Vec<u8>,
+    optional_stop: bool,
+    feed_override: f64,
+    max_time_s: f64,
 }
 
 pub(super) fn run(arguments: &Arguments) -> u8 {
-    let plan = match Plan::read(arguments) {
+    let plan = match Plan::read(&arguments.simulation, arguments.json) {
         Ok(plan) => plan,
         Err(Refused::Unreadable(text)) => {
             complain(text);
@@ -106,18 +118,7 @@ pub(super) fn run(arguments: &Arguments) -> u8 {
             return EXIT_FOUND;
         }
     };
-    let cs = plan.jobs.iter().map(|job| job.cs);
-    let recorder = match Recorder::new(cs, arguments.events.as_deref()) {
-        Ok(recorder) => Arc::new(Mutex::new(recorder)),
-        Err(text) => {
-            complain(text);
-            return EXIT_UNREADABLE;
-        }
-    };
-    let simulated = simulation::run(simulate(arguments, plan, Arc::clone(&recorder)))
-        .map_err(anyhow::Error::from)
-        .flatten();
-    match simulated {
+    match traced(arguments, plan) {
         Ok(outcome) => {
             if arguments.json {
                 say(&outcome.to_json().to_string());
@@ -137,13 +138,22 @@ pub(super) fn run(arguments: &Arguments) -> u8 {
     }
 }
 
-enum Refused {
+fn traced(arguments: &Arguments, plan: Plan) -> anyhow::Result<Outcome> {
+    let trace = Trace::new(arguments.trace.as_deref(), &plan)?;
+    let outcome = plan.simulate(arguments.events.as_deref(), trace.on_cycle())?;
+    trace.finish()?;
+    Ok(outcome)
+}
+
+/// Why nothing is simulated.
+pub(super) enum Refused {
     Unreadable(String),
     Errors(Vec<ProgramDiagnostic>),
 }
 
 impl Plan {
-    fn read(arguments: &Arguments) -> Result<Self, Refused> {
+    /// Reads the configuration and the programs. With `json`, what is wrong with a program is only returned.
+    pub fn read(arguments: &SimulationArguments, json: bool) -> Result<Self, Refused> {
         let unreadable = |text: String| Refused::Unreadable(text);
         let (config, mut machine) = read_config(arguments.config.as_deref()).map_err(unreadable)?;
         machine.unhandled = Unhandled::AutoReset;
@@ -165,17 +175,46 @@ impl Plan {
             machine,
             jobs: Vec::new(),
             texts: BTreeMap::new(),
+            skip: arguments.skip.clone(),
+            optional_stop: arguments.optional_stop,
+            feed_override: arguments.feed_override,
+            max_time_s: arguments.max_time_s,
         };
         let mut diagnostics = Vec::new();
         let first = (arguments.cs, arguments.file.clone());
         for (cs, file) in std::iter::once(&first).chain(&arguments.with) {
-            plan.add(*cs, file, arguments.json, &mut diagnostics)?;
+            plan.add(*cs, file, json, &mut diagnostics)?;
         }
         if diagnostics.is_empty() {
             Ok(plan)
         } else {
             Err(Refused::Errors(diagnostics))
         }
+    }
+
+    /// Runs it to its end, alarm or time limit. `events` takes what happens, one JSON object a line.
+    ///
+    /// # Errors
+    /// A file that cannot be written, a command that is refused.
+    pub fn simulate(self, events: Option<&Path>, on_cycle: Option<OnCycle>) -> anyhow::Result<Outcome> {
+        let cs = self.jobs.iter().map(|job| job.cs);
+        let recorder = Recorder::new(cs, events)?;
+        simulation::run(simulate(self, Arc::new(Mutex::new(recorder)), on_cycle))?
+    }
+
+    /// Place of the first job's coordinate system in the servo, and its axes.
+    pub fn watched(&self) -> (usize, Vec<Axis>) {
+        let first = self.jobs.first().map(|job| job.cs);
+        let mut systems = self.machine.coordinate_systems.iter().enumerate();
+        let watched = systems.find(|(_, system)| Some(system.settings.number) == first);
+        watched
+            .map(|(index, system)| (index, system.settings.axes().iter().collect()))
+            .unwrap_or_default()
+    }
+
+    /// Program number of the first job.
+    pub fn program(&self) -> u16 {
+        self.jobs.first().map_or(MAIN_PROGRAM, |job| job.program)
     }
 
     fn add(
@@ -211,7 +250,13 @@ impl Plan {
                 continue;
             }
             let text = read_program(&path).map_err(Refused::Unreadable)?;
-            let checked = CheckedFile::new(&path, text.clone(), Some(&self.machine), Some(cs));
+            let checked = CheckedFile::new(
+                &path,
+                text.clone(),
+                self.machine.dialect(),
+                Some(&self.machine),
+                Some(cs),
+            );
             if checked.has_errors() {
                 if !json {
                     checked.print();
@@ -228,47 +273,29 @@ impl Plan {
 }
 
 async fn simulate(
-    arguments: &Arguments,
     plan: Plan,
     recorder: Arc<Mutex<Recorder>>,
+    on_cycle: Option<OnCycle>,
 ) -> anyhow::Result<Outcome> {
-    let Plan { machine, jobs, texts } = plan;
-    let trace = Trace::new(arguments.trace.as_deref(), &machine, &jobs[0])?;
     let sink = Arc::clone(&recorder);
     let journal = Journal::to_sink(Arc::new(Mutex::new(move |line: &_| {
         recorder::record(&sink, line);
     })));
     let options = SimulationOptions {
-        max_time_s: arguments.max_time_s,
-        on_cycle: trace.on_cycle(),
+        max_time_s: plan.max_time_s,
+        on_cycle,
     };
-    let runtime = Runtime::start_simulated(machine, journal, options)?;
-    for (number, text) in texts {
-        runtime.store().write(number, &text)?;
+    let runtime = Runtime::start_simulated(plan.machine, journal, options)?;
+    for (number, text) in &plan.texts {
+        runtime.store().write(*number, text)?;
     }
     let port = runtime.port();
-    set_inputs(arguments, port.as_ref(), &jobs).await?;
-    for job in &jobs {
-        command(port.as_ref(), job.cs, Command::Load { program: job.program }).await?;
-    }
-    for job in &jobs {
-        command(port.as_ref(), job.cs, Command::Start).await?;
-    }
-    let ended = run_to_end(&runtime, &jobs).await?;
-    trace.finish()?;
-    let outcome = Outcome::new(&runtime, &jobs, &recorder, ended).await;
-    recorder::finish(&recorder)?;
-    runtime.shutdown().await;
-    Ok(outcome)
-}
-
-async fn set_inputs(arguments: &Arguments, port: &dyn Port, jobs: &[Job]) -> anyhow::Result<()> {
-    for job in jobs {
-        let skip = arguments.skip.iter().map(|number| (*number, true)).collect();
-        let feed = Some(arguments.feed_override);
+    let skip: BTreeMap<u8, bool> = plan.skip.iter().map(|number| (*number, true)).collect();
+    let feed = Some(plan.feed_override);
+    for job in &plan.jobs {
         let inputs = [
-            Input::OptionalSkip(skip),
-            Input::OptionalStop(arguments.optional_stop),
+            Input::OptionalSkip(skip.clone()),
+            Input::OptionalStop(plan.optional_stop),
             Input::Override(OverrideChange {
                 feed,
                 ..OverrideChange::default()
@@ -278,7 +305,17 @@ async fn set_inputs(arguments: &Arguments, port: &dyn Port, jobs: &[Job]) -> any
             port.request(Request::Input(job.cs, input)).await?;
         }
     }
-    Ok(())
+    for job in &plan.jobs {
+        command(port.as_ref(), job.cs, Command::Load { program: job.program }).await?;
+    }
+    for job in &plan.jobs {
+        command(port.as_ref(), job.cs, Command::Start).await?;
+    }
+    let ended = run_to_end(&runtime, &plan.jobs).await?;
+    let outcome = Outcome::new(&runtime, &plan.jobs, &recorder, ended).await;
+    recorder::finish(&recorder)?;
+    runtime.shutdown().await;
+    Ok(outcome)
 }
 
 async fn command(port: &dyn Port, cs: CoordinateSystemNumber, command: Command) -> anyhow::Result<()> {

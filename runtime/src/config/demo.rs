@@ -7,13 +7,14 @@ use super::Config;
 const DEMO_TOML: &str = include_str!("../../../examples/config/demo.toml");
 
 /// The demo's NC programs, by their path in its configuration.
-const DEMO_PROGRAMS: [(&str, &str); 6] = [
+const DEMO_PROGRAMS: [(&str, &str); 7] = [
     ("../nc/plate.nc", include_str!("../../../examples/nc/plate.nc")),
     ("../nc/holes.nc", include_str!("../../../examples/nc/holes.nc")),
     (
         "../nc/transfer.nc",
         include_str!("../../../examples/nc/transfer.nc"),
     ),
+    ("../nc/flange.nc", include_str!("../../../examples/nc/flange.nc")),
     ("../nc/1000.nc", include_str!("../../../examples/nc/1000.nc")),
     ("../nc/1001.nc", include_str!("../../../examples/nc/1001.nc")),
     ("../nc/loader.nc", include_str!("../../../examples/nc/loader.nc")),

@@ -5,6 +5,7 @@
 
 mod demo;
 mod error;
+mod machine;
 mod resolve;
 
 use std::collections::BTreeMap;
@@ -13,7 +14,7 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 
 pub use error::ConfigError;
-pub use resolve::{CoordinateSystem, MCodeSettings, Machine, ProgramSource, Stock, Unhandled};
+pub use machine::{CoordinateSystem, MCodeSettings, Machine, ProgramSource, Stock, Unhandled};
 
 /// A whole configuration.
 #[derive(Debug, Clone, Deserialize)]

@@ -1,24 +1,23 @@
 //! Commands: judged and carried out one after another; hold, stop and abort wait for nothing.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use plc_api::types::command::{Command, CommandMeta, CommandReply, CommandStatus, Verb};
 use plc_api::types::output::CancelReason;
-use plc_api::types::program::{DiagnosticSeverity, ProgramDiagnostic};
+use plc_api::types::program::ProgramDiagnostic;
 use plc_api::types::request::{Answer, Refusal, RefusalCode};
 use plc_api::types::state::{Execution, Reason, Transition};
 use plc_api::types::topic::CsTopic;
 use serde_json::json;
-use tandem_interp::{CheckContext, check};
-use tandem_servo::Control;
 use tokio::sync::oneshot;
 
 use super::execution::{Situation, word};
-use super::preparation::Phase;
-use super::{CoordinateSystem, Held, Run};
+use super::holding::{Cause, Held};
+use super::manual::Kind;
+use super::{CoordinateSystem, Run};
 use crate::journal::Entry;
-use crate::program_store::{StoredProgram, locate};
+use crate::program_store::StoredProgram;
 
 /// Commands that wait for a transition to end. A further one is refused.
 const DEFERRED_MAX: usize = 256;
@@ -50,6 +49,11 @@ impl Awaiting {
     pub fn is_end(&self) -> bool {
         matches!(self.verb, Verb::Hold | Verb::Stop | Verb::Abort | Verb::Reset)
     }
+
+    /// Done when the run that it began has ended by itself.
+    pub fn is_of_run(&self) -> bool {
+        matches!(self.verb, Verb::Mdi | Verb::Home | Verb::Jog)
+    }
 }
 
 impl CoordinateSystem {
@@ -78,22 +82,36 @@ impl CoordinateSystem {
     }
 
     fn is_in_transition(&self) -> bool {
-        self.ending.is_some() || self.run.as_ref().is_some_and(|run| run.held == Held::Holding)
+        self.ending.is_some()
+            || self.validation.is_some()
+            || (self.run.as_ref()).is_some_and(|run| matches!(run.held, Held::Holding(_)))
     }
 
     fn carry_out_command(&mut self, command: Deferred) {
+        // The same command may have come twice before the first was carried out.
+        if let Some(said) = self.shared.replied(&command.meta.command_id) {
+            let _ = command.reply.send(Ok(Answer::Command(said)));
+            return;
+        }
+        if let Some(command) = self.validate_first(command) {
+            self.accept_command(command, &[]);
+        }
+    }
+
+    /// Judges a command, and carries it out if nothing speaks against it. `notes` are worth knowing and refuse nothing.
+    pub(super) fn accept_command(&mut self, command: Deferred, notes: &[String]) {
         let Deferred {
             command,
             meta,
             wait,
             reply,
         } = command;
-        // The same command may have come twice before the first was carried out.
-        if let Some(said) = self.shared.replied(&meta.command_id) {
-            let _ = reply.send(Ok(Answer::Command(said)));
+        let verb = command.verb();
+        if self.refresh_jog(&command) {
+            let done = self.say(&meta, CommandStatus::Done, "ok", "");
+            let _ = reply.send(Ok(Answer::Command(done)));
             return;
         }
-        let verb = command.verb();
         let judged = self
             .judge(verb, &meta)
             .and_then(|()| self.prepare_command(&command));
@@ -101,6 +119,7 @@ impl CoordinateSystem {
             Ok(prepared) => prepared,
             Err(refusal) => return self.reject(&meta, refusal, reply),
         };
+        let text = notes.iter().fold(text, |text, note| join(&text, note));
         self.last_command_id = Some(meta.command_id.clone());
         let fields = json!({"verb": verb, "command_id": meta.command_id, "client_id": meta.client_id});
         self.shared.record(self.number, &Entry::new("command", fields));
@@ -116,7 +135,7 @@ impl CoordinateSystem {
         }
     }
 
-    fn judge(&self, verb: Verb, meta: &CommandMeta) -> Result<(), Refusal> {
+    pub(super) fn judge(&self, verb: Verb, meta: &CommandMeta) -> Result<(), Refusal> {
         let failed = |text: String| Err(Refusal::new(RefusalCode::PreconditionFailed, text));
         if let Some(expect) = &meta.expect {
             if expect
@@ -132,7 +151,13 @@ impl CoordinateSystem {
             }
         }
         self.situation().judge(verb)?;
-        if verb == Verb::Start && self.inputs.start_lock.value {
+        if matches!(
+            verb,
+            Verb::Start | Verb::Resume | Verb::Mdi | Verb::Home | Verb::Jog
+        ) {
+            self.judge_interlock()?;
+        }
+        if matches!(verb, Verb::Start | Verb::Mdi) && self.inputs.start_lock.value {
             let why = &self.inputs.start_lock.text;
             return Err(Refusal::new(
                 RefusalCode::StartLocked,
@@ -153,24 +178,22 @@ impl CoordinateSystem {
     /// What can still refuse a command, and what it needs: nothing has changed when it does.
     fn prepare_command(&self, command: &Command) -> Result<(String, Option<Run>), Refusal> {
         match command {
-            Command::Load { program } => Ok((self.check_program(*program)?, None)),
+            Command::Load { program } => Ok((self.check_called(&self.stored(*program)?)?, None)),
             Command::Start => {
-                let number = self.program.unwrap_or_default();
-                self.check_program(number)?;
-                let all = self.shared.store.all();
-                let programs: BTreeMap<_, _> = all
-                    .iter()
-                    .map(|(number, program)| (*number, Arc::clone(&program.tree)))
-                    .collect();
-                let id = format!("{}-{}", self.number, self.runs + 1);
-                let run = Run {
-                    id,
-                    programs,
-                    phase: Phase::Interpret,
-                    held: Held::No,
-                };
-                Ok((String::new(), Some(run)))
+                let main = self.stored(self.program.unwrap_or_default())?;
+                self.check_called(&main)?;
+                Ok((String::new(), Some(self.new_run(Kind::Program, main))))
             }
+            Command::Mdi { text } => self.prepare_manual(text).map(with_run),
+            Command::Home { axes } => self.prepare_home(axes).map(with_run),
+            Command::Jog {
+                axis,
+                velocity,
+                distance,
+                refresh_id,
+            } => self
+                .prepare_jog(*axis, *velocity, *distance, refresh_id)
+                .map(with_run),
             _ => Ok((String::new(), None)),
         }
     }
@@ -189,7 +212,13 @@ impl CoordinateSystem {
                 }
                 true
             }
-            Command::Hold => self.hold(),
+            Command::Mdi { .. } | Command::Home { .. } | Command::Jog { .. } => {
+                if let Some(run) = start {
+                    self.start(run);
+                }
+                false
+            }
+            Command::Hold => self.hold(Cause::Operator),
             Command::Resume => {
                 self.resume();
                 true
@@ -209,42 +238,24 @@ impl CoordinateSystem {
         }
     }
 
-    fn start(&mut self, run: Run) {
-        let Some(number) = self.program else { return };
-        let Some(tree) = run.programs.get(&number) else {
-            return;
-        };
-        self.pipeline.start(Arc::clone(tree), number, self.servo.epoch());
+    fn start(&mut self, mut run: Run) {
+        let number = run.main.number;
+        if let Kind::Jog(jog) = &run.kind {
+            run.phase = self.start_jog(jog);
+        } else {
+            let goes_on = matches!(run.kind, Kind::Manual) && self.manual_goes_on;
+            let tree = Arc::clone(&run.main.tree);
+            self.pipeline.start(tree, number, self.servo.epoch(), goes_on);
+            self.manual_goes_on = false;
+        }
         self.runs += 1;
+        let manual = (number == 0).then(|| Arc::clone(&run.main));
+        self.view.update(|place| place.manual = manual);
         let fields = json!({"program": number, "run_id": run.id});
         self.shared.record(self.number, &Entry::new("start", fields));
         self.inputs.effective_from_line = 1;
         self.publish_inputs();
         self.run = Some(run);
-    }
-
-    fn hold(&mut self) -> bool {
-        let Some(run) = &mut self.run else { return true };
-        if matches!(run.phase, Phase::Paused(_)) || run.held == Held::AtRest {
-            return true;
-        }
-        if run.held == Held::No {
-            run.held = Held::Holding;
-            self.servo.control(Control::Hold);
-        }
-        false
-    }
-
-    fn resume(&mut self) {
-        let Some(run) = &mut self.run else { return };
-        if let Phase::Paused(_) = run.phase {
-            run.phase = Phase::Interpret;
-        } else {
-            run.held = Held::No;
-            self.servo.control(Control::Resume);
-            self.put_out_queued();
-        }
-        self.shared.record(self.number, &Entry::new("resume", json!({})));
     }
 
     /// Ends the run; without one, or when it is already being ended in the same way, there is nothing to do.
@@ -259,34 +270,48 @@ impl CoordinateSystem {
         false
     }
 
-    /// Refuses a program that has errors, its subprograms included; says what is worth knowing.
-    fn check_program(&self, number: u16) -> Result<String, Refusal> {
-        let all = self.shared.store.all();
-        let Some(main) = all.get(&number) else {
+    pub(super) fn stored(&self, number: u16) -> Result<Arc<StoredProgram>, Refusal> {
+        self.shared.store.get(number).ok_or_else(|| {
             let text = format!("program {number} is not in the store; write it first");
-            return Err(Refusal::new(RefusalCode::NotFound, text));
-        };
+            Refusal::new(RefusalCode::NotFound, text)
+        })
+    }
+
+    /// Refuses a program that has errors, its subprograms included; says what is worth knowing.
+    pub(super) fn check_called(&self, main: &Arc<StoredProgram>) -> Result<String, Refusal> {
+        let all = self.shared.store.all();
+        let number = main.number;
         let mut errors = Vec::new();
         let mut m_codes = BTreeSet::new();
         let (mut seen, mut left) = (BTreeSet::from([number]), vec![Arc::clone(main)]);
         while let Some(program) = left.pop() {
-            let (found, codes) = self.check_here(&program);
-            m_codes.extend(codes);
-            errors.extend(found.into_iter().map(|diagnostic| match program.number {
-                main if main == number => diagnostic,
-                called => {
-                    let message = format!("in program {called}, which is called: {}", diagnostic.message);
-                    ProgramDiagnostic {
-                        message,
-                        ..diagnostic
-                    }
-                }
-            }));
+            let here = program.check_in(&self.configured.settings);
+            m_codes.extend(here.m_codes.iter().copied());
+            errors.extend(
+                here.errors
+                    .iter()
+                    .cloned()
+                    .map(|diagnostic| match program.number {
+                        main if main == number => diagnostic,
+                        called => {
+                            let message =
+                                format!("in program {called}, which is called: {}", diagnostic.message);
+                            ProgramDiagnostic {
+                                message,
+                                ..diagnostic
+                            }
+                        }
+                    }),
+            );
             let called = program.check.programs.iter().filter_map(|called| all.get(called));
             left.extend(called.filter(|called| seen.insert(called.number)).cloned());
         }
         if !errors.is_empty() {
-            let text = format!("program {number} has {} errors", errors.len());
+            let what = match number {
+                0 => "the text".to_owned(),
+                number => format!("program {number}"),
+            };
+            let text = format!("{what} has {} errors", errors.len());
             return Err(Refusal {
                 diagnostics: errors,
                 ..Refusal::new(RefusalCode::ProgramHasErrors, text)
@@ -304,31 +329,12 @@ impl CoordinateSystem {
         }
     }
 
-    /// Errors of one program in this coordinate system, and the M codes that it puts out.
-    fn check_here(&self, program: &StoredProgram) -> (Vec<ProgramDiagnostic>, Vec<u16>) {
-        let settings = &self.configured.settings;
-        let context = CheckContext {
-            axes: Some(settings.axes()),
-            max_spindle_speed_r_min: settings.spindle.as_ref().map(|spindle| spindle.max_velocity),
-            ..CheckContext::default()
-        };
-        let of_parser = program.check.diagnostics.iter().cloned();
-        let of_check = locate(program.text(), &check(&program.tree, &context).diagnostics);
-        let mut errors: Vec<ProgramDiagnostic> = Vec::new();
-        for found in of_parser.chain(of_check) {
-            if found.severity == DiagnosticSeverity::Error && !errors.contains(&found) {
-                errors.push(found);
-            }
-        }
-        (errors, program.check.m_codes.clone())
-    }
-
     fn state_rev(&self) -> u64 {
         let state = self.shared.hub.read(&self.topic(CsTopic::State));
         state.and_then(|message| message.rev).unwrap_or(0)
     }
 
-    fn reject(&mut self, meta: &CommandMeta, refusal: Refusal, reply: Reply) {
+    pub(super) fn reject(&mut self, meta: &CommandMeta, refusal: Refusal, reply: Reply) {
         let code = word(&refusal.code);
         self.say(meta, CommandStatus::Rejected, &code, &refusal.text);
         // The asker may have gone; the reply is published, too.
@@ -342,6 +348,7 @@ impl CoordinateSystem {
             code: code.to_owned(),
             text: text.to_owned(),
             state_rev: self.state_rev(),
+            variables: None,
         };
         self.shared.reply(&meta.client_id, reply.clone());
         reply
@@ -350,14 +357,42 @@ impl CoordinateSystem {
     /// Tells those commands whose effect has been reached.
     pub(super) fn complete(&mut self, is_done: &dyn Fn(&Awaiting) -> bool) {
         self.publish_changes();
-        let (done, left): (Vec<_>, Vec<_>) = self.awaiting.drain(..).partition(is_done);
+        self.answer(is_done, CommandStatus::Done, "ok", "");
+    }
+
+    /// Tells those who began a run by hand that it was ended before its end; of a jog that is what they wait for.
+    pub(super) fn run_given_up(&mut self, run: &Run, into: (Execution, Option<Reason>)) {
+        if matches!(run.kind, Kind::Jog(_)) && into.0 == Execution::Ready {
+            return;
+        }
+        let reason = into.1.map(|reason| word(&reason)).unwrap_or_default();
+        let text = format!("it was ended before its end: {} {reason}", word(&into.0));
+        self.answer(
+            &Awaiting::is_of_run,
+            CommandStatus::Failed,
+            &reason.to_lowercase(),
+            &text,
+        );
+    }
+
+    fn answer(&mut self, is_it: &dyn Fn(&Awaiting) -> bool, status: CommandStatus, code: &str, text: &str) {
+        let (answered, left): (Vec<_>, Vec<_>) = self.awaiting.drain(..).partition(is_it);
         self.awaiting = left;
-        for Awaiting { meta, reply, .. } in done {
-            let said = self.say(&meta, CommandStatus::Done, "ok", "");
+        for Awaiting { meta, reply, .. } in answered {
+            let said = self.say(&meta, status, code, text);
             if let Some(reply) = reply {
                 // The asker may have gone; the reply is published, too.
                 let _ = reply.send(Ok(Answer::Command(said)));
             }
         }
     }
+}
+
+fn with_run((text, run): (String, Run)) -> (String, Option<Run>) {
+    (text, Some(run))
+}
+
+fn join(text: &str, note: &str) -> String {
+    let mark = if text.is_empty() { "" } else { "; " };
+    format!("{text}{mark}{note}")
 }

@@ -12,7 +12,7 @@ pub(super) struct Situation {
     pub alarm_active: bool,
 }
 
-const VERBS: [Verb; 8] = [
+const VERBS: [Verb; 11] = [
     Verb::Load,
     Verb::Start,
     Verb::Hold,
@@ -21,6 +21,9 @@ const VERBS: [Verb; 8] = [
     Verb::Abort,
     Verb::Reset,
     Verb::AlarmAcknowledge,
+    Verb::Mdi,
+    Verb::Jog,
+    Verb::Home,
 ];
 
 impl Situation {
@@ -31,7 +34,7 @@ impl Situation {
         };
         match verb {
             Verb::Hold | Verb::Stop | Verb::Abort | Verb::AlarmAcknowledge => true,
-            Verb::Load => {
+            Verb::Load | Verb::Mdi | Verb::Jog | Verb::Home => {
                 matches!(self.execution, Ready | ProgramCompleted)
                     || self.execution == Stopped && !self.alarm_active
             }
@@ -59,7 +62,9 @@ impl Situation {
         let (verb_word, state_word) = (word(&verb), word(&self.execution));
         let advice = match (verb, self.execution) {
             (Verb::Reset, _) => "hold or stop first",
-            (Verb::Load, Execution::Stopped) => "an alarm is active; reset first",
+            (Verb::Load | Verb::Mdi | Verb::Jog | Verb::Home, Execution::Stopped) => {
+                "an alarm is active; reset first"
+            }
             (Verb::Start, Execution::Stopped) if self.program_loaded => "reset first",
             (Verb::Start, Execution::Stopped | Execution::Ready) => "load a program first",
             (Verb::Start, Execution::FeedHold | Execution::ProgramStopped | Execution::OptionalStop) => {
@@ -108,22 +113,18 @@ mod tests {
     #[test]
     fn the_command_table_of_the_interface_holds_in_every_state() {
         use Execution::*;
-        assert_eq!(
-            allowed(Ready, true, false),
-            [Verb::Load, Verb::Start, Verb::Reset]
-        );
-        assert_eq!(
-            allowed(ProgramCompleted, true, false),
-            [Verb::Load, Verb::Start, Verb::Reset]
-        );
-        assert_eq!(allowed(Active, true, false), []);
-        assert_eq!(allowed(Wait, true, false), [Verb::Reset]);
-        for paused in [FeedHold, ProgramStopped, OptionalStop, Interrupted] {
-            assert_eq!(allowed(paused, true, false), [Verb::Resume, Verb::Reset]);
+        use Verb::{Home, Jog, Load, Mdi, Reset, Resume, Start};
+        for idle in [Ready, ProgramCompleted] {
+            assert_eq!(allowed(idle, true, false), [Load, Start, Reset, Mdi, Jog, Home]);
         }
-        assert_eq!(allowed(Stopped, true, false), [Verb::Load, Verb::Reset]);
-        assert_eq!(allowed(Stopped, true, true), [Verb::Reset]);
-        assert_eq!(allowed(Ready, false, false), [Verb::Load, Verb::Reset]);
+        assert_eq!(allowed(Active, true, false), []);
+        assert_eq!(allowed(Wait, true, false), [Reset]);
+        for paused in [FeedHold, ProgramStopped, OptionalStop, Interrupted] {
+            assert_eq!(allowed(paused, true, false), [Resume, Reset]);
+        }
+        assert_eq!(allowed(Stopped, true, false), [Load, Reset, Mdi, Jog, Home]);
+        assert_eq!(allowed(Stopped, true, true), [Reset]);
+        assert_eq!(allowed(Ready, false, false), [Load, Reset, Mdi, Jog, Home]);
     }
 
     #[test]

@@ -6,11 +6,15 @@
 
 mod commands;
 mod execution;
+mod holding;
+mod jog;
+mod manual;
 mod outputs;
 mod pipeline;
 mod preparation;
 mod publish;
 mod servo_link;
+mod validation;
 mod view;
 
 use std::collections::{BTreeMap, VecDeque};
@@ -22,19 +26,24 @@ use plc_api::types::output::{CancelReason, OutputNotice};
 use plc_api::types::request::{Answer, Input, Refusal, RefusalCode, Request};
 use plc_api::types::state::{Execution, Lock, Overrides, Reason, SpindleDirection, Transition};
 use plc_api::types::topic::CsTopic;
-use tandem_model::{MachinePosition, Variables};
+use tandem_model::flow::Transform;
+use tandem_model::{AXES_MAX, MachinePosition, Variables};
 use tandem_servo::{ChannelHandle, Event};
 use tandem_syntax::NcProgram;
 use tokio::sync::{Notify, mpsc, oneshot};
 
 use crate::config::CoordinateSystem as Configured;
 use crate::journal::Entry;
+use crate::program_store::StoredProgram;
 use crate::shared::Shared;
 use commands::{Awaiting, Deferred};
+use holding::{Held, Steps};
+use manual::Kind;
 use outputs::StockWork;
 use pipeline::Pipeline;
 use preparation::Phase;
 use servo_link::ServoLink;
+use validation::Validation;
 pub(crate) use view::View;
 
 /// Requests that wait for one coordinate system; a sender waits for room.
@@ -66,6 +75,9 @@ pub(crate) struct CoordinateSystem {
     servo: ServoLink,
     pipeline: Pipeline,
     variables: Variables,
+    /// `_CNC_CapturedPosition<n>`: where the motors rested at the end of the last G31 since the start of the runtime,
+    /// ascending by motor number, machine coordinates in mm or degrees (D16, D41).
+    captured: [f64; AXES_MAX],
     ledger: Ledger,
     /// What each open output said, for alarms and the journal.
     notices: BTreeMap<u64, OutputNotice>,
@@ -74,28 +86,31 @@ pub(crate) struct CoordinateSystem {
     idle: (Execution, Option<Reason>),
     run: Option<Run>,
     runs: u64,
+    /// The next manual data input goes on in the modal state of the last one.
+    manual_goes_on: bool,
+    /// Jogs that have ended, the oldest first.
+    ended_jogs: VecDeque<String>,
     ending: Option<Ending>,
     inputs: InputValues,
     stock: Vec<StockWork>,
     deferred: VecDeque<Deferred>,
     awaiting: Vec<Awaiting>,
     last_command_id: Option<String>,
+    /// A load whose parameters are being checked by handlers.
+    validation: Option<Validation>,
+    validations: u64,
 }
 
-/// A program run.
+/// A run of the loaded program, of manual data input, or of a motion by hand.
 struct Run {
     id: String,
+    kind: Kind,
+    /// What it begins with; number 0: without one.
+    main: Arc<StoredProgram>,
     programs: BTreeMap<u16, Arc<NcProgram>>,
     phase: Phase,
     held: Held,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Held {
-    No,
-    /// Decelerating on the path.
-    Holding,
-    AtRest,
+    steps: Steps,
 }
 
 /// A run that is being ended: the machine comes to rest first.
@@ -114,6 +129,8 @@ struct InputValues {
     optional_skip_fresh: bool,
     effective_from_line: u32,
     optional_stop: bool,
+    single_block: bool,
+    interlock: Lock,
     start_lock: Lock,
     overrides: Overrides,
     spindle: (SpindleDirection, f64),
@@ -133,20 +150,33 @@ impl CoordinateSystem {
             number,
             view,
             servo: ServoLink::new(handle),
-            pipeline: Pipeline::new(&configured.settings),
-            variables: Variables::new(shared.global_variables.clone()),
+            pipeline: Pipeline::new(&configured.settings, configured.dialect),
+            variables: shared.tables.variables(number),
+            captured: [0.0; AXES_MAX],
             ledger: Ledger::new(shared.boot_id.clone(), configured.open_outputs_max),
             notices: BTreeMap::new(),
             program: None,
             idle: first_state,
             run: None,
             runs: 0,
+            manual_goes_on: false,
+            ended_jogs: VecDeque::new(),
             ending: None,
-            inputs: InputValues::default(),
+            inputs: InputValues {
+                tool: shared
+                    .restored
+                    .tools_in_spindle
+                    .get(&number)
+                    .copied()
+                    .unwrap_or(0),
+                ..InputValues::default()
+            },
             stock: Vec::new(),
             deferred: VecDeque::new(),
             awaiting: Vec::new(),
             last_command_id: None,
+            validation: None,
+            validations: 0,
             shared,
             configured,
         }
@@ -194,8 +224,10 @@ impl CoordinateSystem {
         }
         let now = self.shared.now();
         self.ledger.expire(now);
+        self.expire_jog(now.monotonic_s);
         self.do_stock_work(now);
         self.carry_out_effects();
+        self.expire_validation();
         self.carry_out_deferred();
         let busy = self.prepare();
         self.publish_changes();
@@ -213,6 +245,8 @@ impl CoordinateSystem {
             .into_iter()
             .chain(stock)
             .chain(retry)
+            .chain(self.jog_until_s())
+            .chain(self.validation_deadline_s())
             .min_by(f64::total_cmp)
     }
 
@@ -226,15 +260,17 @@ impl CoordinateSystem {
             }
             Event::Finished { segment, .. } => self.servo.finished_segment = segment,
             Event::Held => {
-                if let Some(run) = &mut self.run
-                    && run.held == Held::Holding
-                {
-                    run.held = Held::AtRest;
-                }
+                self.held();
                 self.complete(&Awaiting::is_hold);
             }
             Event::Stopped { epoch, position } => self.at_rest(epoch, position),
             Event::Oriented => self.stock_oriented(),
+            Event::Captured {
+                position, captured, ..
+            } => {
+                self.pipeline.skipped_to(position);
+                self.publish_captured(position, captured);
+            }
             Event::Fault(fault) => {
                 let alarm = fault.alarm();
                 self.raise(alarm.entry.number, alarm.text, alarm.origin);
@@ -273,21 +309,34 @@ impl CoordinateSystem {
             into,
             transition,
         });
-        if self.run.take().is_some() {
+        // A jog changes nothing but the position.
+        self.manual_goes_on &= self
+            .run
+            .as_ref()
+            .is_some_and(|run| matches!(run.kind, Kind::Jog(_)));
+        if let Some(run) = self.run.take() {
             let fields = serde_json::json!({"outcome": execution::word(&into.0), "reason": into.1});
             self.shared.record(self.number, &Entry::new("end", fields));
+            self.remember_jog(&run);
+            self.run_given_up(&run, into);
         }
         self.carry_out_effects();
     }
 
     fn at_rest(&mut self, epoch: u32, position: MachinePosition) {
-        self.pipeline.restart(self.servo.epoch(), position);
+        self.pipeline
+            .restart(self.servo.epoch(), position, self.manual_goes_on);
         self.servo.finished_segment = self.pipeline.last_segment();
         if self.ending.is_some_and(|ending| ending.epoch == epoch)
             && let Some(ending) = self.ending.take()
         {
             self.idle = ending.into;
-            self.complete(&Awaiting::is_end);
+            if ending.transition == Transition::Resetting {
+                self.pipeline.interpreter.reset();
+                self.view.update(|place| place.transform = Transform::default());
+                self.publish_modal(self.pipeline.interpreter.modal());
+            }
+            self.complete(&|awaiting| awaiting.is_end() || awaiting.is_of_run());
         }
     }
 
@@ -335,6 +384,12 @@ impl CoordinateSystem {
                 let status = self.ledger.progress(now, m, &report);
                 Ok(outputs::handshake_answer(report.seq, &report.handler_id, status))
             }
+            Request::Ask(_, m, ask) => self.ask(m, &ask),
+            Request::AnswerQuestion(_, m, answer) => Ok(self.answer_question(m, &answer)),
+            Request::ValidateResult(_, _, result) => {
+                self.validated(&result);
+                Ok(Answer::Done)
+            }
             Request::Redeliver(_, m, redeliver) => {
                 let status = self.ledger.redeliver(now, m, &redeliver);
                 Ok(outputs::handshake_answer(redeliver.seq, "", status))
@@ -351,6 +406,10 @@ impl CoordinateSystem {
             Request::Spindle(_, command) => self
                 .command_spindle(command.direction, command.rpm)
                 .map(|()| Answer::Done),
+            Request::SkipInput(motor, value) => {
+                self.servo.set_skip_input(motor, value);
+                Ok(Answer::Done)
+            }
             Request::Tool(_, id) => {
                 self.inputs.tool = id;
                 self.publish_tool();
@@ -387,9 +446,13 @@ impl CoordinateSystem {
             Input::OptionalStop(on) => self.inputs.optional_stop = on,
             Input::StartLock(lock) => self.inputs.start_lock = lock,
             Input::Override(change) => self.set_overrides(change)?,
-            Input::SingleBlock(on) => refuse_if(on, "single block")?,
-            Input::DryRun(on) => refuse_if(on, "dry run")?,
-            Input::Interlock(lock) => refuse_if(lock.value, "the interlock")?,
+            Input::SingleBlock(on) => self.set_single_block(on)?,
+            Input::DryRun(false) => {}
+            Input::DryRun(true) => {
+                let text = "dry run is not supported yet";
+                return Err(Refusal::new(RefusalCode::NotSupported, text));
+            }
+            Input::Interlock(lock) => self.set_interlock(lock),
         }
         self.publish_inputs();
         Ok(())
@@ -420,16 +483,5 @@ impl CoordinateSystem {
 
     fn topic(&self, topic: CsTopic) -> plc_api::types::topic::Topic {
         plc_api::types::topic::Topic::cs(self.number, topic)
-    }
-}
-
-fn refuse_if(on: bool, what: &str) -> Result<(), Refusal> {
-    if on {
-        Err(Refusal::new(
-            RefusalCode::NotSupported,
-            format!("{what} is not supported yet"),
-        ))
-    } else {
-        Ok(())
     }
 }

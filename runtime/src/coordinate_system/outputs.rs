@@ -6,6 +6,7 @@ use plc_api::types::output::{
     Claim, HandlerPresence, HandshakeResult, HandshakeStatus, OutputNotice, OutputState, Params, Reset,
     ResetResult, Timing,
 };
+use plc_api::types::question::{Ask, OperatorAnswer};
 use plc_api::types::request::{Answer, Refusal, RefusalCode};
 use plc_api::types::state::SpindleDirection;
 use plc_api::types::topic::CsTopic;
@@ -15,8 +16,9 @@ use tandem_model::flow::Output;
 use tandem_model::{Alarm, Origin};
 use tandem_servo::Control;
 
+use super::CoordinateSystem;
+use super::holding::Held;
 use super::preparation::Phase;
-use super::{CoordinateSystem, Held};
 use crate::config::Unhandled;
 use crate::journal::Entry;
 use crate::sequence::stock::{self, StockAction};
@@ -67,11 +69,17 @@ impl CoordinateSystem {
             self.enqueue(output, Timing::WithMotion)
         };
         let Some(seq) = seq else {
-            self.set_phase(Phase::Room(output));
+            // Nothing follows soon: what is held back comes to rest here.
+            let phase = match self.pipeline.flush() {
+                Ok(()) => Phase::Room(output),
+                Err(alarm) => Phase::Standstill(super::preparation::Then::Alarm(alarm)),
+            };
+            self.set_phase(phase);
             return false;
         };
         // D18: while held no output is made; it stays QUEUED until the resume.
-        if self.run.as_ref().is_some_and(|run| run.held == Held::No) {
+        let held = self.run.as_ref().is_none_or(|run| run.held != Held::No);
+        if !held || self.pipeline.in_thread() {
             self.ledger.put_out(self.shared.now(), seq);
         }
         self.carry_out_effects();
@@ -97,7 +105,9 @@ impl CoordinateSystem {
     }
 
     fn enqueue(&mut self, output: Output, timing: Timing) -> Option<u64> {
-        let run_id = self.run.as_ref()?.id.clone();
+        let run = self.run.as_mut()?;
+        run.steps.in_block = true;
+        let run_id = run.id.clone();
         let settings = self.shared.machine.m_codes.get(&output.m);
         let spec = OutputSpec {
             run_id,
@@ -139,6 +149,25 @@ impl CoordinateSystem {
             self.shared.record(self.number, &Entry::new("reset", fields));
         }
         result
+    }
+
+    pub(super) fn ask(&mut self, m: Option<u16>, ask: &Ask) -> Result<Answer, Refusal> {
+        let status = self.ledger.ask(self.shared.now(), m, ask)?;
+        if status == HandshakeStatus::Accepted && !ask.choices.is_empty() {
+            let fields = json!({"seq": ask.seq, "text": ask.text, "choices": ask.choices});
+            self.shared.record(self.number, &Entry::new("question", fields));
+        }
+        Ok(handshake_answer(ask.seq, &ask.handler_id, status))
+    }
+
+    pub(super) fn answer_question(&mut self, m: Option<u16>, answer: &OperatorAnswer) -> Answer {
+        let status = self.ledger.answer_question(self.shared.now(), m, answer);
+        if status == HandshakeStatus::Accepted {
+            let client_id = &answer.client_id;
+            let fields = json!({"seq": answer.seq, "choice": answer.choice, "client_id": client_id});
+            self.shared.record(self.number, &Entry::new("answer", fields));
+        }
+        handshake_answer(answer.seq, "", status)
     }
 
     pub(super) fn handler_changed(&mut self, id: &str, presence: &HandlerPresence) {

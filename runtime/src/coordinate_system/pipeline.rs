@@ -4,11 +4,13 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 use plc_api::types::state::CallSite;
-use tandem_interp::{Inputs, Interpreter, Modal};
-use tandem_model::flow::{Block, Item, Segment, Transform};
+use tandem_interp::{Dialect, Inputs, Interpreter, Modal};
+use tandem_model::flow::{
+    Action, Block, Compensation, Item, Segment, SegmentEnd, SegmentMotion, TapLeg, Transform,
+};
 use tandem_model::profile::Profile;
 use tandem_model::settings::CoordinateSystemSettings;
-use tandem_model::{Alarm, MachinePosition};
+use tandem_model::{Alarm, AxisVector, MachinePosition, Origin};
 use tandem_motion::Planner;
 use tandem_path::PathStage;
 use tandem_syntax::NcProgram;
@@ -25,6 +27,7 @@ pub(super) struct Pipeline {
     /// What changes after which segment, for those who watch; in order.
     pub changes: VecDeque<Change>,
     last: Change,
+    in_thread: bool,
 }
 
 /// What is in force from the segment after `after_segment` on.
@@ -37,8 +40,8 @@ pub(super) struct Change {
 }
 
 impl Pipeline {
-    pub fn new(settings: &CoordinateSystemSettings) -> Self {
-        let interpreter = Interpreter::new(settings);
+    pub fn new(settings: &CoordinateSystemSettings, dialect: &'static Dialect) -> Self {
+        let interpreter = Interpreter::with_dialect(settings, dialect);
         let path = PathStage::new(settings, MachinePosition::default());
         let last = Change {
             after_segment: 0,
@@ -54,6 +57,7 @@ impl Pipeline {
             ready: VecDeque::new(),
             changes: VecDeque::new(),
             last,
+            in_thread: false,
         }
     }
 
@@ -69,21 +73,41 @@ impl Pipeline {
     }
 
     fn block(&mut self, block: &Block) -> Result<(), Alarm> {
+        if let Action::Tap(tap) = &block.action {
+            self.in_thread = tap.leg == TapLeg::In;
+        }
         let result = self.path.push(block, &mut self.segments);
         self.plan(result)
     }
 
-    /// Brings out what is held back: nothing follows soon.
+    /// Brings out what is certain, ending at rest: the program waits, and goes on later.
     pub fn flush(&mut self) -> Result<(), Alarm> {
         let result = self.path.flush(&mut self.segments);
         self.plan(result)?;
         self.planner.flush(&mut self.ready)
     }
 
-    // What came before a refused block is planned all the same: it runs to its end before the alarm.
+    /// The same where nothing goes on from here; what cutter compensation keeps back is forgotten.
+    pub fn finish(&mut self) -> Result<(), Alarm> {
+        let result = self.path.finish(&mut self.segments);
+        let planned = self.plan(result);
+        self.planner.flush(&mut self.ready)?;
+        planned
+    }
+
+    /// True while the program may neither wait nor end: from G41 or G42 to the lead-out behind G40.
+    pub fn is_compensating(&self) -> bool {
+        self.path.is_compensating() || self.interpreter.modal().compensation != Compensation::Off
+    }
+
+    // What came before a refused block is planned all the same: it runs to its end before the alarm. Nothing moves
+    // behind a segment that cannot be planned.
     fn plan(&mut self, result: Result<(), Alarm>) -> Result<(), Alarm> {
         for segment in self.segments.drain(..) {
-            self.planner.push(&segment, &mut self.ready)?;
+            if let Err(alarm) = self.planner.push(&segment, &mut self.ready) {
+                self.path.restart(self.path.position());
+                return Err(alarm);
+            }
         }
         result
     }
@@ -108,7 +132,7 @@ impl Pipeline {
             return;
         }
         self.last = Change {
-            after_segment: self.planner.last_segment() + u64::from(self.path.holds_back()),
+            after_segment: self.planner.last_segment() + self.path.held_back() as u64,
             modal: modal.clone(),
             transform: *transform,
             stack: callers().collect(),
@@ -116,9 +140,19 @@ impl Pipeline {
         self.changes.push_back(self.last.clone());
     }
 
-    /// Where all that has been given out so far ends.
-    pub fn position(&self) -> MachinePosition {
-        self.path.position()
+    /// After G31: the machine rests here, perhaps short of the target.
+    pub fn skipped_to(&mut self, at: MachinePosition) {
+        self.path.skipped_to(at);
+    }
+
+    /// Where the next block counts from.
+    pub fn counts_from(&self) -> MachinePosition {
+        self.path.counts_from()
+    }
+
+    /// True while the tool is in a thread when all that has been given out so far has run.
+    pub fn in_thread(&self) -> bool {
+        self.in_thread
     }
 
     /// The segment given out last; the servo reports it when it is finished.
@@ -126,19 +160,51 @@ impl Pipeline {
         self.planner.last_segment()
     }
 
-    /// Begins a program at its head, where the machine rests, in the start-up modal state.
-    pub fn start(&mut self, program: Arc<NcProgram>, number: u16, epoch: u32) {
-        self.restart(epoch, self.path.position());
-        self.interpreter.start(program, number);
+    /// Begins a program at its head, where the machine rests: in the start-up modal state, or in the one that is in
+    /// force.
+    pub fn start(&mut self, program: Arc<NcProgram>, number: u16, epoch: u32, goes_on: bool) {
+        self.restart(epoch, self.path.position(), goes_on);
+        if goes_on {
+            self.interpreter.start_in_modal(program, number);
+        } else {
+            self.interpreter.start(program, number);
+        }
     }
 
-    /// Throws away what is prepared: the machine rests at `at`, and profiles carry `epoch` from here on.
-    pub fn restart(&mut self, epoch: u32, at: MachinePosition) {
+    /// Throws away what is prepared: the machine rests at `at`, and profiles carry `epoch` from here on. The transform
+    /// ends, or goes on.
+    pub fn restart(&mut self, epoch: u32, at: MachinePosition, goes_on: bool) {
         self.ready.clear();
         self.segments.clear();
         self.changes.clear();
-        self.path.restart(at);
+        self.in_thread = false;
         self.planner.restart(epoch);
+        if goes_on {
+            self.path.skipped_to(at);
+        } else {
+            self.path.restart(at);
+        }
+    }
+
+    /// Where the last block ends, machine position.
+    pub fn position(&self) -> MachinePosition {
+        self.path.position()
+    }
+
+    /// A motion by hand: each motor alone to a machine position, with the rapid limits of these settings.
+    pub fn jog(&mut self, settings: &CoordinateSystemSettings, to: AxisVector) -> Result<(), Alarm> {
+        let from = self.path.position().0;
+        let segment = Segment {
+            origin: Origin::default(),
+            motion: SegmentMotion::Rapid { from, to },
+            end: SegmentEnd::ExactStop,
+        };
+        let own = self.planner.settings().clone();
+        self.planner.set_settings(settings);
+        let pushed = self.planner.push(&segment, &mut self.ready);
+        self.planner.set_settings(&own);
+        self.path.skipped_to(MachinePosition(to));
+        pushed
     }
 }
 
@@ -147,20 +213,20 @@ mod tests {
     use std::collections::BTreeMap;
 
     use tandem_model::settings::Tool;
-    use tandem_model::{AXES_MAX, AxisVector, Variables};
+    use tandem_model::{AXES_MAX, Variables};
     use tandem_syntax::{Grammar, parse};
 
     use super::*;
     use crate::Config;
 
-    #[test]
-    fn what_is_in_force_changes_with_the_block_that_moves_though_a_segment_is_held_back() {
+    /// A pipeline of the demo's mill at rest at zero, before the first block of a program.
+    fn with_program(text: &str, test: impl FnOnce(&mut Pipeline, &Inputs<'_>)) {
         let machine = Config::demo().resolve().unwrap();
         let system = &machine.coordinate_systems[0];
-        let (program, found) = parse("G90 G01 X10 F3000\nY10 F6000\nG54 G00 Z5\nM30\n", Grammar::nj());
+        let (program, found) = parse(text, Grammar::nj());
         assert_eq!(found, []);
-        let mut pipeline = Pipeline::new(&system.settings);
-        pipeline.start(Arc::new(program), 1, 0);
+        let mut pipeline = Pipeline::new(&system.settings, system.dialect);
+        pipeline.start(Arc::new(program), 1, 0, false);
         let inputs = Inputs {
             programs: &BTreeMap::new(),
             optional_skip: 0,
@@ -170,20 +236,47 @@ mod tests {
             captured: [0.0; AXES_MAX],
             position: AxisVector::ZERO,
         };
-        while !matches!(pipeline.next(&inputs).unwrap(), Item::End(_)) {}
-        let in_force_from = |is_it: &dyn Fn(&Change) -> bool| {
-            pipeline
-                .changes
-                .iter()
-                .find(|change| is_it(change))
-                .map(|change| change.after_segment + 1)
-        };
-        let feedrate_is = |f: f64| move |change: &Change| (change.modal.feedrate_mm_min - f).abs() < 1e-9;
-        assert_eq!(in_force_from(&feedrate_is(3000.0)), Some(1));
-        assert_eq!(in_force_from(&feedrate_is(6000.0)), Some(2));
-        let rapid = |change: &Change| change.modal.groups().any(|group| group == ("01", "G00"));
-        assert_eq!(in_force_from(&rapid), Some(3));
-        let offset = |change: &Change| change.transform.work_offset != tandem_model::AxisVector::ZERO;
-        assert_eq!(in_force_from(&offset), Some(3));
+        test(&mut pipeline, &inputs);
+    }
+
+    #[test]
+    fn nothing_moves_behind_a_segment_that_cannot_be_planned() {
+        // the second line would take more than 1e9 s, and is known to end in no stop when the third one comes
+        let text = "G90 G01 X10 F3000\nX100 F0.0000001\nX150 F3000\nM30\n";
+        with_program(text, |pipeline, inputs| {
+            let alarm = loop {
+                match pipeline.next(inputs) {
+                    Ok(Item::End(_)) => panic!("no alarm"),
+                    Ok(_) => {}
+                    Err(alarm) => break alarm,
+                }
+            };
+            assert_eq!(alarm.origin.map(|origin| origin.line), Some(2));
+            pipeline.finish().unwrap();
+            let lines: Vec<u32> = pipeline.ready.iter().map(|profile| profile.origin.line).collect();
+            assert_eq!(lines, [1]);
+        });
+    }
+
+    #[test]
+    fn what_is_in_force_changes_with_the_block_that_moves_though_a_segment_is_held_back() {
+        let text = "G90 G01 X10 F3000\nY10 F6000\nG54 G00 Z5\nM30\n";
+        with_program(text, |pipeline, inputs| {
+            while !matches!(pipeline.next(inputs).unwrap(), Item::End(_)) {}
+            let in_force_from = |is_it: &dyn Fn(&Change) -> bool| {
+                pipeline
+                    .changes
+                    .iter()
+                    .find(|change| is_it(change))
+                    .map(|change| change.after_segment + 1)
+            };
+            let feedrate_is = |f: f64| move |change: &Change| (change.modal.feedrate_mm_min - f).abs() < 1e-9;
+            assert_eq!(in_force_from(&feedrate_is(3000.0)), Some(1));
+            assert_eq!(in_force_from(&feedrate_is(6000.0)), Some(2));
+            let rapid = |change: &Change| change.modal.groups().any(|group| group == ("01", "G00"));
+            assert_eq!(in_force_from(&rapid), Some(3));
+            let offset = |change: &Change| change.transform.work_offset != tandem_model::AxisVector::ZERO;
+            assert_eq!(in_force_from(&offset), Some(3));
+        });
     }
 }

@@ -1,18 +1,26 @@
 //! Preparation: the stages run ahead of the motion until something ends the pre-read (D15).
 
 use tandem_interp::Inputs;
-use tandem_model::alarm::AlarmEntry;
-use tandem_model::flow::{Item, Output, ProgramStop};
-use tandem_model::{AXES_MAX, Alarm, Origin};
+use tandem_model::alarm::{AlarmEntry, COMPENSATION_REFUSED};
+use tandem_model::flow::{Action, Item, Output, ProgramStop};
+use tandem_model::limits::STEPS_IN_CHAIN_MAX;
+use tandem_model::{Alarm, Origin};
 
 use plc_api::types::state::Execution;
 use serde_json::json;
 
-use super::{CoordinateSystem, Held};
+use super::CoordinateSystem;
+use super::commands::Awaiting;
+use super::execution::word;
+use super::holding::Held;
+use super::manual::Kind;
 use crate::journal::Entry;
 
 /// Items taken from the interpreter in one turn, so that a command never waits long for the task.
 const ITEMS_PER_TURN: usize = 256;
+
+/// Blocks interpreted in one turn, about: a long calculation must not keep a command waiting either.
+const STEPS_PER_TURN: u64 = 2 * STEPS_IN_CHAIN_MAX as u64;
 
 /// How far a run is.
 #[derive(Debug)]
@@ -35,16 +43,43 @@ pub(super) enum Phase {
 #[derive(Debug)]
 pub(super) enum Then {
     Interpret,
+    /// Single block: the block has ended.
+    BlockEnd,
     Output(Output),
     Stop(ProgramStop),
     Alarm(Alarm),
     End(Origin),
 }
 
+impl Then {
+    /// The alarm that it is within cutter compensation, where the machine cannot come to rest at a block's end: where
+    /// that is the next block decides (manual, restrictions of G41).
+    fn refused_in_compensation(&self) -> Option<Alarm> {
+        let (origin, text) = match self {
+            Then::Interpret | Then::BlockEnd | Then::Alarm(_) => return None,
+            Then::Output(output) => (
+                output.origin,
+                format!("The program waits for the reset of M{:02}", output.m),
+            ),
+            Then::Stop(stop) => {
+                let m = u16::from(stop.optional);
+                (stop.origin, format!("The program stops at M{m:02}"))
+            }
+            Then::End(origin) => (*origin, "The program ends before a lead-out".to_owned()),
+        };
+        Some(Alarm::new(&COMPENSATION_REFUSED, text).at(origin))
+    }
+}
+
 impl CoordinateSystem {
-    /// Prepares as far as it goes, at most [`ITEMS_PER_TURN`]. True when there is more to do at once.
+    /// Prepares as far as it goes, at most [`ITEMS_PER_TURN`] and about [`STEPS_PER_TURN`]. True when there is more to
+    /// do at once.
     pub(super) fn prepare(&mut self) -> bool {
+        let before = self.pipeline.interpreter.steps();
         for _ in 0..ITEMS_PER_TURN {
+            if self.pipeline.interpreter.steps() >= before + STEPS_PER_TURN {
+                return true;
+            }
             self.servo.hand_over_profiles(&mut self.pipeline.ready);
             if self.ending.is_some() || !self.advance() {
                 return false;
@@ -56,20 +91,27 @@ impl CoordinateSystem {
     /// One step of the run. False when it has to wait.
     fn advance(&mut self) -> bool {
         let Some(run) = &mut self.run else { return false };
-        let held = run.held != Held::No;
+        // In a thread feed hold waits, so what the way out needs is not kept back.
+        let held = run.held != Held::No && !self.pipeline.in_thread();
+        let single_block = self.inputs.single_block;
         match std::mem::replace(&mut run.phase, Phase::Interpret) {
             Phase::Interpret => {
-                if !self.pipeline.ready.is_empty() {
+                if !self.pipeline.ready.is_empty() || single_block && held {
                     return false;
                 }
-                self.interpret();
+                let between_blocks = self.pipeline.interpreter.is_between_blocks();
+                if single_block && between_blocks && std::mem::take(&mut run.steps.in_block) {
+                    self.stand_still_then(Then::BlockEnd);
+                } else {
+                    self.interpret();
+                }
                 true
             }
             Phase::Standstill(then) => {
-                let moving = !self.pipeline.ready.is_empty()
-                    || self.servo.finished_segment < self.pipeline.last_segment();
-                if moving || held {
-                    run.phase = Phase::Standstill(then);
+                if held || self.is_moving() || self.planned_block_ended() {
+                    if let Some(run) = &mut self.run {
+                        run.phase = Phase::Standstill(then);
+                    }
                     return false;
                 }
                 self.at_standstill(then);
@@ -100,24 +142,25 @@ impl CoordinateSystem {
 
     fn interpret(&mut self) {
         let Some(run) = &mut self.run else { return };
+        let tables = self.shared.tables.read();
         let inputs = Inputs {
             programs: &run.programs,
             optional_skip: self.inputs.optional_skip,
-            work_offsets: &self.configured.work_offsets,
+            work_offsets: &tables.work_offsets(self.number),
             variables: &self.variables,
-            tool: self
-                .shared
-                .machine
-                .tools
-                .get(&self.inputs.tool)
-                .copied()
-                .unwrap_or_default(),
-            captured: [0.0; AXES_MAX],
-            position: self.pipeline.position().0,
+            tool: tables.tool(self.inputs.tool),
+            captured: self.captured,
+            position: self.pipeline.counts_from().0,
         };
         let item = self.pipeline.next(&inputs);
+        drop(tables);
+        run.steps.in_block |= matches!(item, Ok(Item::Block(_) | Item::Stop(_)));
         self.note_interpreted();
         match item {
+            // Where G31 ends only the servo knows.
+            Ok(Item::Block(block)) if matches!(block.action, Action::Skip(_)) => {
+                self.stand_still_then(Then::Interpret);
+            }
             Ok(Item::Block(_)) => {}
             Ok(Item::Warning(origin, text)) => self.warn(origin, &text),
             Ok(Item::Output(output)) if self.is_with_motion(&output) => {
@@ -150,8 +193,16 @@ impl CoordinateSystem {
         }
     }
 
-    fn stand_still_then(&mut self, then: Then) {
-        let then = match self.pipeline.flush() {
+    pub(super) fn stand_still_then(&mut self, then: Then) {
+        let then = match then.refused_in_compensation() {
+            Some(alarm) if self.pipeline.is_compensating() => Then::Alarm(alarm),
+            _ => then,
+        };
+        let brought_out = match then {
+            Then::Alarm(_) => self.pipeline.finish(),
+            _ => self.pipeline.flush(),
+        };
+        let then = match brought_out {
             Ok(()) => then,
             Err(alarm) => Then::Alarm(alarm),
         };
@@ -164,6 +215,7 @@ impl CoordinateSystem {
         self.follow_changes(u64::MAX);
         match then {
             Then::Interpret => {}
+            Then::BlockEnd => self.block_ended(),
             Then::Output(output) => self.put_out_after_motion(output),
             Then::Stop(stop) if stop.optional && !self.inputs.optional_stop => {}
             Then::Stop(stop) => {
@@ -190,9 +242,16 @@ impl CoordinateSystem {
     }
 
     fn complete_run(&mut self) {
-        self.run = None;
-        self.idle = (Execution::ProgramCompleted, None);
-        let fields = json!({"outcome": "PROGRAM_COMPLETED"});
+        let Some(run) = self.run.take() else { return };
+        let into = match run.kind {
+            Kind::Program => Execution::ProgramCompleted,
+            Kind::Manual | Kind::Home | Kind::Jog(_) => Execution::Ready,
+        };
+        self.idle = (into, None);
+        self.remember_jog(&run);
+        self.manual_goes_on |= matches!(run.kind, Kind::Manual);
+        let fields = json!({"outcome": word(&into)});
         self.shared.record(self.number, &Entry::new("end", fields));
+        self.complete(&Awaiting::is_of_run);
     }
 }

@@ -4,15 +4,15 @@ use plc_api::types::Timestamp;
 use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
 use plc_api::types::message::Payload;
 use plc_api::types::state::{
-    Captured, Execution, Lock, Modal, OptionalSkip, Reason, Spindle, State, Switch, Tool, Transition,
-    WaitingOn,
+    Captured, Execution, Modal, OptionalSkip, Reason, Spindle, State, Switch, Tool, Transition, WaitingOn,
 };
 use plc_api::types::topic::CsTopic;
 use serde_json::json;
-use tandem_model::Origin;
+use tandem_model::{Axis, AxisSet, MachinePosition, Origin};
 
+use super::CoordinateSystem;
+use super::holding::Held;
 use super::preparation::Phase;
-use super::{CoordinateSystem, Held};
 use crate::journal::Entry;
 
 impl CoordinateSystem {
@@ -22,8 +22,8 @@ impl CoordinateSystem {
             return ending.from;
         }
         let Some(run) = &self.run else { return self.idle };
-        if run.held == Held::AtRest {
-            return (Execution::FeedHold, None);
+        if let Held::AtRest(cause) = run.held {
+            return cause.state();
         }
         match &run.phase {
             Phase::Paused(stop) if stop.optional => (Execution::OptionalStop, None),
@@ -64,6 +64,11 @@ impl CoordinateSystem {
                 seq: open.notice.seq,
                 since: Timestamp::from_system_time(open.since),
                 progress: open.progress.clone(),
+                question: open
+                    .question
+                    .clone()
+                    .filter(|question| question.answer.is_none())
+                    .map(Box::new),
             });
         let wait_state = waiting_on.as_ref().and_then(|waiting| {
             self.shared
@@ -74,7 +79,7 @@ impl CoordinateSystem {
         });
         let transition = match (&self.ending, &self.run) {
             (Some(ending), _) => Some(ending.transition),
-            (None, Some(run)) if run.held == Held::Holding => Some(Transition::Holding),
+            (None, Some(run)) if matches!(run.held, Held::Holding(_)) => Some(Transition::Holding),
             _ => None,
         };
         State {
@@ -85,7 +90,7 @@ impl CoordinateSystem {
             waiting_on,
             program: self.program,
             run_id: (self.runs > 0).then(|| format!("{}-{}", self.number, self.runs)),
-            single_block: false,
+            single_block: self.inputs.single_block,
             dry_run: false,
             optional_stop: self.inputs.optional_stop,
             optional_skip: skip_numbers(self.inputs.optional_skip),
@@ -125,17 +130,41 @@ impl CoordinateSystem {
             self.topic(CsTopic::Position),
             Payload::Position(self.view.position()),
         );
-        let motors = &self.configured.settings.motors;
-        let mut numbers: Vec<u16> = motors.iter().flatten().map(|motor| motor.number).collect();
-        numbers.sort_unstable();
-        let captured = Captured {
-            positions: vec![0.0; numbers.len()],
-            captured: vec![false; numbers.len()],
-            motors: numbers,
-            ..Captured::default()
-        };
+        let captured = self.captured_of(MachinePosition::default(), AxisSet::EMPTY);
         self.shared
             .publish(self.topic(CsTopic::Captured), Payload::Captured(captured));
+    }
+
+    /// A G31 has ended: where its motors rest, and which of them captured that position (D41).
+    pub(super) fn publish_captured(&mut self, position: MachinePosition, captured: AxisSet) {
+        let captured = Captured {
+            run_id: self.run.as_ref().map(|run| run.id.clone()),
+            line: self.view.executing_line(),
+            ..self.captured_of(position, captured)
+        };
+        for (value, position) in self.captured.iter_mut().zip(&captured.positions) {
+            *value = *position;
+        }
+        let fields = serde_json::to_value(&captured).unwrap_or_default();
+        self.shared.record(self.number, &Entry::new("capture", fields));
+        self.shared
+            .publish(self.topic(CsTopic::Captured), Payload::Captured(captured));
+    }
+
+    /// By motor number, ascending.
+    fn captured_of(&self, position: MachinePosition, captured: AxisSet) -> Captured {
+        let motors = &self.configured.settings.motors;
+        let mut each: Vec<(u16, Axis)> = Axis::ALL
+            .into_iter()
+            .filter_map(|axis| Some((motors[axis.index()].as_ref()?.number, axis)))
+            .collect();
+        each.sort_unstable_by_key(|(number, _)| *number);
+        Captured {
+            motors: each.iter().map(|(number, _)| *number).collect(),
+            positions: each.iter().map(|(_, axis)| position.0[*axis]).collect(),
+            captured: each.iter().map(|(_, axis)| captured.contains(*axis)).collect(),
+            ..Captured::default()
+        }
     }
 
     pub(super) fn publish_inputs(&self) {
@@ -147,7 +176,7 @@ impl CoordinateSystem {
         };
         let switches = [
             (CsTopic::OptionalStop, self.inputs.optional_stop),
-            (CsTopic::SingleBlock, false),
+            (CsTopic::SingleBlock, self.inputs.single_block),
             (CsTopic::DryRun, false),
         ];
         for (topic, value) in switches {
@@ -156,12 +185,14 @@ impl CoordinateSystem {
         }
         self.shared
             .publish(self.topic(CsTopic::OptionalSkip), Payload::OptionalSkip(skip));
-        self.shared
-            .publish(self.topic(CsTopic::Interlock), Payload::Lock(Lock::default()));
-        self.shared.publish(
-            self.topic(CsTopic::StartLock),
-            Payload::Lock(self.inputs.start_lock.clone()),
-        );
+        let locks = [
+            (CsTopic::Interlock, &self.inputs.interlock),
+            (CsTopic::StartLock, &self.inputs.start_lock),
+        ];
+        for (topic, lock) in locks {
+            self.shared
+                .publish(self.topic(topic), Payload::Lock(lock.clone()));
+        }
         self.shared.publish(
             self.topic(CsTopic::Override),
             Payload::Override(self.inputs.overrides),

@@ -42,6 +42,13 @@ impl ServoLink {
         self.control(Control::Override { feed, rapid });
     }
 
+    /// A motor's skip input: only the latest value counts, too.
+    pub fn set_skip_input(&mut self, motor: u16, on: bool) {
+        self.backlog
+            .retain(|control| !matches!(control, Control::SkipInput { motor: other, .. } if *other == motor));
+        self.control(Control::SkipInput { motor, on });
+    }
+
     /// Brings the machine to rest, on the path or by the shortest way, and starts a new epoch.
     pub fn stop(&mut self, abort: bool) -> u32 {
         self.epoch += 1;

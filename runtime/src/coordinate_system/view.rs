@@ -10,7 +10,7 @@ use tandem_model::{AxisSet, AxisVector, Origin};
 use tandem_path::work_position;
 use tandem_servo::Readings;
 
-use crate::program_store::ProgramStore;
+use crate::program_store::{ProgramStore, StoredProgram};
 
 /// The servo's readings, and where the program is.
 #[derive(Debug)]
@@ -27,6 +27,8 @@ pub(super) struct Place {
     pub stack: Arc<[CallSite]>,
     pub executing: Origin,
     pub interpreted_line: u32,
+    /// What runs or ran last without a number: manual data input.
+    pub manual: Option<Arc<StoredProgram>>,
 }
 
 impl View {
@@ -44,6 +46,16 @@ impl View {
 
     fn place(&self) -> Place {
         self.place.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Place of the block that is executed.
+    pub fn executing(&self) -> Origin {
+        self.place().executing
+    }
+
+    /// Line of the block that is executed.
+    pub(super) fn executing_line(&self) -> u32 {
+        self.place().executing.line
     }
 
     /// Actual spindle speed, r/min, and whether it is oriented.
@@ -73,10 +85,15 @@ impl View {
             stack,
             executing,
             interpreted_line,
+            manual,
             ..
         } = self.place();
-        let number = (executing.program != 0).then_some(executing.program);
-        let program = number.and_then(|number| store.get(number));
+        let place = (executing.line != 0).then_some(executing.program);
+        let program = match place {
+            Some(0) => manual,
+            numbered => numbered.and_then(|number| store.get(number)),
+        };
+        let number = place.filter(|number| *number != 0 || program.is_some());
         ProgramPlace {
             number,
             nest_level: u8::try_from(stack.len()).unwrap_or(u8::MAX),

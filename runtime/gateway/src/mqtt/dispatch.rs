@@ -6,7 +6,8 @@ use std::task::Poll;
 use std::time::SystemTime;
 
 use plc_api::port::Port;
-use plc_api::types::command::{CommandReply, CommandStatus};
+use plc_api::types::command::{CommandMeta, CommandReply, CommandStatus};
+use plc_api::types::data::VariableArea;
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::request::{Refusal, RefusalCode, Request};
 use plc_api::types::topic::{CsTopic, Topic};
@@ -74,11 +75,11 @@ impl Dispatch {
             return self.too_many(request).await;
         };
         let port = Arc::clone(&self.port);
-        // a refused command is answered by the port itself, on its reply topic
-        let is_command = matches!(request, Request::Command { .. });
+        // who names itself is answered by the port, on its reply topic, also with a refusal
+        let is_told = sender(&request).is_some();
         let mut asking = Box::pin(async move {
             if let Err(refusal) = port.request(request).await
-                && !is_command
+                && !is_told
             {
                 warn!("MQTT request refused: {refusal}");
             }
@@ -95,8 +96,9 @@ impl Dispatch {
             RefusalCode::Unavailable,
             "too many requests are unanswered; send it again",
         );
-        if let Request::Command { cs, meta, .. } = request {
-            self.reject(cs, meta.client_id, meta.command_id, refusal).await;
+        if let Some((cs, meta)) = sender(&request) {
+            let (client_id, command_id) = (meta.client_id.clone(), meta.command_id.clone());
+            self.reject(cs, client_id, command_id, refusal).await;
         } else {
             add(&self.metrics.mqtt_refused, 1);
             warn!("MQTT request refused: {refusal}");
@@ -128,10 +130,26 @@ impl Dispatch {
                 code: code_word(refusal.code),
                 text: refusal.text,
                 state_rev: state.and_then(|state| state.rev).unwrap_or(0),
+                variables: None,
             }),
         };
         if self.replies.try_send(reply).is_err() {
             warn!("too many rejected MQTT commands at once; one reply was dropped");
         }
+    }
+}
+
+/// Who sent a request that is answered on `reply/{client_id}`, and to which coordinate system; 0: to all.
+fn sender(request: &Request) -> Option<(CoordinateSystemNumber, &CommandMeta)> {
+    match request {
+        Request::Command { cs, meta, .. } => Some((*cs, meta)),
+        Request::ReadVariables { area, meta, .. } | Request::WriteVariables { area, meta, .. } => {
+            let cs = match area {
+                VariableArea::Global => 0,
+                VariableArea::CoordinateSystem(cs) => *cs,
+            };
+            meta.as_ref().map(|meta| (cs, meta))
+        }
+        _ => None,
     }
 }

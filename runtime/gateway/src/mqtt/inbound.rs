@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use plc_api::types::command::{Command, CommandMeta, Expect};
+use plc_api::types::data::{Number, VariableArea, VariableKind};
 use plc_api::types::request::{Input, Refusal, RefusalCode, Request};
 use plc_api::types::state::{Lock, Switch, Tool};
 use plc_api::types::{CoordinateSystemNumber, Timestamp};
@@ -10,22 +11,7 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-/// Topic filters of what comes in, below the root.
-pub(crate) const FILTERS: [&str; 13] = [
-    "cs/+/m_code/+/claim",
-    "cs/+/m_code/+/reset",
-    "cs/+/m_code/+/progress",
-    "cs/+/m_code/+/redeliver",
-    "cs/+/input/+/set",
-    "cs/+/override/set",
-    "cs/+/spindle/set",
-    "cs/+/tool/set",
-    "cs/+/command/+",
-    "cs/+/variable/get",
-    "cs/+/variable/set",
-    "motor/+/skip_input/set",
-    "handler/+/presence",
-];
+use crate::contract::topics;
 
 /// Bytes of one payload; more is refused. Reason: the largest, a fault text, is far below.
 const PAYLOAD_MAX: usize = 64 * 1024;
@@ -49,18 +35,7 @@ pub(crate) enum Inbound {
 /// True for a path on which commands, claims and settings come in, which must not be retained. Presence of handlers
 /// comes in too, and is retained.
 pub(crate) fn is_inbound(path: &str) -> bool {
-    FILTERS
-        .iter()
-        .filter(|filter| !filter.starts_with("handler/"))
-        .any(|filter| {
-            let mut levels = path.split('/');
-            let fits = filter.split('/').all(|wanted| {
-                levels
-                    .next()
-                    .is_some_and(|level| wanted == "+" || wanted == level)
-            });
-            fits && levels.next().is_none()
-        })
+    topics::inbound(path).is_some_and(|topic| !topic.retained)
 }
 
 /// Reads a message. `retained`: it came with the retain flag, so that it is old, and is not carried out.
@@ -71,10 +46,10 @@ pub(crate) fn read(path: &str, payload: &[u8], retained: bool) -> Inbound {
     } else {
         match levels.as_slice() {
             ["cs", cs, "command", verb] => number(cs).map(|cs| command(cs, verb, payload, retained)),
-            ["cs", cs, "variable", what] => number(cs).and_then(|cs| variable(cs, what, payload)),
+            ["cs", cs, "variable", what] => number(cs).and_then(|cs| variable(cs, what, payload, retained)),
             ["handler", id, "presence"] => handler(id, payload),
             _ if retained => Err("it is retained; publish it without the retain flag".to_owned()),
-            ["motor", _, "skip_input", "set"] => Err("setting a skip input is not supported yet".to_owned()),
+            ["motor", motor, "skip_input", "set"] => skip_input(motor, payload),
             ["cs", cs, rest @ ..] => number(cs).and_then(|cs| setting(cs, rest, payload)),
             _ => Err("there is no such topic".to_owned()),
         }
@@ -91,6 +66,9 @@ fn setting(cs: CoordinateSystemNumber, levels: &[&str], payload: &[u8]) -> Resul
                 "reset" => Request::Reset(cs, m, json(payload)?),
                 "progress" => Request::Progress(cs, m, json(payload)?),
                 "redeliver" => Request::Redeliver(cs, m, json(payload)?),
+                "ask" => Request::Ask(cs, m, json(payload)?),
+                "answer" => Request::AnswerQuestion(cs, m, json(payload)?),
+                "validate_result" => Request::ValidateResult(cs, m, json(payload)?),
                 _ => return Err("there is no such topic".to_owned()),
             }
         }
@@ -121,6 +99,13 @@ fn input(name: &str, payload: &[u8]) -> Result<Input, String> {
         "interlock" => Input::Interlock(json::<Lock>(payload)?),
         "start_lock" => Input::StartLock(json::<Lock>(payload)?),
         _ => return Err("there is no such input".to_owned()),
+    })
+}
+
+fn skip_input(motor: &str, payload: &[u8]) -> Result<Inbound, String> {
+    Ok(Inbound::Ask {
+        request: Request::SkipInput(number(motor)?, json::<Switch>(payload)?.value),
+        urgent: false,
     })
 }
 
@@ -182,12 +167,70 @@ fn command(cs: CoordinateSystemNumber, verb: &str, payload: &[u8], retained: boo
     }
 }
 
-fn variable(cs: CoordinateSystemNumber, what: &str, payload: &[u8]) -> Result<Inbound, String> {
+/// Payload of `variable/get` and `variable/set`.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct VariableIn {
+    command_id: String,
+    client_id: String,
+    issued_at: Option<Timestamp>,
+    ttl_ms: Option<u64>,
+    kind: VariableKind,
+    from: u32,
+    count: Option<u32>,
+    values: Option<Vec<Number>>,
+}
+
+fn variable(
+    cs: CoordinateSystemNumber,
+    what: &str,
+    payload: &[u8],
+    retained: bool,
+) -> Result<Inbound, String> {
     if !["get", "set"].contains(&what) {
         return Err("there is no such topic".to_owned());
     }
-    let text = format!("variable/{what} is not supported yet");
-    Ok(reject(cs, payload, Refusal::new(RefusalCode::NotSupported, text)))
+    let refused = |text: String| reject(cs, payload, Refusal::new(RefusalCode::Invalid, text));
+    let read = json::<VariableIn>(payload).and_then(|read| {
+        check_ids(&read.client_id, &read.command_id)?;
+        Ok(read)
+    });
+    let read = match read {
+        Ok(_) if retained => {
+            let text = "this must not be retained; publish it without the retain flag";
+            return Ok(reject(cs, payload, Refusal::new(RefusalCode::Retained, text)));
+        }
+        Ok(read) => read,
+        Err(text) => return Ok(refused(text)),
+    };
+    let (area, from) = (VariableArea::of(read.kind, cs), read.from);
+    let meta = Some(CommandMeta {
+        command_id: read.command_id,
+        client_id: read.client_id,
+        issued_at: read.issued_at,
+        ttl_ms: read.ttl_ms,
+        expect: None,
+    });
+    let request = match (what, read.count, read.values) {
+        ("get", Some(count), None) => Request::ReadVariables {
+            area,
+            from,
+            count,
+            meta,
+        },
+        ("set", None, Some(values)) => Request::WriteVariables {
+            area,
+            from,
+            values: values.into_iter().map(|number| number.0).collect(),
+            meta,
+        },
+        ("get", ..) => return Ok(refused("variable/get takes kind, from and count".to_owned())),
+        _ => return Ok(refused("variable/set takes kind, from and values".to_owned())),
+    };
+    Ok(Inbound::Ask {
+        request,
+        urgent: false,
+    })
 }
 
 /// Tells the sender when it can be read who that is, else the log.

@@ -24,9 +24,10 @@ use tracing::{info, warn};
 
 use super::Parts;
 use super::dispatch::Dispatch;
-use super::inbound::{self, FILTERS};
+use super::inbound;
 use super::outbox::{Handed, Outbox, Parcel};
 use crate::broker::Refused;
+use crate::contract::topics::INBOUND;
 use crate::metrics::{Metrics, add};
 use crate::position::Positions;
 
@@ -241,8 +242,9 @@ impl Link {
         self.metrics.mqtt_connected.store(true, Ordering::Relaxed);
         add(&self.metrics.mqtt_connections, 1);
         info!("connected to the MQTT broker");
-        let filters = FILTERS
-            .map(|filter| SubscribeFilter::new(format!("{}{filter}", self.parts.root), QoS::AtLeastOnce));
+        let filters = INBOUND.iter().map(|topic| {
+            SubscribeFilter::new(format!("{}{}", self.parts.root, topic.filter), QoS::AtLeastOnce)
+        });
         if client.try_subscribe_many(filters).is_err() {
             warn!(
                 "the MQTT client takes no subscriptions; nothing can be commanded over MQTT until it reconnects"
@@ -402,21 +404,15 @@ fn poll(
 }
 
 fn options(parts: &Parts) -> MqttOptions {
-    let client_id = if parts.settings.client_id.is_empty() {
-        format!("tandem-{}", parts.machine)
-    } else {
-        parts.settings.client_id.clone()
-    };
-    let mut options = MqttOptions::new(client_id, parts.host.clone(), parts.tcp_port);
+    let client_id = super::client_id(&parts.settings, &parts.machine);
+    let mut options = MqttOptions::new(client_id, parts.at.host.clone(), parts.at.port);
     options
+        .set_transport(parts.at.transport.clone())
         .set_keep_alive(KEEP_ALIVE)
         .set_clean_session(true)
         .set_max_packet_size(PACKET_IN_MAX, PACKET_OUT_MAX);
-    // the embedded broker knows no users
-    if parts.settings.embedded_listen.is_none()
-        && let Some(username) = &parts.settings.username
-    {
-        options.set_credentials(username, parts.settings.password.clone().unwrap_or_default());
+    if let Some((user, password)) = &parts.at.credentials {
+        options.set_credentials(user, password);
     }
     options
 }

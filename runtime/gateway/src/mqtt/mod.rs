@@ -8,6 +8,7 @@ pub(crate) mod inbound;
 mod link;
 mod outbox;
 
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -16,7 +17,7 @@ use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
-use crate::broker::Refused;
+use crate::broker::{Broker, Refused};
 use crate::metrics::Metrics;
 use crate::settings::MqttSettings;
 use link::Link;
@@ -27,6 +28,61 @@ pub(crate) const REFUSED_MAX: usize = 64;
 /// Time to say goodbye to the broker.
 const STOP_MAX: Duration = Duration::from_secs(2);
 
+/// Client id of the runtime at its broker.
+pub(crate) fn client_id(settings: &MqttSettings, machine: &str) -> String {
+    if settings.client_id.is_empty() {
+        format!("tandem-{machine}")
+    } else {
+        settings.client_id.clone()
+    }
+}
+
+/// Where a broker is, and how the runtime comes in.
+pub(crate) struct BrokerAddress {
+    pub(crate) host: String,
+    pub(crate) port: u16,
+    /// User and password.
+    pub(crate) credentials: Option<(String, String)>,
+    /// TCP, or TLS.
+    pub(crate) transport: rumqttc::Transport,
+}
+
+impl BrokerAddress {
+    /// The embedded broker, or else that of the settings.
+    pub(crate) fn new(
+        settings: &MqttSettings,
+        embedded: Option<&Broker>,
+        transport: rumqttc::Transport,
+    ) -> Self {
+        match embedded {
+            Some(broker) => Self {
+                host: reachable(broker.addr().ip()).to_string(),
+                port: broker.addr().port(),
+                credentials: Some(broker.runtime_credentials()),
+                transport: rumqttc::Transport::tcp(),
+            },
+            None => Self {
+                host: settings.host.clone(),
+                port: settings.port,
+                credentials: settings
+                    .username
+                    .clone()
+                    .map(|user| (user, settings.password.clone().unwrap_or_default())),
+                transport,
+            },
+        }
+    }
+}
+
+/// A broker that listens on every address is on the loopback, too.
+fn reachable(address: IpAddr) -> IpAddr {
+    match address {
+        IpAddr::V4(v4) if v4.is_unspecified() => Ipv4Addr::LOCALHOST.into(),
+        IpAddr::V6(v6) if v6.is_unspecified() => Ipv6Addr::LOCALHOST.into(),
+        address => address,
+    }
+}
+
 /// What the MQTT end is made of.
 pub(crate) struct Parts {
     pub(crate) port: Arc<dyn Port>,
@@ -35,9 +91,7 @@ pub(crate) struct Parts {
     /// Topic levels before all topics, with the last slash.
     pub(crate) root: String,
     /// Where the broker is.
-    pub(crate) host: String,
-    /// Its port.
-    pub(crate) tcp_port: u16,
+    pub(crate) at: BrokerAddress,
     pub(crate) position_interval: Duration,
     pub(crate) refused: mpsc::Receiver<Refused>,
     pub(crate) metrics: Arc<Metrics>,

@@ -3,11 +3,11 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use axum::Router;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
+use axum::{Extension, Router};
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::command::{Command, CommandMeta, CommandReply, CommandStatus, Expect};
 use plc_api::types::message::Payload;
@@ -19,10 +19,11 @@ use serde_json::{Value, json};
 use super::API;
 use super::extract::{InPath, InQuery, JsonBody};
 use super::states::json_response;
+use crate::access::User;
 use crate::problem::Problem;
 use crate::shared::{Shared, unexpected};
 
-/// Who commands when a command comes over REST.
+/// Who commands when a command comes over REST from nobody in particular.
 const CLIENT_ID: &str = "rest";
 
 /// Longest time that `?wait=1` waits; then 202. Reason: shorter than what proxies and clients allow.
@@ -31,20 +32,24 @@ const WAIT_MAX: Duration = Duration::from_mins(1);
 /// Characters of a command id.
 const COMMAND_ID_MAX: usize = 128;
 
-const VERBS: [&str; 7] = ["load", "start", "hold", "resume", "stop", "reset", "abort"];
-
 pub(super) fn routes() -> Router<Arc<Shared>> {
     let mut router = Router::new()
         .route("/alarms/{id}/acknowledge", post(acknowledge))
         .route("/commands/{id}", get(status));
-    for verb in VERBS {
+    // An alarm is acknowledged by its own route.
+    for verb in Command::VERBS
+        .into_iter()
+        .filter(|verb| *verb != "alarm_acknowledge")
+    {
         let handler = move |State(shared): State<Arc<Shared>>,
+                            Extension(user): Extension<User>,
                             InPath(cs): InPath<CoordinateSystemNumber>,
                             InQuery(wait): InQuery<Wait>,
                             headers: HeaderMap,
                             JsonBody(args): JsonBody<Value>| async move {
             let command = Command::parse(verb, &args).map_err(Problem::invalid)?;
-            carry_out(&shared, cs, command, &headers, wait.asked()?).await
+            let meta = meta(&shared, &user, &headers)?;
+            carry_out(&shared, cs, command, meta, wait.asked()?).await
         };
         router = router.route(&format!("/cs/{{cs}}/{verb}"), post(handler));
     }
@@ -72,10 +77,9 @@ async fn carry_out(
     shared: &Arc<Shared>,
     cs: CoordinateSystemNumber,
     command: Command,
-    headers: &HeaderMap,
+    meta: CommandMeta,
     wait: bool,
 ) -> Result<Response, Problem> {
-    let meta = meta(shared, headers)?;
     let command_id = meta.command_id.clone();
     let request = Request::Command {
         cs,
@@ -145,7 +149,7 @@ fn percent_encoded(text: &str) -> String {
 }
 
 /// Identity and condition of a command from `Idempotency-Key` and `If-Match`.
-fn meta(shared: &Shared, headers: &HeaderMap) -> Result<CommandMeta, Problem> {
+fn meta(shared: &Shared, user: &User, headers: &HeaderMap) -> Result<CommandMeta, Problem> {
     let command_id = match headers.get("idempotency-key") {
         None => shared.next_command_id(),
         Some(key) => key
@@ -168,7 +172,7 @@ fn meta(shared: &Shared, headers: &HeaderMap) -> Result<CommandMeta, Problem> {
     };
     Ok(CommandMeta {
         command_id,
-        client_id: CLIENT_ID.to_owned(),
+        client_id: user.name.clone().unwrap_or_else(|| CLIENT_ID.to_owned()),
         expect,
         ..CommandMeta::default()
     })
@@ -186,6 +190,7 @@ fn state_rev(tag: &HeaderValue) -> Result<u64, Problem> {
 /// Commands the coordinate system that the alarm stopped; the first one for an alarm of all.
 async fn acknowledge(
     State(shared): State<Arc<Shared>>,
+    Extension(user): Extension<User>,
     InPath(id): InPath<u64>,
     InQuery(wait): InQuery<Wait>,
     headers: HeaderMap,
@@ -207,14 +212,8 @@ async fn acknowledge(
         let first = birth.coordinate_systems.first().ok_or_else(unexpected)?;
         first.number
     };
-    carry_out(
-        &shared,
-        cs,
-        Command::AlarmAcknowledge { id },
-        &headers,
-        wait.asked()?,
-    )
-    .await
+    let meta = meta(&shared, &user, &headers)?;
+    carry_out(&shared, cs, Command::AlarmAcknowledge { id }, meta, wait.asked()?).await
 }
 
 async fn status(State(shared): State<Arc<Shared>>, InPath(id): InPath<String>) -> Result<Response, Problem> {

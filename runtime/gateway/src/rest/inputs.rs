@@ -24,7 +24,9 @@ struct Value {
 }
 
 pub(super) fn routes() -> Router<Arc<Shared>> {
-    let router = Router::new().route("/cs/{cs}/inputs/optional_skip/{number}", put(optional_skip));
+    let router = Router::new()
+        .route("/cs/{cs}/inputs/optional_skip/{number}", put(optional_skip))
+        .route("/motors/{number}/skip_input", put(skip_input));
     let router = set(router, "inputs/optional_stop", |cs, Value { value }| {
         Request::Input(cs, Input::OptionalStop(value))
     });
@@ -62,6 +64,15 @@ fn set<T: DeserializeOwned + Send + 'static>(
         Ok::<_, Problem>(StatusCode::NO_CONTENT)
     };
     router.route(&format!("/cs/{{cs}}/{path}"), put(handler))
+}
+
+async fn skip_input(
+    State(shared): State<Arc<Shared>>,
+    InPath(motor): InPath<u16>,
+    JsonBody(Value { value }): JsonBody<Value>,
+) -> Result<StatusCode, Problem> {
+    shared.ask(Request::SkipInput(motor, value)).await?;
+    Ok(StatusCode::NO_CONTENT)
 }
 
 async fn optional_skip(

@@ -1,6 +1,8 @@
 //! REST: `/api/v1`, one route for each thing that can be read or asked.
 
 mod commands;
+mod data;
+mod documents;
 mod extract;
 mod inputs;
 mod m_codes;
@@ -18,7 +20,7 @@ use axum::response::Response;
 
 use crate::problem::Problem;
 use crate::shared::Shared;
-use crate::{hmi, origin, websocket};
+use crate::{access, hmi, origin, websocket};
 
 /// Path before all routes of the interface.
 pub(crate) const API: &str = "/api/v1";
@@ -29,11 +31,17 @@ pub(crate) fn router(shared: Arc<Shared>) -> Router {
         .merge(states::routes())
         .merge(commands::routes())
         .merge(inputs::routes())
+        .merge(data::routes())
         .merge(m_codes::routes())
         .merge(programs::routes())
         .merge(unsupported::routes())
+        .merge(documents::routes())
         .merge(websocket::routes())
         .fallback(nothing_there)
+        .layer(middleware::from_fn_with_state(
+            Arc::clone(&shared),
+            access::http::guard,
+        ))
         .layer(middleware::map_response(no_store));
     Router::new()
         .nest(API, api)

@@ -24,6 +24,7 @@ pub(super) fn routes() -> Router<Arc<Shared>> {
         .route("/programs", get(list))
         .route("/programs/{number}", get(read).put(write).delete(remove))
         .route("/programs/{number}/check", post(check))
+        .route("/programs/{number}/intermediate", get(intermediate))
 }
 
 async fn list(State(shared): State<Arc<Shared>>) -> Result<Response, Problem> {
@@ -34,7 +35,20 @@ async fn list(State(shared): State<Arc<Shared>>) -> Result<Response, Problem> {
 }
 
 async fn read(State(shared): State<Arc<Shared>>, InPath(number): InPath<u16>) -> Result<Response, Problem> {
-    match shared.ask(Request::ReadProgram(number)).await? {
+    text_of(shared.ask(Request::ReadProgram(number)).await?)
+}
+
+async fn intermediate(
+    State(shared): State<Arc<Shared>>,
+    InPath(number): InPath<u16>,
+) -> Result<Response, Problem> {
+    // as large as an upload
+    let _permit = shared.uploads.acquire().await;
+    text_of(shared.ask(Request::IntermediateCode(number)).await?)
+}
+
+fn text_of(answer: Answer) -> Result<Response, Problem> {
+    match answer {
         Answer::ProgramText(text) => {
             let kind = HeaderValue::from_static("text/plain; charset=utf-8");
             Ok(([(header::CONTENT_TYPE, kind)], text).into_response())

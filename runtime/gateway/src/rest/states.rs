@@ -131,7 +131,13 @@ async fn health() -> Response {
 
 async fn metrics(State(shared): State<Arc<Shared>>) -> Response {
     let kind = HeaderValue::from_static("text/plain; version=0.0.4; charset=utf-8");
-    ([(header::CONTENT_TYPE, kind)], shared.metrics.text()).into_response()
+    // In simulated time there is no servo thread, and its metrics are left out.
+    let servo = match shared.ask(Request::ServoTiming).await {
+        Ok(Answer::ServoTiming(timing)) => Some(timing),
+        _ => None,
+    };
+    let text = shared.metrics.text(servo.as_ref());
+    ([(header::CONTENT_TYPE, kind)], text).into_response()
 }
 
 fn message_value(message: &Message) -> Value {

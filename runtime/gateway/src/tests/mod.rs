@@ -1,10 +1,13 @@
 //! Tests of the server ends over a port that remembers what it was asked and answers what a test says.
 
+mod access;
+mod data;
 mod gateway;
 mod mqtt;
 mod mqtt_refusals;
 mod rest;
 mod rest_refusals;
+mod threats;
 mod websocket;
 
 use std::sync::{Arc, Mutex};
@@ -21,6 +24,7 @@ use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::types::{BootId, Timestamp};
 use tokio_util::sync::CancellationToken;
 
+use crate::access::http::Access;
 use crate::shared::Shared;
 use crate::{Gateway, GatewaySettings};
 
@@ -179,17 +183,49 @@ pub(super) fn reply(command_id: &str, status: CommandStatus, code: &str) -> Comm
         code: code.to_owned(),
         text: "as asked".to_owned(),
         state_rev: 13,
+        variables: None,
     }
 }
 
 /// What HTTP handlers share, as if served at 127.0.0.1:8080.
 pub(super) fn shared(port: Arc<StubPort>) -> Arc<Shared> {
+    shared_with(port, None)
+}
+
+pub(super) fn shared_with(port: Arc<StubPort>, tokens: Option<Arc<crate::Tokens>>) -> Arc<Shared> {
     Arc::new(Shared::new(
         port,
         "127.0.0.1:8080".parse().unwrap(),
+        Access::new(tokens),
         Duration::from_millis(20),
         CancellationToken::new(),
     ))
+}
+
+/// A token of each role, and settings with them.
+pub(super) struct Users {
+    pub(super) settings: GatewaySettings,
+    tokens: std::collections::BTreeMap<&'static str, String>,
+}
+
+impl Users {
+    /// Each user has the name of its role.
+    pub(super) fn new() -> Self {
+        let mut file = tempfile::NamedTempFile::new().unwrap();
+        let mut tokens = std::collections::BTreeMap::new();
+        for (word, role) in crate::Role::ALL {
+            let new = crate::new_token(word, role).unwrap();
+            std::io::Write::write_all(&mut file, new.entry.as_bytes()).unwrap();
+            tokens.insert(word, new.token);
+        }
+        let mut settings = settings();
+        settings.tokens = Some(Arc::new(crate::Tokens::read(file.path()).unwrap()));
+        Self { settings, tokens }
+    }
+
+    pub(super) fn token(&self, name: &str) -> &str {
+        &self.tokens[name]
+    }
 }
 
 /// Settings with free ports.
@@ -204,8 +240,12 @@ pub(super) fn settings() -> GatewaySettings {
 }
 
 pub(super) async fn start(port: &Arc<StubPort>) -> Gateway {
+    start_with(port, settings()).await
+}
+
+pub(super) async fn start_with(port: &Arc<StubPort>, settings: GatewaySettings) -> Gateway {
     let port: Arc<dyn Port> = Arc::<StubPort>::clone(port);
-    Gateway::start(port, settings()).await.unwrap()
+    Gateway::start(port, settings).await.unwrap()
 }
 
 /// A test that hangs fails instead.

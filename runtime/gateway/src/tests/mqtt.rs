@@ -9,7 +9,7 @@ use tokio::sync::mpsc;
 use tokio_util::task::AbortOnDropHandle;
 
 use super::*;
-use crate::broker::Broker;
+use crate::broker::{Broker, BrokerAccess};
 use crate::mqtt::{self, MqttEnd};
 use crate::settings::MqttSettings;
 
@@ -38,6 +38,10 @@ impl Client {
         if let Some(will) = will {
             options.set_last_will(will);
         }
+        Self::with_options(options, filters).await
+    }
+
+    pub(super) async fn with_options(options: MqttOptions, filters: &[&str]) -> Self {
         let (client, mut eventloop) = AsyncClient::new(options, 64);
         let (sender, received) = mpsc::unbounded_channel();
         let (ready, is_ready) = tokio::sync::oneshot::channel();
@@ -314,9 +318,13 @@ async fn an_external_broker_keeps_no_command() {
 /// A broker that knows nothing of commands, as an external one.
 async fn broker(address: std::net::SocketAddr) -> (Broker, std::net::SocketAddr) {
     let (refused, _) = mpsc::channel(1);
-    let broker = Broker::start(address, Arc::new(|_: &str| false), refused)
-        .await
-        .unwrap();
+    // knows nothing of our topics, as a broker of somebody else
+    let access = BrokerAccess {
+        root: "none/".into(),
+        runtime_client_id: "none".into(),
+        tokens: None,
+    };
+    let broker = Broker::start(address, access, refused).await.unwrap();
     let address = broker.addr();
     (broker, address)
 }
@@ -331,8 +339,12 @@ fn mqtt_end(port: &Arc<StubPort>, address: std::net::SocketAddr) -> MqttEnd {
         },
         machine: "mill-1".into(),
         root: ROOT.into(),
-        host: address.ip().to_string(),
-        tcp_port: address.port(),
+        at: mqtt::BrokerAddress {
+            host: address.ip().to_string(),
+            port: address.port(),
+            credentials: None,
+            transport: rumqttc::Transport::tcp(),
+        },
         position_interval: Duration::from_millis(20),
         refused,
         metrics: Arc::default(),

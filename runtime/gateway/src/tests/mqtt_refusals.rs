@@ -23,8 +23,9 @@ async fn a_malformed_or_unsupported_command_is_rejected_with_a_reply() {
     for (verb, args, code) in [
         ("load", Value::Null, "invalid"),
         ("jump", Value::Null, "invalid"),
-        ("jog", json!({"axis": "X"}), "not_supported"),
-        ("mdi", json!({"text": "G00 X1"}), "not_supported"),
+        ("jog", json!({"axis": "X"}), "invalid"),
+        ("mdi", json!({"text": ""}), "invalid"),
+        ("back_trace", json!({"on": true}), "not_supported"),
     ] {
         let command = json!({"command_id": verb, "client_id": "hmi", "args": args});
         client
@@ -40,10 +41,13 @@ async fn a_malformed_or_unsupported_command_is_rejected_with_a_reply() {
             (&json!("rejected"), &json!(12))
         );
     }
-    let get = json!({"command_id": "v", "client_id": "hmi", "kind": "P", "from": 0, "count": 1});
+    let get = json!({"command_id": "v", "client_id": "hmi", "kind": "L", "from": 0, "count": 1});
     client.publish("cs/1/variable/get", false, &get).await;
     let (_, reply) = client.next("reply/hmi", |_| true).await;
-    assert_eq!(reply["code"], "not_supported");
+    assert_eq!(
+        (&reply["command_id"], &reply["code"]),
+        (&json!("v"), &json!("invalid"))
+    );
     assert_eq!(port.asked(), []);
     gateway.shutdown().await;
 }
@@ -59,7 +63,7 @@ async fn a_message_that_nobody_can_be_told_about_is_dropped_and_the_next_one_cou
         .publish("cs/1/m_code/5/claim", false, &json!({"seq": 1}))
         .await;
     client
-        .publish("motor/1/skip_input/set", false, &json!({"value": true}))
+        .publish("motor/1/skip_input/set", false, &json!({"on": true}))
         .await;
     client.publish("cs/1/tool/set", false, &json!({"id": 4})).await;
     port.asked_for(|request| *request == Request::Tool(1, 4)).await;

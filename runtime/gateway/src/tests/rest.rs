@@ -7,7 +7,7 @@ use plc_api::types::command::{Command, CommandStatus, Expect};
 use plc_api::types::machine::{ActiveAlarms, AlarmRecord};
 use plc_api::types::output::{HandshakeResult, HandshakeStatus, Pending};
 use plc_api::types::program::{ProgramCheck, ProgramInfo};
-use plc_api::types::request::{Input, OverrideChange};
+use plc_api::types::request::{Durations, Input, OverrideChange, ServoTiming};
 use plc_api::types::state::{Captured, Lock, Modal, Overrides, ProgramPlace, Spindle, Tool};
 use serde_json::{Value, json};
 use tower::ServiceExt;
@@ -144,14 +144,6 @@ async fn a_command_is_accepted_with_its_id_and_where_to_ask() {
 async fn every_verb_has_its_route_and_each_command_an_id_of_its_own() {
     let port = StubPort::new();
     let app = router(shared(Arc::clone(&port)));
-    for verb in ["start", "hold", "resume", "stop", "reset", "abort"] {
-        let request = HttpRequest::post(format!("/api/v1/cs/2/{verb}"))
-            .header("host", "127.0.0.1:8080")
-            .body(Body::empty())
-            .unwrap();
-        let response = app.clone().oneshot(request).await.unwrap();
-        assert_eq!(response.status(), 202, "{verb}");
-    }
     let commands = [
         Command::Start,
         Command::Hold,
@@ -159,7 +151,28 @@ async fn every_verb_has_its_route_and_each_command_an_id_of_its_own() {
         Command::Stop,
         Command::Reset,
         Command::Abort,
+        Command::Mdi {
+            text: "G00 X1\nY2".into(),
+        },
+        Command::Home { axes: vec!['X'] },
+        Command::Home { axes: Vec::new() },
+        Command::Jog {
+            axis: 'X',
+            velocity: -600.0,
+            distance: Some(1.5),
+            refresh_id: "panel-1".into(),
+        },
     ];
+    for command in &commands {
+        let verb = serde_json::to_value(command.verb()).unwrap();
+        let request = HttpRequest::post(format!("/api/v1/cs/2/{}", verb.as_str().unwrap()))
+            .header("host", "127.0.0.1:8080")
+            .header("content-type", "application/json")
+            .body(Body::from(command.args().to_string()))
+            .unwrap();
+        let response = app.clone().oneshot(request).await.unwrap();
+        assert_eq!(response.status(), 202, "{verb}");
+    }
     let mut ids = std::collections::BTreeSet::new();
     for (request, expected) in port.asked().iter().zip(&commands) {
         let Request::Command {
@@ -280,6 +293,12 @@ async fn inputs_overrides_spindle_and_tool_are_set() {
         (response.status().as_u16(), port.asked().pop()),
         (204, Some(Request::Tool(1, 4)))
     );
+    let body = r#"{"value":true}"#;
+    let response = call(&port, "PUT", "/api/v1/motors/3/skip_input", &[JSON], body).await;
+    assert_eq!(
+        (response.status().as_u16(), port.asked().pop()),
+        (204, Some(Request::SkipInput(3, true)))
+    );
     let body = r#"{"direction":"ccw","rpm":500}"#;
     let response = call(&port, "PUT", "/api/v1/cs/1/spindle", &[JSON], body).await;
     assert_eq!(response.status(), 204);
@@ -344,6 +363,37 @@ async fn progress_and_redelivery_are_taken() {
 }
 
 #[tokio::test]
+async fn questions_are_asked_and_answered() {
+    use plc_api::types::output::{HandshakeResult, HandshakeStatus};
+    for (status, http) in [
+        (HandshakeStatus::Accepted, 200),
+        (HandshakeStatus::Duplicate, 200),
+        (HandshakeStatus::Unknown, 409),
+        (HandshakeStatus::Stale, 409),
+    ] {
+        let port = StubPort::with(move |_| {
+            let handler_id = String::new();
+            let seq = 9;
+            Ok(Answer::Handshake(HandshakeResult {
+                seq,
+                handler_id,
+                status,
+            }))
+        });
+        let body =
+            r#"{"boot_id":"boot-1","handler_id":"h","question_id":"q","text":"Clean?","choices":["yes"]}"#;
+        let response = call(&port, "POST", "/api/v1/cs/1/m_codes/9/ask", &[JSON], body).await;
+        assert_eq!(response.status(), http);
+        let body = r#"{"boot_id":"boot-1","question_id":"q","choice":"yes","client_id":"hmi"}"#;
+        let response = call(&port, "POST", "/api/v1/cs/1/m_codes/9/answer", &[JSON], body).await;
+        assert_eq!(response.status(), http);
+        let asked = port.asked();
+        assert!(matches!(&asked[0], Request::Ask(1, None, ask) if ask.choices == ["yes"]));
+        assert!(matches!(&asked[1], Request::AnswerQuestion(1, None, answer) if answer.choice == "yes"));
+    }
+}
+
+#[tokio::test]
 async fn programs_are_written_read_checked_and_removed_as_text() {
     let created = std::sync::atomic::AtomicBool::new(true);
     let port = StubPort::with(move |request| {
@@ -354,6 +404,7 @@ async fn programs_are_written_read_checked_and_removed_as_text() {
             }),
             Request::CheckProgram(_) => Answer::Check(ProgramCheck::default()),
             Request::ReadProgram(_) => Answer::ProgramText("G01 X1 (\u{e4})\n".into()),
+            Request::IntermediateCode(7) => Answer::ProgramText("open prog 7\nclose\n".into()),
             _ => Answer::Done,
         })
     });
@@ -373,6 +424,9 @@ async fn programs_are_written_read_checked_and_removed_as_text() {
             .status(),
         200
     );
+    let response = call(&port, "GET", "/api/v1/programs/7/intermediate", &[], "").await;
+    assert_eq!(response.headers()["content-type"], "text/plain; charset=utf-8");
+    assert_eq!(text(response).await, "open prog 7\nclose\n");
     assert_eq!(call(&port, "DELETE", path, &[], "").await.status(), 204);
     assert_eq!(port.asked().pop(), Some(Request::DeleteProgram(7)));
 }
@@ -458,4 +512,76 @@ async fn the_hmi_is_served_with_its_type_tag_and_protection() {
     ] {
         assert_eq!(call(&port, "GET", path, &[], "").await.status(), 404, "{path}");
     }
+}
+
+#[tokio::test]
+async fn metrics_tell_how_punctual_the_servo_thread_is_as_prometheus_histograms() {
+    let durations = |max_s| Durations {
+        buckets: vec![(2e-6, 3), (4e-6, 0), (f64::INFINITY, 2)],
+        sum_s: 0.25,
+        max_s,
+    };
+    let port = StubPort::with(move |request| {
+        Ok(match request {
+            Request::ServoTiming => Answer::ServoTiming(ServoTiming {
+                period_s: 0.001,
+                overruns: 7,
+                lateness: durations(0.125),
+                computing: durations(0.0005),
+            }),
+            _ => Answer::Done,
+        })
+    });
+    let response = call(&port, "GET", "/api/v1/metrics", &[], "").await;
+    let text = text(response).await;
+    let servo: Vec<&str> = text
+        .lines()
+        .filter(|line| line.starts_with("tandem_servo") || line.starts_with("# TYPE tandem_servo"))
+        .collect();
+    let mut expected = vec![
+        "# TYPE tandem_servo_period_seconds gauge".to_owned(),
+        "tandem_servo_period_seconds 0.001".to_owned(),
+        "# TYPE tandem_servo_overruns_total counter".to_owned(),
+        "tandem_servo_overruns_total 7".to_owned(),
+    ];
+    for (name, max) in [
+        ("tandem_servo_wakeup_lateness", "0.125"),
+        ("tandem_servo_cycle", "0.0005"),
+    ] {
+        expected.extend([
+            format!("# TYPE {name}_seconds histogram"),
+            format!("{name}_seconds_bucket{{le=\"0.000002\"}} 3"),
+            format!("{name}_seconds_bucket{{le=\"0.000004\"}} 3"),
+            format!("{name}_seconds_bucket{{le=\"+Inf\"}} 5"),
+            format!("{name}_seconds_sum 0.25"),
+            format!("{name}_seconds_count 5"),
+            format!("# TYPE {name}_max_seconds gauge"),
+            format!("{name}_max_seconds {max}"),
+        ]);
+    }
+    assert_eq!(servo, expected);
+    // every metric has its help, and a machine in simulated time has no servo thread
+    assert_eq!(text.matches("# HELP ").count(), text.matches("# TYPE ").count());
+    let simulated = call(&StubPort::new(), "GET", "/api/v1/metrics", &[], "").await;
+    assert!(!self::text(simulated).await.contains("tandem_servo"));
+}
+
+#[tokio::test]
+async fn the_documents_and_their_page_are_served_from_here_alone() {
+    let port = StubPort::new();
+    for (path, key) in [("openapi", "3.1.0"), ("asyncapi", "3.0.0")] {
+        let (status, document) = get(&port, &format!("/api/v1/{path}.json")).await;
+        assert_eq!((status, &document[path]), (200, &json!(key)));
+    }
+    let response = call(&port, "GET", "/api", &[], "").await;
+    assert_eq!(response.headers()["content-type"], "text/html; charset=utf-8");
+    let page = text(response).await;
+    for file in ["api_page.js", "api_page.css"] {
+        assert!(page.contains(file), "{page}");
+        assert_eq!(
+            call(&port, "GET", &format!("/{file}"), &[], "").await.status(),
+            200
+        );
+    }
+    assert!(!page.contains("://"), "nothing from elsewhere: {page}");
 }

@@ -133,7 +133,17 @@ async fn a_slow_reader_is_given_the_latest_values_and_never_an_unbounded_backlog
         tokio::task::yield_now().await;
     }
     let mut received = 0;
-    while next(&mut socket).await["rev"] != 100 + VALUES - 1 {
+    let mut last = 0;
+    while last != 100 + VALUES - 1 {
+        let value = next(&mut socket).await;
+        let rev = value["rev"].as_u64().unwrap();
+        assert!(rev > last, "{rev} after {last}");
+        assert_eq!(
+            value["run_id"].as_str().map(str::len),
+            Some(64 * 1024),
+            "each is whole: what a reader has missed it need not ask for"
+        );
+        last = rev;
         received += 1;
     }
     assert!(
@@ -201,4 +211,24 @@ async fn a_shutdown_closes_the_websocket_with_a_reason() {
         gateway.shutdown()
     );
     assert_eq!(frame.unwrap().reason.as_str(), "the runtime stops");
+}
+
+#[tokio::test]
+async fn a_handler_that_a_client_announces_goes_with_its_connection() {
+    let port = StubPort::new();
+    let gateway = start(&port).await;
+    let mut socket = connect(&gateway).await;
+    let handles = json!([{"cs": 1, "m": 12}]);
+    ask(
+        &mut socket,
+        &json!({"handler": {"id": "clamp", "online": true, "handles": handles}}),
+    )
+    .await;
+    let is = |request: &Request, is_online: bool| {
+        matches!(request, Request::Handler(id, presence)
+            if id == "clamp" && presence.online == is_online && presence.handles.len() == usize::from(is_online))
+    };
+    port.asked_for(|request| is(request, true)).await;
+    drop(socket);
+    port.asked_for(|request| is(request, false)).await;
 }

@@ -12,11 +12,10 @@ use anyhow::Context;
 use plc_api::types::CoordinateSystemNumber;
 use serde_json::{Value, json};
 use tandem_model::Axis;
-use tandem_runtime::Machine;
 use tandem_runtime::journal::Line;
 use tandem_runtime::simulation::OnCycle;
 
-use super::Job;
+use super::Plan;
 
 /// What happened in one coordinate system.
 #[derive(Debug, Clone, Default)]
@@ -42,11 +41,10 @@ impl Recorder {
     pub fn new(
         cs: impl Iterator<Item = CoordinateSystemNumber>,
         events: Option<&Path>,
-    ) -> Result<Self, String> {
+    ) -> anyhow::Result<Self> {
         let open = |path: &Path| {
-            File::create(path)
-                .map(BufWriter::new)
-                .map_err(|error| format!("cannot write {}: {error}", path.display()))
+            let file = File::create(path).with_context(|| format!("cannot write {}", path.display()));
+            file.map(BufWriter::new)
         };
         let events = events.map(open).transpose()?;
         Ok(Self {
@@ -147,23 +145,14 @@ struct TraceFile {
 }
 
 impl Trace {
-    pub fn new(path: Option<&Path>, machine: &Machine, job: &Job) -> anyhow::Result<Self> {
-        let index = machine
-            .coordinate_systems
-            .iter()
-            .position(|system| system.settings.number == job.cs);
-        let index = index.unwrap_or_default();
-        let axes = machine.coordinate_systems[index]
-            .settings
-            .axes()
-            .iter()
-            .collect::<Vec<_>>();
+    pub fn new(path: Option<&Path>, plan: &Plan) -> anyhow::Result<Self> {
+        let (index, axes) = plan.watched();
         let mut trace = TraceFile {
             file: None,
             failed: None,
             index,
             axes,
-            program: job.program,
+            program: plan.program(),
             line: 0,
             cycles: 0,
             started: Instant::now(),

@@ -16,7 +16,7 @@ use super::Job;
 use super::recorder::{Record, Recorder};
 
 /// What a simulation found: the first coordinate system's part, and those of the others.
-pub(super) struct Outcome {
+pub(in crate::cli) struct Outcome {
     first: Part,
     others: BTreeMap<CoordinateSystemNumber, Part>,
 }
@@ -31,7 +31,7 @@ struct Part {
 }
 
 impl Outcome {
-    pub async fn new(
+    pub(super) async fn new(
         runtime: &Runtime,
         jobs: &[Job],
         recorder: &Arc<Mutex<Recorder>>,
@@ -51,6 +51,16 @@ impl Outcome {
 
     pub fn is_completed(&self) -> bool {
         self.parts().all(|part| part.record.alarm.is_null())
+    }
+
+    /// From the first program's start to its end, s.
+    pub fn cycle_time_s(&self) -> f64 {
+        self.first.cycle_time_s()
+    }
+
+    /// What ended the first program that did not complete, in a sentence; empty when all completed.
+    pub fn alarm_text(&self) -> String {
+        self.parts().find_map(Part::alarm_text).unwrap_or_default()
     }
 
     fn parts(&self) -> impl Iterator<Item = &Part> {
@@ -144,6 +154,15 @@ impl Part {
         self.record.end_s - self.record.start_s
     }
 
+    fn alarm_text(&self) -> Option<String> {
+        let alarm = &self.record.alarm;
+        let text = alarm.get("text")?.as_str().unwrap_or_default();
+        Some(format!(
+            "alarm {} in program {} line {}: {text}",
+            alarm["number"], alarm["program"], alarm["line"]
+        ))
+    }
+
     fn outcome(&self) -> &'static str {
         if self.record.alarm.is_null() {
             "completed"
@@ -217,13 +236,8 @@ impl Part {
                 warning["text"].as_str().unwrap_or_default()
             ));
         }
-        if !self.record.alarm.is_null() {
-            let alarm = &self.record.alarm;
-            let text = alarm["text"].as_str().unwrap_or_default();
-            say(&format!(
-                "  alarm {} in program {} line {}: {text}",
-                alarm["number"], alarm["program"], alarm["line"]
-            ));
+        if let Some(text) = self.alarm_text() {
+            say(&format!("  {text}"));
         }
     }
 }

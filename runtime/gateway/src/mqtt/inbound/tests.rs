@@ -86,6 +86,26 @@ fn the_handshake_comes_in_with_the_m_number_of_its_topic() {
 }
 
 #[test]
+fn questions_answers_and_results_of_validation_come_in() {
+    let ask_json =
+        r#"{"boot_id":"b","seq":7,"handler_id":"h","question_id":"q","text":"Clean?","choices":["yes"]}"#;
+    assert!(matches!(
+        ask("cs/1/m_code/5/ask", ask_json),
+        Request::Ask(1, Some(5), ask) if ask.text == "Clean?" && ask.choices == ["yes"]
+    ));
+    let answer_json = r#"{"boot_id":"b","seq":7,"question_id":"q","choice":"yes"}"#;
+    assert!(matches!(
+        ask("cs/1/m_code/5/answer", answer_json),
+        Request::AnswerQuestion(1, Some(5), answer) if answer.choice == "yes" && answer.client_id.is_none()
+    ));
+    let result_json = r#"{"request_id":"1-4","handler_id":"h","ok":false,"text":"no such tool"}"#;
+    assert!(matches!(
+        ask("cs/1/m_code/5/validate_result", result_json),
+        Request::ValidateResult(1, Some(5), result) if !result.ok && result.request_id == "1-4"
+    ));
+}
+
+#[test]
 fn inputs_and_settings_come_in() {
     let input = |name: &str, payload: &str| ask(&format!("cs/1/{name}/set"), payload);
     let lock = Lock {
@@ -181,15 +201,62 @@ fn a_malformed_command_is_answered_when_its_sender_can_be_read() {
     let good = r#"{"command_id":"c","client_id":"hmi"}"#;
     assert_eq!(code_of("load", good, false), RefusalCode::Invalid);
     assert_eq!(code_of("jump", good, false), RefusalCode::Invalid);
-    assert_eq!(code_of("jog", good, false), RefusalCode::NotSupported);
+    assert_eq!(code_of("jog", good, false), RefusalCode::Invalid);
+    assert_eq!(code_of("back_trace", good, false), RefusalCode::NotSupported);
     assert_eq!(code_of("start", good, true), RefusalCode::Retained);
     let unknown_field = r#"{"command_id":"c","client_id":"hmi","expct":{}}"#;
     assert_eq!(code_of("start", unknown_field, false), RefusalCode::Invalid);
-    let text = r#"{"command_id":"c","client_id":"hmi","kind":"P","from":0,"count":1}"#;
-    match read("cs/1/variable/get", text.as_bytes(), false) {
-        Inbound::Reject { refusal, .. } => assert_eq!(refusal.code, RefusalCode::NotSupported),
+}
+
+#[test]
+fn variables_are_read_and_written_by_range_under_a_command_id() {
+    let get = r#"{"command_id":"c","client_id":"hmi","kind":"Q","from":4000,"count":96}"#;
+    let meta = Some(CommandMeta {
+        command_id: "c".into(),
+        client_id: "hmi".into(),
+        ..CommandMeta::default()
+    });
+    assert_eq!(
+        ask("cs/2/variable/get", get),
+        Request::ReadVariables {
+            area: VariableArea::CoordinateSystem(2),
+            from: 4000,
+            count: 96,
+            meta: meta.clone()
+        }
+    );
+    let set = r#"{"command_id":"c","client_id":"hmi","kind":"P","from":7,"values":[1,-0.5,"inf"]}"#;
+    assert_eq!(
+        ask("cs/2/variable/set", set),
+        Request::WriteVariables {
+            area: VariableArea::Global,
+            from: 7,
+            values: vec![1.0, -0.5, f64::INFINITY],
+            meta
+        }
+    );
+    let code_of = |path: &str, text: &str, retained| match read(path, text.as_bytes(), retained) {
+        Inbound::Reject { refusal, .. } => refusal.code,
         other => panic!("{other:?}"),
+    };
+    assert_eq!(code_of("cs/1/variable/set", set, true), RefusalCode::Retained);
+    for (path, text) in [("cs/1/variable/get", set), ("cs/1/variable/set", get)] {
+        assert_eq!(code_of(path, text, false), RefusalCode::Invalid, "{path}");
     }
+    let wrong = r#"{"command_id":"c","client_id":"hmi","kind":"P","from":7,"values":["12"]}"#;
+    assert_eq!(code_of("cs/1/variable/set", wrong, false), RefusalCode::Invalid);
+}
+
+#[test]
+fn a_skip_input_names_its_motor() {
+    let expected = Inbound::Ask {
+        request: Request::SkipInput(3, true),
+        urgent: false,
+    };
+    assert_eq!(
+        read("motor/3/skip_input/set", br#"{"value":true}"#, false),
+        expected
+    );
 }
 
 #[test]
@@ -207,7 +274,9 @@ fn what_names_nobody_or_is_retained_is_dropped_with_a_reason() {
         ("cs/1/m_code/70000/claim", "{}", false),
         ("cs/x/command/start", "{}", false),
         ("cs/1/input/nothing/set", "{}", false),
-        ("motor/1/skip_input/set", r#"{"value":true}"#, false),
+        ("motor/1/skip_input/set", r#"{"value":true}"#, true),
+        ("motor/x/skip_input/set", r#"{"value":true}"#, false),
+        ("motor/1/skip_input/set", r#"{"value":1}"#, false),
         ("cs/1/command/start", large.as_str(), false),
         ("elsewhere", "{}", false),
     ] {

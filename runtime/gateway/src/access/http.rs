@@ -1,0 +1,176 @@
+//! Access over HTTP: whose token a request carries, and whether its route is for that user.
+//!
+//! The token stands in `Authorization: Bearer TOKEN`. Browsers cannot set that header on a WebSocket: there it may be
+//! one of the sub-protocols, `bearer.TOKEN`, beside `tandem.v1`, which the server chooses.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::extract::{MatchedPath, Request, State};
+use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+
+use super::{Rate, Tokens, User};
+use crate::contract::routes::{Found, find};
+use crate::problem::Problem;
+use crate::rest::API;
+use crate::shared::Shared;
+
+/// Sub-protocol of our WebSocket.
+pub(crate) const WEBSOCKET_PROTOCOL: &str = "tandem.v1";
+
+/// What stands before a token among sub-protocols.
+const TOKEN_PROTOCOL: &str = "bearer.";
+
+/// Requests of one user: at once, and a second after that; more are 429.
+const USER_BURST: u32 = 1000;
+const USER_PER_SECOND: u32 = 500;
+
+/// The same for requests with a wrong token or none, of all together; right ones are not held up by them.
+const WRONG_BURST: u32 = 50;
+const WRONG_PER_SECOND: u32 = 10;
+
+/// Who may use the server.
+#[derive(Debug)]
+pub(crate) struct Access {
+    tokens: Option<Arc<Tokens>>,
+    rates: BTreeMap<String, Rate>,
+    wrong: Rate,
+}
+
+impl Access {
+    /// Without tokens everyone who reaches the server is `admin`.
+    pub(crate) fn new(tokens: Option<Arc<Tokens>>) -> Self {
+        let users = tokens.iter().flat_map(|tokens| tokens.users());
+        let rates = users.map(|(name, _)| (name.to_owned(), Rate::new(USER_BURST, USER_PER_SECOND)));
+        Self {
+            rates: rates.collect(),
+            tokens,
+            wrong: Rate::new(WRONG_BURST, WRONG_PER_SECOND),
+        }
+    }
+
+    /// The user of a request.
+    pub(crate) fn user(&self, headers: &HeaderMap) -> Result<User, Problem> {
+        let Some(tokens) = &self.tokens else {
+            return Ok(User::anyone());
+        };
+        let Some(user) = token(headers).and_then(|token| tokens.user_of(token)) else {
+            return Err(match self.wrong.take() {
+                Ok(()) => Problem::new(
+                    StatusCode::UNAUTHORIZED,
+                    "unauthorized",
+                    "this needs a token; send it as Authorization: Bearer TOKEN",
+                ),
+                Err(wait) => too_many(wait),
+            });
+        };
+        match user
+            .name
+            .as_ref()
+            .and_then(|name| self.rates.get(name))
+            .map(Rate::take)
+        {
+            Some(Err(wait)) => Err(too_many(wait)),
+            Some(Ok(())) | None => Ok(user),
+        }
+    }
+}
+
+fn too_many(wait: Duration) -> Problem {
+    let text = format!("too many requests; send it again in {} ms", wait.as_millis() + 1);
+    Problem::new(StatusCode::TOO_MANY_REQUESTS, "too_many_requests", text)
+}
+
+/// Lets a request pass only to a route of the table, and only from a user who has its right. Handlers find the
+/// [`User`] among the request's extensions.
+pub(crate) async fn guard(State(shared): State<Arc<Shared>>, mut request: Request, next: Next) -> Response {
+    let path = request.extensions().get::<MatchedPath>().cloned();
+    let path = path.as_ref().map(MatchedPath::as_str);
+    match admit(&shared.access, request.method(), path, request.headers()) {
+        Ok(user) => {
+            request.extensions_mut().insert(user);
+            next.run(request).await
+        }
+        Err(refused) => *refused,
+    }
+}
+
+fn admit(
+    access: &Access,
+    method: &Method,
+    path: Option<&str>,
+    headers: &HeaderMap,
+) -> Result<User, Box<Response>> {
+    let refuse = |problem: Problem| Box::new(problem.into_response());
+    let found = path
+        .and_then(|path| path.strip_prefix(API))
+        .map_or(Found::Nothing, |path| find(method, path));
+    if let Found::Route(route) = &found
+        && route.right.is_none()
+    {
+        return Ok(User::stranger());
+    }
+    let user = access.user(headers).map_err(refuse)?;
+    match found {
+        Found::Route(route) if route.right.is_none_or(|right| user.role.has(right)) => Ok(user),
+        Found::Route(_) => Err(refuse(forbidden(format!(
+            "role {} may not {method} here",
+            user.role.word()
+        )))),
+        Found::OtherMethods(allowed) => Err(Box::new(other_method(method, &allowed))),
+        // a path that nothing is routed to: 404 comes from behind
+        Found::Nothing if path.is_none() => Ok(user),
+        Found::Nothing => Err(refuse(Problem::new(
+            StatusCode::INTERNAL_SERVER_ERROR,
+            "route_without_right",
+            "this route stands in no table of rights; this is a fault of the runtime, please report it",
+        ))),
+    }
+}
+
+/// A refusal of a user who is known.
+pub(crate) fn forbidden(text: String) -> Problem {
+    Problem::new(StatusCode::FORBIDDEN, "forbidden", text)
+}
+
+fn other_method(method: &Method, allowed: &str) -> Response {
+    let mut response = Problem::new(
+        StatusCode::METHOD_NOT_ALLOWED,
+        "method_not_allowed",
+        format!("{method} is not for this path; {allowed} are"),
+    )
+    .into_response();
+    if let Ok(allowed) = HeaderValue::try_from(allowed) {
+        response.headers_mut().insert(header::ALLOW, allowed);
+    }
+    response
+}
+
+/// The token of a request. Two tokens are none.
+fn token(headers: &HeaderMap) -> Option<&[u8]> {
+    let mut authorizations = headers.get_all(header::AUTHORIZATION).iter();
+    let mut protocols = headers
+        .get_all(header::SEC_WEBSOCKET_PROTOCOL)
+        .iter()
+        .filter_map(|value| value.to_str().ok())
+        .flat_map(|value| value.split(','))
+        .filter_map(|protocol| protocol.trim().strip_prefix(TOKEN_PROTOCOL));
+    match (
+        authorizations.next(),
+        authorizations.next(),
+        protocols.next(),
+        protocols.next(),
+    ) {
+        (Some(value), None, None, None) => {
+            let (scheme, token) = value.to_str().ok()?.split_once(' ')?;
+            scheme
+                .eq_ignore_ascii_case("bearer")
+                .then_some(token.trim().as_bytes())
+        }
+        (None, None, Some(token), None) => Some(token.as_bytes()),
+        _ => None,
+    }
+}

@@ -1,0 +1,176 @@
+//! Who may do what: roles and their rights, tokens, and what each right opens on MQTT.
+//!
+//! A [`Right`] stands beside every route and every topic in [`contract`](crate::contract); a [`Role`] is a set of
+//! rights. Without a token file everyone on the loopback is `admin`; with one, [`Tokens`] tells whose a token is.
+
+pub(crate) mod http;
+mod mosquitto;
+mod rate;
+mod tokens;
+pub(crate) mod topics;
+
+use serde::{Deserialize, Serialize};
+
+pub use mosquitto::mosquitto_acl;
+pub(crate) use rate::Rate;
+pub(crate) use tokens::random_secret;
+pub use tokens::{NewToken, TokenError, Tokens, new_token};
+
+/// What a user may do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Role {
+    /// Reads everything, changes nothing.
+    View,
+    /// Works at the machine: commands, inputs, overrides, values, resets by hand.
+    Operate,
+    /// Everything, also the program store.
+    Admin,
+    /// A sequence program: claims, resets, tells progress and its presence, each in its own name only.
+    Handler,
+}
+
+/// What a route or topic asks of a user.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Right {
+    /// To see: needs a user where there are tokens.
+    Read,
+    /// To command a machine and set its inputs and values.
+    Operate,
+    /// To claim an output, tell progress and be present, in one's own name.
+    Handle,
+    /// To reset an output: a handler its own, an operator any.
+    Reset,
+    /// To change what the machine keeps: its programs.
+    Administrate,
+}
+
+impl Role {
+    /// The roles and their words, as they stand in token files and on the command line.
+    pub const ALL: [(&'static str, Role); 4] = [
+        ("view", Role::View),
+        ("operate", Role::Operate),
+        ("admin", Role::Admin),
+        ("handler", Role::Handler),
+    ];
+
+    /// The role of a word.
+    pub fn of_word(word: &str) -> Option<Role> {
+        let mut all = Self::ALL.iter();
+        all.find(|(known, _)| *known == word).map(|(_, role)| *role)
+    }
+
+    /// The word of the role.
+    pub fn word(self) -> &'static str {
+        let mut all = Self::ALL.iter();
+        all.find(|(_, role)| *role == self).map_or("", |(word, _)| word)
+    }
+
+    pub(crate) fn has(self, right: Right) -> bool {
+        match self {
+            Role::View => right == Right::Read,
+            Role::Operate => matches!(right, Right::Read | Right::Operate | Right::Reset),
+            Role::Handler => matches!(right, Right::Read | Right::Handle | Right::Reset),
+            Role::Admin => true,
+        }
+    }
+}
+
+impl Right {
+    /// The word of the right in the documents of the interface.
+    #[cfg(test)]
+    pub(crate) fn word(self) -> &'static str {
+        match self {
+            Right::Read => "read",
+            Right::Operate => "operate",
+            Right::Handle => "handle",
+            Right::Reset => "reset",
+            Right::Administrate => "administrate",
+        }
+    }
+}
+
+/// A user who was let in.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct User {
+    /// Of the token; `None`: anyone on the loopback, where there is no token file.
+    pub(crate) name: Option<String>,
+    pub(crate) role: Role,
+}
+
+impl User {
+    /// Anyone on the loopback, where there is no token file.
+    pub(crate) fn anyone() -> Self {
+        Self {
+            name: None,
+            role: Role::Admin,
+        }
+    }
+
+    /// Someone whose token was not asked for.
+    pub(crate) fn stranger() -> Self {
+        Self {
+            name: None,
+            role: Role::View,
+        }
+    }
+
+    /// Why this user may not speak as this handler, if so: a handler's token speaks in its own name only.
+    pub(crate) fn speaks_as(&self, handler_id: &str) -> Result<(), String> {
+        match &self.name {
+            Some(name) if self.role == Role::Handler && name != handler_id => Err(format!(
+                "the token of {name} has role handler: it speaks as handler_id {name} only"
+            )),
+            _ => Ok(()),
+        }
+    }
+
+    /// Why this user may not reset as this handler, if so. By force is an operator's way.
+    pub(crate) fn resets_as(&self, handler_id: &str, force: bool) -> Result<(), String> {
+        if force && !self.role.has(Right::Operate) {
+            return Err("a reset by force needs role operate or admin".to_owned());
+        }
+        self.speaks_as(handler_id)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_role_has_the_rights_of_the_interface_page_and_no_more() {
+        let rights = [
+            Right::Read,
+            Right::Operate,
+            Right::Handle,
+            Right::Reset,
+            Right::Administrate,
+        ];
+        let table = [
+            (Role::View, [true, false, false, false, false]),
+            (Role::Operate, [true, true, false, true, false]),
+            (Role::Handler, [true, false, true, true, false]),
+            (Role::Admin, [true; 5]),
+        ];
+        for (role, expected) in table {
+            assert_eq!(rights.map(|right| role.has(right)), expected, "{role:?}");
+            assert_eq!(Role::of_word(role.word()), Some(role));
+        }
+    }
+
+    #[test]
+    fn a_handler_speaks_in_its_own_name_and_never_by_force() {
+        let user = |name: &str, role| User {
+            name: Some(name.to_owned()),
+            role,
+        };
+        let handler = user("magazine", Role::Handler);
+        assert!(handler.speaks_as("magazine").is_ok());
+        assert!(handler.speaks_as("other").is_err());
+        assert!(handler.resets_as("magazine", false).is_ok());
+        assert!(handler.resets_as("magazine", true).is_err());
+        assert!(user("hmi-1", Role::Operate).resets_as("hmi", true).is_ok());
+        assert!(User::anyone().resets_as("hmi", true).is_ok());
+    }
+}

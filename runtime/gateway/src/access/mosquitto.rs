@@ -1,0 +1,33 @@
+//! The same access rules for an external broker: a Mosquitto ACL file.
+
+use std::fmt::Write as _;
+
+use super::{Role, Tokens};
+use crate::contract::topics::INBOUND;
+
+/// The text of a Mosquitto ACL file for the users of the tokens, and for the runtime's own user, which alone says
+/// state. `root` is the machine's topic root with its last slash.
+pub fn mosquitto_acl(root: &str, runtime_user: Option<&str>, tokens: &Tokens) -> String {
+    let mut text = format!(
+        "# Access to the topics below {root}. Users are those of the token file; give each its token as password:\n# mosquitto_passwd -b PASSWORD_FILE NAME TOKEN\n"
+    );
+    // writing to a String cannot fail
+    if let Some(user) = runtime_user {
+        let _ = write!(
+            text,
+            "\n# the runtime itself ([mqtt] username)\nuser {user}\ntopic readwrite {root}#\n"
+        );
+    }
+    for (name, role) in tokens.users() {
+        let _ = write!(text, "\n# {}\nuser {name}\ntopic read {root}#\n", role.word());
+        for row in INBOUND.iter().filter(|row| role.has(row.right)) {
+            // a handler is present in its own name only
+            let filter = match row.filter {
+                "handler/+/presence" if role == Role::Handler => format!("handler/{name}/presence"),
+                filter => filter.to_owned(),
+            };
+            let _ = writeln!(text, "topic write {root}{filter}");
+        }
+    }
+    text
+}

@@ -1,0 +1,149 @@
+//! The AsyncAPI 3 document, from the topics that the runtime publishes and the table of those that come in.
+
+use plc_api::types::topic::{CsTopic, Topic};
+use serde_json::{Map, Value, json};
+
+use super::schemas::{Schemas, reference};
+use super::topics::INBOUND;
+
+/// Numbers that stand for a name in a path.
+const CS: u8 = 251;
+const M: u16 = 60_001;
+
+/// The form of a topic's messages. Complete, since a new topic without a form does not compile.
+fn schema_of(topic: &Topic) -> &'static str {
+    match topic {
+        Topic::Presence => "PresenceMessage",
+        Topic::Birth => "BirthMessage",
+        Topic::AlarmEvent => "AlarmRecordMessage",
+        Topic::AlarmActive => "ActiveAlarmsMessage",
+        Topic::Reply(_) => "CommandReplyMessage",
+        Topic::HandlerPresence(_) => "HandlerPresence",
+        Topic::CoordinateSystem(_, topic) => match topic {
+            CsTopic::State => "StateMessage",
+            CsTopic::Program => "ProgramPlaceMessage",
+            CsTopic::Position => "PositionMessage",
+            CsTopic::Modal => "ModalMessage",
+            CsTopic::Pending => "PendingMessage",
+            CsTopic::Output(_) => "OutputNoticeMessage",
+            CsTopic::Result(_) => "HandshakeResultMessage",
+            CsTopic::Cancel(_) => "CancelMessage",
+            CsTopic::Validate(_) => "ValidateMessage",
+            CsTopic::Captured => "CapturedMessage",
+            CsTopic::OptionalSkip => "OptionalSkipMessage",
+            CsTopic::OptionalStop | CsTopic::SingleBlock | CsTopic::DryRun => "SwitchMessage",
+            CsTopic::Interlock | CsTopic::StartLock => "LockMessage",
+            CsTopic::Spindle => "SpindleMessage",
+            CsTopic::Tool => "ToolMessage",
+            CsTopic::Override => "OverridesMessage",
+        },
+    }
+}
+
+/// Every topic that the runtime publishes.
+fn outbound() -> Vec<Topic> {
+    let events = [
+        CsTopic::Output(M),
+        CsTopic::Result(M),
+        CsTopic::Cancel(M),
+        CsTopic::Validate(M),
+    ];
+    let states = CsTopic::STATES.map(|(topic, _)| topic);
+    let of_cs = states.into_iter().chain(events);
+    let machine = [
+        Topic::Presence,
+        Topic::Birth,
+        Topic::AlarmEvent,
+        Topic::AlarmActive,
+        Topic::Reply("{client_id}".into()),
+    ];
+    let of_cs = of_cs.map(|topic| Topic::cs(CS, topic));
+    machine.into_iter().chain(of_cs).collect()
+}
+
+fn path_of(topic: &Topic) -> String {
+    let path = topic.path().replace(&CS.to_string(), "{cs}");
+    path.replace(&M.to_string(), "{m}")
+}
+
+/// A filter with names for its wildcards.
+fn named(filter: &str) -> String {
+    let levels: Vec<_> = filter.split('/').collect();
+    let level = |at: usize| match (levels[at], at.checked_sub(1).map(|before| levels[before])) {
+        ("+", Some("cs")) => "{cs}",
+        ("+", Some("m_code")) => "{m}",
+        ("+", Some("command")) => "{verb}",
+        ("+", Some("input")) => "{input}",
+        ("+", Some("motor")) => "{n}",
+        ("+", _) => "{id}",
+        (level, _) => level,
+    };
+    let named: Vec<_> = (0..levels.len()).map(level).collect();
+    named.join("/")
+}
+
+pub(super) fn document(schemas: &Schemas) -> Value {
+    let mut channels = Map::new();
+    let mut operations = Map::new();
+    let mut add = |path: &str, action: &str, schema: &str, qos: u8, retain: bool, right: Option<&str>| {
+        let name = path.replace(['{', '}'], "").replace('/', "_");
+        let mut parameters = Map::new();
+        parameters.insert("machine".into(), json!({"description": "Name of the machine."}));
+        for level in path.split('/') {
+            if let Some(parameter) = level.strip_prefix('{').and_then(|level| level.strip_suffix('}')) {
+                parameters.insert(parameter.into(), json!({}));
+            }
+        }
+        channels.insert(
+            name.clone(),
+            json!({
+                "address": format!("tandem/v1/{{machine}}/{path}"),
+                "parameters": parameters,
+                "messages": {schema: {"payload": reference(schema)}},
+            }),
+        );
+        let mut operation = json!({
+            "action": action,
+            "channel": {"$ref": format!("#/channels/{name}")},
+            "bindings": {"mqtt": {"qos": qos, "retain": retain}},
+        });
+        if let Some(right) = right {
+            operation["x-right"] = right.into();
+        }
+        operations.insert(format!("{action}_{name}"), operation);
+    };
+    for topic in outbound() {
+        add(
+            &path_of(&topic),
+            "send",
+            schema_of(&topic),
+            topic.qos(),
+            topic.is_retained(),
+            None,
+        );
+    }
+    for row in &INBOUND {
+        add(
+            &named(row.filter),
+            "receive",
+            row.schema,
+            1,
+            row.retained,
+            Some(row.right.word()),
+        );
+    }
+    json!({
+        "asyncapi": "3.0.0",
+        "info": {
+            "title": "Tandem over MQTT",
+            "version": "1",
+            "description": "What the runtime sends and receives. Addresses begin with the topic prefix, where the configuration has one. x-right is what a sender needs where the machine has a token file.",
+            "license": {"name": "Apache-2.0 OR MIT"},
+        },
+        "defaultContentType": "application/json",
+        "servers": {"machine": {"host": "127.0.0.1:1883", "protocol": "mqtt"}},
+        "channels": channels,
+        "operations": operations,
+        "components": {"schemas": schemas},
+    })
+}

@@ -1,0 +1,15 @@
+//! The interface as tables: every route and every topic that comes in, with the right that it asks for and the form of
+//! what it carries. Routing, access and the generated documents read the same tables: a route without a row answers
+//! nothing, a topic without a row is not subscribed.
+
+pub(crate) mod routes;
+pub(crate) mod topics;
+
+#[cfg(test)]
+mod asyncapi;
+#[cfg(test)]
+mod openapi;
+#[cfg(test)]
+mod schemas;
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,134 @@
+//! The OpenAPI 3.1 document, from the table of routes.
+
+use serde_json::{Map, Value, json};
+
+use super::routes::{Content, ROUTES, Route};
+use super::schemas::{Schemas, reference};
+
+pub(super) fn document(schemas: &Schemas) -> Value {
+    let mut paths = Map::new();
+    for route in ROUTES {
+        let path = paths.entry(route.path).or_insert_with(|| json!({}));
+        path[route.method.to_lowercase()] = operation(route);
+    }
+    json!({
+        "openapi": "3.1.0",
+        "info": {
+            "title": "Tandem",
+            "version": "1",
+            "description": "Programs, commands, states and values of one machine. Refusals are problem details (RFC 9457) with a machine-readable code. Where the machine has a token file each request carries a token; x-right is what it needs: read has every role, operate the roles operate and admin, handle the roles handler and admin, reset the roles operate, handler and admin, administrate the role admin.",
+            "license": {"name": "Apache-2.0 OR MIT"},
+        },
+        "servers": [{"url": "/api/v1"}],
+        "security": [{"token": []}, {}],
+        "paths": paths,
+        "components": {
+            "schemas": schemas,
+            "securitySchemes": {"token": {"type": "http", "scheme": "bearer"}},
+        },
+    })
+}
+
+fn operation(route: &Route) -> Value {
+    let mut operation = json!({
+        "operationId": operation_id(route),
+        "summary": route.summary,
+        "parameters": parameters(route),
+        "responses": responses(route),
+    });
+    if let Some(right) = route.right {
+        operation["x-right"] = right.word().into();
+    } else {
+        operation["security"] = json!([]);
+    }
+    let required = !route.command;
+    match route.body {
+        Content::Nothing => {}
+        Content::Json(name) => {
+            operation["requestBody"] =
+                json!({"required": required, "content": {"application/json": {"schema": reference(name)}}});
+        }
+        Content::Document => {
+            operation["requestBody"] =
+                json!({"required": true, "content": {"application/json": {"schema": {"type": "object"}}}});
+        }
+        Content::Text => {
+            operation["requestBody"] =
+                json!({"required": true, "content": {"text/plain": {"schema": {"type": "string"}}}});
+        }
+    }
+    operation
+}
+
+fn operation_id(route: &Route) -> String {
+    let path = route.path.trim_start_matches('/').replace(['{', '}'], "");
+    format!(
+        "{}_{}",
+        route.method.to_lowercase(),
+        path.replace(['/', '.'], "_")
+    )
+}
+
+fn parameters(route: &Route) -> Vec<Value> {
+    let names = route
+        .path
+        .split('/')
+        .filter_map(|level| level.strip_prefix('{')?.strip_suffix('}'));
+    let mut parameters: Vec<Value> = names
+        .map(|name| {
+            let schema = match (name, route.path) {
+                ("cs", _) => json!({"type": "integer", "minimum": 1, "maximum": 255}),
+                ("number", "/cs/{cs}/inputs/optional_skip/{number}") => {
+                    json!({"type": "integer", "minimum": 1, "maximum": 31})
+                }
+                ("number", _) => json!({"type": "integer", "minimum": 1, "maximum": 9999}),
+                ("id", "/commands/{id}") => json!({"type": "string", "minLength": 1, "maxLength": 128}),
+                _ => json!({"type": "integer", "minimum": 0}),
+            };
+            json!({"name": name, "in": "path", "required": true, "schema": schema})
+        })
+        .collect();
+    if route.command {
+        parameters.push(json!({"name": "wait", "in": "query", "schema": {"enum": ["0", "1"]}, "description": "1: answers when it is done, or with 202 after a minute."}));
+        parameters.push(json!({"name": "Idempotency-Key", "in": "header", "schema": {"type": "string", "minLength": 1, "maxLength": 128}, "description": "Id of the command; one seen before is answered as then."}));
+        parameters.push(json!({"name": "If-Match", "in": "header", "schema": {"type": "string", "pattern": "^\"?[0-9]+\"?$"}, "description": "Revision of the state that the sender has seen."}));
+    }
+    if route.method == "GET" && route.path.contains("/variables/") {
+        for (name, minimum) in [("from", 0), ("count", 1)] {
+            parameters.push(
+                json!({"name": name, "in": "query", "schema": {"type": "integer", "minimum": minimum}}),
+            );
+        }
+    }
+    parameters
+}
+
+fn responses(route: &Route) -> Value {
+    let mut responses = Map::new();
+    for (status, content) in route.answers {
+        let content = match content {
+            Content::Nothing => None,
+            Content::Json(name) => Some(json!({"application/json": {"schema": reference(name)}})),
+            Content::Document => Some(json!({"application/json": {"schema": {"type": "object"}}})),
+            Content::Text => Some(json!({"text/plain": {"schema": {"type": "string"}}})),
+        };
+        let description = match status {
+            101 => "The connection is a WebSocket.",
+            201 => "New.",
+            202 => "Accepted; Location tells where to ask for the rest.",
+            204 => "Done.",
+            _ => "As asked.",
+        };
+        let mut response = json!({"description": description});
+        if let Some(content) = content {
+            response["content"] = content;
+        }
+        responses.insert(status.to_string(), response);
+    }
+    let problem = json!({
+        "description": "Refused; nothing was changed.",
+        "content": {"application/problem+json": {"schema": reference("Problem")}},
+    });
+    responses.insert("default".into(), problem);
+    responses.into()
+}

@@ -1,0 +1,40 @@
+//! `THREATS.md` names a test for each line of what is tried; each of them is there.
+
+use std::path::Path;
+
+fn sources(folder: &Path, text: &mut String) {
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            sources(&path, text);
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            text.push_str(&std::fs::read_to_string(&path).unwrap());
+        }
+    }
+}
+
+#[test]
+fn every_line_of_the_threats_has_its_test() {
+    let own = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let page = std::fs::read_to_string(own.join("THREATS.md")).unwrap();
+    let mut text = String::new();
+    sources(&own.join("src"), &mut text);
+    sources(&own.join("../../tests/it"), &mut text);
+    let tried = page.split("## What is tried").nth(1).unwrap();
+    let table = tried.split("\n## ").next().unwrap();
+    let lines: Vec<_> = table
+        .lines()
+        .filter(|line| line.starts_with("| "))
+        .skip(2)
+        .collect();
+    assert!(lines.len() > 20, "{} lines", lines.len());
+    for line in lines {
+        let name = line
+            .trim_end_matches(" |")
+            .rsplit("| ")
+            .next()
+            .unwrap()
+            .trim_matches('`');
+        assert!(text.contains(&format!("fn {name}(")), "{name} is no test");
+    }
+}

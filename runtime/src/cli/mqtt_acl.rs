@@ -1,0 +1,38 @@
+//! `tandem mqtt-acl`: the access rules of the token file for an external Mosquitto.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use tandem_gateway::{Tokens, mosquitto_acl};
+
+use super::serve::mqtt_settings;
+use super::{EXIT_OK, EXIT_UNREADABLE, complain, read_config, say};
+
+#[derive(Args)]
+pub struct Arguments {
+    /// Configuration file, for the machine's name, the topic prefix, the runtime's user and the token file
+    #[arg(long, value_name = "FILE")]
+    config: PathBuf,
+}
+
+pub(super) fn run(arguments: &Arguments) -> u8 {
+    let made = read_config(Some(&arguments.config)).and_then(|(config, _)| {
+        let file = config.http.token_file.as_ref().ok_or(
+            "[http] token_file is not set: there are no users; make one with tandem token NAME --role ROLE --file FILE",
+        )?;
+        let tokens = Tokens::read(&config.base_dir.join(file)).map_err(|error| error.to_string())?;
+        let settings = mqtt_settings(&config).map_err(|error| format!("{error:#}"))?;
+        let root = settings.root(&config.machine.name);
+        Ok(mosquitto_acl(&root, settings.username.as_deref(), &tokens))
+    });
+    match made {
+        Ok(text) => {
+            say(text.trim_end());
+            EXIT_OK
+        }
+        Err(text) => {
+            complain(text);
+            EXIT_UNREADABLE
+        }
+    }
+}

@@ -1,0 +1,220 @@
+//! `tandem plot`: the tool path of a program as a picture, as it runs in simulated time.
+
+mod drawing;
+mod polyline;
+
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use anyhow::Context;
+use clap::{Args, ValueEnum};
+use tandem_model::profile::TimeBase;
+use tandem_model::{Axis, AxisVector};
+use tandem_runtime::simulation::OnCycle;
+
+use super::simulate::{Outcome, Plan, Refused, SimulationArguments};
+use super::{EXIT_FOUND, EXIT_OK, EXIT_UNREADABLE, complain};
+use drawing::Drawing;
+use polyline::{Point, Polyline};
+
+#[derive(Args)]
+pub struct Arguments {
+    #[command(flatten)]
+    simulation: SimulationArguments,
+    /// Picture to write
+    #[arg(short, long, value_name = "OUT.svg")]
+    output: PathBuf,
+    /// What is looked at
+    #[arg(long, value_enum, default_value_t = View::Xy)]
+    plane: View,
+}
+
+/// From where the path is seen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum View {
+    /// From above: X to the right, Y up
+    Xy,
+    /// From the front: X to the right, Z up
+    Xz,
+    /// From the right: Y to the right, Z up
+    Yz,
+    /// From above the corner where X and Y are lowest: X goes back to the right, Y back to the left
+    Iso,
+}
+
+impl View {
+    /// Where a machine position stands in the picture, mm: to the right and up.
+    fn project(self, at: AxisVector) -> Point {
+        let [x, y, z] = [Axis::X, Axis::Y, Axis::Z].map(|axis| at[axis]);
+        let place = match self {
+            Self::Xy => [x, y],
+            Self::Xz => [x, z],
+            Self::Yz => [y, z],
+            Self::Iso => {
+                let (sin, cos) = 30_f64.to_radians().sin_cos();
+                [(x - y) * cos, (x + y) * sin + z]
+            }
+        };
+        Point(place)
+    }
+
+    /// Axes to the right and up; none where they are no axes of the machine.
+    fn axes(self) -> Option<[Axis; 2]> {
+        match self {
+            Self::Xy => Some([Axis::X, Axis::Y]),
+            Self::Xz => Some([Axis::X, Axis::Z]),
+            Self::Yz => Some([Axis::Y, Axis::Z]),
+            Self::Iso => None,
+        }
+    }
+}
+
+pub(super) fn run(arguments: &Arguments) -> u8 {
+    let plan = match Plan::read(&arguments.simulation, false) {
+        Ok(plan) => plan,
+        Err(Refused::Unreadable(text)) => {
+            complain(text);
+            return EXIT_UNREADABLE;
+        }
+        Err(Refused::Errors(_)) => return EXIT_FOUND,
+    };
+    match draw(arguments, plan) {
+        Ok(outcome) if outcome.is_completed() => EXIT_OK,
+        Ok(outcome) => {
+            complain(outcome.alarm_text());
+            EXIT_FOUND
+        }
+        Err(error) => {
+            complain(format!("{error:#}"));
+            EXIT_UNREADABLE
+        }
+    }
+}
+
+fn draw(arguments: &Arguments, plan: Plan) -> anyhow::Result<Outcome> {
+    let sketch = Arc::new(Mutex::new(Sketch::new(arguments.plane)));
+    let on_cycle = watch(&sketch, plan.watched().0);
+    let outcome = plan.simulate(None, Some(on_cycle))?;
+    let lines = sketch.lock().unwrap_or_else(PoisonError::into_inner).take_lines();
+    let name = arguments.simulation.file.file_name().unwrap_or_default();
+    let drawing = Drawing {
+        title: name.to_string_lossy().into_owned(),
+        cycle_time_s: outcome.cycle_time_s(),
+        axes: arguments.plane.axes(),
+        lines: &lines,
+    };
+    let path = &arguments.output;
+    std::fs::write(path, drawing.to_svg()).with_context(|| format!("cannot write {}", path.display()))?;
+    Ok(outcome)
+}
+
+fn watch(sketch: &Arc<Mutex<Sketch>>, index: usize) -> OnCycle {
+    let sketch = Arc::clone(sketch);
+    Box::new(move |servo| {
+        let channel = servo.channel(index);
+        let mut sketch = sketch.lock().unwrap_or_else(PoisonError::into_inner);
+        let rapid = channel.time_base() == Some(TimeBase::Rapid);
+        sketch.take(channel.setpoint(), rapid);
+    })
+}
+
+/// A part of the way that is rapid throughout, or feed throughout.
+#[derive(Debug, PartialEq)]
+struct Line {
+    rapid: bool,
+    points: Vec<Point>,
+}
+
+/// The way so far.
+struct Sketch {
+    view: View,
+    rapid: bool,
+    line: Polyline,
+    lines: Vec<Line>,
+}
+
+impl Sketch {
+    fn new(view: View) -> Self {
+        Self {
+            view,
+            rapid: false,
+            line: Polyline::new(view.project(AxisVector::ZERO)),
+            lines: Vec::new(),
+        }
+    }
+
+    fn take(&mut self, setpoint: AxisVector, rapid: bool) {
+        let point = self.view.project(setpoint);
+        if rapid != self.rapid && point != self.line.end() {
+            let from = self.line.end();
+            self.end_line(from);
+            self.rapid = rapid;
+        }
+        self.line.push(point);
+    }
+
+    fn end_line(&mut self, next_start: Point) {
+        let points = std::mem::replace(&mut self.line, Polyline::new(next_start)).into_points();
+        if points.len() > 1 {
+            self.lines.push(Line {
+                rapid: self.rapid,
+                points,
+            });
+        }
+    }
+
+    fn take_lines(&mut self) -> Vec<Line> {
+        self.end_line(self.line.end());
+        std::mem::take(&mut self.lines)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(x: f64, y: f64) -> AxisVector {
+        let mut at = AxisVector::ZERO;
+        at[Axis::X] = x;
+        at[Axis::Y] = y;
+        at
+    }
+
+    #[test]
+    fn rapid_and_feed_are_lines_of_their_own_that_meet() {
+        let mut sketch = Sketch::new(View::Xy);
+        for (x, y, rapid) in [
+            (1.0, 0.0, true),
+            (2.0, 0.0, true),
+            (2.0, 0.0, false),
+            (2.0, 3.0, false),
+        ] {
+            sketch.take(at(x, y), rapid);
+        }
+        let expected = [
+            Line {
+                rapid: true,
+                points: vec![Point([0.0, 0.0]), Point([2.0, 0.0])],
+            },
+            Line {
+                rapid: false,
+                points: vec![Point([2.0, 0.0]), Point([2.0, 3.0])],
+            },
+        ];
+        assert_eq!(sketch.take_lines(), expected);
+    }
+
+    #[test]
+    fn the_isometric_view_shows_each_axis_equally_long_and_x_and_y_60_degrees_beside_z() {
+        let axis = |axis| {
+            let mut at = AxisVector::ZERO;
+            at[axis] = 1.0;
+            View::Iso.project(at)
+        };
+        for [first, second] in [[Axis::X, Axis::Z], [Axis::Y, Axis::Z]] {
+            let (Point([ax, ay]), Point([bx, by])) = (axis(first), axis(second));
+            assert!((ax.hypot(ay) - 1.0).abs() < 1e-12);
+            assert!((ax * bx + ay * by - 0.5).abs() < 1e-12);
+        }
+    }
+}

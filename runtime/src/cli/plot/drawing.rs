@@ -1,0 +1,282 @@
+//! The picture of a path: SVG in mm, with a grid to read distances from.
+
+use std::fmt::Write as _;
+
+use tandem_model::Axis;
+
+use super::Line;
+use super::polyline::Point;
+
+/// Longer side of the picture, in the unit of its text.
+const SIDE: f64 = 1000.0;
+/// Room around the path for the labels.
+const MARGIN: f64 = 60.0;
+/// Grid lines along the longer side: about this many.
+const GRID_LINES: f64 = 10.0;
+
+/// What is drawn.
+pub struct Drawing<'a> {
+    /// Name of the program.
+    pub title: String,
+    /// Cycle time, s.
+    pub cycle_time_s: f64,
+    /// Axes to the right and up; `None`: no grid, since no distance can be read off.
+    pub axes: Option<[Axis; 2]>,
+    /// The way.
+    pub lines: &'a [Line],
+}
+
+impl Drawing<'_> {
+    /// The picture as text.
+    pub fn to_svg(&self) -> String {
+        let frame = Frame::around(self.lines);
+        let [width, height] = frame.size();
+        let mut svg = format!(
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width:.0} {height:.0}\" font-family=\"sans-serif\" \
+             font-size=\"14\">\n<style>\n{STYLE}</style>\n<title>{title}</title>\n\
+             <rect class=\"paper\" width=\"100%\" height=\"100%\"/>\n",
+            title = escaped(&self.title),
+        );
+        if let Some(axes) = self.axes {
+            grid(&mut svg, &frame, axes);
+        }
+        for line in self.lines {
+            let class = if line.rapid { "rapid" } else { "feed" };
+            let points: Vec<String> = line.points.iter().map(|point| frame.place(*point)).collect();
+            push(
+                &mut svg,
+                format_args!("<polyline class=\"{class}\" points=\"{}\"/>", points.join(" ")),
+            );
+        }
+        let ends = [
+            ("start", self.lines.first().and_then(|line| line.points.first())),
+            ("end", self.lines.last().and_then(|line| line.points.last())),
+        ];
+        for (class, point) in ends {
+            if let Some(point) = point {
+                let [x, y] = frame.at(point.0);
+                push(
+                    &mut svg,
+                    format_args!(
+                        "<circle class=\"{class}\" cx=\"{x:.2}\" cy=\"{y:.2}\" r=\"5\"><title>{class}</title></circle>"
+                    ),
+                );
+            }
+        }
+        self.legend(&mut svg, height);
+        svg.push_str("</svg>\n");
+        svg
+    }
+
+    fn legend(&self, svg: &mut String, height: f64) {
+        let y = height - 14.0;
+        push(
+            svg,
+            format_args!(
+                "<text x=\"14\" y=\"24\">{}, {:.3} s, mm</text>\n\
+                 <path class=\"feed\" d=\"M14 {line} h30\"/><text x=\"50\" y=\"{y}\">feed</text>\n\
+                 <path class=\"rapid\" d=\"M100 {line} h30\"/><text x=\"136\" y=\"{y}\">rapid</text>\n\
+                 <circle class=\"start\" cx=\"196\" cy=\"{line}\" r=\"5\"/><text x=\"208\" y=\"{y}\">start</text>\n\
+                 <circle class=\"end\" cx=\"262\" cy=\"{line}\" r=\"5\"/><text x=\"274\" y=\"{y}\">end</text>",
+                escaped(&self.title),
+                self.cycle_time_s,
+                line = y - 5.0,
+            ),
+        );
+    }
+}
+
+const STYLE: &str = "\
+.paper { fill: #fff }
+.grid { stroke: #e3e6ea; stroke-width: 1 }
+.zero { stroke: #9aa4b0; stroke-width: 1.5 }
+.feed { fill: none; stroke: #0b62c4; stroke-width: 1.6; stroke-linejoin: round }
+.rapid { fill: none; stroke: #d9730d; stroke-width: 1.2; stroke-dasharray: 6 4 }
+.start { fill: #1a8f3c }
+.end { fill: #c02626 }
+text { fill: #38414c }
+";
+
+/// Where machine positions stand in the picture.
+struct Frame {
+    lowest: [f64; 2],
+    highest: [f64; 2],
+    /// Picture units per mm.
+    scale: f64,
+}
+
+impl Frame {
+    fn around(lines: &[Line]) -> Self {
+        let mut lowest = [f64::INFINITY; 2];
+        let mut highest = [f64::NEG_INFINITY; 2];
+        for point in lines.iter().flat_map(|line| &line.points) {
+            for ((low, high), value) in lowest.iter_mut().zip(&mut highest).zip(point.0) {
+                *low = low.min(value);
+                *high = high.max(value);
+            }
+        }
+        if lines.is_empty() {
+            (lowest, highest) = ([0.0; 2], [0.0; 2]);
+        }
+        let longer = (highest[0] - lowest[0]).max(highest[1] - lowest[1]);
+        // A path of one point stands in the middle of 1 mm.
+        let longer = if longer > 0.0 { longer } else { 1.0 };
+        Self {
+            lowest,
+            highest,
+            scale: SIDE / longer,
+        }
+    }
+
+    /// Width and height of the picture.
+    fn size(&self) -> [f64; 2] {
+        let side = |axis: usize| (self.highest[axis] - self.lowest[axis]) * self.scale + 2.0 * MARGIN;
+        // The legend needs its width.
+        [side(0).max(400.0), side(1)]
+    }
+
+    fn at(&self, [right, up]: [f64; 2]) -> [f64; 2] {
+        [
+            MARGIN + (right - self.lowest[0]) * self.scale,
+            MARGIN + (self.highest[1] - up) * self.scale,
+        ]
+    }
+
+    fn place(&self, point: Point) -> String {
+        let [x, y] = self.at(point.0);
+        format!("{x:.2},{y:.2}")
+    }
+
+    /// Distance of the grid lines, mm: 1, 2 or 5 times a power of ten.
+    fn step(&self) -> f64 {
+        let wished = SIDE / self.scale / GRID_LINES;
+        let power = 10_f64.powf(wished.log10().floor());
+        let factor = [1.0, 2.0, 5.0]
+            .into_iter()
+            .find(|factor| factor * power >= wished);
+        factor.unwrap_or(10.0) * power
+    }
+}
+
+fn grid(svg: &mut String, frame: &Frame, axes: [Axis; 2]) {
+    let step = frame.step();
+    let digits = if step >= 1.0 { 0 } else { 3 };
+    let [low, high] = [frame.lowest, frame.highest];
+    for (index, axis) in axes.into_iter().enumerate() {
+        let mut value = (low[index] / step).ceil() * step;
+        while value <= high[index] {
+            // The sum takes the sign off a negative zero.
+            let shown = value + 0.0;
+            let class = if value.abs() < step / 2.0 { "zero" } else { "grid" };
+            let (ends, label) = if index == 0 {
+                (
+                    [[value, low[1]], [value, high[1]]],
+                    "dy=\"18\" text-anchor=\"middle\"",
+                )
+            } else {
+                (
+                    [[low[0], value], [high[0], value]],
+                    "dx=\"-6\" dy=\"5\" text-anchor=\"end\"",
+                )
+            };
+            let [[x1, y1], [x2, y2]] = ends.map(|point| frame.at(point));
+            push(
+                svg,
+                format_args!(
+                    "<line class=\"{class}\" x1=\"{x1:.2}\" y1=\"{y1:.2}\" x2=\"{x2:.2}\" y2=\"{y2:.2}\"/>\n\
+                     <text x=\"{x1:.2}\" y=\"{y1:.2}\" {label}>{shown:.digits$}</text>"
+                ),
+            );
+            value += step;
+        }
+        let [x, y] = if index == 0 {
+            frame.at([high[0], low[1]])
+        } else {
+            frame.at([low[0], high[1]])
+        };
+        let place = if index == 0 {
+            "dx=\"24\" dy=\"18\""
+        } else {
+            "dx=\"-12\" dy=\"-16\""
+        };
+        let letter = axis.letter();
+        push(
+            svg,
+            format_args!("<text x=\"{x:.2}\" y=\"{y:.2}\" {place} font-weight=\"bold\">{letter}</text>"),
+        );
+    }
+}
+
+/// One more line. Writing into a String never fails.
+fn push(svg: &mut String, line: std::fmt::Arguments<'_>) {
+    let _ = writeln!(svg, "{line}");
+}
+
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn picture(points: &[[f64; 2]], rapid: bool) -> String {
+        let lines = [Line {
+            rapid,
+            points: points.iter().copied().map(Point).collect(),
+        }];
+        let drawing = Drawing {
+            title: "a<b.nc".into(),
+            cycle_time_s: 1.5,
+            axes: Some([Axis::X, Axis::Y]),
+            lines: &lines,
+        };
+        drawing.to_svg()
+    }
+
+    #[test]
+    fn x_goes_to_the_right_and_y_up_in_one_scale() {
+        // 200 mm are 1000 units: X 50 is 250 to the right, Y 100 is 500 up, the lowest point at the bottom left.
+        let svg = picture(&[[0.0, 0.0], [200.0, 0.0], [50.0, 100.0]], false);
+        assert!(
+            svg.contains("points=\"60.00,560.00 1060.00,560.00 310.00,60.00\""),
+            "{svg}"
+        );
+        assert!(svg.contains("viewBox=\"0 0 1120 620\""), "{svg}");
+    }
+
+    #[test]
+    fn rapid_and_feed_look_different() {
+        let way = [[0.0, 0.0], [1.0, 1.0]];
+        assert!(picture(&way, true).contains("<polyline class=\"rapid\""));
+        assert!(picture(&way, false).contains("<polyline class=\"feed\""));
+    }
+
+    #[test]
+    fn the_grid_has_round_distances_and_labels() {
+        let svg = picture(&[[-3.0, 0.0], [70.0, 20.0]], false);
+        for label in [">0<", ">10<", ">70<"] {
+            assert!(svg.contains(label), "{label} {svg}");
+        }
+        assert!(!svg.contains(">75<"), "{svg}");
+    }
+
+    #[test]
+    fn a_name_of_a_file_is_no_markup() {
+        assert!(picture(&[[0.0, 0.0], [1.0, 0.0]], false).contains("a&lt;b.nc"));
+    }
+
+    #[test]
+    fn a_program_that_does_not_move_is_a_picture_too() {
+        let drawing = Drawing {
+            title: String::new(),
+            cycle_time_s: 0.0,
+            axes: Some([Axis::X, Axis::Y]),
+            lines: &[],
+        };
+        let svg = drawing.to_svg();
+        assert!(!svg.contains("NaN") && !svg.contains("inf"), "{svg}");
+    }
+}

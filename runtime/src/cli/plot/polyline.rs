@@ -1,0 +1,167 @@
+//! A line through many points, kept with as few of them as a picture needs.
+
+/// A place in the picture, mm: to the right and up.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Point(pub [f64; 2]);
+
+/// How far a point that is left out may be from the line that is drawn, mm.
+const TOLERANCE_MM: f64 = 0.001;
+
+/// Points in order. One that the straight line between its neighbours passes within [`TOLERANCE_MM`] is left out: a
+/// cone of directions from the last kept point narrows with each point taken, and one outside it begins the next line
+/// (the sleeve algorithm of Zhao and Saalfeld).
+#[derive(Debug)]
+pub struct Polyline {
+    kept: Vec<Point>,
+    anchor: Point,
+    end: Point,
+    cone: Option<Cone>,
+}
+
+/// Directions from the anchor that pass each point since, in radians about `middle`, and the way to the farthest.
+#[derive(Debug, Clone, Copy)]
+struct Cone {
+    middle: f64,
+    lowest: f64,
+    highest: f64,
+    reach: f64,
+}
+
+impl Polyline {
+    /// Begins at a point.
+    pub fn new(start: Point) -> Self {
+        Self {
+            kept: vec![start],
+            anchor: start,
+            end: start,
+            cone: None,
+        }
+    }
+
+    /// The last point taken.
+    pub fn end(&self) -> Point {
+        self.end
+    }
+
+    /// Goes on to a point.
+    pub fn push(&mut self, point: Point) {
+        if point == self.end {
+            return;
+        }
+        self.cone = match self.cone {
+            None => Some(Cone::to(self.anchor, point)),
+            Some(cone) => cone.narrowed(self.anchor, point),
+        };
+        if self.cone.is_none() {
+            self.anchor = self.end;
+            self.kept.push(self.anchor);
+            self.cone = Some(Cone::to(self.anchor, point));
+        }
+        self.end = point;
+    }
+
+    /// The points that are left; one only, when there was no way.
+    pub fn into_points(mut self) -> Vec<Point> {
+        if self.end != self.anchor {
+            self.kept.push(self.end);
+        }
+        self.kept
+    }
+}
+
+impl Cone {
+    fn to(anchor: Point, point: Point) -> Self {
+        let (middle, reach) = polar(anchor, point);
+        let half = half_angle(reach);
+        Self {
+            middle,
+            lowest: -half,
+            highest: half,
+            reach,
+        }
+    }
+
+    /// With one more point; `None` when no straight line passes all of them, or when the way turns back.
+    fn narrowed(self, anchor: Point, point: Point) -> Option<Self> {
+        let (direction, reach) = polar(anchor, point);
+        let off = (direction - self.middle + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU)
+            - std::f64::consts::PI;
+        if off < self.lowest || off > self.highest || reach < self.reach {
+            return None;
+        }
+        let half = half_angle(reach);
+        Some(Self {
+            middle: self.middle,
+            lowest: self.lowest.max(off - half),
+            highest: self.highest.min(off + half),
+            reach,
+        })
+    }
+}
+
+fn polar(Point([x, y]): Point, Point([to_x, to_y]): Point) -> (f64, f64) {
+    let (dx, dy) = (to_x - x, to_y - y);
+    (dy.atan2(dx), dx.hypot(dy))
+}
+
+/// By how much a direction may be off and still pass a point at this distance.
+fn half_angle(reach: f64) -> f64 {
+    if reach <= TOLERANCE_MM {
+        std::f64::consts::PI
+    } else {
+        (TOLERANCE_MM / reach).asin()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn through(points: impl IntoIterator<Item = Point>) -> Vec<Point> {
+        let mut points = points.into_iter();
+        let mut line = Polyline::new(points.next().unwrap());
+        points.for_each(|point| line.push(point));
+        line.into_points()
+    }
+
+    #[test]
+    fn a_straight_way_keeps_its_ends_only() {
+        let points = (0..=1000).map(|i| Point([f64::from(i) * 0.01, f64::from(i) * 0.02]));
+        assert_eq!(through(points), [[0.0, 0.0], [10.0, 20.0]].map(Point));
+    }
+
+    #[test]
+    fn corners_and_turns_back_are_kept() {
+        let points = [[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [2.0, 5.0], [2.0, 1.0]].map(Point);
+        assert_eq!(
+            through(points),
+            [[0.0, 0.0], [2.0, 0.0], [2.0, 5.0], [2.0, 1.0]].map(Point)
+        );
+    }
+
+    #[test]
+    fn no_point_is_farther_from_the_line_than_the_tolerance() {
+        let circle: Vec<Point> = (0..=5000)
+            .map(|i| {
+                let (sin, cos) = (f64::from(i) / 5000.0 * 6.2).sin_cos();
+                Point([20.0 * cos, 20.0 * sin])
+            })
+            .collect();
+        let kept = through(circle.iter().copied());
+        assert!(kept.len() < 600, "{}", kept.len());
+        for point in circle {
+            let nearest = kept
+                .windows(2)
+                .map(|ends| distance(point, ends[0], ends[1]))
+                .fold(f64::INFINITY, f64::min);
+            assert!(nearest <= TOLERANCE_MM * (1.0 + 1e-9), "{nearest}");
+        }
+    }
+
+    /// From a point to the straight line between two others.
+    fn distance(Point([x, y]): Point, Point([ax, ay]): Point, Point([bx, by]): Point) -> f64 {
+        let (dx, dy) = (bx - ax, by - ay);
+        let along = (((x - ax) * dx + (y - ay) * dy) / (dx * dx + dy * dy)).clamp(0.0, 1.0);
+        (x - ax - along * dx).hypot(y - ay - along * dy)
+    }
+}

@@ -1,0 +1,105 @@
+//! A machine as configured: the settings that the stages take.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use plc_api::types::output::Timing;
+use serde::Deserialize;
+use tandem_interp::{Dialect, dialects};
+use tandem_model::settings::{CoordinateSystemSettings, MotorSettings, Tool, WorkOffsets};
+
+/// A machine as configured.
+#[derive(Debug, Clone)]
+pub struct Machine {
+    /// MQTT topic level.
+    pub name: String,
+    /// Servo period, microseconds.
+    pub servo_period_us: u64,
+    /// Folder of what is kept; `None`: nothing is kept.
+    pub data_dir: Option<PathBuf>,
+    /// Motors, ascending by number.
+    pub motors: Vec<MotorSettings>,
+    /// Coordinate systems, ascending by number.
+    pub coordinate_systems: Vec<CoordinateSystem>,
+    /// Tools by number (D17).
+    pub tools: BTreeMap<u16, Tool>,
+    /// M codes that have settings.
+    pub m_codes: BTreeMap<u16, MCodeSettings>,
+    /// What happens to an output of an M code without settings that no handler is registered for.
+    pub unhandled: Unhandled,
+}
+
+/// A coordinate system as configured.
+#[derive(Debug, Clone)]
+pub struct CoordinateSystem {
+    /// What the stages need.
+    pub settings: CoordinateSystemSettings,
+    /// NC dialect; the same in all coordinate systems, which share the programs.
+    pub dialect: &'static Dialect,
+    /// `mm` or `inch` at start.
+    pub units: String,
+    /// G54 to G59.
+    pub work_offsets: WorkOffsets,
+    /// Programs to put into the store.
+    pub programs: BTreeMap<u16, ProgramSource>,
+    /// Profiles that wait for the servo cycle at the most.
+    pub pre_read_blocks: usize,
+    /// Outputs open at the same time.
+    pub open_outputs_max: usize,
+}
+
+/// Where a program comes from.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum ProgramSource {
+    /// A file.
+    File(PathBuf),
+    /// Text that comes with the configuration.
+    Text(&'static str),
+}
+
+/// Settings of one M code.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct MCodeSettings {
+    /// When it is output.
+    pub timing: Timing,
+    /// What happens when no handler is registered; `None`: as for M codes without settings.
+    pub unhandled: Option<Unhandled>,
+    /// Time limit of the reset, ms.
+    pub timeout_ms: Option<u64>,
+    /// What the state shows while it is waited for.
+    pub wait_state: Option<String>,
+    /// What the stock sequence program does.
+    pub stock: Option<Stock>,
+    /// How long the stock sequence program takes, s.
+    pub simulated_s: f64,
+}
+
+/// What happens to an output that no handler is registered for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Unhandled {
+    /// An alarm.
+    #[default]
+    Alarm,
+    /// The program waits.
+    Wait,
+    /// The stock sequence program resets it.
+    AutoReset,
+}
+
+/// What the stock sequence program does for an M code.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Stock {
+    /// Selects the tool of parameter VA.
+    SelectTool,
+}
+
+impl Machine {
+    /// NC dialect of the programs.
+    pub fn dialect(&self) -> &'static Dialect {
+        self.coordinate_systems
+            .first()
+            .map_or_else(dialects::nj, |system| system.dialect)
+    }
+}

@@ -1,0 +1,144 @@
+//! Jogging: one axis moves while its refreshes come, with the limits of its motor and within its soft limits.
+
+use std::sync::Arc;
+
+use plc_api::types::command::Command;
+use plc_api::types::output::CancelReason;
+use plc_api::types::request::{Refusal, RefusalCode};
+use plc_api::types::state::{Execution, Transition};
+use tandem_model::settings::CoordinateSystemSettings;
+use tandem_model::{AxisVector, Origin};
+
+use super::manual::Kind;
+use super::preparation::{Phase, Then};
+use super::{CoordinateSystem, Run};
+use crate::program_store::StoredProgram;
+
+/// Time after the last refresh when a jog stops: whoever commands it may be gone.
+pub(super) const REFRESH_S: f64 = 0.2;
+
+/// Where a jog ends whose axis has no soft limit: as far as a word of a program reaches, mm or degrees.
+const DISTANCE_MAX: f64 = 1_000_000.0;
+
+/// Distances below this are no motion, mm or degrees.
+const DISTANCE_MIN: f64 = 1e-9;
+
+/// Jogs that have ended and whose late refreshes are refused.
+const ENDED_MAX: usize = 16;
+
+/// A jog that runs.
+#[derive(Debug)]
+pub(super) struct Jog {
+    refresh_id: String,
+    /// When it stops, unless it is refreshed.
+    until_s: f64,
+    to: AxisVector,
+    /// With the jog's velocity as rapid velocity.
+    settings: Arc<CoordinateSystemSettings>,
+}
+
+impl CoordinateSystem {
+    pub(super) fn prepare_jog(
+        &self,
+        axis: char,
+        velocity: f64,
+        distance: Option<f64>,
+        refresh_id: &str,
+    ) -> Result<(String, Run), Refusal> {
+        let axis = self.axis_of(axis)?;
+        let wrong = |text: String| Err(Refusal::new(RefusalCode::Invalid, text));
+        if !velocity.is_finite() || velocity == 0.0 {
+            return wrong(format!("velocity {velocity}: write mm/min or deg/min, not 0"));
+        }
+        if let Some(distance) = distance.filter(|distance| !(DISTANCE_MIN..=DISTANCE_MAX).contains(distance))
+        {
+            return wrong(format!(
+                "distance {distance}: write more than 0, at most {DISTANCE_MAX}"
+            ));
+        }
+        if self.ended_jogs.iter().any(|ended| ended == refresh_id) {
+            let text = format!("the jog {refresh_id:.64} has ended; begin a new one with another refresh_id");
+            return Err(Refusal::new(RefusalCode::NotAllowed, text));
+        }
+        let mut settings = self.configured.settings.clone();
+        let Some(motor) = settings.motors.get_mut(axis.index()).and_then(Option::as_mut) else {
+            return wrong(format!("axis {} has no motor", axis.letter()));
+        };
+        motor.rapid_velocity = (velocity.abs() / 60.0).min(motor.max_velocity);
+        motor.rapid_acceleration = motor.rapid_acceleration.min(motor.max_acceleration);
+        let limits = motor.soft_limits;
+        let from = self.pipeline.position().0;
+        let way = distance.unwrap_or(DISTANCE_MAX).copysign(velocity);
+        let wanted = from[axis] + way;
+        let end = match limits {
+            Some([_, high]) if velocity > 0.0 => wanted.min(high),
+            Some([low, _]) => wanted.max(low),
+            None => wanted,
+        };
+        if (end - from[axis]) * velocity.signum() < DISTANCE_MIN {
+            let text = format!("axis {} is at its soft limit; jog the other way", axis.letter());
+            return Err(Refusal::new(RefusalCode::NotAllowed, text));
+        }
+        let mut to = from;
+        to[axis] = end;
+        let jog = Jog {
+            refresh_id: refresh_id.to_owned(),
+            until_s: self.shared.clock.now_s() + REFRESH_S,
+            to,
+            settings: Arc::new(settings),
+        };
+        let nothing = Arc::new(StoredProgram::manual("", self.configured.dialect, false));
+        Ok((String::new(), self.new_run(Kind::Jog(jog), nothing)))
+    }
+
+    /// The motion of a jog that begins.
+    pub(super) fn start_jog(&mut self, jog: &Jog) -> Phase {
+        match self.pipeline.jog(&jog.settings, jog.to) {
+            Ok(()) => Phase::Standstill(Then::End(Origin::default())),
+            Err(alarm) => Phase::Standstill(Then::Alarm(alarm)),
+        }
+    }
+
+    /// True when the command refreshes the jog that runs.
+    pub(super) fn refresh_jog(&mut self, command: &Command) -> bool {
+        let until_s = self.shared.clock.now_s() + REFRESH_S;
+        match (command, &mut self.run) {
+            (
+                Command::Jog { refresh_id, .. },
+                Some(Run {
+                    kind: Kind::Jog(jog), ..
+                }),
+            ) if jog.refresh_id == *refresh_id => {
+                jog.until_s = until_s;
+                true
+            }
+            _ => false,
+        }
+    }
+
+    /// When the jog that runs stops.
+    pub(super) fn jog_until_s(&self) -> Option<f64> {
+        match &self.run.as_ref()?.kind {
+            Kind::Jog(jog) => Some(jog.until_s),
+            _ => None,
+        }
+    }
+
+    /// Stops a jog that is not refreshed, with the motor's highest deceleration.
+    pub(super) fn expire_jog(&mut self, now_s: f64) {
+        if self.jog_until_s().is_some_and(|until_s| until_s <= now_s + 1e-9) {
+            let ready = (Execution::Ready, None);
+            self.end_run(CancelReason::Abort, ready, Transition::Stopping);
+        }
+    }
+
+    /// A jog that has ended is not begun again by a refresh that comes late.
+    pub(super) fn remember_jog(&mut self, run: &Run) {
+        if let Kind::Jog(jog) = &run.kind {
+            self.ended_jogs.push_back(jog.refresh_id.clone());
+            if self.ended_jogs.len() > ENDED_MAX {
+                self.ended_jogs.pop_front();
+            }
+        }
+    }
+}

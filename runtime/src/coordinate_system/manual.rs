@@ -1,0 +1,95 @@
+//! Manual data input and homing: short programs of the language, without a number, that lead back to READY.
+//!
+//! Each input is a run of its own, checked first. The modal state of one stays for the next one, until a program, homing,
+//! a stop, an alarm or a reset comes between; else an input begins in the start-up modal state.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use plc_api::types::request::{Refusal, RefusalCode};
+use tandem_model::limits::MDI_BYTES_MAX;
+use tandem_model::{Axis, AxisSet};
+
+use super::holding::{Held, Steps};
+use super::jog::Jog;
+use super::preparation::Phase;
+use super::{CoordinateSystem, Run};
+use crate::program_store::StoredProgram;
+
+/// What a run runs.
+#[derive(Debug)]
+pub(super) enum Kind {
+    /// The loaded program.
+    Program,
+    /// Manual data input.
+    Manual,
+    Home,
+    Jog(Jog),
+}
+
+impl CoordinateSystem {
+    /// A run of manual data input; one or several lines.
+    pub(super) fn prepare_manual(&self, text: &str) -> Result<(String, Run), Refusal> {
+        if text.len() > MDI_BYTES_MAX {
+            let text = format!(
+                "the text has {} bytes; at most {MDI_BYTES_MAX} are read",
+                text.len()
+            );
+            return Err(Refusal::new(RefusalCode::TooLarge, text));
+        }
+        // An input needs no end of its own.
+        let program = Arc::new(StoredProgram::manual(
+            &format!("{text}\nM30\n"),
+            self.configured.dialect,
+            self.manual_goes_on,
+        ));
+        let warning = self.check_called(&program)?;
+        Ok((warning, self.new_run(Kind::Manual, program)))
+    }
+
+    /// A run that takes motors to their first reference points: all motors at once, each alone.
+    pub(super) fn prepare_home(&self, axes: &[char]) -> Result<(String, Run), Refusal> {
+        let words: Vec<String> = axes
+            .iter()
+            .map(|axis| Ok(format!("{}0", self.axis_of(*axis)?.letter())))
+            .collect::<Result<_, Refusal>>()?;
+        // The middle point of G28 is where the machine is: 0 further.
+        let text = format!("G91 G28 {}\nM30\n", words.join(" "));
+        let program = Arc::new(StoredProgram::manual(&text, self.configured.dialect, false));
+        let warning = self.check_called(&program)?;
+        Ok((warning, self.new_run(Kind::Home, program)))
+    }
+
+    pub(super) fn axis_of(&self, letter: char) -> Result<Axis, Refusal> {
+        let axes = self.configured.settings.axes();
+        Axis::from_letter(letter.to_ascii_uppercase())
+            .filter(|axis| axes.contains(*axis))
+            .ok_or_else(|| {
+                let text = format!("there is no axis {letter}; there are {}", letters(axes));
+                Refusal::new(RefusalCode::Invalid, text)
+            })
+    }
+
+    /// A run of a program, with all that it may call as they are now.
+    pub(super) fn new_run(&self, kind: Kind, main: Arc<StoredProgram>) -> Run {
+        let all = self.shared.store.all();
+        let programs: BTreeMap<_, _> = all
+            .iter()
+            .map(|(number, program)| (*number, Arc::clone(&program.tree)))
+            .collect();
+        Run {
+            id: format!("{}-{}", self.number, self.runs + 1),
+            kind,
+            main,
+            programs,
+            phase: Phase::Interpret,
+            held: Held::No,
+            steps: Steps::default(),
+        }
+    }
+}
+
+fn letters(axes: AxisSet) -> String {
+    let letters: Vec<String> = axes.iter().map(|axis| axis.letter().to_string()).collect();
+    letters.join(", ")
+}

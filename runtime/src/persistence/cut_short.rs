@@ -1,0 +1,62 @@
+//! Runs that the end of an earlier start of the runtime cut short, told to the operator.
+
+use plc_api::types::data::LastRun;
+use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
+use plc_api::types::output::PendingOutput;
+use serde_json::{Value, json};
+use tandem_model::alarm::RESTARTED_IN_RUN;
+
+use crate::journal::Entry;
+use crate::shared::Shared;
+
+/// Runs that the end of an earlier start cut short: a warning for the operator, and a line of the journal.
+pub(crate) fn tell_of_last_runs(shared: &Shared) {
+    let boot = json!({"boot_id": shared.boot_id, "version": env!("CARGO_PKG_VERSION")});
+    for system in &shared.machine.coordinate_systems {
+        let cs = system.settings.number;
+        shared.record(cs, &Entry::new("boot", boot.clone()));
+        let last_run = shared.restored.last_runs.get(&cs);
+        let Some(last_run) = last_run.filter(|last_run| last_run.is_under_way()) else {
+            continue;
+        };
+        let fields = serde_json::to_value(last_run).unwrap_or_default();
+        shared.record(cs, &Entry::new("interrupted", fields));
+        shared.raise_standing(AlarmRecord {
+            severity: AlarmSeverity::Warning,
+            number: RESTARTED_IN_RUN.number,
+            text: format!("{}: {}", RESTARTED_IN_RUN.title, what_was_open(last_run)),
+            cs: Some(cs),
+            program: last_run.running.or(last_run.program),
+            line: Some(last_run.line),
+            ..AlarmRecord::default()
+        });
+    }
+}
+
+/// `run 1-3 was in WAIT; open: M100 VA3 (line 7, CLAIMED by gripper)`.
+fn what_was_open(last_run: &LastRun) -> String {
+    let word = |value: Value| value.as_str().unwrap_or_default().to_owned();
+    let one = |open: &PendingOutput| {
+        let output = &open.output;
+        let params = serde_json::to_value(output.params).unwrap_or_default();
+        let params = params.as_object().into_iter().flatten();
+        let params: Vec<String> = params
+            .map(|(letter, value)| format!(" V{letter}{value}"))
+            .collect();
+        let params = params.concat();
+        let state = word(json!(open.state));
+        let owner = open
+            .handler_id
+            .as_ref()
+            .map_or(String::new(), |id| format!(" by {id}"));
+        format!("M{:02}{params} (line {}, {state}{owner})", output.m, output.line)
+    };
+    let open: Vec<String> = last_run.outputs.iter().map(one).collect();
+    let open = if open.is_empty() {
+        "no M code was open".to_owned()
+    } else {
+        format!("open: {}", open.join(", "))
+    };
+    let execution = word(json!(last_run.execution));
+    format!("run {} was in {execution}; {open}", last_run.run_id)
+}

@@ -1,0 +1,283 @@
+//! The journal on disk: a line of JSON for each event, in files of a bounded size, written by a thread of its own.
+//!
+//! `journal.jsonl` is the newest, `journal.1.jsonl` the one before it, and so on; the oldest is removed. A line that a
+//! kill has cut short is taken away when the journal is opened again, so every line is whole.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// Bytes of one file of the journal; a new one is begun beyond.
+const FILE_BYTES_MAX: u64 = 4 << 20;
+
+/// Files of the journal, the newest included; the oldest is removed.
+const FILES_MAX: usize = 8;
+
+/// Lines that wait for the disk; more are dropped and counted. Reason: some seconds of the busiest machine.
+const WAITING_MAX: usize = 10_000;
+
+/// Time to gather lines for one write. Reason: half of the 20 ms that the journal may be behind; the rest is the disk's.
+const GATHER: Duration = Duration::from_millis(10);
+
+/// Lines of one write at the most.
+const BATCH_MAX: usize = 1000;
+
+enum Message {
+    Line(String),
+    Close,
+}
+
+/// How others write lines. Cloning gives another handle to the same journal.
+#[derive(Debug, Clone)]
+pub(crate) struct JournalWriter {
+    lines: SyncSender<Message>,
+    lost: Arc<AtomicU64>,
+}
+
+impl JournalWriter {
+    /// Hands a line over, without waiting.
+    pub fn write(&self, line: String) {
+        if let Err(TrySendError::Full(_)) = self.lines.try_send(Message::Line(line)) {
+            self.lost.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+}
+
+/// The thread. Dropping it writes what waits and ends it.
+#[derive(Debug)]
+pub(crate) struct JournalThread {
+    writer: JournalWriter,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl JournalThread {
+    /// Opens the journal of a folder, which is made if it is missing.
+    ///
+    /// # Errors
+    /// The disk refuses, or the operating system gives no thread.
+    pub fn start(folder: &Path) -> io::Result<Self> {
+        let mut files = Files::open(folder, FILE_BYTES_MAX)?;
+        let (lines, inbox) = sync_channel(WAITING_MAX);
+        let lost = Arc::new(AtomicU64::new(0));
+        let writer = JournalWriter {
+            lines,
+            lost: Arc::clone(&lost),
+        };
+        let thread = std::thread::Builder::new()
+            .name("journal".into())
+            .spawn(move || run(&inbox, &lost, &mut files))?;
+        Ok(Self {
+            writer,
+            thread: Some(thread),
+        })
+    }
+
+    /// A handle for those who write.
+    pub fn writer(&self) -> JournalWriter {
+        self.writer.clone()
+    }
+}
+
+impl Drop for JournalThread {
+    fn drop(&mut self) {
+        // A thread that has ended is joined all the same.
+        let _ = self.writer.lines.send(Message::Close);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+fn run(inbox: &Receiver<Message>, lost: &AtomicU64, files: &mut Files) {
+    let mut failing = false;
+    while let Some((batch, open)) = gather(inbox, lost) {
+        let written = files.append(&batch);
+        if let Err(error) = &written
+            && !failing
+        {
+            tracing::error!("the journal cannot be written: {error}");
+        }
+        failing = written.is_err();
+        if !open {
+            return;
+        }
+    }
+}
+
+/// Waits for a line, and takes what comes within [`GATHER`] after it. False: the journal is to be closed.
+fn gather(inbox: &Receiver<Message>, lost: &AtomicU64) -> Option<(String, bool)> {
+    let mut batch = String::new();
+    let mut next = inbox.recv().map_err(|_| RecvTimeoutError::Disconnected);
+    let until = Instant::now() + GATHER;
+    for _ in 0..BATCH_MAX {
+        match next {
+            Ok(Message::Line(line)) => {
+                batch.push_str(&line);
+                batch.push('\n');
+            }
+            Ok(Message::Close) => return Some((batch, false)),
+            Err(RecvTimeoutError::Disconnected) if batch.is_empty() => return None,
+            Err(_) => break,
+        }
+        next = inbox.recv_timeout(until.saturating_duration_since(Instant::now()));
+    }
+    if let Ok(Message::Line(line)) = next {
+        batch.push_str(&line);
+        batch.push('\n');
+    }
+    let lost = lost.swap(0, Ordering::Relaxed);
+    if lost > 0 {
+        let told = format!("{{\"event\":\"lost\",\"lines\":{lost}}}\n");
+        batch += &told;
+    }
+    Some((batch, true))
+}
+
+/// The files of a journal.
+#[derive(Debug)]
+struct Files {
+    folder: PathBuf,
+    newest: File,
+    bytes: u64,
+    bytes_max: u64,
+}
+
+impl Files {
+    fn open(folder: &Path, bytes_max: u64) -> io::Result<Self> {
+        fs::create_dir_all(folder)?;
+        let (newest, bytes) = open_whole(&place(folder, 0))?;
+        Ok(Self {
+            folder: folder.to_owned(),
+            newest,
+            bytes,
+            bytes_max,
+        })
+    }
+
+    /// Writes lines; they are on disk when this returns.
+    fn append(&mut self, lines: &str) -> io::Result<()> {
+        if self.bytes > 0 && self.bytes + lines.len() as u64 > self.bytes_max {
+            self.begin_anew()?;
+        }
+        if let Err(error) = self.newest.write_all(lines.as_bytes()) {
+            // A part of a line must not stand before the next one.
+            self.newest.set_len(self.bytes)?;
+            return Err(error);
+        }
+        self.bytes += lines.len() as u64;
+        self.newest.sync_data()
+    }
+
+    fn begin_anew(&mut self) -> io::Result<()> {
+        for age in (0..FILES_MAX - 1).rev() {
+            match fs::rename(place(&self.folder, age), place(&self.folder, age + 1)) {
+                Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+                _ => {}
+            }
+        }
+        (self.newest, self.bytes) = open_whole(&place(&self.folder, 0))?;
+        File::open(&self.folder)?.sync_all()
+    }
+}
+
+fn place(folder: &Path, age: usize) -> PathBuf {
+    folder.join(match age {
+        0 => "journal.jsonl".to_owned(),
+        age => format!("journal.{age}.jsonl"),
+    })
+}
+
+/// Opens a file to append to, without the part of a line that a kill has left at its end.
+fn open_whole(path: &Path) -> io::Result<(File, u64)> {
+    let mut file = OpenOptions::new()
+        .create(true)
+        .read(true)
+        .append(true)
+        .open(path)?;
+    let length = file.metadata()?.len();
+    // lines are far shorter than this; what is longer is none
+    let tail = length.min(1 << 20);
+    file.seek(SeekFrom::Start(length - tail))?;
+    let mut text = Vec::new();
+    file.read_to_end(&mut text)?;
+    let whole = text
+        .iter()
+        .rposition(|byte| *byte == b'\n')
+        .map_or(0, |end| end + 1);
+    let length = length - tail + whole as u64;
+    file.set_len(length)?;
+    Ok((file, length))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn text(folder: &Path, age: usize) -> String {
+        fs::read_to_string(place(folder, age)).unwrap_or_default()
+    }
+
+    #[test]
+    fn what_was_handed_over_stands_there_line_by_line_when_the_journal_is_closed() {
+        let folder = tempfile::tempdir().unwrap();
+        for round in 0..2 {
+            let thread = JournalThread::start(folder.path()).unwrap();
+            for line in 0..100 {
+                thread.writer().write(format!("{{\"n\":{}}}", 100 * round + line));
+            }
+        }
+        let expected: Vec<String> = (0..200).map(|n| format!("{{\"n\":{n}}}\n")).collect();
+        assert_eq!(text(folder.path(), 0), expected.concat());
+    }
+
+    #[test]
+    fn a_line_that_was_cut_short_is_taken_away() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(place(folder.path(), 0), "{\"n\":1}\n{\"n\":2}\n{\"n\"").unwrap();
+        let mut files = Files::open(folder.path(), 1000).unwrap();
+        files.append("{\"n\":3}\n").unwrap();
+        assert_eq!(text(folder.path(), 0), "{\"n\":1}\n{\"n\":2}\n{\"n\":3}\n");
+    }
+
+    #[test]
+    fn the_journal_keeps_eight_files_of_a_bounded_size() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut files = Files::open(folder.path(), 100).unwrap();
+        let line = |n: usize| format!("{n:0>29}\n");
+        for n in 0..100 {
+            files.append(&line(n)).unwrap();
+        }
+        // three lines of 30 bytes in each file: 97 to 99 are in the last one but for the one that begins anew
+        assert_eq!(text(folder.path(), 0), line(99));
+        assert_eq!(text(folder.path(), 1), line(96) + &line(97) + &line(98));
+        assert_eq!(text(folder.path(), 7), line(78) + &line(79) + &line(80));
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), FILES_MAX);
+    }
+
+    #[test]
+    fn lines_are_gathered_for_10_ms_at_the_most_and_lost_ones_are_counted() {
+        let (sender, inbox) = sync_channel(4);
+        let writer = JournalWriter {
+            lines: sender,
+            lost: Arc::default(),
+        };
+        for line in ["a", "b", "c", "d", "e", "f"] {
+            writer.write(line.to_owned());
+        }
+        let begun = Instant::now();
+        let (batch, open) = gather(&inbox, &writer.lost).unwrap();
+        assert_eq!(batch, "a\nb\nc\nd\n{\"event\":\"lost\",\"lines\":2}\n");
+        assert!(open && begun.elapsed() >= GATHER);
+        assert!(GATHER <= Duration::from_millis(20) / 2);
+        writer.write("g".to_owned());
+        writer.lines.send(Message::Close).unwrap();
+        assert_eq!(gather(&inbox, &writer.lost), Some(("g\n".to_owned(), false)));
+        drop(writer);
+        assert_eq!(gather(&inbox, &AtomicU64::new(0)), None);
+    }
+}

@@ -1,0 +1,353 @@
+//! The thread that keeps what changes: it looks every [`INTERVAL`], and at once when somebody waits for it.
+
+use std::collections::BTreeMap;
+use std::io;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use plc_api::types::CoordinateSystemNumber;
+use plc_api::types::data::LastRun;
+use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
+use plc_api::types::message::Payload;
+use plc_api::types::state::{Execution, Reason};
+use plc_api::types::topic::{CsTopic, Topic};
+use serde::Serialize;
+use tandem_model::alarm::STORE_FAILED;
+use tandem_model::variables::VariableArray;
+use tokio::sync::oneshot;
+
+use super::image::{Image, LastRuns, Page, pages, value_key};
+use super::store::Store;
+use crate::coordinate_system::View;
+use crate::shared::Shared;
+
+/// Time between two looks. Reason: half of the 100 ms that what is kept may be behind; the rest is the disk's.
+const INTERVAL: Duration = Duration::from_millis(50);
+
+/// A commit that ends later than this after the look before it is told in the log.
+const BEHIND_MAX_S: f64 = 0.1;
+
+/// JSON by name.
+pub(crate) type KeptValues = BTreeMap<String, Vec<u8>>;
+
+type Done = oneshot::Sender<Result<(), String>>;
+
+enum Message {
+    /// Values to be written with all that has changed, and who waits for it.
+    Write(KeptValues, Done),
+    Close,
+}
+
+/// How others reach the thread.
+#[derive(Debug, Clone)]
+pub(crate) struct Keeper {
+    messages: Sender<Message>,
+}
+
+impl Keeper {
+    /// Writes values; they are on disk when this returns. It blocks its thread.
+    ///
+    /// # Errors
+    /// The disk refuses, in words.
+    pub fn write(&self, values: KeptValues) -> Result<(), String> {
+        let (done, written) = oneshot::channel();
+        // A closed thread drops the message, and with it `done`.
+        let _ = self.messages.send(Message::Write(values, done));
+        written.blocking_recv().unwrap_or_else(|_| Err(gone()))
+    }
+
+    /// Waits until all that has changed before is on disk.
+    ///
+    /// # Errors
+    /// The disk refuses, in words.
+    pub async fn flush(&self) -> Result<(), String> {
+        let (done, written) = oneshot::channel();
+        let _ = self.messages.send(Message::Write(KeptValues::new(), done));
+        written.await.unwrap_or_else(|_| Err(gone()))
+    }
+}
+
+fn gone() -> String {
+    "the runtime is stopping".to_owned()
+}
+
+/// The thread. Dropping it writes what is left and ends it.
+#[derive(Debug)]
+pub(crate) struct KeeperThread {
+    keeper: Keeper,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl KeeperThread {
+    /// Starts the thread over an open store, of which `kept` is the content.
+    ///
+    /// # Errors
+    /// The operating system gives no thread.
+    pub fn start(path: PathBuf, store: Store, kept: Image, source: Source) -> io::Result<Self> {
+        let (messages, inbox) = channel();
+        let writer = Writer {
+            path,
+            store: Some(store),
+            kept,
+            last_runs: source.last_runs.clone(),
+            pace: Pace::default(),
+            source,
+            failing: false,
+        };
+        let thread = std::thread::Builder::new()
+            .name("keeper".into())
+            .spawn(move || writer.run(&inbox))?;
+        Ok(Self {
+            keeper: Keeper { messages },
+            thread: Some(thread),
+        })
+    }
+
+    /// A handle for those who write.
+    pub fn keeper(&self) -> Keeper {
+        self.keeper.clone()
+    }
+}
+
+impl Drop for KeeperThread {
+    fn drop(&mut self) {
+        // A thread that has ended is joined all the same.
+        let _ = self.keeper.messages.send(Message::Close);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+/// Where the thread looks.
+pub(crate) struct Source {
+    pub shared: Arc<Shared>,
+    pub views: Vec<(CoordinateSystemNumber, Arc<View>)>,
+    /// As they were kept.
+    pub last_runs: LastRuns,
+}
+
+impl Source {
+    /// What differs from what is kept. `last_runs` are those of now.
+    fn changes(&self, kept: &Image, last_runs: &mut LastRuns) -> Image {
+        let mut change = Image::default();
+        let tables = &self.shared.tables;
+        {
+            let _no_range_is_written = tables.read();
+            changed_pages(0, &tables.global(), kept, &mut change);
+            for cs in tables.coordinate_systems() {
+                changed_pages(cs, &tables.variables(cs).coordinate_system, kept, &mut change);
+            }
+        }
+        for (cs, view) in &self.views {
+            if let Some(last_run) = self.last_run(*cs, view, last_runs.get(cs)) {
+                insert(&mut change, value_key("last_run", *cs), &last_run);
+                last_runs.insert(*cs, last_run);
+            }
+            if let Some(Payload::Tool(tool)) = self.payload(*cs, CsTopic::Tool) {
+                insert(&mut change, value_key("tool", *cs), &tool.id);
+            }
+        }
+        change
+    }
+
+    fn payload(&self, cs: CoordinateSystemNumber, topic: CsTopic) -> Option<Payload> {
+        let message = self.shared.hub.read(&Topic::cs(cs, topic))?;
+        Some(message.payload.clone())
+    }
+
+    /// How a run of this boot stands, when that has changed.
+    fn last_run(&self, cs: CoordinateSystemNumber, view: &View, before: Option<&LastRun>) -> Option<LastRun> {
+        let Some(Payload::State(state)) = self.payload(cs, CsTopic::State) else {
+            return None;
+        };
+        let Some(run_id) = state.run_id else {
+            return before.and_then(|before| taken_over(before, state.reason));
+        };
+        let outputs = match self.payload(cs, CsTopic::Pending) {
+            Some(Payload::Pending(pending)) => pending.outputs,
+            _ => Vec::new(),
+        };
+        let executing = view.executing();
+        let mut now = LastRun {
+            boot_id: self.shared.boot_id.clone(),
+            run_id,
+            program: state.program,
+            running: Some(executing.program).filter(|program| *program != 0),
+            line: executing.line,
+            execution: state.execution,
+            outputs,
+            at: before.map(|before| before.at.clone()).unwrap_or_default(),
+        };
+        if before == Some(&now) {
+            return None;
+        }
+        now.at = self.shared.timestamp();
+        Some(now)
+    }
+}
+
+/// A run that an earlier end of the runtime cut short: once an operator has loaded or reset it is told no more.
+fn taken_over(before: &LastRun, reason: Option<Reason>) -> Option<LastRun> {
+    let is_new = before.is_under_way() && reason != Some(Reason::Restarted);
+    is_new.then(|| LastRun {
+        execution: Execution::Stopped,
+        outputs: Vec::new(),
+        ..before.clone()
+    })
+}
+
+fn changed_pages(area: u8, array: &VariableArray, kept: &Image, change: &mut Image) {
+    const NEVER_SET: Page = Page([0; super::image::PAGE_VARIABLES]);
+    for place in 0..pages(array) {
+        let page = Page::of(array, place);
+        if *kept.pages.get(&(area, place)).unwrap_or(&NEVER_SET) != page {
+            change.pages.insert((area, place), page);
+        }
+    }
+}
+
+fn insert(change: &mut Image, key: String, value: &impl Serialize) {
+    // Numbers, words and lists of them always have a JSON form.
+    if let Ok(bytes) = serde_json::to_vec(value) {
+        change.values.insert(key, bytes);
+    }
+}
+
+/// How far behind what is kept is: a change is seen by the look after it at the latest, and on disk when that look's
+/// commit has ended. With commits of up to [`INTERVAL`] that is at most twice as long.
+#[derive(Debug, Default)]
+struct Pace {
+    looked_s: Option<f64>,
+}
+
+impl Pace {
+    /// How long to wait until the next look, which is due [`INTERVAL`] after the last.
+    fn wait(&self, now_s: f64) -> Duration {
+        let since_s = self.looked_s.map_or(0.0, |looked_s| now_s - looked_s);
+        INTERVAL.saturating_sub(Duration::from_secs_f64(since_s.max(0.0)))
+    }
+
+    /// Notes a look whose commit has ended; gives how old its oldest change may be, seconds.
+    fn committed(&mut self, looked_s: f64, ended_s: f64) -> f64 {
+        let before_s = self.looked_s.replace(looked_s).unwrap_or(looked_s);
+        ended_s - before_s
+    }
+}
+
+struct Writer {
+    path: PathBuf,
+    /// `None` after a failure, until it opens again.
+    store: Option<Store>,
+    kept: Image,
+    last_runs: LastRuns,
+    source: Source,
+    pace: Pace,
+    failing: bool,
+}
+
+impl Writer {
+    fn run(mut self, inbox: &Receiver<Message>) {
+        loop {
+            let (mut values, mut waiting, mut open) = (KeptValues::new(), Vec::new(), true);
+            let now_s = self.source.shared.clock.now_s();
+            let mut next = inbox.recv_timeout(self.pace.wait(now_s));
+            // who waits meanwhile is served by the same commit
+            loop {
+                match next {
+                    Ok(Message::Write(more, done)) => {
+                        values.extend(more);
+                        waiting.push(done);
+                    }
+                    Ok(Message::Close) | Err(RecvTimeoutError::Disconnected) => open = false,
+                    Err(RecvTimeoutError::Timeout) => break,
+                }
+                if !open {
+                    break;
+                }
+                next = inbox.recv_timeout(Duration::ZERO);
+            }
+            let written = self.turn(values);
+            for done in waiting {
+                // Who waits may have gone.
+                let _ = done.send(written.clone());
+            }
+            if !open {
+                return;
+            }
+        }
+    }
+
+    /// One look, and the commit of what it found.
+    fn turn(&mut self, values: KeptValues) -> Result<(), String> {
+        let looked_s = self.source.shared.clock.now_s();
+        let mut last_runs = self.last_runs.clone();
+        let mut change = self.source.changes(&self.kept, &mut last_runs);
+        change.values.extend(values);
+        let change = change.beyond(&self.kept);
+        let written = if change.is_empty() {
+            Ok(())
+        } else {
+            self.commit(&change)
+        };
+        let behind_s = self.pace.committed(looked_s, self.source.shared.clock.now_s());
+        match written {
+            Ok(()) => {
+                self.kept.take_over(change);
+                self.last_runs = last_runs;
+                self.failing = false;
+                if behind_s > BEHIND_MAX_S {
+                    tracing::warn!("the disk is slow: what is kept was {behind_s:.3} s behind");
+                }
+                Ok(())
+            }
+            Err(error) => Err(self.failed(&error)),
+        }
+    }
+
+    fn commit(&mut self, change: &Image) -> io::Result<()> {
+        let store = match self.store.take() {
+            Some(store) => store,
+            None => Store::open(&self.path)?,
+        };
+        store.commit(change)?;
+        self.store = Some(store);
+        Ok(())
+    }
+
+    fn failed(&mut self, error: &io::Error) -> String {
+        let text = format!("{}: {error}", self.path.display());
+        if !self.failing {
+            self.failing = true;
+            tracing::error!("{}: {text}; it is tried again", STORE_FAILED.title);
+            self.source.shared.raise(AlarmRecord {
+                severity: AlarmSeverity::Warning,
+                number: STORE_FAILED.number,
+                text: format!("{}: {text}", STORE_FAILED.title),
+                ..AlarmRecord::default()
+            });
+        }
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn with_commits_of_up_to_50_ms_what_is_kept_is_at_most_100_ms_behind() {
+        let (mut pace, mut now_s, mut longest_s) = (Pace::default(), 0.0, 0.0_f64);
+        for round in 0..500_u32 {
+            let looked_s = now_s;
+            now_s += f64::from(round * 7 % 51) / 1000.0;
+            longest_s = longest_s.max(pace.committed(looked_s, now_s));
+            now_s += pace.wait(now_s).as_secs_f64();
+        }
+        assert!(longest_s > 0.09, "{longest_s}");
+        assert!(longest_s <= 0.1 + 1e-6, "{longest_s}");
+    }
+}

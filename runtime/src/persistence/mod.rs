@@ -1,0 +1,20 @@
+//! What outlives the runtime: variables, tools, work offsets, the tool in the spindle, how the last run stands, and
+//! the journal.
+//!
+//! All but the journal is in one file of an embedded store (`store`), changed by whole transactions, so that a kill or a
+//! power cut at any moment leaves the state before or after one. A thread of its own (`keeper`) looks at what has
+//! changed and writes it: neither motion nor the handshake waits for a disk. The journal (`journal_file`) is lines in
+//! files of a bounded size, written by another thread. NC programs are files of their own, see `program_store`.
+
+mod cut_short;
+mod image;
+pub(crate) mod journal_file;
+mod keeper;
+mod restore;
+mod store;
+
+pub(crate) use cut_short::tell_of_last_runs;
+pub(crate) use image::{Image, value_key};
+pub(crate) use keeper::{Keeper, KeeperThread, KeptValues, Source};
+pub(crate) use restore::{Kept, Restored, restore};
+pub(crate) use store::Store;

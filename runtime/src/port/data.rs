@@ -1,0 +1,144 @@
+//! Requests for variables, tools and work offsets.
+
+use plc_api::types::CoordinateSystemNumber;
+use plc_api::types::command::{CommandMeta, CommandReply, CommandStatus};
+use plc_api::types::data::{VariableArea, VariableValues};
+use plc_api::types::message::Payload;
+use plc_api::types::request::{Answer, Refusal, RefusalCode, Request};
+use plc_api::types::topic::{CsTopic, Topic};
+
+use super::RuntimePort;
+use super::commands::check_ids;
+use crate::shared::Shared;
+use crate::tables::{Tables, Values};
+
+impl RuntimePort {
+    pub(super) async fn data(&self, request: Request) -> Result<Answer, Refusal> {
+        let tables = &self.shared.tables;
+        match request {
+            Request::ReadVariables {
+                area,
+                from,
+                count,
+                meta,
+            } => self.read_variables(area, from, count, meta),
+            Request::WriteVariables {
+                area,
+                from,
+                values,
+                meta,
+            } => self.write_variables(area, from, &values, meta),
+            Request::Tools => Ok(Answer::Tools(tables.tools())),
+            Request::WriteTools(change) => self.change(move |tables| tables.with_tools(&change)).await,
+            Request::WorkOffsets(cs) => tables.work_offsets(cs).map(Answer::WorkOffsets),
+            Request::WriteWorkOffsets(cs, change) => {
+                self.change(move |tables| tables.with_work_offsets(cs, &change))
+                    .await
+            }
+            Request::LastRun(cs) => {
+                self.handle(cs)?;
+                Ok(Answer::LastRun(self.shared.restored.last_runs.get(&cs).cloned()))
+            }
+            _ => {
+                let text = "not a request for variables, tools or work offsets";
+                Err(Refusal::new(RefusalCode::NotSupported, text))
+            }
+        }
+    }
+
+    /// On disk before it is in force, and in force before it is answered.
+    async fn change(
+        &self,
+        changed: impl FnOnce(&Tables) -> Result<Values, Refusal> + Send + 'static,
+    ) -> Result<Answer, Refusal> {
+        let keep_and_set = move |shared: &Shared| {
+            let keep = |values| match shared.keeper.get() {
+                Some(keeper) => keeper.write(values).map_err(|text| unkept(&text)),
+                None => Ok(()),
+            };
+            Ok(shared.tables.change(changed, keep))
+        };
+        self.on_disk(keep_and_set).await?.map(|()| Answer::Done)
+    }
+
+    /// Which tool is in the spindle, on disk before it is answered.
+    pub(super) async fn tool(&self, cs: CoordinateSystemNumber, id: u16) -> Result<Answer, Refusal> {
+        let answer = self
+            .ask(&self.handle(cs)?.requests, Request::Tool(cs, id))
+            .await?;
+        if let Some(keeper) = self.shared.keeper.get() {
+            keeper.flush().await.map_err(|text| unkept(&text))?;
+        }
+        Ok(answer)
+    }
+
+    fn read_variables(
+        &self,
+        area: VariableArea,
+        from: u32,
+        count: u32,
+        meta: Option<CommandMeta>,
+    ) -> Result<Answer, Refusal> {
+        let read = || self.shared.tables.read_variables(area, from, count);
+        let Some(meta) = meta else {
+            return read().map(Answer::Variables);
+        };
+        check_ids(&meta)?;
+        let values = self
+            .check_age(&meta)
+            .and_then(|()| read())
+            .map_err(|refusal| self.reject(&meta, refusal))?;
+        let said = VariableValues::new(area.kind(), from, values.iter().copied());
+        let reply = self.done(&meta, area, Some(said));
+        self.shared
+            .publish(Topic::Reply(meta.client_id), Payload::Reply(reply));
+        Ok(Answer::Variables(values))
+    }
+
+    fn write_variables(
+        &self,
+        area: VariableArea,
+        from: u32,
+        values: &[f64],
+        meta: Option<CommandMeta>,
+    ) -> Result<Answer, Refusal> {
+        let write = || self.shared.tables.write_variables(area, from, values);
+        let Some(meta) = meta else {
+            return write().map(|()| Answer::Done);
+        };
+        check_ids(&meta)?;
+        if let Some(reply) = self.replied_again(&meta) {
+            return Ok(Answer::Command(reply));
+        }
+        self.check_age(&meta)
+            .and_then(|()| write())
+            .map_err(|refusal| self.reject(&meta, refusal))?;
+        let reply = self.done(&meta, area, None);
+        self.shared.reply(&meta.client_id, reply.clone());
+        Ok(Answer::Command(reply))
+    }
+
+    fn done(
+        &self,
+        meta: &CommandMeta,
+        area: VariableArea,
+        variables: Option<VariableValues>,
+    ) -> CommandReply {
+        let state = match area {
+            VariableArea::Global => None,
+            VariableArea::CoordinateSystem(cs) => self.shared.hub.read(&Topic::cs(cs, CsTopic::State)),
+        };
+        CommandReply {
+            command_id: meta.command_id.clone(),
+            status: CommandStatus::Done,
+            code: "ok".to_owned(),
+            text: String::new(),
+            state_rev: state.and_then(|state| state.rev).unwrap_or(0),
+            variables,
+        }
+    }
+}
+
+fn unkept(text: &str) -> Refusal {
+    Refusal::new(RefusalCode::Unavailable, format!("it cannot be kept: {text}"))
+}

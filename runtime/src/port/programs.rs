@@ -1,0 +1,109 @@
+//! Requests for programs; one that runs is not changed.
+
+use std::collections::BTreeSet;
+
+use plc_api::types::CoordinateSystemNumber;
+use plc_api::types::program::ProgramCheck;
+use plc_api::types::request::{Answer, Refusal, RefusalCode, Request};
+use tandem_model::limits::PROGRAM_BYTES_MAX;
+
+use super::RuntimePort;
+use crate::program_store::called_by;
+
+impl RuntimePort {
+    pub(super) async fn programs(&self, request: Request) -> Result<Answer, Refusal> {
+        match request {
+            Request::Programs => Ok(Answer::Programs(self.shared.store.list())),
+            Request::ReadProgram(number) => {
+                let program = self.shared.store.get(number).ok_or_else(|| no_program(number))?;
+                Ok(Answer::ProgramText(program.text().to_owned()))
+            }
+            Request::WriteProgram(number, text) => self.write_program(number, text).await,
+            Request::DeleteProgram(number) => self.delete_program(number).await,
+            Request::CheckProgram(number) => self.program_check(number).map(Answer::Check),
+            Request::IntermediateCode(number) => self.intermediate_code(number).await,
+            _ => {
+                let text = "not a request for programs";
+                Err(Refusal::new(RefusalCode::NotSupported, text))
+            }
+        }
+    }
+
+    async fn write_program(&self, number: u16, text: String) -> Result<Answer, Refusal> {
+        if text.len() > PROGRAM_BYTES_MAX {
+            let text = format!(
+                "the program has {} bytes; at most {PROGRAM_BYTES_MAX} are read",
+                text.len()
+            );
+            return Err(Refusal::new(RefusalCode::TooLarge, text));
+        }
+        self.refuse_while_running(number)?;
+        let check = self
+            .on_disk(move |shared| shared.store.write(number, &text))
+            .await?;
+        Ok(Answer::Check(check))
+    }
+
+    async fn delete_program(&self, number: u16) -> Result<Answer, Refusal> {
+        self.refuse_while_running(number)?;
+        if self.on_disk(move |shared| shared.store.delete(number)).await? {
+            Ok(Answer::Done)
+        } else {
+            Err(no_program(number))
+        }
+    }
+
+    fn refuse_while_running(&self, number: u16) -> Result<(), Refusal> {
+        for handle in &self.handles {
+            let main = self.running_program(handle.number);
+            if main.is_some_and(|main| self.called_by(main).contains(&number)) {
+                let text = format!(
+                    "program {number} runs in coordinate system {}; stop it first",
+                    handle.number
+                );
+                return Err(Refusal::new(RefusalCode::ProgramRuns, text));
+            }
+        }
+        Ok(())
+    }
+
+    /// The main program of a run that has not ended.
+    fn running_program(&self, cs: CoordinateSystemNumber) -> Option<u16> {
+        self.running(cs)?.program
+    }
+
+    /// A program and all that it calls.
+    fn called_by(&self, main: u16) -> BTreeSet<u16> {
+        called_by(&self.shared.store.all(), main)
+    }
+
+    fn program_check(&self, number: u16) -> Result<ProgramCheck, Refusal> {
+        Ok(self
+            .shared
+            .store
+            .get(number)
+            .ok_or_else(|| no_program(number))?
+            .check
+            .clone())
+    }
+
+    async fn intermediate_code(&self, number: u16) -> Result<Answer, Refusal> {
+        let program = self.shared.store.get(number).ok_or_else(|| no_program(number))?;
+        if program.has_errors() {
+            let text = format!("program {number} has errors; correct them first");
+            return Err(Refusal {
+                diagnostics: program.check.diagnostics.clone(),
+                ..Refusal::new(RefusalCode::ProgramHasErrors, text)
+            });
+        }
+        let code = self.on_disk(move |_| Ok(program.intermediate_code())).await?;
+        Ok(Answer::ProgramText(code))
+    }
+}
+
+fn no_program(number: u16) -> Refusal {
+    Refusal::new(
+        RefusalCode::NotFound,
+        format!("program {number} is not in the store"),
+    )
+}

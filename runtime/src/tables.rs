@@ -1,0 +1,474 @@
+//! What programs and sequence programs both read and write: variables, tools, work offsets.
+//!
+//! One lock orders them: a block is interpreted under its read side, whoever sets a range, a tool or an offset takes
+//! its write side. So each block sees all of a change or nothing of it, and blocks never wait for one another.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::{Mutex, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
+
+use plc_api::types::CoordinateSystemNumber;
+use plc_api::types::data::{
+    ToolChange, ToolData, ToolTable, VARIABLES_AT_ONCE_MAX, VariableArea, VariableKind, WorkOffsetTable,
+};
+use plc_api::types::request::{Refusal, RefusalCode};
+use tandem_model::settings::{Tool, WorkOffsets};
+use tandem_model::variables::{GLOBAL_VARIABLES, VariableArray};
+use tandem_model::{Axis, AxisSet, Variables};
+
+use crate::config::Machine;
+use crate::persistence::{Kept, KeptValues, value_key};
+
+/// Tools of the table at the most. A further one is refused.
+pub const TOOLS_MAX: usize = 1000;
+
+/// Work offsets by their place in [`WorkOffsets`].
+const WORK_OFFSETS: [&str; 6] = ["G54", "G55", "G56", "G57", "G58", "G59"];
+
+/// The tables of a machine.
+#[derive(Debug)]
+pub(crate) struct Tables {
+    variables: BTreeMap<CoordinateSystemNumber, Variables>,
+    global: VariableArray,
+    axes: BTreeMap<CoordinateSystemNumber, AxisSet>,
+    values: RwLock<Values>,
+    /// What the configuration says.
+    configured: Values,
+    /// Held from the look at the old values until the new ones are in force.
+    changing: Mutex<()>,
+}
+
+/// What stands in the tables; variables stand in arrays of their own, ordered by the same lock.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(crate) struct Values {
+    pub tools: BTreeMap<u16, Tool>,
+    pub work_offsets: BTreeMap<CoordinateSystemNumber, WorkOffsets>,
+}
+
+impl Values {
+    /// The tool of a number; one that is not in the table has no length and no radius.
+    pub fn tool(&self, id: u16) -> Tool {
+        self.tools.get(&id).copied().unwrap_or_default()
+    }
+
+    /// Work offsets of a coordinate system.
+    pub fn work_offsets(&self, cs: CoordinateSystemNumber) -> WorkOffsets {
+        self.work_offsets.get(&cs).copied().unwrap_or_default()
+    }
+
+    fn tool_table(&self) -> ToolTable {
+        let tools = self.tools.iter().map(|(id, tool)| ToolData {
+            id: *id,
+            radius: tool.radius,
+            length: tool.length,
+        });
+        ToolTable {
+            tools: tools.collect(),
+        }
+    }
+
+    fn work_offset_table(&self, cs: CoordinateSystemNumber, axes: AxisSet) -> WorkOffsetTable {
+        let offsets = self.work_offsets(cs);
+        let by_letter = |place: usize| {
+            let offset = &offsets.0[place];
+            axes.iter()
+                .map(|axis| (axis.letter().to_string(), offset[axis]))
+                .collect()
+        };
+        let named = WORK_OFFSETS.iter().enumerate();
+        WorkOffsetTable {
+            work_offsets: named
+                .map(|(place, name)| ((*name).to_owned(), by_letter(place)))
+                .collect(),
+        }
+    }
+}
+
+impl Tables {
+    /// The tables as the configuration fills them; variables are zero.
+    pub fn new(machine: &Machine) -> Self {
+        let global = VariableArray::new(GLOBAL_VARIABLES);
+        let systems = || machine.coordinate_systems.iter();
+        let variables = systems().map(|system| (system.settings.number, Variables::new(global.clone())));
+        let axes = systems().map(|system| (system.settings.number, system.settings.axes()));
+        let work_offsets = systems().map(|system| (system.settings.number, system.work_offsets));
+        let configured = Values {
+            tools: machine.tools.clone(),
+            work_offsets: work_offsets.collect(),
+        };
+        Self {
+            variables: variables.collect(),
+            axes: axes.collect(),
+            values: RwLock::new(configured.clone()),
+            configured,
+            global,
+            changing: Mutex::default(),
+        }
+    }
+
+    /// The tables while a block is interpreted: nothing is set until the guard is dropped.
+    pub fn read(&self) -> RwLockReadGuard<'_, Values> {
+        self.values.read().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn write(&self) -> RwLockWriteGuard<'_, Values> {
+        self.values.write().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The variables that a program of a coordinate system reaches.
+    pub fn variables(&self, cs: CoordinateSystemNumber) -> Variables {
+        self.variables
+            .get(&cs)
+            .cloned()
+            .unwrap_or_else(|| Variables::new(self.global.clone()))
+    }
+
+    /// P variables.
+    pub fn global(&self) -> VariableArray {
+        self.global.clone()
+    }
+
+    /// Numbers of the coordinate systems, ascending.
+    pub fn coordinate_systems(&self) -> impl Iterator<Item = CoordinateSystemNumber> {
+        self.axes.keys().copied()
+    }
+
+    /// Values of a range as they are between two writes of ranges.
+    pub fn read_variables(&self, area: VariableArea, from: u32, count: u32) -> Result<Vec<f64>, Refusal> {
+        let array = self.range(area, from, count as usize)?;
+        let first = from as usize;
+        let _no_range_is_written = self.read();
+        Ok((first..first + count as usize)
+            .filter_map(|number| array.get(number))
+            .collect())
+    }
+
+    /// Writes a range between two blocks, all of it or nothing.
+    pub fn write_variables(&self, area: VariableArea, from: u32, values: &[f64]) -> Result<(), Refusal> {
+        let array = self.range(area, from, values.len())?;
+        let _no_block_is_interpreted = self.write();
+        for (number, value) in (from as usize..).zip(values) {
+            array.set(number, *value);
+        }
+        Ok(())
+    }
+
+    fn range(&self, area: VariableArea, from: u32, count: usize) -> Result<&VariableArray, Refusal> {
+        let array = match area {
+            VariableArea::Global => &self.global,
+            VariableArea::CoordinateSystem(cs) => {
+                let of_cs = self.variables.get(&cs).ok_or_else(|| no_coordinate_system(cs))?;
+                &of_cs.coordinate_system
+            }
+        };
+        if count == 0 {
+            return Err(invalid("no variable is named; write 1 to 1024 values".into()));
+        }
+        if count > VARIABLES_AT_ONCE_MAX {
+            let text = format!("{count} variables at once: write at most {VARIABLES_AT_ONCE_MAX}");
+            return Err(Refusal::new(RefusalCode::TooLarge, text));
+        }
+        if (from as usize).saturating_add(count) > array.len() {
+            let letter = match area.kind() {
+                VariableKind::P => "P",
+                VariableKind::Q => "Q",
+            };
+            return Err(invalid(format!(
+                "{count} variables from {letter}{from} on: there are {letter}0 to {letter}{}",
+                array.len() - 1
+            )));
+        }
+        Ok(array)
+    }
+
+    /// The tool table, ascending.
+    pub fn tools(&self) -> ToolTable {
+        self.read().tool_table()
+    }
+
+    /// The tool table of the configuration.
+    pub fn configured_tools(&self) -> ToolTable {
+        self.configured.tool_table()
+    }
+
+    /// Fills the tool table before anything runs.
+    pub fn restore_tools(&self, tools: impl Iterator<Item = ToolData>) {
+        let tool = |data: ToolData| {
+            let ToolData { id, radius, length } = data;
+            (id, Tool { length, radius })
+        };
+        self.write().tools = tools.map(tool).collect();
+    }
+
+    /// The values after a change of the tool table.
+    pub fn with_tools(&self, change: &ToolChange) -> Result<Values, Refusal> {
+        let mut values = self.read().clone();
+        for id in &change.remove {
+            if values.tools.remove(id).is_none() {
+                let text = format!("tool {id} is not in the table; nothing was changed");
+                return Err(Refusal::new(RefusalCode::NotFound, text));
+            }
+        }
+        let mut named: BTreeSet<u16> = change.remove.iter().copied().collect();
+        for ToolData { id, radius, length } in &change.tools {
+            if *id == 0 || !(0.0..f64::INFINITY).contains(radius) || !length.is_finite() {
+                return Err(invalid(format!(
+                    "tool {id}, radius {radius}, length {length}: the number counts from 1, the radius is 0 or more, \
+                     the length a number; nothing was changed"
+                )));
+            }
+            if !named.insert(*id) {
+                return Err(invalid(format!("tool {id} is named twice; nothing was changed")));
+            }
+            let tool = Tool {
+                length: *length,
+                radius: *radius,
+            };
+            values.tools.insert(*id, tool);
+        }
+        if values.tools.len() > TOOLS_MAX {
+            let text = format!("the table holds {TOOLS_MAX} tools; take some out first");
+            return Err(Refusal::new(RefusalCode::TooLarge, text));
+        }
+        Ok(values)
+    }
+
+    /// Work offsets of a coordinate system, each with its axes.
+    pub fn work_offsets(&self, cs: CoordinateSystemNumber) -> Result<WorkOffsetTable, Refusal> {
+        let axes = *self.axes.get(&cs).ok_or_else(|| no_coordinate_system(cs))?;
+        Ok(self.read().work_offset_table(cs, axes))
+    }
+
+    /// Work offsets of the configuration.
+    pub fn configured_work_offsets(&self, cs: CoordinateSystemNumber) -> WorkOffsetTable {
+        let axes = self.axes.get(&cs).copied().unwrap_or(AxisSet::EMPTY);
+        self.configured.work_offset_table(cs, axes)
+    }
+
+    /// Sets axes of work offsets before anything runs; names that the coordinate system does not have are left out.
+    pub fn restore_work_offsets<'a>(
+        &self,
+        cs: CoordinateSystemNumber,
+        values: impl Iterator<Item = (&'a str, &'a str, f64)>,
+    ) {
+        let axes = self.axes.get(&cs).copied().unwrap_or(AxisSet::EMPTY);
+        let mut tables = self.write();
+        let offsets = tables.work_offsets.entry(cs).or_default();
+        for (name, letter, value) in values {
+            let place = WORK_OFFSETS.iter().position(|known| *known == name);
+            let axis = axis_of(letter).filter(|axis| axes.contains(*axis));
+            if let (Some(place), Some(axis)) = (place, axis) {
+                offsets.0[place][axis] = value;
+            }
+        }
+    }
+
+    /// Tools and work offsets as they are kept, each with what the configuration says (see `persistence/restore.rs`).
+    pub fn kept(&self, values: &Values) -> KeptValues {
+        let mut kept = KeptValues::new();
+        let tools = Kept {
+            configured: self.configured.tool_table(),
+            now: values.tool_table(),
+        };
+        // Tables of numbers always have a JSON form.
+        kept.extend(
+            serde_json::to_vec(&tools)
+                .ok()
+                .map(|bytes| ("tools".to_owned(), bytes)),
+        );
+        for (cs, axes) in &self.axes {
+            let offsets = Kept {
+                configured: self.configured.work_offset_table(*cs, *axes),
+                now: values.work_offset_table(*cs, *axes),
+            };
+            let bytes = serde_json::to_vec(&offsets).ok();
+            kept.extend(bytes.map(|bytes| (value_key("work_offsets", *cs), bytes)));
+        }
+        kept
+    }
+
+    /// The values after a change of work offsets.
+    pub fn with_work_offsets(
+        &self,
+        cs: CoordinateSystemNumber,
+        change: &WorkOffsetTable,
+    ) -> Result<Values, Refusal> {
+        let axes = *self.axes.get(&cs).ok_or_else(|| no_coordinate_system(cs))?;
+        let mut values = self.read().clone();
+        let offsets = values.work_offsets.entry(cs).or_default();
+        for (name, named) in &change.work_offsets {
+            let Some(place) = WORK_OFFSETS.iter().position(|known| known == name) else {
+                return Err(invalid(format!(
+                    "there is no work offset {name:.16}; write G54 to G59"
+                )));
+            };
+            for (letter, value) in named {
+                let axis = axis_of(letter).filter(|axis| axes.contains(*axis));
+                let Some(axis) = axis.filter(|_| value.is_finite()) else {
+                    return Err(invalid(format!(
+                        "{name} {letter:.16} = {value}: write a number for an axis of coordinate system {cs}"
+                    )));
+                };
+                offsets.0[place][axis] = *value;
+            }
+        }
+        Ok(values)
+    }
+
+    /// Changes tools or offsets between two blocks, one change after another. `keep` writes them to disk first.
+    pub fn change(
+        &self,
+        changed: impl FnOnce(&Self) -> Result<Values, Refusal>,
+        keep: impl FnOnce(KeptValues) -> Result<(), Refusal>,
+    ) -> Result<(), Refusal> {
+        let _one_at_a_time = self.changing.lock().unwrap_or_else(PoisonError::into_inner);
+        let values = changed(self)?;
+        keep(self.kept(&values))?;
+        *self.write() = values;
+        Ok(())
+    }
+}
+
+fn axis_of(letter: &str) -> Option<Axis> {
+    Axis::ALL
+        .into_iter()
+        .find(|axis| letter.chars().eq([axis.letter()]))
+}
+
+fn invalid(text: String) -> Refusal {
+    Refusal::new(RefusalCode::Invalid, text)
+}
+
+fn no_coordinate_system(cs: CoordinateSystemNumber) -> Refusal {
+    let text = format!("there is no coordinate system {cs}");
+    Refusal::new(RefusalCode::NotFound, text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Config;
+
+    /// The demo machine: coordinate system 1 with X, Y, Z, coordinate system 2 with X, Z.
+    fn tables() -> Tables {
+        Tables::new(&Config::demo().resolve().unwrap())
+    }
+
+    fn code<T: std::fmt::Debug>(refused: Result<T, Refusal>) -> RefusalCode {
+        refused.unwrap_err().code
+    }
+
+    #[test]
+    fn a_block_sees_all_of_a_range_or_nothing_of_it() {
+        let tables = tables();
+        let global = tables.variables(1).global;
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                for round in 0..2000 {
+                    let values = [f64::from(round); 1024];
+                    tables.write_variables(VariableArea::Global, 0, &values).unwrap();
+                }
+            });
+            for _ in 0..2000 {
+                let block = tables.read();
+                let first = global.get(0);
+                assert!((1..1024).all(|number| global.get(number) == first));
+                drop(block);
+                let read = tables.read_variables(VariableArea::Global, 0, 1024).unwrap();
+                assert!(read.windows(2).all(|pair| pair[0].to_bits() == pair[1].to_bits()));
+            }
+        });
+    }
+
+    #[test]
+    fn a_range_that_is_refused_writes_nothing() {
+        let tables = tables();
+        let write = |area, from, values: &[f64]| tables.write_variables(area, from, values);
+        assert_eq!(
+            code(write(VariableArea::Global, 32_767, &[1.0, 2.0])),
+            RefusalCode::Invalid
+        );
+        assert_eq!(tables.variables(1).global.get(32_767), Some(0.0));
+        let q = VariableArea::CoordinateSystem(1);
+        assert_eq!(code(write(q, 4095, &[1.0, 2.0])), RefusalCode::Invalid);
+        assert_eq!(code(write(q, u32::MAX, &[1.0])), RefusalCode::Invalid);
+        assert_eq!(code(write(q, 0, &[])), RefusalCode::Invalid);
+        assert_eq!(code(write(q, 0, &[0.0; 1025])), RefusalCode::TooLarge);
+        assert_eq!(
+            code(write(VariableArea::CoordinateSystem(3), 0, &[1.0])),
+            RefusalCode::NotFound
+        );
+        assert_eq!(code(tables.read_variables(q, 0, u32::MAX)), RefusalCode::TooLarge);
+    }
+
+    #[test]
+    fn tools_are_changed_as_a_whole_or_not_at_all() {
+        let tables = tables();
+        let tool = |id, radius, length| ToolData { id, radius, length };
+        let change = |tools: Vec<ToolData>, remove: Vec<u16>| {
+            tables.change(
+                |tables| tables.with_tools(&ToolChange { tools, remove }),
+                |_| Ok(()),
+            )
+        };
+        let before = tables.tools();
+        let infinite = tool(52, 1.0, f64::INFINITY);
+        for wrong in [
+            tool(0, 1.0, 1.0),
+            tool(52, -1.0, 1.0),
+            tool(52, f64::NAN, 1.0),
+            infinite,
+        ] {
+            let refused = change(vec![tool(51, 1.0, 1.0), wrong], Vec::new());
+            assert_eq!(code(refused), RefusalCode::Invalid, "{wrong:?}");
+        }
+        let twice = change(vec![tool(51, 1.0, 1.0), tool(51, 2.0, 1.0)], Vec::new());
+        assert_eq!(code(twice), RefusalCode::Invalid);
+        let missing = change(vec![tool(51, 1.0, 1.0)], vec![60]);
+        assert_eq!(code(missing), RefusalCode::NotFound);
+        let many = (1..=1001).map(|id| tool(id, 1.0, 1.0)).collect();
+        assert_eq!(code(change(many, Vec::new())), RefusalCode::TooLarge);
+        assert_eq!(tables.tools(), before);
+        change(vec![tool(51, 1.0, 2.0)], Vec::new()).unwrap();
+        let at_51 = Tool {
+            length: 2.0,
+            radius: 1.0,
+        };
+        assert_eq!(tables.read().tool(51), at_51);
+        change(Vec::new(), vec![51]).unwrap();
+        assert_eq!(tables.tools(), before);
+    }
+
+    #[test]
+    fn offsets_and_axes_that_are_not_named_stay() {
+        let tables = tables();
+        let change = |cs, name: &str, letter: &str, value| {
+            let axes = [(letter.to_owned(), value)].into();
+            let change = WorkOffsetTable {
+                work_offsets: [(name.to_owned(), axes)].into(),
+            };
+            tables.change(|tables| tables.with_work_offsets(cs, &change), |_| Ok(()))
+        };
+        let mut expected = tables.work_offsets(1).unwrap();
+        let other = tables.work_offsets(2).unwrap();
+        change(1, "G55", "Y", 12.5).unwrap();
+        let g55 = expected.work_offsets.get_mut("G55").unwrap();
+        g55.insert("Y".into(), 12.5);
+        assert_eq!(tables.work_offsets(1).unwrap(), expected);
+        assert_eq!(tables.work_offsets(2).unwrap(), other);
+        for (cs, name, letter, value, refused) in [
+            (1, "G53", "X", 1.0, RefusalCode::Invalid),
+            (1, "G54", "XY", 1.0, RefusalCode::Invalid),
+            (1, "G54", "x", 1.0, RefusalCode::Invalid),
+            (2, "G54", "Y", 1.0, RefusalCode::Invalid),
+            (1, "G54", "X", f64::NAN, RefusalCode::Invalid),
+            (3, "G54", "X", 1.0, RefusalCode::NotFound),
+        ] {
+            assert_eq!(
+                code(change(cs, name, letter, value)),
+                refused,
+                "{cs} {name} {letter} {value}"
+            );
+        }
+        assert_eq!(tables.work_offsets(1).unwrap(), expected);
+    }
+}

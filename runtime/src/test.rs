@@ -1,0 +1,343 @@
+//! A whole runtime in simulated time inside a unit test of a machine builder.
+//!
+//! A [`Bench`] runs an NC program against a sequence program on a machine with simulated motors, as fast as the
+//! computer can, and gives a [`Run`]: what was put out and when, in which order, how it ended, where the machine is. The
+//! same test gives the same [`Run`], to the last bit, however busy the computer is.
+//!
+//! ```
+//! use std::time::Duration;
+//! use plc_api::{Alarm, AuxOutput, Plc, SequenceProgram};
+//! use tandem_runtime::test::{Bench, TestError};
+//!
+//! /// M110 VA: the magazine turns for ten minutes, then tool VA is in the spindle.
+//! async fn change_tool(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
+//!     let tool = output.params().a().ok_or(Alarm::user(1, "M110 needs VA"))? as u16;
+//!     plc.sleep(Duration::from_secs(600)).await;
+//!     plc.coordinate_system(output.coordinate_system()).select_tool(tool).await?;
+//!     Ok(())
+//! }
+//!
+//! fn machine() -> Bench {
+//!     Bench::new().serve(SequenceProgram::new().on(110, change_tool))
+//! }
+//!
+//! // #[test]
+//! fn the_program_waits_for_the_tool() -> Result<(), TestError> {
+//!     let run = machine().run("G90 G01 X10 F6000\nM110 VA3\nG01 X0\nM30")?.completed()?;
+//!     assert_eq!(run.order(1), ["block 1", "output M110 VA3", "reset M110", "block 3", "end"]);
+//!     let change = run.output(110)?;
+//!     assert!((change.took_s()? - 600.0).abs() < 0.01);
+//!     assert_eq!(run.system(1)?.tool, 3);
+//!     assert_eq!(run.system(1)?.machine["X"], 0.0);
+//!     Ok(())
+//! }
+//!
+//! // #[test]
+//! fn without_a_tool_number_the_program_stops() -> Result<(), TestError> {
+//!     let run = machine().run("M110\nM30")?;
+//!     assert_eq!(run.alarm()?.text, "M110 needs VA");
+//!     Ok(())
+//! }
+//! # fn main() -> Result<(), TestError> {
+//! #     the_program_waits_for_the_tool()?;
+//! #     without_a_tool_number_the_program_stops()
+//! # }
+//! ```
+//!
+//! # Things that happen meanwhile
+//! Operators, inputs and faults are scripted: [`Bench::at_s`], [`Bench::at_line`], [`Bench::at_output`] and
+//! [`Bench::at_state`] run an async closure at that moment. It gets a [`Scene`]: the machine with every command and
+//! input, and its handlers, which it can kill.
+//!
+//! ```
+//! # use std::time::Duration;
+//! # use plc_api::{Alarm, AuxOutput, CancelReason, Execution, Plc, SequenceProgram};
+//! # use tandem_runtime::test::{Bench, Ended, TestError};
+//! # async fn clamp(_output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
+//! #     plc.sleep(Duration::from_secs(10)).await;
+//! #     Ok(())
+//! # }
+//! # fn main() -> Result<(), TestError> {
+//! let run = Bench::new()
+//!     .serve(SequenceProgram::new().on(10, clamp))
+//!     .at_line(2, |scene| async move { scene.cs(1).hold().await })
+//!     .at_state(1, Execution::FeedHold, |scene| async move {
+//!         scene.plc().sleep(Duration::from_secs(1)).await;
+//!         scene.cs(1).resume().await
+//!     })
+//!     .at_output(10, |scene| async move { scene.cs(1).stop().await })
+//!     .run("G91 G01 X10 F600\nX10\nM10\nM30")?;
+//! assert_eq!(run.output(10)?.ended, Ended::Cancelled(CancelReason::Stop));
+//! assert_eq!(run.system(1)?.execution, Execution::Stopped);
+//! # Ok(()) }
+//! ```
+//!
+//! Handlers sleep by [`Plc::sleep`](plc_api::Plc::sleep): ten minutes of them take milliseconds. One that waits for
+//! anything else ends the run, and [`Run::completed`] tells what the program waited for.
+
+mod perform;
+mod record;
+#[cfg(test)]
+mod tests;
+mod trace;
+
+use std::collections::BTreeMap;
+use std::future::Future;
+use std::path::Path;
+
+use plc_api::port::BoxFuture;
+use plc_api::types::CoordinateSystemNumber;
+use plc_api::{Execution, SequenceProgram};
+
+use crate::config::{Config, Machine};
+use crate::program_store::program_number;
+
+pub use perform::Scene;
+pub use record::{Ended, OutputRecord, Run, StateChange, Stopped, SystemEnd};
+pub use trace::Sample;
+
+/// Program number of a text that has none.
+const MAIN_PROGRAM: u16 = 1;
+
+/// Simulated time after which a run that does not end is ended, s: [`Bench::max_time_s`] sets another.
+const MAX_TIME_S: f64 = 3600.0;
+
+/// Why a test cannot be carried out, or did not go as it says: text for people. `Debug` shows it, too, so that a test
+/// may return it.
+#[derive(Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct TestError(String);
+
+impl std::fmt::Debug for TestError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl TestError {
+    fn new(text: impl std::fmt::Display) -> Self {
+        Self(text.to_string())
+    }
+}
+
+impl From<plc_api::Error> for TestError {
+    fn from(error: plc_api::Error) -> Self {
+        Self::new(error)
+    }
+}
+
+/// When something scripted happens.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Cue {
+    /// Seconds after the start of the programs.
+    Time(f64),
+    /// A line of the main program moves, puts out, or stops.
+    Line(u32),
+    /// An output of this M number is made, in any coordinate system.
+    Output(u16),
+    /// A coordinate system comes into this state.
+    State(CoordinateSystemNumber, Execution),
+}
+
+impl std::fmt::Display for Cue {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Cue::Time(at_s) => write!(f, "at_s({at_s})"),
+            Cue::Line(line) => write!(f, "at_line({line})"),
+            Cue::Output(m) => write!(f, "at_output({m})"),
+            Cue::State(cs, execution) => write!(f, "at_state({cs}, {execution:?})"),
+        }
+    }
+}
+
+type Action = Box<dyn FnOnce(Scene) -> BoxFuture<'static, plc_api::Result<()>> + Send>;
+
+/// A machine, its sequence programs, and what happens while it runs. See the [module](self).
+#[must_use = "nothing happens before `run`"]
+pub struct Bench {
+    machine: Machine,
+    programs: BTreeMap<u16, String>,
+    beside: Vec<(CoordinateSystemNumber, u16)>,
+    sequence_programs: Vec<SequenceProgram>,
+    script: Vec<(Cue, Action)>,
+    max_time_s: f64,
+    trace_every_s: Option<f64>,
+}
+
+impl std::fmt::Debug for Bench {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Bench")
+            .field("machine", &self.machine.name)
+            .finish_non_exhaustive()
+    }
+}
+
+impl Default for Bench {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Bench {
+    /// The demo machine (`examples/config/demo.toml`) without its NC programs and handlers: X, Y, Z and a spindle in
+    /// coordinate system 1, X and Z in coordinate system 2. M codes that nobody handles are alarms.
+    ///
+    /// # Panics
+    /// Never: the demo machine is good.
+    #[expect(
+        clippy::expect_used,
+        reason = "the text is part of the program; a test reads it"
+    )]
+    pub fn new() -> Self {
+        let mut machine = Config::demo().resolve().expect("the demo machine is good");
+        for system in &mut machine.coordinate_systems {
+            system.programs.clear();
+        }
+        Self::on_machine(machine)
+    }
+
+    /// The machine of a configuration file, with its NC programs. Its data folder is not touched.
+    ///
+    /// # Errors
+    /// The file cannot be read, or is refused.
+    pub fn with_config(path: impl AsRef<Path>) -> Result<Self, TestError> {
+        let path = path.as_ref();
+        let refused = |error: &dyn std::fmt::Display| TestError::new(format!("{}: {error}", path.display()));
+        let config = Config::read(path).map_err(|error| refused(&error))?;
+        let machine = config.resolve().map_err(|error| refused(&error))?;
+        Ok(Self::on_machine(machine))
+    }
+
+    /// Any machine.
+    pub fn on_machine(machine: Machine) -> Self {
+        Self {
+            machine,
+            programs: BTreeMap::new(),
+            beside: Vec::new(),
+            sequence_programs: Vec::new(),
+            script: Vec::new(),
+            max_time_s: MAX_TIME_S,
+            trace_every_s: None,
+        }
+    }
+
+    /// Serves the machine with a sequence program; its handlers are known before the NC program is loaded.
+    pub fn serve(mut self, program: SequenceProgram) -> Self {
+        self.sequence_programs.push(program);
+        self
+    }
+
+    /// A program that others call, by number.
+    pub fn subprogram(mut self, number: u16, text: impl Into<String>) -> Self {
+        self.programs.insert(number, text.into());
+        self
+    }
+
+    /// A program that another coordinate system runs at the same time, under this program number.
+    pub fn beside(mut self, cs: CoordinateSystemNumber, number: u16, text: impl Into<String>) -> Self {
+        self.beside.push((cs, number));
+        self.subprogram(number, text)
+    }
+
+    /// Does something so many seconds after the start.
+    pub fn at_s<F, Work>(self, at_s: f64, action: F) -> Self
+    where
+        F: FnOnce(Scene) -> Work + Send + 'static,
+        Work: Future<Output = plc_api::Result<()>> + Send + 'static,
+    {
+        self.at(Cue::Time(at_s), action)
+    }
+
+    /// Does something when a line of the main program begins: its motion, its output or its stop. A line that has none
+    /// of them never does.
+    pub fn at_line<F, Work>(self, line: u32, action: F) -> Self
+    where
+        F: FnOnce(Scene) -> Work + Send + 'static,
+        Work: Future<Output = plc_api::Result<()>> + Send + 'static,
+    {
+        self.at(Cue::Line(line), action)
+    }
+
+    /// Does something when an M code is put out the first time.
+    pub fn at_output<F, Work>(self, m: u16, action: F) -> Self
+    where
+        F: FnOnce(Scene) -> Work + Send + 'static,
+        Work: Future<Output = plc_api::Result<()>> + Send + 'static,
+    {
+        self.at(Cue::Output(m), action)
+    }
+
+    /// Does something when a coordinate system comes into a state the first time after the start.
+    pub fn at_state<F, Work>(self, cs: CoordinateSystemNumber, execution: Execution, action: F) -> Self
+    where
+        F: FnOnce(Scene) -> Work + Send + 'static,
+        Work: Future<Output = plc_api::Result<()>> + Send + 'static,
+    {
+        self.at(Cue::State(cs, execution), action)
+    }
+
+    /// Ends a run that does not end by itself, simulated seconds; 3600 where this is not called.
+    pub fn max_time_s(mut self, max_time_s: f64) -> Self {
+        self.max_time_s = max_time_s;
+        self
+    }
+
+    /// Keeps the commanded positions of all coordinate systems in the run, one sample each so many seconds or the next
+    /// servo cycle: [`Run::trace`], [`Run::at_s`]. Such a run computes every servo cycle, also those in which nothing
+    /// moves: a simulated minute takes about as long as one of motion.
+    pub fn trace_every_s(mut self, interval_s: f64) -> Self {
+        self.trace_every_s = Some(interval_s);
+        self
+    }
+
+    /// Runs this text as program 1 in coordinate system 1 until every program has ended, or nothing can happen any
+    /// more. Times count from the start of the programs.
+    ///
+    /// # Errors
+    /// A program is refused; an action failed, never came, or had not ended; a handler blocks the thread.
+    ///
+    /// # Panics
+    /// When an action panics, such as by a failed assertion.
+    pub fn run(self, text: impl Into<String>) -> Result<Run, TestError> {
+        self.subprogram(MAIN_PROGRAM, text).run_program(MAIN_PROGRAM)
+    }
+
+    /// Runs a file under the number of its name, or as program 1; files `<number>.nc` beside it are there to be called.
+    ///
+    /// # Errors
+    /// The folder cannot be read, or as [`Bench::run`].
+    pub fn run_file(mut self, path: impl AsRef<Path>) -> Result<Run, TestError> {
+        let path = path.as_ref();
+        let unreadable = |error: std::io::Error| TestError::new(format!("{}: {error}", path.display()));
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+        for entry in std::fs::read_dir(folder.unwrap_or(Path::new("."))).map_err(unreadable)? {
+            let file = entry.map_err(unreadable)?.path();
+            let is_nc = file.extension().is_some_and(|extension| extension == "nc");
+            if let Some(number) = program_number(&file).filter(|_| is_nc) {
+                let text = std::fs::read_to_string(&file).map_err(unreadable)?;
+                self.programs.entry(number).or_insert(text);
+            }
+        }
+        let text = std::fs::read_to_string(path).map_err(unreadable)?;
+        let number = program_number(path).unwrap_or(MAIN_PROGRAM);
+        self.subprogram(number, text).run_program(number)
+    }
+
+    /// Runs a program of the configuration, or one given by [`Bench::subprogram`].
+    ///
+    /// # Errors
+    /// As [`Bench::run`].
+    pub fn run_program(self, number: u16) -> Result<Run, TestError> {
+        perform::on_a_thread_of_its_own(self, number)
+    }
+
+    fn at<F, Work>(mut self, cue: Cue, action: F) -> Self
+    where
+        F: FnOnce(Scene) -> Work + Send + 'static,
+        Work: Future<Output = plc_api::Result<()>> + Send + 'static,
+    {
+        self.script
+            .push((cue, Box::new(move |scene| Box::pin(action(scene)))));
+        self
+    }
+}

@@ -1,0 +1,479 @@
+//! Carries a test out: the machine, its handlers and the script in simulated time, on a thread of their own.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::mpsc as std_mpsc;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::time::Duration;
+
+use futures_util::FutureExt;
+use plc_api::hub::{Filter, Subscription};
+use plc_api::types::CoordinateSystemNumber;
+use plc_api::types::message::{Message, Payload};
+use plc_api::types::output::OutputNotice;
+use plc_api::types::request::{Answer, Request};
+use plc_api::types::state::State;
+use plc_api::types::topic::{CsTopic, Topic};
+use plc_api::{Alarm, CoordinateSystem, Error, Execution, Params, Plc, SequenceProgram};
+use serde_json::Value;
+use tandem_model::variables::VariableArray;
+use tokio::sync::mpsc;
+use tokio::task::{AbortHandle, JoinError, JoinSet};
+
+use super::record::{Ended, NonZero, OutputRecord, Run, StateChange, Stopped, SystemEnd};
+use super::trace::{Samples, Tracer};
+use super::{Action, Bench, Cue, TestError};
+use crate::coordinator::Runtime;
+use crate::journal::{Journal, Line};
+use crate::simulation::{self, Simulation, SimulationOptions};
+
+/// Real time in which simulated time must go on at least once. Reason: a handler that blocks the thread would let the
+/// test stand for ever.
+const STANDSTILL: Duration = Duration::from_secs(if cfg!(test) { 2 } else { 10 });
+
+/// Turns given to all tasks so that handlers are known before the programs are loaded. Reason: more than any chain of
+/// wake-ups from a sequence program's first poll to the answer that the machine knows it.
+const SETTLE_TURNS: usize = 256;
+
+/// Where the watching thread finds the simulation.
+type Watched = Arc<OnceLock<Arc<Simulation>>>;
+
+pub(super) fn on_a_thread_of_its_own(bench: Bench, main: u16) -> Result<Run, TestError> {
+    let (ended, end) = std_mpsc::channel();
+    let watched = Watched::default();
+    let simulation = Arc::clone(&watched);
+    let thread = std::thread::spawn(move || {
+        let run = simulation::run(perform(bench, main, simulation));
+        // Nobody listens any more when it stood for too long.
+        let _ = ended.send(run.map_err(TestError::new).flatten());
+    });
+    let mut cycles = None;
+    loop {
+        match end.recv_timeout(STANDSTILL) {
+            Ok(run) => return run,
+            Err(std_mpsc::RecvTimeoutError::Disconnected) => match thread.join() {
+                Err(panic) => std::panic::resume_unwind(panic),
+                Ok(()) => return Err(TestError::new("the run ended without a result")),
+            },
+            Err(std_mpsc::RecvTimeoutError::Timeout) => {
+                let now = watched.get().map(|simulation| simulation.cycles());
+                if now == std::mem::replace(&mut cycles, now) {
+                    return Err(TestError::new(format!(
+                        "simulated time has stood for {} s: a handler or an action blocks its thread; \
+                         let it sleep by plc.sleep and compute in short steps",
+                        STANDSTILL.as_secs()
+                    )));
+                }
+            }
+        }
+    }
+}
+
+/// The machine and its handlers, as a scripted action sees them.
+#[derive(Debug, Clone)]
+pub struct Scene {
+    plc: Plc,
+    handlers: Arc<Mutex<Vec<AbortHandle>>>,
+}
+
+impl Scene {
+    /// The machine, with everything that can be asked of it.
+    pub fn plc(&self) -> &Plc {
+        &self.plc
+    }
+
+    /// One of its coordinate systems.
+    pub fn cs(&self, number: CoordinateSystemNumber) -> CoordinateSystem {
+        self.plc.coordinate_system(number)
+    }
+
+    /// All handlers die where they are, as when their process ends: their claims are given back.
+    pub fn kill_handlers(&self) {
+        for handler in self.lock().drain(..) {
+            handler.abort();
+        }
+    }
+
+    /// Another sequence program serves the machine from now on, such as after [`Scene::kill_handlers`].
+    pub fn serve(&self, program: SequenceProgram) {
+        let plc = self.plc.clone();
+        let served = tokio::spawn(async move {
+            if let Err(error) = program.run(&plc).await {
+                tracing::error!(%error, "the sequence program ended");
+            }
+        });
+        self.lock().push(served.abort_handle());
+    }
+
+    fn lock(&self) -> std::sync::MutexGuard<'_, Vec<AbortHandle>> {
+        self.handlers.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+async fn perform(bench: Bench, main: u16, watched: Watched) -> Result<Run, TestError> {
+    for program in &bench.sequence_programs {
+        program.check()?;
+    }
+    let (sink, lines) = mpsc::unbounded_channel();
+    let journal = Journal::to_sink(Arc::new(Mutex::new(move |line: &Line| {
+        // The stage has gone when the run has ended.
+        let _ = sink.send(line.clone());
+    })));
+    let tracer = Tracer::default();
+    let options = SimulationOptions {
+        max_time_s: bench.max_time_s,
+        on_cycle: bench
+            .trace_every_s
+            .map(|interval_s| tracer.on_cycle(&bench.machine, interval_s)),
+    };
+    let runtime = Runtime::start_simulated(bench.machine, journal, options).map_err(TestError::new)?;
+    let simulation = runtime.simulation().ok_or(TestError::new("no simulation"))?;
+    // The slot is empty: it was made for this run.
+    let _ = watched.set(Arc::clone(&simulation));
+    let scene = Scene {
+        plc: Plc::in_process(runtime.port()),
+        handlers: Arc::default(),
+    };
+    for program in bench.sequence_programs {
+        scene.serve(program);
+    }
+    for _ in 0..SETTLE_TURNS {
+        tokio::task::yield_now().await;
+    }
+    let mut jobs = vec![(1, main)];
+    jobs.extend(bench.beside);
+    load(&scene, bench.programs, &jobs).await?;
+    let stage = Stage {
+        start_s: scene.plc.now_s(),
+        states: scene.plc.port().subscribe(Filter::All),
+        scene,
+        lines,
+        script: bench.script.into_iter().map(Some).collect(),
+        main,
+        actions: JoinSet::new(),
+        running: jobs.iter().map(|(cs, _)| *cs).collect(),
+        run: Run::begun(&jobs),
+    };
+    let systems: Vec<_> = runtime.machine().coordinate_systems.iter().collect();
+    let systems: Vec<_> = systems.iter().map(|system| system.settings.number).collect();
+    let start_s = stage.start_s;
+    let run = stage.play(&simulation, &jobs, &systems).await;
+    let run = run.and_then(|run| {
+        let samples = tracer.samples(start_s)?;
+        Ok(with_variables(run, &runtime, &systems, samples))
+    });
+    runtime.shutdown().await;
+    run
+}
+
+/// Adds what the machine keeps to what the run has shown.
+fn with_variables(run: Run, runtime: &Runtime, systems: &[CoordinateSystemNumber], samples: Samples) -> Run {
+    let variables = |cs: &CoordinateSystemNumber| Some((*cs, runtime.variables(*cs)?));
+    let variables: Vec<_> = systems.iter().filter_map(variables).collect();
+    let p = variables.first().map(|(_, of_cs)| non_zero(&of_cs.global));
+    let q = variables
+        .iter()
+        .map(|(cs, of_cs)| (*cs, non_zero(&of_cs.coordinate_system)));
+    Run {
+        samples,
+        p: p.unwrap_or_default(),
+        q: q.collect(),
+        ..run
+    }
+}
+
+fn non_zero(variables: &VariableArray) -> NonZero {
+    let all =
+        (0..variables.len()).filter_map(|index| Some((u32::try_from(index).ok()?, variables.get(index)?)));
+    all.filter(|(_, value)| *value != 0.0)
+        .map(|(number, value)| (number, value.to_bits()))
+        .collect()
+}
+
+/// Writes the programs, and loads those that are to run.
+async fn load(
+    scene: &Scene,
+    programs: BTreeMap<u16, String>,
+    jobs: &[(CoordinateSystemNumber, u16)],
+) -> Result<(), TestError> {
+    for (number, text) in programs {
+        let check = scene
+            .plc
+            .port()
+            .request(Request::WriteProgram(number, text))
+            .await;
+        if !matches!(check, Ok(Answer::Check(_))) {
+            return Err(TestError::new(format!(
+                "program {number} was not taken: {check:?}"
+            )));
+        }
+    }
+    for (cs, program) in jobs {
+        let loaded = scene.cs(*cs).load(*program).await;
+        loaded.map_err(|error| refused(*program, &error))?;
+    }
+    Ok(())
+}
+
+/// Why a program was not loaded, with every finding.
+fn refused(program: u16, error: &Error) -> TestError {
+    let mut lines = vec![format!("program {program} is refused: {error}")];
+    if let Error::Refused(refusal) = error {
+        let findings = refusal.diagnostics.iter();
+        lines.extend(findings.map(|found| format!("line {}: {} {}", found.line, found.code, found.message)));
+    }
+    TestError::new(lines.join("\n  "))
+}
+
+/// A run under way.
+struct Stage {
+    scene: Scene,
+    start_s: f64,
+    states: Subscription,
+    lines: mpsc::UnboundedReceiver<Line>,
+    script: Vec<Option<(Cue, Action)>>,
+    main: u16,
+    actions: JoinSet<(Cue, plc_api::Result<()>)>,
+    /// Coordinate systems whose programs have not ended.
+    running: BTreeSet<CoordinateSystemNumber>,
+    run: Run,
+}
+
+impl Stage {
+    async fn play(
+        mut self,
+        simulation: &Simulation,
+        jobs: &[(CoordinateSystemNumber, u16)],
+        systems: &[CoordinateSystemNumber],
+    ) -> Result<Run, TestError> {
+        // What came before the start is no part of the run.
+        while self.states.try_next().is_some() {}
+        while self.lines.try_recv().is_ok() {}
+        let _ = simulation.stalled().now_or_never();
+        for (cs, _) in jobs {
+            self.scene.cs(*cs).start().await?;
+        }
+        self.run.stopped = loop {
+            let next_s = self.next_time_cue_s();
+            if self.running.is_empty() && next_s.is_none() && self.actions.is_empty() {
+                break Stopped::ProgramsEnded;
+            }
+            let plc = self.scene.plc.clone();
+            let wait_s = (next_s.unwrap_or_default() + self.start_s - plc.now_s()).max(0.0);
+            tokio::select! {
+                biased;
+                Some(line) = self.lines.recv() => self.journalled(&line),
+                Some(message) = self.states.next() => self.said(&message),
+                Some(ended) = self.actions.join_next(), if !self.actions.is_empty() => acted(ended)?,
+                () = plc.sleep(Duration::from_secs_f64(wait_s)), if next_s.is_some() => {
+                    self.cue(|cue| matches!(cue, Cue::Time(at_s) if Some(at_s) == next_s));
+                }
+                () = simulation.stalled() => {
+                    break if simulation.is_at_limit() { Stopped::TimeLimit } else { Stopped::NothingMoves };
+                }
+            }
+        };
+        self.run.time_s = self.now_s();
+        if let Some((cue, _)) = self.script.iter().flatten().next() {
+            let text = format!("{cue} never came; it did: {}", self.run.order(1).join(", "));
+            return Err(TestError::new(text));
+        }
+        if !self.actions.is_empty() {
+            return Err(TestError::new(
+                "an action had not ended when nothing could happen any more",
+            ));
+        }
+        for cs in systems {
+            let end = self.end_of(*cs).await?;
+            self.run.systems.insert(*cs, end);
+        }
+        Ok(self.run)
+    }
+
+    fn now_s(&self) -> f64 {
+        self.scene.plc.now_s() - self.start_s
+    }
+
+    fn next_time_cue_s(&self) -> Option<f64> {
+        let times = self.script.iter().flatten().filter_map(|(cue, _)| match cue {
+            Cue::Time(at_s) => Some(*at_s),
+            _ => None,
+        });
+        times.reduce(f64::min)
+    }
+
+    /// Begins the actions whose moment is now.
+    fn cue(&mut self, is_now: impl Fn(Cue) -> bool) {
+        for place in &mut self.script {
+            if place.as_ref().is_some_and(|(cue, _)| is_now(*cue))
+                && let Some((cue, action)) = place.take()
+            {
+                let work = action(self.scene.clone());
+                self.actions.spawn(async move { (cue, work.await) });
+            }
+        }
+    }
+
+    /// Takes a line of the journal.
+    fn journalled(&mut self, line: &Line) {
+        let number = |field: &str| line.fields.get(field).and_then(Value::as_u64).unwrap_or_default();
+        let at_s = line.t_s - self.start_s;
+        let what = match line.event {
+            "block" => format!("block {}", number("line")),
+            "output" => self.made(line, at_s),
+            "reset" => self.answered(line, at_s),
+            "stop" => format!("stop M{:02}", number("m")),
+            "alarm" => format!("alarm {}", number("number")),
+            "resume" | "capture" | "warning" | "end" => line.event.to_owned(),
+            _ => return,
+        };
+        let is_repeated = line.event == "block"
+            && (self.run.order.iter().rev())
+                .find(|(cs, _)| *cs == line.cs)
+                .is_some_and(|(_, last)| *last == what);
+        if !is_repeated {
+            self.run.order.push((line.cs, what));
+        }
+        if matches!(line.event, "block" | "output" | "stop") && number("program") == u64::from(self.main) {
+            let begun = number("line");
+            self.cue(|cue| matches!(cue, Cue::Line(line) if u64::from(line) == begun));
+        }
+        if line.event == "output" {
+            let made = number("m");
+            self.cue(|cue| matches!(cue, Cue::Output(m) if u64::from(m) == made));
+        }
+    }
+
+    fn made(&mut self, line: &Line, at_s: f64) -> String {
+        let Ok(notice) = serde_json::from_value::<OutputNotice>(Value::Object(line.fields.clone())) else {
+            return "output".to_owned();
+        };
+        let what = format!("output M{:02}{}", notice.m, words(&notice.params));
+        self.run.outputs.push(OutputRecord {
+            cs: line.cs,
+            seq: notice.seq,
+            m: notice.m,
+            params: notice.params,
+            program: notice.program,
+            line: notice.line,
+            output_s: at_s,
+            ended_s: None,
+            ended: Ended::Open,
+        });
+        what
+    }
+
+    fn answered(&mut self, line: &Line, at_s: f64) -> String {
+        let field = |name: &str| line.fields.get(name).cloned().unwrap_or_default();
+        let m = field("m").as_u64().unwrap_or_default();
+        let is_fault = field("result") == "fault";
+        let ended = if is_fault {
+            let code = field("code").as_u64().and_then(|code| u16::try_from(code).ok());
+            let text = field("text").as_str().unwrap_or_default().to_owned();
+            Ended::Failed(Alarm::user(code.unwrap_or_default(), text))
+        } else {
+            Ended::Reset
+        };
+        self.end_output(line.cs, field("seq").as_u64().unwrap_or_default(), at_s, ended);
+        format!("{} M{m:02}", if is_fault { "fail" } else { "reset" })
+    }
+
+    fn end_output(&mut self, cs: CoordinateSystemNumber, seq: u64, at_s: f64, ended: Ended) {
+        let mut outputs = self.run.outputs.iter_mut();
+        if let Some(output) = outputs.find(|output| (output.cs, output.seq) == (cs, seq))
+            && output.ended == Ended::Open
+        {
+            output.ended_s = Some(at_s);
+            output.ended = ended;
+        }
+    }
+
+    /// Takes a message of the machine.
+    fn said(&mut self, message: &Message) {
+        match (&message.topic, &message.payload) {
+            (Topic::CoordinateSystem(cs, CsTopic::State), Payload::State(state)) => self.state(*cs, state),
+            (Topic::CoordinateSystem(cs, CsTopic::Cancel(_)), Payload::Cancel(cancel)) => {
+                let at_s = self.now_s();
+                self.end_output(*cs, cancel.seq, at_s, Ended::Cancelled(cancel.reason));
+            }
+            (Topic::CoordinateSystem(_, CsTopic::Captured), Payload::Captured(captured)) => {
+                self.run.captured.push(captured.clone());
+            }
+            (Topic::AlarmEvent, Payload::AlarmEvent(alarm))
+                if !self.run.alarms.iter().any(|known| known.id == alarm.id) =>
+            {
+                self.run.alarms.push(alarm.clone());
+            }
+            _ => {}
+        }
+    }
+
+    fn state(&mut self, cs: CoordinateSystemNumber, state: &State) {
+        let is_over = matches!(
+            state.execution,
+            Execution::ProgramCompleted | Execution::Stopped | Execution::Ready
+        ) && state.transition.is_none();
+        if is_over {
+            self.running.remove(&cs);
+        } else {
+            self.running.insert(cs);
+        }
+        let last = self.run.states.iter().rev().find(|change| change.cs == cs);
+        if last.is_some_and(|last| (last.execution, last.reason) == (state.execution, state.reason)) {
+            return;
+        }
+        self.run.states.push(StateChange {
+            at_s: self.now_s(),
+            cs,
+            execution: state.execution,
+            reason: state.reason,
+        });
+        self.cue(|cue| cue == Cue::State(cs, state.execution));
+    }
+
+    async fn end_of(&self, cs: CoordinateSystemNumber) -> Result<SystemEnd, TestError> {
+        let system = self.scene.cs(cs);
+        let (state, position) = (system.state().await?, system.position().await?);
+        let waiting_on = state.waiting_on.map(|waiting| {
+            let said = waiting.progress.map(|progress| progress.text);
+            (waiting.m, said)
+        });
+        Ok(SystemEnd {
+            execution: state.execution,
+            reason: state.reason,
+            waiting_on,
+            machine: position.machine,
+            work: position.work,
+            tool: system.tool().await?.id,
+        })
+    }
+}
+
+fn acted(ended: Result<(Cue, plc_api::Result<()>), JoinError>) -> Result<(), TestError> {
+    match ended {
+        Ok((_, Ok(()))) => Ok(()),
+        Ok((cue, Err(error))) => Err(TestError::new(format!("{cue}: {error}"))),
+        Err(error) => match error.try_into_panic() {
+            Ok(panic) => std::panic::resume_unwind(panic),
+            Err(error) => Err(TestError::new(error)),
+        },
+    }
+}
+
+/// ` VA3 VB0.5`.
+fn words(params: &Params) -> String {
+    let Params {
+        a,
+        b,
+        c,
+        d,
+        e,
+        f,
+        g,
+        h,
+    } = *params;
+    let letters = ["A", "B", "C", "D", "E", "F", "G", "H"];
+    let given = letters.into_iter().zip([a, b, c, d, e, f, g, h]);
+    given
+        .filter_map(|(letter, value)| Some(format!(" V{letter}{}", value?)))
+        .collect()
+}

@@ -1,0 +1,283 @@
+//! What a run has shown.
+
+use std::collections::BTreeMap;
+
+use plc_api::types::CoordinateSystemNumber;
+use plc_api::types::machine::AlarmRecord;
+use plc_api::types::state::{Captured, Reason};
+use plc_api::{Alarm, CancelReason, Execution, Params};
+
+use super::TestError;
+use super::trace::{Sample, Samples};
+
+/// What a run has shown: plain data, equal for equal tests. Times are seconds from the start of the programs.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Run {
+    /// Why the run ended.
+    pub stopped: Stopped,
+    /// When the run ended.
+    pub time_s: f64,
+    /// Auxiliary function outputs in the order in which they were made.
+    pub outputs: Vec<OutputRecord>,
+    /// Alarms and warnings in the order in which they were raised.
+    pub alarms: Vec<AlarmRecord>,
+    /// What each G31 captured.
+    pub captured: Vec<Captured>,
+    /// State words that each coordinate system came into, from its start on.
+    pub states: Vec<StateChange>,
+    /// Coordinate systems that were started.
+    pub(super) jobs: Vec<CoordinateSystemNumber>,
+    pub(super) systems: BTreeMap<CoordinateSystemNumber, SystemEnd>,
+    pub(super) order: Vec<(CoordinateSystemNumber, String)>,
+    pub(super) samples: Samples,
+    pub(super) p: NonZero,
+    pub(super) q: BTreeMap<CoordinateSystemNumber, NonZero>,
+}
+
+/// Variables that are not zero, by number: their bits, since NaN is to equal itself here.
+pub(super) type NonZero = BTreeMap<u32, u64>;
+
+/// Why a run ended.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Stopped {
+    /// Every program has ended: at its end, by an alarm or by a command.
+    ProgramsEnded,
+    /// Nothing could happen any more: a program was paused, or waited for something that nobody does.
+    NothingMoves,
+    /// [`Bench::max_time_s`](super::Bench::max_time_s) was reached.
+    TimeLimit,
+}
+
+/// One auxiliary function output.
+#[derive(Debug, Clone, PartialEq)]
+pub struct OutputRecord {
+    /// Coordinate system that made it.
+    pub cs: CoordinateSystemNumber,
+    /// Sequence number.
+    pub seq: u64,
+    /// M number.
+    pub m: u16,
+    /// VA to VH.
+    pub params: Params,
+    /// Program that it stands in.
+    pub program: u16,
+    /// Line of that program, from 1.
+    pub line: u32,
+    /// When it was made.
+    pub output_s: f64,
+    /// When it ended; `None` while it is open.
+    pub ended_s: Option<f64>,
+    /// How it ended.
+    pub ended: Ended,
+}
+
+/// How an output ended.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Ended {
+    /// It has not.
+    Open,
+    /// It was reset: the program went on.
+    Reset,
+    /// Its handler failed it with this alarm.
+    Failed(Alarm),
+    /// It was cancelled, such as by a stop.
+    Cancelled(CancelReason),
+}
+
+impl OutputRecord {
+    /// Seconds from the output to its end.
+    ///
+    /// # Errors
+    /// It has not ended.
+    pub fn took_s(&self) -> Result<f64, TestError> {
+        let ended_s = self.ended_s.ok_or_else(|| {
+            TestError::new(format!(
+                "M{:02} in line {} of program {} has not ended",
+                self.m, self.line, self.program
+            ))
+        })?;
+        Ok(ended_s - self.output_s)
+    }
+}
+
+/// A coordinate system came into a state.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StateChange {
+    /// When.
+    pub at_s: f64,
+    /// Which one.
+    pub cs: CoordinateSystemNumber,
+    /// The state word.
+    pub execution: Execution,
+    /// Why, where there is a reason.
+    pub reason: Option<Reason>,
+}
+
+/// How a coordinate system was left.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SystemEnd {
+    /// The state word.
+    pub execution: Execution,
+    /// Why, where there is a reason.
+    pub reason: Option<Reason>,
+    /// What was waited for: M number and the handler's last progress text.
+    pub waiting_on: Option<(u16, Option<String>)>,
+    /// Commanded machine positions by axis letter, mm or degrees.
+    pub machine: BTreeMap<String, f64>,
+    /// The same in work coordinates.
+    pub work: BTreeMap<String, f64>,
+    /// Tool in the spindle; 0: none.
+    pub tool: u16,
+}
+
+impl Run {
+    /// A run that has shown nothing yet, of programs in these coordinate systems.
+    pub(super) fn begun(jobs: &[(CoordinateSystemNumber, u16)]) -> Self {
+        Self {
+            stopped: Stopped::ProgramsEnded,
+            time_s: 0.0,
+            outputs: Vec::new(),
+            alarms: Vec::new(),
+            captured: Vec::new(),
+            states: Vec::new(),
+            jobs: jobs.iter().map(|(cs, _)| *cs).collect(),
+            systems: BTreeMap::new(),
+            order: Vec::new(),
+            samples: Samples::new(),
+            p: NonZero::new(),
+            q: BTreeMap::new(),
+        }
+    }
+
+    /// This run, if every program reached its end.
+    ///
+    /// # Errors
+    /// One did not: the text says what happened instead, and what came before.
+    pub fn completed(self) -> Result<Run, TestError> {
+        let unended = (self.jobs.iter())
+            .filter_map(|cs| Some((*cs, self.systems.get(cs)?)))
+            .find(|(_, end)| end.execution != Execution::ProgramCompleted);
+        match unended {
+            None => Ok(self),
+            Some((cs, end)) => Err(self.story(cs, end)),
+        }
+    }
+
+    /// The alarm that stopped a program; the first if there are more.
+    ///
+    /// # Errors
+    /// There is none: the text says how the run ended.
+    pub fn alarm(&self) -> Result<&AlarmRecord, TestError> {
+        use plc_api::types::machine::AlarmSeverity::Alarm;
+        let mut alarms = self.alarms.iter().filter(|record| record.severity == Alarm);
+        alarms
+            .next()
+            .ok_or_else(|| TestError::new(format!("no alarm was raised; {}", self.summary())))
+    }
+
+    /// The first output of an M number.
+    ///
+    /// # Errors
+    /// There is none.
+    pub fn output(&self, m: u16) -> Result<&OutputRecord, TestError> {
+        let mut outputs = self.outputs.iter().filter(|output| output.m == m);
+        outputs
+            .next()
+            .ok_or_else(|| TestError::new(format!("M{m:02} was not put out; {}", self.summary())))
+    }
+
+    /// How a coordinate system was left.
+    ///
+    /// # Errors
+    /// There is no such coordinate system.
+    pub fn system(&self, cs: CoordinateSystemNumber) -> Result<&SystemEnd, TestError> {
+        self.systems
+            .get(&cs)
+            .ok_or_else(|| TestError::new(format!("the machine has no coordinate system {cs}")))
+    }
+
+    /// What a coordinate system did, in order: `block 3` (line of a motion), `output M100 VA3`, `reset M100`,
+    /// `fail M100`, `stop M00`, `resume`, `capture`, `alarm 10001`, `warning`, `end`.
+    pub fn order(&self, cs: CoordinateSystemNumber) -> Vec<&str> {
+        let of_cs = self.order.iter().filter(|(system, _)| *system == cs);
+        of_cs.map(|(_, what)| what.as_str()).collect()
+    }
+
+    /// A P variable at the end of the run; 0 where there is none of this number.
+    pub fn p(&self, number: u32) -> f64 {
+        f64::from_bits(self.p.get(&number).copied().unwrap_or_default())
+    }
+
+    /// A Q variable of a coordinate system at the end of the run; 0 where there is none of this number.
+    pub fn q(&self, cs: CoordinateSystemNumber, number: u32) -> f64 {
+        let of_cs = self.q.get(&cs);
+        f64::from_bits(of_cs.and_then(|q| q.get(&number)).copied().unwrap_or_default())
+    }
+
+    /// Where a coordinate system was over time, ascending; empty without
+    /// [`Bench::trace_every_s`](super::Bench::trace_every_s).
+    pub fn trace(&self, cs: CoordinateSystemNumber) -> &[Sample] {
+        self.samples.get(&cs).map_or(&[], Vec::as_slice)
+    }
+
+    /// The last sample at or before a time, seconds from the start of the programs.
+    ///
+    /// # Errors
+    /// There is none: no trace, no such coordinate system, or a time before the first sample.
+    pub fn at_s(&self, cs: CoordinateSystemNumber, at_s: f64) -> Result<&Sample, TestError> {
+        let trace = self.trace(cs);
+        let after = trace.partition_point(|sample| sample.at_s <= at_s);
+        let sample = after.checked_sub(1).and_then(|place| trace.get(place));
+        sample.ok_or_else(|| {
+            TestError::new(format!(
+                "no sample of coordinate system {cs} at {at_s} s: ask for them by Bench::trace_every_s"
+            ))
+        })
+    }
+
+    fn summary(&self) -> String {
+        let ends = self.systems.iter().map(|(cs, end)| {
+            let reason = end
+                .reason
+                .map_or_else(String::new, |reason| format!(" ({reason:?})"));
+            let waits = match &end.waiting_on {
+                None => String::new(),
+                Some((m, None)) => format!(", waits for M{m:02}"),
+                Some((m, Some(text))) => format!(", waits for M{m:02}: {text}"),
+            };
+            format!("coordinate system {cs} is {:?}{reason}{waits}", end.execution)
+        });
+        ends.collect::<Vec<_>>().join("; ")
+    }
+
+    fn story(&self, cs: CoordinateSystemNumber, end: &SystemEnd) -> TestError {
+        let why = match self.stopped {
+            Stopped::ProgramsEnded => String::new(),
+            Stopped::TimeLimit => format!(" within {} s", self.time_s),
+            Stopped::NothingMoves => ": nothing can happen any more".to_owned(),
+        };
+        let summary = self.summary();
+        let mut lines = vec![format!(
+            "the program of coordinate system {cs} did not reach its end{why}; {summary}"
+        )];
+        for alarm in self.alarms.iter().filter(|alarm| alarm.cs == Some(cs)) {
+            let line = alarm
+                .line
+                .map_or_else(String::new, |line| format!(" in line {line}"));
+            lines.push(format!("{} {}{line}: {}", word(alarm), alarm.number, alarm.text));
+        }
+        if self.stopped == Stopped::NothingMoves && end.execution == Execution::Wait {
+            let help = "a handler that waits must sleep by plc.sleep, or wait for something that happens";
+            lines.push(help.to_owned());
+        }
+        lines.push(format!("it did: {}", self.order(cs).join(", ")));
+        TestError::new(lines.join("\n  "))
+    }
+}
+
+fn word(alarm: &AlarmRecord) -> &'static str {
+    match alarm.severity {
+        plc_api::types::machine::AlarmSeverity::Warning => "warning",
+        plc_api::types::machine::AlarmSeverity::Alarm => "alarm",
+    }
+}

@@ -1,0 +1,94 @@
+//! Positions over time: what the servo commanded, sampled while a test runs.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use plc_api::types::CoordinateSystemNumber;
+use tandem_model::Axis;
+
+use super::TestError;
+use crate::config::Machine;
+use crate::simulation::OnCycle;
+
+/// Samples of one run, of all coordinate systems together. Reason: about 200 MB; more is a mistake in the interval.
+const SAMPLES_MAX: usize = 1_000_000;
+
+/// Where a coordinate system was at one moment.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sample {
+    /// Seconds from the start of the programs.
+    pub at_s: f64,
+    /// Program and line of the block that moved last; `None` before the first.
+    pub block: Option<(u16, u32)>,
+    /// Commanded machine positions by axis letter, mm or degrees.
+    pub machine: BTreeMap<String, f64>,
+}
+
+/// The samples of each coordinate system, ascending in time.
+pub(super) type Samples = BTreeMap<CoordinateSystemNumber, Vec<Sample>>;
+
+#[derive(Default)]
+struct Taken {
+    samples: Samples,
+    count: usize,
+    next_s: f64,
+}
+
+/// Takes samples in the servo cycles of a simulation.
+#[derive(Clone, Default)]
+pub(super) struct Tracer(Arc<Mutex<Taken>>);
+
+impl Tracer {
+    /// What the simulation calls after each servo cycle.
+    pub(super) fn on_cycle(&self, machine: &Machine, interval_s: f64) -> OnCycle {
+        let taken = Arc::clone(&self.0);
+        let systems: Vec<_> = machine.coordinate_systems.iter().collect();
+        let systems: Vec<(CoordinateSystemNumber, Vec<Axis>)> = systems
+            .iter()
+            .map(|system| (system.settings.number, system.settings.axes().iter().collect()))
+            .collect();
+        Box::new(move |servo| {
+            let mut taken = taken.lock().unwrap_or_else(PoisonError::into_inner);
+            let at_s = servo.time_s();
+            // a nanosecond of room: times are sums of periods
+            if at_s + 1e-9 < taken.next_s || taken.count > SAMPLES_MAX {
+                return;
+            }
+            taken.next_s = at_s + interval_s;
+            for (channel, (cs, axes)) in servo.channels().iter().zip(&systems) {
+                let setpoint = channel.setpoint();
+                let machine = axes
+                    .iter()
+                    .map(|axis| (axis.letter().to_string(), setpoint[*axis]));
+                let sample = Sample {
+                    at_s,
+                    block: channel.executing().map(|origin| (origin.program, origin.line)),
+                    machine: machine.collect(),
+                };
+                taken.samples.entry(*cs).or_default().push(sample);
+                taken.count += 1;
+            }
+        })
+    }
+
+    /// The samples from the start of the programs on.
+    ///
+    /// # Errors
+    /// There were too many.
+    pub(super) fn samples(&self, start_s: f64) -> Result<Samples, TestError> {
+        let taken = std::mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner));
+        if taken.count > SAMPLES_MAX {
+            return Err(TestError::new(format!(
+                "the trace has more than {SAMPLES_MAX} samples: give trace_every_s a longer interval"
+            )));
+        }
+        let mut samples = taken.samples;
+        for of_cs in samples.values_mut() {
+            of_cs.retain(|sample| sample.at_s >= start_s);
+            for sample in of_cs {
+                sample.at_s -= start_s;
+            }
+        }
+        Ok(samples)
+    }
+}
