@@ -1,7 +1,11 @@
 // REST: commands, inputs, programs. Whatever is refused comes back as a Refusal with the machine's own words.
 
+import { authorization } from "./token.js";
+
 /** Time limit of a request; a stop on the path of a slow machine may take seconds. */
 const TIMEOUT_MS = 15000;
+/** Time limit of a refresh of a jog: the machine has stopped long before. */
+const JOG_TIMEOUT_MS = 1000;
 
 export class Refusal extends Error {
   /**
@@ -18,20 +22,22 @@ export class Refusal extends Error {
 /**
  * @param {string} method
  * @param {string} path below `/api/v1`
- * @param {object} [body]
+ * @param {object | string} [body] text as it is, anything else as JSON
  * @param {Record<string, string>} [headers]
+ * @param {number} [timeoutMs]
  * @returns {Promise<Response>}
  */
-async function request(method, path, body, headers = {}) {
+async function request(method, path, body, headers = {}, timeoutMs = TIMEOUT_MS) {
+  const all = { ...authorization(), ...headers };
   /** @type {Response} */
   let response;
   try {
     response = await fetch(`/api/v1${path}`, {
       method,
       cache: "no-store",
-      headers: body === undefined ? headers : { "Content-Type": "application/json", ...headers },
-      body: body === undefined ? undefined : JSON.stringify(body),
-      signal: AbortSignal.timeout(TIMEOUT_MS),
+      headers: body === undefined ? all : { "Content-Type": typeof body === "string" ? "text/plain" : "application/json", ...all },
+      body: body === undefined || typeof body === "string" ? body : JSON.stringify(body),
+      signal: AbortSignal.timeout(timeoutMs),
     });
   } catch {
     throw new Refusal("The machine did not answer. Nothing is known about what it did with the request.");
@@ -66,6 +72,23 @@ export const api = {
     if (reply.status === "rejected" || reply.status === "failed") throw new Refusal(reply.text || `${verb} failed.`, reply);
   },
 
+  /** Begins or refreshes a jog; the answer says whether it is allowed. @param {number} cs @param {object} args */
+  async jog(cs, args) {
+    await request("POST", `/cs/${cs}/jog`, args, {}, JOG_TIMEOUT_MS);
+  },
+
+  /** @param {number} cs @param {"interlock" | "start_lock"} input @param {import("./types.d.ts").Lock} lock */
+  async setLock(cs, input, lock) {
+    await request("PUT", `/cs/${cs}/inputs/${input}`, lock);
+  },
+
+  /** The run that the last start of the runtime cut short, or ended with. @param {number} cs */
+  async lastRun(cs) {
+    /** @type {{last_run: import("./types.d.ts").LastRun | null}} */
+    const answer = await (await request("GET", `/cs/${cs}/last_run`)).json();
+    return answer.last_run ?? null;
+  },
+
   /** @param {number} cs @param {string} input such as `optional_skip/3` @param {boolean} value */
   async setInput(cs, input, value) {
     await request("PUT", `/cs/${cs}/inputs/${input}`, { value });
@@ -90,6 +113,11 @@ export const api = {
     await request("POST", `/cs/${cs}/m_codes/${seq}/redeliver`, { boot_id, how });
   },
 
+  /** @param {number} cs @param {string} boot_id @param {number} seq @param {string} question_id @param {string} choice */
+  async answer(cs, boot_id, seq, question_id, choice) {
+    await request("POST", `/cs/${cs}/m_codes/${seq}/answer`, { boot_id, question_id, choice, client_id: "hmi" });
+  },
+
   /** @param {number} id */
   async acknowledge(id) {
     await request("POST", `/alarms/${id}/acknowledge`, {});
@@ -108,5 +136,10 @@ export const api = {
   /** @param {number} number */
   async programText(number) {
     return (await request("GET", `/programs/${number}`)).text();
+  },
+
+  /** Stores a program, also one with errors. @param {number} number @param {string} text @returns {Promise<import("./types.d.ts").Diagnostic[]>} */
+  async storeProgram(number, text) {
+    return (await (await request("PUT", `/programs/${number}`, text)).json()).diagnostics ?? [];
   },
 };

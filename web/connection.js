@@ -1,5 +1,7 @@
 // The WebSocket: subscribes, hands on every message, notices silence, and connects again by itself.
 
+import { protocols } from "./token.js";
+
 /** Topics of the machine as a whole. */
 export const MACHINE_TOPICS = ["presence", "birth", "alarm/active"];
 
@@ -39,7 +41,7 @@ export class Connection {
   /** Opens the socket. */
   open() {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
-    const socket = new WebSocket(`${scheme}://${location.host}/api/v1/ws`);
+    const socket = new WebSocket(`${scheme}://${location.host}/api/v1/ws`, protocols());
     this.#socket = socket;
     this.#heardAt = Date.now();
     socket.onopen = () => {

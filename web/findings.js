@@ -30,8 +30,8 @@ export function count(number, word) {
   return number === 0 ? "" : `${number} ${word}${number === 1 ? "" : "s"}`;
 }
 
-/** @param {import("./types.d.ts").Diagnostic} one */
-function finding({ severity, code, line, column, message, help }) {
+/** One of them, as an entry of a list. @param {import("./types.d.ts").Diagnostic} one */
+export function finding({ severity, code, line, column, message, help }) {
   return h(
     "li",
     { class: "finding", "data-tone": severity === "error" ? "alarm" : "attention" },

@@ -7,6 +7,7 @@ import { fill, h, setAttr } from "./dom.js";
 import { Model } from "./model.js";
 import { startTheme } from "./theme.js";
 import { Toasts } from "./toasts.js";
+import { signedIn } from "./token.js";
 import { views } from "./views/index.js";
 
 /**
@@ -75,6 +76,7 @@ const connection = new Connection({
     if (topic === "birth") {
       connection.subscribe(model.topics());
       void app.readPrograms();
+      for (const system of model.systems.values()) void readLastRun(system);
     }
     invalidate();
   },
@@ -86,6 +88,14 @@ const connection = new Connection({
     invalidate();
   },
 });
+
+/** @param {import("./model.js").CoordinateSystem} system */
+async function readLastRun(system) {
+  await app.attempt(async () => {
+    system.lastRun = await api.lastRun(system.info.number);
+  });
+  invalidate();
+}
 
 function build() {
   /** @type {Record<string, HTMLElement>} */
@@ -131,4 +141,5 @@ function invalidate() {
 
 startTheme(invalidate);
 setInterval(invalidate, TICK_MS);
+await signedIn();
 connection.open();

@@ -11,8 +11,14 @@ const CS_TOPICS = /** @type {const} */ ({
   "m_code/pending": "pending",
   "input/optional_skip/state": "optionalSkip",
   "input/optional_stop/state": "optionalStop",
+  "input/single_block/state": "singleBlock",
+  "input/interlock/state": "interlock",
+  "input/start_lock/state": "startLock",
   "override/state": "overrides",
 });
+
+/** States in which the machine moves by hand. */
+const BY_HAND = new Set(["READY", "PROGRAM_COMPLETED", "STOPPED"]);
 
 /**
  * One coordinate system.
@@ -25,6 +31,10 @@ const CS_TOPICS = /** @type {const} */ ({
  * @property {import("./types.d.ts").Pending | null} pending
  * @property {import("./types.d.ts").OptionalSkip | null} optionalSkip
  * @property {import("./types.d.ts").Switch | null} optionalStop
+ * @property {import("./types.d.ts").Switch | null} singleBlock
+ * @property {import("./types.d.ts").LockInput | null} interlock
+ * @property {import("./types.d.ts").LockInput | null} startLock
+ * @property {import("./types.d.ts").LastRun | null} lastRun the last run before this start of the runtime
  * @property {import("./types.d.ts").Overrides | null} overrides
  * @property {Trail} trail
  */
@@ -52,6 +62,12 @@ export class Model {
   /** The coordinate system on the screen, once it is known. */
   get current() {
     return this.systems.get(this.selected) ?? null;
+  }
+
+  /** Whether the coordinate system on the screen takes MDI, jog and homing. */
+  get movesByHand() {
+    const state = this.current?.state;
+    return this.online && !!state && !state.transition && BY_HAND.has(state.execution) && state.reason !== "ALARM";
   }
 
   /** Topics of all coordinate systems that the birth message names. */
@@ -150,6 +166,10 @@ function empty(info) {
     pending: null,
     optionalSkip: null,
     optionalStop: null,
+    singleBlock: null,
+    interlock: null,
+    startLock: null,
+    lastRun: null,
     overrides: null,
     trail: new Trail(),
   };

@@ -22,7 +22,7 @@ export function look(state) {
     case "ACTIVE":
       return { tone: "active", icon: "play", word };
     case "WAIT":
-      return { tone: state.reason === "HANDLER_LOST" ? "attention" : "wait", icon: "wait", word };
+      return { tone: state.reason === "HANDLER_LOST" || asked(state) ? "attention" : "wait", icon: "wait", word };
     case "PROGRAM_COMPLETED":
       return { tone: "done", icon: "done", word };
     case "STOPPED":
@@ -30,6 +30,12 @@ export function look(state) {
     default:
       return { tone: "attention", icon: "pause", word };
   }
+}
+
+/** What a handler asks and nobody has answered yet. @param {import("./types.d.ts").State} state */
+function asked(state) {
+  const question = state.waiting_on?.question;
+  return question?.answer === undefined ? question : undefined;
 }
 
 /** How long an output may go untaken before it is worth a word, ms. */
@@ -58,7 +64,9 @@ export function sentence(system, alarms, ageMs) {
   const program = programName(state.program);
   switch (state.execution) {
     case "READY":
-      return `Program ${program} is loaded and at its head. Press Start.`;
+      return state.program === null
+        ? "Ready to move by hand. No program is loaded: choose one of the list and press Load."
+        : `Program ${program} is loaded and at its head. Press Start.`;
     case "ACTIVE":
       return place?.line ? `Program ${programName(place.number)} runs, line ${place.line}.` : `Program ${program} runs.`;
     case "WAIT":
@@ -74,7 +82,7 @@ export function sentence(system, alarms, ageMs) {
     case "INTERRUPTED":
       return state.reason === "SINGLE_BLOCK"
         ? "Single block: the block is done. Press Resume for the next one."
-        : "The interlock is on: motion goes on when it is released and Resume is pressed.";
+        : interlocked(system.interlock);
     case "PROGRAM_COMPLETED":
       return `Program ${program} is complete. Press Start to run it again, or load another one.`;
     case "STOPPED":
@@ -82,6 +90,20 @@ export function sentence(system, alarms, ageMs) {
     default:
       return "";
   }
+}
+
+/** @param {import("./types.d.ts").LockInput | null} interlock */
+function interlocked(interlock) {
+  if (interlock && !interlock.value) return "The interlock is off again. Press Resume to go on.";
+  const why = interlock?.text ? ` (${interlock.text})` : "";
+  return `The interlock is on${why}: motion goes on when it is released and Resume is pressed.`;
+}
+
+/** How the run before this start ended. @param {import("./types.d.ts").LastRun | null} run */
+function cutShort(run) {
+  if (!run || ["READY", "STOPPED", "PROGRAM_COMPLETED"].includes(run.execution)) return "";
+  const open = run.outputs.map((output) => `M${output.m}`).join(", ");
+  return ` The run of ${programName(run.program)} was cut short in line ${run.line}${open ? `, with ${open} open` : ""}.`;
 }
 
 /**
@@ -99,6 +121,8 @@ function waiting({ state, pending }, ageMs) {
     return `The handler of ${name} has gone. Look at the machine, then redeliver ${name} or reset it by hand.`;
   }
   const since = `Waiting ${duration(ageMs(on.since))} for ${name}${given}`;
+  const question = asked(state);
+  if (question) return `${name} asks: ${question.text} Answer it beside M${on.m}.`;
   const progress = on.progress ?? output?.progress;
   if (output?.state === "CLAIMED") {
     const handler = `handler ${output.handler_id ?? "unknown"}`;
@@ -114,7 +138,7 @@ function waiting({ state, pending }, ageMs) {
  * @param {import("./model.js").CoordinateSystem} system
  * @param {import("./types.d.ts").Alarm[]} alarms
  */
-function stopped({ state, info }, alarms) {
+function stopped({ state, info, lastRun }, alarms) {
   switch (state?.reason) {
     case "ALARM": {
       const alarm = alarms.findLast((a) => a.severity === "alarm" && (a.cs === null || a.cs === info.number));
@@ -125,8 +149,8 @@ function stopped({ state, info }, alarms) {
       return "No program is loaded: choose one of the list and press Load.";
     case "RESTARTED":
       return state.program === null
-        ? "The runtime was started again and nothing goes on by itself. Load a program."
-        : `The runtime was started again and nothing goes on by itself. Press Reset to be ready with ${programName(state.program)}.`;
+        ? `The runtime was started again and nothing goes on by itself.${cutShort(lastRun)} Load a program.`
+        : `The runtime was started again and nothing goes on by itself.${cutShort(lastRun)} Press Reset to be ready with ${programName(state.program)}.`;
     case "ABORTED":
       return "Aborted: the motors braked at once. Look at the machine, then press Reset.";
     default:

@@ -7,13 +7,16 @@ export type Execution =
 export type Reason =
   | "HANDLER_LOST" | "SINGLE_BLOCK" | "INTERLOCK" | "ALARM" | "STOP" | "ABORTED" | "NO_PROGRAM" | "RESTARTED";
 
-export type Verb = "load" | "start" | "hold" | "resume" | "stop" | "abort" | "reset";
+export type Verb = "load" | "start" | "hold" | "resume" | "stop" | "abort" | "reset" | "mdi" | "home";
 
 export interface Envelope { v: number; boot_id: string; ts: string; rev?: number }
 
 export interface Progress { text: string; percent?: number }
 
-export interface WaitingOn { m: number; seq: number; since: string; progress?: Progress }
+/** What a handler asks the operator. */
+export interface Question { id: string; text: string; choices: string[]; since: string; answer?: string }
+
+export interface WaitingOn { m: number; seq: number; since: string; progress?: Progress; question?: Question }
 
 export interface State extends Envelope {
   execution: Execution;
@@ -75,12 +78,15 @@ export interface PendingOutput {
   /** The handler that had it has gone. */
   lost: boolean;
   progress?: Progress;
+  question?: Question;
   how?: "redo" | "verify";
 }
 
 export interface Pending extends Envelope { outputs: PendingOutput[] }
 export interface Overrides extends Envelope { feed: number; rapid: number; spindle: number }
 export interface Switch extends Envelope { value: boolean }
+export interface Lock { value: boolean; text: string }
+export interface LockInput extends Envelope, Lock {}
 export interface OptionalSkip extends Envelope { requested: number[]; effective: number[]; effective_from_line: number }
 export interface Presence extends Envelope { online: boolean; started_at: string; version: string }
 
@@ -133,6 +139,17 @@ export interface Diagnostic {
   column: number;
   message: string;
   help: string;
+}
+
+/** The last run before this start of the runtime. */
+export interface LastRun {
+  run_id: string;
+  program: number | null;
+  running: number | null;
+  line: number;
+  execution: Execution;
+  outputs: PendingOutput[];
+  at: string;
 }
 
 /** A refusal as problem+json (RFC 9457). */

@@ -1,12 +1,13 @@
 // Starts the real runtime, as its user would: the binary, a config file, a folder of its own.
 
-import { spawn } from "node:child_process";
+import { execFile, spawn } from "node:child_process";
 import { once } from "node:events";
-import { mkdtemp, rm, writeFile } from "node:fs/promises";
+import { appendFile, mkdtemp, rm, writeFile } from "node:fs/promises";
 import { createServer } from "node:net";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { setTimeout as sleep } from "node:timers/promises";
+import { promisify } from "node:util";
 
 const BINARY = process.env.TANDEM_BIN ?? new URL("../../target/debug/tandem", import.meta.url).pathname;
 const START_MS = 20000;
@@ -131,6 +132,14 @@ export class Runtime {
     const files = { "tandem.toml": config(http, await freePort()), "bracket.nc": BRACKET, "long_way.nc": LONG_WAY, "loader.nc": LOADER };
     for (const [name, text] of Object.entries(files)) await writeFile(join(runtime.folder, name), text);
     return runtime;
+  }
+
+  /** From the next start on it asks for tokens; gives one. */
+  async withToken(role) {
+    const arguments_ = ["token", "screen", "--role", role, "--file", join(this.folder, "tokens.toml")];
+    const { stdout } = await promisify(execFile)(BINARY, arguments_);
+    await appendFile(join(this.folder, "tandem.toml"), 'token_file = "tokens.toml"\n');
+    return stdout.match(/^token: (\w+)$/m)[1];
   }
 
   /** Starts it, and waits until REST answers. */

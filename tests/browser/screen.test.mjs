@@ -117,6 +117,70 @@ test("lost handler is said in words and can be redelivered", async () => {
   ]);
 });
 
+test("a handler's question is answered by a button for each choice", async () => {
+  const question = { id: "q-1", text: "Is the part clean?", choices: ["yes", "no"], since: now(2000) };
+  waitForM100("measure", { question });
+  await page.locator(".output .question").getByText("Is the part clean?").waitFor();
+  await page.getByRole("group", { name: "Answer" }).getByRole("button", { name: "no" }).click();
+  assert.deepEqual(await requestsUntil(1), [
+    { method: "POST", path: "/cs/1/m_codes/12/answer", body: { boot_id: "boot-1", question_id: "q-1", choice: "no", client_id: "hmi" } },
+  ]);
+  waitForM100("measure", { question: { ...question, answer: "no" } });
+  await page.locator(".output .question").waitFor({ state: "hidden" });
+});
+
+test("a held jog is refreshed under one name, and no more when the connection is lost", async () => {
+  await page.getByRole("button", { name: "Open", exact: true }).click();
+  await page.getByRole("button", { name: "Jog X minus: hold" }).hover();
+  await page.mouse.down();
+  const jogs = (await requestsUntil(4)).slice(0, 4);
+  assert.equal(jogs.length, 4);
+  const { refresh_id } = jogs[0].body;
+  for (const one of jogs) assert.deepEqual(one, { method: "POST", path: "/cs/1/jog", body: { axis: "X", velocity: -500, refresh_id } });
+  machine.setReachable(false);
+  await page.getByText(/Not connected to the machine/).waitFor();
+  machine.setReachable(true);
+  await page.getByText("Connected", { exact: true }).waitFor();
+  const sent = machine.requests.length;
+  await page.waitForTimeout(400);
+  assert.equal(machine.requests.length, sent, "still pressed, but the hold has ended");
+  expectErrors(/ERR_FAILED|WebSocket/);
+});
+
+test("a refused jog says why, and ends", async () => {
+  machine.answers.set("POST /cs/1/jog", { status: 409, body: { detail: "axis X is at its soft limit; jog the other way" } });
+  await page.getByRole("button", { name: "Open", exact: true }).click();
+  await page.getByRole("button", { name: "Jog X plus: hold" }).hover();
+  await page.mouse.down();
+  await page.getByText("Axis X is at its soft limit; jog the other way.").waitFor();
+  await page.waitForTimeout(300);
+  assert.equal(machine.requests.length, 1);
+  expectErrors(/status of 409/);
+});
+
+test("nothing moves by hand while a program runs or an alarm is active", async () => {
+  await page.getByRole("button", { name: "Open", exact: true }).click();
+  const byHand = ["Jog X plus: hold", "Home X", "Home all axes", "Run"].map((name) => page.getByRole("button", { name, exact: true }));
+  for (const [change, may] of [
+    [{ execution: "ACTIVE" }, false], [{ execution: "STOPPED", reason: "STOP" }, true], [{ execution: "FEED_HOLD", reason: null }, false],
+    [{ execution: "PROGRAM_COMPLETED" }, true], [{ execution: "STOPPED", reason: "ALARM" }, false],
+  ]) {
+    machine.state(1, change);
+    await screen.sees(change.execution);
+    for (const button of byHand) {
+      await button.and(page.locator(may ? ":enabled" : ":disabled")).waitFor();
+    }
+  }
+});
+
+test("the run that a restart cut short is told", async () => {
+  const last_run = { boot_id: "boot-0", run_id: "r", program: 1, running: 1, line: 2, execution: "WAIT", outputs: [{ m: 100 }], at: now() };
+  machine.answers.set("GET /cs/1/last_run", { status: 200, body: { last_run } });
+  machine.state(1, { execution: "STOPPED", reason: "RESTARTED" });
+  await page.reload();
+  await page.getByText(/The run of O0001 was cut short in line 2, with M100 open\. Press Reset/).first().waitFor();
+});
+
 test("refusal shows the machine's own words", async () => {
   machine.answers.set("POST /cs/1/start", { status: 409, body: { detail: "the start lock is on: door open", code: "start_locked" } });
   await screen.command("Start").click();
@@ -247,18 +311,27 @@ for (const [width, height] of [[1280, 800], [1920, 1080], [1024, 768], [820, 118
   test(`at ${width}x${height} nothing is cut off and every target is at least 44 px`, async () => {
     await page.setViewportSize({ width, height });
     waitForM100(null, { redelivered: true, lost: true });
+    await page.getByRole("button", { name: "Open", exact: true }).click();
     machine.programList = [{ number: 1, title: "ONE", bytes: 24, errors: 2, warnings: 1 }];
     await page.getByRole("button", { name: "Read again" }).click();
     machine.say("alarm/active", { alarms: [{ id: 1, severity: "warning", number: 310, text: "Coolant is low", cs: null, program: null, line: null, raised_at: now(), cleared_at: null, acknowledged_by: null }] });
     await page.getByRole("button", { name: "Acknowledge 310" }).waitFor();
     assert.ok(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), "no sideways scroll");
     const small = await page.evaluate(() =>
-      [...document.querySelectorAll("button, input")]
+      [...document.querySelectorAll("button, input, select")]
         .map((element) => ({ name: element.getAttribute("aria-label") ?? element.textContent, box: element.getBoundingClientRect() }))
         .filter(({ box }) => box.width > 0 && (box.width < 43.5 || box.height < 43.5))
         .map(({ name, box }) => `${name} ${box.width}x${box.height}`),
     );
     assert.deepEqual(small, []);
+    for (const execution of ["ACTIVE", "FEED_HOLD", "PROGRAM_STOPPED", "OPTIONAL_STOP", "INTERRUPTED", "PROGRAM_COMPLETED"]) {
+      machine.state(1, { execution });
+      await screen.sees(execution);
+      assert.ok(await page.evaluate(() => {
+        const [word, box] = [".word", ".state-word"].map((one) => document.querySelector(one)?.getBoundingClientRect());
+        return word && box && word.right <= box.right;
+      }), `${execution} is within its box`);
+    }
     for (const label of ["Start", "Hold", "Resume", "Stop", "Reset", "Abort"]) {
       const box = await screen.command(label).boundingBox();
       assert.ok(box && box.x >= 0 && box.x + box.width <= width && box.y + box.height <= height, `${label} is on the screen`);

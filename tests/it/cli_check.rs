@@ -164,30 +164,6 @@ fn d06_a_program_without_an_end_is_an_error() {
 }
 
 #[test]
-fn a_code_that_is_not_built_yet_is_a_numbered_error_at_its_place() {
-    for code in [
-        "G02 X1 I1",
-        "G41",
-        "G43",
-        "G28",
-        "G31 X1",
-        "G51 X2",
-        "G68",
-        "G84 Z-1",
-    ] {
-        let found = check("main.nc", &format!("{code}\nM30\n"), &["--format", "json"]);
-        assert_eq!(found.code, 1, "{code}");
-        let first = found.json()["files"][0]["diagnostics"][0].clone();
-        assert_eq!(first["code"], "E0102", "{code}: {first}");
-        assert_eq!(
-            (&first["line"], &first["column"]),
-            (&1.into(), &1.into()),
-            "{code}: {first}"
-        );
-    }
-}
-
-#[test]
 fn dialect_dgshape_is_exit_2_and_says_so() {
     let ran = check("main.nc", CLEAN, &["--dialect", "dgshape"]);
     assert_eq!(ran.code, 2);
@@ -195,6 +171,38 @@ fn dialect_dgshape_is_exit_2_and_says_so() {
         ran.stderr.contains("dgshape") && ran.stderr.contains("not"),
         "{}",
         ran.stderr
+    );
+}
+
+#[test]
+fn what_the_program_can_do_without_is_a_warning_and_exit_0() {
+    let machine = Machine::new("");
+    machine.write("main.nc", "/9 N10\nM98 P4000\nM77\nM30\nG00 X1\n");
+    let ran = run(
+        machine.folder(),
+        &["check", "main.nc", "--config", "tandem.toml", "--format", "json"],
+    );
+    assert_eq!(ran.code, 0, "{}", ran.stdout);
+    let json = ran.json();
+    let found = json["files"][0]["diagnostics"].as_array().unwrap();
+    let codes: Vec<_> = found
+        .iter()
+        .map(|one| {
+            (
+                one["line"].as_u64().unwrap(),
+                one["code"].as_str().unwrap(),
+                one["severity"].as_str().unwrap(),
+            )
+        })
+        .collect();
+    assert_eq!(
+        codes,
+        [
+            (1, "W0006", "warning"),
+            (2, "W0001", "warning"),
+            (3, "W0003", "warning"),
+            (5, "W0002", "warning")
+        ]
     );
 }
 

@@ -228,9 +228,10 @@ async fn reset_by_hand(plc: &Plc, cs: u8, seq: u64) {
 const COMPLETED: (Execution, Option<Reason>) = (Execution::ProgramCompleted, None);
 
 #[test]
-fn the_demo_sequence_program_handles_plate_and_holes() {
+fn the_demo_sequence_program_handles_plate_holes_and_flange() {
     assert_eq!(demo(&[(1, 1)]), [COMPLETED]);
     assert_eq!(demo(&[(1, 2)]), [COMPLETED]);
+    assert_eq!(demo(&[(1, 4)]), [COMPLETED]);
 }
 
 #[test]

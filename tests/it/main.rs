@@ -12,10 +12,14 @@
 mod support;
 
 mod cli_check;
+mod cli_compile;
+mod cli_plot;
 mod cli_simulate;
 mod conformance;
 mod examples;
 mod extension;
+mod init;
+mod modes;
 mod serve;
 mod tidy;
 mod transports;

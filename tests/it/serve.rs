@@ -1,7 +1,11 @@
 //! `tandem serve` as a process: start, life of a program over every server end, refusals, end.
 
+mod access;
+mod conditions;
 mod coordinate_systems;
+mod kept;
 mod life;
+mod modes;
 mod programs;
 mod start;
 

@@ -1,5 +1,6 @@
 //! Rules of the source itself that no compiler checks.
 
+mod architecture;
 mod crates;
 mod source;
 

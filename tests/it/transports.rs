@@ -1,8 +1,14 @@
-//! The same sequence program over every transport: in process, over the embedded broker, over a Mosquitto.
+//! The same sequence program over every transport: in process, over the embedded broker, over a Mosquitto, over REST.
 
 mod broker_loss;
+mod crowd;
 mod handler_loss;
+mod late;
+mod link_loss;
+mod many_machines;
+mod operator;
 mod program;
+mod tls;
 
 use std::sync::Arc;
 
@@ -29,9 +35,16 @@ fn machine(mqtt: &str) -> Machine {
     machine
 }
 
+/// An external broker, as a part of a configuration.
+fn broker_at(address: &str) -> String {
+    format!("[http]\nlisten = \"127.0.0.1:0\"\n[mqtt]\nbroker = \"mqtt://{address}\"\n")
+}
+
 /// A machine and how to reach it. Dropping it ends all of it.
 struct Reached {
     plc: Plc,
+    /// What `Plc::connect` takes; empty in process.
+    url: String,
     _keep: Vec<Arc<dyn Send + Sync>>,
     served: Option<Served>,
     runtime: Option<Runtime>,
@@ -43,6 +56,7 @@ async fn in_process() -> Reached {
     let runtime = Runtime::start(config).await.expect("a runtime");
     Reached {
         plc: Plc::in_process(runtime.port()),
+        url: String::new(),
         _keep: vec![Arc::new(machine)],
         served: None,
         runtime: Some(runtime),
@@ -54,6 +68,7 @@ async fn over_the_embedded_broker() -> Reached {
     let served = Served::start(&machine);
     Reached {
         plc: connect(&served.mqtt_url()).await,
+        url: served.mqtt_url(),
         _keep: vec![Arc::new(machine)],
         served: Some(served),
         runtime: None,
@@ -61,20 +76,32 @@ async fn over_the_embedded_broker() -> Reached {
 }
 
 async fn over_mosquitto() -> (Reached, Mosquitto) {
-    let broker = Mosquitto::start();
-    let mqtt = format!(
-        "[http]\nlisten = \"127.0.0.1:0\"\n[mqtt]\nbroker = \"mqtt://{}\"\n",
-        broker.address()
-    );
-    let machine = machine(&mqtt);
+    over(Mosquitto::start()).await
+}
+
+async fn over(broker: Mosquitto) -> (Reached, Mosquitto) {
+    let machine = machine(&broker_at(&broker.address()));
     let served = Served::start(&machine);
     let reached = Reached {
         plc: connect(&served.mqtt_url()).await,
+        url: served.mqtt_url(),
         _keep: vec![Arc::new(machine)],
         served: Some(served),
         runtime: None,
     };
     (reached, broker)
+}
+
+async fn over_rest() -> Reached {
+    let machine = machine(FREE_PORTS);
+    let served = Served::start(&machine);
+    Reached {
+        plc: connect(&served.http_url()).await,
+        url: served.http_url(),
+        _keep: vec![Arc::new(machine)],
+        served: Some(served),
+        runtime: None,
+    }
 }
 
 async fn connect(url: &str) -> Plc {

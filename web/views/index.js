@@ -1,6 +1,7 @@
 // The views, in the order of their place and of the Tab key.
 
 import { alarms } from "./alarms.js";
+import { byHand } from "./by_hand.js";
 import { commands } from "./commands.js";
 import { connectionBanner } from "./connection_banner.js";
 import { feed } from "./feed.js";
@@ -22,6 +23,7 @@ export const views = [
   feed,
   path,
   program,
+  byHand,
   mCodes,
   alarms,
   programs,

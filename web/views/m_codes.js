@@ -51,10 +51,12 @@ function entry(app, seq) {
   const redo = h("button", { type: "button", class: "button" }, "Redo");
   const verify = h("button", { type: "button", class: "button" }, "Verify");
   const redeliveries = h("span", { class: "row", role: "group", "aria-label": "Redeliver" }, redo, verify);
+  const asked = question(app, seq);
   const element = h(
     "li",
     { class: "output", "data-seq": seq },
     h("div", { class: "row" }, name, badge, h("span", { class: "spring" }), age),
+    asked.element,
     h("div", { class: "row wrap end" }, h("div", { class: "work" }, given, from, handler, bar), redeliveries, reset),
   );
   /** @type {import("../types.d.ts").PendingOutput | null} */
@@ -87,7 +89,36 @@ function entry(app, seq) {
     setAttr(reset, "aria-label", `Reset M${now.m} by hand`);
     setAttr(redo, "aria-label", `Redeliver M${now.m}: do it again from the start`);
     setAttr(verify, "aria-label", `Redeliver M${now.m}: look at the machine first`);
+    asked.render(now);
     for (const button of [reset, redo, verify]) button.disabled = !model.online;
+  };
+  return { element, render };
+}
+
+/** What the handler asks, with a button for each choice. @param {import("../main.js").App} app @param {number} seq */
+function question(app, seq) {
+  const text = h("p", { class: "question" });
+  const choices = h("div", { class: "row wrap", role: "group", "aria-label": "Answer" });
+  const element = h("div", { hidden: true }, text, choices);
+  let shown = "";
+
+  /** @param {import("../types.d.ts").PendingOutput} now */
+  const render = (now) => {
+    const asked = now.question?.answer === undefined ? now.question : undefined;
+    setAttr(element, "hidden", !asked);
+    if (asked && asked.id !== shown) {
+      setText(text, asked.text);
+      fill(choices, ...asked.choices.map((choice) => {
+        const button = h("button", { type: "button", class: "button" }, choice);
+        button.addEventListener("click", () => {
+          const { selected, bootId } = app.model;
+          void app.attempt(() => app.api.answer(selected, bootId ?? "", seq, asked.id, choice));
+        });
+        return button;
+      }));
+    }
+    shown = asked?.id ?? "";
+    for (const button of choices.querySelectorAll("button")) button.disabled = !app.model.online;
   };
   return { element, render };
 }

@@ -52,7 +52,9 @@ class ProgramView {
   render() {
     const { model } = this.app;
     const system = model.current;
-    const number = system?.place?.number ?? system?.state?.program ?? null;
+    // what runs by hand has number 0, and is no text of the store
+    const place = system?.place?.number ? system.place : null;
+    const number = place?.number ?? system?.state?.program ?? null;
     // a program may have been written anew before a load or a start, so those read it again
     const key = `${model.bootId} ${model.selected} ${number} ${system?.state?.run_id} ${system?.state?.program}`;
     if (number === null) this.#loaded = { key, text: null, error: system?.state ? "No program is loaded." : "" };
@@ -62,8 +64,8 @@ class ProgramView {
     setAttr(this.#note, "hidden", error === "");
     setAttr(this.#view, "hidden", text === null);
     setAttr(this.#follow, "aria-pressed", String(this.#following));
-    setText(this.#stack, callers(system?.place ?? null, number));
-    if (text) this.#draw(text, system?.place?.line ?? 0, system?.place?.interpreted_line ?? 0);
+    setText(this.#stack, callers(place, number));
+    if (text) this.#draw(text, place?.line ?? 0, place?.interpreted_line ?? 0);
   }
 
   /** @param {boolean} on */

@@ -2,6 +2,7 @@
 
 import { Refusal } from "../api.js";
 import { card, fill, h, setAttr, setText } from "../dom.js";
+import { numberFor, openEditor } from "../editor.js";
 import { count, showFindings } from "../findings.js";
 import { bytes, programName } from "../format.js";
 import { icon } from "../icons.js";
@@ -12,8 +13,12 @@ const LOADABLE = new Set(["READY", "PROGRAM_COMPLETED", "STOPPED"]);
 export const programs = {
   place: "right",
   create(app) {
-    const again = h("button", { type: "button", class: "button small" }, icon("reset"), "Read again");
+    const again = h("button", { type: "button", class: "button small", "aria-label": "Read again", title: "Read again" }, icon("reset"));
     again.addEventListener("click", () => void app.readPrograms());
+    const picker = h("input", { type: "file", accept: ".nc,.txt,.cnc,.ngc,.tap,text/plain", hidden: true, "aria-label": "NC program file" });
+    picker.addEventListener("change", () => void openFile(app, picker));
+    const file = h("button", { type: "button", class: "button small", title: "Store an NC program of this computer" }, icon("file"), "Open file");
+    file.addEventListener("click", () => picker.click());
     const list = h("ul", { class: "list", "aria-label": "Programs of the store" });
     const empty = h("p", { class: "empty" });
     let shown = "";
@@ -31,18 +36,18 @@ export const programs = {
         const number = Number(/** @type {HTMLElement} */ (item).dataset.number);
         const loaded = number === current?.state?.program;
         setAttr(item, "data-loaded", loaded);
-        const button = /** @type {HTMLButtonElement | null} */ (item.querySelector("button.button"));
+        const button = /** @type {HTMLButtonElement | null} */ (item.querySelector("button.load"));
         const usable = model.online && LOADABLE.has(current?.state?.execution ?? "") && !current?.state?.transition;
         if (button) button.disabled = !usable;
       }
     };
-    return { element: card("programs-card", "Programs", [again], list, empty), render };
+    return { element: card("programs-card", "Programs", [file, again, picker], list, empty), render };
   },
 };
 
 /** @param {import("../main.js").App} app @param {import("../types.d.ts").ProgramInfo} program */
 function entry(app, program) {
-  const load = h("button", { type: "button", class: "button", "aria-label": `Load ${programName(program.number)}` }, icon("load"), "Load");
+  const load = h("button", { type: "button", class: "button load", "aria-label": `Load ${programName(program.number)}` }, icon("load"), "Load");
   load.addEventListener("click", () => {
     const cs = app.model.selected;
     void app.attempt(async () => {
@@ -55,6 +60,8 @@ function entry(app, program) {
       }
     });
   });
+  const edit = h("button", { type: "button", class: "icon-button", "aria-label": `Edit ${programName(program.number)}`, title: "Edit" }, icon("edit"));
+  edit.addEventListener("click", () => void app.attempt(async () => openEditor(app, program.number, await app.api.programText(program.number))));
   const found = [count(program.errors, "error"), count(program.warnings, "warning")].filter((text) => text !== "").join(", ");
   const findings = h(
     "button",
@@ -71,6 +78,20 @@ function entry(app, program) {
       h("div", { class: "row" }, h("strong", {}, programName(program.number)), h("span", { class: "chip loaded-chip" }, "loaded"), found !== "" && findings),
       h("p", { class: "muted title" }, program.title || bytes(program.bytes)),
     ),
+    edit,
     load,
   );
+}
+
+/** A file of this computer into the editor. @param {import("../main.js").App} app @param {HTMLInputElement} picker */
+async function openFile(app, picker) {
+  const file = picker.files?.[0];
+  // the same file may be chosen again
+  picker.value = "";
+  if (!file) return;
+  try {
+    openEditor(app, numberFor(file.name, app.model.programs ?? []), await file.text());
+  } catch {
+    app.toast(`${file.name} cannot be read.`, "error");
+  }
 }

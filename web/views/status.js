@@ -6,7 +6,7 @@ import { icon, setIcon } from "../icons.js";
 import { announcement, look, sentence } from "../sentence.js";
 
 /** A word of more letters is set smaller. */
-const LONG_WORD = 12;
+const LONG_WORD = 10;
 
 /** @type {import("../main.js").View} */
 export const status = {
@@ -51,7 +51,7 @@ export const status = {
  * @param {import("../model.js").CoordinateSystem} system
  * @param {import("../types.d.ts").ProgramInfo[] | null} programs
  */
-function details({ state, modal, info }, programs) {
+function details({ state, modal, info, interlock, startLock }, programs) {
   const parts = [];
   if (state?.program !== null && state?.program !== undefined) {
     const title = programs?.find((program) => program.number === state.program)?.title;
@@ -60,6 +60,13 @@ function details({ state, modal, info }, programs) {
   if (modal?.work_offset) parts.push(modal.work_offset);
   if (modal && info.spindle !== null) parts.push(modal.tool > 0 ? `T${modal.tool}` : "no tool");
   if (state?.single_block) parts.push("single block");
+  if (interlock?.value) parts.push(lock("interlock", interlock));
+  if (startLock?.value) parts.push(lock("start lock", startLock));
   if (state?.dry_run) parts.push("dry run");
   return parts.join("  ·  ");
+}
+
+/** @param {string} name @param {import("../types.d.ts").Lock} lock */
+function lock(name, { text }) {
+  return text ? `${name}: ${text}` : name;
 }

@@ -1,4 +1,4 @@
-// Inputs of the operator: optional stop, block skip 1 to 9.
+// Inputs of the operator: single block, optional stop, block skip 1 to 9, and the locks.
 
 import { h, setAttr } from "../dom.js";
 
@@ -7,21 +7,35 @@ export const switches = {
   place: "footer",
   create(app) {
     const optionalStop = toggle(app, "optional_stop", "Opt. stop", "Optional stop", (cs) => cs.optionalStop?.value ?? cs.state?.optional_stop);
+    const singleBlock = toggle(app, "single_block", "Single", "Single block", (cs) => cs.singleBlock?.value ?? cs.state?.single_block);
     const skips = Array.from({ length: 9 }, (_, i) => i + 1).map((number) =>
       toggle(app, `optional_skip/${number}`, `/${number}`, `Skip blocks marked /${number}`, (cs) =>
         (cs.optionalSkip?.requested ?? cs.state?.optional_skip)?.includes(number),
       ),
     );
-    const all = [optionalStop, ...skips];
+    const all = [singleBlock, optionalStop, ...skips];
     const element = h(
       "div",
       { class: "switches" },
-      h("div", { class: "row", role: "group", "aria-label": "Stops" }, optionalStop.element),
+      h("div", { class: "row", role: "group", "aria-label": "Stops" }, singleBlock.element, optionalStop.element),
       h("div", { class: "skips", role: "group", "aria-label": "Block skip" }, ...skips.map((s) => s.element)),
     );
     return { element, render: () => all.forEach((one) => one.render()) };
   },
 };
+
+/**
+ * A lock that this screen may put on and take off; it shows also what others have set.
+ * @param {import("../main.js").App} app
+ * @param {"interlock" | "start_lock"} input
+ * @param {string} says
+ */
+export function lockSwitch(app, input, says) {
+  const field = input === "interlock" ? "interlock" : "startLock";
+  return switchButton(app, says, says, (cs) => cs[field]?.value, (cs, value) =>
+    app.api.setLock(cs, input, { value, text: value ? "set at the HMI" : "" }),
+  );
+}
 
 /**
  * @param {import("../main.js").App} app
@@ -31,12 +45,23 @@ export const switches = {
  * @param {(cs: import("../model.js").CoordinateSystem) => boolean | undefined} value
  */
 function toggle(app, input, text, says, value) {
+  return switchButton(app, text, says, value, (cs, next) => app.api.setInput(cs, input, next));
+}
+
+/**
+ * @param {import("../main.js").App} app
+ * @param {string} text
+ * @param {string} says
+ * @param {(cs: import("../model.js").CoordinateSystem) => boolean | undefined} value
+ * @param {(cs: number, value: boolean) => Promise<void>} set
+ */
+function switchButton(app, text, says, value, set) {
   const element = h("button", { type: "button", class: "switch", role: "switch", "aria-label": says, title: says }, text);
   const isOn = () => (app.model.current ? (value(app.model.current) ?? false) : false);
   element.addEventListener("click", () => {
     const cs = app.model.selected;
     const next = !isOn();
-    void app.attempt(() => app.api.setInput(cs, input, next));
+    void app.attempt(() => set(cs, next));
   });
   const render = () => {
     setAttr(element, "aria-checked", String(isOn()));

@@ -1,7 +1,8 @@
 //! Coordinates: G90, G91, work offsets, dwell forms.
 
 use crate::support::formula::LATE_S;
-use crate::support::simulated::simulate;
+use crate::support::machine::Machine;
+use crate::support::simulated::{simulate, simulate_on};
 
 #[test]
 fn g90_words_are_positions_and_g91_words_are_distances() {
@@ -51,6 +52,20 @@ fn d20_an_offset_acts_on_all_its_axes() {
         (run.machine("X"), run.machine("Y"), run.machine("Z")),
         (10.0, 20.0, 30.0)
     );
+}
+
+#[test]
+fn d25_units_inch_is_g20_at_start_up_and_settings_stay_in_mm() {
+    let machine = Machine::new("units = \"inch\"\n[coordinate_system.work_offset]\nG54 = { X = 10.0 }\n");
+    let program = "G54 G01 X1 F100 ta100 td100 ts0\nM30\n";
+    let run = simulate_on(&machine, program, &["--cs", "2"]).completed();
+    assert_eq!((run.machine("X"), run.work("X")), (35.4, 25.4));
+    // 35.4 mm at 2540 mm/min, and half of both ramps
+    let expected_s = 35.4 / (2540.0 / 60.0) + 0.1;
+    let late_s = run.cycle_time_s() - expected_s;
+    assert!((-1e-9..LATE_S).contains(&late_s), "{} s", run.cycle_time_s());
+    let back = simulate_on(&machine, "G21 G01 X1 F100\nM30\n", &["--cs", "2"]).completed();
+    assert_eq!(back.machine("X"), 1.0);
 }
 
 #[test]

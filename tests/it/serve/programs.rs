@@ -3,6 +3,8 @@
 use serde_json::{Value, json};
 
 use super::served;
+use crate::support::machine::Machine;
+use crate::support::simulated::run;
 
 #[tokio::test]
 async fn a_program_with_errors_is_stored_with_its_diagnostics_and_cannot_be_loaded() {
@@ -89,4 +91,32 @@ async fn a_program_that_runs_cannot_be_overwritten() {
     served.reset_output(1, "test", false).await.expect(200);
     served.execution(1, "PROGRAM_COMPLETED").await;
     served.put_program(50, "M30\n").await.expect(200);
+}
+
+#[tokio::test]
+async fn the_intermediate_code_of_a_stored_program_is_what_compile_writes() {
+    let (_machine, served) = served();
+    let text = "G00 X5\nM100 VA3\nM99\n";
+    for (number, header) in [(50, "open prog 50\n"), (1000, "open subprog 1000\n")] {
+        served.put_program(number, text).await.expect(201);
+        let code = served.get(&format!("/programs/{number}/intermediate")).await;
+        let code = code.expect(200);
+        assert_eq!(code.header("content-type"), Some("text/plain; charset=utf-8"));
+        let machine = Machine::new("");
+        let file = format!("{number}.nc");
+        machine.write(&file, text);
+        let compiled = run(machine.folder(), &["compile", &file]);
+        assert_eq!(code.body, compiled.stdout);
+        assert!(code.body.starts_with(header), "{}", code.body);
+    }
+}
+
+#[tokio::test]
+async fn a_program_with_errors_has_no_intermediate_code_and_the_diagnostics_say_why() {
+    let (_machine, served) = served();
+    served.put_program(50, "G00 X5\nG999\nM30\n").await.expect(201);
+    let refused = served.get("/programs/50/intermediate").await.expect(422).json();
+    assert_eq!(refused["code"], "program_has_errors");
+    assert_eq!(refused["diagnostics"][0]["line"], 2);
+    served.get("/programs/51/intermediate").await.expect(404);
 }

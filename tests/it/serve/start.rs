@@ -156,3 +156,41 @@ fn the_configuration_of_these_tests_is_good() {
     let ran = crate::support::simulated::run(machine.folder(), &["check", "--config", "tandem.toml"]);
     assert_eq!(ran.code, 0, "{}", ran.stderr);
 }
+
+#[tokio::test]
+async fn the_servo_threads_punctuality_is_on_metrics_while_it_runs() {
+    let (_machine, served) = served();
+    let of = |text: &str, name: &str| -> f64 {
+        let line = text.lines().find(|line| line.starts_with(&format!("{name} ")));
+        let line = line.unwrap_or_else(|| panic!("no {name} in {text}"));
+        line.rsplit(' ').next().unwrap().parse().unwrap()
+    };
+    let lateness = "tandem_servo_wakeup_lateness_seconds";
+    let count = format!("{lateness}_count");
+    let metrics = async || served.get("/metrics").await.expect(200).body;
+    let mut text = metrics().await;
+    let begun = of(&text, &count);
+    while of(&text, &count) < begun + 50.0 {
+        tokio::time::sleep(Duration::from_millis(20)).await;
+        text = metrics().await;
+    }
+    let cycles = of(&text, &count);
+    assert_eq!(of(&text, &format!("{lateness}_bucket{{le=\"+Inf\"}}")), cycles);
+    assert_eq!(of(&text, "tandem_servo_period_seconds"), 0.001);
+    assert!(of(&text, &format!("{lateness}_sum")) > 0.0);
+    assert!(of(&text, "tandem_servo_cycle_max_seconds") > 0.0);
+    assert!(of(&text, "tandem_servo_overruns_total") <= cycles);
+}
+
+#[tokio::test]
+async fn a_skip_input_is_taken_for_a_motor_of_an_axis_and_refused_for_another() {
+    let (_machine, served) = served();
+    let put = async |motor: u16| {
+        let path = format!("/motors/{motor}/skip_input");
+        served.put(&path, &json!({"value": true})).await
+    };
+    assert_eq!(put(3).await.status, 204);
+    let refused = put(77).await;
+    assert_eq!(refused.status, 404);
+    assert!(refused.json()["detail"].to_string().contains("motor 77"));
+}

@@ -2,6 +2,7 @@
 
 use std::net::{TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
+use std::process::Command;
 use std::time::{Duration, Instant};
 
 use tempfile::TempDir;
@@ -18,12 +19,41 @@ pub struct Mosquitto {
 
 impl Mosquitto {
     pub fn start() -> Self {
+        Self::with(TempDir::new().expect("a folder"), "allow_anonymous true\n")
+    }
+
+    /// A broker with a bridge that carries all of Tandem's topics to another one and back.
+    pub fn bridged_to(other: &Mosquitto) -> Self {
+        let more = format!(
+            "allow_anonymous true\nconnection hall\naddress {}\ntopic tandem/# both 1\nrestart_timeout 1\n",
+            other.address()
+        );
+        Self::with(TempDir::new().expect("a folder"), &more)
+    }
+
+    /// A broker that keeps sessions and retained messages on disk, every second.
+    pub fn that_keeps() -> Self {
+        let folder = TempDir::new().expect("a folder");
+        let more = format!(
+            "allow_anonymous true\npersistence_location {}/\nautosave_interval 1\n",
+            folder.path().display()
+        );
+        Self::with_persistence(folder, &more, true)
+    }
+
+    /// With more lines of its configuration, which may name files of the folder by their names alone.
+    pub fn with(folder: TempDir, more: &str) -> Self {
+        Self::with_persistence(folder, more, false)
+    }
+
+    fn with_persistence(folder: TempDir, more: &str, persistence: bool) -> Self {
         let free = TcpListener::bind("127.0.0.1:0").expect("a free port");
         let port = free.local_addr().expect("its address").port();
         drop(free);
-        let folder = TempDir::new().expect("a folder");
-        let config =
-            format!("listener {port} 127.0.0.1\nallow_anonymous true\npersistence false\nlog_dest stderr\n");
+        // started by root it would become a user who may not read the folder
+        let config = format!(
+            "user root\nlistener {port} 127.0.0.1\npersistence {persistence}\nset_tcp_nodelay true\nlog_dest stderr\n{more}"
+        );
         std::fs::write(folder.path().join("mosquitto.conf"), config).expect("its configuration");
         let mut broker = Self {
             folder,
@@ -44,11 +74,16 @@ impl Mosquitto {
         self.process = None;
     }
 
+    /// Where its files are.
+    pub fn folder(&self) -> &Path {
+        self.folder.path()
+    }
+
     pub fn start_again(&mut self) {
         let config = self.folder.path().join("mosquitto.conf");
         let arguments = ["-c", config.to_str().expect("a path in UTF-8")];
         let end = Instant::now() + PATIENCE;
-        let mut process = Process::start(&program(), Path::new("/"), &arguments);
+        let mut process = Process::start(&program(), self.folder.path(), &arguments);
         while TcpStream::connect(self.address()).is_err() {
             if let Some(code) = process.exit_code_within(Duration::from_millis(20)) {
                 panic!("mosquitto ends with {code}:\n{}", process.output);
@@ -72,4 +107,14 @@ fn program() -> PathBuf {
     all.find(|place| place.is_file()).expect(
         "mosquitto is not installed; `apt-get install mosquitto`, or run tests/run, which installs what tests need",
     )
+}
+
+/// Adds a user to a password file of Mosquitto's.
+pub fn add_password(file: &Path, user: &str, password: &str) {
+    let mut tool = Command::new("mosquitto_passwd");
+    if !file.exists() {
+        tool.arg("-c");
+    }
+    let status = tool.arg("-b").arg(file).args([user, password]).status();
+    assert!(status.expect("mosquitto_passwd starts").success());
 }

@@ -4,6 +4,7 @@ use serde_json::Value;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 
+use super::schemas::check_answer;
 use super::wait::within;
 
 /// An answer.
@@ -40,28 +41,75 @@ impl Answer {
 
 /// Sends a request. A body that is JSON or text names its type.
 pub async fn request(address: &str, method: &str, path: &str, kind: &str, body: &str) -> Answer {
+    request_as(address, method, path, kind, body, None).await
+}
+
+/// The same with a token.
+pub async fn request_as(
+    address: &str,
+    method: &str,
+    path: &str,
+    kind: &str,
+    body: &str,
+    token: Option<&str>,
+) -> Answer {
+    let token = token.map_or(String::new(), |token| {
+        format!("Authorization: Bearer {token}\r\n")
+    });
+    request_with(address, method, path, kind, body, &token).await
+}
+
+/// The same with header lines, each ended by CR and LF.
+pub async fn request_with(
+    address: &str,
+    method: &str,
+    path: &str,
+    kind: &str,
+    body: &str,
+    headers: &str,
+) -> Answer {
     within(&format!("{method} {path}"), async {
-        let mut stream = TcpStream::connect(address).await.expect("the HTTP port answers");
-        let content = if body.is_empty() {
-            "Content-Length: 0".to_owned()
-        } else {
-            format!("Content-Type: {kind}\r\nContent-Length: {}", body.len())
-        };
-        let head =
-            format!("{method} {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n{content}\r\n\r\n");
-        stream
-            .write_all(head.as_bytes())
-            .await
-            .expect("the request is taken");
-        stream
-            .write_all(body.as_bytes())
-            .await
-            .expect("the body is taken");
-        let mut bytes = Vec::new();
-        stream.read_to_end(&mut bytes).await.expect("an answer");
-        parse(&bytes)
+        let bytes = exchange(address, method, path, kind, body, headers).await;
+        let answer = parse(&bytes.expect("the HTTP port answers"));
+        if let Err(error) = check_answer(method, path, answer.status, &answer.body) {
+            panic!("{error}");
+        }
+        answer
     })
     .await
+}
+
+/// The same to a machine that may be gone: `None` then.
+pub async fn try_request(address: &str, method: &str, path: &str, kind: &str, body: &str) -> Option<Answer> {
+    let bytes = exchange(address, method, path, kind, body, "").await.ok()?;
+    bytes
+        .windows(4)
+        .any(|end| end == b"\r\n\r\n")
+        .then(|| parse(&bytes))
+}
+
+async fn exchange(
+    address: &str,
+    method: &str,
+    path: &str,
+    kind: &str,
+    body: &str,
+    headers: &str,
+) -> std::io::Result<Vec<u8>> {
+    let mut stream = TcpStream::connect(address).await?;
+    let content = if body.is_empty() {
+        "Content-Length: 0".to_owned()
+    } else {
+        format!("Content-Type: {kind}\r\nContent-Length: {}", body.len())
+    };
+    let head = format!(
+        "{method} {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n{headers}{content}\r\n\r\n"
+    );
+    stream.write_all(head.as_bytes()).await?;
+    stream.write_all(body.as_bytes()).await?;
+    let mut bytes = Vec::new();
+    stream.read_to_end(&mut bytes).await?;
+    Ok(bytes)
 }
 
 fn parse(bytes: &[u8]) -> Answer {

@@ -6,6 +6,8 @@ pub mod formula;
 pub mod http;
 pub mod machine;
 pub mod mqtt;
+pub mod schemas;
 pub mod served;
 pub mod simulated;
 pub mod wait;
+pub mod wire;

@@ -1,5 +1,6 @@
 //! Somebody who listens to a machine over MQTT with a client of his own.
 
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
 use plc_api::types::message::Message;
@@ -7,6 +8,7 @@ use plc_api::types::topic::Topic;
 use rumqttc::{AsyncClient, Event, MqttOptions, Packet, QoS};
 use serde_json::Value;
 
+use super::schemas::check_message;
 use super::wait::{History, within};
 
 /// A connected client; everything below the machine's root is in `history`.
@@ -20,10 +22,20 @@ pub struct Bus {
 }
 
 impl Bus {
-    /// Connects to a broker and subscribes to all of a machine.
+    /// Connects to a broker and subscribes to all of a machine, which is online.
     pub async fn connect(broker: &str, machine: &str) -> Self {
+        let bus = Self::listen(broker, machine).await;
+        let online = bus.history.find("presence", |value| value["online"] == true);
+        within("presence over MQTT", online).await;
+        bus
+    }
+
+    /// The same for a machine that may be away.
+    pub async fn listen(broker: &str, machine: &str) -> Self {
+        static LISTENERS: AtomicU32 = AtomicU32::new(0);
         let (host, port) = broker.rsplit_once(':').expect("host:port");
-        let id = format!("listener-{}", broker.replace(['.', ':'], "-"));
+        let number = LISTENERS.fetch_add(1, Ordering::Relaxed);
+        let id = format!("listener-{number}-{}", broker.replace(['.', ':'], "-"));
         let mut options = MqttOptions::new(id, host, port.parse().expect("a port"));
         options.set_keep_alive(Duration::from_secs(5));
         options.set_max_packet_size(1 << 20, 1 << 20);
@@ -51,6 +63,13 @@ impl Bus {
                             wrong.push("unreadable".into(), Value::from(format!("{topic}: {error}")));
                         }
                         let value = serde_json::from_slice(&publish.payload).unwrap_or(Value::Null);
+                        // a cleared topic carries nothing
+                        if !publish.payload.is_empty()
+                            && Topic::parse(&topic).is_some()
+                            && let Err(error) = check_message(&topic, &value)
+                        {
+                            wrong.push("unreadable".into(), Value::from(error));
+                        }
                         sink.push(topic, value);
                     }
                     Ok(_) => {}
@@ -58,32 +77,48 @@ impl Bus {
                 }
             }
         });
-        let bus = Self {
+        Self {
             history,
             unreadable,
             client,
             root,
             task,
-        };
-        within(
-            "presence over MQTT",
-            bus.history.find("presence", |value| value["online"] == true),
-        )
-        .await;
-        bus
+        }
     }
 
     pub async fn publish(&self, topic: &str, value: &Value) {
+        self.say(topic, value, false).await;
+    }
+
+    /// Publishes with the retain flag.
+    pub async fn publish_retained(&self, topic: &str, value: &Value) {
+        self.say(topic, value, true).await;
+    }
+
+    async fn say(&self, topic: &str, value: &Value, retain: bool) {
         let topic = format!("{}{topic}", self.root);
         let sent = self
             .client
-            .publish(topic, QoS::AtLeastOnce, false, value.to_string());
+            .publish(topic, QoS::AtLeastOnce, retain, value.to_string());
         sent.await.expect("a publish");
+    }
+
+    /// The last reply to a command, `rejected`, `done` or `failed`.
+    pub async fn reply(&self, client_id: &str, command_id: &str) -> Value {
+        let is_last = |reply: &Value| reply["command_id"] == command_id && reply["status"] != "accepted";
+        self.history.find(&format!("reply/{client_id}"), is_last).await
     }
 }
 
 impl Drop for Bus {
     fn drop(&mut self) {
         self.task.abort();
+        if !std::thread::panicking() {
+            assert_eq!(
+                self.unreadable.on("unreadable"),
+                [] as [Value; 0],
+                "messages that are not of their form"
+            );
+        }
     }
 }

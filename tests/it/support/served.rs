@@ -132,7 +132,7 @@ impl Served {
         let rest = process.line("the HTTP address", |line| line.trim_start().starts_with("REST"));
         let http = after(&rest, "http://");
         let mqtt = process.line("the MQTT address", |line| line.trim_start().starts_with("MQTT"));
-        let broker = after(&mqtt, "mqtt://");
+        let broker = after(&mqtt, "://");
         Self {
             process,
             http,
@@ -143,6 +143,11 @@ impl Served {
     /// The address that `Plc::connect` takes.
     pub fn mqtt_url(&self) -> String {
         format!("mqtt://{}/test-1", self.broker)
+    }
+
+    /// The same over REST and WebSocket.
+    pub fn http_url(&self) -> String {
+        format!("http://{}", self.http)
     }
 
     pub async fn get(&self, path: &str) -> Answer {
@@ -163,6 +168,11 @@ impl Served {
             &body,
         )
         .await
+    }
+
+    pub async fn put(&self, path: &str, body: &Value) -> Answer {
+        let path = format!("/api/v1{path}");
+        request(&self.http, "PUT", &path, "application/json", &body.to_string()).await
     }
 
     pub async fn put_program(&self, number: u16, text: &str) -> Answer {

@@ -6,12 +6,37 @@ use plc_api::{Alarm, AuxOutput, SequenceProgram};
 use serde_json::json;
 use tokio::sync::Notify;
 
-use super::over_mosquitto;
+use super::{Reached, over, over_mosquitto};
+use crate::support::broker::Mosquitto;
 use crate::support::wait::until;
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn an_output_survives_the_death_of_the_broker_and_is_handled_once() {
-    let (reached, mut broker) = over_mosquitto().await;
+    let (reached, broker) = over_mosquitto().await;
+    an_output_survives_its_death(&reached, broker, async |_| {}).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn an_output_survives_the_death_of_a_broker_that_remembers_and_is_handled_once() {
+    let (reached, broker) = over(Mosquitto::that_keeps()).await;
+    an_output_survives_its_death(&reached, broker, async |broker| {
+        let kept = broker.folder().join("mosquitto.db");
+        let begun = std::time::SystemTime::now();
+        until("the broker has written what it knows", async || {
+            let written = std::fs::metadata(&kept).and_then(|file| file.modified());
+            written.is_ok_and(|written| written > begun).then_some(())
+        })
+        .await;
+    })
+    .await;
+}
+
+/// Kills the broker while a handler works, after `before` has been waited for.
+async fn an_output_survives_its_death(
+    reached: &Reached,
+    mut broker: Mosquitto,
+    before: impl AsyncFnOnce(&Mosquitto),
+) {
     let served = reached.served();
     let (calls, go_on) = (Arc::new(Mutex::new(Vec::new())), Arc::new(Notify::new()));
     let (handler_calls, handler_go_on) = (Arc::clone(&calls), Arc::clone(&go_on));
@@ -37,6 +62,7 @@ async fn an_output_survives_the_death_of_the_broker_and_is_handled_once() {
     })
     .await;
 
+    before(&broker).await;
     broker.kill();
     // The work ends while nobody can be told.
     go_on.notify_one();

@@ -4,16 +4,15 @@ use std::path::Path;
 
 use serde_json::{Value, json};
 
-use super::{Reached, over_mosquitto, over_the_embedded_broker};
+use super::{Reached, over_mosquitto, over_rest, over_the_embedded_broker};
 use crate::support::binary::example;
 use crate::support::served::{Process, Served};
 use crate::support::wait::until;
 
 /// Starts the example handler of M12 against a machine, and waits until it serves it.
-fn start_handler(served: &Served) -> Process {
-    let url = served.mqtt_url();
-    let mut handler = Process::start(&example("04_mqtt_handler"), Path::new("/"), &[url.as_str()]);
-    handler.line("the handler is there", |line| line.contains(url.as_str()));
+fn start_handler(url: &str) -> Process {
+    let mut handler = Process::start(&example("04_mqtt_handler"), Path::new("/"), &[url]);
+    handler.line("the handler is there", |line| line.contains(url));
     handler
 }
 
@@ -23,13 +22,13 @@ async fn online(served: &Served) -> bool {
 }
 
 /// Runs program 51 and kills the handler in the middle of M12; leaves WAIT with `HANDLER_LOST`.
-async fn lose_the_handler(served: &Served) -> Value {
+async fn lose_the_handler(served: &Served, url: &str) -> Value {
     served
         .post("/cs/1/load?wait=1", &json!({"program": 51}))
         .await
         .expect(200);
     for _ in 0..5 {
-        let handler = start_handler(served);
+        let handler = start_handler(url);
         served.command(1, "start").await;
         let working = |state: &Value| {
             !state["waiting_on"]["progress"].is_null() || state["execution"] == "PROGRAM_COMPLETED"
@@ -50,7 +49,7 @@ async fn lose_the_handler(served: &Served) -> Value {
 
 async fn kill_9_leaves_wait_handler_lost_and_a_reset_by_hand_completes(reached: &Reached) {
     let served = reached.served();
-    let state = lose_the_handler(served).await;
+    let state = lose_the_handler(served, &reached.url).await;
     assert_eq!(
         (&state["execution"], &state["waiting_on"]["m"]),
         (&json!("WAIT"), &json!(12))
@@ -68,8 +67,8 @@ async fn kill_9_leaves_wait_handler_lost_and_a_reset_by_hand_completes(reached: 
 
 async fn a_handler_that_returns_leaves_it_until_it_is_redelivered(reached: &Reached) {
     let served = reached.served();
-    let lost = lose_the_handler(served).await;
-    let mut handler = start_handler(served);
+    let lost = lose_the_handler(served, &reached.url).await;
+    let mut handler = start_handler(&reached.url);
     until("the handler is online again", async || {
         online(served).await.then_some(())
     })
@@ -115,5 +114,17 @@ async fn a_handler_that_returns_over_the_embedded_broker_does_it_again_only_when
 #[tokio::test]
 async fn a_handler_that_returns_over_mosquitto_does_it_again_only_when_told() {
     let (reached, _broker) = over_mosquitto().await;
+    a_handler_that_returns_leaves_it_until_it_is_redelivered(&reached).await;
+}
+
+#[tokio::test]
+async fn kill_9_of_the_handler_over_rest_leaves_wait_handler_lost_until_a_reset_by_hand() {
+    let reached = over_rest().await;
+    kill_9_leaves_wait_handler_lost_and_a_reset_by_hand_completes(&reached).await;
+}
+
+#[tokio::test]
+async fn a_handler_that_returns_over_rest_does_it_again_only_when_told() {
+    let reached = over_rest().await;
     a_handler_that_returns_leaves_it_until_it_is_redelivered(&reached).await;
 }

@@ -3,12 +3,13 @@
 use std::sync::{Arc, Mutex};
 
 use plc_api::types::message::Payload;
+use plc_api::types::request::RefusalCode;
 use plc_api::types::state::Reason;
 use plc_api::types::topic::Topic;
 use plc_api::{Alarm, AuxOutput, Execution, Params, Plc, SequenceProgram};
 use tokio::sync::Notify;
 
-use super::{Reached, in_process, over_mosquitto, over_the_embedded_broker};
+use super::{Reached, in_process, over_mosquitto, over_rest, over_the_embedded_broker};
 use crate::support::wait::{until, within};
 
 /// Handles M100 with parameters: progress is seen while the program waits, the reset lets it complete.
@@ -105,6 +106,56 @@ async fn a_handler_error_is_an_alarm(reached: &Reached) {
     handlers.abort();
 }
 
+/// P is one array for all coordinate systems, Q one for each; a range is taken as a whole or refused as a whole.
+async fn variables_are_read_and_written_by_range(reached: &Reached) {
+    let (one, two) = (reached.plc.coordinate_system(1), reached.plc.coordinate_system(2));
+    let all: Vec<f64> = (0..1024).map(|n| f64::from(n) / 3.0).collect();
+    let p = reached.plc.variables();
+    within("write", p.write(31_744, &all))
+        .await
+        .expect("the last of P");
+    assert_eq!(within("read", p.read(31_744, 1024)).await.expect("P"), all);
+    one.variables()
+        .write(5, &[f64::INFINITY, 2.5])
+        .await
+        .expect("Q of 1");
+    two.variables().set(5, -1.0).await.expect("Q of 2");
+    assert_eq!(
+        one.variables().read(4, 3).await.expect("Q of 1"),
+        [0.0, f64::INFINITY, 2.5]
+    );
+    assert_eq!(two.variables().get(5).await.expect("Q of 2"), -1.0);
+    for (refused, code) in [
+        (p.write(32_767, &[1.0, 2.0]).await, RefusalCode::Invalid),
+        (p.write(0, &[0.0; 1025]).await, RefusalCode::TooLarge),
+        (p.write(0, &[]).await, RefusalCode::Invalid),
+        (one.variables().set(4096, 1.0).await, RefusalCode::Invalid),
+        (
+            reached.plc.coordinate_system(3).variables().set(0, 1.0).await,
+            RefusalCode::NotFound,
+        ),
+    ] {
+        let Err(plc_api::Error::Refused(refusal)) = refused else {
+            panic!("{refused:?}");
+        };
+        assert_eq!(refusal.code, code, "{refusal}");
+    }
+    assert_eq!(p.get(32_767).await.expect("P32767"), all[1023]);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn variables_are_read_and_written_by_range_over_every_transport() {
+    let reached = in_process().await;
+    variables_are_read_and_written_by_range(&reached).await;
+    reached.end().await;
+    let reached = over_the_embedded_broker().await;
+    variables_are_read_and_written_by_range(&reached).await;
+    let (reached, _broker) = over_mosquitto().await;
+    variables_are_read_and_written_by_range(&reached).await;
+    let reached = over_rest().await;
+    variables_are_read_and_written_by_range(&reached).await;
+}
+
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn in_process_an_m_code_is_handled_and_a_handler_error_is_an_alarm() {
     let reached = in_process().await;
@@ -124,6 +175,14 @@ async fn over_the_embedded_broker_an_m_code_is_handled_and_a_handler_error_is_an
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn over_mosquitto_an_m_code_is_handled_and_a_handler_error_is_an_alarm() {
     let (reached, _broker) = over_mosquitto().await;
+    an_m_code_is_handled(&reached).await;
+    a_handler_error_is_an_alarm(&reached).await;
+    reached.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn over_rest_an_m_code_is_handled_and_a_handler_error_is_an_alarm() {
+    let reached = over_rest().await;
     an_m_code_is_handled(&reached).await;
     a_handler_error_is_an_alarm(&reached).await;
     reached.end().await;

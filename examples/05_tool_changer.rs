@@ -1,0 +1,79 @@
+//! A tool changer with a magazine, tried out in simulated time: `cargo run --example 05_tool_changer`
+//!
+//! M100 VA turns the magazine to tool VA and swaps. A program with a tool that is not in the magazine
+//! is refused when it is loaded. A stop reaches the magazine in the middle of its turn, and its motor stops.
+
+#![allow(clippy::print_stdout, reason = "an example shows what it does")]
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use plc_api::handlers::with;
+use plc_api::{Alarm, AuxOutput, Params, Plc, SequenceProgram};
+use tandem_runtime::test::{Bench, TestError};
+
+const POCKETS: u16 = 24;
+const POCKET_TIME: Duration = Duration::from_millis(250);
+
+/// The pocket that is at the spindle, shared by all that moves the magazine.
+type Magazine = Arc<Mutex<u16>>;
+
+/// Tool VA, which is also the number of its pocket.
+fn tool(params: &Params) -> Result<u16, Alarm> {
+    let wanted = params.a().ok_or(Alarm::user(1, "M100 needs VA: the tool"))?;
+    (1..=POCKETS)
+        .find(|pocket| (f64::from(*pocket) - wanted).abs() < 1e-9)
+        .ok_or_else(|| Alarm::user(2, format!("the magazine has no tool {wanted}")))
+}
+
+async fn change_tool(output: AuxOutput, plc: Plc, magazine: Magazine) -> Result<(), Alarm> {
+    let tool = tool(output.params())?;
+    // dropped with this future when the output is cancelled, and at its end
+    println!("  magazine motor on");
+    let _motor = Motor;
+    while *here(&magazine) != tool {
+        output
+            .progress(format!("pocket {} of {tool}", here(&magazine)), None)
+            .await?;
+        plc.sleep(POCKET_TIME).await;
+        let next = *here(&magazine) % POCKETS + 1;
+        *here(&magazine) = next;
+    }
+    plc.sleep(Duration::from_millis(900)).await; // the arm swaps
+    let system = plc.coordinate_system(output.coordinate_system());
+    Ok(system.select_tool(tool).await?)
+}
+
+fn here(magazine: &Magazine) -> MutexGuard<'_, u16> {
+    magazine.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The magazine's motor: on while this lives.
+struct Motor;
+
+impl Drop for Motor {
+    fn drop(&mut self) {
+        println!("  magazine motor off");
+    }
+}
+
+fn machine() -> Bench {
+    let program = SequenceProgram::new().on(100, with(Magazine::new(Mutex::new(1)), change_tool));
+    Bench::new().serve(program.validate(100, tool))
+}
+
+fn main() -> Result<(), TestError> {
+    let run = machine().run("G00 Z50\nM100 VA5\nG00 Z0\nM30")?.completed()?;
+    println!(
+        "tool {} after {:.2} s",
+        run.system(1)?.tool,
+        run.output(100)?.took_s()?
+    );
+    let stopped = machine().at_s(1.0, |scene| async move { scene.cs(1).stop().await });
+    let run = stopped.run("M100 VA12\nM30")?;
+    println!("{:?} after {:.2} s", run.output(100)?.ended, run.time_s);
+    if let Err(refusal) = machine().run("M100 VA30\nM30") {
+        println!("{refusal}");
+    }
+    Ok(())
+}

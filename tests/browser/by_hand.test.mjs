@@ -1,0 +1,189 @@
+// By hand on the real runtime: jog, MDI, locks, and programs that the operator brings.
+
+import assert from "node:assert/strict";
+import { after, afterEach, before, beforeEach, test } from "node:test";
+import { setTimeout as sleep } from "node:timers/promises";
+
+import { launch, openPage } from "./browser.mjs";
+import { Runtime } from "./runtime.mjs";
+import { Screen } from "./screen.mjs";
+
+/** Longest time between the last refresh and rest, ms: 200 to notice, braking, and the way of messages on a busy computer. */
+const STOP_MS = 1500;
+
+let browser;
+let runtime;
+let page;
+let errors;
+let screen;
+
+before(async () => {
+  runtime = await Runtime.create();
+  await runtime.start();
+  browser = await launch();
+});
+
+after(async () => {
+  await browser?.close();
+  await runtime?.remove();
+});
+
+beforeEach(async () => {
+  ({ page, errors } = await openPage(browser));
+  screen = new Screen(page);
+  await page.goto(runtime.url);
+  await page.getByText("Connected", { exact: true }).waitFor();
+  await page.getByRole("button", { name: "Open", exact: true }).click();
+});
+
+afterEach(async () => {
+  await page.context().close();
+  assert.deepEqual(errors, [], "the browser's console shows no errors");
+});
+
+const jog = (axis, direction) => page.getByRole("button", { name: `Jog ${axis} ${direction}: hold` });
+const mdi = () => page.getByLabel("NC text to run at once (MDI)");
+
+/** The commanded position of the runtime itself. */
+async function machine(axis) {
+  return (await (await fetch(`${runtime.url}/api/v1/cs/1/position`)).json()).machine[axis];
+}
+
+async function at(axis, position) {
+  for (let tries = 0; Math.abs((await machine(axis)) - position) > 1e-6 && tries < 150; tries += 1) await sleep(50);
+  assert.ok(Math.abs((await machine(axis)) - position) < 1e-6, `${axis} is at ${await machine(axis)}, not ${position}`);
+}
+
+/** Waits for rest; gives the position. */
+async function atRest(axis) {
+  await sleep(STOP_MS);
+  const position = await machine(axis);
+  await sleep(300);
+  assert.equal(await machine(axis), position, "at rest");
+  return position;
+}
+
+test("an axis moves while its button is held, and stops when it is released", async () => {
+  const begin = await machine("X");
+  await jog("X", "plus").hover();
+  await page.mouse.down();
+  await screen.sees("ACTIVE");
+  // far longer than one refresh lasts
+  await sleep(900);
+  assert.equal(await jog("Y", "plus").isDisabled(), true);
+  const held = await machine("X");
+  assert.ok(held > begin + 2, `${begin} to ${held}`);
+  await page.mouse.up();
+  await screen.sees("READY");
+  assert.ok((await atRest("X")) > held);
+});
+
+test("the keyboard jogs, and an axis stops when its button loses the focus", async () => {
+  const begin = await machine("Y");
+  await jog("Y", "minus").focus();
+  await page.keyboard.down("Space");
+  await screen.sees("ACTIVE");
+  await sleep(600);
+  await page.evaluate(() => /** @type {HTMLElement} */ (document.activeElement).blur());
+  await screen.sees("READY");
+  assert.ok((await atRest("Y")) < begin - 1);
+  await page.keyboard.up("Space");
+});
+
+test("an axis stops when the screen that held it is gone", async () => {
+  await jog("X", "plus").hover();
+  await page.mouse.down();
+  await screen.sees("ACTIVE");
+  await page.context().close();
+  await atRest("X");
+});
+
+test("a way that is chosen ends the jog there", async () => {
+  const begin = await machine("Z");
+  await page.getByLabel("Way, mm").selectOption("1");
+  await jog("Z", "plus").hover();
+  await page.mouse.down();
+  await at("Z", begin + 1);
+  await sleep(600);
+  await page.mouse.up();
+  assert.ok(Math.abs((await atRest("Z")) - begin - 1) < 1e-6);
+  assert.equal(await screen.notices(), "", "a refresh that comes after the end is nothing to tell");
+  errors.splice(0, errors.length, ...errors.filter((text) => !/status of 409/.test(text)));
+});
+
+test("a line of MDI runs, and the history brings it back", async () => {
+  for (const [text, end] of [["G53 G00 X20 Y20", 20], ["G53 G00 X10", 10]]) {
+    await mdi().fill(text);
+    await mdi().press("Enter");
+    await at("X", end);
+    await screen.sees("READY");
+  }
+  await mdi().press("ArrowUp");
+  assert.equal(await mdi().inputValue(), "G53 G00 X10");
+  await mdi().press("ArrowUp");
+  assert.equal(await mdi().inputValue(), "G53 G00 X20 Y20");
+  await mdi().press("ArrowDown");
+  await mdi().press("ArrowDown");
+  assert.equal(await mdi().inputValue(), "");
+});
+
+test("what is wrong with a line of MDI stands under it, and nothing moves", async () => {
+  const begin = await machine("X");
+  await mdi().fill("G00 X");
+  await mdi().press("Enter");
+  await page.locator("#mdi-findings").getByText("Line 1, column 5").waitFor();
+  assert.equal(await mdi().inputValue(), "G00 X", "to be corrected");
+  assert.equal(await machine("X"), begin);
+  errors.splice(0, errors.length, ...errors.filter((text) => !/status of 422/.test(text)));
+});
+
+test("axes go home from the screen", async () => {
+  await page.getByRole("button", { name: "Home X" }).click();
+  await at("X", 0);
+  await screen.sees("READY");
+});
+
+test("interlock holds the motion, says why, and lets it go on", async () => {
+  await screen.load("O0002");
+  await screen.sees("READY");
+  await screen.command("Start").click();
+  await screen.sees("ACTIVE");
+  await page.getByRole("switch", { name: "Interlock" }).click();
+  await screen.sees("INTERRUPTED");
+  await page.getByText(/The interlock is on \(set at the HMI\)/).first().waitFor();
+  await page.getByRole("switch", { name: "Interlock" }).click();
+  await page.getByText("The interlock is off again. Press Resume to go on.", { exact: true }).waitFor();
+  await screen.command("Resume").click();
+  await screen.sees("ACTIVE");
+  assert.ok(await jog("X", "plus").isDisabled());
+  await page.getByRole("switch", { name: "Single block" }).click();
+  await page.locator(".detail").getByText("single block").waitFor();
+  await page.getByRole("switch", { name: "Single block" }).click();
+  await page.locator(".detail:not(:has-text('single block'))").waitFor();
+  await screen.command("Stop").click();
+  await screen.sees("STOPPED");
+});
+
+test("a file is stored as a program; what is wrong with it is shown by lines, corrected, and then loads", async () => {
+  const file = (name, text) => ({ name, mimeType: "text/plain", buffer: Buffer.from(text) });
+  await page.locator("input[type=file]").setInputFiles(file("O0077.nc", "// From a file\nG90\nG00 X\nM30\n"));
+  const dialog = page.getByRole("dialog", { name: "Program" });
+  assert.equal(await dialog.getByLabel("Number").inputValue(), "77");
+  await dialog.getByText("O0077 is new.").waitFor();
+  await dialog.getByRole("button", { name: "Store" }).click();
+  await dialog.getByText("O0077 is stored: 1 error.").waitFor();
+  await dialog.getByText("Line 3, column 5").waitFor();
+  await dialog.getByRole("button", { name: "Go to line 3" }).click();
+  assert.equal(await page.evaluate(() => String(getSelection())), "G00 X");
+
+  await dialog.getByLabel("Program text").fill("// From a file\nG90\nG00 X1\nM30\n");
+  await page.keyboard.press("Escape");
+  await dialog.getByText("Not stored yet.").waitFor();
+  await dialog.getByRole("button", { name: "Store" }).click();
+  await dialog.getByText("O0077 is stored: nothing to complain of.").waitFor();
+  await dialog.getByRole("button", { name: "Close" }).click();
+  await screen.load("O0077");
+  await screen.sees("READY");
+  await page.getByRole("button", { name: "Edit O0077" }).click();
+  assert.match(await dialog.getByLabel("Program text").inputValue(), /G00 X1/);
+});

@@ -1,0 +1,51 @@
+// The HMI and the page of the interface where the machine asks for tokens.
+
+import assert from "node:assert/strict";
+import { after, before, test } from "node:test";
+
+import { launch, openPage } from "./browser.mjs";
+import { Runtime } from "./runtime.mjs";
+
+let browser;
+let runtime;
+let token;
+
+before(async () => {
+  runtime = await Runtime.create();
+  token = await runtime.withToken("operate");
+  await runtime.start();
+  browser = await launch();
+});
+
+after(async () => {
+  await browser?.close();
+  await runtime?.remove();
+});
+
+test("the screen asks for a token until it has a right one, and then connects", async () => {
+  const { page, errors } = await openPage(browser);
+  await page.goto(runtime.url);
+  const enter = async (text) => {
+    await page.getByRole("textbox", { name: "Token" }).fill(text);
+    await page.getByRole("button", { name: "Enter" }).click();
+  };
+  await enter("guessed");
+  await page.getByText("does not know this token").waitFor();
+  await enter(token);
+  await page.getByText("Connected", { exact: true }).waitFor();
+  // two tries without a right token, which the browser reports itself
+  assert.deepEqual(errors.filter((error) => !error.includes("401")), []);
+});
+
+test("the page of the interface shows routes and topics, and loads nothing from elsewhere", async () => {
+  const { page, errors } = await openPage(browser);
+  const hosts = new Set();
+  page.on("request", (request) => hosts.add(new URL(request.url()).origin));
+  await page.goto(`${runtime.url}/api`);
+  const start = page.locator("details", { hasText: "/api/v1/cs/{cs}/start" });
+  await start.locator("summary").click();
+  await start.getByText("Starts the loaded program from its head.").waitFor();
+  await page.getByText("tandem/v1/{machine}/cs/{cs}/state", { exact: true }).waitFor();
+  assert.deepEqual([...hosts], [runtime.url]);
+  assert.deepEqual(errors, []);
+});

@@ -1,0 +1,128 @@
+//! Jogging: the dead man's switch, soft limits, motor limits.
+
+use plc_api::Execution;
+use plc_api::types::request::RefusalCode;
+use plc_api::types::state::Reason;
+
+use super::rig::{Rig, close, on_machine, refused};
+use crate::support::formula::PERIOD_S;
+
+/// Begins a jog and returns at once; the answer comes when it has ended.
+fn begin(
+    rig: &Rig,
+    axis: char,
+    velocity: f64,
+    id: &'static str,
+) -> tokio::task::JoinHandle<plc_api::Result<()>> {
+    let cs = rig.plc.coordinate_system(1);
+    tokio::spawn(async move { cs.jog(axis, velocity, None, id).await })
+}
+
+#[test]
+fn a_jog_stops_200_ms_after_its_last_refresh() {
+    on_machine("", |rig| async move {
+        let jog = begin(&rig, 'X', 6000.0, "a");
+        rig.until(Execution::Active).await;
+        for _ in 0..9 {
+            rig.sleep(0.1).await;
+            rig.cs.jog('X', 6000.0, None, "a").await.unwrap();
+        }
+        assert_eq!(rig.state().await, (Execution::Active, None));
+        jog.await.unwrap().unwrap();
+        assert_eq!(rig.state().await, (Execution::Ready, None));
+        // Last refreshed at 0.9 s, so until 1.1 s at 100 mm/s: up with 1000 mm/s^2 (5 mm less), down with 5000 (1 mm).
+        let x = rig.at().await[0];
+        assert!(
+            (110.0 - 5.0 + 1.0 - 0.4..110.0 - 5.0 + 1.0 + 0.4).contains(&x),
+            "{x}"
+        );
+    });
+}
+
+#[test]
+fn a_jog_keeps_the_limits_of_its_motor() {
+    on_machine("", |rig| async move {
+        // Y has 50 mm/s and 250 mm/s^2; three times that is asked for. It stops with 5000 mm/s^2.
+        let jog = begin(&rig, 'Y', -9000.0, "a");
+        rig.until(Execution::Active).await;
+        for _ in 0..5 {
+            rig.sleep(0.15).await;
+            rig.cs.jog('Y', -9000.0, None, "a").await.unwrap();
+        }
+        jog.await.unwrap().unwrap();
+        let trace: Vec<f64> = rig.trace().into_iter().map(|point| point[1]).collect();
+        let fastest = trace
+            .windows(2)
+            .map(|two| (two[1] - two[0]) / PERIOD_S)
+            .fold(0.0, f64::min);
+        assert!((-50.0 - 1e-6..-49.9).contains(&fastest), "{fastest}");
+        for three in trace.windows(3) {
+            let change = (three[2] - 2.0 * three[1] + three[0]) / PERIOD_S / PERIOD_S;
+            assert!((-250.0 - 1e-3..=5000.0 + 1e-3).contains(&change), "{change}");
+        }
+        assert_eq!(rig.at().await[0], 0.0);
+    });
+}
+
+#[test]
+fn a_jog_ends_at_the_soft_limit_and_does_not_begin_beyond() {
+    on_machine("", |rig| async move {
+        // X may go from -100 to 300.
+        rig.cs.mdi("G00 X295").await.unwrap();
+        rig.trace();
+        rig.cs.jog('X', 6000.0, None, "a").await.unwrap();
+        close(rig.at().await, [300.0, 0.0, 0.0]);
+        assert!(rig.trace().iter().all(|point| point[0] <= 300.0));
+        let refusal = refused(rig.cs.jog('X', 6000.0, None, "b").await, RefusalCode::NotAllowed);
+        assert!(refusal.text.contains("soft limit"), "{}", refusal.text);
+        rig.cs.jog('X', -6000.0, Some(1.0), "c").await.unwrap();
+        close(rig.at().await, [299.0, 0.0, 0.0]);
+        rig.cs.jog('X', 6000.0, Some(5.0), "d").await.unwrap();
+        close(rig.at().await, [300.0, 0.0, 0.0]);
+        assert_eq!(rig.alarms().await, [0_u16; 0]);
+    });
+}
+
+#[test]
+fn a_jog_of_a_distance_ends_there_and_work_goes_on_from_there() {
+    on_machine("", |rig| async move {
+        rig.cs.jog('z', -600.0, Some(0.5), "a").await.unwrap();
+        close(rig.at().await, [0.0, 0.0, -0.5]);
+        rig.start("G91 G00 Z1\nM30\n").await;
+        rig.until(Execution::ProgramCompleted).await;
+        close(rig.at().await, [0.0, 0.0, 0.5]);
+    });
+}
+
+#[test]
+fn a_late_refresh_never_begins_a_jog_again() {
+    on_machine("", |rig| async move {
+        begin(&rig, 'X', 600.0, "a").await.unwrap().unwrap();
+        let at = rig.at().await;
+        let refusal = refused(rig.cs.jog('X', 600.0, None, "a").await, RefusalCode::NotAllowed);
+        assert!(refusal.text.contains("ended"), "{}", refusal.text);
+        rig.sleep(0.5).await;
+        close(rig.at().await, at);
+        rig.cs.jog('X', 600.0, Some(0.1), "b").await.unwrap();
+        close(rig.at().await, [at[0] + 0.1, 0.0, 0.0]);
+    });
+}
+
+#[test]
+fn another_jog_or_program_is_refused_while_one_runs_and_stop_ends_it() {
+    on_machine("", |rig| async move {
+        rig.load("G00 X1\nM30\n").await;
+        let jog = begin(&rig, 'X', 600.0, "a");
+        rig.until(Execution::Active).await;
+        refused(rig.cs.jog('Y', 600.0, None, "b").await, RefusalCode::NotAllowed);
+        refused(rig.cs.start().await, RefusalCode::NotAllowed);
+        rig.sleep(0.1).await;
+        rig.cs.stop().await.unwrap();
+        assert!(jog.await.unwrap().is_err());
+        assert_eq!(rig.state().await, (Execution::Stopped, Some(Reason::Stop)));
+        refused(rig.cs.jog('X', 0.0, None, "c").await, RefusalCode::Invalid);
+        refused(rig.cs.jog('X', f64::NAN, None, "c").await, RefusalCode::Invalid);
+        refused(rig.cs.jog('X', 1.0, Some(-1.0), "c").await, RefusalCode::Invalid);
+        refused(rig.cs.jog('A', 1.0, None, "c").await, RefusalCode::Invalid);
+    });
+}

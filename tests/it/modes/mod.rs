@@ -1,0 +1,8 @@
+//! How a coordinate system is operated: single block, interlock, manual data input, jog, homing, hold and stop.
+
+mod holding;
+mod jog;
+mod manual;
+mod rig;
+mod single_block;
+mod stairs;

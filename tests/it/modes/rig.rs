@@ -1,0 +1,129 @@
+//! A machine in simulated time, over its port, with the commanded position of each servo cycle.
+
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use plc_api::types::message::Payload;
+use plc_api::types::request::{Refusal, RefusalCode, Request};
+use plc_api::types::state::{Reason, State};
+use plc_api::types::topic::Topic;
+use plc_api::{CoordinateSystem, Error, Execution, Plc};
+use tandem_runtime::journal::Journal;
+use tandem_runtime::simulation::SimulationOptions;
+use tandem_runtime::{Config, Runtime};
+
+use crate::support::machine::{COORDINATE_SYSTEMS, MOTORS};
+use crate::support::wait::simulate;
+
+/// X, Y, Z of one servo cycle.
+pub type Point = [f64; 3];
+
+pub struct Rig {
+    pub plc: Plc,
+    pub cs: CoordinateSystem,
+    _runtime: Runtime,
+    trace: Arc<Mutex<Vec<Point>>>,
+}
+
+/// Runs a test on the machine of [`MOTORS`] and [`COORDINATE_SYSTEMS`] with `more` in its configuration.
+pub fn on_machine<T: Send + 'static, F: Future<Output = T>>(
+    more: &str,
+    test: impl FnOnce(Rig) -> F + Send + 'static,
+) -> T {
+    let config = format!("[machine]\nname = \"test-1\"\n{MOTORS}{COORDINATE_SYSTEMS}{more}");
+    simulate(move || async move {
+        let machine = Config::from_toml(&config, ".").unwrap().resolve().unwrap();
+        let trace = Arc::new(Mutex::new(Vec::new()));
+        let sink = Arc::clone(&trace);
+        let options = SimulationOptions {
+            on_cycle: Some(Box::new(move |servo| {
+                let at = servo.channel(0).setpoint().0;
+                sink.lock().unwrap().push([at[0], at[1], at[2]]);
+            })),
+            ..SimulationOptions::default()
+        };
+        let runtime = Runtime::start_simulated(machine, Journal::to_log(), options).unwrap();
+        let plc = Plc::in_process(runtime.port());
+        let rig = Rig {
+            cs: plc.coordinate_system(1),
+            plc,
+            _runtime: runtime,
+            trace,
+        };
+        rig.cs.wait_for(|_| true).await.unwrap();
+        test(rig).await
+    })
+}
+
+impl Rig {
+    /// Writes and loads program 50.
+    pub async fn load(&self, text: &str) {
+        let write = Request::WriteProgram(50, text.to_owned());
+        self.plc.port().request(write).await.unwrap();
+        self.cs.load(50).await.unwrap();
+    }
+
+    /// Loads and starts program 50.
+    pub async fn start(&self, text: &str) {
+        self.load(text).await;
+        self.cs.start().await.unwrap();
+    }
+
+    pub async fn sleep(&self, seconds: f64) {
+        self.plc.sleep(Duration::from_secs_f64(seconds)).await;
+    }
+
+    pub async fn until(&self, execution: Execution) -> State {
+        self.cs.wait_until(execution).await.unwrap()
+    }
+
+    /// Waits for INTERRUPTED and its reason.
+    pub async fn interrupted(&self, reason: Reason) {
+        let state = self.until(Execution::Interrupted).await;
+        assert_eq!(state.reason, Some(reason));
+    }
+
+    pub async fn state(&self) -> (Execution, Option<Reason>) {
+        let state = self.cs.state().await.unwrap();
+        (state.execution, state.reason)
+    }
+
+    /// Commanded machine position.
+    pub async fn at(&self) -> Point {
+        let machine = self.cs.position().await.unwrap().machine;
+        ["X", "Y", "Z"].map(|axis| machine[axis])
+    }
+
+    /// Commanded positions of all servo cycles since the last call.
+    pub fn trace(&self) -> Vec<Point> {
+        std::mem::take(&mut *self.trace.lock().unwrap())
+    }
+
+    /// Numbers of the alarms that are active.
+    pub async fn alarms(&self) -> Vec<u16> {
+        let message = self.plc.port().read(&Topic::AlarmActive).await.unwrap();
+        let Payload::AlarmActive(active) = &message.payload else {
+            panic!("{message:?}")
+        };
+        active.alarms.iter().map(|alarm| alarm.number).collect()
+    }
+}
+
+/// The refusal in an error of the port.
+#[track_caller]
+pub fn refused<T: std::fmt::Debug>(result: Result<T, Error>, code: RefusalCode) -> Refusal {
+    match result {
+        Err(Error::Refused(refusal)) if refusal.code == code => refusal,
+        other => panic!("{other:?} is not {code:?}"),
+    }
+}
+
+#[track_caller]
+pub fn close(a: Point, b: Point) {
+    assert!(distance(a, b) < 1e-9, "{a:?} is not {b:?}");
+}
+
+pub fn distance(a: Point, b: Point) -> f64 {
+    let [x, y, z] = std::array::from_fn(|i| a[i] - b[i]);
+    f64::hypot(x, y).hypot(z)
+}

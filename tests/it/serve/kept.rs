@@ -1,0 +1,309 @@
+//! What outlives a runtime that is killed at any moment, and what it tells when it is started again.
+
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+
+use crate::support::http::{Answer, request, try_request};
+use crate::support::machine::Machine;
+use crate::support::served::{FREE_PORTS, Served};
+use crate::support::simulated::run;
+
+/// What is kept may be this much behind.
+const BEHIND: Duration = Duration::from_millis(100);
+
+fn machine() -> Machine {
+    Machine::new(&format!("[m_code.100]\nunhandled = \"wait\"\n{FREE_PORTS}"))
+}
+
+async fn put(http: &str, path: &str, body: &Value) -> Answer {
+    let path = format!("/api/v1{path}");
+    request(http, "PUT", &path, "application/json", &body.to_string()).await
+}
+
+/// Kills the process and starts it again.
+fn kill(served: Served, machine: &Machine) -> Served {
+    drop(served);
+    Served::start(machine)
+}
+
+/// The table of tools with one tool of which both numbers are `n`, and the like for a work offset.
+fn tool(n: u32) -> Value {
+    json!({"tools": [{"id": 1, "radius": n, "length": n}]})
+}
+
+fn offset(n: u32) -> Value {
+    json!({"work_offsets": {"G54": {"X": n, "Y": n, "Z": n}}})
+}
+
+/// How far a client came before the machine was killed.
+#[derive(Default)]
+struct Progress {
+    tool: AtomicU32,
+    offset: AtomicU32,
+    program: AtomicU32,
+    /// Each range that was answered, and when.
+    ranges: Mutex<Vec<(Instant, u32)>>,
+}
+
+impl Progress {
+    /// The last range that had been answered at a time.
+    fn owed(&self, at: Instant) -> f64 {
+        let ranges = self.ranges.lock().unwrap();
+        let owed = ranges.iter().filter(|(answered, _)| *answered < at);
+        owed.map(|(_, n)| f64::from(*n)).fold(0.0, f64::max)
+    }
+}
+
+/// Writes numbers that grow, one after another, until the machine is gone: whole ranges, tools, offsets, programs.
+async fn write_on(http: String, progress: Arc<Progress>, first: u32) {
+    let put = async |path: &str, kind: &str, body: &str| {
+        let path = format!("/api/v1{path}");
+        let answer = try_request(&http, "PUT", &path, kind, body).await?;
+        assert!((200..300).contains(&answer.status), "{answer:?}");
+        Some(())
+    };
+    let ranges = async {
+        for n in first.. {
+            let values = json!({"values": vec![n; 1024]}).to_string();
+            put("/variables/p?from=100", "application/json", &values).await?;
+            progress.ranges.lock().unwrap().push((Instant::now(), n));
+        }
+        Some(())
+    };
+    let tables = async {
+        for n in first.. {
+            put("/tools", "application/json", &tool(n).to_string()).await?;
+            progress.tool.store(n, Ordering::SeqCst);
+            let body = offset(n).to_string();
+            put("/cs/1/work_offsets", "application/json", &body).await?;
+            progress.offset.store(n, Ordering::SeqCst);
+            let text = format!("// {n}\n").repeat(500) + "M30\n";
+            put("/programs/7", "text/plain", &text).await?;
+            progress.program.store(n, Ordering::SeqCst);
+        }
+        Some(())
+    };
+    // Both end with the machine.
+    let _ = tokio::join!(ranges, tables);
+}
+
+/// Looks at what a killed machine has kept.
+async fn check_kept(served: &Served, progress: &Progress, killed: Instant) {
+    let answered = |counter: &AtomicU32| f64::from(counter.load(Ordering::SeqCst));
+    let number = |value: &Value| value.as_f64().unwrap_or(0.0);
+    let range = served.get("/variables/p?from=100&count=1024").await;
+    let values = range.expect(200).json()["values"].clone();
+    let values: Vec<f64> = serde_json::from_value(values).unwrap();
+    assert!(
+        values.iter().all(|value| *value == values[0]),
+        "a torn range: {values:?}"
+    );
+    let owed = progress.owed(killed.checked_sub(3 * BEHIND).unwrap());
+    assert!(values[0] >= owed, "P100 is {} and {owed} was owed", values[0]);
+
+    let tools = served.get("/tools").await.expect(200).json()["tools"].clone();
+    let (radius, length) = (number(&tools[0]["radius"]), number(&tools[0]["length"]));
+    let owed = answered(&progress.tool);
+    assert!(
+        radius == length && radius >= owed,
+        "{tools}, and {owed} was answered"
+    );
+    let owed = answered(&progress.offset);
+    if owed > 0.0 {
+        let table = served.get("/cs/1/work_offsets").await.expect(200).json();
+        let g54 = &table["work_offsets"]["G54"];
+        let whole = g54["X"] == g54["Y"] && g54["X"] == g54["Z"];
+        assert!(
+            whole && number(&g54["X"]) >= owed,
+            "{g54}, and {owed} was answered"
+        );
+    }
+    let owed = answered(&progress.program);
+    if owed > 0.0 {
+        let text = served.get("/programs/7").await.expect(200).body;
+        let first = text.lines().next().unwrap_or_default();
+        let whole = text.lines().filter(|line| *line == first).count() == 500 && text.ends_with("M30\n");
+        assert!(whole, "a torn program: {text:.100}");
+        let n: f64 = first.trim_start_matches("// ").parse().unwrap();
+        assert!(n >= owed, "program {n}, and {owed} was answered");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn killed_at_any_moment_it_loses_nothing_that_was_answered_and_tears_nothing() {
+    let rounds = if std::env::var_os("TANDEM_LONG").is_some() {
+        300
+    } else {
+        12
+    };
+    let machine = machine();
+    let mut served = Served::start(&machine);
+    for round in 0..rounds {
+        let progress = Arc::new(Progress::default());
+        let writing = tokio::spawn(write_on(
+            served.http.clone(),
+            Arc::clone(&progress),
+            1 + round * 100_000,
+        ));
+        // from at once to half a second, each time another moment of the 50 ms between two looks
+        tokio::time::sleep(Duration::from_millis(u64::from(round * 137 % 500))).await;
+        let killed = Instant::now();
+        served = kill(served, &machine);
+        writing.await.unwrap();
+        check_kept(&served, &progress, killed).await;
+        let state = served.state(1).await;
+        assert_eq!(
+            (&state["execution"], &state["reason"]),
+            (&json!("STOPPED"), &json!("RESTARTED"))
+        );
+    }
+}
+
+#[tokio::test]
+async fn what_was_set_is_there_after_a_kill_and_the_configuration_counts_where_it_was_changed_since() {
+    let machine = machine();
+    let served = Served::start(&machine);
+    let http = served.http.clone();
+    put(&http, "/cs/1/tool", &json!({"id": 7})).await.expect(204);
+    put(&http, "/variables/p?from=32766", &json!({"values": ["NaN", 0.1]}))
+        .await
+        .expect(204);
+    put(&http, "/cs/2/variables/q?from=4095", &json!({"values": ["-inf"]}))
+        .await
+        .expect(204);
+    let measured = json!({"work_offsets": {"G54": {"X": 10.5, "Y": 20.5}}});
+    put(&http, "/cs/1/work_offsets", &measured).await.expect(204);
+    tokio::time::sleep(3 * BEHIND).await;
+    drop(served);
+    // Y of G54 is edited, X is not
+    let config = std::fs::read_to_string(machine.config()).unwrap();
+    let edited = config.replace("Y = 20.0", "Y = 25.0");
+    assert_ne!(config, edited);
+    machine.write("tandem.toml", &edited);
+    let served = Served::start(&machine);
+    assert_eq!(served.get("/cs/1/tool").await.expect(200).json()["id"], 7);
+    let p = served
+        .get("/variables/p?from=32765&count=3")
+        .await
+        .expect(200)
+        .json();
+    assert_eq!(p["values"], json!([0.0, "NaN", 0.1]));
+    let q = served.get("/cs/2/variables/q?from=4095").await.expect(200).json();
+    assert_eq!(q["values"], json!(["-inf"]));
+    let g54 = served.get("/cs/1/work_offsets").await.expect(200).json()["work_offsets"]["G54"].clone();
+    assert_eq!(g54, json!({"X": 10.5, "Y": 25.0, "Z": 30.0}));
+}
+
+/// Runs a program until it waits at a claimed M100, and kills the machine.
+async fn killed_at_m100(machine: &Machine) -> Served {
+    let served = Served::start(machine);
+    served.load(1, 50, "G00 X5\nM100 VA3\nG00 X9\nM30\n").await;
+    served.command(1, "start").await;
+    let state = served.execution(1, "WAIT").await;
+    let seq = state["waiting_on"]["seq"].clone();
+    let claim = json!({"boot_id": state["boot_id"], "handler_id": "arm"});
+    let path = format!("/cs/1/m_codes/{seq}/claim");
+    served.post(&path, &claim).await.expect(200);
+    tokio::time::sleep(3 * BEHIND).await;
+    kill(served, machine)
+}
+
+async fn alarms(served: &Served) -> Value {
+    served.get("/alarms").await.expect(200).json()["alarms"].clone()
+}
+
+/// The journal's lines, each whole.
+fn journal(machine: &Machine) -> Vec<Value> {
+    let text = std::fs::read_to_string(machine.path("tandem-data/journal/journal.jsonl")).unwrap();
+    text.lines()
+        .map(|line| serde_json::from_str(line).expect("a whole line"))
+        .collect()
+}
+
+#[tokio::test]
+async fn after_a_kill_nothing_starts_by_itself_and_the_operator_is_told_what_was_open() {
+    let machine = machine();
+    let served = killed_at_m100(&machine).await;
+    let state = served.state(1).await;
+    assert_eq!(
+        (&state["execution"], &state["reason"]),
+        (&json!("STOPPED"), &json!("RESTARTED"))
+    );
+    let last_run = served.get("/cs/1/last_run").await.expect(200).json()["last_run"].clone();
+    assert_eq!(
+        (&last_run["execution"], &last_run["program"], &last_run["line"]),
+        (&json!("WAIT"), &json!(50), &json!(2))
+    );
+    let open = &last_run["outputs"][0];
+    assert_eq!((&open["m"], &open["handler_id"]), (&json!(100), &json!("arm")));
+    let other = served.get("/cs/2/last_run").await.expect(200).json();
+    assert_eq!(other, json!({"last_run": null}));
+
+    let alarms = alarms(&served).await;
+    let warning = &alarms[0];
+    assert_eq!(
+        (&warning["severity"], &warning["cs"]),
+        (&json!("warning"), &json!(1))
+    );
+    let text = warning["text"].as_str().unwrap();
+    assert!(text.contains("M100 VA3") && text.contains("arm"), "{text}");
+    let events: Vec<Value> = (journal(&machine).iter())
+        .filter(|line| line["cs"] == 1)
+        .map(|line| line["event"].clone())
+        .collect();
+    let told = [
+        "boot",
+        "command",
+        "command",
+        "start",
+        "output",
+        "claim",
+        "boot",
+        "interrupted",
+    ];
+    assert_eq!(events, told);
+}
+
+#[tokio::test]
+async fn a_run_that_was_cut_short_prevents_nothing_and_is_told_until_an_operator_takes_over() {
+    let machine = machine();
+    let served = kill(killed_at_m100(&machine).await, &machine);
+    assert_eq!(
+        alarms(&served).await[0]["severity"],
+        "warning",
+        "nobody has looked yet"
+    );
+    let load = served.post("/cs/1/load?wait=1", &json!({"program": 50})).await;
+    load.expect(200);
+    served.command(1, "reset").await;
+    assert_eq!(alarms(&served).await, json!([]));
+    tokio::time::sleep(3 * BEHIND).await;
+    let served = kill(served, &machine);
+    assert_eq!(alarms(&served).await, json!([]));
+    let state = served.state(1).await;
+    assert_eq!(state["reason"], "RESTARTED");
+}
+
+#[test]
+fn a_second_runtime_with_the_same_folder_is_refused() {
+    let machine = machine();
+    let _served = Served::start(&machine);
+    let second = run(machine.folder(), &["serve", "--config", "tandem.toml"]);
+    assert_eq!(second.code, 2);
+    assert!(second.stderr.contains("another runtime"), "{}", second.stderr);
+}
+
+#[test]
+fn a_simulation_neither_reads_nor_writes_the_data_folder() {
+    let machine = machine();
+    machine.write("main.nc", "P5=7\nM30\n");
+    let ran = run(
+        machine.folder(),
+        &["simulate", "main.nc", "--config", "tandem.toml"],
+    );
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    assert!(!machine.path("tandem-data").exists());
+}

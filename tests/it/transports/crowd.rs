@@ -1,0 +1,208 @@
+//! Many at once: two who start, one who floods, and those who read nothing.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
+
+use futures_util::{SinkExt, StreamExt};
+use rumqttc::{AsyncClient, Event, EventLoop, MqttOptions, NetworkOptions, Packet, QoS};
+use serde_json::{Value, json};
+use tokio::net::TcpSocket;
+use tokio_tungstenite::tungstenite::Message;
+
+use super::{Reached, over_mosquitto, over_the_embedded_broker};
+use crate::support::http::request_with;
+use crate::support::mqtt::Bus;
+use crate::support::wait::{until, within};
+
+/// Motion of 2 s.
+const MOTION: &str = "G01 X200 F6000\nM30\n";
+
+fn command(command_id: &str, client_id: &str) -> Value {
+    json!({"command_id": command_id, "client_id": client_id, "args": {}})
+}
+
+#[tokio::test]
+async fn of_two_hmis_that_start_at_once_over_mqtt_one_is_accepted_and_the_other_refused() {
+    let reached = over_the_embedded_broker().await;
+    let served = reached.served();
+    let hmis = [
+        Bus::connect(&served.broker, "test-1").await,
+        Bus::connect(&served.broker, "test-1").await,
+    ];
+    served.load(1, 60, "M100\nM30\n").await;
+    let (one, two) = (command("one", "hmi-1"), command("two", "hmi-2"));
+    tokio::join!(
+        hmis[0].publish("cs/1/command/start", &one),
+        hmis[1].publish("cs/1/command/start", &two)
+    );
+    let replies = tokio::join!(hmis[0].reply("hmi-1", "one"), hmis[1].reply("hmi-2", "two"));
+    let mut said = [&replies.0, &replies.1].map(|reply| reply["status"].as_str().unwrap());
+    said.sort_unstable();
+    assert_eq!(said, ["done", "rejected"]);
+    let refused = [&replies.0, &replies.1]
+        .into_iter()
+        .find(|reply| reply["status"] == "rejected");
+    assert_eq!(refused.unwrap()["code"], "not_allowed");
+    served.execution(1, "WAIT").await;
+    let outputs = served.get("/cs/1/m_codes").await.expect(200).json()["outputs"].clone();
+    assert_eq!(outputs.as_array().unwrap().len(), 1, "{outputs}");
+}
+
+#[tokio::test]
+async fn of_two_hmis_that_start_at_once_from_what_they_saw_one_is_told_that_it_has_changed() {
+    let reached = over_the_embedded_broker().await;
+    let served = reached.served();
+    served.load(1, 60, "M100\nM30\n").await;
+    let seen = served.get("/cs/1/state").await.expect(200);
+    let if_match = format!("If-Match: {}\r\n", seen.header("etag").unwrap());
+    let start = async || {
+        let path = "/api/v1/cs/1/start?wait=1";
+        request_with(&served.http, "POST", path, "", "", &if_match).await
+    };
+    let answers = tokio::join!(start(), start());
+    let mut statuses = [answers.0.status, answers.1.status];
+    statuses.sort_unstable();
+    assert_eq!(statuses, [200, 412], "{answers:?}");
+    let refused = [&answers.0, &answers.1]
+        .into_iter()
+        .find(|answer| answer.status == 412);
+    assert_eq!(refused.unwrap().json()["code"], "precondition_failed");
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn each_command_of_a_flood_is_refused_once_and_a_stop_passes_it() {
+    const FLOOD: usize = 1000;
+    let reached = over_the_embedded_broker().await;
+    let served = reached.served();
+    let flood = Bus::connect(&served.broker, "test-1").await;
+    let panel = Bus::connect(&served.broker, "test-1").await;
+    served.load(1, 60, "G01 X250 F600\nM30\n").await;
+    served.command(1, "start").await;
+    let stop = async {
+        until("the flood", async || {
+            (panel.history.on("reply/flood").len() > FLOOD / 10).then_some(())
+        })
+        .await;
+        panel
+            .publish("cs/1/command/stop", &command("stop", "panel"))
+            .await;
+        assert_eq!(panel.reply("panel", "stop").await["status"], "done");
+        panel.history.on("reply/flood").len()
+    };
+    let flooding = async {
+        for number in 0..FLOOD {
+            let resume = command(&format!("flood-{number}"), "flood");
+            flood.publish("cs/1/command/resume", &resume).await;
+        }
+    };
+    let ((), _) = tokio::join!(flooding, stop);
+    let replies = until("a reply to each", async || {
+        let replies = panel.history.on("reply/flood");
+        (replies.len() >= FLOOD).then_some(replies)
+    })
+    .await;
+    let mut ids: Vec<_> = replies
+        .iter()
+        .map(|reply| reply["command_id"].to_string())
+        .collect();
+    ids.sort_unstable();
+    ids.dedup();
+    assert_eq!((replies.len(), ids.len()), (FLOOD, FLOOD));
+    assert!(replies.iter().all(|reply| reply["status"] == "rejected"));
+    let state = served.state(1).await;
+    assert_eq!(
+        (&state["execution"], &state["reason"]),
+        (&json!("STOPPED"), &json!("STOP"))
+    );
+}
+
+/// A client with an id and the smallest buffer that its system allows, subscribed to a topic.
+async fn subscribed(broker: &str, id: &str, topic: &str) -> (AsyncClient, EventLoop) {
+    let (host, port) = broker.rsplit_once(':').unwrap();
+    let mut options = MqttOptions::new(id, host, port.parse().unwrap());
+    options
+        .set_max_packet_size(1 << 20, 1 << 20)
+        .set_keep_alive(Duration::from_mins(1));
+    let (client, mut events) = AsyncClient::new(options, 64);
+    let mut network = NetworkOptions::new();
+    network.set_tcp_recv_buffer_size(4096);
+    events.set_network_options(network);
+    let topic = format!("tandem/v1/test-1/{topic}");
+    client.subscribe(topic, QoS::AtLeastOnce).await.unwrap();
+    let subscribed =
+        async { while !matches!(events.poll().await.unwrap(), Event::Incoming(Packet::SubAck(_))) {} };
+    within("a subscription", subscribed).await;
+    (client, events)
+}
+
+/// Megabytes go to a subscriber on MQTT and to a WebSocket that read nothing, while the machine moves.
+async fn who_reads_nothing_holds_up_neither_motion_nor_others(reached: &Reached, broker: &str) {
+    const ASKED: usize = 400;
+    let served = reached.served();
+    let _silent = subscribed(broker, "silent", "#").await;
+    let socket = TcpSocket::new_v4().unwrap();
+    socket.set_recv_buffer_size(4096).unwrap();
+    let stream = socket.connect(served.http.parse().unwrap()).await.unwrap();
+    let url = format!("ws://{}/api/v1/ws", served.http);
+    let (mut silent_socket, _) = tokio_tungstenite::client_async(url, stream).await.unwrap();
+    let ask = json!({"subscribe": ["#"]}).to_string();
+    silent_socket.send(Message::text(ask)).await.unwrap();
+
+    let values = json!({"values": vec![0.123_456_789_012_345; 1024]});
+    served.put("/variables/p?from=100", &values).await.expect(204);
+    served.load(1, 60, MOTION).await;
+    served.command(1, "start").await;
+    let (client, mut events) = subscribed(broker, "asker", "reply/asker").await;
+    let answered = Arc::new(AtomicUsize::new(0));
+    let counted = Arc::clone(&answered);
+    let reading = tokio::spawn(async move {
+        while let Ok(event) = events.poll().await {
+            if let Event::Incoming(Packet::Publish(reply)) = event {
+                assert!(reply.payload.len() > 10_000, "1024 values");
+                counted.fetch_add(1, Ordering::Relaxed);
+            }
+        }
+    });
+    for number in 0..ASKED {
+        let get = json!({"command_id": format!("get-{number}"), "client_id": "asker", "kind": "P", "from": 100,
+            "count": 1024});
+        let topic = "tandem/v1/test-1/cs/1/variable/get";
+        client
+            .publish(topic, QoS::AtLeastOnce, false, get.to_string())
+            .await
+            .unwrap();
+    }
+    until("an answer to each", async || {
+        (answered.load(Ordering::Relaxed) >= ASKED).then_some(())
+    })
+    .await;
+    served.execution(1, "PROGRAM_COMPLETED").await;
+    assert_eq!(answered.load(Ordering::Relaxed), ASKED);
+    reading.abort();
+    // when it reads again it comes to the latest state
+    let latest = async {
+        while let Some(Ok(frame)) = silent_socket.next().await {
+            let said = frame.into_text().unwrap_or_default();
+            let said: Value = serde_json::from_str(&said).unwrap_or_default();
+            if said["topic"] == "cs/1/state" && said["execution"] == "PROGRAM_COMPLETED" {
+                return;
+            }
+        }
+        panic!("the WebSocket was closed");
+    };
+    within("the latest state", latest).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn over_the_embedded_broker_who_reads_nothing_holds_up_neither_motion_nor_others() {
+    let reached = over_the_embedded_broker().await;
+    let broker = reached.served().broker.clone();
+    who_reads_nothing_holds_up_neither_motion_nor_others(&reached, &broker).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn over_mosquitto_who_reads_nothing_holds_up_neither_motion_nor_others() {
+    let (reached, broker) = over_mosquitto().await;
+    who_reads_nothing_holds_up_neither_motion_nor_others(&reached, &broker.address()).await;
+}

@@ -1,0 +1,154 @@
+//! What comes twice, too late, or from before the runtime was there.
+
+use std::time::Duration;
+
+use rumqttc::{AsyncClient, Event, MqttOptions, Packet, QoS};
+use serde_json::{Value, json};
+
+use super::{broker_at, machine, over_mosquitto};
+use crate::support::broker::Mosquitto;
+use crate::support::mqtt::Bus;
+use crate::support::served::Served;
+use crate::support::wait::{until, within};
+
+fn load(command_id: &str, program: u16) -> Value {
+    json!({"command_id": command_id, "client_id": "panel", "args": {"program": program}})
+}
+
+/// What was replied to a command, in order.
+fn replies(bus: &Bus, command_id: &str) -> Vec<Value> {
+    let replies = bus.history.on("reply/panel").into_iter();
+    replies
+        .filter(|reply| reply["command_id"] == command_id)
+        .map(|reply| reply["status"].clone())
+        .collect()
+}
+
+/// The broker gives messages in order, so that what stood in it before has come when this is done.
+async fn all_before_has_come(bus: &Bus, served: &Served) {
+    bus.publish("cs/1/command/load", &load("last", 51)).await;
+    assert_eq!(bus.reply("panel", "last").await["status"], "done");
+    assert_eq!(served.state(1).await["program"], 51);
+}
+
+#[tokio::test]
+async fn a_retained_command_is_never_acted_on_by_a_later_start_of_the_runtime() {
+    let broker = Mosquitto::start();
+    let machine = machine(&broker_at(&broker.address()));
+    let bus = Bus::listen(&broker.address(), "test-1").await;
+    bus.publish_retained("cs/1/command/load", &load("early", 50))
+        .await;
+    let is_there = |command: &Value| command["command_id"] == "early";
+    bus.history.find("cs/1/command/load", is_there).await;
+    let served = Served::start(&machine);
+    let refused = bus.reply("panel", "early").await;
+    assert_eq!(
+        (&refused["status"], &refused["code"]),
+        (&json!("rejected"), &json!("retained"))
+    );
+    assert_eq!(served.state(1).await["program"], Value::Null);
+    let alarms = served.get("/alarms/history").await.expect(200).body;
+    assert!(alarms.contains("retained command early of panel"), "{alarms}");
+
+    // to a runtime that is there it looks like any other, once
+    bus.publish_retained("cs/1/command/load", &load("live", 50)).await;
+    assert_eq!(bus.reply("panel", "live").await["status"], "done");
+    let cleared = |command: &Value| *command == Value::Null;
+    bus.history.find("cs/1/command/load", cleared).await;
+    drop(served);
+    let served = Served::start(&machine);
+    all_before_has_come(&bus, &served).await;
+    assert_eq!(replies(&bus, "live"), ["accepted", "done"]);
+    served.get("/commands/live").await.expect(404);
+}
+
+#[tokio::test]
+async fn commands_that_a_persistent_session_kept_while_the_runtime_was_away_are_not_carried_out() {
+    let broker = Mosquitto::start();
+    let machine = machine(&broker_at(&broker.address()));
+    // somebody made the runtime's session one that the broker keeps
+    let (host, port) = (
+        "127.0.0.1",
+        broker.address().rsplit_once(':').unwrap().1.to_owned(),
+    );
+    let mut options = MqttOptions::new("tandem-test-1", host, port.parse().unwrap());
+    options
+        .set_clean_session(false)
+        .set_keep_alive(Duration::from_secs(5));
+    let (client, mut events) = AsyncClient::new(options, 8);
+    let commands = "tandem/v1/test-1/cs/+/command/+";
+    client.subscribe(commands, QoS::AtLeastOnce).await.unwrap();
+    let subscribed =
+        async { while !matches!(events.poll().await.unwrap(), Event::Incoming(Packet::SubAck(_))) {} };
+    within("a subscription", subscribed).await;
+    drop((client, events));
+
+    let bus = Bus::listen(&broker.address(), "test-1").await;
+    bus.publish("cs/1/command/load", &load("kept", 50)).await;
+    let is_there = |command: &Value| command["command_id"] == "kept";
+    bus.history.find("cs/1/command/load", is_there).await;
+    let served = Served::start(&machine);
+    bus.history
+        .find("presence", |presence| presence["online"] == true)
+        .await;
+    all_before_has_come(&bus, &served).await;
+    assert_eq!(replies(&bus, "kept"), [] as [Value; 0]);
+    served.get("/commands/kept").await.expect(404);
+}
+
+#[tokio::test]
+async fn duplicate_and_late_resets_count_for_nothing_and_their_senders_are_told() {
+    let (reached, broker) = over_mosquitto().await;
+    let served = reached.served();
+    let bus = Bus::connect(&broker.address(), "test-1").await;
+    let reset = async |output: &Value| {
+        let body =
+            json!({"boot_id": output["boot_id"], "seq": output["seq"], "handler_id": "arm", "result": "ok"});
+        bus.publish("cs/1/m_code/100/reset", &body).await;
+    };
+    let results = async |output: &Value, count: usize| {
+        until("its results", async || {
+            let all = bus.history.on("cs/1/m_code/100/result").into_iter();
+            let of_it: Vec<_> = all
+                .filter(|result| result["seq"] == output["seq"])
+                .map(|result| result["status"].clone())
+                .collect();
+            (of_it.len() >= count).then_some(of_it)
+        })
+        .await
+    };
+    let output_after = async |seq: u64| {
+        let later = |output: &Value| output["seq"].as_u64().unwrap() > seq;
+        bus.history.find("cs/1/m_code/100/output", later).await
+    };
+    served
+        .post("/cs/1/load?wait=1", &json!({"program": 52}))
+        .await
+        .expect(200);
+    served.command(1, "start").await;
+    let first = output_after(0).await;
+    for _ in 0..3 {
+        reset(&first).await;
+    }
+    assert_eq!(results(&first, 3).await, ["accepted", "duplicate", "duplicate"]);
+    let second = output_after(first["seq"].as_u64().unwrap()).await;
+    let waiting = served.execution(1, "WAIT").await;
+    assert_eq!(
+        waiting["waiting_on"]["seq"], second["seq"],
+        "one reset, one output"
+    );
+
+    served.command(1, "stop").await;
+    reset(&second).await;
+    assert_eq!(results(&second, 1).await, ["stale"]);
+    // nor do they count in the next run, whose outputs have numbers of their own
+    served.command(1, "reset").await;
+    served.command(1, "start").await;
+    let third = output_after(second["seq"].as_u64().unwrap()).await;
+    reset(&first).await;
+    reset(&second).await;
+    let late = results(&second, 2).await;
+    assert_eq!(late, ["stale", "stale"]);
+    let waiting = served.execution(1, "WAIT").await;
+    assert_eq!(waiting["waiting_on"]["seq"], third["seq"]);
+}

@@ -1,0 +1,102 @@
+// The interface as a page: every route and topic of the documents that the machine serves, with the forms they carry.
+
+import { fill, h } from "./dom.js";
+
+/** @param {string} path @returns {Promise<any>} */
+async function load(path) {
+  const response = await fetch(path);
+  if (!response.ok) throw new Error(`${path}: status ${response.status}`);
+  return response.json();
+}
+
+/**
+ * A schema with the parts that it names written out; one within itself stays a name.
+ * @param {any} document
+ * @param {any} schema
+ * @param {string[]} within
+ * @returns {any}
+ */
+function written(document, schema, within = []) {
+  if (Array.isArray(schema)) return schema.map((part) => written(document, part, within));
+  if (schema === null || typeof schema !== "object") return schema;
+  const name = typeof schema.$ref === "string" ? schema.$ref.split("/").pop() : undefined;
+  if (name !== undefined) {
+    return within.includes(name) ? name : written(document, document.components.schemas[name], [...within, name]);
+  }
+  return Object.fromEntries(Object.entries(schema).map(([key, part]) => [key, written(document, part, within)]));
+}
+
+/** @param {string} title @param {any} document @param {any} schema */
+function form(title, document, schema) {
+  return h("div", {}, h("h4", {}, title), h("pre", {}, JSON.stringify(written(document, schema), null, 2)));
+}
+
+/** The form of a body or answer, whatever its media type. @param {any} part */
+function schemaOf(part) {
+  /** @type {any[]} */
+  const media = Object.values(part?.content ?? {});
+  return media[0]?.schema;
+}
+
+/** @param {any} api @param {string} path @param {string} method @param {any} operation */
+function route(api, path, method, operation) {
+  const body = schemaOf(operation.requestBody);
+  const answers = Object.entries(operation.responses).filter(([status]) => status !== "default");
+  return h(
+    "details",
+    {},
+    h(
+      "summary",
+      {},
+      h("code", { class: "method" }, method.toUpperCase()),
+      h("code", {}, path),
+      h("span", { class: "right" }, operation["x-right"] ?? "open"),
+    ),
+    h("p", {}, operation.summary),
+    body ? form("Body", api, body) : null,
+    ...answers.map(([status, answer]) => form(`Answer ${status}`, api, schemaOf(answer) ?? {})),
+  );
+}
+
+/** @param {any} api @param {any} operation */
+function topic(api, operation) {
+  const channel = api.channels[operation.channel.$ref.split("/").pop()];
+  /** @type {any[]} */
+  const messages = Object.values(channel.messages);
+  const retain = operation.bindings.mqtt.retain ? ", retained" : "";
+  return h(
+    "details",
+    {},
+    h(
+      "summary",
+      {},
+      h("code", { class: "method" }, operation.action === "send" ? "out" : "in"),
+      h("code", {}, channel.address),
+      h("span", { class: "right" }, `QoS ${operation.bindings.mqtt.qos}${retain}`),
+    ),
+    form("Message", api, messages[0].payload),
+  );
+}
+
+async function show() {
+  const [rest, mqtt] = await Promise.all([load("/api/v1/openapi.json"), load("/api/v1/asyncapi.json")]);
+  const routes = Object.entries(rest.paths).flatMap(([path, operations]) =>
+    Object.entries(/** @type {object} */ (operations)).map(([method, operation]) =>
+      route(rest, `/api/v1${path}`, method, operation),
+    ),
+  );
+  const topics = Object.values(mqtt.operations).map((operation) => topic(mqtt, operation));
+  fill(
+    document.body,
+    h("h1", {}, "Interface"),
+    h("p", {}, rest.info.description),
+    h("p", {}, h("a", { href: "/api/v1/openapi.json" }, "OpenAPI"), " · ", h("a", { href: "/api/v1/asyncapi.json" }, "AsyncAPI")),
+    h("h2", {}, "REST"),
+    ...routes,
+    h("h2", {}, "MQTT and WebSocket"),
+    h("p", {}, mqtt.info.description),
+    ...topics,
+  );
+}
+
+show().catch((error) => fill(document.body, h("p", {}, `The documents cannot be shown: ${error.message}`)));

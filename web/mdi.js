@@ -1,0 +1,65 @@
+// Manual data input: a line of NC text with a history, and what is wrong with it below.
+
+import { Refusal } from "./api.js";
+import { fill, h, setAttr } from "./dom.js";
+import { finding } from "./findings.js";
+import { icon } from "./icons.js";
+
+/** Lines kept of those that were run. */
+const HISTORY_MAX = 50;
+
+/** @param {import("./main.js").App} app */
+export function mdiLine(app) {
+  const input = h("input", {
+    type: "text", class: "mdi-input", "aria-label": "NC text to run at once (MDI)", placeholder: "G54 G00 X0 Y0",
+    autocomplete: "off", autocapitalize: "characters", spellcheck: "false", "aria-describedby": "mdi-findings",
+  });
+  const run = h("button", { type: "submit", class: "button" }, icon("play"), "Run");
+  const findings = h("ol", { id: "mdi-findings", class: "list mdi-findings", "aria-live": "polite" });
+  const element = h("form", { class: "mdi" }, h("div", { class: "row" }, h("span", { class: "label" }, "MDI"), input, run), findings);
+  /** @type {string[]} */
+  const history = [];
+  /** Place in the history; its length is the line that is being written. */
+  let at = 0;
+  let draft = "";
+
+  input.addEventListener("keydown", (event) => {
+    const step = { ArrowUp: -1, ArrowDown: 1 }[event.key] ?? 0;
+    const next = at + step;
+    if (step === 0 || next < 0 || next > history.length) return;
+    event.preventDefault();
+    if (at === history.length) draft = input.value;
+    at = next;
+    input.value = history[at] ?? draft;
+    input.setSelectionRange(input.value.length, input.value.length);
+  });
+  element.addEventListener("submit", (event) => {
+    event.preventDefault();
+    const text = input.value.trim();
+    // Enter comes here also where the button is disabled
+    if (text === "" || run.disabled) return;
+    const cs = app.model.selected;
+    void app.attempt(async () => {
+      fill(findings);
+      try {
+        await app.api.command(cs, "mdi", { text });
+      } catch (error) {
+        const diagnostics = error instanceof Refusal ? error.problem.diagnostics : undefined;
+        if (!diagnostics?.length) throw error;
+        fill(findings, ...diagnostics.map(finding));
+        return;
+      }
+      if (history.at(-1) !== text) history.push(text);
+      if (history.length > HISTORY_MAX) history.shift();
+      at = history.length;
+      draft = "";
+      input.value = "";
+    });
+  });
+  /** @param {boolean} allowed */
+  const render = (allowed) => {
+    run.disabled = !allowed;
+    setAttr(input, "aria-invalid", findings.childElementCount > 0);
+  };
+  return { element, render };
+}
