@@ -184,6 +184,7 @@ pub(super) fn reply(command_id: &str, status: CommandStatus, code: &str) -> Comm
         text: "as asked".to_owned(),
         state_rev: 13,
         variables: None,
+        lease: None,
     }
 }
 
