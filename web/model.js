@@ -15,6 +15,7 @@ const CS_TOPICS = /** @type {const} */ ({
   "input/interlock/state": "interlock",
   "input/start_lock/state": "startLock",
   "override/state": "overrides",
+  "lease/state": "lease",
 });
 
 /** States in which the machine moves by hand. */
@@ -36,6 +37,7 @@ const BY_HAND = new Set(["READY", "PROGRAM_COMPLETED", "STOPPED"]);
  * @property {import("./types.d.ts").LockInput | null} startLock
  * @property {import("./types.d.ts").LastRun | null} lastRun the last run before this start of the runtime
  * @property {import("./types.d.ts").Overrides | null} overrides
+ * @property {import("./types.d.ts").Lease | null} lease
  * @property {Trail} trail
  */
 
@@ -171,6 +173,7 @@ function empty(info) {
     startLock: null,
     lastRun: null,
     overrides: null,
+    lease: null,
     trail: new Trail(),
   };
 }

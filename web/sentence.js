@@ -72,6 +72,7 @@ export function sentence(system, alarms, ageMs) {
     case "WAIT":
       return waiting(system, ageMs);
     case "FEED_HOLD":
+      if (state.reason === "BUS_LOST") return `Held: the connection to the MQTT broker was lost${state.waiting_on ? ` while M${state.waiting_on.m} is open` : ""}. Look at the machine, then press Resume.`;
       return state.waiting_on
         ? `Held while M${state.waiting_on.m} is open. Press Resume to go on.`
         : "Held by the operator. Press Resume to go on, or Stop to end the run.";

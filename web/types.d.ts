@@ -5,7 +5,7 @@ export type Execution =
   | "PROGRAM_COMPLETED";
 
 export type Reason =
-  | "HANDLER_LOST" | "SINGLE_BLOCK" | "INTERLOCK" | "ALARM" | "STOP" | "ABORTED" | "NO_PROGRAM" | "RESTARTED";
+  | "HANDLER_LOST" | "SINGLE_BLOCK" | "INTERLOCK" | "BUS_LOST" | "ALARM" | "STOP" | "ABORTED" | "NO_PROGRAM" | "RESTARTED";
 
 export type Verb = "load" | "start" | "hold" | "resume" | "stop" | "abort" | "reset" | "mdi" | "home";
 
@@ -84,6 +84,8 @@ export interface PendingOutput {
 
 export interface Pending extends Envelope { outputs: PendingOutput[] }
 export interface Overrides extends Envelope { feed: number; rapid: number; spindle: number }
+/** Who holds the control lease; all null: nobody does. */
+export interface Lease extends Envelope { holder: string | null; fence: number | null; expires_at: string | null }
 export interface Switch extends Envelope { value: boolean }
 export interface Lock { value: boolean; text: string }
 export interface LockInput extends Envelope, Lock {}

@@ -7,6 +7,7 @@ use crate::hub::Filter;
 use crate::plc::{Plc, unexpected};
 use crate::types::CoordinateSystemNumber;
 use crate::types::command::{Command, CommandMeta, CommandStatus};
+use crate::types::lease::LeaseState;
 use crate::types::message::Payload;
 use crate::types::output::Pending;
 use crate::types::request::{Answer, Input, OverrideChange, Refusal, RefusalCode, Request, SpindleCommand};
@@ -21,6 +22,8 @@ use crate::types::topic::{CsTopic, Topic};
 pub struct CoordinateSystem {
     plc: Plc,
     number: CoordinateSystemNumber,
+    /// Of the control lease under which it commands.
+    fence: Option<u64>,
 }
 
 macro_rules! readings {
@@ -58,6 +61,8 @@ readings! {
     spindle: Spindle as Spindle -> Spindle;
     /// Tool in the spindle.
     tool: Tool as Tool -> Tool;
+    /// Who holds the control lease, if anybody does.
+    lease: Lease as Lease -> LeaseState;
     /// Overrides, percent.
     overrides: Override as Override -> Overrides;
     /// Open auxiliary function outputs.
@@ -66,7 +71,16 @@ readings! {
 
 impl CoordinateSystem {
     pub(crate) fn new(plc: Plc, number: CoordinateSystemNumber) -> Self {
-        Self { plc, number }
+        let fence = None;
+        Self { plc, number, fence }
+    }
+
+    /// The same, commanding under a control lease.
+    pub(crate) fn under_lease(&self, fence: u64) -> Self {
+        Self {
+            fence: Some(fence),
+            ..self.clone()
+        }
     }
 
     pub(crate) fn plc(&self) -> &Plc {
@@ -186,6 +200,7 @@ impl CoordinateSystem {
             meta: CommandMeta {
                 command_id,
                 client_id,
+                fence: self.fence,
                 ..CommandMeta::default()
             },
             wait: true,

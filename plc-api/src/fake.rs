@@ -16,7 +16,8 @@ use crate::handshake::{Closed, Effect, Ledger, Now, OutputSpec};
 use crate::hub::{Filter, Hub, Subscription};
 use crate::plc::Plc;
 use crate::port::{BoxFuture, Port};
-use crate::types::command::{CommandReply, CommandStatus};
+use crate::types::command::{CommandMeta, CommandReply, CommandStatus};
+use crate::types::lease::{LEASE_TTL_DEFAULT_MS, Lease, LeaseRequest};
 use crate::types::machine::{Birth, CoordinateSystemInfo, Presence};
 use crate::types::message::{Message, Payload};
 use crate::types::output::{
@@ -53,6 +54,7 @@ struct Inner {
     requests: Vec<Request>,
     validated: Vec<ValidateResult>,
     rev: u64,
+    leases: u64,
     data: data::Data,
     sleepers: Vec<(f64, oneshot::Sender<()>)>,
 }
@@ -73,6 +75,7 @@ impl FakePort {
                 requests: Vec::new(),
                 validated: Vec::new(),
                 rev: 0,
+                leases: 0,
                 data: data::Data::default(),
                 sleepers: Vec::new(),
             })),
@@ -416,13 +419,10 @@ impl FakePort {
             return answer;
         }
         match request {
-            Request::Command { meta, .. } => Ok(Answer::Command(CommandReply {
-                command_id: meta.command_id,
-                status: CommandStatus::Done,
-                code: "ok".to_owned(),
-                text: String::new(),
-                state_rev: inner.rev,
-                variables: None,
+            Request::Command { meta, .. } => Ok(Answer::Command(inner.done(meta))),
+            Request::Lease { request, meta, .. } => Ok(Answer::Command(CommandReply {
+                lease: inner.granted(request, &meta),
+                ..inner.done(meta)
             })),
             Request::Tool(cs, id) => {
                 self.publish(
@@ -457,6 +457,32 @@ impl FakePort {
 }
 
 impl Inner {
+    fn done(&self, meta: CommandMeta) -> CommandReply {
+        CommandReply {
+            command_id: meta.command_id,
+            status: CommandStatus::Done,
+            code: "ok".to_owned(),
+            text: String::new(),
+            state_rev: self.rev,
+            variables: None,
+            lease: None,
+        }
+    }
+
+    /// Every lease is granted, each with a fence of its own.
+    fn granted(&mut self, request: LeaseRequest, meta: &CommandMeta) -> Option<Lease> {
+        let LeaseRequest::Take(take) = request else {
+            return None;
+        };
+        self.leases += u64::from(take.fence.is_none());
+        let ttl = Duration::from_millis(take.ttl_ms.unwrap_or(LEASE_TTL_DEFAULT_MS));
+        Some(Lease {
+            holder: take.holder.unwrap_or_else(|| meta.client_id.clone()),
+            fence: take.fence.unwrap_or(self.leases),
+            expires_at: Timestamp::from_system_time(self.now().time + ttl),
+        })
+    }
+
     fn now(&self) -> Now {
         Now {
             monotonic_s: self.now_s,

@@ -101,6 +101,7 @@ pub mod fake;
 pub mod handlers;
 pub mod handshake;
 pub mod hub;
+mod lease;
 mod outputs;
 mod plc;
 pub mod port;
@@ -116,6 +117,7 @@ pub use ask::OpenQuestion;
 pub use coordinate_system::CoordinateSystem;
 pub use error::{Error, Result};
 pub use handlers::{AuxOutput, Cancellation, SequenceProgram};
+pub use lease::Lease;
 pub use outputs::{Outputs, RawOutput};
 pub use plc::Plc;
 #[cfg(feature = "mqtt")]

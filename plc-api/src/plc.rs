@@ -170,6 +170,11 @@ impl Plc {
         self.asker.as_deref()
     }
 
+    /// The user of its connection.
+    pub(crate) fn user(&self) -> Option<&str> {
+        self.user.as_deref()
+    }
+
     pub(crate) fn client_id(&self) -> &str {
         &self.client_id
     }

@@ -7,6 +7,7 @@ mod programs;
 
 use std::io;
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use plc_api::hub::{Filter, Subscription};
@@ -221,6 +222,7 @@ impl RuntimePort {
                 meta,
                 wait,
             } => self.command(cs, command, meta, wait).await,
+            Request::Lease { cs, request, meta } => self.lease(cs, request, meta).await,
             Request::CommandStatus(id) => {
                 let reply = self.shared.replied(&id).map(Answer::Command);
                 reply.ok_or_else(|| Refusal::new(RefusalCode::NotFound, format!("no command {id} is known")))
@@ -253,6 +255,13 @@ impl RuntimePort {
             Request::Republish => {
                 for handle in &self.handles {
                     self.ask(&handle.requests, Request::Republish).await?;
+                }
+                Ok(Answer::Done)
+            }
+            Request::BusLink { connected } => {
+                self.shared.bus_connected.store(connected, Ordering::Relaxed);
+                for handle in &self.handles {
+                    self.ask(&handle.requests, Request::BusLink { connected }).await?;
                 }
                 Ok(Answer::Done)
             }

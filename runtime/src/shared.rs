@@ -1,6 +1,7 @@
 //! What all coordinate systems, the port and the server ends share.
 
 use std::collections::{BTreeMap, VecDeque};
+use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, SystemTime};
 
@@ -51,6 +52,8 @@ pub(crate) struct Shared {
     pub keeper: OnceLock<Keeper>,
     /// Tools in the spindles and last runs, from before this start.
     pub restored: Restored,
+    /// False while the connection to the MQTT broker is lost.
+    pub bus_connected: AtomicBool,
     /// Cancelled when the runtime stops.
     pub closing: CancellationToken,
     alarms: Mutex<Alarms>,
@@ -91,6 +94,7 @@ impl Shared {
             store,
             journal,
             servo: Arc::default(),
+            bus_connected: AtomicBool::new(true),
             closing: CancellationToken::new(),
             alarms: Mutex::default(),
             handlers: Mutex::default(),

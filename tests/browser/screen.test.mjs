@@ -191,6 +191,17 @@ test("refusal shows the machine's own words", async () => {
   expectErrors(/status of 409/);
 });
 
+test("who holds the control lease is shown, and a refused start says what to do", async () => {
+  machine.say("cs/1/lease/state", { holder: "mes-1", fence: 7, expires_at: now(-30000) });
+  await page.locator(".detail").getByText("control lease: mes-1").waitFor();
+  machine.answers.set("POST /cs/1/start", { status: 409, body: { detail: "start is refused: mes-1 holds the control lease", code: "busy" } });
+  await screen.command("Start").click();
+  await page.getByText("Start is refused: mes-1 holds the control lease.", { exact: true }).waitFor();
+  expectErrors(/status of 409/);
+  machine.say("cs/1/lease/state", { holder: null, fence: null, expires_at: null });
+  await page.locator(".detail:not(:has-text('control lease'))").waitFor();
+});
+
 test("broken program that is loaded shows all its errors", async () => {
   const diagnostics = [2, 5, 9].map((line) => ({ code: "E0104", severity: "error", line, column: 4, message: `X has no value in line ${line}`, help: "Write a number." }));
   machine.answers.set("POST /cs/1/load", { status: 422, body: { detail: "program 1 has 3 errors", code: "program_has_errors", diagnostics } });

@@ -51,7 +51,7 @@ export const status = {
  * @param {import("../model.js").CoordinateSystem} system
  * @param {import("../types.d.ts").ProgramInfo[] | null} programs
  */
-function details({ state, modal, info, interlock, startLock }, programs) {
+function details({ state, modal, info, interlock, startLock, lease }, programs) {
   const parts = [];
   if (state?.program !== null && state?.program !== undefined) {
     const title = programs?.find((program) => program.number === state.program)?.title;
@@ -62,6 +62,7 @@ function details({ state, modal, info, interlock, startLock }, programs) {
   if (state?.single_block) parts.push("single block");
   if (interlock?.value) parts.push(lock("interlock", interlock));
   if (startLock?.value) parts.push(lock("start lock", startLock));
+  if (lease?.holder) parts.push(`control lease: ${lease.holder}`);
   if (state?.dry_run) parts.push("dry run");
   return parts.join("  ·  ");
 }

@@ -6,6 +6,7 @@ use serde_json::{Value, json};
 use super::BootId;
 use super::Timestamp;
 use super::data::VariableValues;
+use super::lease::Lease;
 
 /// What can be commanded. Verbs and arguments are those of `command/{verb}` and of the REST routes.
 #[derive(Debug, Clone, PartialEq)]
@@ -254,6 +255,10 @@ pub struct CommandMeta {
     /// What must hold for it to be carried out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub expect: Option<Expect>,
+    /// Number of the control lease under which it is sent. Needed for load, start, resume, mdi, jog and home while
+    /// somebody holds the lease; refused when that lease has ended.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fence: Option<u64>,
 }
 
 /// Condition of a command.
@@ -301,6 +306,9 @@ pub struct CommandReply {
     /// What was read; of `variable/get` only.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub variables: Option<VariableValues>,
+    /// The lease that was taken; of `lease/take` only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lease: Option<Lease>,
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::command::CommandReply;
+use super::lease::LeaseState;
 use super::machine::{ActiveAlarms, AlarmRecord, Birth, Presence};
 use super::output::{Cancel, HandlerPresence, HandshakeResult, OutputNotice, Pending};
 use super::question::Validate;
@@ -60,6 +61,7 @@ pub enum Payload {
     Spindle(Spindle),
     Tool(Tool),
     Override(Overrides),
+    Lease(LeaseState),
 }
 
 #[derive(Serialize)]
@@ -141,6 +143,7 @@ impl Payload {
                 CsTopic::Spindle => Payload::Spindle(from_slice(json)?),
                 CsTopic::Tool => Payload::Tool(from_slice(json)?),
                 CsTopic::Override => Payload::Override(from_slice(json)?),
+                CsTopic::Lease => Payload::Lease(from_slice(json)?),
             },
         })
     }

@@ -2,6 +2,7 @@
 
 pub mod command;
 pub mod data;
+pub mod lease;
 pub mod machine;
 pub mod message;
 pub mod output;

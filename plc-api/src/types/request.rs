@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::CoordinateSystemNumber;
 use super::command::{Command, CommandMeta, CommandReply, Verb};
 use super::data::{LastRun, ToolChange, ToolTable, VariableArea, WorkOffsetTable};
+use super::lease::LeaseRequest;
 use super::machine::AlarmRecord;
 use super::output::{Claim, HandlerPresence, HandshakeResult, ProgressReport, Redeliver, Reset};
 use super::program::{ProgramCheck, ProgramDiagnostic, ProgramInfo};
@@ -26,6 +27,15 @@ pub enum Request {
         meta: CommandMeta,
         /// True: answer when the effect has been reached; false: when accepted.
         wait: bool,
+    },
+    /// Takes, releases or breaks the control lease; answered by [`Answer::Command`].
+    Lease {
+        /// Of whom.
+        cs: CoordinateSystemNumber,
+        /// What.
+        request: LeaseRequest,
+        /// From whom.
+        meta: CommandMeta,
     },
     /// How far a command is; answered by [`Answer::Command`].
     CommandStatus(String),
@@ -107,6 +117,12 @@ pub enum Request {
     IntermediateCode(u16),
     /// Publishes the outputs again that nobody has claimed: a transport has reconnected, and notices may be lost.
     Republish,
+    /// Whether the runtime's server end for MQTT has its connection to the broker. True is taken for granted until it
+    /// says otherwise.
+    BusLink {
+        /// It has.
+        connected: bool,
+    },
     /// A server end refused something that an operator should know; raised as a warning. At most 500 characters.
     Warn(String),
     /// Alarms raised since the start, newest last, at most 1000; answered by [`Answer::Alarms`].
@@ -258,6 +274,10 @@ pub enum RefusalCode {
     ProgramRuns,
     /// A start lock or the interlock is on (409).
     StartLocked,
+    /// Another holds the control lease (409).
+    Busy,
+    /// The control lease under which it was sent has ended (409).
+    LeaseLost,
     /// The condition of the command does not hold (412).
     PreconditionFailed,
     /// The program has errors (422).

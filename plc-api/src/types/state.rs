@@ -62,6 +62,8 @@ pub enum Reason {
     SingleBlock,
     /// INTERRUPTED: the interlock input is on.
     Interlock,
+    /// `FEED_HOLD`: the connection to the MQTT broker was lost while the program waited for an output, or before.
+    BusLost,
     /// STOPPED: an alarm.
     Alarm,
     /// STOPPED: the stop command.

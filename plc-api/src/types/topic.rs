@@ -62,11 +62,13 @@ pub enum CsTopic {
     Tool,
     /// `override/state`
     Override,
+    /// `lease/state`
+    Lease,
 }
 
 impl CsTopic {
     /// Topics whose last value is kept and retained, with their paths.
-    pub const STATES: [(CsTopic, &'static str); 15] = [
+    pub const STATES: [(CsTopic, &'static str); 16] = [
         (CsTopic::State, "state"),
         (CsTopic::Program, "program"),
         (CsTopic::Position, "position"),
@@ -82,6 +84,7 @@ impl CsTopic {
         (CsTopic::Spindle, "spindle/state"),
         (CsTopic::Tool, "tool/state"),
         (CsTopic::Override, "override/state"),
+        (CsTopic::Lease, "lease/state"),
     ];
 
     fn path(self) -> String {

@@ -5,6 +5,8 @@
 //! It refuses what no broker of ours may hold: a command, claim or set with the retain flag, which would be carried
 //! out again at a later start.
 
+mod sessions;
+
 use std::collections::HashMap;
 use std::future::Future;
 use std::net::SocketAddr;
@@ -24,13 +26,15 @@ use subtle::ConstantTimeEq;
 use tokio::net::TcpListener;
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
+use tokio_util::task::AbortOnDropHandle;
 use tracing::warn;
 
 use crate::access::topics::{may_publish, may_say, may_subscribe};
-use crate::access::{Rate, Tokens, User, random_secret};
+use crate::access::{LiveTokens, Rate, User, random_secret};
 use crate::error::GatewayError;
 use crate::mqtt::inbound;
 use crate::settings::{MQTT_LISTEN, listen_error};
+use sessions::Sessions;
 
 /// Clients that may be connected; more are refused.
 const CLIENTS_MAX: usize = 256;
@@ -70,7 +74,7 @@ pub(crate) struct BrokerAccess {
     /// Client id of the runtime's own connection, which nobody else may use.
     pub(crate) runtime_client_id: String,
     /// Users; `None`: everyone.
-    pub(crate) tokens: Option<Arc<Tokens>>,
+    pub(crate) tokens: Option<LiveTokens>,
 }
 
 /// The embedded broker while it runs.
@@ -80,6 +84,8 @@ pub(crate) struct Broker {
     handle: Handle,
     secret: String,
     task: JoinHandle<()>,
+    // ends sessions of tokens that count no more
+    _watch: Option<AbortOnDropHandle<()>>,
 }
 
 struct Handle(BrokerShutdownHandle);
@@ -103,14 +109,18 @@ impl Broker {
             secret: secret.clone(),
             refused,
             rates: Mutex::default(),
-            owners: Mutex::default(),
+            sessions: Sessions::default(),
         });
         let broker = match MqttBroker::with_config(config(address, Arc::clone(&guard))).await {
             Ok(broker) => broker,
             Err(error) => return Err(why_not(address, &error).await),
         };
-        let mut broker = broker.with_auth_provider(guard);
         let addr = broker.local_addr().unwrap_or(address);
+        let watch = guard.access.tokens.clone().map(|tokens| {
+            let watch = Arc::clone(&guard).end_revoked(addr, tokens);
+            AbortOnDropHandle::new(tokio::spawn(watch))
+        });
+        let mut broker = broker.with_auth_provider(guard);
         let handle = Handle(broker.shutdown_handle());
         let mut ready = broker.ready_receiver();
         let task = tokio::spawn(async move {
@@ -125,6 +135,7 @@ impl Broker {
             handle,
             secret,
             task,
+            _watch: watch,
         })
     }
 
@@ -212,8 +223,7 @@ struct Guard {
     refused: mpsc::Sender<Refused>,
     // by client id; at most as many as may be connected
     rates: Mutex<HashMap<Arc<str>, Arc<Rate>>>,
-    // user by client id while it is connected
-    owners: Mutex<HashMap<Arc<str>, Option<Arc<str>>>>,
+    sessions: Sessions,
 }
 
 /// Who speaks on a connection.
@@ -228,30 +238,36 @@ impl Guard {
         match (user_id, &self.access.tokens) {
             (Some(RUNTIME_USER), _) => Some(Speaker::Runtime),
             (_, None) => Some(Speaker::User(User::anyone())),
-            (Some(name), Some(tokens)) => tokens.role_of(name).map(|role| {
-                Speaker::User(User {
-                    name: Some(name.to_owned()),
-                    role,
-                })
-            }),
+            (Some(name), Some(tokens)) => tokens.now().user_named(name).map(Speaker::User),
             (None, Some(_)) => None,
         }
     }
 
+    /// Ends the sessions of tokens that count no more, whenever there are other tokens.
+    async fn end_revoked(self: Arc<Self>, broker: SocketAddr, mut tokens: LiveTokens) {
+        let credentials = (RUNTIME_USER.to_owned(), self.secret.clone());
+        let broker = SocketAddr::new(crate::mqtt::reachable(broker.ip()), broker.port());
+        loop {
+            tokens.changed().await;
+            for (client_id, session) in self.sessions.revoked(&tokens.now()) {
+                sessions::end(broker, &credentials, &client_id, session).await;
+            }
+        }
+    }
+
     /// The user id of a connection that may come in.
-    fn let_in(&self, connect: &ConnectPacket) -> Result<Option<String>, (ReasonCode, String)> {
+    fn let_in(
+        &self,
+        connect: &ConnectPacket,
+        address: SocketAddr,
+    ) -> Result<Option<String>, (ReasonCode, String)> {
         let password = connect.password.as_deref().unwrap_or_default();
         let name = connect.username.as_deref();
         if name == Some(RUNTIME_USER) {
-            let right = bool::from(password.ct_eq(self.secret.as_bytes()));
-            let wrong = (
-                ReasonCode::BadUsernameOrPassword,
-                "that user is the runtime's own".to_owned(),
-            );
-            return if right {
+            return if bool::from(password.ct_eq(self.secret.as_bytes())) {
                 Ok(name.map(ToOwned::to_owned))
             } else {
-                Err(wrong)
+                Err(self.wrong(address, "that user is the runtime's own"))
             };
         }
         if connect.client_id == self.access.runtime_client_id {
@@ -260,18 +276,17 @@ impl Guard {
         }
         let user = match &self.access.tokens {
             None => None,
-            Some(tokens) => match tokens.user_of(password).and_then(|user| user.name) {
-                Some(user) if name == Some(&user) => Some(user),
+            Some(tokens) => match tokens.now().user_of(password) {
+                Some(user) if user.name.as_deref() == name => Some(user),
                 _ => {
-                    let text = "user and password are not name and token of a [[token]]".to_owned();
-                    return Err((ReasonCode::BadUsernameOrPassword, text));
+                    let text = "user and password are not name and token of a [[token]]";
+                    return Err(self.wrong(address, text));
                 }
             },
         };
-        let owners = self.owners.lock().unwrap_or_else(PoisonError::into_inner);
-        let owner = owners.get(connect.client_id.as_str()).cloned();
-        drop(owners);
-        if owner.is_some_and(|owner| owner.as_deref() != user.as_deref()) {
+        let session = self.sessions.of(&connect.client_id);
+        let name_of = |user: Option<User>| user.and_then(|user| user.name);
+        if session.is_some_and(|session| name_of(session.user) != name_of(user.clone())) {
             // a second connection of one client id ends the first
             let text = "its client id is in use by another user".to_owned();
             return Err((ReasonCode::ClientIdentifierNotValid, text));
@@ -284,11 +299,24 @@ impl Guard {
                 );
                 Err((ReasonCode::NotAuthorized, text))
             }
-            Some(will) if !self.may_publish(user.as_deref(), &will.topic) => {
+            Some(will) if !self.may_publish(name_of(user.clone()).as_deref(), &will.topic) => {
                 let text = format!("it may not publish its will on {}", will.topic);
                 Err((ReasonCode::NotAuthorized, text))
             }
-            _ => Ok(user),
+            _ => Ok(user.and_then(|user| {
+                let name = user.name.clone();
+                self.sessions.admit(&connect.client_id, user);
+                name
+            })),
+        }
+    }
+
+    /// The refusal of a wrong password; beyond the rate of its address another one.
+    fn wrong(&self, address: SocketAddr, text: &str) -> (ReasonCode, String) {
+        if self.sessions.count_wrong(address.ip()) {
+            (ReasonCode::BadUsernameOrPassword, text.to_owned())
+        } else {
+            (ReasonCode::ConnectionRateExceeded, String::new())
         }
     }
 
@@ -356,9 +384,12 @@ impl BrokerEventHandler for Guard {
     }
 
     fn on_client_connect(&self, event: ClientConnectEvent) -> Answer<'_, ()> {
-        let mut owners = self.owners.lock().unwrap_or_else(PoisonError::into_inner);
-        owners.insert(event.client_id, event.user_id);
-        drop(owners);
+        let name = event.user_id.clone();
+        self.sessions
+            .connect(event, || match self.speaker(name.as_deref()) {
+                Some(Speaker::User(user)) => Some(user),
+                Some(Speaker::Runtime) | None => None,
+            });
         Box::pin(std::future::ready(()))
     }
 
@@ -366,9 +397,7 @@ impl BrokerEventHandler for Guard {
         let mut rates = self.rates.lock().unwrap_or_else(PoisonError::into_inner);
         rates.remove(&event.client_id);
         drop(rates);
-        let mut owners = self.owners.lock().unwrap_or_else(PoisonError::into_inner);
-        owners.remove(&event.client_id);
-        drop(owners);
+        self.sessions.disconnect(&event.client_id);
         Box::pin(std::future::ready(()))
     }
 }
@@ -379,9 +408,11 @@ impl AuthProvider for Guard {
         connect: &'a ConnectPacket,
         address: SocketAddr,
     ) -> Answer<'a, mqtt5::Result<AuthResult>> {
-        let result = match self.let_in(connect) {
+        let result = match self.let_in(connect, address) {
             Ok(Some(user)) => AuthResult::success_with_user(user),
             Ok(None) => AuthResult::success(),
+            // beyond the rate nothing is logged, so that nobody fills the log
+            Err((code @ ReasonCode::ConnectionRateExceeded, _)) => AuthResult::fail(code),
             Err((code, text)) => {
                 warn!(
                     "MQTT client {:.64} at {address} refused: {text}",

@@ -33,6 +33,7 @@ use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
+use access::LiveTokens;
 use access::http::Access;
 use broker::{Broker, BrokerAccess, Refused};
 use mqtt::{BrokerAddress, MqttEnd};
@@ -86,14 +87,15 @@ impl Gateway {
         };
         let root = settings.mqtt.root(&settings.machine);
         let (refused_sender, refused) = mpsc::channel(mqtt::REFUSED_MAX);
-        let broker = embedded_broker(&settings, refused_sender).await?;
+        let tokens = settings.tokens.clone().map(LiveTokens::follow);
+        let broker = embedded_broker(&settings, tokens.clone(), refused_sender).await?;
         let at = BrokerAddress::new(&settings.mqtt, broker.as_ref(), transport);
         let position_interval = Duration::from_millis(settings.position_interval_ms);
         let stop = CancellationToken::new();
         let shared = Arc::new(Shared::new(
             Arc::clone(&port),
             http_addr,
-            Access::new(settings.tokens),
+            Access::new(tokens),
             position_interval,
             stop.clone(),
         ));
@@ -156,6 +158,7 @@ impl Gateway {
 /// The embedded broker, where the settings name one.
 async fn embedded_broker(
     settings: &GatewaySettings,
+    tokens: Option<LiveTokens>,
     refused: mpsc::Sender<Refused>,
 ) -> Result<Option<Broker>, GatewayError> {
     let Some(listen) = &settings.mqtt.embedded_listen else {
@@ -165,7 +168,7 @@ async fn embedded_broker(
     let access = BrokerAccess {
         root: settings.mqtt.root(&settings.machine),
         runtime_client_id: mqtt::client_id(&settings.mqtt, &settings.machine),
-        tokens: settings.tokens.clone(),
+        tokens,
     };
     Broker::start(address, access, refused).await.map(Some)
 }

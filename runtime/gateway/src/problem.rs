@@ -115,7 +115,11 @@ fn code_of_word(word: &str) -> Option<RefusalCode> {
 fn status_of(code: RefusalCode) -> StatusCode {
     match code {
         RefusalCode::NotFound => StatusCode::NOT_FOUND,
-        RefusalCode::NotAllowed | RefusalCode::ProgramRuns | RefusalCode::StartLocked => StatusCode::CONFLICT,
+        RefusalCode::NotAllowed
+        | RefusalCode::ProgramRuns
+        | RefusalCode::StartLocked
+        | RefusalCode::Busy
+        | RefusalCode::LeaseLost => StatusCode::CONFLICT,
         RefusalCode::PreconditionFailed | RefusalCode::Expired => StatusCode::PRECONDITION_FAILED,
         RefusalCode::ProgramHasErrors => StatusCode::UNPROCESSABLE_ENTITY,
         RefusalCode::Invalid | RefusalCode::Retained => StatusCode::BAD_REQUEST,
@@ -153,6 +157,8 @@ mod tests {
             (RefusalCode::NotAllowed, 409),
             (RefusalCode::ProgramRuns, 409),
             (RefusalCode::StartLocked, 409),
+            (RefusalCode::Busy, 409),
+            (RefusalCode::LeaseLost, 409),
             (RefusalCode::PreconditionFailed, 412),
             (RefusalCode::ProgramHasErrors, 422),
             (RefusalCode::Invalid, 400),

@@ -158,9 +158,11 @@ impl Client {
     }
 
     async fn run(mut self, mut socket: WebSocket) {
+        let (shared, user) = (Arc::clone(&self.shared), self.user.clone());
         let close = tokio::select! {
-            () = self.shared.stop.clone().cancelled_owned() => true,
-            result = self.serve(&mut socket) => result.is_ok(),
+            () = shared.stop.cancelled() => Some((close_code::AWAY, "the runtime stops")),
+            () = revoked(&shared, &user) => Some((close_code::POLICY, "the token counts no more")),
+            result = self.serve(&mut socket) => result.ok().map(|()| (close_code::AWAY, "the runtime stops")),
         };
         for id in std::mem::take(&mut self.handlers) {
             let gone = HandlerPresence {
@@ -171,10 +173,10 @@ impl Client {
             // The runtime that stops tells it to nobody.
             let _ = self.shared.port.request(Request::Handler(id, gone)).await;
         }
-        if close {
+        if let Some((code, reason)) = close {
             let frame = Frame::Close(Some(CloseFrame {
-                code: close_code::AWAY,
-                reason: Utf8Bytes::from_static("the runtime stops"),
+                code,
+                reason: Utf8Bytes::from_static(reason),
             }));
             let _ = send(&mut socket, frame).await;
         }
@@ -347,6 +349,16 @@ impl Client {
 
     fn not_allowed(&self, path: &str) -> String {
         format!("role {} may not say {path} here", self.user.role.word())
+    }
+}
+
+/// Waits until the token of a user counts no more.
+async fn revoked(shared: &Shared, user: &User) {
+    let Some(mut tokens) = shared.access.tokens() else {
+        return std::future::pending().await;
+    };
+    while tokens.now().has(user) {
+        tokens.changed().await;
     }
 }
 

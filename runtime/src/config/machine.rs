@@ -27,6 +27,8 @@ pub struct Machine {
     pub m_codes: BTreeMap<u16, MCodeSettings>,
     /// What happens to an output of an M code without settings that no handler is registered for.
     pub unhandled: Unhandled,
+    /// A program that waits for an output is held while the connection to the MQTT broker is lost.
+    pub hold_on_bus_loss: bool,
 }
 
 /// A coordinate system as configured.

@@ -12,6 +12,9 @@ use tandem_model::settings::{MotorSettings, Tool};
 use super::machine::{CoordinateSystem, MCodeSettings, Machine, ProgramSource, Unhandled};
 use super::{Config, ConfigError, CoordinateSystemConfig, ToolConfig};
 
+/// `[mqtt] on_bus_loss` that is not the default.
+const HOLD_AT_WAIT: &str = "hold_at_wait";
+
 impl Config {
     /// The machine of this configuration.
     ///
@@ -35,6 +38,7 @@ impl Config {
             tools: self.tools(),
             m_codes,
             unhandled: Unhandled::Alarm,
+            hold_on_bus_loss: self.mqtt.on_bus_loss == HOLD_AT_WAIT,
         })
     }
 
@@ -83,8 +87,11 @@ impl Config {
         if mqtt.client_cert_file.is_some() != mqtt.client_key_file.is_some() {
             problems.push("[mqtt] client_cert_file and client_key_file need each other".into());
         }
-        if mqtt.on_bus_loss != "continue" {
-            problems.push("[mqtt] on_bus_loss: only \"continue\" is supported yet".into());
+        if !["continue", HOLD_AT_WAIT].contains(&mqtt.on_bus_loss.as_str()) {
+            problems.push(format!(
+                "[mqtt] on_bus_loss = \"{}\": write \"continue\" or \"{HOLD_AT_WAIT}\"",
+                mqtt.on_bus_loss
+            ));
         }
         if !self
             .tool
@@ -305,6 +312,22 @@ mod tests {
             ..MotionOptions::default()
         };
         assert_eq!(options(all), expected);
+    }
+
+    #[test]
+    fn what_the_loss_of_the_broker_does_is_configured() {
+        let resolved = |value: &str| {
+            let mut config = Config::demo();
+            config.mqtt.on_bus_loss = value.to_owned();
+            config.resolve().map(|machine| machine.hold_on_bus_loss)
+        };
+        assert!(!resolved("continue").unwrap());
+        assert!(resolved("hold_at_wait").unwrap());
+        let error = resolved("stop").unwrap_err().to_string();
+        assert!(
+            error.contains("on_bus_loss = \"stop\"") && error.contains("hold_at_wait"),
+            "{error}"
+        );
     }
 
     #[test]

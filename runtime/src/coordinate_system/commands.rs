@@ -107,7 +107,7 @@ impl CoordinateSystem {
             reply,
         } = command;
         let verb = command.verb();
-        if self.refresh_jog(&command) {
+        if self.judge_lease(verb, &meta).is_ok() && self.refresh_jog(&command) {
             let done = self.say(&meta, CommandStatus::Done, "ok", "");
             let _ = reply.send(Ok(Answer::Command(done)));
             return;
@@ -150,6 +150,7 @@ impl CoordinateSystem {
                 return failed(format!("the state has changed since; its rev is {rev} now"));
             }
         }
+        self.judge_lease(verb, meta)?;
         self.situation().judge(verb)?;
         if matches!(
             verb,
@@ -167,7 +168,7 @@ impl CoordinateSystem {
         Ok(())
     }
 
-    fn situation(&self) -> Situation {
+    pub(super) fn situation(&self) -> Situation {
         Situation {
             execution: self.execution().0,
             program_loaded: self.program.is_some(),
@@ -342,16 +343,27 @@ impl CoordinateSystem {
     }
 
     fn say(&self, meta: &CommandMeta, status: CommandStatus, code: &str, text: &str) -> CommandReply {
-        let reply = CommandReply {
+        let reply = self.reply_to(meta, status, code, text);
+        self.shared.reply(&meta.client_id, reply.clone());
+        reply
+    }
+
+    pub(super) fn reply_to(
+        &self,
+        meta: &CommandMeta,
+        status: CommandStatus,
+        code: &str,
+        text: &str,
+    ) -> CommandReply {
+        CommandReply {
             command_id: meta.command_id.clone(),
             status,
             code: code.to_owned(),
             text: text.to_owned(),
             state_rev: self.state_rev(),
             variables: None,
-        };
-        self.shared.reply(&meta.client_id, reply.clone());
-        reply
+            lease: None,
+        }
     }
 
     /// Tells those commands whose effect has been reached.

@@ -1,4 +1,4 @@
-//! What interrupts a run and lets it go on: feed hold, the interlock, single block.
+//! What interrupts a run and lets it go on: feed hold, the interlock, single block, a lost broker (`bus`).
 //!
 //! Single block ends each block with its own stop. Blocks that were planned ahead when it is switched on keep their
 //! path: each is passed and held at its end point where it stops there, else right behind its joint, on the path.
@@ -29,6 +29,8 @@ pub(super) enum Cause {
     Operator,
     SingleBlock,
     Interlock,
+    /// The connection to the MQTT broker is lost.
+    BusLoss,
 }
 
 impl Cause {
@@ -37,6 +39,7 @@ impl Cause {
         match self {
             Cause::Operator => (Execution::FeedHold, None),
             Cause::SingleBlock => (Execution::Interrupted, Some(Reason::SingleBlock)),
+            Cause::BusLoss => (Execution::FeedHold, Some(Reason::BusLost)),
             Cause::Interlock => (Execution::Interrupted, Some(Reason::Interlock)),
         }
     }

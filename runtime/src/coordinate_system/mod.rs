@@ -4,10 +4,12 @@
 //! outputs and resets (`outputs`), carries out commands one after another (`commands`) and publishes what changed
 //! (`publish`). The servo answers by events only; nothing calls back into a stage.
 
+mod bus;
 mod commands;
 mod execution;
 mod holding;
 mod jog;
+mod lease;
 mod manual;
 mod outputs;
 mod pipeline;
@@ -36,8 +38,10 @@ use crate::config::CoordinateSystem as Configured;
 use crate::journal::Entry;
 use crate::program_store::StoredProgram;
 use crate::shared::Shared;
+use bus::Bus;
 use commands::{Awaiting, Deferred};
 use holding::{Held, Steps};
+use lease::ControlLease;
 use manual::Kind;
 use outputs::StockWork;
 use pipeline::Pipeline;
@@ -99,6 +103,8 @@ pub(crate) struct CoordinateSystem {
     /// A load whose parameters are being checked by handlers.
     validation: Option<Validation>,
     validations: u64,
+    lease: ControlLease,
+    bus: Bus,
 }
 
 /// A run of the loaded program, of manual data input, or of a motion by hand.
@@ -177,6 +183,8 @@ impl CoordinateSystem {
             last_command_id: None,
             validation: None,
             validations: 0,
+            lease: ControlLease::new(number, shared.now()),
+            bus: Bus::default(),
             shared,
             configured,
         }
@@ -225,11 +233,13 @@ impl CoordinateSystem {
         let now = self.shared.now();
         self.ledger.expire(now);
         self.expire_jog(now.monotonic_s);
+        self.expire_lease(now.monotonic_s);
         self.do_stock_work(now);
         self.carry_out_effects();
         self.expire_validation();
         self.carry_out_deferred();
         let busy = self.prepare();
+        self.hold_without_bus();
         self.publish_changes();
         busy
     }
@@ -247,6 +257,7 @@ impl CoordinateSystem {
             .chain(retry)
             .chain(self.jog_until_s())
             .chain(self.validation_deadline_s())
+            .chain(self.lease.until_s())
             .min_by(f64::total_cmp)
     }
 
@@ -378,6 +389,7 @@ impl CoordinateSystem {
                 });
                 return;
             }
+            Request::Lease { request, meta, .. } => self.ask_lease(&request, &meta),
             Request::Claim(_, m, claim) => Ok(Answer::Handshake(self.claim(m, &claim))),
             Request::Reset(_, m, reset) => Ok(Answer::Handshake(self.reset_output(m, &reset))),
             Request::Progress(_, m, report) => {
@@ -400,6 +412,10 @@ impl CoordinateSystem {
             }
             Request::Republish => {
                 self.ledger.republish(now, |_| true);
+                Ok(Answer::Done)
+            }
+            Request::BusLink { .. } => {
+                self.look_at_bus();
                 Ok(Answer::Done)
             }
             Request::Input(_, input) => self.set_input(input).map(|()| Answer::Done),

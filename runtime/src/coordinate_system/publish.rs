@@ -39,7 +39,7 @@ impl CoordinateSystem {
     }
 
     /// The output whose reset the program needs before anything else happens.
-    fn waited_for(&self) -> Option<u64> {
+    pub(super) fn waited_for(&self) -> Option<u64> {
         let run = self.run.as_ref()?;
         let at_rest = self.servo.finished_segment >= self.pipeline.last_segment();
         let first_open = || self.ledger.open().first().map(|open| open.notice.seq);
@@ -122,6 +122,7 @@ impl CoordinateSystem {
         self.publish_inputs();
         self.publish_spindle();
         self.publish_tool();
+        self.publish_lease();
         self.shared.publish(
             self.topic(CsTopic::Pending),
             Payload::Pending(self.ledger.pending()),

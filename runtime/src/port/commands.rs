@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::command::{Command, CommandMeta, CommandReply, CommandStatus, Verb};
+use plc_api::types::lease::LeaseRequest;
 use plc_api::types::message::Payload;
 use plc_api::types::request::{Answer, Refusal, RefusalCode, Request};
 use plc_api::types::topic::Topic;
@@ -48,6 +49,21 @@ impl RuntimePort {
             },
         )
         .await
+    }
+
+    pub(super) async fn lease(
+        &self,
+        cs: CoordinateSystemNumber,
+        request: LeaseRequest,
+        meta: CommandMeta,
+    ) -> Result<Answer, Refusal> {
+        check_ids(&meta)?;
+        if let Some(reply) = self.replied_again(&meta) {
+            return Ok(Answer::Command(reply));
+        }
+        let handle = self.handle(cs).map_err(|refusal| self.reject(&meta, refusal))?;
+        let request = Request::Lease { cs, request, meta };
+        self.ask(&handle.requests, request).await
     }
 
     /// The reply to a command that came before; published again, since who asks again has not heard it.
@@ -97,6 +113,7 @@ impl RuntimePort {
             text: refusal.text.clone(),
             state_rev: 0,
             variables: None,
+            lease: None,
         };
         self.shared.reply(&meta.client_id, reply);
         refusal

@@ -135,6 +135,7 @@ impl RuntimePort {
             text: String::new(),
             state_rev: state.and_then(|state| state.rev).unwrap_or(0),
             variables,
+            lease: None,
         }
     }
 }

@@ -10,7 +10,7 @@ use crate::support::binary::tandem;
 use crate::support::http::{Answer, request_as};
 use crate::support::machine::Machine;
 use crate::support::served::{FREE_PORTS, Served};
-use crate::support::wait::within;
+use crate::support::wait::{until, within};
 
 fn run(machine: &Machine, arguments: &[&str]) -> Output {
     let mut command = Command::new(tandem());
@@ -113,6 +113,92 @@ async fn users_start_handlers_reset_viewers_look_and_no_token_stands_in_a_log() 
             served.process.output
         );
     }
+}
+
+/// Takes the entry of a name out of `tokens.toml`.
+fn take_out(machine: &Machine, name: &str) {
+    let path = machine.path("tokens.toml");
+    let text = std::fs::read_to_string(&path).expect("a token file");
+    let its_name = format!("name = \"{name}\"");
+    let kept: Vec<_> = text
+        .split("[[token]]")
+        .filter(|entry| !entry.contains(&its_name))
+        .collect();
+    std::fs::write(&path, kept.join("[[token]]")).expect("it is written");
+}
+
+fn user(name: &str, token: &str) -> MqttOptions {
+    MqttOptions {
+        username: Some(name.to_owned()),
+        password: Some(token.to_owned()),
+        ..MqttOptions::default()
+    }
+}
+
+/// Opens a WebSocket; what is given waits until it is closed, and tells with which words.
+async fn closed_websocket(address: &str, token: &str) -> impl Future<Output = String> + use<> {
+    use futures_util::StreamExt as _;
+    use tokio_tungstenite::tungstenite::{Message, client::IntoClientRequest as _};
+    let url = format!("ws://{address}/api/v1/ws");
+    let mut request = url.into_client_request().expect("an address");
+    let bearer = format!("Bearer {token}").parse().expect("a header");
+    request.headers_mut().insert("authorization", bearer);
+    let opened = tokio_tungstenite::connect_async(request).await;
+    let (mut socket, _) = opened.expect("a WebSocket");
+    async move {
+        while let Some(Ok(message)) = socket.next().await {
+            if let Message::Close(Some(frame)) = message {
+                return frame.reason.to_string();
+            }
+        }
+        String::new()
+    }
+}
+
+#[tokio::test]
+async fn a_token_that_is_taken_out_of_the_file_ends_its_sessions_and_a_new_one_counts_at_once() {
+    let machine = machine();
+    let admin = token(&machine, "chief", "admin");
+    let lent = token(&machine, "lent", "operate");
+    let handler = token(&machine, "magazine", "handler");
+    let served = Served::start(&machine);
+    let address = served.http.replace("0.0.0.0", "127.0.0.1");
+    let get = async |path: &str, token: &str| {
+        let path = format!("/api/v1{path}");
+        request_as(&address, "GET", &path, "", "", Some(token)).await
+    };
+    let closed = closed_websocket(&address, &lent).await;
+    let url = served.mqtt_url().replace("0.0.0.0", "127.0.0.1");
+    let plc = within("connect", Plc::connect_with(&url, user("magazine", &handler)))
+        .await
+        .expect("let in");
+    let reset = |_: AuxOutput| async { Ok::<(), Alarm>(()) };
+    let handlers = tokio::spawn(async move { SequenceProgram::new().on(100, reset).run(&plc).await });
+    let online = async || {
+        let handlers = get("/handlers", &admin).await.expect(200).json();
+        handlers["handlers"]["magazine"]["online"] == true
+    };
+    until("the handler is there", async || online().await.then_some(())).await;
+
+    take_out(&machine, "lent");
+    take_out(&machine, "magazine");
+    assert_eq!(
+        within("the WebSocket is closed", closed).await,
+        "the token counts no more"
+    );
+    get("/programs", &lent).await.expect(401);
+    until("the handler is gone", async || (!online().await).then_some(())).await;
+    let again = Plc::connect_with(&url, user("magazine", &handler));
+    assert!(within("connect", again).await.is_err());
+    handlers.abort();
+
+    // those who stay have noticed nothing, and a new one needs no restart
+    let new = token(&machine, "new", "view");
+    until("the new token counts", async || {
+        (get("/programs", &new).await.status == 200).then_some(())
+    })
+    .await;
+    get("/programs", &admin).await.expect(200);
 }
 
 #[test]

@@ -6,8 +6,9 @@ use plc_api::{Alarm, AuxOutput, SequenceProgram};
 use serde_json::json;
 use tokio::sync::Notify;
 
-use super::{Reached, over, over_mosquitto};
+use super::{Reached, broker_at, connect, machine, over, over_mosquitto};
 use crate::support::broker::Mosquitto;
+use crate::support::served::Served;
 use crate::support::wait::until;
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -111,5 +112,37 @@ async fn an_output_made_without_a_broker_is_there_when_it_is_back() {
     assert_eq!(pending["outputs"][0]["params"], json!({"A": 3.0}));
     let reset = json!({"boot_id": state["boot_id"], "seq": seq, "handler_id": "late", "result": "ok"});
     bus.publish("cs/1/m_code/100/reset", &reset).await;
+    served.execution(1, "PROGRAM_COMPLETED").await;
+}
+
+#[tokio::test]
+async fn a_program_that_waits_is_held_when_the_broker_is_lost_and_goes_on_when_it_is_back() {
+    let mut broker = Mosquitto::start();
+    let hold = format!("{}on_bus_loss = \"hold_at_wait\"\n", broker_at(&broker.address()));
+    let machine = machine(&hold);
+    let served = Served::start(&machine);
+    connect(&served.mqtt_url()).await;
+    served.load(1, 60, "G00 X5\nM100 VA3\nG00 X9\nM30\n").await;
+    served.command(1, "start").await;
+    served.execution(1, "WAIT").await;
+    broker.kill();
+    let held = served.execution(1, "FEED_HOLD").await;
+    assert_eq!(
+        (&held["reason"], &held["waiting_on"]["m"]),
+        (&json!("BUS_LOST"), &json!(100))
+    );
+    served.reset_output(1, "operator", false).await.expect(200);
+    broker.start_again();
+    let bus = crate::support::mqtt::Bus::connect(&broker.address(), "test-1").await;
+    let told = bus
+        .history
+        .find("cs/1/state", |state| state["reason"] == "BUS_LOST")
+        .await;
+    assert_eq!(told["waiting_on"], json!(null), "the reset is latched");
+    bus.publish(
+        "cs/1/command/resume",
+        &json!({"command_id": "r", "client_id": "hmi"}),
+    )
+    .await;
     served.execution(1, "PROGRAM_COMPLETED").await;
 }

@@ -7,6 +7,7 @@ use crate::plc::unique_name;
 use crate::types::CoordinateSystemNumber;
 use crate::types::command::{Command, CommandMeta};
 use crate::types::data::{Number, VariableArea};
+use crate::types::lease::LeaseRequest;
 use crate::types::request::{Input, Refusal, RefusalCode, Request};
 
 /// A message to be sent, and how its end is known.
@@ -88,6 +89,7 @@ pub(super) fn outgoing(
             meta,
             wait,
         } => command_message(cs, &command, &meta, wait, client_id),
+        Request::Lease { cs, request, meta } => lease_message(cs, &request, meta, client_id),
         Request::Input(cs, input) => input_message(cs, &input),
         Request::Spindle(cs, command) => set(format!("cs/{cs}/spindle"), &command),
         Request::Tool(cs, id) => set(format!("cs/{cs}/tool"), &json!({ "id": id })),
@@ -162,6 +164,27 @@ fn command_message(
         done: wait,
     };
     message(path, &payload, until)
+}
+
+fn lease_message(
+    cs: CoordinateSystemNumber,
+    request: &LeaseRequest,
+    meta: CommandMeta,
+    client_id: &str,
+) -> Result<Outgoing, Refusal> {
+    let (what, mut payload) = match request {
+        LeaseRequest::Take(take) => ("take", json!(take)),
+        LeaseRequest::Release(release) => ("release", json!(release)),
+        LeaseRequest::Break => ("break", json!({})),
+    };
+    payload["command_id"] = json!(meta.command_id);
+    // replies come to this connection's client id, whoever asked
+    payload["client_id"] = json!(client_id);
+    let until = Until::Reply {
+        command_id: meta.command_id,
+        done: true,
+    };
+    message(format!("cs/{cs}/lease/{what}"), &payload, until)
 }
 
 /// P variables are the same on the topic of each coordinate system.

@@ -10,11 +10,15 @@ use tokio_tungstenite::tungstenite::http::Method;
 use crate::types::CoordinateSystemNumber;
 use crate::types::command::{Command, CommandMeta, CommandReply, CommandStatus, Verb};
 use crate::types::data::{LastRun, Number, VariableArea, VariableValues};
+use crate::types::lease::{LeaseRelease, LeaseRequest};
 use crate::types::machine::AlarmRecord;
 use crate::types::output::{HandlerPresence, HandshakeResult, HandshakeStatus};
 use crate::types::program::{ProgramCheck, ProgramDiagnostic, ProgramInfo};
 use crate::types::request::{Answer, Input, Refusal, RefusalCode, Request};
 use crate::types::state::Execution;
+
+/// Header with the number of the control lease under which a command is sent.
+const LEASE_FENCE: &str = "lease-fence";
 
 /// A request as it goes over HTTP, and how its answer is read.
 #[derive(Debug, Clone)]
@@ -63,6 +67,7 @@ impl Exchange {
                 meta,
                 wait,
             } => Self::command(cs, &command, meta, wait),
+            Request::Lease { cs, request, meta } => Self::lease(cs, &request, meta),
             Request::CommandStatus(id) => Self::get(format!("/commands/{}", encoded(&id)), Kind::Command),
             Request::Claim(cs, _, claim) => {
                 Self::handshake(cs, claim.seq, &claim.handler_id, "claim", &claim)
@@ -93,10 +98,7 @@ impl Exchange {
             ),
             Request::WriteVariables {
                 area, from, values, ..
-            } => {
-                let values: Vec<Number> = values.into_iter().map(Number).collect();
-                Self::put(variables(area, from), &json!({ "values": values }))
-            }
+            } => Self::write_variables(area, from, values),
             Request::Tools => Self::get("/tools".to_owned(), Kind::Tools),
             Request::WriteTools(change) => Self::put("/tools".to_owned(), &json!(change)),
             Request::WorkOffsets(cs) => Self::get(format!("/cs/{cs}/work_offsets"), Kind::WorkOffsets),
@@ -161,6 +163,11 @@ impl Exchange {
         Self::with_body(Method::PUT, path, body)
     }
 
+    fn write_variables(area: VariableArea, from: u32, values: Vec<f64>) -> Self {
+        let values: Vec<Number> = values.into_iter().map(Number).collect();
+        Self::put(variables(area, from), &json!({ "values": values }))
+    }
+
     fn write_program(number: u16, text: String) -> Self {
         Self {
             headers: vec![("content-type", "text/plain; charset=utf-8".to_owned())],
@@ -204,6 +211,25 @@ impl Exchange {
         if let Some(rev) = meta.expect.and_then(|expect| expect.state_rev) {
             exchange.headers.push(("if-match", format!("\"{rev}\"")));
         }
+        if let Some(fence) = meta.fence {
+            exchange.headers.push((LEASE_FENCE, fence.to_string()));
+        }
+        exchange
+    }
+
+    fn lease(cs: CoordinateSystemNumber, request: &LeaseRequest, meta: CommandMeta) -> Self {
+        let path = format!("/cs/{cs}/lease");
+        let mut exchange = match request {
+            LeaseRequest::Take(take) => Self::post(path, &json!(take)),
+            LeaseRequest::Release(LeaseRelease { fence }) => {
+                let mut release = Self::new(Method::DELETE, path, Kind::Command);
+                release.headers.push((LEASE_FENCE, fence.to_string()));
+                release
+            }
+            LeaseRequest::Break => Self::post(path + "/break", &json!({})),
+        };
+        exchange.kind = Kind::Command;
+        exchange.headers.push(("idempotency-key", meta.command_id));
         exchange
     }
 
@@ -338,6 +364,7 @@ fn command_reply(status: u16, body: &str) -> Result<CommandReply, Refusal> {
         text: String::new(),
         state_rev: 0,
         variables: None,
+        lease: None,
     })
 }
 

@@ -4,7 +4,7 @@
 //! one of the sub-protocols, `bearer.TOKEN`, beside `tandem.v1`, which the server chooses.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use axum::extract::{MatchedPath, Request, State};
@@ -12,7 +12,7 @@ use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
-use super::{Rate, Tokens, User};
+use super::{LiveTokens, Rate, Tokens, User};
 use crate::contract::routes::{Found, find};
 use crate::problem::Problem;
 use crate::rest::API;
@@ -35,18 +35,17 @@ const WRONG_PER_SECOND: u32 = 10;
 /// Who may use the server.
 #[derive(Debug)]
 pub(crate) struct Access {
-    tokens: Option<Arc<Tokens>>,
-    rates: BTreeMap<String, Rate>,
+    tokens: Option<LiveTokens>,
+    // by the name of a user
+    rates: Mutex<BTreeMap<String, Arc<Rate>>>,
     wrong: Rate,
 }
 
 impl Access {
     /// Without tokens everyone who reaches the server is `admin`.
-    pub(crate) fn new(tokens: Option<Arc<Tokens>>) -> Self {
-        let users = tokens.iter().flat_map(|tokens| tokens.users());
-        let rates = users.map(|(name, _)| (name.to_owned(), Rate::new(USER_BURST, USER_PER_SECOND)));
+    pub(crate) fn new(tokens: Option<LiveTokens>) -> Self {
         Self {
-            rates: rates.collect(),
+            rates: Mutex::default(),
             tokens,
             wrong: Rate::new(WRONG_BURST, WRONG_PER_SECOND),
         }
@@ -57,6 +56,7 @@ impl Access {
         let Some(tokens) = &self.tokens else {
             return Ok(User::anyone());
         };
+        let tokens = tokens.now();
         let Some(user) = token(headers).and_then(|token| tokens.user_of(token)) else {
             return Err(match self.wrong.take() {
                 Ok(()) => Problem::new(
@@ -67,15 +67,27 @@ impl Access {
                 Err(wait) => too_many(wait),
             });
         };
-        match user
-            .name
-            .as_ref()
-            .and_then(|name| self.rates.get(name))
-            .map(Rate::take)
-        {
+        match user.name.as_ref().map(|name| self.rate_of(name, &tokens).take()) {
             Some(Err(wait)) => Err(too_many(wait)),
             Some(Ok(())) | None => Ok(user),
         }
+    }
+
+    /// The tokens of now; `None` where none are asked for.
+    pub(crate) fn tokens(&self) -> Option<LiveTokens> {
+        self.tokens.clone()
+    }
+
+    fn rate_of(&self, name: &str, tokens: &Tokens) -> Arc<Rate> {
+        let mut rates = self.rates.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(rate) = rates.get(name) {
+            return Arc::clone(rate);
+        }
+        // users of an earlier list go when a new one comes
+        rates.retain(|known, _| tokens.user_named(known).is_some());
+        let rate = Arc::new(Rate::new(USER_BURST, USER_PER_SECOND));
+        rates.insert(name.to_owned(), Arc::clone(&rate));
+        rate
     }
 }
 

@@ -4,6 +4,7 @@
 //! rights. Without a token file everyone on the loopback is `admin`; with one, [`Tokens`] tells whose a token is.
 
 pub(crate) mod http;
+mod live;
 mod mosquitto;
 mod rate;
 mod tokens;
@@ -11,10 +12,11 @@ pub(crate) mod topics;
 
 use serde::{Deserialize, Serialize};
 
+pub(crate) use live::LiveTokens;
 pub use mosquitto::mosquitto_acl;
 pub(crate) use rate::Rate;
-pub(crate) use tokens::random_secret;
 pub use tokens::{NewToken, TokenError, Tokens, new_token};
+pub(crate) use tokens::{TokenDigest, random_secret};
 
 /// What a user may do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -96,6 +98,8 @@ pub(crate) struct User {
     /// Of the token; `None`: anyone on the loopback, where there is no token file.
     pub(crate) name: Option<String>,
     pub(crate) role: Role,
+    /// The token of a user with a name.
+    pub(crate) token: Option<TokenDigest>,
 }
 
 impl User {
@@ -104,6 +108,7 @@ impl User {
         Self {
             name: None,
             role: Role::Admin,
+            token: None,
         }
     }
 
@@ -112,6 +117,7 @@ impl User {
         Self {
             name: None,
             role: Role::View,
+            token: None,
         }
     }
 
@@ -164,6 +170,7 @@ mod tests {
         let user = |name: &str, role| User {
             name: Some(name.to_owned()),
             role,
+            token: None,
         };
         let handler = user("magazine", Role::Handler);
         assert!(handler.speaks_as("magazine").is_ok());

@@ -84,10 +84,51 @@ struct Token {
     digest: [u8; 32],
 }
 
+impl Token {
+    fn user(&self) -> User {
+        User {
+            name: Some(self.name.clone()),
+            role: self.role,
+            token: Some(TokenDigest(self.digest)),
+        }
+    }
+}
+
 /// The tokens of a machine.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Tokens {
     tokens: Vec<Token>,
+    file: Option<(PathBuf, Stamp)>,
+}
+
+/// What tells one content of a file from the next.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Stamp {
+    inode: u64,
+    bytes: u64,
+    modified: (i64, i64),
+}
+
+impl Stamp {
+    pub(super) fn of(file: &std::fs::Metadata) -> Self {
+        use std::os::unix::fs::MetadataExt as _;
+        Self {
+            inode: file.ino(),
+            bytes: file.len(),
+            // by the change of the file's properties, too: a mode that is put right counts
+            modified: (file.ctime(), file.ctime_nsec()),
+        }
+    }
+}
+
+/// Which token somebody came in with. Not shown.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) struct TokenDigest([u8; 32]);
+
+impl std::fmt::Debug for TokenDigest {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("TokenDigest")
+    }
 }
 
 impl std::fmt::Debug for Tokens {
@@ -109,7 +150,8 @@ impl Tokens {
             source,
         };
         let file = std::fs::File::open(path).map_err(unreadable)?;
-        let mode = file.metadata().map_err(unreadable)?.permissions().mode() & 0o777;
+        let metadata = file.metadata().map_err(unreadable)?;
+        let mode = metadata.permissions().mode() & 0o777;
         if mode & 0o077 != 0 {
             return Err(TokenError::Open {
                 path: path.to_owned(),
@@ -127,7 +169,25 @@ impl Tokens {
         if text.len() as u64 > FILE_MAX {
             return Err(wrong(format!("it is larger than {FILE_MAX} bytes")));
         }
-        Self::parse(&text).map_err(wrong)
+        let tokens = Self::parse(&text).map_err(wrong)?;
+        Ok(Self {
+            file: Some((path.to_owned(), Stamp::of(&metadata))),
+            ..tokens
+        })
+    }
+
+    /// The file that they were read from.
+    pub(super) fn path(&self) -> Option<&Path> {
+        self.file.as_ref().map(|(path, _)| path.as_path())
+    }
+
+    /// That file as it was read.
+    pub(super) fn stamp(&self) -> Option<Stamp> {
+        self.file.as_ref().map(|(_, stamp)| *stamp)
+    }
+
+    pub(super) fn same_users(&self, other: &Tokens) -> bool {
+        self.tokens == other.tokens
     }
 
     fn parse(text: &str) -> Result<Tokens, String> {
@@ -154,7 +214,7 @@ impl Tokens {
             }
             tokens.push(Token { name, role, digest });
         }
-        Ok(Tokens { tokens })
+        Ok(Tokens { tokens, file: None })
     }
 
     /// Names and roles, in the order of the file.
@@ -166,11 +226,18 @@ impl Tokens {
         self.users().map(|(name, _)| name)
     }
 
-    /// The role of a user, by name.
-    pub(crate) fn role_of(&self, name: &str) -> Option<Role> {
-        self.users()
-            .find(|(known, _)| *known == name)
-            .map(|(_, role)| role)
+    /// A user, by name.
+    pub(crate) fn user_named(&self, name: &str) -> Option<User> {
+        self.tokens
+            .iter()
+            .find(|token| token.name == name)
+            .map(Token::user)
+    }
+
+    /// True while the token that a user came in with counts, with the same role.
+    pub(crate) fn has(&self, user: &User) -> bool {
+        let name = user.name.as_deref();
+        name.is_none_or(|name| self.user_named(name).as_ref() == Some(user))
     }
 
     /// Whose token it is. Compared with every token, each in the same time whatever is right about it.
@@ -189,11 +256,7 @@ impl Tokens {
         if !bool::from(found) {
             return None;
         }
-        let token = self.tokens.get(usize::try_from(place).ok()?)?;
-        Some(User {
-            name: Some(token.name.clone()),
-            role: token.role,
-        })
+        self.tokens.get(usize::try_from(place).ok()?).map(Token::user)
     }
 }
 
@@ -283,7 +346,23 @@ mod tests {
         assert_eq!(tokens.user_of(b"abd"), None);
         assert_eq!(tokens.user_of(b""), None);
         assert_eq!(tokens.user_of(ABC.as_bytes()), None, "the digest is no token");
-        assert_eq!(tokens.role_of("hmi-1"), Some(Role::Operate));
+        assert_eq!(tokens.user_named("hmi-1").unwrap().role, Role::Operate);
+    }
+
+    #[test]
+    fn a_user_is_known_as_long_as_name_role_and_token_are_the_same() {
+        let other = "0".repeat(64);
+        let cell = Tokens::parse(&entry("cell", "view", ABC)).unwrap();
+        let user = cell.user_of(b"abc").unwrap();
+        assert!(cell.has(&user) && cell.has(&User::anyone()));
+        for text in [
+            entry("cell", "admin", ABC),
+            entry("cell", "view", &other),
+            entry("board", "view", ABC),
+        ] {
+            assert!(!Tokens::parse(&text).unwrap().has(&user), "{text}");
+        }
+        assert!(!format!("{user:?}").contains("ba78"));
     }
 
     #[test]

@@ -55,6 +55,7 @@ mod tests {
         User {
             name: Some("magazine".to_owned()),
             role,
+            token: None,
         }
     }
 
@@ -73,6 +74,10 @@ mod tests {
             ("cs/1/input/dry_run/set", [false, true, false, true]),
             ("cs/1/override/set", [false, true, false, true]),
             ("cs/1/tool/set", [false, true, false, true]),
+            ("cs/1/lease/take", [false, true, false, true]),
+            ("cs/1/lease/release", [false, true, false, true]),
+            ("cs/1/lease/break", [false, false, false, true]),
+            ("cs/1/lease/state", [false; 4]),
             ("cs/1/variable/set", [false, true, false, true]),
             ("cs/1/state", [false; 4]),
             ("cs/1/m_code/pending", [false; 4]),

@@ -36,6 +36,7 @@ fn schema_of(topic: &Topic) -> &'static str {
             CsTopic::Spindle => "SpindleMessage",
             CsTopic::Tool => "ToolMessage",
             CsTopic::Override => "OverridesMessage",
+            CsTopic::Lease => "LeaseStateMessage",
         },
     }
 }

@@ -88,9 +88,15 @@ fn parameters(route: &Route) -> Vec<Value> {
             json!({"name": name, "in": "path", "required": true, "schema": schema})
         })
         .collect();
+    if route.command || route.path.contains("/lease") && route.method != "GET" {
+        parameters.push(json!({"name": "Idempotency-Key", "in": "header", "schema": {"type": "string", "minLength": 1, "maxLength": 128}, "description": "Id of the command; one seen before is answered as then."}));
+    }
+    let is_release = route.method == "DELETE" && route.path.ends_with("/lease");
+    if route.command || is_release {
+        parameters.push(json!({"name": "Lease-Fence", "in": "header", "required": is_release, "schema": {"type": "integer", "minimum": 0}, "description": "Number of the control lease under which it is sent."}));
+    }
     if route.command {
         parameters.push(json!({"name": "wait", "in": "query", "schema": {"enum": ["0", "1"]}, "description": "1: answers when it is done, or with 202 after a minute."}));
-        parameters.push(json!({"name": "Idempotency-Key", "in": "header", "schema": {"type": "string", "minLength": 1, "maxLength": 128}, "description": "Id of the command; one seen before is answered as then."}));
         parameters.push(json!({"name": "If-Match", "in": "header", "schema": {"type": "string", "pattern": "^\"?[0-9]+\"?$"}, "description": "Revision of the state that the sender has seen."}));
     }
     if route.method == "GET" && route.path.contains("/variables/") {

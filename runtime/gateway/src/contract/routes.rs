@@ -66,6 +66,17 @@ const fn command(path: &'static str, summary: &'static str, body: Content) -> Ro
     }
 }
 
+/// Of the control lease: answered when it is done, and again where the same id comes twice.
+const fn lease(
+    method: &'static str,
+    path: &'static str,
+    right: Right,
+    summary: &'static str,
+    body: Content,
+) -> Route {
+    route(method, path, Some(right), summary, body, LEASED)
+}
+
 const fn route(
     method: &'static str,
     path: &'static str,
@@ -87,6 +98,7 @@ const fn route(
 
 const NO_CONTENT: &[(u16, Content)] = &[(204, Nothing)];
 const COMMANDED: &[(u16, Content)] = &[(200, Json("CommandReply")), (202, Json("CommandAccepted"))];
+const LEASED: &[(u16, Content)] = &[(200, Json("CommandReply"))];
 const HANDSHAKE: &[(u16, Content)] = &[(200, Json("HandshakeResult"))];
 const CHECKED: &[(u16, Content)] = &[(200, Json("ProgramCheck"))];
 const LOCKED: &[(u16, Content)] = &[(200, Json("LockMessage"))];
@@ -108,6 +120,7 @@ pub(crate) const ROUTES: &[Route] = &[
     get("/cs/{cs}/overrides", "Overrides, percent.", &[(200, Json("OverridesMessage"))]),
     get("/cs/{cs}/spindle", "The spindle.", &[(200, Json("SpindleMessage"))]),
     get("/cs/{cs}/tool", "The tool in the spindle.", &[(200, Json("ToolMessage"))]),
+    get("/cs/{cs}/lease", "Who holds the control lease; all null while nobody does.", &[(200, Json("LeaseStateMessage"))]),
     get("/cs/{cs}/inputs", "All inputs.", &[(200, Json("Inputs"))]),
     get("/cs/{cs}/inputs/optional_skip", "Optional block skips.", &[(200, Json("OptionalSkipMessage"))]),
     get("/cs/{cs}/inputs/optional_stop", "The optional stop input.", SWITCHED),
@@ -126,6 +139,9 @@ pub(crate) const ROUTES: &[Route] = &[
     command("/cs/{cs}/jog", "Moves one axis by hand.", Json("JogArgs")),
     command("/cs/{cs}/home", "Returns axes to their reference points.", Json("HomeArgs")),
     command("/cs/{cs}/back_trace", "Goes back along the passed path, or ends that.", Json("BackTraceArgs")),
+    lease("POST", "/cs/{cs}/lease", Operate, "Takes the control lease, or renews it with its fence.", Json("LeaseTake")),
+    lease("DELETE", "/cs/{cs}/lease", Operate, "Gives the control lease back; Lease-Fence says which.", Nothing),
+    lease("POST", "/cs/{cs}/lease/break", Administrate, "Ends the control lease, whoever holds it.", Nothing),
     command("/alarms/{id}/acknowledge", "Acknowledges an alarm.", Json("NoArgs")),
     get("/commands/{id}", "How far a command is.", &[(200, Json("CommandReply"))]),
     put("/cs/{cs}/inputs/optional_skip/{number}", Operate, "Sets one optional block skip, 1 to 31.", Json("Switch")),

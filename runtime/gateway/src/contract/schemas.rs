@@ -1,6 +1,6 @@
 //! JSON Schemas of all that crosses a wire, from the types themselves.
 
-use plc_api::types::{command, data, machine, output, program, question, request, state};
+use plc_api::types::{command, data, lease, machine, output, program, question, request, state};
 use schemars::JsonSchema;
 use schemars::generate::SchemaSettings;
 use serde_json::{Map, Value, json};
@@ -46,6 +46,7 @@ fn messages(all: &mut Schemas) {
     message::<state::Spindle>(all, "Spindle");
     message::<state::Tool>(all, "Tool");
     message::<state::Overrides>(all, "Overrides");
+    message::<lease::LeaseState>(all, "LeaseState");
 }
 
 fn requests(all: &mut Schemas) {
@@ -78,6 +79,7 @@ fn requests(all: &mut Schemas) {
     );
     put(all, "InputSet", json!({"oneOf": [switch, lock, skips]}));
     commands(all);
+    leases(all);
     variables(all);
 }
 
@@ -117,6 +119,25 @@ fn commands(all: &mut Schemas) {
     let mut command = plain::<command::CommandMeta>(all, "CommandMeta", Way::In);
     command["properties"]["args"] = json!({"type": "object", "description": "Arguments of the verb."});
     put(all, "CommandMessage", command);
+}
+
+fn leases(all: &mut Schemas) {
+    let take = plain::<lease::LeaseTake>(all, "LeaseTake", Way::In);
+    let release = plain::<lease::LeaseRelease>(all, "LeaseRelease", Way::In);
+    let names = [
+        ("LeaseTakeMessage", take),
+        ("LeaseReleaseMessage", release),
+        ("LeaseBreakMessage", object(json!({}), &[])),
+    ];
+    for (name, mut schema) in names {
+        let mut required = schema["required"].as_array().cloned().unwrap_or_default();
+        for id in ["command_id", "client_id"] {
+            schema["properties"][id] = json!({"type": "string"});
+            required.push(id.into());
+        }
+        schema["required"] = required.into();
+        put(all, name, schema);
+    }
 }
 
 fn variables(all: &mut Schemas) {

@@ -27,7 +27,7 @@ const fn topic(filter: &'static str, right: Right, schema: &'static str) -> Inbo
 }
 
 /// Every topic that comes in.
-pub(crate) const INBOUND: [InboundTopic; 16] = [
+pub(crate) const INBOUND: [InboundTopic; 19] = [
     topic("cs/+/m_code/+/claim", Right::Handle, "Claim"),
     topic("cs/+/m_code/+/reset", Right::Reset, "Reset"),
     topic("cs/+/m_code/+/progress", Right::Handle, "ProgressReport"),
@@ -40,6 +40,9 @@ pub(crate) const INBOUND: [InboundTopic; 16] = [
     topic("cs/+/spindle/set", Right::Operate, "SpindleCommand"),
     topic("cs/+/tool/set", Right::Operate, "Tool"),
     topic("cs/+/command/+", Right::Operate, "CommandMessage"),
+    topic("cs/+/lease/take", Right::Operate, "LeaseTakeMessage"),
+    topic("cs/+/lease/release", Right::Operate, "LeaseReleaseMessage"),
+    topic("cs/+/lease/break", Right::Administrate, "LeaseBreakMessage"),
     topic("cs/+/variable/get", Right::Operate, "VariableGet"),
     topic("cs/+/variable/set", Right::Operate, "VariableSet"),
     topic("motor/+/skip_input/set", Right::Operate, "Switch"),

@@ -131,6 +131,7 @@ impl Dispatch {
                 text: refusal.text,
                 state_rev: state.and_then(|state| state.rev).unwrap_or(0),
                 variables: None,
+                lease: None,
             }),
         };
         if self.replies.try_send(reply).is_err() {
@@ -142,7 +143,7 @@ impl Dispatch {
 /// Who sent a request that is answered on `reply/{client_id}`, and to which coordinate system; 0: to all.
 fn sender(request: &Request) -> Option<(CoordinateSystemNumber, &CommandMeta)> {
     match request {
-        Request::Command { cs, meta, .. } => Some((*cs, meta)),
+        Request::Command { cs, meta, .. } | Request::Lease { cs, meta, .. } => Some((*cs, meta)),
         Request::ReadVariables { area, meta, .. } | Request::WriteVariables { area, meta, .. } => {
             let cs = match area {
                 VariableArea::Global => 0,

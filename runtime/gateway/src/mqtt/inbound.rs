@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use plc_api::types::command::{Command, CommandMeta, Expect};
 use plc_api::types::data::{Number, VariableArea, VariableKind};
+use plc_api::types::lease::{LeaseRelease, LeaseRequest, LeaseTake};
 use plc_api::types::request::{Input, Refusal, RefusalCode, Request};
 use plc_api::types::state::{Lock, Switch, Tool};
 use plc_api::types::{CoordinateSystemNumber, Timestamp};
@@ -47,6 +48,7 @@ pub(crate) fn read(path: &str, payload: &[u8], retained: bool) -> Inbound {
         match levels.as_slice() {
             ["cs", cs, "command", verb] => number(cs).map(|cs| command(cs, verb, payload, retained)),
             ["cs", cs, "variable", what] => number(cs).and_then(|cs| variable(cs, what, payload, retained)),
+            ["cs", cs, "lease", what] => number(cs).and_then(|cs| lease(cs, what, payload, retained)),
             ["handler", id, "presence"] => handler(id, payload),
             _ if retained => Err("it is retained; publish it without the retain flag".to_owned()),
             ["motor", motor, "skip_input", "set"] => skip_input(motor, payload),
@@ -125,6 +127,7 @@ struct CommandIn {
     issued_at: Option<Timestamp>,
     ttl_ms: Option<u64>,
     expect: Option<Expect>,
+    fence: Option<u64>,
     #[serde(default)]
     args: Value,
 }
@@ -159,12 +162,66 @@ fn command(cs: CoordinateSystemNumber, verb: &str, payload: &[u8], retained: boo
                     issued_at: command_in.issued_at,
                     ttl_ms: command_in.ttl_ms,
                     expect: command_in.expect,
+                    fence: command_in.fence,
                 },
                 wait: false,
             },
         },
         Err(refusal) => reject(cs, payload, refusal),
     }
+}
+
+/// Payload of `lease/take`, `lease/release` and `lease/break`.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct LeaseIn {
+    command_id: String,
+    client_id: String,
+    holder: Option<String>,
+    ttl_ms: Option<u64>,
+    fence: Option<u64>,
+}
+
+fn lease(cs: CoordinateSystemNumber, what: &str, payload: &[u8], retained: bool) -> Result<Inbound, String> {
+    if !["take", "release", "break"].contains(&what) {
+        return Err("there is no such topic".to_owned());
+    }
+    let refused = |code, text: &str| Ok(reject(cs, payload, Refusal::new(code, text)));
+    let read = json::<LeaseIn>(payload).and_then(|read| {
+        check_ids(&read.client_id, &read.command_id)?;
+        Ok(read)
+    });
+    let read = match read {
+        Ok(_) if retained => {
+            let text = "this must not be retained; publish it without the retain flag";
+            return refused(RefusalCode::Retained, text);
+        }
+        Ok(read) => read,
+        Err(text) => return refused(RefusalCode::Invalid, &text),
+    };
+    let request = match (what, read.holder, read.ttl_ms, read.fence) {
+        ("take", holder, ttl_ms, fence) => LeaseRequest::Take(LeaseTake {
+            holder,
+            ttl_ms,
+            fence,
+        }),
+        ("release", None, None, Some(fence)) => LeaseRequest::Release(LeaseRelease { fence }),
+        ("break", None, None, None) => LeaseRequest::Break,
+        ("release", ..) => return refused(RefusalCode::Invalid, "lease/release takes the fence alone"),
+        _ => return refused(RefusalCode::Invalid, "lease/break takes nothing more"),
+    };
+    Ok(Inbound::Ask {
+        request: Request::Lease {
+            cs,
+            request,
+            meta: CommandMeta {
+                command_id: read.command_id,
+                client_id: read.client_id,
+                ..CommandMeta::default()
+            },
+        },
+        urgent: false,
+    })
 }
 
 /// Payload of `variable/get` and `variable/set`.
@@ -209,7 +266,7 @@ fn variable(
         client_id: read.client_id,
         issued_at: read.issued_at,
         ttl_ms: read.ttl_ms,
-        expect: None,
+        ..CommandMeta::default()
     });
     let request = match (what, read.count, read.values) {
         ("get", Some(count), None) => Request::ReadVariables {

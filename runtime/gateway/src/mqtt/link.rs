@@ -62,6 +62,7 @@ pub(super) struct Link {
     metrics: Arc<Metrics>,
     stop: CancellationToken,
     connections: u64,
+    told_connected: bool,
 }
 
 struct LinkParts {
@@ -106,6 +107,7 @@ impl Link {
             metrics: parts.metrics,
             stop,
             connections: 0,
+            told_connected: true,
         }
     }
 
@@ -119,6 +121,7 @@ impl Link {
             let End::Lost(why) = end else {
                 return;
             };
+            self.tell_bus(false).await;
             if begun.elapsed() >= STABLE {
                 backoff = BACKOFF_MIN;
             }
@@ -251,8 +254,18 @@ impl Link {
             );
         }
         self.outbox.connected();
+        self.tell_bus(true).await;
         if self.connections > 1 {
             self.dispatch.ask(Request::Republish, false).await;
+        }
+    }
+
+    /// Tells the machine when the connection has gone or come back.
+    async fn tell_bus(&mut self, connected: bool) {
+        if self.told_connected != connected {
+            self.told_connected = connected;
+            let request = Request::BusLink { connected };
+            self.dispatch.ask(request, true).await;
         }
     }
 
@@ -315,7 +328,7 @@ impl Link {
     }
 
     fn is_to_clear(&self, path: &str) -> bool {
-        self.parts.clear_commands && path.contains("/command/")
+        self.parts.clear_commands && (path.contains("/command/") || path.contains("/lease/"))
     }
 
     async fn take(&mut self, topic: &str, payload: &[u8], retained: bool) {

@@ -148,8 +148,8 @@ fn percent_encoded(text: &str) -> String {
     })
 }
 
-/// Identity and condition of a command from `Idempotency-Key` and `If-Match`.
-fn meta(shared: &Shared, user: &User, headers: &HeaderMap) -> Result<CommandMeta, Problem> {
+/// Identity and condition of a command from `Idempotency-Key`, `If-Match` and `Lease-Fence`.
+pub(super) fn meta(shared: &Shared, user: &User, headers: &HeaderMap) -> Result<CommandMeta, Problem> {
     let command_id = match headers.get("idempotency-key") {
         None => shared.next_command_id(),
         Some(key) => key
@@ -174,7 +174,19 @@ fn meta(shared: &Shared, user: &User, headers: &HeaderMap) -> Result<CommandMeta
         command_id,
         client_id: user.name.clone().unwrap_or_else(|| CLIENT_ID.to_owned()),
         expect,
+        fence: fence(headers)?,
         ..CommandMeta::default()
+    })
+}
+
+/// Number of the control lease under which a request is sent.
+pub(super) fn fence(headers: &HeaderMap) -> Result<Option<u64>, Problem> {
+    let Some(value) = headers.get("lease-fence") else {
+        return Ok(None);
+    };
+    let number = value.to_str().ok().and_then(|text| text.trim().parse().ok());
+    number.map(Some).ok_or_else(|| {
+        Problem::invalid("Lease-Fence is the number of the control lease, as it was given when it was taken")
     })
 }
 

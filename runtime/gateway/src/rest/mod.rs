@@ -5,6 +5,7 @@ mod data;
 mod documents;
 mod extract;
 mod inputs;
+mod lease;
 mod m_codes;
 mod programs;
 mod states;
@@ -31,6 +32,7 @@ pub(crate) fn router(shared: Arc<Shared>) -> Router {
         .merge(states::routes())
         .merge(commands::routes())
         .merge(inputs::routes())
+        .merge(lease::routes())
         .merge(data::routes())
         .merge(m_codes::routes())
         .merge(programs::routes())

@@ -18,7 +18,7 @@ use crate::problem::Problem;
 use crate::shared::{Shared, unexpected};
 
 /// What `GET /cs/{n}/...` answers with one message.
-const CS_TOPICS: [(&str, CsTopic); 9] = [
+const CS_TOPICS: [(&str, CsTopic); 10] = [
     ("state", CsTopic::State),
     ("position", CsTopic::Position),
     ("program", CsTopic::Program),
@@ -28,6 +28,7 @@ const CS_TOPICS: [(&str, CsTopic); 9] = [
     ("overrides", CsTopic::Override),
     ("spindle", CsTopic::Spindle),
     ("tool", CsTopic::Tool),
+    ("lease", CsTopic::Lease),
 ];
 
 /// The inputs, each with its message, in `GET /cs/{n}/inputs`; each also alone.

@@ -360,6 +360,48 @@ async fn the_broker_lets_in_users_with_their_tokens_and_nobody_as_the_runtime() 
     gateway.shutdown().await;
 }
 
+/// The reason code with which the broker answers an MQTT 5 CONNECT.
+async fn connect_code(gateway: &Gateway, user: &str, password: &str) -> u8 {
+    let field = |text: &str| {
+        [
+            &u16::try_from(text.len()).unwrap().to_be_bytes()[..],
+            text.as_bytes(),
+        ]
+        .concat()
+    };
+    // protocol, version 5, user and password and clean start, keep-alive, no properties
+    let fixed = [&field("MQTT")[..], &[5, 0b1100_0010, 0, 30, 0]].concat();
+    let rest = [fixed, field("guesser"), field(user), field(password)].concat();
+    let packet = [&[0x10, u8::try_from(rest.len()).unwrap()], &rest[..]].concat();
+    let mut stream = TcpStream::connect(gateway.mqtt_addr().unwrap()).await.unwrap();
+    stream.write_all(&packet).await.unwrap();
+    let mut answer = [0; 4];
+    stream.read_exact(&mut answer).await.unwrap();
+    assert_eq!(answer[0], 0x20, "a CONNACK: {answer:?}");
+    answer[3]
+}
+
+#[tokio::test]
+async fn wrong_tokens_over_mqtt_are_limited_and_hold_up_no_right_one() {
+    let users = Users::new();
+    let gateway = start_with(&port(), users.settings.clone()).await;
+    let (mut wrong, mut limited) = (0, 0);
+    for number in 0..300 {
+        let user = if number % 2 == 0 { "view" } else { "$runtime" };
+        match within(connect_code(&gateway, user, &format!("{number:x}"))).await {
+            0x86 => wrong += 1,
+            0x9f => limited += 1,
+            code => panic!("code {code:#x}"),
+        }
+    }
+    assert!(
+        wrong >= 50 && limited > 0,
+        "{wrong} told wrong, {limited} told to come later"
+    );
+    assert_eq!(connect_code(&gateway, "view", users.token("view")).await, 0);
+    gateway.shutdown().await;
+}
+
 #[tokio::test]
 async fn a_user_cannot_push_another_off_the_broker_by_its_client_id() {
     let users = Users::new();

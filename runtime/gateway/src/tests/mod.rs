@@ -184,6 +184,7 @@ pub(super) fn reply(command_id: &str, status: CommandStatus, code: &str) -> Comm
         text: "as asked".to_owned(),
         state_rev: 13,
         variables: None,
+        lease: None,
     }
 }
 
@@ -196,7 +197,7 @@ pub(super) fn shared_with(port: Arc<StubPort>, tokens: Option<Arc<crate::Tokens>
     Arc::new(Shared::new(
         port,
         "127.0.0.1:8080".parse().unwrap(),
-        Access::new(tokens),
+        Access::new(tokens.map(crate::access::LiveTokens::fixed)),
         Duration::from_millis(20),
         CancellationToken::new(),
     ))

@@ -1,4 +1,5 @@
 use plc_api::types::BootId;
+use plc_api::types::lease::{LeaseRelease, LeaseRequest, LeaseTake};
 use plc_api::types::output::{
     Claim, HandlerPresence, ProgressReport, Redeliver, Redelivery, Reset, ResetResult,
 };
@@ -103,6 +104,51 @@ fn questions_answers_and_results_of_validation_come_in() {
         ask("cs/1/m_code/5/validate_result", result_json),
         Request::ValidateResult(1, Some(5), result) if !result.ok && result.request_id == "1-4"
     ));
+}
+
+#[test]
+fn what_is_asked_of_the_control_lease_comes_in_or_is_rejected_with_words() {
+    let asked = |what: &str, payload: &str| match ask(&format!("cs/1/lease/{what}"), payload) {
+        Request::Lease { cs: 1, request, .. } => request,
+        other => panic!("{other:?}"),
+    };
+    let take = r#"{"command_id":"c","client_id":"h","holder":"mes","ttl_ms":5000,"fence":7}"#;
+    let expected = LeaseTake {
+        holder: Some("mes".into()),
+        ttl_ms: Some(5000),
+        fence: Some(7),
+    };
+    assert_eq!(asked("take", take), LeaseRequest::Take(expected));
+    let release = r#"{"command_id":"c","client_id":"h","fence":7}"#;
+    assert_eq!(
+        asked("release", release),
+        LeaseRequest::Release(LeaseRelease { fence: 7 })
+    );
+    let ids = r#"{"command_id":"c","client_id":"h"}"#;
+    assert_eq!(asked("break", ids), LeaseRequest::Break);
+    for (what, payload, retained, code) in [
+        ("take", take, true, RefusalCode::Retained),
+        ("release", ids, false, RefusalCode::Invalid),
+        ("break", release, false, RefusalCode::Invalid),
+        (
+            "take",
+            r#"{"command_id":"","client_id":"h"}"#,
+            false,
+            RefusalCode::Invalid,
+        ),
+        (
+            "take",
+            r#"{"command_id":"c","client_id":"h","ttl":1}"#,
+            false,
+            RefusalCode::Invalid,
+        ),
+    ] {
+        let read = read(&format!("cs/1/lease/{what}"), payload.as_bytes(), retained);
+        assert!(
+            matches!(&read, Inbound::Reject { refusal, .. } if refusal.code == code),
+            "{what} {payload}: {read:?}"
+        );
+    }
 }
 
 #[test]

@@ -1,0 +1,171 @@
+//! The control lease as a client holds it.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use tokio::task::JoinHandle;
+
+use crate::coordinate_system::CoordinateSystem;
+use crate::error::{Error, Result};
+use crate::plc::{Plc, send_without_waiting, unexpected};
+use crate::types::command::CommandMeta;
+use crate::types::lease::{Lease as Granted, LeaseRelease, LeaseRequest, LeaseTake};
+use crate::types::request::{Answer, Refusal, RefusalCode, Request};
+
+/// Renewals within the time of a lease: two may be lost on the way.
+const RENEWALS: u32 = 3;
+
+/// The control lease of a coordinate system: while it is held, load, start, resume, mdi, jog and home of others are
+/// refused as `busy`; hold, stop, abort and reset never are. It renews itself in the background, and ends when it is
+/// released or dropped.
+///
+/// ```no_run
+/// # use std::time::Duration;
+/// # async fn example(plc: plc_api::Plc) -> plc_api::Result<()> {
+/// let lease = plc.coordinate_system(1).take_lease(Duration::from_secs(30)).await?;
+/// lease.coordinate_system().load(100).await?;
+/// lease.coordinate_system().start().await?;
+/// lease.release().await
+/// # }
+/// ```
+#[derive(Debug)]
+pub struct Lease {
+    coordinate_system: CoordinateSystem,
+    granted: Granted,
+    lost: Arc<AtomicBool>,
+    renewal: JoinHandle<()>,
+    /// True when nothing is left to be released.
+    released: bool,
+}
+
+impl CoordinateSystem {
+    /// Takes the control lease for `ttl`, 1 s to 10 min, under the name of this program's user or connection.
+    ///
+    /// # Errors
+    /// `busy` while another holds it; `ttl` is out of its range.
+    pub async fn take_lease(&self, ttl: Duration) -> Result<Lease> {
+        self.take(None, ttl).await
+    }
+
+    /// The same under a name of its own, 1 to 64 characters: what panels and refusals show.
+    ///
+    /// # Errors
+    /// As [`CoordinateSystem::take_lease`]; the name is too long.
+    pub async fn take_lease_as(&self, holder: impl Into<String>, ttl: Duration) -> Result<Lease> {
+        self.take(Some(holder.into()), ttl).await
+    }
+
+    async fn take(&self, holder: Option<String>, ttl: Duration) -> Result<Lease> {
+        let take = LeaseTake {
+            holder: holder.or_else(|| self.plc().user().map(str::to_owned)),
+            ttl_ms: Some(u64::try_from(ttl.as_millis()).unwrap_or(u64::MAX)),
+            fence: None,
+        };
+        let granted = match self
+            .plc()
+            .request(self.ask(LeaseRequest::Take(take.clone())))
+            .await?
+        {
+            Answer::Command(reply) => reply.lease.ok_or_else(|| {
+                let code = serde_json::from_value(reply.code.into()).unwrap_or(RefusalCode::Busy);
+                Error::from(Refusal::new(code, reply.text))
+            })?,
+            other => return Err(unexpected(&other)),
+        };
+        let lost = Arc::new(AtomicBool::new(false));
+        let take = LeaseTake {
+            fence: Some(granted.fence),
+            ..take
+        };
+        Ok(Lease {
+            coordinate_system: self.under_lease(granted.fence),
+            renewal: tokio::spawn(renew(self.clone(), take, ttl / RENEWALS, Arc::clone(&lost))),
+            granted,
+            lost,
+            released: false,
+        })
+    }
+
+    fn ask(&self, request: LeaseRequest) -> Request {
+        let (client_id, command_id) = self.plc().command_names();
+        Request::Lease {
+            cs: self.number(),
+            request,
+            meta: CommandMeta {
+                command_id,
+                client_id,
+                ..CommandMeta::default()
+            },
+        }
+    }
+}
+
+/// Renews until the machine says that the lease has ended; a renewal that does not arrive is tried again.
+async fn renew(
+    coordinate_system: CoordinateSystem,
+    take: LeaseTake,
+    interval: Duration,
+    lost: Arc<AtomicBool>,
+) {
+    let plc: &Plc = coordinate_system.plc();
+    loop {
+        plc.sleep(interval).await;
+        let renewal = coordinate_system.ask(LeaseRequest::Take(take.clone()));
+        if let Err(Error::Refused(refusal)) = plc.request(renewal).await
+            && refusal.code == RefusalCode::LeaseLost
+        {
+            tracing::warn!("{refusal}");
+            lost.store(true, Ordering::Relaxed);
+            return;
+        }
+    }
+}
+
+impl Lease {
+    /// The coordinate system, with commands under this lease.
+    pub fn coordinate_system(&self) -> &CoordinateSystem {
+        &self.coordinate_system
+    }
+
+    /// Its number, which grows with each lease of the coordinate system.
+    pub fn fence(&self) -> u64 {
+        self.granted.fence
+    }
+
+    /// True once the machine has said that it ended: it was broken, the runtime was started again, or no renewal
+    /// arrived in time. Commands under it are then refused as `lease_lost`.
+    pub fn is_lost(&self) -> bool {
+        self.lost.load(Ordering::Relaxed)
+    }
+
+    /// Gives it back.
+    ///
+    /// # Errors
+    /// `lease_lost` when it had ended before, or the machine cannot be reached.
+    pub async fn release(mut self) -> Result<()> {
+        self.released = true;
+        self.renewal.abort();
+        self.coordinate_system
+            .plc()
+            .request(self.ask_release())
+            .await
+            .map(|_| ())
+    }
+
+    fn ask_release(&self) -> Request {
+        let fence = self.fence();
+        self.coordinate_system
+            .ask(LeaseRequest::Release(LeaseRelease { fence }))
+    }
+}
+
+impl Drop for Lease {
+    fn drop(&mut self) {
+        self.renewal.abort();
+        if !self.released && !self.is_lost() {
+            let unsent = "the control lease could not be released; it ends by its time";
+            send_without_waiting(self.coordinate_system.plc(), self.ask_release(), unsent);
+        }
+    }
+}

@@ -1,0 +1,124 @@
+//! The tokens of now: their file is read again when it has changed, so that a token is made or taken back without
+//! stopping the machine.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::sync::watch;
+use tokio::time::MissedTickBehavior;
+use tracing::{info, warn};
+
+use super::Tokens;
+use super::tokens::Stamp;
+
+/// How often the file is looked at.
+const LOOK_INTERVAL: Duration = Duration::from_secs(2);
+
+/// The tokens of now.
+#[derive(Debug, Clone)]
+pub(crate) struct LiveTokens(watch::Receiver<Arc<Tokens>>);
+
+impl LiveTokens {
+    /// Tokens that follow their file as long as anybody asks for them.
+    pub(crate) fn follow(tokens: Arc<Tokens>) -> Self {
+        let (sender, receiver) = watch::channel(tokens);
+        tokio::spawn(look_again(sender));
+        Self(receiver)
+    }
+
+    /// Tokens that stay as they are.
+    #[cfg(test)]
+    pub(crate) fn fixed(tokens: Arc<Tokens>) -> Self {
+        Self(watch::channel(tokens).1)
+    }
+
+    pub(crate) fn now(&self) -> Arc<Tokens> {
+        Arc::clone(&self.0.borrow())
+    }
+
+    /// Waits until there are others.
+    pub(crate) async fn changed(&mut self) {
+        if self.0.changed().await.is_err() {
+            // they are not followed any more
+            std::future::pending::<()>().await;
+        }
+    }
+}
+
+/// Looks at the file again and again. One that cannot be used leaves the tokens as they are, and is told once.
+async fn look_again(sender: watch::Sender<Arc<Tokens>>) {
+    let mut read = Arc::clone(&sender.borrow());
+    let Some(path) = read.path().map(ToOwned::to_owned) else {
+        return;
+    };
+    let mut seen = read.stamp();
+    let mut look = tokio::time::interval(LOOK_INTERVAL);
+    look.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    loop {
+        tokio::select! {
+            () = sender.closed() => return,
+            _ = look.tick() => {}
+        }
+        let stamp = tokio::fs::metadata(&path).await.ok().map(|file| Stamp::of(&file));
+        if stamp == seen {
+            continue;
+        }
+        seen = stamp;
+        let file = path.clone();
+        match tokio::task::spawn_blocking(move || Tokens::read(&file)).await {
+            Ok(Ok(tokens)) => {
+                seen = tokens.stamp();
+                if !tokens.same_users(&read) {
+                    info!("the token file {} was read again", path.display());
+                    read = Arc::new(tokens);
+                    sender.send_replace(Arc::clone(&read));
+                }
+            }
+            Ok(Err(error)) => warn!("{error}; the tokens stay as they were"),
+            Err(_) => warn!(
+                "the token file {} was not read; the tokens stay as they were",
+                path.display()
+            ),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::os::unix::fs::PermissionsExt as _;
+
+    use super::*;
+    use crate::access::{Role, new_token};
+
+    #[tokio::test(start_paused = true)]
+    async fn a_file_that_changes_is_read_again_and_one_that_is_wrong_changes_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("tokens.toml");
+        let (one, two) = (
+            new_token("one", Role::View).unwrap(),
+            new_token("two", Role::Admin).unwrap(),
+        );
+        let write = |text: &str, mode: u32| {
+            // as an editor or a tool does: written beside, then put in its place
+            let beside = folder.path().join("beside");
+            std::fs::write(&beside, text).unwrap();
+            std::fs::set_permissions(&beside, std::fs::Permissions::from_mode(mode)).unwrap();
+            std::fs::rename(&beside, &path).unwrap();
+        };
+        write(&one.entry, 0o600);
+        let mut live = LiveTokens::follow(Arc::new(Tokens::read(&path).unwrap()));
+        let knows = |live: &LiveTokens, token: &str| live.now().user_of(token.as_bytes()).is_some();
+        assert!(knows(&live, &one.token) && !knows(&live, &two.token));
+        // none of these may take anything away, and the last one counts
+        write("nonsense", 0o600);
+        tokio::time::sleep(LOOK_INTERVAL + Duration::from_millis(500)).await;
+        write(&two.entry, 0o644);
+        tokio::time::sleep(LOOK_INTERVAL + Duration::from_millis(500)).await;
+        assert!(knows(&live, &one.token) && !knows(&live, &two.token));
+        write(&two.entry, 0o600);
+        tokio::time::timeout(Duration::from_secs(20), live.changed())
+            .await
+            .expect("the file is read again");
+        assert!(!knows(&live, &one.token) && knows(&live, &two.token));
+    }
+}

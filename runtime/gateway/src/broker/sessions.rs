@@ -1,0 +1,213 @@
+//! Who is connected to the embedded broker, and the end of a session whose token counts no more.
+
+use std::collections::HashMap;
+use std::net::{IpAddr, SocketAddr};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use mqtt5::broker::events::ClientConnectEvent;
+use rumqttc::{AsyncClient, Event, MqttOptions, Packet, QoS};
+use tracing::warn;
+
+use super::CLIENTS_MAX;
+use crate::access::{Rate, Tokens, User};
+
+/// Tries with a wrong token from one address: at once, and a second after that; more are told to come later.
+const WRONG_BURST: u32 = 50;
+const WRONG_PER_SECOND: u32 = 10;
+
+/// Addresses whose wrong tries are counted; the count of all is forgotten when there are more.
+const WRONG_ADDRESSES_MAX: usize = 1024;
+
+/// Time to end a session.
+const END_MAX: Duration = Duration::from_secs(2);
+
+/// A connected client.
+#[derive(Debug, Clone)]
+pub(super) struct Session {
+    /// `None`: no tokens are asked for, or the runtime itself.
+    pub(super) user: Option<User>,
+    will: Option<Will>,
+}
+
+#[derive(Debug, Clone)]
+struct Will {
+    topic: String,
+    payload: Vec<u8>,
+    retain: bool,
+}
+
+/// All clients by client id.
+#[derive(Debug, Default)]
+pub(super) struct Sessions {
+    /// Let in, and not connected yet.
+    admitted: Mutex<HashMap<String, User>>,
+    // the latest connection of each client id, and how many have not ended: one that is taken over ends later
+    connected: Mutex<HashMap<Arc<str>, (Session, u32)>>,
+    wrong: Mutex<HashMap<IpAddr, Rate>>,
+}
+
+impl Sessions {
+    /// Counts a try with a wrong token. False beyond the rate of its address.
+    pub(super) fn count_wrong(&self, address: IpAddr) -> bool {
+        let mut wrong = lock(&self.wrong);
+        if wrong.len() >= WRONG_ADDRESSES_MAX && !wrong.contains_key(&address) {
+            wrong.clear();
+        }
+        let new = || Rate::new(WRONG_BURST, WRONG_PER_SECOND);
+        wrong.entry(address).or_insert_with(new).take().is_ok()
+    }
+
+    pub(super) fn admit(&self, client_id: &str, user: User) {
+        let mut admitted = lock(&self.admitted);
+        // those that were let in and went before they were connected
+        if admitted.len() > 2 * CLIENTS_MAX {
+            admitted.clear();
+        }
+        admitted.insert(client_id.to_owned(), user);
+    }
+
+    /// A client is connected; where nobody noted whom the broker let in, `user` is asked.
+    pub(super) fn connect(&self, event: ClientConnectEvent, user: impl FnOnce() -> Option<User>) {
+        let admitted = lock(&self.admitted).remove(&*event.client_id);
+        let will = event
+            .will_topic
+            .zip(event.will_payload)
+            .map(|(topic, payload)| Will {
+                topic: topic.to_string(),
+                payload: payload.to_vec(),
+                retain: event.will_retain.unwrap_or(false),
+            });
+        let session = Session {
+            user: admitted.or_else(user),
+            will,
+        };
+        let mut connected = lock(&self.connected);
+        let count = connected.get(&event.client_id).map_or(0, |(_, count)| *count);
+        connected.insert(event.client_id, (session, count + 1));
+    }
+
+    pub(super) fn disconnect(&self, client_id: &str) {
+        let mut connected = lock(&self.connected);
+        if let Some((_, count)) = connected.get_mut(client_id) {
+            *count -= 1;
+            if *count == 0 {
+                connected.remove(client_id);
+            }
+        }
+    }
+
+    pub(super) fn of(&self, client_id: &str) -> Option<Session> {
+        let connected = lock(&self.connected);
+        connected.get(client_id).map(|(session, _)| session.clone())
+    }
+
+    /// Sessions of tokens that are not in the list any more, or have another role there.
+    pub(super) fn revoked(&self, tokens: &Tokens) -> Vec<(Arc<str>, Session)> {
+        let connected = lock(&self.connected);
+        let revoked = connected
+            .iter()
+            .filter(|(_, (session, _))| session.user.as_ref().is_some_and(|user| !tokens.has(user)));
+        revoked
+            .map(|(client_id, (session, _))| (Arc::clone(client_id), session.clone()))
+            .collect()
+    }
+}
+
+/// Ends a session: a second connection with its client id ends the first, and this one says the will of that, since a
+/// user who is not known any more may say nothing.
+pub(super) async fn end(
+    broker: SocketAddr,
+    credentials: &(String, String),
+    client_id: &str,
+    session: Session,
+) {
+    let mut options = MqttOptions::new(client_id, broker.ip().to_string(), broker.port());
+    options
+        .set_credentials(&credentials.0, &credentials.1)
+        .set_clean_session(true)
+        .set_keep_alive(Duration::from_secs(5));
+    let (client, mut events) = AsyncClient::new(options, 8);
+    let ended = tokio::time::timeout(END_MAX, async {
+        loop {
+            match events.poll().await? {
+                Event::Incoming(Packet::ConnAck(_)) => match &session.will {
+                    Some(will) => {
+                        let payload = will.payload.clone();
+                        client
+                            .publish(&will.topic, QoS::AtLeastOnce, will.retain, payload)
+                            .await?;
+                    }
+                    None => client.disconnect().await?,
+                },
+                Event::Incoming(Packet::PubAck(_)) => client.disconnect().await?,
+                Event::Outgoing(rumqttc::Outgoing::Disconnect) => {
+                    return Ok::<(), Box<dyn std::error::Error + Send + Sync>>(());
+                }
+                _ => {}
+            }
+        }
+    })
+    .await;
+    let name = session.user.and_then(|user| user.name).unwrap_or_default();
+    match ended {
+        Ok(Ok(())) => {
+            warn!("MQTT client {client_id:.64} of {name} is disconnected: its token counts no more");
+        }
+        Ok(Err(error)) => warn!(
+            "MQTT client {client_id:.64} of {name}, whose token counts no more, is not disconnected: {error}"
+        ),
+        Err(_) => warn!(
+            "MQTT client {client_id:.64} of {name}, whose token counts no more, is not disconnected in time"
+        ),
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_connection_that_took_over_another_stays_when_that_has_ended() {
+        let sessions = Sessions::default();
+        let connect = || ClientConnectEvent {
+            client_id: "panel".into(),
+            user_id: None,
+            clean_start: true,
+            session_expiry_interval: 0,
+            will_topic: None,
+            will_payload: None,
+            will_qos: None,
+            will_retain: None,
+        };
+        sessions.connect(connect(), || None);
+        sessions.connect(connect(), || Some(User::anyone()));
+        sessions.disconnect("panel");
+        assert_eq!(sessions.of("panel").unwrap().user, Some(User::anyone()));
+        sessions.disconnect("panel");
+        assert!(sessions.of("panel").is_none());
+        sessions.disconnect("panel");
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn wrong_tries_are_counted_by_address() {
+        let sessions = Sessions::default();
+        let (one, other) = (IpAddr::from([10, 0, 0, 1]), IpAddr::from([10, 0, 0, 2]));
+        for _ in 0..WRONG_BURST {
+            assert!(sessions.count_wrong(one));
+        }
+        assert!(!sessions.count_wrong(one));
+        assert!(sessions.count_wrong(other));
+        tokio::time::advance(Duration::from_secs(1)).await;
+        assert!((0..WRONG_PER_SECOND).all(|_| sessions.count_wrong(one)));
+        assert!(!sessions.count_wrong(one));
+        for n in 0..u32::try_from(2 * WRONG_ADDRESSES_MAX).unwrap() {
+            sessions.count_wrong(IpAddr::from(n.to_be_bytes()));
+        }
+        assert!(lock(&sessions.wrong).len() <= WRONG_ADDRESSES_MAX);
+    }
+}

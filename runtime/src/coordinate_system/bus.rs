@@ -1,0 +1,176 @@
+//! What a lost connection to the MQTT broker does to a run, with `[mqtt] on_bus_loss = "hold_at_wait"`: nothing on its
+//! way; where it waits for an output it is held, since whoever resets the output may be out of reach.
+//!
+//! The hold is made once for each output and loss, so that an operator may resume without a broker. A reset that comes by
+//! another way is latched, as under any hold.
+
+use std::sync::atomic::Ordering;
+
+use serde_json::json;
+
+use super::CoordinateSystem;
+use super::holding::{Cause, Held};
+use crate::journal::Entry;
+
+/// The connection to the MQTT broker, as this coordinate system has seen it.
+#[derive(Debug, Default)]
+pub(super) struct Bus {
+    is_lost: bool,
+    /// The output at which the run was held since the loss.
+    held_at: Option<u64>,
+}
+
+impl CoordinateSystem {
+    pub(super) fn look_at_bus(&mut self) {
+        let connected = self.shared.bus_connected.load(Ordering::Relaxed);
+        if connected != self.bus.is_lost {
+            return;
+        }
+        self.bus = Bus {
+            is_lost: !connected,
+            held_at: None,
+        };
+        let fields = json!({ "connected": connected });
+        self.shared.record(self.number, &Entry::new("bus", fields));
+    }
+
+    /// Holds a run that waits for an output at rest.
+    pub(super) fn hold_without_bus(&mut self) {
+        if !self.bus.is_lost || !self.shared.machine.hold_on_bus_loss {
+            return;
+        }
+        let Some(seq) = self.waited_for().filter(|seq| self.bus.held_at != Some(*seq)) else {
+            return;
+        };
+        let is_held = self.run.as_ref().is_none_or(|run| run.held != Held::No);
+        // A way in a thread is not interrupted.
+        if is_held || self.is_moving() || self.pipeline.in_thread() {
+            return;
+        }
+        self.bus.held_at = Some(seq);
+        self.hold(Cause::BusLoss);
+        let m = self.ledger.get(seq).map(|open| open.notice.m);
+        let fields = json!({"reason": "BUS_LOST", "m": m, "seq": seq});
+        self.shared.record(self.number, &Entry::new("hold", fields));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::{Arc, Mutex};
+
+    use plc_api::types::output::{Reset, ResetResult};
+    use plc_api::types::request::Request;
+    use plc_api::types::state::{Reason, State};
+    use plc_api::{Execution, Plc};
+
+    use crate::config::Unhandled;
+    use crate::journal::{Journal, Line};
+    use crate::simulation::{self, SimulationOptions};
+    use crate::{Config, Runtime};
+
+    /// Runs a test on a machine that holds at WAIT, with this program started; gives what the journal says.
+    fn with_run(text: &str, hold_on_bus_loss: bool, test: impl AsyncFnOnce(&Plc)) -> Vec<Line> {
+        let lines: Arc<Mutex<Vec<Line>>> = Arc::default();
+        let said = Arc::clone(&lines);
+        let sink = move |line: &Line| said.lock().unwrap().push(line.clone());
+        simulation::run(async {
+            let mut machine = Config::demo().resolve().unwrap();
+            machine.hold_on_bus_loss = hold_on_bus_loss;
+            machine.unhandled = Unhandled::Wait;
+            let journal = Journal::to_sink(Arc::new(Mutex::new(sink)));
+            let runtime = Runtime::start_simulated(machine, journal, SimulationOptions::default()).unwrap();
+            runtime.store().write(50, text).unwrap();
+            let plc = Plc::in_process(runtime.port());
+            plc.coordinate_system(1).load(50).await.unwrap();
+            plc.coordinate_system(1).start().await.unwrap();
+            test(&plc).await;
+        })
+        .unwrap();
+        let lines = lines.lock().unwrap();
+        lines.iter().filter(|line| line.cs == 1).cloned().collect()
+    }
+
+    async fn bus(plc: &Plc, connected: bool) {
+        plc.port().request(Request::BusLink { connected }).await.unwrap();
+    }
+
+    async fn reset(plc: &Plc) {
+        let pending = plc.coordinate_system(1).pending().await.unwrap();
+        let reset = Reset {
+            boot_id: plc.port().boot_id(),
+            seq: pending.outputs[0].output.seq,
+            handler_id: "operator".to_owned(),
+            result: ResetResult::Ok,
+            code: None,
+            text: None,
+            force: None,
+        };
+        plc.port().request(Request::Reset(1, None, reset)).await.unwrap();
+    }
+
+    async fn until(plc: &Plc, execution: Execution) -> State {
+        plc.coordinate_system(1).wait_until(execution).await.unwrap()
+    }
+
+    #[test]
+    fn a_run_that_waits_when_the_broker_is_lost_is_held_and_a_reset_is_latched() {
+        let lines = with_run("M77\nM30\n", true, async |plc| {
+            until(plc, Execution::Wait).await;
+            bus(plc, false).await;
+            let held = until(plc, Execution::FeedHold).await;
+            assert_eq!(held.reason, Some(Reason::BusLost));
+            assert_eq!(held.waiting_on.map(|on| on.m), Some(77));
+            reset(plc).await;
+            plc.sleep(std::time::Duration::from_secs(5)).await;
+            let held = plc.coordinate_system(1).state().await.unwrap();
+            assert_eq!((held.execution, held.waiting_on), (Execution::FeedHold, None));
+            bus(plc, true).await;
+            plc.sleep(std::time::Duration::from_secs(5)).await;
+            let held = plc.coordinate_system(1).state().await.unwrap();
+            assert_eq!(held.execution, Execution::FeedHold, "nothing goes on by itself");
+            plc.coordinate_system(1).resume().await.unwrap();
+            until(plc, Execution::ProgramCompleted).await;
+        });
+        let hold = lines.iter().find(|line| line.event == "hold").unwrap();
+        assert_eq!(
+            (&hold.fields["reason"], &hold.fields["m"]),
+            (&"BUS_LOST".into(), &77.into())
+        );
+        let connected = lines
+            .iter()
+            .filter(|line| line.event == "bus")
+            .map(|line| &line.fields["connected"]);
+        assert!(connected.eq([&serde_json::Value::from(false), &true.into()]));
+    }
+
+    #[test]
+    fn motion_goes_on_without_the_broker_until_the_program_waits_and_an_operator_resumes_without_it() {
+        with_run("G01 X50 F600\nM77\nM78\nM30\n", true, async |plc| {
+            plc.sleep(std::time::Duration::from_secs(1)).await;
+            bus(plc, false).await;
+            plc.sleep(std::time::Duration::from_secs(1)).await;
+            let state = plc.coordinate_system(1).state().await.unwrap();
+            assert_eq!(state.execution, Execution::Active, "5 s of motion are under way");
+            until(plc, Execution::FeedHold).await;
+            let position = plc.coordinate_system(1).position().await.unwrap();
+            assert!((position.work["X"] - 50.0).abs() < 1e-9, "{position:?}");
+            plc.coordinate_system(1).resume().await.unwrap();
+            let state = plc.coordinate_system(1).state().await.unwrap();
+            assert_eq!(state.execution, Execution::Wait, "once for each output");
+            reset(plc).await;
+            let held = until(plc, Execution::FeedHold).await;
+            assert_eq!(held.waiting_on.map(|on| on.m), Some(78));
+        });
+    }
+
+    #[test]
+    fn without_the_setting_the_program_waits_as_ever() {
+        with_run("M77\nM30\n", false, async |plc| {
+            until(plc, Execution::Wait).await;
+            bus(plc, false).await;
+            reset(plc).await;
+            until(plc, Execution::ProgramCompleted).await;
+        });
+    }
+}

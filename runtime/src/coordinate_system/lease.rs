@@ -1,0 +1,407 @@
+//! The control lease: while somebody holds it, only commands with its fence start motion. Nobody needs to hold it.
+//!
+//! It orders those who command and proves nothing about them: whoever may operate may read the fence. A run goes on when
+//! the lease changes hands; hold, stop, abort and reset are for everyone.
+
+use plc_api::handshake::Now;
+use plc_api::types::command::{CommandMeta, CommandReply, CommandStatus, Verb};
+use plc_api::types::lease::{
+    LEASE_HOLDER_MAX, LEASE_TTL_DEFAULT_MS, LEASE_TTL_MAX_MS, LEASE_TTL_MIN_MS, Lease, LeaseRequest,
+    LeaseTake,
+};
+use plc_api::types::message::Payload;
+use plc_api::types::request::{Answer, Refusal, RefusalCode};
+use plc_api::types::topic::CsTopic;
+use plc_api::types::{CoordinateSystemNumber, Timestamp};
+use serde_json::json;
+
+use super::CoordinateSystem;
+use super::execution::word;
+use crate::journal::Entry;
+
+/// Who holds the lease of one coordinate system, and until when. Pure: the time is a parameter.
+#[derive(Debug)]
+pub(super) struct ControlLease {
+    cs: CoordinateSystemNumber,
+    last_fence: u64,
+    held: Option<Held>,
+}
+
+#[derive(Debug)]
+struct Held {
+    lease: Lease,
+    until_s: f64,
+}
+
+impl ControlLease {
+    /// A free lease. Its first fence is the time in s, so that fences of an earlier start of the runtime are none of
+    /// this one as long as the computer's clock is not set back.
+    pub fn new(cs: CoordinateSystemNumber, now: Now) -> Self {
+        let since_epoch = now.time.duration_since(std::time::UNIX_EPOCH);
+        Self {
+            cs,
+            last_fence: since_epoch.map_or(0, |time| time.as_secs()),
+            held: None,
+        }
+    }
+
+    pub fn held(&self) -> Option<&Lease> {
+        self.held.as_ref().map(|held| &held.lease)
+    }
+
+    /// When it ends by its time.
+    pub fn until_s(&self) -> Option<f64> {
+        self.held.as_ref().map(|held| held.until_s)
+    }
+
+    /// Takes it, or renews it with its own fence.
+    fn take(&mut self, now: Now, take: &LeaseTake, client_id: &str) -> Result<Lease, Refusal> {
+        let holder = take.holder.as_deref().unwrap_or(client_id);
+        if !(1..=LEASE_HOLDER_MAX).contains(&holder.chars().count()) {
+            let text = format!("holder: write 1 to {LEASE_HOLDER_MAX} characters");
+            return Err(Refusal::new(RefusalCode::Invalid, text));
+        }
+        let ttl_ms = take.ttl_ms.unwrap_or(LEASE_TTL_DEFAULT_MS);
+        if !(LEASE_TTL_MIN_MS..=LEASE_TTL_MAX_MS).contains(&ttl_ms) {
+            let text = format!("ttl_ms {ttl_ms}: write {LEASE_TTL_MIN_MS} to {LEASE_TTL_MAX_MS}");
+            return Err(Refusal::new(RefusalCode::Invalid, text));
+        }
+        self.judge(take.fence, "taking it")?;
+        let fence = take.fence.unwrap_or(self.last_fence + 1);
+        self.last_fence = self.last_fence.max(fence);
+        let ttl = std::time::Duration::from_millis(ttl_ms);
+        let lease = Lease {
+            holder: holder.to_owned(),
+            fence,
+            expires_at: Timestamp::from_system_time(now.time + ttl),
+        };
+        self.held = Some(Held {
+            lease: lease.clone(),
+            until_s: now.monotonic_s + ttl.as_secs_f64(),
+        });
+        Ok(lease)
+    }
+
+    fn release(&mut self, fence: u64) -> Result<(), Refusal> {
+        self.judge(Some(fence), "the release")?;
+        self.held = None;
+        Ok(())
+    }
+
+    /// True when its time is over: then nobody holds it.
+    pub fn expire(&mut self, now_s: f64) -> bool {
+        let over = self.until_s().is_some_and(|until_s| until_s <= now_s + 1e-9);
+        if over {
+            self.held = None;
+        }
+        over
+    }
+
+    /// Refuses what does not come from the holder, and what comes under a lease that has ended.
+    fn judge(&self, fence: Option<u64>, what: &str) -> Result<(), Refusal> {
+        let cs = self.cs;
+        let holder = self.held().map_or_else(
+            || "nobody holds it now".to_owned(),
+            |held| format!("{} holds it until {}", held.holder, held.expires_at.0),
+        );
+        match (fence, self.held()) {
+            (None, None) => Ok(()),
+            (Some(fence), Some(held)) if held.fence == fence => Ok(()),
+            (Some(fence), _) => {
+                let text = format!(
+                    "{what} is refused: the control lease {fence} of coordinate system {cs} has ended, and {holder}; \
+                     look at the state of the machine, then take the lease again"
+                );
+                Err(Refusal::new(RefusalCode::LeaseLost, text))
+            }
+            (None, Some(_)) => {
+                let text = format!(
+                    "{what} is refused: coordinate system {cs} is under a control lease, and {holder}; wait for its end, \
+                     or have an administrator break it; hold, stop, abort and reset are free"
+                );
+                Err(Refusal::new(RefusalCode::Busy, text))
+            }
+        }
+    }
+}
+
+/// True for what starts motion, or what the next start starts.
+pub(super) fn needs_lease(verb: Verb) -> bool {
+    match verb {
+        Verb::Load | Verb::Start | Verb::Resume | Verb::Mdi | Verb::Jog | Verb::Home => true,
+        Verb::Hold | Verb::Stop | Verb::Abort | Verb::Reset | Verb::AlarmAcknowledge => false,
+    }
+}
+
+impl CoordinateSystem {
+    /// Refuses what starts motion while another holds the lease.
+    pub(super) fn judge_lease(&self, verb: Verb, meta: &CommandMeta) -> Result<(), Refusal> {
+        if !needs_lease(verb) {
+            return Ok(());
+        }
+        self.lease.judge(meta.fence, &word(&verb)).map_err(|refusal| {
+            let situation = self.situation();
+            let mut allowed = situation.allowed();
+            allowed.retain(|verb| !needs_lease(*verb));
+            Refusal {
+                state: Some(situation.execution),
+                allowed,
+                ..refusal
+            }
+        })
+    }
+
+    pub(super) fn ask_lease(
+        &mut self,
+        request: &LeaseRequest,
+        meta: &CommandMeta,
+    ) -> Result<Answer, Refusal> {
+        // The same request may have come twice before the first was carried out.
+        if let Some(said) = self.shared.replied(&meta.command_id) {
+            return Ok(Answer::Command(said));
+        }
+        let before = self.lease.held().cloned();
+        let done = match request {
+            LeaseRequest::Take(take) => self
+                .lease
+                .take(self.shared.now(), take, &meta.client_id)
+                .map(|lease| (take.fence.is_none().then_some("taken"), Some(lease))),
+            LeaseRequest::Release(release) => {
+                let released = self.lease.release(release.fence);
+                released.map(|()| (Some("released"), None))
+            }
+            LeaseRequest::Break => {
+                let broken = self.lease.held.take().map(|_| "broken");
+                Ok((broken, None))
+            }
+        };
+        match done {
+            Ok((what, lease)) => {
+                if let (Some(what), Some(of)) = (what, lease.as_ref().or(before.as_ref())) {
+                    self.record_lease(what, of, Some(&meta.client_id));
+                }
+                self.publish_lease();
+                let reply = CommandReply {
+                    lease,
+                    ..self.reply_to(meta, CommandStatus::Done, "ok", "")
+                };
+                self.shared.reply(&meta.client_id, reply.clone());
+                Ok(Answer::Command(reply))
+            }
+            Err(refusal) => {
+                let code = word(&refusal.code);
+                let reply = self.reply_to(meta, CommandStatus::Rejected, &code, &refusal.text);
+                self.shared.reply(&meta.client_id, reply);
+                Err(refusal)
+            }
+        }
+    }
+
+    pub(super) fn expire_lease(&mut self, now_s: f64) {
+        let before = self.lease.held().cloned();
+        if self.lease.expire(now_s) {
+            if let Some(lease) = before {
+                self.record_lease("expired", &lease, None);
+            }
+            self.publish_lease();
+        }
+    }
+
+    fn record_lease(&self, what: &str, lease: &Lease, client_id: Option<&str>) {
+        let fields =
+            json!({"what": what, "holder": lease.holder, "fence": lease.fence, "client_id": client_id});
+        self.shared.record(self.number, &Entry::new("lease", fields));
+    }
+
+    pub(super) fn publish_lease(&self) {
+        let state = self.lease.held().cloned().into();
+        self.shared
+            .publish(self.topic(CsTopic::Lease), Payload::Lease(state));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::{Duration, UNIX_EPOCH};
+
+    use super::*;
+
+    fn at(s: f64) -> Now {
+        Now {
+            monotonic_s: s,
+            time: UNIX_EPOCH + Duration::from_secs_f64(1000.0 + s),
+        }
+    }
+
+    fn take(fence: Option<u64>, ttl_ms: Option<u64>) -> LeaseTake {
+        LeaseTake {
+            holder: None,
+            ttl_ms,
+            fence,
+        }
+    }
+
+    #[test]
+    fn nobody_needs_a_lease_that_nobody_holds() {
+        let lease = ControlLease::new(1, at(0.0));
+        assert_eq!(lease.judge(None, "start"), Ok(()));
+        let refusal = lease.judge(Some(7), "start").unwrap_err();
+        assert_eq!(refusal.code, RefusalCode::LeaseLost);
+    }
+
+    #[test]
+    fn each_lease_has_a_larger_fence_and_a_renewal_keeps_its_own() {
+        let mut lease = ControlLease::new(1, at(0.0));
+        let first = lease.take(at(0.0), &take(None, None), "a").unwrap();
+        let renewed = lease
+            .take(at(10.0), &take(Some(first.fence), Some(1000)), "a")
+            .unwrap();
+        assert_eq!(renewed.fence, first.fence);
+        assert_eq!(renewed.expires_at.0, "1970-01-01T00:16:51.000000Z");
+        lease.release(first.fence).unwrap();
+        let second = lease.take(at(11.0), &take(None, None), "b").unwrap();
+        assert!(second.fence > first.fence);
+        let stale = lease
+            .take(at(11.0), &take(Some(first.fence), None), "a")
+            .unwrap_err();
+        assert_eq!(stale.code, RefusalCode::LeaseLost);
+        assert_eq!(
+            lease.release(first.fence).unwrap_err().code,
+            RefusalCode::LeaseLost
+        );
+        assert_eq!(lease.held().unwrap().holder, "b");
+    }
+
+    #[test]
+    fn a_fence_of_an_earlier_start_of_the_runtime_is_not_one_of_this() {
+        let mut before = ControlLease::new(1, at(0.0));
+        let old = before.take(at(1.0), &take(None, None), "a").unwrap();
+        let mut now = ControlLease::new(1, at(5.0));
+        let new = now.take(at(6.0), &take(None, None), "b").unwrap();
+        assert!(new.fence > old.fence);
+        assert_eq!(
+            now.judge(Some(old.fence), "start").unwrap_err().code,
+            RefusalCode::LeaseLost
+        );
+    }
+
+    #[test]
+    fn a_lease_ends_by_its_time_and_not_before() {
+        let mut lease = ControlLease::new(1, at(0.0));
+        lease.take(at(0.0), &take(None, None), "a").unwrap();
+        assert_eq!(lease.until_s(), Some(30.0), "30 s where none is named");
+        assert!(!lease.expire(29.999));
+        let refusal = lease.take(at(29.0), &take(None, None), "b").unwrap_err();
+        assert_eq!(refusal.code, RefusalCode::Busy);
+        assert!(
+            refusal.text.contains("a holds it until 1970-01-01T00:17:10"),
+            "{}",
+            refusal.text
+        );
+        assert!(lease.expire(30.0));
+        assert!(lease.take(at(30.0), &take(None, None), "b").is_ok());
+    }
+
+    #[test]
+    fn its_time_and_the_name_of_its_holder_are_bounded() {
+        let mut lease = ControlLease::new(1, at(0.0));
+        for ttl_ms in [0, 999, 600_001, u64::MAX] {
+            let refusal = lease.take(at(0.0), &take(None, Some(ttl_ms)), "a").unwrap_err();
+            assert_eq!(refusal.code, RefusalCode::Invalid);
+            assert!(refusal.text.contains("1000 to 600000"), "{}", refusal.text);
+        }
+        for holder in [String::new(), "x".repeat(65)] {
+            let named = LeaseTake {
+                holder: Some(holder),
+                ..LeaseTake::default()
+            };
+            assert_eq!(
+                lease.take(at(0.0), &named, "a").unwrap_err().code,
+                RefusalCode::Invalid
+            );
+        }
+        assert!(lease.take(at(0.0), &take(None, Some(600_000)), "a").is_ok());
+    }
+
+    #[test]
+    fn a_lease_that_nobody_renews_ends_by_its_time_and_the_journal_tells() {
+        use std::sync::{Arc, Mutex};
+
+        use crate::journal::{Journal, Line};
+        use crate::simulation::{self, SimulationOptions};
+        use crate::{Config, Runtime};
+
+        let lines: Arc<Mutex<Vec<Line>>> = Arc::default();
+        let said = Arc::clone(&lines);
+        let sink = move |line: &Line| said.lock().unwrap().push(line.clone());
+        simulation::run(async {
+            let machine = Config::demo().resolve().unwrap();
+            let journal = Journal::to_sink(Arc::new(Mutex::new(sink)));
+            let runtime = Runtime::start_simulated(machine, journal, SimulationOptions::default()).unwrap();
+            let plc = plc_api::Plc::in_process(runtime.port());
+            let ask = plc_api::types::request::Request::Lease {
+                cs: 1,
+                request: LeaseRequest::Take(LeaseTake {
+                    holder: Some("mes".to_owned()),
+                    ttl_ms: Some(5000),
+                    fence: None,
+                }),
+                meta: CommandMeta {
+                    command_id: "t".to_owned(),
+                    client_id: "c".to_owned(),
+                    ..CommandMeta::default()
+                },
+            };
+            plc.port().request(ask).await.unwrap();
+            let system = plc.coordinate_system(1);
+            plc.sleep(Duration::from_millis(4990)).await;
+            assert_eq!(system.lease().await.unwrap().holder.as_deref(), Some("mes"));
+            assert!(system.home(&[]).await.is_err());
+            plc.sleep(Duration::from_millis(20)).await;
+            assert_eq!(system.lease().await.unwrap().holder, None);
+            system.home(&[]).await.unwrap();
+            // another coordinate system has a lease of its own
+            assert_eq!(plc.coordinate_system(2).lease().await.unwrap().holder, None);
+        })
+        .unwrap();
+        let lines = lines.lock().unwrap();
+        let told = lines.iter().filter(|line| line.event == "lease");
+        let told: Vec<_> = told
+            .map(|line| (line.fields["what"].as_str(), line.fields["holder"].as_str()))
+            .collect();
+        assert_eq!(
+            told,
+            [(Some("taken"), Some("mes")), (Some("expired"), Some("mes"))]
+        );
+    }
+
+    #[test]
+    fn a_jog_ends_when_another_takes_the_lease() {
+        use crate::journal::Journal;
+        use crate::simulation::{self, SimulationOptions};
+        use crate::{Config, Runtime};
+
+        simulation::run(async {
+            let machine = Config::demo().resolve().unwrap();
+            let runtime =
+                Runtime::start_simulated(machine, Journal::to_log(), SimulationOptions::default()).unwrap();
+            let plc = plc_api::Plc::in_process(runtime.port());
+            let (jogger, system) = (plc.coordinate_system(1), plc.coordinate_system(1));
+            let jog = tokio::spawn(async move { jogger.jog('X', 600.0, None, "j").await });
+            plc.sleep(Duration::from_millis(100)).await;
+            let lease = system.take_lease(Duration::from_secs(30)).await.unwrap();
+            assert!(
+                system.jog('X', 600.0, None, "j").await.is_err(),
+                "its refresh is refused"
+            );
+            jog.await.unwrap().unwrap();
+            let x = system.position().await.unwrap().machine["X"];
+            assert!(
+                x < 0.2 * 10.0 + 0.5,
+                "it stops 200 ms after the last refresh that counts: {x}"
+            );
+            lease.release().await.unwrap();
+        })
+        .unwrap();
+    }
+}
