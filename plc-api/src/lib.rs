@@ -97,6 +97,7 @@ pub mod alarm;
 mod ask;
 mod coordinate_system;
 mod error;
+pub mod execution;
 pub mod fake;
 pub mod handlers;
 pub mod handshake;

@@ -12,12 +12,12 @@ use plc_api::types::topic::CsTopic;
 use serde_json::json;
 use tokio::sync::oneshot;
 
-use super::execution::{Situation, word};
 use super::holding::{Cause, Held};
 use super::manual::Kind;
 use super::{CoordinateSystem, Run};
 use crate::journal::Entry;
 use crate::program_store::StoredProgram;
+use plc_api::execution::{Situation, word};
 
 /// Commands that wait for a transition to end. A further one is refused.
 const DEFERRED_MAX: usize = 256;

@@ -5,7 +5,6 @@
 //! (`publish`). The servo answers by events only; nothing calls back into a stage.
 
 mod commands;
-mod execution;
 mod holding;
 mod jog;
 mod manual;
@@ -315,7 +314,7 @@ impl CoordinateSystem {
             .as_ref()
             .is_some_and(|run| matches!(run.kind, Kind::Jog(_)));
         if let Some(run) = self.run.take() {
-            let fields = serde_json::json!({"outcome": execution::word(&into.0), "reason": into.1});
+            let fields = serde_json::json!({"outcome": plc_api::execution::word(&into.0), "reason": into.1});
             self.shared.record(self.number, &Entry::new("end", fields));
             self.remember_jog(&run);
             self.run_given_up(&run, into);

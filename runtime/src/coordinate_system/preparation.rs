@@ -11,10 +11,10 @@ use serde_json::json;
 
 use super::CoordinateSystem;
 use super::commands::Awaiting;
-use super::execution::word;
 use super::holding::Held;
 use super::manual::Kind;
 use crate::journal::Entry;
+use plc_api::execution::word;
 
 /// Items taken from the interpreter in one turn, so that a command never waits long for the task.
 const ITEMS_PER_TURN: usize = 256;
