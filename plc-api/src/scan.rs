@@ -100,6 +100,7 @@ use crate::handlers::panic_words;
 use crate::plc::Plc;
 
 pub(crate) use flags::Flags;
+use image::Camera;
 pub use image::{Image, Reads};
 use writes::Writer;
 
@@ -142,11 +143,11 @@ impl Scan {
         let period_s = self.period.as_secs_f64();
         let (mut scans, mut overruns) = (0, 0);
         let mut writer = Writer::default();
-        let reads = guarded(|| self.lock().reads())?;
+        let mut camera = Camera::new(&plc, guarded(|| self.lock().reads())?);
         let mut next_s = plc.now_s();
         loop {
             let refusals = writer.take_refusals();
-            let mut image = Image::of(&plc, &self.flags, &reads, (scans, overruns), refusals).await;
+            let mut image = camera.image(&self.flags, (scans, overruns), refusals).await;
             guarded(|| self.lock().scan(&mut image))?;
             writer.carry_out(&plc, &self.flags, image).await;
             scans += 1;

@@ -3,12 +3,13 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use futures_util::future::join_all;
+use futures_util::future::{join, join_all};
 
 use super::flags::Flags;
 use super::writes::{Level, Writes};
 use crate::alarm::Alarm;
 use crate::handlers::AuxOutput;
+use crate::hub::{Filter, Subscription};
 use crate::plc::Plc;
 use crate::types::CoordinateSystemNumber;
 use crate::types::command::Command;
@@ -21,22 +22,6 @@ use crate::types::state::{
     Captured, Execution, Lock, Modal, OptionalSkip, Overrides, Position, Spindle, SpindleDirection, State,
 };
 use crate::types::topic::{CsTopic, Topic};
-
-/// What stands in every image, for each coordinate system.
-const TOPICS: [CsTopic; 12] = [
-    CsTopic::State,
-    CsTopic::Modal,
-    CsTopic::Captured,
-    CsTopic::OptionalSkip,
-    CsTopic::OptionalStop,
-    CsTopic::SingleBlock,
-    CsTopic::DryRun,
-    CsTopic::Interlock,
-    CsTopic::StartLock,
-    CsTopic::Spindle,
-    CsTopic::Tool,
-    CsTopic::Override,
-];
 
 /// What a scan program reads beside what stands in every image: [`ScanProgram::reads`](super::ScanProgram::reads).
 ///
@@ -87,8 +72,8 @@ pub struct Image {
     scans: u64,
     overruns: u64,
     on: BTreeMap<(CoordinateSystemNumber, u16), AuxOutput>,
-    values: BTreeMap<(CoordinateSystemNumber, CsTopic), Arc<Message>>,
-    alarms: Option<Arc<Message>>,
+    said: Arc<Said>,
+    positions: BTreeMap<CoordinateSystemNumber, Arc<Message>>,
     variables: BTreeMap<(VariableArea, u32), f64>,
     refusals: Vec<Refusal>,
     pub(super) writes: Writes,
@@ -100,7 +85,7 @@ macro_rules! values {
             $(
                 $(#[$doc])*
                 pub fn $name(&self, cs: CoordinateSystemNumber) -> Option<&$type> {
-                    match &self.values.get(&(cs, CsTopic::$topic))?.payload {
+                    match self.said.get(&Topic::cs(cs, CsTopic::$topic))? {
                         Payload::$payload(value) => Some(value),
                         _ => None,
                     }
@@ -113,13 +98,11 @@ macro_rules! values {
 values! {
     /// State of a coordinate system.
     state: State as State -> State;
-    /// Positions, mm or degrees; of the coordinate systems that [`Reads::position`] names.
-    position: Position as Position -> Position;
     /// Modal G codes, F, S, ta, td, ts.
     modal: Modal as Modal -> Modal;
     /// Positions latched by the last G31; `None` before the first.
     captured: Captured as Captured -> Captured;
-    /// Spindle, commanded and actual, r/min.
+    /// Spindle as commanded, r/min, and whether it is oriented; its speed of now is that of [`Image::position`].
     spindle: Spindle as Spindle -> Spindle;
     /// Overrides, percent.
     overrides: Override as Override -> Overrides;
@@ -196,15 +179,23 @@ impl Image {
 
     /// Number of the tool in the spindle; 0: none.
     pub fn tool(&self, cs: CoordinateSystemNumber) -> Option<u16> {
-        match &self.values.get(&(cs, CsTopic::Tool))?.payload {
+        match self.said.get(&Topic::cs(cs, CsTopic::Tool))? {
             Payload::Tool(tool) => Some(tool.id),
+            _ => None,
+        }
+    }
+
+    /// Positions, mm or degrees, feedrate and spindle speed; of the coordinate systems that [`Reads::position`] names.
+    pub fn position(&self, cs: CoordinateSystemNumber) -> Option<&Position> {
+        match &self.positions.get(&cs)?.payload {
+            Payload::Position(position) => Some(position),
             _ => None,
         }
     }
 
     /// Active alarms of the machine, ascending by id.
     pub fn alarms(&self) -> &[AlarmRecord] {
-        match self.alarms.as_deref().map(|message| &message.payload) {
+        match self.said.get(&Topic::AlarmActive) {
             Some(Payload::AlarmActive(active)) => &active.alarms,
             _ => &[],
         }
@@ -222,8 +213,8 @@ impl Image {
     }
 
     fn is_switch_on(&self, cs: CoordinateSystemNumber, topic: CsTopic) -> bool {
-        let message = self.values.get(&(cs, topic));
-        matches!(message.map(|message| &message.payload), Some(Payload::Switch(switch)) if switch.value)
+        let said = self.said.get(&Topic::cs(cs, topic));
+        matches!(said, Some(Payload::Switch(switch)) if switch.value)
     }
 }
 
@@ -335,15 +326,41 @@ impl Image {
     }
 }
 
-/// How it is made.
-impl Image {
-    pub(super) async fn of(
-        plc: &Plc,
+/// The last value of each state topic.
+#[derive(Debug, Clone, Default)]
+struct Said(BTreeMap<Topic, Arc<Message>>);
+
+impl Said {
+    fn get(&self, topic: &Topic) -> Option<&Payload> {
+        self.0.get(topic).map(|message| &message.payload)
+    }
+}
+
+/// Makes images, each of what the machine has said until then and of what is asked of it.
+#[derive(Debug)]
+pub(super) struct Camera {
+    plc: Plc,
+    reads: Reads,
+    subscription: Subscription,
+    said: Arc<Said>,
+}
+
+impl Camera {
+    pub(super) fn new(plc: &Plc, reads: Reads) -> Self {
+        Self {
+            plc: plc.clone(),
+            reads,
+            subscription: plc.port().subscribe(Filter::All),
+            said: Arc::default(),
+        }
+    }
+
+    pub(super) async fn image(
+        &mut self,
         flags: &Flags,
-        reads: &Reads,
         (scans, overruns): (u64, u64),
         refusals: Vec<Refusal>,
-    ) -> Self {
+    ) -> Image {
         let mut image = Image {
             scans,
             overruns,
@@ -351,9 +368,10 @@ impl Image {
             ..Image::default()
         };
         // what has to be asked comes first, so that nothing else is older than need be
-        image.read_variables(plc, reads).await;
-        image.read_values(plc, reads).await;
-        image.time_s = plc.now_s();
+        self.ask(&mut image).await;
+        self.hear();
+        image.said = Arc::clone(&self.said);
+        image.time_s = self.plc.now_s();
         for output in flags.outputs() {
             let place = (output.coordinate_system(), output.m());
             // of several with the same number the first is answered first
@@ -362,40 +380,43 @@ impl Image {
         image
     }
 
-    async fn read_variables(&mut self, plc: &Plc, reads: &Reads) {
-        let asked = reads.variables.iter().map(|&(area, from, count)| {
-            plc.port().request(Request::ReadVariables {
+    /// Takes what was said since the image before.
+    fn hear(&mut self) {
+        // no image is left, so that nothing is copied
+        let said = Arc::make_mut(&mut self.said);
+        while let Some(message) = self.subscription.try_next() {
+            if message.topic.is_state() {
+                said.0.insert(message.topic.clone(), message);
+            }
+        }
+    }
+
+    async fn ask(&self, image: &mut Image) {
+        let port = self.plc.port();
+        let variables = self.reads.variables.iter();
+        let variables = variables.map(|&(area, from, count)| {
+            port.request(Request::ReadVariables {
                 area,
                 from,
                 count,
                 meta: None,
             })
         });
-        for (answer, &(area, from, _)) in join_all(asked).await.into_iter().zip(&reads.variables) {
+        let positions = self.reads.positions.iter().map(|&cs| async move {
+            let message = port.read(&Topic::cs(cs, CsTopic::Position)).await;
+            message.map(|message| (cs, message))
+        });
+        let (variables, positions) = join(join_all(variables), join_all(positions)).await;
+        image.positions = positions.into_iter().flatten().collect();
+        for (answer, &(area, from, _)) in variables.into_iter().zip(&self.reads.variables) {
             match answer {
                 Ok(Answer::Variables(values)) => {
                     let numbered = (from..).map(|number| (area, number)).zip(values);
-                    self.variables.extend(numbered);
+                    image.variables.extend(numbered);
                 }
                 Ok(_) => {}
-                Err(refusal) => self.refusals.push(refusal),
+                Err(refusal) => image.refusals.push(refusal),
             }
         }
-    }
-
-    async fn read_values(&mut self, plc: &Plc, reads: &Reads) {
-        let birth = plc.port().read(&Topic::Birth).await;
-        let Some(Payload::Birth(birth)) = birth.as_deref().map(|message| &message.payload) else {
-            return;
-        };
-        let systems = birth.coordinate_systems.iter().map(|system| system.number);
-        let every = systems.flat_map(|cs| TOPICS.map(|topic| (cs, topic)));
-        let positions = reads.positions.iter().map(|cs| (*cs, CsTopic::Position));
-        let read = positions.chain(every).map(|(cs, topic)| async move {
-            let message = plc.port().read(&Topic::cs(cs, topic)).await;
-            message.map(|message| ((cs, topic), message))
-        });
-        self.values = join_all(read).await.into_iter().flatten().collect();
-        self.alarms = plc.port().read(&Topic::AlarmActive).await;
     }
 }

@@ -122,7 +122,7 @@ impl CoordinateSystem {
         let text = notes.iter().fold(text, |text, note| join(&text, note));
         self.last_command_id = Some(meta.command_id.clone());
         let fields = json!({"verb": verb, "command_id": meta.command_id, "client_id": meta.client_id});
-        self.shared.record(self.number, &Entry::new("command", fields));
+        self.shared.record(self.number, Entry::new("command", fields));
         let accepted = self.say(&meta, CommandStatus::Accepted, "ok", &text);
         let mut reply = Some(reply);
         if !wait && let Some(reply) = reply.take() {
@@ -252,7 +252,7 @@ impl CoordinateSystem {
         let manual = (number == 0).then(|| Arc::clone(&run.main));
         self.view.update(|place| place.manual = manual);
         let fields = json!({"program": number, "run_id": run.id});
-        self.shared.record(self.number, &Entry::new("start", fields));
+        self.shared.record(self.number, Entry::new("start", fields));
         self.inputs.effective_from_line = 1;
         self.publish_inputs();
         self.run = Some(run);

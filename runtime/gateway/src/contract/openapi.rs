@@ -93,7 +93,7 @@ fn parameters(route: &Route) -> Vec<Value> {
         parameters.push(json!({"name": "Idempotency-Key", "in": "header", "schema": {"type": "string", "minLength": 1, "maxLength": 128}, "description": "Id of the command; one seen before is answered as then."}));
         parameters.push(json!({"name": "If-Match", "in": "header", "schema": {"type": "string", "pattern": "^\"?[0-9]+\"?$"}, "description": "Revision of the state that the sender has seen."}));
     }
-    if route.method == "GET" && route.path.contains("/variables/") {
+    if route.method == "GET" && (route.path.contains("/variables/") || route.path == "/journal") {
         for (name, minimum) in [("from", 0), ("count", 1)] {
             parameters.push(
                 json!({"name": name, "in": "query", "schema": {"type": "integer", "minimum": minimum}}),
