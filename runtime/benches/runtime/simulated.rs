@@ -1,92 +1,80 @@
-//! Ten minutes of a machine in simulated time, as a machine builder's unit tests run them (`tandem_runtime::test`).
+//! How much faster than real time simulated time passes: three axes, servo period 1 ms, ten minutes and more of motion
+//! with everything that a run has, from reading the text on. Simulated seconds by seconds on the clock.
 //!
-//! Unit tests are mostly debug builds: `cargo bench --profile dev -p tandem-runtime --bench runtime -- simulated`.
-//!
-//! Processor time, measured on a 2-core AMD EPYC virtual machine (busy with other work, which this time does not count):
-//!
-//! | ten minutes of | debug | release |
-//! | --- | --- | --- |
-//! | a handler that sleeps | below 10 ms | below 10 ms |
-//! | the same while the spindle turns | 10 ms | below 10 ms |
-//! | one dwell | below 10 ms | below 10 ms |
-//! | 60 lines of 100 mm | 10 ms | below 10 ms |
-//! | a scan program each 10 ms, 60,000 scans | 1.1 s | |
-//! | 36,000 blended lines | | |
-//!
-//! Cycles in which nothing is told are left out, with drives that follow without lag; so the time grows with what
-//! happens (blocks, outputs, scans), not with how long it takes.
+//! - long lines: sides of 100 mm, each from rest to rest (G61);
+//! - short lines: sides of 0.4 mm in a polygon, blended (G64, G501);
+//! - look-ahead: the same with G500;
+//! - arcs: full circles of 20 mm.
 
 use std::fmt::Write as _;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
-use anyhow::anyhow;
-use plc_api::scan::Image;
-use plc_api::types::state::SpindleDirection;
-use plc_api::{Alarm, AuxOutput, Plc, SequenceProgram};
+use tandem_runtime::Config;
 use tandem_runtime::test::Bench;
 
+use crate::machine::CONFIG;
 use crate::table::say;
 
-const TEN_MINUTES: Duration = Duration::from_secs(600);
+const ROUNDS: usize = 5;
 
 pub fn run() -> anyhow::Result<()> {
-    say("Ten minutes in simulated time");
-    let handlers = || SequenceProgram::new().on(110, wait).on(3, turn);
-    measure("handler sleeps", handlers(), "M110\nM30\n")?;
-    measure("spindle turns", handlers(), "M03\nM110\nM30\n")?;
-    measure("dwell", handlers(), "G04 X600\nM30\n")?;
-    let lines = "G01 X100 F600\nG01 X0\n".repeat(30);
-    measure("60 lines", handlers(), &format!("G90\n{lines}M30\n"))?;
-    let scans = SequenceProgram::new().scan(110, Duration::from_millis(10), |image: &mut Image| {
-        if image.time_s() >= TEN_MINUTES.as_secs_f64() {
-            image.reset(1, 110);
+    say("Simulated time by real time, three axes");
+    let texts = [
+        ("long lines", squares()),
+        ("short lines", polygons("G64 G501")),
+        ("look-ahead", polygons("G64 G500")),
+        ("arcs", circles()),
+    ];
+    for (name, text) in texts {
+        let mut ratios = Vec::new();
+        let mut simulated_s = 0.0;
+        for _ in 0..ROUNDS {
+            let folder = tempfile::tempdir()?;
+            let machine = Config::from_toml(CONFIG, folder.path())?;
+            let begin = Instant::now();
+            let run = Bench::on_machine(machine).run(text.clone())?.completed()?;
+            simulated_s = run.time_s;
+            ratios.push(simulated_s / begin.elapsed().as_secs_f64());
         }
-    });
-    measure("60,000 scans", scans, "M110\nM30\n")?;
-    measure("36,000 lines", handlers(), &short_lines())
-}
-
-/// 36,000 lines of 1 mm, each with its ramps within 16.7 ms.
-fn short_lines() -> String {
-    let mut text = "G90 G64\n".to_owned();
-    for n in 0..36_000 {
-        // Writing to a String does not fail.
-        let _ = writeln!(text, "G01 X{} Y{} F6000", n % 2, n % 3);
+        ratios.sort_by(f64::total_cmp);
+        say(&format!(
+            "  {name:<12} {simulated_s:>6.0} s simulated   median {:>6.0} times   lowest {:>6.0}",
+            ratios[ROUNDS / 2],
+            ratios[0]
+        ));
     }
-    text + "M30\n"
-}
-
-async fn wait(_output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
-    plc.sleep(TEN_MINUTES).await;
     Ok(())
 }
 
-async fn turn(_output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
-    let system = plc.coordinate_system(1);
-    Ok(system.set_spindle(SpindleDirection::Cw, 1000.0).await?)
+/// 100 squares of 100 mm at 4000 mm/min.
+fn squares() -> String {
+    let mut text = String::from("G17 G61 G91 G01 F4000\n");
+    for _ in 0..100 {
+        text.push_str("X100\nY100 Z0.1\nX-100\nY-100\n");
+    }
+    text.push_str("M30\n");
+    text
 }
 
-fn measure(what: &str, program: SequenceProgram, text: &str) -> anyhow::Result<()> {
-    let (begun, processor_s) = (Instant::now(), processor_s()?);
-    let run = Bench::new().serve(program).run(text)?.completed()?;
-    say(&format!(
-        "  {what:<15} {:>7.1} s simulated   {:>6.2} s of the processor   {:>6.2} s",
-        run.time_s,
-        self::processor_s()? - processor_s,
-        begun.elapsed().as_secs_f64()
-    ));
-    Ok(())
+/// 100 polygons of 1000 sides of 0.4 mm at 4000 mm/min.
+fn polygons(codes: &str) -> String {
+    let mut text = format!("G17 {codes} G91 G01 F4000\n");
+    for _ in 0..100 {
+        for side in 0..1000_u32 {
+            let angle = f64::from(side) * std::f64::consts::TAU / 1000.0;
+            let _ = writeln!(text, "X{:.5}Y{:.5}", 0.4 * angle.cos(), 0.4 * angle.sin());
+        }
+    }
+    text.push_str("M30\n");
+    text
 }
 
-/// Time that this process has computed, s; in steps of 10 ms, as Linux tells it.
-fn processor_s() -> anyhow::Result<f64> {
-    let stat = std::fs::read_to_string("/proc/self/stat")?;
-    let fields = stat.rsplit(')').next().unwrap_or_default();
-    let ticks = |n: usize| -> anyhow::Result<f64> {
-        let field = fields.split_whitespace().nth(n);
-        Ok(field
-            .ok_or_else(|| anyhow!("/proc/self/stat is short"))?
-            .parse()?)
-    };
-    Ok((ticks(11)? + ticks(12)?) / 100.0)
+/// 300 full circles of radius 20 mm at 4000 mm/min.
+fn circles() -> String {
+    let mut text = String::from("G17 G64 G501 G91 F4000\n");
+    for _ in 0..300 {
+        text.push_str("G03 I20 J0\n");
+    }
+    text.push_str("M30\n");
+    text
 }
