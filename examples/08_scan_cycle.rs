@@ -1,19 +1,27 @@
 //! A sequence program as a PLC scan, every 10 ms: `cargo run --example 08_scan_cycle`
 //!
 //! M20 VA runs a conveyor for VA mm; M21 waits for a part at its end and is an alarm when none comes within 8 seconds.
-//! M codes are flags with parameters, resets are written as flags, and what takes time is a state of the program.
+//! M codes are flags with parameters, resets are written as flags, and what takes time is a state of the program. P200
+//! counts the parts, and while the hood is open the interlock holds the machine.
 
 #![allow(clippy::print_stdout, reason = "an example shows what it does")]
 
 use std::time::Duration;
 
-use plc_api::scan::{Image, ScanProgram};
-use plc_api::{Alarm, SequenceProgram};
+use plc_api::scan::{Image, Reads, ScanProgram};
+use plc_api::types::command::Command;
+use plc_api::{Alarm, Execution, SequenceProgram};
 use tandem_runtime::test::{Bench, TestError};
 
 const PERIOD: Duration = Duration::from_millis(10);
 const BELT_MM_PER_S: f64 = 200.0;
 const PART_PATIENCE_S: f64 = 8.0;
+
+/// P variable that counts the parts.
+const PARTS: u32 = 200;
+
+/// The hood is open from 0.5 s to 1.5 s.
+const HOOD_OPEN_S: std::ops::Range<f64> = 0.5..1.5;
 
 /// What a PLC keeps from scan to scan. `belt_mm` stands for the encoder, `part` for the light barrier.
 #[derive(Default)]
@@ -25,7 +33,20 @@ struct Conveyor {
 }
 
 impl ScanProgram for Conveyor {
+    fn reads(&self) -> Reads {
+        Reads::default().p(PARTS, 1)
+    }
+
     fn scan(&mut self, image: &mut Image) {
+        let is_open = HOOD_OPEN_S.contains(&image.time_s());
+        image.set_interlock(1, is_open, "the hood is open");
+        if is_open {
+            return;
+        }
+        let is_interrupted = image.execution(1) == Execution::Interrupted;
+        if is_interrupted && image.interlock(1).is_some_and(|lock| !lock.value) {
+            image.command(1, Command::Resume);
+        }
         self.run_belt(image);
         self.wait_for_part(image);
     }
@@ -53,6 +74,8 @@ impl Conveyor {
         }
         let since_s = *self.waiting_since_s.get_or_insert(image.time_s());
         if self.belt_mm >= self.part_after_mm {
+            let parts = image.p(PARTS).unwrap_or(0.0);
+            image.set_p(PARTS, parts + 1.0);
             image.reset(1, 21);
         } else if image.time_s() - since_s >= PART_PATIENCE_S {
             image.fail(1, 21, Alarm::user(21, "no part at the end of the conveyor"));

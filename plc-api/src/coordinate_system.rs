@@ -12,8 +12,8 @@ use crate::types::message::Payload;
 use crate::types::output::Pending;
 use crate::types::request::{Answer, Input, OverrideChange, Refusal, RefusalCode, Request, SpindleCommand};
 use crate::types::state::{
-    Captured, Execution, Lock, Modal, Overrides, Position, ProgramPlace, Spindle, SpindleDirection, State,
-    Tool,
+    Captured, Execution, Lock, Modal, OptionalSkip, Overrides, Position, ProgramPlace, Spindle,
+    SpindleDirection, State, Tool,
 };
 use crate::types::topic::{CsTopic, Topic};
 
@@ -65,6 +65,12 @@ readings! {
     lease: Lease as Lease -> LeaseState;
     /// Overrides, percent.
     overrides: Override as Override -> Overrides;
+    /// Optional block skip inputs, and which of them the interpreter reads now.
+    optional_skip: OptionalSkip as OptionalSkip -> OptionalSkip;
+    /// The interlock input and why it is on.
+    interlock: Interlock as Lock -> Lock;
+    /// The start lock input and why it is on.
+    start_lock: StartLock as Lock -> Lock;
     /// Open auxiliary function outputs.
     pending: Pending as Pending -> Pending;
 }

@@ -3,8 +3,38 @@
 //! It makes outputs when told ([`FakePort::put_out`]), remembers how each ended ([`FakePort::closed`]) and what else
 //! was asked ([`FakePort::requests`]). Time stands still until [`FakePort::advance`]. Made for current-thread tokio
 //! runtimes, the default of `#[tokio::test]`, where each run is the same.
+//!
+//! The state follows: READY with program 1 at first, WAIT while an output is open, ACTIVE after its reset, STOPPED with
+//! the alarm when it fails, PROGRAM_COMPLETED after [`FakePort::put_end`]. Commands are judged by the same
+//! [table](crate::execution) as on a machine, and have their effect at once; inputs, tool and spindle are read back as
+//! they were set.
+//!
+//! ```
+//! # use plc_api::{Execution, Params, fake::FakePort, types::request::Refusal};
+//! # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
+//! let fake = FakePort::new([1]);
+//! let mill = fake.plc().coordinate_system(1);
+//! mill.start().await?;
+//! fake.put_out(1, 100, Params::default());
+//! assert_eq!(mill.state().await?.execution, Execution::Wait);
+//! mill.hold().await?;
+//! assert_eq!(mill.state().await?.execution, Execution::FeedHold);
+//! assert!(mill.start().await.is_err(), "it has been started");
+//! mill.stop().await?;
+//! assert_eq!(mill.state().await?.execution, Execution::Stopped);
+//! # Ok(()) }
+//! ```
+//!
+//! It has no motion and reads no NC program: positions, captured positions, modal codes, and what depends on them (M00,
+//! M01, single block, with_motion outputs) are there only as a test says them by [`FakePort::say`]. Whoever needs them
+//! tests with `tandem_runtime::test`.
 
+mod alarms;
 mod data;
+mod requests;
+mod system;
+#[cfg(test)]
+mod tests;
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -12,23 +42,23 @@ use std::time::{Duration, SystemTime};
 
 use tokio::sync::oneshot;
 
+use crate::alarm::Alarm;
 use crate::handshake::{Closed, Effect, Ledger, Now, OutputSpec};
 use crate::hub::{Filter, Hub, Subscription};
 use crate::plc::Plc;
 use crate::port::{BoxFuture, Port};
-use crate::types::command::{CommandMeta, CommandReply, CommandStatus};
-use crate::types::lease::{LEASE_TTL_DEFAULT_MS, Lease, LeaseRequest};
-use crate::types::machine::{Birth, CoordinateSystemInfo, Presence};
+use crate::types::machine::{AlarmRecord, Birth, CoordinateSystemInfo, Presence};
 use crate::types::message::{Message, Payload};
 use crate::types::output::{
-    CancelReason, HandlerPresence, HandshakeResult, HandshakeStatus, Params, PendingOutput, Redeliver,
-    Redelivery, Timing,
+    CancelReason, HandlerPresence, Params, PendingOutput, Redeliver, Redelivery, Timing,
 };
 use crate::types::question::{Validate, ValidateResult};
-use crate::types::request::{Answer, Refusal, RefusalCode, Request};
+use crate::types::request::{Answer, Refusal, Request};
 use crate::types::state::{Spindle, Tool};
 use crate::types::topic::{CsTopic, Topic};
 use crate::types::{BootId, CoordinateSystemNumber, Timestamp};
+
+use system::System;
 
 /// Outputs that may be open at a time in one coordinate system.
 const OPEN_OUTPUTS_MAX: usize = 64;
@@ -53,6 +83,8 @@ struct Inner {
     handlers: BTreeMap<String, HandlerPresence>,
     requests: Vec<Request>,
     validated: Vec<ValidateResult>,
+    systems: BTreeMap<CoordinateSystemNumber, System>,
+    alarms: Vec<AlarmRecord>,
     rev: u64,
     leases: u64,
     data: data::Data,
@@ -62,14 +94,18 @@ struct Inner {
 impl FakePort {
     /// A machine with these coordinate systems, online.
     pub fn new(coordinate_systems: impl IntoIterator<Item = CoordinateSystemNumber>) -> Self {
-        let ledgers = coordinate_systems
+        let ledgers: BTreeMap<_, _> = coordinate_systems
             .into_iter()
-            .map(|cs| (cs, Ledger::new(boot_id(1), OPEN_OUTPUTS_MAX)));
+            .map(|cs| (cs, Ledger::new(boot_id(1), OPEN_OUTPUTS_MAX)))
+            .collect();
+        let systems = ledgers.keys().map(|cs| (*cs, System::new())).collect();
         let fake = Self {
             inner: Arc::new(Mutex::new(Inner {
                 boot: 1,
                 now_s: 0.0,
-                ledgers: ledgers.collect(),
+                ledgers,
+                systems,
+                alarms: Vec::new(),
                 closed: BTreeMap::new(),
                 handlers: BTreeMap::new(),
                 requests: Vec::new(),
@@ -90,7 +126,8 @@ impl FakePort {
         Plc::in_process(Arc::new(self.clone()))
     }
 
-    /// Makes an output without a time limit, and gives its `seq`.
+    /// Makes an output without a time limit, and gives its `seq`: the program waits for it. A run begins where there
+    /// is none; under a hold the output is made at the resume.
     ///
     /// # Panics
     /// There is no such coordinate system, or 64 outputs are open there: mistakes of the test.
@@ -110,21 +147,36 @@ impl FakePort {
         params: Params,
         timeout: Option<Duration>,
     ) -> u64 {
+        let mut inner = self.lock();
+        let system = inner.systems.get_mut(&cs).expect("no such coordinate system");
+        system.begin();
+        let (is_held, run_id, program) = (system.is_paused(), system.run_id(), system.program());
         let spec = OutputSpec {
-            run_id: "run-1".to_owned(),
+            run_id,
             m,
             params,
             timing: Timing::AfterMotion,
-            program: 1,
+            program,
             line: 1,
             timeout_s: timeout.map(|timeout| timeout.as_secs_f64()),
         };
-        self.with(cs, |ledger, now| {
+        self.use_ledger(&mut inner, cs, |ledger, now| {
             let seq = ledger.enqueue(now, spec).expect("64 outputs are open");
-            ledger.put_out(now, seq);
+            if !is_held {
+                ledger.put_out(now, seq);
+            }
             seq
         })
         .expect("no such coordinate system")
+    }
+
+    /// The program comes to its end (M30): PROGRAM_COMPLETED once no output is open and nothing holds it.
+    pub fn put_end(&self, cs: CoordinateSystemNumber) {
+        let mut inner = self.lock();
+        if let Some(system) = inner.systems.get_mut(&cs) {
+            system.put_end();
+        }
+        self.publish_system(&mut inner, cs);
     }
 
     /// How an output ended; `None` while it is open.
@@ -181,9 +233,19 @@ impl FakePort {
         request_id
     }
 
-    /// Cancels all open outputs, as a stop, a reset or an alarm does.
+    /// Cancels all open outputs and ends the run, as a stop, a reset or an alarm does; with
+    /// [`CancelReason::Operator`] the run goes on.
     pub fn cancel(&self, cs: CoordinateSystemNumber, reason: CancelReason) {
-        let _none = self.with(cs, |ledger, now| ledger.cancel_all(now, reason));
+        let mut inner = self.lock();
+        self.end_run(&mut inner, cs, reason);
+        self.publish_system(&mut inner, cs);
+    }
+
+    /// An alarm of a coordinate system: STOPPED, and all open outputs are cancelled.
+    pub fn raise(&self, cs: CoordinateSystemNumber, alarm: Alarm) {
+        let mut inner = self.lock();
+        self.raise_alarm(&mut inner, cs, alarm);
+        self.publish_system(&mut inner, cs);
     }
 
     /// The connection of a handler breaks: its claims are given back.
@@ -209,12 +271,17 @@ impl FakePort {
         for ledger in inner.ledgers.values_mut() {
             *ledger = Ledger::new(boot_id.clone(), OPEN_OUTPUTS_MAX);
         }
+        for system in inner.systems.values_mut() {
+            system.restart();
+        }
         inner.closed.clear();
+        inner.alarms.clear();
         self.publish_birth(&mut inner);
     }
 
     /// The machine says something of a coordinate system, such as its state or captured positions: subscribers get it,
-    /// and whoever reads the topic gets it until something else is said. The payload is one of the topic.
+    /// and whoever reads the topic gets it until something else is said. The payload is one of the topic. A state that
+    /// is said is taken over: commands are judged by it, and it changes as they and the outputs say.
     ///
     /// ```
     /// use plc_api::types::message::Payload;
@@ -234,7 +301,11 @@ impl FakePort {
     /// # Ok(()) }
     /// ```
     pub fn say(&self, cs: CoordinateSystemNumber, topic: CsTopic, payload: Payload) {
-        self.publish(&mut self.lock(), Topic::cs(cs, topic), payload);
+        let mut inner = self.lock();
+        if let (Payload::State(state), Some(system)) = (&payload, inner.systems.get_mut(&cs)) {
+            system.take_over(state);
+        }
+        self.publish(&mut inner, Topic::cs(cs, topic), payload);
     }
 
     /// Lets every task do what it can do without time going on.
@@ -283,16 +354,40 @@ impl FakePort {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Uses a ledger and publishes what comes of it.
     fn with<T>(&self, cs: CoordinateSystemNumber, use_it: impl FnOnce(&mut Ledger, Now) -> T) -> Option<T> {
-        let mut inner = self.lock();
+        self.use_ledger(&mut self.lock(), cs, use_it)
+    }
+
+    /// Uses a ledger and publishes what comes of it.
+    fn use_ledger<T>(
+        &self,
+        inner: &mut Inner,
+        cs: CoordinateSystemNumber,
+        use_it: impl FnOnce(&mut Ledger, Now) -> T,
+    ) -> Option<T> {
         let now = inner.now();
         let ledger = inner.ledgers.get_mut(&cs)?;
         let result = use_it(ledger, now);
+        let mut failed = None;
         for effect in ledger.take_effects() {
-            self.carry_out(&mut inner, cs, effect);
+            if let Effect::Closed { m, how, .. } = &effect {
+                failed = failed.or_else(|| alarms::of(*m, how));
+            }
+            self.carry_out(inner, cs, effect);
         }
+        if let Some(alarm) = failed {
+            self.raise_alarm(inner, cs, alarm);
+        }
+        self.publish_system(inner, cs);
         Some(result)
+    }
+
+    /// Cancels what is open; the run ends where the reason ends it.
+    fn end_run(&self, inner: &mut Inner, cs: CoordinateSystemNumber, reason: CancelReason) {
+        if let (Some(word), Some(system)) = (system::word_of(reason), inner.systems.get_mut(&cs)) {
+            system.end(word);
+        }
+        let _none = self.use_ledger(inner, cs, |ledger, now| ledger.cancel_all(now, reason));
     }
 
     fn carry_out(&self, inner: &mut Inner, cs: CoordinateSystemNumber, effect: Effect) {
@@ -329,9 +424,39 @@ impl FakePort {
         };
         self.publish(inner, Topic::Presence, Payload::Presence(presence));
         self.publish(inner, Topic::Birth, Payload::Birth(birth));
+        self.publish_alarms(inner);
         let systems: Vec<_> = inner.ledgers.keys().copied().collect();
         for cs in systems {
             self.carry_out(inner, cs, Effect::PendingChanged);
+            self.publish(
+                inner,
+                Topic::cs(cs, CsTopic::Tool),
+                Payload::Tool(Tool::default()),
+            );
+            let spindle = Payload::Spindle(Spindle::default());
+            self.publish(inner, Topic::cs(cs, CsTopic::Spindle), spindle);
+            self.publish_system(inner, cs);
+        }
+    }
+
+    /// Publishes state and inputs where they have changed.
+    fn publish_system(&self, inner: &mut Inner, cs: CoordinateSystemNumber) {
+        let alarm_count = inner.alarm_count(cs);
+        let Inner { systems, ledgers, .. } = inner;
+        let (Some(system), Some(ledger)) = (systems.get_mut(&cs), ledgers.get(&cs)) else {
+            return;
+        };
+        system.follow(ledger);
+        let state = (CsTopic::State, Payload::State(system.state(ledger, alarm_count)));
+        let said = [state].into_iter().chain(system.inputs());
+        for (topic, payload) in said {
+            let topic = Topic::cs(cs, topic);
+            let last = self.hub.read(&topic);
+            let is_news =
+                last.is_none_or(|last| last.payload != payload || last.boot_id != boot_id(inner.boot));
+            if is_news {
+                self.publish(inner, topic, payload);
+            }
         }
     }
 
@@ -345,142 +470,14 @@ impl FakePort {
             payload,
         });
     }
-
-    fn answer(&self, request: Request) -> Result<Answer, Refusal> {
-        let missing = |cs| {
-            Refusal::new(
-                RefusalCode::NotFound,
-                format!("coordinate system {cs} does not exist"),
-            )
-        };
-        match request {
-            Request::Claim(cs, m, claim) => self
-                .with(cs, |ledger, now| ledger.claim(now, m, &claim))
-                .map(Answer::Handshake)
-                .ok_or_else(|| missing(cs)),
-            Request::Reset(cs, m, reset) => self
-                .with(cs, |ledger, now| ledger.reset(now, m, &reset))
-                .map(Answer::Handshake)
-                .ok_or_else(|| missing(cs)),
-            Request::Progress(cs, m, report) => self
-                .with(cs, |ledger, now| ledger.progress(now, m, &report))
-                .map(|status| handshake_answer(report.seq, &report.handler_id, status))
-                .ok_or_else(|| missing(cs)),
-            Request::Ask(cs, m, ask) => self
-                .with(cs, |ledger, now| ledger.ask(now, m, &ask))
-                .ok_or_else(|| missing(cs))?
-                .map(|status| handshake_answer(ask.seq, &ask.handler_id, status)),
-            Request::AnswerQuestion(cs, m, answer) => self
-                .with(cs, |ledger, now| ledger.answer_question(now, m, &answer))
-                .map(|status| handshake_answer(answer.seq, "", status))
-                .ok_or_else(|| missing(cs)),
-            Request::Redeliver(cs, m, redeliver) => self
-                .with(cs, |ledger, now| ledger.redeliver(now, m, &redeliver))
-                .map(|status| handshake_answer(redeliver.seq, "", status))
-                .ok_or_else(|| missing(cs)),
-            Request::Handler(id, presence) => {
-                self.handler(&id, &presence);
-                Ok(Answer::Done)
-            }
-            Request::ValidateResult(_, _, result) => {
-                self.lock().validated.push(result);
-                Ok(Answer::Done)
-            }
-            Request::Handlers => Ok(Answer::Handlers(self.handlers())),
-            other => self.script(other),
-        }
-    }
-
-    fn handler(&self, id: &str, presence: &HandlerPresence) {
-        let mut inner = self.lock();
-        inner.handlers.insert(id.to_owned(), presence.clone());
-        let (topic, payload) = (
-            Topic::HandlerPresence(id.to_owned()),
-            Payload::HandlerPresence(presence.clone()),
-        );
-        self.publish(&mut inner, topic, payload);
-        drop(inner);
-        if !presence.online {
-            self.lose_handler(id);
-            return;
-        }
-        let systems: Vec<_> = self.lock().ledgers.keys().copied().collect();
-        for cs in systems {
-            let handles = |m| presence.handles.iter().any(|code| code.cs == cs && code.m == m);
-            let _none = self.with(cs, |ledger, now| ledger.republish(now, handles));
-        }
-    }
-
-    /// Remembers a request, and answers as a machine does where nothing goes wrong.
-    fn script(&self, request: Request) -> Result<Answer, Refusal> {
-        let mut inner = self.lock();
-        inner.requests.push(request.clone());
-        if let Some(answer) = inner.data.answer(&request) {
-            return answer;
-        }
-        match request {
-            Request::Command { meta, .. } => Ok(Answer::Command(inner.done(meta))),
-            Request::Lease { request, meta, .. } => Ok(Answer::Command(CommandReply {
-                lease: inner.granted(request, &meta),
-                ..inner.done(meta)
-            })),
-            Request::Tool(cs, id) => {
-                self.publish(
-                    &mut inner,
-                    Topic::cs(cs, CsTopic::Tool),
-                    Payload::Tool(Tool { id }),
-                );
-                Ok(Answer::Done)
-            }
-            Request::Spindle(cs, command) => {
-                let spindle = Spindle {
-                    direction: command.direction,
-                    rpm: command.rpm,
-                    actual_rpm: command.rpm,
-                    oriented: false,
-                };
-                self.publish(
-                    &mut inner,
-                    Topic::cs(cs, CsTopic::Spindle),
-                    Payload::Spindle(spindle),
-                );
-                Ok(Answer::Done)
-            }
-            Request::Input(..) | Request::SkipInput(..) => Ok(Answer::Done),
-            Request::Programs => Ok(Answer::Programs(Vec::new())),
-            _ => Err(Refusal::new(
-                RefusalCode::NotSupported,
-                "the fake machine does not do this",
-            )),
-        }
-    }
 }
 
 impl Inner {
-    fn done(&self, meta: CommandMeta) -> CommandReply {
-        CommandReply {
-            command_id: meta.command_id,
-            status: CommandStatus::Done,
-            code: "ok".to_owned(),
-            text: String::new(),
-            state_rev: self.rev,
-            variables: None,
-            lease: None,
-        }
-    }
-
-    /// Every lease is granted, each with a fence of its own.
-    fn granted(&mut self, request: LeaseRequest, meta: &CommandMeta) -> Option<Lease> {
-        let LeaseRequest::Take(take) = request else {
-            return None;
-        };
-        self.leases += u64::from(take.fence.is_none());
-        let ttl = Duration::from_millis(take.ttl_ms.unwrap_or(LEASE_TTL_DEFAULT_MS));
-        Some(Lease {
-            holder: take.holder.unwrap_or_else(|| meta.client_id.clone()),
-            fence: take.fence.unwrap_or(self.leases),
-            expires_at: Timestamp::from_system_time(self.now().time + ttl),
-        })
+    /// Active alarms that count for a coordinate system.
+    fn alarm_count(&self, cs: CoordinateSystemNumber) -> u32 {
+        let active = self.alarms.iter().filter(|alarm| alarm.cleared_at.is_none());
+        let count = active.filter(|alarm| alarm.cs == Some(cs)).count();
+        u32::try_from(count).unwrap_or(u32::MAX)
     }
 
     fn now(&self) -> Now {
@@ -493,14 +490,6 @@ impl Inner {
 
 fn boot_id(boot: u32) -> BootId {
     BootId(format!("fake-{boot}"))
-}
-
-fn handshake_answer(seq: u64, handler_id: &str, status: HandshakeStatus) -> Answer {
-    Answer::Handshake(HandshakeResult {
-        seq,
-        handler_id: handler_id.to_owned(),
-        status,
-    })
 }
 
 impl Port for FakePort {

@@ -47,9 +47,10 @@ pub(crate) use work::words as panic_words;
 /// let plc = fake.plc();
 /// tokio::spawn(async move { SequenceProgram::new().on(10, clamp).run(&plc).await });
 /// let good = fake.put_out(1, 10, Params { a: Some(5.0), ..Params::default() });
-/// let bad = fake.put_out(1, 10, Params::default());
 /// fake.advance(std::time::Duration::from_millis(300)).await;
 /// assert_eq!(fake.closed(1, good), Some(Closed::Reset));
+/// let bad = fake.put_out(1, 10, Params::default());
+/// fake.settle().await;
 /// let alarm = Alarm::user(1, "M10 needs VA");
 /// assert_eq!(fake.closed(1, bad), Some(Closed::Failed { alarm }));
 /// # }
@@ -124,8 +125,8 @@ impl SequenceProgram {
         self
     }
 
-    /// A program in the scan-cycle style for these M codes, in every coordinate system: see [`scan`](crate::scan). The
-    /// period is at least 1 ms.
+    /// A program in the scan-cycle style for these M codes, in every coordinate system: see [`scan`](crate::scan). One
+    /// that only looks after inputs serves none, `[]`. The period is at least 1 ms.
     #[must_use]
     pub fn scan(mut self, codes: impl MCodes, period: Duration, program: impl ScanProgram) -> Self {
         let scan = scanned(&mut self.table, None, codes, period, program);
@@ -237,9 +238,11 @@ fn scanned(
 ) -> Scan {
     let flags = Flags::default();
     let of_scan = flags.clone();
-    table.add(cs, &codes.m_codes(), move |output: AuxOutput| {
-        of_scan.clone().on(output)
-    });
+    let codes = codes.m_codes();
+    // one that only guards the machine serves none
+    if !codes.is_empty() {
+        table.add(cs, &codes, move |output: AuxOutput| of_scan.clone().on(output));
+    }
     Scan {
         flags,
         period,

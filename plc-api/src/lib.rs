@@ -6,6 +6,8 @@
 //! unchanged.
 //!
 //! # A sequence program
+//! `tandem init DIR` writes a machine with such a program and a test, ready to run; by hand it takes `plc-api` and
+//! `tokio` (features `macros`, `rt-multi-thread`). `tandem` alone runs the demo machine that this address names.
 //! ```no_run
 //! use plc_api::{Alarm, AuxOutput, Plc, SequenceProgram};
 //!
@@ -33,8 +35,45 @@
 //! `Ok` resets the output, and the NC program goes on. `Err` raises alarm 10000 + code with its text and stops the
 //! program; a panic does the same. Several open outputs run their handlers at the same time.
 //!
-//! What a handler shares with others it gets by [`handlers::with`]. Which parameters it takes it may say beforehand:
-//! with [`validate`](SequenceProgram::validate) a program with wrong ones is refused when it is loaded.
+//! # Parameters and shared state
+//! [`Params`] holds VA to VH; what is not programmed is `None`. Which parameters a handler takes it may say beforehand:
+//! with [`validate`](SequenceProgram::validate) a program with wrong ones is refused when it is loaded. What a handler
+//! shares with others it gets by [`handlers::with`]. Axes, variables, tools and inputs are behind
+//! [`Plc::coordinate_system`] and [`Plc::variables`].
+//! ```
+//! use std::sync::{Arc, Mutex};
+//! use plc_api::{Alarm, AuxOutput, Params, Plc, SequenceProgram, handlers::with};
+//!
+//! /// Parts in the tray, shared by M60 and M61.
+//! type Tray = Arc<Mutex<u32>>;
+//!
+//! /// VA: how many parts, 1 to 20.
+//! fn parts(params: &Params) -> Result<u32, Alarm> {
+//!     match params.a() {
+//!         Some(parts) if (1.0..=20.0).contains(&parts) => Ok(parts as u32),
+//!         other => Err(Alarm::user(60, format!("VA is {other:?}; write 1 to 20"))),
+//!     }
+//! }
+//!
+//! async fn fill(output: AuxOutput, plc: Plc, tray: Tray) -> Result<(), Alarm> {
+//!     let parts = parts(output.params())?;
+//!     *tray.lock().unwrap() += parts;
+//!     plc.variables().set(200, f64::from(parts)).await?; // the next block reads P200
+//!     Ok(())
+//! }
+//!
+//! async fn empty(_output: AuxOutput, _plc: Plc, tray: Tray) -> Result<(), Alarm> {
+//!     *tray.lock().unwrap() = 0;
+//!     Ok(())
+//! }
+//!
+//! let tray = Tray::default();
+//! let program = SequenceProgram::new()
+//!     .on(60, with(Arc::clone(&tray), fill))
+//!     .validate(60, parts)
+//!     .on(61, with(tray, empty));
+//! assert_eq!(program.check(), Ok(()));
+//! ```
 //!
 //! # While the program waits
 //! [`AuxOutput::progress`] says how far the work is. [`Plc::ask`] asks the operator and waits for one of the choices;
@@ -53,20 +92,86 @@
 //! # Cancel
 //! A stop, a reset or an alarm cancels open outputs: the handler's future is dropped where it waits, and what it
 //! started elsewhere sees it by [`AuxOutput::cancellation`]. Handlers sleep by [`Plc::sleep`], never by another clock.
+//! What must be undone then stands in a destructor.
+//! ```
+//! use std::time::Duration;
+//! use plc_api::{Alarm, AuxOutput, CancelReason, Cancellation, Params, Plc, SequenceProgram, fake::FakePort};
+//!
+//! /// The pump runs as long as this is there, however its handler ends.
+//! struct Pump(Cancellation);
+//!
+//! impl Drop for Pump {
+//!     fn drop(&mut self) {
+//!         // the output of the pump goes off here
+//!         if self.0.is_cancelled() {
+//!             println!("the pump stops: {:?}", self.0.reason());
+//!         }
+//!     }
+//! }
+//!
+//! async fn rinse(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
+//!     let _pump = Pump(output.cancellation());
+//!     plc.sleep(Duration::from_secs(30)).await;
+//!     Ok(())
+//! }
+//! # #[tokio::main(flavor = "current_thread")] async fn main() {
+//! # let fake = FakePort::new([1]);
+//! # let plc = fake.plc();
+//! # tokio::spawn(async move { SequenceProgram::new().on(8, rinse).run(&plc).await });
+//! # let seq = fake.put_out(1, 8, Params::default());
+//! # fake.advance(Duration::from_secs(1)).await;
+//! # fake.cancel(1, CancelReason::Stop);
+//! # fake.settle().await;
+//! # assert!(fake.pending(1).is_empty());
+//! # }
+//! ```
 //!
 //! # Redelivery
 //! A handler whose process dies gives its output back: the program waits, with reason `HANDLER_LOST`. Nothing is done
 //! twice without being asked: what happens when the sequence program is there again is its
 //! [`on_redelivery`](SequenceProgram::on_redelivery), by default to wait for an operator. With
 //! [`Redelivery::Verify`] the handler runs again with [`AuxOutput::redelivered`] true, and looks at the machine first.
+//! ```
+//! use plc_api::{Alarm, AuxOutput, Redelivery, SequenceProgram};
+//!
+//! async fn close_door(output: AuxOutput) -> Result<(), Alarm> {
+//!     if output.redelivered() && door_is_closed() {
+//!         return Ok(()); // it was closed before the process died
+//!     }
+//!     // ... close it ...
+//!     Ok(())
+//! }
+//! # fn door_is_closed() -> bool { true }
+//!
+//! let program = SequenceProgram::new()
+//!     .on(40, close_door)
+//!     .handler_id("door") // by its name the machine knows it again
+//!     .on_redelivery(Redelivery::Verify);
+//! assert_eq!(program.check(), Ok(()));
+//! ```
 //!
 //! # Scan style
 //! Who thinks in PLC scans writes a [`scan::ScanProgram`]: at a fixed period it sees M codes as flags with parameters
-//! and writes resets as flags. [`SequenceProgram::scan`] serves it beside handlers.
+//! beside states, inputs and variables, and writes resets, inputs and commands as flags. [`SequenceProgram::scan`] serves
+//! it beside handlers.
+//! ```
+//! use std::time::Duration;
+//! use plc_api::{SequenceProgram, scan::Image};
+//!
+//! let program = SequenceProgram::new().scan(30..=31, Duration::from_millis(10), |image: &mut Image| {
+//!     let coolant_is_on = image.is_on(1, 30);
+//!     // ... the output of the coolant pump is as the flag ...
+//!     image.reset(1, 30);
+//!     image.reset(1, 31);
+//!     image.set_start_lock(1, !coolant_is_on && tank_is_empty(), "the coolant tank is empty");
+//! });
+//! # fn tank_is_empty() -> bool { false }
+//! # assert_eq!(program.check(), Ok(()));
+//! ```
 //!
 //! # Testing
-//! [`fake::FakePort`] is a scripted machine: outputs are made by hand, and time goes on by hand. A whole runtime that
-//! runs NC programs in simulated time is `tandem_runtime::test`, a dev-dependency.
+//! [`fake::FakePort`] is a scripted machine: outputs are made by hand, time goes on by hand, and its state follows. A
+//! whole runtime that runs NC programs in simulated time, with motion, is `tandem_runtime::test`, a dev-dependency.
 //! ```
 //! use std::time::Duration;
 //! use plc_api::{Alarm, AuxOutput, Params, Plc, SequenceProgram, fake::FakePort, handshake::Closed};
@@ -90,13 +195,16 @@
 //!
 //! # Layers
 //! [`port::Port`] is the whole interface as one trait; [`types`] is all that crosses a wire; [`handshake`] is the state
-//! machine of outputs and resets that every transport goes through; [`hub`] hands messages out.
-//! Features: `mqtt` (default) is the MQTT client, with TLS; `schema` derives JSON Schemas of the types.
+//! machine of outputs and resets that every transport goes through; [`execution`] says which command is allowed when;
+//! [`hub`] hands messages out.
+//! Features: `mqtt` (default) is the MQTT client, with TLS; `rest` is the client of REST and WebSocket; `schema` derives
+//! JSON Schemas of the types. Without them it depends on tokio, serde and little more.
 
 pub mod alarm;
 mod ask;
 mod coordinate_system;
 mod error;
+pub mod execution;
 pub mod fake;
 pub mod handlers;
 pub mod handshake;

@@ -130,6 +130,19 @@ impl Plc {
         }
     }
 
+    /// The newest `count` lines of the journal, 1 to 1000, but for the `from` newest, in the order of time: JSON objects
+    /// with `ts`, `t_s` (seconds since the start of the runtime), `cs`, `event`, and what belongs to the event. In
+    /// process and over REST.
+    ///
+    /// # Errors
+    /// A count out of its range; the machine keeps no journal, or cannot read it; over MQTT.
+    pub async fn journal(&self, from: u32, count: u32) -> Result<Vec<serde_json::Value>> {
+        match self.request(Request::Journal { from, count }).await? {
+            Answer::Journal(lines) => Ok(lines),
+            other => Err(unexpected(&other)),
+        }
+    }
+
     /// Sets the skip input of a motor, by its CNC motor number; it keeps the value until it is set again. Not real time:
     /// what G31 captures is where the motor is when the servo hears of it.
     ///

@@ -27,7 +27,7 @@ use crate::clock::Clock;
 use crate::config::{Config, ConfigError, Machine, ProgramSource};
 use crate::coordinate_system::{CoordinateSystem, Handle, REQUESTS_MAX};
 use crate::journal::Journal;
-use crate::persistence::journal_file::JournalThread;
+use crate::persistence::journal_file::{JOURNAL_FOLDER, JournalThread};
 use crate::persistence::{Image, KeeperThread, Restored, Source, Store, restore, tell_of_last_runs};
 use crate::port::RuntimePort;
 use crate::program_store::{ProgramStore, read_text};
@@ -355,7 +355,7 @@ fn open_data(machine: &Machine) -> Result<Option<Data>, StartError> {
     let opened = std::fs::create_dir_all(folder).and_then(|()| {
         let store = Store::open(&path)?;
         let image = store.load()?;
-        Ok((store, image, JournalThread::start(&folder.join("journal"))?))
+        Ok((store, image, JournalThread::start(&folder.join(JOURNAL_FOLDER))?))
     });
     match opened {
         Ok((store, image, journal)) => Ok(Some(Data {

@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use plc_api::handshake::Now;
-use plc_api::types::{CoordinateSystemNumber, Timestamp};
+use plc_api::types::CoordinateSystemNumber;
 use serde_json::{Map, Value, json};
 
 use crate::persistence::journal_file::JournalWriter;
@@ -30,11 +30,10 @@ pub struct Line {
 impl Line {
     /// The line as one JSON object.
     pub fn to_json(&self) -> Value {
-        let mut object = Map::new();
+        let mut object = self.fields.clone();
         object.insert("t_s".into(), json!(self.t_s));
         object.insert("cs".into(), json!(self.cs));
         object.insert("event".into(), json!(self.event));
-        object.extend(self.fields.clone());
         Value::Object(object)
     }
 }
@@ -42,13 +41,17 @@ impl Line {
 /// What a coordinate system reports.
 #[derive(Debug, Clone)]
 pub(crate) struct Entry {
-    pub event: &'static str,
-    pub fields: Value,
+    event: &'static str,
+    fields: Map<String, Value>,
 }
 
 impl Entry {
     /// An entry whose fields are those of a JSON object.
     pub fn new(event: &'static str, fields: Value) -> Self {
+        let fields = match fields {
+            Value::Object(fields) => fields,
+            _ => Map::new(),
+        };
         Self { event, fields }
     }
 }
@@ -88,26 +91,21 @@ impl Journal {
         }
     }
 
-    pub(crate) fn record(&self, now: Now, cs: CoordinateSystemNumber, entry: &Entry) {
-        let fields = match &entry.fields {
-            Value::Object(fields) => fields.clone(),
-            _ => Map::new(),
-        };
+    pub(crate) fn record(&self, now: Now, cs: CoordinateSystemNumber, entry: Entry) {
         let line = Line {
             t_s: now.monotonic_s,
             cs,
             event: entry.event,
-            fields,
+            fields: entry.fields,
         };
-        if let Some(disk) = self.disk.as_ref().filter(|_| entry.event != BLOCK) {
-            let mut json = line.to_json();
-            json["ts"] = json!(Timestamp::from_system_time(now.time));
-            disk.write(json.to_string());
-        }
         match &self.sink {
             Some(sink) => (sink.lock().unwrap_or_else(PoisonError::into_inner))(&line),
-            None if entry.event == BLOCK => tracing::debug!(target: "journal", "{}", line.to_json()),
+            None if line.event == BLOCK => tracing::debug!(target: "journal", "{}", line.to_json()),
             None => tracing::info!(target: "journal", "{}", line.to_json()),
+        }
+        // its text is made on the journal's thread: a handshake does not wait for it
+        if let Some(disk) = self.disk.as_ref().filter(|_| line.event != BLOCK) {
+            disk.write(line, now.time);
         }
     }
 }

@@ -243,7 +243,8 @@ impl RuntimePort {
             | Request::WriteTools(_)
             | Request::WorkOffsets(_)
             | Request::WriteWorkOffsets(..)
-            | Request::LastRun(_) => self.data(request).await,
+            | Request::LastRun(_)
+            | Request::Journal { .. } => self.data(request).await,
             Request::Handler(id, presence) => self.handler(id, presence).await,
             Request::Handlers => Ok(Answer::Handlers(self.shared.handlers())),
             Request::Programs

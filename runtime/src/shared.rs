@@ -140,7 +140,7 @@ impl Shared {
     }
 
     /// Writes a line of the journal.
-    pub fn record(&self, cs: CoordinateSystemNumber, entry: &Entry) {
+    pub fn record(&self, cs: CoordinateSystemNumber, entry: Entry) {
         self.journal.record(self.now(), cs, entry);
     }
 

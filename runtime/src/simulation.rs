@@ -109,10 +109,11 @@ impl Simulation {
 
     /// Cycles before the next sleeper is due in which nothing happens pass at once; a trace wants each of them.
     fn pass(&self, servo: &mut SimulatedServo, now_ns: u64) -> u64 {
-        let Some(due_ns) = self.clock.next_due_ns().filter(|_| servo.on_cycle.is_none()) else {
+        if servo.on_cycle.is_some() {
             return 0;
-        };
-        let left_ns = due_ns.min(self.limit_ns).saturating_sub(now_ns);
+        }
+        let due_ns = self.clock.next_due_ns().unwrap_or(u64::MAX).min(self.limit_ns);
+        let left_ns = due_ns.saturating_sub(now_ns);
         servo
             .servo
             .pass(left_ns.div_ceil(self.period_ns).saturating_sub(1))

@@ -72,7 +72,8 @@
 //! # Ok(()) }
 //! ```
 //!
-//! Handlers sleep by [`Plc::sleep`](plc_api::Plc::sleep): ten minutes of them take milliseconds. One that waits for
+//! Handlers sleep by [`Plc::sleep`](plc_api::Plc::sleep): ten minutes of them take milliseconds, and so do ten minutes
+//! of long lines and dwells, where the motors have no `lag_ms`: what takes time is what happens, such as blocks. One that waits for
 //! anything else ends the run, and [`Run::completed`] tells what the program waited for.
 
 mod perform;
@@ -284,7 +285,7 @@ impl Bench {
 
     /// Keeps the commanded positions of all coordinate systems in the run, one sample each so many seconds or the next
     /// servo cycle: [`Run::trace`], [`Run::at_s`]. Such a run computes every servo cycle, also those in which nothing
-    /// moves: a simulated minute takes about as long as one of motion.
+    /// is told: ten simulated minutes take seconds then.
     pub fn trace_every_s(mut self, interval_s: f64) -> Self {
         self.trace_every_s = Some(interval_s);
         self

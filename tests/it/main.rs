@@ -20,6 +20,8 @@ mod examples;
 mod extension;
 mod init;
 mod modes;
+#[rustfmt::skip]
+mod readme;
 mod serve;
 mod tidy;
 mod transports;

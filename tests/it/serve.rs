@@ -3,6 +3,7 @@
 mod access;
 mod conditions;
 mod coordinate_systems;
+mod disk;
 mod kept;
 mod life;
 mod modes;

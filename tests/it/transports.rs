@@ -9,6 +9,7 @@ mod link_loss;
 mod many_machines;
 mod operator;
 mod program;
+mod scan;
 mod tls;
 
 use std::sync::Arc;

@@ -60,6 +60,7 @@ impl Data {
                 Answer::Done
             }
             Request::LastRun(_) => Answer::LastRun(None),
+            Request::Journal { .. } => Answer::Journal(Vec::new()),
             _ => return None,
         }))
     }

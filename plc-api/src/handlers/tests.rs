@@ -81,13 +81,14 @@ async fn a_panic_is_a_fault_with_its_text_and_the_program_goes_on() {
     let fake = FakePort::new([1]);
     let _task = serve(&fake, SequenceProgram::new().on(7, broken)).await;
     let bad = fake.put_out(1, 7, Params::default());
-    let good = fake.put_out(1, 7, params(1.0));
     fake.settle().await;
     let alarm = Alarm::user(
         Alarm::CODE_OF_PANIC,
         "the handler of M7 panicked: no VA in line 1",
     );
     assert_eq!(fake.closed(1, bad), Some(Closed::Failed { alarm }));
+    let good = fake.put_out(1, 7, params(1.0));
+    fake.settle().await;
     assert_eq!(fake.closed(1, good), Some(Closed::Reset));
 }
 

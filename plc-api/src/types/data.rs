@@ -57,6 +57,9 @@ impl<'de> Deserialize<'de> for Number {
     }
 }
 
+/// Lines of the journal of one answer at the most.
+pub const JOURNAL_LINES_MAX: u32 = 1000;
+
 /// Letter of the variables that outlive a program (manual 4-3).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 use super::CoordinateSystemNumber;
 use super::command::{Command, CommandMeta, CommandReply, Verb};
@@ -102,6 +103,13 @@ pub enum Request {
     WriteWorkOffsets(CoordinateSystemNumber, WorkOffsetTable),
     /// How the last run before this start of the runtime stood; answered by [`Answer::LastRun`].
     LastRun(CoordinateSystemNumber),
+    /// The newest `count` lines of the journal, 1 to 1000, but for the `from` newest; answered by [`Answer::Journal`].
+    Journal {
+        /// How many of the newest are left out.
+        from: u32,
+        /// How many.
+        count: u32,
+    },
     /// Programs of the store; answered by [`Answer::Programs`].
     Programs,
     /// Text of a program; answered by [`Answer::ProgramText`].
@@ -193,6 +201,9 @@ pub enum Answer {
     WorkOffsets(WorkOffsetTable),
     /// How the last run stood; `None`: there was none.
     LastRun(Option<LastRun>),
+    /// Lines of the journal, in the order of time: JSON objects with `ts`, `t_s` (seconds since the start of the
+    /// runtime), `cs`, `event`, and what belongs to the event.
+    Journal(Vec<Value>),
     /// Programs of the store, ascending.
     Programs(Vec<ProgramInfo>),
     /// Text of a program, or its intermediate code.

@@ -4,9 +4,14 @@ use std::sync::{Arc, Mutex};
 
 use plc_api::fake::FakePort;
 use plc_api::handshake::Closed;
-use plc_api::scan::Image;
+use plc_api::scan::{Image, Reads, ScanProgram};
+use plc_api::types::command::Command;
+use plc_api::types::data::VariableArea;
+use plc_api::types::message::Payload;
 use plc_api::types::output::OutputState;
-use plc_api::types::request::Request;
+use plc_api::types::request::{Input, OverrideChange, Request, SpindleCommand};
+use plc_api::types::state::{Captured, Lock, Position, SpindleDirection};
+use plc_api::types::topic::CsTopic;
 use plc_api::{Alarm, CancelReason, Params, Redelivery, SequenceProgram};
 
 use crate::{ms, serve, va};
@@ -131,4 +136,190 @@ async fn a_scan_of_one_coordinate_system_serves_no_other() {
     assert_eq!(fake.closed(1, mill), None);
     assert_eq!(fake.pending(1)[0].state, OutputState::Output, "nobody claims it");
     assert_eq!(fake.closed(2, loader), Some(Closed::Reset));
+}
+
+/// What the last scan has seen of the machine.
+#[derive(Default)]
+struct Seen {
+    scans: u64,
+    skip: bool,
+    single_block: bool,
+    feed: f64,
+    captured: Option<Vec<f64>>,
+    x: Option<f64>,
+    variables: Vec<Option<f64>>,
+    execution: Option<plc_api::Execution>,
+    refused: Vec<String>,
+}
+
+struct Watch {
+    seen: Arc<Mutex<Seen>>,
+    write: fn(&mut Image),
+}
+
+impl ScanProgram for Watch {
+    fn reads(&self) -> Reads {
+        Reads::default().position(1).p(100, 2).q(1, 5, 1)
+    }
+
+    fn scan(&mut self, image: &mut Image) {
+        *self.seen.lock().unwrap() = Seen {
+            scans: image.scans(),
+            skip: image.is_optional_skip(1, 7),
+            single_block: image.is_single_block(1),
+            feed: image.overrides(1).map_or(0.0, |overrides| overrides.feed),
+            captured: image.captured(1).map(|captured| captured.positions.clone()),
+            x: image.position(1).map(|position| position.machine["X"]),
+            variables: vec![image.p(100), image.p(101), image.p(102), image.q(1, 5)],
+            execution: Some(image.execution(1)),
+            refused: image.refusals().iter().map(ToString::to_string).collect(),
+        };
+        (self.write)(image);
+    }
+}
+
+/// A scan every 10 ms without M codes.
+async fn watch(fake: &FakePort, write: fn(&mut Image)) -> Arc<Mutex<Seen>> {
+    let seen = Arc::new(Mutex::new(Seen::default()));
+    let program = Watch {
+        seen: Arc::clone(&seen),
+        write,
+    };
+    serve(fake, SequenceProgram::new().scan([], ms(10), program)).await;
+    seen
+}
+
+fn inputs(fake: &FakePort) -> Vec<Input> {
+    let requests = fake.requests().into_iter();
+    let inputs = requests.filter_map(|request| match request {
+        Request::Input(1, input) => Some(input),
+        _ => None,
+    });
+    inputs.collect()
+}
+
+#[tokio::test]
+async fn an_image_shows_inputs_overrides_positions_and_the_variables_that_were_asked_for() {
+    let fake = FakePort::new([1]);
+    let (plc, mill) = (fake.plc(), fake.plc().coordinate_system(1));
+    let position = Position {
+        machine: [("X".to_owned(), 12.5)].into(),
+        ..Position::default()
+    };
+    fake.say(1, CsTopic::Position, Payload::Position(position));
+    let captured = Captured {
+        positions: vec![1.25],
+        ..Captured::default()
+    };
+    fake.say(1, CsTopic::Captured, Payload::Captured(captured));
+    mill.set_optional_skip(7, true).await.unwrap();
+    mill.set_single_block(true).await.unwrap();
+    let feed = Some(30.0);
+    mill.set_overrides(OverrideChange {
+        feed,
+        ..OverrideChange::default()
+    })
+    .await
+    .unwrap();
+    plc.variables().write(101, &[2.0, 3.0]).await.unwrap();
+    mill.variables().set(5, -1.0).await.unwrap();
+    let seen = watch(&fake, |_| {}).await;
+    let seen = seen.lock().unwrap();
+    assert!(seen.skip && seen.single_block);
+    assert_eq!((seen.feed, seen.x), (30.0, Some(12.5)));
+    assert_eq!(seen.captured, Some(vec![1.25]));
+    assert_eq!(
+        seen.variables,
+        [Some(0.0), Some(2.0), None, Some(-1.0)],
+        "P102 was not asked for"
+    );
+    assert_eq!(seen.execution, Some(plc_api::Execution::Ready));
+}
+
+#[tokio::test]
+async fn a_flag_written_in_every_scan_is_sent_when_it_differs_and_wins_over_others() {
+    let fake = FakePort::new([1]);
+    let mill = fake.plc().coordinate_system(1);
+    let _seen = watch(&fake, |image| {
+        image.set_interlock(1, true, "a value that counts no more");
+        image.set_interlock(1, image.scans() < 10, "the door is open");
+        image.set_optional_skip(1, 3, true);
+        image.set_optional_skip(1, 4, false);
+    })
+    .await;
+    fake.advance(ms(55)).await;
+    let lock = |value| {
+        Input::Interlock(Lock {
+            value,
+            text: "the door is open".to_owned(),
+        })
+    };
+    let skip = |number, value| Input::OptionalSkip([(number, value)].into());
+    let once = [lock(true), skip(3, true), skip(4, false)];
+    assert_eq!(inputs(&fake), once, "once in six scans");
+    // someone else writes the flag: the next scan writes it back
+    mill.set_optional_skip(3, false).await.unwrap();
+    fake.advance(ms(10)).await;
+    assert_eq!(mill.state().await.unwrap().optional_skip, [3]);
+    fake.advance(ms(100)).await;
+    assert!(!mill.interlock().await.unwrap().value);
+}
+
+#[tokio::test]
+async fn what_is_written_before_a_reset_is_there_when_the_program_goes_on() {
+    let fake = FakePort::new([1]);
+    let program = SequenceProgram::new().scan(20, ms(10), |image: &mut Image| {
+        if image.is_on(1, 20) {
+            image.reset(1, 20);
+            image.set_q(1, 9, 3.0);
+            image.set_q(1, 8, 2.0);
+            image.set_p(9, 1.0);
+            image.select_tool(1, 4);
+            image.set_spindle(1, SpindleDirection::Cw, 500.0);
+        }
+    });
+    let _task = serve(&fake, program).await;
+    let seq = fake.put_out(1, 20, Params::default());
+    fake.advance(ms(15)).await;
+    assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+    let write = |area, from, values: &[f64]| Request::WriteVariables {
+        area,
+        from,
+        values: values.to_vec(),
+        meta: None,
+    };
+    let spindle = SpindleCommand {
+        direction: SpindleDirection::Cw,
+        rpm: 500.0,
+    };
+    let expected = [
+        write(VariableArea::Global, 9, &[1.0]),
+        write(VariableArea::CoordinateSystem(1), 8, &[2.0, 3.0]),
+        Request::Tool(1, 4),
+        Request::Spindle(1, spindle),
+    ];
+    assert_eq!(fake.requests(), expected, "neighbours at one moment");
+}
+
+#[tokio::test]
+async fn what_the_machine_refuses_is_told_to_the_next_scan() {
+    let fake = FakePort::new([1]);
+    let seen = watch(&fake, |image| {
+        if image.scans() == 0 {
+            image.command(1, Command::Resume);
+            image.set_optional_stop(9, true);
+        }
+    })
+    .await;
+    fake.advance(ms(10)).await;
+    let refused = seen.lock().unwrap().refused.clone();
+    assert_eq!(refused.len(), 2, "{refused:?}");
+    assert!(refused[0].contains("coordinate system 9"), "{refused:?}");
+    assert!(
+        refused[1].contains("resume is not allowed in READY"),
+        "{refused:?}"
+    );
+    fake.advance(ms(10)).await;
+    let seen = seen.lock().unwrap();
+    assert_eq!((seen.scans, seen.refused.len()), (2, 0));
 }

@@ -3,6 +3,7 @@
 //! ```text
 //! cargo bench -p tandem-runtime --bench runtime              all, about 60 s
 //! cargo bench -p tandem-runtime --bench runtime -- m_code    one of: m_code many servo rest program simulated
+//!                                                            ten_minutes
 //! ```
 //!
 //! Each part says in its own docs what it measures, and what was measured where.
@@ -16,6 +17,7 @@ mod rest;
 mod servo;
 mod simulated;
 mod table;
+mod ten_minutes;
 
 use machine::in_real_time;
 
@@ -47,6 +49,9 @@ fn main() -> anyhow::Result<()> {
     }
     if is_wanted("simulated") {
         simulated::run()?;
+    }
+    if is_wanted("ten_minutes") {
+        ten_minutes::run()?;
     }
     Ok(())
 }

@@ -196,25 +196,6 @@ impl Channel {
             && !(self.spindle.as_ref()).is_some_and(SimulatedSpindle::owes_report)
     }
 
-    /// True when further cycles without a profile or a control change nothing but the angle of the spindle.
-    pub(crate) fn is_quiet(&self) -> bool {
-        self.is_idle()
-            && !self.told
-            && self.hold != Hold::ComingToRest
-            && self.velocity == AxisVector::ZERO
-            && self.motors.has_settled()
-            && self.spindle.as_ref().is_none_or(SimulatedSpindle::is_steady)
-    }
-
-    /// What so many cycles do while the channel is quiet.
-    pub(crate) fn pass(&mut self, cycles: u64) {
-        if let Some(spindle) = self.spindle.as_mut().filter(|spindle| spindle.rpm() != 0.0) {
-            for _ in 0..cycles {
-                spindle.cycle();
-            }
-        }
-    }
-
     /// Where the block comes from that the setpoint of the last cycle belongs to, its end point and the wait for its
     /// motors included; `None` when no block runs, and while an abort brakes.
     pub fn executing(&self) -> Option<Origin> {

@@ -261,7 +261,7 @@ impl Channel {
 
     /// True when the next profile of a chain is missing, and what is left of this one is the way to rest at the slew of
     /// feed hold; then until it is there. So a late planner slows the motion, and never takes it off its path.
-    fn runs_dry(&mut self) -> bool {
+    pub(crate) fn runs_dry(&mut self) -> bool {
         let Some(profile) = &self.current else {
             return false;
         };
@@ -338,7 +338,7 @@ impl Channel {
     }
 
     /// A pace already is the fastest that the motors allow, so no override is faster.
-    fn override_of(&self, profile: &Profile) -> f64 {
+    pub(crate) fn override_of(&self, profile: &Profile) -> f64 {
         match profile.time_base {
             TimeBase::Feed if matches!(profile.law, Law::Paced { .. }) => self.feed_override.min(1.0),
             TimeBase::Feed => self.feed_override,

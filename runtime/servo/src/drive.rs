@@ -6,6 +6,12 @@ use std::fmt;
 pub trait Drive: fmt::Debug + Send {
     /// Takes the commanded position of this cycle and gives the actual one, both mm or degrees.
     fn cycle(&mut self, command: f64) -> f64;
+
+    /// True when the actual position is the command of the same cycle, whatever came before: simulated time may leave
+    /// out cycles of such a drive.
+    fn is_ideal(&self) -> bool {
+        false
+    }
 }
 
 /// A drive that follows its command as a first-order lag; with a lag of 0 it is ideal.
@@ -53,6 +59,10 @@ impl Drive for SimulatedDrive {
             command
         };
         self.actual
+    }
+
+    fn is_ideal(&self) -> bool {
+        self.lag_periods == 0.0
     }
 }
 

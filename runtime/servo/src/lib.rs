@@ -34,6 +34,7 @@ mod cycle;
 mod drive;
 mod look_ahead;
 mod motors;
+mod passing;
 mod path_time;
 mod readings;
 mod servo;

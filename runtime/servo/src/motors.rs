@@ -95,6 +95,11 @@ impl Motors {
         self.settled
     }
 
+    /// True when every motor is where its command is, whatever came before.
+    pub(crate) fn are_ideal(&self) -> bool {
+        self.axes.iter().flatten().all(|motor| motor.drive.is_ideal())
+    }
+
     pub(crate) fn actual(&self) -> AxisVector {
         self.actual
     }

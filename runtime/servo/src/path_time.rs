@@ -47,6 +47,11 @@ impl PathTime {
         self.cycles = 0;
     }
 
+    /// So many cycles at the rate of now.
+    pub(crate) fn pass(&mut self, cycles: u64) {
+        self.cycles += cycles;
+    }
+
     /// One cycle towards a target rate with a change of at most `slope` per second; gives the profile time.
     pub(crate) fn advance(&mut self, target: f64, slope: f64) -> f64 {
         let change = target - self.rate;

@@ -32,19 +32,20 @@ impl Servo {
         events
     }
 
-    /// Lets up to `cycles_max` cycles pass at once where they would change nothing but the time: every channel is idle,
-    /// its motors have settled, its spindle keeps its speed. Gives how many have passed, all or none; the readings show
-    /// them after the next [`Servo::cycle`]. For simulated time; a controller that is sent nothing meanwhile ends in the
-    /// same state, to the last bit, as by as many cycles.
+    /// Lets up to `cycles_max` cycles pass at once that would put out no event: every channel rests, dwells, or moves at
+    /// a constant rate of its time base, with motors that follow without lag; its spindle keeps its speed. Gives how
+    /// many have passed; the readings show them after the next [`Servo::cycle`]. For simulated time; a controller that
+    /// is sent nothing meanwhile ends in the same state, to the last bit, as by as many cycles.
     pub fn pass(&mut self, cycles_max: u64) -> u64 {
-        if !self.channels.iter().all(Channel::is_quiet) {
-            return 0;
+        let each = self.channels.iter_mut().map(Channel::cycles_to_pass);
+        let cycles = each.fold(cycles_max, u64::min);
+        if cycles > 0 {
+            for channel in &mut self.channels {
+                channel.pass(cycles);
+            }
+            self.cycles += cycles;
         }
-        for channel in &mut self.channels {
-            channel.pass(cycles_max);
-        }
-        self.cycles += cycles_max;
-        cycles_max
+        cycles
     }
 
     /// Time of the last cycle: cycles times the servo period, s. 0 before the first.

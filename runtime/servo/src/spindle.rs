@@ -188,6 +188,11 @@ impl SimulatedSpindle {
         ended
     }
 
+    /// True while a way in a thread turns it.
+    pub(crate) fn is_locked(&self) -> bool {
+        self.lock.is_some()
+    }
+
     /// True when further cycles change its angle at most: it rests or turns as commanded.
     pub(crate) fn is_steady(&self) -> bool {
         match self.direction {

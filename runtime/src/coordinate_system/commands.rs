@@ -12,12 +12,12 @@ use plc_api::types::topic::CsTopic;
 use serde_json::json;
 use tokio::sync::oneshot;
 
-use super::execution::{Situation, word};
 use super::holding::{Cause, Held};
 use super::manual::Kind;
 use super::{CoordinateSystem, Run};
 use crate::journal::Entry;
 use crate::program_store::StoredProgram;
+use plc_api::execution::{Situation, word};
 
 /// Commands that wait for a transition to end. A further one is refused.
 const DEFERRED_MAX: usize = 256;
@@ -122,7 +122,7 @@ impl CoordinateSystem {
         let text = notes.iter().fold(text, |text, note| join(&text, note));
         self.last_command_id = Some(meta.command_id.clone());
         let fields = json!({"verb": verb, "command_id": meta.command_id, "client_id": meta.client_id});
-        self.shared.record(self.number, &Entry::new("command", fields));
+        self.shared.record(self.number, Entry::new("command", fields));
         let accepted = self.say(&meta, CommandStatus::Accepted, "ok", &text);
         let mut reply = Some(reply);
         if !wait && let Some(reply) = reply.take() {
@@ -253,7 +253,7 @@ impl CoordinateSystem {
         let manual = (number == 0).then(|| Arc::clone(&run.main));
         self.view.update(|place| place.manual = manual);
         let fields = json!({"program": number, "run_id": run.id});
-        self.shared.record(self.number, &Entry::new("start", fields));
+        self.shared.record(self.number, Entry::new("start", fields));
         self.inputs.effective_from_line = 1;
         self.publish_inputs();
         self.run = Some(run);

@@ -81,7 +81,7 @@ impl CoordinateSystem {
             self.put_out_queued();
             self.hold_after_planned_block();
         }
-        self.shared.record(self.number, &Entry::new("resume", json!({})));
+        self.shared.record(self.number, Entry::new("resume", json!({})));
     }
 
     /// The servo has come to rest under feed hold.
@@ -202,6 +202,6 @@ impl CoordinateSystem {
         let fields =
             origin.map(|at| json!({"reason": "SINGLE_BLOCK", "program": at.program, "line": at.line}));
         self.shared
-            .record(self.number, &Entry::new("stop", fields.unwrap_or_default()));
+            .record(self.number, Entry::new("stop", fields.unwrap_or_default()));
     }
 }

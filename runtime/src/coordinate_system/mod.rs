@@ -6,7 +6,6 @@
 
 mod bus;
 mod commands;
-mod execution;
 mod holding;
 mod jog;
 mod lease;
@@ -267,7 +266,7 @@ impl CoordinateSystem {
                 self.follow_changes(segment);
                 self.view.update(|place| place.executing = origin);
                 let fields = serde_json::json!({"program": origin.program, "line": origin.line});
-                self.shared.record(self.number, &Entry::new("block", fields));
+                self.shared.record(self.number, Entry::new("block", fields));
             }
             Event::Finished { segment, .. } => self.servo.finished_segment = segment,
             Event::Held => {
@@ -326,8 +325,8 @@ impl CoordinateSystem {
             .as_ref()
             .is_some_and(|run| matches!(run.kind, Kind::Jog(_)));
         if let Some(run) = self.run.take() {
-            let fields = serde_json::json!({"outcome": execution::word(&into.0), "reason": into.1});
-            self.shared.record(self.number, &Entry::new("end", fields));
+            let fields = serde_json::json!({"outcome": plc_api::execution::word(&into.0), "reason": into.1});
+            self.shared.record(self.number, Entry::new("end", fields));
             self.remember_jog(&run);
             self.run_given_up(&run, into);
         }
@@ -366,7 +365,7 @@ impl CoordinateSystem {
         };
         let record = self.shared.raise(record);
         let fields = serde_json::to_value(&record).unwrap_or_default();
-        self.shared.record(self.number, &Entry::new("alarm", fields));
+        self.shared.record(self.number, Entry::new("alarm", fields));
         self.end_run(
             CancelReason::Alarm,
             (Execution::Stopped, Some(Reason::Alarm)),

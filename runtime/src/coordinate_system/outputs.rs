@@ -127,7 +127,7 @@ impl CoordinateSystem {
         let result = self.ledger.claim(self.shared.now(), m, claim);
         if result.status == HandshakeStatus::Accepted {
             let fields = json!({"seq": claim.seq, "handler_id": claim.handler_id});
-            self.shared.record(self.number, &Entry::new("claim", fields));
+            self.shared.record(self.number, Entry::new("claim", fields));
         }
         result
     }
@@ -146,7 +146,7 @@ impl CoordinateSystem {
             if reset.force == Some(true) {
                 fields["force"] = json!(true);
             }
-            self.shared.record(self.number, &Entry::new("reset", fields));
+            self.shared.record(self.number, Entry::new("reset", fields));
         }
         result
     }
@@ -155,7 +155,7 @@ impl CoordinateSystem {
         let status = self.ledger.ask(self.shared.now(), m, ask)?;
         if status == HandshakeStatus::Accepted && !ask.choices.is_empty() {
             let fields = json!({"seq": ask.seq, "text": ask.text, "choices": ask.choices});
-            self.shared.record(self.number, &Entry::new("question", fields));
+            self.shared.record(self.number, Entry::new("question", fields));
         }
         Ok(handshake_answer(ask.seq, &ask.handler_id, status))
     }
@@ -165,7 +165,7 @@ impl CoordinateSystem {
         if status == HandshakeStatus::Accepted {
             let client_id = &answer.client_id;
             let fields = json!({"seq": answer.seq, "choice": answer.choice, "client_id": client_id});
-            self.shared.record(self.number, &Entry::new("answer", fields));
+            self.shared.record(self.number, Entry::new("answer", fields));
         }
         handshake_answer(answer.seq, "", status)
     }
@@ -227,7 +227,7 @@ impl CoordinateSystem {
         );
         if notice.attempt == 1 {
             let fields = serde_json::to_value(notice).unwrap_or_default();
-            self.shared.record(self.number, &Entry::new("output", fields));
+            self.shared.record(self.number, Entry::new("output", fields));
         }
         let first = self.notices.insert(notice.seq, notice.clone()).is_none();
         if first && !self.shared.is_handled(self.number, notice.m) {

@@ -11,10 +11,10 @@ use serde_json::json;
 
 use super::CoordinateSystem;
 use super::commands::Awaiting;
-use super::execution::word;
 use super::holding::Held;
 use super::manual::Kind;
 use crate::journal::Entry;
+use plc_api::execution::word;
 
 /// Items taken from the interpreter in one turn, so that a command never waits long for the task.
 const ITEMS_PER_TURN: usize = 256;
@@ -222,7 +222,7 @@ impl CoordinateSystem {
                 self.view.update(|place| place.executing = stop.origin);
                 let m = u16::from(stop.optional);
                 let fields = json!({"m": m, "program": stop.origin.program, "line": stop.origin.line});
-                self.shared.record(self.number, &Entry::new("stop", fields));
+                self.shared.record(self.number, Entry::new("stop", fields));
                 if let Some(run) = &mut self.run {
                     run.phase = Phase::Paused(stop);
                 }
@@ -251,7 +251,7 @@ impl CoordinateSystem {
         self.remember_jog(&run);
         self.manual_goes_on |= matches!(run.kind, Kind::Manual);
         let fields = json!({"outcome": word(&into)});
-        self.shared.record(self.number, &Entry::new("end", fields));
+        self.shared.record(self.number, Entry::new("end", fields));
         self.complete(&Awaiting::is_of_run);
     }
 }

@@ -147,7 +147,7 @@ impl CoordinateSystem {
             *value = *position;
         }
         let fields = serde_json::to_value(&captured).unwrap_or_default();
-        self.shared.record(self.number, &Entry::new("capture", fields));
+        self.shared.record(self.number, Entry::new("capture", fields));
         self.shared
             .publish(self.topic(CsTopic::Captured), Payload::Captured(captured));
     }
@@ -251,7 +251,7 @@ impl CoordinateSystem {
             ..AlarmRecord::default()
         });
         let fields = json!({"program": record.program, "line": record.line, "text": record.text});
-        self.shared.record(self.number, &Entry::new("warning", fields));
+        self.shared.record(self.number, Entry::new("warning", fields));
     }
 }
 

@@ -14,13 +14,13 @@ pub(crate) fn tell_of_last_runs(shared: &Shared) {
     let boot = json!({"boot_id": shared.boot_id, "version": env!("CARGO_PKG_VERSION")});
     for system in &shared.machine.coordinate_systems {
         let cs = system.settings.number;
-        shared.record(cs, &Entry::new("boot", boot.clone()));
+        shared.record(cs, Entry::new("boot", boot.clone()));
         let last_run = shared.restored.last_runs.get(&cs);
         let Some(last_run) = last_run.filter(|last_run| last_run.is_under_way()) else {
             continue;
         };
         let fields = serde_json::to_value(last_run).unwrap_or_default();
-        shared.record(cs, &Entry::new("interrupted", fields));
+        shared.record(cs, Entry::new("interrupted", fields));
         shared.raise_standing(AlarmRecord {
             severity: AlarmSeverity::Warning,
             number: RESTARTED_IN_RUN.number,

@@ -10,7 +10,15 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
+
+use plc_api::types::Timestamp;
+use serde_json::{Value, json};
+
+use crate::journal::Line;
+
+/// Its folder in `data_dir`.
+pub(crate) const JOURNAL_FOLDER: &str = "journal";
 
 /// Bytes of one file of the journal; a new one is begun beyond.
 const FILE_BYTES_MAX: u64 = 4 << 20;
@@ -28,8 +36,15 @@ const GATHER: Duration = Duration::from_millis(10);
 const BATCH_MAX: usize = 1000;
 
 enum Message {
-    Line(String),
+    Line(Line, SystemTime),
     Close,
+}
+
+/// The text of a line, with its end.
+fn text(line: &Line, time: SystemTime) -> String {
+    let mut json = line.to_json();
+    json["ts"] = json!(Timestamp::from_system_time(time));
+    format!("{json}\n")
 }
 
 /// How others write lines. Cloning gives another handle to the same journal.
@@ -41,8 +56,8 @@ pub(crate) struct JournalWriter {
 
 impl JournalWriter {
     /// Hands a line over, without waiting.
-    pub fn write(&self, line: String) {
-        if let Err(TrySendError::Full(_)) = self.lines.try_send(Message::Line(line)) {
+    pub fn write(&self, line: Line, time: SystemTime) {
+        if let Err(TrySendError::Full(_)) = self.lines.try_send(Message::Line(line, time)) {
             self.lost.fetch_add(1, Ordering::Relaxed);
         }
     }
@@ -116,19 +131,15 @@ fn gather(inbox: &Receiver<Message>, lost: &AtomicU64) -> Option<(String, bool)>
     let until = Instant::now() + GATHER;
     for _ in 0..BATCH_MAX {
         match next {
-            Ok(Message::Line(line)) => {
-                batch.push_str(&line);
-                batch.push('\n');
-            }
+            Ok(Message::Line(line, time)) => batch += &text(&line, time),
             Ok(Message::Close) => return Some((batch, false)),
             Err(RecvTimeoutError::Disconnected) if batch.is_empty() => return None,
             Err(_) => break,
         }
         next = inbox.recv_timeout(until.saturating_duration_since(Instant::now()));
     }
-    if let Ok(Message::Line(line)) = next {
-        batch.push_str(&line);
-        batch.push('\n');
+    if let Ok(Message::Line(line, time)) = next {
+        batch += &text(&line, time);
     }
     let lost = lost.swap(0, Ordering::Relaxed);
     if lost > 0 {
@@ -136,6 +147,41 @@ fn gather(inbox: &Receiver<Message>, lost: &AtomicU64) -> Option<(String, bool)>
         batch += &told;
     }
     Some((batch, true))
+}
+
+/// The newest `count` lines of the journal of a folder but for the `from` newest, in the order of time.
+///
+/// # Errors
+/// A file cannot be read.
+pub(crate) fn newest(folder: &Path, from: usize, count: usize) -> io::Result<Vec<Value>> {
+    let mut found = Vec::new();
+    let mut left_out = from;
+    for age in 0..FILES_MAX {
+        let text = match fs::read_to_string(place(folder, age)) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => break,
+            text => text?,
+        };
+        // the last line may be on its way to the disk
+        let whole = text.rfind('\n').map_or("", |end| &text[..end]);
+        for line in whole
+            .lines()
+            .rev()
+            .filter_map(|line| serde_json::from_str(line).ok())
+        {
+            if left_out > 0 {
+                left_out -= 1;
+            } else if found.len() < count {
+                found.push(line);
+            } else {
+                break;
+            }
+        }
+        if found.len() == count {
+            break;
+        }
+    }
+    found.reverse();
+    Ok(found)
 }
 
 /// The files of a journal.
@@ -218,8 +264,48 @@ fn open_whole(path: &Path) -> io::Result<(File, u64)> {
 mod tests {
     use super::*;
 
-    fn text(folder: &Path, age: usize) -> String {
+    fn content(folder: &Path, age: usize) -> String {
         fs::read_to_string(place(folder, age)).unwrap_or_default()
+    }
+
+    /// Line number n, said at the start of 1970.
+    fn line(n: usize) -> Line {
+        Line {
+            t_s: 0.5,
+            cs: 1,
+            event: "test",
+            fields: [("n".to_owned(), json!(n))].into_iter().collect(),
+        }
+    }
+
+    fn line_text(n: usize) -> String {
+        let ts = "1970-01-01T00:00:00.000000Z";
+        format!("{{\"cs\":1,\"event\":\"test\",\"n\":{n},\"t_s\":0.5,\"ts\":\"{ts}\"}}\n")
+    }
+
+    fn write(writer: &JournalWriter, n: usize) {
+        writer.write(line(n), SystemTime::UNIX_EPOCH);
+    }
+
+    #[test]
+    fn the_newest_lines_are_read_across_files_in_the_order_of_time() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut files = Files::open(folder.path(), 100).unwrap();
+        assert_eq!(newest(folder.path(), 0, 10).unwrap(), Vec::<Value>::new());
+        for n in 0..10 {
+            files
+                .append(&format!("{{\"n\":{n},\"text\":\"0123456789\"}}\n"))
+                .unwrap();
+        }
+        files.newest.write_all(b"{\"n\":").unwrap();
+        let numbers = |from, count| -> Vec<u64> {
+            let lines = newest(folder.path(), from, count).unwrap();
+            lines.iter().map(|line| line["n"].as_u64().unwrap()).collect()
+        };
+        assert_eq!(numbers(0, 3), [7, 8, 9]);
+        assert_eq!(numbers(2, 4), [4, 5, 6, 7]);
+        assert_eq!(numbers(8, 100), [0, 1]);
+        assert_eq!(numbers(20, 1), Vec::<u64>::new());
     }
 
     #[test]
@@ -227,12 +313,12 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         for round in 0..2 {
             let thread = JournalThread::start(folder.path()).unwrap();
-            for line in 0..100 {
-                thread.writer().write(format!("{{\"n\":{}}}", 100 * round + line));
+            for n in 0..100 {
+                write(&thread.writer(), 100 * round + n);
             }
         }
-        let expected: Vec<String> = (0..200).map(|n| format!("{{\"n\":{n}}}\n")).collect();
-        assert_eq!(text(folder.path(), 0), expected.concat());
+        let expected: Vec<String> = (0..200).map(line_text).collect();
+        assert_eq!(content(folder.path(), 0), expected.concat());
     }
 
     #[test]
@@ -241,7 +327,7 @@ mod tests {
         fs::write(place(folder.path(), 0), "{\"n\":1}\n{\"n\":2}\n{\"n\"").unwrap();
         let mut files = Files::open(folder.path(), 1000).unwrap();
         files.append("{\"n\":3}\n").unwrap();
-        assert_eq!(text(folder.path(), 0), "{\"n\":1}\n{\"n\":2}\n{\"n\":3}\n");
+        assert_eq!(content(folder.path(), 0), "{\"n\":1}\n{\"n\":2}\n{\"n\":3}\n");
     }
 
     #[test]
@@ -253,9 +339,9 @@ mod tests {
             files.append(&line(n)).unwrap();
         }
         // three lines of 30 bytes in each file: 97 to 99 are in the last one but for the one that begins anew
-        assert_eq!(text(folder.path(), 0), line(99));
-        assert_eq!(text(folder.path(), 1), line(96) + &line(97) + &line(98));
-        assert_eq!(text(folder.path(), 7), line(78) + &line(79) + &line(80));
+        assert_eq!(content(folder.path(), 0), line(99));
+        assert_eq!(content(folder.path(), 1), line(96) + &line(97) + &line(98));
+        assert_eq!(content(folder.path(), 7), line(78) + &line(79) + &line(80));
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), FILES_MAX);
     }
 
@@ -266,17 +352,18 @@ mod tests {
             lines: sender,
             lost: Arc::default(),
         };
-        for line in ["a", "b", "c", "d", "e", "f"] {
-            writer.write(line.to_owned());
+        for n in 0..6 {
+            write(&writer, n);
         }
         let begun = Instant::now();
         let (batch, open) = gather(&inbox, &writer.lost).unwrap();
-        assert_eq!(batch, "a\nb\nc\nd\n{\"event\":\"lost\",\"lines\":2}\n");
+        let lines: String = (0..4).map(line_text).collect();
+        assert_eq!(batch, lines + "{\"event\":\"lost\",\"lines\":2}\n");
         assert!(open && begun.elapsed() >= GATHER);
         assert!(GATHER <= Duration::from_millis(20) / 2);
-        writer.write("g".to_owned());
+        write(&writer, 6);
         writer.lines.send(Message::Close).unwrap();
-        assert_eq!(gather(&inbox, &writer.lost), Some(("g\n".to_owned(), false)));
+        assert_eq!(gather(&inbox, &writer.lost), Some((line_text(6), false)));
         drop(writer);
         assert_eq!(gather(&inbox, &AtomicU64::new(0)), None);
     }

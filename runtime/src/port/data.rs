@@ -2,13 +2,14 @@
 
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::command::{CommandMeta, CommandReply, CommandStatus};
-use plc_api::types::data::{VariableArea, VariableValues};
+use plc_api::types::data::{JOURNAL_LINES_MAX, VariableArea, VariableValues};
 use plc_api::types::message::Payload;
 use plc_api::types::request::{Answer, Refusal, RefusalCode, Request};
 use plc_api::types::topic::{CsTopic, Topic};
 
 use super::RuntimePort;
 use super::commands::check_ids;
+use crate::persistence::journal_file::{JOURNAL_FOLDER, newest};
 use crate::shared::Shared;
 use crate::tables::{Tables, Values};
 
@@ -39,11 +40,29 @@ impl RuntimePort {
                 self.handle(cs)?;
                 Ok(Answer::LastRun(self.shared.restored.last_runs.get(&cs).cloned()))
             }
+            Request::Journal { from, count } => self.journal(from, count).await,
             _ => {
                 let text = "not a request for variables, tools or work offsets";
                 Err(Refusal::new(RefusalCode::NotSupported, text))
             }
         }
+    }
+
+    /// From the disk, where it is at most 20 ms behind.
+    async fn journal(&self, from: u32, count: u32) -> Result<Answer, Refusal> {
+        if !(1..=JOURNAL_LINES_MAX).contains(&count) {
+            let text = format!("{count} lines of the journal: write 1 to {JOURNAL_LINES_MAX}");
+            return Err(Refusal::new(RefusalCode::Invalid, text));
+        }
+        let folder = match &self.shared.machine.data_dir {
+            Some(folder) if !self.shared.clock.is_simulated() => folder.join(JOURNAL_FOLDER),
+            _ => {
+                let text = "without data_dir the journal goes to the log only; set [machine] data_dir";
+                return Err(Refusal::new(RefusalCode::NotSupported, text));
+            }
+        };
+        let read = move |_: &Shared| newest(&folder, from as usize, count as usize);
+        self.on_disk(read).await.map(Answer::Journal)
     }
 
     /// On disk before it is in force, and in force before it is answered.

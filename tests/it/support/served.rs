@@ -56,6 +56,15 @@ impl Process {
         }
     }
 
+    /// No file of the process can be written beyond so many bytes; `unlimited`: the disk takes everything again.
+    pub fn limit_file_bytes(&self, bytes: &str) {
+        let limited = Command::new("prlimit")
+            .arg(format!("--pid={}", self.child.id()))
+            .arg(format!("--fsize={bytes}"))
+            .status();
+        assert!(limited.is_ok_and(|status| status.success()), "prlimit");
+    }
+
     /// Reads until a line that fits.
     pub fn line(&mut self, what: &str, fits: impl Fn(&str) -> bool) -> String {
         let end = Instant::now() + PATIENCE;
@@ -124,7 +133,19 @@ impl Served {
     pub fn start(machine: &Machine) -> Self {
         let config = machine.config();
         let arguments = ["serve", "--config", config.to_str().expect("a path in UTF-8")];
-        let mut process = Process::start(tandem(), machine.folder(), &arguments);
+        Self::of(Process::start(tandem(), machine.folder(), &arguments))
+    }
+
+    /// The same as a process whose disk can be made to refuse: [`Process::limit_file_bytes`].
+    pub fn start_with_failing_disk(machine: &Machine) -> Self {
+        let config = machine.config();
+        let path = |path: &Path| path.to_str().expect("a path in UTF-8").to_owned();
+        let script = "trap '' XFSZ; exec \"$0\" serve --config \"$1\"";
+        let arguments = ["-c", script, &path(tandem()), &path(&config)];
+        Self::of(Process::start(Path::new("/bin/sh"), machine.folder(), &arguments))
+    }
+
+    fn of(mut process: Process) -> Self {
         let after = |line: &str, what: &str| {
             let rest = line.split_once(what).expect("an address").1;
             rest.split(['/', ' ']).next().expect("an address").to_owned()

@@ -94,6 +94,26 @@ fn the_gateway_imports_plc_api_only_and_plc_api_imports_none_of_ours() {
 }
 
 #[test]
+fn plc_api_without_its_features_is_tokio_serde_and_little_more() {
+    let manifest = read("plc-api/Cargo.toml".as_ref());
+    let mut needed = dependencies("plc-api");
+    needed.retain(|name| {
+        let line = manifest.lines().find(|line| line.starts_with(name.as_str()));
+        line.is_some_and(|line| !line.contains("optional = true"))
+    });
+    let known = [
+        "futures-util",
+        "humantime",
+        "serde",
+        "serde_json",
+        "thiserror",
+        "tokio",
+        "tracing",
+    ];
+    assert_eq!(needed, known.map(str::to_owned).into());
+}
+
+#[test]
 fn the_manifests_are_read() {
     assert!(dependencies("runtime/interp").contains("tandem-syntax"));
     assert!(dependencies("plc-api").contains("serde"));

@@ -47,6 +47,7 @@ enum Kind {
     Tools,
     WorkOffsets,
     LastRun,
+    Journal,
     Programs,
     ProgramText,
     Check,
@@ -106,6 +107,9 @@ impl Exchange {
                 Self::put(format!("/cs/{cs}/work_offsets"), &json!(change))
             }
             Request::LastRun(cs) => Self::get(format!("/cs/{cs}/last_run"), Kind::LastRun),
+            Request::Journal { from, count } => {
+                Self::get(format!("/journal?from={from}&count={count}"), Kind::Journal)
+            }
             Request::Handlers => Self::get("/handlers".to_owned(), Kind::Handlers),
             Request::Programs => Self::get("/programs".to_owned(), Kind::Programs),
             Request::ReadProgram(number) => Self::get(format!("/programs/{number}"), Kind::ProgramText),
@@ -272,6 +276,7 @@ impl Exchange {
             Kind::Tools => Answer::Tools(read(body)?),
             Kind::WorkOffsets => Answer::WorkOffsets(read(body)?),
             Kind::LastRun => Answer::LastRun(read::<LastRuns>(body)?.last_run),
+            Kind::Journal => Answer::Journal(read::<Lines>(body)?.lines),
             Kind::ProgramText => Answer::ProgramText(body.to_owned()),
             Kind::Check => {
                 let check: ProgramCheck = read(body)?;
@@ -335,6 +340,11 @@ struct Programs {
 #[derive(Deserialize)]
 struct LastRuns {
     last_run: Option<LastRun>,
+}
+
+#[derive(Deserialize)]
+struct Lines {
+    lines: Vec<Value>,
 }
 
 #[derive(Deserialize)]

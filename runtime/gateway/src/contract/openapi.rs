@@ -99,7 +99,7 @@ fn parameters(route: &Route) -> Vec<Value> {
         parameters.push(json!({"name": "wait", "in": "query", "schema": {"enum": ["0", "1"]}, "description": "1: answers when it is done, or with 202 after a minute."}));
         parameters.push(json!({"name": "If-Match", "in": "header", "schema": {"type": "string", "pattern": "^\"?[0-9]+\"?$"}, "description": "Revision of the state that the sender has seen."}));
     }
-    if route.method == "GET" && route.path.contains("/variables/") {
+    if route.method == "GET" && (route.path.contains("/variables/") || route.path == "/journal") {
         for (name, minimum) in [("from", 0), ("count", 1)] {
             parameters.push(
                 json!({"name": name, "in": "query", "schema": {"type": "integer", "minimum": minimum}}),

@@ -161,6 +161,7 @@ pub(crate) const ROUTES: &[Route] = &[
     post("/cs/{cs}/m_codes/{seq}/ask", Handle, "Asks the operator about an output.", Json("AskBody"), HANDSHAKE),
     post("/cs/{cs}/m_codes/{seq}/answer", Operate, "Answers a question of a handler.", Json("AnswerBody"), HANDSHAKE),
     get("/cs/{cs}/last_run", "The last run before this start of the runtime.", &[(200, Json("LastRunAnswer"))]),
+    get("/journal", "The newest count lines of the journal but for the from newest, in the order of time.", &[(200, Json("JournalAnswer"))]),
     get("/variables/p", "P variables.", &[(200, Json("VariableValues"))]),
     put("/variables/p", Operate, "Sets P variables, all or none.", Json("VariableWrite")),
     get("/cs/{cs}/variables/q", "Q variables.", &[(200, Json("VariableValues"))]),

@@ -200,6 +200,7 @@ fn answers(all: &mut Schemas) {
         "LastRunAnswer",
         object(json!({"last_run": last_run}), &["last_run"]),
     );
+    put(all, "JournalAnswer", journal());
     let inputs = json!({"optional_skip": reference("OptionalSkipMessage"), "optional_stop": reference("SwitchMessage"), "single_block": reference("SwitchMessage"), "dry_run": reference("SwitchMessage"), "interlock": reference("LockMessage"), "start_lock": reference("LockMessage")});
     put(all, "Inputs", object(inputs, &[]));
     let mut entry = plain::<machine::CoordinateSystemInfo>(all, "CoordinateSystemInfo", Way::Out);
@@ -217,6 +218,19 @@ fn answers(all: &mut Schemas) {
         "Problem",
         object(details, &["type", "title", "status", "code", "detail"]),
     );
+}
+
+fn journal() -> Value {
+    let line = object(
+        json!({
+            "ts": {"type": "string", "format": "date-time", "description": "When it was."},
+            "t_s": {"type": "number", "description": "Seconds since the start of the runtime."},
+            "cs": {"type": "integer", "minimum": 0},
+            "event": {"type": "string"},
+        }),
+        &["event"],
+    );
+    object(json!({"lines": {"type": "array", "items": line}}), &["lines"])
 }
 
 fn values(all: &mut Schemas) -> Value {

@@ -24,6 +24,7 @@ pub(super) fn routes() -> Router<Arc<Shared>> {
         .route("/cs/{cs}/variables/q", get(read_q).put(write_q))
         .route("/tools", get(tools).put(write_tools))
         .route("/cs/{cs}/last_run", get(last_run))
+        .route("/journal", get(journal))
         .route("/cs/{cs}/work_offsets", get(work_offsets).put(write_work_offsets))
 }
 
@@ -128,6 +129,21 @@ async fn last_run(
 ) -> Answered<Response> {
     match shared.ask(Request::LastRun(cs)).await? {
         Answer::LastRun(last_run) => Ok(json_response(&json!({ "last_run": last_run }))),
+        _ => Err(unexpected()),
+    }
+}
+
+/// Lines where none is named.
+const JOURNAL_LINES: u32 = 100;
+
+/// `?from=&count=`: how many of the newest lines are left out, and how many are told, 100 where none is named.
+async fn journal(State(shared): State<Arc<Shared>>, InQuery(range): InQuery<Range>) -> Answered<Response> {
+    let request = Request::Journal {
+        from: range.from,
+        count: range.count.unwrap_or(JOURNAL_LINES),
+    };
+    match shared.ask(request).await? {
+        Answer::Journal(lines) => Ok(json_response(&json!({ "lines": lines }))),
         _ => Err(unexpected()),
     }
 }

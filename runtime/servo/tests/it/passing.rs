@@ -1,9 +1,10 @@
 //! Cycles that change nothing pass at once, and leave what as many counted cycles leave.
 
+use proptest::prelude::*;
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_servo::{Control, Event, SpindleDirection};
 
-use crate::rig::{Rig, rapid, settings, spindle};
+use crate::rig::{Rig, dwell, line, rapid, settings, spindle, vector};
 
 /// Drives with a lag, and a spindle of 1000 r/min per second.
 fn machine() -> CoordinateSystemSettings {
@@ -26,7 +27,7 @@ fn passing_cycles_leaves_what_counting_them_leaves() {
         rig.control(Control::Spindle { direction, rpm });
     }
     let mut quiet_after = 0;
-    while passing.servo.pass(12_345) == 0 {
+    while passing.servo.pass(12_345) < 12_345 {
         passing.cycle();
         quiet_after += 1;
         assert!(quiet_after < 5000, "it never becomes quiet");
@@ -63,4 +64,104 @@ fn nothing_passes_while_something_is_to_be_done() {
     assert_eq!(rig.servo.pass(10), 10, "held at rest");
     rig.push(rapid(1, 0.0, 20.0));
     assert_eq!(rig.servo.pass(10), 0, "a profile waits");
+}
+
+#[test]
+fn a_dwell_a_hold_and_a_line_pass_in_a_few_cycles() {
+    let mut rig = Rig::new(&settings());
+    rig.push(line(1, vector(&[0.0]), vector(&[600.0]), 1.0, 0.1));
+    rig.push(dwell(2, vector(&[600.0]), 600.0));
+    let (mut counted, mut passed) = (0, 0);
+    let mut finished = 0;
+    while finished < 2 {
+        if counted == 100 {
+            rig.control(Control::Hold);
+        }
+        let room = if counted < 1000 { 1_000 } else { u64::MAX };
+        passed += rig.servo.pass(room);
+        let events = rig.cycle();
+        finished += events
+            .iter()
+            .filter(|event| matches!(event, Event::Finished { .. }))
+            .count();
+        counted += 1;
+        if counted == 1000 {
+            rig.control(Control::Resume);
+        }
+        assert!(counted < 4000, "cycle by cycle");
+    }
+    // 600 s of the line, 600 s of the dwell, and the hold
+    assert!(passed > 1_200_000, "{passed}");
+}
+
+/// What is commanded at which cycle, in a run of some blocks.
+fn controls() -> impl Strategy<Value = Vec<(u64, Control)>> {
+    let control = prop_oneof![
+        Just(Control::Hold),
+        Just(Control::Resume),
+        Just(Control::HoldAfterBlock(true)),
+        Just(Control::Abort { epoch: 1 }),
+        (0.0..2.0, 0.0..1.0).prop_map(|(feed, rapid)| Control::Override { feed, rapid }),
+        Just(Control::Override {
+            feed: 0.0,
+            rapid: 0.0
+        }),
+        (0.0..3000.0).prop_map(|rpm| Control::Spindle {
+            direction: SpindleDirection::Cw,
+            rpm
+        }),
+        Just(Control::Spindle {
+            direction: SpindleDirection::Orient,
+            rpm: 0.0
+        }),
+    ];
+    prop::collection::vec((0_u64..6000, control), 0..10).prop_map(|mut controls| {
+        controls.sort_by_key(|(at, _)| *at);
+        controls
+    })
+}
+
+/// Events and the last reading of 6000 cycles; `passes`: with as few cycles as can be.
+fn run(
+    settings: &CoordinateSystemSettings,
+    controls: &[(u64, Control)],
+    passes: bool,
+) -> (Vec<Event>, Vec<String>) {
+    let mut rig = Rig::new(settings);
+    let x = |x: f64| vector(&[x]);
+    rig.push(line(1, x(0.0), x(40.0), 50.0, 0.1));
+    rig.push(dwell(2, x(40.0), 0.7));
+    rig.push(rapid(3, 40.0, -20.0));
+    rig.push(line(4, x(-20.0), x(-19.0), 1.0, 0.2));
+    let (mut at, mut events, mut readings) = (0, Vec::new(), Vec::new());
+    let stops = controls.iter().map(|(at, control)| (*at, Some(*control)));
+    for (until, control) in stops.chain([(6000, None)]) {
+        while at < until {
+            if passes {
+                at += rig.servo.pass(until - at - 1);
+            }
+            events.extend(rig.cycle());
+            at += 1;
+        }
+        readings.push(format!("{:?}", rig.reading()));
+        if let Some(control) = control {
+            rig.control(control);
+        }
+    }
+    (events, readings)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn whatever_is_commanded_passing_and_counting_give_the_same_bits(controls in controls(), lag in any::<bool>()) {
+        let mut settings = machine();
+        if !lag {
+            for motor in settings.motors.iter_mut().flatten() {
+                motor.lag_ms = 0.0;
+            }
+        }
+        prop_assert_eq!(run(&settings, &controls, true), run(&settings, &controls, false));
+    }
 }

@@ -1,14 +1,18 @@
-//! The state machine: what is allowed in which state. Pure.
+//! The command table: what is allowed in which state. Pure; the runtime judges by it, and so does
+//! [`FakePort`](crate::fake::FakePort).
 
-use plc_api::types::command::Verb;
-use plc_api::types::request::{Refusal, RefusalCode};
-use plc_api::types::state::Execution;
+use crate::types::command::Verb;
+use crate::types::request::{Refusal, RefusalCode};
+use crate::types::state::Execution;
 
 /// What a command is judged by.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Situation {
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Situation {
+    /// The state word of the coordinate system.
     pub execution: Execution,
+    /// True when a program has been loaded.
     pub program_loaded: bool,
+    /// True while an alarm of the coordinate system, or of all, is active.
     pub alarm_active: bool,
 }
 
@@ -55,6 +59,9 @@ impl Situation {
     }
 
     /// Refuses what is not allowed, and says what is.
+    ///
+    /// # Errors
+    /// `not_allowed`, with the state and the verbs allowed in it.
     pub fn judge(self, verb: Verb) -> Result<(), Refusal> {
         if self.allows(verb) {
             return Ok(());
@@ -82,8 +89,8 @@ impl Situation {
     }
 }
 
-/// The word of the interface for a value.
-pub(super) fn word(value: &impl serde::Serialize) -> String {
+/// The word that stands in messages for a value without fields, such as `FEED_HOLD`; empty for any other value.
+pub fn word(value: &impl serde::Serialize) -> String {
     match serde_json::to_value(value) {
         Ok(serde_json::Value::String(word)) => word,
         _ => String::new(),

@@ -1,0 +1,85 @@
+//! Alarms of a machine of paper.
+
+use super::{FakePort, Inner};
+use crate::alarm::Alarm;
+use crate::handshake::Closed;
+use crate::types::machine::{ActiveAlarms, AlarmRecord};
+use crate::types::message::Payload;
+use crate::types::output::CancelReason;
+use crate::types::request::{Refusal, RefusalCode};
+use crate::types::topic::Topic;
+use crate::types::{CoordinateSystemNumber, Timestamp};
+
+/// Number of the alarm of an output that was not reset in its time, as a machine has it (D36).
+const TIMED_OUT: u16 = 301;
+
+/// The alarm of an output that ended so, if it is one.
+pub(super) fn of(m: u16, how: &Closed) -> Option<Alarm> {
+    match how {
+        Closed::Failed { alarm } => Some(alarm.clone()),
+        Closed::TimedOut => Some(Alarm {
+            number: TIMED_OUT,
+            text: format!("M{m:02} was not reset in its time"),
+        }),
+        Closed::Reset | Closed::Cancelled(_) => None,
+    }
+}
+
+impl FakePort {
+    /// Raises an alarm, which ends the run of its coordinate system.
+    pub(super) fn raise_alarm(&self, inner: &mut Inner, cs: CoordinateSystemNumber, alarm: Alarm) {
+        let record = AlarmRecord {
+            id: inner.alarms.len() as u64 + 1,
+            number: alarm.number,
+            text: alarm.text,
+            cs: Some(cs),
+            program: inner.systems.get(&cs).map(super::System::program),
+            raised_at: Timestamp::from_system_time(inner.now().time),
+            ..AlarmRecord::default()
+        };
+        inner.alarms.push(record.clone());
+        self.publish(inner, Topic::AlarmEvent, Payload::AlarmEvent(record));
+        self.publish_alarms(inner);
+        self.end_run(inner, cs, CancelReason::Alarm);
+    }
+
+    pub(super) fn clear_alarms(&self, inner: &mut Inner, cs: CoordinateSystemNumber) {
+        let cleared_at = Timestamp::from_system_time(inner.now().time);
+        let active = inner.alarms.iter_mut().filter(|alarm| alarm.cs == Some(cs));
+        let mut cleared = Vec::new();
+        for alarm in active.filter(|alarm| alarm.cleared_at.is_none()) {
+            alarm.cleared_at = Some(cleared_at.clone());
+            cleared.push(alarm.clone());
+        }
+        if cleared.is_empty() {
+            return;
+        }
+        for alarm in cleared {
+            self.publish(inner, Topic::AlarmEvent, Payload::AlarmEvent(alarm));
+        }
+        self.publish_alarms(inner);
+    }
+
+    /// # Errors
+    /// There is no such active alarm.
+    pub(super) fn acknowledge(&self, inner: &mut Inner, id: u64, by: &str) -> Result<(), Refusal> {
+        let mut active = inner.alarms.iter_mut().filter(|alarm| alarm.cleared_at.is_none());
+        let Some(alarm) = active.find(|alarm| alarm.id == id) else {
+            let text = format!("there is no active alarm {id}");
+            return Err(Refusal::new(RefusalCode::NotFound, text));
+        };
+        alarm.acknowledged_by = Some(by.to_owned());
+        self.publish_alarms(inner);
+        Ok(())
+    }
+
+    pub(super) fn publish_alarms(&self, inner: &mut Inner) {
+        let active = inner.alarms.iter().filter(|alarm| alarm.cleared_at.is_none());
+        let alarms = active.cloned().collect();
+        self.publish(
+            inner,
+            Topic::AlarmActive,
+            Payload::AlarmActive(ActiveAlarms { alarms }),
+        );
+    }
+}

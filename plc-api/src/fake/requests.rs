@@ -1,0 +1,244 @@
+//! How a machine of paper answers requests.
+
+use std::time::Duration;
+
+use super::system::System;
+use super::{FakePort, Inner};
+use crate::handshake::Ledger;
+use crate::types::{CoordinateSystemNumber, Timestamp};
+use crate::types::command::{Command, CommandMeta, CommandReply, CommandStatus};
+use crate::types::lease::{LEASE_TTL_DEFAULT_MS, Lease, LeaseRequest};
+use crate::types::message::Payload;
+use crate::types::output::{HandlerPresence, HandshakeResult, HandshakeStatus, OutputState};
+use crate::types::request::{Answer, Refusal, RefusalCode, Request};
+use crate::types::state::{Spindle, SpindleDirection, Tool};
+use crate::types::topic::{CsTopic, Topic};
+
+impl FakePort {
+    pub(super) fn answer(&self, request: Request) -> Result<Answer, Refusal> {
+        let missing = |cs| {
+            Refusal::new(
+                RefusalCode::NotFound,
+                format!("coordinate system {cs} does not exist"),
+            )
+        };
+        self.remember(&request);
+        match request {
+            Request::Claim(cs, m, claim) => self
+                .with(cs, |ledger, now| ledger.claim(now, m, &claim))
+                .map(Answer::Handshake)
+                .ok_or_else(|| missing(cs)),
+            Request::Reset(cs, m, reset) => self
+                .with(cs, |ledger, now| ledger.reset(now, m, &reset))
+                .map(Answer::Handshake)
+                .ok_or_else(|| missing(cs)),
+            Request::Progress(cs, m, report) => self
+                .with(cs, |ledger, now| ledger.progress(now, m, &report))
+                .map(|status| handshake_answer(report.seq, &report.handler_id, status))
+                .ok_or_else(|| missing(cs)),
+            Request::Ask(cs, m, ask) => self
+                .with(cs, |ledger, now| ledger.ask(now, m, &ask))
+                .ok_or_else(|| missing(cs))?
+                .map(|status| handshake_answer(ask.seq, &ask.handler_id, status)),
+            Request::AnswerQuestion(cs, m, answer) => self
+                .with(cs, |ledger, now| ledger.answer_question(now, m, &answer))
+                .map(|status| handshake_answer(answer.seq, "", status))
+                .ok_or_else(|| missing(cs)),
+            Request::Redeliver(cs, m, redeliver) => self
+                .with(cs, |ledger, now| ledger.redeliver(now, m, &redeliver))
+                .map(|status| handshake_answer(redeliver.seq, "", status))
+                .ok_or_else(|| missing(cs)),
+            Request::Handler(id, presence) => {
+                self.handler(&id, &presence);
+                Ok(Answer::Done)
+            }
+            Request::ValidateResult(_, _, result) => {
+                self.lock().validated.push(result);
+                Ok(Answer::Done)
+            }
+            Request::Handlers => Ok(Answer::Handlers(self.handlers())),
+            Request::Command { cs, .. }
+            | Request::Input(cs, _)
+            | Request::Tool(cs, _)
+            | Request::Spindle(cs, _)
+                if !self.lock().systems.contains_key(&cs) =>
+            {
+                Err(missing(cs))
+            }
+            Request::Command {
+                cs, command, meta, ..
+            } => self.command(cs, &command, meta),
+            other => self.script(other),
+        }
+    }
+
+    /// Judges a command, and carries it out as far as a machine without motion can: what takes time is done at once.
+    fn command(
+        &self,
+        cs: CoordinateSystemNumber,
+        command: &Command,
+        meta: CommandMeta,
+    ) -> Result<Answer, Refusal> {
+        let mut inner = self.lock();
+        let alarm_active = inner.alarm_count(cs) > 0;
+        let cancel = {
+            let Inner { systems, ledgers, .. } = &mut *inner;
+            match (systems.get_mut(&cs), ledgers.get(&cs)) {
+                (Some(system), Some(ledger)) => system.command(command, ledger, alarm_active)?,
+                _ => None,
+            }
+        };
+        match command {
+            Command::Reset => self.clear_alarms(&mut inner, cs),
+            Command::AlarmAcknowledge { id } => self.acknowledge(&mut inner, *id, &meta.client_id)?,
+            _ => {}
+        }
+        if let Some(system) = inner.systems.get_mut(&cs) {
+            system.last_command_id = Some(meta.command_id.clone());
+        }
+        match cancel {
+            Some(reason) => self.end_run(&mut inner, cs, reason),
+            None => self.put_out_queued(&mut inner, cs),
+        }
+        self.publish_system(&mut inner, cs);
+        Ok(Answer::Command(inner.done(meta)))
+    }
+
+    /// What was held back by a pause is made when it ends (D18).
+    fn put_out_queued(&self, inner: &mut Inner, cs: CoordinateSystemNumber) {
+        if inner.systems.get(&cs).is_some_and(System::is_paused) {
+            return;
+        }
+        let open = inner.ledgers.get(&cs).map(Ledger::open).unwrap_or_default();
+        let queued = open.iter().filter(|output| output.state == OutputState::Queued);
+        for seq in queued.map(|output| output.notice.seq).collect::<Vec<_>>() {
+            self.use_ledger(inner, cs, |ledger, now| ledger.put_out(now, seq));
+        }
+    }
+
+    /// What tests look at: all but the handshake itself.
+    fn remember(&self, request: &Request) {
+        let is_handshake = matches!(
+            request,
+            Request::Claim(..)
+                | Request::Reset(..)
+                | Request::Progress(..)
+                | Request::Ask(..)
+                | Request::AnswerQuestion(..)
+                | Request::Redeliver(..)
+                | Request::Handler(..)
+                | Request::ValidateResult(..)
+                | Request::Handlers
+        );
+        if !is_handshake {
+            self.lock().requests.push(request.clone());
+        }
+    }
+
+    fn handler(&self, id: &str, presence: &HandlerPresence) {
+        let mut inner = self.lock();
+        inner.handlers.insert(id.to_owned(), presence.clone());
+        let (topic, payload) = (
+            Topic::HandlerPresence(id.to_owned()),
+            Payload::HandlerPresence(presence.clone()),
+        );
+        self.publish(&mut inner, topic, payload);
+        drop(inner);
+        if !presence.online {
+            self.lose_handler(id);
+            return;
+        }
+        let systems: Vec<_> = self.lock().ledgers.keys().copied().collect();
+        for cs in systems {
+            let handles = |m| presence.handles.iter().any(|code| code.cs == cs && code.m == m);
+            let _none = self.with(cs, |ledger, now| ledger.republish(now, handles));
+        }
+    }
+
+    /// Answers as a machine does where nothing goes wrong.
+    fn script(&self, request: Request) -> Result<Answer, Refusal> {
+        let mut inner = self.lock();
+        if let Some(answer) = inner.data.answer(&request) {
+            return answer;
+        }
+        match request {
+            Request::Tool(cs, id) => {
+                self.publish(
+                    &mut inner,
+                    Topic::cs(cs, CsTopic::Tool),
+                    Payload::Tool(Tool { id }),
+                );
+                Ok(Answer::Done)
+            }
+            Request::Spindle(cs, command) => {
+                let turns = matches!(command.direction, SpindleDirection::Cw | SpindleDirection::Ccw);
+                let spindle = Spindle {
+                    direction: command.direction,
+                    rpm: command.rpm,
+                    actual_rpm: if turns { command.rpm } else { 0.0 },
+                    oriented: command.direction == SpindleDirection::Orient,
+                };
+                self.publish(
+                    &mut inner,
+                    Topic::cs(cs, CsTopic::Spindle),
+                    Payload::Spindle(spindle),
+                );
+                Ok(Answer::Done)
+            }
+            Request::Input(cs, input) => {
+                if let Some(system) = inner.systems.get_mut(&cs) {
+                    system.set_input(input);
+                }
+                self.publish_system(&mut inner, cs);
+                Ok(Answer::Done)
+            }
+            Request::SkipInput(..) => Ok(Answer::Done),
+            Request::Lease { request, meta, .. } => Ok(Answer::Command(CommandReply {
+                lease: inner.granted(request, &meta),
+                ..inner.done(meta)
+            })),
+            Request::AlarmHistory => Ok(Answer::Alarms(inner.alarms.clone())),
+            Request::Programs => Ok(Answer::Programs(Vec::new())),
+            _ => Err(Refusal::new(
+                RefusalCode::NotSupported,
+                "the fake machine does not do this",
+            )),
+        }
+    }
+}
+
+impl Inner {
+    fn done(&self, meta: CommandMeta) -> CommandReply {
+        CommandReply {
+            command_id: meta.command_id,
+            status: CommandStatus::Done,
+            code: "ok".to_owned(),
+            text: String::new(),
+            state_rev: self.rev,
+            variables: None,
+            lease: None,
+        }
+    }
+
+    /// Every lease is granted, each with a fence of its own.
+    fn granted(&mut self, request: LeaseRequest, meta: &CommandMeta) -> Option<Lease> {
+        let LeaseRequest::Take(take) = request else {
+            return None;
+        };
+        self.leases += u64::from(take.fence.is_none());
+        let ttl = Duration::from_millis(take.ttl_ms.unwrap_or(LEASE_TTL_DEFAULT_MS));
+        Some(Lease {
+            holder: take.holder.unwrap_or_else(|| meta.client_id.clone()),
+            fence: take.fence.unwrap_or(self.leases),
+            expires_at: Timestamp::from_system_time(self.now().time + ttl),
+        })
+    }
+}
+
+fn handshake_answer(seq: u64, handler_id: &str, status: HandshakeStatus) -> Answer {
+    Answer::Handshake(HandshakeResult {
+        seq,
+        handler_id: handler_id.to_owned(),
+        status,
+    })
+}

@@ -1,0 +1,78 @@
+//! Cycles that tell nothing, left out in simulated time. A position is a closed form of the profile time, and profile
+//! time at a constant rate is counted: so what they leave is known without them, to the last bit.
+
+use tandem_model::AxisVector;
+use tandem_model::profile::{Law, Profile};
+
+use crate::channel::{Channel, Hold};
+use crate::spindle::SimulatedSpindle;
+
+/// Periods before the end of a profile that are never left out: rounding, and the cycle that ends it.
+const BEFORE_END: f64 = 2.0;
+
+impl Channel {
+    /// How many further cycles without a profile or a control tell nothing and change nothing but the time, the angle
+    /// of the spindle, and where the command is on the running profile.
+    pub(crate) fn cycles_to_pass(&mut self) -> u64 {
+        if self.told || !self.controls.is_empty() || self.hold == Hold::ComingToRest {
+            return 0;
+        }
+        let steady = |spindle: &SimulatedSpindle| spindle.is_steady() && !spindle.is_locked();
+        if !self.spindle.as_ref().is_none_or(steady) {
+            return 0;
+        }
+        let rests = self.velocity == AxisVector::ZERO && self.motors.has_settled();
+        if self.is_idle() {
+            return if rests { u64::MAX } else { 0 };
+        }
+        let is_old = |profile: &Profile| profile.epoch < self.epoch;
+        let ends_or_drops = self.braking.is_some()
+            || self.stopping.is_some()
+            || self.thread.is_some()
+            || self.ended_cycles.is_some()
+            || self.profiles.peek().is_ok_and(is_old);
+        match &self.current {
+            Some(_) if ends_or_drops => 0,
+            Some(_) if self.hold == Hold::AtRest && rests && self.time.rate() == 0.0 => u64::MAX,
+            Some(_) => self.cycles_before_end(rests),
+            None => 0,
+        }
+    }
+
+    /// The same for a profile that runs at a constant rate.
+    fn cycles_before_end(&mut self, rests: bool) -> u64 {
+        if self.hold == Hold::AtRest || self.runs_dry() {
+            return 0;
+        }
+        let Some(profile) = &self.current else { return 0 };
+        let follows = match &profile.law {
+            Law::Skip { .. } | Law::Tap { .. } => false,
+            Law::Rest { .. } => rests,
+            // whether the next profile is there in time depends on the time
+            Law::Paced { .. } => self.motors.are_ideal(),
+            _ => self.motors.are_ideal() && (profile.exact_stop || !self.profiles.is_empty()),
+        };
+        let rate = self.time.rate();
+        if !follows || rate <= 0.0 || rate.to_bits() != self.override_of(profile).to_bits() {
+            return 0;
+        }
+        let left_s = profile.duration_s - self.time.now_s();
+        let cycles = left_s / (rate * self.period_s) - BEFORE_END;
+        // more than fit are as many as fit
+        if cycles >= 1.0 { cycles as u64 } else { 0 }
+    }
+
+    /// What so many cycles leave; at most as many as [`Channel::cycles_to_pass`] gives.
+    pub(crate) fn pass(&mut self, cycles: u64) {
+        if let Some(spindle) = self.spindle.as_mut().filter(|spindle| spindle.rpm() != 0.0) {
+            for _ in 0..cycles {
+                spindle.cycle();
+            }
+        }
+        if let Some(profile) = &self.current {
+            self.time.pass(cycles);
+            self.setpoint = profile.position(self.time.now_s());
+            self.motors.cycle(self.setpoint);
+        }
+    }
+}
