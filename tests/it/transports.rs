@@ -8,6 +8,7 @@ mod link_loss;
 mod many_machines;
 mod operator;
 mod program;
+mod soak;
 mod tls;
 
 use std::sync::Arc;
