@@ -1,8 +1,8 @@
 //! What a user feels of the runtime as a whole, measured in real time. Run it on a quiet machine:
 //!
 //! ```text
-//! cargo bench -p tandem-runtime --bench runtime              all, about 60 s
-//! cargo bench -p tandem-runtime --bench runtime -- m_code    one of: m_code many servo rest program
+//! cargo bench -p tandem-runtime --bench runtime              all, about 2 min
+//! cargo bench -p tandem-runtime --bench runtime -- m_code    one of: m_code many servo rest subscribers program
 //! ```
 //!
 //! Each part says in its own docs what it measures, and what was measured where.
@@ -11,9 +11,11 @@ mod http;
 mod m_code;
 mod machine;
 mod many;
+mod mosquitto;
 mod program;
 mod rest;
 mod servo;
+mod subscribers;
 mod table;
 
 use machine::in_real_time;
@@ -40,6 +42,9 @@ fn main() -> anyhow::Result<()> {
     }
     if is_wanted("rest") {
         in_real_time(rest::run())?;
+    }
+    if is_wanted("subscribers") {
+        in_real_time(subscribers::run())?;
     }
     if is_wanted("program") {
         in_real_time(program::run())?;
