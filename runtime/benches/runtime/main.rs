@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! cargo bench -p tandem-runtime --bench runtime              all, about 2 min
-//! cargo bench -p tandem-runtime --bench runtime -- m_code    one of: m_code many servo rest subscribers program
+//! cargo bench -p tandem-runtime --bench runtime -- m_code    one of: m_code many servo rest subscribers program simulated
 //! ```
 //!
 //! Each part says in its own docs what it measures, and what was measured where.
@@ -15,6 +15,7 @@ mod mosquitto;
 mod program;
 mod rest;
 mod servo;
+mod simulated;
 mod subscribers;
 mod table;
 
@@ -48,6 +49,9 @@ fn main() -> anyhow::Result<()> {
     }
     if is_wanted("program") {
         in_real_time(program::run())?;
+    }
+    if is_wanted("simulated") {
+        simulated::run()?;
     }
     Ok(())
 }
