@@ -41,7 +41,9 @@ function schemaOf(part) {
 /** @param {any} api @param {string} path @param {string} method @param {any} operation */
 function route(api, path, method, operation) {
   const body = schemaOf(operation.requestBody);
-  const answers = Object.entries(operation.responses).filter(([status]) => status !== "default");
+  const all = Object.entries(operation.responses);
+  const answers = all.filter(([status]) => Number(status) < 400);
+  const refusals = all.filter(([status]) => Number(status) >= 400);
   return h(
     "details",
     {},
@@ -55,15 +57,17 @@ function route(api, path, method, operation) {
     h("p", {}, operation.summary),
     body ? form("Body", api, body) : null,
     ...answers.map(([status, answer]) => form(`Answer ${status}`, api, schemaOf(answer) ?? {})),
+    h("h4", {}, "Refusals"),
+    h("ul", {}, ...refusals.map(([status, refusal]) => h("li", {}, `${status} ${refusal.description}`))),
   );
 }
 
 /** @param {any} api @param {any} operation */
 function topic(api, operation) {
   const channel = api.channels[operation.channel.$ref.split("/").pop()];
-  /** @type {any[]} */
-  const messages = Object.values(channel.messages);
-  const retain = operation.bindings.mqtt.retain ? ", retained" : "";
+  const names = operation.messages?.map((/** @type {any} */ part) => part.$ref.split("/").pop()) ?? Object.keys(channel.messages);
+  const mqtt = operation.bindings?.mqtt;
+  const kind = mqtt ? `QoS ${mqtt.qos}${mqtt.retain ? ", retained" : ""}` : "WebSocket";
   return h(
     "details",
     {},
@@ -72,9 +76,9 @@ function topic(api, operation) {
       {},
       h("code", { class: "method" }, operation.action === "send" ? "out" : "in"),
       h("code", {}, channel.address),
-      h("span", { class: "right" }, `QoS ${operation.bindings.mqtt.qos}${retain}`),
+      h("span", { class: "right" }, kind),
     ),
-    form("Message", api, messages[0].payload),
+    ...names.map((/** @type {string} */ name) => form(name, api, channel.messages[name].payload)),
   );
 }
 

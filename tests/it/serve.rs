@@ -8,6 +8,7 @@ mod kept;
 mod life;
 mod modes;
 mod programs;
+mod readme;
 mod start;
 
 use crate::support::machine::Machine;

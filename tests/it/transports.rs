@@ -10,6 +10,7 @@ mod many_machines;
 mod operator;
 mod program;
 mod scan;
+mod soak;
 mod tls;
 
 use std::sync::Arc;

@@ -5,7 +5,6 @@ use std::time::Duration;
 use super::system::System;
 use super::{FakePort, Inner};
 use crate::handshake::Ledger;
-use crate::types::{CoordinateSystemNumber, Timestamp};
 use crate::types::command::{Command, CommandMeta, CommandReply, CommandStatus};
 use crate::types::lease::{LEASE_TTL_DEFAULT_MS, Lease, LeaseRequest};
 use crate::types::message::Payload;
@@ -13,6 +12,7 @@ use crate::types::output::{HandlerPresence, HandshakeResult, HandshakeStatus, Ou
 use crate::types::request::{Answer, Refusal, RefusalCode, Request};
 use crate::types::state::{Spindle, SpindleDirection, Tool};
 use crate::types::topic::{CsTopic, Topic};
+use crate::types::{CoordinateSystemNumber, Timestamp};
 
 impl FakePort {
     pub(super) fn answer(&self, request: Request) -> Result<Answer, Refusal> {

@@ -1,7 +1,7 @@
 //! An M code on its way: output, claim, handler, reset, next block.
 //!
 //! A program of blocks `M100 VA1` runs, and a handler that returns at once resets each: in the runtime's process without
-//! any server end, in it beside them, and over the embedded broker. All times count from the
+//! any server end, in it beside them, over the embedded broker, and over a Mosquitto. All times count from the
 //! moment when the runtime publishes the output, by the time stamps of its own messages, to: the claim counts, the
 //! reset counts, and the next block's output is published.
 //!
@@ -29,6 +29,7 @@ use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::{Alarm, AuxOutput, Execution, Plc, SequenceProgram};
 
 use crate::machine::{self, Machine};
+use crate::mosquitto::Mosquitto;
 use crate::table::{Durations, say};
 
 /// Outputs that are not counted: connections and memory warm up.
@@ -52,6 +53,12 @@ pub async fn run() -> anyhow::Result<()> {
     say("M code, from output: handler over the embedded broker");
     let machine = Machine::start().await?;
     measure(&machine.in_process(), machine.over_mqtt().await?).await?;
+    machine.stop().await;
+
+    say("M code, from output: handler over Mosquitto");
+    let broker = Mosquitto::start()?;
+    let machine = Machine::start_at(broker.settings()).await?;
+    measure(&machine.in_process(), broker.connect().await?).await?;
     machine.stop().await;
     Ok(())
 }

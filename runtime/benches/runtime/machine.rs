@@ -43,16 +43,22 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// Starts it in real time.
+    /// Starts it in real time, with a broker of its own.
     pub async fn start() -> anyhow::Result<Machine> {
+        Machine::start_at(MqttSettings {
+            embedded_listen: Some("127.0.0.1:0".to_owned()),
+            ..MqttSettings::default()
+        })
+        .await
+    }
+
+    /// The same with these settings of MQTT.
+    pub async fn start_at(mqtt: MqttSettings) -> anyhow::Result<Machine> {
         let (runtime, folder) = alone(CONFIG).await?;
         let settings = GatewaySettings {
             machine: "bench".to_owned(),
             http_listen: "127.0.0.1:0".to_owned(),
-            mqtt: MqttSettings {
-                embedded_listen: Some("127.0.0.1:0".to_owned()),
-                ..MqttSettings::default()
-            },
+            mqtt,
             ..GatewaySettings::default()
         };
         let gateway = Gateway::start(runtime.port(), settings).await?;

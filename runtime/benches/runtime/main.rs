@@ -1,8 +1,8 @@
 //! What a user feels of the runtime as a whole, measured in real time. Run it on a quiet machine:
 //!
 //! ```text
-//! cargo bench -p tandem-runtime --bench runtime              all, about 60 s
-//! cargo bench -p tandem-runtime --bench runtime -- m_code    one of: m_code many servo rest program simulated
+//! cargo bench -p tandem-runtime --bench runtime              all, about 3 min
+//! cargo bench -p tandem-runtime --bench runtime -- m_code    one of: m_code many servo rest subscribers program simulated
 //!                                                            ten_minutes
 //! ```
 //!
@@ -12,10 +12,12 @@ mod http;
 mod m_code;
 mod machine;
 mod many;
+mod mosquitto;
 mod program;
 mod rest;
 mod servo;
 mod simulated;
+mod subscribers;
 mod table;
 mod ten_minutes;
 
@@ -43,6 +45,9 @@ fn main() -> anyhow::Result<()> {
     }
     if is_wanted("rest") {
         in_real_time(rest::run())?;
+    }
+    if is_wanted("subscribers") {
+        in_real_time(subscribers::run())?;
     }
     if is_wanted("program") {
         in_real_time(program::run())?;

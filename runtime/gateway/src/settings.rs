@@ -40,7 +40,7 @@ pub struct MqttSettings {
     pub username: Option<String>,
     /// Password at the external broker; never shown in a log.
     pub password: Option<String>,
-    /// Client id at the broker; empty: `tandem-{machine}`.
+    /// Client id at the broker; empty: `tandem-{machine}`, with the prefix before the machine.
     pub client_id: String,
     /// Levels before `tandem/v1/{machine}`; empty: none. At most 128 characters without `+`, `#`.
     pub prefix: String,

@@ -36,7 +36,7 @@ use crate::access::topics::{may_publish, may_say, may_subscribe};
 use crate::metrics::add;
 use crate::position::Positions;
 use crate::problem::Problem;
-use crate::shared::{Shared, WEBSOCKETS_MAX};
+use crate::shared::{Shared, WEBSOCKETS_MAX, json_object};
 
 /// Bytes of one message of a client; more ends the connection.
 const CLIENT_MESSAGE_MAX: usize = 64 * 1024;
@@ -96,10 +96,13 @@ async fn upgrade(
 
 /// What a client asks.
 #[derive(Debug, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
-struct Asked {
+pub(crate) struct Asked {
+    /// Topics below the machine's root; `+` is one level, a last `#` all below.
     #[serde(default)]
     subscribe: Vec<String>,
+    /// The same, as they were subscribed.
     #[serde(default)]
     unsubscribe: Vec<String>,
     handler: Option<AnnouncedHandler>,
@@ -108,8 +111,9 @@ struct Asked {
 
 /// A handler that a client serves as long as it is connected.
 #[derive(Debug, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
-struct AnnouncedHandler {
+pub(crate) struct AnnouncedHandler {
     id: String,
     online: bool,
     #[serde(default)]
@@ -120,8 +124,9 @@ struct AnnouncedHandler {
 
 /// What a handler says of an M code that a program to be loaded holds.
 #[derive(Debug, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
-struct ValidatedCode {
+pub(crate) struct ValidatedCode {
     cs: CoordinateSystemNumber,
     m: u16,
     request_id: String,
@@ -237,7 +242,7 @@ impl Client {
     }
 
     async fn asked(&mut self, socket: &mut WebSocket, text: &str) -> Result<(), Gone> {
-        let asked: Asked = match serde_json::from_str(text) {
+        let asked: Asked = match json_object(text.as_bytes()) {
             Ok(asked) => asked,
             Err(error) => {
                 let text = format!("write {{\"subscribe\": [\"cs/1/state\"]}} or unsubscribe: {error}");

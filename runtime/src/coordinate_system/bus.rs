@@ -31,7 +31,7 @@ impl CoordinateSystem {
             held_at: None,
         };
         let fields = json!({ "connected": connected });
-        self.shared.record(self.number, &Entry::new("bus", fields));
+        self.shared.record(self.number, Entry::new("bus", fields));
     }
 
     /// Holds a run that waits for an output at rest.
@@ -51,7 +51,7 @@ impl CoordinateSystem {
         self.hold(Cause::BusLoss);
         let m = self.ledger.get(seq).map(|open| open.notice.m);
         let fields = json!({"reason": "BUS_LOST", "m": m, "seq": seq});
-        self.shared.record(self.number, &Entry::new("hold", fields));
+        self.shared.record(self.number, Entry::new("hold", fields));
     }
 }
 

@@ -3,6 +3,7 @@
 //! It orders those who command and proves nothing about them: whoever may operate may read the fence. A run goes on when
 //! the lease changes hands; hold, stop, abort and reset are for everyone.
 
+use plc_api::execution::word;
 use plc_api::handshake::Now;
 use plc_api::types::command::{CommandMeta, CommandReply, CommandStatus, Verb};
 use plc_api::types::lease::{
@@ -16,7 +17,6 @@ use plc_api::types::{CoordinateSystemNumber, Timestamp};
 use serde_json::json;
 
 use super::CoordinateSystem;
-use super::execution::word;
 use crate::journal::Entry;
 
 /// Who holds the lease of one coordinate system, and until when. Pure: the time is a parameter.
@@ -210,7 +210,7 @@ impl CoordinateSystem {
     fn record_lease(&self, what: &str, lease: &Lease, client_id: Option<&str>) {
         let fields =
             json!({"what": what, "holder": lease.holder, "fence": lease.fence, "client_id": client_id});
-        self.shared.record(self.number, &Entry::new("lease", fields));
+        self.shared.record(self.number, Entry::new("lease", fields));
     }
 
     pub(super) fn publish_lease(&self) {

@@ -23,12 +23,12 @@ impl RuntimePort {
         wait: bool,
     ) -> Result<Answer, Refusal> {
         check_ids(&meta)?;
+        let handle = self.handle(cs).map_err(|refusal| self.reject(&meta, refusal))?;
         if let Some(reply) = self.replied_again(&meta) {
             return Ok(Answer::Command(reply));
         }
         self.check_age(&meta)
             .map_err(|refusal| self.reject(&meta, refusal))?;
-        let handle = self.handle(cs).map_err(|refusal| self.reject(&meta, refusal))?;
         if let Command::AlarmAcknowledge { id } = command
             && !self.shared.acknowledge_alarm(id, &meta.client_id)
         {

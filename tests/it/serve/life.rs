@@ -52,7 +52,7 @@ async fn a_program_goes_from_ready_to_completed_and_rest_websocket_and_mqtt_see_
     assert_eq!(state["wait_state"], "TOOL_LOAD");
     assert_eq!(state["waiting_on"]["m"], 100);
     assert_eq!(state["program"], 50);
-    for history in [&socket, &bus.history, &polled] {
+    for history in [&socket.history, &bus.history, &polled] {
         let seen = history
             .find("cs/1/state", |state| state["execution"] == "WAIT")
             .await;
@@ -69,14 +69,18 @@ async fn a_program_goes_from_ready_to_completed_and_rest_websocket_and_mqtt_see_
             .as_array()
             .is_some_and(|outputs| !outputs.is_empty())
     };
-    let pending = socket.find("cs/1/m_code/pending", open).await;
+    let pending = socket.history.find("cs/1/m_code/pending", open).await;
     assert_eq!(pending["outputs"][0]["seq"], output["seq"]);
     assert_eq!(pending["outputs"][0]["state"], "OUTPUT");
 
     let reset = served.reset_output(1, "test", false).await.expect(200).json();
     assert_eq!(reset["status"], "accepted");
     served.execution(1, "PROGRAM_COMPLETED").await;
-    for (name, history) in [("WebSocket", &socket), ("MQTT", &bus.history), ("REST", &polled)] {
+    for (name, history) in [
+        ("WebSocket", &socket.history),
+        ("MQTT", &bus.history),
+        ("REST", &polled),
+    ] {
         history
             .find("cs/1/state", |state| state["execution"] == "PROGRAM_COMPLETED")
             .await;

@@ -97,6 +97,29 @@ pub fn check_message(path: &str, message: &Value) -> Result<(), String> {
     check(schema, message).map_err(|error| format!("{path}: {error} in {message}"))
 }
 
+/// A form by its name.
+fn named(name: &str) -> Value {
+    json!({"$ref": format!("#/components/schemas/{name}")})
+}
+
+/// What is wrong with a frame that a WebSocket's server sends.
+pub fn check_frame(frame: &Value) -> Result<(), String> {
+    let Some(topic) = frame["topic"].as_str() else {
+        return check(&named("WebSocketError"), frame).map_err(|error| format!("{error} in {frame}"));
+    };
+    check(&named("WebSocketMessage"), frame).map_err(|error| format!("{error} in {frame}"))?;
+    let mut message = frame.clone();
+    if let Value::Object(fields) = &mut message {
+        fields.remove("topic");
+    }
+    check_message(topic, &message)
+}
+
+/// What is wrong with a frame that a WebSocket's client sends.
+pub fn check_asked(frame: &Value) -> Result<(), String> {
+    check(&named("WebSocketRequest"), frame).map_err(|error| format!("{error} in {frame}"))
+}
+
 /// What is wrong with an answer of `/api/v1`: a status or a form that the document does not name.
 pub fn check_answer(method: &str, path: &str, status: u16, body: &str) -> Result<(), String> {
     let Some(path) = path.strip_prefix("/api/v1") else {
@@ -112,11 +135,7 @@ pub fn check_answer(method: &str, path: &str, status: u16, body: &str) -> Result
         };
     };
     let responses = &operations.1[method.to_lowercase()]["responses"];
-    let response = match &responses[status.to_string()] {
-        Value::Null if status >= 400 => &responses["default"],
-        response => response,
-    };
-    let content = match response {
+    let content = match &responses[status.to_string()] {
         Value::Null if status == 405 => return Ok(()),
         Value::Null => return Err(format!("{method} {path}: no document names status {status}")),
         response => response["content"].as_object(),
@@ -151,5 +170,29 @@ fn a_message_that_is_not_of_its_form_is_found() {
     assert!(check_answer("GET", "/api/v1/health", 200, "{\"status\":\"ok\"}").is_ok());
     assert!(check_answer("GET", "/api/v1/health", 200, "{\"status\":\"bad\"}").is_err());
     assert!(check_answer("GET", "/api/v1/health", 418, "{}").is_err());
+    assert!(check_answer("GET", "/api/v1/cs/1/state", 404, "{}").is_err());
+    assert!(check_answer("GET", "/api/v1/cs/1/state", 500, "{}").is_err());
     assert!(check_answer("GET", "/api/v1/health", 302, "").is_err());
+}
+
+#[test]
+fn a_frame_that_is_not_of_its_form_is_found() {
+    let mut frame = json!({"topic": "cs/1/input/dry_run/state", "v": 1, "boot_id": "b", "ts": "2026-01-01T00:00:00Z",
+        "rev": 1, "value": true});
+    assert_eq!(check_frame(&frame), Ok(()));
+    assert_eq!(check_frame(&json!({"error": "there is no topic"})), Ok(()));
+    frame["value"] = json!("on");
+    assert!(check_frame(&frame).is_err());
+    assert!(check_frame(&json!({"value": true})).is_err());
+    assert_eq!(
+        check_asked(&json!({"subscribe": ["#"], "unsubscribe": ["cs/1/state"]})),
+        Ok(())
+    );
+    for wrong in [
+        json!({"subscribe": "#"}),
+        json!({"publish": []}),
+        json!({"handler": {"id": "a"}}),
+    ] {
+        assert!(check_asked(&wrong).is_err(), "{wrong}");
+    }
 }

@@ -13,6 +13,7 @@ use tokio_tungstenite::tungstenite::Message;
 use super::binary::tandem;
 use super::http::{Answer, request};
 use super::machine::Machine;
+use super::schemas::{check_asked, check_frame};
 use super::wait::{History, PATIENCE, until};
 
 /// Free ports, as a part of a configuration.
@@ -84,6 +85,10 @@ impl Process {
                 Err(RecvTimeoutError::Disconnected) => panic!("{what}: not printed\n{}", self.output),
             }
         }
+    }
+
+    pub fn id(&self) -> u32 {
+        self.child.id()
     }
 
     pub fn signal(&self, name: &str) {
@@ -254,20 +259,44 @@ impl Served {
     }
 
     /// Everything that a WebSocket says about topics, from now on.
-    pub async fn watch(&self, topics: &[&str]) -> History {
+    pub async fn watch(&self, topics: &[&str]) -> Watch {
         let url = format!("ws://{}/api/v1/ws", self.http);
         let (mut socket, _) = tokio_tungstenite::connect_async(url).await.expect("a WebSocket");
-        let ask = json!({"subscribe": topics}).to_string();
-        socket.send(Message::text(ask)).await.expect("a subscription");
-        let history = History::default();
-        let sink = history.clone();
+        let ask = json!({"subscribe": topics});
+        assert_eq!(check_asked(&ask), Ok(()));
+        let asked = socket.send(Message::text(ask.to_string())).await;
+        asked.expect("a subscription");
+        let watch = Watch::default();
+        let (sink, wrong) = (watch.history.clone(), watch.wrong.clone());
         tokio::spawn(async move {
             while let Some(Ok(message)) = socket.next().await {
                 let Message::Text(text) = message else { continue };
                 let value: Value = serde_json::from_str(&text).expect("JSON");
+                if let Err(error) = check_frame(&value) {
+                    wrong.push("wrong".into(), Value::from(error));
+                }
                 sink.push(value["topic"].as_str().unwrap_or_default().to_owned(), value);
             }
         });
-        history
+        watch
+    }
+}
+
+/// What a WebSocket says; dropping it fails a test in which a frame was not of its form.
+#[derive(Default)]
+pub struct Watch {
+    pub history: History,
+    wrong: History,
+}
+
+impl Drop for Watch {
+    fn drop(&mut self) {
+        if !std::thread::panicking() {
+            assert_eq!(
+                self.wrong.on("wrong"),
+                [] as [Value; 0],
+                "frames that are not of their form"
+            );
+        }
     }
 }

@@ -13,6 +13,7 @@ use tokio_tungstenite::tungstenite::Message;
 use super::{Reached, over_mosquitto, over_the_embedded_broker};
 use crate::support::http::request_with;
 use crate::support::mqtt::Bus;
+use crate::support::schemas::check_frame;
 use crate::support::wait::{until, within};
 
 /// Motion of 2 s.
@@ -183,8 +184,9 @@ async fn who_reads_nothing_holds_up_neither_motion_nor_others(reached: &Reached,
     // when it reads again it comes to the latest state
     let latest = async {
         while let Some(Ok(frame)) = silent_socket.next().await {
-            let said = frame.into_text().unwrap_or_default();
-            let said: Value = serde_json::from_str(&said).unwrap_or_default();
+            let Message::Text(said) = frame else { continue };
+            let said: Value = serde_json::from_str(&said).unwrap();
+            assert_eq!(check_frame(&said), Ok(()));
             if said["topic"] == "cs/1/state" && said["execution"] == "PROGRAM_COMPLETED" {
                 return;
             }

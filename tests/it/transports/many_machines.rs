@@ -16,12 +16,18 @@ const OUTPUTS: u32 = 20;
 
 /// A machine of this name, whose program 50 puts out M100 with VA 1 to [`OUTPUTS`] and VB its own number.
 fn machine(name: &str, number: u32, broker: &Mosquitto) -> (Machine, Served) {
+    below("", name, number, broker)
+}
+
+/// The same below a topic prefix.
+fn below(prefix: &str, name: &str, number: u32, broker: &Mosquitto) -> (Machine, Served) {
     let lines: Vec<String> = (1..=OUTPUTS)
         .map(|n| format!("M100 VA{n} VB{number}\n"))
         .collect();
     let machine = Machine::with_config(&format!(
         "[machine]\nname = \"{name}\"\n{MOTORS}{COORDINATE_SYSTEMS}programs = {{ 50 = \"main.nc\" }}\n\
-         [m_code.100]\nunhandled = \"wait\"\n[http]\nlisten = \"127.0.0.1:0\"\n[mqtt]\nbroker = \"mqtt://{}\"\n",
+         [m_code.100]\nunhandled = \"wait\"\n[http]\nlisten = \"127.0.0.1:0\"\n[mqtt]\nbroker = \"mqtt://{}\"\n\
+         prefix = \"{prefix}\"\n",
         broker.address()
     ));
     machine.write("main.nc", &format!("{}M30\n", lines.concat()));
@@ -106,6 +112,17 @@ async fn on_one_broker_nothing_of_one_machine_reaches_another() {
         async |served: &Served, name: &str| connect(&format!("mqtt://{}/{name}", served.broker)).await;
     nothing_of_one_machine_reaches_the_other(reach(&first, "mill-a").await, reach(&second, "mill-b").await)
         .await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn machines_of_one_name_are_told_apart_by_their_topic_prefixes() {
+    let broker = Mosquitto::start();
+    let (_first, first) = below("", "mill-a", 1, &broker);
+    let (_second, second) = below("hall/cell-2", "mill-a", 2, &broker);
+    let (first, second) = (&first.broker, &second.broker);
+    let first = connect(&format!("mqtt://{first}/mill-a")).await;
+    let second = connect(&format!("mqtt://{second}/hall/cell-2/mill-a")).await;
+    nothing_of_one_machine_reaches_the_other(first, second).await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

@@ -5,6 +5,7 @@ use serde_json::{Map, Value, json};
 
 use super::schemas::{Schemas, reference};
 use super::topics::INBOUND;
+use crate::access::Right;
 
 /// Numbers that stand for a name in a path.
 const CS: u8 = 251;
@@ -99,6 +100,7 @@ pub(super) fn document(schemas: &Schemas) -> Value {
             name.clone(),
             json!({
                 "address": format!("tandem/v1/{{machine}}/{path}"),
+                "servers": [{"$ref": "#/servers/machine"}],
                 "parameters": parameters,
                 "messages": {schema: {"payload": reference(schema)}},
             }),
@@ -133,18 +135,57 @@ pub(super) fn document(schemas: &Schemas) -> Value {
             Some(row.right.word()),
         );
     }
+    add_websocket(&mut channels, &mut operations);
     json!({
         "asyncapi": "3.0.0",
         "info": {
-            "title": "Tandem over MQTT",
+            "title": "Tandem over MQTT and WebSocket",
             "version": "1",
             "description": "What the runtime sends and receives. Addresses begin with the topic prefix, where the configuration has one. x-right is what a sender needs where the machine has a token file.",
             "license": {"name": "Apache-2.0 OR MIT"},
         },
         "defaultContentType": "application/json",
-        "servers": {"machine": {"host": "127.0.0.1:1883", "protocol": "mqtt"}},
+        "servers": {
+            "machine": {"host": "127.0.0.1:1883", "protocol": "mqtt"},
+            "websocket": {"host": "127.0.0.1:8080", "protocol": "ws"},
+        },
         "channels": channels,
         "operations": operations,
         "components": {"schemas": schemas},
     })
+}
+
+/// One connection carries the messages of all topics that its client names.
+fn add_websocket(channels: &mut Map<String, Value>, operations: &mut Map<String, Value>) {
+    const RECEIVED: [&str; 1] = ["WebSocketRequest"];
+    const SENT: [&str; 2] = ["WebSocketMessage", "WebSocketError"];
+    let messages = RECEIVED.into_iter().chain(SENT);
+    let messages: Map<_, _> = messages
+        .map(|name| (name.to_owned(), json!({"payload": reference(name)})))
+        .collect();
+    channels.insert(
+        "websocket".into(),
+        json!({
+            "address": "/api/v1/ws",
+            "description": "JSON as text frames. A frame of the client may ask for several things at once; each refusal is a frame of its own.",
+            "servers": [{"$ref": "#/servers/websocket"}],
+            "messages": messages,
+            "bindings": {"ws": {"method": "GET"}},
+        }),
+    );
+    for (action, names) in [("receive", &RECEIVED[..]), ("send", &SENT[..])] {
+        let messages: Vec<_> = names
+            .iter()
+            .map(|name| json!({"$ref": format!("#/channels/websocket/messages/{name}")}))
+            .collect();
+        let mut operation = json!({
+            "action": action,
+            "channel": {"$ref": "#/channels/websocket"},
+            "messages": messages,
+        });
+        if action == "receive" {
+            operation["x-right"] = Right::Read.word().into();
+        }
+        operations.insert(format!("{action}_websocket"), operation);
+    }
 }

@@ -4,12 +4,13 @@ use serde_json::{Map, Value, json};
 
 use super::routes::{Content, ROUTES, Route};
 use super::schemas::{Schemas, reference};
+use crate::access::Right;
 
 pub(super) fn document(schemas: &Schemas) -> Value {
     let mut paths = Map::new();
     for route in ROUTES {
         let path = paths.entry(route.path).or_insert_with(|| json!({}));
-        path[route.method.to_lowercase()] = operation(route);
+        path[route.method.to_lowercase()] = operation(route, schemas);
     }
     json!({
         "openapi": "3.1.0",
@@ -29,7 +30,7 @@ pub(super) fn document(schemas: &Schemas) -> Value {
     })
 }
 
-fn operation(route: &Route) -> Value {
+fn operation(route: &Route, schemas: &Schemas) -> Value {
     let mut operation = json!({
         "operationId": operation_id(route),
         "summary": route.summary,
@@ -41,10 +42,13 @@ fn operation(route: &Route) -> Value {
     } else {
         operation["security"] = json!([]);
     }
-    let required = !route.command;
     match route.body {
         Content::Nothing => {}
         Content::Json(name) => {
+            // no body is an empty object, where that is enough
+            let required = schemas[name]["required"]
+                .as_array()
+                .is_some_and(|names| !names.is_empty());
             operation["requestBody"] =
                 json!({"required": required, "content": {"application/json": {"schema": reference(name)}}});
         }
@@ -54,7 +58,7 @@ fn operation(route: &Route) -> Value {
         }
         Content::Text => {
             operation["requestBody"] =
-                json!({"required": true, "content": {"text/plain": {"schema": {"type": "string"}}}});
+                json!({"required": false, "content": {"text/plain": {"schema": {"type": "string"}}}});
         }
     }
     operation
@@ -96,7 +100,7 @@ fn parameters(route: &Route) -> Vec<Value> {
         parameters.push(json!({"name": "Lease-Fence", "in": "header", "required": is_release, "schema": {"type": "integer", "minimum": 0}, "description": "Number of the control lease under which it is sent."}));
     }
     if route.command {
-        parameters.push(json!({"name": "wait", "in": "query", "schema": {"enum": ["0", "1"]}, "description": "1: answers when it is done, or with 202 after a minute."}));
+        parameters.push(json!({"name": "wait", "in": "query", "schema": {"enum": ["0", "1", "false", "true", ""]}, "description": "1, true or nothing: answers when it is done, or with 202 after a minute."}));
         parameters.push(json!({"name": "If-Match", "in": "header", "schema": {"type": "string", "pattern": "^\"?[0-9]+\"?$"}, "description": "Revision of the state that the sender has seen."}));
     }
     if route.method == "GET" && (route.path.contains("/variables/") || route.path == "/journal") {
@@ -131,10 +135,49 @@ fn responses(route: &Route) -> Value {
         }
         responses.insert(status.to_string(), response);
     }
-    let problem = json!({
-        "description": "Refused; nothing was changed.",
-        "content": {"application/problem+json": {"schema": reference("Problem")}},
-    });
-    responses.insert("default".into(), problem);
+    for status in refusals(route) {
+        let refusal = json!({
+            "description": refusal_text(status),
+            "content": {"application/problem+json": {"schema": reference("Problem")}},
+        });
+        responses.insert(status.to_string(), refusal);
+    }
     responses.into()
+}
+
+/// The statuses of a route's refusals, each problem details.
+fn refusals(route: &Route) -> Vec<u16> {
+    let takes_query = route.method == "GET" && route.path.contains("/variables/");
+    let changes = !matches!(route.right, None | Some(Right::Read));
+    let of = [
+        (true, &[403][..]),
+        (route.right.is_some(), &[401, 429, 503]),
+        (route.path.contains('{'), &[404]),
+        (route.body != Content::Nothing, &[400, 408, 413, 415]),
+        (takes_query, &[400, 413]),
+        (changes, &[404, 409]),
+        (route.command, &[412, 422]),
+        (route.path.ends_with("/intermediate"), &[422]),
+        (route.path == "/ws", &[400, 426]),
+    ];
+    let all = of.iter().filter(|(does, _)| *does);
+    all.flat_map(|(_, statuses)| statuses.iter().copied()).collect()
+}
+
+fn refusal_text(status: u16) -> &'static str {
+    match status {
+        400 => "Not well-formed, or a value out of its range.",
+        401 => "A token is needed.",
+        403 => "Not for this role, or a foreign Origin or Host.",
+        404 => "There is no such thing.",
+        408 => "The body did not come in time.",
+        409 => "The state does not allow it.",
+        412 => "The condition of the command does not hold.",
+        413 => "Larger than the limit.",
+        415 => "The body is of another type.",
+        422 => "The program has errors.",
+        426 => "This is for a WebSocket.",
+        429 => "Too many requests.",
+        _ => "The machine cannot do it now.",
+    }
 }

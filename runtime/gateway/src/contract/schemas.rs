@@ -5,6 +5,8 @@ use schemars::JsonSchema;
 use schemars::generate::SchemaSettings;
 use serde_json::{Map, Value, json};
 
+use crate::websocket::Asked;
+
 /// Schemas by name.
 pub(super) type Schemas = Map<String, Value>;
 
@@ -21,6 +23,7 @@ pub(super) fn all() -> Schemas {
     messages(&mut schemas);
     requests(&mut schemas);
     answers(&mut schemas);
+    websocket(&mut schemas);
     schemas
 }
 
@@ -231,6 +234,21 @@ fn journal() -> Value {
         &["event"],
     );
     object(json!({"lines": {"type": "array", "items": line}}), &["lines"])
+}
+
+fn websocket(all: &mut Schemas) {
+    plain::<Asked>(all, "WebSocketRequest", Way::In);
+    let text = json!({"type": "string"});
+    put(all, "WebSocketError", object(json!({"error": text}), &["error"]));
+    let mut message = object(
+        json!({"topic": {"type": "string", "description": "Path below the machine's root, as on MQTT."}, "v": {"const": plc_api::types::message::INTERFACE_VERSION}, "boot_id": text, "ts": {"type": "string", "format": "date-time"}}),
+        &["topic", "v", "boot_id", "ts"],
+    );
+    message["description"] =
+        "The message of the topic, with its path in front; see the topic's channel for the other fields."
+            .into();
+    message["additionalProperties"] = true.into();
+    put(all, "WebSocketMessage", message);
 }
 
 fn values(all: &mut Schemas) -> Value {

@@ -13,6 +13,7 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use crate::contract::topics;
+use crate::shared::json_object;
 
 /// Bytes of one payload; more is refused. Reason: the largest, a fault text, is far below.
 const PAYLOAD_MAX: usize = 64 * 1024;
@@ -337,7 +338,7 @@ fn number<T: std::str::FromStr>(level: &str) -> Result<T, String> {
 }
 
 fn json<T: DeserializeOwned>(payload: &[u8]) -> Result<T, String> {
-    serde_json::from_slice(payload).map_err(|error| format!("the JSON is not right: {error}"))
+    json_object(payload).map_err(|error| format!("the JSON is not right: {error}"))
 }
 
 #[cfg(test)]

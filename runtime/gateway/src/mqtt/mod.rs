@@ -28,10 +28,13 @@ pub(crate) const REFUSED_MAX: usize = 64;
 /// Time to say goodbye to the broker.
 const STOP_MAX: Duration = Duration::from_secs(2);
 
-/// Client id of the runtime at its broker.
+/// Client id of the runtime at its broker. It holds the prefix: machines of one name push each other off otherwise.
 pub(crate) fn client_id(settings: &MqttSettings, machine: &str) -> String {
     if settings.client_id.is_empty() {
-        format!("tandem-{machine}")
+        match settings.prefix.trim_matches('/') {
+            "" => format!("tandem-{machine}"),
+            prefix => format!("tandem-{}-{machine}", prefix.replace('/', "-")),
+        }
     } else {
         settings.client_id.clone()
     }

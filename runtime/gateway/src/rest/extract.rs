@@ -9,6 +9,7 @@ use futures_util::StreamExt;
 use serde::de::DeserializeOwned;
 
 use crate::problem::Problem;
+use crate::shared::json_object;
 
 /// Bytes of a JSON body; more is 413. Reason: the largest, a fault text, is far below.
 pub(crate) const JSON_BODY_MAX: usize = 64 * 1024;
@@ -55,27 +56,20 @@ impl<S: Send + Sync, T: DeserializeOwned> FromRequest<S> for JsonBody<T> {
 
     async fn from_request(request: Request, _: &S) -> Result<Self, Problem> {
         let json = is_json(request.headers());
-        let body = read_body(request, JSON_BODY_MAX).await?;
+        let mut body = read_body(request, JSON_BODY_MAX).await?;
         if body.is_empty() {
-            return serde_json::from_str("{}")
-                .map(Self)
-                .map_err(|error| wrong_json(&error));
-        }
-        if !json {
+            body = b"{}".to_vec();
+        } else if !json {
             return Err(Problem::new(
                 StatusCode::UNSUPPORTED_MEDIA_TYPE,
                 "unsupported_media_type",
                 "send JSON with Content-Type: application/json",
             ));
         }
-        serde_json::from_slice(&body)
+        json_object(&body)
             .map(Self)
-            .map_err(|error| wrong_json(&error))
+            .map_err(|error| Problem::invalid(format!("the JSON body is not right: {error}")))
     }
-}
-
-fn wrong_json(error: &serde_json::Error) -> Problem {
-    Problem::invalid(format!("the JSON body is not right: {error}"))
 }
 
 fn is_json(headers: &HeaderMap) -> bool {

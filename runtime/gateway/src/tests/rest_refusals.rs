@@ -81,6 +81,8 @@ async fn what_is_malformed_too_large_or_of_another_type_is_a_problem() {
         ("POST", "/cs/1/start", &[("idempotency-key", "")], "", invalid),
         ("PUT", "/cs/1/inputs/dry_run", &[JSON], r#"{"on":true}"#, invalid),
         ("PUT", "/cs/1/overrides", &[JSON], r#"{"fed":1}"#, invalid),
+        ("PUT", "/cs/1/overrides", &[JSON], "[50,null,null]", invalid),
+        ("POST", "/cs/1/hold", &[JSON], "false", invalid),
         ("PUT", "/programs/1", &[JSON], "G01", wrong_type),
     ])
     .await;
