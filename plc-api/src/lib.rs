@@ -60,6 +60,10 @@
 //! [`on_redelivery`](SequenceProgram::on_redelivery), by default to wait for an operator. With
 //! [`Redelivery::Verify`] the handler runs again with [`AuxOutput::redelivered`] true, and looks at the machine first.
 //!
+//! # Two commanders
+//! A program that starts and stops a machine which others command, too, takes its control lease first
+//! ([`CoordinateSystem::take_lease`]): until that is released or dropped, nobody else starts motion there.
+//!
 //! # Scan style
 //! Who thinks in PLC scans writes a [`scan::ScanProgram`]: at a fixed period it sees M codes as flags with parameters
 //! and writes resets as flags. [`SequenceProgram::scan`] serves it beside handlers.
