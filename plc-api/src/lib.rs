@@ -150,6 +150,10 @@
 //! assert_eq!(program.check(), Ok(()));
 //! ```
 //!
+//! # Two commanders
+//! A program that starts and stops a machine which others command, too, takes its control lease first
+//! ([`CoordinateSystem::take_lease`]): until that is released or dropped, nobody else starts motion there.
+//!
 //! # Scan style
 //! Who thinks in PLC scans writes a [`scan::ScanProgram`]: at a fixed period it sees M codes as flags with parameters
 //! beside states, inputs and variables, and writes resets, inputs and commands as flags. [`SequenceProgram::scan`] serves

@@ -21,7 +21,7 @@ const LIBRARY_QUEUE: usize = 64;
 const KEEP_ALIVE: Duration = Duration::from_secs(5);
 
 /// What a machine says, below its root; `reply` comes beside it.
-const FILTERS: [&str; 15] = [
+const FILTERS: [&str; 16] = [
     "presence",
     "birth",
     "alarm/event",
@@ -37,6 +37,7 @@ const FILTERS: [&str; 15] = [
     "cs/+/spindle/state",
     "cs/+/tool/state",
     "cs/+/override/state",
+    "cs/+/lease/state",
 ];
 
 /// Keeps a connection until the port is dropped.
@@ -187,4 +188,27 @@ fn hear(shared: &Shared, path: &str, payload: &[u8]) {
         _ => false,
     };
     shared.lock().outbox.hear(&message, is_open);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::types::topic::{CsTopic, Topic};
+
+    fn fits(filter: &str, path: &str) -> bool {
+        let (filter, path): (Vec<_>, Vec<_>) = (filter.split('/').collect(), path.split('/').collect());
+        filter.len() == path.len()
+            && filter
+                .iter()
+                .zip(path)
+                .all(|(wanted, level)| *wanted == "+" || *wanted == level)
+    }
+
+    #[test]
+    fn every_state_of_a_coordinate_system_is_subscribed() {
+        for (topic, _) in CsTopic::STATES {
+            let path = Topic::cs(1, topic).path();
+            assert!(FILTERS.iter().any(|filter| fits(filter, &path)), "{path}");
+        }
+    }
 }
