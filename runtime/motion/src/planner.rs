@@ -96,6 +96,11 @@ impl Planner {
         self.record.replace(new.from, new.record);
     }
 
+    /// True when [`Planner::retrace`] finds a way back from this place.
+    pub fn has_way_back(&self, from: PathPlace) -> bool {
+        self.record.has_way_back(from)
+    }
+
     /// The way back from a place at rest, along G500 blocks, to rest: to what is no G500 block, to a bar, or to the
     /// oldest block that is kept. Empty: there is no way back.
     pub fn retrace(&self, from: PathPlace) -> VecDeque<Profile> {

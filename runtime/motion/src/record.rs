@@ -53,12 +53,15 @@ impl Record {
 
     /// Index of the first segment behind this one.
     fn behind(&self, segment: u64) -> usize {
-        self.entries.partition_point(|entry| entry.profile.segment <= segment)
+        self.entries
+            .partition_point(|entry| entry.profile.segment <= segment)
     }
 
     /// Index of the segment that holds a place or comes behind it, and plan time within it, s.
     fn find(&self, place: PathPlace) -> (usize, f64) {
-        let at = self.entries.partition_point(|entry| entry.profile.segment < place.segment);
+        let at = self
+            .entries
+            .partition_point(|entry| entry.profile.segment < place.segment);
         match self.entries.get(at) {
             Some(entry) if entry.profile.segment == place.segment => {
                 if place.plan_s < entry.profile.duration_s {
@@ -125,10 +128,27 @@ impl Record {
                 is_backward: false,
             };
             let is_last = profile.exact_stop;
-            new.look_ahead
-                .pass(profile.clone(), passage, is_last, &mut new.record, &mut new.profiles);
+            new.look_ahead.pass(
+                profile.clone(),
+                passage,
+                is_last,
+                &mut new.record,
+                &mut new.profiles,
+            );
         }
         new
+    }
+
+    /// True when there is a way back from this place.
+    pub(crate) fn has_way_back(&self, from: PathPlace) -> bool {
+        let (at, plan_s) = self.find(from);
+        let last = (at + usize::from(plan_s > 0.0)).checked_sub(1);
+        last.and_then(|last| self.entries.get(last))
+            .is_some_and(|entry| self.goes_back(entry))
+    }
+
+    fn goes_back(&self, entry: &Entry) -> bool {
+        entry.is_paced && entry.profile.segment > self.barrier
     }
 
     /// The way back from a place at rest, as far as there is one; empty: there is none.
@@ -137,21 +157,21 @@ impl Record {
         let mut record = Record::default();
         let mut out = VecDeque::new();
         let (at, plan_s) = self.find(from);
-        let passed = self.entries.range(..(at + usize::from(plan_s > 0.0)).min(self.entries.len()));
+        let passed = self
+            .entries
+            .range(..(at + usize::from(plan_s > 0.0)).min(self.entries.len()));
         let mut passed = passed.rev().peekable();
         let mut plan_s = Some(plan_s).filter(|plan_s| *plan_s > 0.0);
         while let Some(entry) = passed.next() {
             let profile = &entry.profile;
-            if !entry.is_paced || profile.segment <= self.barrier {
+            if !self.goes_back(entry) {
                 break;
             }
             let from_s = plan_s.take().map_or(0.0, |plan_s| profile.duration_s - plan_s);
             if from_s > 0.0 {
                 look_ahead.begin_at_rest(profile.segment);
             }
-            let goes_on = passed
-                .peek()
-                .is_some_and(|next| next.is_paced && next.profile.segment > self.barrier);
+            let goes_on = passed.peek().is_some_and(|next| self.goes_back(next));
             let is_last = !goes_on || begins_at_rest(profile, 0.0);
             let passage = Passage {
                 from_s,
@@ -182,4 +202,14 @@ pub struct Replan {
     pub(crate) record: Record,
     /// What follows that place.
     pub profiles: VecDeque<Profile>,
+}
+
+impl Replan {
+    /// True when the motion may go on at its place: it can come to rest again within the new plan.
+    pub fn can_begin(&self) -> bool {
+        self.profiles.back().is_some_and(|last| match &last.law {
+            Law::Paced { pace, .. } => pace.free_to >= self.from.segment,
+            _ => true,
+        })
+    }
 }

@@ -15,8 +15,8 @@ use crate::motors::{Drives, Motors};
 use crate::path_time::{PathTime, slope};
 use crate::readings::{Reading, Readings};
 use crate::skip::SkipRun;
-use crate::splice::{SPLICES_MAX, Splice};
 use crate::spindle::SimulatedSpindle;
+use crate::splice::{SPLICES_MAX, Splice};
 
 /// Controls that may wait for one channel; the ring refuses more. A cycle takes at most 16 of them.
 pub const CONTROLS_MAX: usize = 64;

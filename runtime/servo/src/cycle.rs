@@ -352,7 +352,11 @@ impl Channel {
         match (profile.time_base, &profile.law) {
             (TimeBase::Feed, Law::Paced { pace, .. }) => {
                 let share = (self.feed_override / pace.feed_override).min(1.0);
-                if self.splice.is_some() { share * APPROACH } else { share }
+                if self.splice.is_some() {
+                    share * APPROACH
+                } else {
+                    share
+                }
             }
             (TimeBase::Feed, _) => self.feed_override,
             (TimeBase::Rapid, _) => self.rapid_override,

@@ -45,7 +45,8 @@ impl Channel {
         let Ok(splice) = self.splices.pop() else { return };
         match splice.at {
             None => {
-                let may = self.splice.is_none() && self.stopping.is_none() && self.rests();
+                self.give_up_splice();
+                let may = self.rests();
                 if may {
                     self.give_up();
                 }

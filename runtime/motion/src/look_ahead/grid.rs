@@ -2,9 +2,9 @@
 
 use std::collections::VecDeque;
 
+use tandem_model::Axis;
 use tandem_model::flow::Path;
 use tandem_model::profile::SlewRoom;
-use tandem_model::Axis;
 
 use super::limits::{self, Bounds};
 use super::way::{Motion, Phase, Way};
@@ -45,6 +45,8 @@ pub(super) struct Piece {
     pub(super) shape: Shape,
     /// It is not halved below this, s.
     pub(super) least_s: f64,
+    /// Largest square of the rate in it.
+    pub(super) cap: f64,
     /// Largest square of the rate at its begin from which the motion can end in rest; not a number before it is known.
     pub(super) limit: f64,
 }
@@ -109,7 +111,12 @@ pub(super) fn cut(way: &Way<'_>, bounds: Bounds<'_>, pieces: &mut VecDeque<Piece
         }
     }
     if pieces.len() == before && way.plan_s > begin_s {
-        add(bounds, &way.motion(begin_s, way.plan_s), [begin_s, way.plan_s], pieces);
+        add(
+            bounds,
+            &way.motion(begin_s, way.plan_s),
+            [begin_s, way.plan_s],
+            pieces,
+        );
     }
     // What was left out as rounding belongs to the last piece.
     if let Some(last) = pieces.back_mut().filter(|_| at_s > begin_s) {
@@ -129,19 +136,13 @@ fn straight(way: &Way<'_>, bounds: Bounds<'_>, phase: Phase) -> Piece {
             change: 2.0 / (steepest * way.speed),
         },
         least_s: f64::INFINITY,
+        cap: bounds.cap_at(|axis| way.path.steepest(axis) * way.speed),
         limit: f64::NAN,
     }
 }
 
 /// Cuts a phase into n parts of one length, and each as [`parts`] does.
-fn even(
-    way: &Way<'_>,
-    bounds: Bounds<'_>,
-    phase: Phase,
-    n: f64,
-    depth: u32,
-    pieces: &mut VecDeque<Piece>,
-) {
+fn even(way: &Way<'_>, bounds: Bounds<'_>, phase: Phase, n: f64, depth: u32, pieces: &mut VecDeque<Piece>) {
     let mut from_s = phase.from_s;
     let mut k = 0.0;
     while k < n {
@@ -200,7 +201,12 @@ fn parts(way: &Way<'_>, bounds: Bounds<'_>, phase: Phase, depth: u32, pieces: &m
 }
 
 fn add(bounds: Bounds<'_>, motion: &Motion, [from_s, to_s]: [f64; 2], pieces: &mut VecDeque<Piece>) {
-    let room = limits::room(motion, bounds.inverse, to_s - from_s, [bounds.cap; 2]);
+    let h_s = to_s - from_s;
+    let cap = bounds.cap_at(|axis| {
+        let [begin, end] = motion.velocity.map(|velocity| velocity[axis].abs());
+        begin.max(end) + motion.third[axis] * h_s * h_s / 8.0
+    });
+    let room = limits::room(motion, bounds.inverse, h_s, [cap; 2]);
     let within = room.braking.max(room.driving) <= 1.0;
     pieces.push_back(Piece {
         from_s,
@@ -208,7 +214,8 @@ fn add(bounds: Bounds<'_>, motion: &Motion, [from_s, to_s]: [f64; 2], pieces: &m
         shape: Shape::Bent {
             planned: within.then_some(room),
         },
-        least_s: (to_s - from_s) / LEAST,
+        least_s: h_s / LEAST,
+        cap,
         limit: f64::NAN,
     });
 }

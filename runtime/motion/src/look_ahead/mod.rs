@@ -19,8 +19,8 @@ mod way;
 
 use std::collections::VecDeque;
 
+use tandem_model::AXES_MAX;
 use tandem_model::profile::{Law, Profile};
-use tandem_model::{AXES_MAX, Axis};
 use tandem_model::settings::CoordinateSystemSettings;
 
 use self::braking::Braking;
@@ -28,8 +28,8 @@ use self::grid::Piece;
 use self::limits::{Bounds, HalfPlane};
 use self::paced::Step;
 use self::rate::{Limits, SQUARE_MIN};
-use self::way::Way;
 pub(crate) use self::way::Passage;
+use self::way::Way;
 use crate::record::Record;
 
 /// The largest feed override.
@@ -89,7 +89,7 @@ struct Held {
     is_last: bool,
     feed_override: f64,
     pieces: usize,
-    /// Largest x in it.
+    /// Largest x in it for the override and the servo period.
     cap: f64,
 }
 
@@ -184,9 +184,10 @@ impl LookAhead {
             self.braking.begin(profile.segment);
         }
         let per_period = way.plan_s * BLOCKS_PER_PERIOD / self.period_s;
-        let cap = per_period.min(self.largest_rate(&way)).powi(2);
+        let cap = per_period.min(self.feed_override).powi(2);
         let bounds = Bounds {
             inverse: &self.inverse,
+            velocities: &self.velocities,
             cap,
         };
         let pieces = grid::cut(&way, bounds, &mut self.pieces);
@@ -212,22 +213,6 @@ impl LookAhead {
         } else if new >= self.seen.max(BLOCKS_MIN) || self.blocks.len() >= BLOCKS_MAX {
             self.plan(false, record, out);
         }
-    }
-
-    /// The feed override, or what the motors' maximum velocities leave of it; without look-ahead they hold at 1.
-    fn largest_rate(&self, way: &Way<'_>) -> f64 {
-        if self.feed_override <= 1.0 {
-            return 1.0;
-        }
-        let rate = Axis::ALL.into_iter().fold(self.feed_override, |rate, axis| {
-            let fastest = way.fastest(axis);
-            if fastest > 0.0 {
-                rate.min(self.velocities[axis.index()] / fastest)
-            } else {
-                rate
-            }
-        });
-        rate.max(1.0)
     }
 
     fn plan(&mut self, ended: bool, record: &mut Record, out: &mut VecDeque<Profile>) {
@@ -271,7 +256,9 @@ impl LookAhead {
             let Some(held) = self.blocks.get_mut(block) else {
                 break;
             };
-            let Some(way) = Way::new(&held.profile, held.passage) else { break };
+            let Some(way) = Way::new(&held.profile, held.passage) else {
+                break;
+            };
             if finals.is_none() && open <= to_rest * (1.0 + MET) {
                 finals = Some(block + 1);
             }
@@ -279,6 +266,7 @@ impl LookAhead {
                 way,
                 bounds: Bounds {
                     inverse: &self.inverse,
+                    velocities: &self.velocities,
                     cap: held.cap,
                 },
                 planes: &mut self.planes,
@@ -320,6 +308,7 @@ impl LookAhead {
             way,
             bounds: Bounds {
                 inverse: &self.inverse,
+                velocities: &self.velocities,
                 cap: held.cap,
             },
             planes: &mut self.planes,
@@ -330,11 +319,12 @@ impl LookAhead {
             };
             let before = self.square.unwrap_or(piece.limit).min(piece.limit);
             let limit = self.pieces.front().map_or(self.end_square, |next| next.limit);
-            self.square = Some(task.pass(&piece, before, limit.min(held.cap), &mut self.steps));
+            self.square = Some(task.pass(&piece, before, limit, &mut self.steps));
         }
         paced::profiles(held, &self.steps, self.braking.free_to(), out);
         let steps = self.steps.iter().map(|step| (step.duration_s(), step.room));
         let slope = self.hold_slope / held.feed_override;
-        self.braking.add(held.profile.segment, slope, steps, self.period_s);
+        self.braking
+            .add(held.profile.segment, slope, steps, self.period_s);
     }
 }

@@ -69,7 +69,13 @@ pub(super) fn push(steps: &mut Vec<Step>, step: Step, piece_s: f64) {
 pub(super) fn profiles(held: &Held, steps: &[Step], free_to: u64, out: &mut VecDeque<Profile>) {
     let block = &held.profile;
     let sign = if held.passage.is_backward { -1.0 } else { 1.0 };
-    let plan_time = |way_s: f64| if held.passage.is_backward { block.duration_s - way_s } else { way_s };
+    let plan_time = |way_s: f64| {
+        if held.passage.is_backward {
+            block.duration_s - way_s
+        } else {
+            way_s
+        }
+    };
     let parts = steps.chunks(PACE_PIECES_MAX);
     let last = parts.len().saturating_sub(1);
     for (n, part) in parts.enumerate() {

@@ -32,7 +32,11 @@ impl Limits<'_> {
     /// The motion on a bent piece; its half planes stand ready then.
     fn bend(&mut self, piece: &Piece) -> Motion {
         let motion = self.way.motion(piece.from_s, piece.to_s);
-        limits::half_planes(&motion, self.bounds, piece.length_s(), self.planes);
+        let bounds = Bounds {
+            cap: piece.cap,
+            ..self.bounds
+        };
+        limits::half_planes(&motion, bounds, piece.length_s(), self.planes);
         motion
     }
 
@@ -43,13 +47,13 @@ impl Limits<'_> {
 
     /// That, and the square of the rate at the end that it leads to.
     fn start_and_end(&mut self, piece: &Piece, end: f64) -> [f64; 2] {
-        let end = end.min(self.bounds.cap);
+        let end = end.min(piece.cap);
         match piece.shape {
-            Shape::Straight { change } => [(end + change * piece.length_s()).min(self.bounds.cap), end],
-            Shape::Bent { planned: Some(_) } if end >= self.bounds.cap => [self.bounds.cap, end],
+            Shape::Straight { change } => [(end + change * piece.length_s()).min(piece.cap), end],
+            Shape::Bent { planned: Some(_) } if end >= piece.cap => [piece.cap, end],
             Shape::Bent { .. } => {
                 self.bend(piece);
-                limits::fastest_start(self.planes, self.bounds.cap, end).map(|square| square.max(0.0))
+                limits::fastest_start(self.planes, piece.cap, end).map(|square| square.max(0.0))
             }
         }
     }
@@ -57,7 +61,7 @@ impl Limits<'_> {
     /// Adds a piece with its new limit, in as many pieces as it takes, the last one first.
     pub(super) fn renew(&mut self, piece: &Piece, end: f64, renewed: &mut Vec<Piece>) -> f64 {
         let [limit, after] = self.start_and_end(piece, end);
-        if limit < self.bounds.cap
+        if limit < piece.cap
             && changes(limit, after)
             && let Shape::Bent { .. } = piece.shape
             && let Some([first, second]) = piece.halves()
@@ -74,14 +78,15 @@ impl Limits<'_> {
 
     /// Passes a piece from this square of the rate on, as fast as the limit behind it allows; gives the one at its end.
     pub(super) fn pass(&mut self, piece: &Piece, before: f64, limit: f64, steps: &mut Vec<Step>) -> f64 {
+        let limit = limit.min(piece.cap);
         match piece.shape {
             Shape::Straight { change } => {
                 let after = limit.min(before + change * piece.length_s()).max(SQUARE_MIN);
-                straight(piece, change, [before, after], self.bounds.cap, steps);
+                straight(piece, change, [before, after], piece.cap, steps);
                 after
             }
-            Shape::Bent { planned: Some(room) } if before >= self.bounds.cap && limit >= self.bounds.cap => {
-                let cap = self.bounds.cap;
+            Shape::Bent { planned: Some(room) } if before >= piece.cap && limit >= piece.cap => {
+                let cap = piece.cap;
                 paced::push(steps, step(piece, [cap; 2], room), piece.length_s());
                 cap
             }

@@ -85,13 +85,6 @@ impl<'a> Way<'a> {
         self.begun_s == 0.0
     }
 
-    /// The largest velocity of an axis: a ramp between two blocks never takes more than the whole of both.
-    pub(super) fn fastest(&self, axis: Axis) -> f64 {
-        let own = self.speed * self.path.steepest(axis);
-        let next = self.lead.map_or(0.0, |(path, speed)| speed * path.steepest(axis));
-        own.max(next)
-    }
-
     fn stop_begins_s(&self) -> f64 {
         self.plan_s - self.stop.duration_s()
     }

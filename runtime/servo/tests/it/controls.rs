@@ -79,7 +79,10 @@ fn a_block_that_ends_under_hold_is_finished_and_the_next_one_waits() {
     rig.control(Control::Hold);
     let events = rig.cycles(300);
     assert!(
-        matches!(events[..], [Event::Finished { segment: 1, .. }, Event::Held { .. }]),
+        matches!(
+            events[..],
+            [Event::Finished { segment: 1, .. }, Event::Held { .. }]
+        ),
         "{events:?}"
     );
     assert_eq!(rig.servo.channel(0).profiles_waiting(), 1);
@@ -91,7 +94,10 @@ fn s1i_feed_hold_stops_a_dwell_and_its_time_is_not_lost() {
     rig.push(dwell(1, AxisVector::ZERO, 0.1));
     rig.cycles(51);
     rig.control(Control::Hold);
-    assert!(matches!(rig.cycle()[..], [Event::Held { .. }]), "nothing moves: at rest at once");
+    assert!(
+        matches!(rig.cycle()[..], [Event::Held { .. }]),
+        "nothing moves: at rest at once"
+    );
     assert!(rig.cycles(1000).is_empty());
     rig.control(Control::Resume);
     assert_eq!(rig.until(is_finished(1)), 50);

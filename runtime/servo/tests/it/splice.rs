@@ -271,7 +271,10 @@ fn slow_feed() -> Feed {
 #[test]
 fn m1d_at_200_percent_a_straight_way_runs_at_twice_its_feedrate_within_the_acceleration() {
     let mut machine = Machine::new(&machine(2000.0), &[(400.0, 0.0, false)], slow_feed());
-    machine.rig.control(Control::Override { feed: 2.0, rapid: 1.0 });
+    machine.rig.control(Control::Override {
+        feed: 2.0,
+        rapid: 1.0,
+    });
     machine.planner.set_feed_override(2.0);
     machine.cycles(500);
     let place = machine.planner.place_ahead(machine.place(), AHEAD_S).unwrap();
@@ -289,7 +292,11 @@ fn m1d_at_200_percent_a_straight_way_runs_at_twice_its_feedrate_within_the_accel
 
 #[test]
 fn a_splice_at_a_place_that_was_passed_is_refused_and_the_plan_goes_on() {
-    let mut machine = Machine::new(&machine(2000.0), &[(40.0, 0.0, false), (0.0, 40.0, false)], slow_feed());
+    let mut machine = Machine::new(
+        &machine(2000.0),
+        &[(40.0, 0.0, false), (0.0, 40.0, false)],
+        slow_feed(),
+    );
     let place = machine.planner.place_ahead(machine.place(), 0.0).unwrap();
     machine.cycles(550);
     let new = machine.planner.replan(place, false);
@@ -301,11 +308,18 @@ fn a_splice_at_a_place_that_was_passed_is_refused_and_the_plan_goes_on() {
 
 #[test]
 fn back_trace_ends_at_rest_at_the_begin_of_the_chain_or_at_a_bar() {
-    let mut machine = Machine::new(&machine(2000.0), &[(40.0, 0.0, false), (0.0, 40.0, false)], slow_feed());
+    let mut machine = Machine::new(
+        &machine(2000.0),
+        &[(40.0, 0.0, false), (0.0, 40.0, false)],
+        slow_feed(),
+    );
     machine.cycles(650);
     let at = machine.hold();
     let back = machine.planner.retrace(at);
-    assert!(back.iter().all(|profile| profile.exact_stop == (profile.segment == 1)));
+    assert!(
+        back.iter()
+            .all(|profile| profile.exact_stop == (profile.segment == 1))
+    );
     machine.splice(None, back);
     machine.rig.control(Control::Resume);
     machine.events.clear();
