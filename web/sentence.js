@@ -68,11 +68,13 @@ export function sentence(system, alarms, ageMs) {
         ? "Ready to move by hand. No program is loaded: choose one of the list and press Load."
         : `Program ${program} is loaded and at its head. Press Start.`;
     case "ACTIVE":
+      if (state.reason === "BACK_TRACE") return `Goes back along its path, line ${place?.line ?? "?"}. Press Hold to turn round.`;
       return place?.line ? `Program ${programName(place.number)} runs, line ${place.line}.` : `Program ${program} runs.`;
     case "WAIT":
       return waiting(system, ageMs);
     case "FEED_HOLD":
       if (state.reason === "BUS_LOST") return `Held: the connection to the MQTT broker was lost${state.waiting_on ? ` while M${state.waiting_on.m} is open` : ""}. Look at the machine, then press Resume.`;
+      if (state.reason === "BACK_TRACE_END") return "The way back ends here. Press Resume to go forward again.";
       return state.waiting_on
         ? `Held while M${state.waiting_on.m} is open. Press Resume to go on.`
         : "Held by the operator. Press Resume to go on, or Stop to end the run.";

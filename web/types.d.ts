@@ -5,9 +5,10 @@ export type Execution =
   | "PROGRAM_COMPLETED";
 
 export type Reason =
-  | "HANDLER_LOST" | "SINGLE_BLOCK" | "INTERLOCK" | "BUS_LOST" | "ALARM" | "STOP" | "ABORTED" | "NO_PROGRAM" | "RESTARTED";
+  | "HANDLER_LOST" | "SINGLE_BLOCK" | "INTERLOCK" | "BUS_LOST" | "BACK_TRACE" | "BACK_TRACE_END" | "ALARM" | "STOP" | "ABORTED"
+  | "NO_PROGRAM" | "RESTARTED";
 
-export type Verb = "load" | "start" | "hold" | "resume" | "stop" | "abort" | "reset" | "mdi" | "home";
+export type Verb = "load" | "start" | "hold" | "resume" | "back_trace" | "stop" | "abort" | "reset" | "mdi" | "home";
 
 export interface Envelope { v: number; boot_id: string; ts: string; rev?: number }
 

@@ -130,6 +130,15 @@ impl CoordinateSystem {
         self.command(Command::Resume).await
     }
 
+    /// In a feed hold with G500: back along the passed path (`true`), as far as there is a way back; or forward again
+    /// (`false`), as [`resume`](Self::resume) does. No output is made again.
+    ///
+    /// # Errors
+    /// Not held, or there is no way back from here; `false`: back trace is not on.
+    pub async fn back_trace(&self, on: bool) -> Result<()> {
+        self.command(Command::BackTrace { on }).await
+    }
+
     /// Decelerates on the path and ends the run; open outputs are cancelled.
     ///
     /// # Errors
@@ -294,6 +303,14 @@ impl CoordinateSystem {
     pub async fn set_single_block(&self, value: bool) -> Result<()> {
         self.done(Request::Input(self.number, Input::SingleBlock(value)))
             .await
+    }
+
+    /// Sets dry run: blocks read from now on move at the feedrate of dry run in place of F; threads keep theirs.
+    ///
+    /// # Errors
+    /// No such coordinate system, or the machine cannot be reached.
+    pub async fn set_dry_run(&self, value: bool) -> Result<()> {
+        self.done(Request::Input(self.number, Input::DryRun(value))).await
     }
 
     /// Sets the interlock: while it is on, motion is held and nothing that moves begins; `text` says why.

@@ -16,11 +16,12 @@ pub struct Situation {
     pub alarm_active: bool,
 }
 
-const VERBS: [Verb; 11] = [
+const VERBS: [Verb; 12] = [
     Verb::Load,
     Verb::Start,
     Verb::Hold,
     Verb::Resume,
+    Verb::BackTrace,
     Verb::Stop,
     Verb::Abort,
     Verb::Reset,
@@ -49,6 +50,7 @@ impl Situation {
                     FeedHold | ProgramStopped | OptionalStop | Interrupted
                 )
             }
+            Verb::BackTrace => self.execution == FeedHold,
             Verb::Reset => self.execution != Active,
         }
     }
@@ -77,6 +79,7 @@ impl Situation {
             (Verb::Start, Execution::FeedHold | Execution::ProgramStopped | Execution::OptionalStop) => {
                 "resume, or reset to begin at the head"
             }
+            (Verb::BackTrace, _) => "hold first",
             (Verb::Resume, _) => "there is nothing to resume",
             _ => "wait until the program ends, or stop it",
         };
@@ -120,13 +123,14 @@ mod tests {
     #[test]
     fn the_command_table_of_the_interface_holds_in_every_state() {
         use Execution::*;
-        use Verb::{Home, Jog, Load, Mdi, Reset, Resume, Start};
+        use Verb::{BackTrace, Home, Jog, Load, Mdi, Reset, Resume, Start};
         for idle in [Ready, ProgramCompleted] {
             assert_eq!(allowed(idle, true, false), [Load, Start, Reset, Mdi, Jog, Home]);
         }
         assert_eq!(allowed(Active, true, false), []);
         assert_eq!(allowed(Wait, true, false), [Reset]);
-        for paused in [FeedHold, ProgramStopped, OptionalStop, Interrupted] {
+        assert_eq!(allowed(FeedHold, true, false), [Resume, BackTrace, Reset]);
+        for paused in [ProgramStopped, OptionalStop, Interrupted] {
             assert_eq!(allowed(paused, true, false), [Resume, Reset]);
         }
         assert_eq!(allowed(Stopped, true, false), [Load, Reset, Mdi, Jog, Home]);

@@ -22,6 +22,11 @@ pub enum Command {
     Hold,
     /// Goes on after a pause.
     Resume,
+    /// Back along the passed path, in a feed hold with G500; or forward again.
+    BackTrace {
+        /// True: back. False: forward again, as resume does.
+        on: bool,
+    },
     /// Decelerates on the path and ends the run.
     Stop,
     /// Each motor brakes at once; ends the run.
@@ -71,6 +76,8 @@ pub enum Verb {
     Hold,
     /// See [`Command::Resume`].
     Resume,
+    /// See [`Command::BackTrace`].
+    BackTrace,
     /// See [`Command::Stop`].
     Stop,
     /// See [`Command::Abort`].
@@ -94,15 +101,13 @@ const REFRESH_ID_MAX: usize = 128;
 const JOG_DISTANCE_MAX: f64 = 1_000_000.0;
 
 impl Command {
-    /// Verbs of the interface that this version refuses with `not_supported`.
-    pub const NOT_SUPPORTED: [&'static str; 1] = ["back_trace"];
-
     /// Verbs with arguments or without, as [`Command::parse`] takes them.
-    pub const VERBS: [&'static str; 11] = [
+    pub const VERBS: [&'static str; 12] = [
         "load",
         "start",
         "hold",
         "resume",
+        "back_trace",
         "stop",
         "abort",
         "reset",
@@ -119,6 +124,7 @@ impl Command {
             Command::Start => Verb::Start,
             Command::Hold => Verb::Hold,
             Command::Resume => Verb::Resume,
+            Command::BackTrace { .. } => Verb::BackTrace,
             Command::Stop => Verb::Stop,
             Command::Abort => Verb::Abort,
             Command::Reset => Verb::Reset,
@@ -144,6 +150,7 @@ impl Command {
                 json!({"axis": axis, "velocity": velocity, "distance": distance, "refresh_id": refresh_id})
             }
             Command::Home { axes } => json!({ "axes": axes }),
+            Command::BackTrace { on } => json!({ "on": on }),
             Command::Start
             | Command::Hold
             | Command::Resume
@@ -185,6 +192,10 @@ impl Command {
                 }),
                 _ => Err("mdi needs \"text\": one or several lines of a program".to_owned()),
             },
+            "back_trace" => match args.get("on").and_then(Value::as_bool) {
+                Some(on) => Ok(Command::BackTrace { on }),
+                None => Err("back_trace needs \"on\": true to go back, false to go forward again".to_owned()),
+            },
             "jog" => jog(args),
             "home" => match args.get("axes") {
                 None | Some(Value::Null) => Ok(Command::Home { axes: Vec::new() }),
@@ -196,7 +207,6 @@ impl Command {
                         "home: \"axes\" is a list of axis letters, such as [\"X\", \"Y\"]".to_owned()
                     }),
             },
-            _ if Self::NOT_SUPPORTED.contains(&verb) => Err(format!("{verb} is not supported yet")),
             _ => Err(format!(
                 "there is no command {verb}; there are {}",
                 Self::VERBS.join(", ")
@@ -324,6 +334,8 @@ mod tests {
             },
             Command::Home { axes: vec!['X', 'Z'] },
             Command::Home { axes: Vec::new() },
+            Command::BackTrace { on: true },
+            Command::BackTrace { on: false },
             Command::Jog {
                 axis: 'Y',
                 velocity: -600.0,

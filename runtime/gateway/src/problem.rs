@@ -61,14 +61,6 @@ impl Problem {
         Self::new(StatusCode::BAD_REQUEST, "invalid", detail)
     }
 
-    pub(crate) fn not_supported(what: &str) -> Self {
-        Self::new(
-            StatusCode::NOT_IMPLEMENTED,
-            "not_supported",
-            format!("{what} is not supported yet; nothing was changed"),
-        )
-    }
-
     /// Of a command that was accepted and then failed, or was refused before under the same id.
     pub(crate) fn of_reply(reply: &CommandReply) -> Self {
         let status = code_of_word(&reply.code).map_or(StatusCode::CONFLICT, status_of);

@@ -7,13 +7,24 @@
 /// The most pieces of one pace; a block that needs more takes several profiles.
 pub const PACE_PIECES_MAX: usize = 8;
 
-/// Plan time as a function of time, over one profile.
+/// A place on the path.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PathPlace {
+    /// Number of the segment.
+    pub segment: u64,
+    /// Plan time within its block, s; infinite behind its end.
+    pub plan_s: f64,
+}
+
+/// Plan time as a function of time, over one profile. Backward it falls, its rates being negative.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pace {
     pieces: [PacePiece; PACE_PIECES_MAX],
     count: usize,
     /// Plan time at the end of the profile, s.
     pub ends_s: f64,
+    /// The feed override that it was planned for, from 1 on: at its full rate it runs with that.
+    pub feed_override: f64,
     /// Once this profile is known, the motion may go on to the end of this segment: from there it can still come to rest
     /// within what is known then.
     pub free_to: u64,
@@ -26,7 +37,7 @@ pub struct PacePiece {
     pub begins_s: f64,
     /// Plan time at its begin, s.
     pub plan_s: f64,
-    /// Plan time per time at its begin; 1: as planned.
+    /// Plan time per time at its begin; 1: as planned without look-ahead, negative: backward.
     pub rate: f64,
     /// Change of the rate per second.
     pub rate_change: f64,
@@ -82,7 +93,7 @@ impl SlewRoom {
 
 impl Pace {
     /// A pace of these pieces, in order; those beyond [`PACE_PIECES_MAX`] are left out.
-    pub fn new(pieces: &[PacePiece], ends_s: f64, free_to: u64) -> Self {
+    pub fn new(pieces: &[PacePiece], ends_s: f64, feed_override: f64, free_to: u64) -> Self {
         let mut kept = [PacePiece::default(); PACE_PIECES_MAX];
         for (place, piece) in kept.iter_mut().zip(pieces) {
             *place = *piece;
@@ -91,8 +102,36 @@ impl Pace {
             pieces: kept,
             count: pieces.len().min(PACE_PIECES_MAX),
             ends_s,
+            feed_override,
             free_to,
         }
+    }
+
+    /// Plan time at the begin of the profile, s.
+    pub fn begins_s(&self) -> f64 {
+        self.pieces().first().map_or(self.ends_s, |first| first.plan_s)
+    }
+
+    /// True when plan time falls.
+    pub fn is_backward(&self) -> bool {
+        self.ends_s < self.begins_s()
+    }
+
+    /// Where plan time is this, as time within the profile, s, and the rate there; `None`: not in this profile.
+    pub fn when(&self, plan_s: f64) -> Option<(f64, f64)> {
+        let way_s = |to_s: f64| if self.is_backward() { -to_s } else { to_s };
+        if way_s(plan_s) < way_s(self.begins_s()) || way_s(plan_s) >= way_s(self.ends_s) {
+            return None;
+        }
+        let begun = self
+            .pieces()
+            .partition_point(|piece| way_s(piece.plan_s) <= way_s(plan_s));
+        let piece = self.pieces().get(begun.saturating_sub(1))?;
+        let past_s = plan_s - piece.plan_s;
+        let square = piece.rate * piece.rate + 2.0 * piece.rate_change * past_s;
+        let rate = square.max(0.0).sqrt().copysign(piece.rate);
+        let sum = piece.rate + rate;
+        (sum != 0.0).then(|| (piece.begins_s + 2.0 * past_s / sum, rate))
     }
 
     /// The pieces in order.
@@ -109,7 +148,11 @@ impl Pace {
         };
         let past_s = (t_s - piece.begins_s).max(0.0);
         let plan_s = piece.plan_s + past_s * (piece.rate + piece.rate_change * past_s / 2.0);
-        plan_s.min(self.ends_s)
+        if self.is_backward() {
+            plan_s.max(self.ends_s)
+        } else {
+            plan_s.min(self.ends_s)
+        }
     }
 
     /// What the motors leave from one time of the profile to another.

@@ -3,7 +3,7 @@
 use crate::axis::{AXES_MAX, AxisVector};
 use crate::flow::{Path, TapLeg};
 pub use crate::motor_move::{MotorLimits, MotorMove};
-pub use crate::pace::{PACE_PIECES_MAX, Pace, PacePiece, SlewRoom};
+pub use crate::pace::{PACE_PIECES_MAX, Pace, PacePiece, PathPlace, SlewRoom};
 use crate::ramp::UnitRamp;
 use crate::span::Origin;
 
@@ -176,9 +176,10 @@ impl Ramps<'_> {
 }
 
 impl Profile {
-    /// Where the block ends as programmed, machine coordinates.
+    /// Where the block ends as programmed, machine coordinates; backward, where it begins.
     pub fn target(&self) -> AxisVector {
         match &self.law {
+            Law::Paced { path, pace, .. } if pace.is_backward() => path.start(),
             Law::Ramped { path, .. } | Law::Paced { path, .. } => path.end(),
             Law::Motors { to, .. } | Law::Skip { to, .. } | Law::Tap { to, .. } => *to,
             Law::Rest { at } => *at,

@@ -52,6 +52,8 @@ pub struct MotionOptions {
     pub arc_radius_tolerance_mm: f64,
     /// How much the radii at start and end of an arc may differ, mm; 0: any difference makes a spiral.
     pub spiral_tolerance_mm: f64,
+    /// Feedrate of dry run, mm/min or deg/min; 0: the maximum feedrate.
+    pub dry_run_feedrate_mm_min: f64,
     /// Where F counts with cutter compensation.
     pub compensation_feed: CompensationFeed,
     /// What is done about an overcut with cutter compensation.
@@ -123,6 +125,7 @@ impl Default for MotionOptions {
         Self {
             arc_radius_tolerance_mm: 0.01,
             spiral_tolerance_mm: 0.0,
+            dry_run_feedrate_mm_min: 0.0,
             compensation_feed: CompensationFeed::Centre,
             overcut: Overcut::Detect,
             short_block: ShortBlock::Shrink,

@@ -15,6 +15,8 @@ mod look_ahead;
 mod planner;
 mod ramped;
 mod rapid;
+mod record;
 mod tapping;
 
 pub use planner::Planner;
+pub use record::Replan;

@@ -5,11 +5,12 @@ use std::collections::VecDeque;
 use tandem_model::Alarm;
 use tandem_model::alarm::{VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
 use tandem_model::flow::{MultiBlock, Segment, SegmentEnd, SegmentMotion};
-use tandem_model::profile::{Law, Profile, TimeBase};
+use tandem_model::profile::{Law, PathPlace, Profile, TimeBase};
 use tandem_model::settings::CoordinateSystemSettings;
 
 use crate::chain::{Block, Chain};
 use crate::look_ahead::LookAhead;
+use crate::record::{Record, Replan};
 use crate::tapping::{self, Thread};
 use crate::{ramped, rapid};
 
@@ -33,6 +34,7 @@ pub struct Planner {
     /// Of the chain's blocks.
     multi_block: MultiBlock,
     look_ahead: LookAhead,
+    record: Record,
     /// What the chain gives to look-ahead.
     chained: VecDeque<Profile>,
 }
@@ -47,6 +49,7 @@ impl Planner {
             chain: Chain::default(),
             multi_block: MultiBlock::Off,
             look_ahead: LookAhead::new(settings),
+            record: Record::default(),
             chained: VecDeque::new(),
         }
     }
@@ -56,6 +59,52 @@ impl Planner {
         self.epoch = epoch;
         self.chain.clear();
         self.look_ahead.clear();
+        self.record.clear();
+    }
+
+    /// G500 blocks still to come are planned for this feed override, 1.0 being 100 percent, at most 2.0; one of 100
+    /// percent or less leaves the plan as it is, since the servo scales its time.
+    pub fn set_feed_override(&mut self, factor: f64) {
+        self.look_ahead.set_feed_override(factor);
+    }
+
+    /// The motion has passed this segment: at most 10,000 passed ones are kept.
+    pub fn passed(&mut self, segment: u64) {
+        self.record.passed(segment);
+    }
+
+    /// There is no way back past the end of the last segment taken.
+    pub fn bar_way_back(&mut self) {
+        self.record.bar(self.last_segment);
+    }
+
+    /// A place within a G500 block that has been put out, plan time `ahead_s` or more beyond this one: where a
+    /// [`Planner::replan`] may begin while the machine moves. `None`: there is none.
+    pub fn place_ahead(&self, from: PathPlace, ahead_s: f64) -> Option<PathPlace> {
+        self.record.place_ahead(from, ahead_s)
+    }
+
+    /// Plans what has been put out anew from a place on, for the feed override in force: from rest there, or for a motion
+    /// that comes by no faster than it allows. Nothing changes before [`Planner::adopt`].
+    pub fn replan(&self, from: PathPlace, at_rest: bool) -> Replan {
+        self.record.replan(from, at_rest, &self.look_ahead)
+    }
+
+    /// Goes on from a new plan; nothing may have been pushed since it was made.
+    pub fn adopt(&mut self, new: Replan) {
+        self.look_ahead = new.look_ahead;
+        self.record.replace(new.from, new.record);
+    }
+
+    /// True when [`Planner::retrace`] finds a way back from this place.
+    pub fn has_way_back(&self, from: PathPlace) -> bool {
+        self.record.has_way_back(from)
+    }
+
+    /// The way back from a place at rest, along G500 blocks, to rest: to what is no G500 block, to a bar, or to the
+    /// oldest block that is kept. Empty: there is no way back.
+    pub fn retrace(&self, from: PathPlace) -> VecDeque<Profile> {
+        self.record.retrace(from, &self.look_ahead)
     }
 
     /// Plans a segment. One that may blend is held back until the next one, or [`Planner::flush`], tells how it ends;
@@ -115,7 +164,7 @@ impl Planner {
             | SegmentMotion::Tap { .. }
             | SegmentMotion::Dwell { .. } => {
                 self.finish_chain(out);
-                out.push_back(Profile {
+                let profile = Profile {
                     segment: number,
                     epoch: self.epoch,
                     origin: segment.origin,
@@ -123,7 +172,9 @@ impl Planner {
                     duration_s: planned.duration_s,
                     time_base: planned.time_base,
                     exact_stop: true,
-                });
+                };
+                self.record.push(profile.clone(), false);
+                out.push_back(profile);
             }
         }
         self.last_segment = number;
@@ -141,8 +192,11 @@ impl Planner {
     fn hand_on(&mut self, out: &mut VecDeque<Profile>) {
         for profile in self.chained.drain(..) {
             match self.multi_block {
-                MultiBlock::On => self.look_ahead.push(profile, out),
-                MultiBlock::Off => out.push_back(profile),
+                MultiBlock::On => self.look_ahead.push(profile, &mut self.record, out),
+                MultiBlock::Off => {
+                    self.record.push(profile.clone(), false);
+                    out.push_back(profile);
+                }
             }
         }
     }

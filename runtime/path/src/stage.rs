@@ -30,6 +30,9 @@ pub struct PathStage {
     pub(crate) spiral_tolerance_mm: f64,
     default_feedrate_mm_min: f64,
     rotary_feedrate_deg_min: f64,
+    /// Of dry run.
+    dry_run_feedrate_mm_min: f64,
+    dry_run: bool,
     pub(crate) transform: Transform,
     /// Where the last block ends as programmed; with cutter compensation the tool's centre is elsewhere.
     pub(crate) at: AxisVector,
@@ -62,6 +65,11 @@ impl PathStage {
             spiral_tolerance_mm: settings.motion.spiral_tolerance_mm,
             default_feedrate_mm_min: settings.default_feedrate_mm_min,
             rotary_feedrate_deg_min: settings.rotary_feedrate_deg_min,
+            dry_run_feedrate_mm_min: match settings.motion.dry_run_feedrate_mm_min {
+                configured if configured > 0.0 => configured,
+                _ => settings.max_feedrate_mm_min,
+            },
+            dry_run: false,
             transform: Transform::default(),
             at: at.0,
             tool_shift: 0.0,
@@ -69,6 +77,12 @@ impl PathStage {
             legs: Vec::new(),
             held_back: None,
         }
+    }
+
+    /// Dry run: cutting blocks to come move at the feedrate of dry run in place of F. A thread keeps its pitch, so F and S
+    /// stay there.
+    pub fn set_dry_run(&mut self, on: bool) {
+        self.dry_run = on;
     }
 
     /// Takes a block; what is certain of the way comes out. The last block of a chain is held back until the next
@@ -416,7 +430,10 @@ impl PathStage {
         let to = path.end();
         let rotary_only =
             to.minus(path.start()).orthogonal_length() < LENGTH_MIN && matches!(path, Path::Line { .. });
-        let feed = self.feed_in_force(block, rotary_only)?;
+        let mut feed = self.feed_in_force(block, rotary_only)?;
+        if self.dry_run {
+            feed.feedrate_mm_min = self.dry_run_feedrate_mm_min;
+        }
         let motion = SegmentMotion::Feed {
             path,
             feed,

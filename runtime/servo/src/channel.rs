@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use rtrb::{Consumer, Producer, RingBuffer};
 use tandem_model::flow::TapLeg;
-use tandem_model::profile::{Profile, TimeBase};
+use tandem_model::profile::{Law, PathPlace, Profile, TimeBase};
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::{AxisVector, MachinePosition, Origin};
 
@@ -16,6 +16,7 @@ use crate::path_time::{PathTime, slope};
 use crate::readings::{Reading, Readings};
 use crate::skip::SkipRun;
 use crate::spindle::SimulatedSpindle;
+use crate::splice::{SPLICES_MAX, Splice};
 
 /// Controls that may wait for one channel; the ring refuses more. A cycle takes at most 16 of them.
 pub const CONTROLS_MAX: usize = 64;
@@ -31,6 +32,8 @@ pub struct Channel {
     pub(crate) profiles: Consumer<Profile>,
     pub(crate) controls: Consumer<Control>,
     pub(crate) events: Producer<Event>,
+    pub(crate) splices: Consumer<Splice>,
+    pub(crate) unread: Producer<Consumer<Profile>>,
     pub(crate) readings: Arc<Readings>,
     pub(crate) period_s: f64,
     /// Change of the time base per second towards the override.
@@ -55,6 +58,8 @@ pub struct Channel {
     /// The way in a thread that began last, from the start of the way in to the end of the way out, dwell and waits
     /// between included: feed hold waits, and the spindle follows. `None`: the tool is out.
     pub(crate) thread: Option<TapLeg>,
+    /// The plan to go over to.
+    pub(crate) splice: Option<Splice>,
     /// The next profile of a chain is late: the motion waits for it on its path.
     pub(crate) starved: bool,
     pub(crate) faulted: bool,
@@ -63,6 +68,8 @@ pub struct Channel {
     pub(crate) velocity: AxisVector,
     pub(crate) motors: Motors,
     pub(crate) spindle: Option<SimulatedSpindle>,
+    /// Plan time at which the last block was left, s; infinite behind its end.
+    pub(crate) left_at_s: f64,
     /// Where the block of the setpoint comes from.
     pub(crate) executing: Option<Origin>,
     /// Which override scales the block of the setpoint.
@@ -98,6 +105,10 @@ pub struct ChannelHandle {
     pub profiles: Producer<Profile>,
     /// Commands to the channel.
     pub controls: Producer<Control>,
+    /// Plans that are to take the place of the one that runs: one at a time, before its [`Control::Splice`].
+    pub splices: Producer<Splice>,
+    /// Rings that are not read any more, to be dropped: one for each [`Event::Spliced`].
+    pub unread: Consumer<Consumer<Profile>>,
     /// What happened; read them after each cycle that returned true.
     pub events: Consumer<Event>,
     /// The last cycle's values.
@@ -125,10 +136,14 @@ pub fn channel_with_drives(
     let (profiles_in, profiles) = RingBuffer::new(profiles_max);
     let (controls_in, controls) = RingBuffer::new(CONTROLS_MAX);
     let (events, events_out) = RingBuffer::new(EVENTS_MAX);
+    let (splices_in, splices) = RingBuffer::new(SPLICES_MAX);
+    let (unread, unread_out) = RingBuffer::new(SPLICES_MAX);
     let readings = Arc::new(Readings::default());
     let handle = ChannelHandle {
         profiles: profiles_in,
         controls: controls_in,
+        splices: splices_in,
+        unread: unread_out,
         events: events_out,
         readings: readings.clone(),
     };
@@ -137,6 +152,8 @@ pub fn channel_with_drives(
         profiles,
         controls,
         events,
+        splices,
+        unread,
         readings,
         period_s,
         override_slope: slope(settings.override_slew_ms),
@@ -152,6 +169,7 @@ pub fn channel_with_drives(
         epoch: 0,
         hold: Hold::Off,
         thread: None,
+        splice: None,
         starved: false,
         faulted: false,
         setpoint: AxisVector::ZERO,
@@ -161,6 +179,7 @@ pub fn channel_with_drives(
             .spindle
             .as_ref()
             .map(|motor| SimulatedSpindle::new(motor, period_s)),
+        left_at_s: f64::INFINITY,
         executing: None,
         time_base: None,
         last_segment: 0,
@@ -212,6 +231,23 @@ impl Channel {
         self.profiles.slots()
     }
 
+    /// Where the setpoint of the last cycle is on the path; within a block that is not paced, time since its begin.
+    pub(crate) fn place(&self) -> PathPlace {
+        let plan_s = match &self.current {
+            None => self.left_at_s,
+            Some(profile) => match &profile.law {
+                Law::Paced { pace, .. } if self.ended_cycles.is_none() => pace.plan_time(self.time.now_s()),
+                Law::Paced { pace, .. } if pace.is_backward() => pace.ends_s,
+                _ if self.ended_cycles.is_some() => f64::INFINITY,
+                _ => self.time.now_s(),
+            },
+        };
+        PathPlace {
+            segment: self.last_segment,
+            plan_s,
+        }
+    }
+
     pub(crate) fn publish(&self, time_s: f64) {
         let running = self.current.as_ref();
         let moving_rate = if self.current.is_some() && self.ended_cycles.is_none() {
@@ -233,6 +269,7 @@ impl Channel {
             feedrate_mm_min: speed * 60.0,
             rate: moving_rate,
             segment: self.last_segment,
+            plan_s: self.place().plan_s,
             executing: self.executing,
             held: self.hold.holds(),
             spindle_rpm: self.spindle.as_ref().map_or(0.0, SimulatedSpindle::rpm),

@@ -3,6 +3,7 @@
 use tandem_model::alarm::{
     Alarm, IN_POSITION_TIMEOUT, MOTION_RAN_OUT, POSITION_JUMP, SPINDLE_MISSING, SPINDLE_TURNS,
 };
+use tandem_model::profile::PathPlace;
 use tandem_model::{Axis, AxisSet, MachinePosition, Origin};
 
 /// A command to one channel. Taken at the start of a servo cycle, in the order given.
@@ -37,6 +38,9 @@ pub enum Control {
         /// Rapid override.
         rapid: f64,
     },
+    /// The next [`Splice`](crate::Splice) is there: from its place on its profiles run. [`Event::Spliced`] tells what has
+    /// become of it; a stop and an abort before its place refuse it.
+    Splice,
     /// Sets a motor's skip input, which keeps the value: on is as if its simulated skip input were on. The position that
     /// G31 captures is the actual one of the cycle that takes this, so it is not exact.
     SkipInput {
@@ -99,7 +103,16 @@ pub enum Event {
         captured: AxisSet,
     },
     /// The command is at rest under feed hold. Once for each [`Control::Hold`] that took effect.
-    Held,
+    Held {
+        /// Where; between two blocks, behind the one before.
+        at: PathPlace,
+    },
+    /// A [`Splice`](crate::Splice) has come about or never will.
+    Spliced {
+        /// True: its profiles run. False: the plan before goes on; the place was passed, the machine did not rest, or it
+        /// would have had to slow down there.
+        taken: bool,
+    },
     /// The command is at rest after [`Control::Stop`] or [`Control::Abort`]. The segment that was running is
     /// given up: no [`Event::Finished`] comes for it.
     Stopped {

@@ -15,6 +15,7 @@ use crate::look_ahead;
 use crate::motors::{InPosition, first_jump};
 use crate::skip::SkipRun;
 use crate::spindle::SimulatedSpindle;
+use crate::splice::APPROACH;
 
 /// Controls taken in one cycle; the rest waits for the next.
 const CONTROLS_PER_CYCLE: usize = 16;
@@ -27,7 +28,7 @@ const DROPS_PER_CYCLE: usize = 64;
 const JOINTS_PER_CYCLE: usize = 1024;
 
 /// Free places that the event ring must have before something that leads to an event is begun: `Started`,
-/// `Finished` or `Fault`, `Held`, `Stopped` and `Oriented` may all be owed at one time.
+/// `Finished` or `Fault`, `Held`, `Stopped`, `Spliced` and `Oriented` may all be owed at one time.
 const EVENTS_RESERVE: usize = 8;
 
 /// A profile has ended when less than this share of a servo period is left: rounding.
@@ -114,6 +115,7 @@ impl Channel {
                     self.rapid_override = rapid.clamp(0.0, 1.0);
                 }
             }
+            Control::Splice => self.take_splice(),
             Control::SkipInput { motor, on } => self.motors.set_skip_input(motor, on),
             Control::Spindle { direction, rpm } => match &mut self.spindle {
                 Some(spindle) => spindle.command(direction, rpm),
@@ -244,9 +246,9 @@ impl Channel {
                 let spindle = self.spindle.as_ref().map(|spindle| spindle.steepest_slope(rpm));
                 slope.min(spindle.unwrap_or(f64::INFINITY))
             }
-            Law::Paced { .. } => {
-                let slew = look_ahead::slew(profile, &mut self.profiles, &self.time, target, self.period_s);
-                slope.min(slew)
+            Law::Paced { pace, .. } => {
+                let slope = slope / pace.feed_override;
+                slope.min(self.room_to(target))
             }
             _ => slope,
         };
@@ -280,6 +282,14 @@ impl Channel {
     fn sample(&mut self, time_s: f64, t_s: f64) {
         let mut t_s = t_s;
         for _ in 0..JOINTS_PER_CYCLE {
+            let Some(profile) = &self.current else { return };
+            if let Some(joint) = self.joint(profile)
+                && t_s >= joint.at_s
+                && self.go_over(joint, t_s - joint.at_s)
+            {
+                t_s = self.time.now_s();
+                continue;
+            }
             let Some(profile) = &self.current else { return };
             let left_s = self.skip.duration_s(profile) - t_s;
             if left_s > END_TOLERANCE * self.period_s {
@@ -337,13 +347,20 @@ impl Channel {
         }
     }
 
-    /// A pace already is the fastest that the motors allow, so no override is faster.
+    /// As a share of what a pace was planned for: that is the fastest that the motors allow.
     pub(crate) fn override_of(&self, profile: &Profile) -> f64 {
-        match profile.time_base {
-            TimeBase::Feed if matches!(profile.law, Law::Paced { .. }) => self.feed_override.min(1.0),
-            TimeBase::Feed => self.feed_override,
-            TimeBase::Rapid => self.rapid_override,
-            TimeBase::Fixed => 1.0,
+        match (profile.time_base, &profile.law) {
+            (TimeBase::Feed, Law::Paced { pace, .. }) => {
+                let share = (self.feed_override / pace.feed_override).min(1.0);
+                if self.splice.is_some() {
+                    share * APPROACH
+                } else {
+                    share
+                }
+            }
+            (TimeBase::Feed, _) => self.feed_override,
+            (TimeBase::Rapid, _) => self.rapid_override,
+            (TimeBase::Fixed, _) => 1.0,
         }
     }
 
@@ -411,6 +428,7 @@ impl Channel {
             return;
         }
         if let Some(epoch) = self.stopping.take() {
+            self.give_up_splice();
             self.epoch = self.epoch.max(epoch);
             self.give_up();
             self.leave_thread(false);
@@ -422,7 +440,7 @@ impl Channel {
             });
         } else if self.hold == Hold::ComingToRest && self.thread.is_none() {
             self.hold = Hold::AtRest;
-            self.tell(Event::Held);
+            self.tell(Event::Held { at: self.place() });
         }
     }
 
@@ -434,13 +452,14 @@ impl Channel {
     }
 
     /// The current profile is over, or will not go on.
-    fn give_up(&mut self) {
+    pub(crate) fn give_up(&mut self) {
+        self.left_at_s = self.place().plan_s;
         self.current = None;
         self.ended_cycles = None;
     }
 
     /// The reserve makes sure that there is a place.
-    fn tell(&mut self, event: Event) {
+    pub(crate) fn tell(&mut self, event: Event) {
         self.told |= self.events.push(event).is_ok();
     }
 

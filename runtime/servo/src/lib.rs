@@ -18,7 +18,8 @@
 //! - A stop and an abort end feed hold. After a stop the spindle goes on turning.
 //! - A blended chain begins when two of its profiles are there. Where the next one is late, the motion slows on its path
 //!   with the slew of feed hold and goes on when it comes; a joint that is passed with nothing behind it is a fault.
-//! - With G500 the override factor is at most 1, changes no faster than the motors' maximum accelerations leave room for
+//! - With G500 the override factor is that of the plan, at most 1: a plan for an override above 100 percent is a plan
+//!   of its own, which takes the place of the one that runs (`splice`). The factor changes no faster than the motors' maximum accelerations leave room for
 //!   (hold, stop and resume, too), and the motion goes on only as far as it could still come to rest on its path.
 //! - A block of a chain counts as finished when the ramp to the next one is over.
 //! - After a skip input a motor brakes at `rapid_acceleration` without a jerk limit; motors that G31 does not move
@@ -40,6 +41,7 @@ mod readings;
 mod servo;
 mod skip;
 mod spindle;
+mod splice;
 #[cfg(test)]
 mod testing;
 
@@ -49,3 +51,4 @@ pub use drive::{Drive, SimulatedDrive};
 pub use motors::Drives;
 pub use readings::{Reading, Readings};
 pub use servo::Servo;
+pub use splice::Splice;

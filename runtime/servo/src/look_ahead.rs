@@ -4,48 +4,71 @@
 use rtrb::Consumer;
 use tandem_model::profile::{Law, Pace, Profile, SlewRoom};
 
-use crate::path_time::PathTime;
+use crate::channel::Channel;
+use crate::splice::Joint;
 
-/// Largest change of the override factor per second in the coming cycle, towards the target: what the motors leave over
-/// all that the cycle may touch, the profiles behind the running one included.
-pub(crate) fn slew(
-    profile: &Profile,
-    waiting: &mut Consumer<Profile>,
-    time: &PathTime,
-    target: f64,
-    period_s: f64,
-) -> f64 {
-    let rate = time.rate();
-    if rate.total_cmp(&target).is_eq() {
-        return f64::INFINITY;
-    }
-    let now_s = time.now_s();
-    let ends_s = now_s + rate.max(target) * period_s;
-    let mut room = match &profile.law {
-        Law::Paced { pace, .. } => pace.room(now_s, ends_s),
-        _ => SlewRoom::default(),
-    };
-    let mut beyond_s = ends_s - profile.duration_s;
-    if beyond_s > 0.0 && !profile.exact_stop {
-        let known = waiting.slots();
-        if let Ok(chunk) = waiting.read_chunk(known) {
-            let (first, second) = chunk.as_slices();
-            for next in first.iter().chain(second) {
-                if let Law::Paced { pace, .. } = &next.law {
-                    room = room.worst(pace.room(0.0, beyond_s));
-                }
-                beyond_s -= next.duration_s;
-                if beyond_s <= 0.0 || next.exact_stop {
-                    break;
-                }
+impl Channel {
+    /// Largest change of the override factor per second in the coming cycle, towards the target: what the motors leave
+    /// over all that the cycle may touch, the profiles behind the running one included, and those of a new plan.
+    pub(crate) fn room_to(&mut self, target: f64) -> f64 {
+        let rate = self.time.rate();
+        let Some(profile) = self.current.as_ref() else {
+            return f64::INFINITY;
+        };
+        if rate.total_cmp(&target).is_eq() {
+            return f64::INFINITY;
+        }
+        let now_s = self.time.now_s();
+        let ends_s = now_s + rate.max(target) * self.period_s;
+        let joint = self.joint(profile).filter(|joint| joint.at_s <= ends_s);
+        let until_s = joint.map_or(ends_s, |joint| joint.at_s);
+        let mut room = match &profile.law {
+            Law::Paced { pace, .. } => pace.room(now_s, until_s),
+            _ => SlewRoom::default(),
+        };
+        if !profile.exact_stop {
+            room = room.worst(room_of(&mut self.profiles, until_s - profile.duration_s));
+        }
+        let slope = |room: SlewRoom, rate: f64| {
+            if target < self.time.rate() {
+                room.fall(rate)
+            } else {
+                room.rise(rate, self.period_s)
             }
+        };
+        let slope_here = slope(room, rate);
+        match (joint, &mut self.splice) {
+            (Some(Joint { at_s, ratio }), Some(splice)) => {
+                let beyond = room_of(&mut splice.profiles, (ends_s - at_s) * ratio);
+                slope_here.min(slope(beyond, rate * ratio) / ratio)
+            }
+            _ => slope_here,
         }
     }
-    if target < rate {
-        room.fall(rate)
-    } else {
-        room.rise(rate, period_s)
+}
+
+/// What the motors leave over this time from the first profile that waits.
+fn room_of(waiting: &mut Consumer<Profile>, time_s: f64) -> SlewRoom {
+    let mut left_s = time_s;
+    let mut room = SlewRoom::default();
+    let known = waiting.slots();
+    if left_s <= 0.0 {
+        return room;
     }
+    let Ok(chunk) = waiting.read_chunk(known) else {
+        return room;
+    };
+    let (first, second) = chunk.as_slices();
+    for next in first.iter().chain(second) {
+        if let Law::Paced { pace, .. } = &next.law {
+            room = room.worst(pace.room(0.0, left_s));
+        }
+        left_s -= next.duration_s;
+        if left_s <= 0.0 || next.exact_stop {
+            break;
+        }
+    }
+    room
 }
 
 /// True when the motion can still come to rest within what is known once it has passed a segment: then it may go on in

@@ -28,6 +28,7 @@ impl Channel {
         let is_old = |profile: &Profile| profile.epoch < self.epoch;
         let ends_or_drops = self.braking.is_some()
             || self.stopping.is_some()
+            || self.splice.is_some()
             || self.thread.is_some()
             || self.ended_cycles.is_some()
             || self.profiles.peek().is_ok_and(is_old);

@@ -52,6 +52,12 @@ impl PathTime {
         self.cycles += cycles;
     }
 
+    /// Another profile goes on at this rate, which is the same velocity there, and at this profile time.
+    pub(crate) fn rescale(&mut self, rate: f64, at_s: f64) {
+        self.rate = rate;
+        self.carry(at_s);
+    }
+
     /// One cycle towards a target rate with a change of at most `slope` per second; gives the profile time.
     pub(crate) fn advance(&mut self, target: f64, slope: f64) -> f64 {
         let change = target - self.rate;

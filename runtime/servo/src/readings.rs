@@ -24,6 +24,8 @@ pub struct Reading {
     pub rate: f64,
     /// Segment number of the current or, between blocks, the last block; 0 before the first.
     pub segment: u64,
+    /// Plan time within the block (G500), s; infinite between two blocks.
+    pub plan_s: f64,
     /// Where the block comes from that the commanded position belongs to, its end point included; `None` when no
     /// block runs.
     pub executing: Option<Origin>,
@@ -46,7 +48,8 @@ const COLUMN: usize = 5;
 const FLAGS: usize = 6;
 const SPINDLE: usize = 7;
 const ANGLE: usize = 8;
-const VECTORS: usize = 9;
+const PLAN: usize = 9;
+const VECTORS: usize = 10;
 const CELLS: usize = VECTORS + 3 * AXES_MAX;
 
 const EXECUTING: u64 = 1;
@@ -110,6 +113,7 @@ fn pack(reading: &Reading) -> [u64; CELLS] {
     cells[FEEDRATE] = reading.feedrate_mm_min.to_bits();
     cells[RATE] = reading.rate.to_bits();
     cells[SEGMENT] = reading.segment;
+    cells[PLAN] = reading.plan_s.to_bits();
     cells[SPINDLE] = reading.spindle_rpm.to_bits();
     cells[ANGLE] = reading.spindle_deg.to_bits();
     if let Some(origin) = reading.executing {
@@ -145,6 +149,7 @@ fn unpack(cells: &[u64; CELLS]) -> Reading {
         feedrate_mm_min: number(FEEDRATE),
         rate: number(RATE),
         segment: cells[SEGMENT],
+        plan_s: number(PLAN),
         executing: flag(EXECUTING).then(|| Origin {
             program: low_bits(cells[PLACE] >> 32),
             line: low_bits(cells[PLACE]),
@@ -178,6 +183,7 @@ mod tests {
             feedrate_mm_min: n * 60.0,
             rate: 1.0,
             segment: 7,
+            plan_s: n * 2.0,
             executing: Some(Origin {
                 program: 65_535,
                 line: u32::MAX,

@@ -4,13 +4,16 @@
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
+use std::collections::VecDeque;
 
+use rtrb::RingBuffer;
 use tandem_model::flow::{Feed, MultiBlock, Path, Plane, Segment, SegmentEnd, SegmentMotion, TapLeg, Turn};
-use tandem_model::profile::{Law, Lead, MotorLimits, MotorMove, Profile, TimeBase};
+use tandem_model::profile::{Law, Lead, MotorLimits, MotorMove, PathPlace, Profile, TimeBase};
 use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings, SimulatedSkip};
 use tandem_model::{AXES_MAX, ArcPath, Axis, AxisVector, Origin};
-use tandem_servo::{Control, Event, Servo, SpindleDirection, channel};
+use tandem_motion::Planner;
+use tandem_servo::{ChannelHandle, Control, Event, Servo, SpindleDirection, Splice, channel};
 
 thread_local! {
     static CALLS: Cell<u64> = const { Cell::new(0) };
@@ -221,7 +224,7 @@ fn the_servo_cycle_neither_allocates_nor_frees() {
     let events: Vec<Event> = std::iter::from_fn(|| handle.events.pop().ok()).collect();
     let some = |wanted: fn(&Event) -> bool| events.iter().any(wanted);
     assert!(some(|event| matches!(event, Event::Finished { .. })));
-    assert!(some(|event| matches!(event, Event::Held)));
+    assert!(some(|event| matches!(event, Event::Held { .. })));
     assert!(some(|event| matches!(event, Event::Oriented)));
     assert!(some(|event| matches!(event, Event::Stopped { epoch: 2, .. })));
     let faults =
@@ -389,9 +392,101 @@ fn a_thread_neither_allocates_nor_frees() {
         assert!(events.iter().any(finished), "{events:?}");
     }
     assert_eq!(
-        events.iter().filter(|event| **event == Event::Held).count(),
+        events
+            .iter()
+            .filter(|event| matches!(event, Event::Held { .. }))
+            .count(),
         2,
         "{events:?}"
     );
     assert!(!events.iter().any(|event| matches!(event, Event::Fault(_))));
+}
+
+#[test]
+fn another_plan_neither_allocates_nor_frees() {
+    let settings = settings(false);
+    let (channel, mut handle) = channel(&settings, 64);
+    let mut servo = Servo::new(vec![channel], T);
+    let mut planner = Planner::new(&settings);
+    let mut planned = VecDeque::new();
+    let mut from = AxisVector::ZERO;
+    for _ in 0..2 {
+        let mut to = from;
+        to.0[0] += 20.0;
+        let feed = Feed {
+            feedrate_mm_min: 6000.0,
+            ta_ms: 50.0,
+            td_ms: 50.0,
+            ts_ms: 0.0,
+        };
+        let path = Path::Line {
+            from,
+            to,
+            length: 20.0,
+        };
+        let segment = Segment {
+            origin: Origin::default(),
+            motion: SegmentMotion::Feed {
+                path,
+                feed,
+                multi_block: MultiBlock::On,
+            },
+            end: SegmentEnd::Continuous,
+        };
+        planner.push(&segment, &mut planned).unwrap();
+        from = to;
+    }
+    planner.flush(&mut planned).unwrap();
+    for profile in planned {
+        handle.profiles.push(profile).unwrap();
+    }
+    let splice = |handle: &mut ChannelHandle, at, profiles: VecDeque<Profile>| {
+        let (mut ring, consumer) = RingBuffer::new(64);
+        for profile in profiles {
+            ring.push(profile).unwrap();
+        }
+        let splice = Splice {
+            at,
+            profiles: consumer,
+        };
+        handle.splices.push(splice).unwrap();
+        handle.controls.push(Control::Splice).unwrap();
+    };
+    let mut calls = cycles(&mut servo, 100);
+    planner.set_feed_override(2.0);
+    handle
+        .controls
+        .push(Control::Override {
+            feed: 2.0,
+            rapid: 1.0,
+        })
+        .unwrap();
+    let reading = handle.readings.read();
+    let now = PathPlace {
+        segment: reading.segment,
+        plan_s: reading.plan_s,
+    };
+    let place = planner.place_ahead(now, 0.03).unwrap();
+    let new = planner.replan(place, false);
+    splice(&mut handle, Some(place), new.profiles.clone());
+    planner.adopt(new);
+    calls += cycles(&mut servo, 100);
+    handle.controls.push(Control::Hold).unwrap();
+    calls += cycles(&mut servo, 400);
+    let events: Vec<Event> = std::iter::from_fn(|| handle.events.pop().ok()).collect();
+    let held = events.iter().find_map(|event| match event {
+        Event::Held { at } => Some(*at),
+        _ => None,
+    });
+    splice(&mut handle, None, planner.retrace(held.unwrap()));
+    handle.controls.push(Control::Resume).unwrap();
+    calls += cycles(&mut servo, 2000);
+    assert_eq!(calls, 0, "calls of the allocator");
+    let mut told = events;
+    told.extend(std::iter::from_fn(|| handle.events.pop().ok()));
+    let taken = told
+        .iter()
+        .filter(|event| matches!(event, Event::Spliced { taken: true }));
+    assert_eq!(taken.count(), 2, "{told:?}");
+    assert_eq!(servo.channel(0).setpoint(), AxisVector::ZERO);
 }

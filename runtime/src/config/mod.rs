@@ -178,6 +178,9 @@ pub struct CoordinateSystemConfig {
     /// deg/min for blocks of rotary axes only; 0: F.
     #[serde(default)]
     pub rotary_feedrate: f64,
+    /// Units/min of feed blocks in dry run; 0: `max_feedrate`.
+    #[serde(default)]
+    pub dry_run_feedrate: f64,
     /// `shrink` or `extend`.
     #[serde(default = "default_short_block")]
     pub short_block: String,

@@ -294,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cutter_compensation_does_is_configured() {
+    fn what_cutter_compensation_and_dry_run_do_is_configured() {
         let text = "[[motor]]\nnumber = 1\nkind = \"linear\"\nmax_velocity = 500.0\nmax_acceleration = 5000.0\n[[coordinate_system]]\nnumber = 1\naxes = { X = 1 }\n";
         let options = |more: &str| {
             let config = Config::from_toml(&format!("{text}{more}"), "").unwrap();
@@ -304,11 +304,12 @@ mod tests {
                 .clone()
         };
         assert_eq!(options(""), MotionOptions::default());
-        let all = "compensation_feed = \"edge\"\novercut = \"prevent\"\nspiral_tolerance = 0.5\n";
+        let all = "compensation_feed = \"edge\"\novercut = \"prevent\"\nspiral_tolerance = 0.5\ndry_run_feedrate = 1200.0\n";
         let expected = MotionOptions {
             compensation_feed: CompensationFeed::Edge,
             overcut: Overcut::Prevent,
             spiral_tolerance_mm: 0.5,
+            dry_run_feedrate_mm_min: 1200.0,
             ..MotionOptions::default()
         };
         assert_eq!(options(all), expected);

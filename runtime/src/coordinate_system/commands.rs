@@ -154,7 +154,7 @@ impl CoordinateSystem {
         self.situation().judge(verb)?;
         if matches!(
             verb,
-            Verb::Start | Verb::Resume | Verb::Mdi | Verb::Home | Verb::Jog
+            Verb::Start | Verb::Resume | Verb::BackTrace | Verb::Mdi | Verb::Home | Verb::Jog
         ) {
             self.judge_interlock()?;
         }
@@ -185,6 +185,7 @@ impl CoordinateSystem {
                 self.check_called(&main)?;
                 Ok((String::new(), Some(self.new_run(Kind::Program, main))))
             }
+            Command::BackTrace { on } => self.judge_back_trace(*on).map(|()| (String::new(), None)),
             Command::Mdi { text } => self.prepare_manual(text).map(with_run),
             Command::Home { axes } => self.prepare_home(axes).map(with_run),
             Command::Jog {
@@ -221,6 +222,14 @@ impl CoordinateSystem {
             }
             Command::Hold => self.hold(Cause::Operator),
             Command::Resume => {
+                self.resume();
+                true
+            }
+            Command::BackTrace { on: true } => {
+                self.go_back();
+                true
+            }
+            Command::BackTrace { on: false } => {
                 self.resume();
                 true
             }

@@ -31,6 +31,8 @@ pub(super) enum Cause {
     Interlock,
     /// The connection to the MQTT broker is lost.
     BusLoss,
+    /// Back trace has come to its end.
+    WayBackEnded,
 }
 
 impl Cause {
@@ -41,6 +43,7 @@ impl Cause {
             Cause::SingleBlock => (Execution::Interrupted, Some(Reason::SingleBlock)),
             Cause::BusLoss => (Execution::FeedHold, Some(Reason::BusLost)),
             Cause::Interlock => (Execution::Interrupted, Some(Reason::Interlock)),
+            Cause::WayBackEnded => (Execution::FeedHold, Some(Reason::BackTraceEnd)),
         }
     }
 }
@@ -71,6 +74,7 @@ impl CoordinateSystem {
     }
 
     pub(super) fn resume(&mut self) {
+        self.go_forward();
         let Some(run) = &mut self.run else { return };
         if let Phase::Paused(_) = run.phase {
             run.phase = Phase::Interpret;
@@ -131,6 +135,9 @@ impl CoordinateSystem {
             }
         }
         self.inputs.single_block = on;
+        if on && self.single_block_waits() {
+            return Ok(());
+        }
         if on {
             self.stop_behind_what_is_planned();
         } else if let Some(run) = &mut self.run
@@ -142,7 +149,7 @@ impl CoordinateSystem {
     }
 
     /// What is planned ends at rest, and each of its blocks is held at its end; the interpreter waits.
-    fn stop_behind_what_is_planned(&mut self) {
+    pub(super) fn stop_behind_what_is_planned(&mut self) {
         let Some(run) = &self.run else { return };
         match run.phase {
             Phase::Interpret => self.stand_still_then(Then::Interpret),

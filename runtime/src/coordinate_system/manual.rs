@@ -85,6 +85,7 @@ impl CoordinateSystem {
             phase: Phase::Interpret,
             held: Held::No,
             steps: Steps::default(),
+            back_to: None,
         }
     }
 }

@@ -14,6 +14,7 @@ mod outputs;
 mod pipeline;
 mod preparation;
 mod publish;
+mod replanning;
 mod servo_link;
 mod validation;
 mod view;
@@ -45,6 +46,7 @@ use manual::Kind;
 use outputs::StockWork;
 use pipeline::Pipeline;
 use preparation::Phase;
+use replanning::Replanning;
 use servo_link::ServoLink;
 use validation::Validation;
 pub(crate) use view::View;
@@ -77,6 +79,7 @@ pub(crate) struct CoordinateSystem {
     view: Arc<View>,
     servo: ServoLink,
     pipeline: Pipeline,
+    replanning: Replanning,
     variables: Variables,
     /// `_CNC_CapturedPosition<n>`: where the motors rested at the end of the last G31 since the start of the runtime,
     /// ascending by motor number, machine coordinates in mm or degrees (D16, D41).
@@ -116,6 +119,8 @@ struct Run {
     phase: Phase,
     held: Held,
     steps: Steps,
+    /// On the way back: the segment that it ends with.
+    back_to: Option<u64>,
 }
 
 /// A run that is being ended: the machine comes to rest first.
@@ -135,6 +140,7 @@ struct InputValues {
     effective_from_line: u32,
     optional_stop: bool,
     single_block: bool,
+    dry_run: bool,
     interlock: Lock,
     start_lock: Lock,
     overrides: Overrides,
@@ -156,6 +162,7 @@ impl CoordinateSystem {
             view,
             servo: ServoLink::new(handle),
             pipeline: Pipeline::new(&configured.settings, configured.dialect),
+            replanning: Replanning::default(),
             variables: shared.tables.variables(number),
             captured: [0.0; AXES_MAX],
             ledger: Ledger::new(shared.boot_id.clone(), configured.open_outputs_max),
@@ -237,6 +244,7 @@ impl CoordinateSystem {
         self.carry_out_effects();
         self.expire_validation();
         self.carry_out_deferred();
+        self.follow_override();
         let busy = self.prepare();
         self.hold_without_bus();
         self.publish_changes();
@@ -268,8 +276,14 @@ impl CoordinateSystem {
                 let fields = serde_json::json!({"program": origin.program, "line": origin.line});
                 self.shared.record(self.number, Entry::new("block", fields));
             }
-            Event::Finished { segment, .. } => self.servo.finished_segment = segment,
-            Event::Held => {
+            Event::Finished { segment, .. } => {
+                self.servo.finished_segment = segment;
+                self.pipeline.passed(segment);
+                self.way_back_ended(segment);
+            }
+            Event::Spliced { taken } => self.spliced(taken),
+            Event::Held { at } => {
+                self.note_held_at(at);
                 self.held();
                 self.complete(&Awaiting::is_hold);
             }
@@ -427,6 +441,7 @@ impl CoordinateSystem {
             }
             Request::Tool(_, id) => {
                 self.inputs.tool = id;
+                self.pipeline.bar_way_back();
                 self.publish_tool();
                 Ok(Answer::Done)
             }
@@ -462,10 +477,9 @@ impl CoordinateSystem {
             Input::StartLock(lock) => self.inputs.start_lock = lock,
             Input::Override(change) => self.set_overrides(change)?,
             Input::SingleBlock(on) => self.set_single_block(on)?,
-            Input::DryRun(false) => {}
-            Input::DryRun(true) => {
-                let text = "dry run is not supported yet";
-                return Err(Refusal::new(RefusalCode::NotSupported, text));
+            Input::DryRun(on) => {
+                self.inputs.dry_run = on;
+                self.pipeline.set_dry_run(on);
             }
             Input::Interlock(lock) => self.set_interlock(lock),
         }

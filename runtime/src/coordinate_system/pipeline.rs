@@ -8,10 +8,10 @@ use tandem_interp::{Dialect, Inputs, Interpreter, Modal};
 use tandem_model::flow::{
     Action, Block, Compensation, Item, Segment, SegmentEnd, SegmentMotion, TapLeg, Transform,
 };
-use tandem_model::profile::Profile;
+use tandem_model::profile::{PathPlace, Profile};
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::{Alarm, AxisVector, MachinePosition, Origin};
-use tandem_motion::Planner;
+use tandem_motion::{Planner, Replan};
 use tandem_path::PathStage;
 use tandem_syntax::NcProgram;
 
@@ -184,6 +184,52 @@ impl Pipeline {
         } else {
             self.path.restart(at);
         }
+    }
+
+    /// Blocks to come move at the feedrate of dry run, or at F.
+    pub fn set_dry_run(&mut self, on: bool) {
+        self.path.set_dry_run(on);
+    }
+
+    /// G500 blocks still to come are planned for this feed override, 1.0 being 100 percent.
+    pub fn set_feed_override(&mut self, factor: f64) {
+        self.planner.set_feed_override(factor);
+    }
+
+    /// The motion has passed this segment.
+    pub fn passed(&mut self, segment: u64) {
+        self.planner.passed(segment);
+    }
+
+    /// There is no way back past what has been given out so far.
+    pub fn bar_way_back(&mut self) {
+        self.planner.bar_way_back();
+    }
+
+    /// True when back trace can leave this place.
+    pub fn has_way_back(&self, from: PathPlace) -> bool {
+        self.planner.has_way_back(from)
+    }
+
+    /// The way back from a place at rest.
+    pub fn retrace(&self, from: PathPlace) -> VecDeque<Profile> {
+        self.planner.retrace(from)
+    }
+
+    /// A place within what has been given out, plan time `ahead_s` or more beyond this one.
+    pub fn place_ahead(&self, from: PathPlace, ahead_s: f64) -> Option<PathPlace> {
+        self.planner.place_ahead(from, ahead_s)
+    }
+
+    /// A new plan of what has been given out, from a place on.
+    pub fn replan(&self, from: PathPlace, at_rest: bool) -> Replan {
+        self.planner.replan(from, at_rest)
+    }
+
+    /// Goes on from a new plan; nothing may have been given out since it was made.
+    pub fn adopt(&mut self, mut new: Replan) {
+        self.ready = std::mem::take(&mut new.profiles);
+        self.planner.adopt(new);
     }
 
     /// Where the last block ends, machine position.

@@ -75,6 +75,10 @@ impl CoordinateSystem {
     /// Prepares as far as it goes, at most [`ITEMS_PER_TURN`] and about [`STEPS_PER_TURN`]. True when there is more to
     /// do at once.
     pub(super) fn prepare(&mut self) -> bool {
+        if self.is_replanning() {
+            self.hand_over();
+            return false;
+        }
         let before = self.pipeline.interpreter.steps();
         for _ in 0..ITEMS_PER_TURN {
             if self.pipeline.interpreter.steps() >= before + STEPS_PER_TURN {
@@ -216,7 +220,10 @@ impl CoordinateSystem {
         match then {
             Then::Interpret => {}
             Then::BlockEnd => self.block_ended(),
-            Then::Output(output) => self.put_out_after_motion(output),
+            Then::Output(output) => {
+                self.pipeline.bar_way_back();
+                self.put_out_after_motion(output);
+            }
             Then::Stop(stop) if stop.optional && !self.inputs.optional_stop => {}
             Then::Stop(stop) => {
                 self.view.update(|place| place.executing = stop.origin);

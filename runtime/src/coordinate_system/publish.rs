@@ -22,8 +22,10 @@ impl CoordinateSystem {
             return ending.from;
         }
         let Some(run) = &self.run else { return self.idle };
+        let back = self.retraces().then_some(Reason::BackTrace);
         if let Held::AtRest(cause) = run.held {
-            return cause.state();
+            let (execution, reason) = cause.state();
+            return (execution, reason.or(back));
         }
         match &run.phase {
             Phase::Paused(stop) if stop.optional => (Execution::OptionalStop, None),
@@ -33,7 +35,7 @@ impl CoordinateSystem {
                     Execution::Wait,
                     self.ledger.is_lost(seq).then_some(Reason::HandlerLost),
                 ),
-                None => (Execution::Active, None),
+                None => (Execution::Active, back),
             },
         }
     }
@@ -91,7 +93,7 @@ impl CoordinateSystem {
             program: self.program,
             run_id: (self.runs > 0).then(|| format!("{}-{}", self.number, self.runs)),
             single_block: self.inputs.single_block,
-            dry_run: false,
+            dry_run: self.inputs.dry_run,
             optional_stop: self.inputs.optional_stop,
             optional_skip: skip_numbers(self.inputs.optional_skip),
             alarm_count: self.shared.alarm_count(self.number),
@@ -178,7 +180,7 @@ impl CoordinateSystem {
         let switches = [
             (CsTopic::OptionalStop, self.inputs.optional_stop),
             (CsTopic::SingleBlock, self.inputs.single_block),
-            (CsTopic::DryRun, false),
+            (CsTopic::DryRun, self.inputs.dry_run),
         ];
         for (topic, value) in switches {
             self.shared

@@ -2,14 +2,19 @@
 
 use std::collections::VecDeque;
 
-use tandem_model::profile::Profile;
-use tandem_servo::{ChannelHandle, Control, Event};
+use rtrb::{Producer, RingBuffer};
+use tandem_model::profile::{PathPlace, Profile};
+use tandem_servo::{ChannelHandle, Control, Event, Splice};
+
+use super::pipeline::Pipeline;
 
 /// The channel handle, and what could not be handed over yet.
 #[derive(Debug)]
 pub(super) struct ServoLink {
     handle: ChannelHandle,
     backlog: VecDeque<Control>,
+    /// Of the plans that the servo has not answered for.
+    spliced: VecDeque<Producer<Profile>>,
     epoch: u32,
     /// The segment whose end the servo reported last.
     pub finished_segment: u64,
@@ -20,6 +25,7 @@ impl ServoLink {
         Self {
             handle,
             backlog: VecDeque::new(),
+            spliced: VecDeque::new(),
             epoch: 0,
             finished_segment: 0,
         }
@@ -72,12 +78,43 @@ impl ServoLink {
 
     /// Moves as many profiles as there is room for.
     pub fn hand_over_profiles(&mut self, ready: &mut VecDeque<Profile>) {
-        while let Some(profile) = ready.pop_front() {
-            if let Err(rtrb::PushError::Full(profile)) = self.handle.profiles.push(profile) {
-                ready.push_front(profile);
-                return;
-            }
+        fill(&mut self.handle.profiles, ready);
+    }
+
+    /// A place within what is planned, time `ahead_s` of the plan or more ahead of the motion.
+    pub fn place(&self, ahead_s: f64, pipeline: &Pipeline) -> Option<PathPlace> {
+        let reading = self.handle.readings.read();
+        let from = PathPlace {
+            segment: reading.segment,
+            plan_s: reading.plan_s,
+        };
+        pipeline.place_ahead(from, ahead_s)
+    }
+
+    /// Profiles that are to run in place of those handed over, from a place on, or where the machine rests: as many as
+    /// there is room for. [`Event::Spliced`] answers.
+    pub fn splice(&mut self, at: Option<PathPlace>, profiles: &mut VecDeque<Profile>) {
+        let (mut producer, consumer) = RingBuffer::new(self.handle.profiles.buffer().capacity());
+        fill(&mut producer, profiles);
+        let splice = Splice {
+            at,
+            profiles: consumer,
+        };
+        // There is room: a second one is given only at rest, and none before both are answered.
+        let _ = self.handle.splices.push(splice);
+        self.spliced.push_back(producer);
+        self.control(Control::Splice);
+    }
+
+    /// The servo reads the new profiles from now on, or never.
+    pub fn spliced(&mut self, taken: bool) {
+        if let Some(producer) = self.spliced.pop_front()
+            && taken
+        {
+            self.handle.profiles = producer;
         }
+        // Dropped here, since the servo must not free it.
+        let _ = self.handle.unread.pop();
     }
 
     fn hand_over(&mut self) {
@@ -86,6 +123,15 @@ impl ServoLink {
                 self.backlog.push_front(control);
                 return;
             }
+        }
+    }
+}
+
+fn fill(ring: &mut Producer<Profile>, profiles: &mut VecDeque<Profile>) {
+    while let Some(profile) = profiles.pop_front() {
+        if let Err(rtrb::PushError::Full(profile)) = ring.push(profile) {
+            profiles.push_front(profile);
+            return;
         }
     }
 }

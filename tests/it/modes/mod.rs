@@ -3,6 +3,7 @@
 mod holding;
 mod jog;
 mod manual;
+mod replanning;
 mod rig;
 mod single_block;
 mod stairs;

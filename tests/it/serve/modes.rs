@@ -43,10 +43,11 @@ async fn mdi_and_home_over_rest_answer_when_they_have_been_run_and_refuse_with_d
         .await
         .expect(409);
     served.command(1, "reset").await;
-    served
+    let answer = served
         .post("/cs/1/back_trace", &json!({"on": true}))
         .await
-        .expect(501);
+        .expect(409);
+    assert_eq!(answer.json()["code"], "not_allowed");
 }
 
 #[tokio::test]
@@ -110,7 +111,13 @@ async fn single_block_and_interlock_are_inputs_over_rest_and_mqtt() {
         .await
         .expect(204);
     put("single_block", json!({"value": false})).await.expect(204);
-    put("dry_run", json!({"value": true})).await.expect(501);
+    put("dry_run", json!({"value": true})).await.expect(204);
+    bus.history
+        .find("cs/1/input/dry_run/state", |state| state["value"] == true)
+        .await;
+    bus.history
+        .find("cs/1/state", |state| state["dry_run"] == true)
+        .await;
     served.command(1, "resume").await;
     served.execution(1, "PROGRAM_COMPLETED").await;
 }

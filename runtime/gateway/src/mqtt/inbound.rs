@@ -143,12 +143,8 @@ fn command(cs: CoordinateSystemNumber, verb: &str, payload: &[u8], retained: boo
             let text = "a command must not be retained; publish it without the retain flag";
             return Err(Refusal::new(RefusalCode::Retained, text));
         }
-        let code = if Command::NOT_SUPPORTED.contains(&verb) {
-            RefusalCode::NotSupported
-        } else {
-            RefusalCode::Invalid
-        };
-        let parsed = Command::parse(verb, &command.args).map_err(|text| Refusal::new(code, text))?;
+        let parsed =
+            Command::parse(verb, &command.args).map_err(|text| Refusal::new(RefusalCode::Invalid, text))?;
         Ok((command, parsed))
     });
     match checked {

@@ -9,7 +9,6 @@ mod lease;
 mod m_codes;
 mod programs;
 mod states;
-mod unsupported;
 
 use std::sync::Arc;
 
@@ -36,7 +35,6 @@ pub(crate) fn router(shared: Arc<Shared>) -> Router {
         .merge(data::routes())
         .merge(m_codes::routes())
         .merge(programs::routes())
-        .merge(unsupported::routes())
         .merge(documents::routes())
         .merge(websocket::routes())
         .fallback(nothing_there)

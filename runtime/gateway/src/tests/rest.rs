@@ -156,6 +156,7 @@ async fn every_verb_has_its_route_and_each_command_an_id_of_its_own() {
         },
         Command::Home { axes: vec!['X'] },
         Command::Home { axes: Vec::new() },
+        Command::BackTrace { on: true },
         Command::Jog {
             axis: 'X',
             velocity: -600.0,

@@ -102,14 +102,6 @@ async fn a_program_that_is_not_utf_8_or_larger_than_64_mib_is_refused() {
 }
 
 #[tokio::test]
-async fn what_is_not_supported_yet_answers_501_and_asks_nothing() {
-    let port = StubPort::new();
-    let response = call(&port, "POST", "/api/v1/cs/1/back_trace", &[], "").await;
-    assert_eq!(problem(response).await, (501, "not_supported".into()));
-    assert_eq!(port.asked(), []);
-}
-
-#[tokio::test]
 async fn a_refusal_of_the_machine_keeps_state_allowed_and_diagnostics() {
     let port = StubPort::with(|_| {
         Err(Refusal {

@@ -2,11 +2,11 @@
 
 use std::collections::VecDeque;
 
+use tandem_model::Axis;
 use tandem_model::flow::Path;
 use tandem_model::profile::SlewRoom;
-use tandem_model::{AXES_MAX, Axis};
 
-use super::limits;
+use super::limits::{self, Bounds};
 use super::way::{Motion, Phase, Way};
 
 /// The largest change of a velocity on one piece of a ramp, as a share of it.
@@ -45,6 +45,8 @@ pub(super) struct Piece {
     pub(super) shape: Shape,
     /// It is not halved below this, s.
     pub(super) least_s: f64,
+    /// Largest square of the rate in it.
+    pub(super) cap: f64,
     /// Largest square of the rate at its begin from which the motion can end in rest; not a number before it is known.
     pub(super) limit: f64,
 }
@@ -55,7 +57,7 @@ pub(super) enum Shape {
     /// Straight at one speed: the square of the rate changes by at most this per second of plan time, anywhere in it.
     Straight { change: f64 },
     Bent {
-        /// What is left as planned, when nothing exceeds its limit as planned.
+        /// What is left at the largest rate, when nothing exceeds its limit at that.
         planned: Option<SlewRoom>,
     },
 }
@@ -84,9 +86,10 @@ impl Piece {
 }
 
 /// Adds the pieces of a way, and gives how many.
-pub(super) fn cut(way: &Way<'_>, inverse: &[f64; AXES_MAX], pieces: &mut VecDeque<Piece>) -> usize {
+pub(super) fn cut(way: &Way<'_>, bounds: Bounds<'_>, pieces: &mut VecDeque<Piece>) -> usize {
     let before = pieces.len();
-    let mut at_s = 0.0;
+    let begin_s = way.passage.from_s;
+    let mut at_s = begin_s;
     for phase in way.phases() {
         let least = if phase.is_ramp { RAMP_MIN } else { BETWEEN_MIN };
         if phase.to_s - phase.from_s.max(at_s) <= least * way.plan_s {
@@ -98,25 +101,33 @@ pub(super) fn cut(way: &Way<'_>, inverse: &[f64; AXES_MAX], pieces: &mut VecDequ
         };
         at_s = phase.to_s;
         match (phase.is_ramp, way.path) {
-            (false, Path::Line { .. }) => pieces.push_back(straight(way, inverse, phase)),
+            (false, Path::Line { .. }) => pieces.push_back(straight(way, bounds, phase)),
             (false, Path::Arc(arc)) => {
                 let swept = arc.swept() * way.speed * (phase.to_s - phase.from_s) / arc.length();
                 let n = (swept / TURN_MAX).ceil().clamp(1.0, PIECES_MAX);
-                even(way, inverse, phase, n, 0, pieces);
+                even(way, bounds, phase, n, 0, pieces);
             }
-            (true, _) => parts(way, inverse, phase, 0, pieces),
+            (true, _) => parts(way, bounds, phase, 0, pieces),
         }
     }
+    if pieces.len() == before && way.plan_s > begin_s {
+        add(
+            bounds,
+            &way.motion(begin_s, way.plan_s),
+            [begin_s, way.plan_s],
+            pieces,
+        );
+    }
     // What was left out as rounding belongs to the last piece.
-    if let Some(last) = pieces.back_mut().filter(|_| at_s > 0.0) {
+    if let Some(last) = pieces.back_mut().filter(|_| at_s > begin_s) {
         last.to_s = way.plan_s;
     }
     pieces.len() - before
 }
 
-fn straight(way: &Way<'_>, inverse: &[f64; AXES_MAX], phase: Phase) -> Piece {
+fn straight(way: &Way<'_>, bounds: Bounds<'_>, phase: Phase) -> Piece {
     let steepest = Axis::ALL.into_iter().fold(0.0, |steepest: f64, axis| {
-        steepest.max(way.path.steepest(axis) * inverse[axis.index()])
+        steepest.max(way.path.steepest(axis) * bounds.inverse[axis.index()])
     });
     Piece {
         from_s: phase.from_s,
@@ -125,19 +136,13 @@ fn straight(way: &Way<'_>, inverse: &[f64; AXES_MAX], phase: Phase) -> Piece {
             change: 2.0 / (steepest * way.speed),
         },
         least_s: f64::INFINITY,
+        cap: bounds.cap_at(|axis| way.path.steepest(axis) * way.speed),
         limit: f64::NAN,
     }
 }
 
 /// Cuts a phase into n parts of one length, and each as [`parts`] does.
-fn even(
-    way: &Way<'_>,
-    inverse: &[f64; AXES_MAX],
-    phase: Phase,
-    n: f64,
-    depth: u32,
-    pieces: &mut VecDeque<Piece>,
-) {
+fn even(way: &Way<'_>, bounds: Bounds<'_>, phase: Phase, n: f64, depth: u32, pieces: &mut VecDeque<Piece>) {
     let mut from_s = phase.from_s;
     let mut k = 0.0;
     while k < n {
@@ -152,21 +157,21 @@ fn even(
             to_s,
             ..phase
         };
-        parts(way, inverse, part, depth, pieces);
+        parts(way, bounds, part, depth, pieces);
         from_s = to_s;
     }
 }
 
 /// Cuts a phase until on each piece the velocity changes little against the slower end, and an arc bends little: evenly
 /// where its speed does not change much, else in halves.
-fn parts(way: &Way<'_>, inverse: &[f64; AXES_MAX], phase: Phase, depth: u32, pieces: &mut VecDeque<Piece>) {
+fn parts(way: &Way<'_>, bounds: Bounds<'_>, phase: Phase, depth: u32, pieces: &mut VecDeque<Piece>) {
     let Phase { from_s, to_s, .. } = phase;
     let motion = way.motion(from_s, to_s);
     let h_s = to_s - from_s;
-    let (mut change, mut bend, mut most) = (0.0_f64, 0.0_f64, 1.0_f64);
+    let (mut change, mut bend, mut most) = (0.0_f64, 0.0_f64, 1.0 / bounds.cap.max(1.0));
     let mut speeds = [0.0_f64; 2];
     for axis in Axis::ALL {
-        let inverse = inverse[axis.index()];
+        let inverse = bounds.inverse[axis.index()];
         let ends = [motion.velocity[0][axis], motion.velocity[1][axis]].map(|v| v * inverse);
         change = change.max((ends[1] - ends[0]).abs());
         for (speed, end) in speeds.iter_mut().zip(ends) {
@@ -190,13 +195,18 @@ fn parts(way: &Way<'_>, inverse: &[f64; AXES_MAX], phase: Phase, depth: u32, pie
     } else if bent && depth < 2 * HALVINGS_MAX {
         (2.0, depth + 1)
     } else {
-        return add(inverse, &motion, [from_s, to_s], pieces);
+        return add(bounds, &motion, [from_s, to_s], pieces);
     };
-    even(way, inverse, phase, parts, depth, pieces);
+    even(way, bounds, phase, parts, depth, pieces);
 }
 
-fn add(inverse: &[f64; AXES_MAX], motion: &Motion, [from_s, to_s]: [f64; 2], pieces: &mut VecDeque<Piece>) {
-    let room = limits::room(motion, inverse, to_s - from_s, [1.0, 1.0]);
+fn add(bounds: Bounds<'_>, motion: &Motion, [from_s, to_s]: [f64; 2], pieces: &mut VecDeque<Piece>) {
+    let h_s = to_s - from_s;
+    let cap = bounds.cap_at(|axis| {
+        let [begin, end] = motion.velocity.map(|velocity| velocity[axis].abs());
+        begin.max(end) + motion.third[axis] * h_s * h_s / 8.0
+    });
+    let room = limits::room(motion, bounds.inverse, h_s, [cap; 2]);
     let within = room.braking.max(room.driving) <= 1.0;
     pieces.push_back(Piece {
         from_s,
@@ -204,7 +214,8 @@ fn add(inverse: &[f64; AXES_MAX], motion: &Motion, [from_s, to_s]: [f64; 2], pie
         shape: Shape::Bent {
             planned: within.then_some(room),
         },
-        least_s: (to_s - from_s) / LEAST,
+        least_s: h_s / LEAST,
+        cap,
         limit: f64::NAN,
     });
 }

@@ -49,11 +49,41 @@ fn rows(motion: &Motion, axis: Axis, inverse: f64, h_s: f64) -> [Row; 2] {
     [row(q2 - q1, q1), row(-r1, r2 + r1)]
 }
 
-/// The limits that can bind with rates from 0 to 1. `inverse` is 1 over each motor's maximum acceleration, 0 without one.
-pub(super) fn half_planes(motion: &Motion, inverse: &[f64; AXES_MAX], h_s: f64, planes: &mut Vec<HalfPlane>) {
+/// The limits of one block.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Bounds<'a> {
+    /// 1 over the maximum acceleration of each motor, 0 without one.
+    pub(super) inverse: &'a [f64; AXES_MAX],
+    /// Maximum velocity of each motor, 0 without one.
+    pub(super) velocities: &'a [f64; AXES_MAX],
+    /// Largest square of the rate.
+    pub(super) cap: f64,
+}
+
+impl Bounds<'_> {
+    /// The largest square of the rate where no axis is faster than this at a rate of 1: without look-ahead the maximum
+    /// velocities hold at 1.
+    pub(super) fn cap_at(self, fastest: impl Fn(Axis) -> f64) -> f64 {
+        if self.cap <= 1.0 {
+            return self.cap;
+        }
+        Axis::ALL.into_iter().fold(self.cap, |cap, axis| {
+            let fastest = fastest(axis);
+            if fastest > 0.0 {
+                cap.min((self.velocities[axis.index()] / fastest).powi(2).max(1.0))
+            } else {
+                cap
+            }
+        })
+    }
+}
+
+/// The limits that can bind with squares of the rate from 0 to the cap.
+pub(super) fn half_planes(motion: &Motion, bounds: Bounds<'_>, h_s: f64, planes: &mut Vec<HalfPlane>) {
+    let Bounds { inverse, cap, .. } = bounds;
     planes.clear();
     let mut add = |left: f64, right: f64| {
-        if left.max(0.0) + right.max(0.0) > 1.0 {
+        if (left.max(0.0) + right.max(0.0)) * cap > 1.0 {
             planes.push(HalfPlane { left, right });
         }
     };

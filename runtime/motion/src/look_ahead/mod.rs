@@ -1,13 +1,14 @@
 //! Look-ahead, G64 with G500 (motion-semantics 1d): a chain keeps its path, and slows down before a motor would exceed
 //! its maximum acceleration, over as many blocks as it needs.
 //!
-//! The motion is `q(t) = q501(tau(t))` with a rate `tau' <= 1`, whose square x is linear in tau on each piece. From the
+//! The motion is `q(t) = q501(tau(t))` with a rate `tau' <= o`, whose square x is linear in tau on each piece; o is the
+//! feed override, at least 1 (below 100 percent the servo scales the time of the plan). From the
 //! end of what is known backwards, each piece's begin gets the largest x from which the end can be reached at rest; with
 //! the end left open, too. Where both meet, nothing to come can change what is before: from there on it is final, and
 //! the rate is the largest one forward. The pass back begins only when as many blocks are new as are not final: so a
 //! block costs the same however far the look-ahead reaches.
 //!
-//! Maximum velocities hold because the rate is at most 1. Jerk is limited as programmed (ts), not by `max_jerk`.
+//! Maximum velocities hold because the rate is at most 1, or what a block leaves of them. Jerk is limited as programmed (ts), not by `max_jerk`.
 
 mod braking;
 mod grid;
@@ -24,10 +25,18 @@ use tandem_model::settings::CoordinateSystemSettings;
 
 use self::braking::Braking;
 use self::grid::Piece;
-use self::limits::HalfPlane;
+use self::limits::{Bounds, HalfPlane};
 use self::paced::Step;
-use self::rate::Limits;
+use self::rate::{Limits, SQUARE_MIN};
+pub(crate) use self::way::Passage;
 use self::way::Way;
+use crate::record::Record;
+
+/// The largest feed override.
+pub(crate) const FEED_OVERRIDE_MAX: f64 = 2.0;
+
+/// No limit of the square of the rate.
+const SQUARE_MAX: f64 = FEED_OVERRIDE_MAX * FEED_OVERRIDE_MAX;
 
 /// The most blocks that look-ahead holds back. When their way is too short to come to rest in, the first half is slowed
 /// to what the rest allows.
@@ -51,15 +60,21 @@ const LEFT: f64 = 2e-3;
 pub(crate) struct LookAhead {
     /// 1 over the maximum acceleration of each motor, 0 without one.
     inverse: [f64; AXES_MAX],
+    /// Maximum velocity of each motor, 0 without one.
+    velocities: [f64; AXES_MAX],
     period_s: f64,
     /// Of feed hold, per second.
     hold_slope: f64,
+    /// From 1 on, of blocks still to come.
+    feed_override: f64,
     blocks: VecDeque<Held>,
     pieces: VecDeque<Piece>,
     /// Blocks that an earlier pass back has seen.
     seen: usize,
-    /// Square of the rate where the first block begins; `None`: at rest.
+    /// Square of the rate where the first block begins; `None`: as large as its limit, the motion resting there.
     square: Option<f64>,
+    /// Largest square of the rate at the end of a chain.
+    end_square: f64,
     braking: Braking,
     planes: Vec<HalfPlane>,
     renewed: Vec<Piece>,
@@ -69,8 +84,12 @@ pub(crate) struct LookAhead {
 #[derive(Debug, Clone)]
 struct Held {
     profile: Profile,
+    passage: Passage,
+    /// The chain ends with it.
+    is_last: bool,
+    feed_override: f64,
     pieces: usize,
-    /// Largest x in it.
+    /// Largest x in it for the override and the servo period.
     cap: f64,
 }
 
@@ -82,7 +101,12 @@ impl LookAhead {
                 let most = motor.map_or(0.0, |motor| motor.max_acceleration * (1.0 - LEFT));
                 if most > 0.0 { 1.0 / most } else { 0.0 }
             }),
+            velocities: std::array::from_fn(|i| {
+                let motor = settings.motors[i].as_ref();
+                motor.map_or(0.0, |motor| motor.max_velocity)
+            }),
             period_s: settings.servo_period_s,
+            feed_override: 1.0,
             hold_slope: if settings.hold_slew_ms > 0.0 {
                 1000.0 / settings.hold_slew_ms
             } else {
@@ -92,6 +116,7 @@ impl LookAhead {
             pieces: VecDeque::new(),
             seen: 0,
             square: None,
+            end_square: SQUARE_MAX,
             braking: Braking::default(),
             planes: Vec::new(),
             renewed: Vec::new(),
@@ -106,26 +131,91 @@ impl LookAhead {
         self.square = None;
     }
 
-    /// Takes the next profile of a chain, and puts out what is final; one with an exact stop ends the chain.
-    pub(crate) fn push(&mut self, profile: Profile, out: &mut VecDeque<Profile>) {
-        let Some(way) = Way::new(&profile) else { return };
-        if self.blocks.is_empty() && self.square.is_none() {
-            self.braking.begin(profile.segment);
-        }
-        let cap = (way.plan_s * BLOCKS_PER_PERIOD / self.period_s).min(1.0).powi(2);
-        let pieces = grid::cut(&way, &self.inverse, &mut self.pieces);
-        let ended = profile.exact_stop;
-        self.blocks.push_back(Held { profile, pieces, cap });
-        let new = self.blocks.len() - self.seen;
-        if ended {
-            self.plan(true, out);
-            self.clear();
-        } else if new >= self.seen.max(BLOCKS_MIN) || self.blocks.len() >= BLOCKS_MAX {
-            self.plan(false, out);
+    /// Blocks still to come are planned for this override; below 1 the servo scales the time of the plan.
+    pub(crate) fn set_feed_override(&mut self, factor: f64) {
+        self.feed_override = factor.clamp(1.0, FEED_OVERRIDE_MAX);
+    }
+
+    /// An empty one with the same settings.
+    pub(crate) fn emptied(&self) -> Self {
+        Self {
+            blocks: VecDeque::new(),
+            pieces: VecDeque::new(),
+            seen: 0,
+            square: None,
+            braking: Braking::default(),
+            planes: Vec::new(),
+            renewed: Vec::new(),
+            steps: Vec::new(),
+            ..*self
         }
     }
 
-    fn plan(&mut self, ended: bool, out: &mut VecDeque<Profile>) {
+    /// The blocks that are not final.
+    pub(crate) fn blocks(&self) -> impl Iterator<Item = &Profile> {
+        self.blocks.iter().map(|held| &held.profile)
+    }
+
+    /// The chain begins at rest on its path with the next block, of this segment.
+    pub(crate) fn begin_at_rest(&mut self, segment: u64) {
+        self.square = Some(SQUARE_MIN);
+        self.braking.begin(segment);
+    }
+
+    /// Takes the next profile of a chain, and puts out what is final; one with an exact stop ends the chain.
+    pub(crate) fn push(&mut self, profile: Profile, record: &mut Record, out: &mut VecDeque<Profile>) {
+        let is_last = profile.exact_stop;
+        self.pass(profile, Passage::default(), is_last, record, out);
+    }
+
+    /// Takes the next profile of a chain to be passed in this way; the last one ends in rest wherever its path goes on.
+    pub(crate) fn pass(
+        &mut self,
+        profile: Profile,
+        passage: Passage,
+        is_last: bool,
+        record: &mut Record,
+        out: &mut VecDeque<Profile>,
+    ) {
+        let Some(way) = Way::new(&profile, passage) else {
+            return;
+        };
+        if self.blocks.is_empty() && self.square.is_none() {
+            self.braking.begin(profile.segment);
+        }
+        let per_period = way.plan_s * BLOCKS_PER_PERIOD / self.period_s;
+        let cap = per_period.min(self.feed_override).powi(2);
+        let bounds = Bounds {
+            inverse: &self.inverse,
+            velocities: &self.velocities,
+            cap,
+        };
+        let pieces = grid::cut(&way, bounds, &mut self.pieces);
+        let rests = if passage.is_backward {
+            way.begins_at_rest()
+        } else {
+            profile.exact_stop
+        };
+        self.blocks.push_back(Held {
+            profile,
+            passage,
+            is_last,
+            feed_override: self.feed_override,
+            pieces,
+            cap,
+        });
+        let new = self.blocks.len() - self.seen;
+        if is_last {
+            self.end_square = if rests { SQUARE_MAX } else { 0.0 };
+            self.plan(true, record, out);
+            self.end_square = SQUARE_MAX;
+            self.clear();
+        } else if new >= self.seen.max(BLOCKS_MIN) || self.blocks.len() >= BLOCKS_MAX {
+            self.plan(false, record, out);
+        }
+    }
+
+    fn plan(&mut self, ended: bool, record: &mut Record, out: &mut VecDeque<Profile>) {
         let mut finals = self.pass_back(ended);
         if self.blocks.len() - finals >= BLOCKS_MAX {
             finals = self.blocks.len() / 2;
@@ -136,6 +226,7 @@ impl LookAhead {
                 break;
             };
             self.put_out(&held, out);
+            record.push(held.profile, true);
         }
         self.seen = self.blocks.len();
         // Only with the last profile all of them are known.
@@ -145,7 +236,7 @@ impl LookAhead {
             if ended {
                 self.braking.end(last.segment);
             } else {
-                self.braking.free(self.hold_slope, self.period_s);
+                self.braking.free(self.period_s);
             }
             pace.free_to = self.braking.free_to();
         }
@@ -153,7 +244,11 @@ impl LookAhead {
 
     /// The limits of x from the end backwards; gives how many blocks from the first on are final.
     fn pass_back(&mut self, ended: bool) -> usize {
-        let (mut to_rest, mut open) = if ended { (1.0, 1.0) } else { (0.0, 1.0) };
+        let (mut to_rest, mut open) = if ended {
+            (self.end_square, self.end_square)
+        } else {
+            (0.0, SQUARE_MAX)
+        };
         let mut finals = None;
         let mut i = self.pieces.len();
         self.renewed.clear();
@@ -161,14 +256,19 @@ impl LookAhead {
             let Some(held) = self.blocks.get_mut(block) else {
                 break;
             };
-            let Some(way) = Way::new(&held.profile) else { break };
+            let Some(way) = Way::new(&held.profile, held.passage) else {
+                break;
+            };
             if finals.is_none() && open <= to_rest * (1.0 + MET) {
                 finals = Some(block + 1);
             }
             let mut task = Limits {
                 way,
-                inverse: &self.inverse,
-                cap: held.cap,
+                bounds: Bounds {
+                    inverse: &self.inverse,
+                    velocities: &self.velocities,
+                    cap: held.cap,
+                },
                 planes: &mut self.planes,
             };
             let first_of_block = self.renewed.len();
@@ -200,14 +300,17 @@ impl LookAhead {
 
     /// Passes the first block forward as fast as its limits allow.
     fn put_out(&mut self, held: &Held, out: &mut VecDeque<Profile>) {
-        let Some(way) = Way::new(&held.profile) else {
+        let Some(way) = Way::new(&held.profile, held.passage) else {
             return;
         };
         self.steps.clear();
         let mut task = Limits {
             way,
-            inverse: &self.inverse,
-            cap: held.cap,
+            bounds: Bounds {
+                inverse: &self.inverse,
+                velocities: &self.velocities,
+                cap: held.cap,
+            },
             planes: &mut self.planes,
         };
         for _ in 0..held.pieces {
@@ -215,11 +318,13 @@ impl LookAhead {
                 break;
             };
             let before = self.square.unwrap_or(piece.limit).min(piece.limit);
-            let limit = self.pieces.front().map_or(1.0, |next| next.limit);
-            self.square = Some(task.pass(&piece, before, limit.min(held.cap), &mut self.steps));
+            let limit = self.pieces.front().map_or(self.end_square, |next| next.limit);
+            self.square = Some(task.pass(&piece, before, limit, &mut self.steps));
         }
-        paced::profiles(&held.profile, &self.steps, self.braking.free_to(), out);
+        paced::profiles(held, &self.steps, self.braking.free_to(), out);
         let steps = self.steps.iter().map(|step| (step.duration_s(), step.room));
-        self.braking.add(held.profile.segment, steps, self.period_s);
+        let slope = self.hold_slope / held.feed_override;
+        self.braking
+            .add(held.profile.segment, slope, steps, self.period_s);
     }
 }

@@ -4,9 +4,9 @@ use std::collections::VecDeque;
 
 use tandem_model::profile::{Law, PACE_PIECES_MAX, Pace, PacePiece, Profile, SlewRoom};
 
-use super::LEFT;
+use super::{Held, LEFT};
 
-/// Rates are one when they differ by less: rounding.
+/// Squares of rates are one when they differ by less than this share: rounding.
 const SAME_RATE: f64 = 1e-12;
 
 /// A step shorter than this share of its piece is rounding.
@@ -28,8 +28,8 @@ pub(super) struct Step {
 }
 
 impl Step {
-    fn is_as_planned(&self) -> bool {
-        (self.start - 1.0).abs() < SAME_RATE && (self.end - 1.0).abs() < SAME_RATE
+    fn is_at(&self, square: f64) -> bool {
+        (self.start - square).abs() < SAME_RATE * square && (self.end - square).abs() < SAME_RATE * square
     }
 
     /// Time that it takes: its plan time over the mean rate, the rate being linear in time.
@@ -39,7 +39,7 @@ impl Step {
 
     fn joins(&self, next: &Step) -> bool {
         let busy = |step: &Step| step.room.braking.max(step.room.driving) > KEPT_APART;
-        self.is_as_planned() && next.is_as_planned() && busy(self) == busy(next)
+        self.is_at(self.start) && next.is_at(self.start) && busy(self) == busy(next)
     }
 }
 
@@ -66,7 +66,16 @@ pub(super) fn push(steps: &mut Vec<Step>, step: Step, piece_s: f64) {
 }
 
 /// The profiles of a block with these steps, as many as its pieces need.
-pub(super) fn profiles(block: &Profile, steps: &[Step], free_to: u64, out: &mut VecDeque<Profile>) {
+pub(super) fn profiles(held: &Held, steps: &[Step], free_to: u64, out: &mut VecDeque<Profile>) {
+    let block = &held.profile;
+    let sign = if held.passage.is_backward { -1.0 } else { 1.0 };
+    let plan_time = |way_s: f64| {
+        if held.passage.is_backward {
+            block.duration_s - way_s
+        } else {
+            way_s
+        }
+    };
     let parts = steps.chunks(PACE_PIECES_MAX);
     let last = parts.len().saturating_sub(1);
     for (n, part) in parts.enumerate() {
@@ -75,15 +84,16 @@ pub(super) fn profiles(block: &Profile, steps: &[Step], free_to: u64, out: &mut 
         for (piece, step) in pieces.iter_mut().zip(part) {
             *piece = PacePiece {
                 begins_s: duration_s,
-                plan_s: step.from_s,
-                rate: step.start.sqrt(),
-                rate_change: step.rate_change,
+                plan_s: plan_time(step.from_s),
+                rate: sign * step.start.sqrt(),
+                rate_change: sign * step.rate_change,
                 room: step.room,
             };
             duration_s += step.duration_s();
-            ends_s = step.to_s;
+            ends_s = plan_time(step.to_s);
         }
-        let pace = Pace::new(pieces.get(..part.len()).unwrap_or(&pieces), ends_s, free_to);
+        let pieces = pieces.get(..part.len()).unwrap_or(&pieces);
+        let pace = Pace::new(pieces, ends_s, held.feed_override, free_to);
         let Law::Ramped {
             path,
             speed,
@@ -107,7 +117,7 @@ pub(super) fn profiles(block: &Profile, steps: &[Step], free_to: u64, out: &mut 
                 pace,
             },
             duration_s,
-            exact_stop: block.exact_stop && n == last,
+            exact_stop: held.is_last && n == last,
             segment: block.segment,
             epoch: block.epoch,
             origin: block.origin,

@@ -2,16 +2,15 @@
 //!
 //! A piece whose acceleration changes much along it wastes some of it at one end; where halves are faster, it is halved.
 
-use tandem_model::AXES_MAX;
 use tandem_model::profile::SlewRoom;
 
 use super::grid::{Piece, Shape};
-use super::limits::{self, HalfPlane};
+use super::limits::{self, Bounds, HalfPlane};
 use super::paced::{self, Step};
 use super::way::{Motion, Way};
 
-/// Smallest square of the rate: a millionth of the planned rate. Nothing is ever slower, so every block ends.
-const SQUARE_MIN: f64 = 1e-12;
+/// Smallest square of the rate: a millionth of the rate without look-ahead. Nothing is ever slower, so every block ends.
+pub(super) const SQUARE_MIN: f64 = 1e-12;
 
 /// A piece is halved when that gains more than this share of the square of the rate.
 const GAIN: f64 = 1e-3;
@@ -25,10 +24,7 @@ const WITHIN: f64 = 1e-8;
 /// One block, with what its limits are made of.
 pub(super) struct Limits<'a> {
     pub(super) way: Way<'a>,
-    /// 1 over the maximum acceleration of each motor, 0 without one.
-    pub(super) inverse: &'a [f64; AXES_MAX],
-    /// Largest square of the rate in the block.
-    pub(super) cap: f64,
+    pub(super) bounds: Bounds<'a>,
     pub(super) planes: &'a mut Vec<HalfPlane>,
 }
 
@@ -36,7 +32,11 @@ impl Limits<'_> {
     /// The motion on a bent piece; its half planes stand ready then.
     fn bend(&mut self, piece: &Piece) -> Motion {
         let motion = self.way.motion(piece.from_s, piece.to_s);
-        limits::half_planes(&motion, self.inverse, piece.length_s(), self.planes);
+        let bounds = Bounds {
+            cap: piece.cap,
+            ..self.bounds
+        };
+        limits::half_planes(&motion, bounds, piece.length_s(), self.planes);
         motion
     }
 
@@ -47,13 +47,13 @@ impl Limits<'_> {
 
     /// That, and the square of the rate at the end that it leads to.
     fn start_and_end(&mut self, piece: &Piece, end: f64) -> [f64; 2] {
-        let end = end.min(self.cap);
+        let end = end.min(piece.cap);
         match piece.shape {
-            Shape::Straight { change } => [(end + change * piece.length_s()).min(self.cap), end],
-            Shape::Bent { planned: Some(_) } if end >= 1.0 => [self.cap, end],
+            Shape::Straight { change } => [(end + change * piece.length_s()).min(piece.cap), end],
+            Shape::Bent { planned: Some(_) } if end >= piece.cap => [piece.cap, end],
             Shape::Bent { .. } => {
                 self.bend(piece);
-                limits::fastest_start(self.planes, self.cap, end).map(|square| square.max(0.0))
+                limits::fastest_start(self.planes, piece.cap, end).map(|square| square.max(0.0))
             }
         }
     }
@@ -61,7 +61,7 @@ impl Limits<'_> {
     /// Adds a piece with its new limit, in as many pieces as it takes, the last one first.
     pub(super) fn renew(&mut self, piece: &Piece, end: f64, renewed: &mut Vec<Piece>) -> f64 {
         let [limit, after] = self.start_and_end(piece, end);
-        if limit < self.cap
+        if limit < piece.cap
             && changes(limit, after)
             && let Shape::Bent { .. } = piece.shape
             && let Some([first, second]) = piece.halves()
@@ -78,15 +78,17 @@ impl Limits<'_> {
 
     /// Passes a piece from this square of the rate on, as fast as the limit behind it allows; gives the one at its end.
     pub(super) fn pass(&mut self, piece: &Piece, before: f64, limit: f64, steps: &mut Vec<Step>) -> f64 {
+        let limit = limit.min(piece.cap);
         match piece.shape {
             Shape::Straight { change } => {
                 let after = limit.min(before + change * piece.length_s()).max(SQUARE_MIN);
-                straight(piece, change, [before, after], self.cap, steps);
+                straight(piece, change, [before, after], piece.cap, steps);
                 after
             }
-            Shape::Bent { planned: Some(room) } if before >= 1.0 && limit >= 1.0 => {
-                paced::push(steps, step(piece, [1.0, 1.0], room), piece.length_s());
-                1.0
+            Shape::Bent { planned: Some(room) } if before >= piece.cap && limit >= piece.cap => {
+                let cap = piece.cap;
+                paced::push(steps, step(piece, [cap; 2], room), piece.length_s());
+                cap
             }
             Shape::Bent { .. } => {
                 let whole = self.fastest(piece, before, limit);
@@ -114,7 +116,7 @@ impl Limits<'_> {
     fn fastest(&mut self, piece: &Piece, before: f64, limit: f64) -> Step {
         let motion = self.bend(piece);
         let after = limits::fastest_end(self.planes, before, limit).max(SQUARE_MIN);
-        let room = limits::room(&motion, self.inverse, piece.length_s(), [before, after]);
+        let room = limits::room(&motion, self.bounds.inverse, piece.length_s(), [before, after]);
         step(piece, [before, after], room)
     }
 }

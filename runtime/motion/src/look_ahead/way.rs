@@ -15,6 +15,16 @@ pub(super) struct Way<'a> {
     stop: UnitRamp,
     begun_s: f64,
     pub(super) plan_s: f64,
+    pub(super) passage: Passage,
+}
+
+/// How a block is passed.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct Passage {
+    /// Where it begins, s from the end that comes first.
+    pub(crate) from_s: f64,
+    /// From its end to its begin: plan time counts from its end then.
+    pub(crate) is_backward: bool,
 }
 
 /// A phase of a ramp, or the way between the ramps, by its begin and end in plan time, s.
@@ -46,7 +56,7 @@ struct Along {
 
 impl<'a> Way<'a> {
     /// Of a profile along a path; `None` for any other.
-    pub(super) fn new(profile: &'a Profile) -> Option<Self> {
+    pub(super) fn new(profile: &'a Profile, passage: Passage) -> Option<Self> {
         let Law::Ramped {
             path,
             speed,
@@ -66,7 +76,13 @@ impl<'a> Way<'a> {
             stop: *stop,
             begun_s: *begun_s,
             plan_s: profile.duration_s,
+            passage,
         })
+    }
+
+    /// True when its path begins at rest.
+    pub(super) fn begins_at_rest(&self) -> bool {
+        self.begun_s == 0.0
     }
 
     fn stop_begins_s(&self) -> f64 {
@@ -90,7 +106,16 @@ impl<'a> Way<'a> {
             to_s: e.from_s,
             is_ramp: false,
         };
-        [a, b, c, between, e, f, g]
+        let phases = [a, b, c, between, e, f, g];
+        if self.passage.is_backward {
+            let [a, b, c, d, e, f, g] = phases.map(|phase| Phase {
+                from_s: self.plan_s - phase.to_s,
+                to_s: (self.plan_s - phase.from_s).min(self.plan_s),
+                ..phase
+            });
+            return [g, f, e, d, c, b, a];
+        }
+        phases
     }
 
     /// Its own block and the next one, `within_s` telling the phase.
@@ -119,6 +144,14 @@ impl<'a> Way<'a> {
 
     /// The motion over a piece within one phase.
     pub(super) fn motion(&self, from_s: f64, to_s: f64) -> Motion {
+        if self.passage.is_backward {
+            self.forward(self.plan_s - to_s, self.plan_s - from_s).reversed()
+        } else {
+            self.forward(from_s, to_s)
+        }
+    }
+
+    fn forward(&self, from_s: f64, to_s: f64) -> Motion {
         let within_s = f64::midpoint(from_s, to_s);
         let from = self.along(from_s, within_s);
         let to = self.along(to_s, within_s);
@@ -132,6 +165,17 @@ impl<'a> Way<'a> {
 }
 
 impl Motion {
+    /// The same way back: velocities change their sign, accelerations do not.
+    fn reversed(self) -> Self {
+        let [v0, v1] = self.velocity;
+        let [a0, a1] = self.acceleration;
+        Self {
+            velocity: [v1.scaled(-1.0), v0.scaled(-1.0)],
+            acceleration: [a1, a0],
+            ..self
+        }
+    }
+
     /// Adds a block's share; with `p(s)` the path and `s` the distance along it, by the chain rule.
     fn add(&mut self, path: &Path, from: Along, to: Along) {
         match path {

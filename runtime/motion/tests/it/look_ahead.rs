@@ -35,6 +35,25 @@ fn m1d_no_motor_exceeds_its_limits_on_random_chains_and_the_path_is_that_of_g501
 }
 
 #[test]
+fn m1d_planned_for_an_override_to_200_percent_no_motor_exceeds_its_limits_and_nothing_is_slower() {
+    for seed in 0..chains() / 4 {
+        let mut numbers = Random(2_000_000 + seed);
+        let blocks = 1 + usize::try_from(numbers.bits() % 16).unwrap();
+        let factor = numbers.within(1.0, 2.0);
+        let chain = random(&mut numbers, blocks);
+        let profiles = chain.plan_for(factor);
+        if let Err(found) = check(&chain, &profiles, 6).and_then(|()| same_path(&chain, &profiles)) {
+            panic!("seed {seed}, {blocks} blocks, {factor}: {found}");
+        }
+        let (faster, planned) = (time_s(&profiles), time_s(&chain.plan()));
+        assert!(
+            faster <= planned * 1.01 && faster >= planned / factor * 0.999,
+            "seed {seed}: {faster} {planned}"
+        );
+    }
+}
+
+#[test]
 fn m1d_the_time_is_within_2_percent_of_the_best_possible() {
     for seed in 0..chains() / 10 {
         let mut numbers = Random(1_000_000 + seed);

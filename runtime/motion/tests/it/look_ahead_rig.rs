@@ -123,7 +123,13 @@ impl Chain {
     }
 
     pub fn plan(&self) -> Vec<Profile> {
+        self.plan_for(1.0)
+    }
+
+    /// For a feed override.
+    pub fn plan_for(&self, factor: f64) -> Vec<Profile> {
         let mut planner = Planner::new(&self.settings);
+        planner.set_feed_override(factor);
         let mut out = VecDeque::new();
         for segment in &self.segments {
             planner.push(segment, &mut out).unwrap();
@@ -369,7 +375,8 @@ pub fn check(chain: &Chain, profiles: &[Profile], samples: u32) -> Result<(), St
                 let shift = if k == 0 || k == samples { 0.0 } else { 0.0317 };
                 let t = duration_s * (f64::from(k) + shift) / f64::from(samples);
                 let rate = piece.rate + piece.rate_change * t;
-                if !(0.0..=1.0 + 1e-9).contains(&rate) {
+                let most = pace(profile).feed_override;
+                if !(0.0..=most * (1.0 + 1e-9)).contains(&rate) {
                     return Err(format!("the rate is {rate} in segment {}", profile.segment));
                 }
                 // Of the phase inside, so that rounding does not look at the one beside; only where it runs as planned a

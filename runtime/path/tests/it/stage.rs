@@ -2,7 +2,7 @@
 
 use tandem_model::alarm::{AXIS_MISSING, FEEDRATE_MISSING, SOFT_LIMIT, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
 use tandem_model::flow::{
-    Action, Block, Distance, Feed, MultiBlock, Path, PathControl, Segment, SegmentEnd, SegmentMotion,
+    Action, Block, Distance, Feed, MultiBlock, Path, PathControl, Segment, SegmentEnd, SegmentMotion, TapLeg,
     Transform,
 };
 use tandem_model::{Axis, AxisVector, MachinePosition};
@@ -97,6 +97,33 @@ fn s1a_f_counts_the_vector_length_of_rotary_axes_when_only_they_move() {
         (length_and_feed(&out[1]).1 - 600.0).abs() < 1e-12,
         "X moves too: F"
     );
+}
+
+#[test]
+fn in_dry_run_cutting_blocks_take_its_feedrate_in_place_of_f_and_threads_keep_theirs() {
+    let feed_of = |configured: f64, block: &Block| {
+        let mut settings = settings();
+        settings.max_feedrate_mm_min = 9000.0;
+        settings.motion.dry_run_feedrate_mm_min = configured;
+        let mut stage = PathStage::new(&settings, MachinePosition::default());
+        stage.set_dry_run(true);
+        let mut out = Vec::new();
+        stage.push(block, &mut out).unwrap();
+        stage.flush(&mut out).unwrap();
+        match out[0].motion {
+            SegmentMotion::Feed { feed, .. } | SegmentMotion::Tap { feed, .. } => feed.feedrate_mm_min,
+            _ => panic!("{out:?}"),
+        }
+    };
+    let line = g01(1, &[(X, 10.0)]);
+    assert!((feed_of(2500.0, &line) - 2500.0).abs() < 1e-12);
+    assert!(
+        (feed_of(0.0, &line) - 9000.0).abs() < 1e-12,
+        "0 is the maximum feedrate"
+    );
+    assert!((feed_of(2500.0, &g01(1, &[(A, 10.0)])) - 2500.0).abs() < 1e-12);
+    let thread = crate::tapping::tap(1, -5.0, TapLeg::In, Some(300.0));
+    assert!((feed_of(2500.0, &thread) - 100.0).abs() < 1e-12);
 }
 
 #[test]

@@ -12,7 +12,7 @@ use crate::rig::{block, g00, refused, run, settings, stage, transform, words};
 use Axis::{X, Z};
 
 /// At F100: the manual's example has S300.
-fn tap(line: u32, z: f64, leg: TapLeg, speed: Option<f64>) -> Block {
+pub fn tap(line: u32, z: f64, leg: TapLeg, speed: Option<f64>) -> Block {
     let turn = match leg {
         TapLeg::In => Turn::Clockwise,
         TapLeg::Out => Turn::CounterClockwise,

@@ -276,7 +276,7 @@ fn s1i_single_block_in_a_chain_rests_on_the_path_behind_the_joint() {
         }
         rig.control(Control::Resume);
         rig.control(Control::HoldAfterBlock(true));
-        rig.until(|event| *event == Event::Held);
+        rig.until(|event| matches!(event, Event::Held { .. }));
         rests += 1;
         let on_path = position_at_x(&profiles, rig.x());
         for axis in [Axis::X, Axis::Y, Axis::Z] {

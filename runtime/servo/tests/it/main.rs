@@ -12,4 +12,5 @@ mod rig;
 mod running;
 mod skip;
 mod spindle;
+mod splice;
 mod tapping;

@@ -37,6 +37,7 @@ impl CoordinateSystemConfig {
             ("default_td_ms", self.default_td_ms, 0.0, 250_000.0),
             ("default_ts_ms", self.default_ts_ms, 0.0, 125_000.0),
             ("rotary_feedrate", self.rotary_feedrate, 0.0, 1e9),
+            ("dry_run_feedrate", self.dry_run_feedrate, 0.0, 1e9),
             ("arc_radius_tolerance", self.arc_radius_tolerance, 0.0, 1e6),
             ("spiral_tolerance", self.spiral_tolerance, 0.0, 1e6),
             ("override_slew_ms", self.override_slew_ms, 1.0, 60_000.0),
@@ -121,6 +122,7 @@ impl CoordinateSystemConfig {
         }
         MotionOptions {
             arc_radius_tolerance_mm: self.arc_radius_tolerance,
+            dry_run_feedrate_mm_min: self.dry_run_feedrate,
             spiral_tolerance_mm: self.spiral_tolerance,
             compensation_feed: match self.compensation_feed.as_str() {
                 "edge" => CompensationFeed::Edge,

@@ -248,7 +248,7 @@ fn a_malformed_command_is_answered_when_its_sender_can_be_read() {
     assert_eq!(code_of("load", good, false), RefusalCode::Invalid);
     assert_eq!(code_of("jump", good, false), RefusalCode::Invalid);
     assert_eq!(code_of("jog", good, false), RefusalCode::Invalid);
-    assert_eq!(code_of("back_trace", good, false), RefusalCode::NotSupported);
+    assert_eq!(code_of("back_trace", good, false), RefusalCode::Invalid);
     assert_eq!(code_of("start", good, true), RefusalCode::Retained);
     let unknown_field = r#"{"command_id":"c","client_id":"hmi","expct":{}}"#;
     assert_eq!(code_of("start", unknown_field, false), RefusalCode::Invalid);

@@ -1,0 +1,209 @@
+//! What is planned is planned anew while it runs: for a feed override above 100 percent (G500), and for back trace.
+//!
+//! The servo goes over to the new plan at a place that is still to come, or where it rests. Until it has said what has
+//! become of that, nothing more is prepared: both plans must go on from the same block.
+
+use std::collections::VecDeque;
+
+use plc_api::types::request::{Refusal, RefusalCode};
+use serde_json::json;
+use tandem_model::profile::PathPlace;
+use tandem_motion::Replan;
+use tandem_servo::Control;
+
+use super::CoordinateSystem;
+use super::holding::Cause;
+use crate::journal::Entry;
+
+/// How far ahead of the motion a new plan begins: what planning takes, with a reserve. Twice as far after a refusal.
+const AHEAD_S: f64 = 0.1;
+
+/// The farthest.
+const AHEAD_MAX_S: f64 = 5.0;
+
+/// The plan that runs, and those that are to follow it.
+#[derive(Debug)]
+pub(super) struct Replanning {
+    /// The feed override that the plan is for, as a factor from 1 on.
+    planned_for: f64,
+    ahead_s: f64,
+    /// What the servo has not answered, in order.
+    splices: VecDeque<Splicing>,
+    /// Where feed hold has come to rest.
+    held_at: Option<PathPlace>,
+    /// Single block was switched on meanwhile.
+    single_block: bool,
+}
+
+#[derive(Debug)]
+enum Splicing {
+    Override { new: Box<Replan>, factor: f64 },
+    Turn,
+}
+
+impl Default for Replanning {
+    fn default() -> Self {
+        Self {
+            planned_for: 1.0,
+            ahead_s: AHEAD_S,
+            splices: VecDeque::new(),
+            held_at: None,
+            single_block: false,
+        }
+    }
+}
+
+impl CoordinateSystem {
+    /// The feed override as a factor, from 1 on: below, the servo scales the time of the plan.
+    fn planned_override(&self) -> f64 {
+        (self.inputs.overrides.feed / 100.0).max(1.0)
+    }
+
+    /// Plans what has been put out for the feed override in force, from a place ahead of the motion on.
+    pub(super) fn follow_override(&mut self) {
+        let factor = self.planned_override();
+        let before = self.replanning.planned_for;
+        if factor.total_cmp(&before).is_eq() || self.is_replanning() {
+            return;
+        }
+        self.pipeline.set_feed_override(factor);
+        let slew_s = self.configured.settings.override_slew_ms / 1000.0 * (before - factor).max(0.0);
+        let ahead_s = (self.replanning.ahead_s + slew_s) * before;
+        let place = self.run.as_ref().and(self.servo.place(ahead_s, &self.pipeline));
+        let new = place.map(|place| (place, self.pipeline.replan(place, false)));
+        match new.filter(|(_, new)| new.can_begin()) {
+            Some((place, mut new)) => {
+                self.servo.splice(Some(place), &mut new.profiles);
+                let new = Box::new(new);
+                self.replanning
+                    .splices
+                    .push_back(Splicing::Override { new, factor });
+            }
+            // What is left of the old plan is short.
+            None => self.replanning.planned_for = factor,
+        }
+    }
+
+    /// True while nothing may be prepared: both plans must go on from one block.
+    pub(super) fn is_replanning(&self) -> bool {
+        !self.replanning.splices.is_empty() || self.retraces() || self.ending.is_some()
+    }
+
+    /// Hands over what is there while nothing is prepared.
+    pub(super) fn hand_over(&mut self) {
+        let turns = |splicing: &Splicing| matches!(splicing, Splicing::Turn);
+        if !self.replanning.splices.iter().any(turns) {
+            self.servo.hand_over_profiles(&mut self.pipeline.ready);
+        }
+    }
+
+    /// The servo has gone over to another plan, or refused it.
+    pub(super) fn spliced(&mut self, taken: bool) {
+        self.servo.spliced(taken);
+        match self.replanning.splices.pop_front() {
+            Some(Splicing::Override { new, factor }) if taken => {
+                self.replanning.ahead_s = AHEAD_S;
+                self.replanning.planned_for = factor;
+                if self.run.is_some() {
+                    self.pipeline.adopt(*new);
+                    self.pipeline.set_feed_override(self.planned_override());
+                }
+            }
+            Some(Splicing::Override { .. }) => {
+                self.replanning.ahead_s = (2.0 * self.replanning.ahead_s).min(AHEAD_MAX_S);
+            }
+            Some(Splicing::Turn) | None => {}
+        }
+        if !self.is_replanning() && std::mem::take(&mut self.replanning.single_block) {
+            self.stop_behind_what_is_planned();
+        }
+    }
+
+    /// Single block ends what is planned, which waits for the plan.
+    pub(super) fn single_block_waits(&mut self) -> bool {
+        self.replanning.single_block = self.is_replanning();
+        self.replanning.single_block
+    }
+
+    pub(super) fn note_held_at(&mut self, at: PathPlace) {
+        self.replanning.held_at = Some(at);
+    }
+
+    /// True from the begin of a back trace until the motion goes forward again.
+    pub(super) fn retraces(&self) -> bool {
+        self.run.as_ref().is_some_and(|run| run.back_to.is_some())
+    }
+
+    pub(super) fn judge_back_trace(&self, on: bool) -> Result<(), Refusal> {
+        let refused = |text: &str| Err(Refusal::new(RefusalCode::NotAllowed, text));
+        if !on {
+            return match self.retraces() {
+                true => Ok(()),
+                false => refused("back trace is not on; resume goes on with the program"),
+            };
+        }
+        let has_way_back = self
+            .replanning
+            .held_at
+            .is_some_and(|at| self.pipeline.has_way_back(at));
+        if !has_way_back {
+            return refused(
+                "there is no way back from here: back trace goes along blocks of G64 with G500, and not past an M code \
+                 that the program waited for, G31, a rapid or other motion, or the oldest block that is kept",
+            );
+        }
+        Ok(())
+    }
+
+    /// Back along the passed path.
+    pub(super) fn go_back(&mut self) {
+        let Some(at) = self.replanning.held_at else { return };
+        let back = self.pipeline.retrace(at);
+        let Some(last) = back.back().map(|last| last.segment) else {
+            return;
+        };
+        let Some(run) = &mut self.run else { return };
+        run.back_to = Some(last);
+        self.pipeline.ready = back;
+        self.turn_round();
+        self.go_on();
+        self.shared
+            .record(self.number, &Entry::new("back_trace", json!({"on": true})));
+    }
+
+    /// After a back trace: the program goes on from where the motion is.
+    pub(super) fn go_forward(&mut self) {
+        let back_to = self.run.as_mut().and_then(|run| run.back_to.take());
+        let (Some(_), Some(at)) = (back_to, self.replanning.held_at) else {
+            return;
+        };
+        self.pipeline.set_feed_override(self.planned_override());
+        self.replanning.planned_for = self.planned_override();
+        let new = self.pipeline.replan(at, true);
+        self.pipeline.adopt(new);
+        self.servo.finished_segment = at.segment.saturating_sub(1);
+        self.turn_round();
+        self.shared
+            .record(self.number, &Entry::new("back_trace", json!({"on": false})));
+    }
+
+    fn turn_round(&mut self) {
+        self.servo.splice(None, &mut self.pipeline.ready);
+        self.replanning.splices.push_back(Splicing::Turn);
+    }
+
+    /// A segment has ended: with the last one on the way back the motion rests until it is told where to go.
+    pub(super) fn way_back_ended(&mut self, segment: u64) {
+        let back_to = self.run.as_ref().and_then(|run| run.back_to);
+        if back_to == Some(segment) {
+            self.hold(Cause::WayBackEnded);
+        }
+    }
+
+    fn go_on(&mut self) {
+        if let Some(run) = &mut self.run {
+            run.held = super::holding::Held::No;
+            self.servo.control(Control::Resume);
+        }
+    }
+}

@@ -1,0 +1,266 @@
+//! G500 planned anew while it runs: feed override above 100 percent, and back trace.
+
+use std::sync::{Arc, Mutex};
+
+use plc_api::types::request::{OverrideChange, RefusalCode};
+use plc_api::types::state::Reason;
+use plc_api::{AuxOutput, Execution, Plc, SequenceProgram};
+
+use super::rig::{Rig, close, distance, on_machine, refused};
+use super::stairs::{STAIRS, assert_on_stairs};
+use crate::support::formula::PERIOD_S;
+
+/// Maximum accelerations of X and Y, mm/s^2.
+const ACCELERATION: f64 = 5000.0;
+
+async fn feed_override(rig: &Rig, percent: f64) {
+    let change = OverrideChange {
+        feed: Some(percent),
+        ..OverrideChange::default()
+    };
+    rig.cs.set_overrides(change).await.unwrap();
+}
+
+/// Largest velocity of X and Y, and largest acceleration of both, from the trace since the last call.
+fn limits(rig: &Rig) -> ([f64; 2], f64) {
+    let trace = rig.trace();
+    let velocity = |axis: usize| {
+        let steps = trace.windows(2).map(|two| (two[1][axis] - two[0][axis]).abs());
+        steps.fold(0.0, f64::max) / PERIOD_S
+    };
+    let acceleration = |axis: usize| {
+        let second = |three: &[[f64; 3]]| (three[2][axis] - 2.0 * three[1][axis] + three[0][axis]).abs();
+        trace.windows(3).map(second).fold(0.0, f64::max) / PERIOD_S.powi(2)
+    };
+    let most = acceleration(0).max(acceleration(1));
+    ([velocity(0), velocity(1)], most)
+}
+
+fn g500(program: &str) -> String {
+    format!("G64 G500 {program}")
+}
+
+#[test]
+fn m1d_an_override_of_200_percent_doubles_the_feedrate_within_the_motors_limits() {
+    on_machine("", |rig| async move {
+        // X may do 500 mm/s, Y 50: F3000 is 50 mm/s.
+        rig.start(&g500("ta50 td50 ts0 G01 F3000\nX200\nY40\nM30\n"))
+            .await;
+        rig.sleep(0.3).await;
+        feed_override(&rig, 200.0).await;
+        rig.until(Execution::ProgramCompleted).await;
+        close(rig.at().await, [200.0, 40.0, 0.0]);
+        let ([x, y], acceleration) = limits(&rig);
+        assert!((x - 100.0).abs() < 1e-6, "{x}");
+        assert!(y <= 50.0 * (1.0 + 1e-6), "{y}");
+        assert!(acceleration <= ACCELERATION * (1.0 + 1e-6), "{acceleration}");
+        // A program that starts at 200 percent is planned so from its begin.
+        rig.cs.mdi("G90 G00 X0 Y0").await.unwrap();
+        rig.trace();
+        rig.start(&g500("ta50 td50 ts0 G01 F3000\nX100\nM30\n")).await;
+        rig.until(Execution::ProgramCompleted).await;
+        let ([x, _], _) = limits(&rig);
+        assert!((x - 100.0).abs() < 1e-6, "{x}");
+    });
+}
+
+#[test]
+fn m1d_after_a_high_override_the_motion_is_planned_for_100_percent_again() {
+    on_machine("", |rig| async move {
+        feed_override(&rig, 200.0).await;
+        rig.start(&g500("ta50 td50 ts0 G01 F3000\nX250\nM30\n")).await;
+        rig.sleep(0.8).await;
+        feed_override(&rig, 100.0).await;
+        rig.sleep(1.5).await;
+        rig.trace();
+        rig.sleep(0.1).await;
+        let ([x, _], _) = limits(&rig);
+        assert!((x - 50.0).abs() < 1e-6, "{x}");
+        rig.until(Execution::ProgramCompleted).await;
+        close(rig.at().await, [250.0, 0.0, 0.0]);
+        assert_eq!(rig.alarms().await, [0_u16; 0]);
+    });
+}
+
+#[test]
+fn m1i_overrides_up_to_200_percent_at_any_moment_stay_on_the_path_of_a_g500_chain() {
+    on_machine("", |rig| async move {
+        for n in 0..12 {
+            rig.start(&g500(STAIRS)).await;
+            for feed in [150.0, 90.0, 200.0, 0.0, 130.0, 100.0, 200.0]
+                .into_iter()
+                .cycle()
+                .skip(n)
+                .take(7)
+            {
+                rig.sleep(0.0137 * (n + 1) as f64).await;
+                feed_override(&rig, feed).await;
+                if n % 3 == 0 {
+                    rig.cs.hold().await.unwrap();
+                    if rig.state().await.0 == Execution::FeedHold {
+                        rig.cs.resume().await.unwrap();
+                    }
+                }
+            }
+            feed_override(&rig, 120.0).await;
+            rig.until(Execution::ProgramCompleted).await;
+            close(rig.at().await, [40.0, 40.0, 0.0]);
+            rig.trace().into_iter().for_each(assert_on_stairs);
+            rig.cs.mdi("G90 G00 X0 Y0").await.unwrap();
+            rig.trace();
+        }
+        assert_eq!(rig.alarms().await, [0_u16; 0]);
+    });
+}
+
+#[test]
+fn in_dry_run_blocks_move_at_its_feedrate_from_the_next_block_on() {
+    on_machine("", |rig| async move {
+        let program = "G64 G501 ta50 td50 ts0 G01 F1200\nX10\nM00\nX30\nM30\n";
+        rig.start(program).await;
+        rig.until(Execution::ProgramStopped).await;
+        let ([x, _], _) = limits(&rig);
+        assert!((x - 20.0).abs() < 1e-6, "{x}");
+        rig.cs.set_dry_run(true).await.unwrap();
+        assert!(rig.cs.state().await.unwrap().dry_run);
+        rig.cs.resume().await.unwrap();
+        rig.until(Execution::ProgramCompleted).await;
+        let ([x, _], _) = limits(&rig);
+        // Without a feedrate of its own dry run moves at the maximum, 12000 mm/min.
+        assert!((x - 200.0).abs() < 1e-6, "{x}");
+        rig.cs.set_dry_run(false).await.unwrap();
+        assert!(!rig.cs.state().await.unwrap().dry_run);
+    });
+}
+
+#[test]
+fn back_trace_goes_back_on_the_path_and_the_program_goes_on_from_there() {
+    on_machine("", |rig| async move {
+        for (n, moment_s) in [0.2, 0.55, 0.91, 1.3].into_iter().enumerate() {
+            rig.start(&g500(STAIRS)).await;
+            rig.sleep(moment_s).await;
+            rig.cs.hold().await.unwrap();
+            let held_at = rig.at().await;
+            rig.cs.back_trace(true).await.unwrap();
+            assert_eq!(rig.state().await, (Execution::Active, Some(Reason::BackTrace)));
+            rig.sleep(0.15).await;
+            rig.cs.hold().await.unwrap();
+            assert_eq!(rig.state().await, (Execution::FeedHold, Some(Reason::BackTrace)));
+            let back_at = rig.at().await;
+            assert!(
+                back_at[0] + back_at[1] < held_at[0] + held_at[1] - 1.0,
+                "{back_at:?}"
+            );
+            if n % 2 == 0 {
+                rig.cs.back_trace(false).await.unwrap();
+            } else {
+                rig.cs.back_trace(true).await.unwrap();
+                rig.sleep(0.05).await;
+                rig.cs.hold().await.unwrap();
+                rig.cs.resume().await.unwrap();
+            }
+            assert_eq!(rig.state().await, (Execution::Active, None));
+            rig.until(Execution::ProgramCompleted).await;
+            close(rig.at().await, [40.0, 40.0, 0.0]);
+            rig.trace().into_iter().for_each(assert_on_stairs);
+            rig.cs.mdi("G90 G00 X0 Y0").await.unwrap();
+            rig.trace();
+        }
+        assert_eq!(rig.alarms().await, [0_u16; 0]);
+    });
+}
+
+#[test]
+fn back_trace_rests_at_the_end_of_its_way_and_says_so() {
+    on_machine("", |rig| async move {
+        rig.start(&g500(STAIRS)).await;
+        rig.sleep(0.7).await;
+        rig.cs.hold().await.unwrap();
+        rig.cs.back_trace(true).await.unwrap();
+        let state = rig.until(Execution::FeedHold).await;
+        assert_eq!(state.reason, Some(Reason::BackTraceEnd));
+        close(rig.at().await, [0.0, 0.0, 0.0]);
+        let refusal = refused(rig.cs.back_trace(true).await, RefusalCode::NotAllowed);
+        assert!(refusal.text.contains("no way back"), "{}", refusal.text);
+        rig.cs.resume().await.unwrap();
+        rig.until(Execution::ProgramCompleted).await;
+        close(rig.at().await, [40.0, 40.0, 0.0]);
+        rig.trace().into_iter().for_each(assert_on_stairs);
+    });
+}
+
+#[test]
+fn stop_and_abort_end_a_back_trace_and_keep_the_position() {
+    on_machine("", |rig| async move {
+        for abort in [false, true] {
+            rig.start(&g500(STAIRS)).await;
+            rig.sleep(0.7).await;
+            rig.cs.hold().await.unwrap();
+            rig.cs.back_trace(true).await.unwrap();
+            rig.sleep(0.1).await;
+            if abort {
+                rig.cs.abort().await.unwrap();
+            } else {
+                rig.cs.stop().await.unwrap();
+            }
+            let at = rig.at().await;
+            assert_eq!(rig.state().await.0, Execution::Stopped);
+            rig.cs.reset().await.unwrap();
+            rig.sleep(0.2).await;
+            close(rig.at().await, at);
+            rig.cs.mdi("G90 G00 X0 Y0").await.unwrap();
+            assert!(distance(at, [0.0; 3]) > 1.0);
+        }
+        assert_eq!(rig.alarms().await, [0_u16; 0]);
+    });
+}
+
+#[test]
+fn back_trace_ends_at_the_last_m_code_and_puts_none_out_again() {
+    on_machine("[m_code.60]\ntiming = \"with_motion\"\n", |rig| async move {
+        let made = Arc::new(Mutex::new(Vec::new()));
+        let sink = Arc::clone(&made);
+        let handlers = SequenceProgram::new().on(50..=60, move |output: AuxOutput, _plc: Plc| {
+            sink.lock().unwrap().push(output.m());
+            async { Ok(()) }
+        });
+        let plc = rig.plc.clone();
+        let running = tokio::spawn(async move { handlers.run(&plc).await });
+        rig.sleep(0.01).await;
+        rig.start(&g500("ta50 td50 ts0 G01 F3000\nX10\nM50\nX20\nM60\nX40\nM30\n"))
+            .await;
+        rig.sleep(0.7).await;
+        rig.cs.hold().await.unwrap();
+        let [x, ..] = rig.at().await;
+        assert!((20.0..40.0).contains(&x), "{x}");
+        rig.cs.back_trace(true).await.unwrap();
+        let state = rig.until(Execution::FeedHold).await;
+        assert_eq!(state.reason, Some(Reason::BackTraceEnd));
+        close(rig.at().await, [10.0, 0.0, 0.0]);
+        rig.cs.back_trace(false).await.unwrap();
+        rig.until(Execution::ProgramCompleted).await;
+        close(rig.at().await, [40.0, 0.0, 0.0]);
+        assert_eq!(*made.lock().unwrap(), [50, 60]);
+        running.abort();
+    });
+}
+
+#[test]
+fn back_trace_is_refused_where_there_is_no_way_back() {
+    on_machine("", |rig| async move {
+        refused(rig.cs.back_trace(true).await, RefusalCode::NotAllowed);
+        rig.start("G64 G501 ta50 td50 ts0 G01 F3000\nX10\nX40\nM30\n")
+            .await;
+        rig.sleep(0.3).await;
+        let refusal = refused(rig.cs.back_trace(true).await, RefusalCode::NotAllowed);
+        assert!(refusal.text.contains("hold first"), "{}", refusal.text);
+        rig.cs.hold().await.unwrap();
+        let refusal = refused(rig.cs.back_trace(true).await, RefusalCode::NotAllowed);
+        assert!(refusal.text.contains("G500"), "{}", refusal.text);
+        let refusal = refused(rig.cs.back_trace(false).await, RefusalCode::NotAllowed);
+        assert!(refusal.text.contains("not on"), "{}", refusal.text);
+        rig.cs.resume().await.unwrap();
+        rig.until(Execution::ProgramCompleted).await;
+        close(rig.at().await, [40.0, 0.0, 0.0]);
+    });
+}
