@@ -5,7 +5,7 @@
 //! runtimes, the default of `#[tokio::test]`, where each run is the same.
 //!
 //! The state follows: READY with program 1 at first, WAIT while an output is open, ACTIVE after its reset, STOPPED with
-//! the alarm when it fails, PROGRAM_COMPLETED after [`FakePort::put_end`]. Commands are judged by the same
+//! the alarm when it fails, `PROGRAM_COMPLETED` after [`FakePort::put_end`]. Commands are judged by the same
 //! [table](crate::execution) as on a machine, and have their effect at once; inputs, tool and spindle are read back as
 //! they were set.
 //!
@@ -26,7 +26,7 @@
 //! ```
 //!
 //! It has no motion and reads no NC program: positions, captured positions, modal codes, and what depends on them (M00,
-//! M01, single block, with_motion outputs) are there only as a test says them by [`FakePort::say`]. Whoever needs them
+//! M01, single block, `with_motion` outputs) are there only as a test says them by [`FakePort::say`]. Whoever needs them
 //! tests with `tandem_runtime::test`.
 
 mod alarms;
@@ -168,7 +168,7 @@ impl FakePort {
         .expect("no such coordinate system")
     }
 
-    /// The program comes to its end (M30): PROGRAM_COMPLETED once no output is open and nothing holds it.
+    /// The program comes to its end (M30): `PROGRAM_COMPLETED` once no output is open and nothing holds it.
     pub fn put_end(&self, cs: CoordinateSystemNumber) {
         let mut inner = self.lock();
         if let Some(system) = inner.systems.get_mut(&cs) {
