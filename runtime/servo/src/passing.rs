@@ -10,6 +10,16 @@ use crate::spindle::SimulatedSpindle;
 /// Periods before the end of a profile that are never left out: rounding, and the cycle that ends it.
 const BEFORE_END: f64 = 2.0;
 
+/// The whole cycles in a number of them; none in what is below 0 or not a number.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "a cast ends at the limits of the type"
+)]
+fn whole(cycles: f64) -> u64 {
+    cycles as u64
+}
+
 impl Channel {
     /// How many further cycles without a profile or a control tell nothing and change nothing but the time, the angle
     /// of the spindle, and where the command is on the running profile.
@@ -58,9 +68,7 @@ impl Channel {
             return 0;
         }
         let left_s = profile.duration_s - self.time.now_s();
-        let cycles = left_s / (rate * self.period_s) - BEFORE_END;
-        // more than fit are as many as fit
-        if cycles >= 1.0 { cycles as u64 } else { 0 }
+        whole(left_s / (rate * self.period_s) - BEFORE_END)
     }
 
     /// What so many cycles leave; at most as many as [`Channel::cycles_to_pass`] gives.
