@@ -62,9 +62,9 @@ pub enum Reason {
     SingleBlock,
     /// INTERRUPTED: the interlock input is on.
     Interlock,
-    /// ACTIVE, FEED_HOLD: on the way back of a back trace.
+    /// ACTIVE, `FEED_HOLD`: on the way back of a back trace.
     BackTrace,
-    /// FEED_HOLD: back trace has come to the end of its way.
+    /// `FEED_HOLD`: back trace has come to the end of its way.
     BackTraceEnd,
     /// STOPPED: an alarm.
     Alarm,
