@@ -30,7 +30,7 @@ pub fn run() -> anyhow::Result<()> {
         let mut simulated_s = 0.0;
         for _ in 0..ROUNDS {
             let folder = tempfile::tempdir()?;
-            let machine = Config::from_toml(CONFIG, folder.path())?;
+            let machine = Config::from_toml(CONFIG, folder.path())?.resolve()?;
             let begin = Instant::now();
             let run = Bench::on_machine(machine).run(text.clone())?.completed()?;
             simulated_s = run.time_s;
