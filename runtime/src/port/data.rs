@@ -58,7 +58,7 @@ impl RuntimePort {
             Some(folder) if !self.shared.clock.is_simulated() => folder.join(JOURNAL_FOLDER),
             _ => {
                 let text = "without data_dir the journal goes to the log only; set [machine] data_dir";
-                return Err(Refusal::new(RefusalCode::NotSupported, text));
+                return Err(Refusal::new(RefusalCode::NotFound, text));
             }
         };
         let read = move |_: &Shared| newest(&folder, from as usize, count as usize);
