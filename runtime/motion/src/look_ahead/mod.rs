@@ -34,7 +34,7 @@ use self::way::Way;
 pub(crate) const BLOCKS_MAX: usize = 16_384;
 
 /// The fewest new blocks that are planned at a time.
-const BLOCKS_MIN: usize = 32;
+const BLOCKS_MIN: usize = 128;
 
 /// Blocks passed in one servo period at most: the rate in blocks of less is lowered to that.
 const BLOCKS_PER_PERIOD: f64 = 128.0;
