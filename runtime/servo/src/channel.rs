@@ -55,8 +55,6 @@ pub struct Channel {
     /// The way in a thread that began last, from the start of the way in to the end of the way out, dwell and waits
     /// between included: feed hold waits, and the spindle follows. `None`: the tool is out.
     pub(crate) thread: Option<TapLeg>,
-    /// The next profile of a chain is late: the motion waits for it on its path.
-    pub(crate) starved: bool,
     pub(crate) faulted: bool,
     pub(crate) setpoint: AxisVector,
     /// Change of the setpoint in the last cycle, units per second.
@@ -152,7 +150,6 @@ pub fn channel_with_drives(
         epoch: 0,
         hold: Hold::Off,
         thread: None,
-        starved: false,
         faulted: false,
         setpoint: AxisVector::ZERO,
         velocity: AxisVector::ZERO,

@@ -36,6 +36,7 @@ mod look_ahead;
 mod motors;
 mod path_time;
 mod readings;
+mod rest;
 mod servo;
 mod skip;
 mod spindle;

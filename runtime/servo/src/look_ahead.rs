@@ -49,15 +49,11 @@ pub(crate) fn slew(
 }
 
 /// True when the motion can still come to rest within what is known once it has passed a segment: then it may go on in
-/// it. With half of the ring full, too: a ring too short for the way to rest must not stop the motion, and the stages
-/// have done what they can.
+/// it as planned.
 pub(crate) fn is_free(waiting: &mut Consumer<Profile>, running: Option<&Pace>, segment: u64) -> bool {
     let known = waiting.slots();
     if known == 0 {
         return running.is_some_and(|pace| segment <= pace.free_to);
-    }
-    if 2 * known >= waiting.buffer().capacity() {
-        return true;
     }
     let Ok(chunk) = waiting.read_chunk(known) else {
         return false;

@@ -15,9 +15,9 @@ use tandem_servo::{Control, Event};
 use crate::rig::{Rig, T, close, is_finished, is_stopped, origin, settings, vector};
 
 /// Way of each block in X and Y, mm, and whether it is an arc.
-type Way = (f64, f64, bool);
+pub type Way = (f64, f64, bool);
 
-fn machine(acceleration: f64) -> CoordinateSystemSettings {
+pub fn machine(acceleration: f64) -> CoordinateSystemSettings {
     let mut settings = settings();
     for motor in settings.motors.iter_mut().flatten() {
         motor.max_acceleration = acceleration;
@@ -25,7 +25,7 @@ fn machine(acceleration: f64) -> CoordinateSystemSettings {
     settings
 }
 
-fn plan(settings: &CoordinateSystemSettings, ways: &[Way], feed: Feed) -> Vec<Profile> {
+pub fn plan(settings: &CoordinateSystemSettings, ways: &[Way], feed: Feed) -> Vec<Profile> {
     let mut planner = Planner::new(settings);
     let mut out = VecDeque::new();
     let mut at = AxisVector::ZERO;
@@ -56,20 +56,20 @@ fn plan(settings: &CoordinateSystemSettings, ways: &[Way], feed: Feed) -> Vec<Pr
 }
 
 /// Watches the samples.
-struct Watch {
+pub struct Watch {
     before: [AxisVector; 2],
-    worst: f64,
+    pub worst: f64,
 }
 
 impl Watch {
-    fn new() -> Self {
+    pub fn new() -> Self {
         Self {
             before: [AxisVector::ZERO; 2],
             worst: 0.0,
         }
     }
 
-    fn cycle(&mut self, rig: &mut Rig) -> Vec<Event> {
+    pub fn cycle(&mut self, rig: &mut Rig) -> Vec<Event> {
         let events = rig.cycle();
         let at = rig.position();
         let [one, two] = self.before;
@@ -82,7 +82,7 @@ impl Watch {
     }
 }
 
-fn is_fault(event: &Event) -> bool {
+pub fn is_fault(event: &Event) -> bool {
     matches!(event, Event::Fault(_))
 }
 
