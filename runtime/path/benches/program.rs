@@ -30,21 +30,8 @@ fn main() {
 fn settings() -> CoordinateSystemSettings {
     let motor = |number| {
         Some(MotorSettings {
-            number,
-            kind: MotorKind::Linear,
-            max_velocity: 500.0,
-            max_acceleration: 5000.0,
-            max_jerk: None,
-            rapid_velocity: 500.0,
-            rapid_acceleration: 5000.0,
-            skip_velocity: 50.0,
-            in_position: 0.01,
-            in_position_timeout_ms: 2000.0,
             soft_limits: Some([-1000.0, 1000.0]),
-            reference_points: [0.0; 4],
-            lag_ms: 0.0,
-            orientation_velocity: 0.0,
-            orientation_position: 0.0,
+            ..MotorSettings::new(number, MotorKind::Linear, 500.0, 5000.0)
         })
     };
     CoordinateSystemSettings {

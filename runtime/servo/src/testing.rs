@@ -16,21 +16,5 @@ pub(crate) fn spindle() -> MotorSettings {
 
 /// 500 mm/s, 5000 mm/s^2, in position within 0.01 mm in 2 s, no lag.
 pub(crate) fn motor(number: u16) -> MotorSettings {
-    MotorSettings {
-        number,
-        kind: MotorKind::Linear,
-        max_velocity: 500.0,
-        max_acceleration: 5000.0,
-        max_jerk: None,
-        rapid_velocity: 500.0,
-        rapid_acceleration: 5000.0,
-        skip_velocity: 50.0,
-        in_position: 0.01,
-        in_position_timeout_ms: 2000.0,
-        soft_limits: None,
-        reference_points: [0.0; 4],
-        lag_ms: 0.0,
-        orientation_velocity: 0.0,
-        orientation_position: 0.0,
-    }
+    MotorSettings::new(number, MotorKind::Linear, 500.0, 5000.0)
 }

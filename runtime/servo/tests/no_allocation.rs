@@ -50,40 +50,19 @@ const T: f64 = 0.001;
 
 fn motor(number: u16) -> MotorSettings {
     MotorSettings {
-        number,
-        kind: MotorKind::Linear,
-        max_velocity: 500.0,
-        max_acceleration: 5000.0,
-        max_jerk: None,
-        rapid_velocity: 500.0,
-        rapid_acceleration: 5000.0,
-        skip_velocity: 50.0,
-        in_position: 0.01,
         in_position_timeout_ms: 100.0,
-        soft_limits: None,
-        reference_points: [0.0; 4],
         lag_ms: 5.0,
-        orientation_velocity: 60.0,
-        orientation_position: 90.0,
+        ..MotorSettings::new(number, MotorKind::Linear, 500.0, 5000.0)
     }
 }
 
 fn settings(spindle: bool) -> CoordinateSystemSettings {
     CoordinateSystemSettings {
-        number: 1,
         motors: std::array::from_fn(|_| Some(motor(1))),
         spindle: spindle.then(|| motor(9)),
-        unit: tandem_model::settings::Unit::Millimetre,
-        max_feedrate_mm_min: 10_000.0,
-        default_feedrate_mm_min: 0.0,
-        default_ta_ms: 100.0,
-        default_td_ms: 100.0,
-        default_ts_ms: 50.0,
-        rotary_feedrate_deg_min: 0.0,
-        override_slew_ms: 1000.0,
         hold_slew_ms: 20.0,
         servo_period_s: T,
-        motion: tandem_model::settings::MotionOptions::default(),
+        ..CoordinateSystemSettings::default()
     }
 }
 

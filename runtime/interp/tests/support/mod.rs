@@ -18,21 +18,8 @@ use tandem_syntax::{Grammar, NcProgram, parse};
 
 fn motor(number: u16, kind: MotorKind, max_velocity: f64) -> MotorSettings {
     MotorSettings {
-        number,
-        kind,
-        max_velocity,
-        max_acceleration: 1000.0,
-        max_jerk: None,
-        rapid_velocity: max_velocity,
-        rapid_acceleration: 1000.0,
         skip_velocity: 10.0,
-        in_position: 0.01,
-        in_position_timeout_ms: 2000.0,
-        soft_limits: None,
-        reference_points: [0.0; 4],
-        lag_ms: 0.0,
-        orientation_velocity: 100.0,
-        orientation_position: 0.0,
+        ..MotorSettings::new(number, kind, max_velocity, 1000.0)
     }
 }
 
@@ -51,20 +38,12 @@ pub fn settings() -> CoordinateSystemSettings {
         motors[index] = Some(motor(u16::try_from(index).unwrap_or_default() + 1, kind, 100.0));
     }
     CoordinateSystemSettings {
-        number: 1,
         motors,
         spindle: Some(motor(5, MotorKind::Spindle, 8000.0)),
-        unit: tandem_model::settings::Unit::Millimetre,
         max_feedrate_mm_min: 6000.0,
         default_feedrate_mm_min: 500.0,
-        default_ta_ms: 100.0,
         default_td_ms: 90.0,
-        default_ts_ms: 50.0,
-        rotary_feedrate_deg_min: 0.0,
-        override_slew_ms: 1000.0,
-        hold_slew_ms: 200.0,
-        servo_period_s: 0.001,
-        motion: tandem_model::settings::MotionOptions::default(),
+        ..CoordinateSystemSettings::default()
     }
 }
 

@@ -13,40 +13,17 @@ pub const PERIOD_S: f64 = 0.001;
 
 pub fn motor(velocity: f64, acceleration: f64, jerk: Option<f64>) -> MotorSettings {
     MotorSettings {
-        number: 1,
-        kind: MotorKind::Linear,
-        max_velocity: velocity,
-        max_acceleration: acceleration,
         max_jerk: jerk,
-        rapid_velocity: velocity,
-        rapid_acceleration: acceleration,
-        skip_velocity: velocity / 10.0,
-        in_position: 0.01,
-        in_position_timeout_ms: 2000.0,
-        soft_limits: None,
-        reference_points: [0.0; 4],
-        lag_ms: 0.0,
-        orientation_velocity: 0.0,
-        orientation_position: 0.0,
+        ..MotorSettings::new(1, MotorKind::Linear, velocity, acceleration)
     }
 }
 
 pub fn settings(motors: [Option<MotorSettings>; AXES_MAX]) -> CoordinateSystemSettings {
     CoordinateSystemSettings {
-        number: 1,
         motors,
-        spindle: None,
-        unit: tandem_model::settings::Unit::Millimetre,
         max_feedrate_mm_min: 1e6,
-        default_feedrate_mm_min: 0.0,
-        default_ta_ms: 100.0,
-        default_td_ms: 100.0,
-        default_ts_ms: 50.0,
-        rotary_feedrate_deg_min: 0.0,
-        override_slew_ms: 1000.0,
-        hold_slew_ms: 200.0,
         servo_period_s: PERIOD_S,
-        motion: tandem_model::settings::MotionOptions::default(),
+        ..CoordinateSystemSettings::default()
     }
 }
 

@@ -11,21 +11,8 @@ use tandem_path::PathStage;
 
 pub fn motor(number: u16, kind: MotorKind) -> MotorSettings {
     MotorSettings {
-        number,
-        kind,
-        max_velocity: 500.0,
-        max_acceleration: 5000.0,
-        max_jerk: None,
-        rapid_velocity: 500.0,
-        rapid_acceleration: 5000.0,
-        skip_velocity: 50.0,
-        in_position: 0.01,
-        in_position_timeout_ms: 2000.0,
         soft_limits: (kind == MotorKind::Linear).then_some([-100.0, 200.0]),
-        reference_points: [0.0; 4],
-        lag_ms: 0.0,
-        orientation_velocity: 0.0,
-        orientation_position: 0.0,
+        ..MotorSettings::new(number, kind, 500.0, 5000.0)
     }
 }
 
@@ -34,7 +21,6 @@ pub fn settings() -> CoordinateSystemSettings {
     let linear = |number| Some(motor(number, MotorKind::Linear));
     let rotary = |number| Some(motor(number, MotorKind::Rotary));
     CoordinateSystemSettings {
-        number: 1,
         motors: [
             linear(1),
             linear(2),
@@ -45,18 +31,7 @@ pub fn settings() -> CoordinateSystemSettings {
             None,
             None,
         ],
-        spindle: None,
-        unit: tandem_model::settings::Unit::Millimetre,
-        max_feedrate_mm_min: 10_000.0,
-        default_feedrate_mm_min: 0.0,
-        default_ta_ms: 100.0,
-        default_td_ms: 100.0,
-        default_ts_ms: 50.0,
-        rotary_feedrate_deg_min: 0.0,
-        override_slew_ms: 1000.0,
-        hold_slew_ms: 200.0,
-        servo_period_s: 0.001,
-        motion: tandem_model::settings::MotionOptions::default(),
+        ..CoordinateSystemSettings::default()
     }
 }
 

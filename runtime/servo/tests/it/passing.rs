@@ -1,22 +1,14 @@
 //! Cycles that change nothing pass at once, and leave what as many counted cycles leave.
 
-use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
+use tandem_model::settings::CoordinateSystemSettings;
 use tandem_servo::{Control, Event, SpindleDirection};
 
-use crate::rig::{Rig, motor, rapid, settings};
+use crate::rig::{Rig, rapid, settings, spindle};
 
 /// Drives with a lag, and a spindle of 1000 r/min per second.
 fn machine() -> CoordinateSystemSettings {
-    let spindle = MotorSettings {
-        kind: MotorKind::Spindle,
-        max_velocity: 4000.0,
-        max_acceleration: 1000.0,
-        orientation_velocity: 60.0,
-        orientation_position: 90.0,
-        ..motor(5)
-    };
     let mut settings = CoordinateSystemSettings {
-        spindle: Some(spindle),
+        spindle: Some(spindle()),
         ..settings()
     };
     for motor in settings.motors.iter_mut().flatten() {

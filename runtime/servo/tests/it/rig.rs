@@ -11,42 +11,24 @@ use tandem_servo::{ChannelHandle, Control, Event, Reading, Servo, channel};
 pub const T: f64 = 0.001;
 
 pub fn motor(number: u16) -> MotorSettings {
+    MotorSettings::new(number, MotorKind::Linear, 500.0, 5000.0)
+}
+
+/// 4000 r/min at most, 1000 r/min per second, orientation at 60 r/min to 90 degrees.
+pub fn spindle() -> MotorSettings {
     MotorSettings {
-        number,
-        kind: MotorKind::Linear,
-        max_velocity: 500.0,
-        max_acceleration: 5000.0,
-        max_jerk: None,
-        rapid_velocity: 500.0,
-        rapid_acceleration: 5000.0,
-        skip_velocity: 50.0,
-        in_position: 0.01,
-        in_position_timeout_ms: 2000.0,
-        soft_limits: None,
-        reference_points: [0.0; 4],
-        lag_ms: 0.0,
-        orientation_velocity: 0.0,
-        orientation_position: 0.0,
+        orientation_velocity: 60.0,
+        orientation_position: 90.0,
+        ..MotorSettings::new(5, MotorKind::Spindle, 4000.0, 1000.0)
     }
 }
 
 /// Motors 11, 12, 13 as X, Y, Z; override slew 1 s, hold slew 0.2 s; no spindle.
 pub fn settings() -> CoordinateSystemSettings {
     CoordinateSystemSettings {
-        number: 1,
         motors: std::array::from_fn(|i| (i < 3).then(|| motor([11, 12, 13, 0, 0, 0, 0, 0][i]))),
-        spindle: None,
-        unit: tandem_model::settings::Unit::Millimetre,
-        max_feedrate_mm_min: 10_000.0,
-        default_feedrate_mm_min: 0.0,
-        default_ta_ms: 100.0,
-        default_td_ms: 100.0,
-        default_ts_ms: 50.0,
-        rotary_feedrate_deg_min: 0.0,
-        override_slew_ms: 1000.0,
-        hold_slew_ms: 200.0,
         servo_period_s: T,
-        motion: tandem_model::settings::MotionOptions::default(),
+        ..CoordinateSystemSettings::default()
     }
 }
 

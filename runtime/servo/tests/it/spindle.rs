@@ -1,22 +1,14 @@
 //! The spindle through the channel.
 
-use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
+use tandem_model::settings::CoordinateSystemSettings;
 use tandem_servo::{Control, Event, SpindleDirection};
 
-use crate::rig::{Rig, close, motor, settings};
+use crate::rig::{Rig, close, settings, spindle};
 
 /// 4000 r/min at most, 1000 r/min per second, orientation at 60 r/min.
 fn with_spindle() -> CoordinateSystemSettings {
-    let spindle = MotorSettings {
-        kind: MotorKind::Spindle,
-        max_velocity: 4000.0,
-        max_acceleration: 1000.0,
-        orientation_velocity: 60.0,
-        orientation_position: 90.0,
-        ..motor(5)
-    };
     CoordinateSystemSettings {
-        spindle: Some(spindle),
+        spindle: Some(spindle()),
         ..settings()
     }
 }
