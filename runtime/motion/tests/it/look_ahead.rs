@@ -13,7 +13,7 @@ use crate::look_ahead_rig::{Chain, Shape, best_time_s, check, pieces, same_path,
 use crate::rig::{PERIOD_S, feed, line, vector};
 
 /// Random chains: 2,000, or 200,000 with `TANDEM_LONG=1`.
-fn chains() -> u64 {
+pub fn chains() -> u64 {
     if std::env::var("TANDEM_LONG").is_ok_and(|value| value == "1") {
         200_000
     } else {

@@ -159,7 +159,7 @@ impl Chain {
         };
         let in_plane = plane.axes();
         // How much of the angle is gone: of a spiral its radius tells.
-        let share = if growth == 0.0 {
+        let share = if growth.abs() < 1e-7 * radius {
             gone / path.length()
         } else {
             let off = in_plane.map(|axis| path.point_at(gone)[axis]);
