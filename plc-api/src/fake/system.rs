@@ -188,6 +188,12 @@ impl System {
             Command::Abort if self.run.is_some() => return Ok(Some(CancelReason::Abort)),
             Command::Reset => return Ok(Some(CancelReason::Reset)),
             Command::Stop | Command::Abort | Command::AlarmAcknowledge { .. } => {}
+            Command::BackTrace { .. } => {
+                return Err(Refusal::new(
+                    RefusalCode::NotAllowed,
+                    "a machine without motion has no way to go back",
+                ));
+            }
             Command::Mdi { .. } | Command::Jog { .. } | Command::Home { .. } => {
                 self.idle = (Execution::Ready, None);
             }

@@ -64,9 +64,9 @@ pub enum Reason {
     Interlock,
     /// `FEED_HOLD`: the connection to the MQTT broker was lost while the program waited for an output, or before.
     BusLost,
-    /// ACTIVE, FEED_HOLD: on the way back of a back trace.
+    /// ACTIVE, `FEED_HOLD`: on the way back of a back trace.
     BackTrace,
-    /// FEED_HOLD: back trace has come to the end of its way.
+    /// `FEED_HOLD`: back trace has come to the end of its way.
     BackTraceEnd,
     /// STOPPED: an alarm.
     Alarm,

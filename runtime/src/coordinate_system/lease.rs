@@ -128,7 +128,9 @@ impl ControlLease {
 /// True for what starts motion, or what the next start starts.
 pub(super) fn needs_lease(verb: Verb) -> bool {
     match verb {
-        Verb::Load | Verb::Start | Verb::Resume | Verb::Mdi | Verb::Jog | Verb::Home => true,
+        Verb::Load | Verb::Start | Verb::Resume | Verb::BackTrace | Verb::Mdi | Verb::Jog | Verb::Home => {
+            true
+        }
         Verb::Hold | Verb::Stop | Verb::Abort | Verb::Reset | Verb::AlarmAcknowledge => false,
     }
 }

@@ -168,7 +168,7 @@ impl CoordinateSystem {
         self.turn_round();
         self.go_on();
         self.shared
-            .record(self.number, &Entry::new("back_trace", json!({"on": true})));
+            .record(self.number, Entry::new("back_trace", json!({"on": true})));
     }
 
     /// After a back trace: the program goes on from where the motion is.
@@ -184,7 +184,7 @@ impl CoordinateSystem {
         self.servo.finished_segment = at.segment.saturating_sub(1);
         self.turn_round();
         self.shared
-            .record(self.number, &Entry::new("back_trace", json!({"on": false})));
+            .record(self.number, Entry::new("back_trace", json!({"on": false})));
     }
 
     fn turn_round(&mut self) {

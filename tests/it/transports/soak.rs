@@ -80,7 +80,7 @@ impl Subscriber {
 
     /// Alternately a command that is refused while the program runs, and one that is done.
     async fn command(&self, hmi: usize, number: u64) {
-        let (topic, mut body) = if number % 2 == 0 {
+        let (topic, mut body) = if number.is_multiple_of(2) {
             ("command/resume", json!({"args": {}}))
         } else {
             (
@@ -199,8 +199,8 @@ async fn servo(reached: &Reached) -> (u64, u64) {
     let text = reached.served().get("/metrics").await.expect(200).body;
     let count = |name: &str| {
         let line = text.lines().find(|line| line.starts_with(name));
-        let value = line.and_then(|line| line.rsplit(' ').next()?.parse::<f64>().ok());
-        value.unwrap_or_else(|| panic!("{name} is not among the metrics")) as u64
+        let value = line.and_then(|line| line.rsplit(' ').next()?.parse::<u64>().ok());
+        value.unwrap_or_else(|| panic!("{name} is not among the metrics"))
     };
     (
         count("tandem_servo_overruns_total "),
@@ -223,7 +223,7 @@ const PROGRAM: &str = "while (Q200 < 1) {\nG01 X10 F12000\nM100 VA1\nG01 X0\nM10
 
 /// Commands for a time, each second's shared out among the first subscribers; gives how many. Tells the memory.
 async fn commands(reached: &Reached, subscribers: &[Subscriber], time: Duration) -> u64 {
-    let mut tick = tokio::time::interval(Duration::from_secs(1) / COMMANDS_PER_S as u32);
+    let mut tick = tokio::time::interval(Duration::from_millis(1000 / COMMANDS_PER_S));
     tick.set_missed_tick_behavior(MissedTickBehavior::Burst);
     let begun = Instant::now();
     let mut sent = 0;
