@@ -85,6 +85,11 @@ impl PathStage {
         self.dry_run = on;
     }
 
+    /// True in dry run.
+    pub fn is_dry_run(&self) -> bool {
+        self.dry_run
+    }
+
     /// Takes a block; what is certain of the way comes out. The last block of a chain is held back until the next
     /// one tells whether it stops there: see [`PathStage::flush`]. With cutter compensation up to [`LOOK_AHEAD_MAX`]
     /// blocks are held back.

@@ -402,42 +402,47 @@ fn a_thread_neither_allocates_nor_frees() {
     assert!(!events.iter().any(|event| matches!(event, Event::Fault(_))));
 }
 
+/// Two lines of 20 mm along X with G500, planned.
+fn two_lines(planner: &mut Planner) -> VecDeque<Profile> {
+    let mut planned = VecDeque::new();
+    for from_x in [0.0, 20.0] {
+        let at = |x: f64| {
+            let mut at = AxisVector::ZERO;
+            at.0[0] = x;
+            at
+        };
+        let motion = SegmentMotion::Feed {
+            path: Path::Line {
+                from: at(from_x),
+                to: at(from_x + 20.0),
+                length: 20.0,
+            },
+            feed: Feed {
+                feedrate_mm_min: 6000.0,
+                ta_ms: 50.0,
+                td_ms: 50.0,
+                ts_ms: 0.0,
+            },
+            multi_block: MultiBlock::On,
+        };
+        let segment = Segment {
+            origin: Origin::default(),
+            motion,
+            end: SegmentEnd::Continuous,
+        };
+        planner.push(&segment, &mut planned).unwrap();
+    }
+    planner.flush(&mut planned).unwrap();
+    planned
+}
+
 #[test]
 fn another_plan_neither_allocates_nor_frees() {
     let settings = settings(false);
     let (channel, mut handle) = channel(&settings, 64);
     let mut servo = Servo::new(vec![channel], T);
     let mut planner = Planner::new(&settings);
-    let mut planned = VecDeque::new();
-    let mut from = AxisVector::ZERO;
-    for _ in 0..2 {
-        let mut to = from;
-        to.0[0] += 20.0;
-        let feed = Feed {
-            feedrate_mm_min: 6000.0,
-            ta_ms: 50.0,
-            td_ms: 50.0,
-            ts_ms: 0.0,
-        };
-        let path = Path::Line {
-            from,
-            to,
-            length: 20.0,
-        };
-        let segment = Segment {
-            origin: Origin::default(),
-            motion: SegmentMotion::Feed {
-                path,
-                feed,
-                multi_block: MultiBlock::On,
-            },
-            end: SegmentEnd::Continuous,
-        };
-        planner.push(&segment, &mut planned).unwrap();
-        from = to;
-    }
-    planner.flush(&mut planned).unwrap();
-    for profile in planned {
+    for profile in two_lines(&mut planner) {
         handle.profiles.push(profile).unwrap();
     }
     let splice = |handle: &mut ChannelHandle, at, profiles: VecDeque<Profile>| {

@@ -221,16 +221,12 @@ impl CoordinateSystem {
                 false
             }
             Command::Hold => self.hold(Cause::Operator),
-            Command::Resume => {
+            Command::Resume | Command::BackTrace { on: false } => {
                 self.resume();
                 true
             }
             Command::BackTrace { on: true } => {
                 self.go_back();
-                true
-            }
-            Command::BackTrace { on: false } => {
-                self.resume();
                 true
             }
             Command::Stop => self.stop(CancelReason::Stop, Reason::Stop),

@@ -140,7 +140,6 @@ struct InputValues {
     effective_from_line: u32,
     optional_stop: bool,
     single_block: bool,
-    dry_run: bool,
     interlock: Lock,
     start_lock: Lock,
     overrides: Overrides,
@@ -477,10 +476,7 @@ impl CoordinateSystem {
             Input::StartLock(lock) => self.inputs.start_lock = lock,
             Input::Override(change) => self.set_overrides(change)?,
             Input::SingleBlock(on) => self.set_single_block(on)?,
-            Input::DryRun(on) => {
-                self.inputs.dry_run = on;
-                self.pipeline.set_dry_run(on);
-            }
+            Input::DryRun(on) => self.pipeline.set_dry_run(on),
             Input::Interlock(lock) => self.set_interlock(lock),
         }
         self.publish_inputs();

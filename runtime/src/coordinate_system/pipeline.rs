@@ -191,6 +191,11 @@ impl Pipeline {
         self.path.set_dry_run(on);
     }
 
+    /// True when blocks to come move at the feedrate of dry run.
+    pub fn is_dry_run(&self) -> bool {
+        self.path.is_dry_run()
+    }
+
     /// G500 blocks still to come are planned for this feed override, 1.0 being 100 percent.
     pub fn set_feed_override(&mut self, factor: f64) {
         self.planner.set_feed_override(factor);

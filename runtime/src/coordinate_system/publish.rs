@@ -93,7 +93,7 @@ impl CoordinateSystem {
             program: self.program,
             run_id: (self.runs > 0).then(|| format!("{}-{}", self.number, self.runs)),
             single_block: self.inputs.single_block,
-            dry_run: self.inputs.dry_run,
+            dry_run: self.pipeline.is_dry_run(),
             optional_stop: self.inputs.optional_stop,
             optional_skip: skip_numbers(self.inputs.optional_skip),
             alarm_count: self.shared.alarm_count(self.number),
@@ -180,7 +180,7 @@ impl CoordinateSystem {
         let switches = [
             (CsTopic::OptionalStop, self.inputs.optional_stop),
             (CsTopic::SingleBlock, self.inputs.single_block),
-            (CsTopic::DryRun, self.inputs.dry_run),
+            (CsTopic::DryRun, self.pipeline.is_dry_run()),
         ];
         for (topic, value) in switches {
             self.shared

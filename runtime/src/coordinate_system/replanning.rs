@@ -68,7 +68,7 @@ impl CoordinateSystem {
         }
         self.pipeline.set_feed_override(factor);
         let slew_s = self.configured.settings.override_slew_ms / 1000.0 * (before - factor).max(0.0);
-        let ahead_s = (self.replanning.ahead_s + slew_s) * before;
+        let ahead_s = self.replanning.ahead_s * before + slew_s * f64::midpoint(before, factor);
         let place = self.run.as_ref().and(self.servo.place(ahead_s, &self.pipeline));
         let new = place.map(|place| (place, self.pipeline.replan(place, false)));
         match new.filter(|(_, new)| new.can_begin()) {
@@ -137,9 +137,10 @@ impl CoordinateSystem {
     pub(super) fn judge_back_trace(&self, on: bool) -> Result<(), Refusal> {
         let refused = |text: &str| Err(Refusal::new(RefusalCode::NotAllowed, text));
         if !on {
-            return match self.retraces() {
-                true => Ok(()),
-                false => refused("back trace is not on; resume goes on with the program"),
+            return if self.retraces() {
+                Ok(())
+            } else {
+                refused("back trace is not on; resume goes on with the program")
             };
         }
         let has_way_back = self

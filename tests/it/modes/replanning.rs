@@ -68,16 +68,16 @@ fn m1d_an_override_of_200_percent_doubles_the_feedrate_within_the_motors_limits(
 fn m1d_after_a_high_override_the_motion_is_planned_for_100_percent_again() {
     on_machine("", |rig| async move {
         feed_override(&rig, 200.0).await;
-        rig.start(&g500("ta50 td50 ts0 G01 F3000\nX250\nM30\n")).await;
+        rig.start(&g500("ta50 td50 ts0 G01 F3000\nX290\nM30\n")).await;
         rig.sleep(0.8).await;
         feed_override(&rig, 100.0).await;
-        rig.sleep(1.5).await;
+        rig.sleep(2.2).await;
         rig.trace();
         rig.sleep(0.1).await;
         let ([x, _], _) = limits(&rig);
         assert!((x - 50.0).abs() < 1e-6, "{x}");
         rig.until(Execution::ProgramCompleted).await;
-        close(rig.at().await, [250.0, 0.0, 0.0]);
+        close(rig.at().await, [290.0, 0.0, 0.0]);
         assert_eq!(rig.alarms().await, [0_u16; 0]);
     });
 }
