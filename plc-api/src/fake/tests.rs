@@ -4,7 +4,7 @@ use super::*;
 use crate::coordinate_system::CoordinateSystem;
 use crate::types::machine::ActiveAlarms;
 use crate::types::request::{OverrideChange, RefusalCode};
-use crate::types::state::{Execution, Reason, State};
+use crate::types::state::{Execution, Overrides, Reason, State};
 use crate::{Error, handlers::AuxOutput, handlers::SequenceProgram};
 
 async fn slow(_output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
@@ -168,7 +168,11 @@ async fn inputs_are_read_back_and_locks_refuse_with_their_text() {
     };
     system.set_overrides(change).await.unwrap();
     assert_eq!(system.state().await.unwrap().optional_skip, [3]);
-    assert_eq!(system.overrides().await.unwrap().feed, 40.0);
+    let overrides = Overrides {
+        feed: 40.0,
+        ..Overrides::default()
+    };
+    assert_eq!(system.overrides().await.unwrap(), overrides);
     system.set_start_lock(true, "no oil").await.unwrap();
     let refusal = system.start().await.unwrap_err().to_string();
     assert!(refusal.contains("no oil"), "{refusal}");

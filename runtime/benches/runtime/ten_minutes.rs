@@ -27,7 +27,7 @@ use tandem_runtime::test::Bench;
 
 use crate::table::say;
 
-const TEN_MINUTES: Duration = Duration::from_secs(600);
+const TEN_MINUTES: Duration = Duration::from_mins(10);
 
 pub fn run() -> anyhow::Result<()> {
     say("Ten minutes in simulated time");

@@ -107,16 +107,12 @@ impl Exchange {
                 Self::put(format!("/cs/{cs}/work_offsets"), &json!(change))
             }
             Request::LastRun(cs) => Self::get(format!("/cs/{cs}/last_run"), Kind::LastRun),
-            Request::Journal { from, count } => {
-                Self::get(format!("/journal?from={from}&count={count}"), Kind::Journal)
-            }
+            Request::Journal { from, count } => Self::journal(from, count),
             Request::Handlers => Self::get("/handlers".to_owned(), Kind::Handlers),
             Request::Programs => Self::get("/programs".to_owned(), Kind::Programs),
             Request::ReadProgram(number) => Self::get(format!("/programs/{number}"), Kind::ProgramText),
             Request::WriteProgram(number, text) => Self::write_program(number, text),
-            Request::DeleteProgram(number) => {
-                Self::new(Method::DELETE, format!("/programs/{number}"), Kind::Done)
-            }
+            Request::DeleteProgram(number) => Self::delete_program(number),
             Request::CheckProgram(number) => Self {
                 kind: Kind::Check,
                 ..Self::post(format!("/programs/{number}/check"), &json!({}))
@@ -130,6 +126,14 @@ impl Exchange {
                 return Err(Refusal::new(RefusalCode::NotSupported, text));
             }
         })
+    }
+
+    fn journal(from: u32, count: u32) -> Self {
+        Self::get(format!("/journal?from={from}&count={count}"), Kind::Journal)
+    }
+
+    fn delete_program(number: u16) -> Self {
+        Self::new(Method::DELETE, format!("/programs/{number}"), Kind::Done)
     }
 
     /// The position of the last servo cycle.

@@ -224,7 +224,7 @@ fn answers(all: &mut Schemas) {
 }
 
 fn journal() -> Value {
-    let line = object(
+    let mut line = object(
         json!({
             "ts": {"type": "string", "format": "date-time", "description": "When it was."},
             "t_s": {"type": "number", "description": "Seconds since the start of the runtime."},
@@ -233,6 +233,7 @@ fn journal() -> Value {
         }),
         &["event"],
     );
+    line["additionalProperties"] = json!(true);
     object(json!({"lines": {"type": "array", "items": line}}), &["lines"])
 }
 
