@@ -90,6 +90,21 @@ impl CoordinateSystem {
     fn carry_out_command(&mut self, command: Deferred) {
         // The same command may have come twice before the first was carried out.
         if let Some(said) = self.shared.replied(&command.meta.command_id) {
+            let id = &command.meta.command_id;
+            if command.wait
+                && self
+                    .awaiting
+                    .iter()
+                    .any(|awaiting| awaiting.meta.command_id == *id)
+            {
+                // sent twice, and both senders wait until it is done
+                self.awaiting.push(Awaiting {
+                    verb: command.command.verb(),
+                    meta: command.meta,
+                    reply: Some(command.reply),
+                });
+                return;
+            }
             let _ = command.reply.send(Ok(Answer::Command(said)));
             return;
         }

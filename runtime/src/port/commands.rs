@@ -24,7 +24,9 @@ impl RuntimePort {
     ) -> Result<Answer, Refusal> {
         check_ids(&meta)?;
         let handle = self.handle(cs).map_err(|refusal| self.reject(&meta, refusal))?;
-        if let Some(reply) = self.replied_again(&meta) {
+        if let Some(reply) = self.replied_again(&meta)
+            && !(wait && reply.status == CommandStatus::Accepted)
+        {
             return Ok(Answer::Command(reply));
         }
         self.check_age(&meta)

@@ -46,6 +46,19 @@ async fn the_same_key_twice_is_one_effect_and_the_stored_reply() {
 }
 
 #[tokio::test]
+async fn who_sends_a_key_again_while_it_is_carried_out_waits_for_its_end_too() {
+    let (_machine, served) = served();
+    served.load(1, 50, "G01 X250 F600\nM30\n").await;
+    served.command(1, "start").await;
+    // the hold takes its slew time until the machine rests
+    let hold = "/cs/1/hold?wait=1";
+    let key = "Idempotency-Key: hold 1\r\n";
+    let both = tokio::join!(post(&served, hold, key), post(&served, hold, key));
+    assert_eq!(both.0.expect(200).json(), both.1.expect(200).json());
+    assert_eq!(served.state(1).await["execution"], "FEED_HOLD");
+}
+
+#[tokio::test]
 async fn a_refused_key_stays_refused_as_it_was() {
     let (_machine, served) = served();
     let key = "Idempotency-Key: early\r\n";

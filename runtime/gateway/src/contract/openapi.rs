@@ -159,9 +159,15 @@ fn refusals(route: &Route) -> Vec<u16> {
         (route.command, &[412, 422]),
         (route.path.ends_with("/intermediate"), &[422]),
         (route.path == "/ws", &[400, 426]),
+        (changes && is_not_built(route.path), &[501]),
     ];
     let all = of.iter().filter(|(does, _)| *does);
     all.flat_map(|(_, statuses)| statuses.iter().copied()).collect()
+}
+
+/// Refused until it is built.
+fn is_not_built(path: &str) -> bool {
+    path.ends_with("/back_trace") || path.ends_with("/dry_run")
 }
 
 fn refusal_text(status: u16) -> &'static str {
@@ -178,6 +184,7 @@ fn refusal_text(status: u16) -> &'static str {
         422 => "The program has errors.",
         426 => "This is for a WebSocket.",
         429 => "Too many requests.",
+        501 => "Not supported yet.",
         _ => "The machine cannot do it now.",
     }
 }
