@@ -119,7 +119,7 @@ async fn each_command_of_a_flood_is_refused_once_and_a_stop_passes_it() {
 }
 
 /// A client with an id and the smallest buffer that its system allows, subscribed to a topic.
-async fn subscribed(broker: &str, id: &str, topic: &str) -> (AsyncClient, EventLoop) {
+async fn subscribed(broker: &str, id: &str, topic: &str, buffer_bytes: u32) -> (AsyncClient, EventLoop) {
     let (host, port) = broker.rsplit_once(':').unwrap();
     let mut options = MqttOptions::new(id, host, port.parse().unwrap());
     options
@@ -127,7 +127,7 @@ async fn subscribed(broker: &str, id: &str, topic: &str) -> (AsyncClient, EventL
         .set_keep_alive(Duration::from_mins(1));
     let (client, mut events) = AsyncClient::new(options, 64);
     let mut network = NetworkOptions::new();
-    network.set_tcp_recv_buffer_size(4096);
+    network.set_tcp_recv_buffer_size(buffer_bytes);
     events.set_network_options(network);
     let topic = format!("tandem/v1/test-1/{topic}");
     client.subscribe(topic, QoS::AtLeastOnce).await.unwrap();
@@ -141,7 +141,7 @@ async fn subscribed(broker: &str, id: &str, topic: &str) -> (AsyncClient, EventL
 async fn who_reads_nothing_holds_up_neither_motion_nor_others(reached: &Reached, broker: &str) {
     const ASKED: usize = 400;
     let served = reached.served();
-    let _silent = subscribed(broker, "silent", "#").await;
+    let _silent = subscribed(broker, "silent", "#", 4096).await;
     let socket = TcpSocket::new_v4().unwrap();
     socket.set_recv_buffer_size(4096).unwrap();
     let stream = socket.connect(served.http.parse().unwrap()).await.unwrap();
@@ -154,7 +154,7 @@ async fn who_reads_nothing_holds_up_neither_motion_nor_others(reached: &Reached,
     served.put("/variables/p?from=100", &values).await.expect(204);
     served.load(1, 60, MOTION).await;
     served.command(1, "start").await;
-    let (client, mut events) = subscribed(broker, "asker", "reply/asker").await;
+    let (client, mut events) = subscribed(broker, "asker", "reply/asker", 1 << 20).await;
     let answered = Arc::new(AtomicUsize::new(0));
     let counted = Arc::clone(&answered);
     let reading = tokio::spawn(async move {
