@@ -6,3 +6,4 @@ mod manual;
 mod rig;
 mod single_block;
 mod stairs;
+mod within;
