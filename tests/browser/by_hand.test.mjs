@@ -6,7 +6,7 @@ import { setTimeout as sleep } from "node:timers/promises";
 
 import { launch, openPage } from "./browser.mjs";
 import { Runtime } from "./runtime.mjs";
-import { Screen } from "./screen.mjs";
+import { disabled, Screen, until } from "./screen.mjs";
 
 /** Longest time between the last refresh and rest, ms: 200 to notice, braking, and the way of messages on a busy computer. */
 const STOP_MS = 1500;
@@ -44,14 +44,16 @@ afterEach(async () => {
 const jog = (axis, direction) => page.getByRole("button", { name: `Jog ${axis} ${direction}: hold` });
 const mdi = () => page.getByLabel("NC text to run at once (MDI)");
 
+/** Waits until a field holds the text. */
+const holds = (field, text) => until(() => field.inputValue(), text, "the field");
+
 /** The commanded position of the runtime itself. */
 async function machine(axis) {
   return (await (await fetch(`${runtime.url}/api/v1/cs/1/position`)).json()).machine[axis];
 }
 
 async function at(axis, position) {
-  for (let tries = 0; Math.abs((await machine(axis)) - position) > 1e-6 && tries < 150; tries += 1) await sleep(50);
-  assert.ok(Math.abs((await machine(axis)) - position) < 1e-6, `${axis} is at ${await machine(axis)}, not ${position}`);
+  await until(() => machine(axis), (now) => Math.abs(now - position) < 1e-6, `${axis}, which goes to ${position},`);
 }
 
 /** Waits for rest; gives the position. */
@@ -70,7 +72,7 @@ test("an axis moves while its button is held, and stops when it is released", as
   await screen.sees("ACTIVE");
   // far longer than one refresh lasts
   await sleep(900);
-  assert.equal(await jog("Y", "plus").isDisabled(), true);
+  await disabled(jog("Y", "plus"));
   const held = await machine("X");
   assert.ok(held > begin + 2, `${begin} to ${held}`);
   await page.mouse.up();
@@ -119,12 +121,12 @@ test("a line of MDI runs, and the history brings it back", async () => {
     await screen.sees("READY");
   }
   await mdi().press("ArrowUp");
-  assert.equal(await mdi().inputValue(), "G53 G00 X10");
+  await holds(mdi(), "G53 G00 X10");
   await mdi().press("ArrowUp");
-  assert.equal(await mdi().inputValue(), "G53 G00 X20 Y20");
+  await holds(mdi(), "G53 G00 X20 Y20");
   await mdi().press("ArrowDown");
   await mdi().press("ArrowDown");
-  assert.equal(await mdi().inputValue(), "");
+  await holds(mdi(), "");
 });
 
 test("what is wrong with a line of MDI stands under it, and nothing moves", async () => {
@@ -132,7 +134,7 @@ test("what is wrong with a line of MDI stands under it, and nothing moves", asyn
   await mdi().fill("G00 X");
   await mdi().press("Enter");
   await page.locator("#mdi-findings").getByText("Line 1, column 5").waitFor();
-  assert.equal(await mdi().inputValue(), "G00 X", "to be corrected");
+  await holds(mdi(), "G00 X");
   assert.equal(await machine("X"), begin);
   errors.splice(0, errors.length, ...errors.filter((text) => !/status of 422/.test(text)));
 });
@@ -155,7 +157,7 @@ test("interlock holds the motion, says why, and lets it go on", async () => {
   await page.getByText("The interlock is off again. Press Resume to go on.", { exact: true }).waitFor();
   await screen.command("Resume").click();
   await screen.sees("ACTIVE");
-  assert.ok(await jog("X", "plus").isDisabled());
+  await disabled(jog("X", "plus"));
   await page.getByRole("switch", { name: "Single block" }).click();
   await page.locator(".detail").getByText("single block").waitFor();
   await page.getByRole("switch", { name: "Single block" }).click();
@@ -168,13 +170,13 @@ test("a file is stored as a program; what is wrong with it is shown by lines, co
   const file = (name, text) => ({ name, mimeType: "text/plain", buffer: Buffer.from(text) });
   await page.locator("input[type=file]").setInputFiles(file("O0077.nc", "// From a file\nG90\nG00 X\nM30\n"));
   const dialog = page.getByRole("dialog", { name: "Program" });
-  assert.equal(await dialog.getByLabel("Number").inputValue(), "77");
+  await holds(dialog.getByLabel("Number"), "77");
   await dialog.getByText("O0077 is new.").waitFor();
   await dialog.getByRole("button", { name: "Store" }).click();
   await dialog.getByText("O0077 is stored: 1 error.").waitFor();
   await dialog.getByText("Line 3, column 5").waitFor();
   await dialog.getByRole("button", { name: "Go to line 3" }).click();
-  assert.equal(await page.evaluate(() => String(getSelection())), "G00 X");
+  await until(() => page.evaluate(() => String(getSelection())), "G00 X", "the selected text");
 
   await dialog.getByLabel("Program text").fill("// From a file\nG90\nG00 X1\nM30\n");
   await page.keyboard.press("Escape");
@@ -185,5 +187,5 @@ test("a file is stored as a program; what is wrong with it is shown by lines, co
   await screen.load("O0077");
   await screen.sees("READY");
   await page.getByRole("button", { name: "Edit O0077" }).click();
-  assert.match(await dialog.getByLabel("Program text").inputValue(), /G00 X1/);
+  await holds(dialog.getByLabel("Program text"), /G00 X1/);
 });

@@ -7,7 +7,7 @@ import { setTimeout as sleep } from "node:timers/promises";
 
 import { launch, openPage } from "./browser.mjs";
 import { Runtime } from "./runtime.mjs";
-import { Screen } from "./screen.mjs";
+import { disabled, Screen, until } from "./screen.mjs";
 
 const OUT = new URL("out/", import.meta.url).pathname;
 /** Where the README's picture is kept; written when asked for. */
@@ -50,7 +50,7 @@ async function ready(program) {
   await page.locator('.status:is([data-execution="STOPPED"], [data-execution="READY"], [data-execution="PROGRAM_COMPLETED"])').waitFor();
   if (await page.locator('.status[data-execution="STOPPED"]').count()) await screen.command("Reset").click();
   await screen.load(program);
-  await screen.sees("READY");
+  await screen.says(new RegExp(`${program} is loaded and at its head`));
 }
 
 test("page is served with a policy that allows no inline script or style", async () => {
@@ -64,7 +64,7 @@ test("page is served with a policy that allows no inline script or style", async
 test("program runs, waits for an M code, is reset by the button and completes", async () => {
   await screen.load("O0001");
   await screen.sees("READY");
-  assert.match(await screen.said(), /O0001 is loaded and at its head\. Press Start/);
+  await screen.says(/O0001 is loaded and at its head\. Press Start/);
   await screen.command("Start").click();
   await screen.sees("ACTIVE");
   await screen.sees("WAIT");
@@ -96,7 +96,7 @@ test("feed hold stops on the path, resume goes on, stop ends the run, reset make
   const held = await screen.workPosition("X");
   await sleep(500);
   assert.equal(await screen.workPosition("X"), held, "at rest while held");
-  assert.ok(await screen.command("Start").isDisabled());
+  await disabled(screen.command("Start"));
 
   await screen.command("Resume").click();
   await screen.sees("ACTIVE");
@@ -104,7 +104,7 @@ test("feed hold stops on the path, resume goes on, stop ends the run, reset make
 
   await screen.command("Stop").click();
   await screen.sees("STOPPED");
-  assert.match(await screen.said(), /Press Reset/);
+  await screen.says(/Press Reset/);
   await screen.command("Reset").click();
   await screen.sees("READY");
 });
@@ -117,9 +117,9 @@ test("both coordinate systems run at once, each with its own state", async () =>
   await ready("O0003");
   await screen.command("Start").click();
   await screen.sees("ACTIVE");
-  assert.match((await screen.tab(1).textContent()) ?? "", /ACTIVE/);
+  await until(() => screen.tab(1).textContent(), /ACTIVE/, "the tab of coordinate system 1");
   await screen.sees("PROGRAM_COMPLETED");
-  assert.match((await screen.tab(1).textContent()) ?? "", /ACTIVE/);
+  await until(() => screen.tab(1).textContent(), /ACTIVE/, "the tab of coordinate system 1");
   await screen.tab(1).click();
   await screen.command("Stop").click();
   await screen.sees("STOPPED");
@@ -166,11 +166,9 @@ test("optional stop and block skip are set from the screen and come back from th
 test("feed override of the machine follows the screen", async () => {
   await page.getByRole("button", { name: "Feed override: 10 percent less" }).click();
   const read = async () => (await (await fetch(`${runtime.url}/api/v1/cs/1/overrides`)).json()).feed;
-  for (let tries = 0; (await read()) !== 90 && tries < 50; tries += 1) await sleep(100);
-  assert.equal(await read(), 90);
+  await until(read, 90, "the feed override");
   await page.getByRole("button", { name: "Feed override: 100 percent" }).click();
-  for (let tries = 0; (await read()) !== 100 && tries < 50; tries += 1) await sleep(100);
-  assert.equal(await read(), 100);
+  await until(read, 100, "the feed override");
 });
 
 test("runtime killed and started again: the screen says so, and comes back by itself", async () => {
@@ -179,12 +177,12 @@ test("runtime killed and started again: the screen says so, and comes back by it
   await screen.sees("ACTIVE");
   await runtime.kill();
   await page.getByText("Not connected to the machine. The values on the screen are old.").waitFor();
-  assert.ok(await screen.command("Start").isDisabled());
+  await disabled(screen.command("Start"));
   await runtime.start();
   await page.getByText("Connected", { exact: true }).waitFor();
   await page.getByText(/The runtime was started again/).first().waitFor();
   await screen.sees("STOPPED");
-  assert.match(await screen.said(), /nothing goes on by itself/);
+  await screen.says(/nothing goes on by itself/);
   // the browser itself notes every connection that fails
   const refused = errors.filter((text) => /ERR_CONNECTION|WebSocket connection/.test(text));
   errors.splice(0, errors.length, ...errors.filter((text) => !refused.includes(text)));

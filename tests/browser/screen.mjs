@@ -1,9 +1,37 @@
 // The HMI as a person sees it: its parts by role and name, and waiting for what they show.
 
 import assert from "node:assert/strict";
+import { setTimeout as sleep } from "node:timers/promises";
+import { inspect, isDeepStrictEqual } from "node:util";
 
 /** Longest wait for something to appear, ms: the motions of the test programs take up to a few seconds. */
 const WAIT_MS = 15000;
+
+/**
+ * Waits until what `read` gives is `expected`: a value, a pattern, or a function that says whether it is. Whatever the
+ * screen shows follows the machine's message later, so one look proves nothing.
+ */
+export async function until(read, expected, what = "") {
+  const is = (value) => {
+    if (typeof expected === "function") return expected(value);
+    return expected instanceof RegExp ? expected.test(String(value)) : isDeepStrictEqual(value, expected);
+  };
+  let value = await read();
+  for (const end = Date.now() + WAIT_MS; !is(value); value = await read()) {
+    if (Date.now() > end) assert.fail(`${what} is ${inspect(value)}; waited for ${inspect(expected)}`);
+    await sleep(50);
+  }
+}
+
+/** Waits until a button or field can be used. */
+export function enabled(locator) {
+  return locator.and(locator.page().locator(":enabled")).waitFor();
+}
+
+/** Waits until a button or field cannot be used. */
+export function disabled(locator) {
+  return locator.and(locator.page().locator(":disabled")).waitFor();
+}
 
 export class Screen {
   constructor(page) {
@@ -28,6 +56,11 @@ export class Screen {
     await this.page.locator(`.status[data-execution="${execution}"]`).waitFor().catch(async () => {
       assert.fail(`waited for ${execution}, the screen says: ${await this.said()}; notices: ${await this.notices()}`);
     });
+  }
+
+  /** Waits until state word and sentence match. */
+  async says(pattern) {
+    await until(() => this.said(), pattern, "the state on the screen");
   }
 
   /** State word and sentence. */

@@ -5,11 +5,12 @@ import { after, afterEach, before, beforeEach, test } from "node:test";
 
 import { launch, openPage } from "./browser.mjs";
 import { now, ORIGIN, ScriptedMachine } from "./scripted_machine.mjs";
-import { Screen } from "./screen.mjs";
+import { disabled, enabled, Screen, until } from "./screen.mjs";
 
 let browser;
 let page;
 let errors;
+let expected;
 let machine;
 let screen;
 
@@ -21,6 +22,7 @@ after(() => browser?.close());
 /** A new page on a new machine that stands at its start. */
 async function open(options) {
   ({ page, errors } = await openPage(browser, options));
+  expected = [];
   screen = new Screen(page);
   machine = new ScriptedMachine();
   machine.programs.set(1, "// One\nM100 VA5\nM30\n");
@@ -34,12 +36,13 @@ async function open(options) {
 beforeEach(() => open());
 afterEach(async () => {
   await page.context().close();
-  assert.deepEqual(errors, [], "the browser's console shows no errors");
+  const unexpected = errors.filter((text) => !expected.some((pattern) => pattern.test(text)));
+  assert.deepEqual(unexpected, [], "the browser's console shows no errors");
 });
 
-/** Takes lines off the console's list that the test provoked. */
+/** Lines of the console that the test provokes. */
 function expectErrors(pattern) {
-  errors.splice(0, errors.length, ...errors.filter((text) => !pattern.test(text)));
+  expected.push(pattern);
 }
 
 /** Waits for M100 of seq 12, owned by `handler`. */
@@ -54,7 +57,7 @@ function waitForM100(handler, change = {}) {
 }
 
 async function requestsUntil(count) {
-  for (let tries = 0; machine.requests.length < count && tries < 100; tries += 1) await page.waitForTimeout(20);
+  await until(() => machine.requests.length, (sent) => sent >= count, "the number of requests");
   return machine.requests;
 }
 
@@ -69,7 +72,7 @@ test("reset of an output that a handler owns asks first; Escape keeps waiting", 
   await reset.click();
   const dialog = page.getByRole("dialog", { name: "Reset M100 by hand?" });
   await dialog.waitFor();
-  assert.equal(await page.evaluate(() => document.activeElement?.textContent), "Keep waiting");
+  await until(() => page.evaluate(() => document.activeElement?.textContent), "Keep waiting", "what has the focus");
   await page.keyboard.press("Escape");
   await dialog.waitFor({ state: "detached" });
   assert.deepEqual(machine.requests, []);
@@ -168,7 +171,7 @@ test("nothing moves by hand while a program runs or an alarm is active", async (
     machine.state(1, change);
     await screen.sees(change.execution);
     for (const button of byHand) {
-      await button.and(page.locator(may ? ":enabled" : ":disabled")).waitFor();
+      await (may ? enabled(button) : disabled(button));
     }
   }
 });
@@ -194,7 +197,7 @@ test("broken program that is loaded shows all its errors", async () => {
   await screen.load("O0001");
   const dialog = page.getByRole("dialog", { name: "O0001: 3 errors" });
   await dialog.waitFor();
-  for (const { message } of diagnostics) assert.ok(await dialog.getByText(message).isVisible(), message);
+  for (const { message } of diagnostics) await dialog.getByText(message).waitFor();
   await page.keyboard.press("Enter");
   await dialog.waitFor({ state: "detached" });
   expectErrors(/status of 422/);
@@ -228,11 +231,11 @@ test("program of a million lines costs no more elements than a short one, and it
   machine.state(1, { execution: "ACTIVE", program: 9, run_id: "long" });
   const running = page.locator('.line[aria-current="step"]');
   await running.getByText("N765432", { exact: true }).waitFor();
-  assert.ok(await inside(running, page.locator(".program-text")));
+  await until(() => inside(running, page.locator(".program-text")), true, "the line in view");
   assert.ok((await page.locator(".line").count()) < 100);
   machine.say("cs/1/program", { number: 9, nest_level: 0, stack: [], line: lines, block: "", interpreted_line: lines });
   await running.getByText(`N${lines}`, { exact: true }).waitFor();
-  assert.ok(await inside(running, page.locator(".program-text")));
+  await until(() => inside(running, page.locator(".program-text")), true, "the line in view");
 });
 
 async function inside(inner, outer) {
@@ -250,7 +253,7 @@ test("scrolling by hand ends following, the button takes it up again", async () 
   await page.mouse.wheel(0, -2400);
   await page.locator(".line").getByText("N150", { exact: true }).waitFor();
   const follow = page.getByRole("button", { name: "Follow" });
-  assert.equal(await follow.getAttribute("aria-pressed"), "false");
+  await until(() => follow.getAttribute("aria-pressed"), "false", "the button that follows");
   await follow.click();
   await page.locator('.line[aria-current="step"]').getByText("N250", { exact: true }).waitFor();
 });
@@ -269,8 +272,7 @@ test("path is drawn where the tool has been", async () => {
   for (const [X, Y] of [[50, 0], [50, 30], [0, 30]]) {
     machine.say("cs/1/position", { ...machine.topics.get("cs/1/position"), machine: { X, Y, Z: 0 } });
   }
-  await page.waitForTimeout(200);
-  assert.ok((await painted()) > 200);
+  await until(painted, (pixels) => pixels > 200, "the number of painted pixels");
   await page.getByRole("img", { name: "now at X 0.000, Y 30.000" }).waitFor();
 });
 
@@ -292,7 +294,7 @@ test("another boot is noticed: old values go, the new ones are shown", async () 
 test("stop, hold and abort stay pressable without a connection, and fail aloud", async () => {
   machine.setReachable(false);
   await page.getByText(/Not connected to the machine/).waitFor();
-  for (const label of ["Start", "Resume", "Reset"]) assert.ok(await screen.command(label).isDisabled(), label);
+  for (const label of ["Start", "Resume", "Reset"]) await disabled(screen.command(label));
   await screen.command("Stop").click();
   await page.locator(".toast", { hasText: "The machine did not answer" }).waitFor();
   expectErrors(/ERR_FAILED|WebSocket/);
@@ -316,25 +318,24 @@ for (const [width, height] of [[1280, 800], [1920, 1080], [1024, 768], [820, 118
     await page.getByRole("button", { name: "Read again" }).click();
     machine.say("alarm/active", { alarms: [{ id: 1, severity: "warning", number: 310, text: "Coolant is low", cs: null, program: null, line: null, raised_at: now(), cleared_at: null, acknowledged_by: null }] });
     await page.getByRole("button", { name: "Acknowledge 310" }).waitFor();
-    assert.ok(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), "no sideways scroll");
-    const small = await page.evaluate(() =>
+    await until(() => page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), true, "no sideways scroll:");
+    await until(() => page.evaluate(() =>
       [...document.querySelectorAll("button, input, select")]
         .map((element) => ({ name: element.getAttribute("aria-label") ?? element.textContent, box: element.getBoundingClientRect() }))
         .filter(({ box }) => box.width > 0 && (box.width < 43.5 || box.height < 43.5))
         .map(({ name, box }) => `${name} ${box.width}x${box.height}`),
-    );
-    assert.deepEqual(small, []);
+    ), [], "the list of targets that are too small");
     for (const execution of ["ACTIVE", "FEED_HOLD", "PROGRAM_STOPPED", "OPTIONAL_STOP", "INTERRUPTED", "PROGRAM_COMPLETED"]) {
       machine.state(1, { execution });
       await screen.sees(execution);
-      assert.ok(await page.evaluate(() => {
+      await until(() => page.evaluate(() => {
         const [word, box] = [".word", ".state-word"].map((one) => document.querySelector(one)?.getBoundingClientRect());
         return word && box && word.right <= box.right;
-      }), `${execution} is within its box`);
+      }), true, `${execution} is within its box:`);
     }
     for (const label of ["Start", "Hold", "Resume", "Stop", "Reset", "Abort"]) {
-      const box = await screen.command(label).boundingBox();
-      assert.ok(box && box.x >= 0 && box.x + box.width <= width && box.y + box.height <= height, `${label} is on the screen`);
+      const shown = (box) => box && box.x >= 0 && box.x + box.width <= width && box.y + box.height <= height;
+      await until(() => screen.command(label).boundingBox(), shown, `the place of ${label}`);
     }
   });
 }
@@ -343,7 +344,7 @@ for (const scheme of ["light", "dark"]) {
   test(`${scheme} scheme: text stands out from its ground by 4.5 to 1`, async () => {
     await page.context().close();
     await open({ colorScheme: scheme });
-    assert.equal(await page.evaluate(() => document.documentElement.dataset.theme), scheme);
+    await until(() => page.evaluate(() => document.documentElement.dataset.theme), scheme, "the scheme");
     const tones = ["ready", "active", "wait", "attention", "alarm", "done"];
     const pairs = [["text", "card"], ["text", "bg"], ["muted", "card"], ["muted", "raised"], ["muted", "bg"], ["accent", "card"], ["on-accent", "accent"]]
       .concat(tones.flatMap((tone) => [["on-tone", tone], [tone, `${tone}-soft`], ["text", `${tone}-soft`], ["muted", `${tone}-soft`]]));
@@ -371,10 +372,10 @@ function contrast(one, other) {
 
 test("the operator's choice of colours stays after the page is loaded again", async () => {
   const theme = () => page.evaluate(() => document.documentElement.dataset.theme);
-  assert.equal(await theme(), "light");
+  await until(theme, "light", "the scheme");
   await page.getByRole("button", { name: "Use dark colours" }).click();
-  assert.equal(await theme(), "dark");
+  await until(theme, "dark", "the scheme");
   await page.reload();
   await screen.sees("READY");
-  assert.equal(await theme(), "dark");
+  await until(theme, "dark", "the scheme");
 });

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! cargo bench -p tandem-runtime --bench runtime              all, about 60 s
-//! cargo bench -p tandem-runtime --bench runtime -- m_code    one of: m_code many servo rest program
+//! cargo bench -p tandem-runtime --bench runtime -- m_code    one of: m_code many servo rest program simulated
 //! ```
 //!
 //! Each part says in its own docs what it measures, and what was measured where.
@@ -14,6 +14,7 @@ mod many;
 mod program;
 mod rest;
 mod servo;
+mod simulated;
 mod table;
 
 use machine::in_real_time;
@@ -43,6 +44,9 @@ fn main() -> anyhow::Result<()> {
     }
     if is_wanted("program") {
         in_real_time(program::run())?;
+    }
+    if is_wanted("simulated") {
+        simulated::run()?;
     }
     Ok(())
 }

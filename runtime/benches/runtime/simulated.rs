@@ -1,0 +1,80 @@
+//! How much faster than real time simulated time passes: three axes, servo period 1 ms, ten minutes and more of motion
+//! with everything that a run has, from reading the text on. Simulated seconds by seconds on the clock.
+//!
+//! - long lines: sides of 100 mm, each from rest to rest (G61);
+//! - short lines: sides of 0.4 mm in a polygon, blended (G64, G501);
+//! - look-ahead: the same with G500;
+//! - arcs: full circles of 20 mm.
+
+use std::fmt::Write as _;
+use std::time::Instant;
+
+use tandem_runtime::Config;
+use tandem_runtime::test::Bench;
+
+use crate::machine::CONFIG;
+use crate::table::say;
+
+const ROUNDS: usize = 5;
+
+pub fn run() -> anyhow::Result<()> {
+    say("Simulated time by real time, three axes");
+    let texts = [
+        ("long lines", squares()),
+        ("short lines", polygons("G64 G501")),
+        ("look-ahead", polygons("G64 G500")),
+        ("arcs", circles()),
+    ];
+    for (name, text) in texts {
+        let mut ratios = Vec::new();
+        let mut simulated_s = 0.0;
+        for _ in 0..ROUNDS {
+            let folder = tempfile::tempdir()?;
+            let machine = Config::from_toml(CONFIG, folder.path())?;
+            let begin = Instant::now();
+            let run = Bench::on_machine(machine).run(text.clone())?.completed()?;
+            simulated_s = run.time_s;
+            ratios.push(simulated_s / begin.elapsed().as_secs_f64());
+        }
+        ratios.sort_by(f64::total_cmp);
+        say(&format!(
+            "  {name:<12} {simulated_s:>6.0} s simulated   median {:>6.0} times   lowest {:>6.0}",
+            ratios[ROUNDS / 2],
+            ratios[0]
+        ));
+    }
+    Ok(())
+}
+
+/// 100 squares of 100 mm at 4000 mm/min.
+fn squares() -> String {
+    let mut text = String::from("G17 G61 G91 G01 F4000\n");
+    for _ in 0..100 {
+        text.push_str("X100\nY100 Z0.1\nX-100\nY-100\n");
+    }
+    text.push_str("M30\n");
+    text
+}
+
+/// 100 polygons of 1000 sides of 0.4 mm at 4000 mm/min.
+fn polygons(codes: &str) -> String {
+    let mut text = format!("G17 {codes} G91 G01 F4000\n");
+    for _ in 0..100 {
+        for side in 0..1000_u32 {
+            let angle = f64::from(side) * std::f64::consts::TAU / 1000.0;
+            let _ = writeln!(text, "X{:.5}Y{:.5}", 0.4 * angle.cos(), 0.4 * angle.sin());
+        }
+    }
+    text.push_str("M30\n");
+    text
+}
+
+/// 300 full circles of radius 20 mm at 4000 mm/min.
+fn circles() -> String {
+    let mut text = String::from("G17 G64 G501 G91 F4000\n");
+    for _ in 0..300 {
+        text.push_str("G03 I20 J0\n");
+    }
+    text.push_str("M30\n");
+    text
+}
