@@ -35,7 +35,7 @@ const EVENTS_RESERVE: usize = 8;
 const END_TOLERANCE: f64 = 1e-6;
 
 impl Channel {
-    /// One servo cycle at this time. True when it put out an event.
+    /// One servo cycle at this time. True when it put out an event, or is slower for want of more profiles.
     pub(crate) fn cycle(&mut self, time_s: f64) -> bool {
         self.told = false;
         let before = self.setpoint;
@@ -235,6 +235,8 @@ impl Channel {
         let wanted = if held { 0.0 } else { self.override_of(profile) };
         let way = Way::new(profile, self.time.now_s(), self.hold_slope, self.period_s);
         let allowed = way.target(&mut self.profiles, rate, wanted);
+        // Who prepares looks whether there is room for more.
+        self.told |= allowed != Some(wanted);
         let slows = held || allowed.is_none();
         let (target, slope) = match allowed {
             None => (0.0, way.slope),

@@ -183,10 +183,10 @@ fn a_line_whose_next_block_is_late_slows_down_as_when_every_cycle_is_counted() {
                 rig.cycle();
                 at += 1;
             }
-            rig.x()
+            rig.position()
         })
     };
     let positions = run(true);
-    assert!((59.9..60.0).contains(&positions[4]), "{positions:?}");
+    assert!((59.9..60.0).contains(&positions[4].0[0]), "{positions:?}");
     assert_eq!(positions, run(false));
 }
