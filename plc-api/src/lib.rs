@@ -162,11 +162,11 @@
 //! use std::time::Duration;
 //! use plc_api::{SequenceProgram, scan::Image};
 //!
-//! let program = SequenceProgram::new().scan(30..=31, Duration::from_millis(10), |image: &mut Image| {
-//!     let coolant_is_on = image.is_on(1, 30);
+//! let program = SequenceProgram::new().scan(50..=51, Duration::from_millis(10), |image: &mut Image| {
+//!     let coolant_is_on = image.is_on(1, 50);
 //!     // ... the output of the coolant pump is as the flag ...
-//!     image.reset(1, 30);
-//!     image.reset(1, 31);
+//!     image.reset(1, 50);
+//!     image.reset(1, 51);
 //!     image.set_start_lock(1, !coolant_is_on && tank_is_empty(), "the coolant tank is empty");
 //! });
 //! # fn tank_is_empty() -> bool { false }
