@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError, RwLock};
+use std::sync::{Arc, Mutex, PoisonError, RwLock};
 
 use plc_api::types::program::{DiagnosticSeverity, ProgramCheck, ProgramDiagnostic, ProgramInfo};
 use tandem_interp::{CheckContext, Dialect, check_dialect};
@@ -49,7 +49,8 @@ pub struct StoredProgram {
     /// What checking says of it in a coordinate system, by the number of that; filled when it is first asked for.
     here: Mutex<BTreeMap<u8, Arc<CheckHere>>>,
     title: String,
-    line_starts: OnceLock<Vec<u32>>,
+    /// Byte offset of each line.
+    line_starts: Vec<u32>,
 }
 
 /// What checking says of a program in a coordinate system.
@@ -96,7 +97,7 @@ impl StoredProgram {
             goes_on,
             here: Mutex::default(),
             title,
-            line_starts: OnceLock::new(),
+            line_starts: line_starts(text),
         }
     }
 
@@ -149,15 +150,12 @@ impl StoredProgram {
     /// Text of a line, from 1; empty past the end.
     pub fn line(&self, line: u32) -> &str {
         let text = self.text();
-        let starts = self.line_starts.get_or_init(|| {
-            let ends = text.bytes().enumerate().filter(|(_, byte)| *byte == b'\n');
-            let after = ends.filter_map(|(index, _)| u32::try_from(index + 1).ok());
-            std::iter::once(0).chain(after).collect()
-        });
         let Some(index) = (line as usize).checked_sub(1) else {
             return "";
         };
-        let Some(start) = starts.get(index) else { return "" };
+        let Some(start) = self.line_starts.get(index) else {
+            return "";
+        };
         let rest = text.get(*start as usize..).unwrap_or("");
         rest.lines().next().unwrap_or("")
     }
@@ -205,6 +203,13 @@ pub fn locate(text: &str, diagnostics: &[Diagnostic]) -> Vec<ProgramDiagnostic> 
         }
     };
     diagnostics.iter().map(place).collect()
+}
+
+/// Where each line begins. Found when the program is written, so that a run does not wait for it.
+fn line_starts(text: &str) -> Vec<u32> {
+    let ends = text.bytes().enumerate().filter(|(_, byte)| *byte == b'\n');
+    let after = ends.filter_map(|(index, _)| u32::try_from(index + 1).ok());
+    std::iter::once(0).chain(after).collect()
 }
 
 fn title(text: &str) -> String {

@@ -278,3 +278,16 @@ fn simulate_neither_reads_nor_writes_the_data_folder_and_starts_from_zero() {
     simulate_on(&machine, "G00 X5\nM30\n", &[]).completed();
     assert!(!machine.path("tandem-data").exists());
 }
+
+#[test]
+fn blocks_counts_programmed_blocks_a_fixed_cycle_as_one_and_each_pass_of_a_loop() {
+    for (program, blocks) in [
+        ("F100 S300\nG84 X5 Z-10 R-5 P200\nX10\nG80\nG00 X40\nM30\n", 3),
+        ("G00 X20\nG28 X10\nG00 X5\nM30\n", 3),
+        ("L1=0\nwhile(L1<3) {\nG91 G00 X1\nL1=L1+1\n}\nM30\n", 3),
+    ] {
+        let run = simulate(program).completed();
+        assert_eq!(run.json["blocks"], blocks, "{program}");
+        assert_eq!(run.events("block").len(), blocks, "{program}");
+    }
+}

@@ -114,24 +114,28 @@ impl AxisVector {
     pub const ZERO: AxisVector = AxisVector([0.0; AXES_MAX]);
 
     /// Applies a function to each pair of values.
+    #[inline]
     #[must_use]
     pub fn zip(self, other: AxisVector, f: impl Fn(f64, f64) -> f64) -> AxisVector {
         AxisVector(std::array::from_fn(|i| f(self.0[i], other.0[i])))
     }
 
     /// Value by value sum.
+    #[inline]
     #[must_use]
     pub fn plus(self, other: AxisVector) -> AxisVector {
         self.zip(other, |a, b| a + b)
     }
 
     /// Value by value difference.
+    #[inline]
     #[must_use]
     pub fn minus(self, other: AxisVector) -> AxisVector {
         self.zip(other, |a, b| a - b)
     }
 
     /// Every value times a factor.
+    #[inline]
     #[must_use]
     pub fn scaled(self, factor: f64) -> AxisVector {
         AxisVector(self.0.map(|value| value * factor))
@@ -156,12 +160,14 @@ impl AxisVector {
 
 impl Index<Axis> for AxisVector {
     type Output = f64;
+    #[inline]
     fn index(&self, axis: Axis) -> &f64 {
         &self.0[axis.index()]
     }
 }
 
 impl IndexMut<Axis> for AxisVector {
+    #[inline]
     fn index_mut(&mut self, axis: Axis) -> &mut f64 {
         &mut self.0[axis.index()]
     }

@@ -83,6 +83,17 @@ impl SlewRoom {
         self.slope * (1.0 - self.braking * factor * factor).max(0.0)
     }
 
+    /// Square of the factor `time_s` before it is `square`, falling as fast as this and `slope` per second let it.
+    pub fn square_before(&self, square: f64, slope: f64, time_s: f64) -> f64 {
+        let by_room = if self.slope.is_finite() {
+            let gained = 2.0 * self.slope * time_s;
+            (square + gained) / (1.0 + gained * self.braking.min(1.0))
+        } else {
+            f64::INFINITY
+        };
+        by_room.min(square + 2.0 * slope * time_s)
+    }
+
     /// Largest rise of the override factor per second, from `factor` on, to at most 1 within `period_s`:
     /// `s = slope (1 - driving (o + s T)^2)`, with `(o + s T)^2 <= o^2 + 2 s T`.
     pub fn rise(self, factor: f64, period_s: f64) -> f64 {

@@ -32,11 +32,13 @@ impl UnitRamp {
     }
 
     /// Duration `ta + ts`, s.
+    #[inline]
     pub fn duration_s(self) -> f64 {
         self.ta_s + self.ts_s
     }
 
     /// S(t): share of the final speed at `t_s` seconds, 0 before the ramp and 1 after it.
+    #[inline]
     pub fn speed(self, t_s: f64) -> f64 {
         let duration = self.duration_s();
         if t_s <= 0.0 {
@@ -51,6 +53,7 @@ impl UnitRamp {
     }
 
     /// P(t): integral of S up to `t_s` seconds; half the duration at its end, growing with t after it.
+    #[inline]
     pub fn distance(self, t_s: f64) -> f64 {
         let duration = self.duration_s();
         if t_s <= 0.0 {
@@ -65,12 +68,14 @@ impl UnitRamp {
     }
 
     /// Begin and end of the jerk phase, of the phase of constant acceleration, and of the second jerk phase, s.
+    #[inline]
     pub fn phases(self) -> [[f64; 2]; 3] {
         let Self { ta_s: ta, ts_s: ts } = self;
         [[0.0, ts], [ts, ta], [ta, ta + ts]]
     }
 
     /// Slope of S at `t_s` and of that slope, by the formula of the phase that holds `within_s`; 0 outside the ramp.
+    #[inline]
     pub fn slopes(self, t_s: f64, within_s: f64) -> [f64; 2] {
         let Self { ta_s: ta, ts_s: ts } = self;
         if within_s <= 0.0 || within_s >= self.duration_s() {
@@ -85,6 +90,7 @@ impl UnitRamp {
     }
 
     /// S(t) up to ta: first jerk phase and constant acceleration.
+    #[inline]
     fn rising_speed(self, t_s: f64) -> f64 {
         let Self { ta_s: ta, ts_s: ts } = self;
         if t_s < ts {
@@ -95,6 +101,7 @@ impl UnitRamp {
     }
 
     /// P(t) up to ta: first jerk phase and constant acceleration.
+    #[inline]
     fn rising_distance(self, t_s: f64) -> f64 {
         let Self { ta_s: ta, ts_s: ts } = self;
         if t_s < ts {

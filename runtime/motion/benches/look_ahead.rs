@@ -1,12 +1,13 @@
 //! Speed of the path and motion stages over a million short blocks with G500, and with everything before them.
 //!
-//! Blocks a second on a 2-core AMD EPYC VM, one core, the other one busy (medians):
+//! Blocks a second on a 2-core AMD EPYC VM, one core, scaled from CPU times beside a build of known speed, the machine
+//! being busy:
 //!
 //! | program | path and plan | from text to profiles |
 //! | --- | --- | --- |
-//! | lines of 0.1 to 1 mm, F3000 | 1,060,000 | 830,000 |
-//! | the same, F24000, beyond the limits where the spiral is narrow | 840,000 | |
-//! | quarter circles of 1 mm, left and right, F3000 | 165,000 | 140,000 |
+//! | lines of 0.1 to 1 mm, F3000 | 1,350,000 | 1,100,000 |
+//! | the same, F24000, beyond the limits where the spiral is narrow | 1,050,000 | |
+//! | quarter circles of 1 mm, left and right, F3000 | 450,000 | 350,000 |
 
 use std::collections::{BTreeMap, VecDeque};
 use std::fmt::Write as _;

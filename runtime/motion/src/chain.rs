@@ -6,14 +6,13 @@
 
 use std::collections::VecDeque;
 
-use tandem_model::flow::{Feed, Path};
+use tandem_model::Origin;
+use tandem_model::flow::Path;
 use tandem_model::profile::{Law, Lead, Profile, TimeBase};
 use tandem_model::ramp::UnitRamp;
-use tandem_model::settings::{CoordinateSystemSettings, ShortBlock};
-use tandem_model::{Alarm, Origin};
+use tandem_model::settings::ShortBlock;
 
-use crate::planner::Planned;
-use crate::ramped;
+use crate::ramped::Alone;
 
 /// The blocks of the chain that are not planned to their end.
 #[derive(Debug, Clone, Default)]
@@ -38,7 +37,7 @@ struct Link {
     /// To the next block, or to rest; `None`: not known yet.
     stop: Option<UnitRamp>,
     /// The block alone, from rest to rest.
-    alone: (Law, f64),
+    alone: Alone,
 }
 
 impl Chain {
@@ -50,36 +49,31 @@ impl Chain {
         self.blocks.clear();
     }
 
-    /// Adds a block that [`ramped::plan`] has planned alone, and puts out what is final.
-    ///
-    /// # Errors
-    /// Those of the block's ramps and speed; the chain is as before then.
+    /// Adds a block, and puts out what is final.
     pub(crate) fn push(
         &mut self,
-        settings: &CoordinateSystemSettings,
+        rule: ShortBlock,
         block: Block<'_>,
         epoch: u32,
         out: &mut VecDeque<Profile>,
-    ) -> Result<(), Alarm> {
+    ) {
         let Block {
             segment,
             origin,
             path,
-            feed,
             alone,
         } = block;
-        let rule = settings.motion.short_block;
         let mut link = Link {
             segment,
             origin,
             path: path.clone(),
             length: path.length(),
-            speed: ramped::speed_limit(settings, path, feed)?,
+            speed: alone.limit,
             is_first: self.blocks.is_empty(),
-            start: ramped::ramp(settings, "ta", feed.ta_ms, feed.ts_ms)?,
-            td: ramped::ramp(settings, "td", feed.td_ms, feed.ts_ms)?,
+            start: alone.start,
+            td: alone.stop,
             stop: None,
-            alone: (alone.law, alone.duration_s),
+            alone,
         };
         if let Some(before) = self.blocks.back_mut() {
             if rule == ShortBlock::Shrink {
@@ -92,7 +86,6 @@ impl Chain {
         }
         self.blocks.push_back(link);
         self.put_out(rule, epoch, out);
-        Ok(())
     }
 
     /// Ends the chain at rest and puts out all of it.
@@ -129,13 +122,12 @@ impl Chain {
 }
 
 /// What a chain takes of a segment.
+#[derive(Debug, Clone, Copy)]
 pub(crate) struct Block<'a> {
     pub(crate) segment: u64,
     pub(crate) origin: Origin,
     pub(crate) path: &'a Path,
-    pub(crate) feed: Feed,
-    /// As a block from rest to rest.
-    pub(crate) alone: Planned,
+    pub(crate) alone: Alone,
 }
 
 impl Link {
@@ -156,8 +148,8 @@ impl Link {
     /// Its profile; alone in its chain, it is the block from rest to rest.
     fn profile(self, next: Option<Lead>, epoch: u32) -> Profile {
         let exact_stop = next.is_none();
-        let (law, duration_s) = match self.stop {
-            None => self.alone,
+        let (speed, stop, begun_s, duration_s) = match self.stop {
+            None => (self.alone.speed, self.alone.stop, 0.0, self.alone.duration_s),
             Some(stop) => {
                 let (begun_s, ramp_in_s) = if self.is_first {
                     (0.0, self.start.duration_s() / 2.0)
@@ -165,16 +157,16 @@ impl Link {
                     (self.start.duration_s(), -self.start.duration_s() / 2.0)
                 };
                 let duration_s = self.length / self.speed + ramp_in_s + stop.duration_s() / 2.0;
-                let law = Law::Ramped {
-                    path: self.path,
-                    speed: self.speed,
-                    start: self.start,
-                    stop,
-                    begun_s,
-                    next,
-                };
-                (law, duration_s)
+                (self.speed, stop, begun_s, duration_s)
             }
+        };
+        let law = Law::Ramped {
+            path: self.path,
+            speed,
+            start: self.start,
+            stop,
+            begun_s,
+            next,
         };
         Profile {
             segment: self.segment,

@@ -133,51 +133,83 @@ impl Planner {
     }
 
     fn take(&mut self, segment: &Segment, out: &mut VecDeque<Profile>) -> Result<(), Alarm> {
-        let planned = self.plan(segment)?;
-        let number = self.last_segment + 1;
-        match &segment.motion {
+        let Planned {
+            law,
+            duration_s,
+            time_base,
+        } = match &segment.motion {
             SegmentMotion::Feed {
                 path,
                 feed,
                 multi_block,
             } => {
-                if *multi_block == MultiBlock::On {
-                    ramped::check_acceleration(&self.settings, path)?;
-                }
-                if *multi_block != self.multi_block {
-                    self.finish_chain(out);
-                    self.multi_block = *multi_block;
-                }
                 let block = Block {
-                    segment: number,
+                    segment: self.last_segment + 1,
                     origin: segment.origin,
                     path,
+                    alone: ramped::plan(&self.settings, path, *feed)?,
+                };
+                return self.blend(block, *multi_block, out);
+            }
+            SegmentMotion::Rapid { from, to } => rapid::plan(&self.settings, *from, *to)?,
+            SegmentMotion::Skip { from, to } => rapid::plan_skip(&self.settings, *from, *to)?,
+            SegmentMotion::Tap {
+                from,
+                to,
+                feed,
+                revolutions,
+                leg,
+            } => {
+                let thread = Thread {
+                    from: *from,
+                    to: *to,
                     feed: *feed,
-                    alone: planned,
+                    revolutions: *revolutions,
+                    leg: *leg,
                 };
-                self.chain
-                    .push(&self.settings, block, self.epoch, &mut self.chained)?;
-                self.hand_on(out);
+                tapping::plan(&self.settings, &thread)?
             }
-            SegmentMotion::Rapid { .. }
-            | SegmentMotion::Skip { .. }
-            | SegmentMotion::Tap { .. }
-            | SegmentMotion::Dwell { .. } => {
-                self.finish_chain(out);
-                let profile = Profile {
-                    segment: number,
-                    epoch: self.epoch,
-                    origin: segment.origin,
-                    law: planned.law,
-                    duration_s: planned.duration_s,
-                    time_base: planned.time_base,
-                    exact_stop: true,
-                };
-                self.record.push(profile.clone(), false);
-                out.push_back(profile);
-            }
+            SegmentMotion::Dwell { at, dwell_s } => Planned {
+                law: Law::Rest { at: *at },
+                duration_s: *dwell_s,
+                time_base: TimeBase::Fixed,
+            },
+        };
+        check_duration(duration_s)?;
+        self.finish_chain(out);
+        self.last_segment += 1;
+        let profile = Profile {
+            segment: self.last_segment,
+            epoch: self.epoch,
+            origin: segment.origin,
+            law,
+            duration_s,
+            time_base,
+            exact_stop: true,
+        };
+        self.record.push(profile.clone(), false);
+        out.push_back(profile);
+        Ok(())
+    }
+
+    fn blend(
+        &mut self,
+        block: Block<'_>,
+        multi_block: MultiBlock,
+        out: &mut VecDeque<Profile>,
+    ) -> Result<(), Alarm> {
+        check_duration(block.alone.duration_s)?;
+        if multi_block == MultiBlock::On {
+            ramped::check_acceleration(&self.settings, block.path)?;
         }
-        self.last_segment = number;
+        if multi_block != self.multi_block {
+            self.finish_chain(out);
+            self.multi_block = multi_block;
+        }
+        self.last_segment = block.segment;
+        let rule = self.settings.motion.short_block;
+        self.chain.push(rule, block, self.epoch, &mut self.chained);
+        self.hand_on(out);
         Ok(())
     }
 
@@ -215,43 +247,16 @@ impl Planner {
     pub fn last_segment(&self) -> u64 {
         self.last_segment
     }
+}
 
-    fn plan(&self, segment: &Segment) -> Result<Planned, Alarm> {
-        let planned = match &segment.motion {
-            SegmentMotion::Feed { path, feed, .. } => ramped::plan(&self.settings, path, *feed)?,
-            SegmentMotion::Rapid { from, to } => rapid::plan(&self.settings, *from, *to)?,
-            SegmentMotion::Skip { from, to } => rapid::plan_skip(&self.settings, *from, *to)?,
-            SegmentMotion::Tap {
-                from,
-                to,
-                feed,
-                revolutions,
-                leg,
-            } => {
-                let thread = Thread {
-                    from: *from,
-                    to: *to,
-                    feed: *feed,
-                    revolutions: *revolutions,
-                    leg: *leg,
-                };
-                tapping::plan(&self.settings, &thread)?
-            }
-            SegmentMotion::Dwell { at, dwell_s } => Planned {
-                law: Law::Rest { at: *at },
-                duration_s: *dwell_s,
-                time_base: TimeBase::Fixed,
-            },
-        };
-        let duration_s = planned.duration_s;
-        if !duration_s.is_finite() {
-            let text = format!("The block would take {duration_s} s");
-            return Err(Alarm::new(&VALUE_NOT_FINITE, text));
-        }
-        if !(0.0..=DURATION_MAX_S).contains(&duration_s) {
-            let text = format!("The block would take {duration_s} s, not 0 to {DURATION_MAX_S} s");
-            return Err(Alarm::new(&VALUE_OUT_OF_RANGE, text));
-        }
-        Ok(planned)
+fn check_duration(duration_s: f64) -> Result<(), Alarm> {
+    if !duration_s.is_finite() {
+        let text = format!("The block would take {duration_s} s");
+        return Err(Alarm::new(&VALUE_NOT_FINITE, text));
     }
+    if !(0.0..=DURATION_MAX_S).contains(&duration_s) {
+        let text = format!("The block would take {duration_s} s, not 0 to {DURATION_MAX_S} s");
+        return Err(Alarm::new(&VALUE_OUT_OF_RANGE, text));
+    }
+    Ok(())
 }

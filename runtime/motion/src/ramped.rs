@@ -2,16 +2,25 @@
 
 use tandem_model::alarm::{LIMIT_ZERO, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
 use tandem_model::flow::{Feed, Path};
-use tandem_model::profile::{Law, TimeBase};
 use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::{Alarm, Axis};
 
-use crate::planner::Planned;
+/// A block from rest to rest.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Alone {
+    /// Between the ramps, path units per second.
+    pub(crate) speed: f64,
+    /// F within its limits, path units per second: what it reaches when it is long enough.
+    pub(crate) limit: f64,
+    pub(crate) start: UnitRamp,
+    pub(crate) stop: UnitRamp,
+    pub(crate) duration_s: f64,
+}
 
 /// The ramped motion along a path: `t_end = L/v + (Ta + Td)/2`, or, when the path is too short to reach v,
 /// `v_peak = 2 L/(Ta + Td)` with the ramps as long as programmed (rule `extend`).
-pub(crate) fn plan(settings: &CoordinateSystemSettings, path: &Path, feed: Feed) -> Result<Planned, Alarm> {
+pub(crate) fn plan(settings: &CoordinateSystemSettings, path: &Path, feed: Feed) -> Result<Alone, Alarm> {
     let length = path.length();
     if !length.is_finite() || !path.start().is_finite() || !path.end().is_finite() {
         return Err(Alarm::new(
@@ -21,18 +30,14 @@ pub(crate) fn plan(settings: &CoordinateSystemSettings, path: &Path, feed: Feed)
     }
     let start = ramp(settings, "ta", feed.ta_ms, feed.ts_ms)?;
     let stop = ramp(settings, "td", feed.td_ms, feed.ts_ms)?;
-    let (speed, duration_s) = stop_to_stop(length, speed_limit(settings, path, feed)?, start, stop);
-    Ok(Planned {
-        law: Law::Ramped {
-            path: path.clone(),
-            speed,
-            start,
-            stop,
-            begun_s: 0.0,
-            next: None,
-        },
+    let limit = speed_limit(settings, path, feed)?;
+    let (speed, duration_s) = stop_to_stop(length, limit, start, stop);
+    Ok(Alone {
+        speed,
+        limit,
+        start,
+        stop,
         duration_s,
-        time_base: TimeBase::Feed,
     })
 }
 
@@ -68,12 +73,16 @@ pub(crate) fn speed_limit(
     }
     let mut speed = feedrate.min(maximum) / 60.0;
     for axis in Axis::ALL {
+        let motor = settings.motors[axis.index()].as_ref();
+        let max_velocity = motor.map_or(0.0, |motor| motor.max_velocity);
+        // X, Y and Z never go farther than the path.
+        if axis.is_orthogonal() && max_velocity >= speed && max_velocity.is_finite() {
+            continue;
+        }
         let steepest = path.steepest(axis);
         if steepest == 0.0 {
             continue;
         }
-        let motor = settings.motors[axis.index()].as_ref();
-        let max_velocity = motor.map_or(0.0, |motor| motor.max_velocity);
         if !(max_velocity > 0.0 && max_velocity.is_finite()) {
             let text = format!("max_velocity of axis {} is {max_velocity}", axis.letter());
             return Err(Alarm::new(&LIMIT_ZERO, text));
@@ -93,7 +102,7 @@ pub(crate) fn check_acceleration(settings: &CoordinateSystemSettings, path: &Pat
     for axis in Axis::ALL {
         let motor = settings.motors[axis.index()].as_ref();
         let most = motor.map_or(0.0, |motor| motor.max_acceleration);
-        if path.steepest(axis) > 0.0 && !(most > 0.0 && most.is_finite()) {
+        if !(most > 0.0 && most.is_finite()) && path.steepest(axis) > 0.0 {
             let text = format!("max_acceleration of axis {} is {most}", axis.letter());
             return Err(Alarm::new(&LIMIT_ZERO, text));
         }

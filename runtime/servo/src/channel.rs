@@ -60,8 +60,6 @@ pub struct Channel {
     pub(crate) thread: Option<TapLeg>,
     /// The plan to go over to.
     pub(crate) splice: Option<Splice>,
-    /// The next profile of a chain is late: the motion waits for it on its path.
-    pub(crate) starved: bool,
     pub(crate) faulted: bool,
     pub(crate) setpoint: AxisVector,
     /// Change of the setpoint in the last cycle, units per second.
@@ -170,7 +168,6 @@ pub fn channel_with_drives(
         hold: Hold::Off,
         thread: None,
         splice: None,
-        starved: false,
         faulted: false,
         setpoint: AxisVector::ZERO,
         velocity: AxisVector::ZERO,

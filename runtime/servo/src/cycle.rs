@@ -11,8 +11,8 @@ use tandem_model::{Axis, AxisVector, MachinePosition, Origin};
 use crate::brake::Brake;
 use crate::channel::{Channel, Hold};
 use crate::control::{Control, Event, Fault};
-use crate::look_ahead;
 use crate::motors::{InPosition, first_jump};
+use crate::rest::{self, Way};
 use crate::skip::SkipRun;
 use crate::spindle::SimulatedSpindle;
 use crate::splice::APPROACH;
@@ -35,7 +35,7 @@ const EVENTS_RESERVE: usize = 8;
 const END_TOLERANCE: f64 = 1e-6;
 
 impl Channel {
-    /// One servo cycle at this time. True when it put out an event.
+    /// One servo cycle at this time. True when it put out an event, or is slower for want of more profiles.
     pub(crate) fn cycle(&mut self, time_s: f64) -> bool {
         self.told = false;
         let before = self.setpoint;
@@ -166,8 +166,11 @@ impl Channel {
             self.fail(fault);
             return;
         }
-        // From rest there is nothing to slew: the time base starts at the override.
-        self.time.start(self.override_of(&profile));
+        // From rest there is nothing to slew: the time base starts at the override, or as fast as it can stop again.
+        let wanted = self.override_of(&profile);
+        let way = Way::new(&profile, 0.0, self.hold_slope, self.period_s);
+        let factor = way.target(&mut self.profiles, 0.0, wanted);
+        self.time.start(factor.unwrap_or(0.0));
         self.last_segment = profile.segment;
         self.tell(Event::Started {
             segment: profile.segment,
@@ -176,7 +179,6 @@ impl Channel {
         });
         self.current = Some(profile);
         self.ended_cycles = None;
-        self.starved = false;
         self.skip = SkipRun::default();
         self.sample(time_s, 0.0);
     }
@@ -201,16 +203,16 @@ impl Channel {
         }
     }
 
-    /// A chain begins when its second block is there, too; with G500 when it can come to rest within what is there.
+    /// A chain begins when it can come to rest within what is there. With half of the ring full, too: more may not come
+    /// before it moves.
     fn may_begin(&mut self) -> bool {
-        let Ok(first) = self.profiles.peek() else {
-            return false;
-        };
-        if matches!(first.law, Law::Paced { .. }) {
-            let segment = first.segment;
-            return look_ahead::is_free(&mut self.profiles, None, segment);
-        }
-        first.exact_stop || self.profiles.slots() >= 2
+        2 * self.profiles.slots() >= self.profiles.buffer().capacity()
+            || rest::is_known(
+                &mut self.profiles,
+                self.feed_override,
+                self.hold_slope,
+                self.period_s,
+            )
     }
 
     fn next_profile(&mut self) -> Option<Profile> {
@@ -227,14 +229,19 @@ impl Channel {
             *cycles += 1;
             return;
         }
-        self.starved = self.runs_dry();
         let Some(profile) = &self.current else { return };
-        let slows = self.is_held() || self.stopping.is_some() || self.starved;
-        let target = if slows { 0.0 } else { self.override_of(profile) };
-        let slope = if slows {
-            self.hold_slope
-        } else {
-            self.override_slope
+        let rate = self.time.rate();
+        let held = self.is_held() || self.stopping.is_some();
+        let wanted = if held { 0.0 } else { self.override_of(profile) };
+        let way = Way::new(profile, self.time.now_s(), self.hold_slope, self.period_s);
+        let allowed = way.target(&mut self.profiles, rate, wanted);
+        // Who prepares looks whether there is room for more.
+        self.told |= allowed != Some(wanted);
+        let slows = held || allowed.is_none();
+        let (target, slope) = match allowed {
+            None => (0.0, way.slope),
+            Some(target) if held => (target, self.hold_slope),
+            Some(target) => (target, self.override_slope),
         };
         let slope = match &profile.law {
             // Nothing moves, so there is nothing to slew: a dwell stops and goes on at once.
@@ -259,23 +266,6 @@ impl Channel {
     /// Feed hold acts: not while the tool is in a thread.
     fn is_held(&self) -> bool {
         self.hold.holds() && self.thread.is_none()
-    }
-
-    /// True when the next profile of a chain is missing, and what is left of this one is the way to rest at the slew of
-    /// feed hold; then until it is there. So a late planner slows the motion, and never takes it off its path.
-    pub(crate) fn runs_dry(&mut self) -> bool {
-        let Some(profile) = &self.current else {
-            return false;
-        };
-        if let Law::Paced { pace, .. } = &profile.law {
-            return !look_ahead::is_free(&mut self.profiles, Some(pace), profile.segment);
-        }
-        if profile.exact_stop || !self.profiles.is_empty() {
-            return false;
-        }
-        let rate = self.time.rate();
-        let stopping_s = rate * rate / (2.0 * self.hold_slope) + rate * self.period_s;
-        self.starved || profile.duration_s - self.time.now_s() <= stopping_s
     }
 
     /// The setpoint at a profile time; at the end of a profile that another follows without a stop, in that one.

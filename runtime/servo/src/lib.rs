@@ -38,6 +38,7 @@ mod motors;
 mod passing;
 mod path_time;
 mod readings;
+mod rest;
 mod servo;
 mod skip;
 mod spindle;

@@ -72,26 +72,12 @@ fn room_of(waiting: &mut Consumer<Profile>, time_s: f64) -> SlewRoom {
 }
 
 /// True when the motion can still come to rest within what is known once it has passed a segment: then it may go on in
-/// it. With half of the ring full, too: a ring too short for the way to rest must not stop the motion, and the stages
-/// have done what they can.
-pub(crate) fn is_free(waiting: &mut Consumer<Profile>, running: Option<&Pace>, segment: u64) -> bool {
-    let known = waiting.slots();
-    if known == 0 {
-        return running.is_some_and(|pace| segment <= pace.free_to);
+/// it as planned.
+pub(crate) fn is_free([first, second]: [&[Profile]; 2], running: &Pace, segment: u64) -> bool {
+    match second.last().or(first.last()).map(|newest| &newest.law) {
+        None => segment <= running.free_to,
+        Some(Law::Paced { pace, .. }) => segment <= pace.free_to,
+        // What is not of a G500 chain comes behind the end of one.
+        Some(_) => true,
     }
-    if 2 * known >= waiting.buffer().capacity() {
-        return true;
-    }
-    let Ok(chunk) = waiting.read_chunk(known) else {
-        return false;
-    };
-    let (first, second) = chunk.as_slices();
-    second
-        .last()
-        .or(first.last())
-        .is_some_and(|newest| match &newest.law {
-            Law::Paced { pace, .. } => segment <= pace.free_to,
-            // What is not of a G500 chain comes behind the end of one.
-            _ => true,
-        })
 }

@@ -5,6 +5,7 @@ use tandem_model::AxisVector;
 use tandem_model::profile::{Law, Profile};
 
 use crate::channel::{Channel, Hold};
+use crate::rest::Way;
 use crate::spindle::SimulatedSpindle;
 
 /// Periods before the end of a profile that are never left out: rounding, and the cycle that ends it.
@@ -52,23 +53,25 @@ impl Channel {
 
     /// The same for a profile that runs at a constant rate.
     fn cycles_before_end(&mut self, rests: bool) -> u64 {
-        if self.hold == Hold::AtRest || self.runs_dry() {
+        if self.hold == Hold::AtRest {
             return 0;
         }
         let Some(profile) = &self.current else { return 0 };
         let follows = match &profile.law {
             Law::Skip { .. } | Law::Tap { .. } => false,
             Law::Rest { .. } => rests,
-            // whether the next profile is there in time depends on the time
-            Law::Paced { .. } => self.motors.are_ideal(),
-            _ => self.motors.are_ideal() && (profile.exact_stop || !self.profiles.is_empty()),
+            _ => self.motors.are_ideal(),
         };
         let rate = self.time.rate();
         if !follows || rate <= 0.0 || rate.to_bits() != self.override_of(profile).to_bits() {
             return 0;
         }
-        let left_s = profile.duration_s - self.time.now_s();
-        whole(left_s / (rate * self.period_s) - BEFORE_END)
+        let last_s = profile.duration_s - BEFORE_END * rate * self.period_s;
+        let way = Way::new(profile, last_s, self.hold_slope, self.period_s);
+        if !way.is_steady(&mut self.profiles, rate) {
+            return 0;
+        }
+        whole((last_s - self.time.now_s()) / (rate * self.period_s))
     }
 
     /// What so many cycles leave; at most as many as [`Channel::cycles_to_pass`] gives.

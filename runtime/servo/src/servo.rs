@@ -21,7 +21,7 @@ impl Servo {
     }
 
     /// One servo cycle: time goes on by one period and each channel gives its setpoint. True when any channel put
-    /// out an event. Never allocates, locks, waits or panics.
+    /// out an event, or is slower for want of more profiles. Never allocates, locks, waits or panics.
     pub fn cycle(&mut self) -> bool {
         self.cycles += 1;
         let time_s = self.time_s();

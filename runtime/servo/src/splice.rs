@@ -9,7 +9,7 @@ use tandem_model::profile::{Law, PathPlace, Profile};
 
 use crate::channel::{Channel, Hold};
 use crate::control::Event;
-use crate::look_ahead;
+use crate::rest;
 
 /// Splices that may wait, and rings that may wait to be taken back: the coordinator gives one at a time.
 pub(crate) const SPLICES_MAX: usize = 4;
@@ -102,8 +102,10 @@ impl Channel {
             return false;
         };
         let factor = self.time.rate() * joint.ratio;
-        let is_free = look_ahead::is_free(&mut splice.profiles, None, self.last_segment);
-        let first = if factor <= 1.0 + ROUNDING && is_free {
+        let at_s = beyond_s * joint.ratio;
+        let first = if factor <= 1.0 + ROUNDING
+            && rest::may_go_over(&mut splice.profiles, factor, at_s, self.period_s)
+        {
             splice.profiles.pop().ok()
         } else {
             None
@@ -113,7 +115,7 @@ impl Channel {
             return false;
         };
         self.current = Some(first);
-        self.time.rescale(factor.min(1.0), beyond_s * joint.ratio);
+        self.time.rescale(factor.min(1.0), at_s);
         self.settle(splice.profiles, true);
         true
     }

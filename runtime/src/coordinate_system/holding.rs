@@ -6,6 +6,7 @@
 use plc_api::types::request::{Refusal, RefusalCode};
 use plc_api::types::state::{Execution, Lock, Reason};
 use serde_json::json;
+use tandem_interp::Modal;
 use tandem_model::alarm::COMPENSATION_REFUSED;
 use tandem_servo::Control;
 
@@ -123,14 +124,18 @@ impl CoordinateSystem {
             return Ok(());
         }
         if on && self.run.is_some() {
-            let modal = self.pipeline.interpreter.modal();
-            let within = match (modal.compensates(), modal.in_fixed_cycle()) {
-                (true, _) => Some("cutter compensation"),
-                (_, true) => Some("a tapping cycle"),
-                _ => None,
+            let within = if self.pipeline.is_anywhere(Modal::compensates) {
+                Some("cutter compensation")
+            } else if self.pipeline.is_anywhere(Modal::in_fixed_cycle) {
+                Some("a tapping cycle")
+            } else {
+                None
             };
             if let Some(within) = within {
-                let text = format!("single block cannot be switched on within {within}; wait for its end");
+                let text = format!(
+                    "single block cannot be switched on within {within}, nor before one that is already read; wait \
+                     for its end"
+                );
                 return Err(Refusal::new(RefusalCode::NotAllowed, text));
             }
         }

@@ -272,8 +272,10 @@ impl CoordinateSystem {
             Event::Started { segment, origin, .. } => {
                 self.follow_changes(segment);
                 self.view.update(|place| place.executing = origin);
-                let fields = serde_json::json!({"program": origin.program, "line": origin.line});
-                self.shared.record(self.number, Entry::new("block", fields));
+                if self.pipeline.begins_block(segment) {
+                    let fields = serde_json::json!({"program": origin.program, "line": origin.line});
+                    self.shared.record(self.number, Entry::new("block", fields));
+                }
             }
             Event::Finished { segment, .. } => {
                 self.servo.finished_segment = segment;
@@ -296,22 +298,16 @@ impl CoordinateSystem {
             }
             Event::Fault(fault) => {
                 let alarm = fault.alarm();
-                self.raise(alarm.entry.number, alarm.text, alarm.origin);
+                let executing = self.view.executing();
+                let origin = (self.run.is_some() && executing.line > 0).then_some(executing);
+                self.raise(alarm.entry.number, alarm.text, origin);
             }
         }
     }
 
     /// What was in force ahead of the motion is in force now.
     fn follow_changes(&mut self, segment: u64) {
-        while self
-            .pipeline
-            .changes
-            .front()
-            .is_some_and(|change| change.after_segment < segment)
-        {
-            let Some(change) = self.pipeline.changes.pop_front() else {
-                break;
-            };
+        while let Some(change) = self.pipeline.changed_before(segment) {
             self.publish_modal(&change.modal);
             self.view.update(|place| {
                 place.transform = change.transform;

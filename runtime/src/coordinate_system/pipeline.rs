@@ -25,8 +25,14 @@ pub(super) struct Pipeline {
     /// Planned, and not yet in the servo's queue.
     pub ready: VecDeque<Profile>,
     /// What changes after which segment, for those who watch; in order.
-    pub changes: VecDeque<Change>,
+    changes: VecDeque<Change>,
     last: Change,
+    /// The modal state of the motion that runs.
+    in_force: Modal,
+    /// First segment of each programmed block that has not begun, ascending.
+    blocks: VecDeque<u64>,
+    /// The programmed block noted last, by the interpreter's count.
+    noted_step: Option<u64>,
     in_thread: bool,
 }
 
@@ -56,7 +62,10 @@ impl Pipeline {
             segments: Vec::new(),
             ready: VecDeque::new(),
             changes: VecDeque::new(),
+            in_force: last.modal.clone(),
             last,
+            blocks: VecDeque::new(),
+            noted_step: None,
             in_thread: false,
         }
     }
@@ -66,6 +75,7 @@ impl Pipeline {
         let item = self.interpreter.next(inputs)?;
         if let Item::Block(block) = &item {
             self.note_change();
+            self.note_block();
             self.block(block)?;
         }
         self.note_change();
@@ -132,12 +142,50 @@ impl Pipeline {
             return;
         }
         self.last = Change {
-            after_segment: self.planner.last_segment() + self.path.held_back() as u64,
+            after_segment: self.next_segment() - 1,
             modal: modal.clone(),
             transform: *transform,
             stack: callers().collect(),
         };
         self.changes.push_back(self.last.clone());
+    }
+
+    /// The segment that the next block will have.
+    fn next_segment(&self) -> u64 {
+        self.planner.last_segment() + self.path.held_back() as u64 + 1
+    }
+
+    /// A fixed cycle gives several blocks of one step.
+    fn note_block(&mut self) {
+        let step = Some(self.interpreter.steps());
+        let first = self.next_segment();
+        // Blocks without movement go to the next one that moves.
+        if self.noted_step != step && self.blocks.back() != Some(&first) {
+            self.blocks.push_back(first);
+        }
+        self.noted_step = step;
+    }
+
+    /// True when a programmed block begins with this segment, which begins to run.
+    pub fn begins_block(&mut self, segment: u64) -> bool {
+        let begun = self.blocks.partition_point(|first| *first <= segment);
+        self.blocks.drain(..begun).next().is_some()
+    }
+
+    /// What changes before a segment begins to run, in order.
+    pub fn changed_before(&mut self, segment: u64) -> Option<Change> {
+        let change = self
+            .changes
+            .pop_front_if(|change| change.after_segment < segment)?;
+        self.in_force = change.modal.clone();
+        Some(change)
+    }
+
+    /// True when it is so of the motion that runs, of what is prepared, or of the next block.
+    pub fn is_anywhere(&self, is_so: impl Fn(&Modal) -> bool) -> bool {
+        is_so(&self.in_force)
+            || is_so(self.interpreter.modal())
+            || self.changes.iter().any(|change| is_so(&change.modal))
     }
 
     /// After G31: the machine rests here, perhaps short of the target.
@@ -169,6 +217,7 @@ impl Pipeline {
         } else {
             self.interpreter.start(program, number);
         }
+        self.in_force = self.interpreter.modal().clone();
     }
 
     /// Throws away what is prepared: the machine rests at `at`, and profiles carry `epoch` from here on. The transform
@@ -177,6 +226,8 @@ impl Pipeline {
         self.ready.clear();
         self.segments.clear();
         self.changes.clear();
+        self.blocks.clear();
+        self.noted_step = None;
         self.in_thread = false;
         self.planner.restart(epoch);
         if goes_on {
@@ -252,6 +303,7 @@ impl Pipeline {
         };
         let own = self.planner.settings().clone();
         self.planner.set_settings(settings);
+        self.blocks.push_back(self.next_segment());
         let pushed = self.planner.push(&segment, &mut self.ready);
         self.planner.set_settings(&own);
         self.path.skipped_to(MachinePosition(to));

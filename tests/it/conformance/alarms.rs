@@ -95,3 +95,19 @@ fn an_alarm_of_one_coordinate_system_does_not_stop_the_other() {
         .any(|event| event["cs"] == 2 && event["event"] == "end");
     assert!(ended, "coordinate system 2 comes to its end: {:?}", run.events);
 }
+
+#[test]
+fn an_alarm_of_a_motor_that_does_not_arrive_names_program_and_line() {
+    // X follows with a lag of 10 s: after 0.1 s it is far from its command.
+    let config = "[[motor]]\nnumber = 1\nkind = \"linear\"\nmax_velocity = 500.0\nmax_acceleration = 5000.0\n\
+                  lag_ms = 10000.0\nin_position_timeout_ms = 100.0\n\
+                  [[coordinate_system]]\nnumber = 1\naxes = { X = 1 }\n";
+    let run = simulate_on(&Machine::with_config(config), "\n\nG00 X10\nM30\n", &[]);
+    assert_eq!(run.alarm(), 200);
+    assert_eq!(
+        (&run.json["alarm"]["program"], &run.json["alarm"]["line"]),
+        (&1.into(), &3.into())
+    );
+    let text = run.json["alarm"]["text"].as_str().unwrap();
+    assert!(text.contains("Motor 1 (axis X)"), "{text}");
+}

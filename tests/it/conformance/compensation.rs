@@ -72,6 +72,45 @@ fn s1g_an_outside_corner_is_passed_on_an_arc_about_it() {
     near(end_of(&run, 6), [0.0, -5.0]);
 }
 
+/// Distance of each sample of a line from a centre.
+fn radii(run: &Simulated, line: u32, [x, y]: [f64; 2]) -> Vec<f64> {
+    let rows = run.trace.iter().filter(|row| row.line == line);
+    rows.map(|row| (row.axes[0] - x).hypot(row.axes[1] - y)).collect()
+}
+
+#[test]
+fn s1g_beside_an_arc_the_centre_goes_on_one_about_the_same_centre_with_the_tools_radius_more_or_less() {
+    // Tangent all along: to the right about (10, -10), down, to the left about (30, -30), on to the right. To the left of
+    // it the first radius is R + r, the second R - r; to its right the other way round.
+    for (code, side) in [("G41", 1.0), ("G42", -1.0)] {
+        let run = run(&format!(
+            "G61 G01 {code}\nX10\nG02 X20 Y-10 J-10\nG01 Y-30\nG03 X30 Y-40 I10\nG01 X50\nG40\nX60\nM30\n"
+        ))
+        .completed();
+        let r = 5.0 * side;
+        for (line, end) in [
+            (4, [10.0, r]),
+            (5, [20.0 + r, -10.0]),
+            (6, [20.0 + r, -30.0]),
+            (7, [30.0, -40.0 + r]),
+            (8, [50.0, -40.0 + r]),
+            (10, [60.0, -40.0]),
+        ] {
+            near(end_of(&run, line), end);
+        }
+        for (line, centre, radius) in [(5, [10.0, -10.0], 10.0 + r), (7, [30.0, -30.0], 10.0 - r)] {
+            let radii = radii(&run, line, centre);
+            assert!(radii.len() > 50);
+            for found in radii {
+                assert!(
+                    (found - radius).abs() < 1e-6,
+                    "{code} line {line}: {found} is not {radius}"
+                );
+            }
+        }
+    }
+}
+
 #[test]
 fn s1g_an_m_code_that_waits_is_an_alarm_before_the_lead_out() {
     for (program, line) in [

@@ -1,6 +1,7 @@
 //! G64 with G500 (motion rule 1d): the path of G501, slowed to the motors' maximum accelerations.
 
-use crate::support::simulated::{Simulated, simulate};
+use crate::support::machine::{COORDINATE_SYSTEMS, MOTORS, Machine};
+use crate::support::simulated::{Simulated, simulate, simulate_on};
 
 const X: usize = 0;
 const Y: usize = 1;
@@ -62,4 +63,45 @@ fn m1d_a_program_within_the_limits_runs_as_with_g501() {
             assert!((p - q).abs() < 1e-9, "{a:?} {b:?}");
         }
     }
+}
+
+#[test]
+fn m1d_with_few_blocks_read_ahead_the_motion_is_slower_within_the_limits_and_never_an_alarm() {
+    let fine: Vec<String> = (1..=400)
+        .map(|n| format!("X{:.3} Y{:.3}\n", f64::from(n) * 0.05, f64::from(n % 2) * 0.01))
+        .collect();
+    let fine = fine.concat();
+    for multi_block in ["G500", "G501"] {
+        let program = format!("ta10 td10 ts0 {multi_block} G01 F12000\n{fine}M30\n");
+        let much = simulate(&program).completed();
+        let config = format!("[machine]\nname = \"test-1\"\n{MOTORS}{COORDINATE_SYSTEMS}").replacen(
+            "max_feedrate = 12000.0\n",
+            "max_feedrate = 12000.0\npre_read_blocks = 16\n",
+            1,
+        );
+        let little = simulate_on(&Machine::with_config(&config), &program, &[]).completed();
+        assert!(little.cycle_time_s() > much.cycle_time_s(), "{multi_block}");
+        assert_eq!(little.machine("X"), 20.0);
+        if multi_block == "G500" {
+            let found = acceleration(&little);
+            assert!(found <= ACCELERATION * 1.001, "{found}");
+        }
+    }
+}
+
+#[test]
+fn m1d_of_blocks_of_a_micrometre_at_most_128_pass_in_a_servo_period_and_no_limit_is_exceeded() {
+    // 5 mm at 200 mm/s: 200 blocks a period.
+    let tiny: Vec<String> = (1..=5000)
+        .map(|n| format!("X{:.3}\n", f64::from(n) / 1000.0))
+        .collect();
+    let tiny = tiny.concat();
+    let run = simulate(&format!("ta10 td10 ts0 G500 G01 F12000\n{tiny}M30\n")).completed();
+    assert_eq!(run.machine("X"), 5.0);
+    let steps = run.trace.windows(2).map(|rows| rows[1].axes[X] - rows[0].axes[X]);
+    let fastest = steps.fold(0.0, f64::max);
+    assert!(fastest <= 0.128 * (1.0 + 1e-6), "{fastest} mm in a period");
+    assert!(fastest > 0.1, "{fastest} mm in a period");
+    let found = acceleration(&run);
+    assert!(found <= ACCELERATION * 1.001, "{found}");
 }

@@ -7,3 +7,4 @@ mod replanning;
 mod rig;
 mod single_block;
 mod stairs;
+mod within;

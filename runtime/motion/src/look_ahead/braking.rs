@@ -95,14 +95,9 @@ impl Braking {
             let late = late_s.min(part.duration_s);
             late_s -= late;
             let time_s = part.duration_s - late;
-            let steady = square + 2.0 * part.slope * time_s;
-            let by_room = if room.slope.is_finite() {
-                let gained = 2.0 * room.slope * time_s;
-                (square + gained) / (1.0 + gained * room.braking.min(1.0))
-            } else {
-                f64::INFINITY
-            };
-            square = steady.min(by_room);
+            if time_s > 0.0 {
+                square = room.square_before(square, part.slope, time_s);
+            }
             if square >= 1.0 {
                 self.free_to = self.free_to.max(part.segment.saturating_sub(1));
                 self.parts.drain(..i.saturating_sub(1));

@@ -7,13 +7,16 @@ use tandem_model::flow::Path;
 use tandem_model::profile::SlewRoom;
 
 use super::limits::{self, Bounds};
-use super::way::{Motion, Phase, Way};
+use super::way::{End, Motion, Phase, Way};
 
 /// The largest change of a velocity on one piece of a ramp, as a share of it.
 const CHANGE_MAX: f64 = 0.25;
 
 /// The largest share of a limit left for what lies between the ends of a piece before it is halved for its rate.
 const BEND_MAX: f64 = 0.04;
+
+/// The same, as a share of what the motion at the ends leaves of a limit.
+const LEFT_MAX: f64 = 0.25;
 
 /// A ramp is halved so often at most.
 const HALVINGS_MAX: u32 = 4;
@@ -56,6 +59,11 @@ pub(super) struct Piece {
 pub(super) enum Shape {
     /// Straight at one speed: the square of the rate changes by at most this per second of plan time, anywhere in it.
     Straight { change: f64 },
+    /// Nothing exceeds its limit at the largest rate; it is cut finer where the rate changes.
+    Whole {
+        /// What is left at the largest rate.
+        room: SlewRoom,
+    },
     Bent {
         /// What is left at the largest rate, when nothing exceeds its limit at that.
         planned: Option<SlewRoom>,
@@ -105,24 +113,24 @@ pub(super) fn cut(way: &Way<'_>, bounds: Bounds<'_>, pieces: &mut VecDeque<Piece
             (false, Path::Arc(arc)) => {
                 let swept = arc.swept() * way.speed * (phase.to_s - phase.from_s) / arc.length();
                 let n = (swept / TURN_MAX).ceil().clamp(1.0, PIECES_MAX);
-                even(way, bounds, phase, n, 0, pieces);
+                Cutter::new(way, bounds, [phase.from_s, phase.to_s], pieces).whole(n, false);
             }
-            (true, _) => parts(way, bounds, phase, 0, pieces),
+            (true, _) => Cutter::new(way, bounds, [phase.from_s, phase.to_s], pieces).whole(1.0, false),
         }
     }
     if pieces.len() == before && way.plan_s > begin_s {
-        add(
-            bounds,
-            &way.motion(begin_s, way.plan_s),
-            [begin_s, way.plan_s],
-            pieces,
-        );
+        Cutter::new(way, bounds, [begin_s, way.plan_s], pieces).whole(1.0, true);
     }
     // What was left out as rounding belongs to the last piece.
     if let Some(last) = pieces.back_mut().filter(|_| at_s > begin_s) {
         last.to_s = way.plan_s;
     }
     pieces.len() - before
+}
+
+/// Adds the pieces that a piece, planned as a whole, is cut into where the rate changes.
+pub(super) fn cut_finer(way: &Way<'_>, bounds: Bounds<'_>, piece: &Piece, pieces: &mut VecDeque<Piece>) {
+    Cutter::new(way, bounds, [piece.from_s, piece.to_s], pieces).whole(1.0, true);
 }
 
 fn straight(way: &Way<'_>, bounds: Bounds<'_>, phase: Phase) -> Piece {
@@ -141,81 +149,139 @@ fn straight(way: &Way<'_>, bounds: Bounds<'_>, phase: Phase) -> Piece {
     }
 }
 
-/// Cuts a phase into n parts of one length, and each as [`parts`] does.
-fn even(way: &Way<'_>, bounds: Bounds<'_>, phase: Phase, n: f64, depth: u32, pieces: &mut VecDeque<Piece>) {
-    let mut from_s = phase.from_s;
-    let mut k = 0.0;
-    while k < n {
-        k += 1.0;
-        let to_s = if k < n {
-            phase.from_s + (phase.to_s - phase.from_s) * k / n
-        } else {
-            phase.to_s
-        };
-        let part = Phase {
+/// Cuts what lies within one phase.
+struct Cutter<'a> {
+    way: &'a Way<'a>,
+    bounds: Bounds<'a>,
+    from_s: f64,
+    to_s: f64,
+    pieces: &'a mut VecDeque<Piece>,
+}
+
+/// What decides whether a piece is cut.
+struct Measure {
+    /// Change of the velocity between the ends against the slower one, over the largest that is left whole.
+    uneven: f64,
+    /// The velocity does not change its direction.
+    one_way: bool,
+    /// What lies between the ends against the limit, over the largest that is left whole.
+    bent: f64,
+}
+
+impl<'a> Cutter<'a> {
+    fn new(
+        way: &'a Way<'a>,
+        bounds: Bounds<'a>,
+        [from_s, to_s]: [f64; 2],
+        pieces: &'a mut VecDeque<Piece>,
+    ) -> Self {
+        Self {
+            way,
+            bounds,
             from_s,
             to_s,
-            ..phase
-        };
-        parts(way, bounds, part, depth, pieces);
-        from_s = to_s;
+            pieces,
+        }
     }
-}
 
-/// Cuts a phase until on each piece the velocity changes little against the slower end, and an arc bends little: evenly
-/// where its speed does not change much, else in halves.
-fn parts(way: &Way<'_>, bounds: Bounds<'_>, phase: Phase, depth: u32, pieces: &mut VecDeque<Piece>) {
-    let Phase { from_s, to_s, .. } = phase;
-    let motion = way.motion(from_s, to_s);
-    let h_s = to_s - from_s;
-    let (mut change, mut bend, mut most) = (0.0_f64, 0.0_f64, 1.0 / bounds.cap.max(1.0));
-    let mut speeds = [0.0_f64; 2];
-    for axis in Axis::ALL {
-        let inverse = bounds.inverse[axis.index()];
-        let ends = [motion.velocity[0][axis], motion.velocity[1][axis]].map(|v| v * inverse);
-        change = change.max((ends[1] - ends[0]).abs());
-        for (speed, end) in speeds.iter_mut().zip(ends) {
-            *speed = speed.max(end.abs());
-        }
-        bend = bend.max(motion.fourth[axis] * inverse);
-        for end in motion.acceleration {
-            most = most.max(end[axis].abs() * inverse);
+    /// An end of a piece.
+    fn end(&self, t_s: f64) -> End {
+        self.way.end(t_s, f64::midpoint(self.from_s, self.to_s))
+    }
+
+    /// All of it in n parts. `finer`: for a rate that changes.
+    fn whole(&mut self, n: f64, finer: bool) {
+        let ends = [self.end(self.from_s), self.end(self.to_s)];
+        self.even(&ends, n, 0, finer);
+    }
+
+    /// Cuts into n parts of one length, and each further where it must.
+    fn even(&mut self, [from, to]: &[End; 2], n: f64, depth: u32, finer: bool) {
+        let mut left = *from;
+        let mut k = 0.0;
+        while k < n {
+            k += 1.0;
+            let right = if k < n {
+                self.end(from.t_s + (to.t_s - from.t_s) * k / n)
+            } else {
+                *to
+            };
+            self.part(&[left, right], depth, finer);
+            left = right;
         }
     }
-    let slower = speeds[0].min(speeds[1]);
-    let uneven = change.max(h_s / 4.0) / (CHANGE_MAX * slower);
-    // Little of the limit is left for what lies between the ends of an arc, at the rate that the limit allows.
-    let bent = h_s * h_s * bend > 8.0 * BEND_MAX * most;
-    let (parts, depth) = if uneven > 1.0 && depth < HALVINGS_MAX {
-        if change < slower {
-            (uneven.min(PARTS_MAX).ceil(), HALVINGS_MAX)
+
+    /// Cuts until an arc bends little. What exceeds no limit at the block's largest rate is left so; else each piece is
+    /// cut until its velocity changes little against the slower end, too: evenly where its direction stays, else in
+    /// halves.
+    fn part(&mut self, ends: &[End; 2], depth: u32, finer: bool) {
+        let motion = self.way.between(ends);
+        let h_s = ends[1].t_s - ends[0].t_s;
+        let Measure {
+            uneven,
+            one_way,
+            bent,
+        } = self.measure(&motion, h_s);
+        if finer && uneven > 1.0 && depth < HALVINGS_MAX {
+            let (n, depth) = if one_way {
+                (uneven.min(PARTS_MAX).ceil(), HALVINGS_MAX)
+            } else {
+                (2.0, depth + 1)
+            };
+            return self.even(ends, n, depth, finer);
+        }
+        // Little of the limit is left for what lies between the ends of an arc, at the rate that the limit allows.
+        if bent > 1.0 && depth < 2 * HALVINGS_MAX {
+            // It falls with the square of the length at least.
+            return self.even(ends, bent.sqrt().ceil().min(PARTS_MAX), depth + 1, finer);
+        }
+        let cap = self.bounds.cap_at(|axis| motion.fastest(axis, h_s));
+        let room = limits::room(&motion, self.bounds.inverse, h_s, [cap; 2]);
+        let within = room.braking.max(room.driving) <= 1.0;
+        let shape = if finer {
+            Shape::Bent {
+                planned: within.then_some(room),
+            }
+        } else if within && cap >= self.bounds.cap {
+            Shape::Whole { room }
         } else {
-            (2.0, depth + 1)
-        }
-    } else if bent && depth < 2 * HALVINGS_MAX {
-        (2.0, depth + 1)
-    } else {
-        return add(bounds, &motion, [from_s, to_s], pieces);
-    };
-    even(way, bounds, phase, parts, depth, pieces);
-}
+            return self.part(ends, 0, true);
+        };
+        self.pieces.push_back(Piece {
+            from_s: ends[0].t_s,
+            to_s: ends[1].t_s,
+            shape,
+            least_s: h_s / LEAST,
+            cap,
+            limit: f64::NAN,
+        });
+    }
 
-fn add(bounds: Bounds<'_>, motion: &Motion, [from_s, to_s]: [f64; 2], pieces: &mut VecDeque<Piece>) {
-    let h_s = to_s - from_s;
-    let cap = bounds.cap_at(|axis| {
-        let [begin, end] = motion.velocity.map(|velocity| velocity[axis].abs());
-        begin.max(end) + motion.third[axis] * h_s * h_s / 8.0
-    });
-    let room = limits::room(motion, bounds.inverse, h_s, [cap; 2]);
-    let within = room.braking.max(room.driving) <= 1.0;
-    pieces.push_back(Piece {
-        from_s,
-        to_s,
-        shape: Shape::Bent {
-            planned: within.then_some(room),
-        },
-        least_s: h_s / LEAST,
-        cap,
-        limit: f64::NAN,
-    });
+    fn measure(&self, motion: &Motion, h_s: f64) -> Measure {
+        let (mut change, mut bend, mut used) = (0.0_f64, 0.0_f64, 0.0_f64);
+        let mut speeds = [0.0_f64; 2];
+        for axis in Axis::ALL {
+            let inverse = self.bounds.inverse[axis.index()];
+            if inverse == 0.0 {
+                continue;
+            }
+            let ends = [motion.velocity[0][axis], motion.velocity[1][axis]].map(|v| v * inverse);
+            change = change.max((ends[1] - ends[0]).abs());
+            for (speed, end) in speeds.iter_mut().zip(ends) {
+                *speed = speed.max(end.abs());
+            }
+            bend = bend.max(motion.fourth[axis] * inverse);
+            for end in motion.acceleration {
+                used = used.max(end[axis].abs() * inverse);
+            }
+        }
+        let slower = speeds[0].min(speeds[1]);
+        // The limit at the largest rate.
+        let most = 1.0 / self.bounds.cap.max(1.0);
+        Measure {
+            uneven: change.max(h_s / 4.0) / (CHANGE_MAX * slower),
+            one_way: change < slower,
+            bent: h_s * h_s * bend / 8.0 / (BEND_MAX * used.max(most)).max(LEFT_MAX * (most - used)),
+        }
+    }
 }

@@ -43,7 +43,7 @@ const SQUARE_MAX: f64 = FEED_OVERRIDE_MAX * FEED_OVERRIDE_MAX;
 pub(crate) const BLOCKS_MAX: usize = 16_384;
 
 /// The fewest new blocks that are planned at a time.
-const BLOCKS_MIN: usize = 32;
+const BLOCKS_MIN: usize = 128;
 
 /// Blocks passed in one servo period at most: the rate in blocks of less is lowered to that.
 const BLOCKS_PER_PERIOD: f64 = 128.0;

@@ -2,9 +2,11 @@
 //!
 //! A piece whose acceleration changes much along it wastes some of it at one end; where halves are faster, it is halved.
 
+use std::collections::VecDeque;
+
 use tandem_model::profile::SlewRoom;
 
-use super::grid::{Piece, Shape};
+use super::grid::{self, Piece, Shape};
 use super::limits::{self, Bounds, HalfPlane};
 use super::paced::{self, Step};
 use super::way::{Motion, Way};
@@ -50,8 +52,8 @@ impl Limits<'_> {
         let end = end.min(piece.cap);
         match piece.shape {
             Shape::Straight { change } => [(end + change * piece.length_s()).min(piece.cap), end],
-            Shape::Bent { planned: Some(_) } if end >= piece.cap => [piece.cap, end],
-            Shape::Bent { .. } => {
+            Shape::Whole { .. } | Shape::Bent { planned: Some(_) } if end >= piece.cap => [piece.cap, end],
+            Shape::Whole { .. } | Shape::Bent { .. } => {
                 self.bend(piece);
                 limits::fastest_start(self.planes, piece.cap, end).map(|square| square.max(0.0))
             }
@@ -60,6 +62,11 @@ impl Limits<'_> {
 
     /// Adds a piece with its new limit, in as many pieces as it takes, the last one first.
     pub(super) fn renew(&mut self, piece: &Piece, end: f64, renewed: &mut Vec<Piece>) -> f64 {
+        if let Shape::Whole { .. } = piece.shape
+            && end < piece.cap
+        {
+            return self.renew_finer(piece, end, renewed);
+        }
         let [limit, after] = self.start_and_end(piece, end);
         if limit < piece.cap
             && changes(limit, after)
@@ -76,6 +83,16 @@ impl Limits<'_> {
         limit
     }
 
+    /// A piece whose rate changes, in finer ones.
+    fn renew_finer(&mut self, piece: &Piece, end: f64, renewed: &mut Vec<Piece>) -> f64 {
+        let mut finer = VecDeque::new();
+        grid::cut_finer(&self.way, self.bounds, piece, &mut finer);
+        finer
+            .iter()
+            .rev()
+            .fold(end, |end, piece| self.renew(piece, end, renewed))
+    }
+
     /// Passes a piece from this square of the rate on, as fast as the limit behind it allows; gives the one at its end.
     pub(super) fn pass(&mut self, piece: &Piece, before: f64, limit: f64, steps: &mut Vec<Step>) -> f64 {
         let limit = limit.min(piece.cap);
@@ -85,10 +102,27 @@ impl Limits<'_> {
                 straight(piece, change, [before, after], piece.cap, steps);
                 after
             }
-            Shape::Bent { planned: Some(room) } if before >= piece.cap && limit >= piece.cap => {
+            Shape::Whole { room } | Shape::Bent { planned: Some(room) }
+                if before >= piece.cap && limit >= piece.cap =>
+            {
                 let cap = piece.cap;
                 paced::push(steps, step(piece, [cap; 2], room), piece.length_s());
                 cap
+            }
+            Shape::Whole { .. } => {
+                let mut finer = Vec::new();
+                if self.renew_finer(piece, limit, &mut finer) < before {
+                    // What is left for between the ends is not the same for parts, so they may allow less.
+                    let whole = self.fastest(piece, before, limit);
+                    paced::push(steps, whole, piece.length_s());
+                    return whole.end;
+                }
+                let mut before = before;
+                while let Some(piece) = finer.pop() {
+                    let limit = finer.last().map_or(limit, |next| next.limit);
+                    before = self.pass(&piece, before, limit, steps);
+                }
+                before
             }
             Shape::Bent { .. } => {
                 let whole = self.fastest(piece, before, limit);

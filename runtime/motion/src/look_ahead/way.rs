@@ -11,6 +11,8 @@ pub(super) struct Way<'a> {
     pub(super) path: &'a Path,
     pub(super) speed: f64,
     lead: Option<(&'a Path, f64)>,
+    /// Of its own block and the next one.
+    slopes: [AxisVector; 2],
     start: UnitRamp,
     stop: UnitRamp,
     begun_s: f64,
@@ -33,6 +35,16 @@ pub(super) struct Phase {
     pub(super) from_s: f64,
     pub(super) to_s: f64,
     pub(super) is_ramp: bool,
+}
+
+/// One end of a piece in plan time: velocity and acceleration by plan time.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct End {
+    pub(super) t_s: f64,
+    /// Of its own block and the next one.
+    along: [Along; 2],
+    velocity: AxisVector,
+    acceleration: AxisVector,
 }
 
 /// First and second derivative of the position by plan time at both ends of a piece, and bounds of the third and fourth
@@ -68,10 +80,15 @@ impl<'a> Way<'a> {
         else {
             return None;
         };
+        let lead = next.as_ref().map(|next| (&next.path, next.speed));
         Some(Self {
             path,
             speed: *speed,
-            lead: next.as_ref().map(|next| (&next.path, next.speed)),
+            lead,
+            slopes: [
+                slopes(path),
+                lead.map_or(AxisVector::ZERO, |(path, _)| slopes(path)),
+            ],
             start: *start,
             stop: *stop,
             begun_s: *begun_s,
@@ -142,78 +159,133 @@ impl<'a> Way<'a> {
         [own, next]
     }
 
-    /// The motion over a piece within one phase.
-    pub(super) fn motion(&self, from_s: f64, to_s: f64) -> Motion {
+    /// One end of a piece, `within_s` telling its phase.
+    pub(super) fn end(&self, t_s: f64, within_s: f64) -> End {
         if self.passage.is_backward {
-            self.forward(self.plan_s - to_s, self.plan_s - from_s).reversed()
-        } else {
-            self.forward(from_s, to_s)
+            let end = self.forward_end(self.plan_s - t_s, self.plan_s - within_s);
+            return End {
+                t_s,
+                ..end.reversed()
+            };
         }
+        self.forward_end(t_s, within_s)
     }
 
-    fn forward(&self, from_s: f64, to_s: f64) -> Motion {
-        let within_s = f64::midpoint(from_s, to_s);
-        let from = self.along(from_s, within_s);
-        let to = self.along(to_s, within_s);
-        let mut motion = Motion::default();
-        motion.add(self.path, from[0], to[0]);
+    fn forward_end(&self, t_s: f64, within_s: f64) -> End {
+        let [own, next] = self.along(t_s, within_s);
+        let mut end = End {
+            t_s,
+            along: [own, next],
+            velocity: AxisVector::ZERO,
+            acceleration: AxisVector::ZERO,
+        };
+        end.add(self.path, self.slopes[0], own);
         if let Some((path, _)) = self.lead {
-            motion.add(path, from[1], to[1]);
+            end.add(path, self.slopes[1], next);
+        }
+        end
+    }
+
+    /// The motion over a piece between two ends of one phase.
+    pub(super) fn between(&self, [from, to]: &[End; 2]) -> Motion {
+        let mut motion = Motion {
+            velocity: [from.velocity, to.velocity],
+            acceleration: [from.acceleration, to.acceleration],
+            ..Motion::default()
+        };
+        motion.bound(self.path, self.slopes[0], [from.along[0], to.along[0]]);
+        if let Some((path, _)) = self.lead {
+            motion.bound(path, self.slopes[1], [from.along[1], to.along[1]]);
         }
         motion
     }
+
+    /// The motion over a piece within one phase.
+    pub(super) fn motion(&self, from_s: f64, to_s: f64) -> Motion {
+        let within_s = f64::midpoint(from_s, to_s);
+        self.between(&[self.end(from_s, within_s), self.end(to_s, within_s)])
+    }
 }
 
-impl Motion {
-    /// The same way back: velocities change their sign, accelerations do not.
+/// Change of each axis per unit of a line's length; 0 for an arc.
+fn slopes(path: &Path) -> AxisVector {
+    match path {
+        Path::Line { from, to, length } => to.minus(*from).scaled(1.0 / length),
+        Path::Arc(_) => AxisVector::ZERO,
+    }
+}
+
+impl End {
+    /// The same on the way back: the velocity changes its sign, the acceleration does not.
     fn reversed(self) -> Self {
-        let [v0, v1] = self.velocity;
-        let [a0, a1] = self.acceleration;
         Self {
-            velocity: [v1.scaled(-1.0), v0.scaled(-1.0)],
-            acceleration: [a1, a0],
+            velocity: self.velocity.scaled(-1.0),
             ..self
         }
     }
 
     /// Adds a block's share; with `p(s)` the path and `s` the distance along it, by the chain rule.
-    fn add(&mut self, path: &Path, from: Along, to: Along) {
-        match path {
-            Path::Line {
-                from: start,
-                to: end,
-                length,
-            } => {
-                let direction = end.minus(*start).scaled(1.0 / length);
-                for (k, along) in [from, to].into_iter().enumerate() {
-                    self.velocity[k] = self.velocity[k].plus(direction.scaled(along.speed));
-                    self.acceleration[k] = self.acceleration[k].plus(direction.scaled(along.acceleration));
-                }
-                if from.jerk != 0.0 {
-                    let jerk = from.jerk.abs();
-                    self.third = self.third.zip(direction, |sum, share| sum + share.abs() * jerk);
-                }
-            }
+    fn add(&mut self, path: &Path, slopes: AxisVector, along: Along) {
+        let (first, second) = match path {
+            Path::Line { .. } => (slopes, AxisVector::ZERO),
             Path::Arc(arc) => {
-                for (k, along) in [from, to].into_iter().enumerate() {
-                    let [first, second] = arc.derivatives_at(along.distance);
-                    self.velocity[k] = self.velocity[k].plus(first.scaled(along.speed));
-                    self.acceleration[k] = self.acceleration[k]
-                        .plus(second.scaled(along.speed * along.speed))
-                        .plus(first.scaled(along.acceleration));
-                }
-                let [b1, b2, b3, b4] = arc.derivative_bounds(from.distance, to.distance);
-                // Speed and acceleration along the path are monotone within a phase.
-                let v = from.speed.max(to.speed);
-                let a = from.acceleration.abs().max(to.acceleration.abs());
-                let j = from.jerk.abs();
-                for axis in Axis::ALL {
-                    self.third[axis] += b3[axis] * v * v * v + 3.0 * b2[axis] * v * a + b1[axis] * j;
-                    self.fourth[axis] += b4[axis] * v.powi(4)
-                        + 6.0 * b3[axis] * v * v * a
-                        + b2[axis] * (4.0 * v * j + 3.0 * a * a);
-                }
+                let [first, second] = arc.derivatives_at(along.distance);
+                (first, second.scaled(along.speed * along.speed))
             }
+        };
+        self.velocity = self.velocity.plus(first.scaled(along.speed));
+        self.acceleration = self
+            .acceleration
+            .plus(second)
+            .plus(first.scaled(along.acceleration));
+    }
+}
+
+impl Motion {
+    /// Bound of the velocity of an axis anywhere on a piece of this length.
+    pub(super) fn fastest(&self, axis: Axis, h_s: f64) -> f64 {
+        let [begin, end] = self.velocity.map(|velocity| velocity[axis].abs());
+        begin.max(end) + self.third[axis] * h_s * h_s / 8.0
+    }
+
+    /// Adds a block's share of the bounds.
+    fn bound(&mut self, path: &Path, slopes: AxisVector, [from, to]: [Along; 2]) {
+        let j = from.jerk.abs();
+        let arc = match path {
+            Path::Line { .. } => {
+                if j != 0.0 {
+                    self.third = self.third.zip(slopes, |sum, slope| sum + slope.abs() * j);
+                }
+                return;
+            }
+            Path::Arc(arc) => arc,
+        };
+        // Speed and acceleration along the path are monotone within a phase.
+        let v = from.speed.max(to.speed);
+        let a = from.acceleration.abs().max(to.acceleration.abs());
+        let [in_plane, beside] = arc.derivative_bounds(from.distance, to.distance);
+        let bounds = |[b1, b2, b3, b4]: [f64; 4]| {
+            [
+                b3 * v * v * v + 3.0 * b2 * v * a + b1 * j,
+                b4 * (v * v) * (v * v) + 6.0 * b3 * v * v * a + b2 * (4.0 * v * j + 3.0 * a * a),
+            ]
+        };
+        let [third, fourth] = bounds(beside);
+        let way = arc.end().minus(arc.start());
+        let plane = arc.plane().axes();
+        for axis in Axis::ALL {
+            let way = if plane.contains(&axis) {
+                0.0
+            } else {
+                way[axis].abs()
+            };
+            self.third[axis] += third * way;
+            self.fourth[axis] += fourth * way;
+        }
+        let [third, fourth] = bounds(in_plane);
+        for axis in plane {
+            self.third[axis] += third;
+            self.fourth[axis] += fourth;
         }
     }
 }

@@ -8,11 +8,12 @@ use tandem_model::flow::{Feed, MultiBlock, SegmentMotion};
 use tandem_model::profile::Profile;
 use tandem_motion::Planner;
 
-use crate::look_ahead_rig::{Chain, Random, Shape, best_time_s, check, pieces, random, same_path, time_s};
+use crate::look_ahead_random::{Random, random};
+use crate::look_ahead_rig::{Chain, Shape, best_time_s, check, pieces, same_path, time_s};
 use crate::rig::{PERIOD_S, feed, line, vector};
 
 /// Random chains: 2,000, or 200,000 with `TANDEM_LONG=1`.
-fn chains() -> u64 {
+pub fn chains() -> u64 {
     if std::env::var("TANDEM_LONG").is_ok_and(|value| value == "1") {
         200_000
     } else {
@@ -31,6 +32,10 @@ fn m1d_no_motor_exceeds_its_limits_on_random_chains_and_the_path_is_that_of_g501
             panic!("seed {seed}, {blocks} blocks: {found}");
         }
         assert!(profiles[profiles.len() - 1].exact_stop);
+        // The long run takes an hour.
+        if (seed + 1) % 5000 == 0 {
+            eprintln!("{} chains", seed + 1);
+        }
     }
 }
 
@@ -74,7 +79,7 @@ fn through(points: &[[f64; 2]], feed: Feed, acceleration: f64) -> Chain {
         .windows(2)
         .map(|ends| (line(vector(&ends[0]), vector(&ends[1]), feed), Shape::Line))
         .collect();
-    Chain::new([acceleration; 3], blocks)
+    Chain::new(&[acceleration; 3], blocks)
 }
 
 fn assert_limits(chain: &Chain) -> Vec<Profile> {

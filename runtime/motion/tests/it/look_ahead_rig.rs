@@ -1,58 +1,30 @@
-//! G500 against an independent writing of 1b and 1d: derivatives of the path in plan time, random chains, and the best
-//! possible time on a dense grid.
+//! G500 against an independent writing of 1b and 1d: derivatives of the path in plan time, and the best possible time on a
+//! dense grid.
 
 use std::collections::VecDeque;
-use std::f64::consts::TAU;
 
-use tandem_model::flow::{MultiBlock, Path, Plane, Segment, SegmentEnd, SegmentMotion, Turn};
+use tandem_model::flow::{MultiBlock, Path, Plane, Segment, SegmentEnd, SegmentMotion};
 use tandem_model::profile::{Law, Pace, PacePiece, Profile};
 use tandem_model::settings::{CoordinateSystemSettings, ShortBlock};
-use tandem_model::{AXES_MAX, ArcPath, AxisVector};
+use tandem_model::{AXES_MAX, Axis, AxisVector};
 use tandem_motion::Planner;
 
 use crate::chain::Formula;
-use crate::rig::{PERIOD_S, feed, line, motor, segment, settings};
-
-/// A random number generator whose numbers are the same everywhere (splitmix64).
-pub struct Random(pub u64);
-
-impl Random {
-    pub fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
-    }
-
-    pub fn unit(&mut self) -> f64 {
-        (self.bits() >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
-    pub fn within(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.unit()
-    }
-
-    /// Evenly over the orders of magnitude.
-    pub fn magnitude(&mut self, low: f64, high: f64) -> f64 {
-        low * (high / low).powf(self.unit())
-    }
-
-    pub fn one_of<T: Copy>(&mut self, all: &[T]) -> T {
-        all[usize::try_from(self.bits() % all.len() as u64).unwrap()]
-    }
-}
+use crate::rig::{PERIOD_S, motor, settings};
 
 /// Geometry of a block, kept beside the path that it made.
 #[derive(Debug, Clone, Copy)]
 pub enum Shape {
     Line,
-    /// From an angle, by rad per mm of the path; Z goes along linearly.
+    /// From an angle through a signed one, the radius growing evenly with it; all axes beside the plane go along evenly
+    /// with it, too.
     Arc {
+        plane: Plane,
+        centre: [f64; 2],
         radius: f64,
+        growth: f64,
         angle: f64,
-        turn: f64,
-        rise: f64,
+        sweep: f64,
     },
 }
 
@@ -65,7 +37,8 @@ pub struct Chain {
 }
 
 impl Chain {
-    pub fn new(accelerations: [f64; 3], blocks: Vec<(Segment, Shape)>) -> Self {
+    /// Of the motors X, Y, Z, A, B, C, as many as there are accelerations.
+    pub fn new(accelerations: &[f64], blocks: Vec<(Segment, Shape)>) -> Self {
         let (segments, shapes): (Vec<_>, Vec<_>) = blocks
             .into_iter()
             .map(|(segment, shape)| {
@@ -109,9 +82,14 @@ impl Chain {
             })
             .collect();
         let formula = Formula::new(&counted, rule);
-        let fastest = formula.speeds.iter().fold(0.0_f64, |v, &w| v.max(w));
         let motors = std::array::from_fn(|i| {
             let acceleration = *accelerations.get(i)?;
+            let steepest = |path: &Path| match i {
+                0..3 => 1.0,
+                _ => path.steepest(Axis::ALL[i]) * (1.0 + 1e-9),
+            };
+            let speeds = formula.paths.iter().zip(&formula.speeds);
+            let fastest = speeds.fold(1e-3_f64, |v, (path, &w)| v.max(w * steepest(path)));
             Some(motor(fastest, acceleration, None))
         });
         Self {
@@ -169,26 +147,46 @@ impl Chain {
 
     fn path_derivatives(&self, i: usize, gone: f64) -> [AxisVector; 2] {
         let path = &self.formula.paths[i];
-        let vector = |x: f64, y: f64, z: f64| AxisVector([x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0]);
-        match self.shapes[i] {
-            Shape::Line => {
-                let way = path.end().minus(path.start());
-                [way.scaled(1.0 / way.orthogonal_length()), AxisVector::ZERO]
-            }
-            Shape::Arc {
-                radius,
-                angle,
-                turn,
-                rise,
-                ..
-            } => {
-                let (sin, cos) = (angle + turn * gone).sin_cos();
-                [
-                    vector(-sin * radius * turn, cos * radius * turn, rise),
-                    vector(-cos * radius * turn * turn, -sin * radius * turn * turn, 0.0),
-                ]
-            }
+        let way = path.end().minus(path.start());
+        let Shape::Arc {
+            plane,
+            centre,
+            radius,
+            growth,
+            angle,
+            sweep,
+        } = self.shapes[i]
+        else {
+            let length = match way.orthogonal_length() {
+                0.0 => way.rotary_length(),
+                length => length,
+            };
+            return [way.scaled(1.0 / length), AxisVector::ZERO];
+        };
+        let in_plane = plane.axes();
+        // How much of the angle is gone: of a spiral its radius tells.
+        let share = if growth.abs() < 1e-7 * radius {
+            gone / path.length()
+        } else {
+            let off = in_plane.map(|axis| path.point_at(gone)[axis]);
+            ((off[0] - centre[0]).hypot(off[1] - centre[1]) - radius) / growth
+        };
+        let r = radius + growth * share;
+        let mut beside = way;
+        for axis in in_plane {
+            beside[axis] = 0.0;
         }
+        // With p(u), u the share, and l = ds/du: p_s = p_u/l and p_ss = p_uu/l^2 - p_u l_u/l^3.
+        let l = (sweep * r).hypot(growth).hypot(beside.orthogonal_length());
+        let l_u = sweep * sweep * r * growth / l;
+        let (sin, cos) = (angle + sweep * share).sin_cos();
+        let (mut p_u, mut p_uu) = (beside, AxisVector::ZERO);
+        for (axis, along, across) in [(in_plane[0], cos, -sin), (in_plane[1], sin, cos)] {
+            p_u[axis] = growth * along + r * sweep * across;
+            p_uu[axis] = 2.0 * growth * sweep * across - r * sweep * sweep * along;
+        }
+        let bend = p_u.scaled(-l_u / (l * l * l));
+        [p_u.scaled(1.0 / l), p_uu.scaled(1.0 / (l * l)).plus(bend)]
     }
 
     /// Plan time at which the profile of segment n (from 1) begins.
@@ -199,6 +197,11 @@ impl Chain {
         }
         let [ta, ts] = self.formula.ramps[i];
         self.formula.centres[i] + f64::midpoint(ta, ts)
+    }
+
+    /// Motors that it has.
+    pub fn axes(&self) -> usize {
+        self.settings.motors.iter().flatten().count()
     }
 
     pub fn limit(&self, axis: usize) -> f64 {
@@ -258,100 +261,6 @@ pub fn pieces(profile: &Profile) -> Vec<(PacePiece, f64)> {
         .collect()
 }
 
-/// A random chain: lines and arcs of lengths over nine orders of magnitude, reversals, points that coincide but for a
-/// micrometre, ramps from one servo period to 0.3 s, limits over three orders of magnitude.
-pub fn random(random: &mut Random, blocks: usize) -> Chain {
-    let accelerations = [(); 3].map(|()| random.magnitude(50.0, 20_000.0));
-    let f = random.magnitude(60.0, 30_000.0);
-    let times = [
-        random.one_of(&[0.0, 1.0, 20.0, 100.0, 300.0]),
-        random.one_of(&[0.0, 10.0, 100.0, 250.0]),
-        random.one_of(&[0.0, 0.0, 5.0, 50.0, 100.0]),
-    ];
-    let lengths = random.one_of(&[[1e-3, 1e-3], [1e-3, 1e-1], [0.1, 1.0], [1.0, 50.0], [1e-6, 200.0]]);
-    let style = random.one_of(&[0, 0, 1, 2, 3]);
-    let mut at = AxisVector::ZERO;
-    let mut angle = random.within(0.0, TAU);
-    let mut all = Vec::new();
-    for _ in 0..blocks {
-        let own = feed(
-            if style == 3 {
-                random.magnitude(60.0, 30_000.0)
-            } else {
-                f
-            },
-            times,
-        );
-        let length = random.magnitude(lengths[0], lengths[1]);
-        angle += match style {
-            0 => random.within(-3.2, 3.2),
-            1 => random.within(-0.2, 0.2),
-            2 => random.one_of(&[0.0, std::f64::consts::PI, 1.5]),
-            _ => random.within(-1.0, 1.0),
-        };
-        let arcs = style != 2 && random.unit() < 0.3 && length > 1e-5;
-        let (segment, shape) = if arcs {
-            arc(at, angle, length, random, own)
-        } else {
-            let z = if random.unit() < 0.3 {
-                random.within(-1.0, 1.0)
-            } else {
-                0.0
-            };
-            let mut to = at;
-            to.0[0] += length * angle.cos();
-            to.0[1] += length * angle.sin();
-            to.0[2] += length * z;
-            (line(at, to, own), Shape::Line)
-        };
-        if let SegmentMotion::Feed { path, .. } = &segment.motion {
-            at = path.end();
-        }
-        all.push((segment, shape));
-    }
-    Chain::new(accelerations, all)
-}
-
-/// An arc that begins in a direction.
-fn arc(
-    from: AxisVector,
-    direction: f64,
-    length: f64,
-    random: &mut Random,
-    feed: tandem_model::flow::Feed,
-) -> (Segment, Shape) {
-    let swept = random.within(0.3, 6.0);
-    let sense = random.one_of(&[1.0, -1.0]);
-    let height = if random.unit() < 0.3 { length * 0.5 } else { 0.0 };
-    let radius = length / swept;
-    let angle = direction - sense * TAU / 4.0;
-    let centre = [from.0[0] - radius * angle.cos(), from.0[1] - radius * angle.sin()];
-    let end = angle + sense * swept;
-    let mut to = from;
-    to.0[0] = centre[0] + radius * end.cos();
-    to.0[1] = centre[1] + radius * end.sin();
-    to.0[2] += height;
-    let turn = if sense > 0.0 {
-        Turn::CounterClockwise
-    } else {
-        Turn::Clockwise
-    };
-    let path = Path::Arc(ArcPath::new(from, to, Plane::Xy, centre, turn));
-    let whole = length.hypot(height);
-    let shape = Shape::Arc {
-        radius,
-        angle,
-        turn: sense * swept / whole,
-        rise: height / whole,
-    };
-    let motion = SegmentMotion::Feed {
-        path,
-        feed,
-        multi_block: MultiBlock::On,
-    };
-    (segment(motion), shape)
-}
-
 /// What the exact derivatives of the plan say: worst share of a maximum acceleration and velocity.
 pub fn check(chain: &Chain, profiles: &[Profile], samples: u32) -> Result<(), String> {
     let mut rate_before = None;
@@ -384,7 +293,7 @@ pub fn check(chain: &Chain, profiles: &[Profile], samples: u32) -> Result<(), St
                 let joined = piece.rate_change.abs() < 1e-12;
                 let inside = plan(t) + (within - plan(t)) * if joined { 1e-3 } else { 1.0 };
                 let [q1, q2] = chain.derivatives(block, plan(t), inside);
-                for axis in 0..3 {
+                for axis in 0..chain.axes() {
                     let limit = chain.limit(axis);
                     let a = q2.0[axis] * rate * rate + q1.0[axis] * piece.rate_change;
                     if a.abs() > limit * (1.0 + 1e-6 + digits) {
@@ -420,7 +329,9 @@ pub fn same_path(chain: &Chain, profiles: &[Profile]) -> Result<(), String> {
             let off = profile
                 .position(t)
                 .minus(chain.formula.position(offset + planned))
-                .orthogonal_length();
+                .0
+                .iter()
+                .fold(0.0_f64, |most, off| most.max(off.abs()));
             if off > 1e-7 {
                 return Err(format!("{off} off the path in segment {}", profile.segment));
             }
@@ -464,7 +375,7 @@ fn grid(chain: &Chain, n: u32) -> Vec<Step> {
         let local = middle - chain.begins(block as u64 + 1);
         let [q1, q2] = chain.derivatives(block, local, local);
         let mut rows = [[0.0; 2]; AXES_MAX];
-        for (axis, row) in rows.iter_mut().enumerate().take(3) {
+        for (axis, row) in rows.iter_mut().enumerate().take(chain.axes()) {
             let (a, b) = (q2.0[axis] / 2.0, q1.0[axis] / (2.0 * h));
             *row = [(a - b) / chain.limit(axis), (a + b) / chain.limit(axis)];
         }

@@ -10,6 +10,7 @@ mod passing;
 mod properties;
 mod rig;
 mod running;
+mod short_ring;
 mod skip;
 mod spindle;
 mod splice;

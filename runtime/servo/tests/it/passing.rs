@@ -165,3 +165,28 @@ proptest! {
         prop_assert_eq!(run(&settings, &controls, true), run(&settings, &controls, false));
     }
 }
+
+#[test]
+fn a_line_whose_next_block_is_late_slows_down_as_when_every_cycle_is_counted() {
+    // 60 mm at 100 mm/s with ramps of 0.1 s take 0.7 s; feed hold of 0.2 s needs the last 0.1 s of them.
+    let run = |passes: bool| {
+        let mut rig = Rig::new(&settings());
+        let mut late = line(1, vector(&[0.0]), vector(&[60.0]), 100.0, 0.1);
+        late.exact_stop = false;
+        rig.push(late);
+        let mut at = 0;
+        [300, 590, 620, 700, 2000].map(|until| {
+            while at < until {
+                if passes {
+                    at += rig.servo.pass(until - at - 1);
+                }
+                rig.cycle();
+                at += 1;
+            }
+            rig.position()
+        })
+    };
+    let positions = run(true);
+    assert!((59.9..60.0).contains(&positions[4].0[0]), "{positions:?}");
+    assert_eq!(positions, run(false));
+}

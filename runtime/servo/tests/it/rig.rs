@@ -124,7 +124,7 @@ impl Rig {
     pub fn cycle(&mut self) -> Vec<Event> {
         let told = self.servo.cycle();
         let events: Vec<Event> = std::iter::from_fn(|| self.handle.events.pop().ok()).collect();
-        assert_eq!(told, !events.is_empty());
+        assert!(told || events.is_empty());
         events
     }
 

@@ -215,7 +215,7 @@ fn many_short_profiles_pass_within_one_cycle() {
     let mut rig = Rig::new(&settings());
     for n in 1..=40 {
         let mut profile = dwell(n, AxisVector::ZERO, 0.0001);
-        profile.exact_stop = false;
+        profile.exact_stop = n == 40;
         rig.push(profile);
     }
     // 40 of a tenth of a period: 4 periods after the start

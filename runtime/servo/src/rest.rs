@@ -1,0 +1,234 @@
+//! How fast the motion may be so that it can come to rest on its path within what is known (motion-semantics 1d): a chain
+//! whose next blocks are late, or have no room in a short ring, slows down, and never runs out.
+
+use rtrb::Consumer;
+use tandem_model::profile::{Law, Profile, SlewRoom};
+
+use crate::look_ahead;
+
+/// Profiles of a G500 chain looked through in one cycle: bounds the time of the cycle. When more are needed the motion is
+/// slower than it could be.
+const PACED_MAX: usize = 128;
+
+/// The same for a chain whose factor falls evenly.
+const EVEN_MAX: usize = 1024;
+
+/// Servo periods that are left over at the end of what is known.
+const LATE_PERIODS: f64 = 3.0;
+
+/// Share of a servo period that is left over at any factor: more than the rounding with which a profile ends.
+const REST_PERIODS: f64 = 1e-5;
+
+/// Factors tried for a motion that may become faster, each half of the one before.
+const HALVINGS_MAX: u32 = 24;
+
+/// The way to rest from a time of the running profile on.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Way<'a> {
+    running: &'a Profile,
+    now_s: f64,
+    /// Largest fall of the factor per second where the motors set no limit.
+    pub(crate) slope: f64,
+    period_s: f64,
+}
+
+impl<'a> Way<'a> {
+    /// With this slope of feed hold.
+    pub(crate) fn new(running: &'a Profile, now_s: f64, hold_slope: f64, period_s: f64) -> Self {
+        Self {
+            running,
+            now_s,
+            slope: match &running.law {
+                Law::Paced { .. } => f64::INFINITY,
+                _ => hold_slope,
+            },
+            period_s,
+        }
+    }
+
+    /// The factor to go to in the coming cycle, `wanted` at the most; `None`: what is known is the way to rest.
+    pub(crate) fn target(&self, waiting: &mut Consumer<Profile>, rate: f64, wanted: f64) -> Option<f64> {
+        if self.allows(waiting, rate.max(wanted)) {
+            return Some(wanted);
+        }
+        if rate > 0.0 && (rate >= wanted || !self.allows(waiting, rate)) {
+            return None;
+        }
+        let mut factor = wanted;
+        for _ in 0..HALVINGS_MAX {
+            factor /= 2.0;
+            if factor <= rate || self.allows(waiting, factor) {
+                return Some(factor.max(rate));
+            }
+        }
+        Some(rate)
+    }
+
+    /// True when the motion can come to rest within the running profile and those that wait, behind a cycle with this
+    /// factor.
+    fn allows(&self, waiting: &mut Consumer<Profile>, factor: f64) -> bool {
+        factor == 0.0 || with_waiting(waiting, |known| self.is_way_to_rest(known, factor))
+    }
+
+    fn is_way_to_rest(&self, known: [&[Profile]; 2], factor: f64) -> bool {
+        let is_paced = matches!(self.running.law, Law::Paced { .. });
+        self.is_free(known, factor) || is_paced && self.allows_paced(known, factor)
+    }
+
+    /// True when the motion may go on with this factor from here, and might have at any time before.
+    fn is_free(&self, known: [&[Profile]; 2], factor: f64) -> bool {
+        self.running.exact_stop
+            || match &self.running.law {
+                Law::Paced { pace, .. } => look_ahead::is_free(known, pace, self.running.segment),
+                _ => self.allows_even(known, factor),
+            }
+    }
+
+    /// True when no cycle with this factor until here comes too near the end of what is known.
+    pub(crate) fn is_steady(&self, waiting: &mut Consumer<Profile>, factor: f64) -> bool {
+        with_waiting(waiting, |known| self.is_free(known, factor))
+    }
+
+    /// Profile time at the end of the coming cycle.
+    fn next_s(&self, factor: f64) -> f64 {
+        self.now_s + factor * self.period_s
+    }
+
+    /// Left over at the end of what is known, s.
+    fn left_s(&self, factor: f64) -> f64 {
+        (LATE_PERIODS * factor + REST_PERIODS) * self.period_s
+    }
+
+    /// The factor falls evenly.
+    fn allows_even(&self, [first, second]: [&[Profile]; 2], factor: f64) -> bool {
+        let needed_s = factor * factor / (2.0 * self.slope) + self.left_s(factor);
+        let mut known_s = self.running.duration_s - self.next_s(factor);
+        for next in first.iter().chain(second).take(EVEN_MAX) {
+            if known_s >= needed_s || next.exact_stop {
+                return true;
+            }
+            known_s += next.duration_s;
+        }
+        known_s >= needed_s
+    }
+
+    /// Each piece has a room of its own. From the end of what is known backwards.
+    fn allows_paced(&self, [first, second]: [&[Profile]; 2], factor: f64) -> bool {
+        let from_s = self.next_s(factor);
+        let first = first.get(..PACED_MAX).unwrap_or(first);
+        let second = second.get(..PACED_MAX - first.len()).unwrap_or(second);
+        let waiting_s: f64 = first.iter().chain(second).map(|next| next.duration_s).sum();
+        let mut end_s = self.running.duration_s + waiting_s;
+        let mut fall = Fall::new(self.slope, self.period_s, self.left_s(factor));
+        let known = second
+            .iter()
+            .rev()
+            .chain(first.iter().rev())
+            .chain([self.running]);
+        for profile in known {
+            let begin_s = end_s - profile.duration_s;
+            let Law::Paced { pace, .. } = &profile.law else {
+                return true;
+            };
+            for piece in pace.pieces().iter().rev() {
+                let piece_s = (begin_s + piece.begins_s).max(from_s);
+                if end_s > piece_s {
+                    fall.add(end_s - piece_s, piece.room);
+                    end_s = piece_s;
+                }
+            }
+            if begin_s <= from_s {
+                break;
+            }
+            end_s = begin_s;
+        }
+        fall.square() >= factor * factor
+    }
+}
+
+fn with_waiting(waiting: &mut Consumer<Profile>, look: impl FnOnce([&[Profile]; 2]) -> bool) -> bool {
+    let known = waiting.slots();
+    waiting.read_chunk(known).is_ok_and(|chunk| {
+        let (first, second) = chunk.as_slices();
+        look([first, second])
+    })
+}
+
+/// True when a chain that begins at this override can come to rest within what waits.
+pub(crate) fn is_known(waiting: &mut Consumer<Profile>, factor: f64, hold_slope: f64, period_s: f64) -> bool {
+    with_waiting(waiting, |[first, second]| {
+        first.split_first().is_some_and(|(running, first)| {
+            Way::new(running, 0.0, hold_slope, period_s).is_free([first, second], factor)
+        })
+    })
+}
+
+/// True when the motion can come to rest within what waits, which it goes over to at this time of the first profile.
+pub(crate) fn may_go_over(waiting: &mut Consumer<Profile>, factor: f64, at_s: f64, period_s: f64) -> bool {
+    with_waiting(waiting, |[first, second]| {
+        first.split_first().is_some_and(|(running, first)| {
+            Way::new(running, at_s, f64::INFINITY, period_s).is_way_to_rest([first, second], factor)
+        })
+    })
+}
+
+/// The square of the factor, from the end of what is known backwards in parts of at least a servo period. Within a part of
+/// duration d it falls by `2 s d`, where s is the least fall that this part and those beside it leave: a servo cycle may
+/// touch two.
+struct Fall {
+    slope: f64,
+    period_s: f64,
+    left_s: f64,
+    square: f64,
+    /// Behind the complete one.
+    behind: SlewRoom,
+    complete: Option<(f64, SlewRoom)>,
+    open: (f64, SlewRoom),
+}
+
+impl Fall {
+    fn new(slope: f64, period_s: f64, left_s: f64) -> Self {
+        Self {
+            slope,
+            period_s,
+            left_s,
+            square: 0.0,
+            behind: SlewRoom::default(),
+            complete: None,
+            open: (0.0, SlewRoom::default()),
+        }
+    }
+
+    fn add(&mut self, duration_s: f64, room: SlewRoom) {
+        self.open = (self.open.0 + duration_s, self.open.1.worst(room));
+        if self.open.0 >= self.period_s {
+            self.close();
+        }
+    }
+
+    /// The open part is complete: so both neighbours of the one behind it are known.
+    fn close(&mut self) {
+        let (_, before) = self.open;
+        if let Some((duration_s, room)) = self.complete.take() {
+            self.pass(duration_s, room.worst(self.behind).worst(before));
+            self.behind = room;
+        }
+        self.complete = Some(self.open);
+        self.open = (0.0, SlewRoom::default());
+    }
+
+    fn pass(&mut self, duration_s: f64, room: SlewRoom) {
+        let left_s = self.left_s.min(duration_s);
+        self.left_s -= left_s;
+        let time_s = duration_s - left_s;
+        if time_s > 0.0 {
+            self.square = room.square_before(self.square, self.slope, time_s);
+        }
+    }
+
+    fn square(mut self) -> f64 {
+        self.close();
+        self.close();
+        self.square
+    }
+}

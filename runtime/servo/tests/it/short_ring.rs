@@ -1,0 +1,139 @@
+//! A ring too short for the way to rest (motion-semantics 1d: what is known always ends in a planned stop): the motion is
+//! slower, on its path and within its limits, and never runs out.
+
+use proptest::prelude::*;
+use tandem_model::flow::{Feed, Path, Segment, SegmentEnd, SegmentMotion};
+use tandem_model::profile::Profile;
+use tandem_model::settings::CoordinateSystemSettings;
+use tandem_servo::{Control, Event};
+
+use crate::look_ahead::{Watch, Way, is_fault, machine, plan};
+use crate::rig::{Rig, is_finished, settings};
+
+/// Runs profiles through a ring that is filled again before each cycle; gives the cycles that it takes.
+fn run(
+    settings: &CoordinateSystemSettings,
+    room: usize,
+    feed_override: f64,
+    profiles: &[Profile],
+) -> (u32, Watch) {
+    let last = profiles[profiles.len() - 1].segment;
+    let mut rig = Rig::with_room(settings, room);
+    rig.control(Control::Override {
+        feed: feed_override,
+        rapid: 1.0,
+    });
+    let mut watch = Watch::new();
+    let mut waiting = profiles.iter().cloned().peekable();
+    for cycle in 1..1_000_000 {
+        while rig.handle.profiles.slots() > 0
+            && let Some(profile) = waiting.next()
+        {
+            rig.push(profile);
+        }
+        let events: Vec<Event> = watch.cycle(&mut rig);
+        assert!(
+            !events.iter().any(is_fault),
+            "{events:?} at {}",
+            rig.position().0[0]
+        );
+        if events.iter().any(is_finished(last)) {
+            assert_eq!(rig.position(), profiles[profiles.len() - 1].end());
+            return (cycle, watch);
+        }
+    }
+    panic!("it never ends");
+}
+
+fn fast() -> Feed {
+    Feed {
+        feedrate_mm_min: 9000.0,
+        ta_ms: 20.0,
+        td_ms: 20.0,
+        ts_ms: 0.0,
+    }
+}
+
+/// Lines along X with a little up and down.
+fn lines(n: usize, length: f64) -> Vec<Way> {
+    (0..n)
+        .map(|k| (length, if k % 2 == 0 { 0.1 } else { -0.1 } * length, false))
+        .collect()
+}
+
+#[test]
+fn m1d_with_g500_a_ring_too_short_for_the_way_to_rest_only_slows_the_motion() {
+    let acceleration = 1000.0;
+    let settings = machine(acceleration);
+    for length in [1e-3, 0.02, 0.5] {
+        let profiles = plan(&settings, &lines(600, length), fast());
+        let (long, _) = run(&settings, 100_000, 1.0, &profiles);
+        let (short, watch) = run(&settings, 16, 1.0, &profiles);
+        assert!(short > long, "{length}: {short} {long}");
+        assert!(
+            watch.worst <= acceleration * (1.0 + 1e-6),
+            "{length}: {}",
+            watch.worst
+        );
+    }
+}
+
+/// The same blocks with G501.
+fn with_g501(settings: &CoordinateSystemSettings, ways: &[Way]) -> Vec<Profile> {
+    let mut planner = tandem_motion::Planner::new(settings);
+    let mut out = std::collections::VecDeque::new();
+    let mut from = tandem_model::AxisVector::ZERO;
+    for (n, (x, y, _)) in (1..).zip(ways) {
+        let to = from.plus(crate::rig::vector(&[*x, *y]));
+        let length = to.minus(from).orthogonal_length();
+        let motion = SegmentMotion::Feed {
+            path: Path::Line { from, to, length },
+            feed: fast(),
+            multi_block: tandem_model::flow::MultiBlock::Off,
+        };
+        let segment = Segment {
+            origin: crate::rig::origin(n),
+            motion,
+            end: SegmentEnd::Continuous,
+        };
+        planner.push(&segment, &mut out).unwrap();
+        from = to;
+    }
+    planner.flush(&mut out).unwrap();
+    out.into()
+}
+
+#[test]
+fn m1b_with_g501_a_ring_too_short_for_the_way_to_rest_only_slows_the_motion() {
+    let settings = settings();
+    for length in [1e-4, 1e-3, 0.02, 0.5] {
+        let profiles = with_g501(&settings, &lines(600, length));
+        for feed_override in [0.3, 1.0, 2.0] {
+            let (long, _) = run(&settings, 100_000, feed_override, &profiles);
+            let (short, _) = run(&settings, 16, feed_override, &profiles);
+            assert!(short >= long, "{length}: {short} {long}");
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(60))]
+
+    #[test]
+    fn m1d_in_a_ring_of_any_size_no_chain_runs_out_and_no_motor_exceeds_its_limit(
+        ways in prop::collection::vec((-1.0..1.0, -1.0..1.0, prop::bool::weighted(0.2)), 20..60),
+        size in prop_oneof![Just(5.0), Just(0.2), Just(0.01), Just(0.001)],
+        room in 2_usize..200,
+        acceleration in prop_oneof![Just(300.0), Just(5000.0)],
+        feed_override in 0.1..1.0,
+    ) {
+        let ways: Vec<Way> = ways
+            .into_iter()
+            .map(|(x, y, bends): (f64, f64, bool)| (x * size, (y + 0.01) * size, bends))
+            .collect();
+        let settings = machine(acceleration);
+        let profiles = plan(&settings, &ways, fast());
+        let (_, watch) = run(&settings, room, feed_override, &profiles);
+        prop_assert!(watch.worst <= acceleration * (1.0 + 1e-6), "{} of {acceleration}", watch.worst);
+    }
+}

@@ -1,0 +1,147 @@
+//! What may not stop between blocks, judged by the motion and not by how far the program is read (motion rule 1i); G31 with
+//! a skip input from outside.
+
+use plc_api::Execution;
+use plc_api::types::message::Payload;
+use plc_api::types::request::RefusalCode;
+use plc_api::types::state::Reason;
+use plc_api::types::topic::{CsTopic, Topic};
+
+use super::rig::{Point, Rig, close, distance, on_machine, refused};
+
+/// Tool 1 has a radius of 5 mm; M100 VA1 selects it.
+const TOOL: &str = "
+[[tool]]
+id = 1
+radius = 5.0
+length = 0.0
+
+[m_code.100]
+stock = \"select_tool\"
+";
+
+/// Lets time pass until the machine is somewhere.
+async fn until_at(rig: &Rig, is_there: impl Fn(Point) -> bool) {
+    for _ in 0..10_000 {
+        if is_there(rig.at().await) {
+            return;
+        }
+        rig.sleep(0.01).await;
+    }
+    panic!("it never gets there: {:?}", rig.at().await);
+}
+
+#[test]
+fn m1i_single_block_is_refused_while_the_tool_moves_compensated_though_the_program_is_read_beyond() {
+    on_machine(TOOL, |rig| async move {
+        rig.start("M100 VA1\nta20 td20 ts0 F600\nG01 G41\nX10\nX20\nX30\nG40\nX40\nX50\nX60\nM30\n")
+            .await;
+        for x in [12.0, 22.0] {
+            until_at(&rig, |at| at[0] > x).await;
+            let refusal = refused(rig.cs.set_single_block(true).await, RefusalCode::NotAllowed);
+            assert!(refusal.text.contains("cutter compensation"), "{}", refusal.text);
+            assert!(!rig.cs.state().await.unwrap().single_block);
+        }
+        until_at(&rig, |at| at[0] > 42.0).await;
+        let trace = rig.trace();
+        // 5 mm beside the line, and no stop there.
+        for pair in trace
+            .windows(2)
+            .filter(|pair| pair[0][0] > 11.0 && pair[1][0] < 29.0)
+        {
+            assert!((pair[1][1] - 5.0).abs() < 1e-9, "{pair:?}");
+            assert!(distance(pair[0], pair[1]) > 0.009, "{pair:?}");
+        }
+        rig.cs.set_single_block(true).await.unwrap();
+        rig.interrupted(Reason::SingleBlock).await;
+        rig.cs.resume().await.unwrap();
+        rig.interrupted(Reason::SingleBlock).await;
+        close(rig.at().await, [60.0, 0.0, 0.0]);
+        rig.cs.resume().await.unwrap();
+        rig.until(Execution::ProgramCompleted).await;
+        assert_eq!(rig.alarms().await, [0_u16; 0]);
+    });
+}
+
+#[test]
+fn m1i_single_block_that_is_on_before_stops_with_an_alarm_behind_the_block_that_leads_in() {
+    on_machine(TOOL, |rig| async move {
+        rig.load("M100 VA1\nta20 td20 ts0 F600\nX5\nG01 G41\nX10\nX20\nG40\nX40\nM30\n")
+            .await;
+        rig.cs.set_single_block(true).await.unwrap();
+        rig.cs.start().await.unwrap();
+        let state = loop {
+            let state = rig
+                .cs
+                .wait_for(|state| state.execution != Execution::Active && state.execution != Execution::Wait)
+                .await
+                .unwrap();
+            match state.execution {
+                Execution::Interrupted => rig.cs.resume().await.unwrap(),
+                _ => break state,
+            }
+        };
+        assert_eq!(
+            (state.execution, state.reason),
+            (Execution::Stopped, Some(Reason::Alarm))
+        );
+        assert_eq!(rig.alarms().await, [40]);
+    });
+}
+
+#[test]
+fn m1i_single_block_is_refused_while_the_tool_is_in_the_thread_though_the_program_is_read_beyond() {
+    on_machine("", |rig| async move {
+        rig.start("F100 S300\nG84 Z-10 R-5 P200\nG80\nG00 X40\nG00 X50\nM30\n")
+            .await;
+        for (low, high) in [(-9.0, -6.0), (-10.0, -9.9), (-9.0, -6.0)] {
+            until_at(&rig, |at| (low..high).contains(&at[2])).await;
+            let refusal = refused(rig.cs.set_single_block(true).await, RefusalCode::NotAllowed);
+            assert!(refusal.text.contains("tapping cycle"), "{}", refusal.text);
+        }
+        until_at(&rig, |at| at[0] > 1.0).await;
+        rig.cs.set_single_block(true).await.unwrap();
+        rig.interrupted(Reason::SingleBlock).await;
+        close(rig.at().await, [40.0, 0.0, 0.0]);
+        rig.cs.resume().await.unwrap();
+        rig.interrupted(Reason::SingleBlock).await;
+        rig.cs.resume().await.unwrap();
+        rig.until(Execution::ProgramCompleted).await;
+    });
+}
+
+#[test]
+fn d41_a_skip_input_from_outside_captures_the_position_for_the_program_and_the_sequence() {
+    on_machine("", |rig| async move {
+        // The skip velocity of X is a tenth of its maximum velocity, 50 mm/s, its acceleration 1000 mm/s^2.
+        rig.start("G31 X200 Y10\nP0=_CNC_CapturedPosition0 P1=_CNC_CapturedPosition1\nG91 G00 X1\nM30\n")
+            .await;
+        until_at(&rig, |at| at[0] > 50.0).await;
+        let before = rig.at().await[0];
+        rig.plc.set_skip_input(1, true).await.unwrap();
+        rig.until(Execution::ProgramCompleted).await;
+        let topic = Topic::CoordinateSystem(1, CsTopic::Captured);
+        let message = rig.plc.port().read(&topic).await.unwrap();
+        let Payload::Captured(captured) = &message.payload else {
+            panic!("{message:?}")
+        };
+        assert_eq!((captured.line, &captured.motors[..]), (1, &[1, 2, 3][..]));
+        assert_eq!(captured.captured, [true, false, false]);
+        let x = captured.positions[0];
+        // Positions are published ten times a second, and the input is looked at in each cycle.
+        assert!(
+            (before..=before + 50.0 * 0.105).contains(&x),
+            "{x} is not {before}"
+        );
+        assert_eq!(captured.positions[1..], [10.0, 0.0]);
+        // It turned back to there, and the next block counts from there.
+        let farthest = rig.trace().iter().fold(0.0_f64, |most, at| most.max(at[0]));
+        assert!(
+            (farthest - x - 1.25).abs() < 0.06,
+            "50^2/(2 1000) = 1.25 mm: {farthest} {x}"
+        );
+        close(rig.at().await, [x + 1.0, 10.0, 0.0]);
+        let read = rig.plc.variables().read(0, 2).await.unwrap();
+        assert_eq!(read, [x, 10.0]);
+    });
+}
