@@ -114,6 +114,8 @@ fn d42_without_a_spindle_m_codes_turn_it_between_the_ways() {
     // A cycle is one block, whatever it moves.
     let expected = ["block 2", "output 19", "output 4", "output 3", "output 4"];
     assert_eq!(run.story(&kinds), expected);
+    // Oriented and turned the one way at R, the other way at Z, back at R.
+    assert_eq!(run.at_outputs(0), [-5.0, -5.0, -10.0, -5.0]);
     assert_eq!(run.machine("Z"), 0.0);
 }
 

@@ -130,6 +130,16 @@ impl Simulated {
         self.json["work"][axis].as_f64().expect("a work position")
     }
 
+    /// Where an axis is when each M code is put out.
+    pub fn at_outputs(&self, axis: usize) -> Vec<f64> {
+        let outputs = self.events.iter().filter(|event| event["event"] == "output");
+        let times = outputs.map(|output| output["t_s"].as_f64().expect("a time"));
+        let before = |t_s: f64| self.trace.partition_point(|row| row.time_s <= t_s);
+        times
+            .map(|t_s| self.trace[before(t_s).saturating_sub(1)].axes[axis])
+            .collect()
+    }
+
     /// Positions of an axis while a line of a program is carried out, and the one before: sample 0 is at rest.
     pub fn samples(&self, program: u16, line: u32, axis: usize) -> Vec<f64> {
         let positions = |rows: &[Row]| rows.iter().map(|row| row.axes[axis]).collect::<Vec<_>>();
