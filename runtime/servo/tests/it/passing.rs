@@ -1,6 +1,9 @@
 //! Cycles that change nothing pass at once, and leave what as many counted cycles leave.
 
 use proptest::prelude::*;
+use tandem_model::AxisVector;
+use tandem_model::flow::Feed;
+use tandem_model::profile::Profile;
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_servo::{Control, Event, SpindleDirection};
 
@@ -166,27 +169,57 @@ proptest! {
     }
 }
 
+/// Positions every 10 ms over 2 s, and how many cycles were counted.
+fn positions(
+    settings: &CoordinateSystemSettings,
+    profiles: &[Profile],
+    passes: bool,
+) -> (Vec<AxisVector>, u64) {
+    let mut rig = Rig::new(settings);
+    for profile in profiles {
+        rig.push(profile.clone());
+    }
+    let (mut at, mut counted) = (0, 0);
+    let positions = (1..=200).map(|n| {
+        while at < 10 * n {
+            if passes {
+                at += rig.servo.pass(10 * n - at - 1);
+            }
+            rig.cycle();
+            at += 1;
+            counted += 1;
+        }
+        rig.position()
+    });
+    (positions.collect(), counted)
+}
+
 #[test]
 fn a_line_whose_next_block_is_late_slows_down_as_when_every_cycle_is_counted() {
     // 60 mm at 100 mm/s with ramps of 0.1 s take 0.7 s; feed hold of 0.2 s needs the last 0.1 s of them.
-    let run = |passes: bool| {
-        let mut rig = Rig::new(&settings());
-        let mut late = line(1, vector(&[0.0]), vector(&[60.0]), 100.0, 0.1);
-        late.exact_stop = false;
-        rig.push(late);
-        let mut at = 0;
-        [300, 590, 620, 700, 2000].map(|until| {
-            while at < until {
-                if passes {
-                    at += rig.servo.pass(until - at - 1);
-                }
-                rig.cycle();
-                at += 1;
-            }
-            rig.position()
-        })
+    let mut late = line(1, vector(&[0.0]), vector(&[60.0]), 100.0, 0.1);
+    late.exact_stop = false;
+    let (passed, _) = positions(&settings(), &[late.clone()], true);
+    let rest = passed[199].0[0];
+    assert!((59.9..60.0).contains(&rest), "{rest}");
+    assert_eq!(passed, positions(&settings(), &[late], false).0);
+}
+
+#[test]
+fn a_g500_chain_whose_blocks_are_late_slows_down_as_when_every_cycle_is_counted() {
+    let settings = crate::look_ahead::machine(1000.0);
+    let feed = Feed {
+        feedrate_mm_min: 6000.0,
+        ta_ms: 50.0,
+        td_ms: 50.0,
+        ts_ms: 0.0,
     };
-    let positions = run(true);
-    assert!((59.9..60.0).contains(&positions[4].0[0]), "{positions:?}");
-    assert_eq!(positions, run(false));
+    let profiles = crate::look_ahead::plan(&settings, &[(20.0, 1.0, false); 8], feed);
+    for known in 2..profiles.len() {
+        let (passed, _) = positions(&settings, &profiles[..known], true);
+        let (counted, _) = positions(&settings, &profiles[..known], false);
+        assert_eq!(passed, counted, "{known}");
+    }
+    let (_, counted) = positions(&settings, &profiles, true);
+    assert!(counted < 1500, "cycle by cycle: {counted}");
 }
