@@ -92,7 +92,7 @@ fn parameters(route: &Route) -> Vec<Value> {
             json!({"name": name, "in": "path", "required": true, "schema": schema})
         })
         .collect();
-    if route.command || route.path.contains("/lease") && route.method != "GET" {
+    if takes_headers(route) {
         parameters.push(json!({"name": "Idempotency-Key", "in": "header", "schema": {"type": "string", "minLength": 1, "maxLength": 128}, "description": "Id of the command; one seen before is answered as then."}));
     }
     let is_release = route.method == "DELETE" && route.path.ends_with("/lease");
@@ -157,12 +157,18 @@ fn refusals(route: &Route) -> Vec<u16> {
         (takes_query, &[400, 413]),
         (route.path == "/journal", &[400, 404]),
         (changes, &[404, 409]),
+        (takes_headers(route), &[400]),
         (route.command, &[412, 422]),
         (route.path.ends_with("/intermediate"), &[422]),
         (route.path == "/ws", &[400, 426]),
     ];
     let all = of.iter().filter(|(does, _)| *does);
     all.flat_map(|(_, statuses)| statuses.iter().copied()).collect()
+}
+
+/// Idempotency-Key or Lease-Fence.
+fn takes_headers(route: &Route) -> bool {
+    route.command || route.path.contains("/lease") && route.method != "GET"
 }
 
 fn refusal_text(status: u16) -> &'static str {
