@@ -59,6 +59,8 @@ pub(super) fn push(steps: &mut Vec<Step>, step: Step, piece_s: f64) {
         && last.joins(&step)
     {
         last.to_s = step.to_s;
+        // One rate but for rounding: the change that a short way was planned with is not that of a long one.
+        last.rate_change = 0.0;
         last.room = last.room.worst(step.room);
         return;
     }
@@ -123,5 +125,33 @@ pub(super) fn profiles(held: &Held, steps: &[Step], free_to: u64, out: &mut VecD
             origin: block.origin,
             time_base: block.time_base,
         });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_at_one_rate_join_to_one_without_change() {
+        let step = |from_s, to_s, end, rate_change| Step {
+            from_s,
+            to_s,
+            start: 0.25,
+            end,
+            rate_change,
+            room: SlewRoom {
+                slope: f64::INFINITY,
+                braking: 0.0,
+                driving: 0.0,
+            },
+        };
+        let mut steps = Vec::new();
+        // A way down of rounding, longer than what is left out.
+        push(&mut steps, step(0.0, 1e-11, 0.25 - 1e-14, -10.0), 1.0);
+        push(&mut steps, step(1e-11, 1.0, 0.25, 0.0), 1.0);
+        assert_eq!(steps.len(), 1);
+        assert!(steps[0].rate_change.abs() < 1e-9, "{}", steps[0].rate_change);
+        assert!((steps[0].duration_s() - 2.0).abs() < 1e-9);
     }
 }

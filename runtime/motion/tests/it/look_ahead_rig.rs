@@ -278,6 +278,10 @@ pub fn check(chain: &Chain, profiles: &[Profile], samples: u32) -> Result<(), St
             let within = plan(duration_s / 2.0);
             // A ramp of a microsecond after a minute has ten digits of its time left.
             let ramp_s = chain.formula.ramps[block + 1].iter().sum::<f64>();
+            let phases = chain.formula.ramps[block]
+                .iter()
+                .chain(&chain.formula.ramps[block + 1]);
+            let shortest_s = phases.copied().filter(|s| *s > 0.0).fold(1.0, f64::min);
             let digits = 200.0 * f64::EPSILON * within / ramp_s;
             for k in 0..=samples {
                 // Both ends, and between them never the very middle: a joint of ramps that the plan may have joined.
@@ -291,7 +295,13 @@ pub fn check(chain: &Chain, profiles: &[Profile], samples: u32) -> Result<(), St
                 // Of the phase inside, so that rounding does not look at the one beside; only where it runs as planned a
                 // piece may hold several.
                 let joined = piece.rate_change.abs() < 1e-12;
-                let inside = plan(t) + (within - plan(t)) * if joined { 1e-3 } else { 1.0 };
+                let inwards = within - plan(t);
+                let inside = plan(t)
+                    + if joined {
+                        inwards.signum() * (inwards.abs() * 1e-3).min(shortest_s * 1e-3)
+                    } else {
+                        inwards
+                    };
                 let [q1, q2] = chain.derivatives(block, plan(t), inside);
                 for axis in 0..chain.axes() {
                     let limit = chain.limit(axis);
