@@ -157,8 +157,8 @@ fn refusals(route: &Route) -> Vec<u16> {
         (takes_query, &[400, 413]),
         (route.path == "/journal", &[400, 404]),
         (changes, &[404, 409]),
-        (takes_headers(route), &[400]),
-        (route.command, &[412, 422]),
+        // what was answered to the same key before may be a command's answer
+        (takes_headers(route), &[400, 412, 422]),
         (route.path.ends_with("/intermediate"), &[422]),
         (route.path == "/ws", &[400, 426]),
     ];
