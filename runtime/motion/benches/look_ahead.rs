@@ -122,16 +122,23 @@ impl Stages {
     fn push(&mut self, block: &Block) {
         let taken = self.path.push(block, &mut self.segments);
         assert!(taken.is_ok());
-        for segment in self.segments.drain(..) {
-            assert!(self.planner.push(&segment, &mut self.profiles).is_ok());
-        }
+        self.plan();
         self.planned += self.profiles.len();
         self.profiles.clear();
     }
 
+    fn plan(&mut self) {
+        for segment in self.segments.drain(..) {
+            assert!(self.planner.push(&segment, &mut self.profiles).is_ok());
+        }
+    }
+
     fn finish(mut self) {
+        assert!(self.path.flush(&mut self.segments).is_ok());
+        self.plan();
         assert!(self.planner.flush(&mut self.profiles).is_ok());
-        assert!(self.planned + self.profiles.len() >= BLOCKS - 2);
+        let planned = self.planned + self.profiles.len();
+        assert!(planned >= BLOCKS - 2, "{planned} profiles");
     }
 }
 
