@@ -1,9 +1,10 @@
 //! Speed of the language stages over a generated program of a million short blocks (15.7 MB).
 //!
-//! Measured on one core of an AMD EPYC virtual machine with two, medians: parsing 18.6 million blocks a second, parsing and
-//! checking 10.8 million, interpretation 8.2 million; the first block of a loaded program comes 0.2 µs after its start.
-//! `tandem check`, which reads and parses a file and checks it twice, takes 131 ms of processor time and 45 ms of the
-//! system's for the million blocks, and 75 MB.
+//! Measured on one core of a virtual machine with two of an Intel Xeon, on which others worked, medians: parsing 16.2 million
+//! blocks a second, parsing and checking 9.0 million, interpretation 5.6 million; the first block of a loaded program comes
+//! 0.6 µs after its start. `tandem check`, which reads and parses a file and checks it twice, takes 0.23 s of processor time
+//! and 0.06 s of the system's for the million blocks, and 75 MB. Compare runs of the same minutes: such a machine's speed
+//! changes by a factor of two.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;

@@ -43,6 +43,8 @@ pub struct BlockWords {
     axis_words: AddressSet,
     first_axis_place: Option<usize>,
     taker: Option<&'static Code>,
+    /// The addresses of `taker`, kept from block to block as it mostly is the same one.
+    taker_addresses: AddressSet,
     taken: AddressSet,
     /// A code could not be read, and may have words that seem to be no one's.
     unknown_code: bool,
@@ -59,7 +61,7 @@ pub(crate) struct Reading<'a> {
     /// The variables of indirections; without them their values are not known.
     pub(crate) scope: Option<Scope<'a>>,
     /// Where the block begins, as far as the text shows.
-    pub(crate) position: TextPosition,
+    pub(crate) position: &'a TextPosition,
 }
 
 impl BlockWords {
@@ -74,6 +76,7 @@ impl BlockWords {
             axis_words: AddressSet::EMPTY,
             first_axis_place: None,
             taker: None,
+            taker_addresses: AddressSet::EMPTY,
             taken: AddressSet::EMPTY,
             unknown_code: false,
             any: false,
@@ -148,8 +151,8 @@ impl BlockWords {
         &mut self,
         program: &NcProgram,
         block: &Block,
-        with: Reading<'_>,
-        mut fault: impl FnMut(Diagnostic),
+        with: &Reading<'_>,
+        fault: &mut dyn FnMut(Diagnostic),
     ) {
         self.present = AddressSet::EMPTY;
         self.g_count = 0;
@@ -160,24 +163,25 @@ impl BlockWords {
         let words = program.words(block);
         for (place, word) in words.iter().enumerate() {
             match word.address {
-                Address::G => self.g_word(word, place, with.dialect, &mut fault),
-                Address::M => self.m_word(word, with.dialect, &mut fault),
-                Address::N => block_number(word, &mut fault),
-                _ => self.value_word(word, place, with.scope, &mut fault),
+                Address::G => self.g_word(word, place, with.dialect, fault),
+                Address::M => self.m_word(word, with.dialect, fault),
+                Address::N => block_number(word, fault),
+                _ => self.value_word(word, place, with.scope.as_ref(), fault),
             }
         }
-        self.take_words(words, with.modal, &mut fault);
+        self.take_words(words, with.modal, fault);
         for word in words {
             if !matches!(word.address, Address::G | Address::M | Address::N) {
-                self.judge(word, with, &mut fault);
+                self.judge(word, with, fault);
             }
         }
         if !block.has_errors() {
-            self.judge_codes(program, block, with, &mut fault);
+            self.judge_codes(program, block, with, fault);
         }
     }
 
-    fn g_word(&mut self, word: &Word, place: usize, dialect: &Dialect, fault: &mut impl FnMut(Diagnostic)) {
+    #[inline(never)]
+    fn g_word(&mut self, word: &Word, place: usize, dialect: &Dialect, fault: &mut dyn FnMut(Diagnostic)) {
         self.any = true;
         let known =
             code_number(word).map(|value| tenths(value).and_then(|tenths| dialect.g_codes.find(tenths)));
@@ -204,7 +208,7 @@ impl BlockWords {
         code: &'static Code,
         word: &Word,
         place: usize,
-        fault: &mut impl FnMut(Diagnostic),
+        fault: &mut dyn FnMut(Diagnostic),
     ) {
         let rival = self.g_codes().iter().map(|(other, _)| *other).find(|other| {
             let exclusive = code.group != ModalGroup::NonModal
@@ -233,7 +237,8 @@ impl BlockWords {
         }
     }
 
-    fn m_word(&mut self, word: &Word, dialect: &'static Dialect, fault: &mut impl FnMut(Diagnostic)) {
+    #[inline(never)]
+    fn m_word(&mut self, word: &Word, dialect: &'static Dialect, fault: &mut dyn FnMut(Diagnostic)) {
         self.any = true;
         let Some(number) = code_number(word).and_then(whole) else {
             self.unknown_code = true;
@@ -266,17 +271,12 @@ impl BlockWords {
         &mut self,
         word: &Word,
         place: usize,
-        scope: Option<Scope<'_>>,
-        fault: &mut impl FnMut(Diagnostic),
+        scope: Option<&Scope<'_>>,
+        fault: &mut dyn FnMut(Diagnostic),
     ) {
         self.any = true;
         if self.present.contains(word.address) {
-            let name = word.address.text();
-            fault(diagnostics::WORD_TWICE.at(
-                word.span(),
-                format!("{name} stands twice in the block"),
-                format!("Keep one {name}, or write another block."),
-            ));
+            fault(twice(word));
             return;
         }
         if AXIS_ADDRESSES.contains(word.address) && self.first_axis_place.is_none() {
@@ -290,32 +290,46 @@ impl BlockWords {
     }
 
     /// Settles which code takes which words.
-    fn take_words(&mut self, words: &[Word], modal: &Modal, fault: &mut impl FnMut(Diagnostic)) {
+    fn take_words(&mut self, words: &[Word], modal: &Modal, fault: &mut dyn FnMut(Diagnostic)) {
+        let (own, shared) = if self.has_codes() {
+            self.own_words()
+        } else {
+            (AddressSet::EMPTY, AddressSet::EMPTY)
+        };
+        self.own = own;
+        let free = own.intersection(AXIS_ADDRESSES).is_empty();
+        self.take(if free { self.taker_in_force(modal) } else { None });
+        self.axis_words = if free {
+            self.present.intersection(AXIS_ADDRESSES)
+        } else {
+            AddressSet::EMPTY
+        };
+        self.taken = self.taker_addresses.intersection(self.present).without(own);
+        for address in shared.intersection(self.present).iter() {
+            fault(shared_word(words, address));
+        }
+    }
+
+    /// The words that codes of the block have as their own, and those that more than one of them has.
+    #[inline(never)]
+    fn own_words(&self) -> (AddressSet, AddressSet) {
         let mut own = AddressSet::EMPTY;
         let mut shared = AddressSet::EMPTY;
-        for code in codes_with_words(&self.g_codes[..self.g_count], self.m_code) {
+        for code in self.codes_with_words() {
             shared = shared.union(own.intersection(code.addresses()));
             own = own.union(code.addresses());
         }
-        self.own = own;
-        if own.intersection(AXIS_ADDRESSES).is_empty() {
-            self.taker = self.taker_in_force(modal);
-            self.axis_words = self.present.intersection(AXIS_ADDRESSES);
-            self.taken = self.taker.map_or(AddressSet::EMPTY, |code| {
-                code.addresses().intersection(self.present).without(own)
-            });
-        } else {
-            self.taker = None;
-            self.axis_words = AddressSet::EMPTY;
-            self.taken = AddressSet::EMPTY;
-        }
-        for address in shared.intersection(self.present).iter() {
-            let name = address.text();
-            fault(diagnostics::WORD_SHARED.at(
-                span_of(words, address),
-                format!("two codes of the block take {name}"),
-                "Write the codes in blocks of their own.",
-            ));
+        (own, shared)
+    }
+
+    fn take(&mut self, taker: Option<&'static Code>) {
+        let same = match (self.taker, taker) {
+            (Some(before), Some(taker)) => std::ptr::eq(before, taker),
+            (before, taker) => before.is_none() && taker.is_none(),
+        };
+        if !same {
+            self.taker = taker;
+            self.taker_addresses = taker.map_or(AddressSet::EMPTY, Code::addresses);
         }
     }
 
@@ -337,8 +351,7 @@ impl BlockWords {
     /// The description of a word of this block: by the code that takes it.
     fn spec(&self, address: Address, dialect: &Dialect) -> Option<&'static WordSpec> {
         if self.own.contains(address) {
-            return codes_with_words(&self.g_codes[..self.g_count], self.m_code)
-                .find_map(|code| code.word(address));
+            return self.codes_with_words().find_map(|code| code.word(address));
         }
         if self.taken.contains(address) {
             return self.taker.and_then(|taker| taker.word(address));
@@ -350,26 +363,14 @@ impl BlockWords {
     }
 
     /// Judges a word: whether it is taken, and its value.
-    fn judge(&self, word: &Word, with: Reading<'_>, fault: &mut impl FnMut(Diagnostic)) {
-        let name = word.address.text();
+    fn judge(&self, word: &Word, with: &Reading<'_>, fault: &mut dyn FnMut(Diagnostic)) {
         let dialect = with.dialect;
         let Some(spec) = self.spec(word.address, dialect) else {
-            if self.m_code.is_some() && PARAMETERS.contains(word.address) {
-                fault(diagnostics::PARAMETERS_REFUSED.at(
-                    word.span(),
-                    format!("M{:02} takes no parameter {name}", self.m_number()),
-                    "Remove the parameter.",
-                ));
-            } else if !(self.unknown_code || self.may_be_taken(word.address)) {
-                fault(diagnostics::WORD_NOT_TAKEN.at(
-                    word.span(),
-                    format!("no code of the block takes {name}"),
-                    "Remove the word, or write the code that it belongs to.",
-                ));
-            }
+            self.judge_untaken(word, fault);
             return;
         };
-        let Some(value) = word.number().or(with.scope.and(self.get(word.address))) else {
+        let known = || with.scope.as_ref().and(self.get(word.address));
+        let Some(value) = word.number().or_else(known) else {
             return;
         };
         if self.unknown_code && !dialect.modal_words.is_feed_word(word.address) {
@@ -377,6 +378,25 @@ impl BlockWords {
             return;
         }
         judge_value(spec, value, word.span(), fault);
+    }
+
+    /// Judges a word that no code takes.
+    #[cold]
+    fn judge_untaken(&self, word: &Word, fault: &mut dyn FnMut(Diagnostic)) {
+        let name = word.address.text();
+        if self.m_code.is_some() && PARAMETERS.contains(word.address) {
+            fault(diagnostics::PARAMETERS_REFUSED.at(
+                word.span(),
+                format!("M{:02} takes no parameter {name}", self.m_number()),
+                "Remove the parameter.",
+            ));
+        } else if !(self.unknown_code || self.may_be_taken(word.address)) {
+            fault(diagnostics::WORD_NOT_TAKEN.at(
+                word.span(),
+                format!("no code of the block takes {name}"),
+                "Remove the word, or write the code that it belongs to.",
+            ));
+        }
     }
 
     /// True when a motion or fixed cycle that the text does not show may take the word.
@@ -391,10 +411,21 @@ impl BlockWords {
         &self,
         program: &NcProgram,
         block: &Block,
-        with: Reading<'_>,
-        fault: &mut impl FnMut(Diagnostic),
+        with: &Reading<'_>,
+        fault: &mut dyn FnMut(Diagnostic),
     ) {
-        for code in codes_with_words(&self.g_codes[..self.g_count], self.m_code) {
+        if self.has_codes() {
+            self.judge_own_words(program, block, fault);
+        }
+        if let Some(refusal) = restrictions::find(self, with.modal, with.position) {
+            fault(at_word(program, block, refusal));
+        }
+    }
+
+    /// Judges what each code needs of its words.
+    #[inline(never)]
+    fn judge_own_words(&self, program: &NcProgram, block: &Block, fault: &mut dyn FnMut(Diagnostic)) {
+        for code in self.codes_with_words() {
             for word in code.words {
                 if word.required && !self.present.contains(word.address) {
                     let name = word.address.text();
@@ -409,14 +440,52 @@ impl BlockWords {
                 fault(at_word(program, block, refusal));
             }
         }
-        if let Some(refusal) = restrictions::find(self, with.modal, &with.position) {
-            fault(at_word(program, block, refusal));
-        }
+    }
+
+    /// True when the block has a G or M code.
+    fn has_codes(&self) -> bool {
+        self.g_count > 0 || self.m_code.is_some()
+    }
+
+    /// The codes of the block that have words of their own, the motion in force apart.
+    fn codes_with_words(&self) -> impl Iterator<Item = &'static Code> {
+        let g_codes = self.g_codes().iter().map(|(code, _)| *code);
+        g_codes.chain(self.m_code()).filter(|code| {
+            !code.words.is_empty() && !matches!(code.group, ModalGroup::Motion | ModalGroup::FixedCycle)
+        })
     }
 }
 
+#[cold]
+fn twice(word: &Word) -> Diagnostic {
+    let name = word.address.text();
+    diagnostics::WORD_TWICE.at(
+        word.span(),
+        format!("{name} stands twice in the block"),
+        format!("Keep one {name}, or write another block."),
+    )
+}
+
+#[cold]
+fn shared_word(words: &[Word], address: Address) -> Diagnostic {
+    diagnostics::WORD_SHARED.at(
+        span_of(words, address),
+        format!("two codes of the block take {}", address.text()),
+        "Write the codes in blocks of their own.",
+    )
+}
+
 /// Judges a value by the description of its word (D07, D11).
-pub(crate) fn judge_value(spec: &WordSpec, value: f64, span: Span, fault: &mut impl FnMut(Diagnostic)) {
+#[inline]
+pub(crate) fn judge_value(spec: &WordSpec, value: f64, span: Span, fault: &mut dyn FnMut(Diagnostic)) {
+    if spec.integer || !value.is_finite() || !spec.holds(value) {
+        judge_closely(spec, value, span, fault);
+    }
+}
+
+/// Judges a value that may have to be a whole number, or is not right.
+#[cold]
+fn judge_closely(spec: &WordSpec, value: f64, span: Span, fault: &mut dyn FnMut(Diagnostic)) {
     let name = spec.address.text();
     if !value.is_finite() {
         fault(diagnostics::NUMBER_TOO_LARGE.at(
@@ -437,20 +506,6 @@ pub(crate) fn judge_value(spec: &WordSpec, value: f64, span: Span, fault: &mut i
             "Write it without decimals.",
         ));
     }
-}
-
-/// The codes of a block that have words of their own, the motion in force apart.
-fn codes_with_words<'a>(
-    g_codes: &'a [(&'static Code, usize)],
-    m_code: Option<(&'static Code, u16)>,
-) -> impl Iterator<Item = &'static Code> + 'a {
-    g_codes
-        .iter()
-        .map(|(code, _)| *code)
-        .chain(m_code.map(|(code, _)| code))
-        .filter(|code| {
-            !code.words.is_empty() && !matches!(code.group, ModalGroup::Motion | ModalGroup::FixedCycle)
-        })
 }
 
 /// A refusal at its word, or at the block where the word does not stand.
@@ -485,7 +540,7 @@ fn whole(value: f64) -> Option<u32> {
     (value.fract().abs() <= 0.0).then_some(value as u32)
 }
 
-fn block_number(word: &Word, fault: &mut impl FnMut(Diagnostic)) {
+fn block_number(word: &Word, fault: &mut dyn FnMut(Diagnostic)) {
     if code_number(word).and_then(whole).is_none() {
         fault(constant_needed(word, "a whole number such as N10"));
     }

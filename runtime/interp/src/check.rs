@@ -213,9 +213,11 @@ impl Checker<'_> {
     /// Tells when the block's line in the intermediate code is too long (D03).
     fn length(&mut self, block: &Block) {
         let span = self.program.span(block);
-        let may_be = span.end - span.start > LONG_BYTES && !block.has_errors();
+        if span.end - span.start <= LONG_BYTES || block.has_errors() {
+            return;
+        }
         let in_cycle = self.modal.is(ModalGroup::FixedCycle, &["G74", "G84"]);
-        if may_be && block_bytes(self.program, block, in_cycle) > BLOCK_BYTES_MAX {
+        if block_bytes(self.program, block, in_cycle) > BLOCK_BYTES_MAX {
             self.findings.push(diagnostics::BLOCK_TOO_LONG.at(
                 span,
                 format!("the block's line in the intermediate code is longer than {BLOCK_BYTES_MAX} bytes"),
@@ -238,17 +240,16 @@ impl Checker<'_> {
     }
 
     fn block(&mut self, block: &Block, words: &mut BlockWords) {
-        let mut found = Vec::new();
         let reading = Reading {
             dialect: self.dialect,
             modal: &self.modal,
             scope: None,
-            position: self.position,
+            position: &self.position,
         };
-        words.read(self.program, block, reading, |finding| found.push(finding));
-        for finding in found {
-            self.findings.push(finding);
-        }
+        let findings = &mut self.findings;
+        words.read(self.program, block, &reading, &mut |finding| {
+            findings.push(finding);
+        });
         self.follow(block, words);
         if let Some(code) = words.m_code() {
             if *code == AUXILIARY {
@@ -485,10 +486,12 @@ fn targets(program: &NcProgram, statement: Statement) -> impl Iterator<Item = us
 
 /// The blocks that a run may come to by a jump, ascending: what is in force there depends on the way.
 fn joins(program: &NcProgram) -> Vec<usize> {
-    let codes = program
-        .blocks()
-        .iter()
-        .filter_map(|block| program.program_code(block));
+    let blocks = if program.has_program_codes() {
+        program.blocks()
+    } else {
+        &[]
+    };
+    let codes = blocks.iter().filter_map(|block| program.program_code(block));
     let mut joins: Vec<usize> = codes.flat_map(|code| targets(program, code.statement)).collect();
     joins.sort_unstable();
     joins.dedup();
@@ -502,6 +505,11 @@ fn ends(program: &NcProgram, block: &Block, dialect: &Dialect) -> bool {
 
 /// True for a program that returns: what is in force at its head may be what its caller left.
 fn may_be_called(program: &NcProgram, dialect: &Dialect) -> bool {
+    let returns =
+        |word: &Word| word.address == Address::M && word.number() == Some(f64::from(M99.tenths) / 10.0);
+    if !program.all_words().iter().any(returns) {
+        return false;
+    }
     let mut blocks = program.blocks().iter();
     blocks.any(|block| m_codes(program, block, dialect).any(|code| code == &M99))
 }

@@ -264,6 +264,8 @@ impl Interpreter {
             return Ok(());
         }
         let mut fault = None;
+        // the path stage knows it
+        let position = TextPosition::unknown();
         let reading = Reading {
             dialect: self.dialect,
             modal: &self.modal,
@@ -272,10 +274,9 @@ impl Interpreter {
                 variables: inputs.variables,
                 captured: &inputs.captured,
             }),
-            // the path stage knows it
-            position: TextPosition::unknown(),
+            position: &position,
         };
-        self.words.read(&frame.program, &block, reading, |found| {
+        self.words.read(&frame.program, &block, &reading, &mut |found| {
             fault.get_or_insert(found);
         });
         if let Some(fault) = fault {

@@ -22,10 +22,17 @@ const OFFSETTING: &[&str] = &["G43", "G44"];
 const CYCLES: &[&str] = &["G74", "G84"];
 
 /// What is wrong with a block that begins at `position`, where `modal` is in force before it.
+#[inline]
 pub(crate) fn find(words: &BlockWords, modal: &Modal, position: &TextPosition) -> Option<Refusal> {
     if is_plain(words, modal) {
-        return None;
+        None
+    } else {
+        first(words, modal, position)
     }
+}
+
+#[inline(never)]
+fn first(words: &BlockWords, modal: &Modal, position: &TextPosition) -> Option<Refusal> {
     in_fixed_cycle(words, modal)
         .or_else(|| with_compensation(words, modal))
         .or_else(|| to_machine_position(words, modal))
@@ -33,6 +40,7 @@ pub(crate) fn find(words: &BlockWords, modal: &Modal, position: &TextPosition) -
 }
 
 /// True for a block of words of G00 or G01 only, where nothing restricts it: most blocks of a program.
+#[inline]
 fn is_plain(words: &BlockWords, modal: &Modal) -> bool {
     words.g_codes().is_empty()
         && words.m_code().is_none()
@@ -42,6 +50,7 @@ fn is_plain(words: &BlockWords, modal: &Modal) -> bool {
 }
 
 /// Follows which motion leads compensation in and out, when the block has been found right.
+#[inline]
 pub(crate) fn follow(words: &BlockWords, modal: &mut Modal) {
     if has(words, &["G40", "G41", "G42"]) && modal.is(ModalGroup::ToolRadius, &["G40", "G41", "G42"]) {
         let before = modal.is(ModalGroup::ToolRadius, COMPENSATING);
@@ -50,7 +59,7 @@ pub(crate) fn follow(words: &BlockWords, modal: &mut Modal) {
             modal.lead_pending = !modal.lead_pending;
         }
     }
-    if moves_in_plane(words, modal) {
+    if modal.lead_pending && moves_in_plane(words, modal) {
         modal.lead_pending = false;
     }
 }

@@ -127,7 +127,15 @@ impl<'a> Cursor<'a> {
 
     /// Passes blanks and comments, but no line feed outside comments. Answers the start of a comment that is not
     /// closed; the text ends with it.
+    #[inline]
     pub(crate) fn blanks(&mut self, grammar: &Grammar) -> Result<(), usize> {
+        match self.peek() {
+            Some(b'\n' | b'0'..=b'9' | b'A'..=b'Z' | b'a'..=b'z') => Ok(()),
+            _ => self.pass_blanks(grammar),
+        }
+    }
+
+    fn pass_blanks(&mut self, grammar: &Grammar) -> Result<(), usize> {
         while let Some(byte) = self.peek() {
             match byte {
                 b' ' | b'\t' | b'\r' => self.at += 1,
@@ -198,6 +206,21 @@ impl<'a> Cursor<'a> {
         self.source.get(self.at..self.at + length).unwrap_or_default()
     }
 
+    /// Passes digits and appends them to a number: how many, and the number modulo 2^64.
+    fn pass_digits(&mut self, mut number: u64) -> (usize, u64) {
+        let mut count = 0;
+        for byte in self.bytes.get(self.at..).unwrap_or_default() {
+            let digit = byte.wrapping_sub(b'0');
+            if digit > 9 {
+                break;
+            }
+            number = number.wrapping_mul(10).wrapping_add(u64::from(digit));
+            count += 1;
+        }
+        self.at += count;
+        (count, number)
+    }
+
     /// Passes a number: an optional sign where allowed, digits, at most one point.
     pub(crate) fn number(&mut self, signed: bool) -> Result<f64, NumberError> {
         let start = self.at;
@@ -206,22 +229,12 @@ impl<'a> Cursor<'a> {
             negative = sign == b'-';
             self.at += 1;
         }
-        let mut mantissa = 0_u64;
-        let mut digits = 0_usize;
-        let mut decimals = 0_usize;
-        let mut point = false;
-        while let Some(byte) = self.peek() {
-            match byte {
-                b'0'..=b'9' => {
-                    mantissa = mantissa.wrapping_mul(10).wrapping_add(u64::from(byte - b'0'));
-                    digits += 1;
-                    decimals += usize::from(point);
-                }
-                b'.' if !point => point = true,
-                _ => break,
-            }
-            self.at += 1;
+        let (whole, mut mantissa) = self.pass_digits(0);
+        let mut decimals = 0;
+        if self.take(b'.') {
+            (decimals, mantissa) = self.pass_digits(mantissa);
         }
+        let digits = whole + decimals;
         if digits == 0 {
             return Err(if self.at == start {
                 NumberError::Missing

@@ -43,7 +43,18 @@ impl NcProgram {
         &self.blocks
     }
 
+    /// The words of all blocks in the order of the text, with those of lines that have errors.
+    pub fn all_words(&self) -> &[Word] {
+        &self.words
+    }
+
+    /// True when there is a program code in the text.
+    pub fn has_program_codes(&self) -> bool {
+        !self.program_codes.is_empty()
+    }
+
     /// The words of a block of this program; none for a program code.
+    #[inline]
     pub fn words(&self, block: &Block) -> &[Word] {
         match block.content {
             Content::Words { first, count } => {
@@ -73,6 +84,7 @@ impl NcProgram {
     }
 
     /// The program code of a block of this program.
+    #[inline]
     pub fn program_code(&self, block: &Block) -> Option<&ProgramCode> {
         match block.content {
             Content::Words { .. } => None,
@@ -100,6 +112,7 @@ impl NcProgram {
     }
 
     /// The block's range of bytes: from its first word (or block skip) to the end of its last one.
+    #[inline]
     pub fn span(&self, block: &Block) -> Span {
         let end = match self.program_code(block) {
             Some(code) => code.span.end,

@@ -91,7 +91,7 @@ pub type Motion = fn(&mut Execution<'_>, AxisWords);
 
 impl PartialEq for Code {
     fn eq(&self, other: &Self) -> bool {
-        self.code == other.code
+        std::ptr::eq(self, other) || (self.tenths == other.tenths && self.code == other.code)
     }
 }
 
