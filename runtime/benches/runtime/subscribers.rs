@@ -94,7 +94,12 @@ impl Served {
             .subscribe("tandem/v1/bench/cs/1/position", QoS::AtMostOnce)
             .await?;
         client
-            .publish("tandem/v1/bench/cs/1/command/mdi", QoS::AtLeastOnce, false, MOTION)
+            .publish(
+                "tandem/v1/bench/cs/1/command/mdi",
+                QoS::AtLeastOnce,
+                false,
+                MOTION,
+            )
             .await?;
         let mut positions = 0;
         while positions < 10 {
