@@ -1,31 +1,26 @@
 //! The coordinator: one task for each CNC coordinate system, one servo for all, and the port to all of it.
 
-use std::future::Future;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
-use futures_util::FutureExt;
 use plc_api::port::Port;
-use plc_api::types::machine::{
-    AlarmRecord, Birth, CoordinateSystemInfo, Limits, MCodeInfo, MotorInfo, Presence,
-};
+use plc_api::types::machine::{Birth, CoordinateSystemInfo, Limits, MCodeInfo, MotorInfo, Presence};
 use plc_api::types::message::Payload;
 use plc_api::types::state::{Execution, Reason};
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::types::{BootId, CoordinateSystemNumber};
 use tandem_model::Variables;
-use tandem_model::alarm::RUNTIME_FAULT;
 use tandem_model::limits::PROGRAM_BYTES_MAX;
 use tandem_model::settings::MotorKind;
 use tandem_servo::{Servo, channel};
-use tokio::sync::{Notify, mpsc};
+use tokio::sync::Notify;
 use tokio::task::JoinSet;
 
 use crate::clock::Clock;
 use crate::config::{Config, ConfigError, Machine, ProgramSource};
-use crate::coordinate_system::{CoordinateSystem, Handle, REQUESTS_MAX};
+use crate::coordinate_system::{CoordinateSystem, Desk, Handle};
 use crate::journal::Journal;
 use crate::persistence::journal_file::{JOURNAL_FOLDER, JournalThread};
 use crate::persistence::{Image, KeeperThread, Restored, Source, Store, restore, tell_of_last_runs};
@@ -239,23 +234,19 @@ impl Parts {
             let number = configured.settings.number;
             let (servo_end, task_end) = channel(&configured.settings, configured.pre_read_blocks);
             let system = CoordinateSystem::new(Arc::clone(&shared), configured, task_end, first_state);
-            let (requests, requests_out) = mpsc::channel(REQUESTS_MAX);
-            let (urgent, urgent_out) = mpsc::channel(REQUESTS_MAX);
             let notify = Arc::new(Notify::new());
+            let (view, variables) = (system.view(), system.variables());
+            let desk = Arc::new(Desk::new(Arc::clone(&shared), system, Arc::clone(&notify)));
+            channels.push(servo_end);
+            wake.push(notify);
+            let of_task = Arc::clone(&desk);
+            tasks.spawn(async move { of_task.run().await });
             handles.push(Handle {
                 number,
-                requests,
-                urgent,
-                view: system.view(),
-                variables: system.variables(),
+                desk,
+                view,
+                variables,
             });
-            channels.push(servo_end);
-            wake.push(Arc::clone(&notify));
-            tasks.spawn(guarded(
-                Arc::clone(&shared),
-                number,
-                system.run(requests_out, urgent_out, notify),
-            ));
         }
         let servo = Servo::new(channels, shared.machine.servo_period_us as f64 / 1e6);
         shared.publish(Topic::Birth, Payload::Birth(birth(&shared.machine)));
@@ -272,18 +263,6 @@ impl Parts {
             servo,
             wake,
         }
-    }
-}
-
-/// One coordinate system's panic must not stop the others: it becomes an alarm.
-async fn guarded(shared: Arc<Shared>, cs: u8, task: impl Future<Output = ()>) {
-    if std::panic::AssertUnwindSafe(task).catch_unwind().await.is_err() {
-        shared.raise(AlarmRecord {
-            number: RUNTIME_FAULT.number,
-            text: format!("{}: {}", RUNTIME_FAULT.title, RUNTIME_FAULT.remedy),
-            cs: Some(cs),
-            ..AlarmRecord::default()
-        });
     }
 }
 

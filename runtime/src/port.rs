@@ -21,9 +21,8 @@ use plc_api::types::state::{Execution, Spindle, State};
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::types::{BootId, CoordinateSystemNumber};
 use tandem_model::alarm::REQUEST_REFUSED;
-use tokio::sync::{mpsc, oneshot};
 
-use crate::coordinate_system::{Envelope, Handle};
+use crate::coordinate_system::Handle;
 use crate::shared::Shared;
 
 /// Characters of a client id and of a handler id: they are MQTT topic levels.
@@ -92,19 +91,6 @@ impl RuntimePort {
             })
     }
 
-    async fn ask(&self, queue: &mpsc::Sender<Envelope>, request: Request) -> Result<Answer, Refusal> {
-        let gone = || Refusal::new(RefusalCode::Unavailable, "the runtime is stopping");
-        if self.shared.closing.is_cancelled() {
-            return Err(gone());
-        }
-        let (reply, answer) = oneshot::channel();
-        queue
-            .send(Envelope { request, reply })
-            .await
-            .map_err(|_| gone())?;
-        answer.await.unwrap_or_else(|_| Err(gone()))
-    }
-
     async fn handler(&self, id: String, presence: HandlerPresence) -> Result<Answer, Refusal> {
         check_id("handler_id", &id)?;
         if presence.handles.len() > HANDLED_CODES_MAX {
@@ -118,8 +104,8 @@ impl RuntimePort {
             ));
         }
         for handle in &self.handles {
-            self.ask(&handle.requests, Request::Handler(id.clone(), presence.clone()))
-                .await?;
+            let request = Request::Handler(id.clone(), presence.clone());
+            handle.desk.ask(request, false).await?;
         }
         Ok(Answer::Done)
     }
@@ -131,8 +117,8 @@ impl RuntimePort {
             let mut motors = system.settings.motors.iter().flatten();
             if motors.any(|axis| axis.number == motor) {
                 found = true;
-                let queue = &self.handle(system.settings.number)?.requests;
-                self.ask(queue, Request::SkipInput(motor, value)).await?;
+                let desk = &self.handle(system.settings.number)?.desk;
+                desk.ask(Request::SkipInput(motor, value), false).await?;
             }
         }
         if found {
@@ -235,7 +221,7 @@ impl RuntimePort {
             | Request::ValidateResult(cs, ..)
             | Request::Redeliver(cs, ..)
             | Request::Input(cs, _)
-            | Request::Spindle(cs, _) => self.ask(&self.handle(cs)?.requests, request).await,
+            | Request::Spindle(cs, _) => self.handle(cs)?.desk.ask(request, false).await,
             Request::Tool(cs, id) => self.tool(cs, id).await,
             Request::ReadVariables { .. }
             | Request::WriteVariables { .. }
@@ -255,14 +241,14 @@ impl RuntimePort {
             | Request::IntermediateCode(_) => self.programs(request).await,
             Request::Republish => {
                 for handle in &self.handles {
-                    self.ask(&handle.requests, Request::Republish).await?;
+                    handle.desk.ask(Request::Republish, false).await?;
                 }
                 Ok(Answer::Done)
             }
             Request::BusLink { connected } => {
                 self.shared.bus_connected.store(connected, Ordering::Relaxed);
                 for handle in &self.handles {
-                    self.ask(&handle.requests, Request::BusLink { connected }).await?;
+                    handle.desk.ask(Request::BusLink { connected }, false).await?;
                 }
                 Ok(Answer::Done)
             }

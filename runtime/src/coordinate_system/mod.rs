@@ -1,11 +1,12 @@
-//! One CNC coordinate system as a tokio task.
+//! One CNC coordinate system.
 //!
-//! The task pulls the stages ahead of the motion into the servo's queue (`preparation`), keeps the ledger of
-//! outputs and resets (`outputs`), carries out commands one after another (`commands`) and publishes what changed
-//! (`publish`). The servo answers by events only; nothing calls back into a stage.
+//! It pulls the stages ahead of the motion into the servo's queue (`preparation`), keeps the ledger of outputs and resets
+//! (`outputs`), carries out commands one after another (`commands`) and publishes what changed (`publish`). The servo
+//! answers by events only; nothing calls back into a stage. One at a time works on it: its task, or who asks (`desk`).
 
 mod bus;
 mod commands;
+mod desk;
 mod holding;
 mod jog;
 mod lease;
@@ -32,7 +33,6 @@ use tandem_model::flow::Transform;
 use tandem_model::{AXES_MAX, MachinePosition, Variables};
 use tandem_servo::{ChannelHandle, Event};
 use tandem_syntax::NcProgram;
-use tokio::sync::{Notify, mpsc, oneshot};
 
 use crate::config::CoordinateSystem as Configured;
 use crate::journal::Entry;
@@ -40,38 +40,29 @@ use crate::program_store::StoredProgram;
 use crate::shared::Shared;
 use bus::Bus;
 use commands::{Awaiting, Deferred};
+pub(crate) use desk::Desk;
+use desk::Envelope;
 use holding::{Held, Steps};
 use lease::ControlLease;
 use manual::Kind;
 use outputs::StockWork;
 use pipeline::Pipeline;
-use preparation::Phase;
+use preparation::{Phase, Share};
 use replanning::Replanning;
 use servo_link::ServoLink;
 use validation::Validation;
 pub(crate) use view::View;
 
-/// Requests that wait for one coordinate system; a sender waits for room.
-pub(crate) const REQUESTS_MAX: usize = 256;
-
-/// A request on its way to the task, and where its answer goes.
-pub(crate) struct Envelope {
-    pub request: Request,
-    pub reply: oneshot::Sender<Result<Answer, Refusal>>,
-}
-
 /// How the port reaches a coordinate system.
 #[derive(Debug, Clone)]
 pub(crate) struct Handle {
     pub number: CoordinateSystemNumber,
-    pub requests: mpsc::Sender<Envelope>,
-    /// Hold, stop and abort pass every queue.
-    pub urgent: mpsc::Sender<Envelope>,
+    pub desk: Arc<Desk>,
     pub view: Arc<View>,
     pub variables: Variables,
 }
 
-/// State of the task.
+/// Its whole state.
 pub(crate) struct CoordinateSystem {
     shared: Arc<Shared>,
     number: CoordinateSystemNumber,
@@ -203,35 +194,14 @@ impl CoordinateSystem {
         Arc::clone(&self.view)
     }
 
-    /// Runs until the runtime closes.
-    pub async fn run(
-        mut self,
-        mut requests: mpsc::Receiver<Envelope>,
-        mut urgent: mpsc::Receiver<Envelope>,
-        wake: Arc<Notify>,
-    ) {
-        self.publish_all();
-        let clock = self.shared.clock.clone();
-        let closing = self.shared.closing.clone();
-        loop {
-            let busy = self.turn();
-            let deadline_s = self.next_deadline_s();
-            tokio::select! {
-                biased;
-                () = closing.cancelled() => break,
-                Some(envelope) = urgent.recv() => self.handle(envelope),
-                () = wake.notified() => {}
-                Some(envelope) = requests.recv() => self.handle(envelope),
-                () = tokio::task::yield_now(), if busy => {}
-                () = clock.sleep_until_s(deadline_s.unwrap_or(0.0)), if deadline_s.is_some() => {}
-            }
-        }
+    /// The runtime closes.
+    fn end(mut self) {
         self.ledger.cancel_all(self.shared.now(), CancelReason::Shutdown);
         self.carry_out_effects();
     }
 
     /// One turn: what the servo reported, what is due, what can be prepared. True when there is more to prepare.
-    fn turn(&mut self) -> bool {
+    fn turn(&mut self, share: Share) -> bool {
         while let Some(event) = self.servo.next_event() {
             self.servo_event(event);
         }
@@ -244,7 +214,7 @@ impl CoordinateSystem {
         self.expire_validation();
         self.carry_out_deferred();
         self.follow_override();
-        let busy = self.prepare();
+        let busy = self.prepare(share);
         self.hold_without_bus();
         self.publish_changes();
         busy

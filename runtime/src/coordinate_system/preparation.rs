@@ -16,11 +16,28 @@ use super::manual::Kind;
 use crate::journal::Entry;
 use plc_api::execution::word;
 
-/// Items taken from the interpreter in one turn, so that a command never waits long for the task.
-const ITEMS_PER_TURN: usize = 256;
+/// How much is prepared in one turn.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Share {
+    /// Steps of the run: items taken from the interpreter, and what follows from each.
+    items: usize,
+    /// Blocks interpreted, about: what a calculation takes at once comes on top, [`STEPS_IN_CHAIN_MAX`] at the most.
+    blocks: u64,
+}
 
-/// Blocks interpreted in one turn, about: a long calculation must not keep a command waiting either.
-const STEPS_PER_TURN: u64 = 2 * STEPS_IN_CHAIN_MAX as u64;
+impl Share {
+    /// So that a command never waits long for the task.
+    pub const OF_TASK: Share = Share {
+        items: 256,
+        blocks: 2 * STEPS_IN_CHAIN_MAX as u64,
+    };
+
+    /// What follows from an answer at once; who asks has other work to do. Reason: an output takes 4 items.
+    pub const OF_ASKER: Share = Share {
+        items: 16,
+        blocks: 64,
+    };
+}
 
 /// How far a run is.
 #[derive(Debug)]
@@ -72,16 +89,15 @@ impl Then {
 }
 
 impl CoordinateSystem {
-    /// Prepares as far as it goes, at most [`ITEMS_PER_TURN`] and about [`STEPS_PER_TURN`]. True when there is more to
-    /// do at once.
-    pub(super) fn prepare(&mut self) -> bool {
+    /// Prepares as far as it goes, at most a share. True when there is more to do at once.
+    pub(super) fn prepare(&mut self, share: Share) -> bool {
         if self.is_replanning() {
             self.hand_over();
             return false;
         }
         let before = self.pipeline.interpreter.steps();
-        for _ in 0..ITEMS_PER_TURN {
-            if self.pipeline.interpreter.steps() >= before + STEPS_PER_TURN {
+        for _ in 0..share.items {
+            if self.pipeline.interpreter.steps() >= before + share.blocks {
                 return true;
             }
             self.servo.hand_over_profiles(&mut self.pipeline.ready);

@@ -8,9 +8,9 @@ use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, SystemTime};
 
 use plc_api::types::Timestamp;
 use serde_json::{Value, json};
@@ -31,9 +31,6 @@ const WAITING_MAX: usize = 10_000;
 
 /// Time to gather lines for one write. Reason: half of the 20 ms that the journal may be behind; the rest is the disk's.
 const GATHER: Duration = Duration::from_millis(10);
-
-/// Lines of one write at the most.
-const BATCH_MAX: usize = 1000;
 
 enum Message {
     Line(Line, SystemTime),
@@ -124,22 +121,20 @@ fn run(inbox: &Receiver<Message>, lost: &AtomicU64, files: &mut Files) {
     }
 }
 
-/// Waits for a line, and takes what comes within [`GATHER`] after it. False: the journal is to be closed.
+/// Waits for a line, and takes what has come [`GATHER`] after it. False: the journal is to be closed.
+///
+/// It sleeps in between instead of waiting for the next line: then no line but the first has to wake this thread.
 fn gather(inbox: &Receiver<Message>, lost: &AtomicU64) -> Option<(String, bool)> {
-    let mut batch = String::new();
-    let mut next = inbox.recv().map_err(|_| RecvTimeoutError::Disconnected);
-    let until = Instant::now() + GATHER;
-    for _ in 0..BATCH_MAX {
-        match next {
-            Ok(Message::Line(line, time)) => batch += &text(&line, time),
-            Ok(Message::Close) => return Some((batch, false)),
-            Err(RecvTimeoutError::Disconnected) if batch.is_empty() => return None,
-            Err(_) => break,
+    let mut next = Some(inbox.recv().ok()?);
+    std::thread::sleep(GATHER);
+    let (mut batch, mut taken) = (String::new(), 0);
+    while let Some(message) = next {
+        match message {
+            Message::Line(line, time) => batch += &text(&line, time),
+            Message::Close => return Some((batch, false)),
         }
-        next = inbox.recv_timeout(until.saturating_duration_since(Instant::now()));
-    }
-    if let Ok(Message::Line(line, time)) = next {
-        batch += &text(&line, time);
+        taken += 1;
+        next = (taken < WAITING_MAX).then(|| inbox.try_recv().ok()).flatten();
     }
     let lost = lost.swap(0, Ordering::Relaxed);
     if lost > 0 {
@@ -262,6 +257,8 @@ fn open_whole(path: &Path) -> io::Result<(File, u64)> {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Instant;
+
     use super::*;
 
     fn content(folder: &Path, age: usize) -> String {

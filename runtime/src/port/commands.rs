@@ -40,17 +40,13 @@ impl RuntimePort {
             ));
         }
         let urgent = matches!(command.verb(), Verb::Hold | Verb::Stop | Verb::Abort);
-        let queue = if urgent { &handle.urgent } else { &handle.requests };
-        self.ask(
-            queue,
-            Request::Command {
-                cs,
-                command,
-                meta,
-                wait,
-            },
-        )
-        .await
+        let request = Request::Command {
+            cs,
+            command,
+            meta,
+            wait,
+        };
+        handle.desk.ask(request, urgent).await
     }
 
     pub(super) async fn lease(
@@ -65,7 +61,7 @@ impl RuntimePort {
         }
         let handle = self.handle(cs).map_err(|refusal| self.reject(&meta, refusal))?;
         let request = Request::Lease { cs, request, meta };
-        self.ask(&handle.requests, request).await
+        handle.desk.ask(request, false).await
     }
 
     /// The reply to a command that came before; published again, since who asks again has not heard it.

@@ -82,9 +82,7 @@ impl RuntimePort {
 
     /// Which tool is in the spindle, on disk before it is answered.
     pub(super) async fn tool(&self, cs: CoordinateSystemNumber, id: u16) -> Result<Answer, Refusal> {
-        let answer = self
-            .ask(&self.handle(cs)?.requests, Request::Tool(cs, id))
-            .await?;
+        let answer = self.handle(cs)?.desk.ask(Request::Tool(cs, id), false).await?;
         if let Some(keeper) = self.shared.keeper.get() {
             keeper.flush().await.map_err(|text| unkept(&text))?;
         }

@@ -1,0 +1,407 @@
+//! Where requests to a coordinate system are laid down, and the coordinate system itself.
+//!
+//! Who lays a request down works on it at once, in its own thread, if nobody else is at work there: an answer then
+//! needs no other thread, and a handler in process no wake. Else it leaves the request to the task, which does all the
+//! rest: commands, which may take long, since a load checks whole programs; what the servo reports, what is due by its
+//! time, and what there is more to prepare.
+
+use std::collections::VecDeque;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
+
+use plc_api::types::CoordinateSystemNumber;
+use plc_api::types::machine::AlarmRecord;
+use plc_api::types::request::{Answer, Refusal, RefusalCode, Request};
+use tandem_model::alarm::RUNTIME_FAULT;
+use tokio::sync::{Notify, Semaphore, TryAcquireError, oneshot};
+
+use super::CoordinateSystem;
+use super::preparation::Share;
+use crate::shared::Shared;
+
+/// Requests that wait for one coordinate system; a sender waits for room. Hold, stop and abort have as much of their own.
+const REQUESTS_MAX: usize = 256;
+
+/// A request on its way, and where its answer goes.
+pub(super) struct Envelope {
+    pub request: Request,
+    pub reply: oneshot::Sender<Result<Answer, Refusal>>,
+}
+
+/// A coordinate system and what it is asked for.
+pub(crate) struct Desk {
+    number: CoordinateSystemNumber,
+    shared: Arc<Shared>,
+    /// Hold, stop and abort pass all others.
+    urgent: Queue,
+    requests: Queue,
+    work: Mutex<Work>,
+    /// Wakes the task.
+    wake: Arc<Notify>,
+}
+
+struct Work {
+    /// `None` when it has ended.
+    system: Option<CoordinateSystem>,
+    /// When the task wakes by itself, seconds since the start.
+    task_wakes_at_s: Option<f64>,
+}
+
+impl std::fmt::Debug for Desk {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Desk")
+            .field("number", &self.number)
+            .finish_non_exhaustive()
+    }
+}
+
+impl Desk {
+    /// Publishes the state of the coordinate system; [`Desk::run`] is its task. `wake` wakes that.
+    pub fn new(shared: Arc<Shared>, system: CoordinateSystem, wake: Arc<Notify>) -> Self {
+        system.publish_all();
+        Self {
+            number: system.number,
+            shared,
+            urgent: Queue::new(),
+            requests: Queue::new(),
+            work: Mutex::new(Work {
+                system: Some(system),
+                task_wakes_at_s: None,
+            }),
+            wake,
+        }
+    }
+
+    /// Asks the coordinate system; an urgent request passes those that wait.
+    ///
+    /// # Errors
+    /// What it refuses; that the runtime is stopping.
+    pub async fn ask(&self, request: Request, urgent: bool) -> Result<Answer, Refusal> {
+        let gone = || Refusal::new(RefusalCode::Unavailable, "the runtime is stopping");
+        if self.shared.closing.is_cancelled() {
+            return Err(gone());
+        }
+        let (reply, answer) = oneshot::channel();
+        let queue = if urgent { &self.urgent } else { &self.requests };
+        queue.put(Envelope { request, reply }).await;
+        self.work_if_free();
+        answer.await.unwrap_or_else(|_| Err(gone()))
+    }
+
+    /// Who is at work may just have looked for requests for the last time, so the task is woken for this one.
+    fn work_if_free(&self) {
+        let mut work = match self.work.try_lock() {
+            Ok(work) => work,
+            Err(TryLockError::Poisoned(poisoned)) => poisoned.into_inner(),
+            Err(TryLockError::WouldBlock) => return self.wake.notify_one(),
+        };
+        if self.urgent.begins_with_command() || self.requests.begins_with_command() {
+            return self.wake.notify_one();
+        }
+        let left = self.work(&mut work, Share::OF_ASKER);
+        let is_sooner = |at_s: f64| work.task_wakes_at_s.is_none_or(|task_s| at_s < task_s);
+        if left.busy || left.due_s.is_some_and(is_sooner) {
+            self.wake.notify_one();
+        }
+    }
+
+    /// The task of the coordinate system, until the runtime closes.
+    pub async fn run(&self) {
+        // also when the task is dropped: nobody looks after the coordinate system then
+        let _ended = Ended(self);
+        let clock = &self.shared.clock;
+        loop {
+            let left = self.work_as_task();
+            tokio::select! {
+                biased;
+                () = self.shared.closing.cancelled() => break,
+                () = self.wake.notified() => {}
+                () = tokio::task::yield_now(), if left.busy => {}
+                () = clock.sleep_until_s(left.due_s.unwrap_or(0.0)), if left.due_s.is_some() => {}
+            }
+        }
+        let system = self.lock().system.take();
+        if let Some(system) = system {
+            system.end();
+        }
+    }
+
+    fn work_as_task(&self) -> Left {
+        let mut work = self.lock();
+        let left = self.work(&mut work, Share::OF_TASK);
+        work.task_wakes_at_s = left.due_s;
+        left
+    }
+
+    /// The next request, and a turn. One coordinate system's panic must not stop the others, nor who asks: it becomes an
+    /// alarm.
+    fn work(&self, work: &mut Work, share: Share) -> Left {
+        let Some(system) = &mut work.system else {
+            return Left::default();
+        };
+        let worked = catch_unwind(AssertUnwindSafe(|| {
+            if let Some(envelope) = self.urgent.take().or_else(|| self.requests.take()) {
+                system.handle(envelope);
+            }
+            Left {
+                busy: system.turn(share),
+                due_s: system.next_deadline_s(),
+            }
+        }));
+        let Ok(left) = worked else {
+            work.system = None;
+            self.close();
+            self.shared.raise(AlarmRecord {
+                number: RUNTIME_FAULT.number,
+                text: format!("{}: {}", RUNTIME_FAULT.title, RUNTIME_FAULT.remedy),
+                cs: Some(self.number),
+                ..AlarmRecord::default()
+            });
+            return Left::default();
+        };
+        Left {
+            busy: left.busy || !self.urgent.is_empty() || !self.requests.is_empty(),
+            ..left
+        }
+    }
+
+    fn close(&self) {
+        self.urgent.close();
+        self.requests.close();
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Work> {
+        lock(&self.work)
+    }
+}
+
+/// Throws away the coordinate system and what it is asked for.
+struct Ended<'a>(&'a Desk);
+
+impl Drop for Ended<'_> {
+    fn drop(&mut self) {
+        self.0.lock().system = None;
+        self.0.close();
+    }
+}
+
+/// What is left after some work.
+#[derive(Debug, Clone, Copy, Default)]
+struct Left {
+    /// There is more to do at once.
+    busy: bool,
+    /// When there is something to do next, seconds since the start.
+    due_s: Option<f64>,
+}
+
+/// Requests in the order in which they came.
+struct Queue {
+    envelopes: Mutex<VecDeque<Envelope>>,
+    room: Semaphore,
+}
+
+impl Queue {
+    fn new() -> Self {
+        Self {
+            envelopes: Mutex::default(),
+            room: Semaphore::new(REQUESTS_MAX),
+        }
+    }
+
+    /// Waits for room. An envelope that comes after the end is thrown away, as those that wait then are.
+    async fn put(&self, envelope: Envelope) {
+        // tried first: a task that has used up its budget would wait, and its next request come before this one
+        let room = match self.room.try_acquire() {
+            Err(TryAcquireError::NoPermits) => self.room.acquire().await.ok(),
+            room => room.ok(),
+        };
+        if let Some(room) = room {
+            lock(&self.envelopes).push_back(envelope);
+            room.forget();
+        }
+        if self.room.is_closed() {
+            lock(&self.envelopes).clear();
+        }
+    }
+
+    fn take(&self) -> Option<Envelope> {
+        let envelope = lock(&self.envelopes).pop_front()?;
+        self.room.add_permits(1);
+        Some(envelope)
+    }
+
+    fn begins_with_command(&self) -> bool {
+        let is_command = |first: &Envelope| matches!(first.request, Request::Command { .. });
+        lock(&self.envelopes).front().is_some_and(is_command)
+    }
+
+    fn is_empty(&self) -> bool {
+        lock(&self.envelopes).is_empty()
+    }
+
+    fn close(&self) {
+        self.room.close();
+        lock(&self.envelopes).clear();
+    }
+}
+
+// A poisoned lock means a panic elsewhere while a value was being stored; the values themselves are whole.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use futures_util::FutureExt;
+    use plc_api::hub::Filter;
+    use plc_api::types::BootId;
+    use plc_api::types::command::{Command, CommandMeta};
+    use plc_api::types::message::Payload;
+    use plc_api::types::request::Input;
+    use plc_api::types::state::{Execution, Switch};
+    use plc_api::types::topic::{CsTopic, Topic};
+    use tandem_servo::{Channel, channel};
+
+    use super::*;
+    use crate::Config;
+    use crate::clock::Clock;
+    use crate::journal::Journal;
+    use crate::persistence::Restored;
+    use crate::program_store::ProgramStore;
+    use crate::tables::Tables;
+
+    /// The first coordinate system of the demo machine, with the servo's end of its rings.
+    fn desk(journal: Journal) -> (Arc<Desk>, Channel) {
+        let machine = Config::demo().resolve().unwrap();
+        let configured = machine.coordinate_systems[0].clone();
+        let store = ProgramStore::in_memory(machine.dialect());
+        let tables = (Tables::new(&machine), Restored::default());
+        let boot = BootId("test".into());
+        let shared = Arc::new(Shared::new(
+            machine,
+            boot,
+            Clock::simulated(),
+            store,
+            journal,
+            tables,
+        ));
+        let (servo_end, task_end) = channel(&configured.settings, configured.pre_read_blocks);
+        let system = CoordinateSystem::new(
+            Arc::clone(&shared),
+            configured,
+            task_end,
+            (Execution::Ready, None),
+        );
+        (Arc::new(Desk::new(shared, system, Arc::default())), servo_end)
+    }
+
+    fn optional_stop(on: bool) -> Request {
+        Request::Input(1, Input::OptionalStop(on))
+    }
+
+    fn mdi() -> Request {
+        Request::Command {
+            cs: 1,
+            command: Command::Mdi {
+                text: "G04 P1".into(),
+            },
+            meta: CommandMeta {
+                command_id: "1".into(),
+                client_id: "test".into(),
+                ..CommandMeta::default()
+            },
+            wait: false,
+        }
+    }
+
+    #[test]
+    fn who_asks_carries_its_request_out_itself() {
+        let (desk, _servo) = desk(Journal::to_log());
+        let answer = desk.ask(optional_stop(true), false).now_or_never();
+        assert_eq!(answer, Some(Ok(Answer::Done)));
+    }
+
+    #[test]
+    fn a_command_and_what_comes_behind_it_are_left_to_the_task() {
+        let (desk, _servo) = desk(Journal::to_log());
+        let mut command = Box::pin(desk.ask(mdi(), false));
+        let mut behind = Box::pin(desk.ask(optional_stop(true), false));
+        assert_eq!((&mut command).now_or_never(), None);
+        assert_eq!((&mut behind).now_or_never(), None);
+        assert!(desk.work_as_task().busy, "one more request waits");
+        desk.work_as_task();
+        assert!(matches!(command.now_or_never(), Some(Ok(Answer::Command(_)))));
+        assert_eq!(behind.now_or_never(), Some(Ok(Answer::Done)));
+    }
+
+    #[test]
+    fn requests_that_find_somebody_at_work_are_left_to_the_task_in_their_order_and_urgent_ones_pass() {
+        let (desk, _servo) = desk(Journal::to_log());
+        let topics = [CsTopic::OptionalStop, CsTopic::DryRun].map(|topic| Topic::cs(1, topic));
+        let mut said = desk.shared.hub.subscribe(Filter::Topics(topics.to_vec()));
+        while said.try_next().is_some() {}
+        let mut first = Box::pin(desk.ask(optional_stop(true), false));
+        let mut second = Box::pin(desk.ask(optional_stop(false), false));
+        let mut urgent = Box::pin(desk.ask(Request::Input(1, Input::DryRun(true)), true));
+        let at_work = desk.lock();
+        for request in [&mut first, &mut second, &mut urgent] {
+            assert_eq!(request.now_or_never(), None);
+        }
+        drop(at_work);
+        assert!(desk.wake.notified().now_or_never().is_some(), "the task is woken");
+        let mut values = Vec::new();
+        loop {
+            let left = desk.work_as_task();
+            while let Some(message) = said.try_next() {
+                if let Payload::Switch(Switch { value }) = &message.payload {
+                    values.push((message.topic.clone(), *value));
+                }
+            }
+            if !left.busy {
+                break;
+            }
+        }
+        let of = |topic, value| (Topic::cs(1, topic), value);
+        assert_eq!(
+            values,
+            [
+                of(CsTopic::DryRun, true),
+                of(CsTopic::OptionalStop, true),
+                of(CsTopic::OptionalStop, false)
+            ]
+        );
+        for request in [first, second, urgent] {
+            assert_eq!(request.now_or_never(), Some(Ok(Answer::Done)));
+        }
+    }
+
+    #[test]
+    fn a_panic_is_an_alarm_of_this_coordinate_system_and_does_not_reach_who_asks() {
+        let sink = Arc::new(Mutex::new(|_line: &crate::journal::Line| {
+            panic!("the journal's sink")
+        }));
+        let (desk, _servo) = desk(Journal::to_sink(sink));
+        let mut command = Box::pin(desk.ask(mdi(), false));
+        assert_eq!((&mut command).now_or_never(), None);
+        desk.work_as_task();
+        let answers = [
+            command.now_or_never(),
+            desk.ask(optional_stop(true), false).now_or_never(),
+        ];
+        for answer in answers {
+            let refusal = answer.and_then(Result::err);
+            assert_eq!(
+                refusal.map(|refusal| refusal.code),
+                Some(RefusalCode::Unavailable)
+            );
+        }
+        let alarms = desk.shared.alarm_history();
+        assert_eq!(
+            alarms
+                .iter()
+                .map(|alarm| (alarm.number, alarm.cs))
+                .collect::<Vec<_>>(),
+            [(RUNTIME_FAULT.number, Some(1))]
+        );
+    }
+}
