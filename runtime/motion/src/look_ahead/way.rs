@@ -1,11 +1,12 @@
 //! A blended block as planned: velocity and acceleration of each axis by plan time, with bounds of what lies between.
 
 use tandem_model::flow::Path;
-use tandem_model::profile::{Law, Profile};
 use tandem_model::ramp::UnitRamp;
 use tandem_model::{Axis, AxisVector};
 
-/// The motion of one profile in plan time: its block between its ramps, and the begin of the next block.
+use crate::block::RampedBlock;
+
+/// The motion of one block in plan time: its block between its ramps, and the begin of the next block.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Way<'a> {
     pub(super) path: &'a Path,
@@ -67,34 +68,22 @@ struct Along {
 }
 
 impl<'a> Way<'a> {
-    /// Of a profile along a path; `None` for any other.
-    pub(super) fn new(profile: &'a Profile, passage: Passage) -> Option<Self> {
-        let Law::Ramped {
-            path,
-            speed,
-            start,
-            stop,
-            begun_s,
-            next,
-        } = &profile.law
-        else {
-            return None;
-        };
-        let lead = next.as_ref().map(|next| (&next.path, next.speed));
-        Some(Self {
-            path,
-            speed: *speed,
+    pub(super) fn new(block: &'a RampedBlock, passage: Passage) -> Self {
+        let lead = block.next.as_ref().map(|next| (&next.path, next.speed));
+        Self {
+            path: &block.path,
+            speed: block.speed,
             lead,
             slopes: [
-                slopes(path),
+                slopes(&block.path),
                 lead.map_or(AxisVector::ZERO, |(path, _)| slopes(path)),
             ],
-            start: *start,
-            stop: *stop,
-            begun_s: *begun_s,
-            plan_s: profile.duration_s,
+            start: block.start,
+            stop: block.stop,
+            begun_s: block.begun_s,
+            plan_s: block.plan_s,
             passage,
-        })
+        }
     }
 
     /// True when its path begins at rest.

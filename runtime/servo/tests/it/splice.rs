@@ -130,7 +130,7 @@ impl Machine {
             // As planned without look-ahead: the rate is 1.
             let mut piece = pace.pieces()[0];
             (piece.begins_s, piece.plan_s, piece.rate, piece.rate_change) = (0.0, 0.0, 1.0, 0.0);
-            *own = tandem_model::profile::Pace::new(&[piece], f64::INFINITY, 1.0, 0);
+            *own = tandem_model::profile::Pace::new([piece], f64::INFINITY, 1.0, 0);
         }
         let programmed = Profile {
             law,
