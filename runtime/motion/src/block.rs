@@ -54,7 +54,8 @@ impl RampedBlock {
     }
 
     /// At a pace that takes this time.
-    pub(crate) fn paced(&self, pace: Pace, duration_s: f64, exact_stop: bool) -> Profile {
+    #[inline]
+    pub(crate) fn paced(&self, pace: &Pace, duration_s: f64, exact_stop: bool) -> Profile {
         Profile {
             segment: self.segment,
             epoch: self.epoch,
@@ -67,7 +68,7 @@ impl RampedBlock {
                 begun_s: self.begun_s,
                 next: self.next.clone(),
                 plan_s: self.plan_s,
-                pace,
+                pace: *pace,
             },
             duration_s,
             time_base: TimeBase::Feed,

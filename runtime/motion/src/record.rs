@@ -67,12 +67,16 @@ impl Record {
         self.entries.clear();
     }
 
+    /// Adds segments.
+    pub(crate) fn extend(&mut self, entries: impl ExactSizeIterator<Item = Entry>) {
+        let too_many = (self.entries.len() + entries.len()).saturating_sub(SEGMENTS_MAX);
+        self.entries.drain(..too_many.min(self.entries.len()));
+        self.entries.extend(entries);
+    }
+
     /// Adds a segment.
     pub(crate) fn push(&mut self, entry: Entry) {
-        if self.entries.len() >= SEGMENTS_MAX {
-            self.entries.drain(..1);
-        }
-        self.entries.push_back(entry);
+        self.extend(std::iter::once(entry));
     }
 
     /// The motion has passed this segment.
@@ -133,9 +137,7 @@ impl Record {
     pub(crate) fn replace(&mut self, from: PathPlace, by: Record) {
         let (first, _) = self.find(from);
         self.entries.truncate(first);
-        for entry in by.entries {
-            self.push(entry);
-        }
+        self.extend(by.entries.into_iter());
     }
 
     /// Plans what lies behind a place, and then the blocks that look-ahead holds.

@@ -220,13 +220,10 @@ impl LookAhead {
             finals = self.blocks.len() / 2;
         }
         let first = out.len();
-        for _ in 0..finals {
-            let Some(held) = self.blocks.pop_front() else {
-                break;
-            };
-            self.put_out(&held, out);
-            record.push(Entry::Paced(held.block));
+        for block in 0..finals {
+            self.put_out(block, out);
         }
+        record.extend(self.blocks.drain(..finals).map(|held| Entry::Paced(held.block)));
         self.seen = self.blocks.len();
         // Only with the last profile all of them are known.
         if let Some(last) = out.range_mut(first..).next_back()
@@ -294,8 +291,11 @@ impl LookAhead {
         finals.unwrap_or(0)
     }
 
-    /// Passes the first block forward as fast as its limits allow.
-    fn put_out(&mut self, held: &Held, out: &mut VecDeque<Profile>) {
+    /// Passes a block forward as fast as its limits allow; the pieces of those before it are gone.
+    fn put_out(&mut self, block: usize, out: &mut VecDeque<Profile>) {
+        let Some(held) = self.blocks.get(block) else {
+            return;
+        };
         self.steps.clear();
         let mut task = Limits {
             way: Way::new(&held.block, held.passage),

@@ -95,7 +95,7 @@ pub(super) fn profiles(held: &Held, steps: &[Step], free_to: u64, out: &mut VecD
             }
         });
         let pace = Pace::new(pieces, ends_s, held.feed_override, free_to);
-        out.push_back(block.paced(pace, duration_s, held.is_last && n == last));
+        out.push_back(block.paced(&pace, duration_s, held.is_last && n == last));
     }
 }
 
