@@ -1,11 +1,15 @@
 // REST: commands, inputs, programs. Whatever is refused comes back as a Refusal with the machine's own words.
 
+import { forgetFence, keepFence, ownFence, underLease } from "./fences.js";
 import { authorization } from "./token.js";
 
 /** Time limit of a request; a stop on the path of a slow machine may take seconds. */
 const TIMEOUT_MS = 15000;
 /** Time limit of a refresh of a jog: the machine has stopped long before. */
 const JOG_TIMEOUT_MS = 1000;
+
+/** Who holds the control lease that is taken here, as people at other screens are told. */
+const HOLDER = `HMI ${randomName().slice(0, 4)}`;
 
 export class Refusal extends Error {
   /**
@@ -53,10 +57,15 @@ function asSentence(text) {
   return text.charAt(0).toUpperCase() + text.slice(1).replace(/[^.!?]$/, "$&.");
 }
 
+/** 24 random characters. */
+function randomName() {
+  const bytes = crypto.getRandomValues(new Uint8Array(12));
+  return [...bytes].map((byte) => byte.toString(16).padStart(2, "0")).join("");
+}
+
 /** A random name of a command, so that one sent twice is carried out once. */
 function commandId() {
-  const bytes = crypto.getRandomValues(new Uint8Array(12));
-  return `hmi-${[...bytes].map((byte) => byte.toString(16).padStart(2, "0")).join("")}`;
+  return `hmi-${randomName()}`;
 }
 
 export const api = {
@@ -67,14 +76,33 @@ export const api = {
    * @param {object} [args]
    */
   async command(cs, verb, args = {}) {
-    const response = await request("POST", `/cs/${cs}/${verb}?wait=1`, args, { "Idempotency-Key": commandId() });
+    const response = await request("POST", `/cs/${cs}/${verb}?wait=1`, args, { "Idempotency-Key": commandId(), ...underLease(cs) });
     const reply = await response.json().catch(() => ({}));
     if (reply.status === "rejected" || reply.status === "failed") throw new Refusal(reply.text || `${verb} failed.`, reply);
   },
 
   /** Begins or refreshes a jog; the answer says whether it is allowed. @param {number} cs @param {object} args */
   async jog(cs, args) {
-    await request("POST", `/cs/${cs}/jog`, args, {}, JOG_TIMEOUT_MS);
+    await request("POST", `/cs/${cs}/jog`, args, underLease(cs), JOG_TIMEOUT_MS);
+  },
+
+  /** Takes the control lease, or renews the own one. @param {number} cs */
+  async takeLease(cs) {
+    const fence = ownFence(cs);
+    const response = await request("POST", `/cs/${cs}/lease`, { holder: HOLDER, ...(fence !== undefined && { fence }) });
+    keepFence(cs, (await response.json()).lease.fence);
+  },
+
+  /** @param {number} cs */
+  async giveLeaseBack(cs) {
+    const headers = underLease(cs);
+    forgetFence(cs);
+    await request("DELETE", `/cs/${cs}/lease`, undefined, headers);
+  },
+
+  /** Ends the lease of whoever holds it. @param {number} cs */
+  async breakLease(cs) {
+    await request("POST", `/cs/${cs}/lease/break`, {});
   },
 
   /** @param {number} cs @param {"interlock" | "start_lock"} input @param {import("./types.d.ts").Lock} lock */

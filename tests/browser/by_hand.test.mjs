@@ -166,6 +166,76 @@ test("interlock holds the motion, says why, and lets it go on", async () => {
   await screen.sees("STOPPED");
 });
 
+/** A request of another client; gives the status. */
+async function other(method, path, body, headers = {}) {
+  const all = { "Content-Type": "application/json", ...headers };
+  const answer = await fetch(`${runtime.url}/api/v1${path}`, { method, headers: all, body: JSON.stringify(body) });
+  return { status: answer.status, body: await answer.json() };
+}
+
+test("while this screen has taken control it moves the machine and others do not; given back, they do", async () => {
+  await page.getByRole("button", { name: "Take control" }).click();
+  await page.locator(".detail").getByText(/control lease: HMI [0-9a-f]{4}/).waitFor();
+  const refused = await other("POST", "/cs/1/mdi", { text: "G53 G00 X1" });
+  assert.deepEqual([refused.status, refused.body.code], [409, "busy"]);
+  await mdi().fill("G53 G00 X3");
+  await mdi().press("Enter");
+  await at("X", 3);
+  await screen.sees("READY");
+  const begin = await machine("X");
+  await jog("X", "plus").hover();
+  await page.mouse.down();
+  await until(() => machine("X"), (now) => now > begin, "X, which is jogged,");
+  await page.mouse.up();
+  await page.getByRole("button", { name: "Give control back" }).click();
+  await page.locator(".detail:not(:has-text('control lease'))").waitFor();
+  await atRest("X");
+  assert.equal((await other("POST", "/cs/1/mdi?wait=1", { text: "G53 G00 X2" })).status, 200);
+});
+
+test("the control of another is ended by this screen only when the operator says so", async () => {
+  assert.equal((await other("POST", "/cs/1/lease", { holder: "mes-1" })).status, 200);
+  const end = page.getByRole("button", { name: "End control of mes-1" });
+  await end.click();
+  await page.getByRole("button", { name: "Leave it" }).click();
+  await page.getByRole("button", { name: "Home X" }).click();
+  await page.getByText(/mes-1/).and(page.locator(".toast p")).waitFor();
+  await end.click();
+  await page.getByRole("button", { name: "End it" }).click();
+  await page.getByRole("button", { name: "Take control" }).waitFor();
+  await page.getByRole("button", { name: "Home X" }).click();
+  await at("X", 0);
+  errors.splice(0, errors.length, ...errors.filter((text) => !/status of 409/.test(text)));
+});
+
+test("a held program goes back along its path and forward again", async () => {
+  const text = "G90 G54 G64 G500\nG01 X0 F6000\nX10 F600\nX20\nM30\n";
+  const stored = await fetch(`${runtime.url}/api/v1/programs/78`, { method: "PUT", headers: { "Content-Type": "text/plain" }, body: text });
+  assert.ok(stored.ok);
+  await other("POST", "/cs/1/load?wait=1", { program: 78 });
+  const back = page.getByRole("button", { name: "Back trace" });
+  await disabled(back);
+  await screen.command("Start").click();
+  await until(() => screen.workPosition("X"), (now) => now > 4 && now < 20, "X on its way");
+  await disabled(back);
+  await screen.command("Hold").click();
+  await screen.sees("FEED_HOLD");
+  await back.click();
+  await screen.says(/Goes back along its path/);
+  await screen.says(/The way back ends here/);
+  await disabled(back);
+  await screen.command("Resume").click();
+  await screen.sees("PROGRAM_COMPLETED");
+  await until(() => screen.workPosition("X"), 20, "X at the end");
+});
+
+test("dry run is switched at the screen, and said beside the program", async () => {
+  await page.getByRole("switch", { name: "Dry run" }).click();
+  await page.locator(".detail").getByText("dry run").waitFor();
+  await page.getByRole("switch", { name: "Dry run" }).click();
+  await page.locator(".detail:not(:has-text('dry run'))").waitFor();
+});
+
 test("a file is stored as a program; what is wrong with it is shown by lines, corrected, and then loads", async () => {
   const file = (name, text) => ({ name, mimeType: "text/plain", buffer: Buffer.from(text) });
   await page.locator("input[type=file]").setInputFiles(file("O0077.nc", "// From a file\nG90\nG00 X\nM30\n"));

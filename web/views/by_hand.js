@@ -1,10 +1,12 @@
-// Moves by hand: jog buttons that act while they are held, homing, one line of NC text, and the locks.
+// Moves by hand: jog buttons that act while they are held, homing, one line of NC text, the way back along the path;
+// dry run and the locks, and who has control.
 
 import { card, fill, h, setAttr, setText } from "../dom.js";
 import { icon } from "../icons.js";
 import { JogButton } from "../jog.js";
+import { leaseButton } from "../lease.js";
 import { mdiLine } from "../mdi.js";
-import { lockSwitch } from "./switches.js";
+import { dryRunSwitch, lockSwitch } from "./switches.js";
 
 /** Jog velocities to choose from, mm/min or deg/min. */
 const VELOCITIES = [100, 500, 2000, 6000];
@@ -21,14 +23,17 @@ export const byHand = {
     const axes = h("div", { class: "jog-axes", role: "group", "aria-label": "Jog and home" });
     const homeAll = homeButton(app, null);
     const mdi = mdiLine(app);
-    const locks = [lockSwitch(app, "interlock", "Interlock"), lockSwitch(app, "start_lock", "Start lock")];
+    const back = backButton(app);
+    const lease = leaseButton(app);
+    const switches = [dryRunSwitch(app), lockSwitch(app, "interlock", "Interlock"), lockSwitch(app, "start_lock", "Start lock")];
     const content = h(
       "div",
       { id: "by-hand", class: "by-hand", hidden: true },
       mdi.element,
       h("div", { class: "jog-choices" }, velocity.element, way.element),
       axes,
-      h("div", { class: "row by-hand-foot" }, homeAll, h("span", { class: "spring" }), ...locks.map((lock) => lock.element)),
+      h("div", { class: "row by-hand-foot" }, homeAll, back.element, h("span", { class: "spring" }), lease.element),
+      h("div", { class: "row by-hand-foot" }, ...switches.map((one) => one.element)),
     );
     const element = card("by-hand-card", "By hand", [opener], content);
     let open = false;
@@ -58,7 +63,7 @@ export const byHand = {
       for (const row of rows) row.render();
       homeAll.disabled = !app.model.movesByHand;
       mdi.render(app.model.movesByHand);
-      for (const lock of locks) lock.render();
+      for (const one of [back, lease, ...switches]) one.render();
     };
     return { element, render };
   },
@@ -87,6 +92,21 @@ function homeButton(app, axis) {
     void app.attempt(() => app.api.command(cs, "home", axis === null ? {} : { axes: [axis] }));
   });
   return button;
+}
+
+/** Goes back along the path from a feed hold. @param {import("../main.js").App} app */
+function backButton(app) {
+  const element = h("button", { type: "button", class: "button", title: "From a feed hold back along the blocks of G64 with G500 that were passed" }, icon("back"), "Back trace");
+  element.addEventListener("click", () => {
+    const cs = app.model.selected;
+    void app.attempt(() => app.api.command(cs, "back_trace", { on: true }));
+  });
+  const render = () => {
+    const state = app.model.current?.state;
+    const isHeld = state?.execution === "FEED_HOLD" && state.reason !== "BACK_TRACE_END" && !state.transition;
+    element.disabled = !app.model.online || !isHeld;
+  };
+  return { element, render };
 }
 
 /**

@@ -37,6 +37,11 @@ export function lockSwitch(app, input, says) {
   );
 }
 
+/** Blocks that are read move at the dry run feedrate. @param {import("../main.js").App} app */
+export function dryRunSwitch(app) {
+  return toggle(app, "dry_run", "Dry run", "Dry run", (cs) => cs.state?.dry_run);
+}
+
 /**
  * @param {import("../main.js").App} app
  * @param {string} input

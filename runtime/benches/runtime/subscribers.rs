@@ -1,5 +1,5 @@
-//! The stream of positions, 10 a second, to 200 subscribers of the embedded broker, and what it costs: the command
-//! `tandem` runs as a process of its own, and its processor time is read from the system (Linux only).
+//! The stream of positions of a moving axis, 10 a second, to 200 subscribers of the embedded broker, and what it costs:
+//! the command `tandem` runs as a process of its own, and its processor time is read from the system (Linux only).
 
 use std::io::{BufRead, BufReader};
 use std::path::Path;
@@ -19,6 +19,9 @@ const SUBSCRIBERS: usize = 200;
 
 const TIME: Duration = Duration::from_secs(10);
 
+/// Longer than all of the bench takes: a position is published while it changes.
+const MOTION: &str = r#"{"command_id": "move", "client_id": "bench", "args": {"text": "G01 X10000 F600"}}"#;
+
 /// Ticks of processor time a second, as Linux tells them to programs.
 const TICKS_PER_S: f64 = 100.0;
 
@@ -27,6 +30,7 @@ pub async fn run() -> anyhow::Result<()> {
     let folder = tempfile::tempdir()?;
     let served = Served::start(folder.path())?;
     let heard = Arc::new(AtomicU64::new(0));
+    served.make_it_move().await?;
     served.measure(0, &heard).await?;
     let mut subscribers = JoinSet::new();
     for number in 0..SUBSCRIBERS {
@@ -54,7 +58,7 @@ async fn subscribe(port: u16, number: usize, heard: Arc<AtomicU64>) -> anyhow::R
     }
 }
 
-/// The command, with one coordinate system that stands still.
+/// The command, with one coordinate system.
 struct Served {
     process: Child,
     port: u16,
@@ -82,6 +86,28 @@ impl Served {
         }
         let port = port.context("the address of its broker")?;
         Ok(Served { process, port })
+    }
+
+    async fn make_it_move(&self) -> anyhow::Result<()> {
+        let (client, mut events) = AsyncClient::new(MqttOptions::new("bench", "127.0.0.1", self.port), 16);
+        client
+            .subscribe("tandem/v1/bench/cs/1/position", QoS::AtMostOnce)
+            .await?;
+        client
+            .publish(
+                "tandem/v1/bench/cs/1/command/mdi",
+                QoS::AtLeastOnce,
+                false,
+                MOTION,
+            )
+            .await?;
+        let mut positions = 0;
+        while positions < 10 {
+            if let Event::Incoming(Packet::Publish(_)) = events.poll().await? {
+                positions += 1;
+            }
+        }
+        Ok(())
     }
 
     async fn measure(&self, subscribers: usize, heard: &AtomicU64) -> anyhow::Result<()> {

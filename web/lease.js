@@ -1,0 +1,64 @@
+// The control lease at the screen: taken and given back by a button, and renewed while this page lives.
+
+import { Refusal } from "./api.js";
+import { h, setAttr, setText } from "./dom.js";
+import { forgetFence, ownFence } from "./fences.js";
+
+/** Time between two renewals, ms: a third of what the machine gives a lease. */
+const RENEW_MS = 10000;
+
+/** @param {import("./main.js").App} app */
+export function leaseButton(app) {
+  const element = h("button", { type: "button", class: "button", title: "While control is taken, only this screen loads, starts and moves; everyone may hold and stop" });
+  /** Whether this screen asks the machine for the lease, or gives it back, just now. */
+  let busy = false;
+
+  /** @param {() => Promise<void>} work */
+  const ask = async (work) => {
+    busy = true;
+    app.invalidate();
+    await app.attempt(work);
+    busy = false;
+    app.invalidate();
+  };
+  element.addEventListener("click", async () => {
+    const cs = app.model.selected;
+    const holder = app.model.current?.lease?.holder;
+    if (ownFence(cs) !== undefined) return ask(() => app.api.giveLeaseBack(cs));
+    if (!holder) return ask(() => app.api.takeLease(cs));
+    const sure = await app.confirm({
+      title: `End the control of ${holder}?`,
+      text: `${holder} will no longer be able to load, start or move coordinate system ${cs}. A program that runs goes on.`,
+      yes: "End it",
+      no: "Leave it",
+    });
+    if (sure) await ask(() => app.api.breakLease(cs));
+  });
+
+  /** @param {number} cs */
+  const renew = async (cs) => {
+    try {
+      await app.api.takeLease(cs);
+    } catch (error) {
+      if (!(error instanceof Refusal)) throw error;
+      // no answer tells nothing: the next renewal may come through
+      if (error.problem.status === undefined) return;
+      forgetFence(cs);
+      app.toast(`This screen has lost the control of coordinate system ${cs}. ${error.message}`, "error");
+      app.invalidate();
+    }
+  };
+  setInterval(() => {
+    for (const cs of app.model.systems.keys()) if (ownFence(cs) !== undefined && !busy) void renew(cs);
+  }, RENEW_MS);
+
+  const render = () => {
+    const cs = app.model.selected;
+    const own = ownFence(cs) !== undefined;
+    const other = !own && app.model.current?.lease?.holder;
+    setText(element, own ? "Give control back" : other ? `End control of ${other}` : "Take control");
+    setAttr(element, "data-own", own);
+    element.disabled = busy || !app.model.online;
+  };
+  return { element, render };
+}
