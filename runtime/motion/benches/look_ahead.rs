@@ -8,6 +8,9 @@
 //! | lines of 0.1 to 1 mm, F3000 | 1,350,000 | 1,100,000 |
 //! | the same, F24000, beyond the limits where the spiral is narrow | 1,050,000 | |
 //! | quarter circles of 1 mm, left and right, F3000 | 450,000 | 350,000 |
+//!
+//! A new plan of what is known, for another override, costs a block the same however many there are: 10,000 lines
+//! planned anew for 200 percent take 45 ms, 50,000 take 233 ms (fastest of 30, not scaled, the machine being busy).
 
 use std::collections::{BTreeMap, VecDeque};
 use std::fmt::Write as _;
