@@ -377,9 +377,13 @@ impl Path {
     }
 
     /// Bound of the change of an axis per unit of the path's length; 0 for an axis that rests.
+    #[inline]
     pub fn steepest(&self, axis: Axis) -> f64 {
         match self {
-            Path::Line { from, to, length } => (to[axis] - from[axis]).abs() / length,
+            Path::Line { from, to, length } => {
+                let way = (to[axis] - from[axis]).abs();
+                if way == 0.0 { 0.0 } else { way / length }
+            }
             Path::Arc(arc) => arc.steepest(axis),
         }
     }

@@ -104,18 +104,24 @@ impl SlewRoom {
 
 impl Pace {
     /// A pace of these pieces, in order; those beyond [`PACE_PIECES_MAX`] are left out.
-    pub fn new(pieces: &[PacePiece], ends_s: f64, feed_override: f64, free_to: u64) -> Self {
-        let mut kept = [PacePiece::default(); PACE_PIECES_MAX];
-        for (place, piece) in kept.iter_mut().zip(pieces) {
-            *place = *piece;
-        }
-        Self {
-            pieces: kept,
-            count: pieces.len().min(PACE_PIECES_MAX),
+    pub fn new(
+        pieces: impl IntoIterator<Item = PacePiece>,
+        ends_s: f64,
+        feed_override: f64,
+        free_to: u64,
+    ) -> Self {
+        let mut pace = Self {
+            pieces: [PacePiece::default(); PACE_PIECES_MAX],
+            count: 0,
             ends_s,
             feed_override,
             free_to,
+        };
+        for (place, piece) in pace.pieces.iter_mut().zip(pieces) {
+            *place = piece;
+            pace.count += 1;
         }
+        pace
     }
 
     /// Plan time at the begin of the profile, s.

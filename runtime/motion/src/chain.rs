@@ -8,10 +8,11 @@ use std::collections::VecDeque;
 
 use tandem_model::Origin;
 use tandem_model::flow::Path;
-use tandem_model::profile::{Law, Lead, Profile, TimeBase};
+use tandem_model::profile::Lead;
 use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::ShortBlock;
 
+use crate::block::RampedBlock;
 use crate::ramped::Alone;
 
 /// The blocks of the chain that are not planned to their end.
@@ -41,10 +42,6 @@ struct Link {
 }
 
 impl Chain {
-    pub(crate) fn is_empty(&self) -> bool {
-        self.blocks.is_empty()
-    }
-
     pub(crate) fn clear(&mut self) {
         self.blocks.clear();
     }
@@ -55,7 +52,7 @@ impl Chain {
         rule: ShortBlock,
         block: Block<'_>,
         epoch: u32,
-        out: &mut VecDeque<Profile>,
+        out: impl FnMut(RampedBlock),
     ) {
         let Block {
             segment,
@@ -89,7 +86,7 @@ impl Chain {
     }
 
     /// Ends the chain at rest and puts out all of it.
-    pub(crate) fn finish(&mut self, rule: ShortBlock, epoch: u32, out: &mut VecDeque<Profile>) {
+    pub(crate) fn finish(&mut self, rule: ShortBlock, epoch: u32, mut out: impl FnMut(RampedBlock)) {
         if let Some(last) = self.blocks.back_mut()
             && !last.is_first
         {
@@ -99,24 +96,20 @@ impl Chain {
             };
             last.end_with(ramp, rule);
         }
-        self.put_out(rule, epoch, out);
-        if let Some(last) = self.blocks.pop_front() {
-            out.push_back(last.profile(None, epoch));
+        self.put_out(rule, epoch, &mut out);
+        if let Some(last) = self.blocks.front() {
+            out(last.planned(None, epoch));
         }
+        self.blocks.clear();
     }
 
-    fn put_out(&mut self, rule: ShortBlock, epoch: u32, out: &mut VecDeque<Profile>) {
-        while let Some(next) = self.blocks.get(1) {
+    fn put_out(&mut self, rule: ShortBlock, epoch: u32, mut out: impl FnMut(RampedBlock)) {
+        while let (Some(first), Some(next)) = (self.blocks.front(), self.blocks.get(1)) {
             if rule == ShortBlock::Extend && next.stop.is_none() {
                 return;
             }
-            let lead = Lead {
-                path: next.path.clone(),
-                speed: next.speed,
-            };
-            if let Some(first) = self.blocks.pop_front() {
-                out.push_back(first.profile(Some(lead), epoch));
-            }
+            out(first.planned(Some(next), epoch));
+            self.blocks.drain(..1);
         }
     }
 }
@@ -145,10 +138,9 @@ impl Link {
         self.stop = Some(stop);
     }
 
-    /// Its profile; alone in its chain, it is the block from rest to rest.
-    fn profile(self, next: Option<Lead>, epoch: u32) -> Profile {
-        let exact_stop = next.is_none();
-        let (speed, stop, begun_s, duration_s) = match self.stop {
+    /// As planned, going over to the next one; alone in its chain, it is the block from rest to rest.
+    fn planned(&self, next: Option<&Link>, epoch: u32) -> RampedBlock {
+        let (speed, stop, begun_s, plan_s) = match self.stop {
             None => (self.alone.speed, self.alone.stop, 0.0, self.alone.duration_s),
             Some(stop) => {
                 let (begun_s, ramp_in_s) = if self.is_first {
@@ -156,26 +148,24 @@ impl Link {
                 } else {
                     (self.start.duration_s(), -self.start.duration_s() / 2.0)
                 };
-                let duration_s = self.length / self.speed + ramp_in_s + stop.duration_s() / 2.0;
-                (self.speed, stop, begun_s, duration_s)
+                let plan_s = self.length / self.speed + ramp_in_s + stop.duration_s() / 2.0;
+                (self.speed, stop, begun_s, plan_s)
             }
         };
-        let law = Law::Ramped {
-            path: self.path,
+        RampedBlock {
+            segment: self.segment,
+            epoch,
+            origin: self.origin,
+            path: self.path.clone(),
             speed,
             start: self.start,
             stop,
             begun_s,
-            next,
-        };
-        Profile {
-            segment: self.segment,
-            epoch,
-            origin: self.origin,
-            law,
-            duration_s,
-            time_base: TimeBase::Feed,
-            exact_stop,
+            next: next.map(|next| Lead {
+                path: next.path.clone(),
+                speed: next.speed,
+            }),
+            plan_s,
         }
     }
 }

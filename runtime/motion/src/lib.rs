@@ -10,6 +10,7 @@
 //! Decisions of ours: the rapid limits of a motor are taken as they are, also where they are above its maxima; G01
 //! is held to `max_velocity` but not to `max_acceleration` (manual: not checked in G501). With G500 the speed along the path is held to both.
 
+mod block;
 mod chain;
 mod look_ahead;
 mod planner;

@@ -8,9 +8,10 @@ use tandem_model::flow::{MultiBlock, Segment, SegmentEnd, SegmentMotion};
 use tandem_model::profile::{Law, PathPlace, Profile, TimeBase};
 use tandem_model::settings::CoordinateSystemSettings;
 
+use crate::block::RampedBlock;
 use crate::chain::{Block, Chain};
 use crate::look_ahead::LookAhead;
-use crate::record::{Record, Replan};
+use crate::record::{Entry, Record, Replan};
 use crate::tapping::{self, Thread};
 use crate::{ramped, rapid};
 
@@ -35,8 +36,6 @@ pub struct Planner {
     multi_block: MultiBlock,
     look_ahead: LookAhead,
     record: Record,
-    /// What the chain gives to look-ahead.
-    chained: VecDeque<Profile>,
 }
 
 impl Planner {
@@ -50,7 +49,6 @@ impl Planner {
             multi_block: MultiBlock::Off,
             look_ahead: LookAhead::new(settings),
             record: Record::default(),
-            chained: VecDeque::new(),
         }
     }
 
@@ -187,7 +185,7 @@ impl Planner {
             time_base,
             exact_stop: true,
         };
-        self.record.push(profile.clone(), false);
+        self.record.push(Entry::Alone(Box::new(profile.clone())));
         out.push_back(profile);
         Ok(())
     }
@@ -208,29 +206,15 @@ impl Planner {
         }
         self.last_segment = block.segment;
         let rule = self.settings.motion.short_block;
-        self.chain.push(rule, block, self.epoch, &mut self.chained);
-        self.hand_on(out);
+        let onward = onward(multi_block, &mut self.look_ahead, &mut self.record, out);
+        self.chain.push(rule, block, self.epoch, onward);
         Ok(())
     }
 
     fn finish_chain(&mut self, out: &mut VecDeque<Profile>) {
-        if !self.chain.is_empty() {
-            self.chain
-                .finish(self.settings.motion.short_block, self.epoch, &mut self.chained);
-            self.hand_on(out);
-        }
-    }
-
-    fn hand_on(&mut self, out: &mut VecDeque<Profile>) {
-        for profile in self.chained.drain(..) {
-            match self.multi_block {
-                MultiBlock::On => self.look_ahead.push(profile, &mut self.record, out),
-                MultiBlock::Off => {
-                    self.record.push(profile.clone(), false);
-                    out.push_back(profile);
-                }
-            }
-        }
+        let rule = self.settings.motion.short_block;
+        let onward = onward(self.multi_block, &mut self.look_ahead, &mut self.record, out);
+        self.chain.finish(rule, self.epoch, onward);
     }
 
     /// The settings that it plans with.
@@ -246,6 +230,22 @@ impl Planner {
     /// Number of the last segment taken; 0 before the first.
     pub fn last_segment(&self) -> u64 {
         self.last_segment
+    }
+}
+
+/// Where the blocks of a chain go.
+fn onward(
+    multi_block: MultiBlock,
+    look_ahead: &mut LookAhead,
+    record: &mut Record,
+    out: &mut VecDeque<Profile>,
+) -> impl FnMut(RampedBlock) {
+    move |block| match multi_block {
+        MultiBlock::On => look_ahead.push(block, record, out),
+        MultiBlock::Off => {
+            out.push_back(block.profile());
+            record.push(Entry::Ramped(block));
+        }
     }
 }
 

@@ -5,6 +5,7 @@ use std::collections::VecDeque;
 
 use tandem_model::profile::{Law, PathPlace, Profile};
 
+use crate::block::RampedBlock;
 use crate::look_ahead::{LookAhead, Passage};
 
 /// Segments kept behind the motion: how far back trace goes.
@@ -21,10 +22,44 @@ pub(crate) struct Record {
     barrier: u64,
 }
 
+/// A segment that has been put out.
 #[derive(Debug, Clone)]
-struct Entry {
-    profile: Profile,
-    is_paced: bool,
+#[allow(
+    clippy::large_enum_variant,
+    reason = "blocks are moved here by the ten thousand: none of them is allocated"
+)]
+pub(crate) enum Entry {
+    /// A block of a G500 chain, paced by look-ahead.
+    Paced(RampedBlock),
+    /// A block of a G501 chain.
+    Ramped(RampedBlock),
+    /// Not in a chain.
+    Alone(Box<Profile>),
+}
+
+impl Entry {
+    fn segment(&self) -> u64 {
+        match self {
+            Entry::Paced(block) | Entry::Ramped(block) => block.segment,
+            Entry::Alone(profile) => profile.segment,
+        }
+    }
+
+    /// Plan time at its end, s.
+    fn plan_s(&self) -> f64 {
+        match self {
+            Entry::Paced(block) | Entry::Ramped(block) => block.plan_s,
+            Entry::Alone(profile) => profile.duration_s,
+        }
+    }
+
+    /// As planned, before look-ahead.
+    fn profile(&self) -> Profile {
+        match self {
+            Entry::Paced(block) | Entry::Ramped(block) => block.profile(),
+            Entry::Alone(profile) => Profile::clone(profile),
+        }
+    }
 }
 
 impl Record {
@@ -32,12 +67,16 @@ impl Record {
         self.entries.clear();
     }
 
-    /// Adds a segment; one of a G500 chain is paced by look-ahead.
-    pub(crate) fn push(&mut self, profile: Profile, is_paced: bool) {
-        if self.entries.len() >= SEGMENTS_MAX {
-            self.entries.pop_front();
-        }
-        self.entries.push_back(Entry { profile, is_paced });
+    /// Adds segments.
+    pub(crate) fn extend(&mut self, entries: impl ExactSizeIterator<Item = Entry>) {
+        let too_many = (self.entries.len() + entries.len()).saturating_sub(SEGMENTS_MAX);
+        self.entries.drain(..too_many.min(self.entries.len()));
+        self.entries.extend(entries);
+    }
+
+    /// Adds a segment.
+    pub(crate) fn push(&mut self, entry: Entry) {
+        self.extend(std::iter::once(entry));
     }
 
     /// The motion has passed this segment.
@@ -53,18 +92,17 @@ impl Record {
 
     /// Index of the first segment behind this one.
     fn behind(&self, segment: u64) -> usize {
-        self.entries
-            .partition_point(|entry| entry.profile.segment <= segment)
+        self.entries.partition_point(|entry| entry.segment() <= segment)
     }
 
     /// Index of the segment that holds a place or comes behind it, and plan time within it, s.
     fn find(&self, place: PathPlace) -> (usize, f64) {
         let at = self
             .entries
-            .partition_point(|entry| entry.profile.segment < place.segment);
+            .partition_point(|entry| entry.segment() < place.segment);
         match self.entries.get(at) {
-            Some(entry) if entry.profile.segment == place.segment => {
-                if place.plan_s < entry.profile.duration_s {
+            Some(entry) if entry.segment() == place.segment => {
+                if place.plan_s < entry.plan_s() {
                     (at, place.plan_s.max(0.0))
                 } else {
                     (at + 1, 0.0)
@@ -79,15 +117,18 @@ impl Record {
         let (first, at_s) = self.find(from);
         let mut left_s = at_s + ahead_s;
         for entry in self.entries.range(first.min(self.entries.len())..) {
-            let Profile {
-                segment, duration_s, ..
-            } = entry.profile;
-            if left_s < duration_s && entry.is_paced {
+            let whole_s = entry.plan_s();
+            if let Entry::Paced(block) = entry
+                && left_s < whole_s
+            {
                 // Never at its very ends: there the block is another one.
-                let plan_s = left_s.max(0.5 * duration_s.min(ahead_s));
-                return Some(PathPlace { segment, plan_s });
+                let plan_s = left_s.max(0.5 * whole_s.min(ahead_s));
+                return Some(PathPlace {
+                    segment: block.segment,
+                    plan_s,
+                });
             }
-            left_s = (left_s - duration_s).max(0.0);
+            left_s = (left_s - whole_s).max(0.0);
         }
         None
     }
@@ -96,9 +137,7 @@ impl Record {
     pub(crate) fn replace(&mut self, from: PathPlace, by: Record) {
         let (first, _) = self.find(from);
         self.entries.truncate(first);
-        for Entry { profile, is_paced } in by.entries {
-            self.push(profile, is_paced);
-        }
+        self.extend(by.entries.into_iter());
     }
 
     /// Plans what lies behind a place, and then the blocks that look-ahead holds.
@@ -111,25 +150,31 @@ impl Record {
             profiles: VecDeque::new(),
         };
         let entries = self.entries.range(first.min(self.entries.len())..);
-        let recorded = entries.map(|entry| (&entry.profile, entry.is_paced));
-        let held = held.blocks().map(|profile| (profile, true));
-        for (n, (profile, is_paced)) in recorded.chain(held).enumerate() {
-            if !is_paced {
-                new.profiles.push_back(profile.clone());
-                new.record.push(profile.clone(), false);
-                continue;
-            }
+        let held = held.blocks().map(Ok);
+        let recorded = entries.map(|entry| match entry {
+            Entry::Paced(block) => Ok(block),
+            Entry::Ramped(_) | Entry::Alone(_) => Err(entry),
+        });
+        for (n, block) in recorded.chain(held).enumerate() {
+            let block = match block {
+                Ok(block) => block,
+                Err(entry) => {
+                    new.profiles.push_back(entry.profile());
+                    new.record.push(entry.clone());
+                    continue;
+                }
+            };
             let from_s = if n == 0 { from_s } else { 0.0 };
-            if n == 0 && at_rest && !begins_at_rest(profile, from_s) {
-                new.look_ahead.begin_at_rest(profile.segment);
+            if n == 0 && at_rest && !block.begins_at_rest(from_s) {
+                new.look_ahead.begin_at_rest(block.segment);
             }
             let passage = Passage {
                 from_s,
                 is_backward: false,
             };
-            let is_last = profile.exact_stop;
+            let is_last = block.ends_at_rest();
             new.look_ahead.pass(
-                profile.clone(),
+                block.clone(),
                 passage,
                 is_last,
                 &mut new.record,
@@ -144,11 +189,15 @@ impl Record {
         let (at, plan_s) = self.find(from);
         let last = (at + usize::from(plan_s > 0.0)).checked_sub(1);
         last.and_then(|last| self.entries.get(last))
-            .is_some_and(|entry| self.goes_back(entry))
+            .is_some_and(|entry| self.way_back(entry).is_some())
     }
 
-    fn goes_back(&self, entry: &Entry) -> bool {
-        entry.is_paced && entry.profile.segment > self.barrier
+    /// The block, if there is a way back along it.
+    fn way_back<'a>(&self, entry: &'a Entry) -> Option<&'a RampedBlock> {
+        match entry {
+            Entry::Paced(block) if block.segment > self.barrier => Some(block),
+            _ => None,
+        }
     }
 
     /// The way back from a place at rest, as far as there is one; empty: there is none.
@@ -160,24 +209,19 @@ impl Record {
         let passed = self
             .entries
             .range(..(at + usize::from(plan_s > 0.0)).min(self.entries.len()));
-        let mut passed = passed.rev().peekable();
+        let mut passed = passed.rev().map_while(|entry| self.way_back(entry)).peekable();
         let mut plan_s = Some(plan_s).filter(|plan_s| *plan_s > 0.0);
-        while let Some(entry) = passed.next() {
-            let profile = &entry.profile;
-            if !self.goes_back(entry) {
-                break;
-            }
-            let from_s = plan_s.take().map_or(0.0, |plan_s| profile.duration_s - plan_s);
+        while let Some(block) = passed.next() {
+            let from_s = plan_s.take().map_or(0.0, |plan_s| block.plan_s - plan_s);
             if from_s > 0.0 {
-                look_ahead.begin_at_rest(profile.segment);
+                look_ahead.begin_at_rest(block.segment);
             }
-            let goes_on = passed.peek().is_some_and(|next| self.goes_back(next));
-            let is_last = !goes_on || begins_at_rest(profile, 0.0);
+            let is_last = passed.peek().is_none() || block.begins_at_rest(0.0);
             let passage = Passage {
                 from_s,
                 is_backward: true,
             };
-            look_ahead.pass(profile.clone(), passage, is_last, &mut record, &mut out);
+            look_ahead.pass(block.clone(), passage, is_last, &mut record, &mut out);
         }
         // All of it is known.
         for profile in &mut out {
@@ -187,11 +231,6 @@ impl Record {
         }
         out
     }
-}
-
-/// True when the path of a block rests at a plan time by itself.
-fn begins_at_rest(profile: &Profile, plan_s: f64) -> bool {
-    matches!(profile.law, Law::Ramped { begun_s, .. } if begun_s + plan_s == 0.0)
 }
 
 /// A new plan from a place on.

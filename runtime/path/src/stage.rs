@@ -362,10 +362,12 @@ impl PathStage {
         };
         let origin = block.origin;
         let segment = Segment { origin, motion, end };
-        let side = self.side(block)?;
-        let taken = self
-            .compensator
-            .take(Leg { segment, stop_before }, side, &mut self.legs);
+        let wanted = self.side(block)?;
+        let leg = Leg { segment, stop_before };
+        let Some(side) = self.compensator.side().or(wanted) else {
+            return self.join(leg, out);
+        };
+        let taken = self.compensator.take(leg, side, wanted, &mut self.legs);
         self.join_legs(out).and(taken)
     }
 
@@ -485,8 +487,9 @@ impl PathStage {
     }
 
     pub(crate) fn release(&mut self, end: SegmentEnd, out: &mut Vec<Segment>) {
-        if let Some(segment) = self.held_back.take() {
-            out.push(Segment { end, ..segment });
+        if let Some(segment) = &mut self.held_back {
+            segment.end = end;
+            out.extend(self.held_back.take());
         }
     }
 }

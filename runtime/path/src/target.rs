@@ -124,7 +124,11 @@ impl PathStage {
     /// An arc stays within the limits of its axes from its start on, turning points included.
     fn arc_within_soft_limits(&self, arc: &ArcPath) -> Result<(), Alarm> {
         let from = arc.start();
-        for axis in self.axes.iter() {
+        let limited = self
+            .axes
+            .iter()
+            .filter(|axis| self.soft_limits[axis.index()].is_some());
+        for axis in limited {
             let [lowest, highest] = arc.reach(axis);
             let moves = [lowest, highest]
                 .into_iter()

@@ -158,7 +158,7 @@ fn paced() -> Profile {
             begun_s: 0.0,
             next: None,
             plan_s: DURATION_S,
-            pace: Pace::new(&pieces, DURATION_S, 1.0, 1),
+            pace: Pace::new(pieces, DURATION_S, 1.0, 1),
         },
         duration_s: DURATION_S,
         time_base: TimeBase::Feed,

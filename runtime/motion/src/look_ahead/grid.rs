@@ -191,32 +191,30 @@ impl<'a> Cutter<'a> {
 
     /// All of it in n parts. `finer`: for a rate that changes.
     fn whole(&mut self, n: f64, finer: bool) {
-        let ends = [self.end(self.from_s), self.end(self.to_s)];
-        self.even(&ends, n, 0, finer);
+        let (from, to) = (self.end(self.from_s), self.end(self.to_s));
+        self.even([&from, &to], n, 0, finer);
     }
 
     /// Cuts into n parts of one length, and each further where it must.
-    fn even(&mut self, [from, to]: &[End; 2], n: f64, depth: u32, finer: bool) {
-        let mut left = *from;
-        let mut k = 0.0;
+    fn even(&mut self, [from, to]: [&End; 2], n: f64, depth: u32, finer: bool) {
+        let mut middle = None;
+        let mut k = 1.0;
         while k < n {
+            let right = self.end(from.t_s + (to.t_s - from.t_s) * k / n);
+            self.part([middle.as_ref().unwrap_or(from), &right], depth, finer);
+            middle = Some(right);
             k += 1.0;
-            let right = if k < n {
-                self.end(from.t_s + (to.t_s - from.t_s) * k / n)
-            } else {
-                *to
-            };
-            self.part(&[left, right], depth, finer);
-            left = right;
         }
+        self.part([middle.as_ref().unwrap_or(from), to], depth, finer);
     }
 
     /// Cuts until an arc bends little. What exceeds no limit at the block's largest rate is left so; else each piece is
     /// cut until its velocity changes little against the slower end, too: evenly where its direction stays, else in
     /// halves.
-    fn part(&mut self, ends: &[End; 2], depth: u32, finer: bool) {
-        let motion = self.way.between(ends);
-        let h_s = ends[1].t_s - ends[0].t_s;
+    fn part(&mut self, ends: [&End; 2], depth: u32, finer: bool) {
+        let [from, to] = ends;
+        let motion = self.way.between(from, to);
+        let h_s = to.t_s - from.t_s;
         let Measure {
             uneven,
             one_way,
@@ -248,8 +246,8 @@ impl<'a> Cutter<'a> {
             return self.part(ends, 0, true);
         };
         self.pieces.push_back(Piece {
-            from_s: ends[0].t_s,
-            to_s: ends[1].t_s,
+            from_s: from.t_s,
+            to_s: to.t_s,
             shape,
             least_s: h_s / LEAST,
             cap,

@@ -197,8 +197,9 @@ pub(super) fn room(motion: &Motion, inverse: &[f64; AXES_MAX], h_s: f64, [start,
             continue;
         }
         room.slope = room.slope.min(1.0 / (largest * fastest * inverse));
-        let [a, b] = rows(motion, axis, inverse, h_s).map(|row| row.left * start + row.right * end);
-        let [Row { level, change, .. }, _] = rows(motion, axis, inverse, h_s);
+        let rows = rows(motion, axis, inverse, h_s);
+        let [a, b] = rows.map(|row| row.left * start + row.right * end);
+        let [Row { level, change, .. }, _] = rows;
         let between = level * (start + end) + change * (end - start).abs();
         let (low, high) = (a.min(b) - between, a.max(b) + between);
         let (braking, driving) = if velocity[0].min(velocity[1]) - off_chord >= 0.0 {

@@ -30,7 +30,8 @@ use self::paced::Step;
 use self::rate::{Limits, SQUARE_MIN};
 pub(crate) use self::way::Passage;
 use self::way::Way;
-use crate::record::Record;
+use crate::block::RampedBlock;
+use crate::record::{Entry, Record};
 
 /// The largest feed override.
 pub(crate) const FEED_OVERRIDE_MAX: f64 = 2.0;
@@ -83,7 +84,7 @@ pub(crate) struct LookAhead {
 
 #[derive(Debug, Clone)]
 struct Held {
-    profile: Profile,
+    block: RampedBlock,
     passage: Passage,
     /// The chain ends with it.
     is_last: bool,
@@ -152,8 +153,8 @@ impl LookAhead {
     }
 
     /// The blocks that are not final.
-    pub(crate) fn blocks(&self) -> impl Iterator<Item = &Profile> {
-        self.blocks.iter().map(|held| &held.profile)
+    pub(crate) fn blocks(&self) -> impl Iterator<Item = &RampedBlock> {
+        self.blocks.iter().map(|held| &held.block)
     }
 
     /// The chain begins at rest on its path with the next block, of this segment.
@@ -162,26 +163,24 @@ impl LookAhead {
         self.braking.begin(segment);
     }
 
-    /// Takes the next profile of a chain, and puts out what is final; one with an exact stop ends the chain.
-    pub(crate) fn push(&mut self, profile: Profile, record: &mut Record, out: &mut VecDeque<Profile>) {
-        let is_last = profile.exact_stop;
-        self.pass(profile, Passage::default(), is_last, record, out);
+    /// Takes the next block of a chain, and puts out what is final; one that ends at rest ends the chain.
+    pub(crate) fn push(&mut self, block: RampedBlock, record: &mut Record, out: &mut VecDeque<Profile>) {
+        let is_last = block.ends_at_rest();
+        self.pass(block, Passage::default(), is_last, record, out);
     }
 
-    /// Takes the next profile of a chain to be passed in this way; the last one ends in rest wherever its path goes on.
+    /// Takes the next block of a chain to be passed in this way; the last one ends in rest wherever its path goes on.
     pub(crate) fn pass(
         &mut self,
-        profile: Profile,
+        block: RampedBlock,
         passage: Passage,
         is_last: bool,
         record: &mut Record,
         out: &mut VecDeque<Profile>,
     ) {
-        let Some(way) = Way::new(&profile, passage) else {
-            return;
-        };
+        let way = Way::new(&block, passage);
         if self.blocks.is_empty() && self.square.is_none() {
-            self.braking.begin(profile.segment);
+            self.braking.begin(block.segment);
         }
         let per_period = way.plan_s * BLOCKS_PER_PERIOD / self.period_s;
         let cap = per_period.min(self.feed_override).powi(2);
@@ -194,10 +193,10 @@ impl LookAhead {
         let rests = if passage.is_backward {
             way.begins_at_rest()
         } else {
-            profile.exact_stop
+            block.ends_at_rest()
         };
         self.blocks.push_back(Held {
-            profile,
+            block,
             passage,
             is_last,
             feed_override: self.feed_override,
@@ -221,13 +220,10 @@ impl LookAhead {
             finals = self.blocks.len() / 2;
         }
         let first = out.len();
-        for _ in 0..finals {
-            let Some(held) = self.blocks.pop_front() else {
-                break;
-            };
-            self.put_out(&held, out);
-            record.push(held.profile, true);
+        for block in 0..finals {
+            self.put_out(block, out);
         }
+        record.extend(self.blocks.drain(..finals).map(|held| Entry::Paced(held.block)));
         self.seen = self.blocks.len();
         // Only with the last profile all of them are known.
         if let Some(last) = out.range_mut(first..).next_back()
@@ -256,14 +252,11 @@ impl LookAhead {
             let Some(held) = self.blocks.get_mut(block) else {
                 break;
             };
-            let Some(way) = Way::new(&held.profile, held.passage) else {
-                break;
-            };
             if finals.is_none() && open <= to_rest * (1.0 + MET) {
                 finals = Some(block + 1);
             }
             let mut task = Limits {
-                way,
+                way: Way::new(&held.block, held.passage),
                 bounds: Bounds {
                     inverse: &self.inverse,
                     velocities: &self.velocities,
@@ -298,14 +291,14 @@ impl LookAhead {
         finals.unwrap_or(0)
     }
 
-    /// Passes the first block forward as fast as its limits allow.
-    fn put_out(&mut self, held: &Held, out: &mut VecDeque<Profile>) {
-        let Some(way) = Way::new(&held.profile, held.passage) else {
+    /// Passes a block forward as fast as its limits allow; the pieces of those before it are gone.
+    fn put_out(&mut self, block: usize, out: &mut VecDeque<Profile>) {
+        let Some(held) = self.blocks.get(block) else {
             return;
         };
         self.steps.clear();
         let mut task = Limits {
-            way,
+            way: Way::new(&held.block, held.passage),
             bounds: Bounds {
                 inverse: &self.inverse,
                 velocities: &self.velocities,
@@ -324,7 +317,6 @@ impl LookAhead {
         paced::profiles(held, &self.steps, self.braking.free_to(), out);
         let steps = self.steps.iter().map(|step| (step.duration_s(), step.room));
         let slope = self.hold_slope / held.feed_override;
-        self.braking
-            .add(held.profile.segment, slope, steps, self.period_s);
+        self.braking.add(held.block.segment, slope, steps, self.period_s);
     }
 }

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use tandem_model::profile::{Law, PACE_PIECES_MAX, Pace, PacePiece, Profile, SlewRoom};
+use tandem_model::profile::{PACE_PIECES_MAX, Pace, PacePiece, Profile, SlewRoom};
 
 use super::{Held, LEFT};
 
@@ -69,11 +69,11 @@ pub(super) fn push(steps: &mut Vec<Step>, step: Step, piece_s: f64) {
 
 /// The profiles of a block with these steps, as many as its pieces need.
 pub(super) fn profiles(held: &Held, steps: &[Step], free_to: u64, out: &mut VecDeque<Profile>) {
-    let block = &held.profile;
+    let block = &held.block;
     let sign = if held.passage.is_backward { -1.0 } else { 1.0 };
     let plan_time = |way_s: f64| {
         if held.passage.is_backward {
-            block.duration_s - way_s
+            block.plan_s - way_s
         } else {
             way_s
         }
@@ -81,50 +81,21 @@ pub(super) fn profiles(held: &Held, steps: &[Step], free_to: u64, out: &mut VecD
     let parts = steps.chunks(PACE_PIECES_MAX);
     let last = parts.len().saturating_sub(1);
     for (n, part) in parts.enumerate() {
-        let mut pieces = [PacePiece::default(); PACE_PIECES_MAX];
-        let (mut duration_s, mut ends_s) = (0.0, 0.0);
-        for (piece, step) in pieces.iter_mut().zip(part) {
-            *piece = PacePiece {
-                begins_s: duration_s,
+        let mut duration_s = 0.0;
+        let ends_s = part.last().map_or(0.0, |step| plan_time(step.to_s));
+        let pieces = part.iter().map(|step| {
+            let begins_s = duration_s;
+            duration_s += step.duration_s();
+            PacePiece {
+                begins_s,
                 plan_s: plan_time(step.from_s),
                 rate: sign * step.start.sqrt(),
                 rate_change: sign * step.rate_change,
                 room: step.room,
-            };
-            duration_s += step.duration_s();
-            ends_s = plan_time(step.to_s);
-        }
-        let pieces = pieces.get(..part.len()).unwrap_or(&pieces);
-        let pace = Pace::new(pieces, ends_s, held.feed_override, free_to);
-        let Law::Ramped {
-            path,
-            speed,
-            start,
-            stop,
-            begun_s,
-            next,
-        } = block.law.clone()
-        else {
-            return;
-        };
-        out.push_back(Profile {
-            law: Law::Paced {
-                path,
-                speed,
-                start,
-                stop,
-                begun_s,
-                next,
-                plan_s: block.duration_s,
-                pace,
-            },
-            duration_s,
-            exact_stop: held.is_last && n == last,
-            segment: block.segment,
-            epoch: block.epoch,
-            origin: block.origin,
-            time_base: block.time_base,
+            }
         });
+        let pace = Pace::new(pieces, ends_s, held.feed_override, free_to);
+        out.push_back(block.paced(&pace, duration_s, held.is_last && n == last));
     }
 }
 

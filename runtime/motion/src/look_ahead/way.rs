@@ -1,11 +1,12 @@
 //! A blended block as planned: velocity and acceleration of each axis by plan time, with bounds of what lies between.
 
 use tandem_model::flow::Path;
-use tandem_model::profile::{Law, Profile};
 use tandem_model::ramp::UnitRamp;
 use tandem_model::{Axis, AxisVector};
 
-/// The motion of one profile in plan time: its block between its ramps, and the begin of the next block.
+use crate::block::RampedBlock;
+
+/// The motion of one block in plan time: its block between its ramps, and the begin of the next block.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Way<'a> {
     pub(super) path: &'a Path,
@@ -67,34 +68,22 @@ struct Along {
 }
 
 impl<'a> Way<'a> {
-    /// Of a profile along a path; `None` for any other.
-    pub(super) fn new(profile: &'a Profile, passage: Passage) -> Option<Self> {
-        let Law::Ramped {
-            path,
-            speed,
-            start,
-            stop,
-            begun_s,
-            next,
-        } = &profile.law
-        else {
-            return None;
-        };
-        let lead = next.as_ref().map(|next| (&next.path, next.speed));
-        Some(Self {
-            path,
-            speed: *speed,
+    pub(super) fn new(block: &'a RampedBlock, passage: Passage) -> Self {
+        let lead = block.next.as_ref().map(|next| (&next.path, next.speed));
+        Self {
+            path: &block.path,
+            speed: block.speed,
             lead,
             slopes: [
-                slopes(path),
+                slopes(&block.path),
                 lead.map_or(AxisVector::ZERO, |(path, _)| slopes(path)),
             ],
-            start: *start,
-            stop: *stop,
-            begun_s: *begun_s,
-            plan_s: profile.duration_s,
+            start: block.start,
+            stop: block.stop,
+            begun_s: block.begun_s,
+            plan_s: block.plan_s,
             passage,
-        })
+        }
     }
 
     /// True when its path begins at rest.
@@ -180,22 +169,23 @@ impl<'a> Way<'a> {
             acceleration: AxisVector::ZERO,
         };
         end.add(self.path, self.slopes[0], own);
-        if let Some((path, _)) = self.lead {
+        if let Some((path, _)) = self.lead.filter(|_| !next.rests()) {
             end.add(path, self.slopes[1], next);
         }
         end
     }
 
     /// The motion over a piece between two ends of one phase.
-    pub(super) fn between(&self, [from, to]: &[End; 2]) -> Motion {
+    pub(super) fn between(&self, from: &End, to: &End) -> Motion {
         let mut motion = Motion {
             velocity: [from.velocity, to.velocity],
             acceleration: [from.acceleration, to.acceleration],
             ..Motion::default()
         };
         motion.bound(self.path, self.slopes[0], [from.along[0], to.along[0]]);
-        if let Some((path, _)) = self.lead {
-            motion.bound(path, self.slopes[1], [from.along[1], to.along[1]]);
+        let along = [from.along[1], to.along[1]];
+        if let Some((path, _)) = self.lead.filter(|_| !along.iter().all(Along::rests)) {
+            motion.bound(path, self.slopes[1], along);
         }
         motion
     }
@@ -203,7 +193,7 @@ impl<'a> Way<'a> {
     /// The motion over a piece within one phase.
     pub(super) fn motion(&self, from_s: f64, to_s: f64) -> Motion {
         let within_s = f64::midpoint(from_s, to_s);
-        self.between(&[self.end(from_s, within_s), self.end(to_s, within_s)])
+        self.between(&self.end(from_s, within_s), &self.end(to_s, within_s))
     }
 }
 
@@ -212,6 +202,13 @@ fn slopes(path: &Path) -> AxisVector {
     match path {
         Path::Line { from, to, length } => to.minus(*from).scaled(1.0 / length),
         Path::Arc(_) => AxisVector::ZERO,
+    }
+}
+
+impl Along {
+    /// True when it has no share in the motion.
+    fn rests(&self) -> bool {
+        self.speed == 0.0 && self.acceleration == 0.0 && self.jerk == 0.0
     }
 }
 
@@ -271,17 +268,13 @@ impl Motion {
             ]
         };
         let [third, fourth] = bounds(beside);
-        let way = arc.end().minus(arc.start());
         let plane = arc.plane().axes();
-        for axis in Axis::ALL {
-            let way = if plane.contains(&axis) {
-                0.0
-            } else {
-                way[axis].abs()
-            };
-            self.third[axis] += third * way;
-            self.fourth[axis] += fourth * way;
+        let mut way = arc.end().minus(arc.start());
+        for axis in plane {
+            way[axis] = 0.0;
         }
+        self.third = self.third.zip(way, |sum, way| sum + third * way.abs());
+        self.fourth = self.fourth.zip(way, |sum, way| sum + fourth * way.abs());
         let [third, fourth] = bounds(in_plane);
         for axis in plane {
             self.third[axis] += third;

@@ -65,7 +65,7 @@ struct Conflict {
     alarm: Alarm,
 }
 
-/// Takes segments, gives segments; without G41 and G42 the same.
+/// Takes segments of blocks with G41 and G42 up to the lead-out, and gives segments.
 #[derive(Debug, Clone)]
 pub(crate) struct Compensator {
     overcut: Overcut,
@@ -98,6 +98,11 @@ impl Compensator {
     /// True from the lead-in to the lead-out.
     pub fn is_on(&self) -> bool {
         self.side.is_some()
+    }
+
+    /// What is in force from the lead-in to the lead-out.
+    pub fn side(&self) -> Option<Side> {
+        self.side
     }
 
     /// Segments that the blocks kept back will give; fewer when some are left out to prevent an overcut.
@@ -139,15 +144,17 @@ impl Compensator {
         self.clear();
     }
 
-    /// Takes a segment of a block with this compensation.
+    /// Takes a segment of a block, `side` being in force or wanted; with `wanted` `None` it leads out.
     ///
     /// # Errors
     /// The alarms of `PathStage::push`. What comes before the block that the alarm names has been put out.
-    pub fn take(&mut self, leg: Leg, wanted: Option<Side>, out: &mut Vec<Leg>) -> Result<(), Alarm> {
-        let Some(side) = self.side.or(wanted) else {
-            out.push(leg);
-            return Ok(());
-        };
+    pub fn take(
+        &mut self,
+        leg: Leg,
+        side: Side,
+        wanted: Option<Side>,
+        out: &mut Vec<Leg>,
+    ) -> Result<(), Alarm> {
         let origin = leg.segment.origin;
         let taken = self.take_compensated(leg, side, wanted, out);
         taken.map_err(|alarm| {
