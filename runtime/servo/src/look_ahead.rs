@@ -5,7 +5,7 @@ use rtrb::Consumer;
 use tandem_model::profile::{Law, Pace, Profile, SlewRoom};
 
 use crate::channel::Channel;
-use crate::splice::Joint;
+use crate::splice::{Joint, Splice};
 
 impl Channel {
     /// Largest change of the override factor per second in the coming cycle, towards the target: what the motors leave
@@ -20,7 +20,8 @@ impl Channel {
         }
         let now_s = self.time.now_s();
         let ends_s = now_s + rate.max(target) * self.period_s;
-        let joint = self.joint(profile).filter(|joint| joint.at_s <= ends_s);
+        let splice = self.splice.as_ref();
+        let joint = splice.and_then(|splice| joint_within(splice, profile, &mut self.profiles, ends_s));
         let until_s = joint.map_or(ends_s, |joint| joint.at_s);
         let mut room = match &profile.law {
             Law::Paced { pace, .. } => pace.room(now_s, until_s),
@@ -45,6 +46,36 @@ impl Channel {
             _ => slope_here,
         }
     }
+}
+
+/// Where the motion goes over to a new plan, by the time of the running profile, if it does so until `ends_s`: in that
+/// profile, or in one that waits.
+fn joint_within(
+    splice: &Splice,
+    running: &Profile,
+    waiting: &mut Consumer<Profile>,
+    ends_s: f64,
+) -> Option<Joint> {
+    if let Some(joint) = splice.joint(running) {
+        return Some(joint).filter(|joint| joint.at_s <= ends_s);
+    }
+    let mut begins_s = running.duration_s;
+    let mut goes_on = !running.exact_stop;
+    let known = waiting.slots();
+    let chunk = waiting.read_chunk(known).ok()?;
+    let (first, second) = chunk.as_slices();
+    for next in first.iter().chain(second) {
+        if begins_s > ends_s || !goes_on {
+            return None;
+        }
+        if let Some(Joint { at_s, ratio }) = splice.joint(next) {
+            let at_s = begins_s + at_s;
+            return Some(Joint { at_s, ratio }).filter(|joint| joint.at_s <= ends_s);
+        }
+        begins_s += next.duration_s;
+        goes_on = !next.exact_stop;
+    }
+    None
 }
 
 /// What the motors leave over this time from the first profile that waits.

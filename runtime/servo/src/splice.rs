@@ -30,6 +30,23 @@ pub struct Splice {
     pub profiles: Consumer<Profile>,
 }
 
+impl Splice {
+    /// Where this profile goes over to the new plan.
+    pub(crate) fn joint(&self, profile: &Profile) -> Option<Joint> {
+        let place = self.at.filter(|place| place.segment == profile.segment)?;
+        let Law::Paced { pace, .. } = &profile.law else {
+            return None;
+        };
+        let (at_s, rate) = pace.when(place.plan_s)?;
+        let first = self.profiles.peek().ok()?;
+        let Law::Paced { pace: new, .. } = &first.law else {
+            return None;
+        };
+        let ratio = rate / new.pieces().first()?.rate;
+        Some(Joint { at_s, ratio })
+    }
+}
+
 /// Where a profile goes over to a new plan.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Joint {
@@ -82,18 +99,7 @@ impl Channel {
 
     /// Where this profile goes over to the new plan.
     pub(crate) fn joint(&self, profile: &Profile) -> Option<Joint> {
-        let splice = self.splice.as_ref()?;
-        let place = splice.at.filter(|place| place.segment == profile.segment)?;
-        let Law::Paced { pace, .. } = &profile.law else {
-            return None;
-        };
-        let (at_s, rate) = pace.when(place.plan_s)?;
-        let first = splice.profiles.peek().ok()?;
-        let Law::Paced { pace: new, .. } = &first.law else {
-            return None;
-        };
-        let ratio = rate / new.pieces().first()?.rate;
-        Some(Joint { at_s, ratio })
+        self.splice.as_ref()?.joint(profile)
     }
 
     /// Goes over at the joint, with the profile time beyond it. False: not, since the new plan is slower there.

@@ -347,3 +347,42 @@ fn back_trace_ends_at_rest_at_the_begin_of_the_chain_or_at_a_bar() {
     machine.planner.bar_way_back();
     assert_eq!(machine.planner.retrace(at), VecDeque::new());
 }
+
+/// The motion goes over in a profile that still waits when the cycle begins, and brakes in it.
+#[test]
+fn m1d_what_the_motors_leave_counts_beyond_a_joint_that_is_in_the_next_profile() {
+    let ways = [
+        (-5.642462133969372, 2.121901928205308, false),
+        (0.0, -0.09864060744027102, false),
+        (0.0, -0.00044715243045928636, false),
+        (0.0, -0.004171090578906256, false),
+        (0.0, -0.0024570037400445544, false),
+        (0.0, 13.906204736275857, false),
+        (0.0, 0.02049601327352975, false),
+        (0.0, 0.00021574678470955756, false),
+        (-18.834760552182694, 7.178908512507611, true),
+        (-0.9080825395162079, 0.0, false),
+    ];
+    let feed = Feed {
+        feedrate_mm_min: 22484.411134740116,
+        ta_ms: 0.0,
+        td_ms: 0.0,
+        ts_ms: 20.0,
+    };
+    let mut settings = machine(10_000.0);
+    settings.hold_slew_ms = 0.0;
+    settings.override_slew_ms = 0.0;
+    settings.max_feedrate_mm_min = 30_000.0;
+    let mut machine = Machine::new(&settings, &ways, feed);
+    machine.cycles(34);
+    let acts = [
+        (31, Act::Override(0.8534283281726447)),
+        (101, Act::Override(1.6339367641574596)),
+        (24, Act::Override(0.0)),
+        (0, Act::Override(1.5)),
+    ];
+    assert!(run(&mut machine, acts).unwrap() > 0);
+    machine.cycles(50);
+    let worst = machine.watch.worst;
+    assert!(worst <= 10_000.0 * (1.0 + 1e-6), "{worst} of 10000");
+}
