@@ -7,14 +7,14 @@
 //!
 //! A next block with motion gives its first setpoint in the servo cycle after that, up to one servo period later.
 //!
-//! Measured on a 2-core Xeon virtual machine that others kept busy, bench profile; medians, the lowest and the highest of
-//! several runs:
+//! Measured on a 2-core Xeon virtual machine in a slow hour (it parsed 8.6 million blocks a second, see the bench `parse`, and
+//! 16 in others), bench profile; medians, the lowest and the highest of three runs:
 //!
-//! | from the output to | nobody on the network | in process | embedded broker |
-//! | --- | --- | --- | --- |
-//! | claim counts | 7 to 12 µs | 8 to 14 µs | 0.36 to 0.43 ms |
-//! | reset counts | 11 to 19 µs | 13 to 22 µs | 0.64 to 0.84 ms |
-//! | next output | 14 to 24 µs | 17 to 28 µs | 0.65 to 0.86 ms |
+//! | from the output to | nobody on the network | in process | embedded broker | Mosquitto |
+//! | --- | --- | --- | --- | --- |
+//! | claim counts | 14 to 18 µs | 15 to 27 µs | 0.62 to 0.64 ms | 0.22 to 0.32 ms |
+//! | reset counts | 22 to 29 µs | 24 to 41 µs | 1.10 to 1.13 ms | 0.40 to 0.63 ms |
+//! | next output | 28 to 36 µs | 30 to 50 µs | 1.13 to 1.15 ms | 0.41 to 0.65 ms |
 //!
 //! In process the handler's own thread carries out claim, reset and what follows; nearly all of the time is computing.
 //!

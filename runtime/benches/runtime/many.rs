@@ -5,8 +5,8 @@
 //! M codes a second. Windows of a second with and without programs take turns in one runtime, so that what else the
 //! computer does falls on both: overruns of idle windows are the computer's own, and the difference tells what the M codes add.
 //!
-//! Measured on a 2-core Xeon virtual machine that others kept busy, bench profile, in 10 s: 234 M codes a second in each,
-//! 3 of 8521 cycles not finished in time; idle, in 10 s of their own, 4 of 10,022.
+//! Measured on a 2-core Xeon virtual machine that others kept busy, bench profile, in 10 s: 249 M codes a second in each,
+//! 3 of 8035 cycles not finished in time; idle, in 10 s of their own, 9 of 9990.
 
 use std::fmt::Write;
 use std::time::{Duration, Instant};

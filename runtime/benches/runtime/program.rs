@@ -6,12 +6,12 @@
 //! - start: until the first setpoint leaves the start, as a reader of the positions sees it. With a servo period of
 //!   1 ms, of which the first block waits for half of one on the mean. A short program tells what the way alone takes.
 //!
-//! Measured on a 2-core AMD EPYC virtual machine, release profile, nothing else running, medians and p99:
+//! Measured on a 2-core Xeon virtual machine in a slow hour (see the bench `m_code`), bench profile, medians and p99:
 //!
 //! | blocks | write | load | start |
 //! | --- | --- | --- | --- |
-//! | 10 | 0.6 ms, 1.0 ms | 0.1 ms, 0.2 ms | 1.3 ms, 4.9 ms |
-//! | 1,000,000 | 134 ms, 249 ms | 48 ms, 77 ms | 8.5 ms, 15 ms |
+//! | 10 | 0.8 ms, 1.2 ms | 0.1 ms, 0.2 ms | 3.0 ms, 6.1 ms |
+//! | 1,000,000 | 257 ms, 315 ms | 94 ms, 100 ms | 2.6 ms, 12.6 ms |
 
 use std::fmt::Write as _;
 use std::time::{Duration, Instant};

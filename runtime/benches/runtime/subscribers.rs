@@ -1,5 +1,8 @@
 //! The stream of positions of a moving axis, 10 a second, to 200 subscribers of the embedded broker, and what it costs:
 //! the command `tandem` runs as a process of its own, and its processor time is read from the system (Linux only).
+//!
+//! Measured on a 2-core Xeon virtual machine that others kept busy, bench profile: 1989 messages a second to 200 subscribers
+//! for 5.5 % of a processor, where none subscribes 2.0 %.
 
 use std::io::{BufRead, BufReader};
 use std::path::Path;
