@@ -352,19 +352,19 @@ fn back_trace_ends_at_rest_at_the_begin_of_the_chain_or_at_a_bar() {
 #[test]
 fn m1d_what_the_motors_leave_counts_beyond_a_joint_that_is_in_the_next_profile() {
     let ways = [
-        (-5.642462133969372, 2.121901928205308, false),
-        (0.0, -0.09864060744027102, false),
-        (0.0, -0.00044715243045928636, false),
-        (0.0, -0.004171090578906256, false),
-        (0.0, -0.0024570037400445544, false),
-        (0.0, 13.906204736275857, false),
-        (0.0, 0.02049601327352975, false),
-        (0.0, 0.00021574678470955756, false),
-        (-18.834760552182694, 7.178908512507611, true),
-        (-0.9080825395162079, 0.0, false),
+        (-5.642_462_133_969_372, 2.121_901_928_205_308, false),
+        (0.0, -0.098_640_607_440_271_02, false),
+        (0.0, -0.000_447_152_430_459_286_36, false),
+        (0.0, -0.004_171_090_578_906_256, false),
+        (0.0, -0.002_457_003_740_044_554_4, false),
+        (0.0, 13.906_204_736_275_857, false),
+        (0.0, 0.020_496_013_273_529_75, false),
+        (0.0, 0.000_215_746_784_709_557_56, false),
+        (-18.834_760_552_182_694, 7.178_908_512_507_611, true),
+        (-0.908_082_539_516_207_9, 0.0, false),
     ];
     let feed = Feed {
-        feedrate_mm_min: 22484.411134740116,
+        feedrate_mm_min: 22_484.411_134_740_116,
         ta_ms: 0.0,
         td_ms: 0.0,
         ts_ms: 20.0,
@@ -376,8 +376,8 @@ fn m1d_what_the_motors_leave_counts_beyond_a_joint_that_is_in_the_next_profile()
     let mut machine = Machine::new(&settings, &ways, feed);
     machine.cycles(34);
     let acts = [
-        (31, Act::Override(0.8534283281726447)),
-        (101, Act::Override(1.6339367641574596)),
+        (31, Act::Override(0.853_428_328_172_644_7)),
+        (101, Act::Override(1.633_936_764_157_459_6)),
         (24, Act::Override(0.0)),
         (0, Act::Override(1.5)),
     ];
