@@ -28,6 +28,12 @@ pub(super) struct Envelope {
     pub reply: oneshot::Sender<Result<Answer, Refusal>>,
 }
 
+impl Envelope {
+    fn is_command(&self) -> bool {
+        matches!(self.request, Request::Command { .. })
+    }
+}
+
 /// A coordinate system and what it is asked for.
 pub(crate) struct Desk {
     number: CoordinateSystemNumber,
@@ -158,7 +164,7 @@ impl Desk {
             return Left::default();
         };
         let worked = catch_unwind(AssertUnwindSafe(|| {
-            if let Some(envelope) = self.urgent.take().or_else(|| self.requests.take()) {
+            if let Some(envelope) = self.urgent.take(share).or_else(|| self.requests.take(share)) {
                 system.handle(envelope);
             }
             Left {
@@ -242,15 +248,16 @@ impl Queue {
         }
     }
 
-    fn take(&self) -> Option<Envelope> {
-        let envelope = lock(&self.envelopes).pop_front()?;
+    /// The first request, unless it is a command that is left to the task.
+    fn take(&self, share: Share) -> Option<Envelope> {
+        let may_take = |first: &mut Envelope| share.commands || !first.is_command();
+        let envelope = lock(&self.envelopes).pop_front_if(may_take)?;
         self.room.add_permits(1);
         Some(envelope)
     }
 
     fn begins_with_command(&self) -> bool {
-        let is_command = |first: &Envelope| matches!(first.request, Request::Command { .. });
-        lock(&self.envelopes).front().is_some_and(is_command)
+        lock(&self.envelopes).front().is_some_and(Envelope::is_command)
     }
 
     fn is_empty(&self) -> bool {
@@ -279,6 +286,8 @@ mod tests {
     use plc_api::types::state::{Execution, Switch};
     use plc_api::types::topic::{CsTopic, Topic};
     use tandem_servo::{Channel, channel};
+
+    mod many;
 
     use super::*;
     use crate::Config;
