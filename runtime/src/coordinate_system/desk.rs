@@ -281,6 +281,7 @@ mod tests {
     use plc_api::hub::Filter;
     use plc_api::types::BootId;
     use plc_api::types::command::{Command, CommandMeta};
+    use plc_api::types::lease::{LeaseRequest, LeaseTake};
     use plc_api::types::message::Payload;
     use plc_api::types::request::Input;
     use plc_api::types::state::{Execution, Switch};
@@ -400,6 +401,31 @@ mod tests {
         for request in [first, second, urgent] {
             assert_eq!(request.now_or_never(), Some(Ok(Answer::Done)));
         }
+    }
+
+    #[test]
+    fn a_turn_of_simulated_time_is_alone_unless_it_tells_others_something() {
+        let (desk, _servo) = desk(Journal::to_log());
+        let lease = Request::Lease {
+            cs: 1,
+            request: LeaseRequest::Take(LeaseTake {
+                ttl_ms: Some(5000),
+                ..LeaseTake::default()
+            }),
+            meta: CommandMeta {
+                command_id: "1".into(),
+                client_id: "test".into(),
+                ..CommandMeta::default()
+            },
+        };
+        assert!(matches!(desk.ask(lease, false).now_or_never(), Some(Ok(_))));
+        assert!(!desk.turn_alone(), "the task does not know yet when the lease ends");
+        desk.work_as_task();
+        desk.shared.clock.set_ns(4_000_000_000);
+        assert!(desk.turn_alone());
+        desk.shared.clock.set_ns(6_000_000_000);
+        assert!(!desk.turn_alone(), "the lease has ended");
+        assert!(desk.turn_alone());
     }
 
     #[test]
