@@ -419,7 +419,10 @@ mod tests {
             },
         };
         assert!(matches!(desk.ask(lease, false).now_or_never(), Some(Ok(_))));
-        assert!(!desk.turn_alone(), "the task does not know yet when the lease ends");
+        assert!(
+            !desk.turn_alone(),
+            "the task does not know yet when the lease ends"
+        );
         desk.work_as_task();
         desk.shared.clock.set_ns(4_000_000_000);
         assert!(desk.turn_alone());
