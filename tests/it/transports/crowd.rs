@@ -222,7 +222,7 @@ async fn is_let_in(broker: &str, id: u16, outlives: bool) -> bool {
         stream.write_all(&connect).await?;
         stream.read_exact(&mut answer).await
     };
-    within("an answer", asked).await.is_ok() && answer == [0x20, 2, 0, 0]
+    within("an answer", asked).await.is_ok() && (answer[0], answer[3]) == (0x20, 0)
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
