@@ -1,6 +1,7 @@
 //! The loop of a sequence program: what the machine says, and the work on outputs.
 
 use std::collections::{BTreeMap, HashMap};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 
 use futures_util::StreamExt;
@@ -25,7 +26,7 @@ use crate::types::{BootId, CoordinateSystemNumber};
 
 use super::output::{AuxOutput, CancelState, Cancellation, cancel};
 use super::table::Table;
-use super::work::{Phase, RETRY, Work, until_answered};
+use super::work::{Phase, RETRY, Work, until_answered, words};
 
 /// An output across boots.
 type Key = (BootId, CoordinateSystemNumber, u64);
@@ -277,10 +278,18 @@ impl Runner<'_> {
             reclaiming: false,
         };
         self.running.insert(key.clone(), running);
-        let work = Abortable::new(work.run(), registration);
+        let mut work = Box::pin(Abortable::new(work.run(), registration));
         self.tasks.push(Box::pin(async move {
-            // the future, and with it the handler, is dropped before the end is known
-            let _aborted = work.await;
+            let _aborted = (&mut work).await;
+            // the future, and with it the handler, is dropped before the end is known; its clean-up ends no other
+            let dropped = catch_unwind(AssertUnwindSafe(|| drop(work)));
+            if let Err(panicked) = dropped {
+                tracing::error!(
+                    seq = key.2,
+                    "the clean-up of a handler panicked: {}",
+                    words(&*panicked)
+                );
+            }
             Ended::Work(key)
         }));
     }
