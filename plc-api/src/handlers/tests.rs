@@ -125,6 +125,29 @@ async fn d34_a_cancel_drops_the_future_and_tells_why() {
 }
 
 #[tokio::test]
+async fn d34_the_reason_of_a_cancel_is_told_also_when_the_pending_topic_shows_it_first() {
+    let fake = FakePort::new([1]);
+    let reason = Arc::new(Mutex::new(None));
+    let told = Arc::clone(&reason);
+    let program = SequenceProgram::new().on(100, move |output: AuxOutput, plc: Plc| {
+        let (told, cancellation) = (Arc::clone(&told), output.cancellation());
+        tokio::spawn(async move { *told.lock().unwrap() = cancellation.cancelled().await });
+        async move {
+            plc.sleep(seconds(1000)).await;
+            Ok(())
+        }
+    });
+    let _task = serve(&fake, program).await;
+    fake.put_out(1, 100, Params::default());
+    fake.settle().await;
+    // another output changes `pending`, and before that is read the cancel comes
+    fake.put_out(1, 101, Params::default());
+    fake.cancel(1, CancelReason::Abort);
+    fake.settle().await;
+    assert_eq!(*reason.lock().unwrap(), Some(CancelReason::Abort));
+}
+
+#[tokio::test]
 async fn a_panic_while_a_cancelled_handler_is_dropped_leaves_the_others_alone() {
     struct Fragile;
     impl Drop for Fragile {
