@@ -148,13 +148,9 @@ impl Runtime {
         let shared = Shared::new(machine, boot_id, clock.clone(), store, journal, tables);
         let parts = Parts::new(Arc::new(shared), first_state);
         let period_ns = parts.shared.machine.servo_period_us * 1000;
-        let simulation = Arc::new(Simulation::new(
-            parts.servo,
-            clock,
-            parts.wake,
-            period_ns,
-            options,
-        ));
+        let handles = parts.port.handles().iter();
+        let desks = handles.map(|handle| Arc::clone(&handle.desk)).collect();
+        let simulation = Arc::new(Simulation::new(parts.servo, clock, desks, period_ns, options));
         slot.set(Arc::clone(&simulation))
             .map_err(|_| StartError::NotInSimulation)?;
         Ok(Runtime {

@@ -11,8 +11,8 @@ use crate::persistence::journal_file::JournalWriter;
 /// The event of each block that begins: too many for a disk, and what follows from it is said by others.
 const BLOCK: &str = "block";
 
-/// Takes each line of the journal.
-pub type Sink = Arc<Mutex<dyn FnMut(&Line) + Send>>;
+/// Takes each line of the journal. True when that has woken a task: it runs before simulated time goes on.
+pub type Sink = Arc<Mutex<dyn FnMut(&Line) -> bool + Send>>;
 
 /// One line of the journal.
 #[derive(Debug, Clone, PartialEq)]
@@ -91,15 +91,17 @@ impl Journal {
         }
     }
 
-    pub(crate) fn record(&self, now: Now, cs: CoordinateSystemNumber, entry: Entry) {
+    /// Writes a line. True when that has woken a task.
+    pub(crate) fn record(&self, now: Now, cs: CoordinateSystemNumber, entry: Entry) -> bool {
         let line = Line {
             t_s: now.monotonic_s,
             cs,
             event: entry.event,
             fields: entry.fields,
         };
+        let mut has_woken = false;
         match &self.sink {
-            Some(sink) => (sink.lock().unwrap_or_else(PoisonError::into_inner))(&line),
+            Some(sink) => has_woken = (sink.lock().unwrap_or_else(PoisonError::into_inner))(&line),
             None if line.event == BLOCK => tracing::debug!(target: "journal", "{}", line.to_json()),
             None => tracing::info!(target: "journal", "{}", line.to_json()),
         }
@@ -107,5 +109,6 @@ impl Journal {
         if let Some(disk) = self.disk.as_ref().filter(|_| line.event != BLOCK) {
             disk.write(line, now.time);
         }
+        has_woken
     }
 }

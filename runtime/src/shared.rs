@@ -1,7 +1,7 @@
 //! What all coordinate systems, the port and the server ends share.
 
 use std::collections::{BTreeMap, VecDeque};
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, SystemTime};
 
@@ -59,6 +59,7 @@ pub(crate) struct Shared {
     alarms: Mutex<Alarms>,
     handlers: Mutex<BTreeMap<String, HandlerPresence>>,
     commands: Mutex<Commands>,
+    told: AtomicU64,
 }
 
 #[derive(Debug, Default)]
@@ -99,7 +100,18 @@ impl Shared {
             alarms: Mutex::default(),
             handlers: Mutex::default(),
             commands: Mutex::default(),
+            told: AtomicU64::new(0),
         }
+    }
+
+    /// Counts what was said to others, and may have woken a task.
+    pub fn told(&self) -> u64 {
+        self.told.load(Ordering::Relaxed)
+    }
+
+    fn tell(&self, message: Message) {
+        self.told.fetch_add(1, Ordering::Relaxed);
+        self.hub.publish(message);
     }
 
     pub fn now(&self) -> Now {
@@ -127,7 +139,7 @@ impl Shared {
     /// Publishes an event, or a state that has changed; gives the topic's revision.
     pub fn publish(&self, topic: Topic, payload: Payload) -> u64 {
         if !topic.is_state() {
-            self.hub.publish(self.message(topic, None, payload));
+            self.tell(self.message(topic, None, payload));
             return 0;
         }
         let last = self.hub.read(&topic);
@@ -135,13 +147,15 @@ impl Shared {
         if last.is_some_and(|message| message.payload == payload) {
             return last_rev;
         }
-        self.hub.publish(self.message(topic, Some(last_rev + 1), payload));
+        self.tell(self.message(topic, Some(last_rev + 1), payload));
         last_rev + 1
     }
 
     /// Writes a line of the journal.
     pub fn record(&self, cs: CoordinateSystemNumber, entry: Entry) {
-        self.journal.record(self.now(), cs, entry);
+        if self.journal.record(self.now(), cs, entry) {
+            self.told.fetch_add(1, Ordering::Relaxed);
+        }
     }
 
     /// Raises an alarm or a warning; a warning is in the history only.

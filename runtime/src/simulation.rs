@@ -1,5 +1,6 @@
 //! Simulated time: servo cycles are counted, as fast as the machine can, and one is counted only when no task is
-//! ready to run. All tasks run on one thread, so a run repeats byte for byte.
+//! ready to run. All tasks run on one thread, so a run repeats byte for byte. What a cycle tells is most often for its
+//! coordinate system alone, such as the next block's start: then that has its turn here, and no task is woken.
 
 use std::future::Future;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
@@ -9,18 +10,22 @@ use tandem_servo::Servo;
 use tokio::sync::Notify;
 
 use crate::clock::Clock;
+use crate::coordinate_system::Desk;
 
 /// Real time after which simulated time that stands is reported.
 const STANDSTILL_REPORT: Duration = Duration::from_secs(5);
 
+/// Turns taken before all tasks have one, those that wait for what is outside included.
+const TURNS_MAX: usize = 256;
+
 /// Called after each servo cycle, for a trace.
 pub type OnCycle = Box<dyn FnMut(&Servo) + Send>;
 
-/// The servo of a simulation and what its cycles wake.
+/// The servo of a simulation and the coordinate systems that its cycles concern.
 pub struct Simulation {
     servo: Mutex<SimulatedServo>,
     clock: Clock,
-    wake: Vec<Arc<Notify>>,
+    desks: Vec<Arc<Desk>>,
     stalled: Notify,
     period_ns: u64,
     limit_ns: u64,
@@ -42,7 +47,7 @@ impl Simulation {
     pub(crate) fn new(
         servo: Servo,
         clock: Clock,
-        wake: Vec<Arc<Notify>>,
+        desks: Vec<Arc<Desk>>,
         period_ns: u64,
         options: SimulationOptions,
     ) -> Self {
@@ -56,7 +61,7 @@ impl Simulation {
         Self {
             servo,
             clock,
-            wake,
+            desks,
             stalled: Notify::new(),
             period_ns,
             limit_ns,
@@ -81,6 +86,7 @@ impl Simulation {
     /// Counts cycles until one gives a task something to do.
     fn step(&self) {
         let mut servo = self.servo.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut turns = 0;
         loop {
             if self.clock.wake_due() {
                 return;
@@ -99,12 +105,22 @@ impl Simulation {
                 on_cycle(servo);
             }
             if events {
-                for notify in &self.wake {
-                    notify.notify_one();
+                turns += 1;
+                if !self.turn_alone() || turns == TURNS_MAX {
+                    // so that this is called again, also when nobody listened
+                    for desk in &self.desks {
+                        desk.wake_task();
+                    }
+                    return;
                 }
-                return;
             }
         }
+    }
+
+    /// Each coordinate system looks at what the servo has told. False when tasks must run before time goes on.
+    fn turn_alone(&self) -> bool {
+        let turns = self.desks.iter().map(|desk| desk.turn_alone());
+        turns.fold(true, |all_alone, alone| all_alone && alone)
     }
 
     /// Cycles before the next sleeper is due in which nothing happens pass at once; a trace wants each of them.

@@ -61,6 +61,11 @@ fn a_finding_has_its_code_line_column_source_line_underline_and_help() {
         ran.stdout
     );
     assert!(ran.stdout.contains("help: "), "{}", ran.stdout);
+    assert!(
+        ran.stdout.contains("broken.nc: 1 error, 0 warnings"),
+        "{}",
+        ran.stdout
+    );
 }
 
 #[test]

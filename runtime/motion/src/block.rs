@@ -35,41 +35,40 @@ impl RampedBlock {
 
     /// As planned.
     pub(crate) fn profile(&self) -> Profile {
-        Profile {
-            segment: self.segment,
-            epoch: self.epoch,
-            origin: self.origin,
-            law: Law::Ramped {
-                path: self.path.clone(),
-                speed: self.speed,
-                start: self.start,
-                stop: self.stop,
-                begun_s: self.begun_s,
-                next: self.next.clone(),
-            },
-            duration_s: self.plan_s,
-            time_base: TimeBase::Feed,
-            exact_stop: self.ends_at_rest(),
-        }
+        let law = Law::Ramped {
+            path: self.path.clone(),
+            speed: self.speed,
+            start: self.start,
+            stop: self.stop,
+            begun_s: self.begun_s,
+            next: self.next.clone(),
+        };
+        self.by(law, self.plan_s, self.ends_at_rest())
     }
 
     /// At a pace that takes this time.
     #[inline]
     pub(crate) fn paced(&self, pace: &Pace, duration_s: f64, exact_stop: bool) -> Profile {
+        let law = Law::Paced {
+            path: self.path.clone(),
+            speed: self.speed,
+            start: self.start,
+            stop: self.stop,
+            begun_s: self.begun_s,
+            next: self.next.clone(),
+            plan_s: self.plan_s,
+            pace: *pace,
+        };
+        self.by(law, duration_s, exact_stop)
+    }
+
+    #[inline]
+    fn by(&self, law: Law, duration_s: f64, exact_stop: bool) -> Profile {
         Profile {
             segment: self.segment,
             epoch: self.epoch,
             origin: self.origin,
-            law: Law::Paced {
-                path: self.path.clone(),
-                speed: self.speed,
-                start: self.start,
-                stop: self.stop,
-                begun_s: self.begun_s,
-                next: self.next.clone(),
-                plan_s: self.plan_s,
-                pace: *pace,
-            },
+            law,
             duration_s,
             time_base: TimeBase::Feed,
             exact_stop,

@@ -81,18 +81,15 @@ impl Record {
 
     /// The motion has passed this segment.
     pub(crate) fn passed(&mut self, segment: u64) {
-        let passed = self.behind(segment);
-        self.entries.drain(..passed.saturating_sub(PASSED_MAX));
+        let is_too_far_behind = |first_kept: &Entry| first_kept.segment() <= segment;
+        while self.entries.get(PASSED_MAX).is_some_and(is_too_far_behind) {
+            self.entries.pop_front();
+        }
     }
 
     /// There is no way back past the end of this segment.
     pub(crate) fn bar(&mut self, segment: u64) {
         self.barrier = segment;
-    }
-
-    /// Index of the first segment behind this one.
-    fn behind(&self, segment: u64) -> usize {
-        self.entries.partition_point(|entry| entry.segment() <= segment)
     }
 
     /// Index of the segment that holds a place or comes behind it, and plan time within it, s.

@@ -219,8 +219,10 @@ impl<'a> CheckedFile<'a> {
             }
         };
         say(&format!(
-            "{}: {errors} errors, {warnings} warnings",
-            self.path.display()
+            "{}: {}, {}",
+            self.path.display(),
+            counted(errors, "error"),
+            counted(warnings, "warning")
         ));
         say(&format!(
             "  M codes: {}; programs called: {}",
@@ -228,4 +230,9 @@ impl<'a> CheckedFile<'a> {
             or_none(programs)
         ));
     }
+}
+
+fn counted(count: usize, what: &str) -> String {
+    let plural = if count == 1 { "" } else { "s" };
+    format!("{count} {what}{plural}")
 }

@@ -280,6 +280,7 @@ async fn simulate(
     let sink = Arc::clone(&recorder);
     let journal = Journal::to_sink(Arc::new(Mutex::new(move |line: &_| {
         recorder::record(&sink, line);
+        false
     })));
     let options = SimulationOptions {
         max_time_s: plan.max_time_s,

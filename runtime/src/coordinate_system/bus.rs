@@ -73,7 +73,10 @@ mod tests {
     fn with_run(text: &str, hold_on_bus_loss: bool, test: impl AsyncFnOnce(&Plc)) -> Vec<Line> {
         let lines: Arc<Mutex<Vec<Line>>> = Arc::default();
         let said = Arc::clone(&lines);
-        let sink = move |line: &Line| said.lock().unwrap().push(line.clone());
+        let sink = move |line: &Line| {
+            said.lock().unwrap().push(line.clone());
+            false
+        };
         simulation::run(async {
             let mut machine = Config::demo().resolve().unwrap();
             machine.hold_on_bus_loss = hold_on_bus_loss;

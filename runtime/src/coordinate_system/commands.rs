@@ -81,6 +81,11 @@ impl CoordinateSystem {
         }
     }
 
+    /// True when a command waits, and no longer for a transition.
+    pub(super) fn may_go_on_with_commands(&self) -> bool {
+        !self.deferred.is_empty() && !self.is_in_transition()
+    }
+
     fn is_in_transition(&self) -> bool {
         self.ending.is_some()
             || self.validation.is_some()

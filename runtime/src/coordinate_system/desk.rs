@@ -28,6 +28,12 @@ pub(super) struct Envelope {
     pub reply: oneshot::Sender<Result<Answer, Refusal>>,
 }
 
+impl Envelope {
+    fn is_command(&self) -> bool {
+        matches!(self.request, Request::Command { .. })
+    }
+}
+
 /// A coordinate system and what it is asked for.
 pub(crate) struct Desk {
     number: CoordinateSystemNumber,
@@ -84,25 +90,43 @@ impl Desk {
         let (reply, answer) = oneshot::channel();
         let queue = if urgent { &self.urgent } else { &self.requests };
         queue.put(Envelope { request, reply }).await;
-        self.work_if_free();
+        self.work_if_free(Share::OF_ASKER);
         answer.await.unwrap_or_else(|_| Err(gone()))
     }
 
-    /// Who is at work may just have looked for requests for the last time, so the task is woken for this one.
-    fn work_if_free(&self) {
-        let mut work = match self.work.try_lock() {
-            Ok(work) => work,
-            Err(TryLockError::Poisoned(poisoned)) => poisoned.into_inner(),
-            Err(TryLockError::WouldBlock) => return self.wake.notify_one(),
+    /// Gives the task a turn.
+    pub fn wake_task(&self) {
+        self.wake.notify_one();
+    }
+
+    /// A turn of simulated time, while every task waits. True when it concerned nobody else: time may go on at once.
+    pub fn turn_alone(&self) -> bool {
+        let told = self.shared.told();
+        self.work_if_free(Share::OF_TASK) && self.shared.told() == told
+    }
+
+    /// Wakes the task when it has something to do, and gives false then. Who is at work may just have looked for requests
+    /// for the last time, so the task is woken for this one.
+    fn work_if_free(&self, share: Share) -> bool {
+        let is_done = match self.work.try_lock() {
+            Ok(work) => self.work_beside_task(work, share),
+            Err(TryLockError::Poisoned(poisoned)) => self.work_beside_task(poisoned.into_inner(), share),
+            Err(TryLockError::WouldBlock) => false,
         };
-        if self.urgent.begins_with_command() || self.requests.begins_with_command() {
-            return self.wake.notify_one();
-        }
-        let left = self.work(&mut work, Share::OF_ASKER);
-        let is_sooner = |at_s: f64| work.task_wakes_at_s.is_none_or(|task_s| at_s < task_s);
-        if left.busy || left.due_s.is_some_and(is_sooner) {
+        if !is_done {
             self.wake.notify_one();
         }
+        is_done
+    }
+
+    /// False when something is left to the task.
+    fn work_beside_task(&self, mut work: MutexGuard<'_, Work>, share: Share) -> bool {
+        if self.urgent.begins_with_command() || self.requests.begins_with_command() {
+            return false;
+        }
+        let left = self.work(&mut work, share);
+        let is_sooner = |at_s: f64| work.task_wakes_at_s.is_none_or(|task_s| at_s < task_s);
+        !left.busy && !left.due_s.is_some_and(is_sooner)
     }
 
     /// The task of the coordinate system, until the runtime closes.
@@ -140,7 +164,7 @@ impl Desk {
             return Left::default();
         };
         let worked = catch_unwind(AssertUnwindSafe(|| {
-            if let Some(envelope) = self.urgent.take().or_else(|| self.requests.take()) {
+            if let Some(envelope) = self.urgent.take(share).or_else(|| self.requests.take(share)) {
                 system.handle(envelope);
             }
             Left {
@@ -224,15 +248,16 @@ impl Queue {
         }
     }
 
-    fn take(&self) -> Option<Envelope> {
-        let envelope = lock(&self.envelopes).pop_front()?;
+    /// The first request, unless it is a command that is left to the task.
+    fn take(&self, share: Share) -> Option<Envelope> {
+        let may_take = |first: &mut Envelope| share.commands || !first.is_command();
+        let envelope = lock(&self.envelopes).pop_front_if(may_take)?;
         self.room.add_permits(1);
         Some(envelope)
     }
 
     fn begins_with_command(&self) -> bool {
-        let is_command = |first: &Envelope| matches!(first.request, Request::Command { .. });
-        lock(&self.envelopes).front().is_some_and(is_command)
+        lock(&self.envelopes).front().is_some_and(Envelope::is_command)
     }
 
     fn is_empty(&self) -> bool {
@@ -256,11 +281,14 @@ mod tests {
     use plc_api::hub::Filter;
     use plc_api::types::BootId;
     use plc_api::types::command::{Command, CommandMeta};
+    use plc_api::types::lease::{LeaseRequest, LeaseTake};
     use plc_api::types::message::Payload;
     use plc_api::types::request::Input;
     use plc_api::types::state::{Execution, Switch};
     use plc_api::types::topic::{CsTopic, Topic};
     use tandem_servo::{Channel, channel};
+
+    mod many;
 
     use super::*;
     use crate::Config;
@@ -376,8 +404,36 @@ mod tests {
     }
 
     #[test]
+    fn a_turn_of_simulated_time_is_alone_unless_it_tells_others_something() {
+        let (desk, _servo) = desk(Journal::to_log());
+        let lease = Request::Lease {
+            cs: 1,
+            request: LeaseRequest::Take(LeaseTake {
+                ttl_ms: Some(5000),
+                ..LeaseTake::default()
+            }),
+            meta: CommandMeta {
+                command_id: "1".into(),
+                client_id: "test".into(),
+                ..CommandMeta::default()
+            },
+        };
+        assert!(matches!(desk.ask(lease, false).now_or_never(), Some(Ok(_))));
+        assert!(
+            !desk.turn_alone(),
+            "the task does not know yet when the lease ends"
+        );
+        desk.work_as_task();
+        desk.shared.clock.set_ns(4_000_000_000);
+        assert!(desk.turn_alone());
+        desk.shared.clock.set_ns(6_000_000_000);
+        assert!(!desk.turn_alone(), "the lease has ended");
+        assert!(desk.turn_alone());
+    }
+
+    #[test]
     fn a_panic_is_an_alarm_of_this_coordinate_system_and_does_not_reach_who_asks() {
-        let sink = Arc::new(Mutex::new(|_line: &crate::journal::Line| {
+        let sink = Arc::new(Mutex::new(|_line: &crate::journal::Line| -> bool {
             panic!("the journal's sink")
         }));
         let (desk, _servo) = desk(Journal::to_sink(sink));

@@ -335,7 +335,10 @@ mod tests {
 
         let lines: Arc<Mutex<Vec<Line>>> = Arc::default();
         let said = Arc::clone(&lines);
-        let sink = move |line: &Line| said.lock().unwrap().push(line.clone());
+        let sink = move |line: &Line| {
+            said.lock().unwrap().push(line.clone());
+            false
+        };
         simulation::run(async {
             let machine = Config::demo().resolve().unwrap();
             let journal = Journal::to_sink(Arc::new(Mutex::new(sink)));

@@ -212,9 +212,11 @@ impl CoordinateSystem {
         self.do_stock_work(now);
         self.carry_out_effects();
         self.expire_validation();
-        self.carry_out_deferred();
+        if share.commands {
+            self.carry_out_deferred();
+        }
         self.follow_override();
-        let busy = self.prepare(share);
+        let busy = self.prepare(share) || self.may_go_on_with_commands();
         self.hold_without_bus();
         self.publish_changes();
         busy

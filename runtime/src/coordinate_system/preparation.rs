@@ -16,9 +16,11 @@ use super::manual::Kind;
 use crate::journal::Entry;
 use plc_api::execution::word;
 
-/// How much is prepared in one turn.
+/// How much is done in one turn.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Share {
+    /// Commands are carried out. Reason: a load checks whole programs, for which who asks must not wait.
+    pub commands: bool,
     /// Steps of the run: items taken from the interpreter, and what follows from each.
     items: usize,
     /// Blocks interpreted, about: what a calculation takes at once comes on top, [`STEPS_IN_CHAIN_MAX`] at the most.
@@ -28,12 +30,14 @@ pub(super) struct Share {
 impl Share {
     /// So that a command never waits long for the task.
     pub const OF_TASK: Share = Share {
+        commands: true,
         items: 256,
         blocks: 2 * STEPS_IN_CHAIN_MAX as u64,
     };
 
     /// What follows from an answer at once; who asks has other work to do. Reason: an output takes 4 items.
     pub const OF_ASKER: Share = Share {
+        commands: false,
         items: 16,
         blocks: 64,
     };

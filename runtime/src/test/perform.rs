@@ -1,6 +1,6 @@
 //! Carries a test out: the machine, its handlers and the script in simulated time, on a thread of their own.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::mpsc as std_mpsc;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
@@ -16,7 +16,7 @@ use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::{Alarm, CoordinateSystem, Error, Execution, Params, Plc, SequenceProgram};
 use serde_json::Value;
 use tandem_model::variables::VariableArray;
-use tokio::sync::mpsc;
+use tokio::sync::Notify;
 use tokio::task::{AbortHandle, JoinError, JoinSet};
 
 use super::record::{Ended, NonZero, OutputRecord, Run, StateChange, Stopped, SystemEnd};
@@ -113,10 +113,16 @@ async fn perform(bench: Bench, main: u16, watched: Watched) -> Result<Run, TestE
     for program in &bench.sequence_programs {
         program.check()?;
     }
-    let (sink, lines) = mpsc::unbounded_channel();
+    let lines = Arc::new(Lines::default());
+    let sink = Arc::clone(&lines);
+    let waits_for_blocks = bench.script.iter().any(|(cue, _)| matches!(cue, Cue::Line(_)));
     let journal = Journal::to_sink(Arc::new(Mutex::new(move |line: &Line| {
-        // The stage has gone when the run has ended.
-        let _ = sink.send(line.clone());
+        sink.put(line.clone());
+        let is_waited_for = waits_for_blocks || line.event != "block";
+        if is_waited_for {
+            sink.wake.notify_one();
+        }
+        is_waited_for
     })));
     let tracer = Tracer::default();
     let options = SimulationOptions {
@@ -224,12 +230,42 @@ fn refused(program: u16, error: &Error) -> TestError {
     TestError::new(lines.join("\n  "))
 }
 
+/// Lines of the journal that the stage has not taken.
+#[derive(Default)]
+struct Lines {
+    queue: Mutex<VecDeque<Line>>,
+    wake: Notify,
+}
+
+impl Lines {
+    fn put(&self, line: Line) {
+        self.lock().push_back(line);
+    }
+
+    fn take(&self) -> Option<Line> {
+        self.lock().pop_front()
+    }
+
+    async fn next(&self) -> Line {
+        loop {
+            if let Some(line) = self.take() {
+                return line;
+            }
+            self.wake.notified().await;
+        }
+    }
+
+    fn lock(&self) -> std::sync::MutexGuard<'_, VecDeque<Line>> {
+        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
 /// A run under way.
 struct Stage {
     scene: Scene,
     start_s: f64,
     states: Subscription,
-    lines: mpsc::UnboundedReceiver<Line>,
+    lines: Arc<Lines>,
     script: Vec<Option<(Cue, Action)>>,
     main: u16,
     actions: JoinSet<(Cue, plc_api::Result<()>)>,
@@ -247,7 +283,7 @@ impl Stage {
     ) -> Result<Run, TestError> {
         // What came before the start is no part of the run.
         while self.states.try_next().is_some() {}
-        while self.lines.try_recv().is_ok() {}
+        while self.lines.take().is_some() {}
         let _ = simulation.stalled().now_or_never();
         for (cs, _) in jobs {
             self.scene.cs(*cs).start().await?;
@@ -261,7 +297,7 @@ impl Stage {
             let wait_s = (next_s.unwrap_or_default() + self.start_s - plc.now_s()).max(0.0);
             tokio::select! {
                 biased;
-                Some(line) = self.lines.recv() => self.journalled(&line),
+                line = self.lines.next() => self.journalled(&line),
                 Some(message) = self.states.next() => self.said(&message),
                 Some(ended) = self.actions.join_next(), if !self.actions.is_empty() => acted(ended)?,
                 () = plc.sleep(Duration::from_secs_f64(wait_s)), if next_s.is_some() => {
