@@ -185,7 +185,8 @@ impl Interpreter {
                 self.step(inputs)
             };
             if let Err(alarm) = step {
-                self.state = State::Failed(alarm.at(self.origin()));
+                let origin = alarm.origin.unwrap_or_else(|| self.origin());
+                self.state = State::Failed(alarm.at(origin));
             } else if self.queue.is_empty() && self.idle_steps.is_multiple_of(STEPS_IN_CHAIN_MAX) {
                 let no_movement = Item::Block(self.block(Action::None, self.origin()));
                 self.queue.push_back(no_movement);
@@ -280,7 +281,10 @@ impl Interpreter {
             fault.get_or_insert(found);
         });
         if let Some(fault) = fault {
-            return Err(alarm_of(&fault));
+            let word = frame
+                .program
+                .origin_within(&block, fault.span.start, frame.number);
+            return Err(alarm_of(&fault).at(word));
         }
         let mut execution = Execution::new(&self.words, &mut self.modal, inputs, &self.limits);
         execute(&mut execution);

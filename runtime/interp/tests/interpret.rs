@@ -372,6 +372,22 @@ fn a_program_with_errors_is_an_alarm_at_the_block_of_the_error() {
 }
 
 #[test]
+fn d07_d11_an_alarm_about_a_value_names_the_column_of_its_word() {
+    let places = [
+        ("L1=0/0\nX20 ta[L1]\nM30", (2, 5)),
+        ("L1=0/0\n  G02 X20 Y5 I[L1]\nM30", (2, 14)),
+        ("L1=1/0\nX[L1] Y5\nM30", (2, 1)),
+        ("L1=0-5\nX20 Y3 ts[L1]\nM30", (2, 8)),
+    ];
+    for (source, place) in places {
+        let mut run = Run::new(source);
+        let alarm = run.next().expect_err("an alarm");
+        let at = alarm.origin.map(|origin| (origin.line, origin.column));
+        assert_eq!(at, Some(place), "{source}");
+    }
+}
+
+#[test]
 fn an_alarm_repeats_until_the_next_start() {
     let mut run = Run::new("X");
     let first = run.next();

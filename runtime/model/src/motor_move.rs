@@ -1,5 +1,6 @@
 //! One motor alone, from rest to rest (motion-semantics 1e).
 
+use crate::pace::SlewRoom;
 use crate::ramp::UnitRamp;
 
 /// The shortest way of one motor over a distance with limited speed, acceleration and jerk, from rest to rest; all
@@ -52,6 +53,27 @@ impl MotorMove {
         }
         let ramp = UnitRamp::new(self.ramp_s - self.jerk_s, self.jerk_s);
         self.velocity * ramp.speed(t_s).min(ramp.speed(left))
+    }
+
+    /// What a motor of this maximum acceleration leaves to overrides and feed hold from one time of the move to another
+    /// (motion-semantics 1i). A move that needs more than the maximum by itself counts as needing all of it.
+    pub fn room(&self, max_acceleration: f64, from_s: f64, to_s: f64) -> SlewRoom {
+        let brakes_s = self.ramp_s + self.cruise_s;
+        if self.velocity == 0.0 || to_s <= 0.0 || from_s >= self.duration_s() {
+            return SlewRoom::default();
+        }
+        let own = self.velocity.abs() / (self.ramp_s - self.jerk_s);
+        let most = max_acceleration.max(own);
+        let fastest = if to_s > self.ramp_s && from_s < brakes_s {
+            self.velocity.abs()
+        } else {
+            self.velocity_at(from_s).abs().max(self.velocity_at(to_s).abs())
+        };
+        SlewRoom {
+            slope: most / fastest,
+            braking: if to_s > brakes_s { own / most } else { 0.0 },
+            driving: if from_s < self.ramp_s { own / most } else { 0.0 },
+        }
     }
 
     /// Distance from the start after `t_s` seconds.
@@ -161,5 +183,38 @@ mod tests {
         close(shaped.distance(0.3), -8.0 * 0.2);
         close(shaped.distance(0.46), -8.0 * 0.3 + jerk * 0.04_f64.powi(3) / 6.0);
         close(shaped.distance(0.5), -8.0 * 0.3);
+    }
+
+    #[test]
+    fn m1i_a_move_leaves_what_its_ramps_do_not_need_of_the_maximum_acceleration() {
+        // v = 10, a = 50: ramps of 0.2 s, cruise 0.2 s; the motor may do 200, so each ramp takes a quarter of it.
+        let moved = MotorMove {
+            velocity: -10.0,
+            ramp_s: 0.2,
+            jerk_s: 0.0,
+            cruise_s: 0.2,
+        };
+        let room = |from_s, to_s| {
+            let SlewRoom {
+                slope,
+                braking,
+                driving,
+            } = moved.room(200.0, from_s, to_s);
+            [slope, braking, driving]
+        };
+        let expected = [
+            // speeds up to 5; cruises; into braking from full speed; brakes from 5
+            ((0.05, 0.1), [40.0, 0.0, 0.25]),
+            ((0.25, 0.3), [20.0, 0.0, 0.0]),
+            ((0.35, 0.45), [20.0, 0.25, 0.0]),
+            ((0.5, 0.55), [40.0, 0.25, 0.0]),
+        ];
+        for ((from_s, to_s), values) in expected {
+            let found = room(from_s, to_s);
+            found.into_iter().zip(values).for_each(|(a, b)| close(a, b));
+        }
+        assert_eq!(moved.room(200.0, 0.6, 0.7), SlewRoom::default());
+        // What it needs beyond the maximum counts as all of it.
+        close(moved.room(25.0, 0.05, 0.1).driving, 1.0);
     }
 }

@@ -257,6 +257,7 @@ impl Channel {
                 let slope = slope / pace.feed_override;
                 slope.min(self.room_to(target))
             }
+            Law::Motors { .. } | Law::Skip { .. } => slope.min(self.room_to(target)),
             _ => slope,
         };
         let t_s = self.time.advance(target, slope);

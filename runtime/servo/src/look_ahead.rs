@@ -1,5 +1,5 @@
-//! Profiles of look-ahead (G500) in the servo cycle (motion-semantics 1d, 1i): how fast the override factor may change, and
-//! how far the motion may go with what is known.
+//! Profiles of look-ahead (G500), and those of motors alone, in the servo cycle (motion-semantics 1d, 1e, 1i): how fast the
+//! override factor may change, and how far the motion may go with what is known.
 
 use rtrb::Consumer;
 use tandem_model::profile::{Law, Pace, Profile, SlewRoom};
@@ -25,7 +25,9 @@ impl Channel {
         let until_s = joint.map_or(ends_s, |joint| joint.at_s);
         let mut room = match &profile.law {
             Law::Paced { pace, .. } => pace.room(now_s, until_s),
-            _ => SlewRoom::default(),
+            _ => self
+                .skip
+                .room(profile, self.motors.deceleration(), now_s, until_s),
         };
         if !profile.exact_stop {
             room = room.worst(room_of(&mut self.profiles, until_s - profile.duration_s));

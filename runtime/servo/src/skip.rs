@@ -1,7 +1,7 @@
 //! G31 in the servo cycle (motion-semantics 1e, D40): a motor whose skip input comes brakes, and goes back to where it
-//! came.
+//! came. And what motors that move alone leave to overrides.
 
-use tandem_model::profile::{Law, MotorLimits, MotorMove, Profile};
+use tandem_model::profile::{Law, MotorLimits, MotorMove, Profile, SlewRoom};
 use tandem_model::{AXES_MAX, Axis, AxisSet, AxisVector};
 
 /// The motors that have turned back in the running profile.
@@ -29,6 +29,19 @@ impl Turned {
 
     fn end_s(&self) -> f64 {
         self.at_s + self.braking_s + self.back.duration_s()
+    }
+
+    /// As [`MotorMove::room`]: braking is the second half of a move.
+    fn room(&self, max_acceleration: f64, from_s: f64, to_s: f64) -> SlewRoom {
+        let brakes = MotorMove {
+            velocity: self.velocity,
+            ramp_s: self.braking_s,
+            ..MotorMove::default()
+        };
+        let back_s = self.at_s + self.braking_s;
+        let braking_s = back_s - 2.0 * self.braking_s;
+        let braking = brakes.room(max_acceleration, from_s - braking_s, to_s - braking_s);
+        braking.worst(self.back.room(max_acceleration, from_s - back_s, to_s - back_s))
     }
 
     fn position(&self, t_s: f64) -> f64 {
@@ -59,6 +72,26 @@ impl SkipRun {
     /// Position of all motors.
     pub(crate) fn position(&self, profile: &Profile, t_s: f64) -> AxisVector {
         self.put_in(profile.position(t_s), |turned| turned.position(t_s))
+    }
+
+    /// What the motors of G00 and G31 leave to overrides and feed hold from one time of the profile to another.
+    pub(crate) fn room(
+        &self,
+        profile: &Profile,
+        max_acceleration: [f64; AXES_MAX],
+        from_s: f64,
+        to_s: f64,
+    ) -> SlewRoom {
+        let (Law::Motors { moves, .. } | Law::Skip { moves, .. }) = &profile.law else {
+            return SlewRoom::default();
+        };
+        let of_motors = self.turned.iter().zip(moves).zip(max_acceleration);
+        of_motors
+            .map(|((turned, to_target), most)| match turned {
+                Some(turned) => turned.room(most, from_s, to_s),
+                None => to_target.room(most, from_s, to_s),
+            })
+            .fold(SlewRoom::default(), SlewRoom::worst)
     }
 
     /// Where all motors end.

@@ -126,7 +126,15 @@ impl NcProgram {
 
     /// Where a block stands, for a program of the given number (0: none).
     pub fn origin(&self, block: &Block, program: u16) -> Origin {
-        let before = self.source.get(..block.start as usize).unwrap_or_default();
+        self.origin_within(block, block.start, program)
+    }
+
+    /// As [`NcProgram::origin`], of a place in the block: a byte of its line.
+    pub fn origin_within(&self, block: &Block, start: u32, program: u16) -> Origin {
+        let before = self
+            .source
+            .get(..start.max(block.start) as usize)
+            .unwrap_or_default();
         let line_start = before.rfind('\n').map_or(0, |at| at + 1);
         let mut prefix = &before[line_start..];
         if line_start == 0 {

@@ -8,6 +8,7 @@ mod faults;
 mod look_ahead;
 mod passing;
 mod properties;
+mod rapid;
 mod rig;
 mod running;
 mod short_ring;
