@@ -135,6 +135,7 @@ export class ScriptedMachine {
     const handshake = /^\/cs\/\d+\/m_codes\/(\d+)\/(reset|answer)$/.exec(path);
     if (handshake) return { json: { seq: Number(handshake[1]), handler_id: body.handler_id ?? "hmi", status: "accepted" } };
     if (path.endsWith("/redeliver")) return { status: 204 };
+    if (path === "/health") return { json: { status: "ok" } };
     if (path === "/machine") return { json: { v: 1, boot_id: this.bootId, ts: now(), ...BIRTH } };
     if (path.endsWith("/last_run")) return { json: { last_run: null } };
     return method === "GET" ? problem({ status: 404, body: { detail: `there is no ${path}` } }) : { status: 202, json: { command_id: "scripted" } };
