@@ -119,8 +119,11 @@ impl Simulation {
 
     /// Each coordinate system looks at what the servo has told. False when tasks must run before time goes on.
     fn turn_alone(&self) -> bool {
-        let turns = self.desks.iter().map(|desk| desk.turn_alone());
-        turns.fold(true, |all_alone, alone| all_alone && alone)
+        let mut all_alone = true;
+        for desk in &self.desks {
+            all_alone &= desk.turn_alone();
+        }
+        all_alone
     }
 
     /// Cycles before the next sleeper is due in which nothing happens pass at once; a trace wants each of them.
