@@ -295,20 +295,8 @@ impl Runner<'_> {
             reclaiming: false,
         };
         self.running.insert(key.clone(), running);
-        let mut work = Box::pin(Abortable::new(work.run(), registration));
-        self.tasks.push(Box::pin(async move {
-            let _aborted = (&mut work).await;
-            // the future, and with it the handler, is dropped before the end is known; its clean-up ends no other
-            let dropped = catch_unwind(AssertUnwindSafe(|| drop(work)));
-            if let Err(panicked) = dropped {
-                tracing::error!(
-                    seq = key.2,
-                    "the clean-up of a handler panicked: {}",
-                    words(&*panicked)
-                );
-            }
-            Ended::Work(key)
-        }));
+        let work = Box::pin(Abortable::new(work.run(), registration));
+        self.tasks.push(Box::pin(worked(work, key)));
     }
 
     /// This side is still at work, and only its connection was lost: it takes its claim back.
@@ -395,6 +383,19 @@ impl Runner<'_> {
             Ended::Announced
         }));
     }
+}
+
+/// The future, and with it the handler, is dropped before the end is known; its clean-up ends no other.
+async fn worked(mut work: std::pin::Pin<Box<Abortable<impl Future<Output = ()>>>>, key: Key) -> Ended {
+    let _aborted = (&mut work).await;
+    if let Err(panicked) = catch_unwind(AssertUnwindSafe(|| drop(work))) {
+        tracing::error!(
+            seq = key.2,
+            "the clean-up of a handler panicked: {}",
+            words(&*panicked)
+        );
+    }
+    Ended::Work(key)
 }
 
 fn gone_presence() -> HandlerPresence {
