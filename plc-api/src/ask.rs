@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::coordinate_system::CoordinateSystem;
 use crate::error::{Error, Result};
-use crate::handlers::AuxOutput;
+use crate::handlers::{AuxOutput, Cancellation};
 use crate::hub::Filter;
 use crate::outputs::accepted;
 use crate::plc::{Plc, send_without_waiting, unique_name};
@@ -26,6 +26,7 @@ pub(crate) struct Asker {
     pub(crate) cs: CoordinateSystemNumber,
     pub(crate) m: u16,
     pub(crate) seq: u64,
+    pub(crate) cancellation: Cancellation,
     /// An output asks one question at a time; the next one waits here.
     pub(crate) turn: tokio::sync::Mutex<()>,
 }
@@ -120,16 +121,20 @@ impl Asked<'_> {
         let topic = Topic::cs(self.asker.cs, CsTopic::Pending);
         let mut pending = self.plc.port().subscribe(Filter::Topics(vec![topic]));
         let mut seen = false;
-        let ended = || Error::Handshake {
-            m: self.asker.m,
-            seq: self.asker.seq,
-            status: HandshakeStatus::Stale,
-        };
         loop {
             if !seen {
                 let request = Request::Ask(self.asker.cs, Some(self.asker.m), self.ask.clone());
                 match self.plc.request(request).await {
-                    Ok(answer) => accepted(self.asker.m, self.asker.seq, &answer)?,
+                    Ok(answer) => match accepted(self.asker.m, self.asker.seq, &answer) {
+                        // the connection was lost and the claim given back: `pending` tells how it goes on
+                        Ok(())
+                        | Err(Error::Handshake {
+                            status: HandshakeStatus::NotOwner,
+                            ..
+                        }) => {}
+                        Err(Error::Handshake { .. }) => return Err(self.ended().await),
+                        Err(error) => return Err(error),
+                    },
                     Err(Error::Refused(refusal)) if refusal.code == RefusalCode::Unavailable => {}
                     Err(error) => return Err(error),
                 }
@@ -138,12 +143,12 @@ impl Asked<'_> {
                 biased;
                 message = pending.next() => {
                     let message = message.ok_or(Error::Closed)?;
-                    let output = self.output(&message).ok_or_else(ended)?;
+                    let Some(output) = self.output(&message) else {
+                        return Err(self.ended().await);
+                    };
                     match output.question.as_ref().filter(|question| question.id == self.ask.question_id) {
                         Some(Question { answer: Some(choice), .. }) => return Ok(choice.clone()),
-                        Some(_) => seen = true,
-                        None if seen => return Err(ended()),
-                        None => {}
+                        question => seen = question.is_some(),
                     }
                 }
                 () = self.plc.sleep(RETRY), if !seen => {}
@@ -151,14 +156,29 @@ impl Asked<'_> {
         }
     }
 
-    /// The output as `pending` shows it; `None` when it is no longer open.
+    /// The output is no longer the handler's. Who drops the handler for that says why first.
+    async fn ended(&self) -> Error {
+        self.asker.cancellation.ended().await;
+        Error::Handshake {
+            m: self.asker.m,
+            seq: self.asker.seq,
+            status: HandshakeStatus::Stale,
+        }
+    }
+
+    /// The output as `pending` shows it; `None` when it is no longer open, or another's.
     fn output<'m>(&self, message: &'m Message) -> Option<&'m PendingOutput> {
         let Payload::Pending(pending) = &message.payload else {
             return None;
         };
         let mut outputs = pending.outputs.iter();
         let open = outputs.find(|output| output.output.seq == self.asker.seq);
-        open.filter(|_| message.boot_id == self.asker.boot_id)
+        let is_ours = |output: &&PendingOutput| {
+            let owner = output.handler_id.as_deref();
+            owner.is_none_or(|owner| owner == &*self.asker.handler_id)
+        };
+        open.filter(is_ours)
+            .filter(|_| message.boot_id == self.asker.boot_id)
     }
 }
 

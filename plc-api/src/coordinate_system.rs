@@ -202,6 +202,14 @@ impl CoordinateSystem {
         .await
     }
 
+    /// Notes that an alarm of [`Plc::alarms`] has been seen, and by whom; it stands until a reset.
+    ///
+    /// # Errors
+    /// No alarm of this id stands, or as [`CoordinateSystem::command`].
+    pub async fn acknowledge_alarm(&self, id: u64) -> Result<()> {
+        self.command(Command::AlarmAcknowledge { id }).await
+    }
+
     /// Carries out a command, and returns when its effect has been reached.
     ///
     /// # Errors

@@ -38,8 +38,8 @@
 //! # Parameters and shared state
 //! [`Params`] holds VA to VH; what is not programmed is `None`. Which parameters a handler takes it may say beforehand:
 //! with [`validate`](SequenceProgram::validate) a program with wrong ones is refused when it is loaded. What a handler
-//! shares with others it gets by [`handlers::with`]. Axes, variables, tools and inputs are behind
-//! [`Plc::coordinate_system`] and [`Plc::variables`].
+//! shares with others it gets by [`handlers::with`]. Axes, tools and inputs are behind
+//! [`Plc::coordinate_system`], variables behind [`Plc::variables`], alarms behind [`Plc::alarms`].
 //! ```
 //! use std::sync::{Arc, Mutex};
 //! use plc_api::{Alarm, AuxOutput, Params, Plc, SequenceProgram, handlers::with};

@@ -18,6 +18,9 @@ use crate::types::{BootId, CoordinateSystemNumber};
 /// Unclaimed outputs of all coordinate systems, in order of each coordinate system.
 ///
 /// It does not announce what it handles: the runtime's `unhandled` setting must be `wait` for M codes served this way.
+/// So the machine does not hear either that it has gone: what it has claimed then stays claimed until the M code's
+/// `timeout_ms`, an operator's reset, a stop or a reset of the run ends it. Handlers of a
+/// [`SequenceProgram`](crate::SequenceProgram) give their claims back.
 ///
 /// ```
 /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {

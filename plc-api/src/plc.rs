@@ -14,8 +14,11 @@ use crate::port::{BoxFuture, Port};
 #[cfg(feature = "mqtt")]
 use crate::transport::mqtt::MqttOptions;
 use crate::types::CoordinateSystemNumber;
+use crate::types::machine::AlarmRecord;
+use crate::types::message::Payload;
 use crate::types::program::ProgramInfo;
 use crate::types::request::{Answer, Refusal, RefusalCode, Request};
+use crate::types::topic::Topic;
 
 /// A machine: one runtime with its coordinate systems. Cloning gives another handle to the same machine.
 ///
@@ -127,6 +130,31 @@ impl Plc {
         match self.request(Request::Programs).await? {
             Answer::Programs(programs) => Ok(programs),
             other => Err(unexpected(&other)),
+        }
+    }
+
+    /// Alarms and warnings that stand, in the order in which they were raised. A reset of its coordinate system clears
+    /// an alarm; [`CoordinateSystem::acknowledge_alarm`] notes that somebody has seen it.
+    ///
+    /// ```
+    /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
+    /// # let fake = plc_api::fake::FakePort::new([1]);
+    /// # let plc = fake.plc();
+    /// # fake.raise(1, plc_api::Alarm::user(7, "the door is open"));
+    /// let alarms = plc.alarms().await?;
+    /// assert_eq!((alarms[0].number, alarms[0].text.as_str()), (10_007, "the door is open"));
+    /// plc.coordinate_system(1).acknowledge_alarm(alarms[0].id).await?;
+    /// assert!(plc.alarms().await?[0].acknowledged_by.is_some());
+    /// # Ok(()) }
+    /// ```
+    ///
+    /// # Errors
+    /// The machine has not said it yet.
+    pub async fn alarms(&self) -> Result<Vec<AlarmRecord>> {
+        let said = self.port.read(&Topic::AlarmActive).await;
+        match said.as_deref().map(|message| &message.payload) {
+            Some(Payload::AlarmActive(active)) => Ok(active.alarms.clone()),
+            _ => Err(Refusal::new(RefusalCode::NotFound, "the machine has not said its alarms yet").into()),
         }
     }
 

@@ -157,7 +157,8 @@ impl Scan {
                 overruns += 1;
             }
             let left_s = (next_s - plc.now_s()).max(0.0);
-            plc.sleep(Duration::from_secs_f64(left_s)).await;
+            plc.sleep(Duration::try_from_secs_f64(left_s).unwrap_or(Duration::MAX))
+                .await;
         }
     }
 

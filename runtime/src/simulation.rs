@@ -120,7 +120,8 @@ impl Simulation {
     /// Each coordinate system looks at what the servo has told. False when tasks must run before time goes on.
     fn turn_alone(&self) -> bool {
         let turns = self.desks.iter().map(|desk| desk.turn_alone());
-        turns.fold(true, |all_alone, alone| all_alone && alone)
+        // all of them turn, also behind one that needs its task
+        turns.filter(|alone| !alone).count() == 0
     }
 
     /// Cycles before the next sleeper is due in which nothing happens pass at once; a trace wants each of them.

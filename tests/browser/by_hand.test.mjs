@@ -15,6 +15,7 @@ let browser;
 let runtime;
 let page;
 let errors;
+let close;
 let screen;
 
 before(async () => {
@@ -29,7 +30,7 @@ after(async () => {
 });
 
 beforeEach(async () => {
-  ({ page, errors } = await openPage(browser));
+  ({ page, errors, close } = await openPage(browser));
   screen = new Screen(page);
   await page.goto(runtime.url);
   await page.getByText("Connected", { exact: true }).waitFor();
@@ -37,7 +38,7 @@ beforeEach(async () => {
 });
 
 afterEach(async () => {
-  await page.context().close();
+  await close();
   assert.deepEqual(errors, [], "the browser's console shows no errors");
 });
 
@@ -96,7 +97,7 @@ test("an axis stops when the screen that held it is gone", async () => {
   await jog("X", "plus").hover();
   await page.mouse.down();
   await screen.sees("ACTIVE");
-  await page.context().close();
+  await close();
   await atRest("X");
 });
 

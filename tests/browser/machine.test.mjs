@@ -17,6 +17,8 @@ let browser;
 let runtime;
 let page;
 let errors;
+let checked;
+let close;
 let screen;
 
 before(async () => {
@@ -32,7 +34,7 @@ after(async () => {
 });
 
 beforeEach(async () => {
-  ({ page, errors } = await openPage(browser));
+  ({ page, errors, checked, close } = await openPage(browser));
   screen = new Screen(page);
   await page.goto(runtime.url);
   await page.getByText("Connected", { exact: true }).waitFor();
@@ -40,8 +42,9 @@ beforeEach(async () => {
 
 afterEach(async (context) => {
   await page.screenshot({ path: `${OUT}last-${(context?.name ?? "test").replace(/\W+/g, "-")}.png` }).catch(() => {});
-  await page.context().close();
-  assert.deepEqual(errors, [], "the browser's console shows no errors");
+  await close();
+  assert.deepEqual(errors, [], "the browser's console shows no errors, and all is of its form");
+  assert.ok(checked.frames > 10 && checked.asked > 0 && checked.answers > 0, "frames and answers were checked");
 });
 
 /** Ends whatever runs, and takes a program. */

@@ -10,6 +10,7 @@ import { disabled, enabled, Screen, until } from "./screen.mjs";
 let browser;
 let page;
 let errors;
+let close;
 let expected;
 let machine;
 let screen;
@@ -21,7 +22,7 @@ after(() => browser?.close());
 
 /** A new page on a new machine that stands at its start. */
 async function open(options) {
-  ({ page, errors } = await openPage(browser, options));
+  ({ page, errors, close } = await openPage(browser, options));
   expected = [];
   screen = new Screen(page);
   machine = new ScriptedMachine();
@@ -35,9 +36,10 @@ async function open(options) {
 
 beforeEach(() => open());
 afterEach(async () => {
-  await page.context().close();
+  await close();
   const unexpected = errors.filter((text) => !expected.some((pattern) => pattern.test(text)));
   assert.deepEqual(unexpected, [], "the browser's console shows no errors");
+  assert.deepEqual(machine.wrong, [], "the scripted machine speaks as a real one does");
 });
 
 /** Lines of the console that the test provokes. */
@@ -45,14 +47,19 @@ function expectErrors(pattern) {
   expected.push(pattern);
 }
 
-/** Waits for M100 of seq 12, owned by `handler`. */
-function waitForM100(handler, change = {}) {
-  const output = {
+/** M100 of seq 12, owned by `handler`. */
+function output(handler, change = {}) {
+  return {
     seq: 12, run_id: "r", m: 100, params: { A: 5 }, timing: "after_motion", program: 1, line: 2, attempt: 1,
     redelivered: false, lost: false, state: handler ? "CLAIMED" : "OUTPUT", handler_id: handler, since: now(12000), ...change,
   };
-  machine.say("cs/1/m_code/pending", { outputs: [output] });
-  const waiting_on = { m: 100, seq: 12, since: output.since, ...(output.progress && { progress: output.progress }) };
+}
+
+/** Waits for it. */
+function waitForM100(handler, change = {}) {
+  const open = output(handler, change);
+  machine.say("cs/1/m_code/pending", { outputs: [open] });
+  const waiting_on = { m: 100, seq: 12, since: open.since, ...(open.progress && { progress: open.progress }) };
   machine.state(1, { execution: "WAIT", wait_state: "TOOL_LOAD", waiting_on, run_id: "r" });
 }
 
@@ -177,7 +184,7 @@ test("nothing moves by hand while a program runs or an alarm is active", async (
 });
 
 test("the run that a restart cut short is told", async () => {
-  const last_run = { boot_id: "boot-0", run_id: "r", program: 1, running: 1, line: 2, execution: "WAIT", outputs: [{ m: 100 }], at: now() };
+  const last_run = { boot_id: "boot-0", run_id: "r", program: 1, running: 1, line: 2, execution: "WAIT", outputs: [output(null)], at: now() };
   machine.answers.set("GET /cs/1/last_run", { status: 200, body: { last_run } });
   machine.state(1, { execution: "STOPPED", reason: "RESTARTED" });
   await page.reload();
@@ -203,7 +210,7 @@ test("who holds the control lease is shown, and a refused start says what to do"
 });
 
 test("broken program that is loaded shows all its errors", async () => {
-  const diagnostics = [2, 5, 9].map((line) => ({ code: "E0104", severity: "error", line, column: 4, message: `X has no value in line ${line}`, help: "Write a number." }));
+  const diagnostics = [2, 5, 9].map((line) => ({ code: "E0104", severity: "error", line, column: 4, end_line: line, end_column: 5, message: `X has no value in line ${line}`, help: "Write a number." }));
   machine.answers.set("POST /cs/1/load", { status: 422, body: { detail: "program 1 has 3 errors", code: "program_has_errors", diagnostics } });
   await screen.load("O0001");
   const dialog = page.getByRole("dialog", { name: "O0001: 3 errors" });
@@ -216,7 +223,7 @@ test("broken program that is loaded shows all its errors", async () => {
 
 test("findings of a program in the list open as a list", async () => {
   machine.programList = [{ number: 1, title: "ONE", bytes: 24, errors: 0, warnings: 1 }];
-  const diagnostics = [{ code: "W0201", severity: "warning", line: 2, column: 1, message: "M100 has no handler", help: "" }];
+  const diagnostics = [{ code: "W0201", severity: "warning", line: 2, column: 1, end_line: 2, end_column: 5, message: "M100 has no handler", help: "" }];
   machine.answers.set("POST /programs/1/check", { status: 200, body: { diagnostics, m_codes: [100], programs: [] } });
   await page.getByRole("button", { name: "Read again" }).click();
   await page.getByRole("button", { name: "1 warning in O0001: show" }).click();
@@ -279,7 +286,7 @@ test("path is drawn where the tool has been", async () => {
     return count;
   });
   assert.equal(await painted(), 0);
-  machine.say("cs/1/modal", { g: { "01": "G01" }, f: 600, s: 0, tool: 0, work_offset: "G54" });
+  machine.say("cs/1/modal", { g: { "01": "G01" }, f: 600, s: 0, ta: 100, td: 100, ts_ms: 50, tool: 0, work_offset: "G54" });
   for (const [X, Y] of [[50, 0], [50, 30], [0, 30]]) {
     machine.say("cs/1/position", { ...machine.topics.get("cs/1/position"), machine: { X, Y, Z: 0 } });
   }
@@ -353,7 +360,7 @@ for (const [width, height] of [[1280, 800], [1920, 1080], [1024, 768], [820, 118
 
 for (const scheme of ["light", "dark"]) {
   test(`${scheme} scheme: text stands out from its ground by 4.5 to 1`, async () => {
-    await page.context().close();
+    await close();
     await open({ colorScheme: scheme });
     await until(() => page.evaluate(() => document.documentElement.dataset.theme), scheme, "the scheme");
     const tones = ["ready", "active", "wait", "attention", "alarm", "done"];

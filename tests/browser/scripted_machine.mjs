@@ -4,6 +4,8 @@
 import { readFile } from "node:fs/promises";
 import { extname, join } from "node:path";
 
+import { wrongAsked, wrongFrame } from "./schemas.mjs";
+
 const WEB = new URL("../../web/", import.meta.url).pathname;
 const TYPES = { ".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml" };
 export const ORIGIN = "http://hmi.test";
@@ -39,6 +41,8 @@ export class ScriptedMachine {
   /** Program text by number. */
   programs = new Map();
   programList = [];
+  /** Frames of either side that no real machine sends or understands. */
+  wrong = [];
   reachable = true;
   #sockets = new Set();
 
@@ -50,6 +54,7 @@ export class ScriptedMachine {
       socket.subscribed = new Set();
       socket.onClose(() => this.#sockets.delete(socket));
       socket.onMessage((text) => {
+        this.#check(wrongAsked(text));
         for (const topic of JSON.parse(text).subscribe) {
           if (!socket.subscribed.has(topic) && this.topics.has(topic)) this.#send(socket, topic);
           socket.subscribed.add(topic);
@@ -87,7 +92,7 @@ export class ScriptedMachine {
       this.say(`cs/${number}/state`, STATE);
       this.say(`cs/${number}/program`, { number: null, nest_level: 0, stack: [], line: 0, block: "", interpreted_line: 0 });
       this.say(`cs/${number}/position`, { machine: zero, work: zero, distance_to_go: zero, actual: zero, following_error: zero, feedrate: 0, spindle_rpm: 0 });
-      this.say(`cs/${number}/modal`, { g: { "01": "G00" }, f: 0, s: 0, ta: 100, td: 100, ts: 50, tool: 0, work_offset: "G54" });
+      this.say(`cs/${number}/modal`, { g: { "01": "G00" }, f: 0, s: 0, ta: 100, td: 100, ts_ms: 50, tool: 0, work_offset: "G54" });
       this.say(`cs/${number}/m_code/pending`, { outputs: [] });
       this.say(`cs/${number}/override/state`, { feed: 100, rapid: 100, spindle: 100 });
       this.say(`cs/${number}/input/optional_skip/state`, { requested: [], effective: [], effective_from_line: 0 });
@@ -97,7 +102,13 @@ export class ScriptedMachine {
 
   #send(socket, topic) {
     this.rev += 1;
-    socket.send(JSON.stringify({ topic, v: 1, boot_id: this.bootId, ts: now(), rev: this.rev, ...this.topics.get(topic) }));
+    const frame = JSON.stringify({ topic, v: 1, boot_id: this.bootId, ts: now(), rev: this.rev, ...this.topics.get(topic) });
+    this.#check(wrongFrame(frame));
+    socket.send(frame);
+  }
+
+  #check(problem) {
+    if (problem) this.wrong.push(problem);
   }
 
   async #serve(route) {
@@ -112,12 +123,28 @@ export class ScriptedMachine {
     const path = pathname.slice("/api/v1".length);
     if (request.method() !== "GET") this.requests.push({ method: request.method(), path, body: request.postDataJSON() });
     const answer = this.answers.get(`${request.method()} ${path}`);
-    if (answer) return route.fulfill({ status: answer.status, json: answer.body });
+    if (answer) return route.fulfill(answer.status < 400 ? { status: answer.status, json: answer.body } : problem(answer));
     if (path === "/programs") return route.fulfill({ json: { programs: this.programList } });
     const text = this.programs.get(Number(/^\/programs\/(\d+)$/.exec(path)?.[1]));
     if (text !== undefined) return route.fulfill({ body: text, contentType: "text/plain; charset=utf-8" });
-    return route.fulfill({ status: request.method() === "GET" ? 200 : 202, json: {} });
+    return route.fulfill(this.#answer(request.method(), path, request.postDataJSON()));
   }
+
+  /** What a machine answers that has nothing against it. */
+  #answer(method, path, body) {
+    const handshake = /^\/cs\/\d+\/m_codes\/(\d+)\/(reset|answer)$/.exec(path);
+    if (handshake) return { json: { seq: Number(handshake[1]), handler_id: body.handler_id ?? "hmi", status: "accepted" } };
+    if (path.endsWith("/redeliver")) return { status: 204 };
+    if (path === "/machine") return { json: { v: 1, boot_id: this.bootId, ts: now(), ...BIRTH } };
+    if (path.endsWith("/last_run")) return { json: { last_run: null } };
+    return method === "GET" ? problem({ status: 404, body: { detail: `there is no ${path}` } }) : { status: 202, json: { command_id: "scripted" } };
+  }
+}
+
+/** Problem details, as a machine refuses. */
+function problem({ status, body }) {
+  const details = { type: "about:blank", title: "Refused", status, code: "refused", ...body };
+  return { status, body: JSON.stringify(details), contentType: "application/problem+json" };
 }
 
 export function now(agoMs = 0) {

@@ -23,7 +23,7 @@ after(async () => {
 });
 
 test("the screen asks for a token until it has a right one, and then connects", async () => {
-  const { page, errors } = await openPage(browser);
+  const { page, errors, close } = await openPage(browser);
   await page.goto(runtime.url);
   const enter = async (text) => {
     await page.getByRole("textbox", { name: "Token" }).fill(text);
@@ -33,12 +33,13 @@ test("the screen asks for a token until it has a right one, and then connects", 
   await page.getByText("does not know this token").waitFor();
   await enter(token);
   await page.getByText("Connected", { exact: true }).waitFor();
+  await close();
   // two tries without a right token, which the browser reports itself
   assert.deepEqual(errors.filter((error) => !error.includes("401")), []);
 });
 
 test("the page of the interface shows routes and topics, and loads nothing from elsewhere", async () => {
-  const { page, errors } = await openPage(browser);
+  const { page, errors, close } = await openPage(browser);
   const hosts = new Set();
   page.on("request", (request) => hosts.add(new URL(request.url()).origin));
   await page.goto(`${runtime.url}/api`);
@@ -46,6 +47,7 @@ test("the page of the interface shows routes and topics, and loads nothing from 
   await start.locator("summary").click();
   await start.getByText("Starts the loaded program from its head.").waitFor();
   await page.getByText("tandem/v1/{machine}/cs/{cs}/state", { exact: true }).waitFor();
+  await close();
   assert.deepEqual([...hosts], [runtime.url]);
   assert.deepEqual(errors, []);
 });

@@ -1,6 +1,7 @@
 //! The same sequence program over every transport: in process, over the embedded broker, over a Mosquitto, over REST.
 
 mod broker_loss;
+mod cancel;
 mod control_lease;
 mod crowd;
 mod handler_loss;

@@ -96,10 +96,10 @@ impl AuxOutput {
     }
 
     /// Tells how far the work is; shown on panels while the program waits. `text` has at most 200 characters,
-    /// `percent` is 0 to 100 or `None`.
+    /// `percent` is 0 to 100 or `None`. It shows nothing when the output is no longer this handler's.
     ///
     /// # Errors
-    /// The machine cannot be reached, or the output is no longer this handler's.
+    /// The machine cannot be reached.
     pub async fn progress(&self, text: impl Into<String>, percent: impl Into<Option<f64>>) -> Result<()> {
         let report = ProgressReport {
             boot_id: self.inner.boot_id.clone(),
@@ -145,6 +145,12 @@ impl Cancellation {
     /// Why it was cancelled; `None` while it is not, and when the reason was lost with a connection.
     pub fn reason(&self) -> Option<CancelReason> {
         self.state.borrow().reason
+    }
+
+    /// Waits until the output is cancelled or has ended otherwise.
+    pub(crate) async fn ended(&self) {
+        let mut state = self.state.clone();
+        let _closed = state.wait_for(|state| state.cancelled).await.is_err();
     }
 
     /// Waits until the output is cancelled; for ever when it ends otherwise.

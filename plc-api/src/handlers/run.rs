@@ -1,6 +1,7 @@
 //! The loop of a sequence program: what the machine says, and the work on outputs.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 
 use futures_util::StreamExt;
@@ -25,7 +26,7 @@ use crate::types::{BootId, CoordinateSystemNumber};
 
 use super::output::{AuxOutput, CancelState, Cancellation, cancel};
 use super::table::Table;
-use super::work::{Phase, RETRY, Work, until_answered};
+use super::work::{Phase, RETRY, Work, until_answered, words};
 
 /// An output across boots.
 type Key = (BootId, CoordinateSystemNumber, u64);
@@ -64,6 +65,8 @@ struct Runner<'a> {
     presence: Option<BootId>,
     systems: Vec<CoordinateSystemNumber>,
     pending: BTreeMap<CoordinateSystemNumber, (BootId, Pending)>,
+    // what of it has not been looked at
+    changed: BTreeSet<CoordinateSystemNumber>,
     running: HashMap<Key, Running>,
     tasks: FuturesUnordered<BoxFuture<'static, Ended>>,
     announced: bool,
@@ -92,6 +95,7 @@ pub(super) async fn run(
         presence: None,
         systems: Vec::new(),
         pending: BTreeMap::new(),
+        changed: BTreeSet::new(),
         running: HashMap::new(),
         tasks: FuturesUnordered::new(),
         announced: false,
@@ -103,7 +107,14 @@ pub(super) async fn run(
             // first what the machine says: a cancel reaches a handler before it is polled again
             biased;
             message = subscription.next() => match message {
-                Some(message) => runner.hear(&message),
+                Some(message) => {
+                    runner.hear(&message);
+                    // a later `pending` takes the place of one that waits: the cancel that it follows may stand behind it
+                    while let Some(message) = subscription.try_next() {
+                        runner.hear(&message);
+                    }
+                    runner.look_at_changed();
+                }
                 None => return Ok(()),
             },
             Some(ended) = runner.tasks.next() => runner.end(ended),
@@ -129,7 +140,7 @@ impl Runner<'_> {
                 self.presence = boot;
                 if changed {
                     self.announce();
-                    self.look_at_all();
+                    self.changed.extend(self.pending.keys());
                 }
             }
             (_, Payload::Birth(birth)) => {
@@ -156,7 +167,7 @@ impl Runner<'_> {
             (Topic::CoordinateSystem(cs, CsTopic::Pending), Payload::Pending(pending)) => {
                 self.pending
                     .insert(*cs, (message.boot_id.clone(), pending.clone()));
-                self.look_at(*cs);
+                self.changed.insert(*cs);
             }
             _ => {}
         }
@@ -182,6 +193,12 @@ impl Runner<'_> {
             }
             Ended::Validated
         }));
+    }
+
+    fn look_at_changed(&mut self) {
+        for cs in std::mem::take(&mut self.changed) {
+            self.look_at(cs);
+        }
     }
 
     fn look_at_all(&mut self) {
@@ -250,6 +267,7 @@ impl Runner<'_> {
             cs: *cs,
             m: pending.output.m,
             seq: pending.output.seq,
+            cancellation: cancellation.clone(),
             turn: tokio::sync::Mutex::default(),
         });
         let work = Work {
@@ -277,10 +295,18 @@ impl Runner<'_> {
             reclaiming: false,
         };
         self.running.insert(key.clone(), running);
-        let work = Abortable::new(work.run(), registration);
+        let mut work = Box::pin(Abortable::new(work.run(), registration));
         self.tasks.push(Box::pin(async move {
-            // the future, and with it the handler, is dropped before the end is known
-            let _aborted = work.await;
+            let _aborted = (&mut work).await;
+            // the future, and with it the handler, is dropped before the end is known; its clean-up ends no other
+            let dropped = catch_unwind(AssertUnwindSafe(|| drop(work)));
+            if let Err(panicked) = dropped {
+                tracing::error!(
+                    seq = key.2,
+                    "the clean-up of a handler panicked: {}",
+                    words(&*panicked)
+                );
+            }
             Ended::Work(key)
         }));
     }

@@ -125,6 +125,53 @@ async fn d34_a_cancel_drops_the_future_and_tells_why() {
 }
 
 #[tokio::test]
+async fn d34_the_reason_of_a_cancel_is_told_also_when_the_pending_topic_shows_it_first() {
+    let fake = FakePort::new([1]);
+    let reason = Arc::new(Mutex::new(None));
+    let told = Arc::clone(&reason);
+    let program = SequenceProgram::new().on(100, move |output: AuxOutput, plc: Plc| {
+        let (told, cancellation) = (Arc::clone(&told), output.cancellation());
+        tokio::spawn(async move { *told.lock().unwrap() = cancellation.cancelled().await });
+        async move {
+            plc.sleep(seconds(1000)).await;
+            Ok(())
+        }
+    });
+    let _task = serve(&fake, program).await;
+    fake.put_out(1, 100, Params::default());
+    fake.settle().await;
+    // another output changes `pending`, and before that is read the cancel comes
+    fake.put_out(1, 101, Params::default());
+    fake.cancel(1, CancelReason::Abort);
+    fake.settle().await;
+    assert_eq!(*reason.lock().unwrap(), Some(CancelReason::Abort));
+}
+
+#[tokio::test]
+async fn a_panic_while_a_cancelled_handler_is_dropped_leaves_the_others_alone() {
+    struct Fragile;
+    impl Drop for Fragile {
+        fn drop(&mut self) {
+            panic!("the clean-up");
+        }
+    }
+    let fragile = |_output: AuxOutput, plc: Plc| async move {
+        let _fragile = Fragile;
+        plc.sleep(seconds(1000)).await;
+        Ok(())
+    };
+    let fake = FakePort::new([1]);
+    let _task = serve(&fake, SequenceProgram::new().on(7, fragile).on(100, slow)).await;
+    fake.put_out(1, 7, Params::default());
+    fake.settle().await;
+    fake.cancel(1, CancelReason::Stop);
+    fake.settle().await;
+    let after = fake.put_out(1, 100, params(1.0));
+    fake.advance(seconds(1)).await;
+    assert_eq!(fake.closed(1, after), Some(Closed::Reset));
+}
+
+#[tokio::test]
 async fn d36_a_timed_out_output_drops_its_handler() {
     let fake = FakePort::new([1]);
     let _task = serve(&fake, SequenceProgram::new().on(100, slow)).await;

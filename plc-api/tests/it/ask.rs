@@ -125,6 +125,25 @@ async fn a_lost_handler_asks_no_more_and_only_the_owner_asks() {
 }
 
 #[tokio::test]
+async fn a_handler_that_lost_only_its_connection_asks_again() {
+    let fake = FakePort::new([1]);
+    let _task = serve(&fake, SequenceProgram::new().on(80, measure).handler_id("h")).await;
+    let seq = fake.put_out(1, 80, Params::default());
+    fake.settle().await;
+    let mill = fake.plc().coordinate_system(1);
+    let before = mill.question().await.unwrap();
+    fake.lose_handler("h");
+    fake.settle().await;
+    fake.advance(ms(2000)).await;
+    assert_eq!(fake.closed(1, seq), None, "it waits for its answer as before");
+    let asked = mill.question().await.unwrap();
+    assert_eq!(asked.question.text, before.question.text);
+    mill.answer(&asked, "yes").await.unwrap();
+    fake.settle().await;
+    assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
+}
+
+#[tokio::test]
 async fn an_answer_counts_once_and_names_question_and_choice() {
     let fake = FakePort::new([1]);
     let program = SequenceProgram::new().on(80, async |output: AuxOutput, plc: Plc| {

@@ -68,6 +68,18 @@ async fn a_cancelled_output_is_off_and_a_reset_reaches_no_later_one() {
 }
 
 #[tokio::test]
+async fn a_scan_of_the_longest_period_scans_once_and_its_handlers_stay() {
+    let fake = FakePort::new([1]);
+    let program = SequenceProgram::new().scan(20, std::time::Duration::MAX, |_image: &mut Image| {});
+    let task = serve(&fake, program).await;
+    let seq = fake.put_out(1, 20, Params::default());
+    fake.advance(ms(100_000)).await;
+    assert!(!task.is_finished());
+    assert_eq!(fake.closed(1, seq), None);
+    assert_eq!(fake.pending(1)[0].state, OutputState::Claimed);
+}
+
+#[tokio::test]
 async fn what_a_scan_writes_is_carried_out_after_it() {
     let fake = FakePort::new([1]);
     let program = SequenceProgram::new().scan(20, ms(10), |image: &mut Image| {

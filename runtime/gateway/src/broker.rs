@@ -19,7 +19,8 @@ use mqtt5::broker::config::{AuthConfig, AuthMethod, RateLimitConfig, StorageBack
 use mqtt5::broker::events::{
     BrokerEventHandler, ClientConnectEvent, ClientDisconnectEvent, ClientPublishEvent, PublishAction,
 };
-use mqtt5::broker::{AuthProvider, BrokerConfig, BrokerShutdownHandle, MqttBroker};
+use mqtt5::broker::storage::ClientSession;
+use mqtt5::broker::{AuthProvider, BrokerConfig, BrokerShutdownHandle, MqttBroker, ResourceLimits};
 use mqtt5::packet::connect::ConnectPacket;
 use mqtt5::types::ReasonCode;
 use subtle::ConstantTimeEq;
@@ -34,10 +35,14 @@ use crate::access::{LiveTokens, Rate, User, random_secret};
 use crate::error::GatewayError;
 use crate::mqtt::inbound;
 use crate::settings::{MQTT_LISTEN, listen_error};
-use sessions::Sessions;
+use sessions::{REMEMBERED_MAX, Sessions};
 
 /// Clients that may be connected; more are refused.
 const CLIENTS_MAX: usize = 256;
+/// New connections within [`CONNECTING_TIME`], which the library gives each to say who it is: so many sockets at most
+/// hold nobody yet. With the clients and those of HTTP they stay below the 1024 files that a process may have open.
+const CONNECTING_MAX: u32 = 400;
+const CONNECTING_TIME: Duration = Duration::from_secs(10);
 /// Bytes of one packet. Reason: the largest message, `birth`, stays far below.
 const PACKET_MAX: usize = 1024 * 1024;
 /// Subscriptions of one client.
@@ -115,6 +120,7 @@ impl Broker {
             Ok(broker) => broker,
             Err(error) => return Err(why_not(address, &error).await),
         };
+        broker.resource_monitor().update_limits(limits());
         let addr = broker.local_addr().unwrap_or(address);
         let watch = guard.access.tokens.clone().map(|tokens| {
             let watch = Arc::clone(&guard).end_revoked(addr, tokens);
@@ -163,6 +169,23 @@ async fn why_not(address: SocketAddr, error: &impl std::fmt::Display) -> Gateway
     match TcpListener::bind(address).await {
         Err(source) => listen_error(MQTT_LISTEN, address, source),
         Ok(_) => GatewayError::Broker(error.to_string()),
+    }
+}
+
+/// True for a client whose session outlives its connection.
+fn outlives(connect: &ConnectPacket) -> bool {
+    ClientSession::expiry_from_connect(connect) != Some(0)
+}
+
+/// Limits of connections. Those of messages are the [`Guard`]'s own.
+fn limits() -> ResourceLimits {
+    ResourceLimits {
+        max_connections: CLIENTS_MAX,
+        max_connections_per_ip: CLIENTS_MAX,
+        max_message_rate_per_client: 0,
+        max_bandwidth_per_client: 0,
+        max_connection_rate: CONNECTING_MAX,
+        rate_limit_window: CONNECTING_TIME,
     }
 }
 
@@ -302,6 +325,12 @@ impl Guard {
             Some(will) if !self.may_publish(name_of(user.clone()).as_deref(), &will.topic) => {
                 let text = format!("it may not publish its will on {}", will.topic);
                 Err((ReasonCode::NotAuthorized, text))
+            }
+            _ if !self.sessions.remember(&connect.client_id, outlives(connect)) => {
+                let text = format!(
+                    "the broker remembers {REMEMBERED_MAX} clients that may be away; take a clean session"
+                );
+                Err((ReasonCode::QuotaExceeded, text))
             }
             _ => Ok(user.and_then(|user| {
                 let name = user.name.clone();

@@ -159,6 +159,7 @@ impl SimulatedSpindle {
         self.direction = direction;
         self.owes_report = direction == SpindleDirection::Orient;
         if direction == SpindleDirection::Orient {
+            self.target_rpm = 0.0;
             return;
         }
         self.approach = None;
@@ -332,6 +333,19 @@ mod tests {
                 "never faster than it turned: {widest}"
             );
         }
+    }
+
+    #[test]
+    fn once_oriented_it_rests_whatever_speed_was_commanded_before() {
+        let mut spindle = spindle();
+        spindle.command(SpindleDirection::Cw, 500.0);
+        for _ in 0..1000 {
+            spindle.cycle();
+        }
+        spindle.command(SpindleDirection::Orient, 0.0);
+        assert!(!spindle.rests());
+        while !spindle.cycle() {}
+        assert!(spindle.is_oriented() && spindle.rests());
     }
 
     #[test]

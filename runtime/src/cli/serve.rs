@@ -22,7 +22,8 @@ pub struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> u8 {
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("warn,journal=info"));
+    let filter =
+        EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("warn,journal=info,mqtt5=error"));
     tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_ansi(std::io::stderr().is_terminal())

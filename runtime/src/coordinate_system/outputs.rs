@@ -49,26 +49,22 @@ impl CoordinateSystem {
         !output.has_params() && settings.is_some_and(|settings| settings.timing == Timing::WithMotion)
     }
 
-    pub(super) fn put_out_after_motion(&mut self, output: Output) {
+    /// Puts out at a standstill; false when it has to wait for the reset of the same M number (D32), or for room.
+    pub(super) fn put_out_after_motion(&mut self, output: Output) -> bool {
         self.view.update(|place| place.executing = output.origin);
-        match self.enqueue(output, Timing::AfterMotion) {
-            Some(seq) => {
-                self.ledger.put_out(self.shared.now(), seq);
-                self.set_phase(Phase::Reset { seq });
-                self.carry_out_effects();
-            }
-            None => self.set_phase(Phase::Standstill(super::preparation::Then::Output(output))),
-        }
+        let Some(seq) = self.enqueue(output, Timing::AfterMotion) else {
+            self.set_phase(Phase::Room(output));
+            return false;
+        };
+        self.ledger.put_out(self.shared.now(), seq);
+        self.set_phase(Phase::Reset { seq });
+        self.carry_out_effects();
+        true
     }
 
     /// Puts out while motion goes on; false when it has to wait (D32).
     pub(super) fn put_out_with_motion(&mut self, output: Output) -> bool {
-        let seq = if self.ledger.is_open(output.m) {
-            None
-        } else {
-            self.enqueue(output, Timing::WithMotion)
-        };
-        let Some(seq) = seq else {
+        let Some(seq) = self.enqueue(output, Timing::WithMotion) else {
             // Nothing follows soon: what is held back comes to rest here.
             let phase = match self.pipeline.flush() {
                 Ok(()) => Phase::Room(output),
@@ -84,6 +80,18 @@ impl CoordinateSystem {
         }
         self.carry_out_effects();
         true
+    }
+
+    /// Puts out what had to wait; false when it still has to.
+    pub(super) fn put_out_if_room(&mut self, output: Output, held: bool) -> bool {
+        if self.is_with_motion(&output) {
+            return self.put_out_with_motion(output);
+        }
+        if held {
+            self.set_phase(Phase::Room(output));
+            return false;
+        }
+        self.put_out_after_motion(output)
     }
 
     /// Makes the outputs that a hold kept back.
@@ -104,7 +112,11 @@ impl CoordinateSystem {
         }
     }
 
+    /// `None` while an output of the same M number is open (D32), and while there is no room.
     fn enqueue(&mut self, output: Output, timing: Timing) -> Option<u64> {
+        if self.ledger.is_open(output.m) {
+            return None;
+        }
         let run = self.run.as_mut()?;
         run.steps.in_block = true;
         let run_id = run.id.clone();

@@ -52,7 +52,7 @@ pub(super) enum Phase {
     Standstill(Then),
     /// An `after_motion` output is open.
     Reset { seq: u64 },
-    /// A `with_motion` output whose M number is still open, or for which the ledger has no room (D32).
+    /// An output whose M number is still open (D32), or for which the ledger has no room.
     Room(Output),
     /// M00, or M01 with the optional stop on.
     Paused(ProgramStop),
@@ -138,8 +138,7 @@ impl CoordinateSystem {
                     }
                     return false;
                 }
-                self.at_standstill(then);
-                true
+                self.at_standstill(then)
             }
             Phase::Reset { seq } => {
                 let open = self.ledger.get(seq).is_some();
@@ -148,7 +147,7 @@ impl CoordinateSystem {
                 }
                 !(open || held)
             }
-            Phase::Room(output) => self.put_out_with_motion(output),
+            Phase::Room(output) => self.put_out_if_room(output, held),
             Phase::Paused(stop) => {
                 run.phase = Phase::Paused(stop);
                 false
@@ -235,14 +234,15 @@ impl CoordinateSystem {
         }
     }
 
-    fn at_standstill(&mut self, then: Then) {
+    /// False when it has to wait.
+    fn at_standstill(&mut self, then: Then) -> bool {
         self.follow_changes(u64::MAX);
         match then {
             Then::Interpret => {}
             Then::BlockEnd => self.block_ended(),
             Then::Output(output) => {
                 self.pipeline.bar_way_back();
-                self.put_out_after_motion(output);
+                return self.put_out_after_motion(output);
             }
             Then::Stop(stop) if stop.optional && !self.inputs.optional_stop => {}
             Then::Stop(stop) => {
@@ -262,6 +262,7 @@ impl CoordinateSystem {
                 }
             }
         }
+        true
     }
 
     pub(super) fn raise_entry(&mut self, entry: &AlarmEntry, text: &str, origin: Option<Origin>) {

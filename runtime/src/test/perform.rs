@@ -11,7 +11,7 @@ use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::output::OutputNotice;
 use plc_api::types::request::{Answer, Request};
-use plc_api::types::state::State;
+use plc_api::types::state::{Captured, State};
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::{Alarm, CoordinateSystem, Error, Execution, Params, Plc, SequenceProgram};
 use serde_json::Value;
@@ -359,7 +359,8 @@ impl Stage {
             "reset" => self.answered(line, at_s),
             "stop" => format!("stop M{:02}", number("m")),
             "alarm" => format!("alarm {}", number("number")),
-            "resume" | "capture" | "warning" | "end" => line.event.to_owned(),
+            "capture" => self.captured(line),
+            "resume" | "warning" | "end" => line.event.to_owned(),
             _ => return,
         };
         let is_repeated = line.event == "block"
@@ -377,6 +378,13 @@ impl Stage {
             let made = number("m");
             self.cue(|cue| matches!(cue, Cue::Output(m) if u64::from(m) == made));
         }
+    }
+
+    // of the topic a subscriber gets only the last value, and each only once
+    fn captured(&mut self, line: &Line) -> String {
+        let captured = serde_json::from_value::<Captured>(Value::Object(line.fields.clone()));
+        self.run.captured.extend(captured.ok());
+        line.event.to_owned()
     }
 
     fn made(&mut self, line: &Line, at_s: f64) -> String {
@@ -430,9 +438,6 @@ impl Stage {
             (Topic::CoordinateSystem(cs, CsTopic::Cancel(_)), Payload::Cancel(cancel)) => {
                 let at_s = self.now_s();
                 self.end_output(*cs, cancel.seq, at_s, Ended::Cancelled(cancel.reason));
-            }
-            (Topic::CoordinateSystem(_, CsTopic::Captured), Payload::Captured(captured)) => {
-                self.run.captured.push(captured.clone());
             }
             (Topic::AlarmEvent, Payload::AlarmEvent(alarm))
                 if !self.run.alarms.iter().any(|known| known.id == alarm.id) =>

@@ -21,7 +21,7 @@ pub struct Run {
     pub outputs: Vec<OutputRecord>,
     /// Alarms and warnings in the order in which they were raised.
     pub alarms: Vec<AlarmRecord>,
-    /// What each G31 captured.
+    /// What each G31 captured, in their order.
     pub captured: Vec<Captured>,
     /// State words that each coordinate system came into, from its start on.
     pub states: Vec<StateChange>,

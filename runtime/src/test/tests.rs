@@ -48,6 +48,57 @@ fn a_run_repeats_exactly() {
     assert!(first.time_s > 1.0 + 0.333);
 }
 
+/// The demo machine, with drives that follow their commands late.
+fn lagging() -> Bench {
+    let mut machine = Config::demo().resolve().unwrap();
+    for system in &mut machine.coordinate_systems {
+        system.programs.clear();
+        for motor in system.settings.motors.iter_mut().flatten() {
+            motor.lag_ms = 12.0;
+        }
+    }
+    Bench::on_machine(machine)
+}
+
+#[test]
+fn motion_probing_tapping_holds_and_handlers_that_sleep_repeat_exactly_with_drives_that_lag_or_not() {
+    const TEXT: &str = "S1000 F6000 M03\nwhile (P1 < 5) {\nG01 X20 Z-5\nM20 VA0.5\nG01 X0 Z0\nG31 Z-20\nG01 Z0 F6000\n\
+                        M21\nG84 X10 Z-10 R-5 F500 S500\nG80\nG01 X0 Z0 F6000\nM22 VA0.333\nG04 P30000\nP1 = P1 + 1\n}\nM30";
+    let run = |bench: Bench| {
+        let bench = bench
+            .serve(
+                SequenceProgram::new()
+                    .on(20, wait)
+                    .on([21, 22], async |output: AuxOutput, plc: Plc| {
+                        output.progress("turns", 50.0).await?;
+                        plc.sleep(Duration::from_micros(123_456)).await;
+                        Ok(())
+                    }),
+            )
+            .beside(2, 20, "G01 X30 F100\nM21\nG00 X0\nM30")
+            .at_s(0.7, |scene| async move {
+                scene.cs(1).hold().await?;
+                scene.plc().sleep(Duration::from_millis(333)).await;
+                scene.cs(1).resume().await
+            })
+            .at_line(6, |scene| async move {
+                scene.plc().sleep(Duration::from_millis(40)).await;
+                scene.plc().set_skip_input(3, true).await
+            });
+        bench.run(TEXT).unwrap().completed().unwrap()
+    };
+    for machine in [Bench::new, lagging] {
+        let first = run(machine());
+        assert_eq!(first, run(machine()));
+        assert!(first.time_s > 150.0 && first.captured.len() == 5, "{first:?}");
+        assert!(
+            first.captured.iter().any(|of_block| of_block.captured[2]),
+            "{:?}",
+            first.captured
+        );
+    }
+}
+
 #[test]
 fn what_happens_stands_in_order() {
     let run = bench().run("G90 G01 X1 F600\nM20 VA0.1\nM00\nX2\nM30");

@@ -95,6 +95,34 @@ fn d32_the_same_m_number_again_waits_for_the_reset_of_the_first() {
 }
 
 #[test]
+fn d32_the_same_m_number_again_waits_also_where_its_parameters_make_it_after_motion() {
+    let run = run("M20\nM20 VA1\nM20\nM30\n");
+    let each = ["output 20", "reset 20"];
+    assert_eq!(
+        run.story(&["output", "reset", "end"]),
+        [&each.repeat(3)[..], &["end"]].concat()
+    );
+    let cycle_s = run.cycle_time_s();
+    assert!(
+        (1.5 - 1e-9..1.507).contains(&cycle_s),
+        "three times 500 ms, not {cycle_s}"
+    );
+}
+
+#[test]
+fn an_after_motion_output_waits_for_room_among_as_many_open_outputs_as_there_may_be() {
+    let machine = Machine::new(M_CODES);
+    let config = std::fs::read_to_string(machine.config()).unwrap();
+    let system = "[[coordinate_system]]\nnumber = 1\n";
+    assert!(config.contains(system), "{config}");
+    let narrow = config.replacen(system, &format!("{system}open_outputs_max = 2\n"), 1);
+    machine.write("tandem.toml", &narrow);
+    let run = simulate_on(&machine, "M20\nM21\nM100\nM30\n", &[]).completed();
+    let waited_s = run.at_s("output", "m", 100);
+    assert!((0.5 - 1e-9..0.502).contains(&waited_s), "{waited_s}");
+}
+
+#[test]
 fn d32_different_with_motion_codes_are_open_at_the_same_time() {
     let run = run("M20\nM21\nM30\n");
     assert_eq!(

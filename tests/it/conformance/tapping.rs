@@ -96,6 +96,14 @@ fn d42_levels_count_in_work_coordinates() {
     assert_eq!((run.machine("Z"), run.work("Z")), (0.0, -30.0));
 }
 
+#[test]
+fn d42_a_cycle_orients_a_spindle_that_turns_by_m03_and_taps() {
+    let run = simulate("F100 S300 M03\nG99 G84 Z-10 R0\nG80\nM30\n").completed();
+    assert_eq!(run.story(&["output"]), ["output 3", "output 19", "output 5"]);
+    let depth = run.trace.iter().map(|row| row.axes[Z]).fold(0.0, f64::min);
+    assert_eq!(depth, -10.0);
+}
+
 /// One axis, Z, and no spindle; M03, M04 and M19 are reset at once.
 fn without_spindle() -> Machine {
     let auto_reset = [3, 4, 19].map(|m| format!("[m_code.{m}]\nunhandled = \"auto_reset\"\n"));

@@ -4,7 +4,7 @@ use serde_json::Value;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 
-use super::schemas::check_answer;
+use super::schemas::{check_accepted, check_answer};
 use super::wait::within;
 
 /// An answer.
@@ -72,6 +72,11 @@ pub async fn request_with(
         let bytes = exchange(address, method, path, kind, body, headers).await;
         let answer = parse(&bytes.expect("the HTTP port answers"));
         if let Err(error) = check_answer(method, path, answer.status, &answer.body) {
+            panic!("{error}");
+        }
+        if answer.status < 300
+            && let Err(error) = check_accepted(method, path, body)
+        {
             panic!("{error}");
         }
         answer

@@ -51,7 +51,13 @@ fn check(schema: &Value, value: &Value) -> Result<(), String> {
         let made = validators.entry(key).or_insert_with(|| {
             let mut whole = schema.clone();
             whole["components"] = all.openapi["components"].clone();
-            Arc::new(jsonschema::validator_for(&whole).expect("a schema"))
+            let mut options = jsonschema::options();
+            for width in ["uint8", "uint16", "uint32", "uint64"] {
+                // their bounds stand beside them
+                options = options.with_format(width, |_: &str| true);
+            }
+            let options = options.should_validate_formats(true);
+            Arc::new(options.build(&whole).expect("a schema"))
         });
         Arc::clone(made)
     };
@@ -120,21 +126,41 @@ pub fn check_asked(frame: &Value) -> Result<(), String> {
     check(&named("WebSocketRequest"), frame).map_err(|error| format!("{error} in {frame}"))
 }
 
+/// The operations of a path below `/api/v1`.
+fn operations(path: &str) -> Option<&'static Value> {
+    let path = path.split('?').next().unwrap_or(path);
+    let paths = documents().openapi["paths"].as_object().expect("paths");
+    let found = paths.iter().find(|(template, _)| fits(template, path));
+    found.map(|(_, operations)| operations)
+}
+
+/// What is wrong with a JSON body that the machine has accepted.
+pub fn check_accepted(method: &str, path: &str, body: &str) -> Result<(), String> {
+    let operations = path.strip_prefix("/api/v1").and_then(operations);
+    let Some(operations) = operations.filter(|_| !body.is_empty()) else {
+        return Ok(());
+    };
+    let content = &operations[method.to_lowercase()]["requestBody"]["content"];
+    let Some(schema) = content["application/json"].get("schema") else {
+        return Ok(());
+    };
+    let value: Value = serde_json::from_str(body).map_err(|error| format!("{method} {path}: {error}"))?;
+    check(schema, &value).map_err(|error| format!("{method} {path} was accepted: {error} in {body}"))
+}
+
 /// What is wrong with an answer of `/api/v1`: a status or a form that the document does not name.
 pub fn check_answer(method: &str, path: &str, status: u16, body: &str) -> Result<(), String> {
     let Some(path) = path.strip_prefix("/api/v1") else {
         return Ok(());
     };
-    let path = path.split('?').next().unwrap_or(path);
-    let paths = documents().openapi["paths"].as_object().expect("paths");
-    let Some(operations) = paths.iter().find(|(template, _)| fits(template, path)) else {
+    let Some(operations) = operations(path) else {
         return if status == 404 {
             Ok(())
         } else {
             Err(format!("no document names {path}"))
         };
     };
-    let responses = &operations.1[method.to_lowercase()]["responses"];
+    let responses = &operations[method.to_lowercase()]["responses"];
     let content = match &responses[status.to_string()] {
         Value::Null if status == 405 => return Ok(()),
         Value::Null => return Err(format!("{method} {path}: no document names status {status}")),
@@ -161,6 +187,7 @@ fn a_message_that_is_not_of_its_form_is_found() {
         ("other", json!(1)),
         ("v", json!(2)),
         ("boot_id", Value::Null),
+        ("ts", json!("today")),
     ] {
         let mut message = good.clone();
         message[key] = wrong;
@@ -173,6 +200,8 @@ fn a_message_that_is_not_of_its_form_is_found() {
     assert!(check_answer("GET", "/api/v1/cs/1/state", 404, "{}").is_err());
     assert!(check_answer("GET", "/api/v1/cs/1/state", 500, "{}").is_err());
     assert!(check_answer("GET", "/api/v1/health", 302, "").is_err());
+    assert!(check_accepted("POST", "/api/v1/cs/1/load?wait=1", "{\"program\":1}").is_ok());
+    assert!(check_accepted("POST", "/api/v1/cs/1/load?wait=1", "{\"program\":\"1\"}").is_err());
 }
 
 #[test]

@@ -7,7 +7,8 @@ use std::time::Duration;
 use futures_util::{SinkExt, StreamExt};
 use rumqttc::{AsyncClient, Event, EventLoop, MqttOptions, NetworkOptions, Packet, QoS};
 use serde_json::{Value, json};
-use tokio::net::TcpSocket;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::{TcpSocket, TcpStream};
 use tokio_tungstenite::tungstenite::Message;
 
 use super::{Reached, over_mosquitto, over_the_embedded_broker};
@@ -207,4 +208,56 @@ async fn over_the_embedded_broker_who_reads_nothing_holds_up_neither_motion_nor_
 async fn over_mosquitto_who_reads_nothing_holds_up_neither_motion_nor_others() {
     let (reached, broker) = over_mosquitto().await;
     who_reads_nothing_holds_up_neither_motion_nor_others(&reached, &broker.address()).await;
+}
+
+/// Whether a broker takes a client, with a session that outlives the connection or not. What it does not take it closes.
+async fn is_let_in(broker: &str, id: u16, outlives: bool) -> bool {
+    // MQTT 3.1.1, a minute of keep-alive, a client id of four letters
+    let mut connect = b"\x10\x10\x00\x04MQTT\x04\x02\x00\x3c\x00\x04".to_vec();
+    connect[9] = if outlives { 0 } else { 2 };
+    connect.extend(format!("{id:04}").bytes());
+    let mut stream = TcpStream::connect(broker).await.unwrap();
+    let mut answer = [0; 4];
+    let asked = async {
+        stream.write_all(&connect).await?;
+        stream.read_exact(&mut answer).await
+    };
+    within("an answer", asked).await.is_ok() && (answer[0], answer[3]) == (0x20, 0)
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn mqtt_connections_that_do_not_say_who_they_are_are_bounded_and_go() {
+    let reached = over_the_embedded_broker().await;
+    let served = reached.served();
+    let panel = Bus::connect(&served.broker, "test-1").await;
+    let mut silent = Vec::new();
+    while is_let_in(&served.broker, 1, false).await {
+        assert!(silent.len() < 2000, "{} connections are open", silent.len());
+        for _ in 0..100 {
+            silent.push(TcpStream::connect(&served.broker).await.unwrap());
+        }
+    }
+    panel.publish("cs/1/override/set", &json!({"feed": 55})).await;
+    let feed = panel
+        .history
+        .find("cs/1/override/state", |value| value["feed"] == 55.0);
+    within("the override of a client that was there", feed).await;
+    let again = until("room", async || {
+        is_let_in(&served.broker, 1, false).await.then_some(())
+    });
+    again.await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn mqtt_sessions_that_outlive_their_connections_are_bounded() {
+    let reached = over_the_embedded_broker().await;
+    let broker = &reached.served().broker;
+    let mut taken = 0;
+    while is_let_in(broker, taken, true).await {
+        taken += 1;
+        assert!(taken < 300, "{taken} sessions wait for their clients");
+    }
+    assert!(taken >= 32, "only {taken} sessions");
+    assert!(is_let_in(broker, 0, true).await, "one that is known comes back");
+    assert!(is_let_in(broker, taken, false).await, "a clean session is taken");
 }

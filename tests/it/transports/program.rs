@@ -2,10 +2,8 @@
 
 use std::sync::{Arc, Mutex};
 
-use plc_api::types::message::Payload;
 use plc_api::types::request::RefusalCode;
 use plc_api::types::state::Reason;
-use plc_api::types::topic::Topic;
 use plc_api::{Alarm, AuxOutput, Execution, Params, Plc, SequenceProgram};
 use tokio::sync::Notify;
 
@@ -81,13 +79,10 @@ async fn a_handler_error_is_an_alarm(reached: &Reached) {
     let state = within("STOPPED", stopped).await.expect("a state");
     assert_eq!((state.execution, state.alarm_count), (Execution::Stopped, 1));
 
-    let active = within("alarms", plc.port().read(&Topic::AlarmActive))
-        .await
-        .expect("a value");
-    let Payload::AlarmActive(active) = &active.payload else {
-        panic!("{active:?}");
+    let alarms = within("alarms", plc.alarms()).await.expect("alarms");
+    let [alarm] = alarms.as_slice() else {
+        panic!("{alarms:?}");
     };
-    let alarm = &active.alarms[0];
     assert_eq!(
         (alarm.number, alarm.text.as_str()),
         (10_007, "the magazine is empty: ä€")
@@ -96,6 +91,14 @@ async fn a_handler_error_is_an_alarm(reached: &Reached) {
         (alarm.cs, alarm.program, alarm.line),
         (Some(1), Some(50), Some(2))
     );
+    let seen = system.acknowledge_alarm(alarm.id);
+    within("acknowledged", seen).await.expect("acknowledged");
+    until("somebody has seen it", async || {
+        plc.alarms().await.ok()?[0].acknowledged_by.clone()
+    })
+    .await;
+    let unknown = system.acknowledge_alarm(alarm.id + 1);
+    assert!(within("acknowledged", unknown).await.is_err(), "no such alarm");
     // Over MQTT positions come ten times a second: this is where it came to rest.
     until("X rests at 5", async || {
         let position = system.position().await.expect("a position");
@@ -103,6 +106,10 @@ async fn a_handler_error_is_an_alarm(reached: &Reached) {
     })
     .await;
     within("reset", system.reset()).await.expect("reset");
+    until("no alarm stands", async || {
+        plc.alarms().await.ok()?.is_empty().then_some(())
+    })
+    .await;
     handlers.abort();
 }
 

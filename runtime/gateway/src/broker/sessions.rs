@@ -7,9 +7,10 @@ use std::time::Duration;
 
 use mqtt5::broker::events::ClientConnectEvent;
 use rumqttc::{AsyncClient, Event, MqttOptions, Packet, QoS};
+use tokio::time::Instant;
 use tracing::warn;
 
-use super::CLIENTS_MAX;
+use super::{CLIENTS_MAX, SESSION_EXPIRY};
 use crate::access::{Rate, Tokens, User};
 
 /// Tries with a wrong token from one address: at once, and a second after that; more are told to come later.
@@ -18,6 +19,9 @@ const WRONG_PER_SECOND: u32 = 10;
 
 /// Addresses whose wrong tries are counted; the count of all is forgotten when there are more.
 const WRONG_ADDRESSES_MAX: usize = 1024;
+
+/// Sessions that outlive their connections; more are refused. Reason: messages wait in memory for each that is away.
+pub(super) const REMEMBERED_MAX: usize = 64;
 
 /// Time to end a session.
 const END_MAX: Duration = Duration::from_secs(2);
@@ -45,6 +49,8 @@ pub(super) struct Sessions {
     // the latest connection of each client id, and how many have not ended: one that is taken over ends later
     connected: Mutex<HashMap<Arc<str>, (Session, u32)>>,
     wrong: Mutex<HashMap<IpAddr, Rate>>,
+    // sessions that outlive their connections, and since when each is away
+    remembered: Mutex<HashMap<String, Option<Instant>>>,
 }
 
 impl Sessions {
@@ -56,6 +62,22 @@ impl Sessions {
         }
         let new = || Rate::new(WRONG_BURST, WRONG_PER_SECOND);
         wrong.entry(address).or_insert_with(new).take().is_ok()
+    }
+
+    /// Counts a client that comes, whose session outlives its connection or does not. False beyond the limit.
+    pub(super) fn remember(&self, client_id: &str, outlives: bool) -> bool {
+        let mut remembered = lock(&self.remembered);
+        if !outlives {
+            remembered.remove(client_id);
+            return true;
+        }
+        remembered.retain(|_, away| away.is_none_or(|since| since.elapsed() < SESSION_EXPIRY));
+        if client_id.is_empty() || remembered.len() >= REMEMBERED_MAX && !remembered.contains_key(client_id) {
+            return false;
+        }
+        // away until it is connected
+        remembered.insert(client_id.to_owned(), Some(Instant::now()));
+        true
     }
 
     pub(super) fn admit(&self, client_id: &str, user: User) {
@@ -70,6 +92,9 @@ impl Sessions {
     /// A client is connected; where nobody noted whom the broker let in, `user` is asked.
     pub(super) fn connect(&self, event: ClientConnectEvent, user: impl FnOnce() -> Option<User>) {
         let admitted = lock(&self.admitted).remove(&*event.client_id);
+        if let Some(away) = lock(&self.remembered).get_mut(&*event.client_id) {
+            *away = None;
+        }
         let will = event
             .will_topic
             .zip(event.will_payload)
@@ -93,6 +118,9 @@ impl Sessions {
             *count -= 1;
             if *count == 0 {
                 connected.remove(client_id);
+                if let Some(away) = lock(&self.remembered).get_mut(client_id) {
+                    *away = Some(Instant::now());
+                }
             }
         }
     }
@@ -191,6 +219,22 @@ mod tests {
         sessions.disconnect("panel");
         assert!(sessions.of("panel").is_none());
         sessions.disconnect("panel");
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn sessions_that_outlive_their_connections_are_bounded_until_they_are_given_up() {
+        let sessions = Sessions::default();
+        for n in 0..REMEMBERED_MAX {
+            assert!(sessions.remember(&n.to_string(), true), "{n}");
+        }
+        assert!(!sessions.remember("one more", true));
+        assert!(sessions.remember("0", true), "it is known");
+        assert!(sessions.remember("one more", false), "it leaves nothing");
+        assert!(sessions.remember("0", false));
+        assert!(sessions.remember("in its place", true));
+        assert!(!sessions.remember("", true), "nobody could come back to it");
+        tokio::time::advance(SESSION_EXPIRY).await;
+        assert!(sessions.remember("when all are forgotten", true));
     }
 
     #[tokio::test(start_paused = true)]

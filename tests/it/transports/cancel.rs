@@ -1,0 +1,160 @@
+//! A cancel reaches the handler wherever it waits, with its reason, and a hold keeps the program while it is reset, each
+//! transport.
+
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use plc_api::types::output::{Reset, ResetResult};
+use plc_api::types::request::Request;
+use plc_api::{
+    Alarm, AuxOutput, CancelReason, Cancellation, CoordinateSystem, Execution, Plc, SequenceProgram,
+};
+use tokio::sync::Notify;
+
+use super::{Reached, in_process, over_mosquitto, over_rest, over_the_embedded_broker};
+use crate::support::wait::{until, within};
+
+/// Where the handler waits.
+#[derive(Debug, Clone, Copy)]
+enum Waits {
+    Asleep,
+    ForTheOperator,
+    ForTheMachine,
+    ForItsOwn,
+}
+
+#[derive(Default)]
+struct Shared {
+    waits: Mutex<Option<Waits>>,
+    own: Notify,
+    dropped: Mutex<Vec<(bool, Option<CancelReason>)>>,
+}
+
+/// Notes how the handler ended.
+struct Guard(Cancellation, Arc<Shared>);
+
+impl Drop for Guard {
+    fn drop(&mut self) {
+        let seen = (self.0.is_cancelled(), self.0.reason());
+        self.1.dropped.lock().unwrap().push(seen);
+    }
+}
+
+async fn wait(output: AuxOutput, plc: Plc, shared: Arc<Shared>) -> Result<(), Alarm> {
+    let _guard = Guard(output.cancellation(), Arc::clone(&shared));
+    let waits = shared.waits.lock().unwrap().take();
+    output.progress("it waits", None).await?;
+    match waits.expect("the test says where") {
+        Waits::Asleep => plc.sleep(Duration::from_secs(1000)).await,
+        Waits::ForTheOperator => {
+            plc.ask("Shall it go on?", ["yes"]).await?;
+        }
+        Waits::ForTheMachine => {
+            plc.coordinate_system(2)
+                .wait_until(Execution::Interrupted)
+                .await?;
+        }
+        Waits::ForItsOwn => shared.own.notified().await,
+    }
+    Ok(())
+}
+
+/// Runs program 50 until the handler of its M100 waits; gives the number of the output.
+async fn until_it_waits(system: &CoordinateSystem, shared: &Shared, waits: Waits) -> u64 {
+    *shared.waits.lock().unwrap() = Some(waits);
+    within("load", system.load(50)).await.expect("load");
+    within("start", system.start()).await.expect("start");
+    let waiting = system.wait_for(|state| {
+        let progress = state.waiting_on.as_ref().and_then(|on| on.progress.as_ref());
+        progress.is_some_and(|progress| progress.text == "it waits")
+    });
+    let state = within("the handler waits", waiting).await.expect("a state");
+    if matches!(waits, Waits::ForTheOperator) {
+        within("a question", system.question()).await.expect("a question");
+    }
+    state.waiting_on.expect("an output").seq
+}
+
+async fn a_cancel_reaches_the_handler(reached: &Reached) {
+    let (plc, shared) = (reached.plc.clone(), Arc::new(Shared::default()));
+    let serving = plc.clone();
+    let handler = plc_api::handlers::with(Arc::clone(&shared), wait);
+    let program = SequenceProgram::new().on(100, handler).handler_id("waits");
+    let handlers = tokio::spawn(async move { program.run(&serving).await });
+    let system = plc.coordinate_system(1);
+    let ended = async |what: &str, how: (bool, Option<CancelReason>)| {
+        let seen = until(what, async || shared.dropped.lock().unwrap().pop()).await;
+        assert_eq!(seen, how, "{what}");
+        assert!(shared.dropped.lock().unwrap().is_empty(), "{what}: dropped once");
+        until("nothing is open", async || {
+            system.pending().await.ok()?.outputs.is_empty().then_some(())
+        })
+        .await;
+    };
+    let cancelled = |reason| (true, Some(reason));
+
+    until_it_waits(&system, &shared, Waits::Asleep).await;
+    within("stop", system.stop()).await.expect("stop");
+    ended("a stop", cancelled(CancelReason::Stop)).await;
+    within("reset", system.reset()).await.expect("reset");
+
+    until_it_waits(&system, &shared, Waits::ForTheOperator).await;
+    within("abort", system.abort()).await.expect("abort");
+    ended("an abort", cancelled(CancelReason::Abort)).await;
+    assert!(system.questions().await.expect("pending").is_empty());
+    within("reset", system.reset()).await.expect("reset");
+
+    until_it_waits(&system, &shared, Waits::ForTheMachine).await;
+    within("reset", system.reset()).await.expect("reset");
+    ended("a reset", cancelled(CancelReason::Reset)).await;
+
+    let seq = until_it_waits(&system, &shared, Waits::ForItsOwn).await;
+    let by_hand = Reset {
+        boot_id: plc.port().boot_id(),
+        seq,
+        handler_id: "operator".into(),
+        result: ResetResult::Ok,
+        code: None,
+        text: None,
+        force: Some(true),
+    };
+    let request = plc.port().request(Request::Reset(1, Some(100), by_hand));
+    within("a reset by hand", request).await.expect("a reset");
+    ended("a reset by hand", cancelled(CancelReason::Operator)).await;
+    let completed = system.wait_until(Execution::ProgramCompleted);
+    within("completed", completed).await.expect("a state");
+
+    until_it_waits(&system, &shared, Waits::ForItsOwn).await;
+    within("hold", system.hold()).await.expect("hold");
+    shared.own.notify_one();
+    ended("its own end under hold", (false, None)).await;
+    let state = within("state", system.state()).await.expect("a state");
+    assert_eq!(state.execution, Execution::FeedHold, "the reset is latched");
+    within("resume", system.resume()).await.expect("resume");
+    let completed = system.wait_until(Execution::ProgramCompleted);
+    within("completed", completed).await.expect("a state");
+    handlers.abort();
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn in_process_a_cancel_reaches_the_handler_wherever_it_waits() {
+    let reached = in_process().await;
+    a_cancel_reaches_the_handler(&reached).await;
+    reached.end().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn over_the_embedded_broker_a_cancel_reaches_the_handler_wherever_it_waits() {
+    a_cancel_reaches_the_handler(&over_the_embedded_broker().await).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn over_mosquitto_a_cancel_reaches_the_handler_wherever_it_waits() {
+    let (reached, _broker) = over_mosquitto().await;
+    a_cancel_reaches_the_handler(&reached).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn over_rest_a_cancel_reaches_the_handler_wherever_it_waits() {
+    a_cancel_reaches_the_handler(&over_rest().await).await;
+}
