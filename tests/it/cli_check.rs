@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use crate::support::machine::Machine;
+use crate::support::machine::{COORDINATE_SYSTEMS, MOTORS, Machine};
 use crate::support::simulated::{Ran, run};
 
 /// Lines 2, 3 and 5 are wrong: a code that the language does not have, an axis twice, a word without a value.
@@ -217,6 +217,30 @@ fn config_alone_is_checked() {
     let ran = run(machine.folder(), &["check", "--config", "tandem.toml"]);
     assert_eq!(ran.code, 0, "{}", ran.stderr);
     assert!(ran.stdout.contains("tandem.toml"), "{}", ran.stdout);
+}
+
+#[test]
+fn config_alone_notes_what_max_jerk_and_limits_below_those_of_g00_do_not_bound() {
+    let config = format!("[machine]\nname = \"test-1\"\n{MOTORS}{COORDINATE_SYSTEMS}").replacen(
+        "max_velocity = 500.0\nmax_acceleration = 5000.0\nrapid_velocity = 100.0\nrapid_acceleration = 1000.0\n",
+        "max_velocity = 500.0\nmax_acceleration = 5000.0\nmax_jerk = 9000.0\nrapid_velocity = 600.0\nrapid_acceleration = 6000.0\n",
+        1,
+    );
+    let ran = run(
+        Machine::with_config(&config).folder(),
+        &["check", "--config", "tandem.toml"],
+    );
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let notes: Vec<&str> = ran.stdout.lines().filter(|line| line.contains("note:")).collect();
+    let expected = [
+        "number = 1: max_jerk = 9000 bounds G00",
+        "rapid_velocity = 600 is above max_velocity = 500",
+        "rapid_acceleration = 6000 is above max_acceleration = 5000",
+    ];
+    assert_eq!(notes.len(), expected.len(), "{notes:?}");
+    for (note, words) in notes.iter().zip(expected) {
+        assert!(note.contains(words), "{note}");
+    }
 }
 
 #[test]

@@ -211,7 +211,9 @@ mod tests {
         ];
         for ((from_s, to_s), values) in expected {
             let found = room(from_s, to_s);
-            found.into_iter().zip(values).for_each(|(a, b)| close(a, b));
+            for (a, b) in found.into_iter().zip(values) {
+                close(a, b);
+            }
         }
         assert_eq!(moved.room(200.0, 0.6, 0.7), SlewRoom::default());
         // What it needs beyond the maximum counts as all of it.

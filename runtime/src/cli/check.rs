@@ -55,6 +55,9 @@ pub(super) fn run(arguments: &Arguments) -> u8 {
     };
     if let (Some(path), []) = (&arguments.config, &arguments.files[..]) {
         say(&format!("{}: the configuration is good", path.display()));
+        for note in machine.iter().flat_map(Machine::notes) {
+            say(&format!("  note: {note}"));
+        }
         return EXIT_OK;
     }
     let of_machine = || machine.as_ref().map_or_else(dialects::nj, Machine::dialect);

@@ -98,6 +98,47 @@ pub enum Stock {
 }
 
 impl Machine {
+    /// What the settings of the motors do not bound, though one might think so: text for people, one a setting.
+    pub fn notes(&self) -> Vec<String> {
+        let mut notes = Vec::new();
+        for motor in &self.motors {
+            let place = format!("[[motor]] number = {}", motor.number);
+            if let Some(jerk) = motor.max_jerk {
+                notes.push(format!(
+                    "{place}: max_jerk = {jerk} bounds G00, G28, G30 and G31; blocks with F have the jerk of ta, td and ts"
+                ));
+            }
+            let above = [
+                (
+                    "rapid_velocity",
+                    motor.rapid_velocity,
+                    "max_velocity",
+                    motor.max_velocity,
+                ),
+                (
+                    "skip_velocity",
+                    motor.skip_velocity,
+                    "max_velocity",
+                    motor.max_velocity,
+                ),
+                (
+                    "rapid_acceleration",
+                    motor.rapid_acceleration,
+                    "max_acceleration",
+                    motor.max_acceleration,
+                ),
+            ];
+            for (key, value, limit, most) in above {
+                if value > most {
+                    notes.push(format!(
+                        "{place}: {key} = {value} is above {limit} = {most}, which bounds blocks with F alone"
+                    ));
+                }
+            }
+        }
+        notes
+    }
+
     /// NC dialect of the programs.
     pub fn dialect(&self) -> &'static Dialect {
         self.coordinate_systems

@@ -55,7 +55,9 @@ proptest! {
         let mut out = VecDeque::new();
         Planner::new(&settings).push(&segment, &mut out).unwrap();
         let mut rig = Rig::new(&settings);
-        out.into_iter().for_each(|profile| rig.push(profile));
+        for profile in out {
+            rig.push(profile);
+        }
         let mut watch = Watch::new();
         for (wait, control) in controls {
             rig.control(control);
@@ -96,7 +98,9 @@ fn m1i_a_hold_while_a_rapid_brakes_as_hard_as_it_may_lets_it_brake_to_its_end() 
     let mut out = VecDeque::new();
     Planner::new(&settings).push(&segment, &mut out).unwrap();
     let mut rig = Rig::new(&settings);
-    out.into_iter().for_each(|profile| rig.push(profile));
+    for profile in out {
+        rig.push(profile);
+    }
     // 0.5 s: speeds up to 0.2, brakes from 0.3 on.
     rig.cycles(351);
     rig.control(Control::Hold);
