@@ -215,7 +215,7 @@ mod tests {
                 close(a, b);
             }
         }
-        assert_eq!(moved.room(200.0, 0.6, 0.7), SlewRoom::default());
+        assert_eq!(moved.room(200.0, 0.65, 0.7), SlewRoom::default());
         // What it needs beyond the maximum counts as all of it.
         close(moved.room(25.0, 0.05, 0.1).driving, 1.0);
     }
