@@ -5,6 +5,19 @@
 //! - short lines: sides of 0.4 mm in a polygon, blended (G64, G501);
 //! - look-ahead: the same with G500;
 //! - arcs: full circles of 20 mm.
+//!
+//! Measured on a 2-core Xeon virtual machine while it parsed 17 million blocks a second (bench `parse`), bench profile; medians
+//! of two runs, each of five rounds:
+//!
+//! | program | times real time |
+//! | --- | --- |
+//! | long lines | 160,000 to 225,000 |
+//! | short lines | 910 to 1440 |
+//! | look-ahead | 1040 to 1310 |
+//! | arcs | 210,000 to 250,000 |
+//!
+//! Before a block's start and end were taken up without waking a task: short lines 580 to 630, look-ahead 870 to 880, in
+//! turn with the runs above.
 
 use std::fmt::Write as _;
 use std::time::Instant;
