@@ -26,6 +26,9 @@ fn replies(bus: &Bus, command_id: &str) -> Vec<Value> {
 
 /// The broker gives messages in order, so that what stood in it before has come when this is done.
 async fn all_before_has_come(bus: &Bus, served: &Served) {
+    let boot_id = served.state(1).await["boot_id"].clone();
+    let listens = |presence: &Value| presence["online"] == true && presence["boot_id"] == boot_id;
+    bus.history.find("presence", listens).await;
     bus.publish("cs/1/command/load", &load("last", 51)).await;
     assert_eq!(bus.reply("panel", "last").await["status"], "done");
     assert_eq!(served.state(1).await["program"], 51);
