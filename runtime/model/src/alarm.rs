@@ -11,6 +11,8 @@ pub struct Alarm {
     pub text: String,
     /// The block it belongs to.
     pub origin: Option<Origin>,
+    /// Letters of the words to blame, as far as the block has them; empty: the block as a whole.
+    pub words: String,
 }
 
 /// One line of the alarm table.
@@ -31,7 +33,15 @@ impl Alarm {
             entry,
             text: text.into(),
             origin: None,
+            words: String::new(),
         }
+    }
+
+    /// The same alarm, with the letters of the words to blame: `IJ`.
+    #[must_use]
+    pub fn of_words(mut self, words: impl Into<String>) -> Self {
+        self.words = words.into();
+        self
     }
 
     /// The same alarm at a block.

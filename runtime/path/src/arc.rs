@@ -1,7 +1,7 @@
 //! G02 and G03: from the words to the circle in machine coordinates (motion-semantics 1f, D21, D26).
 
 use tandem_model::alarm::{ARC_DISTORTED, ARC_IMPOSSIBLE, VALUE_NOT_FINITE};
-use tandem_model::flow::{Arc, ArcShape, Block, Frame, Path, Transform, Turn};
+use tandem_model::flow::{Arc, ArcShape, Block, Frame, Path, Plane, Transform, Turn};
 use tandem_model::{Alarm, ArcPath, AxisVector};
 
 use crate::stage::{LENGTH_MIN, PathStage, line_between};
@@ -77,7 +77,7 @@ impl PathStage {
                     second.letter(),
                     centre[1]
                 );
-                return Err(Alarm::new(&ARC_IMPOSSIBLE, text));
+                return Err(Alarm::new(&ARC_IMPOSSIBLE, text).of_words(centre_words(arc.plane)));
             }
         }
         let tolerance = self.spiral_tolerance_mm;
@@ -86,7 +86,7 @@ impl PathStage {
                 "The radius is {start_radius:.6} mm at the start, {end_radius:.6} mm at the end, and spiral_tolerance \
                  is {tolerance} mm"
             );
-            return Err(Alarm::new(&ARC_IMPOSSIBLE, text));
+            return Err(Alarm::new(&ARC_IMPOSSIBLE, text).of_words(centre_words(arc.plane)));
         }
         let path = ArcPath::new(self.at, to, arc.plane, centre, turn);
         if path.length().is_finite() {
@@ -95,6 +95,15 @@ impl PathStage {
             let text = format!("The length of the arc is {}", path.length());
             Err(Alarm::new(&VALUE_NOT_FINITE, text))
         }
+    }
+}
+
+/// The letters of the words of a centre.
+fn centre_words(plane: Plane) -> &'static str {
+    match plane {
+        Plane::Xy => "IJ",
+        Plane::Zx => "KI",
+        Plane::Yz => "JK",
     }
 }
 
@@ -112,12 +121,12 @@ fn centre_from_radius(
     }
     if length < LENGTH_MIN {
         let text = format!("R {radius:.6} mm: the target is the start point in the arc's plane");
-        return Err(Alarm::new(&ARC_IMPOSSIBLE, text));
+        return Err(Alarm::new(&ARC_IMPOSSIBLE, text).of_words("R"));
     }
     let half = length / 2.0;
     if radius.abs() < half - tolerance_mm {
         let text = format!("R {radius:.6} mm is smaller than half the distance to the target, {half:.6} mm");
-        return Err(Alarm::new(&ARC_IMPOSSIBLE, text));
+        return Err(Alarm::new(&ARC_IMPOSSIBLE, text).of_words("R"));
     }
     // (R - h)(R + h) keeps its digits where R is hardly more than half the chord.
     let off_chord = ((radius.abs() - half) * (radius.abs() + half)).max(0.0).sqrt();

@@ -486,10 +486,8 @@ impl PathStage {
             }
         }
         if feedrate <= 0.0 {
-            return Err(Alarm::new(
-                &FEEDRATE_MISSING,
-                format!("The feedrate is {feedrate}"),
-            ));
+            let text = format!("The feedrate is {feedrate}");
+            return Err(Alarm::new(&FEEDRATE_MISSING, text));
         }
         Ok(Feed {
             feedrate_mm_min: feedrate,

@@ -25,7 +25,7 @@ impl PathStage {
             Some(speed) if speed > 0.0 => travel * speed / feed.feedrate_mm_min,
             Some(speed) => {
                 let text = format!("The spindle speed is {speed} r/min");
-                return Err(Alarm::new(&SPINDLE_SPEED_MISSING, text));
+                return Err(Alarm::new(&SPINDLE_SPEED_MISSING, text).of_words("S"));
             }
         };
         self.release(SegmentEnd::ExactStop, out);

@@ -39,7 +39,7 @@ impl PathStage {
     }
 
     pub(crate) fn axis_missing(axis: Axis) -> Alarm {
-        Alarm::new(&AXIS_MISSING, format!("The block moves axis {}", axis.letter()))
+        Alarm::new(&AXIS_MISSING, format!("The block moves axis {}", axis.letter())).of_words(axis.letter())
     }
 
     /// The target in the coordinates in force. Axes that no word moves stay as they are to the last bit.
@@ -155,7 +155,7 @@ impl PathStage {
         let letter = axis.letter();
         let text =
             format!("Axis {letter} would go to {value:.6} (machine), beyond its {which} limit {limit:.6}");
-        Err(Alarm::new(&SOFT_LIMIT, text))
+        Err(Alarm::new(&SOFT_LIMIT, text).of_words(letter))
     }
 }
 

@@ -278,7 +278,10 @@ impl CoordinateSystem {
                     run.phase = Phase::Paused(stop);
                 }
             }
-            Then::Alarm(Alarm { entry, text, origin }) => self.raise_entry(entry, &text, origin),
+            Then::Alarm(alarm) => {
+                let origin = alarm.origin.map(|at| self.word_to_blame(&alarm, at));
+                self.raise_entry(alarm.entry, &alarm.text, origin);
+            }
             Then::End(origin) => {
                 self.view.update(|place| place.executing = origin);
                 if let Some(run) = &mut self.run {
@@ -287,6 +290,17 @@ impl CoordinateSystem {
             }
         }
         true
+    }
+
+    /// The first word that an alarm blames, or its block.
+    fn word_to_blame(&self, alarm: &Alarm, block: Origin) -> Origin {
+        let program = self.run.as_ref().and_then(|run| {
+            let called = run.programs.get(&block.program);
+            called.or_else(|| (run.main.number == block.program).then_some(&run.main.tree))
+        });
+        program
+            .and_then(|program| program.origin_of_word(block, &alarm.words))
+            .unwrap_or(block)
     }
 
     pub(super) fn raise_entry(&mut self, entry: &AlarmEntry, text: &str, origin: Option<Origin>) {

@@ -129,6 +129,17 @@ impl NcProgram {
         self.origin_within(block, block.start, program)
     }
 
+    /// Where the first word with one of these letters stands in the block at this place; `None`: there is none.
+    pub fn origin_of_word(&self, at: Origin, letters: &str) -> Option<Origin> {
+        let mut of_line = self.blocks().iter().filter(|block| block.line == at.line);
+        let block = of_line.find(|block| self.origin(block, at.program) == at)?;
+        let word = self.words(block).iter().find(|word| {
+            let mut text = word.address.text().chars();
+            text.next().is_some_and(|letter| letters.contains(letter)) && text.next().is_none()
+        })?;
+        Some(self.origin_within(block, word.span().start, at.program))
+    }
+
     /// As [`NcProgram::origin`], of a place in the block: a byte of its line.
     pub fn origin_within(&self, block: &Block, start: u32, program: u16) -> Origin {
         let before = self

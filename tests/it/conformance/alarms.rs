@@ -17,6 +17,26 @@ fn a_target_beyond_a_soft_limit_is_an_alarm_before_its_motion_starts() {
 }
 
 #[test]
+fn an_alarm_names_the_column_of_the_word_to_blame() {
+    for (block, alarm, column) in [
+        ("N5 G00 Y1 X301", 102, 11),
+        ("G91 G01 Y1 X301 F600", 102, 12),
+        // the circle of radius 200 about X0 Y200 comes to X-200: no word but that of X has to do with it
+        ("G02 Y400 X0 J200 F600", 102, 10),
+        ("G28 X301", 102, 5),
+        ("G02 X10 Y0 J0 I10 F600", 111, 12),
+        ("X1 G03 R[P0] Y10 F600", 111, 8),
+        // no word of the block is to blame
+        ("  G01 X5", 101, 3),
+    ] {
+        let run = simulate(&format!("P0=1\n{block}\nM30\n"));
+        assert_eq!(run.alarm(), alarm, "{block}");
+        let place = (&run.json["alarm"]["line"], &run.json["alarm"]["column"]);
+        assert_eq!(place, (&2.into(), &column.into()), "{block}");
+    }
+}
+
+#[test]
 fn a_target_on_a_soft_limit_is_reached() {
     let run = simulate("G00 X300\nG00 X-100\nM30\n").completed();
     assert_eq!(run.machine("X"), -100.0);
