@@ -12,6 +12,7 @@ mod operator;
 mod program;
 mod scan;
 mod soak;
+mod strict_broker;
 mod tls;
 
 use std::sync::Arc;
