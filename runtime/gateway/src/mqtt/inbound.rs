@@ -327,10 +327,11 @@ fn check_client_id(client_id: &str) -> Result<(), String> {
     }
 }
 
-fn number<T: std::str::FromStr>(level: &str) -> Result<T, String> {
-    level
-        .parse()
-        .map_err(|_| format!("{level} is not a number that can stand there"))
+fn number<T: std::str::FromStr + ToString>(level: &str) -> Result<T, String> {
+    let number = level.parse().ok();
+    number
+        .filter(|number: &T| number.to_string() == level)
+        .ok_or_else(|| format!("{level} is not a number that can stand there"))
 }
 
 fn json<T: DeserializeOwned>(payload: &[u8]) -> Result<T, String> {

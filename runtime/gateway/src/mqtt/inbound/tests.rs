@@ -319,6 +319,11 @@ fn what_names_nobody_or_is_retained_is_dropped_with_a_reason() {
         ("cs/1/m_code/5/claim", "{}", false),
         ("cs/1/m_code/70000/claim", "{}", false),
         ("cs/x/command/start", "{}", false),
+        (
+            "cs/01/command/start",
+            r#"{"client_id":"a","command_id":"c"}"#,
+            false,
+        ),
         ("cs/1/input/nothing/set", "{}", false),
         ("motor/1/skip_input/set", r#"{"value":true}"#, true),
         ("motor/x/skip_input/set", r#"{"value":true}"#, false),
