@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use crate::alarm::Alarm;
 use crate::error::{Error, Result};
 use crate::hub::Filter;
 use crate::plc::{Plc, unexpected};
@@ -155,7 +156,7 @@ impl CoordinateSystem {
         self.command(Command::Abort).await
     }
 
-    /// Ends the run, cancels open outputs, clears alarms of this coordinate system.
+    /// Ends the run, cancels open outputs, clears alarms of this coordinate system and of the whole machine.
     ///
     /// # Errors
     /// The program is ACTIVE.
@@ -208,6 +209,15 @@ impl CoordinateSystem {
     /// No alarm of this id stands, or as [`CoordinateSystem::command`].
     pub async fn acknowledge_alarm(&self, id: u64) -> Result<()> {
         self.command(Command::AlarmAcknowledge { id }).await
+    }
+
+    /// Raises an alarm that stops this coordinate system and cancels its open outputs; it stands until a reset.
+    /// [`Plc::raise_alarm`] stops all.
+    ///
+    /// # Errors
+    /// No such coordinate system, or as [`Plc::raise_alarm`].
+    pub async fn raise_alarm(&self, alarm: Alarm) -> Result<()> {
+        self.plc.raise(Some(self.number), alarm).await
     }
 
     /// Carries out a command, and returns when its effect has been reached.

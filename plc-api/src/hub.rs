@@ -3,6 +3,10 @@
 //! Publishing never waits for a subscriber. A slow subscriber is given the latest value of each state topic; of
 //! events it gets all, up to [`EVENTS_MAX`]: then the oldest are dropped, counted by [`Subscription::lost`]. What
 //! must not be lost is therefore also a state: open outputs stand in `m_code/pending`, alarms in `alarm/active`.
+//!
+//! The latest value of a state takes the place of one that waits, so that `pending` comes before the output that it
+//! announces; but it never passes an event that explains it ([`Topic::explains`]): the cancel of an output comes before
+//! the `pending` that no longer shows it.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
@@ -71,8 +75,8 @@ struct Subscriber {
 
 #[derive(Debug, Default)]
 struct Waiting {
-    // in the order of publishing; a state that is published again keeps its place, so that a state which announces
-    // an event still comes before it
+    // in the order of publishing, a state that is published again in the place of the value before; of a state with
+    // events that explain it, also one value before each of them
     queue: VecDeque<Arc<Message>>,
     events: usize,
     lost: u64,
@@ -156,25 +160,46 @@ impl Subscriber {
     fn put(&self, message: Arc<Message>) {
         let mut waiting = lock(&self.waiting);
         if message.topic.is_state() {
-            if let Some(place) = waiting
-                .queue
-                .iter_mut()
-                .find(|other| other.topic == message.topic)
-            {
+            if let Some(place) = waiting.place_of(&message.topic) {
                 *place = message;
                 return;
             }
         } else if waiting.events == EVENTS_MAX {
-            if let Some(place) = waiting.queue.iter().position(|other| !other.topic.is_state()) {
-                waiting.queue.remove(place);
-                waiting.lost += 1;
-            }
+            waiting.drop_oldest_event();
         } else {
             waiting.events += 1;
         }
         waiting.queue.push_back(message);
         drop(waiting);
         self.notify.notify_one();
+    }
+}
+
+impl Waiting {
+    /// Where a new value of this state goes, if a value waits behind the last event that explains it.
+    fn place_of(&mut self, state: &Topic) -> Option<&mut Arc<Message>> {
+        let newest_first = self.queue.iter_mut().rev();
+        newest_first
+            .take_while(|other| other.topic.explains().as_ref() != Some(state))
+            .find(|other| other.topic == *state)
+    }
+
+    fn drop_oldest_event(&mut self) {
+        let Some(place) = self.queue.iter().position(|other| !other.topic.is_state()) else {
+            return;
+        };
+        let event = self.queue.remove(place);
+        self.lost += 1;
+        // of a state that it explains the value before it is not needed any more when there is one after it
+        let Some(state) = event.and_then(|event| event.topic.explains()) else {
+            return;
+        };
+        let mut values = (0..self.queue.len()).filter(|&index| self.queue[index].topic == state);
+        if let (Some(before), Some(_)) = (values.next(), values.next())
+            && before < place
+        {
+            self.queue.remove(before);
+        }
     }
 }
 
@@ -223,7 +248,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 mod tests {
     use super::*;
     use crate::types::message::Payload;
-    use crate::types::output::{Cancel, CancelReason};
+    use crate::types::output::{Cancel, CancelReason, OutputNotice, Params, Pending, Timing};
     use crate::types::state::Switch;
     use crate::types::{BootId, Timestamp};
 
@@ -252,6 +277,34 @@ mod tests {
         )
     }
 
+    /// As `rev` tells the values apart, they show no outputs.
+    fn pending(rev: u64) -> Message {
+        let mut message = message(CsTopic::Pending, Payload::Pending(Pending::default()));
+        message.rev = Some(rev);
+        message
+    }
+
+    fn output(seq: u64) -> Message {
+        let notice = OutputNotice {
+            seq,
+            run_id: String::new(),
+            m: 5,
+            params: Params::default(),
+            timing: Timing::AfterMotion,
+            program: 1,
+            line: 1,
+            attempt: 1,
+            redelivered: false,
+        };
+        message(CsTopic::Output(5), Payload::Output(notice))
+    }
+
+    fn read_all(subscription: &mut Subscription) -> Vec<Message> {
+        std::iter::from_fn(|| subscription.try_next())
+            .map(|message| (*message).clone())
+            .collect()
+    }
+
     #[test]
     fn a_slow_subscriber_gets_the_latest_state_and_every_event_in_order() {
         let hub = Hub::new();
@@ -259,10 +312,41 @@ mod tests {
         for message in [switch(true), cancel(1), switch(false), cancel(2)] {
             hub.publish(message);
         }
-        let got: Vec<_> = std::iter::from_fn(|| subscription.try_next())
-            .map(|m| (*m).clone())
-            .collect();
-        assert_eq!(got, [switch(false), cancel(1), cancel(2)]);
+        let right = [switch(false), cancel(1), cancel(2)];
+        assert_eq!(read_all(&mut subscription), right);
+    }
+
+    #[test]
+    fn a_later_pending_stays_before_its_output_and_behind_the_cancel_that_explains_it() {
+        let hub = Hub::new();
+        let mut subscription = hub.subscribe(Filter::Handshake);
+        for message in [
+            pending(1),
+            output(1),
+            pending(2),
+            cancel(1),
+            pending(3),
+            output(2),
+            pending(4),
+        ] {
+            hub.publish(message);
+        }
+        let right = [pending(2), output(1), cancel(1), pending(4), output(2)];
+        assert_eq!(read_all(&mut subscription), right);
+    }
+
+    #[test]
+    fn cancels_and_pending_values_that_nobody_reads_are_bounded() {
+        let hub = Hub::new();
+        let mut subscription = hub.subscribe(Filter::Handshake);
+        for seq in 0..2 * EVENTS_MAX as u64 {
+            hub.publish(pending(seq));
+            hub.publish(cancel(seq));
+        }
+        let got = read_all(&mut subscription);
+        let events = got.iter().filter(|message| !message.topic.is_state());
+        assert_eq!(events.count(), EVENTS_MAX);
+        assert!(got.len() <= 2 * EVENTS_MAX, "{} wait", got.len());
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! The same sequence program over every transport: in process, over the embedded broker, over a Mosquitto, over REST.
 
+mod alarms;
 mod broker_loss;
 mod cancel;
 mod control_lease;

@@ -53,6 +53,10 @@ pub(crate) fn read(path: &str, payload: &[u8], retained: bool) -> Inbound {
             ["handler", id, "presence"] => handler(id, payload),
             _ if retained => Err("it is retained; publish it without the retain flag".to_owned()),
             ["motor", motor, "skip_input", "set"] => skip_input(motor, payload),
+            ["alarm", "raise"] => json(payload).map(|raise| Inbound::Ask {
+                request: Request::RaiseAlarm(raise),
+                urgent: true,
+            }),
             ["cs", cs, rest @ ..] => number(cs).and_then(|cs| setting(cs, rest, payload)),
             _ => Err("there is no such topic".to_owned()),
         }

@@ -31,11 +31,22 @@ pub(super) enum Handed {
     Never,
 }
 
-#[derive(Debug)]
-enum Item {
-    // the value is looked up when its turn comes
-    State(Topic),
-    Event(Parcel),
+impl Parcel {
+    fn topic(&self) -> Option<&Topic> {
+        match self {
+            Parcel::Message(message) => Some(&message.topic),
+            Parcel::Clear(_) => None,
+        }
+    }
+
+    fn is_state(&self) -> bool {
+        self.topic().is_some_and(Topic::is_state)
+    }
+
+    /// The state that this event explains.
+    fn explains(&self) -> Option<Topic> {
+        self.topic().and_then(Topic::explains)
+    }
 }
 
 /// Everything that is to be published, and what has been without an acknowledgement yet.
@@ -43,9 +54,8 @@ enum Item {
 pub(super) struct Outbox {
     // last value of each retained state
     states: BTreeMap<Topic, Arc<Message>>,
-    queue: VecDeque<Item>,
-    // states that stand in the queue
-    queued: BTreeSet<Topic>,
+    // of a state with events that explain it, also one value before each of them
+    queue: VecDeque<Parcel>,
     events: usize,
     lost: u64,
     // handed over with QoS 1, oldest first; None: a state, which is published again anyway
@@ -53,16 +63,23 @@ pub(super) struct Outbox {
 }
 
 impl Outbox {
-    /// Takes a message. A state that waits already keeps its place in the queue with the new value: so `pending`
-    /// stays before the output that it announced.
+    /// Takes a message. The value of a state takes the place of one that waits, so that `pending` stays before the
+    /// output that it announces, but never passes an event that explains it: a cancel comes before the `pending` that no
+    /// longer shows the output.
     pub(super) fn put(&mut self, message: Arc<Message>) {
         if !message.topic.is_state() {
             self.put_event(Parcel::Message(message));
             return;
         }
-        let topic = message.topic.clone();
-        self.states.insert(topic.clone(), message);
-        self.queue_state(topic);
+        self.states.insert(message.topic.clone(), Arc::clone(&message));
+        let newest_first = self.queue.iter_mut().rev();
+        let waits = newest_first
+            .take_while(|parcel| parcel.explains().as_ref() != Some(&message.topic))
+            .find(|parcel| parcel.topic() == Some(&message.topic));
+        match waits {
+            Some(parcel) => *parcel = Parcel::Message(message),
+            None => self.queue.push_back(Parcel::Message(message)),
+        }
     }
 
     /// Clears a retained topic at the broker.
@@ -72,48 +89,43 @@ impl Outbox {
 
     fn put_event(&mut self, parcel: Parcel) {
         if self.events == EVENTS_MAX {
-            if let Some(place) = self.queue.iter().position(|item| matches!(item, Item::Event(_))) {
-                self.queue.remove(place);
-                self.lost += 1;
-            }
+            self.drop_oldest_event();
         } else {
             self.events += 1;
         }
-        self.queue.push_back(Item::Event(parcel));
+        self.queue.push_back(parcel);
     }
 
-    fn queue_state(&mut self, topic: Topic) {
-        if self.queued.insert(topic.clone()) {
-            self.queue.push_back(Item::State(topic));
+    fn drop_oldest_event(&mut self) {
+        let Some(place) = self.queue.iter().position(|parcel| !parcel.is_state()) else {
+            return;
+        };
+        let event = self.queue.remove(place);
+        self.lost += 1;
+        // of a state that it explains the value before it is not needed any more when there is one after it
+        let Some(state) = event.and_then(|event| event.explains()) else {
+            return;
+        };
+        let mut values = (0..self.queue.len()).filter(|&index| self.queue[index].topic() == Some(&state));
+        if let (Some(before), Some(_)) = (values.next(), values.next())
+            && before < place
+        {
+            self.queue.remove(before);
         }
     }
 
     /// Hands over, in order, as long as `publish` takes.
     pub(super) fn send(&mut self, mut publish: impl FnMut(&Parcel) -> Handed) {
-        while let Some(item) = self.queue.front() {
-            let parcel = match item {
-                Item::State(topic) => self.states.get(topic).cloned().map(Parcel::Message),
-                Item::Event(parcel) => Some(parcel.clone()),
-            };
-            let handed = parcel.as_ref().map_or(Handed::Never, &mut publish);
+        while let Some(parcel) = self.queue.pop_front() {
+            let handed = publish(&parcel);
             if handed == Handed::Full {
+                self.queue.push_front(parcel);
                 return;
             }
-            let over = handed == Handed::Over;
-            match self.queue.pop_front() {
-                Some(Item::State(topic)) => {
-                    self.queued.remove(&topic);
-                    if over && topic.qos() > 0 {
-                        self.unacknowledged.push_back(None);
-                    }
-                }
-                Some(Item::Event(parcel)) => {
-                    self.events -= 1;
-                    if over {
-                        self.unacknowledged.push_back(Some(parcel));
-                    }
-                }
-                None => {}
+            let (is_state, qos) = (parcel.is_state(), parcel.topic().map_or(1, Topic::qos));
+            self.events -= usize::from(!is_state);
+            if handed == Handed::Over && qos > 0 {
+                self.unacknowledged.push_back((!is_state).then_some(parcel));
             }
         }
     }
@@ -128,22 +140,34 @@ impl Outbox {
         self.queue.is_empty() && self.unacknowledged.is_empty()
     }
 
-    /// After a connection was made: all retained states, then the events that no broker has acknowledged.
+    /// After a connection was made: the last value of every retained state, and the events that no broker has
+    /// acknowledged; a state stands behind the last of them that explains it, before all others.
     pub(super) fn connected(&mut self) {
-        let mut events: VecDeque<_> = self.unacknowledged.drain(..).flatten().collect();
-        let waiting = std::mem::take(&mut self.queue);
-        events.extend(waiting.into_iter().filter_map(|item| match item {
-            Item::Event(parcel) => Some(parcel),
-            Item::State(_) => None,
-        }));
+        let unacknowledged = self.unacknowledged.drain(..).flatten();
+        let waiting = std::mem::take(&mut self.queue).into_iter();
+        let events: Vec<_> = unacknowledged
+            .chain(waiting.filter(|parcel| !parcel.is_state()))
+            .collect();
         self.events = 0;
-        self.queued.clear();
-        let topics: Vec<_> = self.states.keys().cloned().collect();
-        for topic in topics {
-            self.queue_state(topic);
+        let mut explained: BTreeSet<_> = events.iter().filter_map(Parcel::explains).collect();
+        let states = self
+            .states
+            .values()
+            .filter(|state| !explained.contains(&state.topic));
+        self.queue = states.cloned().map(Parcel::Message).collect();
+        // from the last to the first: behind which event a state stands is met first
+        let mut ordered = Vec::new();
+        for event in events.into_iter().rev() {
+            let state = event.explains().filter(|state| explained.remove(state));
+            let value = state.and_then(|state| self.states.get(&state));
+            ordered.extend(value.cloned().map(Parcel::Message));
+            ordered.push(event);
         }
-        for parcel in events {
-            self.put_event(parcel);
+        for parcel in ordered.into_iter().rev() {
+            match parcel {
+                Parcel::Message(message) if message.topic.is_state() => self.put(message),
+                event => self.put_event(event),
+            }
         }
     }
 
@@ -159,7 +183,7 @@ mod tests {
     use plc_api::types::topic::CsTopic;
 
     use super::*;
-    use plc_api::types::output::{Cancel, CancelReason};
+    use plc_api::types::output::{Cancel, CancelReason, OutputNotice, Params, Pending, Timing};
     use plc_api::types::state::Switch;
     use plc_api::types::{BootId, Timestamp};
 
@@ -180,6 +204,29 @@ mod tests {
     fn cancel(seq: u64) -> Arc<Message> {
         let reason = CancelReason::Stop;
         message(CsTopic::Cancel(5), Payload::Cancel(Cancel { seq, reason }))
+    }
+
+    /// As `rev` tells the values apart, they show no outputs.
+    fn pending(rev: u64) -> Arc<Message> {
+        let payload = Payload::Pending(Pending::default());
+        let mut message = (*message(CsTopic::Pending, payload)).clone();
+        message.rev = Some(rev);
+        Arc::new(message)
+    }
+
+    fn output(seq: u64) -> Arc<Message> {
+        let notice = OutputNotice {
+            seq,
+            run_id: String::new(),
+            m: 5,
+            params: Params::default(),
+            timing: Timing::AfterMotion,
+            program: 1,
+            line: 1,
+            attempt: 1,
+            redelivered: false,
+        };
+        message(CsTopic::Output(5), Payload::Output(notice))
     }
 
     fn send_all(outbox: &mut Outbox) -> Vec<Arc<Message>> {
@@ -253,5 +300,61 @@ mod tests {
         outbox.put(cancel(1));
         outbox.send(|_| Handed::Never);
         assert!(outbox.is_empty(), "no acknowledgement is awaited");
+    }
+
+    #[test]
+    fn a_later_pending_stays_before_its_output_and_behind_the_cancel_that_explains_it() {
+        let mut outbox = Outbox::default();
+        for message in [
+            pending(1),
+            output(1),
+            pending(2),
+            cancel(1),
+            pending(3),
+            output(2),
+            pending(4),
+        ] {
+            outbox.put(message);
+        }
+        let right = [pending(2), output(1), cancel(1), pending(4), output(2)];
+        assert_eq!(send_all(&mut outbox), right);
+    }
+
+    #[test]
+    fn after_a_lost_connection_pending_is_told_once_and_behind_every_cancel_that_explains_it() {
+        let mut outbox = Outbox::default();
+        for message in [switch(true), pending(1), output(1), output(2), cancel(1)] {
+            outbox.put(message);
+        }
+        send_all(&mut outbox);
+        for message in [pending(2), cancel(2), pending(3), output(3)] {
+            outbox.put(message);
+        }
+        outbox.connected();
+        let right = [
+            switch(true),
+            output(1),
+            output(2),
+            cancel(1),
+            cancel(2),
+            pending(3),
+            output(3),
+        ];
+        assert_eq!(send_all(&mut outbox), right);
+    }
+
+    #[test]
+    fn cancels_and_pending_values_that_nobody_takes_are_bounded() {
+        let mut outbox = Outbox::default();
+        for seq in 0..2 * EVENTS_MAX as u64 {
+            outbox.put(pending(seq));
+            outbox.put(cancel(seq));
+        }
+        let sent = send_all(&mut outbox);
+        assert_eq!(
+            sent.iter().filter(|message| !message.topic.is_state()).count(),
+            EVENTS_MAX
+        );
+        assert!(sent.len() <= 2 * EVENTS_MAX, "{} wait", sent.len());
     }
 }

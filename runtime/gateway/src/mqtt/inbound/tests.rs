@@ -1,5 +1,6 @@
 use plc_api::types::BootId;
 use plc_api::types::lease::{LeaseRelease, LeaseRequest, LeaseTake};
+use plc_api::types::machine::AlarmRaise;
 use plc_api::types::output::{
     Claim, HandlerPresence, ProgressReport, Redeliver, Redelivery, Reset, ResetResult,
 };
@@ -303,6 +304,30 @@ fn a_skip_input_names_its_motor() {
         read("motor/3/skip_input/set", br#"{"value":true}"#, false),
         expected
     );
+}
+
+#[test]
+fn an_alarm_is_raised_for_one_coordinate_system_or_for_all() {
+    for (payload, cs) in [
+        (r#"{"cs":2,"code":20,"text":"low"}"#, Some(2)),
+        (r#"{"cs":null,"code":20,"text":"low"}"#, None),
+        (r#"{"code":20,"text":"low"}"#, None),
+    ] {
+        let text = "low".to_owned();
+        let expected = Inbound::Ask {
+            request: Request::RaiseAlarm(AlarmRaise { cs, code: 20, text }),
+            urgent: true,
+        };
+        assert_eq!(
+            read("alarm/raise", payload.as_bytes(), false),
+            expected,
+            "{payload}"
+        );
+        assert!(matches!(
+            read("alarm/raise", payload.as_bytes(), true),
+            Inbound::Drop(_)
+        ));
+    }
 }
 
 #[test]
