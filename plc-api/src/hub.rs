@@ -1,24 +1,17 @@
 //! The hub: last values of state topics, and bounded subscriptions to all topics.
 //!
 //! Publishing never waits for a subscriber. A slow subscriber is given the latest value of each state topic; of
-//! events it gets all, up to [`EVENTS_MAX`]: then the oldest are dropped, counted by [`Subscription::lost`]. What
-//! must not be lost is therefore also a state: open outputs stand in `m_code/pending`, alarms in `alarm/active`.
-//!
-//! The latest value of a state takes the place of one that waits, so that `pending` comes before the output that it
-//! announces; but it never passes an event that explains it ([`Topic::explains`]): the cancel of an output comes before
-//! the `pending` that no longer shows it.
+//! events it gets all, up to a limit: then the oldest are dropped, counted by [`Subscription::lost`] (see
+//! [`queue`](crate::queue)). What must not be lost is therefore also a state: open outputs stand in `m_code/pending`, alarms in `alarm/active`.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
 use tokio::sync::Notify;
 
+use crate::queue::Queue;
 use crate::types::message::Message;
 use crate::types::topic::{CsTopic, Topic};
-
-/// Events that wait for one subscriber. Reason: 64 open outputs, each with a notice, a result and a cancel, in each
-/// of 8 coordinate systems fit many times over.
-pub const EVENTS_MAX: usize = 4096;
 
 /// Which topics a subscription is for.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -75,11 +68,7 @@ struct Subscriber {
 
 #[derive(Debug, Default)]
 struct Waiting {
-    // in the order of publishing, a state that is published again in the place of the value before; of a state with
-    // events that explain it, also one value before each of them
-    queue: VecDeque<Arc<Message>>,
-    events: usize,
-    lost: u64,
+    queue: Queue<Arc<Message>>,
     closed: bool,
 }
 
@@ -125,15 +114,12 @@ impl Hub {
     /// A subscription; it starts with the values of now.
     pub fn subscribe(&self, filter: Filter) -> Subscription {
         let mut inner = lock(&self.inner);
-        let waiting = Waiting {
-            queue: inner
-                .states
-                .values()
-                .filter(|message| filter.matches(&message.topic))
-                .cloned()
-                .collect(),
-            ..Waiting::default()
-        };
+        let mut waiting = Waiting::default();
+        for state in inner.states.values() {
+            if filter.matches(&state.topic) {
+                waiting.queue.put(Arc::clone(state));
+            }
+        }
         let subscriber = Arc::new(Subscriber {
             filter,
             waiting: Mutex::new(waiting),
@@ -158,47 +144,9 @@ impl Hub {
 
 impl Subscriber {
     fn put(&self, message: Arc<Message>) {
-        let mut waiting = lock(&self.waiting);
-        if message.topic.is_state() {
-            if let Some(place) = waiting.place_of(&message.topic) {
-                *place = message;
-                return;
-            }
-        } else if waiting.events == EVENTS_MAX {
-            waiting.drop_oldest_event();
-        } else {
-            waiting.events += 1;
-        }
-        waiting.queue.push_back(message);
-        drop(waiting);
-        self.notify.notify_one();
-    }
-}
-
-impl Waiting {
-    /// Where a new value of this state goes, if a value waits behind the last event that explains it.
-    fn place_of(&mut self, state: &Topic) -> Option<&mut Arc<Message>> {
-        let newest_first = self.queue.iter_mut().rev();
-        newest_first
-            .take_while(|other| other.topic.explains().as_ref() != Some(state))
-            .find(|other| other.topic == *state)
-    }
-
-    fn drop_oldest_event(&mut self) {
-        let Some(place) = self.queue.iter().position(|other| !other.topic.is_state()) else {
-            return;
-        };
-        let event = self.queue.remove(place);
-        self.lost += 1;
-        // of a state that it explains the value before it is not needed any more when there is one after it
-        let Some(state) = event.and_then(|event| event.topic.explains()) else {
-            return;
-        };
-        let mut values = (0..self.queue.len()).filter(|&index| self.queue[index].topic == state);
-        if let (Some(before), Some(_)) = (values.next(), values.next())
-            && before < place
-        {
-            self.queue.remove(before);
+        let is_more = lock(&self.waiting).queue.put(message);
+        if is_more {
+            self.notify.notify_one();
         }
     }
 }
@@ -225,17 +173,12 @@ impl Subscription {
 
     /// The next message if one is there.
     pub fn try_next(&mut self) -> Option<Arc<Message>> {
-        let mut waiting = lock(&self.subscriber.waiting);
-        let message = waiting.queue.pop_front()?;
-        if !message.topic.is_state() {
-            waiting.events -= 1;
-        }
-        Some(message)
+        lock(&self.subscriber.waiting).queue.take()
     }
 
     /// Events dropped so far because this subscriber did not read them.
     pub fn lost(&self) -> u64 {
-        lock(&self.subscriber.waiting).lost
+        lock(&self.subscriber.waiting).queue.lost()
     }
 }
 
@@ -247,8 +190,9 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::queue::EVENTS_MAX;
     use crate::types::message::Payload;
-    use crate::types::output::{Cancel, CancelReason, OutputNotice, Params, Pending, Timing};
+    use crate::types::output::{Cancel, CancelReason};
     use crate::types::state::Switch;
     use crate::types::{BootId, Timestamp};
 
@@ -277,28 +221,6 @@ mod tests {
         )
     }
 
-    /// As `rev` tells the values apart, they show no outputs.
-    fn pending(rev: u64) -> Message {
-        let mut message = message(CsTopic::Pending, Payload::Pending(Pending::default()));
-        message.rev = Some(rev);
-        message
-    }
-
-    fn output(seq: u64) -> Message {
-        let notice = OutputNotice {
-            seq,
-            run_id: String::new(),
-            m: 5,
-            params: Params::default(),
-            timing: Timing::AfterMotion,
-            program: 1,
-            line: 1,
-            attempt: 1,
-            redelivered: false,
-        };
-        message(CsTopic::Output(5), Payload::Output(notice))
-    }
-
     fn read_all(subscription: &mut Subscription) -> Vec<Message> {
         std::iter::from_fn(|| subscription.try_next())
             .map(|message| (*message).clone())
@@ -314,39 +236,6 @@ mod tests {
         }
         let right = [switch(false), cancel(1), cancel(2)];
         assert_eq!(read_all(&mut subscription), right);
-    }
-
-    #[test]
-    fn a_later_pending_stays_before_its_output_and_behind_the_cancel_that_explains_it() {
-        let hub = Hub::new();
-        let mut subscription = hub.subscribe(Filter::Handshake);
-        for message in [
-            pending(1),
-            output(1),
-            pending(2),
-            cancel(1),
-            pending(3),
-            output(2),
-            pending(4),
-        ] {
-            hub.publish(message);
-        }
-        let right = [pending(2), output(1), cancel(1), pending(4), output(2)];
-        assert_eq!(read_all(&mut subscription), right);
-    }
-
-    #[test]
-    fn cancels_and_pending_values_that_nobody_reads_are_bounded() {
-        let hub = Hub::new();
-        let mut subscription = hub.subscribe(Filter::Handshake);
-        for seq in 0..2 * EVENTS_MAX as u64 {
-            hub.publish(pending(seq));
-            hub.publish(cancel(seq));
-        }
-        let got = read_all(&mut subscription);
-        let events = got.iter().filter(|message| !message.topic.is_state());
-        assert_eq!(events.count(), EVENTS_MAX);
-        assert!(got.len() <= 2 * EVENTS_MAX, "{} wait", got.len());
     }
 
     #[test]

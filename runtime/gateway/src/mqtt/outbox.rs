@@ -1,15 +1,12 @@
 //! What the broker has still to be told. The client library forgets what is unacknowledged when a session is gone,
 //! so it is kept here until then: of each state the last value, of events all in their order. Pure: no I/O.
 
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
+use plc_api::queue::{Entry, Queue};
 use plc_api::types::message::Message;
 use plc_api::types::topic::Topic;
-
-/// Events that wait for the broker; more drop the oldest. Reason: 64 open outputs with notice, result and cancel in
-/// each of 8 coordinate systems, twice over; open outputs themselves stand in `m_code/pending`, which is a state.
-pub(super) const EVENTS_MAX: usize = 4096;
 
 /// One publish.
 #[derive(Debug, Clone, PartialEq)]
@@ -31,14 +28,16 @@ pub(super) enum Handed {
     Never,
 }
 
-impl Parcel {
+impl Entry for Parcel {
     fn topic(&self) -> Option<&Topic> {
         match self {
             Parcel::Message(message) => Some(&message.topic),
             Parcel::Clear(_) => None,
         }
     }
+}
 
+impl Parcel {
     fn is_state(&self) -> bool {
         self.topic().is_some_and(Topic::is_state)
     }
@@ -54,78 +53,39 @@ impl Parcel {
 pub(super) struct Outbox {
     // last value of each retained state
     states: BTreeMap<Topic, Arc<Message>>,
-    // of a state with events that explain it, also one value before each of them
-    queue: VecDeque<Parcel>,
-    events: usize,
-    lost: u64,
+    queue: Queue<Parcel>,
+    told_lost: u64,
     // handed over with QoS 1, oldest first; None: a state, which is published again anyway
     unacknowledged: VecDeque<Option<Parcel>>,
 }
 
 impl Outbox {
-    /// Takes a message. The value of a state takes the place of one that waits, so that `pending` stays before the
-    /// output that it announces, but never passes an event that explains it: a cancel comes before the `pending` that no
-    /// longer shows the output.
+    /// Takes a message.
     pub(super) fn put(&mut self, message: Arc<Message>) {
-        if !message.topic.is_state() {
-            self.put_event(Parcel::Message(message));
-            return;
+        if message.topic.is_state() {
+            self.states.insert(message.topic.clone(), Arc::clone(&message));
         }
-        self.states.insert(message.topic.clone(), Arc::clone(&message));
-        let newest_first = self.queue.iter_mut().rev();
-        let waits = newest_first
-            .take_while(|parcel| parcel.explains().as_ref() != Some(&message.topic))
-            .find(|parcel| parcel.topic() == Some(&message.topic));
-        match waits {
-            Some(parcel) => *parcel = Parcel::Message(message),
-            None => self.queue.push_back(Parcel::Message(message)),
-        }
+        self.queue.put(Parcel::Message(message));
     }
 
     /// Clears a retained topic at the broker.
     pub(super) fn clear(&mut self, path: String) {
-        self.put_event(Parcel::Clear(path));
-    }
-
-    fn put_event(&mut self, parcel: Parcel) {
-        if self.events == EVENTS_MAX {
-            self.drop_oldest_event();
-        } else {
-            self.events += 1;
-        }
-        self.queue.push_back(parcel);
-    }
-
-    fn drop_oldest_event(&mut self) {
-        let Some(place) = self.queue.iter().position(|parcel| !parcel.is_state()) else {
-            return;
-        };
-        let event = self.queue.remove(place);
-        self.lost += 1;
-        // of a state that it explains the value before it is not needed any more when there is one after it
-        let Some(state) = event.and_then(|event| event.explains()) else {
-            return;
-        };
-        let mut values = (0..self.queue.len()).filter(|&index| self.queue[index].topic() == Some(&state));
-        if let (Some(before), Some(_)) = (values.next(), values.next())
-            && before < place
-        {
-            self.queue.remove(before);
-        }
+        self.queue.put(Parcel::Clear(path));
     }
 
     /// Hands over, in order, as long as `publish` takes.
     pub(super) fn send(&mut self, mut publish: impl FnMut(&Parcel) -> Handed) {
-        while let Some(parcel) = self.queue.pop_front() {
-            let handed = publish(&parcel);
+        while let Some(parcel) = self.queue.front() {
+            let handed = publish(parcel);
             if handed == Handed::Full {
-                self.queue.push_front(parcel);
                 return;
             }
-            let (is_state, qos) = (parcel.is_state(), parcel.topic().map_or(1, Topic::qos));
-            self.events -= usize::from(!is_state);
-            if handed == Handed::Over && qos > 0 {
-                self.unacknowledged.push_back((!is_state).then_some(parcel));
+            let parcel = self.queue.take();
+            if let (Handed::Over, Some(parcel)) = (handed, parcel)
+                && parcel.topic().map_or(1, Topic::qos) > 0
+            {
+                self.unacknowledged
+                    .push_back((!parcel.is_state()).then_some(parcel));
             }
         }
     }
@@ -137,43 +97,38 @@ impl Outbox {
 
     /// True when nothing waits and all is acknowledged.
     pub(super) fn is_empty(&self) -> bool {
-        self.queue.is_empty() && self.unacknowledged.is_empty()
+        self.queue.front().is_none() && self.unacknowledged.is_empty()
     }
 
     /// After a connection was made: the last value of every retained state, and the events that no broker has
     /// acknowledged; a state stands behind the last of them that explains it, before all others.
     pub(super) fn connected(&mut self) {
         let unacknowledged = self.unacknowledged.drain(..).flatten();
-        let waiting = std::mem::take(&mut self.queue).into_iter();
+        let waiting = self.queue.take_all().into_iter();
         let events: Vec<_> = unacknowledged
             .chain(waiting.filter(|parcel| !parcel.is_state()))
             .collect();
-        self.events = 0;
-        let mut explained: BTreeSet<_> = events.iter().filter_map(Parcel::explains).collect();
-        let states = self
-            .states
-            .values()
-            .filter(|state| !explained.contains(&state.topic));
-        self.queue = states.cloned().map(Parcel::Message).collect();
-        // from the last to the first: behind which event a state stands is met first
-        let mut ordered = Vec::new();
-        for event in events.into_iter().rev() {
-            let state = event.explains().filter(|state| explained.remove(state));
-            let value = state.and_then(|state| self.states.get(&state));
-            ordered.extend(value.cloned().map(Parcel::Message));
-            ordered.push(event);
+        let explained_last: BTreeMap<_, _> = (0..events.len())
+            .filter_map(|at| Some((events[at].explains()?, at)))
+            .collect();
+        for (topic, state) in &self.states {
+            if !explained_last.contains_key(topic) {
+                self.queue.put(Parcel::Message(Arc::clone(state)));
+            }
         }
-        for parcel in ordered.into_iter().rev() {
-            match parcel {
-                Parcel::Message(message) if message.topic.is_state() => self.put(message),
-                event => self.put_event(event),
+        for (at, event) in events.into_iter().enumerate() {
+            let explains = event.explains().filter(|state| explained_last[state] == at);
+            self.queue.put(event);
+            if let Some(state) = explains.and_then(|topic| self.states.get(&topic)) {
+                self.queue.put(Parcel::Message(Arc::clone(state)));
             }
         }
     }
 
     /// Events dropped since this was asked last.
     pub(super) fn take_lost(&mut self) -> u64 {
-        std::mem::take(&mut self.lost)
+        let told = std::mem::replace(&mut self.told_lost, self.queue.lost());
+        self.queue.lost() - told
     }
 }
 
@@ -183,6 +138,7 @@ mod tests {
     use plc_api::types::topic::CsTopic;
 
     use super::*;
+    use plc_api::queue::EVENTS_MAX;
     use plc_api::types::output::{Cancel, CancelReason, OutputNotice, Params, Pending, Timing};
     use plc_api::types::state::Switch;
     use plc_api::types::{BootId, Timestamp};
@@ -303,24 +259,6 @@ mod tests {
     }
 
     #[test]
-    fn a_later_pending_stays_before_its_output_and_behind_the_cancel_that_explains_it() {
-        let mut outbox = Outbox::default();
-        for message in [
-            pending(1),
-            output(1),
-            pending(2),
-            cancel(1),
-            pending(3),
-            output(2),
-            pending(4),
-        ] {
-            outbox.put(message);
-        }
-        let right = [pending(2), output(1), cancel(1), pending(4), output(2)];
-        assert_eq!(send_all(&mut outbox), right);
-    }
-
-    #[test]
     fn after_a_lost_connection_pending_is_told_once_and_behind_every_cancel_that_explains_it() {
         let mut outbox = Outbox::default();
         for message in [switch(true), pending(1), output(1), output(2), cancel(1)] {
@@ -341,20 +279,5 @@ mod tests {
             output(3),
         ];
         assert_eq!(send_all(&mut outbox), right);
-    }
-
-    #[test]
-    fn cancels_and_pending_values_that_nobody_takes_are_bounded() {
-        let mut outbox = Outbox::default();
-        for seq in 0..2 * EVENTS_MAX as u64 {
-            outbox.put(pending(seq));
-            outbox.put(cancel(seq));
-        }
-        let sent = send_all(&mut outbox);
-        assert_eq!(
-            sent.iter().filter(|message| !message.topic.is_state()).count(),
-            EVENTS_MAX
-        );
-        assert!(sent.len() <= 2 * EVENTS_MAX, "{} wait", sent.len());
     }
 }
