@@ -351,7 +351,7 @@ impl CoordinateSystem {
     }
 
     /// A sequence program raises an alarm; one of all is raised already.
-    fn raise_asked(&mut self, raise: AlarmRaise) -> Result<Answer, Refusal> {
+    fn raise_asked(&mut self, raise: &AlarmRaise) -> Result<Answer, Refusal> {
         let alarm = raise.alarm()?;
         if raise.cs.is_some() {
             self.raise(alarm.number, alarm.text, None);
@@ -414,7 +414,7 @@ impl CoordinateSystem {
                 self.look_at_bus();
                 Ok(Answer::Done)
             }
-            Request::RaiseAlarm(raise) => self.raise_asked(raise),
+            Request::RaiseAlarm(raise) => self.raise_asked(&raise),
             Request::Input(_, input) => self.set_input(input).map(|()| Answer::Done),
             Request::Spindle(_, command) => self
                 .command_spindle(command.direction, command.rpm)

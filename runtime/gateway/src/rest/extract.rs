@@ -46,7 +46,10 @@ fn is_as_written(value: &impl Serialize, written: &RawPathParams) -> bool {
         Err(_) => return false,
     };
     let mut both = values.iter().zip(written);
-    both.all(|(value, (_, written))| !value.is_number() || value.to_string() == written)
+    both.all(|(value, (_, written))| {
+        let canonical = value.to_string();
+        !value.is_number() || canonical == written
+    })
 }
 
 /// The query of a URL; others are 400.
