@@ -52,9 +52,9 @@ readings! {
     state: State as State -> State;
     /// Program, call stack and line that run.
     program: Program as Program -> ProgramPlace;
-    /// Positions of the last servo cycle, mm or degrees; feedrate mm/min.
+    /// Positions of the last servo cycle, over MQTT of the last tenth of a second; mm or degrees, feedrate mm/min.
     position: Position as Position -> Position;
-    /// Modal G codes, F, S, ta, td, ts.
+    /// Modal G codes by group, F in mm/min, S in r/min, ta, td and ts in ms.
     modal: Modal as Modal -> Modal;
     /// Positions latched by the last G31.
     captured: Captured as Captured -> Captured;
@@ -99,7 +99,7 @@ impl CoordinateSystem {
         self.number
     }
 
-    /// Takes a program of the store: READY. Allowed in READY, `PROGRAM_COMPLETED` and STOPPED without an alarm.
+    /// Takes a program of the store by its number, 1 to 9999: READY. Allowed in READY, `PROGRAM_COMPLETED` and STOPPED without an alarm.
     ///
     /// # Errors
     /// Not allowed now, no such program, or the program has errors.
@@ -279,7 +279,8 @@ impl CoordinateSystem {
         Err(Error::Closed)
     }
 
-    /// Tells which tool is in the spindle; 0: none.
+    /// Tells which tool is in the spindle, by its number in the [tool table](Plc::tools); 0: none. G41 to G44 that are
+    /// interpreted from now on take its measures (D17); a number that the table does not have is taken, too.
     ///
     /// # Errors
     /// No such coordinate system, or the machine cannot be reached.
@@ -357,7 +358,7 @@ impl CoordinateSystem {
         .await
     }
 
-    /// Sets overrides, percent; those that are `None` stay.
+    /// Sets overrides, percent: feed and spindle 0 to 200, rapid 0 to 100; those that are `None` stay.
     ///
     /// # Errors
     /// A value out of its range, or no such coordinate system.
