@@ -48,8 +48,8 @@ fn inputs<'a>(
         work_offsets,
         variables,
         tool: Tool::default(),
-        captured: [0.0; 8],
-        position: AxisVector::ZERO,
+        captured: Some([0.0; 8]),
+        position: Some(AxisVector::ZERO),
     }
 }
 

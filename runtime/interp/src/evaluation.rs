@@ -14,7 +14,8 @@ pub(crate) type Locals = [f64; LOCAL_VARIABLES];
 pub(crate) struct Scope<'a> {
     pub(crate) locals: &'a Locals,
     pub(crate) variables: &'a Variables,
-    pub(crate) captured: &'a [f64; AXES_MAX],
+    /// `None` while a G31 is unfinished: nothing reads them then (D15).
+    pub(crate) captured: Option<&'a [f64; AXES_MAX]>,
 }
 
 impl Scope<'_> {
@@ -25,7 +26,7 @@ impl Scope<'_> {
             VariableKind::Local => self.locals.get(index).copied(),
             VariableKind::CoordinateSystem => self.variables.coordinate_system.get(index),
             VariableKind::Global => self.variables.global.get(index),
-            VariableKind::CapturedPosition => self.captured.get(index).copied(),
+            VariableKind::CapturedPosition => self.captured.and_then(|all| all.get(index)).copied(),
         };
         value.unwrap_or(f64::NAN)
     }

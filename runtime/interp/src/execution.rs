@@ -89,6 +89,8 @@ pub struct Execution<'a> {
     inputs: &'a Inputs<'a>,
     limits: &'a Limits,
     place: usize,
+    /// The block needs the position, which is not known yet.
+    pub(crate) needs_position: bool,
     pub(crate) draft: Draft,
 }
 
@@ -105,6 +107,7 @@ impl<'a> Execution<'a> {
             inputs,
             limits,
             place: 0,
+            needs_position: false,
             draft: Draft::default(),
         }
     }
@@ -148,6 +151,13 @@ impl<'a> Execution<'a> {
         self.inputs
     }
 
+    /// Where the next block counts from, machine coordinates. While it is open where a G31 ends, the block is interpreted
+    /// again once that is known, and what it does this time does not count.
+    pub fn position(&mut self) -> AxisVector {
+        self.needs_position |= self.inputs.position.is_none();
+        self.inputs.position.unwrap_or_default()
+    }
+
     /// Limits of the coordinate system.
     pub fn limits(&self) -> &'a Limits {
         self.limits
@@ -168,10 +178,15 @@ impl<'a> Execution<'a> {
         self.axes_of(self.words.present().intersection(AXIS_ADDRESSES))
     }
 
-    /// The axis words that a code of the block has as its own, absolute; where the tool is for an axis without a word.
-    pub fn centre(&self, tool: AxisVector) -> AxisVector {
+    /// A centre of these axes: the axis words that a code of the block has as its own, absolute; for an axis without a
+    /// word where the tool is, which `seen` tells of the transform and the machine position.
+    pub fn centre(&mut self, of: &[Axis], seen: fn(&Transform, AxisVector) -> AxisVector) -> AxisVector {
         let words = self.own_axis_words();
-        let mut centre = tool;
+        let mut centre = AxisVector::ZERO;
+        if !of.iter().all(|axis| words.named.contains(*axis)) {
+            let position = self.position();
+            centre = seen(&self.modal.transform, position);
+        }
         for axis in words.named.iter() {
             centre[axis] = words.values[axis];
         }

@@ -16,7 +16,7 @@ pub(crate) fn run(
     let scope = Scope {
         locals,
         variables: inputs.variables,
-        captured: &inputs.captured,
+        captured: inputs.captured.as_ref(),
     };
     let mut go_to = |to: u32| *next = to as usize;
     match program.program_code(block).map(|code| code.statement) {

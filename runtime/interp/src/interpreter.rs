@@ -37,12 +37,13 @@ pub struct Inputs<'a> {
     pub variables: &'a Variables,
     /// The tool that is selected (D17).
     pub tool: Tool,
-    /// `_CNC_CapturedPosition<n>` of the last G31, in command units (D41). Read only at a standstill, when a G31 has
-    /// been given out ([`Item::NeedsStandstill`]).
-    pub captured: [f64; AXES_MAX],
+    /// `_CNC_CapturedPosition<n>` of the last G31, in command units (D41). `None` while a G31 that has been given out is
+    /// unfinished: a block that reads one gives [`Item::NeedsStandstill`] (D15).
+    pub captured: Option<[f64; AXES_MAX]>,
     /// Where the next block counts from, machine coordinates: the end of all that has been given out so far, with a
-    /// change of tool length that nothing has moved for yet (D22).
-    pub position: AxisVector,
+    /// change of tool length that nothing has moved for yet (D22). `None` while it is open where a G31 ends: a block that
+    /// takes it into its own gives [`Item::NeedsStandstill`].
+    pub position: Option<AxisVector>,
 }
 
 /// A program of the nesting and where it stands.
@@ -85,8 +86,6 @@ pub struct Interpreter {
     cycle: Option<(Box<Tapping>, Origin)>,
     /// L0 to L255 of each program of the nesting.
     locals: Vec<Locals>,
-    /// A G31 has been given out, and no standstill has been since (D15).
-    skip_unfinished: bool,
     /// Blocks since the last item that moves, waits or puts out.
     idle_steps: u32,
     /// Blocks since the start.
@@ -113,7 +112,6 @@ impl Interpreter {
             queue: VecDeque::with_capacity(4),
             cycle: None,
             locals: Vec::with_capacity(CALL_DEPTH_MAX + 1),
-            skip_unfinished: false,
             idle_steps: 0,
             steps: 0,
             state: State::Ended(Origin::default()),
@@ -144,7 +142,6 @@ impl Interpreter {
     fn forget_program(&mut self) {
         self.queue.clear();
         self.cycle = None;
-        self.skip_unfinished = false;
         self.idle_steps = 0;
         self.steps = 0;
         self.stack.clear();
@@ -251,8 +248,7 @@ impl Interpreter {
         if block.has_errors() {
             return Err(Alarm::new(&PROGRAM_HAS_ERRORS, "the block has an error"));
         }
-        if self.skip_unfinished && reads_captured_position(&frame.program, &block) {
-            self.skip_unfinished = false;
+        if inputs.captured.is_none() && reads_captured_position(&frame.program, &block) {
             self.queue.push_back(Item::NeedsStandstill(origin));
             return Ok(());
         }
@@ -264,6 +260,14 @@ impl Interpreter {
             flow::run(&frame.program, &block, &mut frame.next, locals, inputs);
             return Ok(());
         }
+        self.g_code_block(&block, origin, inputs)
+    }
+
+    /// The same for a block of words.
+    fn g_code_block(&mut self, block: &Block, origin: Origin, inputs: &Inputs<'_>) -> Result<(), Alarm> {
+        let (Some(frame), Some(locals)) = (self.stack.last_mut(), self.locals.last()) else {
+            return Ok(());
+        };
         let mut fault = None;
         // the path stage knows it
         let position = TextPosition::unknown();
@@ -273,22 +277,27 @@ impl Interpreter {
             scope: Some(Scope {
                 locals,
                 variables: inputs.variables,
-                captured: &inputs.captured,
+                captured: inputs.captured.as_ref(),
             }),
             position: &position,
         };
-        self.words.read(&frame.program, &block, &reading, &mut |found| {
+        self.words.read(&frame.program, block, &reading, &mut |found| {
             fault.get_or_insert(found);
         });
         if let Some(fault) = fault {
-            let word = frame
-                .program
-                .origin_within(&block, fault.span.start, frame.number);
+            let word = frame.program.origin_within(block, fault.span.start, frame.number);
             return Err(alarm_of(&fault).at(word));
         }
+        let before = inputs.position.is_none().then(|| self.modal.clone());
         let mut execution = Execution::new(&self.words, &mut self.modal, inputs, &self.limits);
         execute(&mut execution);
-        let mut draft = execution.draft;
+        let (needs_position, mut draft) = (execution.needs_position, execution.draft);
+        if let (true, Some(before)) = (needs_position, before) {
+            self.modal = before;
+            frame.next -= 1;
+            self.queue.push_back(Item::NeedsStandstill(origin));
+            return Ok(());
+        }
         if let Some(alarm) = draft.alarm.take() {
             return Err(alarm);
         }
@@ -348,7 +357,6 @@ impl Interpreter {
         let cycle = draft.cycle.take();
         let silent = own_item || draft.transform.is_some() || cycle.is_some() || !self.words.any();
         let action = draft.action.take().or((!silent).then_some(Action::None));
-        self.skip_unfinished |= matches!(action, Some(Action::Skip(_)));
         let transform = draft
             .transform
             .map(|transform| Item::Block(self.block(Action::Transform(Box::new(transform)), origin)));

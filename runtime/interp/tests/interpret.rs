@@ -269,8 +269,8 @@ fn m02_and_m30_end_and_the_end_repeats() {
         work_offsets: &WorkOffsets::default(),
         variables: &Variables::default(),
         tool: Tool::default(),
-        captured: [0.0; 8],
-        position: AxisVector::ZERO,
+        captured: Some([0.0; 8]),
+        position: Some(AxisVector::ZERO),
     };
     assert!(matches!(idle.next(&inputs), Ok(Item::End(_))));
 }

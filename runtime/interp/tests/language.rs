@@ -231,10 +231,45 @@ fn d15_a_captured_position_waits_for_the_end_of_its_g31() {
             ..
         }))
     ));
+    run.skips = true;
     assert!(matches!(run.next(), Ok(Item::Block(_))));
     assert!(matches!(run.next(), Ok(Item::NeedsStandstill(origin)) if origin.line == 3));
+    run.skips = false;
     run.captured[0] = 2.5;
     assert_eq!(run.items(), ["1:4 linear X4 Y2.5", "1:5 end"]);
+}
+
+#[test]
+fn d15_a_block_that_takes_the_position_into_its_own_waits_for_the_end_of_a_g31() {
+    for (block, waits) in [
+        ("G68 X1 R90", true),
+        ("G51 X1 Y2 P2", true),
+        ("G84 Z-5 R2 F100", true),
+        ("G68 X1 Y2 R90", false),
+        ("G18 G68 X1 Y2 R90", true),
+        ("G51 X1 Y2 Z3 P2", false),
+        ("G91 G01 X1", false),
+        ("G02 X1 Y1 I1", false),
+        ("G28 X1", false),
+    ] {
+        let mut run = Run::new(&format!("G31 X10 S300\n{block} M50\nM30"));
+        assert!(matches!(run.next(), Ok(Item::Block(_))));
+        let modal = run.interpreter.modal().clone();
+        run.skips = true;
+        let item = run.next().unwrap();
+        assert_eq!(
+            matches!(item, Item::NeedsStandstill(_)),
+            waits,
+            "{block}: {item:?}"
+        );
+        if waits {
+            assert_eq!(*run.interpreter.modal(), modal, "{block}");
+            run.skips = false;
+            run.position[Axis::Z] = 7.0;
+            let item = run.next().unwrap();
+            assert!(!matches!(item, Item::NeedsStandstill(_)), "{block}: {item:?}");
+        }
+    }
 }
 
 #[test]

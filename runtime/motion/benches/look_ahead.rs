@@ -87,8 +87,8 @@ fn interpret(program: &Arc<NcProgram>, mut each: impl FnMut(Block)) {
         work_offsets: &work_offsets,
         variables: &variables,
         tool: Tool::default(),
-        captured: [0.0; 8],
-        position: AxisVector::ZERO,
+        captured: Some([0.0; 8]),
+        position: Some(AxisVector::ZERO),
     };
     let mut interpreter = Interpreter::new(&settings());
     interpreter.start(Arc::clone(program), 1);

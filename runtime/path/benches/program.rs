@@ -93,8 +93,8 @@ fn run(bencher: Bencher<'_, '_>, on: &str, off: &str) {
                         length: 0.0,
                         radius: 3.0,
                     },
-                    captured: [0.0; 8],
-                    position: AxisVector::ZERO,
+                    captured: Some([0.0; 8]),
+                    position: Some(AxisVector::ZERO),
                 };
                 match interpreter.next(&inputs) {
                     Ok(Item::Block(block)) => assert_eq!(path.push(&block, &mut segments), Ok(())),

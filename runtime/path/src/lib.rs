@@ -14,7 +14,8 @@
 //! - An arc under a rotation of another plane is refused as one under unequal scale is (D21): it would leave its plane.
 //! - An arc whose centre is its end point has no end direction and is refused.
 //! - A thread along another direction than the machine's Z is refused; its pitch F / S counts in machine coordinates.
-//! - Where G31 ends only the servo knows: no block may be pushed before [`PathStage::skipped_to`] has told it.
+//! - Where G31 ends only the servo knows: no block may be pushed before [`PathStage::skipped_to`] has told it
+//!   ([`PathStage::is_skipping`]).
 //! - Soft limits are checked for the axes that a block moves, on an arc at its turning points, too; a
 //!   machine that stands beyond a limit may come back.
 

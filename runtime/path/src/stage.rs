@@ -44,6 +44,8 @@ pub struct PathStage {
     legs: Vec<Leg>,
     /// The last segment, while it is open whether it ends in a stop.
     held_back: Option<Segment>,
+    /// The last segment is a G31 of which it is open where it ends.
+    is_skipping: bool,
 }
 
 impl PathStage {
@@ -76,6 +78,7 @@ impl PathStage {
             compensator: Compensator::new(settings),
             legs: Vec::new(),
             held_back: None,
+            is_skipping: false,
         }
     }
 
@@ -153,6 +156,7 @@ impl PathStage {
         self.transform = Transform::default();
         self.compensator.clear();
         self.held_back = None;
+        self.is_skipping = false;
     }
 
     /// The transform in force for the next block.
@@ -254,14 +258,21 @@ impl PathStage {
                 end: SegmentEnd::ExactStop,
             });
             self.at = to;
+            self.is_skipping = true;
         }
         self.arrived(block, words);
         Ok(())
     }
 
+    /// True from a G31 that moves to [`PathStage::skipped_to`]: no block may be pushed.
+    pub fn is_skipping(&self) -> bool {
+        self.is_skipping
+    }
+
     /// After G31: the machine rests here, perhaps short of the target. The transform stays.
     pub fn skipped_to(&mut self, at: MachinePosition) {
         self.at = at.0;
+        self.is_skipping = false;
     }
 
     fn rapid_to(&mut self, origin: Origin, to: AxisVector, out: &mut Vec<Segment>) {

@@ -173,6 +173,15 @@ impl CoordinateSystem {
         }
     }
 
+    /// What was interpreted before single block was switched on, and is planned only now, is held as well.
+    pub(super) fn plan_ahead_of_single_block(&mut self) {
+        if let Some(run) = &mut self.run
+            && self.inputs.single_block
+        {
+            run.steps.planned_ahead = self.pipeline.last_segment();
+        }
+    }
+
     fn hold_after_planned_block(&mut self) {
         let Some(run) = &mut self.run else { return };
         if self.inputs.single_block && self.servo.finished_segment < run.steps.planned_ahead {

@@ -20,6 +20,8 @@ use tandem_syntax::NcProgram;
 pub(super) struct Pipeline {
     pub interpreter: Interpreter,
     path: PathStage,
+    /// What the interpreter has given while it is open where a G31 ends, in order.
+    set_aside: VecDeque<SetAside>,
     planner: Planner,
     segments: Vec<Segment>,
     /// Planned, and not yet in the servo's queue.
@@ -45,6 +47,15 @@ pub(super) struct Change {
     pub stack: Arc<[CallSite]>,
 }
 
+/// An item that the path stage has not heard of yet.
+#[derive(Debug)]
+struct SetAside {
+    block: Option<Block>,
+    modal: Modal,
+    stack: Arc<[CallSite]>,
+    step: u64,
+}
+
 impl Pipeline {
     pub fn new(settings: &CoordinateSystemSettings, dialect: &'static Dialect) -> Self {
         let interpreter = Interpreter::with_dialect(settings, dialect);
@@ -58,6 +69,7 @@ impl Pipeline {
         Self {
             interpreter,
             path,
+            set_aside: VecDeque::new(),
             planner: Planner::new(settings),
             segments: Vec::new(),
             ready: VecDeque::new(),
@@ -70,16 +82,70 @@ impl Pipeline {
         }
     }
 
-    /// The interpreter's next item; a block has gone on to the planner when this returns.
+    /// The interpreter's next item. A block has gone on to the planner when this returns; behind a G31 it is set aside,
+    /// since it begins where that ends.
     pub fn next(&mut self, inputs: &Inputs<'_>) -> Result<Item, Alarm> {
         let item = self.interpreter.next(inputs)?;
+        if self.is_behind_skip() {
+            self.set_aside(&item);
+            return Ok(item);
+        }
         if let Item::Block(block) = &item {
             self.note_change();
-            self.note_block();
+            self.note_block(self.interpreter.steps());
             self.block(block)?;
         }
         self.note_change();
         Ok(item)
+    }
+
+    /// True while it is open where the next block begins: a G31 runs, or what stands behind it is not planned yet.
+    pub fn is_behind_skip(&self) -> bool {
+        self.path.is_skipping() || !self.set_aside.is_empty()
+    }
+
+    /// How many items are set aside.
+    pub fn set_aside_count(&self) -> usize {
+        self.set_aside.len()
+    }
+
+    fn set_aside(&mut self, item: &Item) {
+        let block = match item {
+            Item::Block(block) => Some(block.clone()),
+            _ => None,
+        };
+        let before = self.set_aside.back().map_or(&self.last.stack, |last| &last.stack);
+        let stack = if callers(&self.interpreter).eq(before.iter().cloned()) {
+            Arc::clone(before)
+        } else {
+            callers(&self.interpreter).collect()
+        };
+        self.set_aside.push_back(SetAside {
+            block,
+            modal: self.interpreter.modal().clone(),
+            stack,
+            step: self.interpreter.steps(),
+        });
+    }
+
+    /// Once the G31 has ended, the first item that was set aside has its turn; its block has gone on to the planner when
+    /// this returns. An alarm ends what stands behind, too. `None`: there is nothing, or the G31 still runs.
+    pub fn next_set_aside(&mut self) -> Option<Result<(), Alarm>> {
+        if self.path.is_skipping() {
+            return None;
+        }
+        let item = self.set_aside.pop_front()?;
+        let mut planned = Ok(());
+        if let Some(block) = &item.block {
+            self.note(&item.modal, &item.stack);
+            self.note_block(item.step);
+            planned = self.block(block);
+        }
+        self.note(&item.modal, &item.stack);
+        if planned.is_err() {
+            self.set_aside.clear();
+        }
+        Some(planned)
     }
 
     fn block(&mut self, block: &Block) -> Result<(), Alarm> {
@@ -124,28 +190,26 @@ impl Pipeline {
 
     fn note_change(&mut self) {
         let modal = self.interpreter.modal();
-        let transform = self.path.transform();
-        let depth = self.interpreter.call_stack().count();
-        let callers = || {
-            self.interpreter
-                .call_stack()
-                .take(depth.saturating_sub(1))
-                .map(|origin| CallSite {
-                    program: origin.program,
-                    line: origin.line,
-                })
-        };
         if *modal == self.last.modal
-            && *transform == self.last.transform
-            && callers().eq(self.last.stack.iter().cloned())
+            && *self.path.transform() == self.last.transform
+            && callers(&self.interpreter).eq(self.last.stack.iter().cloned())
         {
+            return;
+        }
+        let (modal, stack) = (modal.clone(), callers(&self.interpreter).collect());
+        self.note(&modal, &stack);
+    }
+
+    fn note(&mut self, modal: &Modal, stack: &Arc<[CallSite]>) {
+        let transform = *self.path.transform();
+        if *modal == self.last.modal && transform == self.last.transform && *stack == self.last.stack {
             return;
         }
         self.last = Change {
             after_segment: self.next_segment() - 1,
             modal: modal.clone(),
-            transform: *transform,
-            stack: callers().collect(),
+            transform,
+            stack: Arc::clone(stack),
         };
         self.changes.push_back(self.last.clone());
     }
@@ -156,14 +220,13 @@ impl Pipeline {
     }
 
     /// A fixed cycle gives several blocks of one step.
-    fn note_block(&mut self) {
-        let step = Some(self.interpreter.steps());
+    fn note_block(&mut self, step: u64) {
         let first = self.next_segment();
         // Blocks without movement go to the next one that moves.
-        if self.noted_step != step && self.blocks.back() != Some(&first) {
+        if self.noted_step != Some(step) && self.blocks.back() != Some(&first) {
             self.blocks.push_back(first);
         }
-        self.noted_step = step;
+        self.noted_step = Some(step);
     }
 
     /// True when a programmed block begins with this segment, which begins to run.
@@ -186,6 +249,7 @@ impl Pipeline {
         is_so(&self.in_force)
             || is_so(self.interpreter.modal())
             || self.changes.iter().any(|change| is_so(&change.modal))
+            || self.set_aside.iter().any(|item| is_so(&item.modal))
     }
 
     /// After G31: the machine rests here, perhaps short of the target.
@@ -193,9 +257,9 @@ impl Pipeline {
         self.path.skipped_to(at);
     }
 
-    /// Where the next block counts from.
-    pub fn counts_from(&self) -> MachinePosition {
-        self.path.counts_from()
+    /// Where the next block counts from; `None` while that is open.
+    pub fn counts_from(&self) -> Option<MachinePosition> {
+        (!self.is_behind_skip()).then(|| self.path.counts_from())
     }
 
     /// True while the tool is in a thread when all that has been given out so far has run.
@@ -224,6 +288,7 @@ impl Pipeline {
     /// ends, or goes on.
     pub fn restart(&mut self, epoch: u32, at: MachinePosition, goes_on: bool) {
         self.ready.clear();
+        self.set_aside.clear();
         self.segments.clear();
         self.changes.clear();
         self.blocks.clear();
@@ -311,6 +376,18 @@ impl Pipeline {
     }
 }
 
+/// Where the programs of the nesting stand that have called another.
+fn callers(interpreter: &Interpreter) -> impl Iterator<Item = CallSite> {
+    let depth = interpreter.call_stack().count();
+    interpreter
+        .call_stack()
+        .take(depth.saturating_sub(1))
+        .map(|origin| CallSite {
+            program: origin.program,
+            line: origin.line,
+        })
+}
+
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeMap;
@@ -336,8 +413,8 @@ mod tests {
             work_offsets: &system.work_offsets,
             variables: &Variables::default(),
             tool: Tool::default(),
-            captured: [0.0; AXES_MAX],
-            position: AxisVector::ZERO,
+            captured: Some([0.0; AXES_MAX]),
+            position: Some(AxisVector::ZERO),
         };
         test(&mut pipeline, &inputs);
     }

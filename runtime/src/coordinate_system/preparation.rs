@@ -2,7 +2,7 @@
 
 use tandem_interp::Inputs;
 use tandem_model::alarm::{AlarmEntry, COMPENSATION_REFUSED};
-use tandem_model::flow::{Action, Item, Output, ProgramStop};
+use tandem_model::flow::{Item, Output, ProgramStop};
 use tandem_model::limits::STEPS_IN_CHAIN_MAX;
 use tandem_model::{Alarm, Origin};
 
@@ -114,13 +114,18 @@ impl CoordinateSystem {
 
     /// One step of the run. False when it has to wait.
     fn advance(&mut self) -> bool {
+        if self.plan_set_aside() {
+            return true;
+        }
         let Some(run) = &mut self.run else { return false };
         // In a thread feed hold waits, so what the way out needs is not kept back.
         let held = run.held != Held::No && !self.pipeline.in_thread();
         let single_block = self.inputs.single_block;
         match std::mem::replace(&mut run.phase, Phase::Interpret) {
             Phase::Interpret => {
-                if !self.pipeline.ready.is_empty() || single_block && held {
+                let is_full = !self.pipeline.ready.is_empty()
+                    || self.pipeline.set_aside_count() >= self.configured.pre_read_blocks;
+                if is_full || single_block && held {
                     return false;
                 }
                 let between_blocks = self.pipeline.interpreter.is_between_blocks();
@@ -163,6 +168,29 @@ impl CoordinateSystem {
         }
     }
 
+    /// Plans what was interpreted while it was open where a G31 ends. False when there is nothing, or it has to wait.
+    fn plan_set_aside(&mut self) -> bool {
+        if self.run.is_none() || !self.pipeline.ready.is_empty() {
+            return false;
+        }
+        let Some(planned) = self.pipeline.next_set_aside() else {
+            return false;
+        };
+        self.plan_ahead_of_single_block();
+        if let Err(alarm) = planned {
+            self.stand_still_then(Then::Alarm(alarm));
+        } else if !self.pipeline.is_behind_skip()
+            && let Some(run) = &mut self.run
+        {
+            // What follows the last of it has not ended its way yet.
+            match std::mem::replace(&mut run.phase, Phase::Interpret) {
+                Phase::Standstill(then) => self.stand_still_then(then),
+                phase => run.phase = phase,
+            }
+        }
+        true
+    }
+
     fn interpret(&mut self) {
         let Some(run) = &mut self.run else { return };
         let tables = self.shared.tables.read();
@@ -172,18 +200,14 @@ impl CoordinateSystem {
             work_offsets: &tables.work_offsets(self.number),
             variables: &self.variables,
             tool: tables.tool(self.inputs.tool),
-            captured: self.captured,
-            position: self.pipeline.counts_from().0,
+            captured: (!self.pipeline.is_behind_skip()).then_some(self.captured),
+            position: self.pipeline.counts_from().map(|position| position.0),
         };
         let item = self.pipeline.next(&inputs);
         drop(tables);
         run.steps.in_block |= matches!(item, Ok(Item::Block(_) | Item::Stop(_)));
         self.note_interpreted();
         match item {
-            // Where G31 ends only the servo knows.
-            Ok(Item::Block(block)) if matches!(block.action, Action::Skip(_)) => {
-                self.stand_still_then(Then::Interpret);
-            }
             Ok(Item::Block(_)) => {}
             Ok(Item::Warning(origin, text)) => self.warn(origin, &text),
             Ok(Item::Output(output)) if self.is_with_motion(&output) => {

@@ -10,5 +10,6 @@ mod m_codes;
 mod positions;
 mod program_flow;
 mod rapid;
+mod skip;
 mod tables;
 mod tapping;

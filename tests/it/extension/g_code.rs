@@ -83,8 +83,8 @@ fn a_g_code_of_a_dialect_of_ones_own_acts() {
         work_offsets: &work_offsets,
         variables: &Variables::default(),
         tool: Tool::default(),
-        captured: [0.0; AXES_MAX],
-        position: AxisVector::ZERO,
+        captured: Some([0.0; AXES_MAX]),
+        position: Some(AxisVector::ZERO),
     };
     let mut actions = Vec::new();
     loop {

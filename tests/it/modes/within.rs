@@ -145,3 +145,35 @@ fn d41_a_skip_input_from_outside_captures_the_position_for_the_program_and_the_s
         assert_eq!(read, [x, 10.0]);
     });
 }
+
+/// X is captured at 7.25 mm.
+const SKIP: &str = "\n[[simulated_skip]]\nmotor = 1\nabove = 7.25\n";
+
+#[test]
+fn m1i_single_block_that_comes_within_a_g31_ends_each_block_behind_it_though_it_has_been_read() {
+    on_machine(SKIP, |rig| async move {
+        rig.start("G31 X40\nG91 G01 X1 F600 G09\nG00 Y2\nM30\n").await;
+        until_at(&rig, |at| at[0] > 2.0).await;
+        rig.cs.set_single_block(true).await.unwrap();
+        for at in [[7.25, 0.0, 0.0], [8.25, 0.0, 0.0], [8.25, 2.0, 0.0]] {
+            rig.interrupted(Reason::SingleBlock).await;
+            close(rig.at().await, at);
+            rig.cs.resume().await.unwrap();
+        }
+        rig.until(Execution::ProgramCompleted).await;
+    });
+}
+
+#[test]
+fn d15_a_stop_within_a_g31_forgets_what_has_been_read_behind_it() {
+    on_machine(SKIP, |rig| async move {
+        rig.start("G31 X40\nG91 G01 X1 F600\nG00 Y2\nM30\n").await;
+        until_at(&rig, |at| at[0] > 2.0).await;
+        rig.cs.stop().await.unwrap();
+        let at = rig.at().await;
+        rig.cs.reset().await.unwrap();
+        rig.cs.mdi("G91 G00 Z1").await.unwrap();
+        close(rig.at().await, [at[0], 0.0, 1.0]);
+        assert_eq!(rig.alarms().await, [0_u16; 0]);
+    });
+}

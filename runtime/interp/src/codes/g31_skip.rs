@@ -12,8 +12,8 @@ pub static G31: Code = Code {
     group: ModalGroup::NonModal,
     words: &AXIS_WORDS,
     docs: "Moves each named axis alone at its skip velocity until its skip input comes or the target is reached; the \
-           motor then stands at the captured position. A later read of `_CNC_CapturedPosition` waits for the end of \
-           the motion (D15). Never blended.",
+           motor then stands at the captured position. The program is read on meanwhile, up to a read of \
+           `_CNC_CapturedPosition` (D15); what moves behind it begins where the motors have ended. Never blended.",
     check: None,
     select: |execution| {
         let words = execution.own_axis_words();

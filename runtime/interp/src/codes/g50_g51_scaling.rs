@@ -1,6 +1,7 @@
 //! G50 and G51 Scaling. The factors have a gap about zero, which no range can say.
 
-use tandem_model::flow::Scaling;
+use tandem_model::axis::Axis;
+use tandem_model::flow::{Scaling, Transform};
 use tandem_syntax::Address;
 use tandem_syntax::diagnostics::OUT_OF_RANGE;
 
@@ -54,11 +55,7 @@ pub static G51: Code = Code {
         let all = execution.words().get(Address::P);
         let factors = [Address::I, Address::J, Address::K]
             .map(|address| all.or(execution.words().get(address)).unwrap_or(1.0));
-        let tool = execution
-            .modal()
-            .transform
-            .before_scaling(execution.inputs().position);
-        let centre = execution.centre(tool);
+        let centre = execution.centre(&[Axis::X, Axis::Y, Axis::Z], Transform::before_scaling);
         execution.transform(|transform| {
             transform.scaling = Some(Scaling { centre, factors });
         });

@@ -1,6 +1,6 @@
 //! G68 and G69 Coordinate System Rotation.
 
-use tandem_model::flow::Rotation;
+use tandem_model::flow::{Rotation, Transform};
 use tandem_syntax::Address;
 
 use super::{Code, ModalGroup, WordSpec, axis_word};
@@ -23,11 +23,7 @@ pub static G68: Code = Code {
     select: |execution| {
         let angle_deg = execution.words().get(Address::R).unwrap_or_default();
         let plane = execution.modal().plane();
-        let tool = execution
-            .modal()
-            .transform
-            .before_rotation(execution.inputs().position);
-        let centre = execution.centre(tool);
+        let centre = execution.centre(&plane.axes(), Transform::before_rotation);
         execution.transform(|transform| {
             transform.rotation = Some(Rotation {
                 plane,

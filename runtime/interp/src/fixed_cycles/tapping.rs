@@ -102,8 +102,9 @@ pub(crate) fn outputs(has_spindle: Option<bool>) -> &'static [u16] {
 }
 
 /// Z where the tool is, as a programmed position.
-fn initial_level(execution: &Execution<'_>) -> f64 {
-    execution.modal().transform.inverse(execution.inputs().position)[Axis::Z]
+fn initial_level(execution: &mut Execution<'_>) -> f64 {
+    let position = execution.position();
+    execution.modal().transform.inverse(position)[Axis::Z]
 }
 
 fn level(z: f64) -> AxisWords {

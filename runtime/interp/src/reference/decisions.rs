@@ -54,7 +54,7 @@ pub(super) static DECISIONS: &[(&str, &str)] = &[
     ("D14", "M00 and M01 act when motion has come to them."),
     (
         "D15",
-        "A read of a captured position waits for the end of the motion while a G31 is unfinished.",
+        "The pre-read goes on behind a G31; what moves there begins where the motors have ended. While the G31 is unfinished, a read of a captured position waits for its end, and so does a block that takes the position of the tool into its own: G51 and G68 with an axis of the centre left out, and the first block of a fixed cycle.",
     ),
     (
         "D16",

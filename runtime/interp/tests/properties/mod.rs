@@ -153,8 +153,8 @@ fn run(program: &Arc<NcProgram>, optional_skip: u32) -> Option<u16> {
             work_offsets: &WorkOffsets::default(),
             variables: &variables,
             tool: Tool::default(),
-            captured: [0.0; 8],
-            position: AxisVector::ZERO,
+            captured: Some([0.0; 8]),
+            position: Some(AxisVector::ZERO),
         }) {
             Ok(Item::End(_)) => return None,
             Ok(_) => {}

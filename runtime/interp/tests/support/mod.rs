@@ -61,6 +61,8 @@ pub struct Run {
     pub tool: Tool,
     pub captured: [f64; 8],
     pub position: AxisVector,
+    /// A G31 has been given out and has not ended.
+    pub skips: bool,
 }
 
 impl Run {
@@ -83,6 +85,7 @@ impl Run {
             },
             captured: [0.0; 8],
             position: AxisVector::ZERO,
+            skips: false,
         }
     }
 
@@ -98,8 +101,8 @@ impl Run {
             work_offsets: &self.work_offsets,
             variables: &self.variables,
             tool: self.tool,
-            captured: self.captured,
-            position: self.position,
+            captured: Some(self.captured).filter(|_| !self.skips),
+            position: Some(self.position).filter(|_| !self.skips),
         })
     }
 

@@ -74,8 +74,8 @@ fn segments(text: &str) -> Option<Vec<Segment>> {
             length: 0.0,
             radius: 1.5,
         },
-        captured: [0.0; AXES_MAX],
-        position: AxisVector::ZERO,
+        captured: Some([0.0; AXES_MAX]),
+        position: Some(AxisVector::ZERO),
     };
     let mut interpreter = Interpreter::new(&settings);
     let mut path = PathStage::new(&settings, MachinePosition::default());

@@ -121,7 +121,9 @@ fn g31_goes_to_its_target_and_the_next_block_begins_where_the_servo_says_it_rest
     assert_eq!(out[0].end, SegmentEnd::ExactStop, "G31 is not blended");
     let (from, to) = (xyz([10.0, 0.0, 0.0]), xyz([10.0, 0.0, -15.0]));
     assert_eq!(out[1].motion, SegmentMotion::Skip { from, to });
+    assert!(stage.is_skipping());
     stage.skipped_to(MachinePosition(xyz([10.0, 0.0, -7.3])));
+    assert!(!stage.is_skipping());
     let up = words(Distance::Incremental, &[(Z, 1.0)]);
     stage.push(&block(4, Action::Rapid(up)), &mut out).unwrap();
     near(target(&out[2]), [10.0, 0.0, -6.3]);
