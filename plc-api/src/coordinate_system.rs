@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use crate::alarm::Alarm;
 use crate::error::{Error, Result};
 use crate::hub::Filter;
 use crate::plc::{Plc, unexpected};
@@ -51,9 +52,9 @@ readings! {
     state: State as State -> State;
     /// Program, call stack and line that run.
     program: Program as Program -> ProgramPlace;
-    /// Positions of the last servo cycle, mm or degrees; feedrate mm/min.
+    /// Positions of the last servo cycle, over MQTT of the last tenth of a second; mm or degrees, feedrate mm/min.
     position: Position as Position -> Position;
-    /// Modal G codes, F, S, ta, td, ts.
+    /// Modal G codes by group, F in mm/min, S in r/min, ta, td and ts in ms.
     modal: Modal as Modal -> Modal;
     /// Positions latched by the last G31.
     captured: Captured as Captured -> Captured;
@@ -98,7 +99,7 @@ impl CoordinateSystem {
         self.number
     }
 
-    /// Takes a program of the store: READY. Allowed in READY, `PROGRAM_COMPLETED` and STOPPED without an alarm.
+    /// Takes a program of the store by its number, 1 to 9999: READY. Allowed in READY, `PROGRAM_COMPLETED` and STOPPED without an alarm.
     ///
     /// # Errors
     /// Not allowed now, no such program, or the program has errors.
@@ -155,7 +156,7 @@ impl CoordinateSystem {
         self.command(Command::Abort).await
     }
 
-    /// Ends the run, cancels open outputs, clears alarms of this coordinate system.
+    /// Ends the run, cancels open outputs, clears alarms of this coordinate system and of the whole machine.
     ///
     /// # Errors
     /// The program is ACTIVE.
@@ -208,6 +209,15 @@ impl CoordinateSystem {
     /// No alarm of this id stands, or as [`CoordinateSystem::command`].
     pub async fn acknowledge_alarm(&self, id: u64) -> Result<()> {
         self.command(Command::AlarmAcknowledge { id }).await
+    }
+
+    /// Raises an alarm that stops this coordinate system and cancels its open outputs; it stands until a reset.
+    /// [`Plc::raise_alarm`] stops all.
+    ///
+    /// # Errors
+    /// No such coordinate system, or as [`Plc::raise_alarm`].
+    pub async fn raise_alarm(&self, alarm: Alarm) -> Result<()> {
+        self.plc.raise(Some(self.number), alarm).await
     }
 
     /// Carries out a command, and returns when its effect has been reached.
@@ -269,7 +279,8 @@ impl CoordinateSystem {
         Err(Error::Closed)
     }
 
-    /// Tells which tool is in the spindle; 0: none.
+    /// Tells which tool is in the spindle, by its number in the [tool table](Plc::tools); 0: none. G41 to G44 that are
+    /// interpreted from now on take its measures (D17); a number that the table does not have is taken, too.
     ///
     /// # Errors
     /// No such coordinate system, or the machine cannot be reached.
@@ -347,7 +358,7 @@ impl CoordinateSystem {
         .await
     }
 
-    /// Sets overrides, percent; those that are `None` stay.
+    /// Sets overrides, percent: feed and spindle 0 to 200, rapid 0 to 100; those that are `None` stay.
     ///
     /// # Errors
     /// A value out of its range, or no such coordinate system.

@@ -243,9 +243,7 @@ impl FakePort {
 
     /// An alarm of a coordinate system: STOPPED, and all open outputs are cancelled.
     pub fn raise(&self, cs: CoordinateSystemNumber, alarm: Alarm) {
-        let mut inner = self.lock();
-        self.raise_alarm(&mut inner, cs, alarm);
-        self.publish_system(&mut inner, cs);
+        self.raise_alarm(&mut self.lock(), Some(cs), alarm);
     }
 
     /// The connection of a handler breaks: its claims are given back.
@@ -376,7 +374,7 @@ impl FakePort {
             self.carry_out(inner, cs, effect);
         }
         if let Some(alarm) = failed {
-            self.raise_alarm(inner, cs, alarm);
+            self.raise_alarm(inner, Some(cs), alarm);
         }
         self.publish_system(inner, cs);
         Some(result)
@@ -476,7 +474,7 @@ impl Inner {
     /// Active alarms that count for a coordinate system.
     fn alarm_count(&self, cs: CoordinateSystemNumber) -> u32 {
         let active = self.alarms.iter().filter(|alarm| alarm.cleared_at.is_none());
-        let count = active.filter(|alarm| alarm.cs == Some(cs)).count();
+        let count = active.filter(|alarm| alarm.cs.is_none_or(|of| of == cs)).count();
         u32::try_from(count).unwrap_or(u32::MAX)
     }
 

@@ -1,20 +1,17 @@
 //! The hub: last values of state topics, and bounded subscriptions to all topics.
 //!
 //! Publishing never waits for a subscriber. A slow subscriber is given the latest value of each state topic; of
-//! events it gets all, up to [`EVENTS_MAX`]: then the oldest are dropped, counted by [`Subscription::lost`]. What
-//! must not be lost is therefore also a state: open outputs stand in `m_code/pending`, alarms in `alarm/active`.
+//! events it gets all, up to a limit: then the oldest are dropped, counted by [`Subscription::lost`] (see
+//! [`queue`](crate::queue)). What must not be lost is therefore also a state: open outputs stand in `m_code/pending`, alarms in `alarm/active`.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
 use tokio::sync::Notify;
 
+use crate::queue::Queue;
 use crate::types::message::Message;
 use crate::types::topic::{CsTopic, Topic};
-
-/// Events that wait for one subscriber. Reason: 64 open outputs, each with a notice, a result and a cancel, in each
-/// of 8 coordinate systems fit many times over.
-pub const EVENTS_MAX: usize = 4096;
 
 /// Which topics a subscription is for.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -71,11 +68,7 @@ struct Subscriber {
 
 #[derive(Debug, Default)]
 struct Waiting {
-    // in the order of publishing; a state that is published again keeps its place, so that a state which announces
-    // an event still comes before it
-    queue: VecDeque<Arc<Message>>,
-    events: usize,
-    lost: u64,
+    queue: Queue<Arc<Message>>,
     closed: bool,
 }
 
@@ -121,15 +114,12 @@ impl Hub {
     /// A subscription; it starts with the values of now.
     pub fn subscribe(&self, filter: Filter) -> Subscription {
         let mut inner = lock(&self.inner);
-        let waiting = Waiting {
-            queue: inner
-                .states
-                .values()
-                .filter(|message| filter.matches(&message.topic))
-                .cloned()
-                .collect(),
-            ..Waiting::default()
-        };
+        let mut waiting = Waiting::default();
+        for state in inner.states.values() {
+            if filter.matches(&state.topic) {
+                waiting.queue.put(Arc::clone(state));
+            }
+        }
         let subscriber = Arc::new(Subscriber {
             filter,
             waiting: Mutex::new(waiting),
@@ -154,27 +144,10 @@ impl Hub {
 
 impl Subscriber {
     fn put(&self, message: Arc<Message>) {
-        let mut waiting = lock(&self.waiting);
-        if message.topic.is_state() {
-            if let Some(place) = waiting
-                .queue
-                .iter_mut()
-                .find(|other| other.topic == message.topic)
-            {
-                *place = message;
-                return;
-            }
-        } else if waiting.events == EVENTS_MAX {
-            if let Some(place) = waiting.queue.iter().position(|other| !other.topic.is_state()) {
-                waiting.queue.remove(place);
-                waiting.lost += 1;
-            }
-        } else {
-            waiting.events += 1;
+        let is_more = lock(&self.waiting).queue.put(message);
+        if is_more {
+            self.notify.notify_one();
         }
-        waiting.queue.push_back(message);
-        drop(waiting);
-        self.notify.notify_one();
     }
 }
 
@@ -200,17 +173,12 @@ impl Subscription {
 
     /// The next message if one is there.
     pub fn try_next(&mut self) -> Option<Arc<Message>> {
-        let mut waiting = lock(&self.subscriber.waiting);
-        let message = waiting.queue.pop_front()?;
-        if !message.topic.is_state() {
-            waiting.events -= 1;
-        }
-        Some(message)
+        lock(&self.subscriber.waiting).queue.take()
     }
 
     /// Events dropped so far because this subscriber did not read them.
     pub fn lost(&self) -> u64 {
-        lock(&self.subscriber.waiting).lost
+        lock(&self.subscriber.waiting).queue.lost()
     }
 }
 
@@ -222,6 +190,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::queue::EVENTS_MAX;
     use crate::types::message::Payload;
     use crate::types::output::{Cancel, CancelReason};
     use crate::types::state::Switch;
@@ -252,6 +221,12 @@ mod tests {
         )
     }
 
+    fn read_all(subscription: &mut Subscription) -> Vec<Message> {
+        std::iter::from_fn(|| subscription.try_next())
+            .map(|message| (*message).clone())
+            .collect()
+    }
+
     #[test]
     fn a_slow_subscriber_gets_the_latest_state_and_every_event_in_order() {
         let hub = Hub::new();
@@ -259,10 +234,8 @@ mod tests {
         for message in [switch(true), cancel(1), switch(false), cancel(2)] {
             hub.publish(message);
         }
-        let got: Vec<_> = std::iter::from_fn(|| subscription.try_next())
-            .map(|m| (*m).clone())
-            .collect();
-        assert_eq!(got, [switch(false), cancel(1), cancel(2)]);
+        let right = [switch(false), cancel(1), cancel(2)];
+        assert_eq!(read_all(&mut subscription), right);
     }
 
     #[test]

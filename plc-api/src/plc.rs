@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use futures_util::FutureExt;
 
+use crate::alarm::Alarm;
 use crate::ask::Asker;
 use crate::coordinate_system::CoordinateSystem;
 use crate::error::{Error, Result};
@@ -14,7 +15,7 @@ use crate::port::{BoxFuture, Port};
 #[cfg(feature = "mqtt")]
 use crate::transport::mqtt::MqttOptions;
 use crate::types::CoordinateSystemNumber;
-use crate::types::machine::AlarmRecord;
+use crate::types::machine::{AlarmRaise, AlarmRecord};
 use crate::types::message::Payload;
 use crate::types::program::ProgramInfo;
 use crate::types::request::{Answer, Refusal, RefusalCode, Request};
@@ -134,7 +135,7 @@ impl Plc {
     }
 
     /// Alarms and warnings that stand, in the order in which they were raised. A reset of its coordinate system clears
-    /// an alarm; [`CoordinateSystem::acknowledge_alarm`] notes that somebody has seen it.
+    /// an alarm, a reset of any coordinate system one of the whole machine (`cs` is `None`); [`CoordinateSystem::acknowledge_alarm`] notes that somebody has seen it.
     ///
     /// ```
     /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
@@ -156,6 +157,40 @@ impl Plc {
             Some(Payload::AlarmActive(active)) => Ok(active.alarms.clone()),
             _ => Err(Refusal::new(RefusalCode::NotFound, "the machine has not said its alarms yet").into()),
         }
+    }
+
+    /// Raises an alarm of the whole machine: every coordinate system stops, and its open outputs are cancelled. It
+    /// stands until a coordinate system is reset; each of them stays STOPPED until its own reset. One coordinate system
+    /// alone is stopped by [`CoordinateSystem::raise_alarm`], the program of an output by the `Err` of its handler.
+    ///
+    /// ```
+    /// # use plc_api::{Alarm, Execution};
+    /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
+    /// let plc = plc_api::fake::FakePort::new([1, 2]).plc();
+    /// plc.raise_alarm(Alarm::user(20, "the air pressure is low")).await?;
+    /// assert_eq!(plc.coordinate_system(2).state().await?.execution, Execution::Stopped);
+    /// assert_eq!(plc.alarms().await?[0].cs, None);
+    /// # Ok(()) }
+    /// ```
+    ///
+    /// # Errors
+    /// The alarm is not one of [`Alarm::user`] or has no text, or the machine cannot be reached.
+    pub async fn raise_alarm(&self, alarm: Alarm) -> Result<()> {
+        self.raise(None, alarm).await
+    }
+
+    pub(crate) async fn raise(&self, cs: Option<CoordinateSystemNumber>, alarm: Alarm) -> Result<()> {
+        let Some(code) = alarm.user_code() else {
+            let text = format!(
+                "alarm {} is one of the runtime's; make it by Alarm::user",
+                alarm.number
+            );
+            return Err(Refusal::new(RefusalCode::Invalid, text).into());
+        };
+        let text = alarm.text;
+        self.request(Request::RaiseAlarm(AlarmRaise { cs, code, text }))
+            .await
+            .map(|_| ())
     }
 
     /// The newest `count` lines of the journal, 1 to 1000, but for the `from` newest, in the order of time: JSON objects

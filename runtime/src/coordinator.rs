@@ -234,6 +234,7 @@ impl Parts {
             let (view, variables) = (system.view(), system.variables());
             let desk = Arc::new(Desk::new(Arc::clone(&shared), system, Arc::clone(&notify)));
             channels.push(servo_end);
+            shared.wakes(Arc::clone(&notify));
             wake.push(notify);
             let of_task = Arc::clone(&desk);
             tasks.spawn(async move { of_task.run().await });

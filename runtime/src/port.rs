@@ -13,7 +13,7 @@ use std::time::Duration;
 use plc_api::hub::{Filter, Subscription};
 use plc_api::port::{BoxFuture, Port};
 use plc_api::types::command::{Command, CommandMeta};
-use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
+use plc_api::types::machine::{AlarmRaise, AlarmRecord, AlarmSeverity};
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::output::HandlerPresence;
 use plc_api::types::request::{Answer, Refusal, RefusalCode, Request};
@@ -190,6 +190,23 @@ impl RuntimePort {
         }
     }
 
+    /// An alarm of all is one alarm, which each coordinate system is told of.
+    async fn raise_alarm(&self, raise: AlarmRaise) -> Result<Answer, Refusal> {
+        let alarm = raise.alarm()?;
+        if let Some(cs) = raise.cs {
+            return self.handle(cs)?.desk.ask(Request::RaiseAlarm(raise), true).await;
+        }
+        self.shared.raise(AlarmRecord {
+            number: alarm.number,
+            text: alarm.text,
+            ..AlarmRecord::default()
+        });
+        for handle in &self.handles {
+            handle.desk.ask(Request::RaiseAlarm(raise.clone()), true).await?;
+        }
+        Ok(Answer::Done)
+    }
+
     fn warn(&self, text: &str) -> Answer {
         self.shared.raise(AlarmRecord {
             severity: AlarmSeverity::Warning,
@@ -252,6 +269,7 @@ impl RuntimePort {
                 }
                 Ok(Answer::Done)
             }
+            Request::RaiseAlarm(raise) => self.raise_alarm(raise).await,
             Request::Warn(text) => Ok(self.warn(&text)),
             Request::SkipInput(motor, value) => self.skip_input(motor, value).await,
             Request::ServoTiming if self.shared.clock.is_simulated() => Err(Refusal::new(

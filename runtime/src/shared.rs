@@ -14,6 +14,7 @@ use plc_api::types::output::HandlerPresence;
 use plc_api::types::topic::Topic;
 use plc_api::types::{BootId, CoordinateSystemNumber, Timestamp};
 use tandem_model::alarm::ALARMS;
+use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 
 use crate::clock::Clock;
@@ -59,6 +60,8 @@ pub(crate) struct Shared {
     alarms: Mutex<Alarms>,
     handlers: Mutex<BTreeMap<String, HandlerPresence>>,
     commands: Mutex<Commands>,
+    /// Wakes the task of each coordinate system.
+    wakes: Mutex<Vec<Arc<Notify>>>,
     told: AtomicU64,
 }
 
@@ -100,8 +103,14 @@ impl Shared {
             alarms: Mutex::default(),
             handlers: Mutex::default(),
             commands: Mutex::default(),
+            wakes: Mutex::default(),
             told: AtomicU64::new(0),
         }
+    }
+
+    /// From now on what concerns all coordinate systems wakes this task, too.
+    pub fn wakes(&self, task: Arc<Notify>) {
+        lock(&self.wakes).push(task);
     }
 
     /// Counts what was said to others, and may have woken a task.
@@ -190,14 +199,19 @@ impl Shared {
         record
     }
 
-    /// Clears the alarms of a coordinate system.
+    /// Clears the alarms of a coordinate system, and those of the whole machine; all are woken to tell of these.
     pub fn clear_alarms(&self, cs: CoordinateSystemNumber) {
         let mut alarms = lock(&self.alarms);
         let now = self.timestamp();
         let (cleared, active): (Vec<_>, Vec<_>) = std::mem::take(&mut alarms.active)
             .into_iter()
-            .partition(|alarm| alarm.cs == Some(cs));
+            .partition(|alarm| alarm.cs.is_none_or(|of| of == cs));
         alarms.active = active;
+        if cleared.iter().any(|alarm| alarm.cs.is_none()) {
+            for wake in lock(&self.wakes).iter() {
+                wake.notify_one();
+            }
+        }
         for record in cleared {
             let record = AlarmRecord {
                 cleared_at: Some(now.clone()),

@@ -1,5 +1,6 @@
 //! The same sequence program over every transport: in process, over the embedded broker, over a Mosquitto, over REST.
 
+mod alarms;
 mod broker_loss;
 mod cancel;
 mod control_lease;
@@ -12,6 +13,7 @@ mod operator;
 mod program;
 mod scan;
 mod soak;
+mod strict_broker;
 mod tls;
 
 use std::sync::Arc;

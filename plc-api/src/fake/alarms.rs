@@ -1,9 +1,10 @@
 //! Alarms of a machine of paper.
 
+use super::requests::missing;
 use super::{FakePort, Inner};
 use crate::alarm::Alarm;
 use crate::handshake::Closed;
-use crate::types::machine::{ActiveAlarms, AlarmRecord};
+use crate::types::machine::{ActiveAlarms, AlarmRaise, AlarmRecord};
 use crate::types::message::Payload;
 use crate::types::output::CancelReason;
 use crate::types::request::{Refusal, RefusalCode};
@@ -26,26 +27,52 @@ pub(super) fn of(m: u16, how: &Closed) -> Option<Alarm> {
 }
 
 impl FakePort {
-    /// Raises an alarm, which ends the run of its coordinate system.
-    pub(super) fn raise_alarm(&self, inner: &mut Inner, cs: CoordinateSystemNumber, alarm: Alarm) {
+    /// Raises an alarm, which ends the run of its coordinate system, or of all.
+    pub(super) fn raise_alarm(&self, inner: &mut Inner, cs: Option<CoordinateSystemNumber>, alarm: Alarm) {
         let record = AlarmRecord {
             id: inner.alarms.len() as u64 + 1,
             number: alarm.number,
             text: alarm.text,
-            cs: Some(cs),
-            program: inner.systems.get(&cs).map(super::System::program),
+            cs,
+            program: cs.and_then(|cs| inner.systems.get(&cs).map(super::System::program)),
             raised_at: Timestamp::from_system_time(inner.now().time),
             ..AlarmRecord::default()
         };
         inner.alarms.push(record.clone());
         self.publish(inner, Topic::AlarmEvent, Payload::AlarmEvent(record));
         self.publish_alarms(inner);
-        self.end_run(inner, cs, CancelReason::Alarm);
+        let stopped: Vec<_> = inner
+            .systems
+            .keys()
+            .copied()
+            .filter(|of| cs.is_none_or(|cs| cs == *of))
+            .collect();
+        for cs in stopped {
+            self.end_run(inner, cs, CancelReason::Alarm);
+            self.publish_system(inner, cs);
+        }
+    }
+
+    /// # Errors
+    /// There is no such coordinate system, or code or text is out of its limits.
+    pub(super) fn asked_to_raise(&self, raise: &AlarmRaise) -> Result<(), Refusal> {
+        let alarm = raise.alarm()?;
+        let mut inner = self.lock();
+        if let Some(cs) = raise.cs
+            && !inner.systems.contains_key(&cs)
+        {
+            return Err(missing(cs));
+        }
+        self.raise_alarm(&mut inner, raise.cs, alarm);
+        Ok(())
     }
 
     pub(super) fn clear_alarms(&self, inner: &mut Inner, cs: CoordinateSystemNumber) {
         let cleared_at = Timestamp::from_system_time(inner.now().time);
-        let active = inner.alarms.iter_mut().filter(|alarm| alarm.cs == Some(cs));
+        let active = inner
+            .alarms
+            .iter_mut()
+            .filter(|alarm| alarm.cs.is_none_or(|of| of == cs));
         let mut cleared = Vec::new();
         for alarm in active.filter(|alarm| alarm.cleared_at.is_none()) {
             alarm.cleared_at = Some(cleared_at.clone());
@@ -58,6 +85,9 @@ impl FakePort {
             self.publish(inner, Topic::AlarmEvent, Payload::AlarmEvent(alarm));
         }
         self.publish_alarms(inner);
+        for cs in inner.systems.keys().copied().collect::<Vec<_>>() {
+            self.publish_system(inner, cs);
+        }
     }
 
     /// # Errors

@@ -16,12 +16,6 @@ use crate::types::{CoordinateSystemNumber, Timestamp};
 
 impl FakePort {
     pub(super) fn answer(&self, request: Request) -> Result<Answer, Refusal> {
-        let missing = |cs| {
-            Refusal::new(
-                RefusalCode::NotFound,
-                format!("coordinate system {cs} does not exist"),
-            )
-        };
         self.remember(&request);
         match request {
             Request::Claim(cs, m, claim) => self
@@ -68,6 +62,7 @@ impl FakePort {
             Request::Command {
                 cs, command, meta, ..
             } => self.command(cs, &command, meta),
+            Request::RaiseAlarm(raise) => self.asked_to_raise(&raise).map(|()| Answer::Done),
             other => self.script(other),
         }
     }
@@ -233,6 +228,11 @@ impl Inner {
             expires_at: Timestamp::from_system_time(self.now().time + ttl),
         })
     }
+}
+
+pub(super) fn missing(cs: CoordinateSystemNumber) -> Refusal {
+    let text = format!("coordinate system {cs} does not exist");
+    Refusal::new(RefusalCode::NotFound, text)
 }
 
 fn handshake_answer(seq: u64, handler_id: &str, status: HandshakeStatus) -> Answer {

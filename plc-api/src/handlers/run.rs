@@ -1,6 +1,6 @@
 //! The loop of a sequence program: what the machine says, and the work on outputs.
 
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::{BTreeMap, HashMap};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 
@@ -65,8 +65,6 @@ struct Runner<'a> {
     presence: Option<BootId>,
     systems: Vec<CoordinateSystemNumber>,
     pending: BTreeMap<CoordinateSystemNumber, (BootId, Pending)>,
-    // what of it has not been looked at
-    changed: BTreeSet<CoordinateSystemNumber>,
     running: HashMap<Key, Running>,
     tasks: FuturesUnordered<BoxFuture<'static, Ended>>,
     announced: bool,
@@ -95,7 +93,6 @@ pub(super) async fn run(
         presence: None,
         systems: Vec::new(),
         pending: BTreeMap::new(),
-        changed: BTreeSet::new(),
         running: HashMap::new(),
         tasks: FuturesUnordered::new(),
         announced: false,
@@ -107,14 +104,7 @@ pub(super) async fn run(
             // first what the machine says: a cancel reaches a handler before it is polled again
             biased;
             message = subscription.next() => match message {
-                Some(message) => {
-                    runner.hear(&message);
-                    // a later `pending` takes the place of one that waits: the cancel that it follows may stand behind it
-                    while let Some(message) = subscription.try_next() {
-                        runner.hear(&message);
-                    }
-                    runner.look_at_changed();
-                }
+                Some(message) => runner.hear(&message),
                 None => return Ok(()),
             },
             Some(ended) = runner.tasks.next() => runner.end(ended),
@@ -140,7 +130,7 @@ impl Runner<'_> {
                 self.presence = boot;
                 if changed {
                     self.announce();
-                    self.changed.extend(self.pending.keys());
+                    self.look_at_all();
                 }
             }
             (_, Payload::Birth(birth)) => {
@@ -167,7 +157,7 @@ impl Runner<'_> {
             (Topic::CoordinateSystem(cs, CsTopic::Pending), Payload::Pending(pending)) => {
                 self.pending
                     .insert(*cs, (message.boot_id.clone(), pending.clone()));
-                self.changed.insert(*cs);
+                self.look_at(*cs);
             }
             _ => {}
         }
@@ -193,12 +183,6 @@ impl Runner<'_> {
             }
             Ended::Validated
         }));
-    }
-
-    fn look_at_changed(&mut self) {
-        for cs in std::mem::take(&mut self.changed) {
-            self.look_at(cs);
-        }
     }
 
     fn look_at_all(&mut self) {

@@ -5,7 +5,8 @@ use serde::{Deserialize, Serialize};
 use super::question::Question;
 use super::{BootId, Timestamp};
 
-/// VA to VH of an output, as `A` to `H`.
+/// VA to VH of an output, in JSON `A` to `H`: numbers as the program gives them, without a unit (G20 and G21 do not
+/// change them); `None`: not programmed.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "UPPERCASE", default, deny_unknown_fields)]
@@ -269,13 +270,13 @@ pub enum CancelReason {
     Stop,
     /// The `abort` command.
     Abort,
-    /// An alarm of the coordinate system.
+    /// An alarm of the coordinate system or of the whole machine.
     Alarm,
     /// Not reset in its time (D36).
     Timeout,
     /// An operator reset or failed it; sent to its owner.
     Operator,
-    /// The runtime ends.
+    /// The runtime ends, another boot of it is there, or the sequence program itself ends.
     Shutdown,
 }
 

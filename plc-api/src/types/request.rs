@@ -9,7 +9,7 @@ use super::CoordinateSystemNumber;
 use super::command::{Command, CommandMeta, CommandReply, Verb};
 use super::data::{LastRun, ToolChange, ToolTable, VariableArea, WorkOffsetTable};
 use super::lease::LeaseRequest;
-use super::machine::AlarmRecord;
+use super::machine::{AlarmRaise, AlarmRecord};
 use super::output::{Claim, HandlerPresence, HandshakeResult, ProgressReport, Redeliver, Reset};
 use super::program::{ProgramCheck, ProgramDiagnostic, ProgramInfo};
 use super::question::{Ask, OperatorAnswer, ValidateResult};
@@ -131,6 +131,8 @@ pub enum Request {
         /// It has.
         connected: bool,
     },
+    /// Raises an alarm of a coordinate system, or of all.
+    RaiseAlarm(AlarmRaise),
     /// A server end refused something that an operator should know; raised as a warning. At most 500 characters.
     Warn(String),
     /// Alarms raised since the start, newest last, at most 1000; answered by [`Answer::Alarms`].

@@ -169,6 +169,15 @@ impl Topic {
         )
     }
 
+    /// Of an event, the state that it explains: whoever is told of both gets the event before any value of that state
+    /// from after it. A `cancel` explains why `m_code/pending` no longer shows an output.
+    pub fn explains(&self) -> Option<Topic> {
+        match self {
+            Topic::CoordinateSystem(cs, CsTopic::Cancel(_)) => Some(Topic::cs(*cs, CsTopic::Pending)),
+            _ => None,
+        }
+    }
+
     /// Retain flag on MQTT: every state but the position, which is a stream.
     pub fn is_retained(&self) -> bool {
         self.is_state() && !matches!(self, Topic::CoordinateSystem(_, CsTopic::Position))

@@ -5,6 +5,7 @@
     reason = "this crate is tests and nothing else"
 )]
 
+mod alarms;
 mod ask;
 mod scan;
 mod validate;

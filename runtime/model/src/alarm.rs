@@ -100,6 +100,7 @@ alarms! {
     // 300 to 399: sequence control
     M_CODE_UNHANDLED = 300, "No handler is registered for this M code", "Connect a handler, or set unhandled for the M code.";
     M_CODE_TIMEOUT = 301, "The M code was not reset in time", "Look at the handler, or raise timeout_ms.";
+    HANDLER_LOST = 302, "The handler of an M code has gone", "Start it again; then redeliver the M code, or reset it by hand, unless the handler goes on by itself.";
     REQUEST_REFUSED = 310, "A request from outside was refused", "Look at who sends it; the text says what is wrong with it.";
     // 390 to 499: runtime
     SIMULATION_STALLED = 390, "The program waits for something that never comes", "Look at what it waits for; give the M code a handler or unhandled = \"auto_reset\".";

@@ -25,6 +25,7 @@ use std::sync::Arc;
 
 use plc_api::handshake::Ledger;
 use plc_api::types::CoordinateSystemNumber;
+use plc_api::types::machine::AlarmRaise;
 use plc_api::types::output::{CancelReason, OutputNotice};
 use plc_api::types::request::{Answer, Input, Refusal, RefusalCode, Request};
 use plc_api::types::state::{Execution, Lock, Overrides, Reason, SpindleDirection, Transition};
@@ -346,6 +347,21 @@ impl CoordinateSystem {
         };
         let record = self.shared.raise(record);
         let fields = serde_json::to_value(&record).unwrap_or_default();
+        self.stop_by_alarm(fields);
+    }
+
+    /// A sequence program raises an alarm; one of all is raised already.
+    fn raise_asked(&mut self, raise: &AlarmRaise) -> Result<Answer, Refusal> {
+        let alarm = raise.alarm()?;
+        if raise.cs.is_some() {
+            self.raise(alarm.number, alarm.text, None);
+        } else {
+            self.stop_by_alarm(serde_json::json!({"number": alarm.number, "text": alarm.text}));
+        }
+        Ok(Answer::Done)
+    }
+
+    fn stop_by_alarm(&mut self, fields: serde_json::Value) {
         self.shared.record(self.number, Entry::new("alarm", fields));
         self.end_run(
             CancelReason::Alarm,
@@ -398,6 +414,7 @@ impl CoordinateSystem {
                 self.look_at_bus();
                 Ok(Answer::Done)
             }
+            Request::RaiseAlarm(raise) => self.raise_asked(&raise),
             Request::Input(_, input) => self.set_input(input).map(|()| Answer::Done),
             Request::Spindle(_, command) => self
                 .command_spindle(command.direction, command.rpm)

@@ -11,7 +11,7 @@ use plc_api::types::request::{Answer, Refusal, RefusalCode};
 use plc_api::types::state::SpindleDirection;
 use plc_api::types::topic::CsTopic;
 use serde_json::json;
-use tandem_model::alarm::{M_CODE_TIMEOUT, M_CODE_UNHANDLED};
+use tandem_model::alarm::{HANDLER_LOST, M_CODE_TIMEOUT, M_CODE_UNHANDLED};
 use tandem_model::flow::Output;
 use tandem_model::{Alarm, Origin};
 use tandem_servo::Control;
@@ -194,7 +194,15 @@ impl CoordinateSystem {
             };
             self.ledger.republish(now, handles);
         } else {
+            let owned = self.ledger.open().iter();
+            let owned: Vec<_> = owned
+                .filter(|output| output.handler_id.as_deref() == Some(id))
+                .map(|output| (origin(&output.notice), format!("M{:02} of {id}", output.notice.m)))
+                .collect();
             self.ledger.handler_lost(now, id);
+            for (origin, text) in owned {
+                self.warn_of(&HANDLER_LOST, origin, &text);
+            }
         }
     }
 

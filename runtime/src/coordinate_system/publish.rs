@@ -8,6 +8,7 @@ use plc_api::types::state::{
 };
 use plc_api::types::topic::CsTopic;
 use serde_json::json;
+use tandem_model::alarm::{AlarmEntry, PROGRAM_WARNING};
 use tandem_model::{Axis, AxisSet, MachinePosition, Origin};
 
 use super::CoordinateSystem;
@@ -240,12 +241,21 @@ impl CoordinateSystem {
             .publish(self.topic(CsTopic::Modal), Payload::Modal(modal));
     }
 
-    /// A warning: an alarm of severity warning, which stops nothing.
+    /// A warning of the program: an alarm of severity warning, which stops nothing.
     pub(super) fn warn(&self, origin: Origin, text: &str) {
+        self.raise_warning(PROGRAM_WARNING.number, origin, text.to_owned());
+    }
+
+    /// A warning of the alarm table.
+    pub(super) fn warn_of(&self, entry: &AlarmEntry, origin: Origin, text: &str) {
+        self.raise_warning(entry.number, origin, format!("{}: {text}", entry.title));
+    }
+
+    fn raise_warning(&self, number: u16, origin: Origin, text: String) {
         let record = self.shared.raise(AlarmRecord {
             severity: AlarmSeverity::Warning,
-            number: tandem_model::alarm::PROGRAM_WARNING.number,
-            text: text.to_owned(),
+            number,
+            text,
             cs: Some(self.number),
             program: Some(origin.program),
             line: Some(origin.line),

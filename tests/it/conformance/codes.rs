@@ -151,6 +151,16 @@ fn d41_a_program_reads_the_captured_positions_ascending_by_motor_once_its_g31_ha
 }
 
 #[test]
+fn d41_captured_positions_are_in_the_units_of_the_motors_also_in_inches() {
+    let machine = Machine::new("\n[[simulated_skip]]\nmotor = 1\nabove = 7.25\n");
+    let program = "G20\nG31 X1 Y0.5\nP0=_CNC_CapturedPosition0 P1=_CNC_CapturedPosition1\nM30\n";
+    let run = simulate_on(&machine, program, &[]).completed();
+    let p = |n: &str| run.json["variables"]["P"][n].as_f64().unwrap();
+    close(p("0"), 7.25);
+    close(p("1"), 12.7);
+}
+
+#[test]
 fn d22_g43_and_g44_shift_z_by_the_tool_length_without_motion_of_their_own() {
     // The manual's figure: length 8, Z-10 ends at -2; length 6 at -4; G49, Z0 at 0.
     for (program, z) in [

@@ -185,3 +185,23 @@ fn d40_hold_at_any_moment_of_a_g31_changes_nothing_of_what_it_captures() {
         assert_eq!(rig.alarms().await, [0_u16; 0]);
     });
 }
+
+#[test]
+fn a_hold_or_stop_without_a_run_has_no_effect_and_is_not_remembered() {
+    on_machine("", |rig| async move {
+        rig.load("G00 X5\nM00\nG00 X10\nM30\n").await;
+        rig.cs.hold().await.unwrap();
+        rig.cs.stop().await.unwrap();
+        rig.cs.abort().await.unwrap();
+        assert_eq!(rig.state().await, (Execution::Ready, None));
+        rig.cs.start().await.unwrap();
+        rig.until(Execution::ProgramStopped).await;
+        close(rig.at().await, [5.0, 0.0, 0.0]);
+        // nor has a hold on what is paused already: one resume goes on to the end
+        rig.cs.hold().await.unwrap();
+        assert_eq!(rig.state().await.0, Execution::ProgramStopped);
+        rig.cs.resume().await.unwrap();
+        rig.until(Execution::ProgramCompleted).await;
+        close(rig.at().await, [10.0, 0.0, 0.0]);
+    });
+}

@@ -6,30 +6,70 @@ use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::watch;
 use tokio::task::JoinHandle;
 
+use super::wait::within;
+
+/// What a broker of MQTT 3.1.1 does with a client that speaks 5 (MQTT-3.1.2-2).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Refusal {
+    /// It answers that it does not take that version, and hangs up.
+    Answer,
+    /// It only hangs up.
+    HangUp,
+}
+
 /// Carries connections to an address. While it is cut, what is sent waits in it, and nobody can connect.
 pub struct Wire {
     address: String,
     whole: watch::Sender<bool>,
+    hung_up: watch::Receiver<u32>,
     task: JoinHandle<()>,
 }
 
 impl Wire {
     pub async fn to(target: &str) -> Self {
+        Self::new(target, None).await
+    }
+
+    /// Makes a broker one of MQTT 3.1.1.
+    pub async fn to_version_3_1_1(target: &str, refusal: Refusal) -> Self {
+        Self::new(target, Some(refusal)).await
+    }
+
+    async fn new(target: &str, refusal: Option<Refusal>) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
         let address = listener.local_addr().expect("its address").to_string();
-        let whole = watch::Sender::new(true);
+        let (whole, hanging_up) = (watch::Sender::new(true), watch::Sender::new(0));
+        let hung_up = hanging_up.subscribe();
         let (target, watching) = (target.to_owned(), whole.subscribe());
         let task = tokio::spawn(async move {
             while let Ok((near, _)) = listener.accept().await {
-                tokio::spawn(carry(near, target.clone(), watching.clone()));
+                tokio::spawn(carry(
+                    near,
+                    target.clone(),
+                    watching.clone(),
+                    refusal,
+                    hanging_up.clone(),
+                ));
             }
         });
-        Self { address, whole, task }
+        Self {
+            address,
+            whole,
+            hung_up,
+            task,
+        }
     }
 
     /// `127.0.0.1:port`
     pub fn address(&self) -> &str {
         &self.address
+    }
+
+    /// Waits until somebody has connected who was hung up on, because nobody is at the other end.
+    pub async fn hangs_up(&mut self) {
+        within("a connection that is hung up on", self.hung_up.changed())
+            .await
+            .expect("the wire is there");
     }
 
     pub fn cut(&self) {
@@ -47,15 +87,32 @@ impl Drop for Wire {
     }
 }
 
-async fn carry(near: TcpStream, target: String, mut whole: watch::Receiver<bool>) {
+async fn carry(
+    mut near: TcpStream,
+    target: String,
+    mut whole: watch::Receiver<bool>,
+    refusal: Option<Refusal>,
+    hung_up: watch::Sender<u32>,
+) {
     if !*whole.borrow() {
         // a connection would not have come about: it ends, unused, once the other side can be told
         let _ = whole.wait_for(|whole| *whole).await;
         return;
     }
     let Ok(far) = TcpStream::connect(&target).await else {
+        drop(near);
+        hung_up.send_modify(|count| *count += 1);
         return;
     };
+    if let Some(refusal) = refusal
+        && speaks_5(&near).await
+    {
+        if refusal == Refusal::Answer {
+            // CONNACK, return code 1: unacceptable protocol version
+            let _ = near.write_all(&[0x20, 2, 0, 1]).await;
+        }
+        return;
+    }
     // the system may hold small packets back otherwise
     let _ = (near.set_nodelay(true), far.set_nodelay(true));
     let ((near_in, near_out), (far_in, far_out)) = (near.into_split(), far.into_split());
@@ -63,6 +120,22 @@ async fn carry(near: TcpStream, target: String, mut whole: watch::Receiver<bool>
         forward(near_in, far_out, whole.clone()),
         forward(far_in, near_out, whole)
     );
+}
+
+/// Looks at the level of the protocol in a CONNECT, which stands behind the name `MQTT`.
+async fn speaks_5(near: &TcpStream) -> bool {
+    let mut bytes = [0; 16];
+    loop {
+        let count = near.peek(&mut bytes).await.unwrap_or(0);
+        let name = bytes[..count].windows(4).position(|name| name == b"MQTT");
+        if let Some(level) = name.and_then(|name| bytes[..count].get(name + 4)) {
+            return *level == 5;
+        }
+        if count == 0 {
+            return false;
+        }
+        tokio::task::yield_now().await;
+    }
 }
 
 async fn forward(mut from: OwnedReadHalf, mut to: OwnedWriteHalf, mut whole: watch::Receiver<bool>) {

@@ -9,10 +9,16 @@ use plc_api::types::request::Request;
 use plc_api::{
     Alarm, AuxOutput, CancelReason, Cancellation, CoordinateSystem, Execution, Plc, SequenceProgram,
 };
+use serde_json::json;
 use tokio::sync::Notify;
 
-use super::{Reached, in_process, over_mosquitto, over_rest, over_the_embedded_broker};
+use super::{
+    Reached, broker_at, connect, in_process, machine, over_mosquitto, over_rest, over_the_embedded_broker,
+};
+use crate::support::broker::Mosquitto;
+use crate::support::served::Served;
 use crate::support::wait::{until, within};
+use crate::support::wire::Wire;
 
 /// Where the handler waits.
 #[derive(Debug, Clone, Copy)]
@@ -157,4 +163,41 @@ async fn over_mosquitto_a_cancel_reaches_the_handler_wherever_it_waits() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn over_rest_a_cancel_reaches_the_handler_wherever_it_waits() {
     a_cancel_reaches_the_handler(&over_rest().await).await;
+}
+
+/// Messages that a client library and the broker hold between them: more wait where a later value takes an earlier
+/// one's place.
+const ON_THE_WAY_MAX: u32 = 300;
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn over_a_slow_link_a_later_pending_does_not_pass_the_cancel_that_explains_it() {
+    let broker = Mosquitto::start();
+    let wire = Wire::to(&broker.address()).await;
+    let machine = machine(&broker_at(wire.address()));
+    let served = Served::start(&machine);
+    let plc = connect(&format!("mqtt://{}/test-1", broker.address())).await;
+    let shared = Arc::new(Shared::default());
+    let serving = plc.clone();
+    let handler = plc_api::handlers::with(Arc::clone(&shared), wait);
+    let program = SequenceProgram::new().on(100, handler).handler_id("waits");
+    let handlers = tokio::spawn(async move { program.run(&serving).await });
+    let seq = until_it_waits(&plc.coordinate_system(1), &shared, Waits::Asleep).await;
+
+    wire.cut();
+    for n in 0..ON_THE_WAY_MAX {
+        let feed = json!({"feed": 50 + n % 2});
+        served.put("/cs/1/overrides", &feed).await.expect(204);
+    }
+    // `pending` waits with this, then comes the cancel, then a `pending` without the output
+    let boot_id = served.state(1).await["boot_id"].clone();
+    let progress = json!({"boot_id": boot_id, "handler_id": "waits", "text": "still"});
+    let path = format!("/cs/1/m_codes/{seq}/progress");
+    let told = served.post(&path, &progress).await;
+    assert!((200..300).contains(&told.status), "{told:?}");
+    served.command(1, "stop").await;
+    wire.mend();
+    let ended = async || shared.dropped.lock().unwrap().pop();
+    let seen = until("the handler is dropped", ended).await;
+    assert_eq!(seen, (true, Some(CancelReason::Stop)));
+    handlers.abort();
 }

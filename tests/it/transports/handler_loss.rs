@@ -59,6 +59,19 @@ async fn kill_9_leaves_wait_handler_lost_and_a_reset_by_hand_completes(reached: 
         pending["outputs"][0]["state"], "OUTPUT",
         "the claim is given back: {pending}"
     );
+    let history = served.get("/alarms/history").await.expect(200).json();
+    let warnings = history["alarms"].as_array().expect("a list");
+    let last = warnings.last().expect("a warning");
+    assert_eq!(
+        (&last["severity"], &last["number"], &last["line"]),
+        (&json!("warning"), &json!(302), &json!(2))
+    );
+    assert_eq!(last["text"], "The handler of an M code has gone: M12 of clamp");
+    assert_eq!(
+        served.get("/alarms").await.expect(200).json()["alarms"],
+        json!([]),
+        "it prevents nothing"
+    );
     let position = served.get("/cs/1/position").await.expect(200).json();
     assert_eq!(position["machine"]["X"], 5.0, "the next block waits");
     served.reset_output(1, "operator", true).await.expect(200);

@@ -10,6 +10,7 @@ use crate::support::broker::Mosquitto;
 use crate::support::mqtt::Bus;
 use crate::support::served::Served;
 use crate::support::wait::{until, within};
+use crate::support::wire::{Refusal, Wire};
 
 fn load(command_id: &str, program: u16) -> Value {
     json!({"command_id": command_id, "client_id": "panel", "args": {"program": program}})
@@ -24,11 +25,16 @@ fn replies(bus: &Bus, command_id: &str) -> Vec<Value> {
         .collect()
 }
 
+/// Waits until this runtime hears the broker.
+async fn listens(bus: &Bus, served: &Served) {
+    let boot_id = served.state(1).await["boot_id"].clone();
+    let online = |presence: &Value| presence["online"] == true && presence["boot_id"] == boot_id;
+    bus.history.find("presence", online).await;
+}
+
 /// The broker gives messages in order, so that what stood in it before has come when this is done.
 async fn all_before_has_come(bus: &Bus, served: &Served) {
-    let boot_id = served.state(1).await["boot_id"].clone();
-    let listens = |presence: &Value| presence["online"] == true && presence["boot_id"] == boot_id;
-    bus.history.find("presence", listens).await;
+    listens(bus, served).await;
     bus.publish("cs/1/command/load", &load("last", 51)).await;
     assert_eq!(bus.reply("panel", "last").await["status"], "done");
     assert_eq!(served.state(1).await["program"], 51);
@@ -53,16 +59,58 @@ async fn a_retained_command_is_never_acted_on_by_a_later_start_of_the_runtime() 
     let alarms = served.get("/alarms/history").await.expect(200).body;
     assert!(alarms.contains("retained command early of panel"), "{alarms}");
 
-    // to a runtime that is there it looks like any other, once
+    // one that comes while the runtime is there shows its flag over MQTT 5
     bus.publish_retained("cs/1/command/load", &load("live", 50)).await;
-    assert_eq!(bus.reply("panel", "live").await["status"], "done");
+    let refused = bus.reply("panel", "live").await;
+    assert_eq!(
+        (&refused["status"], &refused["code"]),
+        (&json!("rejected"), &json!("retained"))
+    );
     let cleared = |command: &Value| *command == Value::Null;
     bus.history.find("cs/1/command/load", cleared).await;
+    assert_eq!(served.state(1).await["program"], Value::Null);
     drop(served);
     let served = Served::start(&machine);
     all_before_has_come(&bus, &served).await;
-    assert_eq!(replies(&bus, "live"), ["accepted", "done"]);
+    assert_eq!(replies(&bus, "live"), ["rejected"]);
     served.get("/commands/live").await.expect(404);
+}
+
+#[tokio::test]
+async fn over_a_broker_of_3_1_1_a_live_retained_command_counts_once_and_never_again() {
+    for refusal in [Refusal::Answer, Refusal::HangUp] {
+        let broker = Mosquitto::start();
+        let old = Wire::to_version_3_1_1(&broker.address(), refusal).await;
+        let machine = machine(&broker_at(old.address()));
+        let bus = Bus::listen(&broker.address(), "test-1").await;
+        let served = Served::start(&machine);
+        listens(&bus, &served).await;
+        bus.publish_retained("cs/1/command/load", &load("live", 50)).await;
+        assert_eq!(bus.reply("panel", "live").await["status"], "done", "{refusal:?}");
+        let cleared = |command: &Value| *command == Value::Null;
+        bus.history.find("cs/1/command/load", cleared).await;
+        drop(served);
+        let served = Served::start(&machine);
+        all_before_has_come(&bus, &served).await;
+        assert_eq!(replies(&bus, "live"), ["accepted", "done"]);
+        served.get("/commands/live").await.expect(404);
+    }
+}
+
+#[tokio::test]
+async fn a_broker_that_has_spoken_mqtt_5_is_not_left_for_3_1_1_because_it_hangs_up_once() {
+    let mut broker = Mosquitto::start();
+    let mut wire = Wire::to(&broker.address()).await;
+    let machine = machine(&broker_at(wire.address()));
+    let served = Served::start(&machine);
+    listens(&Bus::listen(&broker.address(), "test-1").await, &served).await;
+    broker.kill();
+    wire.hangs_up().await;
+    broker.start_again();
+    let bus = Bus::listen(&broker.address(), "test-1").await;
+    listens(&bus, &served).await;
+    bus.publish_retained("cs/1/command/load", &load("live", 50)).await;
+    assert_eq!(bus.reply("panel", "live").await["code"], "retained");
 }
 
 #[tokio::test]
@@ -91,9 +139,6 @@ async fn commands_that_a_persistent_session_kept_while_the_runtime_was_away_are_
     let is_there = |command: &Value| command["command_id"] == "kept";
     bus.history.find("cs/1/command/load", is_there).await;
     let served = Served::start(&machine);
-    bus.history
-        .find("presence", |presence| presence["online"] == true)
-        .await;
     all_before_has_come(&bus, &served).await;
     assert_eq!(replies(&bus, "kept"), [] as [Value; 0]);
     served.get("/commands/kept").await.expect(404);

@@ -96,6 +96,7 @@ pub(super) fn outgoing(
         Request::SkipInput(motor, value) => {
             set(format!("motor/{motor}/skip_input"), &json!({ "value": value }))
         }
+        Request::RaiseAlarm(raise) => message("alarm/raise".to_owned(), &raise, Until::Acknowledged),
         Request::ReadVariables { .. } | Request::WriteVariables { .. } => {
             variable_message(request, client_id)
         }
@@ -244,6 +245,7 @@ mod tests {
     use super::*;
     use crate::outputs::reset_of;
     use crate::types::BootId;
+    use crate::types::machine::AlarmRaise;
     use crate::types::output::HandlerPresence;
 
     fn sent(request: Request) -> (String, Value, bool) {
@@ -289,6 +291,16 @@ mod tests {
         assert_eq!(
             sent(Request::SkipInput(3, true)),
             ("motor/3/skip_input/set".to_owned(), json!({"value": true}), false)
+        );
+        let raise = AlarmRaise {
+            cs: None,
+            code: 20,
+            text: "low".into(),
+        };
+        let json = json!({"cs": null, "code": 20, "text": "low"});
+        assert_eq!(
+            sent(Request::RaiseAlarm(raise)),
+            ("alarm/raise".to_owned(), json, false)
         );
     }
 

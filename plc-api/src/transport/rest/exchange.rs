@@ -91,6 +91,7 @@ impl Exchange {
             Request::SkipInput(motor, value) => {
                 Self::put(format!("/motors/{motor}/skip_input"), &json!({ "value": value }))
             }
+            Request::RaiseAlarm(raise) => Self::post("/alarms".to_owned(), &json!(raise)),
             Request::ReadVariables {
                 area, from, count, ..
             } => Self::get(

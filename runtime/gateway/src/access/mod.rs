@@ -28,7 +28,7 @@ pub enum Role {
     Operate,
     /// Everything, also the program store.
     Admin,
-    /// A sequence program: claims, resets, tells progress and its presence, each in its own name only.
+    /// A sequence program: claims, resets, tells progress and its presence, each in its own name only, and raises alarms.
     Handler,
 }
 
@@ -43,6 +43,8 @@ pub(crate) enum Right {
     Handle,
     /// To reset an output: a handler its own, an operator any.
     Reset,
+    /// To stop a machine by an alarm.
+    Raise,
     /// To change what the machine keeps: its programs.
     Administrate,
 }
@@ -71,8 +73,8 @@ impl Role {
     pub(crate) fn has(self, right: Right) -> bool {
         match self {
             Role::View => right == Right::Read,
-            Role::Operate => matches!(right, Right::Read | Right::Operate | Right::Reset),
-            Role::Handler => matches!(right, Right::Read | Right::Handle | Right::Reset),
+            Role::Operate => matches!(right, Right::Read | Right::Operate | Right::Reset | Right::Raise),
+            Role::Handler => matches!(right, Right::Read | Right::Handle | Right::Reset | Right::Raise),
             Role::Admin => true,
         }
     }
@@ -87,6 +89,7 @@ impl Right {
             Right::Operate => "operate",
             Right::Handle => "handle",
             Right::Reset => "reset",
+            Right::Raise => "raise",
             Right::Administrate => "administrate",
         }
     }

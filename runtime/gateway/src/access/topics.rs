@@ -70,6 +70,8 @@ mod tests {
             ("cs/1/m_code/5/redeliver", [false, true, false, true]),
             ("handler/magazine/presence", [false, false, true, true]),
             ("handler/other/presence", [false, false, false, true]),
+            ("alarm/raise", [false, true, true, true]),
+            ("alarm/active", [false; 4]),
             ("cs/1/command/start", [false, true, false, true]),
             ("cs/1/input/dry_run/set", [false, true, false, true]),
             ("cs/1/override/set", [false, true, false, true]),

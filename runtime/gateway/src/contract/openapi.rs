@@ -18,7 +18,7 @@ pub(super) fn document(schemas: &Schemas) -> Value {
             "title": "Tandem",
             "version": "1",
             "description": "Programs, commands, states and values of one machine. Refusals are problem details (RFC 9457) with a machine-readable code. Where the machine has a token file each request carries a token; x-right is what it needs: read has every role, operate the roles operate and admin, handle the roles handler and admin, reset the roles operate, handler and admin, administrate the role admin.",
-            "license": {"name": "Apache-2.0 OR MIT"},
+            "license": {"name": "Apache-2.0 OR MIT", "identifier": "Apache-2.0 OR MIT"},
         },
         "servers": [{"url": "/api/v1"}],
         "security": [{"token": []}, {}],

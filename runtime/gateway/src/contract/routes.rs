@@ -35,7 +35,7 @@ pub(crate) struct Route {
 }
 
 use Content::{Document, Json, Nothing, Text};
-use Right::{Administrate, Handle, Operate, Read, Reset};
+use Right::{Administrate, Handle, Operate, Raise, Read, Reset};
 
 const fn get(path: &'static str, summary: &'static str, answers: &'static [(u16, Content)]) -> Route {
     route("GET", path, Some(Read), summary, Nothing, answers)
@@ -177,6 +177,7 @@ pub(crate) const ROUTES: &[Route] = &[
     post("/programs/{number}/check", Read, "Checks a program of the store.", Nothing, CHECKED),
     get("/programs/{number}/intermediate", "Intermediate code of a program.", A_TEXT),
     get("/alarms", "Active alarms.", &[(200, Json("ActiveAlarmsMessage"))]),
+    post("/alarms", Raise, "Raises an alarm of a coordinate system, or of all.", Json("AlarmRaise"), NO_CONTENT),
     get("/alarms/history", "Alarms of the past.", &[(200, Json("AlarmHistory"))]),
     get("/handlers", "Handlers of auxiliary function outputs.", &[(200, Json("Handlers"))]),
     open("/health", "Whether the server answers.", &[(200, Json("Health"))]),

@@ -70,6 +70,7 @@ fn requests(all: &mut Schemas) {
     ] {
         put(all, name, without(body, "seq"));
     }
+    plain::<machine::AlarmRaise>(all, "AlarmRaise", Way::In);
     plain::<output::HandlerPresence>(all, "HandlerPresence", Way::In);
     let switch = plain::<state::Switch>(all, "Switch", Way::In);
     let lock = plain::<state::Lock>(all, "Lock", Way::In);

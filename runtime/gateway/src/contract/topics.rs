@@ -27,7 +27,7 @@ const fn topic(filter: &'static str, right: Right, schema: &'static str) -> Inbo
 }
 
 /// Every topic that comes in.
-pub(crate) const INBOUND: [InboundTopic; 19] = [
+pub(crate) const INBOUND: [InboundTopic; 20] = [
     topic("cs/+/m_code/+/claim", Right::Handle, "Claim"),
     topic("cs/+/m_code/+/reset", Right::Reset, "Reset"),
     topic("cs/+/m_code/+/progress", Right::Handle, "ProgressReport"),
@@ -46,6 +46,7 @@ pub(crate) const INBOUND: [InboundTopic; 19] = [
     topic("cs/+/variable/get", Right::Operate, "VariableGet"),
     topic("cs/+/variable/set", Right::Operate, "VariableSet"),
     topic("motor/+/skip_input/set", Right::Operate, "Switch"),
+    topic("alarm/raise", Right::Raise, "AlarmRaise"),
     InboundTopic {
         filter: "handler/+/presence",
         right: Right::Handle,

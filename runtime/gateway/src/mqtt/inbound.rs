@@ -53,6 +53,10 @@ pub(crate) fn read(path: &str, payload: &[u8], retained: bool) -> Inbound {
             ["handler", id, "presence"] => handler(id, payload),
             _ if retained => Err("it is retained; publish it without the retain flag".to_owned()),
             ["motor", motor, "skip_input", "set"] => skip_input(motor, payload),
+            ["alarm", "raise"] => json(payload).map(|raise| Inbound::Ask {
+                request: Request::RaiseAlarm(raise),
+                urgent: true,
+            }),
             ["cs", cs, rest @ ..] => number(cs).and_then(|cs| setting(cs, rest, payload)),
             _ => Err("there is no such topic".to_owned()),
         }
@@ -327,10 +331,11 @@ fn check_client_id(client_id: &str) -> Result<(), String> {
     }
 }
 
-fn number<T: std::str::FromStr>(level: &str) -> Result<T, String> {
-    level
-        .parse()
-        .map_err(|_| format!("{level} is not a number that can stand there"))
+fn number<T: std::str::FromStr + ToString>(level: &str) -> Result<T, String> {
+    let number = level.parse().ok();
+    number
+        .filter(|number: &T| number.to_string() == level)
+        .ok_or_else(|| format!("{level} is not a number that can stand there"))
 }
 
 fn json<T: DeserializeOwned>(payload: &[u8]) -> Result<T, String> {

@@ -12,40 +12,28 @@ use plc_api::types::machine::Presence;
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::request::Request;
 use plc_api::types::topic::Topic;
-use rumqttc::{
-    AsyncClient, ConnectionError, Event, EventLoop, LastWill, MqttOptions, NetworkOptions, Packet, Publish,
-    QoS, SubscribeFilter, SubscribeReasonCode,
-};
 use tokio::sync::mpsc;
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
-use tokio_util::task::AbortOnDropHandle;
 use tracing::{info, warn};
 
-use super::Parts;
 use super::dispatch::Dispatch;
 use super::inbound;
 use super::outbox::{Handed, Outbox, Parcel};
+use super::wire::{self, Heard, Lost, Version, Will, Wire};
+use super::{BrokerAddress, Parts};
 use crate::broker::Refused;
 use crate::contract::topics::INBOUND;
 use crate::metrics::{Metrics, add};
 use crate::position::Positions;
 
-/// Pings after this long without traffic; the broker publishes the will after one and a half of it.
-const KEEP_ALIVE: Duration = Duration::from_secs(10);
-/// Time to connect, s.
-const CONNECT_TIMEOUT_S: u64 = 5;
-/// Bytes of a packet that comes in. Reason: more than a broker may carry ends the connection, so it is generous.
-const PACKET_IN_MAX: usize = 8 * 1024 * 1024;
-/// Bytes of a packet that goes out.
-const PACKET_OUT_MAX: usize = 1024 * 1024;
 /// Bytes of one message; a larger one is dropped with a warning. Reason: the embedded broker retains no more.
 const MESSAGE_MAX: usize = 256 * 1024;
-/// Publishes that wait in the client library.
-const CHANNEL: usize = 64;
 /// Wait before the second try to connect; doubles up to [`BACKOFF_MAX`].
 const BACKOFF_MIN: Duration = Duration::from_millis(100);
 const BACKOFF_MAX: Duration = Duration::from_secs(5);
+/// Tries over MQTT 5 that a broker that has spoken it may hang up on before 3.1.1 is tried.
+const HANG_UPS_MAX: u32 = 10;
 /// A connection that held this long starts the waits anew.
 const STABLE: Duration = Duration::from_secs(5);
 
@@ -62,28 +50,39 @@ pub(super) struct Link {
     metrics: Arc<Metrics>,
     stop: CancellationToken,
     connections: u64,
+    speaks_5: bool,
+    // tries over MQTT 5 in a row that the broker did not answer
+    hang_ups: u32,
     told_connected: bool,
 }
 
 struct LinkParts {
     root: String,
-    options: MqttOptions,
-    // an external broker says nothing of the retain flag of live messages over 3.1.1
-    clear_commands: bool,
+    client_id: String,
+    at: BrokerAddress,
+}
+
+/// What a connection has found out of its broker.
+struct Session {
+    wire: Wire,
+    version: Version,
+    /// Bytes of a packet that the broker takes; 0 before it has answered.
+    packet_max: usize,
+    told_refused: bool,
 }
 
 /// Why a connection ended.
 enum End {
     Stopped,
-    Lost(String),
+    Lost(Lost),
 }
 
 /// Anything that happens to a connection.
 enum Happening {
-    Mqtt(Result<Event, ConnectionError>),
+    Mqtt(Result<Heard, Lost>),
     Said(Option<Arc<Message>>),
     Positions(Vec<Arc<Message>>),
-    Reply(Message),
+    Reply(Arc<Message>),
     Refused(Refused),
     Stop,
 }
@@ -94,8 +93,8 @@ impl Link {
         Self {
             subscription: Some(parts.port.subscribe(Filter::All)),
             parts: LinkParts {
-                options: options(&parts),
-                clear_commands: parts.settings.embedded_listen.is_none(),
+                client_id: super::client_id(&parts.settings, &parts.machine),
+                at: parts.at,
                 root: parts.root,
             },
             port: parts.port,
@@ -107,6 +106,8 @@ impl Link {
             metrics: parts.metrics,
             stop,
             connections: 0,
+            speaks_5: false,
+            hang_ups: 0,
             told_connected: true,
         }
     }
@@ -118,7 +119,7 @@ impl Link {
             let begun = Instant::now();
             let end = self.connection().await;
             self.metrics.mqtt_connected.store(false, Ordering::Relaxed);
-            let End::Lost(why) = end else {
+            let End::Lost(Lost { why, .. }) = end else {
                 return;
             };
             self.tell_bus(false).await;
@@ -152,29 +153,46 @@ impl Link {
         }
     }
 
-    /// One connection, from the first try to its end.
+    /// One connection, from the first try to its end: over MQTT 5, and at once over 3.1.1 where the broker does not
+    /// speak 5. A broker that has spoken 5 before has likely been stopped where it hangs up: it gets more tries.
     async fn connection(&mut self) -> End {
-        let mut options = self.parts.options.clone();
-        let will = self.offline().await;
-        let topic = format!("{}{}", self.parts.root, Topic::Presence.path());
-        options.set_last_will(LastWill::new(topic, will.to_json(), QoS::AtLeastOnce, true));
-        let (client, eventloop) = AsyncClient::new(options, CHANNEL);
-        let (mut events, _poller) = poll(eventloop);
-        let mut online = false;
+        let lost = match self.connection_over(Version::V5).await {
+            End::Lost(lost) if lost.version_unknown => lost,
+            end => return end,
+        };
+        self.hang_ups += 1;
+        if self.speaks_5 && self.hang_ups < HANG_UPS_MAX {
+            return End::Lost(lost);
+        }
+        info!(
+            "the MQTT broker does not speak MQTT 5 ({}); trying 3.1.1",
+            lost.why
+        );
+        self.connection_over(Version::V3_1_1).await
+    }
+
+    async fn connection_over(&mut self, version: Version) -> End {
+        let offline = self.offline().await;
+        let will = Will {
+            topic: format!("{}{}", self.parts.root, Topic::Presence.path()),
+            payload: offline.to_json(),
+        };
+        let mut session = Session {
+            wire: Wire::open(&self.parts.client_id, &self.parts.at, will, version),
+            version,
+            packet_max: 0,
+            told_refused: false,
+        };
         loop {
-            if online {
-                self.publish(&client);
+            if session.packet_max > 0 {
+                self.publish(&session);
             }
-            match self.happening(Some(&mut events)).await {
-                Happening::Mqtt(Ok(Event::Incoming(Packet::ConnAck(_)))) => {
-                    online = true;
-                    self.connected(&client).await;
-                }
-                Happening::Mqtt(Ok(event)) => self.event(event).await,
-                Happening::Mqtt(Err(error)) => return End::Lost(error.to_string()),
+            match self.happening(Some(&mut session.wire)).await {
+                Happening::Mqtt(Ok(heard)) => self.hear(heard, &mut session).await,
+                Happening::Mqtt(Err(lost)) => return End::Lost(lost),
                 Happening::Stop => {
-                    if online {
-                        self.goodbye(&client, &mut events, will).await;
+                    if session.packet_max > 0 {
+                        self.goodbye(session, offline).await;
                     }
                     return End::Stopped;
                 }
@@ -183,13 +201,10 @@ impl Link {
         }
     }
 
-    async fn happening(
-        &mut self,
-        events: Option<&mut mpsc::Receiver<Result<Event, ConnectionError>>>,
-    ) -> Happening {
-        let event = async {
-            match events {
-                Some(events) => events.recv().await.unwrap_or(Err(ConnectionError::RequestsDone)),
+    async fn happening(&mut self, wire: Option<&mut Wire>) -> Happening {
+        let heard = async {
+            match wire {
+                Some(wire) => wire.next().await,
                 None => std::future::pending().await,
             }
         };
@@ -201,10 +216,10 @@ impl Link {
         };
         tokio::select! {
             () = self.stop.cancelled() => Happening::Stop,
-            event = event => Happening::Mqtt(event),
+            heard = heard => Happening::Mqtt(heard),
             message = said => Happening::Said(message),
             positions = self.positions.due() => Happening::Positions(positions),
-            Some(reply) = self.replies.recv() => Happening::Reply(reply),
+            Some(reply) = self.replies.recv() => Happening::Reply(Arc::new(reply)),
             Some(refused) = self.refused.recv() => Happening::Refused(refused),
         }
     }
@@ -227,7 +242,7 @@ impl Link {
                     self.outbox.put(position);
                 }
             }
-            Happening::Reply(reply) => self.outbox.put(Arc::new(reply)),
+            Happening::Reply(reply) => self.outbox.put(reply),
             Happening::Refused((topic, payload)) => self.take(&topic, &payload, true).await,
             Happening::Mqtt(_) | Happening::Stop => {}
         }
@@ -240,15 +255,12 @@ impl Link {
 
     /// On every connection: subscribe, and say everything that is retained; after the first one also the outputs
     /// whose notices may be lost.
-    async fn connected(&mut self, client: &AsyncClient) {
+    async fn connected(&mut self, wire: &Wire) {
         self.connections += 1;
         self.metrics.mqtt_connected.store(true, Ordering::Relaxed);
         add(&self.metrics.mqtt_connections, 1);
-        info!("connected to the MQTT broker");
-        let filters = INBOUND.iter().map(|topic| {
-            SubscribeFilter::new(format!("{}{}", self.parts.root, topic.filter), QoS::AtLeastOnce)
-        });
-        if client.try_subscribe_many(filters).is_err() {
+        let root = &self.parts.root;
+        if !wire.subscribe(INBOUND.iter().map(|topic| format!("{root}{}", topic.filter))) {
             warn!(
                 "the MQTT client takes no subscriptions; nothing can be commanded over MQTT until it reconnects"
             );
@@ -269,7 +281,7 @@ impl Link {
         }
     }
 
-    fn publish(&mut self, client: &AsyncClient) {
+    fn publish(&mut self, session: &Session) {
         let (root, metrics) = (&self.parts.root, &self.metrics);
         self.outbox.send(|parcel| {
             let (path, retain, qos, payload) = match parcel {
@@ -279,41 +291,55 @@ impl Link {
                 }
                 Parcel::Clear(path) => (path.clone(), true, 1, String::new()),
             };
-            if path.contains(['+', '#', '\0']) || payload.len() > MESSAGE_MAX {
+            let topic = format!("{root}{path}");
+            let fits = payload.len() <= MESSAGE_MAX && wire::fits(&topic, &payload, session.packet_max);
+            if path.contains(['+', '#', '\0']) || !fits {
                 warn!(
-                    "message on {path:.200} dropped: {} bytes, and at most {MESSAGE_MAX} on a topic without wildcards",
-                    payload.len()
+                    "message on {path:.200} dropped: {} bytes, and at most {MESSAGE_MAX} on a topic without wildcards \
+                     in a packet of {} bytes",
+                    payload.len(),
+                    session.packet_max
                 );
                 return Handed::Never;
             }
-            let qos = if qos == 0 { QoS::AtMostOnce } else { QoS::AtLeastOnce };
-            match client.try_publish(format!("{root}{path}"), qos, retain, payload) {
-                Ok(()) => {
-                    add(&metrics.mqtt_published, 1);
-                    Handed::Over
-                }
-                Err(_) => Handed::Full,
+            if session.wire.publish(topic, qos, retain, payload) {
+                add(&metrics.mqtt_published, 1);
+                Handed::Over
+            } else {
+                Handed::Full
             }
         });
     }
 
-    async fn event(&mut self, event: Event) {
-        match event {
-            Event::Incoming(Packet::Publish(publish)) => self.incoming(&publish).await,
-            // brokers acknowledge in the order of publishing (MQTT-4.6.0-2)
-            Event::Incoming(Packet::PubAck(_)) => self.outbox.acknowledged(),
-            Event::Incoming(Packet::SubAck(ack))
-                if ack.return_codes.contains(&SubscribeReasonCode::Failure) =>
-            {
-                warn!(
-                    "the MQTT broker refuses a subscription; its access rules must allow the runtime to read"
-                );
+    async fn hear(&mut self, heard: Heard, session: &mut Session) {
+        match heard {
+            Heard::Connected { packet_max } => {
+                session.packet_max = packet_max;
+                self.speaks_5 = session.version == Version::V5;
+                self.hang_ups = 0;
+                info!("connected to the MQTT broker over {}", session.version);
+                self.connected(&session.wire).await;
             }
-            _ => {}
+            Heard::Published(publish) => self.incoming(publish, session.version).await,
+            Heard::Acknowledged { refused } => {
+                self.outbox.acknowledged();
+                if let Some(reason) = refused.filter(|_| !session.told_refused) {
+                    session.told_refused = true;
+                    warn!(
+                        "the MQTT broker refuses a message ({reason}); its access rules must allow the runtime to \
+                         write below {}",
+                        self.parts.root
+                    );
+                }
+            }
+            Heard::SubscriptionRefused => warn!(
+                "the MQTT broker refuses a subscription; its access rules must allow the runtime to read"
+            ),
+            Heard::Disconnected => {}
         }
     }
 
-    async fn incoming(&mut self, publish: &Publish) {
+    async fn incoming(&mut self, publish: wire::Inbound, version: Version) {
         // empty: a retained topic that was cleared, by us or by its sender
         if publish.payload.is_empty() {
             return;
@@ -321,14 +347,10 @@ impl Link {
         let Some(path) = publish.topic.strip_prefix(&self.parts.root) else {
             return;
         };
-        if inbound::is_inbound(path) && (publish.retain || self.is_to_clear(path)) {
+        if inbound::is_inbound(path) && (publish.retain || is_to_clear(path, version)) {
             self.outbox.clear(path.to_owned());
         }
         self.take(&publish.topic, &publish.payload, publish.retain).await;
-    }
-
-    fn is_to_clear(&self, path: &str) -> bool {
-        self.parts.clear_commands && (path.contains("/command/") || path.contains("/lease/"))
     }
 
     async fn take(&mut self, topic: &str, payload: &[u8], retained: bool) {
@@ -358,76 +380,30 @@ impl Link {
     }
 
     /// Says what is still to be said, at last that the runtime has gone, and disconnects.
-    async fn goodbye(
-        &mut self,
-        client: &AsyncClient,
-        events: &mut mpsc::Receiver<Result<Event, ConnectionError>>,
-        mut offline: Message,
-    ) {
+    async fn goodbye(&mut self, mut session: Session, mut offline: Message) {
         while let Some(message) = self.subscription.as_mut().and_then(Subscription::try_next) {
             self.keep(Happening::Said(Some(message))).await;
         }
         offline.ts = Timestamp::from_system_time(std::time::SystemTime::now());
         self.outbox.put(Arc::new(offline));
-        self.publish(client);
+        self.publish(&session);
         while !self.outbox.is_empty() {
-            match events.recv().await {
-                Some(Ok(Event::Incoming(Packet::PubAck(_)))) => self.outbox.acknowledged(),
-                Some(Ok(_)) => {}
-                Some(Err(_)) | None => return,
+            match session.wire.next().await {
+                Ok(Heard::Acknowledged { .. }) => self.outbox.acknowledged(),
+                Ok(_) => {}
+                Err(_) => return,
             }
-            self.publish(client);
+            self.publish(&session);
         }
-        if client.try_disconnect().is_ok() {
-            while let Some(Ok(event)) = events.recv().await {
-                if matches!(event, Event::Outgoing(rumqttc::Outgoing::Disconnect)) {
-                    return;
-                }
-            }
+        if session.wire.disconnect() {
+            while !matches!(session.wire.next().await, Ok(Heard::Disconnected) | Err(_)) {}
         }
     }
 }
 
-/// Polls the connection in a task of its own: its polling must not be given up half-way.
-fn poll(
-    mut eventloop: EventLoop,
-) -> (
-    mpsc::Receiver<Result<Event, ConnectionError>>,
-    AbortOnDropHandle<()>,
-) {
-    let mut network = NetworkOptions::new();
-    network.set_tcp_nodelay(true);
-    network.set_connection_timeout(CONNECT_TIMEOUT_S);
-    eventloop.set_network_options(network);
-    let (sender, receiver) = mpsc::channel(CHANNEL);
-    let task = tokio::spawn(async move {
-        loop {
-            let event = eventloop.poll().await;
-            // after an error or a goodbye the next poll would connect again
-            let last = match &event {
-                Ok(event) => matches!(event, Event::Outgoing(rumqttc::Outgoing::Disconnect)),
-                Err(_) => true,
-            };
-            if sender.send(event).await.is_err() || last {
-                return;
-            }
-        }
-    });
-    (receiver, AbortOnDropHandle::new(task))
-}
-
-fn options(parts: &Parts) -> MqttOptions {
-    let client_id = super::client_id(&parts.settings, &parts.machine);
-    let mut options = MqttOptions::new(client_id, parts.at.host.clone(), parts.at.port);
-    options
-        .set_transport(parts.at.transport.clone())
-        .set_keep_alive(KEEP_ALIVE)
-        .set_clean_session(true)
-        .set_max_packet_size(PACKET_IN_MAX, PACKET_OUT_MAX);
-    if let Some((user, password)) = &parts.at.credentials {
-        options.set_credentials(user, password);
-    }
-    options
+/// Over 3.1.1 a live message does not show its retain flag, so that every command is cleared.
+fn is_to_clear(path: &str, version: Version) -> bool {
+    version == Version::V3_1_1 && (path.contains("/command/") || path.contains("/lease/"))
 }
 
 /// Half to the whole of a wait, so that many runtimes do not come back to a broker at once.

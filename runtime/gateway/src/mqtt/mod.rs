@@ -1,12 +1,14 @@
 //! MQTT end: everything that the port says goes out, everything that the interface takes comes in.
 //!
 //! [`Outbox`](outbox::Outbox) remembers what the broker has still to be told, [`inbound`] reads what it tells us,
-//! [`dispatch`] asks the port, and [`link`] holds the connection. Nothing here ever holds up the port.
+//! [`dispatch`] asks the port, [`link`] holds the connection, and [`wire`] speaks to
+//! the broker. Nothing here ever holds up the port.
 
 mod dispatch;
 pub(crate) mod inbound;
 mod link;
 mod outbox;
+mod wire;
 
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
 use std::sync::Arc;

@@ -1,15 +1,12 @@
 //! What the broker has still to be told. The client library forgets what is unacknowledged when a session is gone,
 //! so it is kept here until then: of each state the last value, of events all in their order. Pure: no I/O.
 
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
+use plc_api::queue::{Entry, Queue};
 use plc_api::types::message::Message;
 use plc_api::types::topic::Topic;
-
-/// Events that wait for the broker; more drop the oldest. Reason: 64 open outputs with notice, result and cancel in
-/// each of 8 coordinate systems, twice over; open outputs themselves stand in `m_code/pending`, which is a state.
-pub(super) const EVENTS_MAX: usize = 4096;
 
 /// One publish.
 #[derive(Debug, Clone, PartialEq)]
@@ -31,11 +28,24 @@ pub(super) enum Handed {
     Never,
 }
 
-#[derive(Debug)]
-enum Item {
-    // the value is looked up when its turn comes
-    State(Topic),
-    Event(Parcel),
+impl Entry for Parcel {
+    fn topic(&self) -> Option<&Topic> {
+        match self {
+            Parcel::Message(message) => Some(&message.topic),
+            Parcel::Clear(_) => None,
+        }
+    }
+}
+
+impl Parcel {
+    fn is_state(&self) -> bool {
+        self.topic().is_some_and(Topic::is_state)
+    }
+
+    /// The state that this event explains.
+    fn explains(&self) -> Option<Topic> {
+        self.topic().and_then(Topic::explains)
+    }
 }
 
 /// Everything that is to be published, and what has been without an acknowledgement yet.
@@ -43,77 +53,39 @@ enum Item {
 pub(super) struct Outbox {
     // last value of each retained state
     states: BTreeMap<Topic, Arc<Message>>,
-    queue: VecDeque<Item>,
-    // states that stand in the queue
-    queued: BTreeSet<Topic>,
-    events: usize,
-    lost: u64,
+    queue: Queue<Parcel>,
+    told_lost: u64,
     // handed over with QoS 1, oldest first; None: a state, which is published again anyway
     unacknowledged: VecDeque<Option<Parcel>>,
 }
 
 impl Outbox {
-    /// Takes a message. A state that waits already keeps its place in the queue with the new value: so `pending`
-    /// stays before the output that it announced.
+    /// Takes a message.
     pub(super) fn put(&mut self, message: Arc<Message>) {
-        if !message.topic.is_state() {
-            self.put_event(Parcel::Message(message));
-            return;
+        if message.topic.is_state() {
+            self.states.insert(message.topic.clone(), Arc::clone(&message));
         }
-        let topic = message.topic.clone();
-        self.states.insert(topic.clone(), message);
-        self.queue_state(topic);
+        self.queue.put(Parcel::Message(message));
     }
 
     /// Clears a retained topic at the broker.
     pub(super) fn clear(&mut self, path: String) {
-        self.put_event(Parcel::Clear(path));
-    }
-
-    fn put_event(&mut self, parcel: Parcel) {
-        if self.events == EVENTS_MAX {
-            if let Some(place) = self.queue.iter().position(|item| matches!(item, Item::Event(_))) {
-                self.queue.remove(place);
-                self.lost += 1;
-            }
-        } else {
-            self.events += 1;
-        }
-        self.queue.push_back(Item::Event(parcel));
-    }
-
-    fn queue_state(&mut self, topic: Topic) {
-        if self.queued.insert(topic.clone()) {
-            self.queue.push_back(Item::State(topic));
-        }
+        self.queue.put(Parcel::Clear(path));
     }
 
     /// Hands over, in order, as long as `publish` takes.
     pub(super) fn send(&mut self, mut publish: impl FnMut(&Parcel) -> Handed) {
-        while let Some(item) = self.queue.front() {
-            let parcel = match item {
-                Item::State(topic) => self.states.get(topic).cloned().map(Parcel::Message),
-                Item::Event(parcel) => Some(parcel.clone()),
-            };
-            let handed = parcel.as_ref().map_or(Handed::Never, &mut publish);
+        while let Some(parcel) = self.queue.front() {
+            let handed = publish(parcel);
             if handed == Handed::Full {
                 return;
             }
-            let over = handed == Handed::Over;
-            match self.queue.pop_front() {
-                Some(Item::State(topic)) => {
-                    self.queued.remove(&topic);
-                    if over && topic.qos() > 0 {
-                        self.unacknowledged.push_back(None);
-                    }
-                }
-                Some(Item::Event(parcel)) => {
-                    self.events -= 1;
-                    if over {
-                        self.unacknowledged.push_back(Some(parcel));
-                    }
-                }
-                None => {}
+            let parcel = self.queue.take();
+            if let (Handed::Over, Some(parcel)) = (handed, parcel)
+                && parcel.topic().map_or(1, Topic::qos) > 0
+            {
+                self.unacknowledged
+                    .push_back((!parcel.is_state()).then_some(parcel));
             }
         }
     }
@@ -125,31 +97,38 @@ impl Outbox {
 
     /// True when nothing waits and all is acknowledged.
     pub(super) fn is_empty(&self) -> bool {
-        self.queue.is_empty() && self.unacknowledged.is_empty()
+        self.queue.front().is_none() && self.unacknowledged.is_empty()
     }
 
-    /// After a connection was made: all retained states, then the events that no broker has acknowledged.
+    /// After a connection was made: the last value of every retained state, and the events that no broker has
+    /// acknowledged; a state stands behind the last of them that explains it, before all others.
     pub(super) fn connected(&mut self) {
-        let mut events: VecDeque<_> = self.unacknowledged.drain(..).flatten().collect();
-        let waiting = std::mem::take(&mut self.queue);
-        events.extend(waiting.into_iter().filter_map(|item| match item {
-            Item::Event(parcel) => Some(parcel),
-            Item::State(_) => None,
-        }));
-        self.events = 0;
-        self.queued.clear();
-        let topics: Vec<_> = self.states.keys().cloned().collect();
-        for topic in topics {
-            self.queue_state(topic);
+        let unacknowledged = self.unacknowledged.drain(..).flatten();
+        let waiting = self.queue.take_all().into_iter();
+        let events: Vec<_> = unacknowledged
+            .chain(waiting.filter(|parcel| !parcel.is_state()))
+            .collect();
+        let explained_last: BTreeMap<_, _> = (0..events.len())
+            .filter_map(|at| Some((events[at].explains()?, at)))
+            .collect();
+        for (topic, state) in &self.states {
+            if !explained_last.contains_key(topic) {
+                self.queue.put(Parcel::Message(Arc::clone(state)));
+            }
         }
-        for parcel in events {
-            self.put_event(parcel);
+        for (at, event) in events.into_iter().enumerate() {
+            let explains = event.explains().filter(|state| explained_last[state] == at);
+            self.queue.put(event);
+            if let Some(state) = explains.and_then(|topic| self.states.get(&topic)) {
+                self.queue.put(Parcel::Message(Arc::clone(state)));
+            }
         }
     }
 
     /// Events dropped since this was asked last.
     pub(super) fn take_lost(&mut self) -> u64 {
-        std::mem::take(&mut self.lost)
+        let told = std::mem::replace(&mut self.told_lost, self.queue.lost());
+        self.queue.lost() - told
     }
 }
 
@@ -159,7 +138,8 @@ mod tests {
     use plc_api::types::topic::CsTopic;
 
     use super::*;
-    use plc_api::types::output::{Cancel, CancelReason};
+    use plc_api::queue::EVENTS_MAX;
+    use plc_api::types::output::{Cancel, CancelReason, OutputNotice, Params, Pending, Timing};
     use plc_api::types::state::Switch;
     use plc_api::types::{BootId, Timestamp};
 
@@ -180,6 +160,29 @@ mod tests {
     fn cancel(seq: u64) -> Arc<Message> {
         let reason = CancelReason::Stop;
         message(CsTopic::Cancel(5), Payload::Cancel(Cancel { seq, reason }))
+    }
+
+    /// As `rev` tells the values apart, they show no outputs.
+    fn pending(rev: u64) -> Arc<Message> {
+        let payload = Payload::Pending(Pending::default());
+        let mut message = (*message(CsTopic::Pending, payload)).clone();
+        message.rev = Some(rev);
+        Arc::new(message)
+    }
+
+    fn output(seq: u64) -> Arc<Message> {
+        let notice = OutputNotice {
+            seq,
+            run_id: String::new(),
+            m: 5,
+            params: Params::default(),
+            timing: Timing::AfterMotion,
+            program: 1,
+            line: 1,
+            attempt: 1,
+            redelivered: false,
+        };
+        message(CsTopic::Output(5), Payload::Output(notice))
     }
 
     fn send_all(outbox: &mut Outbox) -> Vec<Arc<Message>> {
@@ -253,5 +256,28 @@ mod tests {
         outbox.put(cancel(1));
         outbox.send(|_| Handed::Never);
         assert!(outbox.is_empty(), "no acknowledgement is awaited");
+    }
+
+    #[test]
+    fn after_a_lost_connection_pending_is_told_once_and_behind_every_cancel_that_explains_it() {
+        let mut outbox = Outbox::default();
+        for message in [switch(true), pending(1), output(1), output(2), cancel(1)] {
+            outbox.put(message);
+        }
+        send_all(&mut outbox);
+        for message in [pending(2), cancel(2), pending(3), output(3)] {
+            outbox.put(message);
+        }
+        outbox.connected();
+        let right = [
+            switch(true),
+            output(1),
+            output(2),
+            cancel(1),
+            cancel(2),
+            pending(3),
+            output(3),
+        ];
+        assert_eq!(send_all(&mut outbox), right);
     }
 }

@@ -2,11 +2,13 @@
 
 use std::time::Duration;
 
-use axum::extract::{FromRequest, FromRequestParts, Path, Query, Request};
+use axum::extract::{FromRequest, FromRequestParts, Path, Query, RawPathParams, Request};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, StatusCode, header};
 use futures_util::StreamExt;
+use serde::Serialize;
 use serde::de::DeserializeOwned;
+use serde_json::Value;
 
 use crate::problem::Problem;
 use crate::shared::json_object;
@@ -17,21 +19,37 @@ pub(crate) const JSON_BODY_MAX: usize = 64 * 1024;
 /// Time for a whole body to come in; then 408.
 const BODY_TIMEOUT: Duration = Duration::from_mins(1);
 
-/// The numbers and names in a path; others are 404.
+/// The numbers and names in a path; others are 404, and so is a number that is not written as such: of `1`, `01` and
+/// `+1` only the first names something.
 pub(crate) struct InPath<T>(pub(crate) T);
 
-impl<S: Send + Sync, T: DeserializeOwned + Send> FromRequestParts<S> for InPath<T> {
+impl<S: Send + Sync, T: DeserializeOwned + Serialize + Send> FromRequestParts<S> for InPath<T> {
     type Rejection = Problem;
 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
-        match Path::<T>::from_request_parts(parts, state).await {
-            Ok(Path(value)) => Ok(Self(value)),
-            Err(_) => Err(Problem::not_found(format!(
+        let written = RawPathParams::from_request_parts(parts, state).await;
+        let value = Path::<T>::from_request_parts(parts, state).await;
+        match (written, value) {
+            (Ok(written), Ok(Path(value))) if is_as_written(&value, &written) => Ok(Self(value)),
+            _ => Err(Problem::not_found(format!(
                 "there is nothing at {}",
                 parts.uri.path()
             ))),
         }
     }
+}
+
+fn is_as_written(value: &impl Serialize, written: &RawPathParams) -> bool {
+    let values = match serde_json::to_value(value) {
+        Ok(Value::Array(values)) => values,
+        Ok(value) => vec![value],
+        Err(_) => return false,
+    };
+    let mut both = values.iter().zip(written);
+    both.all(|(value, (_, written))| {
+        let canonical = value.to_string();
+        !value.is_number() || canonical == written
+    })
 }
 
 /// The query of a URL; others are 400.

@@ -4,16 +4,17 @@ use std::sync::Arc;
 
 use axum::Router;
 use axum::extract::State;
-use axum::http::{HeaderValue, header};
+use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use plc_api::types::CoordinateSystemNumber;
+use plc_api::types::machine::AlarmRaise;
 use plc_api::types::message::Message;
 use plc_api::types::request::{Answer, Request};
 use plc_api::types::topic::{CsTopic, Topic};
 use serde_json::{Value, json};
 
-use super::extract::InPath;
+use super::extract::{InPath, JsonBody};
 use crate::problem::Problem;
 use crate::shared::{Shared, unexpected};
 
@@ -46,7 +47,7 @@ pub(super) fn routes() -> Router<Arc<Shared>> {
         .route("/machine", get(machine))
         .route("/cs", get(coordinate_systems))
         .route("/cs/{cs}/inputs", get(inputs))
-        .route("/alarms", get(alarms))
+        .route("/alarms", get(alarms).post(raise_alarm))
         .route("/alarms/history", get(alarm_history))
         .route("/handlers", get(handlers))
         .route("/health", get(health))
@@ -72,6 +73,14 @@ async fn one(
 
 async fn machine(State(shared): State<Arc<Shared>>) -> Result<Response, Problem> {
     Ok(message_response(&*shared.read(&Topic::Birth).await?))
+}
+
+async fn raise_alarm(
+    State(shared): State<Arc<Shared>>,
+    JsonBody(raise): JsonBody<AlarmRaise>,
+) -> Result<StatusCode, Problem> {
+    shared.ask(Request::RaiseAlarm(raise)).await?;
+    Ok(StatusCode::NO_CONTENT)
 }
 
 async fn alarms(State(shared): State<Arc<Shared>>) -> Result<Response, Problem> {

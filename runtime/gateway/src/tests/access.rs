@@ -223,6 +223,8 @@ async fn a_program_is_named_by_its_number_and_by_no_path() {
         "1%00",
         "1.nc",
         "-1",
+        "+1",
+        "01",
         "99999999",
     ] {
         let (status, _) = send(&shared, ("GET", &format!("/programs/{name}")), token, &json!({})).await;

@@ -1,6 +1,7 @@
 //! Variables, tools and work offsets over REST and MQTT.
 
 use plc_api::types::data::{ToolChange, ToolData, ToolTable, VariableArea, WorkOffsetTable};
+use plc_api::types::machine::AlarmRaise;
 use plc_api::types::request::RefusalCode;
 use serde_json::{Value, json};
 
@@ -32,6 +33,24 @@ fn machine() -> Arc<StubPort> {
             _ => Answer::Done,
         })
     })
+}
+
+#[tokio::test]
+async fn an_alarm_is_raised_for_one_coordinate_system_or_for_all() {
+    let port = StubPort::new();
+    for (body, cs) in [
+        (json!({"cs": 2, "code": 20, "text": "low"}), Some(2)),
+        (json!({"code": 20, "text": "low"}), None),
+    ] {
+        let response = call(&port, "POST", "/api/v1/alarms", &JSON, body.to_string()).await;
+        assert_eq!(response.status(), 204);
+        let text = "low".to_owned();
+        let raise = AlarmRaise { cs, code: 20, text };
+        assert_eq!(port.asked().pop(), Some(Request::RaiseAlarm(raise)));
+    }
+    let unknown = json!({"code": 20, "text": "low", "colour": "red"}).to_string();
+    let response = call(&port, "POST", "/api/v1/alarms", &JSON, unknown).await;
+    assert_eq!(response.status(), 400);
 }
 
 fn g54() -> WorkOffsetTable {

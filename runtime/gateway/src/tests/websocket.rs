@@ -1,7 +1,7 @@
 //! WebSocket: full value first, then changes; slow readers; refusals.
 
 use futures_util::{SinkExt, StreamExt};
-use plc_api::types::output::{Cancel, CancelReason};
+use plc_api::types::output::{Cancel, CancelReason, Pending};
 use serde_json::{Value, json};
 use tokio::net::TcpStream;
 use tokio_tungstenite::tungstenite::{self, client::IntoClientRequest};
@@ -150,6 +150,52 @@ async fn a_slow_reader_is_given_the_latest_values_and_never_an_unbounded_backlog
         received < VALUES / 2,
         "{received} of {VALUES} were kept for a reader that did not read"
     );
+    gateway.shutdown().await;
+}
+
+#[tokio::test]
+async fn a_slow_reader_hears_of_a_cancel_before_the_pending_that_no_longer_shows_the_output() {
+    let port = StubPort::new();
+    let gateway = start(&port).await;
+    let mut socket = connect(&gateway).await;
+    ask(&mut socket, &json!({"subscribe": ["cs/1/#"]})).await;
+    assert_eq!(next(&mut socket).await["topic"], "cs/1/state");
+    for rev in 100..100 + VALUES {
+        let run_id = Some("r".repeat(64 * 1024));
+        let state = State {
+            run_id,
+            ..State::default()
+        };
+        port.say(Topic::cs(1, CsTopic::State), Some(rev), Payload::State(state));
+        tokio::task::yield_now().await;
+    }
+    let pending = |rev| {
+        let topic = Topic::cs(1, CsTopic::Pending);
+        port.say(topic, Some(rev), Payload::Pending(Pending::default()));
+    };
+    let reason = CancelReason::Stop;
+    pending(1);
+    pending(2);
+    port.say(
+        Topic::cs(1, CsTopic::Cancel(5)),
+        None,
+        Payload::Cancel(Cancel { seq: 8, reason }),
+    );
+    pending(3);
+    let mut heard = Vec::new();
+    while heard.len() < 3 {
+        let message = next(&mut socket).await;
+        if message["topic"] != "cs/1/state" {
+            heard.push((message["topic"].clone(), message["rev"].clone()));
+        }
+    }
+    let (pending, cancel) = (json!("cs/1/m_code/pending"), json!("cs/1/m_code/5/cancel"));
+    let right = [
+        (pending.clone(), json!(2)),
+        (cancel, json!(null)),
+        (pending, json!(3)),
+    ];
+    assert_eq!(heard, right);
     gateway.shutdown().await;
 }
 

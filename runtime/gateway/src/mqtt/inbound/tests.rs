@@ -1,5 +1,6 @@
 use plc_api::types::BootId;
 use plc_api::types::lease::{LeaseRelease, LeaseRequest, LeaseTake};
+use plc_api::types::machine::AlarmRaise;
 use plc_api::types::output::{
     Claim, HandlerPresence, ProgressReport, Redeliver, Redelivery, Reset, ResetResult,
 };
@@ -306,6 +307,30 @@ fn a_skip_input_names_its_motor() {
 }
 
 #[test]
+fn an_alarm_is_raised_for_one_coordinate_system_or_for_all() {
+    for (payload, cs) in [
+        (r#"{"cs":2,"code":20,"text":"low"}"#, Some(2)),
+        (r#"{"cs":null,"code":20,"text":"low"}"#, None),
+        (r#"{"code":20,"text":"low"}"#, None),
+    ] {
+        let text = "low".to_owned();
+        let expected = Inbound::Ask {
+            request: Request::RaiseAlarm(AlarmRaise { cs, code: 20, text }),
+            urgent: true,
+        };
+        assert_eq!(
+            read("alarm/raise", payload.as_bytes(), false),
+            expected,
+            "{payload}"
+        );
+        assert!(matches!(
+            read("alarm/raise", payload.as_bytes(), true),
+            Inbound::Drop(_)
+        ));
+    }
+}
+
+#[test]
 fn what_names_nobody_or_is_retained_is_dropped_with_a_reason() {
     let large = format!("{{\"text\":\"{}\"}}", "x".repeat(PAYLOAD_MAX));
     for (path, payload, retained) in [
@@ -319,6 +344,11 @@ fn what_names_nobody_or_is_retained_is_dropped_with_a_reason() {
         ("cs/1/m_code/5/claim", "{}", false),
         ("cs/1/m_code/70000/claim", "{}", false),
         ("cs/x/command/start", "{}", false),
+        (
+            "cs/01/command/start",
+            r#"{"client_id":"a","command_id":"c"}"#,
+            false,
+        ),
         ("cs/1/input/nothing/set", "{}", false),
         ("motor/1/skip_input/set", r#"{"value":true}"#, true),
         ("motor/x/skip_input/set", r#"{"value":true}"#, false),
