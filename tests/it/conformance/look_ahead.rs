@@ -105,3 +105,31 @@ fn m1d_of_blocks_of_a_micrometre_at_most_128_pass_in_a_servo_period_and_no_limit
     let found = acceleration(&run);
     assert!(found <= ACCELERATION * 1.001, "{found}");
 }
+
+#[test]
+fn m1d_a_program_longer_than_what_is_read_ahead_is_as_fast_where_that_holds_the_way_to_rest() {
+    // 12 mm in blocks of a micrometre at 25 mm/s, 25 of them in a servo period
+    let fine: Vec<String> = (1..=12_000)
+        .map(|n| format!("X{:.3}\n", f64::from(n) / 1000.0))
+        .collect();
+    let program = format!("ta0 td0 ts0 G500 G01 F1500\n{}M30\n", fine.concat());
+    // v^2/(2 a): 63 and 391 blocks to rest
+    for acceleration in [5000.0, 800.0] {
+        let motors = MOTORS.replace(
+            "max_acceleration = 5000.0",
+            &format!("max_acceleration = {acceleration:?}"),
+        );
+        let config = format!("[machine]\nname = \"test-1\"\n{motors}{COORDINATE_SYSTEMS}").replacen(
+            "max_feedrate = 12000.0\n",
+            "max_feedrate = 12000.0\npre_read_blocks = 1000\n",
+            1,
+        );
+        let run = simulate_on(&Machine::with_config(&config), &program, &[]).completed();
+        let best_s = 12.0 / 25.0 + 25.0 / acceleration;
+        let found_s = run.cycle_time_s();
+        assert!(
+            found_s <= 1.02 * best_s + 3.0 * T,
+            "{acceleration} mm/s^2: {found_s} s, best {best_s} s"
+        );
+    }
+}

@@ -29,8 +29,6 @@ fn ends_apart(whole_s: f64, period_s: f64) -> [f64; 3] {
 struct Part {
     segment: u64,
     duration_s: f64,
-    /// Largest fall of the factor per second under feed hold.
-    slope: f64,
     room: SlewRoom,
 }
 
@@ -51,15 +49,8 @@ impl Braking {
         self.free_to
     }
 
-    /// Adds a segment, on which the factor falls by at most `slope` per second under feed hold, by its pieces: duration
-    /// and room of each.
-    pub(super) fn add(
-        &mut self,
-        segment: u64,
-        slope: f64,
-        pieces: impl Iterator<Item = (f64, SlewRoom)>,
-        period_s: f64,
-    ) {
+    /// Adds a segment by its pieces: duration and room of each.
+    pub(super) fn add(&mut self, segment: u64, pieces: impl Iterator<Item = (f64, SlewRoom)>, period_s: f64) {
         let pieces =
             pieces.flat_map(|(whole_s, room)| ends_apart(whole_s, period_s).map(|part_s| (part_s, room)));
         for (duration_s, room) in pieces.filter(|(duration_s, _)| *duration_s > 0.0) {
@@ -67,20 +58,20 @@ impl Braking {
                 Some(last) => {
                     last.duration_s += duration_s;
                     last.room = last.room.worst(room);
-                    last.slope = last.slope.min(slope);
                 }
                 None => self.parts.push_back(Part {
                     segment,
                     duration_s,
-                    slope,
                     room,
                 }),
             }
         }
     }
 
-    /// Frees the segments from whose ends on the factor can still go from 1 to 0 within the parts. Within a part of duration d the square of the factor falls by `2 s d`, where s is the least
-    /// fall that this part and those beside it leave: a servo cycle may touch two.
+    /// Frees the segments from whose ends on the factor can still go from 1 to 0 within the parts, as steeply as the motors
+    /// can: slower, as under feed hold, it may while more becomes known. Within a part of duration d the square of the
+    /// factor falls by `2 s d`, where s is the least fall that this part and those beside it leave: a servo cycle may touch
+    /// two.
     pub(super) fn free(&mut self, period_s: f64) {
         let mut square = 0.0_f64;
         let mut late_s = LATE_PERIODS * period_s;
@@ -96,7 +87,7 @@ impl Braking {
             late_s -= late;
             let time_s = part.duration_s - late;
             if time_s > 0.0 {
-                square = room.square_before(square, part.slope, time_s);
+                square = room.square_before(square, f64::INFINITY, time_s);
             }
             if square >= 1.0 {
                 self.free_to = self.free_to.max(part.segment.saturating_sub(1));

@@ -64,8 +64,6 @@ pub(crate) struct LookAhead {
     /// Maximum velocity of each motor, 0 without one.
     velocities: [f64; AXES_MAX],
     period_s: f64,
-    /// Of feed hold, per second.
-    hold_slope: f64,
     /// From 1 on, of blocks still to come.
     feed_override: f64,
     blocks: VecDeque<Held>,
@@ -108,11 +106,6 @@ impl LookAhead {
             }),
             period_s: settings.servo_period_s,
             feed_override: 1.0,
-            hold_slope: if settings.hold_slew_ms > 0.0 {
-                1000.0 / settings.hold_slew_ms
-            } else {
-                f64::INFINITY
-            },
             blocks: VecDeque::new(),
             pieces: VecDeque::new(),
             seen: 0,
@@ -222,6 +215,9 @@ impl LookAhead {
         let first = out.len();
         for block in 0..finals {
             self.put_out(block, out);
+            if block % BLOCKS_MIN == 0 {
+                self.braking.free(self.period_s);
+            }
         }
         record.extend(self.blocks.drain(..finals).map(|held| Entry::Paced(held.block)));
         self.seen = self.blocks.len();
@@ -316,7 +312,6 @@ impl LookAhead {
         }
         paced::profiles(held, &self.steps, self.braking.free_to(), out);
         let steps = self.steps.iter().map(|step| (step.duration_s(), step.room));
-        let slope = self.hold_slope / held.feed_override;
-        self.braking.add(held.block.segment, slope, steps, self.period_s);
+        self.braking.add(held.block.segment, steps, self.period_s);
     }
 }
