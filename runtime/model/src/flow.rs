@@ -1,5 +1,7 @@
 //! What the stages hand on: [`Item`] and [`Block`] from `interp`, [`Segment`] from `path`.
 
+use std::fmt;
+
 use crate::arc::ArcPath;
 use crate::axis::{Axis, AxisSet, AxisVector};
 use crate::span::Origin;
@@ -163,6 +165,16 @@ impl Plane {
             Plane::Zx => [Axis::Z, Axis::X],
             Plane::Yz => [Axis::Y, Axis::Z],
         }
+    }
+}
+
+impl fmt::Display for Plane {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Plane::Xy => "G17 (XY)",
+            Plane::Zx => "G18 (ZX)",
+            Plane::Yz => "G19 (YZ)",
+        })
     }
 }
 

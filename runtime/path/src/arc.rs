@@ -1,7 +1,7 @@
 //! G02 and G03: from the words to the circle in machine coordinates (motion-semantics 1f, D21, D26).
 
 use tandem_model::alarm::{ARC_DISTORTED, ARC_IMPOSSIBLE, VALUE_NOT_FINITE};
-use tandem_model::flow::{Arc, ArcShape, Block, Frame, Path, Plane, Transform, Turn};
+use tandem_model::flow::{Arc, ArcShape, Block, Frame, Path, Plane, Rotation, Scaling, Transform, Turn};
 use tandem_model::{Alarm, ArcPath, AxisVector};
 
 use crate::stage::{LENGTH_MIN, PathStage, line_between};
@@ -20,17 +20,7 @@ impl PathStage {
             Frame::Machine => Transform::default(),
         };
         let Some((scale, flips)) = transform::arc_scale(&transform, arc.plane) else {
-            return Err(Alarm::new(
-                &ARC_DISTORTED,
-                format!(
-                    "Scale factors are {:?}, rotation {:?}, the arc's plane {:?}",
-                    transform.scaling.map(|scaling| scaling.factors),
-                    transform
-                        .rotation
-                        .map(|rotation| (rotation.plane, rotation.angle_deg)),
-                    arc.plane,
-                ),
-            ));
+            return Err(Alarm::new(&ARC_DISTORTED, distortion(&transform, arc.plane)));
         };
         let turn = match (arc.turn, flips) {
             (Turn::Clockwise, false) | (Turn::CounterClockwise, true) => Turn::Clockwise,
@@ -96,6 +86,21 @@ impl PathStage {
             Err(Alarm::new(&VALUE_NOT_FINITE, text))
         }
     }
+}
+
+/// What an arc of this plane meets in a transform that would not leave it an arc.
+fn distortion(transform: &Transform, plane: Plane) -> String {
+    let mut text = format!("The arc is in {plane}");
+    if let Some(Scaling {
+        factors: [x, y, z], ..
+    }) = transform.scaling
+    {
+        text += &format!("; X, Y and Z are scaled by {x}, {y} and {z}");
+    }
+    if let Some(Rotation { plane, angle_deg, .. }) = transform.rotation {
+        text += &format!("; the rotation is by {angle_deg} degrees in {plane}");
+    }
+    text
 }
 
 /// The letters of the words of a centre.

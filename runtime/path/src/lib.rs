@@ -12,6 +12,8 @@
 //! - An axis that no word moves stays to the last bit; under a rotation both axes of its plane count as moved when a
 //!   word names one of them.
 //! - An arc under a rotation of another plane is refused as one under unequal scale is (D21): it would leave its plane.
+//! - In G61 the machine rests at both ends of an arc that compensation adds, too: blended with its line it would cut the
+//!   corner, as it does in G64.
 //! - An arc whose centre is its end point has no end direction and is refused.
 //! - A thread along another direction than the machine's Z is refused; its pitch F / S counts in machine coordinates.
 //! - Where G31 ends only the servo knows: no block may be pushed before [`PathStage::skipped_to`] has told it

@@ -374,7 +374,11 @@ impl PathStage {
         let origin = block.origin;
         let segment = Segment { origin, motion, end };
         let wanted = self.side(block)?;
-        let leg = Leg { segment, stop_before };
+        let leg = Leg {
+            segment,
+            stop_before,
+            is_exact: block.path_control == PathControl::ExactStop,
+        };
         let Some(side) = self.compensator.side().or(wanted) else {
             return self.join(leg, out);
         };
@@ -394,7 +398,9 @@ impl PathStage {
 
     /// The next piece of the way: now it is known how the one before ends.
     fn join(&mut self, leg: Leg, out: &mut Vec<Segment>) -> Result<(), Alarm> {
-        let Leg { segment, stop_before } = leg;
+        let Leg {
+            segment, stop_before, ..
+        } = leg;
         self.segment_within_soft_limits(&segment.motion)
             .map_err(|alarm| alarm.at(segment.origin))?;
         if segment.end == SegmentEnd::ExactStop {

@@ -68,7 +68,8 @@ pub(crate) fn check(transform: &Transform) -> Result<(), Alarm> {
         finite(scaling.centre, "scaling centre")?;
         numbers.extend(scaling.factors.map(|factor| ("scale factor", factor)));
         if scaling.factors.contains(&0.0) {
-            let text = format!("A scale factor is 0: X, Y, Z are {:?}", scaling.factors);
+            let [x, y, z] = scaling.factors;
+            let text = format!("A scale factor is 0: X, Y and Z are scaled by {x}, {y} and {z}");
             return Err(Alarm::new(&VALUE_OUT_OF_RANGE, text));
         }
     }

@@ -24,6 +24,8 @@ pub(super) struct Builder {
     multi_block: MultiBlock,
     /// A stop before a block that turned out not to move.
     stop: bool,
+    /// The block built last is in G61.
+    is_exact: bool,
 }
 
 impl Builder {
@@ -41,6 +43,7 @@ impl Builder {
             },
             multi_block: MultiBlock::Off,
             stop: false,
+            is_exact: false,
         }
     }
 
@@ -54,6 +57,7 @@ impl Builder {
     /// `VALUE_NOT_FINITE` for a length that is not a number, at the block.
     pub fn build(&mut self, piece: &Piece, out: &mut Vec<Leg>) -> Result<(), Alarm> {
         self.stop |= piece.leg.stop_before;
+        self.is_exact = piece.leg.is_exact;
         let segment = &piece.leg.segment;
         if let Some(way) = &piece.way {
             match &segment.motion {
@@ -184,7 +188,8 @@ impl Builder {
                 motion,
                 end: segment.end,
             },
-            stop_before: std::mem::take(&mut self.stop),
+            stop_before: std::mem::take(&mut self.stop) || self.is_exact,
+            is_exact: self.is_exact,
         });
         self.at = to;
     }

@@ -381,10 +381,7 @@ fn way_in_plane(motion: &SegmentMotion, plane: Plane) -> Result<Option<Curve>, A
             {
                 return Err(Alarm::new(
                     &COMPENSATION_REFUSED,
-                    format!(
-                        "The arc's plane is {:?}, that of the compensation {plane:?}",
-                        arc.plane()
-                    ),
+                    format!("The arc is in {}, the compensation in {plane}", arc.plane()),
                 ));
             }
             Ok(Curve::of(path, plane))

@@ -10,6 +10,8 @@ use super::curve::{Bounds, Curve};
 pub(crate) struct Leg {
     pub segment: Segment,
     pub stop_before: bool,
+    /// Of a block in G61: the machine rests also where an added arc meets it, so that none of them is blended.
+    pub is_exact: bool,
 }
 
 /// What a piece is for.

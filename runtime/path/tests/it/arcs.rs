@@ -316,7 +316,10 @@ fn d21_unequal_scale_of_the_plane_or_a_rotation_out_of_it_is_an_alarm() {
         }),
         ..Transform::default()
     };
-    for distorting in [scaled([2.0, 1.0, 1.0]), turned(Plane::Zx)] {
+    for (distorting, text) in [
+        (scaled([2.0, 1.0, 1.0]), "X, Y and Z are scaled by 2, 1 and 1"),
+        (turned(Plane::Zx), "the rotation is by 30 degrees in G18 (ZX)"),
+    ] {
         let mut stage = stage();
         let mut out = Vec::new();
         stage.push(&transform(1, distorting), &mut out).unwrap();
@@ -324,6 +327,7 @@ fn d21_unequal_scale_of_the_plane_or_a_rotation_out_of_it_is_an_alarm() {
             .push(&g02(2, &[(X, 10.0)], Radius(10.0)), &mut out)
             .unwrap_err();
         assert_eq!(alarm.entry, &ARC_DISTORTED);
+        assert_eq!(alarm.text, format!("The arc is in G17 (XY); {text}"));
     }
     // The third axis may be scaled: a helix stays one.
     let segments = run(&[
