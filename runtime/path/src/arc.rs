@@ -90,17 +90,15 @@ impl PathStage {
 
 /// What an arc of this plane meets in a transform that would not leave it an arc.
 fn distortion(transform: &Transform, plane: Plane) -> String {
-    let mut text = format!("The arc is in {plane}");
-    if let Some(Scaling {
-        factors: [x, y, z], ..
-    }) = transform.scaling
-    {
-        text += &format!("; X, Y and Z are scaled by {x}, {y} and {z}");
-    }
-    if let Some(Rotation { plane, angle_deg, .. }) = transform.rotation {
-        text += &format!("; the rotation is by {angle_deg} degrees in {plane}");
-    }
-    text
+    let scaling = transform.scaling.map(|Scaling { factors, .. }| {
+        let [x, y, z] = factors;
+        format!("; X, Y and Z are scaled by {x}, {y} and {z}")
+    });
+    let rotation = transform.rotation.map(|Rotation { plane, angle_deg, .. }| {
+        format!("; the rotation is by {angle_deg} degrees in {plane}")
+    });
+    let (scaling, rotation) = (scaling.unwrap_or_default(), rotation.unwrap_or_default());
+    format!("The arc is in {plane}{scaling}{rotation}")
 }
 
 /// The letters of the words of a centre.
