@@ -212,7 +212,12 @@ impl CoordinateSystem {
         if !self.inputs.single_block {
             return;
         }
-        let origin = self.pipeline.interpreter.call_stack().last();
+        // behind M98 the program that it calls has not begun
+        let begun = self.pipeline.interpreter.call_stack();
+        let origin = begun.filter(|at| at.line > 0).last();
+        if let Some(origin) = origin {
+            self.view.update(|place| place.executing = origin);
+        }
         if self.pipeline.interpreter.modal().compensates() {
             let text = "single block is on, and cutter compensation cannot be stopped between blocks";
             return self.raise_entry(&COMPENSATION_REFUSED, text, origin);

@@ -28,6 +28,23 @@ fn m1i_in_single_block_each_block_ends_at_its_program_corner_and_waits_for_resum
 }
 
 #[test]
+fn m1i_in_single_block_the_place_is_that_of_the_block_that_has_ended_whether_it_moves_or_not() {
+    on_machine("", |rig| async move {
+        rig.load("G90\nG01 X10 F6000\nF3000\n\nG91\nX1\nM30\n").await;
+        rig.cs.set_single_block(true).await.unwrap();
+        rig.cs.start().await.unwrap();
+        for line in [1, 2, 3, 5, 6] {
+            rig.interrupted(Reason::SingleBlock).await;
+            // the place is told five times a second
+            rig.sleep(0.5).await;
+            assert_eq!(rig.cs.program().await.unwrap().line, line);
+            rig.cs.resume().await.unwrap();
+        }
+        rig.until(Execution::ProgramCompleted).await;
+    });
+}
+
+#[test]
 fn m1i_switched_on_in_a_chain_it_holds_behind_each_planned_block_on_the_path_and_off_again() {
     on_machine("", |rig| async move {
         rig.start(STAIRS).await;
