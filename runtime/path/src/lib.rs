@@ -12,6 +12,8 @@
 //! - An axis that no word moves stays to the last bit; under a rotation both axes of its plane count as moved when a
 //!   word names one of them.
 //! - An arc under a rotation of another plane is refused as one under unequal scale is (D21): it would leave its plane.
+//! - Where an arc is blended, the soft limits hold for a bound of the blend, so that a program may be refused whose motion
+//!   would just stay within them.
 //! - In G61 the machine rests at both ends of an arc that compensation adds, too: blended with its line it would cut the
 //!   corner, as it does in G64.
 //! - An arc whose centre is its end point has no end direction and is refused.
@@ -22,6 +24,7 @@
 //!   machine that stands beyond a limit may come back.
 
 mod arc;
+mod blend;
 mod compensation;
 mod stage;
 mod tapping;

@@ -403,6 +403,10 @@ impl PathStage {
         } = leg;
         self.segment_within_soft_limits(&segment.motion)
             .map_err(|alarm| alarm.at(segment.origin))?;
+        if let (Some(before), false) = (&self.held_back, stop_before) {
+            self.blend_within_soft_limits(&before.motion, &segment.motion)
+                .map_err(|alarm| alarm.at(segment.origin))?;
+        }
         if segment.end == SegmentEnd::ExactStop {
             self.release(SegmentEnd::ExactStop, out);
             out.push(segment);

@@ -142,20 +142,25 @@ impl PathStage {
     }
 
     fn within_soft_limits(&self, axis: Axis, value: f64) -> Result<(), Alarm> {
-        let Some([lowest, highest]) = self.soft_limits[axis.index()] else {
-            return Ok(());
-        };
-        let (which, limit) = if value < lowest - LENGTH_MIN {
-            ("lower", lowest)
-        } else if value > highest + LENGTH_MIN {
-            ("upper", highest)
-        } else {
+        let Some((which, limit)) = self.limit_passed(axis, value) else {
             return Ok(());
         };
         let letter = axis.letter();
         let text =
             format!("Axis {letter} would go to {value:.6} (machine), beyond its {which} limit {limit:.6}");
         Err(Alarm::new(&SOFT_LIMIT, text).of_words(letter))
+    }
+
+    /// The soft limit beyond which a value lies: which, and where it is.
+    pub(crate) fn limit_passed(&self, axis: Axis, value: f64) -> Option<(&'static str, f64)> {
+        let [lowest, highest] = self.soft_limits[axis.index()]?;
+        if value < lowest - LENGTH_MIN {
+            Some(("lower", lowest))
+        } else if value > highest + LENGTH_MIN {
+            Some(("upper", highest))
+        } else {
+            None
+        }
     }
 }
 

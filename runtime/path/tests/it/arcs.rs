@@ -6,8 +6,8 @@ use tandem_model::alarm::{
     ARC_DISTORTED, ARC_IMPOSSIBLE, AXIS_MISSING, AlarmEntry, FEEDRATE_MISSING, SOFT_LIMIT, VALUE_NOT_FINITE,
 };
 use tandem_model::flow::{
-    Action, Arc, ArcShape, Block, Distance, Feed, Mirror, Path, Plane, Rotation, Scaling, Segment,
-    SegmentEnd, SegmentMotion, Transform, Turn,
+    Action, Arc, ArcShape, Block, Distance, Feed, Mirror, Path, PathControl, Plane, Rotation, Scaling,
+    Segment, SegmentEnd, SegmentMotion, Transform, Turn,
 };
 use tandem_model::{Axis, MachinePosition};
 use tandem_path::PathStage;
@@ -365,6 +365,45 @@ fn soft_limits_hold_for_the_turning_points_of_an_arc_before_it_begins() {
     // The other way round it stays below.
     let back = arc(3, Clockwise, Plane::Xy, &[(X, 190.0), (Y, 20.0)], Radius(10.5));
     stage.push(&back, &mut out).unwrap();
+}
+
+#[test]
+fn soft_limits_hold_where_arcs_are_blended_beyond_the_hull_of_both() {
+    // Two half circles of radius 5 that meet at (191, 0); each comes to X = 196. The blend takes half of each, 7.85 mm, at
+    // 30 m/min; a quarter of the blend's part of each, 1.96 mm, is left at half of its time, less at others.
+    let arcs = |feedrate_mm_min: f64| {
+        let mut blocks = [
+            g01(1, &[(X, 191.0), (Y, -10.0)]),
+            g03(2, &[(X, 191.0), (Y, 0.0)], Centre([0.0, 5.0, 0.0])),
+            g03(3, &[(X, 191.0), (Y, 10.0)], Centre([0.0, 5.0, 0.0])),
+        ];
+        for block in &mut blocks {
+            block.feed.feedrate_mm_min = feedrate_mm_min;
+        }
+        blocks
+    };
+    let alarm_within = |blocks: &[Block], highest: f64| {
+        let mut settings = settings();
+        settings.motors[0].as_mut().unwrap().soft_limits = Some([-100.0, highest]);
+        let mut stage = PathStage::new(&settings, MachinePosition::default());
+        let mut out = Vec::new();
+        blocks.iter().find_map(|block| stage.push(block, &mut out).err())
+    };
+    // At the ends of the blend only one of them is away from the joint: 191 + 5 at the most there; between them the one is
+    // at its most while the other has gone `(1 - sqrt(5/7.85))^2` of 7.85 mm.
+    let half = 2.5 * PI;
+    let farthest = 191.0 + 5.0 + half * (1.0 - (5.0 / half).sqrt()).powi(2);
+    assert_eq!(alarm_within(&arcs(30_000.0), farthest + 1e-6), None);
+    let alarm = alarm_within(&arcs(30_000.0), farthest - 1e-3).unwrap();
+    assert_eq!((alarm.entry, alarm.origin.unwrap().line), (&SOFT_LIMIT, 3));
+    assert!(alarm.text.contains(&format!("{farthest:.6}")), "{}", alarm.text);
+    // Slow, the blend is short; with G61 there is none.
+    assert_eq!(alarm_within(&arcs(600.0), 196.0), None);
+    let mut exact = arcs(30_000.0);
+    for block in &mut exact {
+        block.path_control = PathControl::ExactStop;
+    }
+    assert_eq!(alarm_within(&exact, 196.0), None);
 }
 
 #[test]

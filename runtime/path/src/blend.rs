@@ -1,0 +1,121 @@
+//! Where two blocks are blended, and one of them is an arc, the motion may leave the hull of both (motion-semantics 1b).
+
+use tandem_model::alarm::SOFT_LIMIT;
+use tandem_model::flow::{Feed, Path, SegmentMotion};
+use tandem_model::{Alarm, Axis};
+
+use crate::stage::PathStage;
+
+/// How far a path goes away from the joint in one direction of an axis.
+#[derive(Debug, Clone, Copy)]
+struct Side {
+    /// What it comes to at the most.
+    height: f64,
+    /// What it comes to at the other end of the blend, were it as steep everywhere as it is anywhere.
+    steep: f64,
+}
+
+impl Side {
+    /// At this share of the blend's distance from the joint.
+    fn at(self, share: f64) -> f64 {
+        (self.steep * share).min(self.height)
+    }
+
+    /// Share of the blend's time from its far end in which the square of what is left makes it as high as it comes.
+    fn full(self) -> f64 {
+        if self.steep > self.height {
+            (self.height / self.steep).sqrt()
+        } else {
+            1.0
+        }
+    }
+}
+
+impl PathStage {
+    /// Where two blocks are blended they stay within the soft limits together.
+    ///
+    /// The blend starts `v T/2` before the joint and ends as far behind it. In it the point is that of the one block, plus
+    /// that of the other, less the joint; at the share u of its time the one has `(1 - u)^2` of its part left at the most
+    /// and the other has gone `u^2` of its own. Lines stay within their hull.
+    pub(crate) fn blend_within_soft_limits(
+        &self,
+        before: &SegmentMotion,
+        next: &SegmentMotion,
+    ) -> Result<(), Alarm> {
+        let (
+            SegmentMotion::Feed {
+                path: first, feed: f, ..
+            },
+            SegmentMotion::Feed {
+                path: second,
+                feed: g,
+                ..
+            },
+        ) = (before, next)
+        else {
+            return Ok(());
+        };
+        if matches!((first, second), (Path::Line { .. }, Path::Line { .. })) {
+            return Ok(());
+        }
+        let ramp_s = ramp_s(f).max(ramp_s(g));
+        let zones = [zone(first, f, ramp_s), zone(second, g, ramp_s)];
+        let joint = second.start();
+        let limited = self
+            .axes
+            .iter()
+            .filter(|axis| self.soft_limits[axis.index()].is_some());
+        for axis in limited {
+            let steep = [zones[0] * first.steepest(axis), zones[1] * second.steepest(axis)];
+            let away = steep[0] + steep[1];
+            let is_near = |value| self.limit_passed(axis, value).is_some();
+            if !is_near(joint[axis] - away) && !is_near(joint[axis] + away) {
+                continue;
+            }
+            let reaches = [reach(first, axis), reach(second, axis)];
+            let side = |n: usize, sign: f64| Side {
+                height: sign * (reaches[n][usize::from(sign > 0.0)] - joint[axis]),
+                steep: steep[n],
+            };
+            let [below, above] =
+                [-1.0, 1.0].map(|sign| joint[axis] + sign * farthest([side(0, sign), side(1, sign)]));
+            for value in [below, above] {
+                if let Some((which, limit)) = self.limit_passed(axis, value) {
+                    let text = format!(
+                        "Blended with the block before, axis {} may go to {value:.6} (machine), beyond its {which} limit \
+                         {limit:.6}; a lower F, shorter ramps or G61 keep it nearer to the path",
+                        axis.letter()
+                    );
+                    return Err(Alarm::new(&SOFT_LIMIT, text));
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The farthest that both together come to. Between the shares at which one of them becomes as high as it comes the sum is
+/// a convex function.
+fn farthest([first, second]: [Side; 2]) -> f64 {
+    [0.0, 1.0 - first.full(), second.full(), 1.0]
+        .into_iter()
+        .map(|u: f64| first.at((1.0 - u).powi(2)) + second.at(u.powi(2)))
+        .fold(0.0, f64::max)
+}
+
+/// Duration of a blend at the most, s.
+fn ramp_s(feed: &Feed) -> f64 {
+    (feed.ta_ms.max(feed.td_ms).max(feed.ts_ms) + feed.ts_ms) / 1000.0
+}
+
+/// Length of a block's part in a blend at the most: short blocks have shorter ramps.
+fn zone(path: &Path, feed: &Feed, ramp_s: f64) -> f64 {
+    (feed.feedrate_mm_min / 60.0 * ramp_s / 2.0).min(path.length() / 2.0)
+}
+
+fn reach(path: &Path, axis: Axis) -> [f64; 2] {
+    match path {
+        Path::Line { from, to, .. } => [from[axis].min(to[axis]), from[axis].max(to[axis])],
+        Path::Arc(arc) => arc.reach(axis),
+    }
+}
