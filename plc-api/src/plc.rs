@@ -135,7 +135,8 @@ impl Plc {
     }
 
     /// Alarms and warnings that stand, in the order in which they were raised. A reset of its coordinate system clears
-    /// an alarm, a reset of any coordinate system one of the whole machine (`cs` is `None`); [`CoordinateSystem::acknowledge_alarm`] notes that somebody has seen it.
+    /// an alarm, a reset of any coordinate system one of the whole machine (`cs` is `None`);
+    /// [`CoordinateSystem::acknowledge_alarm`] notes that somebody has seen it.
     ///
     /// ```
     /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
