@@ -68,8 +68,8 @@ impl PathStage {
         for axis in limited {
             let steep = [zones[0] * first.steepest(axis), zones[1] * second.steepest(axis)];
             let away = steep[0] + steep[1];
-            let is_near = |value| self.limit_passed(axis, value).is_some();
-            if !is_near(joint[axis] - away) && !is_near(joint[axis] + away) {
+            let passes = |value| self.limit_passed(axis, value).is_some();
+            if !passes(joint[axis] - away) && !passes(joint[axis] + away) {
                 continue;
             }
             let reaches = [reach(first, axis), reach(second, axis)];

@@ -5,8 +5,20 @@ use tempfile::TempDir;
 
 use super::{broker_at, machine};
 use crate::support::broker::Mosquitto;
+use crate::support::machine::Machine;
 use crate::support::mqtt::Bus;
 use crate::support::served::Served;
+
+/// A machine at this broker, and somebody who hears that it is there.
+async fn served_at(broker: &Mosquitto) -> (Machine, Served, Bus) {
+    let machine = machine(&broker_at(&broker.address()));
+    let served = Served::start(&machine);
+    let bus = Bus::listen(&broker.address(), "test-1").await;
+    bus.history
+        .find("presence", |presence| presence["online"] == true)
+        .await;
+    (machine, served, bus)
+}
 
 /// The connection stands and is the first one.
 async fn is_still_connected(served: &Served) {
@@ -34,12 +46,7 @@ async fn a_message_larger_than_the_broker_takes_is_dropped_and_the_connection_st
         TempDir::new().expect("a folder"),
         "allow_anonymous true\nmax_packet_size 3000\n",
     );
-    let machine = machine(&broker_at(&broker.address()));
-    let mut served = Served::start(&machine);
-    let bus = Bus::listen(&broker.address(), "test-1").await;
-    bus.history
-        .find("presence", |presence| presence["online"] == true)
-        .await;
+    let (_machine, mut served, bus) = served_at(&broker).await;
     // 1000 numbers of at least three bytes each
     let get = |command_id: &str, count: u16| json!({"command_id": command_id, "client_id": "panel", "kind": "P", "from": 0, "count": count});
     bus.publish("cs/1/variable/get", &get("large", 1000)).await;
@@ -64,12 +71,7 @@ async fn a_broker_that_refuses_messages_is_told_in_the_log_and_the_connection_st
     )
     .expect("written");
     let broker = Mosquitto::with(folder, "allow_anonymous true\nacl_file acl\n");
-    let machine = machine(&broker_at(&broker.address()));
-    let mut served = Served::start(&machine);
-    let bus = Bus::listen(&broker.address(), "test-1").await;
-    bus.history
-        .find("presence", |presence| presence["online"] == true)
-        .await;
+    let (_machine, mut served, _bus) = served_at(&broker).await;
     let line = logged(&mut served, "the MQTT broker refuses a message (NotAuthorized)");
     assert!(line.contains("write below tandem/v1/test-1/"), "{line}");
     is_still_connected(&served).await;
