@@ -201,10 +201,13 @@ impl RuntimePort {
             text: alarm.text,
             ..AlarmRecord::default()
         });
+        // each is stopped, also behind one that refuses
+        let mut answer = Ok(Answer::Done);
         for handle in &self.handles {
-            handle.desk.ask(Request::RaiseAlarm(raise.clone()), true).await?;
+            let stopped = handle.desk.ask(Request::RaiseAlarm(raise.clone()), true).await;
+            answer = answer.and(stopped);
         }
-        Ok(Answer::Done)
+        answer
     }
 
     fn warn(&self, text: &str) -> Answer {
