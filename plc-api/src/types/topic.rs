@@ -135,8 +135,13 @@ impl Topic {
         }
     }
 
-    /// The topic of a path below the machine's root; `None` for a path that the runtime never publishes.
+    /// The topic of a path below the machine's root; `None` for a path that the runtime never publishes, such as
+    /// `cs/01/state`: a topic has one path.
     pub fn parse(path: &str) -> Option<Topic> {
+        Self::read(path).filter(|topic| topic.path() == path)
+    }
+
+    fn read(path: &str) -> Option<Topic> {
         match path {
             "presence" => return Some(Topic::Presence),
             "birth" => return Some(Topic::Birth),
@@ -211,6 +216,18 @@ mod tests {
         ]);
         for topic in topics {
             assert_eq!(Topic::parse(&topic.path()), Some(topic));
+        }
+    }
+
+    #[test]
+    fn a_topic_has_one_path() {
+        for other in [
+            "cs/01/state",
+            "cs/+1/state",
+            "cs/1/m_code/0100/output",
+            "cs/1/m_code/+100/cancel",
+        ] {
+            assert_eq!(Topic::parse(other), None, "{other}");
         }
     }
 
