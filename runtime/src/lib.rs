@@ -3,6 +3,7 @@
 //! `runtime/ARCHITECTURE.md` in the repository follows one G01 and one M100 through the code.
 
 mod clock;
+mod command_memory;
 mod config;
 mod coordinate_system;
 mod coordinator;

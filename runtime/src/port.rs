@@ -406,6 +406,72 @@ mod tests {
         });
     }
 
+    fn command(command: Command, command_id: &str, client_id: &str) -> Request {
+        Request::Command {
+            cs: 1,
+            command,
+            meta: CommandMeta {
+                command_id: command_id.into(),
+                client_id: client_id.into(),
+                ..CommandMeta::default()
+            },
+            wait: true,
+        }
+    }
+
+    #[test]
+    fn an_id_of_another_command_is_refused_and_keeps_its_reply() {
+        with_machine(async |port| {
+            port.request(start("1")).await.unwrap();
+            let mut replies = port.subscribe(Filter::Topics(vec![Topic::Reply("hmi".into())]));
+            for other in [Command::Reset, Command::Load { program: 50 }] {
+                let refusal = port.request(command(other, "1", "hmi")).await.unwrap_err();
+                assert_eq!(refusal.code, RefusalCode::CommandIdReused);
+                assert!(
+                    refusal.text.contains("start of coordinate system 1"),
+                    "{}",
+                    refusal.text
+                );
+                let said = replies.try_next().map(|message| message.payload.clone());
+                assert!(
+                    matches!(&said, Some(Payload::Reply(reply)) if reply.code == "command_id_reused" && reply.state_rev > 0),
+                    "{said:?}"
+                );
+            }
+            let known = port.request(Request::CommandStatus("1".into())).await;
+            assert_eq!(status(&known), Some(CommandStatus::Done));
+        });
+    }
+
+    #[test]
+    fn hold_and_stop_are_carried_out_whatever_their_id_was_used_for() {
+        with_machine(async |port| {
+            let execution = async || {
+                let state = port.read(&Topic::cs(1, CsTopic::State)).await.unwrap();
+                match &state.payload {
+                    Payload::State(state) => state.execution,
+                    other => panic!("{other:?}"),
+                }
+            };
+            port.request(start("1")).await.unwrap();
+            port.request(command(Command::Hold, "1", "test")).await.unwrap();
+            assert_eq!(execution().await, Execution::FeedHold);
+            port.request(command(Command::Resume, "2", "test")).await.unwrap();
+            // another client's first command
+            port.request(command(Command::Hold, "1", "hmi")).await.unwrap();
+            assert_eq!(execution().await, Execution::FeedHold);
+            port.request(command(Command::Stop, "1", "hmi")).await.unwrap();
+            assert_eq!(execution().await, Execution::Stopped);
+            // the same once more is the same command, and not carried out again
+            port.request(command(Command::Load { program: 50 }, "3", "hmi"))
+                .await
+                .unwrap();
+            port.request(start("4")).await.unwrap();
+            port.request(command(Command::Stop, "1", "hmi")).await.unwrap();
+            assert_eq!(execution().await, Execution::Active);
+        });
+    }
+
     #[test]
     fn a_command_past_its_ttl_or_for_another_boot_is_refused_and_the_reply_is_published() {
         with_machine(async |port| {

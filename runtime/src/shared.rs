@@ -3,7 +3,6 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
-use std::time::{Duration, SystemTime};
 
 use plc_api::handshake::Now;
 use plc_api::hub::Hub;
@@ -18,6 +17,7 @@ use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 
 use crate::clock::Clock;
+use crate::command_memory::{Asked, CommandMemory, Recalled};
 use crate::config::Machine;
 use crate::journal::{Entry, Journal};
 use crate::persistence::{Keeper, Restored};
@@ -27,12 +27,6 @@ use crate::tables::Tables;
 
 /// Alarms kept after they were cleared. The oldest are forgotten.
 pub const ALARM_HISTORY_MAX: usize = 1000;
-
-/// How long a command's reply is kept: a command with the same id gets it again instead of being carried out twice.
-pub const COMMAND_MEMORY: Duration = Duration::from_mins(10);
-
-/// Replies kept at the most, whatever their age. Reason: at 16 commands a second 10 minutes fit.
-pub const COMMANDS_MAX: usize = 10_000;
 
 /// Handlers that are or were there. A further one is refused.
 pub const HANDLERS_MAX: usize = 256;
@@ -59,7 +53,7 @@ pub(crate) struct Shared {
     pub closing: CancellationToken,
     alarms: Mutex<Alarms>,
     handlers: Mutex<BTreeMap<String, HandlerPresence>>,
-    commands: Mutex<Commands>,
+    commands: Mutex<CommandMemory>,
     /// Wakes the task of each coordinate system.
     wakes: Mutex<Vec<Arc<Notify>>>,
     told: AtomicU64,
@@ -70,12 +64,6 @@ struct Alarms {
     next_id: u64,
     active: Vec<AlarmRecord>,
     history: VecDeque<AlarmRecord>,
-}
-
-#[derive(Debug, Default)]
-struct Commands {
-    replies: BTreeMap<String, (SystemTime, CommandReply)>,
-    order: VecDeque<String>,
 }
 
 impl Shared {
@@ -287,40 +275,20 @@ impl Shared {
             .any(|handler| handler.online && handler.handles.iter().any(|code| code.cs == cs && code.m == m))
     }
 
+    /// Looks a command up by its id, and notes it when it is new.
+    pub fn recall(&self, command_id: &str, asked: Asked) -> Recalled {
+        lock(&self.commands).recall(command_id, asked, self.clock.wall())
+    }
+
     /// Keeps and publishes a reply.
     pub fn reply(&self, client_id: &str, reply: CommandReply) {
-        let now = self.clock.wall();
-        let mut commands = lock(&self.commands);
-        let id = reply.command_id.clone();
-        if commands
-            .replies
-            .insert(id.clone(), (now, reply.clone()))
-            .is_none()
-        {
-            commands.order.push_back(id);
-        }
-        while let Some(oldest) = commands.order.front() {
-            let expired = commands
-                .replies
-                .get(oldest)
-                .is_none_or(|(at, _)| now.duration_since(*at).is_ok_and(|age| age > COMMAND_MEMORY));
-            if !expired && commands.order.len() <= COMMANDS_MAX {
-                break;
-            }
-            if let Some(oldest) = commands.order.pop_front() {
-                commands.replies.remove(&oldest);
-            }
-        }
-        drop(commands);
+        lock(&self.commands).answered(&reply, self.clock.wall());
         self.publish(Topic::Reply(client_id.to_owned()), Payload::Reply(reply));
     }
 
     /// The last reply to a command.
     pub fn replied(&self, command_id: &str) -> Option<CommandReply> {
-        lock(&self.commands)
-            .replies
-            .get(command_id)
-            .map(|(_, reply)| reply.clone())
+        lock(&self.commands).reply(command_id).cloned()
     }
 }
 

@@ -94,6 +94,13 @@ pub enum Verb {
     Home,
 }
 
+impl Verb {
+    /// True for hold, stop and abort: they pass every queue, and need nothing.
+    pub fn is_urgent(self) -> bool {
+        matches!(self, Verb::Hold | Verb::Stop | Verb::Abort)
+    }
+}
+
 /// Characters of a `refresh_id`.
 const REFRESH_ID_MAX: usize = 128;
 
@@ -252,7 +259,10 @@ fn jog(args: &Value) -> Result<Command, String> {
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct CommandMeta {
-    /// Names the command; one seen in the last 10 minutes gets the stored reply. 1 to 128 characters.
+    /// Names the command, 1 to 128 characters: one that was seen in the last 10 minutes gets the stored reply, and is not
+    /// carried out again. With another verb, coordinate system or arguments than then it is refused
+    /// ([`RefusalCode::CommandIdReused`](crate::types::request::RefusalCode)); hold, stop and abort, which wait for
+    /// nothing, are carried out.
     pub command_id: String,
     /// Who commands; replies go to `reply/{client_id}`. 1 to 64 characters without `/ + #`.
     pub client_id: String,

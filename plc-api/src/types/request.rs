@@ -291,6 +291,8 @@ pub enum RefusalCode {
     Busy,
     /// The control lease under which it was sent has ended (409).
     LeaseLost,
+    /// Its `command_id` is that of another command of the last 10 minutes (422).
+    CommandIdReused,
     /// The condition of the command does not hold (412).
     PreconditionFailed,
     /// The program has errors (422).

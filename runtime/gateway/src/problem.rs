@@ -113,7 +113,7 @@ fn status_of(code: RefusalCode) -> StatusCode {
         | RefusalCode::Busy
         | RefusalCode::LeaseLost => StatusCode::CONFLICT,
         RefusalCode::PreconditionFailed | RefusalCode::Expired => StatusCode::PRECONDITION_FAILED,
-        RefusalCode::ProgramHasErrors => StatusCode::UNPROCESSABLE_ENTITY,
+        RefusalCode::ProgramHasErrors | RefusalCode::CommandIdReused => StatusCode::UNPROCESSABLE_ENTITY,
         RefusalCode::Invalid | RefusalCode::Retained => StatusCode::BAD_REQUEST,
         RefusalCode::TooLarge => StatusCode::PAYLOAD_TOO_LARGE,
         RefusalCode::NotSupported => StatusCode::NOT_IMPLEMENTED,
@@ -153,6 +153,7 @@ mod tests {
             (RefusalCode::LeaseLost, 409),
             (RefusalCode::PreconditionFailed, 412),
             (RefusalCode::ProgramHasErrors, 422),
+            (RefusalCode::CommandIdReused, 422),
             (RefusalCode::Invalid, 400),
             (RefusalCode::TooLarge, 413),
             (RefusalCode::NotSupported, 501),

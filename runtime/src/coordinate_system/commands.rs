@@ -58,8 +58,7 @@ impl Awaiting {
 
 impl CoordinateSystem {
     pub(super) fn command(&mut self, command: Deferred) {
-        let urgent = matches!(command.command.verb(), Verb::Hold | Verb::Stop | Verb::Abort);
-        if urgent {
+        if command.command.verb().is_urgent() {
             self.carry_out_command(command);
         } else if self.deferred.len() >= DEFERRED_MAX {
             let refusal = Refusal::new(RefusalCode::Unavailable, "too many commands wait; try again");
@@ -93,8 +92,9 @@ impl CoordinateSystem {
     }
 
     fn carry_out_command(&mut self, command: Deferred) {
-        // The same command may have come twice before the first was carried out.
-        if let Some(said) = self.shared.replied(&command.meta.command_id) {
+        // The same command may have come twice before the first was carried out; hold, stop and abort may act twice.
+        let said = self.shared.replied(&command.meta.command_id);
+        if let Some(said) = said.filter(|_| !command.command.verb().is_urgent()) {
             let id = &command.meta.command_id;
             if command.wait
                 && self

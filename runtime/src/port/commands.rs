@@ -2,14 +2,16 @@
 
 use std::time::Duration;
 
+use plc_api::execution::word;
 use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::command::{Command, CommandMeta, CommandReply, CommandStatus, Verb};
+use plc_api::types::command::{Command, CommandMeta, CommandReply, CommandStatus};
 use plc_api::types::lease::LeaseRequest;
 use plc_api::types::message::Payload;
 use plc_api::types::request::{Answer, Refusal, RefusalCode, Request};
-use plc_api::types::topic::Topic;
+use plc_api::types::topic::{CsTopic, Topic};
 
 use super::{RuntimePort, check_id};
+use crate::command_memory::{Asked, Recalled};
 
 /// Characters of a command id.
 const COMMAND_ID_MAX: usize = 128;
@@ -23,23 +25,22 @@ impl RuntimePort {
         wait: bool,
     ) -> Result<Answer, Refusal> {
         check_ids(&meta)?;
-        let handle = self.handle(cs).map_err(|refusal| self.reject(&meta, refusal))?;
-        if let Some(reply) = self.replied_again(&meta)
+        let asked = Asked::command(cs, &command, &meta.client_id);
+        if let Some(reply) = self.replied_again(&meta, Some(cs), asked)?
             && !(wait && reply.status == CommandStatus::Accepted)
         {
             return Ok(Answer::Command(reply));
         }
-        self.check_age(&meta)
-            .map_err(|refusal| self.reject(&meta, refusal))?;
+        let reject = |refusal| self.reject(&meta, Some(cs), refusal);
+        let handle = self.handle(cs).map_err(reject)?;
+        self.check_age(&meta).map_err(reject)?;
         if let Command::AlarmAcknowledge { id } = command
             && !self.shared.acknowledge_alarm(id, &meta.client_id)
         {
-            return Err(self.reject(
-                &meta,
-                Refusal::new(RefusalCode::NotFound, format!("no alarm {id} is active")),
-            ));
+            let text = format!("no alarm {id} is active");
+            return Err(reject(Refusal::new(RefusalCode::NotFound, text)));
         }
-        let urgent = matches!(command.verb(), Verb::Hold | Verb::Stop | Verb::Abort);
+        let urgent = command.verb().is_urgent();
         let request = Request::Command {
             cs,
             command,
@@ -56,20 +57,42 @@ impl RuntimePort {
         meta: CommandMeta,
     ) -> Result<Answer, Refusal> {
         check_ids(&meta)?;
-        if let Some(reply) = self.replied_again(&meta) {
+        let asked = Asked::new(format!("the lease of coordinate system {cs}"), &(cs, &request));
+        if let Some(reply) = self.replied_again(&meta, Some(cs), asked)? {
             return Ok(Answer::Command(reply));
         }
-        let handle = self.handle(cs).map_err(|refusal| self.reject(&meta, refusal))?;
+        let handle = self
+            .handle(cs)
+            .map_err(|refusal| self.reject(&meta, Some(cs), refusal))?;
         let request = Request::Lease { cs, request, meta };
         handle.desk.ask(request, false).await
     }
 
     /// The reply to a command that came before; published again, since who asks again has not heard it.
-    pub(super) fn replied_again(&self, meta: &CommandMeta) -> Option<CommandReply> {
-        let reply = self.shared.replied(&meta.command_id)?;
+    ///
+    /// # Errors
+    /// Another command came before under its id, whose reply stays.
+    pub(super) fn replied_again(
+        &self,
+        meta: &CommandMeta,
+        cs: Option<CoordinateSystemNumber>,
+        asked: Asked,
+    ) -> Result<Option<CommandReply>, Refusal> {
+        let (reply, answer) = match self.shared.recall(&meta.command_id, asked) {
+            Recalled::New | Recalled::Again(None) => return Ok(None),
+            Recalled::Again(Some(reply)) => (reply.clone(), Ok(Some(reply))),
+            Recalled::OtherCommand(words) => {
+                let text = format!(
+                    "command_id \"{:.64}\" is that of another command: {words}; take a new one for each command",
+                    meta.command_id
+                );
+                let refusal = Refusal::new(RefusalCode::CommandIdReused, text);
+                (self.rejection(meta, cs, &refusal), Err(refusal))
+            }
+        };
         let topic = Topic::Reply(meta.client_id.clone());
-        self.shared.publish(topic, Payload::Reply(reply.clone()));
-        Some(reply)
+        self.shared.publish(topic, Payload::Reply(reply));
+        answer
     }
 
     pub(super) fn check_age(&self, meta: &CommandMeta) -> Result<(), Refusal> {
@@ -100,21 +123,40 @@ impl RuntimePort {
         Ok(())
     }
 
-    pub(super) fn reject(&self, meta: &CommandMeta, refusal: Refusal) -> Refusal {
-        let code = serde_json::to_value(refusal.code).ok();
-        let reply = CommandReply {
-            command_id: meta.command_id.clone(),
-            status: CommandStatus::Rejected,
-            code: code
-                .and_then(|code| code.as_str().map(str::to_owned))
-                .unwrap_or_default(),
-            text: refusal.text.clone(),
-            state_rev: 0,
-            variables: None,
-            lease: None,
-        };
+    /// Says a refusal as the reply to a command; `cs` is the coordinate system whose state it tells.
+    pub(super) fn reject(
+        &self,
+        meta: &CommandMeta,
+        cs: Option<CoordinateSystemNumber>,
+        refusal: Refusal,
+    ) -> Refusal {
+        let reply = self.rejection(meta, cs, &refusal);
         self.shared.reply(&meta.client_id, reply);
         refusal
+    }
+
+    fn rejection(
+        &self,
+        meta: &CommandMeta,
+        cs: Option<CoordinateSystemNumber>,
+        refusal: &Refusal,
+    ) -> CommandReply {
+        CommandReply {
+            command_id: meta.command_id.clone(),
+            status: CommandStatus::Rejected,
+            code: word(&refusal.code),
+            text: refusal.text.clone(),
+            state_rev: self.state_rev(cs),
+            variables: None,
+            lease: None,
+        }
+    }
+
+    /// Revision of a coordinate system's state; 0 for none.
+    pub(super) fn state_rev(&self, cs: Option<CoordinateSystemNumber>) -> u64 {
+        cs.and_then(|cs| self.shared.hub.read(&Topic::cs(cs, CsTopic::State)))
+            .and_then(|state| state.rev)
+            .unwrap_or(0)
     }
 }
 

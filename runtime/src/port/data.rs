@@ -5,10 +5,11 @@ use plc_api::types::command::{CommandMeta, CommandReply, CommandStatus};
 use plc_api::types::data::{JOURNAL_LINES_MAX, VariableArea, VariableValues};
 use plc_api::types::message::Payload;
 use plc_api::types::request::{Answer, Refusal, RefusalCode, Request};
-use plc_api::types::topic::{CsTopic, Topic};
+use plc_api::types::topic::Topic;
 
 use super::RuntimePort;
 use super::commands::check_ids;
+use crate::command_memory::Asked;
 use crate::persistence::journal_file::{JOURNAL_FOLDER, newest};
 use crate::shared::Shared;
 use crate::tables::{Tables, Values};
@@ -104,7 +105,7 @@ impl RuntimePort {
         let values = self
             .check_age(&meta)
             .and_then(|()| read())
-            .map_err(|refusal| self.reject(&meta, refusal))?;
+            .map_err(|refusal| self.reject(&meta, of(area), refusal))?;
         let said = VariableValues::new(area.kind(), from, values.iter().copied());
         let reply = self.done(&meta, area, Some(said));
         self.shared
@@ -124,12 +125,13 @@ impl RuntimePort {
             return write().map(|()| Answer::Done);
         };
         check_ids(&meta)?;
-        if let Some(reply) = self.replied_again(&meta) {
+        let asked = Asked::new("variable/set".to_owned(), &(area, from, values));
+        if let Some(reply) = self.replied_again(&meta, of(area), asked)? {
             return Ok(Answer::Command(reply));
         }
         self.check_age(&meta)
             .and_then(|()| write())
-            .map_err(|refusal| self.reject(&meta, refusal))?;
+            .map_err(|refusal| self.reject(&meta, of(area), refusal))?;
         let reply = self.done(&meta, area, None);
         self.shared.reply(&meta.client_id, reply.clone());
         Ok(Answer::Command(reply))
@@ -141,19 +143,23 @@ impl RuntimePort {
         area: VariableArea,
         variables: Option<VariableValues>,
     ) -> CommandReply {
-        let state = match area {
-            VariableArea::Global => None,
-            VariableArea::CoordinateSystem(cs) => self.shared.hub.read(&Topic::cs(cs, CsTopic::State)),
-        };
         CommandReply {
             command_id: meta.command_id.clone(),
             status: CommandStatus::Done,
             code: "ok".to_owned(),
             text: String::new(),
-            state_rev: state.and_then(|state| state.rev).unwrap_or(0),
+            state_rev: self.state_rev(of(area)),
             variables,
             lease: None,
         }
+    }
+}
+
+/// The coordinate system of an area; `None` for the machine's.
+fn of(area: VariableArea) -> Option<CoordinateSystemNumber> {
+    match area {
+        VariableArea::Global => None,
+        VariableArea::CoordinateSystem(cs) => Some(cs),
     }
 }
 
