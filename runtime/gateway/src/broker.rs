@@ -35,7 +35,7 @@ use crate::access::{LiveTokens, Rate, User, random_secret};
 use crate::error::GatewayError;
 use crate::mqtt::inbound;
 use crate::settings::{MQTT_LISTEN, listen_error};
-use sessions::{REMEMBERED_MAX, Sessions};
+use sessions::{Admitted, REMEMBERED_MAX, Sessions};
 
 /// Clients that may be connected; more are refused.
 const CLIENTS_MAX: usize = 256;
@@ -68,6 +68,9 @@ pub(crate) type Refused = (String, Vec<u8>);
 /// systems of 200 M codes a second, each with a claim and a reset.
 const CLIENT_BURST: u32 = 10_000;
 const CLIENT_PER_SECOND: u32 = 5000;
+
+/// Protocol version of MQTT 5 in its CONNECT packet.
+const MQTT_5: u8 = 5;
 
 /// User of the runtime's own connection. No token has this name.
 const RUNTIME_USER: &str = "$runtime";
@@ -332,11 +335,13 @@ impl Guard {
                 );
                 Err((ReasonCode::QuotaExceeded, text))
             }
-            _ => Ok(user.and_then(|user| {
-                let name = user.name.clone();
-                self.sessions.admit(&connect.client_id, user);
-                name
-            })),
+            _ => {
+                let name = name_of(user.clone());
+                let speaks_5 = connect.protocol_version == MQTT_5;
+                self.sessions
+                    .admit(&connect.client_id, Admitted { user, speaks_5 });
+                Ok(name)
+            }
         }
     }
 
@@ -365,6 +370,11 @@ impl Guard {
 
     /// True for a message that the broker must not carry; then it is dealt with.
     fn keeps_back(&self, event: &ClientPublishEvent) -> bool {
+        let user_id = event.user_id.as_deref();
+        if !self.may_publish(user_id, &event.topic) {
+            warn!("MQTT message on {} of {user_id:?} refused: its role", event.topic);
+            return true;
+        }
         if event.retain && !event.payload.is_empty() && self.is_inbound(&event.topic) {
             // when nobody takes them any more, refusing without a word is enough
             let _ = self
@@ -373,7 +383,7 @@ impl Guard {
             return true;
         }
         let path = event.topic.strip_prefix(&self.access.root);
-        let (Some(Speaker::User(user)), Some(path)) = (self.speaker(event.user_id.as_deref()), path) else {
+        let (Some(Speaker::User(user)), Some(path)) = (self.speaker(user_id), path) else {
             return false;
         };
         match may_say(&user, path, &event.payload) {
@@ -453,8 +463,19 @@ impl AuthProvider for Guard {
         Box::pin(std::future::ready(Ok(result)))
     }
 
-    fn authorize_publish<'a>(&'a self, _: &str, user: Option<&'a str>, topic: &'a str) -> Answer<'a, bool> {
-        Box::pin(std::future::ready(self.may_publish(user, topic)))
+    // An acknowledgement that says "not authorized" is for clients of MQTT 5 alone: over 3.1.1 the same bytes are an
+    // error of protocol, on which a client connects again and says the message again. From those, `keeps_back` keeps it.
+    fn authorize_publish<'a>(
+        &'a self,
+        client_id: &str,
+        user: Option<&'a str>,
+        topic: &'a str,
+    ) -> Answer<'a, bool> {
+        let speaks_5 = self
+            .sessions
+            .of(client_id)
+            .is_some_and(|session| session.speaks_5);
+        Box::pin(std::future::ready(!speaks_5 || self.may_publish(user, topic)))
     }
 
     fn authorize_subscribe<'a>(&'a self, _: &str, user: Option<&'a str>, _: &'a str) -> Answer<'a, bool> {

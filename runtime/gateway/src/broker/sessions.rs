@@ -31,7 +31,16 @@ const END_MAX: Duration = Duration::from_secs(2);
 pub(super) struct Session {
     /// `None`: no tokens are asked for, or the runtime itself.
     pub(super) user: Option<User>,
+    /// False for a client of MQTT 3.1.1, and where nothing is known.
+    pub(super) speaks_5: bool,
     will: Option<Will>,
+}
+
+/// A client that is let in.
+#[derive(Debug)]
+pub(super) struct Admitted {
+    pub(super) user: Option<User>,
+    pub(super) speaks_5: bool,
 }
 
 #[derive(Debug, Clone)]
@@ -45,7 +54,7 @@ struct Will {
 #[derive(Debug, Default)]
 pub(super) struct Sessions {
     /// Let in, and not connected yet.
-    admitted: Mutex<HashMap<String, User>>,
+    admitted: Mutex<HashMap<String, Admitted>>,
     // the latest connection of each client id, and how many have not ended: one that is taken over ends later
     connected: Mutex<HashMap<Arc<str>, (Session, u32)>>,
     wrong: Mutex<HashMap<IpAddr, Rate>>,
@@ -80,13 +89,13 @@ impl Sessions {
         true
     }
 
-    pub(super) fn admit(&self, client_id: &str, user: User) {
+    pub(super) fn admit(&self, client_id: &str, client: Admitted) {
         let mut admitted = lock(&self.admitted);
         // those that were let in and went before they were connected
         if admitted.len() > 2 * CLIENTS_MAX {
             admitted.clear();
         }
-        admitted.insert(client_id.to_owned(), user);
+        admitted.insert(client_id.to_owned(), client);
     }
 
     /// A client is connected; where nobody noted whom the broker let in, `user` is asked.
@@ -104,7 +113,8 @@ impl Sessions {
                 retain: event.will_retain.unwrap_or(false),
             });
         let session = Session {
-            user: admitted.or_else(user),
+            speaks_5: admitted.as_ref().is_some_and(|client| client.speaks_5),
+            user: admitted.and_then(|client| client.user).or_else(user),
             will,
         };
         let mut connected = lock(&self.connected);

@@ -3,6 +3,7 @@
 use plc_api::types::request::Input;
 use rumqttc::{LastWill, QoS};
 use serde_json::{Value, json};
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
 
 use super::mqtt::{Client, ROOT};
 use super::*;
@@ -99,6 +100,61 @@ async fn the_embedded_broker_refuses_a_retained_command_outright() {
     let mut late = Client::connect(gateway.mqtt_addr().unwrap(), "late", &filters).await;
     late.next("presence", |_| true).await;
     assert_eq!(late.here(), [], "the broker kept none of them");
+    gateway.shutdown().await;
+}
+
+/// What the broker answers, byte for byte, to a client of this protocol version that publishes a state with this QoS.
+async fn answer_to_a_published_state(gateway: &Gateway, version: u8, qos: u8) -> Vec<u8> {
+    let mut stream = tokio::net::TcpStream::connect(gateway.mqtt_addr().unwrap())
+        .await
+        .unwrap();
+    let properties: &[u8] = if version == 5 { &[0] } else { &[] };
+    let packet = |kind: u8, body: &[&[u8]]| {
+        let body = body.concat();
+        [&[kind, u8::try_from(body.len()).unwrap()], &body[..]].concat()
+    };
+    // clean session, keep-alive 60 s, client id "raw"
+    let connect = packet(
+        0x10,
+        &[b"\0\x04MQTT", &[version, 2, 0, 60], properties, b"\0\x03raw"],
+    );
+    stream.write_all(&connect).await.unwrap();
+    let mut acknowledged = [0; 2];
+    stream.read_exact(&mut acknowledged).await.unwrap();
+    assert_eq!(acknowledged[0], 0x20);
+    stream
+        .read_exact(&mut vec![0; acknowledged[1].into()])
+        .await
+        .unwrap();
+    let topic = format!("{ROOT}cs/1/state");
+    let length = u16::try_from(topic.len()).unwrap().to_be_bytes();
+    let publish = packet(
+        0x30 | qos << 1,
+        &[&length, topic.as_bytes(), &[0, 7], properties, b"{}"],
+    );
+    stream.write_all(&publish).await.unwrap();
+    let mut head = [0; 2];
+    stream.read_exact(&mut head).await.unwrap();
+    let mut body = vec![0; head[1].into()];
+    stream.read_exact(&mut body).await.unwrap();
+    [&head[..], &body].concat()
+}
+
+#[tokio::test]
+async fn a_refused_message_is_acknowledged_in_the_words_of_the_clients_version() {
+    let gateway = start(&StubPort::new()).await;
+    for (qos, kind) in [(1, 0x40), (2, 0x50)] {
+        // MQTT 3.1.1 sections 3.4 and 3.5: two bytes follow, the packet identifier
+        let old = within(answer_to_a_published_state(&gateway, 4, qos)).await;
+        assert_eq!(old, [kind, 2, 0, 7]);
+        // MQTT 5 section 3.4.2.1: 0x87, not authorized
+        let new = within(answer_to_a_published_state(&gateway, 5, qos)).await;
+        assert_eq!((new[0], &new[2..5]), (kind, &[0, 7, 0x87][..]));
+    }
+    let filters = ["presence", "cs/1/state"];
+    let mut reader = Client::connect(gateway.mqtt_addr().unwrap(), "reader", &filters).await;
+    reader.next("presence", |_| true).await;
+    assert!(!reader.here().iter().any(|publish| &publish.payload[..] == b"{}"));
     gateway.shutdown().await;
 }
 
