@@ -22,8 +22,11 @@ use crate::clock::Clock;
 use crate::config::{Config, ConfigError, Machine, ProgramSource};
 use crate::coordinate_system::{CoordinateSystem, Desk, Handle};
 use crate::journal::Journal;
-use crate::persistence::journal_file::{JOURNAL_FOLDER, JournalThread};
-use crate::persistence::{Image, KeeperThread, Restored, Source, Store, restore, tell_of_last_runs};
+use crate::persistence::journal_file::{JOURNAL_FOLDER, JournalThread, newest};
+use crate::persistence::{
+    Image, KeeperThread, REPLAYED_LINES_MAX, Restored, Source, Store, replay_last_runs, restore,
+    tell_of_last_runs,
+};
 use crate::port::RuntimePort;
 use crate::program_store::{ProgramStore, read_text};
 use crate::servo_thread::{ServoStatistics, ServoThread};
@@ -93,14 +96,14 @@ impl Runtime {
         let machine = config.resolve()?;
         let opening = machine.clone();
         let open = move || Ok::<_, StartError>((open_data(&opening)?, open_store(&opening)?));
-        let (data, (store, first_state)) = tokio::task::spawn_blocking(open)
+        let (mut data, (store, first_state)) = tokio::task::spawn_blocking(open)
             .await
             .map_err(|error| StartError::Store(error.to_string()))??;
         let journal =
             (data.as_ref()).map_or_else(Journal::to_log, |data| Journal::to_disk(data.journal.writer()));
         let mut tables = (Tables::new(&machine), Restored::default());
-        if let Some(data) = &data {
-            tables.1 = restore(&tables.0, &data.image).map_err(|error| data.refused(error))?;
+        if let Some(data) = &mut data {
+            tables.1 = data.restore(&tables.0).map_err(|error| data.refused(error))?;
         }
         let shared = Shared::new(machine, new_boot_id(), Clock::real(), store, journal, tables);
         let mut parts = Parts::new(Arc::new(shared), first_state);
@@ -301,6 +304,18 @@ impl Data {
             path: self.path.display().to_string(),
             error,
         }
+    }
+
+    /// What was kept, and what the journal tells beyond it, which is kept then.
+    fn restore(&mut self, tables: &Tables) -> io::Result<Restored> {
+        let mut restored = restore(tables, &self.image)?;
+        let lines = newest(&self.path.with_file_name(JOURNAL_FOLDER), 0, REPLAYED_LINES_MAX)?;
+        let change = replay_last_runs(tables.coordinate_systems(), &mut restored.last_runs, &lines);
+        if !change.is_empty() {
+            self.store.commit(&change)?;
+            self.image.take_over(change);
+        }
+        Ok(restored)
     }
 
     /// Begins to keep what changes.

@@ -53,7 +53,7 @@ fn what_was_open(last_run: &LastRun) -> String {
     };
     let open: Vec<String> = last_run.outputs.iter().map(one).collect();
     let open = if open.is_empty() {
-        "no M code was open".to_owned()
+        "no M code is known to have been open".to_owned()
     } else {
         format!("open: {}", open.join(", "))
     };

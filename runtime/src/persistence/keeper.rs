@@ -14,7 +14,6 @@ use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
 use plc_api::types::message::Payload;
 use plc_api::types::state::{Execution, Reason};
 use plc_api::types::topic::{CsTopic, Topic};
-use serde::Serialize;
 use tandem_model::alarm::STORE_FAILED;
 use tandem_model::variables::VariableArray;
 use tokio::sync::oneshot;
@@ -144,11 +143,11 @@ impl Source {
         }
         for (cs, view) in &self.views {
             if let Some(last_run) = self.last_run(*cs, view, last_runs.get(cs)) {
-                insert(&mut change, value_key("last_run", *cs), &last_run);
+                change.insert(value_key("last_run", *cs), &last_run);
                 last_runs.insert(*cs, last_run);
             }
             if let Some(Payload::Tool(tool)) = self.payload(*cs, CsTopic::Tool) {
-                insert(&mut change, value_key("tool", *cs), &tool.id);
+                change.insert(value_key("tool", *cs), &tool.id);
             }
         }
         change
@@ -207,13 +206,6 @@ fn changed_pages(area: u8, array: &VariableArray, kept: &Image, change: &mut Ima
         if *kept.pages.get(&(area, place)).unwrap_or(&NEVER_SET) != page {
             change.pages.insert((area, place), page);
         }
-    }
-}
-
-fn insert(change: &mut Image, key: String, value: &impl Serialize) {
-    // Numbers, words and lists of them always have a JSON form.
-    if let Ok(bytes) = serde_json::to_vec(value) {
-        change.values.insert(key, bytes);
     }
 }
 

@@ -10,11 +10,13 @@ mod cut_short;
 mod image;
 pub(crate) mod journal_file;
 mod keeper;
+mod replay;
 mod restore;
 mod store;
 
 pub(crate) use cut_short::tell_of_last_runs;
 pub(crate) use image::{Image, value_key};
 pub(crate) use keeper::{Keeper, KeeperThread, KeptValues, Source};
+pub(crate) use replay::{REPLAYED_LINES_MAX, replay_last_runs};
 pub(crate) use restore::{Kept, Restored, restore};
 pub(crate) use store::Store;

@@ -218,7 +218,10 @@ async fn alarms(served: &Served) -> Value {
 /// The journal's lines, each whole.
 fn journal(machine: &Machine) -> Vec<Value> {
     let text = std::fs::read_to_string(machine.path("tandem-data/journal/journal.jsonl")).unwrap();
-    text.lines()
+    // the last line may be on its way to the disk
+    let whole = text.rfind('\n').map_or("", |end| &text[..end]);
+    whole
+        .lines()
         .map(|line| serde_json::from_str(line).expect("a whole line"))
         .collect()
 }
@@ -265,6 +268,35 @@ async fn after_a_kill_nothing_starts_by_itself_and_the_operator_is_told_what_was
         "interrupted",
     ];
     assert_eq!(events, told);
+}
+
+#[tokio::test]
+async fn killed_as_soon_as_the_journal_has_an_output_it_tells_that_it_was_open() {
+    let machine = machine();
+    let mut served = Served::start(&machine);
+    served.load(1, 50, "M100 VA3\nM30\n").await;
+    // as many as it takes to meet each moment between two looks at what is kept
+    for round in 0..8 {
+        let made = |line: &Value| line["event"] == "output";
+        let before = journal(&machine).iter().filter(|line| made(line)).count();
+        served.command(1, "start").await;
+        while journal(&machine).iter().filter(|line| made(line)).count() == before {
+            tokio::task::yield_now().await;
+        }
+        served = kill(served, &machine);
+        let last_run = served.get("/cs/1/last_run").await.expect(200).json()["last_run"].clone();
+        assert_eq!(last_run["execution"], "WAIT", "round {round}: {last_run}");
+        assert_eq!(last_run["outputs"][0]["m"], 100, "round {round}: {last_run}");
+        let warning = alarms(&served).await[0]["text"].clone();
+        assert!(warning.as_str().unwrap().contains("M100 VA3"), "{warning}");
+        // told again at a start at which the journal says no more of it
+        served = kill(served, &machine);
+        let again = served.get("/cs/1/last_run").await.expect(200).json()["last_run"].clone();
+        assert_eq!(again, last_run);
+        served.command(1, "reset").await;
+        let load = served.post("/cs/1/load?wait=1", &json!({"program": 50})).await;
+        load.expect(200);
+    }
 }
 
 #[tokio::test]
