@@ -99,6 +99,14 @@ impl Verb {
     pub fn is_urgent(self) -> bool {
         matches!(self, Verb::Hold | Verb::Stop | Verb::Abort)
     }
+
+    /// True for those that begin motion, or let it go on.
+    pub fn moves(self) -> bool {
+        matches!(
+            self,
+            Verb::Start | Verb::Resume | Verb::BackTrace | Verb::Mdi | Verb::Home | Verb::Jog
+        )
+    }
 }
 
 /// Characters of a `refresh_id`.

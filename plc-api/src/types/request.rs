@@ -310,3 +310,14 @@ pub enum RefusalCode {
     /// The runtime cannot do it now: it stops, or its store fails (503).
     Unavailable,
 }
+
+impl RefusalCode {
+    /// True where the state, a lock or the control lease is the reason: such a refusal of a command says the state and
+    /// what is allowed in it.
+    pub fn is_of_state(self) -> bool {
+        matches!(
+            self,
+            RefusalCode::NotAllowed | RefusalCode::StartLocked | RefusalCode::Busy | RefusalCode::LeaseLost
+        )
+    }
+}

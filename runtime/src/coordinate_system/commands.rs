@@ -26,6 +26,8 @@ type Reply = oneshot::Sender<Result<Answer, Refusal>>;
 
 /// A command that is to be judged.
 pub(super) struct Deferred {
+    /// When it came, among all that is asked of this coordinate system.
+    pub order: u64,
     pub command: Command,
     pub meta: CommandMeta,
     pub wait: bool,
@@ -58,7 +60,11 @@ impl Awaiting {
 
 impl CoordinateSystem {
     pub(super) fn command(&mut self, command: Deferred) {
-        if command.command.verb().is_urgent() {
+        let verb = command.command.verb();
+        if verb.is_urgent() {
+            if matches!(verb, Verb::Stop | Verb::Abort) {
+                self.stopped_at = command.order;
+            }
             self.carry_out_command(command);
         } else if self.deferred.len() >= DEFERRED_MAX {
             let refusal = Refusal::new(RefusalCode::Unavailable, "too many commands wait; try again");
@@ -121,6 +127,7 @@ impl CoordinateSystem {
     /// Judges a command, and carries it out if nothing speaks against it. `notes` are worth knowing and refuse nothing.
     pub(super) fn accept_command(&mut self, command: Deferred, notes: &[String]) {
         let Deferred {
+            order,
             command,
             meta,
             wait,
@@ -133,11 +140,15 @@ impl CoordinateSystem {
             return;
         }
         let judged = self
-            .judge(verb, &meta)
+            .judge_order(verb, order)
+            .and_then(|()| self.judge(verb, &meta))
             .and_then(|()| self.prepare_command(&command));
         let (text, start) = match judged {
             Ok(prepared) => prepared,
-            Err(refusal) => return self.reject(&meta, refusal, reply),
+            Err(refusal) => {
+                let refusal = self.in_situation(refusal, &meta);
+                return self.reject(&meta, refusal, reply);
+            }
         };
         let text = notes.iter().fold(text, |text, note| join(&text, note));
         self.last_command_id = Some(meta.command_id.clone());
@@ -153,6 +164,15 @@ impl CoordinateSystem {
         if self.take_effect(&command, start) {
             self.complete(&|awaiting| awaiting.verb == verb);
         }
+    }
+
+    /// A stop or abort passes those that wait; what was to move before it must not move behind it.
+    fn judge_order(&self, verb: Verb, order: u64) -> Result<(), Refusal> {
+        if verb.moves() && order < self.stopped_at {
+            let text = "a stop or abort that came after it has been carried out before it; command it again";
+            return Err(Refusal::new(RefusalCode::NotAllowed, text));
+        }
+        Ok(())
     }
 
     pub(super) fn judge(&self, verb: Verb, meta: &CommandMeta) -> Result<(), Refusal> {
@@ -172,10 +192,12 @@ impl CoordinateSystem {
         }
         self.judge_lease(verb, meta)?;
         self.situation().judge(verb)?;
-        if matches!(
-            verb,
-            Verb::Start | Verb::Resume | Verb::BackTrace | Verb::Mdi | Verb::Home | Verb::Jog
-        ) {
+        self.judge_locks(verb)
+    }
+
+    /// Refuses what the interlock or the start lock prevents.
+    fn judge_locks(&self, verb: Verb) -> Result<(), Refusal> {
+        if verb.moves() {
             self.judge_interlock()?;
         }
         if matches!(verb, Verb::Start | Verb::Mdi) && self.inputs.start_lock.value {
@@ -186,6 +208,26 @@ impl CoordinateSystem {
             ));
         }
         Ok(())
+    }
+
+    /// A refusal that comes from how things stand says how, and what would not be refused now.
+    fn in_situation(&self, refusal: Refusal, meta: &CommandMeta) -> Refusal {
+        if !refusal.code.is_of_state() {
+            return refusal;
+        }
+        let situation = self.situation();
+        let mut allowed = situation.allowed();
+        allowed.retain(|verb| {
+            self.judge_locks(*verb)
+                .and_then(|()| self.judge_lease(*verb, meta))
+                .is_ok()
+                && (*verb != Verb::BackTrace || self.judge_back_trace(!self.retraces()).is_ok())
+        });
+        Refusal {
+            state: Some(situation.execution),
+            allowed,
+            ..refusal
+        }
     }
 
     pub(super) fn situation(&self) -> Situation {

@@ -7,6 +7,7 @@
 
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 
 use plc_api::types::CoordinateSystemNumber;
@@ -24,6 +25,8 @@ const REQUESTS_MAX: usize = 256;
 
 /// A request on its way, and where its answer goes.
 pub(super) struct Envelope {
+    /// Larger than that of every envelope laid down before.
+    pub order: u64,
     pub request: Request,
     pub reply: oneshot::Sender<Result<Answer, Refusal>>,
 }
@@ -41,6 +44,7 @@ pub(crate) struct Desk {
     /// Hold, stop and abort pass all others.
     urgent: Queue,
     requests: Queue,
+    laid_down: AtomicU64,
     work: Mutex<Work>,
     /// Wakes the task.
     wake: Arc<Notify>,
@@ -70,6 +74,7 @@ impl Desk {
             shared,
             urgent: Queue::new(),
             requests: Queue::new(),
+            laid_down: AtomicU64::new(0),
             work: Mutex::new(Work {
                 system: Some(system),
                 task_wakes_at_s: None,
@@ -89,7 +94,13 @@ impl Desk {
         }
         let (reply, answer) = oneshot::channel();
         let queue = if urgent { &self.urgent } else { &self.requests };
-        queue.put(Envelope { request, reply }).await;
+        let order = self.laid_down.fetch_add(1, Ordering::Relaxed);
+        let envelope = Envelope {
+            order,
+            request,
+            reply,
+        };
+        queue.put(envelope).await;
         self.work_if_free(Share::OF_ASKER);
         answer.await.unwrap_or_else(|_| Err(gone()))
     }

@@ -141,16 +141,7 @@ impl CoordinateSystem {
         if !needs_lease(verb) {
             return Ok(());
         }
-        self.lease.judge(meta.fence, &word(&verb)).map_err(|refusal| {
-            let situation = self.situation();
-            let mut allowed = situation.allowed();
-            allowed.retain(|verb| !needs_lease(*verb));
-            Refusal {
-                state: Some(situation.execution),
-                allowed,
-                ..refusal
-            }
-        })
+        self.lease.judge(meta.fence, &word(&verb))
     }
 
     pub(super) fn ask_lease(

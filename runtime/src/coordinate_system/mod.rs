@@ -92,6 +92,8 @@ pub(crate) struct CoordinateSystem {
     inputs: InputValues,
     stock: Vec<StockWork>,
     deferred: VecDeque<Deferred>,
+    /// Order of the last stop or abort.
+    stopped_at: u64,
     awaiting: Vec<Awaiting>,
     last_command_id: Option<String>,
     /// A load whose parameters are being checked by handlers.
@@ -176,6 +178,7 @@ impl CoordinateSystem {
             },
             stock: Vec::new(),
             deferred: VecDeque::new(),
+            stopped_at: 0,
             awaiting: Vec::new(),
             last_command_id: None,
             validation: None,
@@ -371,13 +374,18 @@ impl CoordinateSystem {
     }
 
     fn handle(&mut self, envelope: Envelope) {
-        let Envelope { request, reply } = envelope;
+        let Envelope {
+            order,
+            request,
+            reply,
+        } = envelope;
         let now = self.shared.now();
         let answer = match request {
             Request::Command {
                 command, meta, wait, ..
             } => {
                 self.command(Deferred {
+                    order,
                     command,
                     meta,
                     wait,

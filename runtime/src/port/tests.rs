@@ -1,0 +1,276 @@
+//! What the port promises, over the demo machine in simulated time.
+
+use plc_api::types::Timestamp;
+use plc_api::types::command::{CommandStatus, Expect, Verb};
+use plc_api::types::output::HandledCode;
+use plc_api::types::request::Input;
+use plc_api::types::state::Lock;
+
+use super::*;
+use crate::journal::Journal;
+use crate::simulation::{self, SimulationOptions};
+use crate::{Config, Runtime};
+
+fn start(command_id: &str) -> Request {
+    let meta = CommandMeta {
+        command_id: command_id.into(),
+        client_id: "test".into(),
+        ..CommandMeta::default()
+    };
+    Request::Command {
+        cs: 1,
+        command: Command::Start,
+        meta,
+        wait: false,
+    }
+}
+
+/// Runs a test against the demo machine in simulated time, with a program loaded that waits for 1000 s.
+fn with_machine<T>(test: impl AsyncFnOnce(Arc<dyn Port>) -> T) -> T {
+    simulation::run(async {
+        let machine = Config::demo().resolve().unwrap();
+        let options = SimulationOptions::default();
+        let runtime = Runtime::start_simulated(machine, Journal::to_log(), options).unwrap();
+        runtime.store().write(50, "G04 X1000\nM30\n").unwrap();
+        let port = runtime.port();
+        let Request::Command { meta, .. } = start("load") else {
+            unreachable!()
+        };
+        let command = Command::Load { program: 50 };
+        port.request(Request::Command {
+            cs: 1,
+            command,
+            meta,
+            wait: true,
+        })
+        .await
+        .unwrap();
+        test(port).await
+    })
+    .unwrap()
+}
+
+fn status(answer: &Result<Answer, Refusal>) -> Option<CommandStatus> {
+    match answer {
+        Ok(Answer::Command(reply)) => Some(reply.status),
+        _ => None,
+    }
+}
+
+#[test]
+fn a_command_that_comes_twice_at_once_is_carried_out_once() {
+    with_machine(async |port| {
+        let both = futures_util::future::join(port.request(start("s1")), port.request(start("s1")));
+        let (first, second) = both.await;
+        assert_eq!(status(&first), Some(CommandStatus::Accepted));
+        assert!(
+            matches!(
+                status(&second),
+                Some(CommandStatus::Accepted | CommandStatus::Done)
+            ),
+            "{second:?}"
+        );
+        let other = port.request(start("s2")).await;
+        assert_eq!(other.unwrap_err().code, RefusalCode::NotAllowed);
+    });
+}
+
+fn command(command: Command, command_id: &str, client_id: &str) -> Request {
+    Request::Command {
+        cs: 1,
+        command,
+        meta: CommandMeta {
+            command_id: command_id.into(),
+            client_id: client_id.into(),
+            ..CommandMeta::default()
+        },
+        wait: true,
+    }
+}
+
+#[test]
+fn an_id_of_another_command_is_refused_and_keeps_its_reply() {
+    with_machine(async |port| {
+        port.request(start("1")).await.unwrap();
+        let mut replies = port.subscribe(Filter::Topics(vec![Topic::Reply("hmi".into())]));
+        for other in [Command::Reset, Command::Load { program: 50 }] {
+            let refusal = port.request(command(other, "1", "hmi")).await.unwrap_err();
+            assert_eq!(refusal.code, RefusalCode::CommandIdReused);
+            assert!(
+                refusal.text.contains("start of coordinate system 1"),
+                "{}",
+                refusal.text
+            );
+            let said = replies.try_next().map(|message| message.payload.clone());
+            assert!(
+                matches!(&said, Some(Payload::Reply(reply)) if reply.code == "command_id_reused" && reply.state_rev > 0),
+                "{said:?}"
+            );
+        }
+        let known = port.request(Request::CommandStatus("1".into())).await;
+        assert_eq!(status(&known), Some(CommandStatus::Done));
+    });
+}
+
+/// The state word of coordinate system 1.
+async fn execution(port: &Arc<dyn Port>) -> Execution {
+    let state = port.read(&Topic::cs(1, CsTopic::State)).await.unwrap();
+    match &state.payload {
+        Payload::State(state) => state.execution,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn what_was_commanded_before_a_stop_or_abort_does_not_move_behind_it() {
+    for passing in [Command::Stop, Command::Abort] {
+        with_machine(async |port| {
+            // a handler that keeps the load waiting, and with it what is commanded behind
+            let silent = HandlerPresence {
+                online: true,
+                handles: vec![HandledCode { cs: 1, m: 60 }],
+                validates: true,
+            };
+            port.request(Request::Handler("silent".into(), silent))
+                .await
+                .unwrap();
+            let text = "M60 VA1\nM30\n".to_owned();
+            port.request(Request::WriteProgram(60, text)).await.unwrap();
+            let stopped = async {
+                port.sleep(Duration::from_millis(500)).await;
+                let stopped = port.request(command(passing.clone(), "4", "hmi")).await;
+                let later = command(
+                    Command::Mdi {
+                        text: "G04 X1".into(),
+                    },
+                    "5",
+                    "hmi",
+                );
+                (stopped, port.request(later).await)
+            };
+            let (load, start, home, (stopped, later)) = futures_util::join!(
+                port.request(command(Command::Load { program: 60 }, "1", "hmi")),
+                port.request(command(Command::Start, "2", "hmi")),
+                port.request(command(Command::Home { axes: Vec::new() }, "3", "hmi")),
+                stopped,
+            );
+            for done in [load, stopped, later] {
+                assert_eq!(status(&done), Some(CommandStatus::Done), "{done:?}");
+            }
+            for refused in [start, home] {
+                let refusal = refused.unwrap_err();
+                assert_eq!(refusal.code, RefusalCode::NotAllowed, "{}", refusal.text);
+                assert_eq!(refusal.state, Some(Execution::Ready));
+            }
+            assert_eq!(execution(&port).await, Execution::Ready);
+        });
+    }
+}
+
+#[test]
+fn a_refusal_that_comes_from_a_lock_says_the_state_and_what_it_leaves_allowed() {
+    with_machine(async |port| {
+        let interlock = Lock {
+            value: true,
+            text: "the door is open".into(),
+        };
+        port.request(Request::Input(1, Input::Interlock(interlock)))
+            .await
+            .unwrap();
+        let refusal = port.request(start("1")).await.unwrap_err();
+        assert_eq!(refusal.code, RefusalCode::StartLocked);
+        assert_eq!(refusal.state, Some(Execution::Ready));
+        let moving: Vec<_> = refusal.allowed.iter().filter(|verb| verb.moves()).collect();
+        assert!(moving.is_empty(), "{moving:?}");
+        assert!(refusal.allowed.contains(&Verb::Load));
+    });
+}
+
+#[test]
+fn hold_and_stop_are_carried_out_whatever_their_id_was_used_for() {
+    with_machine(async |port| {
+        let execution = || execution(&port);
+        port.request(start("1")).await.unwrap();
+        port.request(command(Command::Hold, "1", "test")).await.unwrap();
+        assert_eq!(execution().await, Execution::FeedHold);
+        port.request(command(Command::Resume, "2", "test")).await.unwrap();
+        // another client's first command
+        port.request(command(Command::Hold, "1", "hmi")).await.unwrap();
+        assert_eq!(execution().await, Execution::FeedHold);
+        port.request(command(Command::Stop, "1", "hmi")).await.unwrap();
+        assert_eq!(execution().await, Execution::Stopped);
+        // the same once more is the same command, and not carried out again
+        port.request(command(Command::Load { program: 50 }, "3", "hmi"))
+            .await
+            .unwrap();
+        port.request(start("4")).await.unwrap();
+        port.request(command(Command::Stop, "1", "hmi")).await.unwrap();
+        assert_eq!(execution().await, Execution::Active);
+    });
+}
+
+#[test]
+fn a_command_past_its_ttl_or_for_another_boot_is_refused_and_the_reply_is_published() {
+    with_machine(async |port| {
+        let Request::Command { mut meta, .. } = start("old") else {
+            unreachable!()
+        };
+        (meta.ttl_ms, meta.issued_at) = (Some(500), Some(Timestamp("1999-12-31T23:59:59Z".into())));
+        let mut replies = port.subscribe(Filter::Topics(vec![Topic::Reply("test".into())]));
+        let command = Command::Start;
+        let late = Request::Command {
+            cs: 1,
+            command: command.clone(),
+            meta,
+            wait: false,
+        };
+        assert_eq!(port.request(late).await.unwrap_err().code, RefusalCode::Expired);
+        let said = replies.try_next().map(|message| message.payload.clone());
+        assert!(matches!(said, Some(Payload::Reply(reply)) if reply.status == CommandStatus::Rejected));
+        let Request::Command { mut meta, .. } = start("elsewhere") else {
+            unreachable!()
+        };
+        meta.expect = Some(Expect {
+            boot_id: Some(BootId("another".into())),
+            state_rev: None,
+        });
+        let other = Request::Command {
+            cs: 1,
+            command,
+            meta,
+            wait: false,
+        };
+        assert_eq!(
+            port.request(other).await.unwrap_err().code,
+            RefusalCode::PreconditionFailed
+        );
+    });
+}
+
+#[test]
+fn a_skip_input_needs_a_motor_of_an_axis_and_simulated_time_has_no_servo_thread() {
+    with_machine(async |port| {
+        // motor 4 of the demo is the spindle
+        assert_eq!(port.request(Request::SkipInput(3, true)).await, Ok(Answer::Done));
+        for motor in [4, 77] {
+            let refusal = port.request(Request::SkipInput(motor, true)).await.unwrap_err();
+            assert_eq!(refusal.code, RefusalCode::NotFound, "{}", refusal.text);
+        }
+        let refusal = port.request(Request::ServoTiming).await.unwrap_err();
+        assert_eq!(refusal.code, RefusalCode::NotSupported);
+    });
+}
+
+#[test]
+fn a_program_cannot_be_written_while_it_runs() {
+    with_machine(async |port| {
+        port.request(start("s1")).await.unwrap();
+        let write = port.request(Request::WriteProgram(50, "M30\n".into())).await;
+        assert_eq!(write.unwrap_err().code, RefusalCode::ProgramRuns);
+        assert!(
+            port.request(Request::WriteProgram(51, "M30\n".into()))
+                .await
+                .is_ok()
+        );
+    });
+}
