@@ -318,9 +318,10 @@ impl Guard {
             return Err((ReasonCode::ClientIdentifierNotValid, text));
         }
         match &connect.will {
-            Some(will) if will.retain && self.is_inbound(&will.topic) => {
+            // a machine must not start because an HMI has gone
+            Some(will) if self.is_inbound(&will.topic) => {
                 let text = format!(
-                    "its will on {} has the retain flag, which commands may not have",
+                    "its will on {} is a command; a will may be a presence",
                     will.topic
                 );
                 Err((ReasonCode::NotAuthorized, text))

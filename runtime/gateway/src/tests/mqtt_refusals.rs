@@ -159,14 +159,30 @@ async fn a_refused_message_is_acknowledged_in_the_words_of_the_clients_version()
 }
 
 #[tokio::test]
-async fn a_client_whose_will_is_a_retained_command_is_not_let_in() {
+async fn a_client_whose_will_is_a_command_is_not_let_in() {
     let gateway = start(&StubPort::new()).await;
     let address = gateway.mqtt_addr().unwrap();
-    let mut options = rumqttc::MqttOptions::new("evil", address.ip().to_string(), address.port());
-    let topic = format!("{ROOT}cs/1/command/start");
-    options.set_last_will(LastWill::new(topic, "{}", QoS::AtLeastOnce, true));
-    let (_client, mut eventloop) = rumqttc::AsyncClient::new(options, 8);
-    assert!(within(eventloop.poll()).await.is_err());
+    for (path, retain, is_let_in) in [
+        ("cs/1/command/start", true, false),
+        ("cs/1/command/start", false, false),
+        ("cs/1/m_code/7/reset", false, false),
+        ("cs/1/input/dry_run/set", false, false),
+        ("handler/arm/presence", true, true),
+    ] {
+        let mut options = rumqttc::MqttOptions::new("hmi", address.ip().to_string(), address.port());
+        options.set_last_will(LastWill::new(
+            format!("{ROOT}{path}"),
+            "{}",
+            QoS::AtLeastOnce,
+            retain,
+        ));
+        let (_client, mut eventloop) = rumqttc::AsyncClient::new(options, 8);
+        assert_eq!(
+            within(eventloop.poll()).await.is_ok(),
+            is_let_in,
+            "{path}, retain {retain}"
+        );
+    }
     gateway.shutdown().await;
 }
 
