@@ -1,4 +1,4 @@
-//! Positions are a stream: of each coordinate system only the latest is sent, at an interval.
+//! Positions are a stream: of each coordinate system the latest is sent, at an interval.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -7,6 +7,17 @@ use std::time::Duration;
 use plc_api::types::message::Message;
 use plc_api::types::topic::{CsTopic, Topic};
 use tokio::time::{Interval, MissedTickBehavior};
+
+pub(crate) fn is_position(topic: &Topic) -> bool {
+    matches!(topic, Topic::CoordinateSystem(_, CsTopic::Position))
+}
+
+/// Ticks with this time between them; a tick that is late holds up the next ones.
+pub(crate) fn every(time: Duration) -> Interval {
+    let mut interval = tokio::time::interval(time);
+    interval.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    interval
+}
 
 /// The latest position of each coordinate system that has not been sent.
 #[derive(Debug)]
@@ -17,17 +28,15 @@ pub(crate) struct Positions {
 
 impl Positions {
     pub(crate) fn new(interval: Duration) -> Self {
-        let mut interval = tokio::time::interval(interval);
-        interval.set_missed_tick_behavior(MissedTickBehavior::Delay);
         Self {
             waiting: BTreeMap::new(),
-            interval,
+            interval: every(interval),
         }
     }
 
     /// Keeps a position; gives back any other message.
     pub(crate) fn keep(&mut self, message: Arc<Message>) -> Option<Arc<Message>> {
-        if matches!(message.topic, Topic::CoordinateSystem(_, CsTopic::Position)) {
+        if is_position(&message.topic) {
             self.waiting.insert(message.topic.clone(), message);
             None
         } else {

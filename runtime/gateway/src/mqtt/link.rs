@@ -11,9 +11,9 @@ use plc_api::types::Timestamp;
 use plc_api::types::machine::Presence;
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::request::Request;
-use plc_api::types::topic::Topic;
+use plc_api::types::topic::{CsTopic, Topic};
 use tokio::sync::mpsc;
-use tokio::time::Instant;
+use tokio::time::{Instant, Interval};
 use tokio_util::sync::CancellationToken;
 use tracing::{info, warn};
 
@@ -25,7 +25,7 @@ use super::{BrokerAddress, Parts};
 use crate::broker::Refused;
 use crate::contract::topics::INBOUND;
 use crate::metrics::{Metrics, add};
-use crate::position::Positions;
+use crate::position::{every, is_position};
 
 /// Bytes of one message; a larger one is dropped with a warning. Reason: the embedded broker retains no more.
 const MESSAGE_MAX: usize = 256 * 1024;
@@ -42,7 +42,7 @@ pub(super) struct Link {
     port: Arc<dyn Port>,
     parts: LinkParts,
     outbox: Outbox,
-    positions: Positions,
+    positions_due: Interval,
     subscription: Option<Subscription>,
     dispatch: Dispatch,
     replies: mpsc::Receiver<Message>,
@@ -81,7 +81,7 @@ enum End {
 enum Happening {
     Mqtt(Result<Heard, Lost>),
     Said(Option<Arc<Message>>),
-    Positions(Vec<Arc<Message>>),
+    PositionsDue,
     Reply(Arc<Message>),
     Refused(Refused),
     Stop,
@@ -99,7 +99,7 @@ impl Link {
             },
             port: parts.port,
             outbox: Outbox::default(),
-            positions: Positions::new(parts.position_interval),
+            positions_due: every(parts.position_interval),
             dispatch,
             replies,
             refused: parts.refused,
@@ -218,7 +218,7 @@ impl Link {
             () = self.stop.cancelled() => Happening::Stop,
             heard = heard => Happening::Mqtt(heard),
             message = said => Happening::Said(message),
-            positions = self.positions.due() => Happening::Positions(positions),
+            _ = self.positions_due.tick() => Happening::PositionsDue,
             Some(reply) = self.replies.recv() => Happening::Reply(Arc::new(reply)),
             Some(refused) = self.refused.recv() => Happening::Refused(refused),
         }
@@ -229,19 +229,13 @@ impl Link {
         match happening {
             Happening::Said(Some(message)) => {
                 // presence of handlers comes in over MQTT, and would come back for ever
-                if !matches!(message.topic, Topic::HandlerPresence(_))
-                    && let Some(message) = self.positions.keep(message)
-                {
+                if !matches!(message.topic, Topic::HandlerPresence(_)) && !is_position(&message.topic) {
                     self.outbox.put(message);
                 }
             }
             // the port has closed: nothing more is said, the connection stays until the stop
             Happening::Said(None) => self.subscription = None,
-            Happening::Positions(positions) => {
-                for position in positions {
-                    self.outbox.put(position);
-                }
-            }
+            Happening::PositionsDue => self.put_positions().await,
             Happening::Reply(reply) => self.outbox.put(reply),
             Happening::Refused((topic, payload)) => self.take(&topic, &payload, true).await,
             Happening::Mqtt(_) | Happening::Stop => {}
@@ -250,6 +244,20 @@ impl Link {
         if lost > 0 {
             add(&self.metrics.mqtt_events_lost, lost);
             warn!("the MQTT broker is too slow or away: {lost} events were dropped; states are kept");
+        }
+    }
+
+    /// Positions are no retained state but a stream, which goes on at rest: who comes later needs to know them, too.
+    async fn put_positions(&mut self) {
+        let birth = self.port.read(&Topic::Birth).await;
+        let Some(Payload::Birth(birth)) = birth.as_ref().map(|message| &message.payload) else {
+            return;
+        };
+        for system in &birth.coordinate_systems {
+            let topic = Topic::cs(system.number, CsTopic::Position);
+            if let Some(position) = self.port.read(&topic).await {
+                self.outbox.put(position);
+            }
         }
     }
 

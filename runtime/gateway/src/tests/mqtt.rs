@@ -147,7 +147,9 @@ async fn states_are_retained_and_the_position_is_a_stream() {
     let mut later = Client::connect(address, "later", &["cs/1/position", "presence"]).await;
     let (publish, _) = later.next("presence", |value| value["online"] == true).await;
     assert!(publish.retain);
-    assert_eq!(later.here(), [], "the position is not retained");
+    let (publish, value) = later.next("cs/1/position", |_| true).await;
+    assert!(!publish.retain, "the position is a stream");
+    assert_eq!(value["feedrate"], 199.0, "which goes on at rest");
     gateway.shutdown().await;
 }
 
