@@ -267,11 +267,14 @@ impl CoordinateSystem {
         match command {
             Command::Load { program } => {
                 self.program = Some(*program);
+                self.loaded = self.texts_of(*program);
                 self.idle = (Execution::Ready, None);
+                self.go_to_head();
                 true
             }
             Command::Start => {
                 if let Some(run) = start {
+                    self.loaded = self.texts_of(run.main.number);
                     self.start(run);
                 }
                 true
@@ -300,10 +303,17 @@ impl CoordinateSystem {
                     None => (Execution::Stopped, Some(Reason::NoProgram)),
                 };
                 self.end_run(CancelReason::Reset, into, Transition::Resetting);
+                self.go_to_head();
                 false
             }
             Command::AlarmAcknowledge { .. } => true,
         }
+    }
+
+    /// The program loaded is at its head.
+    fn go_to_head(&self) {
+        self.view.at_head(self.program);
+        self.publish_place();
     }
 
     fn start(&mut self, mut run: Run) {

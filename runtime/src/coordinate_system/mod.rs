@@ -51,7 +51,7 @@ use pipeline::Pipeline;
 use preparation::{Phase, Share};
 use replanning::Replanning;
 use servo_link::ServoLink;
-use validation::Validation;
+use validation::{Texts, Validation};
 pub(crate) use view::View;
 
 /// How the port reaches a coordinate system.
@@ -92,6 +92,8 @@ pub(crate) struct CoordinateSystem {
     inputs: InputValues,
     stock: Vec<StockWork>,
     deferred: VecDeque<Deferred>,
+    /// Programs as they were when the main program was loaded, by their numbers.
+    loaded: Texts,
     /// Order of the last stop or abort.
     stopped_at: u64,
     awaiting: Vec<Awaiting>,
@@ -178,6 +180,7 @@ impl CoordinateSystem {
             },
             stock: Vec::new(),
             deferred: VecDeque::new(),
+            loaded: Texts::new(),
             stopped_at: 0,
             awaiting: Vec::new(),
             last_command_id: None,
@@ -379,20 +382,29 @@ impl CoordinateSystem {
             request,
             reply,
         } = envelope;
+        if let Request::Command {
+            command, meta, wait, ..
+        } = request
+        {
+            return self.command(Deferred {
+                order,
+                command,
+                meta,
+                wait,
+                reply,
+            });
+        }
+        let answer = self.carry_out_request(request);
+        self.carry_out_effects();
+        self.publish_changes();
+        // The asker may have gone; what was asked for is done all the same.
+        let _ = reply.send(answer);
+    }
+
+    /// Carries out what is no command.
+    fn carry_out_request(&mut self, request: Request) -> Result<Answer, Refusal> {
         let now = self.shared.now();
-        let answer = match request {
-            Request::Command {
-                command, meta, wait, ..
-            } => {
-                self.command(Deferred {
-                    order,
-                    command,
-                    meta,
-                    wait,
-                    reply,
-                });
-                return;
-            }
+        match request {
             Request::Lease { request, meta, .. } => self.ask_lease(&request, &meta),
             Request::Claim(_, m, claim) => Ok(Answer::Handshake(self.claim(m, &claim))),
             Request::Reset(_, m, reset) => Ok(Answer::Handshake(self.reset_output(m, &reset))),
@@ -441,11 +453,7 @@ impl CoordinateSystem {
                 RefusalCode::NotSupported,
                 "not a request to a coordinate system",
             )),
-        };
-        self.carry_out_effects();
-        self.publish_changes();
-        // The asker may have gone; what was asked for is done all the same.
-        let _ = reply.send(answer);
+        }
     }
 
     fn set_input(&mut self, input: Input) -> Result<(), Refusal> {

@@ -110,12 +110,16 @@ impl CoordinateSystem {
             matches!(&message.payload, Payload::State(before) if before.execution == state.execution)
         });
         if place_may_have_jumped {
-            let place = self.view.program(&self.shared.store);
-            self.shared
-                .publish(self.topic(CsTopic::Program), Payload::Program(place));
+            self.publish_place();
         }
         self.shared
             .publish(self.topic(CsTopic::State), Payload::State(state));
+    }
+
+    pub(super) fn publish_place(&self) {
+        let place = self.view.program(&self.shared.store);
+        self.shared
+            .publish(self.topic(CsTopic::Program), Payload::Program(place));
     }
 
     /// Publishes every state topic once, at the start.

@@ -1,8 +1,10 @@
 //! At a load: the handlers of the program's M codes say whether they take the parameters, before anything moves.
 //!
-//! The load waits for their answers, and commands behind it wait with it; hold, stop and abort pass it as ever.
+//! The load waits for their answers, and commands behind it wait with it; hold, stop and abort pass it as ever. A start
+//! asks again when a program was written anew since.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
 use plc_api::types::command::Command;
 use plc_api::types::message::Payload;
@@ -17,7 +19,7 @@ use tandem_syntax::diagnostics::HANDLER_REFUSES;
 
 use super::CoordinateSystem;
 use super::commands::Deferred;
-use crate::program_store::called_by;
+use crate::program_store::{StoredProgram, called_by};
 
 /// How long handlers may take to answer; then the program is loaded with a warning.
 const PATIENCE_S: f64 = 2.0;
@@ -29,10 +31,14 @@ pub(super) const VALIDATED_MAX: usize = 1000;
 /// Characters of a handler's refusal; a longer one is cut.
 const TEXT_MAX: usize = 200;
 
-/// A load whose answers are awaited.
+/// Programs by their numbers.
+pub(super) type Texts = BTreeMap<u16, Arc<StoredProgram>>;
+
+/// A load or start whose answers are awaited.
 pub(super) struct Validation {
     command: Deferred,
     main: u16,
+    texts: Texts,
     deadline_s: f64,
     asked: Vec<Asked>,
     refusals: Vec<ProgramDiagnostic>,
@@ -48,10 +54,16 @@ struct Asked {
 }
 
 impl CoordinateSystem {
-    /// Keeps a load back while handlers check the parameters of its M codes; gives back what nobody has to check.
+    /// Keeps a load back while handlers check the parameters of its M codes, and a start of what was written anew since;
+    /// gives back what nobody has to check.
     pub(super) fn validate_first(&mut self, command: Deferred) -> Option<Deferred> {
-        let Command::Load { program } = command.command else {
-            return Some(command);
+        let program = match command.command {
+            Command::Load { program } => program,
+            Command::Start => match self.program {
+                Some(program) if !self.stand_as(program, &self.loaded) => program,
+                _ => return Some(command),
+            },
+            _ => return Some(command),
         };
         let handlers = self.shared.handlers();
         if !handlers
@@ -84,12 +96,32 @@ impl CoordinateSystem {
         self.validation = Some(Validation {
             command,
             main: program,
+            texts: self.texts_of(program),
             deadline_s: self.shared.clock.now_s() + PATIENCE_S,
             asked,
             refusals: Vec::new(),
             not_asked,
         });
         None
+    }
+
+    /// A program and those that it calls, as they stand in the store.
+    pub(super) fn texts_of(&self, main: u16) -> Texts {
+        let all = self.shared.store.all();
+        let called = called_by(&all, main).into_iter();
+        called
+            .filter_map(|number| Some((number, Arc::clone(all.get(&number)?))))
+            .collect()
+    }
+
+    /// True when nobody has written the program, or one that it calls, since these were read.
+    fn stand_as(&self, main: u16, then: &Texts) -> bool {
+        let now = self.texts_of(main);
+        now.len() == then.len()
+            && now
+                .iter()
+                .zip(then)
+                .all(|((a, now), (b, then))| a == b && Arc::ptr_eq(now, then))
     }
 
     /// Each M code with each set of parameters once, at its first line, and how many were left out.
@@ -177,6 +209,13 @@ impl CoordinateSystem {
                 ..Refusal::new(RefusalCode::ProgramHasErrors, text)
             };
             return self.reject(&validation.command.meta, refusal, validation.command.reply);
+        }
+        if !self.stand_as(validation.main, &validation.texts) {
+            // written anew meanwhile: what was asked is not what would run
+            if let Some(command) = self.validate_first(validation.command) {
+                self.accept_command(command, &[]);
+            }
+            return;
         }
         let mut notes = validation.unanswered();
         if validation.not_asked > 0 {

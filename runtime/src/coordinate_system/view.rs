@@ -48,6 +48,18 @@ impl View {
         self.place.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
+    /// Nothing has been executed yet of this program, or of none.
+    pub(super) fn at_head(&self, program: Option<u16>) {
+        self.update(|place| {
+            place.executing = Origin {
+                program: program.unwrap_or_default(),
+                ..Origin::default()
+            };
+            place.stack = Arc::default();
+            place.interpreted_line = 0;
+        });
+    }
+
     /// Place of the block that is executed.
     pub fn executing(&self) -> Origin {
         self.place().executing
@@ -88,7 +100,7 @@ impl View {
             manual,
             ..
         } = self.place();
-        let place = (executing.line != 0).then_some(executing.program);
+        let place = (executing != Origin::default()).then_some(executing.program);
         let program = match place {
             Some(0) => manual,
             numbered => numbered.and_then(|number| store.get(number)),

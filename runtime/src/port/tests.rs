@@ -3,8 +3,9 @@
 use plc_api::types::Timestamp;
 use plc_api::types::command::{CommandStatus, Expect, Verb};
 use plc_api::types::output::HandledCode;
+use plc_api::types::question::ValidateResult;
 use plc_api::types::request::Input;
-use plc_api::types::state::Lock;
+use plc_api::types::state::{Lock, ProgramPlace};
 
 use super::*;
 use crate::journal::Journal;
@@ -272,5 +273,113 @@ fn a_program_cannot_be_written_while_it_runs() {
                 .await
                 .is_ok()
         );
+    });
+}
+
+/// Handler `picky` answers the next validation of M60, after it has done something else.
+async fn answer_validation(
+    port: &Arc<dyn Port>,
+    asked: &mut Subscription,
+    ok: bool,
+    before: impl AsyncFnOnce(),
+) {
+    let asked = asked.next().await.unwrap();
+    let Payload::Validate(validate) = &asked.payload else {
+        panic!("{asked:?}");
+    };
+    before().await;
+    let result = ValidateResult {
+        request_id: validate.request_id.clone(),
+        handler_id: "picky".into(),
+        ok,
+        text: None,
+    };
+    let answer = port.request(Request::ValidateResult(1, Some(60), result)).await;
+    assert_eq!(answer, Ok(Answer::Done));
+}
+
+#[test]
+fn handlers_are_asked_again_for_a_program_that_was_written_anew_since_it_was_loaded() {
+    with_machine(async |port| {
+        let picky = HandlerPresence {
+            online: true,
+            handles: vec![HandledCode { cs: 1, m: 60 }],
+            validates: true,
+        };
+        port.request(Request::Handler("picky".into(), picky))
+            .await
+            .unwrap();
+        let write = |force: u32| {
+            let text = format!("M98 P1061\nM60 VA{force}\nM30\n");
+            port.request(Request::WriteProgram(60, text))
+        };
+        write(1).await.unwrap();
+        let called = || port.request(Request::WriteProgram(1061, "M99\n".to_owned()));
+        called().await.unwrap();
+        let load = || port.request(command(Command::Load { program: 60 }, "0", "hmi"));
+        let topic = Topic::cs(1, CsTopic::Validate(60));
+        let mut asked = port.subscribe(Filter::Topics(vec![topic]));
+        // written anew while the load waits for the answer: asked again for what would run
+        let twice = async {
+            answer_validation(&port, &mut asked, true, async || {
+                write(2).await.unwrap();
+            })
+            .await;
+            answer_validation(&port, &mut asked, true, async || {}).await;
+        };
+        let (loaded, ()) = futures_util::join!(load(), twice);
+        assert_eq!(status(&loaded), Some(CommandStatus::Done));
+
+        write(9).await.unwrap();
+        let (refused, ()) = futures_util::join!(
+            port.request(start("1")),
+            answer_validation(&port, &mut asked, false, async || {})
+        );
+        assert_eq!(refused.unwrap_err().code, RefusalCode::ProgramHasErrors);
+        assert_eq!(execution(&port).await, Execution::Ready);
+        called().await.unwrap();
+        let (started, ()) = futures_util::join!(
+            port.request(start("2")),
+            answer_validation(&port, &mut asked, true, async || {})
+        );
+        assert_eq!(status(&started), Some(CommandStatus::Accepted));
+        port.request(command(Command::Stop, "3", "hmi")).await.unwrap();
+        port.request(command(Command::Reset, "4", "hmi")).await.unwrap();
+        // nobody has written since: nobody is asked, and nothing waits
+        let begun_s = port.now_s();
+        port.request(start("5")).await.unwrap();
+        assert!(port.now_s() - begun_s < 0.01);
+    });
+}
+
+#[test]
+fn the_program_place_is_the_head_of_what_is_loaded_after_a_load_and_a_reset() {
+    with_machine(async |port| {
+        let place = async || {
+            let message = port.read(&Topic::cs(1, CsTopic::Program)).await.unwrap();
+            match &message.payload {
+                Payload::Program(place) => place.clone(),
+                other => panic!("{other:?}"),
+            }
+        };
+        let head = |number| ProgramPlace {
+            number: Some(number),
+            ..ProgramPlace::default()
+        };
+        assert_eq!(place().await, head(50));
+        port.request(start("1")).await.unwrap();
+        port.sleep(Duration::from_secs(1)).await;
+        assert_eq!(place().await.line, 1);
+        port.request(command(Command::Stop, "2", "hmi")).await.unwrap();
+        assert_eq!(place().await.line, 1, "where it was stopped");
+        port.request(command(Command::Reset, "3", "hmi")).await.unwrap();
+        assert_eq!(place().await, head(50));
+        port.request(Request::WriteProgram(61, "M30\n".into()))
+            .await
+            .unwrap();
+        port.request(command(Command::Load { program: 61 }, "4", "hmi"))
+            .await
+            .unwrap();
+        assert_eq!(place().await, head(61));
     });
 }

@@ -103,7 +103,8 @@ async fn the_embedded_broker_refuses_a_retained_command_outright() {
     gateway.shutdown().await;
 }
 
-/// What the broker answers, byte for byte, to a client of this protocol version that publishes a state with this QoS.
+/// What the broker answers, byte for byte, to a client of this protocol version that publishes a state with this
+/// quality of service.
 async fn answer_to_a_published_state(gateway: &Gateway, version: u8, qos: u8) -> Vec<u8> {
     let mut stream = tokio::net::TcpStream::connect(gateway.mqtt_addr().unwrap())
         .await
