@@ -21,14 +21,14 @@ use futures_util::stream::{FuturesUnordered, StreamExt};
 
 use crate::alarm::Alarm;
 use crate::error::{Error, Result};
-use crate::handshake::HANDLER_ID_MAX;
 use crate::plc::Plc;
+use crate::presence::mistake_in_id;
 use crate::scan::{Flags, SCAN_PERIOD_MIN, Scan, ScanProgram};
 use crate::types::CoordinateSystemNumber;
 use crate::types::output::{Params, Redelivery};
 
 use table::{Check, Table};
-pub(crate) use work::words as panic_words;
+pub(crate) use work::{until_answered, words as panic_words};
 
 /// A sequence program: handlers by M code.
 ///
@@ -173,13 +173,7 @@ impl SequenceProgram {
     /// [`Error::SequenceProgram`] names every mistake.
     pub fn check(&self) -> Result<()> {
         let mut mistakes = self.table.mistakes();
-        if let Some(id) = &self.handler_id
-            && (id.is_empty() || id.chars().count() > HANDLER_ID_MAX || id.contains(['/', '+', '#']))
-        {
-            mistakes.push(format!(
-                "handler_id {id:?}: write 1 to {HANDLER_ID_MAX} characters without / + #"
-            ));
-        }
+        mistakes.extend(self.handler_id.as_deref().and_then(mistake_in_id));
         if self.scans.iter().any(|scan| scan.period < SCAN_PERIOD_MIN) {
             mistakes.push(format!("the period of a scan is at least {SCAN_PERIOD_MIN:?}"));
         }
@@ -195,7 +189,8 @@ impl SequenceProgram {
     /// When this future is dropped, handlers are dropped where they wait, and the machine is told that they have gone.
     ///
     /// # Errors
-    /// What [`SequenceProgram::check`] finds; a scan program that panics.
+    /// What [`SequenceProgram::check`] finds; a scan program that panics; the machine does not take the name, or over MQTT
+    /// the connection serves another sequence program: connect once for each.
     pub async fn run(self, plc: &Plc) -> Result<()> {
         self.check()?;
         let handler_id = self.handler_id.unwrap_or_else(|| plc.default_handler_id());

@@ -217,6 +217,7 @@ mod lease;
 mod outputs;
 mod plc;
 pub mod port;
+mod presence;
 pub mod queue;
 pub mod scan;
 mod tables;

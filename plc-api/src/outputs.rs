@@ -1,33 +1,45 @@
 //! The raw queue of outputs.
 
-use std::collections::{BTreeMap, VecDeque};
+mod answers;
+mod owner;
+mod raw;
+
+pub(crate) use answers::{accepted, reset_of};
+pub use raw::RawOutput;
+
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 
-use crate::alarm::Alarm;
+use futures_util::FutureExt;
+
 use crate::error::{Error, Result};
+use crate::handlers::{M_CODE_MAX, MCodes};
 use crate::hub::{Filter, Subscription};
-use crate::plc::{Plc, unexpected};
+use crate::plc::Plc;
+use crate::presence::{mistake_in_id, taken_up};
 use crate::types::message::{Message, Payload};
-use crate::types::output::{
-    Claim, HandshakeStatus, OutputNotice, OutputState, Pending, PendingOutput, Reset, ResetResult,
-};
-use crate::types::request::{Answer, Request};
+use crate::types::output::{OutputState, Pending, PendingOutput, Redelivery};
 use crate::types::topic::{CsTopic, Topic};
 use crate::types::{BootId, CoordinateSystemNumber};
 
+use owner::Owner;
+
 /// Unclaimed outputs of all coordinate systems, in order of each coordinate system.
 ///
-/// It does not announce what it handles: the runtime's `unhandled` setting must be `wait` for M codes served this way.
-/// So the machine does not hear either that it has gone: what it has claimed then stays claimed until the M code's
-/// `timeout_ms`, an operator's reset, a stop or a reset of the run ends it. Handlers of a
-/// [`SequenceProgram`](crate::SequenceProgram) give their claims back.
+/// The queue is a handler: from the first [`Outputs::next`] the machine knows that it is there, and when the queue and
+/// all outputs taken from it are dropped, when their process dies or its connection breaks, what they have claimed is
+/// given back, and the program waits with reason `HANDLER_LOST`. As long as the queue is there, an output dropped
+/// without an answer stays claimed, until its time limit, an operator, a stop or a reset ends it.
+///
+/// It needs a tokio runtime. Over MQTT each connection has one handler: connect once for this queue, and once for a
+/// [`SequenceProgram`](crate::SequenceProgram) beside it.
 ///
 /// ```
 /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
 /// # let fake = plc_api::fake::FakePort::new([1]);
 /// # fake.put_out(1, 100, plc_api::Params::default());
 /// # let plc = fake.plc();
-/// let mut outputs = plc.outputs();
+/// let mut outputs = plc.outputs().on(100);
 /// let output = outputs.next().await?;
 /// output.claim().await?;
 /// // ... work ...
@@ -37,7 +49,11 @@ use crate::types::{BootId, CoordinateSystemNumber};
 #[derive(Debug)]
 pub struct Outputs {
     plc: Plc,
-    handler_id: Arc<str>,
+    handler_id: Option<String>,
+    // all where nothing was chosen
+    codes: Option<BTreeSet<u16>>,
+    on_redelivery: Redelivery,
+    owner: Option<Arc<Owner>>,
     subscription: Subscription,
     presence: Option<BootId>,
     pending: BTreeMap<CoordinateSystemNumber, (BootId, Pending)>,
@@ -47,11 +63,14 @@ pub struct Outputs {
 }
 
 impl Outputs {
-    pub(crate) fn new(plc: &Plc, handler_id: String) -> Self {
+    pub(crate) fn new(plc: &Plc) -> Self {
         Self {
             subscription: plc.port().subscribe(Filter::Handshake),
             plc: plc.clone(),
-            handler_id: handler_id.into(),
+            handler_id: None,
+            codes: None,
+            on_redelivery: Redelivery::default(),
+            owner: None,
             presence: None,
             pending: BTreeMap::new(),
             given: BTreeMap::new(),
@@ -59,33 +78,75 @@ impl Outputs {
         }
     }
 
-    /// Claims and resets by this name instead of a random one: 1 to 64 characters.
+    /// Gives out these M codes only, and tells the machine that they are handled. Without it the queue gives out all
+    /// that nobody owns, and the machine does not know for which it is there: their `unhandled` setting must be `wait`.
     #[must_use]
-    pub fn handler_id(mut self, handler_id: impl Into<String>) -> Self {
-        self.handler_id = handler_id.into().into();
+    pub fn on(mut self, codes: impl MCodes) -> Self {
+        let within = codes.m_codes().into_iter().flatten();
+        let within = within.take_while(|m| *m <= M_CODE_MAX);
+        self.codes.get_or_insert_default().extend(within);
         self
     }
 
-    /// The next output that nobody owns; again when it is published again. Safe to drop while it waits.
+    /// Claims and resets by this name: 1 to 64 characters without `/ + #`, one queue or program at a time by each.
+    /// Default: the user's name where it connects with one, else a random one.
+    #[must_use]
+    pub fn handler_id(mut self, handler_id: impl Into<String>) -> Self {
+        self.handler_id = Some(handler_id.into());
+        self
+    }
+
+    /// What happens with an output whose handler has gone without an answer. Default [`Redelivery::Ask`]: it is not
+    /// given out until an operator decides.
+    #[must_use]
+    pub fn on_redelivery(mut self, on_redelivery: Redelivery) -> Self {
+        self.on_redelivery = on_redelivery;
+        self
+    }
+
+    /// The next output that nobody owns; one that was dropped without a claim comes again when it is published again.
+    /// Safe to drop while it waits.
     ///
     /// # Errors
-    /// [`Error::Closed`] when the machine's side has ended.
+    /// [`Error::Closed`] when the machine's side has ended; [`Error::SequenceProgram`] when the name is none;
+    /// [`Error::Refused`] when the machine does not take it, or the connection serves another sequence program.
     pub async fn next(&mut self) -> Result<RawOutput> {
+        let owner = self.owner()?;
+        owner.known().await?;
         loop {
+            // what the machine has said since may have ended what is ready
+            while let Some(message) = self.subscription.next().now_or_never() {
+                let message = message.ok_or(Error::Closed)?;
+                self.take(&owner, &message);
+            }
             if let Some(output) = self.ready.pop_front() {
                 return Ok(output);
             }
             let message = self.subscription.next().await.ok_or(Error::Closed)?;
-            self.take(&message);
+            self.take(&owner, &message);
         }
     }
 
-    fn take(&mut self, message: &Message) {
+    fn owner(&mut self) -> Result<Arc<Owner>> {
+        if let Some(owner) = &self.owner {
+            return Ok(Arc::clone(owner));
+        }
+        let id = self.handler_id.clone();
+        let id = id.unwrap_or_else(|| self.plc.default_handler_id());
+        if let Some(mistake) = mistake_in_id(&id) {
+            return Err(Error::SequenceProgram(mistake));
+        }
+        let owner = Arc::new(Owner::start(&self.plc, id.into(), self.codes.clone()));
+        Ok(Arc::clone(self.owner.insert(owner)))
+    }
+
+    fn take(&mut self, owner: &Arc<Owner>, message: &Message) {
         match (&message.topic, &message.payload) {
             (_, Payload::Presence(presence)) => {
                 let boot = presence.online.then(|| message.boot_id.clone());
                 if boot != self.presence {
                     self.given.clear();
+                    self.ready.clear();
                 }
                 self.presence = boot;
             }
@@ -102,132 +163,34 @@ impl Outputs {
             if *pending_boot != boot_id {
                 continue;
             }
-            let open = |seq: u64| pending.outputs.iter().any(|output| output.output.seq == seq);
+            let find = |seq: u64| pending.outputs.iter().find(|output| output.output.seq == seq);
             self.given
-                .retain(|(given_cs, seq), _| *given_cs != cs || open(*seq));
+                .retain(|(given_cs, seq), _| *given_cs != cs || find(*seq).is_some());
+            self.ready.retain(|raw| {
+                raw.coordinate_system() != cs
+                    || find(raw.notice().seq).is_some_and(|output| output.state == OutputState::Output)
+            });
             for output in &pending.outputs {
+                let key = (boot_id.clone(), cs, output.output.seq);
+                let Some(verify) = self.gives(output).filter(|_| !owner.holds(&key)) else {
+                    continue;
+                };
                 let attempt = output.output.attempt;
-                if output.state == OutputState::Output
-                    && self.given.insert((cs, output.output.seq), attempt) != Some(attempt)
-                {
-                    let raw = RawOutput::new(&self.plc, &self.handler_id, &boot_id, cs, output);
+                if self.given.insert((cs, output.output.seq), attempt) != Some(attempt) {
+                    let raw = RawOutput::new(owner, key, output.output.clone(), verify);
                     self.ready.push_back(raw);
                 }
             }
         }
     }
-}
 
-/// An output taken from the raw queue.
-#[derive(Debug, Clone)]
-pub struct RawOutput {
-    plc: Plc,
-    handler_id: Arc<str>,
-    boot_id: BootId,
-    cs: CoordinateSystemNumber,
-    notice: OutputNotice,
-}
-
-impl RawOutput {
-    fn new(
-        plc: &Plc,
-        handler_id: &Arc<str>,
-        boot_id: &BootId,
-        cs: CoordinateSystemNumber,
-        pending: &PendingOutput,
-    ) -> Self {
-        Self {
-            plc: plc.clone(),
-            handler_id: Arc::clone(handler_id),
-            boot_id: boot_id.clone(),
-            cs,
-            notice: pending.output.clone(),
+    /// Whether it gives an output out, and then whether the machine must be looked at first.
+    fn gives(&self, output: &PendingOutput) -> Option<bool> {
+        let m = output.output.m;
+        let is_ours = self.codes.as_ref().is_none_or(|codes| codes.contains(&m));
+        if output.state != OutputState::Output || !is_ours {
+            return None;
         }
-    }
-
-    /// Coordinate system that made it.
-    pub fn coordinate_system(&self) -> CoordinateSystemNumber {
-        self.cs
-    }
-
-    /// M number, parameters, program and line.
-    pub fn notice(&self) -> &OutputNotice {
-        &self.notice
-    }
-
-    /// Takes the output: nobody else resets it from now on.
-    ///
-    /// # Errors
-    /// [`Error::Handshake`] when it is not to be had: another handler owns it, or it is closed.
-    pub async fn claim(&self) -> Result<()> {
-        let claim = Claim {
-            boot_id: self.boot_id.clone(),
-            seq: self.notice.seq,
-            handler_id: self.handler_id.to_string(),
-        };
-        self.accepted(Request::Claim(self.cs, Some(self.notice.m), claim))
-            .await
-    }
-
-    /// Resets the output: the program goes on. Claims it first if nobody has.
-    ///
-    /// # Errors
-    /// [`Error::Handshake`] when the reset does not count.
-    pub async fn reset(&self) -> Result<()> {
-        self.answer(None).await
-    }
-
-    /// Fails the output: the alarm stops the program.
-    ///
-    /// # Errors
-    /// [`Error::Handshake`] when it does not count.
-    pub async fn fail(&self, alarm: Alarm) -> Result<()> {
-        self.answer(Some(alarm)).await
-    }
-
-    async fn answer(&self, alarm: Option<Alarm>) -> Result<()> {
-        let reset = reset_of(&self.boot_id, self.notice.seq, &self.handler_id, alarm);
-        self.accepted(Request::Reset(self.cs, Some(self.notice.m), reset))
-            .await
-    }
-
-    async fn accepted(&self, request: Request) -> Result<()> {
-        let answer = self.plc.request(request).await?;
-        accepted(self.notice.m, self.notice.seq, &answer)
-    }
-}
-
-/// Whether the machine has accepted what was said of an output, as far as its answer tells.
-pub(crate) fn accepted(m: u16, seq: u64, answer: &Answer) -> Result<()> {
-    match answer {
-        Answer::Handshake(result) if result.status == HandshakeStatus::Accepted => Ok(()),
-        Answer::Handshake(result) => Err(Error::Handshake {
-            m,
-            seq,
-            status: result.status,
-        }),
-        Answer::Done => Ok(()),
-        other => Err(unexpected(other)),
-    }
-}
-
-/// The reset that says how a handler ended.
-pub(crate) fn reset_of(boot_id: &BootId, seq: u64, handler_id: &str, alarm: Option<Alarm>) -> Reset {
-    let (result, code, text) = match alarm {
-        None => (ResetResult::Ok, None, None),
-        Some(alarm) => (
-            ResetResult::Fault,
-            Some(alarm.user_code().unwrap_or(0)),
-            Some(alarm.text),
-        ),
-    };
-    Reset {
-        boot_id: boot_id.clone(),
-        seq,
-        handler_id: handler_id.to_owned(),
-        result,
-        code,
-        text,
-        force: None,
+        taken_up(output.lost, output.how, self.on_redelivery)
     }
 }

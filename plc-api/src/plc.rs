@@ -37,6 +37,8 @@ pub struct Plc {
     user: Option<Arc<str>>,
     commands: Arc<AtomicU64>,
     asker: Option<Arc<Asker>>,
+    /// Where its connection lives.
+    runtime: Option<tokio::runtime::Handle>,
 }
 
 impl std::fmt::Debug for Plc {
@@ -56,6 +58,17 @@ impl Plc {
             user: None,
             commands: Arc::default(),
             asker: None,
+            runtime: None,
+        }
+    }
+
+    /// A machine behind a connection that this tokio runtime keeps.
+    #[cfg(any(feature = "mqtt", feature = "rest"))]
+    fn connected(port: Arc<dyn Port>, user: Option<String>) -> Self {
+        Self {
+            user: user.map(Into::into),
+            runtime: tokio::runtime::Handle::try_current().ok(),
+            ..Self::in_process(port)
         }
     }
 
@@ -85,7 +98,7 @@ impl Plc {
             #[cfg(feature = "rest")]
             Some(("http", _)) => {
                 let port = crate::transport::rest::connect(address).await?;
-                Ok(Self::in_process(port))
+                Ok(Self::connected(port, None))
             }
             #[cfg(not(feature = "rest"))]
             Some(("http", _)) => Err(wrong("plc-api was built without its feature rest")),
@@ -101,10 +114,7 @@ impl Plc {
     #[cfg(feature = "mqtt")]
     pub async fn connect_with(address: &str, options: MqttOptions) -> Result<Self> {
         let (port, user) = crate::transport::mqtt::connect(address, options).await?;
-        Ok(Self {
-            user: user.map(Into::into),
-            ..Self::in_process(port)
-        })
+        Ok(Self::connected(port, user))
     }
 
     /// Name of a sequence program that chose none: that of its user, since a token speaks in its own name only.
@@ -232,7 +242,7 @@ impl Plc {
     /// The raw queue of auxiliary function outputs of all coordinate systems, for programs that are not made of
     /// handlers. [`SequenceProgram`](crate::SequenceProgram) is the usual way.
     pub fn outputs(&self) -> Outputs {
-        Outputs::new(self, unique_name("queue"))
+        Outputs::new(self)
     }
 
     /// The same machine, as the handler of an output sees it.
@@ -282,17 +292,22 @@ pub(crate) fn unique_name(kind: &str) -> String {
     format!("{kind}-{:012x}", hasher.finish() & 0xffff_ffff_ffff)
 }
 
-/// Sends a request from a destructor: at once where the machine takes it at once, else from a task.
+/// Sends a request from a destructor: at once where the machine takes it at once, else from a task. Without a tokio
+/// runtime around it, such as behind its end, only the connection's own runtime could still send it.
 pub(crate) fn send_without_waiting(plc: &Plc, request: Request, what_if_not: &'static str) {
+    let here = tokio::runtime::Handle::try_current().ok();
+    let (is_here, owner) = (here.is_some(), plc.runtime.clone());
     let plc = plc.clone();
     let mut sent: BoxFuture<'static, ()> = Box::pin(async move {
         if let Err(refusal) = plc.port().request(request).await {
             tracing::debug!(%refusal, "{what_if_not}");
         }
     });
-    if (&mut sent).now_or_never().is_none()
-        && let Ok(runtime) = tokio::runtime::Handle::try_current()
-    {
+    // a connection needs the clock of a runtime
+    if (is_here || owner.is_none()) && (&mut sent).now_or_never().is_some() {
+        return;
+    }
+    if let Some(runtime) = here.or(owner) {
         runtime.spawn(sent);
     }
 }

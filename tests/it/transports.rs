@@ -11,6 +11,7 @@ mod link_loss;
 mod many_machines;
 mod operator;
 mod program;
+mod raw_queue;
 mod scan;
 mod soak;
 mod strict_broker;

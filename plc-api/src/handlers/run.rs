@@ -12,21 +12,21 @@ use tokio::sync::watch;
 use crate::ask::Asker;
 use crate::error::Result;
 use crate::hub::Filter;
-use crate::plc::{Plc, send_without_waiting};
+use crate::plc::Plc;
 use crate::port::BoxFuture;
+use crate::presence::{Gone, gone, here, taken_up, tell};
 use crate::types::message::{Message, Payload};
 use crate::types::output::{
-    CancelReason, Claim, HandledCode, HandlerPresence, HandshakeStatus, OutputState, Pending, PendingOutput,
-    Redelivery,
+    CancelReason, Claim, HandledCode, HandshakeStatus, OutputState, Pending, PendingOutput, Redelivery,
 };
 use crate::types::question::{Validate, ValidateResult};
-use crate::types::request::Request;
+use crate::types::request::{Refusal, Request};
 use crate::types::topic::{CsTopic, Topic};
 use crate::types::{BootId, CoordinateSystemNumber};
 
 use super::output::{AuxOutput, CancelState, Cancellation, cancel};
 use super::table::Table;
-use super::work::{Phase, RETRY, Work, until_answered, words};
+use super::work::{Phase, Work, until_answered, words};
 
 /// An output across boots.
 type Key = (BootId, CoordinateSystemNumber, u64);
@@ -35,7 +35,7 @@ type Key = (BootId, CoordinateSystemNumber, u64);
 enum Ended {
     Work(Key),
     Reclaimed(Key, Option<HandshakeStatus>),
-    Announced,
+    Announced(Result<(), Refusal>),
     Validated,
 }
 
@@ -107,7 +107,7 @@ pub(super) async fn run(
                 Some(message) => runner.hear(&message),
                 None => return Ok(()),
             },
-            Some(ended) = runner.tasks.next() => runner.end(ended),
+            Some(ended) = runner.tasks.next() => runner.end(ended)?,
         }
     }
 }
@@ -234,14 +234,8 @@ impl Runner<'_> {
         let Some(handler) = self.table.find(*cs, pending.output.m) else {
             return;
         };
-        let verify = match (pending.lost, pending.how) {
-            (_, Some(Redelivery::Redo)) | (false, _) => false,
-            (_, Some(Redelivery::Verify)) => true,
-            (true, _) => match self.on_redelivery {
-                Redelivery::Ask => return,
-                Redelivery::Redo => false,
-                Redelivery::Verify => true,
-            },
+        let Some(verify) = taken_up(pending.lost, pending.how, self.on_redelivery) else {
+            return;
         };
         let (cancel, cancellation) = Cancellation::new();
         let phase = Arc::new(Phase::default());
@@ -313,7 +307,7 @@ impl Runner<'_> {
         }
     }
 
-    fn end(&mut self, ended: Ended) {
+    fn end(&mut self, ended: Ended) -> Result<(), Refusal> {
         match ended {
             Ended::Work(key) => {
                 let ended = self.running.remove(&key);
@@ -330,7 +324,8 @@ impl Runner<'_> {
                 }
             }
             Ended::Validated => {}
-            Ended::Announced => {
+            Ended::Announced(told) => {
+                told?;
                 if !std::mem::replace(&mut self.known, true) {
                     self.look_at_all();
                 }
@@ -339,6 +334,7 @@ impl Runner<'_> {
                 }
             }
         }
+        Ok(())
     }
 
     fn announce(&mut self) {
@@ -351,20 +347,19 @@ impl Runner<'_> {
         }
         self.telling = Telling::Busy;
         let handled = self.table.handled(&self.systems).into_iter();
-        let online = HandlerPresence {
-            online: true,
-            handles: handled.map(|(cs, m)| HandledCode { cs, m }).collect(),
-            validates: self.table.validates(),
-        };
+        let handles = handled.map(|(cs, m)| HandledCode { cs, m }).collect();
+        let online = here(handles, self.table.validates());
         // claims of an earlier program of the same name that died unseen are given back first
         let first = !std::mem::replace(&mut self.announced, true);
         let (plc, id) = (self.plc.clone(), self.handler_id.to_string());
         self.tasks.push(Box::pin(async move {
-            if first {
-                tell(&plc, &id, gone_presence()).await;
-            }
-            tell(&plc, &id, online).await;
-            Ended::Announced
+            let told = async {
+                if first {
+                    tell(&plc, &id, gone()).await?;
+                }
+                tell(&plc, &id, online).await
+            };
+            Ended::Announced(told.await)
         }));
     }
 }
@@ -380,37 +375,4 @@ async fn worked(mut work: std::pin::Pin<Box<Abortable<impl Future<Output = ()>>>
         );
     }
     Ended::Work(key)
-}
-
-fn gone_presence() -> HandlerPresence {
-    HandlerPresence {
-        online: false,
-        handles: Vec::new(),
-        validates: false,
-    }
-}
-
-async fn tell(plc: &Plc, id: &str, presence: HandlerPresence) {
-    while let Err(refusal) = plc
-        .port()
-        .request(Request::Handler(id.to_owned(), presence.clone()))
-        .await
-    {
-        tracing::warn!(%refusal, "handler presence not delivered yet");
-        plc.sleep(RETRY).await;
-    }
-}
-
-/// Tells the machine that the handlers have gone, however the loop ends.
-struct Gone {
-    plc: Plc,
-    handler_id: Arc<str>,
-}
-
-impl Drop for Gone {
-    fn drop(&mut self) {
-        let request = Request::Handler(self.handler_id.to_string(), gone_presence());
-        let what_if_not = "the machine was not told that the handlers have gone";
-        send_without_waiting(&self.plc, request, what_if_not);
-    }
 }

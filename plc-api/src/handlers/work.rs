@@ -4,22 +4,19 @@ use std::any::Any;
 use std::panic::AssertUnwindSafe;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
 
 use futures_util::FutureExt;
 
 use crate::alarm::Alarm;
 use crate::outputs::reset_of;
 use crate::plc::Plc;
+use crate::presence::RETRY;
 use crate::types::output::{Claim, HandshakeResult, HandshakeStatus};
 use crate::types::request::{Answer, Refusal, RefusalCode, Request};
 use crate::types::{BootId, CoordinateSystemNumber};
 
 use super::output::AuxOutput;
 use super::table::Boxed;
-
-/// How long after a claim, reset or presence that could not be delivered it is sent again.
-pub(super) const RETRY: Duration = Duration::from_secs(1);
 
 /// What the runner must know of the work while it goes on.
 #[derive(Debug, Default)]
@@ -110,7 +107,7 @@ impl Work {
 }
 
 /// Sends a claim or reset until it is answered; `None` when the machine refuses it for good.
-pub(super) async fn until_answered(plc: &Plc, request: impl Fn() -> Request) -> Option<HandshakeStatus> {
+pub(crate) async fn until_answered(plc: &Plc, request: impl Fn() -> Request) -> Option<HandshakeStatus> {
     loop {
         match plc.port().request(request()).await {
             Ok(Answer::Handshake(HandshakeResult { status, .. })) => return Some(status),

@@ -7,19 +7,39 @@
 
 mod alarms;
 mod ask;
+mod outputs;
 mod scan;
 mod validate;
 
 use std::time::Duration;
 
 use plc_api::fake::FakePort;
-use plc_api::{Params, SequenceProgram};
+use plc_api::{Outputs, Params, RawOutput, SequenceProgram};
 use tokio::task::JoinHandle;
 
 /// Serves the machine from a task of its own.
 async fn serve(fake: &FakePort, program: SequenceProgram) -> JoinHandle<plc_api::Result<()>> {
     let plc = fake.plc();
     let task = tokio::spawn(async move { program.run(&plc).await });
+    fake.settle().await;
+    task
+}
+
+/// Works on what the raw queue gives, one after the other, in a task of its own.
+async fn serve_raw<Work>(
+    fake: &FakePort,
+    set: impl FnOnce(Outputs) -> Outputs,
+    work: impl Fn(RawOutput) -> Work + Send + 'static,
+) -> JoinHandle<()>
+where
+    Work: Future<Output = ()> + Send,
+{
+    let mut outputs = set(fake.plc().outputs());
+    let task = tokio::spawn(async move {
+        while let Ok(output) = outputs.next().await {
+            work(output).await;
+        }
+    });
     fake.settle().await;
     task
 }
