@@ -90,6 +90,8 @@ pub struct Interpreter {
     idle_steps: u32,
     /// Blocks since the start.
     steps: u64,
+    /// The block that the last item began with; none where it had been read before.
+    began: Option<Origin>,
     state: State,
 }
 
@@ -114,6 +116,7 @@ impl Interpreter {
             locals: Vec::with_capacity(CALL_DEPTH_MAX + 1),
             idle_steps: 0,
             steps: 0,
+            began: None,
             state: State::Ended(Origin::default()),
         }
     }
@@ -161,6 +164,7 @@ impl Interpreter {
     /// (D11) or not finite (D07), a missing program (D12), a missing end, a program with errors, or
     /// [`STEPS_WITHOUT_ITEM_MAX`] blocks without an item.
     pub fn next(&mut self, inputs: &Inputs<'_>) -> Result<Item, Alarm> {
+        self.began = None;
         loop {
             if let Some(item) = self.queue.pop_front() {
                 return Ok(self.given(item));
@@ -220,6 +224,11 @@ impl Interpreter {
         self.stack.iter().map(|frame| frame.origin)
     }
 
+    /// The first block, skipped ones included, that was read for the last item; none where that had been read before.
+    pub fn began(&self) -> Option<Origin> {
+        self.began
+    }
+
     /// The block interpreted last.
     fn origin(&self) -> Origin {
         self.stack.last().map(|frame| frame.origin).unwrap_or_default()
@@ -238,13 +247,14 @@ impl Interpreter {
             );
             return Err(Alarm::new(&PROGRAM_END_MISSING, text));
         };
+        let origin = frame.program.origin(block, frame.number);
+        self.began.get_or_insert(origin);
         if block.skip_numbers() & inputs.optional_skip != 0 {
             frame.next += 1;
             return Ok(());
         }
         let block = *block;
-        frame.origin = frame.program.origin(&block, frame.number);
-        let origin = frame.origin;
+        frame.origin = origin;
         if block.has_errors() {
             return Err(Alarm::new(&PROGRAM_HAS_ERRORS, "the block has an error"));
         }

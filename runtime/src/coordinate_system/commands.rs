@@ -331,7 +331,7 @@ impl CoordinateSystem {
         self.view.update(|place| place.manual = manual);
         let fields = json!({"program": number, "run_id": run.id});
         self.shared.record(self.number, Entry::new("start", fields));
-        self.inputs.effective_from_line = 1;
+        self.inputs.take_over_skip(1);
         self.publish_inputs();
         self.run = Some(run);
     }

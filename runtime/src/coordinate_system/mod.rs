@@ -131,8 +131,8 @@ struct Ending {
 #[derive(Debug, Default)]
 struct InputValues {
     optional_skip: u32,
-    /// Set and not yet read by the interpreter.
-    optional_skip_fresh: bool,
+    /// What the interpreter has read last, and the first line read with it.
+    effective_skip: u32,
     effective_from_line: u32,
     optional_stop: bool,
     single_block: bool,
@@ -141,6 +141,14 @@ struct InputValues {
     overrides: Overrides,
     spindle: (SpindleDirection, f64),
     tool: u16,
+}
+
+impl InputValues {
+    /// The interpreter reads the optional skip inputs from this line on.
+    fn take_over_skip(&mut self, line: u32) {
+        self.effective_skip = self.optional_skip;
+        self.effective_from_line = line;
+    }
 }
 
 impl CoordinateSystem {
@@ -471,7 +479,9 @@ impl CoordinateSystem {
                         self.inputs.optional_skip & !bit
                     };
                 }
-                self.inputs.optional_skip_fresh = self.run.is_some();
+                if self.run.is_none() {
+                    self.inputs.take_over_skip(1);
+                }
             }
             Input::OptionalStop(on) => self.inputs.optional_stop = on,
             Input::StartLock(lock) => self.inputs.start_lock = lock,

@@ -233,9 +233,10 @@ impl CoordinateSystem {
             return;
         };
         self.view.update(|place| place.interpreted_line = line);
-        if self.inputs.optional_skip_fresh {
-            self.inputs.optional_skip_fresh = false;
-            self.inputs.effective_from_line = line;
+        if self.inputs.effective_skip != self.inputs.optional_skip
+            && let Some(began) = self.pipeline.interpreter.began()
+        {
+            self.inputs.take_over_skip(began.line);
             self.publish_inputs();
         }
     }

@@ -176,10 +176,9 @@ impl CoordinateSystem {
     }
 
     pub(super) fn publish_inputs(&self) {
-        let requested = skip_numbers(self.inputs.optional_skip);
         let skip = OptionalSkip {
-            effective: requested.clone(),
-            requested,
+            requested: skip_numbers(self.inputs.optional_skip),
+            effective: skip_numbers(self.inputs.effective_skip),
             effective_from_line: self.inputs.effective_from_line,
         };
         let switches = [

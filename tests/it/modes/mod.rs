@@ -1,8 +1,10 @@
 //! How a coordinate system is operated: single block, interlock, manual data input, jog, homing, hold and stop.
 
 mod holding;
+mod inputs;
 mod jog;
 mod manual;
+mod outputs;
 mod replanning;
 mod rig;
 mod single_block;
