@@ -191,6 +191,8 @@ fn d36_without_timeout_ms_nothing_ends_a_wait_and_the_state_shows_since_when() {
         let first = since(state);
         assert_eq!(first, open(&rig).await[0].since);
         rig.sleep(600.0).await;
+        // the state is said again
+        rig.cs.set_optional_stop(true).await.unwrap();
         let state = rig.cs.state().await.unwrap();
         assert_eq!(state.execution, Execution::Wait);
         assert_eq!(since(state), first, "ten minutes later it waits since then");
