@@ -75,9 +75,10 @@ impl Plc {
     /// A machine at an address. Over MQTT (feature `mqtt`): `mqtt://host:port/machine`, with a topic prefix
     /// `mqtt://host:port/prefix/machine`, with a user `mqtt://user:password@host:port/machine`, with TLS
     /// `mqtts://host:port/machine`; the port is 1883, or 8883 with TLS, where none is named. Over REST and WebSocket
-    /// (feature `rest`): `http://host:port`, with a token `http://token@host:port`; the port is 80 where none is named.
-    /// Waits up to 10 s
-    /// until the runtime is present there; after that the connection is made again by itself for ever.
+    /// (feature `rest`): `http://host:port`, with a user `http://user:token@host:port`, or with the token alone; the port is
+    /// 80 where none is named. A handler's token speaks in the name of its user only: a program without a
+    /// [`handler_id`](crate::SequenceProgram::handler_id) takes the user's name where the address has it.
+    /// Waits up to 10 s until the runtime is present there; after that the connection is made again by itself for ever.
     ///
     /// # Errors
     /// The address is not one, no broker answers there, it refuses the user, or no runtime is online under that name.
@@ -97,8 +98,8 @@ impl Plc {
             Some(("mqtt" | "mqtts", _)) => Err(wrong("plc-api was built without its feature mqtt")),
             #[cfg(feature = "rest")]
             Some(("http", _)) => {
-                let port = crate::transport::rest::connect(address).await?;
-                Ok(Self::connected(port, None))
+                let (port, user) = crate::transport::rest::connect(address).await?;
+                Ok(Self::connected(port, user))
             }
             #[cfg(not(feature = "rest"))]
             Some(("http", _)) => Err(wrong("plc-api was built without its feature rest")),

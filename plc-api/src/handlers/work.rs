@@ -12,7 +12,7 @@ use crate::outputs::reset_of;
 use crate::plc::Plc;
 use crate::presence::RETRY;
 use crate::types::output::{Claim, HandshakeResult, HandshakeStatus};
-use crate::types::request::{Answer, Refusal, RefusalCode, Request};
+use crate::types::request::{Answer, RefusalCode, Request};
 use crate::types::{BootId, CoordinateSystemNumber};
 
 use super::output::AuxOutput;
@@ -115,10 +115,10 @@ pub(crate) async fn until_answered(plc: &Plc, request: impl Fn() -> Request) -> 
                 tracing::warn!(?answer, "an answer of another kind");
                 return None;
             }
-            Err(Refusal {
-                code: RefusalCode::Unavailable,
-                ..
-            }) => plc.sleep(RETRY).await,
+            Err(refusal) if refusal.code == RefusalCode::Unavailable => {
+                tracing::warn!(%refusal, "claim or reset not answered yet");
+                plc.sleep(RETRY).await;
+            }
             Err(refusal) => {
                 tracing::warn!(%refusal, "claim or reset refused");
                 return None;

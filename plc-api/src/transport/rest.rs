@@ -46,11 +46,12 @@ pub const COMMAND_DONE_TIMEOUT: Duration = Duration::from_secs(65);
 /// Pause before a request whose answer got lost is sent again.
 const AGAIN_AFTER: Duration = Duration::from_millis(200);
 
-/// Connects to the machine at `http://[token@]host[:port]`, and waits until it is present.
+/// Connects to the machine at `http://[[user:]token@]host[:port]`, and waits until it is present. The second value is
+/// the user's name.
 ///
 /// # Errors
 /// The address is wrong, or no runtime answers there within [`CONNECT_TIMEOUT`].
-pub async fn connect(address: &str) -> Result<Arc<dyn Port>, Error> {
+pub async fn connect(address: &str) -> Result<(Arc<dyn Port>, Option<String>), Error> {
     let shared = Arc::new(Shared {
         address: Address::parse(address)?,
         client: Client::builder(TokioExecutor::new()).build_http(),
@@ -58,6 +59,7 @@ pub async fn connect(address: &str) -> Result<Arc<dyn Port>, Error> {
         started: Instant::now(),
         state: Mutex::default(),
         wake: Notify::new(),
+        refused: Notify::new(),
         closed: AtomicBool::new(false),
     });
     let port = RestPort {
@@ -65,7 +67,7 @@ pub async fn connect(address: &str) -> Result<Arc<dyn Port>, Error> {
     };
     tokio::spawn(session::keep_connected(Arc::clone(&shared)));
     match tokio::time::timeout(CONNECT_TIMEOUT, shared.until_present()).await {
-        Ok(()) => Ok(Arc::new(port)),
+        Ok(()) => Ok((Arc::new(port), shared.address.user.clone())),
         Err(_) => Err(shared.not_present()),
     }
 }
@@ -89,6 +91,8 @@ struct Shared {
     state: Mutex<ConnectionState>,
     /// Handlers have changed, or the port is closed.
     wake: Notify,
+    /// A handler has been refused.
+    refused: Notify,
     closed: AtomicBool,
 }
 
@@ -100,6 +104,8 @@ struct ConnectionState {
     handlers: BTreeMap<String, HandlerPresence>,
     /// Handlers whose presence is to be said on this connection.
     unsaid: Vec<String>,
+    /// Handlers that the machine does not take, and why.
+    refused: BTreeMap<String, String>,
     /// Frames with results of validations, to be said on this connection.
     validated: Vec<Value>,
 }
@@ -221,12 +227,13 @@ impl Shared {
         let mut said = self.hub.subscribe(Filter::Topics(vec![topic.clone()]));
         {
             let mut state = self.lock();
+            state.refused.remove(&id);
             if presence.online {
                 state.handlers.insert(id.clone(), presence.clone());
             } else {
                 state.handlers.remove(&id);
             }
-            state.unsaid.push(id);
+            state.unsaid.push(id.clone());
         }
         self.wake.notify_one();
         let is_so = || match self.hub.read(&topic).as_deref().map(|message| &message.payload) {
@@ -235,11 +242,19 @@ impl Shared {
         };
         let until_so = async {
             while !is_so() {
-                said.next().await;
+                let refused = self.refused.notified();
+                if let Some(text) = self.lock().refused.remove(&id) {
+                    return Err(Refusal::new(RefusalCode::Invalid, text));
+                }
+                tokio::select! {
+                    _ = said.next() => {}
+                    () = refused => {}
+                }
             }
+            Ok(Answer::Done)
         };
         match tokio::time::timeout(ANSWER_TIMEOUT, until_so).await {
-            Ok(()) => Ok(Answer::Done),
+            Ok(answer) => answer,
             Err(_) => Err(self.unanswered(ANSWER_TIMEOUT)),
         }
     }

@@ -132,7 +132,8 @@ pub struct OutputNotice {
     pub line: u32,
     /// 1 for the first notice, one more each time it is published again.
     pub attempt: u32,
-    /// True when a handler may already have worked on it: see `on_redelivery`.
+    /// True when it was published before: its handler has gone (`lost` in `m_code/pending`), an operator asked for it, a
+    /// handler for it came, or the connection to the broker was made anew.
     pub redelivered: bool,
 }
 

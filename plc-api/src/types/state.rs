@@ -211,9 +211,9 @@ pub struct Captured {
     pub line: u32,
     /// Motor numbers, ascending.
     pub motors: Vec<u16>,
-    /// Captured machine positions.
+    /// Captured machine positions, mm or degrees.
     pub positions: Vec<f64>,
-    /// False where the skip input did not come: the stop position.
+    /// By motor: false where the skip input did not come; its position is then where the motor stopped (D41).
     pub captured: Vec<bool>,
 }
 

@@ -115,6 +115,46 @@ async fn users_start_handlers_reset_viewers_look_and_no_token_stands_in_a_log() 
     }
 }
 
+#[tokio::test]
+async fn over_rest_a_sequence_program_serves_in_the_name_of_its_user_and_is_told_when_it_may_not() {
+    let machine = machine();
+    let (operate, handler) = (
+        token(&machine, "hmi-1", "operate"),
+        token(&machine, "magazine", "handler"),
+    );
+    let served = Served::start(&machine);
+    let url = |user: &str| {
+        served
+            .http_url()
+            .replace("http://0.0.0.0", &format!("http://{user}@127.0.0.1"))
+    };
+    let program = || SequenceProgram::new().on(100, |_: AuxOutput| async { Ok::<(), Alarm>(()) });
+    let plc = connected(&url(&format!("magazine:{handler}"))).await;
+    let serving = plc.clone();
+    let _handlers = tokio::spawn(async move { program().run(&serving).await });
+    let load = json!({"program": 50});
+    post(&served, "/cs/1/load?wait=1", Some(&operate), &load)
+        .await
+        .expect(200);
+    post(&served, "/cs/1/start", Some(&operate), &json!({}))
+        .await
+        .expect(202);
+    let system = plc.coordinate_system(1);
+    let done = system.wait_for(|state| state.execution == Execution::ProgramCompleted);
+    within("its end", done).await.expect("completed");
+
+    let other = connected(&url(&handler)).await;
+    let refused = within("a refusal", program().handler_id("other").run(&other)).await;
+    let refused = refused
+        .expect_err("the token speaks in its own name only")
+        .to_string();
+    assert!(refused.contains("handler/other/presence"), "{refused}");
+}
+
+async fn connected(url: &str) -> Plc {
+    within("connect", Plc::connect(url)).await.expect("let in")
+}
+
 /// Takes the entry of a name out of `tokens.toml`.
 fn take_out(machine: &Machine, name: &str) {
     let path = machine.path("tokens.toml");

@@ -8,13 +8,15 @@ use crate::error::Error;
 /// Path of the interface below the server.
 const API: &str = "/api/v1";
 
-/// `http://[token@]host[:port]`, taken apart.
+/// `http://[[user:]token@]host[:port]`, taken apart.
 #[derive(Clone, PartialEq, Eq)]
 pub(super) struct Address {
     /// Of the interface, without a slash at the end.
     pub(super) http: String,
     /// Of its WebSocket.
     pub(super) websocket: String,
+    /// Whose token it is.
+    pub(super) user: Option<String>,
     /// Sent as `Authorization: Bearer`.
     pub(super) token: Option<String>,
     /// As given, without the token.
@@ -30,9 +32,13 @@ impl std::fmt::Debug for Address {
 impl Address {
     pub(super) fn parse(text: &str) -> Result<Self, Error> {
         let rest = text.strip_prefix("http://").unwrap_or(text);
-        let (token, host) = match rest.rsplit_once('@') {
-            Some((token, host)) => (Some(token.to_owned()), host),
+        let (credentials, host) = match rest.rsplit_once('@') {
+            Some((credentials, host)) => (Some(credentials), host),
             None => (None, rest),
+        };
+        let (user, token) = match credentials.and_then(|both| both.split_once(':')) {
+            Some((user, token)) => (Some(user), Some(token)),
+            None => (None, credentials),
         };
         let host = host.trim_end_matches('/');
         let shown = format!("http://{host}");
@@ -42,7 +48,7 @@ impl Address {
         };
         if host.is_empty() || host.contains(['/', '?', '#']) {
             return Err(wrong(
-                "write http://host:port, with a token http://token@host:port",
+                "write http://host:port, with a token http://user:token@host:port or http://token@host:port",
             ));
         }
         let uri: Uri = shown
@@ -60,7 +66,8 @@ impl Address {
         Ok(Self {
             http: format!("http://{host}{API}"),
             websocket: format!("ws://{host}{API}/ws"),
-            token,
+            user: user.map(str::to_owned),
+            token: token.map(str::to_owned),
             shown,
         })
     }
@@ -79,6 +86,15 @@ mod tests {
         let address = Address::parse("http://s3cret@mill-1").unwrap();
         assert_eq!(address.token.as_deref(), Some("s3cret"));
         assert!(!format!("{address:?}").contains("s3cret"));
+        let address = Address::parse("http://magazine:s3cret@mill-1").unwrap();
+        assert_eq!(
+            (
+                address.user.as_deref(),
+                address.token.as_deref(),
+                address.shown.as_str()
+            ),
+            (Some("magazine"), Some("s3cret"), "http://mill-1")
+        );
     }
 
     #[test]

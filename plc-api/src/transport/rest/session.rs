@@ -133,7 +133,9 @@ fn hear(shared: &Shared, text: &str) {
         topic: String,
     }
     let Ok(Named { topic }) = serde_json::from_str(text) else {
-        tracing::warn!(text = %shown(text), "the machine refuses");
+        let text = shown(text);
+        tracing::warn!(%text, "the machine refuses");
+        refused(shared, text);
         return;
     };
     let Some(topic) = Topic::parse(&topic) else {
@@ -143,6 +145,19 @@ fn hear(shared: &Shared, text: &str) {
         Ok(message) => shared.hub.publish(message),
         Err(error) => tracing::warn!(%error, "a message that is not of its topic's form"),
     }
+}
+
+/// Tells who waits for the handler that an error frame names.
+fn refused(shared: &Shared, text: String) {
+    let mut state = shared.lock();
+    let is_named = |id: &&String| text.contains(&Topic::HandlerPresence((*id).clone()).path());
+    let Some(id) = state.handlers.keys().find(is_named).cloned() else {
+        return;
+    };
+    state.handlers.remove(&id);
+    state.refused.insert(id, text);
+    drop(state);
+    shared.refused.notify_waiters();
 }
 
 /// What an error frame says; at most 200 characters of anything else.

@@ -5,8 +5,8 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
 use plc_api::queue::{Entry, Queue};
-use plc_api::types::message::Message;
-use plc_api::types::topic::Topic;
+use plc_api::types::message::{Message, Payload};
+use plc_api::types::topic::{CsTopic, Topic};
 
 /// One publish.
 #[derive(Debug, Clone, PartialEq)]
@@ -101,13 +101,16 @@ impl Outbox {
     }
 
     /// After a connection was made: the last value of every retained state, and the events that no broker has
-    /// acknowledged; a state stands behind the last of them that explains it, before all others.
+    /// acknowledged; a state stands behind the last of them that explains it, before all others. The notices of outputs
+    /// that are still open come last, behind `pending`, which shows them.
     pub(super) fn connected(&mut self) {
-        let unacknowledged = self.unacknowledged.drain(..).flatten();
+        let unacknowledged = std::mem::take(&mut self.unacknowledged).into_iter();
         let waiting = self.queue.take_all().into_iter();
-        let events: Vec<_> = unacknowledged
+        let (open, past): (Vec<_>, Vec<_>) = unacknowledged
+            .flatten()
             .chain(waiting.filter(|parcel| !parcel.is_state()))
-            .collect();
+            .partition(|parcel| self.is_of_open_output(parcel));
+        let events: Vec<_> = past.into_iter().chain(open).collect();
         let explained_last: BTreeMap<_, _> = (0..events.len())
             .filter_map(|at| Some((events[at].explains()?, at)))
             .collect();
@@ -125,6 +128,22 @@ impl Outbox {
         }
     }
 
+    /// True for the notice of an output that `pending` shows.
+    fn is_of_open_output(&self, parcel: &Parcel) -> bool {
+        let Parcel::Message(message) = parcel else {
+            return false;
+        };
+        let (Topic::CoordinateSystem(cs, _), Payload::Output(notice)) = (&message.topic, &message.payload)
+        else {
+            return false;
+        };
+        let pending = self.states.get(&Topic::cs(*cs, CsTopic::Pending));
+        pending.is_some_and(|pending| match &pending.payload {
+            Payload::Pending(pending) => (pending.outputs.iter()).any(|open| open.output.seq == notice.seq),
+            _ => false,
+        })
+    }
+
     /// Events dropped since this was asked last.
     pub(super) fn take_lost(&mut self) -> u64 {
         let told = std::mem::replace(&mut self.told_lost, self.queue.lost());
@@ -134,12 +153,11 @@ impl Outbox {
 
 #[cfg(test)]
 mod tests {
-    use plc_api::types::message::Payload;
-    use plc_api::types::topic::CsTopic;
-
     use super::*;
     use plc_api::queue::EVENTS_MAX;
-    use plc_api::types::output::{Cancel, CancelReason, OutputNotice, Params, Pending, Timing};
+    use plc_api::types::output::{
+        Cancel, CancelReason, OutputNotice, OutputState, Params, Pending, PendingOutput, Timing,
+    };
     use plc_api::types::state::Switch;
     use plc_api::types::{BootId, Timestamp};
 
@@ -170,8 +188,27 @@ mod tests {
         Arc::new(message)
     }
 
+    fn showing<const N: usize>(open: [u64; N]) -> Arc<Message> {
+        let outputs = open.map(|seq| PendingOutput {
+            output: notice(seq),
+            state: OutputState::Output,
+            handler_id: None,
+            since: Timestamp::default(),
+            lost: false,
+            progress: None,
+            how: None,
+            question: None,
+        });
+        let outputs = outputs.to_vec();
+        message(CsTopic::Pending, Payload::Pending(Pending { outputs }))
+    }
+
     fn output(seq: u64) -> Arc<Message> {
-        let notice = OutputNotice {
+        message(CsTopic::Output(5), Payload::Output(notice(seq)))
+    }
+
+    fn notice(seq: u64) -> OutputNotice {
+        OutputNotice {
             seq,
             run_id: String::new(),
             m: 5,
@@ -181,8 +218,7 @@ mod tests {
             line: 1,
             attempt: 1,
             redelivered: false,
-        };
-        message(CsTopic::Output(5), Payload::Output(notice))
+        }
     }
 
     fn send_all(outbox: &mut Outbox) -> Vec<Arc<Message>> {
@@ -277,6 +313,27 @@ mod tests {
             cancel(2),
             pending(3),
             output(3),
+        ];
+        assert_eq!(send_all(&mut outbox), right);
+    }
+
+    #[test]
+    fn after_a_lost_connection_the_notice_of_an_open_output_stands_behind_the_pending_that_shows_it() {
+        let mut outbox = Outbox::default();
+        for message in [output(1), output(2), output(3), cancel(1), cancel(3), output(4)] {
+            outbox.put(message);
+        }
+        let pending = showing([2, 4]);
+        outbox.put(Arc::clone(&pending));
+        outbox.connected();
+        let right = [
+            output(1),
+            output(3),
+            cancel(1),
+            cancel(3),
+            pending,
+            output(2),
+            output(4),
         ];
         assert_eq!(send_all(&mut outbox), right);
     }
