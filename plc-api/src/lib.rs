@@ -173,6 +173,26 @@
 //! # assert_eq!(program.check(), Ok(()));
 //! ```
 //!
+//! # Without handlers
+//! A program with a loop of its own takes outputs from the raw queue ([`Plc::outputs`]), claims and resets them by hand; a
+//! claim is given back when the queue is gone. What a panel does, too, is open to every program: commands and inputs are
+//! methods of [`CoordinateSystem`], questions are answered by [`CoordinateSystem::answer`].
+//! ```
+//! use plc_api::{Alarm, Plc};
+//!
+//! async fn serve(plc: Plc) -> plc_api::Result<()> {
+//!     let mut outputs = plc.outputs().on(70..=79);
+//!     loop {
+//!         let output = outputs.next().await?;
+//!         output.claim().await?;
+//!         match output.notice().params.a() {
+//!             Some(_station) => output.reset().await?, // ... the work is done before ...
+//!             None => output.fail(Alarm::user(70, "VA: the station")).await?,
+//!         }
+//!     }
+//! }
+//! ```
+//!
 //! # Testing
 //! [`fake::FakePort`] is a scripted machine: outputs are made by hand, time goes on by hand, and its state follows. A
 //! whole runtime that runs NC programs in simulated time, with motion, is `tandem_runtime::test`, a dev-dependency.
@@ -200,7 +220,8 @@
 //! # Layers
 //! [`port::Port`] is the whole interface as one trait; [`types`] is all that crosses a wire; [`handshake`] is the state
 //! machine of outputs and resets that every transport goes through; [`execution`] says which command is allowed when;
-//! [`hub`] hands messages out.
+//! [`hub`] hands messages out. Numbers such as D16 name rules by which the runtime reads the NC language; what they say
+//! stands where they are named.
 //! Features: `mqtt` (default) is the MQTT client, with TLS; `rest` is the client of REST and WebSocket; `schema` derives
 //! JSON Schemas of the types. Without them it depends on tokio, serde and little more.
 

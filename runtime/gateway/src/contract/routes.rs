@@ -154,7 +154,7 @@ pub(crate) const ROUTES: &[Route] = &[
     put("/cs/{cs}/spindle", Operate, "Commands the spindle.", Json("SpindleCommand")),
     put("/cs/{cs}/tool", Operate, "Selects a tool.", Json("Tool")),
     put("/motors/{number}/skip_input", Operate, "Sets the skip input of a motor; not real time.", Json("Switch")),
-    post("/cs/{cs}/m_codes/{seq}/claim", Handle, "Claims an output.", Json("ClaimBody"), HANDSHAKE),
+    post("/cs/{cs}/m_codes/{seq}/claim", Handle, "Claims an output. It is given back when the presence of this handler_id, told over a WebSocket or MQTT, ends.", Json("ClaimBody"), HANDSHAKE),
     post("/cs/{cs}/m_codes/{seq}/reset", Reset, "Resets an output, or tells its fault.", Json("ResetBody"), HANDSHAKE),
     post("/cs/{cs}/m_codes/{seq}/progress", Handle, "Tells how far an output's work is.", Json("ProgressBody"), NO_CONTENT),
     post("/cs/{cs}/m_codes/{seq}/redeliver", Operate, "Gives an output whose handler was lost to a handler again.", Json("RedeliverBody"), NO_CONTENT),
