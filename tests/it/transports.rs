@@ -6,6 +6,7 @@ mod cancel;
 mod control_lease;
 mod crowd;
 mod handler_loss;
+mod inputs;
 mod late;
 mod link_loss;
 mod many_machines;
