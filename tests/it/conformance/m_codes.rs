@@ -73,6 +73,36 @@ fn d32_a_with_motion_output_is_made_when_its_block_is_interpreted_and_the_progra
 }
 
 #[test]
+fn d15_nothing_but_what_the_rule_names_ends_the_pre_read() {
+    let machine = Machine::new(M_CODES);
+    machine.write("1000.nc", "G00 X40\nM99\n");
+    for between in [
+        "G04 X5",
+        "G09 G01 X1 F600",
+        "G61 G01 X1 F600",
+        "G64 G01 X1 F600\nG01 Y1",
+        "G500 G01 X1 F600",
+        "G28 X60",
+        "G30 P3 X60",
+        "G53 G00 X1",
+        "G55 G00 X1",
+        "G52 X1",
+        "G68 R90\nG01 X1 F600",
+        "G51 P2\nG01 X1 F600",
+        "G20 G01 X1 F10",
+        "G02 X10 Y0 I-20 J0 F600",
+        "G31 X60",
+        "M98 P1000",
+        "Q1=Q2+1\nif (Q1 > 0) {\nG00 X1\n}",
+        "M21",
+    ] {
+        let run = simulate_on(&machine, &format!("G00 X50\n{between}\nM20\nM30\n"), &[]).completed();
+        let output_s = run.at_s("output", "m", 20);
+        assert!(output_s < 0.01, "{between}: {output_s} s");
+    }
+}
+
+#[test]
 fn d30_an_m_code_with_parameters_is_always_after_motion() {
     let run = run("G00 X50\nM20 VA1\nM30\n");
     let output_s = run.at_s("output", "m", 20);

@@ -3,7 +3,9 @@
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use plc_api::types::command::{Command, CommandMeta};
 use plc_api::types::output::{OutputState, PendingOutput};
+use plc_api::types::request::{Answer, Request};
 use plc_api::types::state::Reason;
 use plc_api::{Alarm, AuxOutput, CancelReason, Cancellation, Execution, Plc, SequenceProgram};
 
@@ -214,5 +216,42 @@ fn d36_timeout_ms_counts_under_hold_too() {
         assert_eq!(state.reason, Some(Reason::Alarm));
         let waited_s = rig.plc.now_s() - begun_s;
         assert!((0.999..1.002).contains(&waited_s), "{waited_s}");
+    });
+}
+
+#[test]
+fn m_codes_that_nobody_handles_are_listed_when_the_program_is_loaded() {
+    on_machine(M_CODES, |rig| async move {
+        let load = async |command_id: &str| {
+            let meta = CommandMeta {
+                command_id: command_id.to_owned(),
+                client_id: "panel".to_owned(),
+                ..CommandMeta::default()
+            };
+            let load = Request::Command {
+                cs: 1,
+                command: Command::Load { program: 50 },
+                meta,
+                wait: true,
+            };
+            match rig.plc.port().request(load).await.unwrap() {
+                Answer::Command(reply) => reply.text,
+                other => panic!("{other:?}"),
+            }
+        };
+        // M05 is the stock program's, and M00 and M30 are the runtime's own.
+        rig.load("M05\nM00\nM21\nM22 VA1\nM20\nM30\n").await;
+        assert_eq!(load("a").await, "no handler is registered for M20, M21, M22");
+        serve(
+            &rig,
+            SequenceProgram::new().on(20..=21, |_: AuxOutput| async { Ok(()) }),
+        )
+        .await;
+        assert_eq!(load("b").await, "no handler is registered for M22");
+        let mut outputs = rig.plc.outputs().on(22);
+        let asked = tokio::spawn(async move { outputs.next().await });
+        rig.sleep(0.01).await;
+        assert_eq!(load("c").await, "");
+        asked.abort();
     });
 }

@@ -78,3 +78,42 @@ async fn the_journal_is_served_newest_lines_last() {
         served.get(&format!("/journal{wrong}")).await.expect(400);
     }
 }
+
+#[tokio::test]
+async fn an_operator_fails_an_output_that_another_owns_and_the_journal_keeps_it() {
+    let machine = Machine::new(&format!("[m_code.100]\nunhandled = \"wait\"\n{FREE_PORTS}"));
+    let served = Served::start(&machine);
+    served.load(1, 7, "M100 VA3\nM30\n").await;
+    served.command(1, "start").await;
+    let state = served.execution(1, "WAIT").await;
+    let path = |what: &str| format!("/cs/1/m_codes/{}/{what}", state["waiting_on"]["seq"]);
+    let claim = json!({"boot_id": state["boot_id"], "handler_id": "h1"});
+    served.post(&path("claim"), &claim).await.expect(200);
+    let mut fault = json!({
+        "boot_id": state["boot_id"], "handler_id": "operator", "result": "fault", "code": 12, "text": "given up",
+    });
+    let refused = served.post(&path("reset"), &fault).await.expect(409).json();
+    assert_eq!(refused["code"], "not_owner");
+    fault["force"] = json!(true);
+    served.post(&path("reset"), &fault).await.expect(200);
+    let stopped = served.execution(1, "STOPPED").await;
+    assert_eq!(stopped["reason"], "ALARM");
+    let alarms = served.get("/alarms").await.expect(200).json();
+    let alarm = &alarms["alarms"][0];
+    assert_eq!(
+        (&alarm["number"], &alarm["text"]),
+        (&json!(10_012), &json!("given up"))
+    );
+    let forced = async || {
+        let journal = served.get("/journal").await.expect(200).json();
+        let lines = journal["lines"].as_array().unwrap().clone();
+        lines
+            .into_iter()
+            .find(|line| line["event"] == "reset" && line["force"] == true)
+    };
+    let line = until("the forced reset stands in the journal", forced).await;
+    assert_eq!(
+        (&line["handler_id"], &line["result"], &line["code"], &line["m"]),
+        (&json!("operator"), &json!("fault"), &json!(12), &json!(100))
+    );
+}
