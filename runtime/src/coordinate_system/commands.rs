@@ -38,6 +38,8 @@ pub(super) struct Deferred {
 pub(super) struct Awaiting {
     meta: CommandMeta,
     verb: Verb,
+    /// What was worth knowing when it was accepted.
+    note: String,
     reply: Option<Reply>,
 }
 
@@ -112,6 +114,7 @@ impl CoordinateSystem {
                 self.awaiting.push(Awaiting {
                     verb: command.command.verb(),
                     meta: command.meta,
+                    note: said.text.clone(),
                     reply: Some(command.reply),
                 });
                 return;
@@ -160,7 +163,12 @@ impl CoordinateSystem {
             // The asker may have gone; the command is carried out all the same.
             let _ = reply.send(Ok(Answer::Command(accepted)));
         }
-        self.awaiting.push(Awaiting { meta, verb, reply });
+        self.awaiting.push(Awaiting {
+            meta,
+            verb,
+            note: text,
+            reply,
+        });
         if self.take_effect(&command, start) {
             self.complete(&|awaiting| awaiting.verb == verb);
         }
@@ -467,7 +475,16 @@ impl CoordinateSystem {
     fn answer(&mut self, is_it: &dyn Fn(&Awaiting) -> bool, status: CommandStatus, code: &str, text: &str) {
         let (answered, left): (Vec<_>, Vec<_>) = self.awaiting.drain(..).partition(is_it);
         self.awaiting = left;
-        for Awaiting { meta, reply, .. } in answered {
+        for Awaiting {
+            meta, note, reply, ..
+        } in answered
+        {
+            // who waits for the end only must hear of it, too
+            let text = if status == CommandStatus::Done {
+                &note
+            } else {
+                text
+            };
             let said = self.say(&meta, status, code, text);
             if let Some(reply) = reply {
                 // The asker may have gone; the reply is published, too.
