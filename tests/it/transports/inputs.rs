@@ -61,7 +61,9 @@ async fn inputs_are_set_and_read_back(system: &CoordinateSystem) {
     within("overrides", system.set_overrides(change))
         .await
         .expect("overrides");
+}
 
+async fn locks_are_set_and_read_back_with_their_words(system: &CoordinateSystem) {
     within("interlock", system.set_interlock(true, "the door is open"))
         .await
         .expect("interlock");
@@ -195,6 +197,7 @@ async fn tools_offsets_and_programs(reached: &Reached, carries: bool) {
 async fn everything(reached: &Reached, carries_tables: bool) {
     let system = reached.plc.coordinate_system(1);
     inputs_are_set_and_read_back(&system).await;
+    locks_are_set_and_read_back_with_their_words(&system).await;
     spindle_and_tool_are_commanded_and_read(&system).await;
     tools_offsets_and_programs(reached, carries_tables).await;
     the_machine_is_moved_by_hand_and_its_readings_follow(&reached.plc, &system).await;
