@@ -140,8 +140,11 @@ impl Record {
     /// Plans what lies behind a place, and then the blocks that look-ahead holds.
     pub(crate) fn replan(&self, from: PathPlace, at_rest: bool, held: &LookAhead) -> Replan {
         let (first, from_s) = self.find(from);
+        let next = self.entries.get(first).map(Entry::segment);
+        let is_within = next == Some(from.segment);
         let mut new = Replan {
             from,
+            passed: from.segment.saturating_sub(u64::from(is_within)),
             look_ahead: held.emptied(),
             record: Record::default(),
             profiles: VecDeque::new(),
@@ -234,6 +237,8 @@ impl Record {
 #[derive(Debug)]
 pub struct Replan {
     pub(crate) from: PathPlace,
+    /// The last segment that lies behind that place.
+    pub passed: u64,
     pub(crate) look_ahead: LookAhead,
     pub(crate) record: Record,
     /// What follows that place.

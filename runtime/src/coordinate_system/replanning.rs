@@ -181,8 +181,8 @@ impl CoordinateSystem {
         self.pipeline.set_feed_override(self.planned_override());
         self.replanning.planned_for = self.planned_override();
         let new = self.pipeline.replan(at, true);
+        self.servo.finished_segment = new.passed;
         self.pipeline.adopt(new);
-        self.servo.finished_segment = at.segment.saturating_sub(1);
         self.turn_round();
         self.shared
             .record(self.number, Entry::new("back_trace", json!({"on": false})));

@@ -1,5 +1,6 @@
 //! How a coordinate system is operated: single block, interlock, manual data input, jog, homing, hold and stop.
 
+mod back_trace;
 mod holding;
 mod inputs;
 mod jog;
