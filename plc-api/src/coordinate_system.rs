@@ -132,7 +132,7 @@ impl CoordinateSystem {
     }
 
     /// In a feed hold with G500: back along the passed path (`true`), as far as there is a way back; or forward again
-    /// (`false`), as [`resume`](Self::resume) does. No output is made again.
+    /// (`false`), as [`resume`](Self::resume) does. No output is made again, and no dwell waited again.
     ///
     /// # Errors
     /// Not held, or there is no way back from here; `false`: back trace is not on.

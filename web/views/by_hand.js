@@ -96,7 +96,7 @@ function homeButton(app, axis) {
 
 /** Goes back along the path from a feed hold. @param {import("../main.js").App} app */
 function backButton(app) {
-  const element = h("button", { type: "button", class: "button", title: "From a feed hold back along the blocks of G64 with G500 that were passed" }, icon("back"), "Back trace");
+  const element = h("button", { type: "button", class: "button", title: "From a feed hold back along what was passed with G500" }, icon("back"), "Back trace");
   element.addEventListener("click", () => {
     const cs = app.model.selected;
     void app.attempt(() => app.api.command(cs, "back_trace", { on: true }));

@@ -297,6 +297,8 @@ pub struct Segment {
     pub motion: SegmentMotion,
     /// How it ends.
     pub end: SegmentEnd,
+    /// What is in force: with G500 a cutting block keeps the motors' maximum acceleration, and there is a way back.
+    pub multi_block: MultiBlock,
 }
 
 /// How a segment moves.
@@ -308,8 +310,6 @@ pub enum SegmentMotion {
         path: Path,
         /// Speed along it and ramp times. The feedrate is that of the path's length.
         feed: Feed,
-        /// G500: within the motors' maximum acceleration.
-        multi_block: MultiBlock,
     },
     /// G00: each motor alone, in its shortest time.
     Rapid {

@@ -12,8 +12,48 @@ pub const PACE_PIECES_MAX: usize = 8;
 pub struct PathPlace {
     /// Number of the segment.
     pub segment: u64,
-    /// Plan time within its block, s; infinite behind its end.
+    /// Plan time within its block, s; behind it at its end, or infinite.
     pub plan_s: f64,
+}
+
+/// The part of the plan time of a block that a profile passes, at the rate of its time: backward where that falls.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stretch {
+    /// Plan time at its begin, s.
+    pub from_s: f64,
+    /// Plan time at its end, s.
+    pub to_s: f64,
+}
+
+impl Stretch {
+    /// All of a block of this plan time, forward.
+    pub fn whole(plan_s: f64) -> Self {
+        Self {
+            from_s: 0.0,
+            to_s: plan_s,
+        }
+    }
+
+    /// True when plan time falls.
+    pub fn is_backward(self) -> bool {
+        self.to_s < self.from_s
+    }
+
+    /// Time that it takes, s.
+    pub fn duration_s(self) -> f64 {
+        (self.to_s - self.from_s).abs()
+    }
+
+    /// Plan time `t_s` seconds after its begin, s.
+    pub fn plan_time(self, t_s: f64) -> f64 {
+        if t_s >= self.duration_s() {
+            self.to_s
+        } else if self.is_backward() {
+            self.from_s - t_s.max(0.0)
+        } else {
+            self.from_s + t_s.max(0.0)
+        }
+    }
 }
 
 /// Plan time as a function of time, over one profile. Backward it falls, its rates being negative.
@@ -75,6 +115,16 @@ impl SlewRoom {
             slope: self.slope.min(other.slope),
             braking: self.braking.max(other.braking),
             driving: self.driving.max(other.driving),
+        }
+    }
+
+    /// What is left where the same way is gone the other way round.
+    #[must_use]
+    pub fn reversed(self) -> Self {
+        Self {
+            braking: self.driving,
+            driving: self.braking,
+            ..self
         }
     }
 

@@ -3,7 +3,7 @@
 use crate::axis::{AXES_MAX, AxisVector};
 use crate::flow::{Path, TapLeg};
 pub use crate::motor_move::{MotorLimits, MotorMove};
-pub use crate::pace::{PACE_PIECES_MAX, Pace, PacePiece, PathPlace, SlewRoom};
+pub use crate::pace::{PACE_PIECES_MAX, Pace, PacePiece, PathPlace, SlewRoom, Stretch};
 use crate::ramp::UnitRamp;
 use crate::span::Origin;
 
@@ -90,6 +90,8 @@ pub enum Law {
         to: AxisVector,
         /// One law for each axis.
         moves: [MotorMove; AXES_MAX],
+        /// The part of the motion that is passed, either way.
+        stretch: Stretch,
     },
     /// As `Motors`, until a motor's skip input comes: then the servo cycle takes that motor back to where it came.
     Skip {
@@ -121,7 +123,20 @@ pub enum Law {
     Rest {
         /// Where, machine coordinates.
         at: AxisVector,
+        /// The part of its time that is waited; backward none.
+        stretch: Stretch,
     },
+}
+
+/// Position `t_s` seconds after the start of motors that move alone; exact at the ends of each.
+fn alone([from, to]: [&AxisVector; 2], moves: &[MotorMove; AXES_MAX], t_s: f64) -> AxisVector {
+    AxisVector(std::array::from_fn(|i| {
+        if t_s >= moves[i].duration_s() {
+            to.0[i]
+        } else {
+            from.0[i] + moves[i].distance(t_s)
+        }
+    }))
 }
 
 /// The begin of the next block within the profile of the one before it (motion-semantics 1b).
@@ -180,9 +195,10 @@ impl Profile {
     pub fn target(&self) -> AxisVector {
         match &self.law {
             Law::Paced { path, pace, .. } if pace.is_backward() => path.start(),
+            Law::Motors { from, stretch, .. } if stretch.is_backward() => *from,
             Law::Ramped { path, .. } | Law::Paced { path, .. } => path.end(),
             Law::Motors { to, .. } | Law::Skip { to, .. } | Law::Tap { to, .. } => *to,
-            Law::Rest { at } => *at,
+            Law::Rest { at, .. } => *at,
         }
     }
 
@@ -204,18 +220,49 @@ impl Profile {
         match (&self.law, self.ramps()) {
             (Law::Paced { pace, .. }, Some(ramps)) => ramps.position(pace.plan_time(t_s)),
             (_, Some(ramps)) => ramps.position(t_s),
-            (Law::Motors { from, to, moves } | Law::Skip { from, to, moves }, _) => {
-                AxisVector(std::array::from_fn(|i| {
-                    if t_s >= moves[i].duration_s() {
-                        to.0[i]
-                    } else {
-                        from.0[i] + moves[i].distance(t_s)
-                    }
-                }))
-            }
+            (
+                Law::Motors {
+                    from,
+                    to,
+                    moves,
+                    stretch,
+                },
+                _,
+            ) => alone([from, to], moves, stretch.plan_time(t_s)),
+            (Law::Skip { from, to, moves }, _) => alone([from, to], moves, t_s),
             (Law::Tap { from, to, .. }, _) => from.plus(to.minus(*from).scaled(self.tap_share(t_s))),
             _ => self.target(),
         }
+    }
+
+    /// Plan time within the block `t_s` seconds after the start, s: what [`PathPlace`] counts.
+    pub fn plan_time(&self, t_s: f64) -> f64 {
+        match &self.law {
+            Law::Paced { pace, .. } => pace.plan_time(t_s),
+            Law::Motors { stretch, .. } | Law::Rest { stretch, .. } => stretch.plan_time(t_s),
+            _ => t_s,
+        }
+    }
+
+    /// True when it begins at rest, or at a pace of its own; else the time base begins at 0, as after a feed hold.
+    pub fn begins_at_its_rate(&self) -> bool {
+        match &self.law {
+            Law::Motors { moves, stretch, .. } => {
+                moves.iter().all(|motor| motor.velocity_at(stretch.from_s) == 0.0)
+            }
+            _ => true,
+        }
+    }
+
+    /// The same motion over another stretch of its plan time, when it is one of motors alone or rest; any other as it is.
+    #[must_use]
+    pub fn over(&self, passed: Stretch) -> Self {
+        let mut profile = self.clone();
+        if let Law::Motors { stretch, .. } | Law::Rest { stretch, .. } = &mut profile.law {
+            *stretch = passed;
+            profile.duration_s = passed.duration_s();
+        }
+        profile
     }
 
     /// Revolutions that the spindle has turned `t_s` seconds after the start, clockwise positive; `None`: the spindle

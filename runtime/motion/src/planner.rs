@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use tandem_model::Alarm;
 use tandem_model::alarm::{VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
 use tandem_model::flow::{MultiBlock, Segment, SegmentEnd, SegmentMotion};
-use tandem_model::profile::{Law, PathPlace, Profile, TimeBase};
+use tandem_model::profile::{Law, PathPlace, Profile, Stretch, TimeBase};
 use tandem_model::settings::CoordinateSystemSettings;
 
 use crate::block::RampedBlock;
@@ -99,9 +99,10 @@ impl Planner {
         self.record.has_way_back(from)
     }
 
-    /// The way back from a place at rest, along G500 blocks, to rest: to what is no G500 block, to a bar, or to the
-    /// oldest block that is kept. Empty: there is no way back.
-    pub fn retrace(&self, from: PathPlace) -> VecDeque<Profile> {
+    /// The way back from a place at rest, along what moved with G500, to rest: to a block with G501, a thread, a G31, a
+    /// bar, or the oldest block that is kept. Nothing is waited on it, and what a dwell has waited before this place is not
+    /// waited again by a [`Planner::replan`]. Empty: there is no way back.
+    pub fn retrace(&mut self, from: PathPlace) -> VecDeque<Profile> {
         self.record.retrace(from, &self.look_ahead)
     }
 
@@ -136,18 +137,14 @@ impl Planner {
             duration_s,
             time_base,
         } = match &segment.motion {
-            SegmentMotion::Feed {
-                path,
-                feed,
-                multi_block,
-            } => {
+            SegmentMotion::Feed { path, feed } => {
                 let block = Block {
                     segment: self.last_segment + 1,
                     origin: segment.origin,
                     path,
                     alone: ramped::plan(&self.settings, path, *feed)?,
                 };
-                return self.blend(block, *multi_block, out);
+                return self.blend(block, segment.multi_block, out);
             }
             SegmentMotion::Rapid { from, to } => rapid::plan(&self.settings, *from, *to)?,
             SegmentMotion::Skip { from, to } => rapid::plan_skip(&self.settings, *from, *to)?,
@@ -168,7 +165,10 @@ impl Planner {
                 tapping::plan(&self.settings, &thread)?
             }
             SegmentMotion::Dwell { at, dwell_s } => Planned {
-                law: Law::Rest { at: *at },
+                law: Law::Rest {
+                    at: *at,
+                    stretch: Stretch::whole(*dwell_s),
+                },
                 duration_s: *dwell_s,
                 time_base: TimeBase::Fixed,
             },
@@ -176,6 +176,8 @@ impl Planner {
         check_duration(duration_s)?;
         self.finish_chain(out);
         self.last_segment += 1;
+        let is_either_way =
+            segment.multi_block == MultiBlock::On && matches!(law, Law::Motors { .. } | Law::Rest { .. });
         let profile = Profile {
             segment: self.last_segment,
             epoch: self.epoch,
@@ -185,7 +187,12 @@ impl Planner {
             time_base,
             exact_stop: true,
         };
-        self.record.push(Entry::Alone(Box::new(profile.clone())));
+        let recorded = Box::new(profile.clone());
+        self.record.push(if is_either_way {
+            Entry::Alone(recorded)
+        } else {
+            Entry::OneWay(recorded)
+        });
         out.push_back(profile);
         Ok(())
     }

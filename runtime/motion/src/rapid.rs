@@ -1,7 +1,7 @@
 //! G00 and G31: each motor alone, in its shortest time (motion-semantics 1e).
 
 use tandem_model::alarm::{LIMIT_ZERO, VALUE_NOT_FINITE};
-use tandem_model::profile::{Law, MotorLimits, MotorMove, TimeBase};
+use tandem_model::profile::{Law, MotorLimits, MotorMove, Stretch, TimeBase};
 use tandem_model::settings::{CoordinateSystemSettings, MotorSettings};
 use tandem_model::{AXES_MAX, Alarm, Axis, AxisVector};
 
@@ -16,7 +16,12 @@ pub(crate) fn plan(
     let velocity = |motor: &MotorSettings| motor.rapid_velocity;
     let (moves, duration_s) = moves(settings, from, to, ("rapid_velocity", velocity))?;
     Ok(Planned {
-        law: Law::Motors { from, to, moves },
+        law: Law::Motors {
+            from,
+            to,
+            moves,
+            stretch: Stretch::whole(duration_s),
+        },
         duration_s,
         time_base: TimeBase::Rapid,
     })

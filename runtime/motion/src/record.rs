@@ -3,7 +3,7 @@
 
 use std::collections::VecDeque;
 
-use tandem_model::profile::{Law, PathPlace, Profile};
+use tandem_model::profile::{Law, PathPlace, Profile, Stretch};
 
 use crate::block::RampedBlock;
 use crate::look_ahead::{LookAhead, Passage};
@@ -20,6 +20,8 @@ pub(crate) struct Record {
     entries: VecDeque<Entry>,
     /// There is no way back into this segment and those before it.
     barrier: u64,
+    /// The farthest place where a way back has begun: what was waited before it is not waited again.
+    turned_at: Option<PathPlace>,
 }
 
 /// A segment that has been put out.
@@ -29,19 +31,21 @@ pub(crate) struct Record {
     reason = "blocks are moved here by the ten thousand: none of them is allocated"
 )]
 pub(crate) enum Entry {
-    /// A block of a G500 chain, paced by look-ahead.
+    /// A block of a G500 chain, paced by look-ahead: it can be passed either way.
     Paced(RampedBlock),
+    /// A rapid or a dwell with G500: it can be passed either way.
+    Alone(Box<Profile>),
     /// A block of a G501 chain.
     Ramped(RampedBlock),
-    /// Not in a chain.
-    Alone(Box<Profile>),
+    /// What else is in no chain.
+    OneWay(Box<Profile>),
 }
 
 impl Entry {
     fn segment(&self) -> u64 {
         match self {
             Entry::Paced(block) | Entry::Ramped(block) => block.segment,
-            Entry::Alone(profile) => profile.segment,
+            Entry::Alone(profile) | Entry::OneWay(profile) => profile.segment,
         }
     }
 
@@ -49,15 +53,35 @@ impl Entry {
     fn plan_s(&self) -> f64 {
         match self {
             Entry::Paced(block) | Entry::Ramped(block) => block.plan_s,
-            Entry::Alone(profile) => profile.duration_s,
+            Entry::Alone(profile) | Entry::OneWay(profile) => profile.duration_s,
         }
     }
 
-    /// As planned, before look-ahead.
-    fn profile(&self) -> Profile {
+    /// True when it can be passed backward.
+    fn has_way_back(&self) -> bool {
+        matches!(self, Entry::Paced(_) | Entry::Alone(_))
+    }
+
+    /// A time at rest.
+    fn is_dwell(&self) -> bool {
+        matches!(self, Entry::Alone(profile) if matches!(profile.law, Law::Rest { .. }))
+    }
+
+    /// True when the path rests by itself at the end of it that a passage leads to.
+    fn passes_to_rest(&self, passage: Passage) -> bool {
         match self {
-            Entry::Paced(block) | Entry::Ramped(block) => block.profile(),
-            Entry::Alone(profile) => Profile::clone(profile),
+            Entry::Paced(block) if passage.is_backward => block.begins_at_rest(0.0),
+            Entry::Paced(block) => block.ends_at_rest(),
+            _ => true,
+        }
+    }
+
+    /// True when the motion begins at rest on a path that does not rest there by itself.
+    fn is_begun_within(&self, passage: Passage) -> bool {
+        match self {
+            Entry::Paced(block) if passage.is_backward => passage.from_s > 0.0 || !block.ends_at_rest(),
+            Entry::Paced(block) => !block.begins_at_rest(passage.from_s),
+            _ => false,
         }
     }
 }
@@ -65,6 +89,7 @@ impl Entry {
 impl Record {
     pub(crate) fn clear(&mut self) {
         self.entries.clear();
+        self.turned_at = None;
     }
 
     /// Adds segments.
@@ -142,94 +167,117 @@ impl Record {
         let (first, from_s) = self.find(from);
         let next = self.entries.get(first).map(Entry::segment);
         let is_within = next == Some(from.segment);
-        let mut new = Replan {
-            from,
-            passed: from.segment.saturating_sub(u64::from(is_within)),
-            look_ahead: held.emptied(),
-            record: Record::default(),
-            profiles: VecDeque::new(),
-        };
+        let mut new = Replan::empty(from, held);
+        new.passed = from.segment.saturating_sub(u64::from(is_within));
         let entries = self.entries.range(first.min(self.entries.len())..);
-        let held = held.blocks().map(Ok);
-        let recorded = entries.map(|entry| match entry {
-            Entry::Paced(block) => Ok(block),
-            Entry::Ramped(_) | Entry::Alone(_) => Err(entry),
-        });
-        for (n, block) in recorded.chain(held).enumerate() {
-            let block = match block {
-                Ok(block) => block,
-                Err(entry) => {
-                    new.profiles.push_back(entry.profile());
-                    new.record.push(entry.clone());
-                    continue;
-                }
-            };
-            let from_s = if n == 0 { from_s } else { 0.0 };
-            if n == 0 && at_rest && !block.begins_at_rest(from_s) {
-                new.look_ahead.begin_at_rest(block.segment);
-            }
-            let passage = Passage {
-                from_s,
-                is_backward: false,
-            };
-            let is_last = block.ends_at_rest();
-            new.look_ahead.pass(
-                block.clone(),
-                passage,
-                is_last,
-                &mut new.record,
-                &mut new.profiles,
-            );
-        }
+        let held = held.blocks().cloned().map(Entry::Paced);
+        let passage = Passage {
+            from_s,
+            is_backward: false,
+        };
+        self.pass_all(entries.cloned().chain(held), passage, at_rest, &mut new);
         new
+    }
+
+    /// Plans entries to be passed one after another, the first one in this way, the others whole. Backward the last of
+    /// them ends in rest wherever its path goes on; forward more may follow.
+    fn pass_all(
+        &self,
+        entries: impl Iterator<Item = Entry>,
+        first: Passage,
+        at_rest: bool,
+        new: &mut Replan,
+    ) {
+        let mut entries = entries.peekable();
+        let mut passage = first;
+        let mut begins_at_rest = at_rest;
+        while let Some(entry) = entries.next() {
+            if std::mem::take(&mut begins_at_rest) && entry.is_begun_within(passage) {
+                new.look_ahead.begin_at_rest(entry.segment());
+            }
+            let ends = passage.is_backward && entries.peek().is_none();
+            self.pass(entry, passage, ends, new);
+            passage.from_s = 0.0;
+        }
+    }
+
+    /// `ends`: the way ends with it.
+    fn pass(&self, entry: Entry, passage: Passage, ends: bool, new: &mut Replan) {
+        let is_last = ends || entry.passes_to_rest(passage);
+        let alone = match entry {
+            Entry::Paced(block) => {
+                return new
+                    .look_ahead
+                    .pass(block, passage, is_last, &mut new.record, &mut new.profiles);
+            }
+            Entry::Ramped(ref block) => block.profile(),
+            Entry::OneWay(ref profile) => Profile::clone(profile),
+            Entry::Alone(ref profile) => profile.over(self.stretch(&entry, passage)),
+        };
+        new.profiles.push_back(alone);
+        new.record.push(entry);
+    }
+
+    /// Plan time of an entry that is no block of a chain. A dwell is waited once in all, and not on the way back.
+    fn stretch(&self, entry: &Entry, passage: Passage) -> Stretch {
+        let whole_s = entry.plan_s();
+        let is_dwell = entry.is_dwell();
+        if passage.is_backward {
+            return Stretch {
+                from_s: if is_dwell { 0.0 } else { whole_s - passage.from_s },
+                to_s: 0.0,
+            };
+        }
+        let waited_s = match self.turned_at {
+            Some(at) if is_dwell && entry.segment() < at.segment => whole_s,
+            Some(at) if is_dwell && entry.segment() == at.segment => at.plan_s.min(whole_s),
+            _ => 0.0,
+        };
+        Stretch {
+            from_s: passage.from_s.max(waited_s),
+            to_s: whole_s,
+        }
+    }
+
+    /// What lies behind a place as far as there is a way back, from there on, and plan time within the first, s.
+    fn behind(&self, from: PathPlace) -> (impl Iterator<Item = &Entry>, f64) {
+        let (at, plan_s) = self.find(from);
+        let end = (at + usize::from(plan_s > 0.0)).min(self.entries.len());
+        let is_open = |entry: &&Entry| entry.segment() > self.barrier && entry.has_way_back();
+        (self.entries.range(..end).rev().take_while(is_open), plan_s)
     }
 
     /// True when there is a way back from this place.
     pub(crate) fn has_way_back(&self, from: PathPlace) -> bool {
-        let (at, plan_s) = self.find(from);
-        let last = (at + usize::from(plan_s > 0.0)).checked_sub(1);
-        last.and_then(|last| self.entries.get(last))
-            .is_some_and(|entry| self.way_back(entry).is_some())
-    }
-
-    /// The block, if there is a way back along it.
-    fn way_back<'a>(&self, entry: &'a Entry) -> Option<&'a RampedBlock> {
-        match entry {
-            Entry::Paced(block) if block.segment > self.barrier => Some(block),
-            _ => None,
-        }
+        let (mut behind, _) = self.behind(from);
+        behind.any(|entry| !entry.is_dwell() && entry.plan_s() > 0.0)
     }
 
     /// The way back from a place at rest, as far as there is one; empty: there is none.
-    pub(crate) fn retrace(&self, from: PathPlace, held: &LookAhead) -> VecDeque<Profile> {
-        let mut look_ahead = held.emptied();
-        let mut record = Record::default();
-        let mut out = VecDeque::new();
-        let (at, plan_s) = self.find(from);
-        let passed = self
-            .entries
-            .range(..(at + usize::from(plan_s > 0.0)).min(self.entries.len()));
-        let mut passed = passed.rev().map_while(|entry| self.way_back(entry)).peekable();
-        let mut plan_s = Some(plan_s).filter(|plan_s| *plan_s > 0.0);
-        while let Some(block) = passed.next() {
-            let from_s = plan_s.take().map_or(0.0, |plan_s| block.plan_s - plan_s);
-            if from_s > 0.0 {
-                look_ahead.begin_at_rest(block.segment);
-            }
-            let is_last = passed.peek().is_none() || block.begins_at_rest(0.0);
-            let passage = Passage {
-                from_s,
-                is_backward: true,
-            };
-            look_ahead.pass(block.clone(), passage, is_last, &mut record, &mut out);
+    pub(crate) fn retrace(&mut self, from: PathPlace, held: &LookAhead) -> VecDeque<Profile> {
+        let is_farther = |at: PathPlace| (at.segment, at.plan_s) < (from.segment, from.plan_s);
+        if self.turned_at.is_none_or(is_farther) {
+            self.turned_at = Some(from);
         }
+        let mut back = Replan::empty(from, held);
+        if !self.has_way_back(from) {
+            return back.profiles;
+        }
+        let (behind, plan_s) = self.behind(from);
+        let mut behind = behind.cloned().peekable();
+        let first_s = behind.peek().map_or(0.0, Entry::plan_s);
+        let passage = Passage {
+            from_s: if plan_s > 0.0 { first_s - plan_s } else { 0.0 },
+            is_backward: true,
+        };
+        self.pass_all(behind, passage, true, &mut back);
         // All of it is known.
-        for profile in &mut out {
+        for profile in &mut back.profiles {
             if let Law::Paced { pace, .. } = &mut profile.law {
                 pace.free_to = u64::MAX;
             }
         }
-        out
+        back.profiles
     }
 }
 
@@ -246,6 +294,16 @@ pub struct Replan {
 }
 
 impl Replan {
+    fn empty(from: PathPlace, held: &LookAhead) -> Self {
+        Self {
+            from,
+            passed: 0,
+            look_ahead: held.emptied(),
+            record: Record::default(),
+            profiles: VecDeque::new(),
+        }
+    }
+
     /// True when the motion may go on at its place: it can come to rest again within the new plan.
     pub fn can_begin(&self) -> bool {
         self.profiles.back().is_some_and(|last| match &last.law {

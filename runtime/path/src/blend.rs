@@ -43,13 +43,10 @@ impl PathStage {
         next: &SegmentMotion,
     ) -> Result<(), Alarm> {
         let (
-            SegmentMotion::Feed {
-                path: first, feed: f, ..
-            },
+            SegmentMotion::Feed { path: first, feed: f },
             SegmentMotion::Feed {
                 path: second,
                 feed: g,
-                ..
             },
         ) = (before, next)
         else {

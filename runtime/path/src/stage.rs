@@ -6,7 +6,7 @@ use tandem_model::flow::{
     SegmentMotion, Transform,
 };
 use tandem_model::settings::CoordinateSystemSettings;
-use tandem_model::{Alarm, Axis, AxisSet, AxisVector, MachinePosition, Origin, WorkPosition};
+use tandem_model::{Alarm, Axis, AxisSet, AxisVector, MachinePosition, WorkPosition};
 
 use crate::compensation::{Compensator, Leg, Side};
 use crate::transform::{self, finite};
@@ -256,6 +256,7 @@ impl PathStage {
                 origin: block.origin,
                 motion,
                 end: SegmentEnd::ExactStop,
+                multi_block: block.multi_block,
             });
             self.at = to;
             self.is_skipping = true;
@@ -275,13 +276,14 @@ impl PathStage {
         self.is_skipping = false;
     }
 
-    fn rapid_to(&mut self, origin: Origin, to: AxisVector, out: &mut Vec<Segment>) {
+    fn rapid_to(&mut self, block: &Block, to: AxisVector, out: &mut Vec<Segment>) {
         if moves(self.at, to) {
             let motion = SegmentMotion::Rapid { from: self.at, to };
             out.push(Segment {
-                origin,
+                origin: block.origin,
                 motion,
                 end: SegmentEnd::ExactStop,
+                multi_block: block.multi_block,
             });
             self.at = to;
         }
@@ -317,8 +319,8 @@ impl PathStage {
         self.within_all_soft_limits(self.at, middle)?;
         self.within_all_soft_limits(middle, to)?;
         self.release(SegmentEnd::ExactStop, out);
-        self.rapid_to(block.origin, middle, out);
-        self.rapid_to(block.origin, to, out);
+        self.rapid_to(block, middle, out);
+        self.rapid_to(block, to, out);
         if words.named.is_empty() {
             self.tool_shift = 0.0;
         } else {
@@ -372,7 +374,12 @@ impl PathStage {
             _ => SegmentEnd::ExactStop,
         };
         let origin = block.origin;
-        let segment = Segment { origin, motion, end };
+        let segment = Segment {
+            origin,
+            motion,
+            end,
+            multi_block: block.multi_block,
+        };
         let wanted = self.side(block)?;
         let leg = Leg {
             segment,
@@ -462,12 +469,7 @@ impl PathStage {
         if self.dry_run {
             feed.feedrate_mm_min = self.dry_run_feedrate_mm_min;
         }
-        let motion = SegmentMotion::Feed {
-            path,
-            feed,
-            multi_block: block.multi_block,
-        };
-        Ok((motion, to))
+        Ok((SegmentMotion::Feed { path, feed }, to))
     }
 
     /// Feedrate and ramp times of a cutting block; the feedrate of its own for one of rotary axes only.

@@ -44,6 +44,7 @@ impl PathStage {
                 origin: block.origin,
                 motion,
                 end: SegmentEnd::ExactStop,
+                multi_block: block.multi_block,
             });
             self.at = to;
         }

@@ -14,7 +14,7 @@ use std::hint::black_box;
 
 use divan::Bencher;
 use tandem_model::flow::Path;
-use tandem_model::profile::{Law, MotorMove, Pace, PacePiece, Profile, SlewRoom, TimeBase};
+use tandem_model::profile::{Law, MotorMove, Pace, PacePiece, Profile, SlewRoom, Stretch, TimeBase};
 use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
 use tandem_model::{AXES_MAX, AxisVector, Origin};
@@ -57,7 +57,14 @@ fn law(rapid: bool) -> (Law, TimeBase) {
             cruise_s: 0.0,
         };
         let moves = [slow; AXES_MAX];
-        (Law::Motors { from, to, moves }, TimeBase::Rapid)
+        let stretch = Stretch::whole(DURATION_S);
+        let law = Law::Motors {
+            from,
+            to,
+            moves,
+            stretch,
+        };
+        (law, TimeBase::Rapid)
     } else {
         let length = to.orthogonal_length();
         let ramp = UnitRamp::new(DURATION_S / 4.0, DURATION_S / 4.0);

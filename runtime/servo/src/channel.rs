@@ -66,7 +66,7 @@ pub struct Channel {
     pub(crate) velocity: AxisVector,
     pub(crate) motors: Motors,
     pub(crate) spindle: Option<SimulatedSpindle>,
-    /// Plan time at which the last block was left, s; infinite behind its end.
+    /// Plan time at which the last block was left, s: its end or infinite behind it, 0 before it.
     pub(crate) left_at_s: f64,
     /// Where the block of the setpoint comes from.
     pub(crate) executing: Option<Origin>,
@@ -228,15 +228,15 @@ impl Channel {
         self.profiles.slots()
     }
 
-    /// Where the setpoint of the last cycle is on the path; within a block that is not paced, time since its begin.
+    /// Where the setpoint of the last cycle is on the path.
     pub(crate) fn place(&self) -> PathPlace {
         let plan_s = match &self.current {
             None => self.left_at_s,
+            Some(profile) if self.ended_cycles.is_none() => profile.plan_time(self.time.now_s()),
             Some(profile) => match &profile.law {
-                Law::Paced { pace, .. } if self.ended_cycles.is_none() => pace.plan_time(self.time.now_s()),
                 Law::Paced { pace, .. } if pace.is_backward() => pace.ends_s,
-                _ if self.ended_cycles.is_some() => f64::INFINITY,
-                _ => self.time.now_s(),
+                Law::Motors { stretch, .. } | Law::Rest { stretch, .. } => stretch.to_s,
+                _ => f64::INFINITY,
             },
         };
         PathPlace {

@@ -170,6 +170,7 @@ impl Channel {
         let wanted = self.override_of(&profile);
         let way = Way::new(&profile, 0.0, self.hold_slope, self.period_s);
         let factor = way.target(&mut self.profiles, 0.0, wanted);
+        let factor = factor.filter(|_| profile.begins_at_its_rate());
         self.time.start(factor.unwrap_or(0.0));
         self.last_segment = profile.segment;
         self.tell(Event::Started {

@@ -24,7 +24,7 @@ pub struct Reading {
     pub rate: f64,
     /// Segment number of the current or, between blocks, the last block; 0 before the first.
     pub segment: u64,
-    /// Plan time within the block (G500), s; infinite between two blocks.
+    /// Plan time within the block, s; between two blocks at its end, or infinite.
     pub plan_s: f64,
     /// Where the block comes from that the commanded position belongs to, its end point included; `None` when no
     /// block runs.

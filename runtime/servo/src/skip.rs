@@ -82,14 +82,18 @@ impl SkipRun {
         from_s: f64,
         to_s: f64,
     ) -> SlewRoom {
-        let (Law::Motors { moves, .. } | Law::Skip { moves, .. }) = &profile.law else {
-            return SlewRoom::default();
+        let (moves, is_backward) = match &profile.law {
+            Law::Motors { moves, stretch, .. } => (moves, stretch.is_backward()),
+            Law::Skip { moves, .. } => (moves, false),
+            _ => return SlewRoom::default(),
         };
+        let [begin_s, end_s] = [from_s, to_s].map(|t_s| profile.plan_time(t_s));
         let of_motors = self.turned.iter().zip(moves).zip(max_acceleration);
         of_motors
             .map(|((turned, to_target), most)| match turned {
                 Some(turned) => turned.room(most, from_s, to_s),
-                None => to_target.room(most, from_s, to_s),
+                None if is_backward => to_target.room(most, end_s, begin_s).reversed(),
+                None => to_target.room(most, begin_s, end_s),
             })
             .fold(SlewRoom::default(), SlewRoom::worst)
     }

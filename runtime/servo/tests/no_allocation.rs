@@ -8,7 +8,7 @@ use std::collections::VecDeque;
 
 use rtrb::RingBuffer;
 use tandem_model::flow::{Feed, MultiBlock, Path, Plane, Segment, SegmentEnd, SegmentMotion, TapLeg, Turn};
-use tandem_model::profile::{Law, Lead, MotorLimits, MotorMove, PathPlace, Profile, TimeBase};
+use tandem_model::profile::{Law, Lead, MotorLimits, MotorMove, PathPlace, Profile, Stretch, TimeBase};
 use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings, SimulatedSkip};
 use tandem_model::{AXES_MAX, ArcPath, Axis, AxisVector, Origin};
@@ -89,7 +89,10 @@ fn profile(n: u64) -> Profile {
             },
             TimeBase::Feed,
         ),
-        1 => (Law::Rest { at: to }, TimeBase::Fixed),
+        1 => {
+            let stretch = Stretch::whole(0.05);
+            (Law::Rest { at: to, stretch }, TimeBase::Fixed)
+        }
         _ => {
             let back = MotorMove {
                 velocity: -1.0 / 0.03,
@@ -101,6 +104,7 @@ fn profile(n: u64) -> Profile {
                 from: to,
                 to: from,
                 moves: [back; AXES_MAX],
+                stretch: Stretch::whole(0.05),
             };
             (law, TimeBase::Rapid)
         }
@@ -146,9 +150,9 @@ fn paced() -> Vec<Profile> {
                     td_ms: 20.0,
                     ts_ms: 0.0,
                 },
-                multi_block: MultiBlock::On,
             },
             end: SegmentEnd::Continuous,
+            multi_block: MultiBlock::On,
         };
         planner.push(&segment, &mut out).unwrap();
     }
@@ -292,6 +296,7 @@ fn chain_and_skip() -> [(Law, f64); 4] {
                 from: end,
                 to: point(1.5, 0.0),
                 moves: back,
+                stretch: Stretch::whole(back[1].duration_s()),
             },
             back[1].duration_s(),
         ),
@@ -354,7 +359,10 @@ fn a_thread_neither_allocates_nor_frees() {
     };
     let laws = [
         way(top, bottom, 0.1, TapLeg::In),
-        Law::Rest { at: bottom },
+        Law::Rest {
+            at: bottom,
+            stretch: Stretch::whole(0.05),
+        },
         way(bottom, top, -0.1, TapLeg::Out),
         way(top, bottom, 0.1, TapLeg::In),
     ];
@@ -402,33 +410,43 @@ fn a_thread_neither_allocates_nor_frees() {
     assert!(!events.iter().any(|event| matches!(event, Event::Fault(_))));
 }
 
-/// Two lines of 20 mm along X with G500, planned.
-fn two_lines(planner: &mut Planner) -> VecDeque<Profile> {
+/// A rapid, a dwell and two lines of 20 mm along X with G500, planned.
+fn either_way(planner: &mut Planner) -> VecDeque<Profile> {
+    let at = |x: f64| {
+        let mut at = AxisVector::ZERO;
+        at.0[0] = x;
+        at
+    };
+    let line = |from_x: f64| SegmentMotion::Feed {
+        path: Path::Line {
+            from: at(from_x),
+            to: at(from_x + 20.0),
+            length: 20.0,
+        },
+        feed: Feed {
+            feedrate_mm_min: 6000.0,
+            ta_ms: 50.0,
+            td_ms: 50.0,
+            ts_ms: 0.0,
+        },
+    };
+    let (from, to) = (at(0.0), at(1.0));
+    let motions = [
+        SegmentMotion::Rapid { from, to },
+        SegmentMotion::Dwell {
+            at: to,
+            dwell_s: 0.01,
+        },
+        line(1.0),
+        line(21.0),
+    ];
     let mut planned = VecDeque::new();
-    for from_x in [0.0, 20.0] {
-        let at = |x: f64| {
-            let mut at = AxisVector::ZERO;
-            at.0[0] = x;
-            at
-        };
-        let motion = SegmentMotion::Feed {
-            path: Path::Line {
-                from: at(from_x),
-                to: at(from_x + 20.0),
-                length: 20.0,
-            },
-            feed: Feed {
-                feedrate_mm_min: 6000.0,
-                ta_ms: 50.0,
-                td_ms: 50.0,
-                ts_ms: 0.0,
-            },
-            multi_block: MultiBlock::On,
-        };
+    for motion in motions {
         let segment = Segment {
             origin: Origin::default(),
             motion,
             end: SegmentEnd::Continuous,
+            multi_block: MultiBlock::On,
         };
         planner.push(&segment, &mut planned).unwrap();
     }
@@ -442,7 +460,7 @@ fn another_plan_neither_allocates_nor_frees() {
     let (channel, mut handle) = channel(&settings, 64);
     let mut servo = Servo::new(vec![channel], T);
     let mut planner = Planner::new(&settings);
-    for profile in two_lines(&mut planner) {
+    for profile in either_way(&mut planner) {
         handle.profiles.push(profile).unwrap();
     }
     let splice = |handle: &mut ChannelHandle, at, profiles: VecDeque<Profile>| {
@@ -457,7 +475,7 @@ fn another_plan_neither_allocates_nor_frees() {
         handle.splices.push(splice).unwrap();
         handle.controls.push(Control::Splice).unwrap();
     };
-    let mut calls = cycles(&mut servo, 100);
+    let mut calls = cycles(&mut servo, 200);
     planner.set_feed_override(2.0);
     handle
         .controls

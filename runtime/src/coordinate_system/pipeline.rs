@@ -6,7 +6,7 @@ use std::sync::Arc;
 use plc_api::types::state::CallSite;
 use tandem_interp::{Dialect, Inputs, Interpreter, Modal};
 use tandem_model::flow::{
-    Action, Block, Compensation, Item, Segment, SegmentEnd, SegmentMotion, TapLeg, Transform,
+    Action, Block, Compensation, Item, MultiBlock, Segment, SegmentEnd, SegmentMotion, TapLeg, Transform,
 };
 use tandem_model::profile::{PathPlace, Profile};
 use tandem_model::settings::CoordinateSystemSettings;
@@ -333,7 +333,7 @@ impl Pipeline {
     }
 
     /// The way back from a place at rest.
-    pub fn retrace(&self, from: PathPlace) -> VecDeque<Profile> {
+    pub fn retrace(&mut self, from: PathPlace) -> VecDeque<Profile> {
         self.planner.retrace(from)
     }
 
@@ -365,6 +365,7 @@ impl Pipeline {
             origin: Origin::default(),
             motion: SegmentMotion::Rapid { from, to },
             end: SegmentEnd::ExactStop,
+            multi_block: MultiBlock::Off,
         };
         let own = self.planner.settings().clone();
         self.planner.set_settings(settings);

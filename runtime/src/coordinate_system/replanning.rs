@@ -149,8 +149,8 @@ impl CoordinateSystem {
             .is_some_and(|at| self.pipeline.has_way_back(at));
         if !has_way_back {
             return refused(
-                "there is no way back from here: back trace goes along blocks of G64 with G500, and not past an M code \
-                 that the program waited for, G31, a rapid or other motion, or the oldest block that is kept",
+                "there is no way back from here: back trace goes along what moved with G500, and not past an M code that \
+                 the program waited for, a tool change, G31, a thread, or the oldest block that is kept",
             );
         }
         Ok(())

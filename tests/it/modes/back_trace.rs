@@ -2,15 +2,230 @@
 
 use std::sync::{Arc, Mutex};
 
-use plc_api::types::request::RefusalCode;
+use plc_api::types::request::{OverrideChange, RefusalCode};
 use plc_api::types::state::Reason;
 use plc_api::{AuxOutput, Execution, Plc, SequenceProgram};
 
-use super::rig::{close, distance, on_machine, refused};
+use super::rig::{Point, Rig, close, distance, on_machine, refused};
 use super::stairs::{STAIRS, assert_on_stairs};
+use crate::support::formula::{PERIOD_S, Rapid};
 
 fn g500(program: &str) -> String {
     format!("G64 G500 {program}")
+}
+
+/// Goes back to the end of the way, and gives the lines of the blocks on it, each once in a row.
+async fn to_the_end(rig: &Rig) -> Vec<u32> {
+    rig.cs.back_trace(true).await.unwrap();
+    let mut lines = Vec::new();
+    for _ in 0..100_000 {
+        lines.push(rig.cs.program().await.unwrap().line);
+        match rig.state().await {
+            (Execution::FeedHold, Some(Reason::BackTraceEnd)) => {
+                lines.dedup();
+                return lines;
+            }
+            (Execution::Active, Some(Reason::BackTrace)) => rig.sleep(0.002).await,
+            other => panic!("{other:?}"),
+        }
+    }
+    panic!("it never ends")
+}
+
+/// Motion rule 1e: X 40 mm and Y 10 mm, each in its own least time, both from the start on.
+fn assert_on_the_rapid(point: Point) {
+    let (x, y) = (Rapid::new(40.0, 100.0, 1000.0), Rapid::new(10.0, 50.0, 250.0));
+    let (mut low, mut high) = (0.0, x.end_s);
+    for _ in 0..100 {
+        let middle = f64::midpoint(low, high);
+        if x.way(middle) + y.way(middle) > point[0] + point[1] {
+            high = middle;
+        } else {
+            low = middle;
+        }
+    }
+    close(point, [x.way(low), y.way(low), 0.0]);
+}
+
+/// Largest velocity of X, mm/s.
+fn fastest(trace: &[Point]) -> f64 {
+    let steps = trace.windows(2).map(|two| (two[1][0] - two[0][0]).abs());
+    steps.fold(0.0, f64::max) / PERIOD_S
+}
+
+#[test]
+fn m1e_back_trace_goes_back_along_a_rapid_on_the_path_of_its_motors() {
+    on_machine("", |rig| async move {
+        for moment_s in [0.03, 0.1, 0.22, 0.33, 0.42, 0.48] {
+            rig.start(&g500("G00 X40 Y10\nM30\n")).await;
+            rig.sleep(moment_s).await;
+            for _ in 0..3 {
+                rig.cs.hold().await.unwrap();
+                let held_at = rig.at().await;
+                rig.cs.back_trace(true).await.unwrap();
+                assert_eq!(rig.state().await, (Execution::Active, Some(Reason::BackTrace)));
+                rig.sleep(0.1).await;
+                rig.cs.hold().await.unwrap();
+                let back_at = rig.at().await;
+                assert!(back_at[0] < held_at[0], "{back_at:?}");
+                rig.cs.back_trace(false).await.unwrap();
+                assert_eq!(rig.state().await, (Execution::Active, None));
+                rig.sleep(0.13).await;
+            }
+            rig.cs.hold().await.unwrap();
+            assert_eq!(to_the_end(&rig).await, [1]);
+            close(rig.at().await, [0.0; 3]);
+            rig.cs.resume().await.unwrap();
+            rig.until(Execution::ProgramCompleted).await;
+            close(rig.at().await, [40.0, 10.0, 0.0]);
+            rig.trace().into_iter().for_each(assert_on_the_rapid);
+            rig.cs.mdi("G90 G00 X0 Y0").await.unwrap();
+            rig.trace();
+        }
+        assert_eq!(rig.alarms().await, [0_u16; 0]);
+    });
+}
+
+#[test]
+fn the_rapid_override_acts_on_a_rapid_that_is_gone_back() {
+    on_machine("", |rig| async move {
+        rig.start(&g500("G00 X40 Y10\nG01 X60 F3000\nM30\n")).await;
+        rig.sleep(0.7).await;
+        rig.cs.hold().await.unwrap();
+        let rapid = Some(50.0);
+        rig.cs
+            .set_overrides(OverrideChange {
+                rapid,
+                ..OverrideChange::default()
+            })
+            .await
+            .unwrap();
+        rig.trace();
+        assert_eq!(to_the_end(&rig).await, [2, 1]);
+        let trace = rig.trace();
+        let rapid: Vec<Point> = trace.into_iter().filter(|at| at[0] < 40.0).collect();
+        assert!((fastest(&rapid) - 50.0).abs() < 1e-6, "{}", fastest(&rapid));
+    });
+}
+
+#[test]
+fn back_trace_passes_rapids_dwells_exact_stops_and_blocks_without_movement() {
+    on_machine("", |rig| async move {
+        let program = "ta50 td50 ts0 G00 X10 Y5\nG01 F3000 X20\nG04 P300\nG91 G53 G00 X10\nG90\nG01 G09 X40\nG61 \
+                       X50\nG64 F2400\nS100\nG04 P200\nX60\nX90\nM30\n";
+        rig.start(&g500(program)).await;
+        while rig.at().await[0] < 70.0 {
+            rig.sleep(0.01).await;
+        }
+        rig.cs.hold().await.unwrap();
+        let forward = rig.trace();
+        let lines = to_the_end(&rig).await;
+        assert_eq!(lines, [12, 11, 10, 7, 6, 4, 3, 2, 1]);
+        close(rig.at().await, [0.0; 3]);
+        let back = rig.trace();
+        assert!(back.len() < forward.len() - 400, "the dwells are not waited for");
+        let refusal = refused(rig.cs.back_trace(true).await, RefusalCode::NotAllowed);
+        assert!(refusal.text.contains("no way back"), "{}", refusal.text);
+        rig.cs.resume().await.unwrap();
+        rig.until(Execution::ProgramCompleted).await;
+        close(rig.at().await, [90.0, 5.0, 0.0]);
+        let again = rig.trace();
+        for (from, to) in [(20.0, 20.0), (50.0, 50.0)] {
+            let rests = again.iter().filter(|at| (from..=to).contains(&at[0])).count();
+            assert!(rests < 10, "{rests} periods at {from}");
+        }
+        assert_eq!(rig.alarms().await, [0_u16; 0]);
+    });
+}
+
+#[test]
+fn back_trace_passes_the_way_to_a_reference_point_and_m00_which_stops_no_second_time() {
+    on_machine("", |rig| async move {
+        rig.start(&g500("G00 X10 Y5\nG28 X20 Y10\nM00\nG01 X30 F3000\nM30\n"))
+            .await;
+        rig.until(Execution::ProgramStopped).await;
+        close(rig.at().await, [0.0; 3]);
+        rig.cs.resume().await.unwrap();
+        rig.sleep(0.4).await;
+        rig.cs.hold().await.unwrap();
+        let forward = rig.trace();
+        assert_eq!(to_the_end(&rig).await, [4, 2, 1]);
+        let middle = |trace: &[Point]| trace.iter().any(|at| distance(*at, [20.0, 10.0, 0.0]) < 1e-9);
+        assert!(middle(&forward) && middle(&rig.trace()));
+        rig.cs.resume().await.unwrap();
+        let state = rig
+            .cs
+            .wait_for(|state| state.execution != Execution::Active)
+            .await;
+        assert_eq!(state.unwrap().execution, Execution::ProgramCompleted);
+        close(rig.at().await, [30.0, 0.0, 0.0]);
+        assert!(middle(&rig.trace()));
+    });
+}
+
+#[test]
+fn a_dwell_waits_once_in_all_however_often_it_is_passed() {
+    on_machine("", |rig| async move {
+        let program = g500("ta50 td50 ts0 G01 F3000 X10\nG04 P500\nX20\nM30\n");
+        rig.start(&program).await;
+        let is_at_the_dwell = |at: &Point| at[0].to_bits() == 10.0_f64.to_bits();
+        let mut waited = 0;
+        for _ in 0..2 {
+            while !is_at_the_dwell(&rig.at().await) {
+                rig.sleep(0.001).await;
+            }
+            rig.sleep(0.2).await;
+            waited += rig.trace().iter().filter(|at| is_at_the_dwell(at)).count();
+            rig.cs.hold().await.unwrap();
+            rig.cs.back_trace(true).await.unwrap();
+            rig.sleep(0.1).await;
+            rig.cs.hold().await.unwrap();
+            assert!(rig.at().await[0] < 9.9);
+            rig.trace();
+            rig.cs.resume().await.unwrap();
+        }
+        while rig.at().await[0] <= 10.0 {
+            rig.sleep(0.001).await;
+        }
+        waited += rig.trace().iter().filter(|at| is_at_the_dwell(at)).count();
+        assert!((500..=520).contains(&waited), "{waited} periods");
+        rig.until(Execution::ProgramCompleted).await;
+        assert_eq!(rig.alarms().await, [0_u16; 0]);
+    });
+}
+
+#[test]
+fn back_trace_ends_at_g501_a_skip_and_a_thread() {
+    on_machine("", |rig| async move {
+        let cases = [
+            ("G64 G501 F3000 G00 X10\nG500 G01 X40\nM30\n", [10.0, 0.0, 0.0]),
+            (
+                "G64 G500 F3000 G00 X5\nG31 X10\nG00 Y5\nG01 X40\nM30\n",
+                [10.0, 0.0, 0.0],
+            ),
+            (
+                "G64 G500 F600 S600 M19\nG84 Z-5 R0\nG80\nG00 X10\nG01 X40 F3000\nM30\n",
+                [0.0, 0.0, 0.0],
+            ),
+        ];
+        for (program, end) in cases {
+            rig.start(program).await;
+            while rig.at().await[0] < 20.0 {
+                rig.sleep(0.01).await;
+            }
+            rig.cs.hold().await.unwrap();
+            to_the_end(&rig).await;
+            close(rig.at().await, end);
+            rig.cs.resume().await.unwrap();
+            rig.until(Execution::ProgramCompleted).await;
+            rig.cs.mdi("G90 G00 X0 Y0").await.unwrap();
+        }
+        rig.start("G64 G501 G00 X40\nM30\n").await;
+        rig.sleep(0.1).await;
+        rig.cs.hold().await.unwrap();
+        refused(rig.cs.back_trace(true).await, RefusalCode::NotAllowed);
+        assert_eq!(rig.alarms().await, [0_u16; 0]);
+    });
 }
 
 #[test]

@@ -5,7 +5,7 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 
 use proptest::prelude::*;
 use tandem_model::alarm::LIMIT_ZERO;
-use tandem_model::flow::{Feed, MultiBlock, Path, Plane, Segment, SegmentEnd, SegmentMotion, Turn};
+use tandem_model::flow::{Feed, Path, Plane, Segment, SegmentEnd, SegmentMotion, Turn};
 use tandem_model::profile::Profile;
 use tandem_model::settings::{CoordinateSystemSettings, ShortBlock};
 use tandem_model::{ArcPath, Axis, AxisVector};
@@ -268,11 +268,7 @@ fn s1b_arcs_are_superposed_by_their_arc_length() {
     let feed = feed(6000.0, [100.0, 100.0, 50.0]);
     let around = |from: [f64; 3], to: [f64; 3], centre, turn| {
         let path = Path::Arc(ArcPath::new(vector(&from), vector(&to), Plane::Xy, centre, turn));
-        segment(SegmentMotion::Feed {
-            path,
-            feed,
-            multi_block: MultiBlock::Off,
-        })
+        segment(SegmentMotion::Feed { path, feed })
     };
     let segments = [
         line(AxisVector::ZERO, vector(&[50.0]), feed),

@@ -4,7 +4,7 @@
 use std::collections::VecDeque;
 
 use tandem_model::alarm::LIMIT_ZERO;
-use tandem_model::flow::{Feed, MultiBlock, SegmentMotion};
+use tandem_model::flow::{Feed, MultiBlock};
 use tandem_model::profile::Profile;
 use tandem_motion::Planner;
 
@@ -183,10 +183,7 @@ fn m1d_blocks_come_out_when_nothing_to_come_can_change_them_and_flush_ends_at_re
 fn m1d_a_chain_ends_at_rest_between_g500_and_g501_and_a_motor_needs_an_acceleration() {
     let feed = feed(600.0, [20.0, 20.0, 0.0]);
     let mut chain = through(&[[0.0, 0.0], [10.0, 0.0], [20.0, 0.0]], feed, 1000.0);
-    let SegmentMotion::Feed { multi_block, .. } = &mut chain.segments[1].motion else {
-        panic!("not a cutting block")
-    };
-    *multi_block = MultiBlock::Off;
+    chain.segments[1].multi_block = MultiBlock::Off;
     let stops: Vec<bool> = chain.plan().iter().map(|profile| profile.exact_stop).collect();
     assert_eq!(stops, [true, true]);
     chain.settings.motors[0].as_mut().unwrap().max_acceleration = 0.0;

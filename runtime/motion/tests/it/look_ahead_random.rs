@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use tandem_model::flow::{Feed, MultiBlock, Path, Plane, Segment, SegmentMotion, Turn};
+use tandem_model::flow::{Feed, Path, Plane, Segment, SegmentMotion, Turn};
 use tandem_model::{ArcPath, Axis, AxisVector};
 
 use crate::look_ahead_rig::{Chain, Shape};
@@ -147,7 +147,6 @@ fn arc(
     let motion = SegmentMotion::Feed {
         path: Path::Arc(ArcPath::new(from, to, plane, centre, turn)),
         feed,
-        multi_block: MultiBlock::On,
     };
     let shape = Shape::Arc {
         plane,

@@ -42,23 +42,12 @@ impl Chain {
         let (segments, shapes): (Vec<_>, Vec<_>) = blocks
             .into_iter()
             .map(|(segment, shape)| {
-                let SegmentMotion::Feed { path, feed, .. } = segment.motion else {
-                    panic!("not a cutting block")
-                };
-                let motion = SegmentMotion::Feed {
-                    path,
-                    feed,
+                let segment = Segment {
+                    end: SegmentEnd::Continuous,
                     multi_block: MultiBlock::On,
+                    ..segment
                 };
-                let end = SegmentEnd::Continuous;
-                (
-                    Segment {
-                        motion,
-                        end,
-                        ..segment
-                    },
-                    shape,
-                )
+                (segment, shape)
             })
             .unzip();
         let rule = if segments.len() == 1 {

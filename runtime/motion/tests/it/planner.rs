@@ -5,8 +5,8 @@ use std::f64::consts::{PI, TAU};
 
 use proptest::prelude::*;
 use tandem_model::alarm::{LIMIT_ZERO, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
-use tandem_model::flow::{MultiBlock, Path, Plane, SegmentMotion, Turn};
-use tandem_model::profile::{Law, TimeBase};
+use tandem_model::flow::{Path, Plane, SegmentMotion, Turn};
+use tandem_model::profile::{Law, Stretch, TimeBase};
 use tandem_model::settings::MotorSettings;
 use tandem_model::{AXES_MAX, ArcPath, Axis, AxisVector};
 use tandem_motion::Planner;
@@ -123,7 +123,6 @@ fn s1f_an_arc_moves_along_its_length_as_a_line_does() {
     let motion = SegmentMotion::Feed {
         path: Path::Arc(arc),
         feed: feed(3000.0, [100.0, 100.0, 50.0]),
-        multi_block: MultiBlock::Off,
     };
     let profile = plan(&fast(), &segment(motion));
     let length = (TAU * 30.0).hypot(4.0);
@@ -156,11 +155,7 @@ fn s1f_an_arc_slows_so_that_no_motor_exceeds_its_maximum_velocity_on_it() {
             Turn::CounterClockwise,
         ));
         let feed = feed(3000.0, [100.0, 100.0, 0.0]);
-        segment(SegmentMotion::Feed {
-            path,
-            feed,
-            multi_block: MultiBlock::Off,
-        })
+        segment(SegmentMotion::Feed { path, feed })
     };
     // Y alone moves at (10, 0): its 20 mm/s hold the whole quarter.
     let quarter = plan(&slow_y(20.0), &turn([0.0, 10.0]));
@@ -174,14 +169,7 @@ fn s1f_an_arc_slows_so_that_no_motor_exceeds_its_maximum_velocity_on_it() {
         Turn::CounterClockwise,
     ));
     let feed = feed(3000.0, [100.0, 100.0, 0.0]);
-    let upper = plan(
-        &slow_y(20.0),
-        &segment(SegmentMotion::Feed {
-            path,
-            feed,
-            multi_block: MultiBlock::Off,
-        }),
-    );
+    let upper = plan(&slow_y(20.0), &segment(SegmentMotion::Feed { path, feed }));
     close(upper.duration_s, 10.0 * PI / 6.0 / 40.0 + 0.1);
 }
 
@@ -255,7 +243,8 @@ fn g04_rests_as_long_as_programmed_and_no_override_scales_it() {
     let profile = plan(&fast(), &segment(SegmentMotion::Dwell { at, dwell_s: 0.75 }));
     close(profile.duration_s, 0.75);
     assert_eq!(profile.time_base, TimeBase::Fixed);
-    assert_eq!(profile.law, Law::Rest { at });
+    let stretch = Stretch::whole(0.75);
+    assert_eq!(profile.law, Law::Rest { at, stretch });
 }
 
 #[test]

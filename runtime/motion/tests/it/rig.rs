@@ -45,6 +45,7 @@ pub fn segment(motion: SegmentMotion) -> Segment {
         },
         motion,
         end: SegmentEnd::ExactStop,
+        multi_block: MultiBlock::Off,
     }
 }
 
@@ -58,7 +59,6 @@ pub fn line(from: AxisVector, to: AxisVector, feed: Feed) -> Segment {
     segment(SegmentMotion::Feed {
         path: Path::Line { from, to, length },
         feed,
-        multi_block: MultiBlock::Off,
     })
 }
 

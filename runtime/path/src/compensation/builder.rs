@@ -1,6 +1,6 @@
 //! From pieces to the segments of the tool's centre: plane and other axes together again, and the feedrate.
 
-use tandem_model::flow::{Feed, MultiBlock, Path, Plane, Segment, SegmentMotion, Turn};
+use tandem_model::flow::{Feed, Path, Plane, Segment, SegmentMotion, Turn};
 use tandem_model::settings::CompensationFeed;
 use tandem_model::{Alarm, ArcPath, Axis, AxisVector};
 
@@ -21,7 +21,6 @@ pub(super) struct Builder {
     at: AxisVector,
     /// Of the block built last.
     feed: Feed,
-    multi_block: MultiBlock,
     /// A stop before a block that turned out not to move.
     stop: bool,
     /// The block built last is in G61.
@@ -41,7 +40,6 @@ impl Builder {
                 td_ms: 0.0,
                 ts_ms: 0.0,
             },
-            multi_block: MultiBlock::Off,
             stop: false,
             is_exact: false,
         }
@@ -61,12 +59,8 @@ impl Builder {
         let segment = &piece.leg.segment;
         if let Some(way) = &piece.way {
             match &segment.motion {
-                SegmentMotion::Feed {
-                    path,
-                    feed,
-                    multi_block,
-                } => {
-                    (self.feed, self.multi_block) = (*feed, *multi_block);
+                SegmentMotion::Feed { path, feed } => {
+                    self.feed = *feed;
                     self.along(piece, way, path, out)
                 }
                 SegmentMotion::Rapid { to, .. } => self.rapid(segment, way, *to, out),
@@ -136,12 +130,7 @@ impl Builder {
                 None => return Ok(()),
             },
         };
-        let motion = SegmentMotion::Feed {
-            path,
-            feed,
-            multi_block: self.multi_block,
-        };
-        self.put(segment, motion, to, out);
+        self.put(segment, SegmentMotion::Feed { path, feed }, to, out);
         Ok(())
     }
 
@@ -151,20 +140,11 @@ impl Builder {
         let (segment, centre) = (&leg.segment, Vec2::of(self.at, self.plane));
         let there = |to: AxisVector| centre.put_into(to, self.plane);
         match &segment.motion {
-            SegmentMotion::Feed {
-                path,
-                feed,
-                multi_block,
-            } => {
+            SegmentMotion::Feed { path, feed } => {
                 let to = there(path.end());
                 if let Some(path) = line_between(self.at, to).map_err(|alarm| alarm.at(segment.origin))? {
-                    let (feed, multi_block) = (*feed, *multi_block);
-                    let motion = SegmentMotion::Feed {
-                        path,
-                        feed,
-                        multi_block,
-                    };
-                    self.put(segment, motion, to, out);
+                    let feed = *feed;
+                    self.put(segment, SegmentMotion::Feed { path, feed }, to, out);
                 }
             }
             SegmentMotion::Rapid { to, .. }
@@ -187,6 +167,7 @@ impl Builder {
                 origin: segment.origin,
                 motion,
                 end: segment.end,
+                multi_block: segment.multi_block,
             },
             stop_before: std::mem::take(&mut self.stop) || self.is_exact,
             is_exact: self.is_exact,

@@ -46,12 +46,9 @@ fn chain() -> Vec<Profile> {
     for (path, n) in paths.into_iter().zip(1..) {
         let segment = Segment {
             origin: origin(n),
-            motion: SegmentMotion::Feed {
-                path,
-                feed,
-                multi_block: MultiBlock::Off,
-            },
+            motion: SegmentMotion::Feed { path, feed },
             end: SegmentEnd::Continuous,
+            multi_block: MultiBlock::Off,
         };
         planner.push(&segment, &mut out).unwrap();
     }

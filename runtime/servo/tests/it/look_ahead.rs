@@ -47,12 +47,9 @@ pub fn push(planner: &mut Planner, ways: &[Way], feed: Feed, out: &mut VecDeque<
         };
         let segment = Segment {
             origin: origin(n),
-            motion: SegmentMotion::Feed {
-                path,
-                feed,
-                multi_block: MultiBlock::On,
-            },
+            motion: SegmentMotion::Feed { path, feed },
             end: SegmentEnd::Continuous,
+            multi_block: MultiBlock::On,
         };
         planner.push(&segment, out).unwrap();
         at = to;

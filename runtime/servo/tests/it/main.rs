@@ -2,11 +2,13 @@
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "tests fail by panicking")]
 
+mod back_trace;
 mod chains;
 mod controls;
 mod faults;
 mod look_ahead;
 mod passing;
+mod planned;
 mod properties;
 mod rapid;
 mod rig;

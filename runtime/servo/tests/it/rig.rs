@@ -1,7 +1,7 @@
 //! One channel with its handle, and profiles made by hand.
 
 use tandem_model::flow::Path;
-use tandem_model::profile::{Law, MotorMove, Profile, TimeBase};
+use tandem_model::profile::{Law, MotorMove, Profile, Stretch, TimeBase};
 use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
 use tandem_model::{AXES_MAX, AxisVector, Origin};
@@ -84,12 +84,14 @@ pub fn rapid(segment: u64, from_x: f64, to_x: f64) -> Profile {
         from: vector(&[from_x]),
         to: vector(&[to_x]),
         moves,
+        stretch: Stretch::whole(moves[0].duration_s()),
     };
     profile(segment, law, moves[0].duration_s(), TimeBase::Rapid)
 }
 
 pub fn dwell(segment: u64, at: AxisVector, dwell_s: f64) -> Profile {
-    profile(segment, Law::Rest { at }, dwell_s, TimeBase::Fixed)
+    let stretch = Stretch::whole(dwell_s);
+    profile(segment, Law::Rest { at, stretch }, dwell_s, TimeBase::Fixed)
 }
 
 /// A servo of one channel.

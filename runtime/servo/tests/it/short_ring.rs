@@ -89,12 +89,12 @@ fn with_g501(settings: &CoordinateSystemSettings, ways: &[Way]) -> Vec<Profile> 
         let motion = SegmentMotion::Feed {
             path: Path::Line { from, to, length },
             feed: fast(),
-            multi_block: tandem_model::flow::MultiBlock::Off,
         };
         let segment = Segment {
             origin: crate::rig::origin(n),
             motion,
             end: SegmentEnd::Continuous,
+            multi_block: tandem_model::flow::MultiBlock::Off,
         };
         planner.push(&segment, &mut out).unwrap();
         from = to;

@@ -1,147 +1,18 @@
-//! A plan in place of another one (motion-semantics 1d, 1i): overrides above 100 percent in G500, and back trace. The
-//! commanded samples keep every limit, and lie on the path that the chain has without look-ahead.
+//! A plan in place of another one (motion-semantics 1d, 1i): overrides above 100 percent in G500. The commanded samples
+//! keep every limit, and lie on the path that the chain has without look-ahead.
 
 use std::cell::Cell;
-use std::collections::VecDeque;
 
 use proptest::prelude::*;
-use rtrb::RingBuffer;
 use tandem_model::flow::Feed;
-use tandem_model::profile::{Law, PathPlace, Profile};
-use tandem_model::settings::CoordinateSystemSettings;
-use tandem_motion::Planner;
-use tandem_servo::{Control, Event, Splice};
+use tandem_servo::Control;
 
-use crate::look_ahead::{Watch, Way, feeds, is_fault, machine, push, ways};
-use crate::rig::{Rig, T, close, is_finished, vector};
+use crate::look_ahead::{feeds, is_fault, machine, ways};
+use crate::planned::Machine;
+use crate::rig::{T, close, vector};
 
 /// Plan time that a new plan begins ahead of the motion, s.
 const AHEAD_S: f64 = 0.02;
-
-/// A machine that runs a planned chain, and can be given new plans.
-struct Machine {
-    rig: Rig,
-    planner: Planner,
-    watch: Watch,
-    events: Vec<Event>,
-    profiles: Vec<Profile>,
-}
-
-impl Machine {
-    fn new(settings: &CoordinateSystemSettings, ways: &[Way], feed: Feed) -> Self {
-        let mut planner = Planner::new(settings);
-        let mut out = VecDeque::new();
-        push(&mut planner, ways, feed, &mut out);
-        let mut rig = Rig::with_room(settings, 100_000);
-        let profiles: Vec<Profile> = out.into();
-        for profile in &profiles {
-            rig.push(profile.clone());
-        }
-        Self {
-            rig,
-            planner,
-            watch: Watch::new(),
-            events: Vec::new(),
-            profiles,
-        }
-    }
-
-    fn cycles(&mut self, n: u32) {
-        for _ in 0..n {
-            self.events.extend(self.watch.cycle(&mut self.rig));
-        }
-    }
-
-    fn splice(&mut self, at: Option<PathPlace>, profiles: VecDeque<Profile>) {
-        let (mut ring, consumer) = RingBuffer::new(100_000);
-        for profile in profiles {
-            ring.push(profile).unwrap();
-        }
-        let splice = Splice {
-            at,
-            profiles: consumer,
-        };
-        self.rig.handle.splices.push(splice).unwrap();
-        self.rig.control(Control::Splice);
-    }
-
-    /// Runs until a splice has been taken or refused.
-    fn settled(&mut self) -> Option<bool> {
-        let spliced = self.events.iter().rev().find_map(|event| match event {
-            Event::Spliced { taken } => Some(*taken),
-            _ => None,
-        });
-        if spliced.is_some() {
-            self.events
-                .retain(|event| !matches!(event, Event::Spliced { .. }));
-            drop(self.rig.handle.unread.pop());
-        }
-        spliced
-    }
-
-    fn place(&self) -> PathPlace {
-        let reading = self.rig.reading();
-        PathPlace {
-            segment: reading.segment,
-            plan_s: reading.plan_s,
-        }
-    }
-
-    fn hold(&mut self) -> PathPlace {
-        self.rig.control(Control::Hold);
-        for _ in 0..100_000 {
-            self.cycles(1);
-            let held = self.events.iter().find_map(|event| match event {
-                Event::Held { at } => Some(*at),
-                _ => None,
-            });
-            if let Some(at) = held {
-                self.events.retain(|event| !matches!(event, Event::Held { .. }));
-                return at;
-            }
-        }
-        panic!("not at rest")
-    }
-
-    fn until_finished(&mut self, last: u64) {
-        for _ in 0..400_000 {
-            self.cycles(1);
-            if self.events.iter().any(is_finished(last)) {
-                return;
-            }
-        }
-        panic!("never finished");
-    }
-
-    /// Distance of the command from the way of its block, at the plan time that the servo reads.
-    fn off_the_path(&self) -> f64 {
-        let place = self.place();
-        let block = self
-            .profiles
-            .iter()
-            .find(|profile| profile.segment == place.segment);
-        let Some((block, Law::Paced { pace, .. })) = block.map(|block| (block, &block.law)) else {
-            return 0.0;
-        };
-        if place.plan_s.is_infinite() {
-            return 0.0;
-        }
-        let mut law = block.law.clone();
-        if let Law::Paced { pace: own, .. } = &mut law {
-            // As planned without look-ahead: the rate is 1.
-            let mut piece = pace.pieces()[0];
-            (piece.begins_s, piece.plan_s, piece.rate, piece.rate_change) = (0.0, 0.0, 1.0, 0.0);
-            *own = tandem_model::profile::Pace::new([piece], f64::INFINITY, 1.0, 0);
-        }
-        let programmed = Profile {
-            law,
-            duration_s: f64::INFINITY,
-            ..block.clone()
-        };
-        let off = programmed.position(place.plan_s).minus(self.rig.position());
-        off.orthogonal_length()
-    }
-}
 
 #[derive(Debug, Clone, Copy)]
 enum Act {
@@ -231,54 +102,7 @@ fn m1d_an_override_up_to_200_percent_never_passes_the_motors_limits_nor_leaves_t
     assert!(taken.get() > 0, "no case has gone over to another plan");
 }
 
-proptest! {
-    #![proptest_config(ProptestConfig::with_cases(100))]
-
-    #[test]
-    fn back_trace_goes_back_on_the_path_within_the_limits_and_forward_again_to_the_end(
-        ways in ways(),
-        feed in feeds(),
-        acceleration in prop_oneof![Just(300.0), Just(2000.0), Just(10_000.0)],
-        turns in prop::collection::vec((0_u32..400, 1_u32..400), 1..5),
-    ) {
-        let settings = machine(acceleration);
-        let last = ways.len() as u64;
-        let mut machine = Machine::new(&settings, &ways, feed);
-        for (forward, backward) in turns {
-            machine.cycles(forward);
-            if machine.rig.servo.channel(0).is_idle() {
-                break;
-            }
-            let at = machine.hold();
-            let back = machine.planner.retrace(at);
-            let begins = machine.rig.position();
-            machine.splice(None, back);
-            machine.rig.control(Control::Resume);
-            for _ in 0..backward {
-                machine.cycles(1);
-                let off = machine.off_the_path();
-                prop_assert!(off < 1e-9, "{off} off the path");
-            }
-            prop_assert_eq!(machine.settled(), Some(true));
-            let at = machine.hold();
-            prop_assert!(at.segment <= last, "{begins:?}");
-            let new = machine.planner.replan(at, true);
-            machine.splice(None, new.profiles.clone());
-            machine.planner.adopt(new);
-            machine.rig.control(Control::Resume);
-            machine.cycles(1);
-            prop_assert_eq!(machine.settled(), Some(true));
-            machine.events.clear();
-        }
-        machine.until_finished(last);
-        let worst = machine.watch.worst;
-        prop_assert!(worst <= acceleration * (1.0 + 1e-6), "{worst} of {acceleration}");
-        prop_assert!(!machine.events.iter().any(is_fault), "{:?}", machine.events);
-        prop_assert_eq!(machine.rig.position(), machine.profiles[machine.profiles.len() - 1].end());
-    }
-}
-
-fn slow_feed() -> Feed {
+pub fn slow_feed() -> Feed {
     Feed {
         feedrate_mm_min: 6000.0,
         ta_ms: 100.0,
@@ -323,29 +147,6 @@ fn a_splice_at_a_place_that_was_passed_is_refused_and_the_plan_goes_on() {
     machine.cycles(1);
     assert_eq!(machine.settled(), Some(false));
     machine.until_finished(2);
-}
-
-#[test]
-fn back_trace_ends_at_rest_at_the_begin_of_the_chain_or_at_a_bar() {
-    let mut machine = Machine::new(
-        &machine(2000.0),
-        &[(40.0, 0.0, false), (0.0, 40.0, false)],
-        slow_feed(),
-    );
-    machine.cycles(650);
-    let at = machine.hold();
-    let back = machine.planner.retrace(at);
-    assert!(
-        back.iter()
-            .all(|profile| profile.exact_stop == (profile.segment == 1))
-    );
-    machine.splice(None, back);
-    machine.rig.control(Control::Resume);
-    machine.events.clear();
-    machine.until_finished(1);
-    assert_eq!(machine.rig.position(), vector(&[0.0, 0.0]));
-    machine.planner.bar_way_back();
-    assert_eq!(machine.planner.retrace(at), VecDeque::new());
 }
 
 /// The motion goes over in a profile that still waits when the cycle begins, and brakes in it.
