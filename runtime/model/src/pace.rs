@@ -65,8 +65,8 @@ pub struct Pace {
     pub ends_s: f64,
     /// The feed override that it was planned for, from 1 on: at its full rate it runs with that.
     pub feed_override: f64,
-    /// Once this profile is known, the motion may go on to the end of this segment: from there it can still come to rest
-    /// within what is known then.
+    /// Once this profile is known, the motion may go on to the end of this segment, backward to its begin: from there it
+    /// can still come to rest within what is known then.
     pub free_to: u64,
 }
 
@@ -182,6 +182,15 @@ impl Pace {
     /// True when plan time falls.
     pub fn is_backward(&self) -> bool {
         self.ends_s < self.begins_s()
+    }
+
+    /// True when the motion may go on through this segment once this profile is known.
+    pub fn frees(&self, segment: u64) -> bool {
+        if self.is_backward() {
+            segment >= self.free_to
+        } else {
+            segment <= self.free_to
+        }
     }
 
     /// Where plan time is this, as time within the profile, s, and the rate there; `None`: not in this profile.

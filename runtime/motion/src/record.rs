@@ -193,7 +193,7 @@ impl Record {
         let mut begins_at_rest = at_rest;
         while let Some(entry) = entries.next() {
             if std::mem::take(&mut begins_at_rest) && entry.is_begun_within(passage) {
-                new.look_ahead.begin_at_rest(entry.segment());
+                new.look_ahead.begin_at_rest(entry.segment(), passage.is_backward);
             }
             let ends = passage.is_backward && entries.peek().is_none();
             self.pass(entry, passage, ends, new);
@@ -271,12 +271,6 @@ impl Record {
             is_backward: true,
         };
         self.pass_all(behind, passage, true, &mut back);
-        // All of it is known.
-        for profile in &mut back.profiles {
-            if let Law::Paced { pace, .. } = &mut profile.law {
-                pace.free_to = u64::MAX;
-            }
-        }
         back.profiles
     }
 }

@@ -108,8 +108,8 @@ fn room_of(waiting: &mut Consumer<Profile>, time_s: f64) -> SlewRoom {
 /// it as planned.
 pub(crate) fn is_free([first, second]: [&[Profile]; 2], running: &Pace, segment: u64) -> bool {
     match second.last().or(first.last()).map(|newest| &newest.law) {
-        None => segment <= running.free_to,
-        Some(Law::Paced { pace, .. }) => segment <= pace.free_to,
+        None => running.frees(segment),
+        Some(Law::Paced { pace, .. }) => pace.frees(segment),
         // What is not of a G500 chain comes behind the end of one.
         Some(_) => true,
     }

@@ -13,6 +13,8 @@ const LATE_PERIODS: f64 = 3.0;
 pub(super) struct Braking {
     parts: VecDeque<Part>,
     free_to: u64,
+    /// Segments fall.
+    is_backward: bool,
 }
 
 /// A long piece keeps its ends apart from its middle, which nothing beside it touches within a servo cycle.
@@ -34,9 +36,19 @@ struct Part {
 
 impl Braking {
     /// A chain begins with this segment: all before it ends in rest.
-    pub(super) fn begin(&mut self, segment: u64) {
+    pub(super) fn begin(&mut self, segment: u64, is_backward: bool) {
         self.parts.clear();
-        self.free_to = segment.saturating_sub(1);
+        self.is_backward = is_backward;
+        self.free_to = self.before(segment);
+    }
+
+    /// The segment that is passed before this one.
+    fn before(&self, segment: u64) -> u64 {
+        if self.is_backward {
+            segment.saturating_add(1)
+        } else {
+            segment.saturating_sub(1)
+        }
     }
 
     /// The chain ends in rest with this segment.
@@ -90,7 +102,12 @@ impl Braking {
                 square = room.square_before(square, f64::INFINITY, time_s);
             }
             if square >= 1.0 {
-                self.free_to = self.free_to.max(part.segment.saturating_sub(1));
+                let before = self.before(part.segment);
+                self.free_to = if self.is_backward {
+                    self.free_to.min(before)
+                } else {
+                    self.free_to.max(before)
+                };
                 self.parts.drain(..i.saturating_sub(1));
                 return;
             }

@@ -151,9 +151,9 @@ impl LookAhead {
     }
 
     /// The chain begins at rest on its path with the next block, of this segment.
-    pub(crate) fn begin_at_rest(&mut self, segment: u64) {
+    pub(crate) fn begin_at_rest(&mut self, segment: u64, is_backward: bool) {
         self.square = Some(SQUARE_MIN);
-        self.braking.begin(segment);
+        self.braking.begin(segment, is_backward);
     }
 
     /// Takes the next block of a chain, and puts out what is final; one that ends at rest ends the chain.
@@ -173,7 +173,7 @@ impl LookAhead {
     ) {
         let way = Way::new(&block, passage);
         if self.blocks.is_empty() && self.square.is_none() {
-            self.braking.begin(block.segment);
+            self.braking.begin(block.segment, passage.is_backward);
         }
         let per_period = way.plan_s * BLOCKS_PER_PERIOD / self.period_s;
         let cap = per_period.min(self.feed_override).powi(2);

@@ -3,12 +3,13 @@
 use std::collections::VecDeque;
 
 use proptest::prelude::*;
+use rtrb::RingBuffer;
 use tandem_model::flow::{Feed, MultiBlock, Path, Plane, Segment, SegmentEnd, SegmentMotion, Turn};
 use tandem_model::profile::{PathPlace, Profile};
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::{ArcPath, AxisVector};
 use tandem_motion::Planner;
-use tandem_servo::Control;
+use tandem_servo::{Control, Splice};
 
 use crate::look_ahead::{feeds, is_fault, machine, ways};
 use crate::planned::Machine;
@@ -333,4 +334,44 @@ fn what_is_passed_within_a_rapid_has_the_position_of_its_time() {
         close(position.0[1], y);
     }
     assert_eq!(back[0].target(), AxisVector::ZERO);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(100))]
+
+    #[test]
+    fn m1d_a_way_back_that_comes_late_or_through_a_short_ring_never_runs_out(
+        ways in ways(),
+        feed in feeds(),
+        acceleration in prop_oneof![Just(300.0), Just(2000.0), Just(10_000.0)],
+        room in prop_oneof![Just(4_usize), Just(16), Just(64)],
+        every in prop_oneof![Just(1_u32), Just(5), Just(50)],
+    ) {
+        let settings = machine(acceleration);
+        let mut machine = Machine::new(&settings, &ways, feed);
+        machine.until_finished(ways.len() as u64);
+        machine.rig.control(Control::Hold);
+        machine.cycles(2);
+        let end = machine.place();
+        let mut back = machine.planner.retrace(end);
+        let (mut ring, profiles) = RingBuffer::new(room);
+        machine.rig.handle.splices.push(Splice { at: None, profiles }).unwrap();
+        machine.rig.control(Control::Splice);
+        machine.rig.control(Control::Resume);
+        for cycle in 0..400_000 {
+            if cycle % every == 0 {
+                while ring.slots() > 0 && let Some(profile) = back.pop_front() {
+                    ring.push(profile).unwrap();
+                }
+            }
+            machine.go(1, true)?;
+            prop_assert!(!machine.events.iter().any(is_fault), "{:?}", machine.events);
+            if back.is_empty() && machine.rig.servo.channel(0).is_idle() {
+                break;
+            }
+        }
+        let worst = machine.watch.worst;
+        prop_assert!(worst <= acceleration * (1.0 + 1e-6), "{worst} of {acceleration}");
+        prop_assert_eq!(machine.rig.position(), AxisVector::ZERO);
+    }
 }
