@@ -215,6 +215,14 @@ mod tests {
                 close(a, b);
             }
         }
+        // A move is symmetric: backward it leaves what it leaves forward at the mirrored time.
+        for (from_s, to_s) in [(0.05, 0.1), (0.15, 0.3), (0.25, 0.3), (0.35, 0.45), (0.1, 0.55)] {
+            let mirrored = moved.room(200.0, 0.6 - to_s, 0.6 - from_s);
+            let back = moved.room(200.0, from_s, to_s).reversed();
+            close(back.slope, mirrored.slope);
+            close(back.braking, mirrored.braking);
+            close(back.driving, mirrored.driving);
+        }
         assert_eq!(moved.room(200.0, 0.65, 0.7), SlewRoom::default());
         // What it needs beyond the maximum counts as all of it.
         close(moved.room(25.0, 0.05, 0.1).driving, 1.0);

@@ -255,13 +255,13 @@ impl Record {
 
     /// The way back from a place at rest, as far as there is one; empty: there is none.
     pub(crate) fn retrace(&mut self, from: PathPlace, held: &LookAhead) -> VecDeque<Profile> {
-        let is_farther = |at: PathPlace| (at.segment, at.plan_s) < (from.segment, from.plan_s);
-        if self.turned_at.is_none_or(is_farther) {
-            self.turned_at = Some(from);
-        }
         let mut back = Replan::empty(from, held);
         if !self.has_way_back(from) {
             return back.profiles;
+        }
+        let is_farther = |at: PathPlace| (at.segment, at.plan_s) < (from.segment, from.plan_s);
+        if self.turned_at.is_none_or(is_farther) {
+            self.turned_at = Some(from);
         }
         let (behind, plan_s) = self.behind(from);
         let mut behind = behind.cloned().peekable();

@@ -104,7 +104,7 @@ pub enum Event {
     },
     /// The command is at rest under feed hold. Once for each [`Control::Hold`] that took effect.
     Held {
-        /// Where; between two blocks, behind the one before.
+        /// Where; between two blocks at the end of the one that was passed, backward at its begin.
         at: PathPlace,
     },
     /// A [`Splice`](crate::Splice) has come about or never will.
