@@ -386,3 +386,102 @@ fn back_trace_is_refused_where_there_is_no_way_back() {
         close(rig.at().await, [40.0, 0.0, 0.0]);
     });
 }
+
+/// The same numbers for the same seed (Knuth's MMIX generator).
+struct Random(u64);
+
+impl Random {
+    /// From 0 on, below `most`.
+    fn up_to(&mut self, most: f64) -> f64 {
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        let high = u32::try_from(self.0 >> 32).unwrap();
+        most * f64::from(high) / (f64::from(u32::MAX) + 1.0)
+    }
+
+    fn block(&mut self) -> String {
+        let kind = self.up_to(10.0);
+        let mut word = |letter: &str, least: f64, most: f64| {
+            let value = least + self.up_to(most - least);
+            format!("{letter}{value:.3} ")
+        };
+        if kind < 3.0 {
+            let to = ["X", "Y", "Z"].map(|letter| word(letter, 0.0, 60.0));
+            format!("G00 {}", to.concat())
+        } else if kind < 6.0 {
+            let to = ["X", "Y"].map(|letter| word(letter, 0.0, 60.0));
+            format!("G01 {}", to.concat())
+        } else if kind < 8.0 {
+            let code = if kind < 7.0 { "G02" } else { "G03" };
+            let to = [word("X", -9.0, 9.0), word("Y", 1.0, 9.0)];
+            format!("G91 {code} {}R20\nG90", to.concat())
+        } else if kind < 9.0 {
+            format!("G04 {}", word("P", 1.0, 150.0))
+        } else {
+            let code = if kind < 9.5 { "G61" } else { "G64" };
+            format!("{code} {}", word("F", 1000.0, 3000.0))
+        }
+    }
+}
+
+/// How far a point is from the nearest straight line between two samples, mm.
+fn off_the_samples(point: Point, samples: &[Point]) -> f64 {
+    let off = |two: &[Point]| {
+        let dot = |f: &dyn Fn(usize) -> f64| (0..3).map(f).sum::<f64>();
+        let way = |axis: usize| two[1][axis] - two[0][axis];
+        let length = dot(&|axis| way(axis).powi(2));
+        let share = dot(&|axis| (point[axis] - two[0][axis]) * way(axis)) / length.max(1e-300);
+        let share = share.clamp(0.0, 1.0);
+        distance(
+            point,
+            std::array::from_fn(|axis| two[0][axis] + share * way(axis)),
+        )
+    };
+    samples.windows(2).map(off).fold(f64::INFINITY, f64::min)
+}
+
+#[test]
+fn a_program_of_g500_that_is_gone_back_and_forward_at_any_moment_keeps_its_path_and_its_end() {
+    for seed in 0..8 {
+        let mut random = Random(seed);
+        let blocks: Vec<String> = (0..10).map(|_| random.block()).collect();
+        let program = g500(&format!("ta20 td20 ts0 F3000\n{}\nM30\n", blocks.join("\n")));
+        on_machine("", move |rig| async move {
+            rig.trace();
+            rig.start(&program).await;
+            rig.until(Execution::ProgramCompleted).await;
+            let (end, mut undisturbed) = (rig.at().await, rig.trace());
+            undisturbed.dedup();
+            rig.cs.mdi("G90 G00 X0 Y0 Z0").await.unwrap();
+            rig.trace();
+            rig.start(&program).await;
+            for _ in 0..6 {
+                rig.sleep(random.up_to(0.8)).await;
+                if rig.state().await.0 != Execution::Active {
+                    break;
+                }
+                rig.cs.hold().await.unwrap();
+                if rig.cs.back_trace(true).await.is_ok() {
+                    rig.sleep(random.up_to(0.8)).await;
+                    rig.cs.hold().await.unwrap();
+                }
+                rig.cs.resume().await.unwrap();
+            }
+            rig.until(Execution::ProgramCompleted).await;
+            assert_eq!(
+                rig.at().await.map(f64::to_bits),
+                end.map(f64::to_bits),
+                "{program}"
+            );
+            // Between two samples the path is within a T^2/8 of their line.
+            let most = 2.0 * 5000.0 * PERIOD_S * PERIOD_S / 8.0;
+            for point in rig.trace().into_iter().step_by(29) {
+                let off = off_the_samples(point, &undisturbed);
+                assert!(off <= most, "{point:?} is {off} off the path of\n{program}");
+            }
+            assert_eq!(rig.alarms().await, [0_u16; 0]);
+        });
+    }
+}
