@@ -3,7 +3,7 @@
 //! A joint is judged by the deflection between the blocks. On the inside both are cut at the intersection of their
 //! offset curves. On the outside both go on straight to where these lines meet, as long as the deflection is at most
 //! 90 degrees; beyond, an arc about the programmed corner is added. A reversal within [`REVERSAL`] is taken as an
-//! outside corner on either side.
+//! outside corner on either side; on the inside the overcut check finds it where its blocks are apart.
 //!
 //! Decision: an arc goes on along its tangent, so it gets a straight piece there.
 

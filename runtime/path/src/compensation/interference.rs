@@ -7,6 +7,7 @@
 
 use std::collections::VecDeque;
 
+use super::curve::Curve;
 use super::distance::distance;
 use super::piece::{Piece, Role, Way};
 
@@ -45,6 +46,22 @@ pub(super) fn with_earlier(queue: &VecDeque<Piece>, place: usize, radius: f64) -
         }
         let distance = of_piece(piece, other, radius).or_else(|| of_piece(other, piece, radius));
         if let Some(distance) = distance {
+            found = Some(Overcut { earlier, distance });
+        }
+    }
+    found
+}
+
+/// The same for an arc added before the lead-out, which follows the pieces in the queue and leaves the last one's
+/// corner: it belongs to no block of the contour, and its tool cuts all the same. The lead-out itself is not measured.
+pub(super) fn of_last_arc(queue: &VecDeque<Piece>, arc: Curve, radius: f64) -> Option<Overcut> {
+    let way = Way::of(Some(arc), None, None)?;
+    let mut found = None;
+    for (earlier, other) in queue.iter().enumerate().rev() {
+        if other.role != Role::Contour || other.lifts() {
+            break;
+        }
+        if let Some(distance) = to_wall(&way, other, radius) {
             found = Some(Overcut { earlier, distance });
         }
     }

@@ -12,7 +12,8 @@
 //! - A block that moves no axis of the plane waits for the next one that does, and moves where the two meet; before
 //!   the lead-in and after G40 too. Blocks before and behind a move along another axis are not measured against each
 //!   other: they cut at different heights.
-//! - Lead-in and lead-out are measured against nothing: the manual's own ones come closer than the radius.
+//! - The straight lead-in and lead-out are measured against nothing: the manual's own ones come closer than the radius.
+//!   Arcs added to them are.
 //! - An arc whose radii differ by no more than the arc radius tolerance counts as the circle of each end; a spiral is
 //!   refused, since its offset is none.
 //! - Blocks that prevention leaves out take their feedrate and stops with them; what another axis did there, the next
@@ -256,8 +257,15 @@ impl Compensator {
             return refused("The lead-out follows the lead-in, and no block between them moves in the plane");
         };
         let joint = corner::leading_out(&last.offset, lead.start_direction(), lead.from(), side.tool);
+        let radius = side.tool.abs();
+        let overcut = joint
+            .arc
+            .and_then(|arc| interference::of_last_arc(&self.queue, arc, radius));
         self.append(leg, lead, lead, joint, Role::LeadOut);
-        self.judge(None, side.tool.abs())?;
+        self.judge(None, radius)?;
+        if let Some(overcut) = overcut {
+            self.cut_by_last_arc(overcut, radius);
+        }
         if let Some(conflict) = &self.conflict {
             return Err(conflict.alarm.clone());
         }
@@ -270,6 +278,20 @@ impl Compensator {
         }
         self.clear();
         Ok(())
+    }
+
+    /// Notes what the arc before the lead-out, the last piece, would cut into, unless something else is in the way.
+    fn cut_by_last_arc(&mut self, overcut: interference::Overcut, radius: f64) {
+        let (Some(earlier), Some(lead)) = (self.queue.get(overcut.earlier), self.queue.back()) else {
+            return;
+        };
+        if self.conflict.is_none() {
+            self.conflict = Some(Conflict {
+                first: earlier.id,
+                last: lead.id,
+                alarm: too_close(earlier, lead, overcut.distance, radius),
+            });
+        }
     }
 
     /// The curve of the tool's centre on a block.

@@ -384,3 +384,48 @@ fn s1g_prevention_leaves_out_what_the_tool_does_not_fit_into() {
     is(&alarm.unwrap(), &OVERCUT, 5);
     same(&centre, &[L(-20.0, 5.0), L(25.0, 5.0)]);
 }
+
+#[test]
+fn s1g_an_arc_added_before_the_lead_out_is_an_overcut_where_it_reaches_into_a_block() {
+    // Clockwise about a block of material with a gap of 6 in its upper side. The lead-out turns by 135 degrees: the arc
+    // about (20, 0) goes to (20 + 5 cos 45, -5 sin 45), and the first wall begins in (26, -2), behind the material.
+    let contour = |first_wall: f64| {
+        [
+            L(first_wall, -2.0),
+            L(first_wall, -40.0),
+            L(-30.0, -40.0),
+            L(-30.0, 0.0),
+            L(20.0, 0.0),
+            L(0.0, -20.0),
+        ]
+    };
+    let distance = 6.0_f64.hypot(2.0) - 5.0;
+    for overcut in [Overcut::Detect, Overcut::Prevent] {
+        let mut settings = settings();
+        settings.motion.overcut = overcut;
+        let (segments, alarm) = outcome(&settings, &blocks((26.0, 20.0), &contour(26.0), G41));
+        let alarm = alarm.unwrap();
+        is(&alarm, &OVERCUT, 3);
+        let text = format!("line 7: the tool's centre comes to {distance:.6}");
+        assert!(alarm.text.contains(&text), "{}", alarm.text);
+        assert_eq!(segments.last().map(|segment| segment.origin.line), Some(2));
+    }
+    // Where the wall begins more than twice the radius from the corner, nothing is cut.
+    completed(&blocks((30.0, 20.0), &contour(30.0), G41));
+}
+
+#[test]
+fn s1g_a_reversal_to_the_tools_side_is_an_overcut_where_its_blocks_are_apart() {
+    // 0.5 degrees over 20 mm: the block back lies 20 sin 0.5 degrees above the one forth, where the tool is.
+    let (sin, cos) = 0.5_f64.to_radians().sin_cos();
+    let back = |way: f64| L(20.0 - way * cos, way * sin);
+    let (alarm, moved) = refused(
+        R,
+        (-10.0, 0.0),
+        &[L(0.0, 0.0), L(20.0, 0.0), back(20.0), back(40.0)],
+    );
+    is(&alarm, &OVERCUT, 3);
+    let text = format!("line 4: the tool's centre comes to {:.6}", 5.0 - 20.0 * sin);
+    assert!(alarm.text.contains(&text), "{}", alarm.text);
+    assert_eq!(moved, Some(2));
+}
