@@ -123,14 +123,15 @@ fn distance(point: (f64, f64), from: (f64, f64), step: Step) -> f64 {
     }
 }
 
-/// How close the centre comes to the contour on the compensated blocks.
+/// How close the centre comes to the contour on the compensated blocks and on an arc added before the lead-out.
 fn closest(contour: &Contour, segments: &[Segment]) -> (f64, u32) {
     let last = u32::try_from(contour.steps.len()).unwrap() + 1;
     let mut closest = (f64::INFINITY, 0);
-    for segment in segments
-        .iter()
-        .filter(|segment| (3..last).contains(&segment.origin.line))
-    {
+    let is_measured = |segment: &&Segment| {
+        let line = segment.origin.line;
+        (3..last).contains(&line) || (line == last && matches!(path(segment), Path::Arc(_)))
+    };
+    for segment in segments.iter().filter(is_measured) {
         let path = path(segment);
         for i in 0..=40 {
             let point = path.point_at(path.length() * f64::from(i) / 40.0);
