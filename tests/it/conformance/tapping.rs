@@ -129,7 +129,15 @@ fn d42_without_a_spindle_m_codes_turn_it_between_the_ways() {
 
 #[test]
 fn m1h_a_tap_without_s_is_an_alarm_and_s_above_the_maximum_is_refused() {
-    assert_eq!(simulate("F100\nG84 Z-10 R-5\nG80\nM30\n").alarm(), 113);
+    for cycle in ["G84 X10 Z-10 R-5", "S0 G74 X10 Z-10 R-5"] {
+        let run = simulate(&format!("F100\nG54 {cycle}\nG80\nM30\n"));
+        assert_eq!(run.alarm(), 113);
+        // At the block, before any of its motion and before M19.
+        assert_eq!(run.json["alarm"]["line"], 2);
+        assert_eq!(run.at_s("alarm", "number", 113), 0.0);
+        assert!(run.trace.iter().all(|row| row.axes == [0.0; 3]), "{cycle} moves");
+        assert_eq!(run.events("output").len(), 0);
+    }
     let run = simulate("F100 S3000.1\nG84 Z-10 R-5\nG80\nM30\n");
     assert_eq!(run.json["outcome"], "errors", "{}", run.json);
     let run = simulate("F100\nL0 = 3001\nS[L0]\nG84 Z-10 R-5\nG80\nM30\n");

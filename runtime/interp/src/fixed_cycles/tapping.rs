@@ -7,7 +7,7 @@
 //! does: in the manual's examples the last hole returns with G98 to the level before the first one, and in G91 all
 //! holes have the same R and Z point.
 
-use tandem_model::alarm::FIXED_CYCLE_REFUSED;
+use tandem_model::alarm::{FIXED_CYCLE_REFUSED, SPINDLE_SPEED_MISSING};
 use tandem_model::flow::{Action, AxisWords, Distance, Frame, Tap, TapLeg, Turn};
 use tandem_model::{Alarm, Axis, AxisSet, AxisVector};
 use tandem_syntax::Address;
@@ -59,6 +59,13 @@ pub(crate) fn tapping(execution: &mut Execution<'_>, words: AxisWords, turn: Tur
     position.values[Axis::Z] = 0.0;
     let returns = execution.modal().is(ModalGroup::ReturnLevel, &["G98"]);
     let has_spindle = execution.limits().has_spindle;
+    let speed = execution.modal().spindle_speed_r_min;
+    let repetitions = kept.repetitions.unwrap_or(1);
+    if has_spindle && repetitions > 0 && speed <= 0.0 {
+        let text = format!("The spindle speed is {speed} r/min");
+        execution.refuse(Alarm::new(&SPINDLE_SPEED_MISSING, text).of_words("S"));
+        return;
+    }
     let cycle = Tapping {
         position,
         r_point: level(r),
@@ -66,9 +73,9 @@ pub(crate) fn tapping(execution: &mut Execution<'_>, words: AxisWords, turn: Tur
         initial: returns.then(|| level(initial)),
         dwell_s: kept.dwell_s.unwrap_or_default(),
         turn,
-        spindle_speed_r_min: execution.modal().spindle_speed_r_min,
+        spindle_speed_r_min: speed,
         has_spindle,
-        repetitions: kept.repetitions.unwrap_or(1),
+        repetitions,
         repetition: 0,
         step: 0,
     };
