@@ -11,7 +11,7 @@ use tandem_model::flow::{Action, Block as FlowBlock, Item, Output, ProgramStop};
 use tandem_model::limits::{CALL_DEPTH_MAX, STEPS_IN_CHAIN_MAX, STEPS_WITHOUT_ITEM_MAX};
 use tandem_model::settings::{CoordinateSystemSettings, Tool, WorkOffsets};
 use tandem_model::variables::{LOCAL_VARIABLES, Variables};
-use tandem_model::{AXES_MAX, Alarm, Axis, AxisSet, AxisVector, Diagnostic, Origin};
+use tandem_model::{AXES_MAX, Alarm, AxisVector, Diagnostic, Origin};
 use tandem_syntax::{Block, Content, NcProgram, Statement, Value, VariableKind, diagnostics};
 
 use crate::block_words::{BlockWords, Reading};
@@ -336,15 +336,11 @@ impl Interpreter {
 
     /// A block with what is in force.
     fn block(&self, action: Action, origin: Origin) -> FlowBlock {
-        let rotary = matches!(&action, Action::Linear(words) if is_rotary(words.named));
-        let mut feed = self.modal.feed();
-        if rotary {
-            feed.feedrate_mm_min = self.modal.feedrate_deg_min;
-        }
         FlowBlock {
             origin,
             action,
-            feed,
+            feed: self.modal.feed(),
+            feedrate_deg_min: self.modal.feedrate_deg_min,
             path_control: self.modal.path_control,
             exact_stop_before: false,
             exact_stop_after: false,
@@ -455,11 +451,6 @@ impl Frame {
             },
         }
     }
-}
-
-/// True when only rotary axes are named: F counts degrees (D25).
-fn is_rotary(named: AxisSet) -> bool {
-    !named.is_empty() && !named.iter().any(Axis::is_orthogonal)
 }
 
 /// Runs the effects of a block: modal codes, feed words, codes that are not modal, motion, M code.

@@ -307,14 +307,23 @@ fn d25_inches_are_lengths_and_feedrates() {
 }
 
 #[test]
-fn d25_blocks_of_rotary_axes_count_degrees_in_inches_too() {
-    let feedrate = |source: &str| last(&format!("{source}\nM30")).feed.feedrate_mm_min;
-    assert!((feedrate("G20 F10 A90") - 10.0).abs() < 1e-12);
-    assert!((feedrate("G20 F10 X1\nA90") - 10.0).abs() < 1e-12);
-    assert!((feedrate("G20 F10 A90\nX1 A0") - 254.0).abs() < 1e-9);
-    assert!((feedrate("G21 F10 A90") - 10.0).abs() < 1e-12);
+fn d25_a_block_has_f_in_degrees_for_rotary_axes_in_inches_too() {
+    let feedrates = |source: &str| {
+        let block = last(&format!("{source}\nM30"));
+        (block.feed.feedrate_mm_min, block.feedrate_deg_min)
+    };
+    for source in ["G20 F10 A90", "G20 F10 X1\nA90", "G20 F10 A90\nX1 A0"] {
+        let (length, degrees) = feedrates(source);
+        assert!(
+            (length - 254.0).abs() < 1e-9 && (degrees - 10.0).abs() < 1e-12,
+            "{source}"
+        );
+    }
+    let (length, degrees) = feedrates("G21 F10 A90");
+    assert!((length - 10.0).abs() < 1e-12 && (degrees - 10.0).abs() < 1e-12);
     // before an F, that of the settings counts
-    assert!((feedrate("G20 A90") - 500.0).abs() < 1e-12);
+    let (length, degrees) = feedrates("G20 A90");
+    assert!((length - 500.0).abs() < 1e-12 && (degrees - 500.0).abs() < 1e-12);
 }
 
 #[test]
@@ -498,7 +507,7 @@ fn what_the_text_does_not_show_is_an_alarm() {
         Some("1000:1 alarm 43".into())
     );
     assert_eq!(
-        alarm("G84 Z-1 R1\nif(1==1) M98 P1000\nM30", "M99"),
+        alarm("S300 G84 Z-1 R1\nif(1==1) M98 P1000\nM30", "M99"),
         Some("1:2 alarm 42".into())
     );
 }

@@ -60,6 +60,8 @@ pub struct Block {
     pub action: Action,
     /// Feedrate and ramp times in force.
     pub feed: Feed,
+    /// F for a block that moves rotary axes only, deg/min: as it is written, in inches too (D25). 0: never programmed.
+    pub feedrate_deg_min: f64,
     /// G61, or G64.
     pub path_control: PathControl,
     /// G09 before the axis words: motion comes to an exact stop before this block (D27).

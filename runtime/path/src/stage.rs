@@ -475,11 +475,16 @@ impl PathStage {
     /// Feedrate and ramp times of a cutting block; the feedrate of its own for one of rotary axes only.
     pub(crate) fn feed_in_force(&self, block: &Block, rotary_only: bool) -> Result<Feed, Alarm> {
         let Feed {
-            feedrate_mm_min: programmed,
+            feedrate_mm_min,
             ta_ms,
             td_ms,
             ts_ms,
         } = block.feed;
+        let programmed = if rotary_only {
+            block.feedrate_deg_min
+        } else {
+            feedrate_mm_min
+        };
         let feedrate = if rotary_only && self.rotary_feedrate_deg_min > 0.0 {
             self.rotary_feedrate_deg_min
         } else if programmed == 0.0 {

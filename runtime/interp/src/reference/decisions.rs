@@ -86,7 +86,7 @@ pub(super) static DECISIONS: &[(&str, &str)] = &[
     ),
     (
         "D25",
-        "G20 changes the reading of lengths and feedrates; settings, offsets and tools stay in mm. F of a block that names rotary axes only is in degrees a minute in G20 too.",
+        "G20 changes the reading of lengths and feedrates; settings, offsets and tools stay in mm. F of a block that moves rotary axes only is in degrees a minute in G20 too.",
     ),
     (
         "D26",

@@ -65,6 +65,7 @@ pub fn block(line: u32, action: Action) -> Block {
             td_ms: 100.0,
             ts_ms: 50.0,
         },
+        feedrate_deg_min: 600.0,
         path_control: PathControl::ContinuousPath,
         exact_stop_before: false,
         exact_stop_after: false,

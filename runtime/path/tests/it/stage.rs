@@ -100,6 +100,37 @@ fn s1a_f_counts_the_vector_length_of_rotary_axes_when_only_they_move() {
 }
 
 #[test]
+fn d25_what_a_block_moves_says_which_f_counts() {
+    let in_inches = |mut block: Block| {
+        (block.feed.feedrate_mm_min, block.feedrate_deg_min) = (254.0, 10.0);
+        block
+    };
+    let mut stage = stage();
+    let mut out = Vec::new();
+    let longer = Transform {
+        tool_length: 8.0,
+        ..Transform::default()
+    };
+    stage.push(&in_inches(g01(1, &[(A, 30.0)])), &mut out).unwrap();
+    stage
+        .push(&in_inches(g01(2, &[(X, 0.0), (A, 60.0)])), &mut out)
+        .unwrap();
+    stage
+        .push(&in_inches(g01(3, &[(X, 1.0), (A, 90.0)])), &mut out)
+        .unwrap();
+    // Z makes the tool length good (D22).
+    stage.push(&crate::rig::transform(4, longer), &mut out).unwrap();
+    stage.push(&in_inches(g01(5, &[(A, 0.0)])), &mut out).unwrap();
+    stage.flush(&mut out).unwrap();
+    let expected = [(30.0, 10.0), (30.0, 10.0), (1.0, 254.0), (8.0, 254.0)];
+    assert_eq!(out.len(), expected.len());
+    for (segment, (length, feedrate)) in out.iter().zip(expected) {
+        let (way, feed) = length_and_feed(segment);
+        assert!((way - length).abs() < 1e-12 && (feed - feedrate).abs() < 1e-12);
+    }
+}
+
+#[test]
 fn in_dry_run_cutting_blocks_take_its_feedrate_in_place_of_f_and_threads_keep_theirs() {
     let feed_of = |configured: f64, block: &Block| {
         let mut settings = settings();
