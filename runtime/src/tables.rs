@@ -45,9 +45,9 @@ pub(crate) struct Values {
 }
 
 impl Values {
-    /// The tool of a number; one that is not in the table has no length and no radius.
-    pub fn tool(&self, id: u16) -> Tool {
-        self.tools.get(&id).copied().unwrap_or_default()
+    /// The tool of a number; `None` when it is not in the table, as 0, no tool, never is.
+    pub fn tool(&self, id: u16) -> Option<Tool> {
+        self.tools.get(&id).copied()
     }
 
     /// Work offsets of a coordinate system.
@@ -433,7 +433,7 @@ mod tests {
             length: 2.0,
             radius: 1.0,
         };
-        assert_eq!(tables.read().tool(51), at_51);
+        assert_eq!(tables.read().tool(51), Some(at_51));
         change(Vec::new(), vec![51]).unwrap();
         assert_eq!(tables.tools(), before);
     }

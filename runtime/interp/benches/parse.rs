@@ -47,7 +47,7 @@ fn inputs<'a>(
         optional_skip: 0,
         work_offsets,
         variables,
-        tool: Tool::default(),
+        tool: Some(Tool::default()),
         captured: Some([0.0; 8]),
         position: Some(AxisVector::ZERO),
     }

@@ -3,7 +3,7 @@
 use tandem_model::Alarm;
 use tandem_model::axis::{Axis, AxisSet, AxisVector};
 use tandem_model::flow::{Action, AxisWords, Frame, Transform};
-use tandem_model::settings::CoordinateSystemSettings;
+use tandem_model::settings::{CoordinateSystemSettings, Tool};
 use tandem_syntax::{Address, AddressSet};
 
 use crate::block_words::BlockWords;
@@ -149,6 +149,16 @@ impl<'a> Execution<'a> {
     /// Values from outside.
     pub fn inputs(&self) -> &'a Inputs<'a> {
         self.inputs
+    }
+
+    /// The tool that is selected (D17). Without one its radius or length, `what`, counts as 0 and `code` warns.
+    pub fn selected_tool(&mut self, code: &str, what: &str) -> Tool {
+        self.inputs.tool.unwrap_or_else(|| {
+            self.warn(format!(
+                "{code}: no tool of the tool table is selected; its {what} counts as 0 mm"
+            ));
+            Tool::default()
+        })
     }
 
     /// Where the next block counts from, machine coordinates. While it is open where a G31 ends, the block is interpreted

@@ -268,7 +268,7 @@ fn m02_and_m30_end_and_the_end_repeats() {
         optional_skip: 0,
         work_offsets: &WorkOffsets::default(),
         variables: &Variables::default(),
-        tool: Tool::default(),
+        tool: Some(Tool::default()),
         captured: Some([0.0; 8]),
         position: Some(AxisVector::ZERO),
     };

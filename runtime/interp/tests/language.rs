@@ -486,6 +486,22 @@ fn d17_compensation_takes_the_tool_and_the_plane_in_force() {
 }
 
 #[test]
+fn d17_g41_to_g44_without_a_tool_warn_and_count_it_as_0() {
+    for (code, what) in [
+        ("G41", "radius"),
+        ("G42", "radius"),
+        ("G43", "length"),
+        ("G44", "length"),
+    ] {
+        let mut run = Run::new(&format!("{code}\nM30"));
+        run.tool = None;
+        let warning =
+            format!("1:1 warning {code}: no tool of the tool table is selected; its {what} counts as 0 mm");
+        assert_eq!(run.items()[0], warning);
+    }
+}
+
+#[test]
 fn g500_stands_in_the_block() {
     assert_eq!(last("G500 X1\nM30").multi_block, MultiBlock::On);
     assert_eq!(last("G500\nG501 X1\nM30").multi_block, MultiBlock::Off);

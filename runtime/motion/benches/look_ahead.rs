@@ -86,7 +86,7 @@ fn interpret(program: &Arc<NcProgram>, mut each: impl FnMut(Block)) {
         optional_skip: 0,
         work_offsets: &work_offsets,
         variables: &variables,
-        tool: Tool::default(),
+        tool: Some(Tool::default()),
         captured: Some([0.0; 8]),
         position: Some(AxisVector::ZERO),
     };

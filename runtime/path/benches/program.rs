@@ -89,10 +89,10 @@ fn run(bencher: Bencher<'_, '_>, on: &str, off: &str) {
                     optional_skip: 0,
                     work_offsets: &work_offsets,
                     variables: &variables,
-                    tool: Tool {
+                    tool: Some(Tool {
                         length: 0.0,
                         radius: 3.0,
-                    },
+                    }),
                     captured: Some([0.0; 8]),
                     position: Some(AxisVector::ZERO),
                 };

@@ -413,7 +413,7 @@ mod tests {
             optional_skip: 0,
             work_offsets: &system.work_offsets,
             variables: &Variables::default(),
-            tool: Tool::default(),
+            tool: Some(Tool::default()),
             captured: Some([0.0; AXES_MAX]),
             position: Some(AxisVector::ZERO),
         };

@@ -177,6 +177,71 @@ fn d22_g43_and_g44_shift_z_by_the_tool_length_without_motion_of_their_own() {
 }
 
 #[test]
+fn d17_g41_to_g44_without_a_tool_of_the_table_tell_so_and_go_on() {
+    // Tool 3 is not in the table.
+    for select in ["", "M6 VA3"] {
+        for (program, code, what) in [
+            ("G41 G01 X10 F6000\nX20\nG40 X30", "G41", "radius"),
+            ("G42 G01 X10 F6000\nX20\nG40 X30", "G42", "radius"),
+            ("G43 G00 Z-10", "G43", "length"),
+            ("G44 G00 Z-10", "G44", "length"),
+        ] {
+            let run =
+                simulate_on(&Machine::new(TOOLS), &format!("{select}\n{program}\nM30\n"), &[]).completed();
+            let warnings = run.json["warnings"].as_array().unwrap();
+            assert_eq!(warnings.len(), 1, "{code}: {warnings:?}");
+            assert_eq!(warnings[0]["line"], 2);
+            let text = warnings[0]["text"].as_str().unwrap();
+            assert!(
+                text.contains(code) && text.contains(what) && text.contains("no tool"),
+                "{text}"
+            );
+        }
+    }
+    let program = "M6 VA1\nG43 G41 G01 X10 F6000\nX20\nG40 X30\nG49\nM30\n";
+    let run = simulate_on(&Machine::new(TOOLS), program, &[]).completed();
+    assert_eq!(run.json["warnings"].as_array().unwrap().len(), 0, "{}", run.json);
+}
+
+/// The machine with an axis A.
+fn with_rotary_axis() -> Machine {
+    let motor = "[[motor]]\nnumber = 6\nkind = \"rotary\"\nmax_velocity = 500.0\nmax_acceleration = 5000.0\n";
+    let systems = COORDINATE_SYSTEMS.replace("Z = 3 }", "Z = 3, A = 6 }");
+    Machine::with_config(&format!(
+        "[machine]\nname = \"test-1\"\n{MOTORS}\n{motor}{systems}{TOOLS}"
+    ))
+}
+
+/// Asserts the time of a move of 60 at F with ramps of 0.02 s, stop to stop.
+#[track_caller]
+fn takes(program: &str, length: f64, feed_min: f64) {
+    let run = simulate_on(&with_rotary_axis(), program, &[]).completed();
+    let late_s = run.cycle_time_s() - (length / (feed_min / 60.0) + 0.02);
+    assert!(
+        (-1e-9..0.0104).contains(&late_s),
+        "{program}: {} s",
+        run.cycle_time_s()
+    );
+}
+
+#[test]
+fn d25_f_of_a_block_that_moves_rotary_axes_only_is_in_degrees_a_minute() {
+    let times = "ta20 td20 ts0 G61\n";
+    takes(&format!("{times}G20 G01 A60 F600\nM30\n"), 60.0, 600.0);
+    // X is there already.
+    takes(&format!("{times}G20 G01 X0 A60 F600\nM30\n"), 60.0, 600.0);
+    takes(&format!("{times}G20 G01 F600\nA60\nM30\n"), 60.0, 600.0);
+}
+
+#[test]
+fn d22_d25_f_counts_the_way_that_z_makes_good_in_a_block_of_rotary_axes() {
+    // Tool 1 is 8 mm long: Z moves, so F is in inches a minute over its way (motion rule 1a).
+    let program = "M6 VA1\nta20 td20 ts0 G61\nG20 G43\nG01 A60 F10\nM30\n";
+    takes(program, 8.0, 254.0);
+    takes(&program.replace("G20", "G21"), 8.0, 10.0);
+}
+
+#[test]
 fn d20_each_transform_leads_where_its_formula_says() {
     // Centre 2, factor 3: 2 + 3 (4 - 2). Mirror about 5: 2 * 5 - 3. By 90 degrees about (10, 0): (13, 0) to (10, 3).
     for (program, [x, y]) in [

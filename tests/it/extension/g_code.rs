@@ -82,7 +82,7 @@ fn a_g_code_of_a_dialect_of_ones_own_acts() {
         optional_skip: 0,
         work_offsets: &work_offsets,
         variables: &Variables::default(),
-        tool: Tool::default(),
+        tool: Some(Tool::default()),
         captured: Some([0.0; AXES_MAX]),
         position: Some(AxisVector::ZERO),
     };

@@ -43,9 +43,11 @@ pub static G41: Code = compensation(
      and nothing may stand at which the program waits: M00, M01, an M code with parameters or one that is output after \
      the motion. Inside corners end where the offset blocks meet, outside corners are extended up to 90 degrees of \
      deflection and rounded beyond. Where the tool would cut into another block there is an alarm, or with overcut = \
-     \"prevent\" the blocks that it does not fit between are left out.",
+     \"prevent\" the blocks that it does not fit between are left out. Without a tool of the tool table it warns, and the \
+     radius counts as 0.",
     |execution| {
-        let (radius, plane) = (execution.inputs().tool.radius, execution.modal().plane());
+        let radius = execution.selected_tool("G41", "radius").radius;
+        let plane = execution.modal().plane();
         execution.modal_mut().compensation = Compensation::Left { radius, plane };
     },
 );
@@ -56,7 +58,8 @@ pub static G42: Code = compensation(
     "Tool Compensation, right",
     "As G41, to the right of the path.",
     |execution| {
-        let (radius, plane) = (execution.inputs().tool.radius, execution.modal().plane());
+        let radius = execution.selected_tool("G42", "radius").radius;
+        let plane = execution.modal().plane();
         execution.modal_mut().compensation = Compensation::Right { radius, plane };
     },
 );

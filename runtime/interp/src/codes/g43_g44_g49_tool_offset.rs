@@ -28,9 +28,9 @@ pub static G43: Code = tool_offset(
     430,
     "Tool Offset, positive",
     "Adds the length of the selected tool to Z. It moves nothing by itself; the next motion ends at the corrected Z, \
-     whether it names Z or not (D22).",
+     whether it names Z or not (D22). Without a tool of the tool table it warns, and the length counts as 0.",
     |execution| {
-        let length = execution.inputs().tool.length;
+        let length = execution.selected_tool("G43", "length").length;
         execution.transform(|transform| transform.tool_length = length);
     },
 );
@@ -41,7 +41,7 @@ pub static G44: Code = tool_offset(
     "Tool Offset, negative",
     "As G43, and takes the length away from Z.",
     |execution| {
-        let length = execution.inputs().tool.length;
+        let length = execution.selected_tool("G44", "length").length;
         execution.transform(|transform| transform.tool_length = -length);
     },
 );

@@ -152,7 +152,7 @@ fn run(program: &Arc<NcProgram>, optional_skip: u32) -> Option<u16> {
             optional_skip,
             work_offsets: &WorkOffsets::default(),
             variables: &variables,
-            tool: Tool::default(),
+            tool: Some(Tool::default()),
             captured: Some([0.0; 8]),
             position: Some(AxisVector::ZERO),
         }) {

@@ -58,7 +58,7 @@ pub struct Run {
     pub optional_skip: u32,
     pub work_offsets: WorkOffsets,
     pub variables: Variables,
-    pub tool: Tool,
+    pub tool: Option<Tool>,
     pub captured: [f64; 8],
     pub position: AxisVector,
     /// A G31 has been given out and has not ended.
@@ -79,10 +79,10 @@ impl Run {
             optional_skip: 0,
             work_offsets: WorkOffsets::default(),
             variables: Variables::default(),
-            tool: Tool {
+            tool: Some(Tool {
                 length: 8.0,
                 radius: 5.0,
-            },
+            }),
             captured: [0.0; 8],
             position: AxisVector::ZERO,
             skips: false,

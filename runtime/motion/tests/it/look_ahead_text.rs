@@ -70,10 +70,10 @@ fn segments(text: &str) -> Option<Vec<Segment>> {
         optional_skip: 0,
         work_offsets: &work_offsets,
         variables: &variables,
-        tool: Tool {
+        tool: Some(Tool {
             length: 0.0,
             radius: 1.5,
-        },
+        }),
         captured: Some([0.0; AXES_MAX]),
         position: Some(AxisVector::ZERO),
     };
