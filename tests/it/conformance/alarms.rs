@@ -26,10 +26,13 @@ fn an_alarm_names_the_column_of_the_word_to_blame() {
         ("G28 X301", 102, 5),
         ("G02 X10 Y0 J0 I10 F600", 111, 12),
         ("X1 G03 R[P0] Y10 F600", 111, 8),
+        ("G01 X5 S[P1] F600", 11, 8),
+        ("G84 Z-5 R-1 S0 F600", 113, 13),
         // no word of the block is to blame
         ("  G01 X5", 101, 3),
+        (" G84 Z-5 R-1 F600", 113, 2),
     ] {
-        let run = simulate(&format!("P0=1\n{block}\nM30\n"));
+        let run = simulate(&format!("P0=1 P1=3001\n{block}\nG80\nM30\n"));
         assert_eq!(run.alarm(), alarm, "{block}");
         let place = (&run.json["alarm"]["line"], &run.json["alarm"]["column"]);
         assert_eq!(place, (&2.into(), &column.into()), "{block}");

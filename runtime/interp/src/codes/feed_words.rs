@@ -38,7 +38,7 @@ pub(crate) fn take_over(execution: &mut Execution<'_>) {
             && speed > max
         {
             let text = format!("S{speed} is above the spindle's maximum of {max} r/min");
-            execution.refuse(Alarm::new(&VALUE_OUT_OF_RANGE, text));
+            execution.refuse(Alarm::new(&VALUE_OUT_OF_RANGE, text).of_words("S"));
         }
         execution.modal_mut().spindle_speed_r_min = speed;
     }
