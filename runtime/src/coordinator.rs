@@ -435,13 +435,14 @@ fn birth(machine: &Machine) -> Birth {
 /// Opens the store and puts the configuration's programs into it; tells what state a coordinate system begins in.
 fn open_store(machine: &Machine) -> Result<(ProgramStore, (Execution, Option<Reason>)), StartError> {
     let (store, reason) = match &machine.data_dir {
-        None => (ProgramStore::in_memory(machine.dialect()), Reason::NoProgram),
+        None => (ProgramStore::in_memory(machine.text_rules()), Reason::NoProgram),
         Some(folder) => {
             let refused = |error| StartError::DataDir {
                 path: folder.display().to_string(),
                 error,
             };
-            let store = ProgramStore::open(&folder.join("programs"), machine.dialect()).map_err(refused)?;
+            let store =
+                ProgramStore::open(&folder.join("programs"), machine.text_rules()).map_err(refused)?;
             let reason = mark_started(&folder.join("started")).map_err(refused)?;
             (store, reason)
         }

@@ -34,6 +34,15 @@ pub fn header(number: u16) -> Header {
     }
 }
 
+/// By what a program is checked alone, for no coordinate system in particular.
+#[derive(Debug, Clone, Copy)]
+pub struct TextRules {
+    /// NC dialect.
+    pub dialect: &'static Dialect,
+    /// A radius may be smaller than half the chord by so much, mm (D26): the most that a coordinate system allows.
+    pub arc_radius_tolerance_mm: f64,
+}
+
 /// One program of the store.
 #[derive(Debug)]
 pub struct StoredProgram {
@@ -64,19 +73,21 @@ pub struct CheckHere {
 
 impl StoredProgram {
     /// Parses and checks a text.
-    pub fn new(number: u16, text: &str, dialect: &'static Dialect) -> Self {
-        Self::checked(number, text, dialect, false)
+    pub fn new(number: u16, text: &str, rules: TextRules) -> Self {
+        Self::checked(number, text, rules, false)
     }
 
     /// A text without a number, which begins in the start-up modal state or goes on in what is in force.
-    pub(crate) fn manual(text: &str, dialect: &'static Dialect, goes_on: bool) -> Self {
-        Self::checked(0, text, dialect, goes_on)
+    pub(crate) fn manual(text: &str, rules: TextRules, goes_on: bool) -> Self {
+        Self::checked(0, text, rules, goes_on)
     }
 
-    fn checked(number: u16, text: &str, dialect: &'static Dialect, goes_on: bool) -> Self {
+    fn checked(number: u16, text: &str, rules: TextRules, goes_on: bool) -> Self {
+        let dialect = rules.dialect;
         let (tree, mut diagnostics) = parse(text, (dialect.grammar)());
         let context = CheckContext {
             goes_on,
+            arc_radius_tolerance_mm: Some(rules.arc_radius_tolerance_mm),
             ..CheckContext::default()
         };
         let checked = check_dialect(&tree, dialect, &context);
@@ -233,7 +244,7 @@ fn title(text: &str) -> String {
 /// All programs of a machine.
 #[derive(Debug)]
 pub struct ProgramStore {
-    dialect: &'static Dialect,
+    rules: TextRules,
     programs: RwLock<Arc<BTreeMap<u16, Arc<StoredProgram>>>>,
     folder: Option<PathBuf>,
     /// Held while a file is written: the one beside it has one name.
@@ -241,10 +252,10 @@ pub struct ProgramStore {
 }
 
 impl ProgramStore {
-    /// A store of programs of a dialect that keeps nothing on disk.
-    pub fn in_memory(dialect: &'static Dialect) -> Self {
+    /// A store of programs that keeps nothing on disk.
+    pub fn in_memory(rules: TextRules) -> Self {
         Self {
-            dialect,
+            rules,
             programs: RwLock::default(),
             folder: None,
             writing: Mutex::default(),
@@ -256,17 +267,17 @@ impl ProgramStore {
     ///
     /// # Errors
     /// The folder cannot be made or read.
-    pub fn open(folder: &Path, dialect: &'static Dialect) -> io::Result<Self> {
+    pub fn open(folder: &Path, rules: TextRules) -> io::Result<Self> {
         fs::create_dir_all(folder)?;
         let store = Self {
             folder: Some(folder.to_owned()),
-            ..Self::in_memory(dialect)
+            ..Self::in_memory(rules)
         };
         for entry in fs::read_dir(folder)? {
             let path = entry?.path();
             if let Some(number) = program_number(&path) {
                 match read_text(&path) {
-                    Ok(text) => store.keep(StoredProgram::new(number, &text, dialect)),
+                    Ok(text) => store.keep(StoredProgram::new(number, &text, rules)),
                     Err(error) if error.kind() == io::ErrorKind::FileTooLarge => {
                         tracing::warn!("{} is not in the store: {error}", path.display());
                     }
@@ -310,7 +321,7 @@ impl ProgramStore {
                 format!("{number} is not a program number; write 1 to {PROGRAM_NUMBER_MAX}"),
             ));
         }
-        let program = StoredProgram::new(number, text, self.dialect);
+        let program = StoredProgram::new(number, text, self.rules);
         let _one_at_a_time = self.writing.lock().unwrap_or_else(PoisonError::into_inner);
         let all = self.all();
         let created = !all.contains_key(&number);
@@ -418,21 +429,33 @@ mod tests {
 
     use super::*;
 
+    fn rules() -> TextRules {
+        TextRules {
+            dialect: nj(),
+            arc_radius_tolerance_mm: 0.01,
+        }
+    }
+
     #[test]
     fn a_written_program_is_there_after_the_store_is_opened_again() {
         let folder = tempfile::tempdir().unwrap();
-        let store = ProgramStore::open(folder.path(), nj()).unwrap();
+        let store = ProgramStore::open(folder.path(), rules()).unwrap();
         assert!(store.write(7, "// Seven\nG90\nM30\n").unwrap().created);
         assert!(!store.write(7, "// Seven again\nG90\nM30\n").unwrap().created);
-        let again = ProgramStore::open(folder.path(), nj()).unwrap();
+        let again = ProgramStore::open(folder.path(), rules()).unwrap();
         assert_eq!(again.list()[0].title, "Seven again");
         assert!(again.delete(7).unwrap());
-        assert!(ProgramStore::open(folder.path(), nj()).unwrap().list().is_empty());
+        assert!(
+            ProgramStore::open(folder.path(), rules())
+                .unwrap()
+                .list()
+                .is_empty()
+        );
     }
 
     #[test]
     fn a_program_with_errors_is_stored_and_says_them() {
-        let store = ProgramStore::in_memory(nj());
+        let store = ProgramStore::in_memory(rules());
         let check = store.write(1, "G01 X\nM30\n").unwrap();
         assert!(
             check
@@ -445,7 +468,7 @@ mod tests {
 
     #[test]
     fn program_numbers_outside_1_to_9999_are_refused() {
-        let store = ProgramStore::in_memory(nj());
+        let store = ProgramStore::in_memory(rules());
         assert!(store.write(0, "M30").is_err());
         assert!(store.write(10_000, "M30").is_err());
     }
@@ -459,7 +482,12 @@ mod tests {
             .set_len(PROGRAM_BYTES_MAX as u64 + 1)
             .unwrap();
         assert_eq!(read_text(&path).unwrap_err().kind(), io::ErrorKind::FileTooLarge);
-        assert!(ProgramStore::open(folder.path(), nj()).unwrap().list().is_empty());
+        assert!(
+            ProgramStore::open(folder.path(), rules())
+                .unwrap()
+                .list()
+                .is_empty()
+        );
     }
 
     #[test]
@@ -473,7 +501,7 @@ mod tests {
 
     #[test]
     fn lines_are_found_by_number() {
-        let program = StoredProgram::new(1, "G90\r\nG01 X1\nM30", nj());
+        let program = StoredProgram::new(1, "G90\r\nG01 X1\nM30", rules());
         assert_eq!(
             [program.line(1), program.line(2), program.line(3), program.line(4)],
             ["G90", "G01 X1", "M30", ""]

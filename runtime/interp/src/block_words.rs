@@ -62,6 +62,8 @@ pub(crate) struct Reading<'a> {
     pub(crate) scope: Option<Scope<'a>>,
     /// Where the block begins, as far as the text shows.
     pub(crate) position: &'a TextPosition,
+    /// A radius may be smaller than half the chord by so much, mm (D26).
+    pub(crate) arc_radius_tolerance_mm: f64,
 }
 
 impl BlockWords {
@@ -417,7 +419,7 @@ impl BlockWords {
         if self.has_codes() {
             self.judge_own_words(program, block, fault);
         }
-        if let Some(refusal) = restrictions::find(self, with.modal, with.position) {
+        if let Some(refusal) = restrictions::find(self, with) {
             fault(at_word(program, block, refusal));
         }
     }

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use tandem_model::limits::{BLOCK_BYTES_MAX, PROGRAM_BYTES_MAX};
-use tandem_model::settings::{CoordinateSystemSettings, Unit};
+use tandem_model::settings::{ARC_RADIUS_TOLERANCE_MM, CoordinateSystemSettings, Unit};
 use tandem_model::{AxisSet, Diagnostic, Severity, Span};
 use tandem_syntax::{
     Address, AddressSet, Block, Content, DIAGNOSTICS_MAX, NcProgram, Statement, Word, block_bytes,
@@ -43,6 +43,8 @@ pub struct CheckContext<'a> {
     pub has_spindle: Option<bool>,
     /// S above it is an error, r/min.
     pub max_spindle_speed_r_min: Option<f64>,
+    /// A radius may be smaller than half the chord by so much, mm (D26); `None`: the usual one.
+    pub arc_radius_tolerance_mm: Option<f64>,
     /// What is in force at the head is not that of the start-up: manual data input.
     pub goes_on: bool,
 }
@@ -56,6 +58,7 @@ impl CheckContext<'_> {
             max_feedrate_mm_min: Some(settings.max_feedrate_mm_min),
             has_spindle: Some(settings.spindle.is_some()),
             max_spindle_speed_r_min: settings.spindle.as_ref().map(|spindle| spindle.max_velocity),
+            arc_radius_tolerance_mm: Some(settings.motion.arc_radius_tolerance_mm),
             ..Self::default()
         }
     }
@@ -245,6 +248,10 @@ impl Checker<'_> {
             modal: &self.modal,
             scope: None,
             position: &self.position,
+            arc_radius_tolerance_mm: self
+                .context
+                .arc_radius_tolerance_mm
+                .unwrap_or(ARC_RADIUS_TOLERANCE_MM),
         };
         let findings = &mut self.findings;
         words.read(self.program, block, &reading, &mut |finding| {

@@ -24,6 +24,8 @@ pub struct Limits {
     pub max_spindle_speed_r_min: Option<f64>,
     /// True when the coordinate system has a spindle.
     pub has_spindle: bool,
+    /// A radius may be smaller than half the chord by so much, mm (D26).
+    pub arc_radius_tolerance_mm: f64,
 }
 
 impl Limits {
@@ -32,6 +34,7 @@ impl Limits {
             max_feedrate_mm_min: settings.max_feedrate_mm_min,
             max_spindle_speed_r_min: settings.spindle.as_ref().map(|spindle| spindle.max_velocity),
             has_spindle: settings.spindle.is_some(),
+            arc_radius_tolerance_mm: settings.motion.arc_radius_tolerance_mm,
         }
     }
 }

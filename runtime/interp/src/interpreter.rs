@@ -290,6 +290,7 @@ impl Interpreter {
                 captured: inputs.captured.as_ref(),
             }),
             position: &position,
+            arc_radius_tolerance_mm: self.limits.arc_radius_tolerance_mm,
         };
         self.words.read(&frame.program, block, &reading, &mut |found| {
             fault.get_or_insert(found);

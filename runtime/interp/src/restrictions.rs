@@ -7,36 +7,33 @@ use tandem_syntax::Address;
 use tandem_syntax::DiagnosticEntry;
 use tandem_syntax::diagnostics::{ARC_SHAPE, COMPENSATION_RULE, FIXED_CYCLE_RULE, TOOL_OFFSET_RULE};
 
-use crate::block_words::BlockWords;
+use crate::block_words::{BlockWords, Reading};
 use crate::codes::g00_rapid::G00;
 use crate::codes::g01_linear::G01;
 use crate::codes::{ModalGroup, Refusal};
 use crate::modal::Modal;
-use crate::text_position::TextPosition;
-
-/// A radius may be smaller than half the chord by so much, mm (D26).
-const ARC_RADIUS_TOLERANCE: f64 = 0.01;
 
 const COMPENSATING: &[&str] = &["G41", "G42"];
 const OFFSETTING: &[&str] = &["G43", "G44"];
 const CYCLES: &[&str] = &["G74", "G84"];
 
-/// What is wrong with a block that begins at `position`, where `modal` is in force before it.
+/// What is wrong with a block that is read so: what is in force before it, and where it begins.
 #[inline]
-pub(crate) fn find(words: &BlockWords, modal: &Modal, position: &TextPosition) -> Option<Refusal> {
-    if is_plain(words, modal) {
+pub(crate) fn find(words: &BlockWords, with: &Reading<'_>) -> Option<Refusal> {
+    if is_plain(words, with.modal) {
         None
     } else {
-        first(words, modal, position)
+        first(words, with)
     }
 }
 
 #[inline(never)]
-fn first(words: &BlockWords, modal: &Modal, position: &TextPosition) -> Option<Refusal> {
+fn first(words: &BlockWords, with: &Reading<'_>) -> Option<Refusal> {
+    let modal = with.modal;
     in_fixed_cycle(words, modal)
         .or_else(|| with_compensation(words, modal))
         .or_else(|| to_machine_position(words, modal))
-        .or_else(|| arc(words, modal, position))
+        .or_else(|| arc(words, with))
 }
 
 /// True for a block of words of G00 or G01 only, where nothing restricts it: most blocks of a program.
@@ -248,7 +245,8 @@ fn to_machine_position(words: &BlockWords, modal: &Modal) -> Option<Refusal> {
     None
 }
 
-fn arc(words: &BlockWords, modal: &Modal, position: &TextPosition) -> Option<Refusal> {
+fn arc(words: &BlockWords, with: &Reading<'_>) -> Option<Refusal> {
+    let (modal, position) = (with.modal, with.position);
     if !moves_by(words, &["G02", "G03"]) {
         return None;
     }
@@ -276,8 +274,10 @@ fn arc(words: &BlockWords, modal: &Modal, position: &TextPosition) -> Option<Ref
     let [first, second] = axes.map(|axis| position.way(words, distance, axis));
     // not a number, and so no reason to refuse, where the text does not show the way
     let chord = first.hypot(second);
-    // a difference in the unit in force: an inch is more than a millimetre, so this never refuses too much
-    let short = radius.abs() < chord / 2.0 - ARC_RADIUS_TOLERANCE;
+    // a difference in the unit in force: an inch is more than a millimetre, so this never refuses too much; what
+    // scaling leaves of it the path stage knows
+    let unscaled = code_of(words, modal, ModalGroup::Scaling) == Some("G50");
+    let short = unscaled && radius.abs() < chord / 2.0 - with.arc_radius_tolerance_mm;
     (short || chord <= 0.0).then(|| {
         let text = format!("no arc of radius {} reaches over {chord}", radius.abs());
         refusal(

@@ -45,6 +45,9 @@ pub enum Unit {
     Inch,
 }
 
+/// Usual value of [`MotionOptions::arc_radius_tolerance_mm`].
+pub const ARC_RADIUS_TOLERANCE_MM: f64 = 0.01;
+
 /// Rules of path and motion that have a usual value.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MotionOptions {
@@ -123,7 +126,7 @@ pub enum ShortBlock {
 impl Default for MotionOptions {
     fn default() -> Self {
         Self {
-            arc_radius_tolerance_mm: 0.01,
+            arc_radius_tolerance_mm: ARC_RADIUS_TOLERANCE_MM,
             spiral_tolerance_mm: 0.0,
             dry_run_feedrate_mm_min: 0.0,
             compensation_feed: CompensationFeed::Centre,

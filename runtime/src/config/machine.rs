@@ -8,6 +8,8 @@ use serde::Deserialize;
 use tandem_interp::{Dialect, dialects};
 use tandem_model::settings::{CoordinateSystemSettings, MotorSettings, Tool, WorkOffsets};
 
+use crate::program_store::TextRules;
+
 /// A machine as configured.
 #[derive(Debug, Clone)]
 pub struct Machine {
@@ -48,6 +50,16 @@ pub struct CoordinateSystem {
     pub pre_read_blocks: usize,
     /// Outputs open at the same time.
     pub open_outputs_max: usize,
+}
+
+impl CoordinateSystem {
+    /// By what a text is checked that is for this coordinate system.
+    pub fn text_rules(&self) -> TextRules {
+        TextRules {
+            dialect: self.dialect,
+            arc_radius_tolerance_mm: self.settings.motion.arc_radius_tolerance_mm,
+        }
+    }
 }
 
 /// Where a program comes from.
@@ -137,6 +149,18 @@ impl Machine {
             }
         }
         notes
+    }
+
+    /// By what programs are checked before a coordinate system is known.
+    pub fn text_rules(&self) -> TextRules {
+        let tolerances = self
+            .coordinate_systems
+            .iter()
+            .map(|system| system.settings.motion.arc_radius_tolerance_mm);
+        TextRules {
+            dialect: self.dialect(),
+            arc_radius_tolerance_mm: tolerances.fold(0.0, f64::max),
+        }
     }
 
     /// NC dialect of the programs.

@@ -313,7 +313,7 @@ mod tests {
     fn desk(journal: Journal) -> (Arc<Desk>, Channel) {
         let machine = Config::demo().resolve().unwrap();
         let configured = machine.coordinate_systems[0].clone();
-        let store = ProgramStore::in_memory(machine.dialect());
+        let store = ProgramStore::in_memory(machine.text_rules());
         let tables = (Tables::new(&machine), Restored::default());
         let boot = BootId("test".into());
         let shared = Arc::new(Shared::new(

@@ -87,7 +87,7 @@ impl CoordinateSystem {
             to,
             settings: Arc::new(settings),
         };
-        let nothing = Arc::new(StoredProgram::manual("", self.configured.dialect, false));
+        let nothing = Arc::new(StoredProgram::manual("", self.configured.text_rules(), false));
         Ok((String::new(), self.new_run(Kind::Jog(jog), nothing)))
     }
 

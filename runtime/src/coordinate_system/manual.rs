@@ -40,7 +40,7 @@ impl CoordinateSystem {
         // An input needs no end of its own.
         let program = Arc::new(StoredProgram::manual(
             &format!("{text}\nM30\n"),
-            self.configured.dialect,
+            self.configured.text_rules(),
             self.manual_goes_on,
         ));
         let warning = self.check_called(&program)?;
@@ -55,7 +55,7 @@ impl CoordinateSystem {
             .collect::<Result<_, Refusal>>()?;
         // The middle point of G28 is where the machine is: 0 further.
         let text = format!("G91 G28 {}\nM30\n", words.join(" "));
-        let program = Arc::new(StoredProgram::manual(&text, self.configured.dialect, false));
+        let program = Arc::new(StoredProgram::manual(&text, self.configured.text_rules(), false));
         let warning = self.check_called(&program)?;
         Ok((warning, self.new_run(Kind::Home, program)))
     }

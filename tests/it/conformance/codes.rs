@@ -273,6 +273,25 @@ fn d23_g53_g28_and_g30_with_a_tool_length_do_not_run() {
 }
 
 #[test]
+fn d26_an_arc_is_judged_by_the_tolerance_of_the_settings_and_in_the_machine() {
+    let keys = "max_feedrate = 12000.0\narc_radius_tolerance = 0.1\n";
+    let systems = COORDINATE_SYSTEMS.replace("max_feedrate = 12000.0\n", keys);
+    let machine = Machine::with_config(&format!("[machine]\nname = \"test-1\"\n{MOTORS}{systems}"));
+    // Half the way is 5: short by 0.05, then by 0.2.
+    for way in ["G90 G00 X0 Y0\nG02 X10 Y0", "G91\nG02 X10"] {
+        for (radius, outcome) in [("4.95", "completed"), ("4.8", "errors")] {
+            let run = simulate_on(&machine, &format!("F600\n{way} R{radius}\nM30\n"), &[]);
+            assert_eq!(run.json["outcome"], outcome, "{way} R{radius}: {}", run.json);
+        }
+    }
+    // Short by 0.05 is 0.005 mm at a tenth of the size, within the tolerance of 0.01 mm, and short by 0.5 is not.
+    let small = "G51 X0 Y0 Z0 P0.1\nG90 G00 X0 Y0\n";
+    simulate(&format!("{small}G02 X10 Y0 R4.95 F600\nM30\n")).completed();
+    let run = simulate(&format!("{small}G02 X10 Y0 R4.5 F600\nM30\n"));
+    assert_eq!(run.alarm(), 111);
+}
+
+#[test]
 fn d21_an_arc_under_unequal_scale_is_an_alarm_and_moves_nothing() {
     let run = simulate("G51 X0 Y0 I2 J1\nG02 X10 I5 F3000\nM30\n");
     assert_eq!(run.ran.code, 1, "{}", run.json);

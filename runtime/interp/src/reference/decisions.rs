@@ -90,7 +90,7 @@ pub(super) static DECISIONS: &[(&str, &str)] = &[
     ),
     (
         "D26",
-        "I, J, K count from the start point in G90 and G91. A radius is at least half the way, less 0.01 mm. R wins over I, J, K with a warning; neither in the plane is an error.",
+        "I, J, K count from the start point in G90 and G91. A radius is at least half the way, less `arc_radius_tolerance` (0.01 mm) in the machine. R wins over I, J, K with a warning; neither in the plane is an error.",
     ),
     (
         "D27",
