@@ -164,12 +164,18 @@ fn d42_the_initial_level_is_z_in_work_coordinates_where_the_cycle_began() {
 }
 
 #[test]
-fn m1h_a_cycle_without_s_is_refused_before_it_gives_anything() {
+fn m1h_a_cycle_without_s_or_f_is_refused_before_it_gives_anything() {
     for source in ["G84 X10 Z-10 R-5\nM30", "S0 G74 X10 Z-10 R-5\nM30"] {
         let alarm = Run::new(source).next().unwrap_err();
         assert_eq!(alarm.entry.number, 113, "{source}");
         assert_eq!(alarm.origin.map(|origin| origin.line), Some(1));
     }
+    let mut settings = support::settings();
+    settings.default_feedrate_mm_min = 0.0;
+    let alarm = Run::with_settings("S300 G84 X10 Z-10 R-5\nM30", &settings)
+        .next()
+        .unwrap_err();
+    assert_eq!(alarm.entry.number, 101);
     // Without a spindle M codes turn it, and without repetitions nothing does.
     assert_eq!(tapping("G84 Z-10 R-5\nG80 M30", false)[0], "1:1 rapid Z-5");
     assert_eq!(tapping("G84 Z-10 R-5 K0\nG80 M30", true), ["1:2 end"]);

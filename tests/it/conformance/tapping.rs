@@ -128,13 +128,17 @@ fn d42_without_a_spindle_m_codes_turn_it_between_the_ways() {
 }
 
 #[test]
-fn m1h_a_tap_without_s_is_an_alarm_and_s_above_the_maximum_is_refused() {
-    for cycle in ["G84 X10 Z-10 R-5", "S0 G74 X10 Z-10 R-5"] {
-        let run = simulate(&format!("F100\nG54 {cycle}\nG80\nM30\n"));
-        assert_eq!(run.alarm(), 113);
+fn m1h_a_tap_without_s_or_f_is_an_alarm_and_s_above_the_maximum_is_refused() {
+    for (before, cycle, alarm) in [
+        ("F100", "G84 X10 Z-10 R-5", 113),
+        ("F100", "S0 G74 X10 Z-10 R-5", 113),
+        // F is missing.
+        ("S300", "G84 X10 Z-10 R-5", 101),
+    ] {
+        let run = simulate(&format!("{before}\nG54 {cycle}\nG80\nM30\n"));
+        assert_eq!(run.alarm(), alarm);
         // At the block, before any of its motion and before M19.
         assert_eq!(run.json["alarm"]["line"], 2);
-        assert_eq!(run.at_s("alarm", "number", 113), 0.0);
         assert!(run.trace.iter().all(|row| row.axes == [0.0; 3]), "{cycle} moves");
         assert_eq!(run.events("output").len(), 0);
     }

@@ -7,13 +7,14 @@
 //! does: in the manual's examples the last hole returns with G98 to the level before the first one, and in G91 all
 //! holes have the same R and Z point.
 
-use tandem_model::alarm::{FIXED_CYCLE_REFUSED, SPINDLE_SPEED_MISSING};
+use tandem_model::alarm::{FEEDRATE_MISSING, FIXED_CYCLE_REFUSED, SPINDLE_SPEED_MISSING};
 use tandem_model::flow::{Action, AxisWords, Distance, Frame, Tap, TapLeg, Turn};
 use tandem_model::{Alarm, Axis, AxisSet, AxisVector};
 use tandem_syntax::Address;
 
 use crate::codes::ModalGroup;
 use crate::execution::Execution;
+use crate::modal::Modal;
 
 /// What a step of a cycle gives.
 #[derive(Debug, Clone, PartialEq)]
@@ -61,9 +62,10 @@ pub(crate) fn tapping(execution: &mut Execution<'_>, words: AxisWords, turn: Tur
     let has_spindle = execution.limits().has_spindle;
     let speed = execution.modal().spindle_speed_r_min;
     let repetitions = kept.repetitions.unwrap_or(1);
-    if has_spindle && repetitions > 0 && speed <= 0.0 {
-        let text = format!("The spindle speed is {speed} r/min");
-        execution.refuse(Alarm::new(&SPINDLE_SPEED_MISSING, text).of_words("S"));
+    if repetitions > 0
+        && let Some(alarm) = missing(execution.modal(), has_spindle)
+    {
+        execution.refuse(alarm);
         return;
     }
     let cycle = Tapping {
@@ -80,6 +82,22 @@ pub(crate) fn tapping(execution: &mut Execution<'_>, words: AxisWords, turn: Tur
         step: 0,
     };
     execution.run_cycle(cycle);
+}
+
+/// What a thread needs and the path stage would miss only in front of the hole.
+fn missing(modal: &Modal, has_spindle: bool) -> Option<Alarm> {
+    let (speed, feedrate) = (modal.spindle_speed_r_min, modal.feedrate_mm_min);
+    if has_spindle && speed <= 0.0 {
+        let text = format!("The spindle speed is {speed} r/min");
+        Some(Alarm::new(&SPINDLE_SPEED_MISSING, text).of_words("S"))
+    } else if feedrate <= 0.0 {
+        Some(Alarm::new(
+            &FEEDRATE_MISSING,
+            format!("The feedrate is {feedrate}"),
+        ))
+    } else {
+        None
+    }
 }
 
 #[expect(
