@@ -111,6 +111,55 @@ fn with_a_folder_each_program_has_its_file() {
 }
 
 #[test]
+fn programs_whose_results_would_have_one_name_are_refused_before_anything_is_written() {
+    let machine = Machine::new("");
+    for folder in ["a", "b"] {
+        std::fs::create_dir(machine.path(folder)).unwrap();
+        machine.write(&format!("{folder}/7.nc"), "M30\n");
+    }
+    machine.write("8.nc", "M30\n");
+    let compile = |files: &[&str]| {
+        let mut arguments = vec!["compile"];
+        arguments.extend(files);
+        arguments.extend(["--out-dir", "out"]);
+        run(machine.folder(), &arguments)
+    };
+    for files in [&["8.nc", "a/7.nc", "b/7.nc"][..], &["8.nc", "a/7.nc", "a/7.nc"]] {
+        let ran = compile(files);
+        assert_eq!(ran.code, 2, "{}", ran.stderr);
+        for word in ["7.pmc", files[1], files[2]] {
+            assert!(ran.stderr.contains(word), "{word} in {}", ran.stderr);
+        }
+        assert!(!machine.path("out").exists());
+    }
+    for flag in ["--main", "--subprogram"] {
+        let ran = compile(&["8.nc", "a/7.nc", flag, "4"]);
+        assert_eq!(ran.code, 2, "{}", ran.stderr);
+        assert!(ran.stderr.contains(flag), "{}", ran.stderr);
+        assert!(!machine.path("out").exists());
+    }
+}
+
+#[test]
+fn the_whole_name_of_a_program_is_that_of_its_result() {
+    let machine = Machine::new("");
+    machine.write("part.1.nc", "M30\n");
+    machine.write("part.2.nc", "G04 P1\nM30\n");
+    machine.write("source.pmc", "M30\n");
+    let files = ["compile", "part.1.nc", "part.2.nc", "--out-dir", "."];
+    assert_eq!(run(machine.folder(), &files).code, 0);
+    for name in ["part.1.pmc", "part.2.pmc"] {
+        assert!(machine.path(name).is_file(), "{name}");
+    }
+    let ran = run(machine.folder(), &["compile", "source.pmc", "--out-dir", "."]);
+    assert_eq!(ran.code, 2, "{}", ran.stderr);
+    assert_eq!(
+        std::fs::read_to_string(machine.path("source.pmc")).unwrap(),
+        "M30\n"
+    );
+}
+
+#[test]
 fn a_program_with_errors_is_not_compiled() {
     let ran = compile("plate.nc", "G01 X1 X2\nM30\n", &[]);
     assert_eq!((ran.code, ran.stdout.as_str()), (1, ""));

@@ -1,5 +1,6 @@
 //! `tandem compile`: intermediate code, as the manual's appendix A-1 describes it.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -27,8 +28,8 @@ pub struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> u8 {
-    if arguments.out_dir.is_none() && arguments.files.len() > 1 {
-        complain("several programs need --out-dir");
+    if let Err(text) = arguments.check() {
+        complain(text);
         return EXIT_UNREADABLE;
     }
     let mut code = EXIT_OK;
@@ -70,15 +71,58 @@ fn write(path: &Path, out_dir: Option<&Path>, code: &str) -> Result<(), String> 
         super::say(code.trim_end_matches('\n'));
         return Ok(());
     };
-    let file = folder
-        .join(path.file_stem().unwrap_or_default())
-        .with_extension("pmc");
+    let file = result(path, folder);
     std::fs::create_dir_all(folder)
         .and_then(|()| std::fs::write(&file, code))
         .map_err(|error| format!("cannot write {}: {error}", file.display()))
 }
 
+/// Where the code of a program goes.
+fn result(path: &Path, folder: &Path) -> PathBuf {
+    let mut name = path.file_stem().unwrap_or_default().to_owned();
+    name.push(".pmc");
+    folder.join(name)
+}
+
+fn is_same_file(one: &Path, other: &Path) -> bool {
+    matches!((one.canonicalize(), other.canonicalize()), (Ok(one), Ok(other)) if one == other)
+}
+
 impl Arguments {
+    /// What cannot be carried out, seen before anything is written.
+    fn check(&self) -> Result<(), String> {
+        if self.files.len() > 1 {
+            if self.out_dir.is_none() {
+                return Err("several programs need --out-dir".into());
+            }
+            let header = [("--main", self.main), ("--subprogram", self.subprogram)];
+            if let Some((flag, _)) = header.iter().find(|(_, number)| number.is_some()) {
+                return Err(format!(
+                    "{flag} is the header of one program; compile one at a time with it"
+                ));
+            }
+        }
+        let Some(folder) = &self.out_dir else {
+            return Ok(());
+        };
+        let mut results = BTreeMap::new();
+        for path in &self.files {
+            let result = result(path, folder);
+            let shown = result.display();
+            if is_same_file(&result, path) {
+                return Err(format!("{shown} is the program itself; name another --out-dir"));
+            }
+            if let Some(other) = results.insert(result.clone(), path) {
+                return Err(format!(
+                    "{} and {} would both become {shown}; compile them into two folders",
+                    other.display(),
+                    path.display()
+                ));
+            }
+        }
+        Ok(())
+    }
+
     fn header(&self, path: &Path) -> Header {
         match (self.main, self.subprogram, program_number(path)) {
             (Some(number), ..) => Header::Program(number),
