@@ -291,3 +291,52 @@ fn blocks_counts_programmed_blocks_a_fixed_cycle_as_one_and_each_pass_of_a_loop(
         assert_eq!(run.events("block").len(), blocks, "{program}");
     }
 }
+
+#[test]
+fn a_program_beside_takes_no_number_that_the_first_one_calls() {
+    let machine = Machine::new("");
+    std::fs::create_dir(machine.path("b")).unwrap();
+    machine.write("1000.nc", "G91 G00 Z1\nG90\nM99\n");
+    machine.write("b/1000.nc", "G00 X7\nM30\n");
+    let run = simulate_on(&machine, "M98 P1000\nM30\n", &["--with", "2=b/1000.nc"]).completed();
+    let started: Vec<_> = run
+        .events("start")
+        .iter()
+        .map(|event| (event["cs"].as_u64(), event["program"].as_u64()))
+        .collect();
+    assert_eq!(started, [(Some(1), Some(1)), (Some(2), Some(1001))]);
+    assert_eq!(run.json["machine"]["Z"], 1.0, "one call of the subprogram");
+}
+
+#[test]
+fn two_subprograms_of_one_number_from_two_folders_are_refused() {
+    let machine = Machine::new("");
+    std::fs::create_dir(machine.path("b")).unwrap();
+    machine.write("1000.nc", "M99\n");
+    machine.write("b/1000.nc", "G00 X5\nM99\n");
+    machine.write("main.nc", "M98 P1000\nM30\n");
+    machine.write("b/second.nc", "M98 P1000\nM30\n");
+    let arguments = [
+        "simulate",
+        "main.nc",
+        "--config",
+        "tandem.toml",
+        "--with",
+        "2=b/second.nc",
+    ];
+    let ran = run(machine.folder(), &arguments);
+    assert_eq!(ran.code, 2, "{}", ran.stdout);
+    for word in ["1000", "b/1000.nc"] {
+        assert!(ran.stderr.contains(word), "{word} in {}", ran.stderr);
+    }
+}
+
+#[test]
+fn trace_and_events_do_not_go_into_one_file() {
+    let machine = Machine::new("");
+    machine.write("main.nc", "M30\n");
+    let arguments = ["simulate", "main.nc", "--trace", "out", "--events", "out"];
+    let ran = run(machine.folder(), &arguments);
+    assert_eq!(ran.code, 2, "{}", ran.stdout);
+    assert!(!machine.path("out").exists());
+}

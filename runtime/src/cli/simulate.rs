@@ -21,6 +21,7 @@ use plc_api::types::topic::{CsTopic, Topic};
 use serde_json::json;
 use tandem_model::Axis;
 use tandem_model::alarm::{AlarmEntry, SIMULATION_LIMIT, SIMULATION_STALLED};
+use tandem_model::limits::PROGRAM_NUMBER_MAX;
 use tandem_runtime::journal::Journal;
 use tandem_runtime::program_store::program_number;
 use tandem_runtime::simulation::{self, OnCycle, SimulationOptions};
@@ -139,6 +140,9 @@ pub(super) fn run(arguments: &Arguments) -> u8 {
 }
 
 fn traced(arguments: &Arguments, plan: Plan) -> anyhow::Result<Outcome> {
+    if arguments.trace.is_some() && arguments.trace == arguments.events {
+        anyhow::bail!("--trace and --events name the same file");
+    }
     let trace = Trace::new(arguments.trace.as_deref(), &plan)?;
     let outcome = plan.simulate(arguments.events.as_deref(), trace.on_cycle())?;
     trace.finish()?;
@@ -239,17 +243,25 @@ impl Plan {
                 "coordinate system {cs} can run one program at a time"
             )));
         }
-        let mut number = program_number(file).unwrap_or(MAIN_PROGRAM);
-        while self.jobs.iter().any(|job| job.program == number) {
-            number += 1;
-        }
+        let wanted = program_number(file).unwrap_or(MAIN_PROGRAM);
+        let mut numbers = (wanted..=PROGRAM_NUMBER_MAX).chain(1..wanted);
+        let Some(number) = numbers.find(|number| !self.texts.contains_key(number)) else {
+            return Err(Refused::Unreadable("there is no program number left".into()));
+        };
         self.jobs.push(Job { cs, program: number });
         let mut left = vec![(number, file.to_owned())];
         while let Some((number, path)) = left.pop() {
-            if self.texts.contains_key(&number) {
-                continue;
-            }
             let text = read_program(&path).map_err(Refused::Unreadable)?;
+            match self.texts.get(&number) {
+                None => {}
+                Some(known) if *known == text => continue,
+                Some(_) => {
+                    return Err(Refused::Unreadable(format!(
+                        "{}: program {number} is another file already; all programs that run at the same time share their numbers",
+                        path.display()
+                    )));
+                }
+            }
             let checked = CheckedFile::new(
                 &path,
                 text.clone(),
