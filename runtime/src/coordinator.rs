@@ -28,7 +28,7 @@ use crate::persistence::{
     tell_of_last_runs,
 };
 use crate::port::RuntimePort;
-use crate::program_store::{ProgramStore, read_text};
+use crate::program_store::{ProgramStore, check_readable, read_text};
 use crate::servo_thread::{ServoStatistics, ServoThread};
 use crate::shared::Shared;
 use crate::simulation::{self, Simulation, SimulationOptions};
@@ -429,6 +429,26 @@ fn birth(machine: &Machine) -> Birth {
             open_outputs_max: u32::try_from(open_outputs_max).unwrap_or(u32::MAX),
             program_bytes_max: PROGRAM_BYTES_MAX as u64,
         },
+    }
+}
+
+impl Machine {
+    /// The programs of the configuration that cannot be put into the store, each with why.
+    pub fn unreadable_programs(&self) -> Vec<StartError> {
+        let systems = self.coordinate_systems.iter();
+        let programs = systems.flat_map(|system| &system.programs);
+        let unreadable = programs.filter_map(|(number, source)| {
+            let ProgramSource::File(path) = source else {
+                return None;
+            };
+            let error = check_readable(path).err()?;
+            Some(StartError::Program {
+                number: *number,
+                path: path.display().to_string(),
+                error,
+            })
+        });
+        unreadable.collect()
     }
 }
 

@@ -381,12 +381,29 @@ pub fn read_text(path: &Path) -> io::Result<String> {
     let most = PROGRAM_BYTES_MAX as u64;
     let mut bytes = Vec::new();
     fs::File::open(path)?.take(most + 1).read_to_end(&mut bytes)?;
-    if bytes.len() > PROGRAM_BYTES_MAX {
-        let text = format!("it has more than {PROGRAM_BYTES_MAX} bytes, the most that a program may have");
-        return Err(io::Error::new(io::ErrorKind::FileTooLarge, text));
-    }
+    check_bytes(bytes.len() as u64)?;
     Ok(String::from_utf8(bytes)
         .unwrap_or_else(|error| String::from_utf8_lossy(error.as_bytes()).into_owned()))
+}
+
+/// Tells whether [`read_text`] would read a file, without its text.
+///
+/// # Errors
+/// As those of [`read_text`].
+pub(crate) fn check_readable(path: &Path) -> io::Result<()> {
+    let metadata = fs::File::open(path)?.metadata()?;
+    if metadata.is_dir() {
+        return Err(io::ErrorKind::IsADirectory.into());
+    }
+    check_bytes(metadata.len())
+}
+
+fn check_bytes(bytes: u64) -> io::Result<()> {
+    if bytes <= PROGRAM_BYTES_MAX as u64 {
+        return Ok(());
+    }
+    let text = format!("it has more than {PROGRAM_BYTES_MAX} bytes, the most that a program may have");
+    Err(io::Error::new(io::ErrorKind::FileTooLarge, text))
 }
 
 /// The program number that a file name says: `<number>.nc` or `O<number>.nc`.

@@ -13,6 +13,7 @@ mod support;
 
 mod cli_check;
 mod cli_compile;
+mod cli_config;
 mod cli_plot;
 mod cli_simulate;
 mod conformance;

@@ -73,7 +73,9 @@ impl Gateway {
     /// # Errors
     /// A setting cannot be used, or a port is taken; nothing is left running.
     pub async fn start(port: Arc<dyn Port>, settings: GatewaySettings) -> Result<Gateway, GatewayError> {
-        settings.check()?;
+        if let Some(problem) = settings.problems().into_iter().next() {
+            return Err(problem);
+        }
         let address = listen_address(HTTP_LISTEN, &settings.http_listen, settings.tokens.is_some())?;
         let listener = TcpListener::bind(address)
             .await

@@ -42,7 +42,8 @@ pub struct MqttSettings {
     pub password: Option<String>,
     /// Client id at the broker; empty: `tandem-{machine}`, with the prefix before the machine.
     pub client_id: String,
-    /// Levels before `tandem/v1/{machine}`; empty: none. At most 128 characters without `+`, `#`.
+    /// Levels before `tandem/v1/{machine}`, such as `plant/hall-1`; empty: none. At most 128 bytes, no level empty, no
+    /// `+`, `#` or control character, no `$` at the beginning.
     pub prefix: String,
 }
 
@@ -95,8 +96,32 @@ pub(crate) const HTTP_LISTEN: &str = "[http] listen";
 pub(crate) const MQTT_LISTEN: &str = "[mqtt] listen";
 
 impl GatewaySettings {
-    /// Checks what can be checked without opening anything.
-    pub(crate) fn check(&self) -> Result<(), GatewayError> {
+    /// All that keeps these settings from being served, as far as it shows before a port is opened: values, addresses,
+    /// and the files of TLS, which are read. Empty: nothing.
+    pub fn problems(&self) -> Vec<GatewayError> {
+        let has_tokens = self.tokens.is_some();
+        let http = listen_address(HTTP_LISTEN, &self.http_listen, has_tokens);
+        let listen = self.mqtt.embedded_listen.as_deref();
+        let mqtt = listen.map(|listen| listen_address(MQTT_LISTEN, listen, has_tokens));
+        let both = match (&http, &mqtt) {
+            (Ok(http), Some(Ok(mqtt))) if share_a_port(*http, *mqtt) => Some(GatewayError::Setting {
+                setting: MQTT_LISTEN,
+                value: mqtt.to_string(),
+                text: format!("{HTTP_LISTEN} = \"{http}\" takes that port; write another one"),
+            }),
+            _ => None,
+        };
+        let tls = self.mqtt.tls.as_ref().map(TlsFiles::transport);
+        let tls = tls.and_then(|transport| transport.err().map(GatewayError::Tls));
+        let mut problems: Vec<_> = self.check_values().err().into_iter().collect();
+        problems.extend(http.err());
+        problems.extend(mqtt.and_then(Result::err));
+        problems.extend(both);
+        problems.extend(tls);
+        problems
+    }
+
+    fn check_values(&self) -> Result<(), GatewayError> {
         let machine_allowed = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
         let wrong = |setting, value: &str, text: &str| {
             Err(GatewayError::Setting {
@@ -113,11 +138,11 @@ impl GatewaySettings {
             );
         }
         let prefix = &self.mqtt.prefix;
-        if prefix.len() > 128 || prefix.contains(['+', '#', '\0']) {
+        if !is_prefix(prefix) {
             return wrong(
                 "[mqtt] prefix",
                 prefix,
-                "write at most 128 characters without + and #",
+                "write topic levels such as plant/hall-1: at most 128 characters, no level empty, no + and #, no $ at the beginning",
             );
         }
         if self.mqtt.embedded_listen.is_none() && (self.mqtt.host.is_empty() || self.mqtt.port == 0) {
@@ -134,13 +159,25 @@ impl GatewaySettings {
 impl MqttSettings {
     /// Root of all topics of a machine, with its last slash.
     pub fn root(&self, machine: &str) -> String {
-        let prefix = self.prefix.trim_matches('/');
-        if prefix.is_empty() {
-            format!("tandem/v1/{machine}/")
-        } else {
-            format!("{prefix}/tandem/v1/{machine}/")
+        match self.prefix.as_str() {
+            "" => format!("tandem/v1/{machine}/"),
+            prefix => format!("{prefix}/tandem/v1/{machine}/"),
         }
     }
+}
+
+/// No prefix, or topic levels that a broker takes from everyone: brokers keep or hide topics that begin with `$`.
+fn is_prefix(prefix: &str) -> bool {
+    let is_level = |level: &str| {
+        !level.is_empty() && !level.contains(|c: char| ['+', '#'].contains(&c) || c.is_control())
+    };
+    prefix.is_empty() || prefix.len() <= 128 && !prefix.starts_with('$') && prefix.split('/').all(is_level)
+}
+
+/// True when only one of two listeners gets its port.
+fn share_a_port(one: SocketAddr, other: SocketAddr) -> bool {
+    let overlap = one.ip() == other.ip() || one.ip().is_unspecified() || other.ip().is_unspecified();
+    overlap && one.port() == other.port() && one.port() != 0
 }
 
 /// The address of a listen setting, which must be on the loopback where there are no tokens.
@@ -219,7 +256,7 @@ mod tests {
     fn the_root_has_the_prefix_only_where_one_is_set() {
         let mut settings = MqttSettings::default();
         assert_eq!(settings.root("m"), "tandem/v1/m/");
-        settings.prefix = "plant/a/".into();
+        settings.prefix = "plant/a".into();
         assert_eq!(settings.root("m"), "plant/a/tandem/v1/m/");
     }
 
@@ -230,8 +267,49 @@ mod tests {
                 machine: name.into(),
                 ..GatewaySettings::default()
             };
-            assert!(settings.check().is_err(), "{name}");
+            assert_eq!(settings.problems().len(), 1, "{name}");
         }
-        assert!(GatewaySettings::default().check().is_ok());
+        assert!(GatewaySettings::default().problems().is_empty());
+    }
+
+    #[test]
+    fn a_prefix_is_levels_that_every_broker_takes() {
+        let problems = |prefix: &str| {
+            let mut settings = GatewaySettings::default();
+            settings.mqtt.prefix = prefix.into();
+            settings.problems().len()
+        };
+        for prefix in ["", "plant", "plant/hall-1", "a/$b", &"x".repeat(128)] {
+            assert_eq!(problems(prefix), 0, "{prefix}");
+        }
+        for prefix in [
+            "a/#",
+            "+",
+            "a//b",
+            "a/",
+            "/a",
+            "/",
+            "$SYS",
+            "a\0b",
+            &"x".repeat(129),
+        ] {
+            assert_eq!(problems(prefix), 1, "{prefix}");
+        }
+    }
+
+    #[test]
+    fn two_listeners_need_two_ports_and_all_problems_are_told() {
+        let told = |http: &str, mqtt: &str| {
+            let mut settings = GatewaySettings {
+                http_listen: http.into(),
+                ..GatewaySettings::default()
+            };
+            settings.mqtt.embedded_listen = Some(mqtt.into());
+            settings.problems().len()
+        };
+        assert_eq!(told("127.0.0.1:7", "127.0.0.1:7"), 1);
+        assert_eq!(told("127.0.0.1:7", "[::1]:7"), 0);
+        assert_eq!(told("127.0.0.1:0", "127.0.0.1:0"), 0);
+        assert_eq!(told("here", "0.0.0.0:1883"), 2);
     }
 }

@@ -16,6 +16,7 @@ use tandem_runtime::Machine;
 use tandem_runtime::program_store::locate;
 use tandem_syntax::{NcProgram, parse};
 
+use super::server_ends::Servable;
 use super::{
     EXIT_FOUND, EXIT_OK, EXIT_UNREADABLE, complain, find_subprogram, read_config, read_program, say,
 };
@@ -31,7 +32,7 @@ pub struct Arguments {
     /// Text for people, json for editors
     #[arg(long, value_enum, default_value = "text")]
     format: Format,
-    /// Checks this configuration, and the programs against it
+    /// Alone: checks this configuration and the files that it names, as serve does; with programs: checks them against it
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
 }
@@ -44,19 +45,30 @@ enum Format {
 
 pub(super) fn run(arguments: &Arguments) -> u8 {
     let machine = match &arguments.config {
-        None => None,
-        Some(path) => match read_config(Some(path)) {
-            Ok((_, machine)) => Some(machine),
-            Err(text) => {
-                complain(text);
-                return EXIT_UNREADABLE;
-            }
-        },
+        None => Ok(None),
+        Some(path) if arguments.files.is_empty() => {
+            Servable::read(Some(path)).map(|servable| Some(servable.machine))
+        }
+        Some(path) => read_config(Some(path)).map(|(_, machine)| Some(machine)),
+    };
+    let machine = match machine {
+        Ok(machine) => machine,
+        Err(text) => {
+            complain(text);
+            return EXIT_UNREADABLE;
+        }
     };
     if let (Some(path), []) = (&arguments.config, &arguments.files[..]) {
-        say(&format!("{}: the configuration is good", path.display()));
-        for note in machine.iter().flat_map(Machine::notes) {
-            say(&format!("  note: {note}"));
+        let good = format!("{}: the configuration is good", path.display());
+        let notes = machine.iter().flat_map(Machine::notes);
+        let notes = notes.map(|note| format!("\n  note: {note}"));
+        let text: String = std::iter::once(good).chain(notes).collect();
+        match arguments.format {
+            Format::Text => say(&text),
+            Format::Json => {
+                say(&json!({"files": []}).to_string());
+                complain(text);
+            }
         }
         return EXIT_OK;
     }

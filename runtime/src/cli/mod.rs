@@ -7,6 +7,7 @@ mod init;
 mod mqtt_acl;
 mod plot;
 mod serve;
+mod server_ends;
 mod simulate;
 mod token;
 

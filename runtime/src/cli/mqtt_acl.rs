@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use tandem_gateway::{Tokens, mosquitto_acl};
+use tandem_gateway::mosquitto_acl;
 
-use super::serve::mqtt_settings;
+use super::server_ends::settings;
 use super::{EXIT_OK, EXIT_UNREADABLE, complain, read_config, say};
 
 #[derive(Args)]
@@ -17,13 +17,15 @@ pub struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> u8 {
     let made = read_config(Some(&arguments.config)).and_then(|(config, _)| {
-        let file = config.http.token_file.as_ref().ok_or(
+        let (settings, problems) = settings(&config);
+        if !problems.is_empty() {
+            return Err(problems.join("\n"));
+        }
+        let tokens = settings.tokens.as_ref().ok_or(
             "[http] token_file is not set: there are no users; make one with tandem token NAME --role ROLE --file FILE",
         )?;
-        let tokens = Tokens::read(&config.base_dir.join(file)).map_err(|error| error.to_string())?;
-        let settings = mqtt_settings(&config).map_err(|error| format!("{error:#}"))?;
-        let root = settings.root(&config.machine.name);
-        Ok(mosquitto_acl(&root, settings.username.as_deref(), &tokens))
+        let root = settings.mqtt.root(&settings.machine);
+        Ok(mosquitto_acl(&root, settings.mqtt.username.as_deref(), tokens))
     });
     match made {
         Ok(text) => {

@@ -1,18 +1,17 @@
 //! `tandem serve`: the machine with all its server ends.
 
 use std::io::IsTerminal;
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::path::PathBuf;
 
-use anyhow::Context as _;
 use clap::Args;
-use plc_api::{Plc, TlsFiles};
-use tandem_gateway::{Gateway, GatewaySettings, MqttSettings, Tokens};
-use tandem_runtime::{Config, Runtime, demo_sequence_program};
+use plc_api::Plc;
+use tandem_gateway::{Gateway, GatewaySettings};
+use tandem_runtime::{ExternalBroker, Runtime, demo_sequence_program};
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tracing_subscriber::EnvFilter;
 
-use super::{EXIT_OK, EXIT_UNREADABLE, complain, read_config, say};
+use super::server_ends::Servable;
+use super::{EXIT_OK, EXIT_UNREADABLE, complain, say};
 
 #[derive(Args)]
 pub struct Arguments {
@@ -29,8 +28,8 @@ pub(super) fn run(arguments: &Arguments) -> u8 {
         .with_ansi(std::io::stderr().is_terminal())
         .with_writer(std::io::stderr)
         .init();
-    let config = match read_config(arguments.config.as_deref()) {
-        Ok((config, _)) => config,
+    let servable = match Servable::read(arguments.config.as_deref()) {
+        Ok(servable) => servable,
         Err(text) => {
             complain(text);
             return EXIT_UNREADABLE;
@@ -40,19 +39,19 @@ pub(super) fn run(arguments: &Arguments) -> u8 {
         .enable_all()
         .build()
         .map_err(anyhow::Error::from)
-        .and_then(|executor| executor.block_on(serve(config)));
+        .and_then(|executor| executor.block_on(serve(servable)));
     match served {
         Ok(()) => EXIT_OK,
         Err(error) => {
-            complain(format!("tandem does not start: {error:#}"));
+            complain(format!("tandem does not start: {error}"));
             EXIT_UNREADABLE
         }
     }
 }
 
-async fn serve(config: Config) -> anyhow::Result<()> {
+async fn serve(servable: Servable) -> anyhow::Result<()> {
     let mut signals = Signals::listen()?;
-    let settings = gateway_settings(&config)?;
+    let Servable { config, settings, .. } = servable;
     let is_demo = config.is_demo;
     let runtime = Runtime::start(config).await?;
     let gateway = match Gateway::start(runtime.port(), settings.clone()).await {
@@ -81,72 +80,17 @@ async fn serve(config: Config) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn gateway_settings(config: &Config) -> anyhow::Result<GatewaySettings> {
-    let tokens = match &config.http.token_file {
-        None => None,
-        Some(path) => {
-            let tokens = Tokens::read(&config.base_dir.join(path)).context("[http] token_file")?;
-            Some(Arc::new(tokens))
-        }
-    };
-    Ok(GatewaySettings {
-        machine: config.machine.name.clone(),
-        http_listen: config.http.listen.clone(),
-        mqtt: mqtt_settings(config)?,
-        tokens,
-        ..GatewaySettings::default()
-    })
-}
-
-/// `[mqtt]`, with the files that it names.
-pub(super) fn mqtt_settings(config: &Config) -> anyhow::Result<MqttSettings> {
-    let mqtt = &config.mqtt;
-    let read = |key: &str, path: &Path| {
-        let path = config.base_dir.join(path);
-        std::fs::read_to_string(&path)
-            .map_err(|error| anyhow::anyhow!("[mqtt] {key} = \"{}\": {error}", path.display()))
-    };
-    let password = match &mqtt.password_file {
-        None => None,
-        Some(path) => Some(read("password_file", path)?.trim_end().to_owned()),
-    };
-    let external = mqtt.broker.split_once("://");
-    let (embedded_listen, host, port) = match external {
-        None => (Some(mqtt.listen.clone()), String::new(), 0),
-        Some((scheme, address)) => {
-            let default = if scheme == "mqtts" { "8883" } else { "1883" };
-            let (host, port) = address.rsplit_once(':').unwrap_or((address, default));
-            let port = port
-                .parse()
-                .map_err(|_| anyhow::anyhow!("[mqtt] broker = \"{}\": {port} is not a port", mqtt.broker))?;
-            (None, host.to_owned(), port)
-        }
-    };
-    let file = |path: &Option<PathBuf>| path.as_ref().map(|path| config.base_dir.join(path));
-    let tls = mqtt.broker.starts_with("mqtts://").then(|| TlsFiles {
-        ca_file: file(&mqtt.ca_file),
-        client_cert_file: file(&mqtt.client_cert_file),
-        client_key_file: file(&mqtt.client_key_file),
-    });
-    Ok(MqttSettings {
-        embedded_listen,
-        host,
-        port,
-        tls,
-        username: mqtt.username.clone(),
-        password,
-        prefix: mqtt.prefix.clone(),
-        ..MqttSettings::default()
-    })
-}
-
 fn announce(settings: &GatewaySettings, gateway: &Gateway, is_demo: bool) {
     let http = gateway.http_addr();
     let broker = if let Some(address) = gateway.mqtt_addr() {
         format!("mqtt://{address}  (embedded broker)")
     } else {
-        let scheme = settings.mqtt.tls.as_ref().map_or("mqtt", |_| "mqtts");
-        format!("{scheme}://{}:{}", settings.mqtt.host, settings.mqtt.port)
+        let broker = ExternalBroker {
+            tls: settings.mqtt.tls.is_some(),
+            host: settings.mqtt.host.clone(),
+            port: settings.mqtt.port,
+        };
+        broker.to_string()
     };
     let prefix = match settings.mqtt.prefix.as_str() {
         "" => String::new(),

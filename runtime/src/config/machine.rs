@@ -110,11 +110,14 @@ pub enum Stock {
 }
 
 impl Machine {
-    /// What the settings of the motors do not bound, though one might think so: text for people, one a setting.
+    /// What the settings of the motors do not do, though one might think so: text for people, one a setting.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = Vec::new();
         for motor in &self.motors {
             let place = format!("[[motor]] number = {}", motor.number);
+            if !self.moves(motor.number) {
+                notes.push(format!("{place}: no coordinate system has it"));
+            }
             if let Some(jerk) = motor.max_jerk {
                 notes.push(format!(
                     "{place}: max_jerk = {jerk} bounds G00, G28, G30 and G31; blocks with F have the jerk of ta, td and ts"
@@ -161,6 +164,17 @@ impl Machine {
             dialect: self.dialect(),
             arc_radius_tolerance_mm: tolerances.fold(0.0, f64::max),
         }
+    }
+
+    /// True for a motor that is an axis or the spindle of a coordinate system.
+    fn moves(&self, motor: u16) -> bool {
+        let systems = self.coordinate_systems.iter().map(|system| &system.settings);
+        let mut motors = systems.flat_map(|settings| settings.motors.iter().chain([&settings.spindle]));
+        motors.any(|of_system| {
+            of_system
+                .as_ref()
+                .is_some_and(|of_system| of_system.number == motor)
+        })
     }
 
     /// NC dialect of the programs.

@@ -3,6 +3,7 @@
 //! Every key is documented in the project's interface page. A key that nothing reads is an error that names it and
 //! the nearest known one. [`Config::resolve`] turns the text's values into the settings that the stages take.
 
+mod broker;
 mod demo;
 mod error;
 mod machine;
@@ -12,7 +13,9 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
+use serde::de::{Deserializer, Error as _};
 
+pub use broker::ExternalBroker;
 pub use error::ConfigError;
 pub use machine::{CoordinateSystem, MCodeSettings, Machine, ProgramSource, Stock, Unhandled};
 
@@ -101,9 +104,10 @@ pub struct MotorConfig {
     #[serde(default = "default_in_position")]
     pub in_position: f64,
     /// Lowest and highest machine position.
+    #[serde(default, deserialize_with = "soft_limits")]
     pub soft_limits: Option<[f64; 2]>,
-    /// First to fourth reference point.
-    #[serde(default)]
+    /// First to fourth reference point; all four.
+    #[serde(default, deserialize_with = "reference_points")]
     pub reference_points: [f64; 4],
     /// Time to come into position, ms.
     #[serde(default = "default_in_position_timeout_ms")]
@@ -117,6 +121,28 @@ pub struct MotorConfig {
     /// Spindle: position of orientation, degrees.
     #[serde(default)]
     pub orientation_position: f64,
+}
+
+/// As many numbers as there must be. An array alone would leave out the ones behind.
+fn exactly<'de, const N: usize, D: Deserializer<'de>>(
+    deserializer: D,
+    what: &str,
+) -> Result<[f64; N], D::Error> {
+    let given = Vec::<f64>::deserialize(deserializer)?;
+    let count = given.len();
+    let wrong = |_| D::Error::custom(format!("{count} values: write {what}"));
+    given.try_into().map_err(wrong)
+}
+
+fn soft_limits<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<[f64; 2]>, D::Error> {
+    exactly(deserializer, "soft_limits = [lowest, highest]").map(Some)
+}
+
+fn reference_points<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[f64; 4], D::Error> {
+    exactly(
+        deserializer,
+        "the 1st to 4th of reference_points, such as [0.0, 0.0, 0.0, 0.0]",
+    )
 }
 
 fn default_in_position() -> f64 {
@@ -300,8 +326,8 @@ pub struct SimulatedSkipConfig {
 pub struct MqttConfig {
     /// `embedded`, or `mqtt://host:1883`.
     pub broker: String,
-    /// Address of the embedded broker.
-    pub listen: String,
+    /// Address of the embedded broker; default `127.0.0.1:1883`.
+    pub listen: Option<String>,
     /// Of an external broker.
     pub username: Option<String>,
     /// Of an external broker.
@@ -322,7 +348,7 @@ impl Default for MqttConfig {
     fn default() -> Self {
         Self {
             broker: "embedded".into(),
-            listen: "127.0.0.1:1883".into(),
+            listen: None,
             username: None,
             password_file: None,
             ca_file: None,

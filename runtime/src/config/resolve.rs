@@ -2,18 +2,32 @@
 
 mod coordinate_system;
 mod motor;
+mod mqtt;
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use plc_api::handlers::RUNTIME_M_CODES;
 use tandem_interp::dialects;
 use tandem_model::limits::{COORDINATE_SYSTEMS_MAX, M_CODE_MAX, PROGRAM_NUMBER_MAX};
 use tandem_model::settings::{MotorSettings, Tool};
 
 use super::machine::{CoordinateSystem, MCodeSettings, Machine, ProgramSource, Unhandled};
-use super::{Config, ConfigError, CoordinateSystemConfig, ToolConfig};
+use super::{Config, ConfigError, CoordinateSystemConfig, MCodeConfig, ToolConfig};
+use crate::tables::TOOLS_MAX;
 
-/// `[mqtt] on_bus_loss` that is not the default.
-const HOLD_AT_WAIT: &str = "hold_at_wait";
+/// Largest position, length or offset, units. Reason: beyond it a number of 64 bits has no digits left for the path.
+const POSITION_MAX: f64 = 1e9;
+
+/// Largest time, ms: a day.
+const TIME_MAX_MS: f64 = 86_400_000.0;
+
+/// Characters of a `wait_state`.
+const WAIT_STATE_MAX: usize = 64;
+
+/// What to write where a value of a key is not a number of its range; `None`: it is.
+fn out_of_range((key, value, low, high): (&str, f64, f64, f64)) -> Option<String> {
+    (!(low..=high).contains(&value)).then(|| format!("{key} = {value}: write {low} to {high}"))
+}
 
 impl Config {
     /// The machine of this configuration.
@@ -23,6 +37,8 @@ impl Config {
     pub fn resolve(&self) -> Result<Machine, ConfigError> {
         let mut problems = Vec::new();
         self.check_machine(&mut problems);
+        self.mqtt.check(&mut problems);
+        self.check_tools(&mut problems);
         let motors = self.motors(&mut problems);
         let m_codes = self.m_codes(&mut problems);
         let coordinate_systems = self.coordinate_systems(&motors, &mut problems);
@@ -38,7 +54,7 @@ impl Config {
             tools: self.tools(),
             m_codes,
             unhandled: Unhandled::Alarm,
-            hold_on_bus_loss: self.mqtt.on_bus_loss == HOLD_AT_WAIT,
+            hold_on_bus_loss: self.mqtt.holds_on_bus_loss(),
         })
     }
 
@@ -69,53 +85,49 @@ impl Config {
                 self.machine.servo_period_us
             ));
         }
-        let mqtt = &self.mqtt;
-        let tls = mqtt.broker.starts_with("mqtts://");
-        if mqtt.broker != "embedded" && !tls && !mqtt.broker.starts_with("mqtt://") {
-            problems.push(format!(
-                "[mqtt] broker = \"{}\": write \"embedded\", \"mqtt://host:port\" or, with TLS, \"mqtts://host:port\"",
-                mqtt.broker
-            ));
+        if self.machine.data_dir.as_os_str().is_empty() {
+            problems.push("[machine] data_dir = \"\": write the name of a folder".into());
         }
-        let files = [&mqtt.ca_file, &mqtt.client_cert_file, &mqtt.client_key_file];
-        if !tls && files.iter().any(|file| file.is_some()) {
-            problems.push(
-                "[mqtt] ca_file, client_cert_file and client_key_file are for broker = \"mqtts://host:port\""
-                    .into(),
-            );
+    }
+
+    fn check_tools(&self, problems: &mut Vec<String>) {
+        let mut ids = BTreeSet::new();
+        for tool in &self.tool {
+            let mut problem = |text: String| problems.push(format!("[[tool]] id = {}: {text}", tool.id));
+            if tool.id == 0 {
+                problem("tools count from 1".into());
+            }
+            if !ids.insert(tool.id) {
+                problem("the id stands twice".into());
+            }
+            let ranges = [
+                ("radius", tool.radius, 0.0, POSITION_MAX),
+                ("length", tool.length, -POSITION_MAX, POSITION_MAX),
+            ];
+            ranges.into_iter().filter_map(out_of_range).for_each(problem);
         }
-        if mqtt.client_cert_file.is_some() != mqtt.client_key_file.is_some() {
-            problems.push("[mqtt] client_cert_file and client_key_file need each other".into());
-        }
-        if !["continue", HOLD_AT_WAIT].contains(&mqtt.on_bus_loss.as_str()) {
-            problems.push(format!(
-                "[mqtt] on_bus_loss = \"{}\": write \"continue\" or \"{HOLD_AT_WAIT}\"",
-                mqtt.on_bus_loss
-            ));
-        }
-        if !self
-            .tool
-            .iter()
-            .all(|tool| tool.id >= 1 && tool.radius >= 0.0 && tool.length.is_finite())
-        {
-            problems.push("[[tool]]: id counts from 1, radius is 0 or more, length a number".into());
-        }
-        let ids: BTreeSet<u16> = self.tool.iter().map(|tool| tool.id).collect();
-        if ids.len() != self.tool.len() {
-            problems.push("[[tool]]: each id stands once".into());
+        if self.tool.len() > TOOLS_MAX {
+            problems.push(format!("[[tool]]: the table holds {TOOLS_MAX} tools"));
         }
     }
 
     fn m_codes(&self, problems: &mut Vec<String>) -> BTreeMap<u16, MCodeSettings> {
         let mut m_codes = BTreeMap::new();
         for (key, config) in &self.m_code {
+            let mut problem = |text: String| problems.push(format!("[m_code.{key}]{text}"));
             let Some(m) = key.parse::<u16>().ok().filter(|m| *m <= M_CODE_MAX) else {
-                problems.push(format!("[m_code.{key}]: write an M code, 0 to {M_CODE_MAX}"));
+                problem(format!(": write an M code, 0 to {M_CODE_MAX}"));
                 continue;
             };
-            if !(0.0..=86_400_000.0).contains(&config.simulated_ms) {
-                problems.push(format!("[m_code.{key}] simulated_ms: write 0 to 86400000"));
+            if m.to_string() != *key {
+                problem(format!(": write [m_code.{m}]"));
             }
+            if RUNTIME_M_CODES.contains(&m) {
+                problem(format!(
+                    ": the runtime handles M{m:02} itself, and nothing reads this table; take it out"
+                ));
+            }
+            config.check(&mut problem);
             m_codes.insert(
                 m,
                 MCodeSettings {
@@ -187,12 +199,26 @@ impl Config {
     ) -> BTreeMap<u16, ProgramSource> {
         let mut programs = BTreeMap::new();
         for (key, path) in &config.programs {
-            let Some(number) = key.parse().ok().filter(|n| (1..=PROGRAM_NUMBER_MAX).contains(n)) else {
+            let number = key.parse::<u16>().ok();
+            let Some(number) = number.filter(|n| (1..=PROGRAM_NUMBER_MAX).contains(n)) else {
                 problem(format!(
                     "programs: {key} is not a program number; write 1 to {PROGRAM_NUMBER_MAX}"
                 ));
                 continue;
             };
+            if number.to_string() != *key {
+                problem(format!("programs: {key}: write {number}"));
+            }
+            let others = self
+                .coordinate_system
+                .iter()
+                .take_while(|other| other.number != config.number);
+            let mut elsewhere = others.filter_map(|other| other.programs.get(key));
+            if let Some(other) = elsewhere.find(|other| *other != path) {
+                problem(format!(
+                    "programs: {key} = \"{path}\": coordinate systems share the programs, and {key} is \"{other}\" in another one"
+                ));
+            }
             let source = match self.embedded_programs.get(path.as_str()) {
                 Some(text) => ProgramSource::Text(text),
                 None => ProgramSource::File(self.base_dir.join(path)),
@@ -200,6 +226,29 @@ impl Config {
             programs.insert(number, source);
         }
         programs
+    }
+}
+
+impl MCodeConfig {
+    fn check(&self, problem: &mut impl FnMut(String)) {
+        let simulated = ("simulated_ms", self.simulated_ms, 0.0, TIME_MAX_MS);
+        if let Some(text) = out_of_range(simulated) {
+            problem(format!(" {text}"));
+        }
+        if let Some(ms) = self.timeout_ms
+            && !(1.0..=TIME_MAX_MS).contains(&(ms as f64))
+        {
+            problem(format!(
+                " timeout_ms = {ms}: write 1 to {TIME_MAX_MS}, or leave it out"
+            ));
+        }
+        if let Some(word) = &self.wait_state
+            && (!(1..=WAIT_STATE_MAX).contains(&word.chars().count()) || word.contains(char::is_control))
+        {
+            problem(format!(
+                " wait_state: write a word of 1 to {WAIT_STATE_MAX} characters"
+            ));
+        }
     }
 }
 

@@ -33,7 +33,7 @@ const STOP_MAX: Duration = Duration::from_secs(2);
 /// Client id of the runtime at its broker. It holds the prefix: machines of one name push each other off otherwise.
 pub(crate) fn client_id(settings: &MqttSettings, machine: &str) -> String {
     if settings.client_id.is_empty() {
-        match settings.prefix.trim_matches('/') {
+        match settings.prefix.as_str() {
             "" => format!("tandem-{machine}"),
             prefix => format!("tandem-{}-{machine}", prefix.replace('/', "-")),
         }

@@ -10,6 +10,7 @@ use tandem_model::{AXES_MAX, Axis, AxisVector};
 
 use super::super::CoordinateSystemConfig;
 use super::super::error::nearest;
+use super::{POSITION_MAX, out_of_range};
 
 impl CoordinateSystemConfig {
     pub(super) fn check(&self, problem: &mut impl FnMut(String)) {
@@ -43,11 +44,10 @@ impl CoordinateSystemConfig {
             ("override_slew_ms", self.override_slew_ms, 1.0, 60_000.0),
             ("hold_slew_ms", self.hold_slew_ms, 1.0, 60_000.0),
         ];
-        for (key, value, low, high) in ranges {
-            if !(low..=high).contains(&value) {
-                problem(format!("{key} = {value}: write {low} to {high}"));
-            }
-        }
+        ranges
+            .into_iter()
+            .filter_map(out_of_range)
+            .for_each(&mut *problem);
         if !(16..=1_000_000).contains(&self.pre_read_blocks) {
             problem("pre_read_blocks: write 16 to 1000000".into());
         }
@@ -67,6 +67,9 @@ impl CoordinateSystemConfig {
         for (letter, number) in &self.axes {
             match (axis(letter), motors.get(number)) {
                 (None, _) => problem(format!("axes: {letter} is not an axis; write X Y Z A B C U or V")),
+                (Some(axis), _) if !letter.contains(axis.letter()) => {
+                    problem(format!("axes: {letter} = {number}: write {}", axis.letter()));
+                }
                 (_, None) => problem(format!(
                     "axes: {letter} = {number}: there is no [[motor]] {number}"
                 )),
@@ -154,7 +157,7 @@ impl CoordinateSystemConfig {
             let mut offset = AxisVector::ZERO;
             for (letter, value) in values {
                 match axis(letter) {
-                    Some(axis) if self.axes.contains_key(letter) && value.is_finite() => {
+                    Some(axis) if self.axes.contains_key(letter) && value.abs() <= POSITION_MAX => {
                         offset[axis] = *value;
                     }
                     _ => problem(format!(

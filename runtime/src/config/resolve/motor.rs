@@ -5,6 +5,13 @@ use std::collections::BTreeMap;
 use tandem_model::settings::{MotorKind, MotorSettings, SimulatedSkip};
 
 use super::super::{Config, MotorConfig, MotorKindConfig};
+use super::{POSITION_MAX, TIME_MAX_MS, out_of_range};
+
+/// Least rate and window. Reason: nothing moves with less.
+const LEAST: f64 = 1e-9;
+
+/// Largest velocity, acceleration and jerk, units per second, squared, cubed. Reason: squares of them are numbers.
+const RATE_MAX: f64 = 1e12;
 
 impl Config {
     /// The motors by number.
@@ -41,8 +48,8 @@ impl Config {
                 ));
             }
             let skip = match (config.below, config.above) {
-                (Some(below), None) if below.is_finite() => SimulatedSkip::Below(below),
-                (None, Some(above)) if above.is_finite() => SimulatedSkip::Above(above),
+                (Some(below), None) if below.abs() <= POSITION_MAX => SimulatedSkip::Below(below),
+                (None, Some(above)) if above.abs() <= POSITION_MAX => SimulatedSkip::Above(above),
                 _ => {
                     problems.push(format!("{place}: write a position for either below or above"));
                     continue;
@@ -58,43 +65,44 @@ impl Config {
 
 impl MotorConfig {
     fn check(&self, problems: &mut Vec<String>) {
-        let mut positive = |key: &str, value: f64| {
-            if !(value > 0.0 && value.is_finite()) {
-                problems.push(format!(
-                    "[[motor]] number = {}: {key} = {value}: write a number above 0",
-                    self.number
-                ));
-            }
-        };
-        positive("max_velocity", self.max_velocity);
-        positive("max_acceleration", self.max_acceleration);
-        positive("in_position", self.in_position);
-        positive("in_position_timeout_ms", self.in_position_timeout_ms);
-        positive("orientation_velocity", self.orientation_velocity);
+        let mut problem = |text: String| problems.push(format!("[[motor]] number = {}: {text}", self.number));
+        let rate = |key, value| (key, value, LEAST, RATE_MAX);
         let optional = [
             ("max_jerk", self.max_jerk),
             ("rapid_velocity", self.rapid_velocity),
             ("rapid_acceleration", self.rapid_acceleration),
             ("skip_velocity", self.skip_velocity),
         ];
-        for (key, value) in optional {
-            if let Some(value) = value {
-                positive(key, value);
-            }
-        }
-        if !(0.0..=10_000.0).contains(&self.lag_ms) {
-            problems.push(format!(
-                "[[motor]] number = {}: lag_ms: write 0 to 10000",
-                self.number
-            ));
-        }
-        if self
-            .soft_limits
-            .is_some_and(|[low, high]| low.is_nan() || high.is_nan() || low >= high)
+        let optional = optional
+            .into_iter()
+            .filter_map(|(key, value)| Some(rate(key, value?)));
+        let angle = self.orientation_position;
+        let points = self.reference_points.into_iter();
+        let points = points.map(|point| ("reference_points", point, -POSITION_MAX, POSITION_MAX));
+        [
+            rate("max_velocity", self.max_velocity),
+            rate("max_acceleration", self.max_acceleration),
+            rate("orientation_velocity", self.orientation_velocity),
+            ("in_position", self.in_position, LEAST, POSITION_MAX),
+            (
+                "in_position_timeout_ms",
+                self.in_position_timeout_ms,
+                LEAST,
+                TIME_MAX_MS,
+            ),
+            ("lag_ms", self.lag_ms, 0.0, 10_000.0),
+            ("orientation_position", angle, -POSITION_MAX, POSITION_MAX),
+        ]
+        .into_iter()
+        .chain(optional)
+        .chain(points)
+        .filter_map(out_of_range)
+        .for_each(&mut problem);
+        if let Some([low, high]) = self.soft_limits
+            && !(-POSITION_MAX <= low && low < high && high <= POSITION_MAX)
         {
-            problems.push(format!(
-                "[[motor]] number = {}: soft_limits: write [lowest, highest]",
-                self.number
+            problem(format!(
+                "soft_limits = [{low}, {high}]: write [lowest, highest], within {POSITION_MAX} of 0"
             ));
         }
     }

@@ -1,0 +1,121 @@
+//! `[http]` and `[mqtt]` of a configuration, with the files that they name: what `check` calls good is what `serve`
+//! starts with.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use plc_api::TlsFiles;
+use tandem_gateway::{GatewayError, GatewaySettings, MqttSettings, Tokens};
+use tandem_runtime::{Config, Machine};
+
+use super::read_config;
+
+/// Where the embedded broker listens when nothing else is written.
+const MQTT_LISTEN_DEFAULT: &str = "127.0.0.1:1883";
+
+/// A configuration that can be served.
+pub(super) struct Servable {
+    pub(super) config: Config,
+    pub(super) machine: Machine,
+    pub(super) settings: GatewaySettings,
+}
+
+impl Servable {
+    /// Reads the configuration of a file, or the demo machine, with all files that it names. Nothing is written and no
+    /// port is opened.
+    ///
+    /// # Errors
+    /// All that is wrong, as text for people.
+    pub(super) fn read(path: Option<&Path>) -> Result<Self, String> {
+        let (config, machine) = read_config(path)?;
+        let (settings, mut problems) = settings(&config);
+        if let Some(folder) = &machine.data_dir
+            && let Some(there) = folder.ancestors().find(|path| path.exists())
+            && !there.is_dir()
+        {
+            problems.push(format!(
+                "[machine] data_dir = \"{}\": {} is not a folder",
+                folder.display(),
+                there.display()
+            ));
+        }
+        let programs = machine.unreadable_programs();
+        problems.extend(programs.iter().map(ToString::to_string));
+        if problems.is_empty() {
+            return Ok(Self {
+                config,
+                machine,
+                settings,
+            });
+        }
+        let place = path.map_or_else(String::new, |path| format!("{}: ", path.display()));
+        let problems = problems.join("\n  ");
+        Err(format!(
+            "{place}the configuration cannot be served:\n  {problems}"
+        ))
+    }
+}
+
+/// The settings of the server ends, and all that is wrong with them.
+pub(super) fn settings(config: &Config) -> (GatewaySettings, Vec<String>) {
+    let mut problems = Vec::new();
+    let file = &config.http.token_file;
+    let tokens = file.as_ref().and_then(|file| {
+        let tokens = Tokens::read(&config.base_dir.join(file));
+        let tokens = tokens.map_err(|error| problems.push(format!("[http] token_file: {error}")));
+        tokens.ok().map(Arc::new)
+    });
+    let tokens_missing = file.is_some() && tokens.is_none();
+    let settings = GatewaySettings {
+        machine: config.machine.name.clone(),
+        http_listen: config.http.listen.clone(),
+        mqtt: mqtt_settings(config, &mut problems),
+        tokens,
+        ..GatewaySettings::default()
+    };
+    let found = settings.problems();
+    // what follows from a token file that cannot be read says nothing new
+    let found = found
+        .iter()
+        .filter(|problem| !(tokens_missing && matches!(problem, GatewayError::NotLoopback { .. })));
+    problems.extend(found.map(ToString::to_string));
+    (settings, problems)
+}
+
+fn mqtt_settings(config: &Config, problems: &mut Vec<String>) -> MqttSettings {
+    let mqtt = &config.mqtt;
+    let in_folder = |path: &PathBuf| config.base_dir.join(path);
+    let password = mqtt.password_file.as_ref().map(in_folder).and_then(|path| {
+        let read = std::fs::read_to_string(&path).map_err(|error| {
+            problems.push(format!("[mqtt] password_file = \"{}\": {error}", path.display()));
+        });
+        read.ok().map(|text| text.trim_end().to_owned())
+    });
+    let settings = MqttSettings {
+        username: mqtt.username.clone(),
+        password,
+        prefix: mqtt.prefix.clone(),
+        ..MqttSettings::default()
+    };
+    match mqtt.external_broker() {
+        Ok(Some(broker)) => MqttSettings {
+            embedded_listen: None,
+            host: broker.host,
+            port: broker.port,
+            tls: broker.tls.then(|| TlsFiles {
+                ca_file: mqtt.ca_file.as_ref().map(in_folder),
+                client_cert_file: mqtt.client_cert_file.as_ref().map(in_folder),
+                client_key_file: mqtt.client_key_file.as_ref().map(in_folder),
+            }),
+            ..settings
+        },
+        embedded => {
+            problems.extend(embedded.err().map(|text| format!("[mqtt] {text}")));
+            let listen = mqtt.listen.as_deref().unwrap_or(MQTT_LISTEN_DEFAULT);
+            MqttSettings {
+                embedded_listen: Some(listen.to_owned()),
+                ..settings
+            }
+        }
+    }
+}

@@ -1,0 +1,127 @@
+//! `[mqtt] broker`: the address of an external broker.
+
+use std::fmt;
+use std::net::Ipv6Addr;
+
+use super::MqttConfig;
+
+/// The value that stands for the broker of the runtime itself.
+const EMBEDDED: &str = "embedded";
+
+/// Port of a broker where the address names none.
+const PORT_DEFAULT: u16 = 1883;
+
+/// The same with TLS.
+const TLS_PORT_DEFAULT: u16 = 8883;
+
+/// Where an external broker is: `mqtt://host:1883`, or with TLS `mqtts://host:8883`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ExternalBroker {
+    /// With TLS.
+    pub tls: bool,
+    /// Name or address of the host; an IPv6 address without its brackets.
+    pub host: String,
+    /// 1 to 65535.
+    pub port: u16,
+}
+
+impl fmt::Display for ExternalBroker {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let scheme = if self.tls { "mqtts" } else { "mqtt" };
+        if self.host.contains(':') {
+            write!(f, "{scheme}://[{}]:{}", self.host, self.port)
+        } else {
+            write!(f, "{scheme}://{}:{}", self.host, self.port)
+        }
+    }
+}
+
+impl MqttConfig {
+    /// The external broker; `None`: the runtime brings its own.
+    ///
+    /// # Errors
+    /// What is wrong with the address and what to write, without a user or password that stands in it.
+    pub fn external_broker(&self) -> Result<Option<ExternalBroker>, String> {
+        let text = self.broker.as_str();
+        if text == EMBEDDED {
+            return Ok(None);
+        }
+        if text.contains('@') {
+            return Err(
+                "broker: a user and password do not belong into the address; write username and password_file"
+                    .into(),
+            );
+        }
+        parse(text).map(Some).map_err(|why| {
+            format!(
+                "broker = \"{text}\": {why}; write \"{EMBEDDED}\", \"mqtt://host:{PORT_DEFAULT}\" or, with TLS, \"mqtts://host:{TLS_PORT_DEFAULT}\""
+            )
+        })
+    }
+}
+
+fn parse(text: &str) -> Result<ExternalBroker, &'static str> {
+    let (tls, authority) = match text.split_once("://") {
+        Some(("mqtt", authority)) => (false, authority),
+        Some(("mqtts", authority)) => (true, authority),
+        _ => return Err("it is not an address of MQTT"),
+    };
+    let (host, port) = if let Some(rest) = authority.strip_prefix('[') {
+        let (host, port) = rest
+            .split_once(']')
+            .ok_or("the ] of its IPv6 address is missing")?;
+        host.parse::<Ipv6Addr>()
+            .map_err(|_| "there is no IPv6 address between [ and ]")?;
+        (host, port)
+    } else {
+        let (host, port) = authority.split_at(authority.find(':').unwrap_or(authority.len()));
+        let good = |c: char| c.is_ascii_alphanumeric() || ['.', '-', '_'].contains(&c);
+        if host.is_empty() || !host.chars().all(good) {
+            return Err("it names no host");
+        }
+        (host, port)
+    };
+    let default = if tls { TLS_PORT_DEFAULT } else { PORT_DEFAULT };
+    let port = match port.strip_prefix(':') {
+        Some(number) => number.parse().ok().filter(|port| *port != 0),
+        None => port.is_empty().then_some(default),
+    };
+    Ok(ExternalBroker {
+        tls,
+        host: host.to_owned(),
+        port: port.ok_or("its port is not one of 1 to 65535")?,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn broker(text: &str) -> Result<Option<ExternalBroker>, String> {
+        let config = MqttConfig {
+            broker: text.into(),
+            ..MqttConfig::default()
+        };
+        config.external_broker()
+    }
+
+    #[test]
+    fn an_address_is_taken_apart_and_shown_whole() {
+        for (text, tls, host, port) in [
+            ("mqtt://h", false, "h", 1883),
+            ("mqtts://plant-1.example", true, "plant-1.example", 8883),
+            ("mqtt://10.0.0.7:1884", false, "10.0.0.7", 1884),
+            ("mqtts://[::1]:7", true, "::1", 7),
+            ("mqtt://[fd00::2]", false, "fd00::2", 1883),
+        ] {
+            let found = broker(text).unwrap().unwrap();
+            assert_eq!(
+                (found.tls, found.host.as_str(), found.port),
+                (tls, host, port),
+                "{text}"
+            );
+            assert!(found.to_string().starts_with(text), "{found}");
+        }
+        assert_eq!(broker("embedded"), Ok(None));
+    }
+}
