@@ -404,3 +404,18 @@ fn a_configuration_checked_for_an_editor_leaves_json_alone_on_standard_output() 
     assert_eq!(ran.code, 0, "{}", ran.stderr);
     assert_eq!(ran.json(), serde_json::json!({"files": []}));
 }
+
+#[test]
+fn a_config_before_a_subcommand_is_refused() {
+    let machine = Machine::new("");
+    machine.write("1.nc", "M30\n");
+    for command in ["check", "simulate", "compile"] {
+        let ran = run(machine.folder(), &["--config", "nothing.toml", command, "1.nc"]);
+        assert_eq!((ran.code, ran.stdout.as_str()), (2, ""), "{command}");
+        assert!(
+            ran.stderr.contains("--config") && ran.stderr.contains(command),
+            "{}",
+            ran.stderr
+        );
+    }
+}

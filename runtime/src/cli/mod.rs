@@ -30,7 +30,8 @@ const EXIT_UNREADABLE: u8 = 2;
 #[command(
     name = "tandem",
     version,
-    about = "Runs NC programs and sequence programs in tandem"
+    about = "Runs NC programs and sequence programs in tandem",
+    args_conflicts_with_subcommands = true
 )]
 struct Cli {
     #[command(subcommand)]
