@@ -419,3 +419,11 @@ fn a_config_before_a_subcommand_is_refused() {
         );
     }
 }
+
+#[test]
+fn tandem_token_tells_that_its_file_is_read_again_while_the_machine_runs() {
+    let machine = Machine::new("");
+    let arguments = ["token", "hmi-1", "--role", "view", "--file", "tokens.toml"];
+    let ran = run(machine.folder(), &arguments);
+    assert!(ran.stdout.contains("within 5 s"), "{}", ran.stdout);
+}

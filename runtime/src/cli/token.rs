@@ -48,7 +48,7 @@ pub(super) fn run(arguments: &Arguments) -> u8 {
             }
             say(&format!("token: {}", new.token));
             say(&format!(
-                "It is shown once. {} has its entry; the runtime reads it when it starts.",
+                "It is shown once. {} has its entry; a runtime that runs with the file reads it within 5 s.",
                 path.display()
             ));
         }
