@@ -27,7 +27,7 @@ import { views } from "./views/index.js";
 /**
  * A view: one file, and one line in views/index.js.
  * @typedef {object} View
- * @property {"header" | "banner" | "left" | "middle" | "right" | "footer"} place
+ * @property {"header" | "banner" | "now" | "left" | "middle" | "right" | "footer"} place
  * @property {(app: App) => {element: HTMLElement, render: () => void}} create
  */
 
@@ -102,6 +102,7 @@ function build() {
   const places = {
     header: h("header", { class: "place-header" }),
     banner: h("div", { class: "place-banner" }),
+    now: h("div", { class: "place-now" }),
     left: h("div", { class: "place-left" }),
     middle: h("div", { class: "place-middle" }),
     right: h("div", { class: "place-right" }),
@@ -112,9 +113,27 @@ function build() {
     places[view.place]?.append(made.element);
     return made;
   });
-  const main = h("main", { id: "panel", role: "tabpanel" }, places.left, places.middle, places.right);
+  const main = h("main", { id: "panel", role: "tabpanel" }, places.now, places.left, places.middle, places.right);
   fill(document.body, places.header, places.banner, main, places.footer, toasts.element);
+  measure(places);
   return { shown, main };
+}
+
+/**
+ * Tells the style sheet how high the state above and the commands below are, which stay in view: what opens leaves the
+ * commands free, and what gets the focus is brought between both. On a phone the footer has no box of its own, and only
+ * the commands stay.
+ * @param {Record<string, HTMLElement>} places
+ */
+function measure({ banner, footer }) {
+  const commands = /** @type {HTMLElement | null | undefined} */ (footer?.querySelector(".commands"));
+  if (!banner || !footer || !commands) return;
+  const { style } = document.documentElement;
+  const observer = new ResizeObserver(() => {
+    style.setProperty("--banner-height", `${banner.offsetHeight}px`);
+    style.setProperty("--bar-height", `${footer.offsetHeight || commands.offsetHeight}px`);
+  });
+  for (const one of [banner, footer, commands]) observer.observe(one);
 }
 
 const { shown, main } = build();

@@ -33,9 +33,19 @@ export function look(state) {
 }
 
 /** What a handler asks and nobody has answered yet. @param {import("./types.d.ts").State} state */
-function asked(state) {
+export function asked(state) {
   const question = state.waiting_on?.question;
   return question?.answer === undefined ? question : undefined;
+}
+
+/** Characters of a text of an alarm, a question or a handler in the sentence; its card shows all of it. */
+const BRIEF_CHARS = 140;
+
+/** The beginning of a text, up to the end of a word. @param {string} text */
+export function brief(text, chars = BRIEF_CHARS) {
+  if (text.length <= chars) return text;
+  const end = text.lastIndexOf(" ", chars);
+  return `${text.slice(0, end > 0 ? end : chars).replace(/[.,;:\s]+$/, "")} …`;
 }
 
 /** How long an output may go untaken before it is worth a word, ms. */
@@ -98,7 +108,7 @@ export function sentence(system, alarms, ageMs) {
 /** @param {import("./types.d.ts").LockInput | null} interlock */
 function interlocked(interlock) {
   if (interlock && !interlock.value) return "The interlock is off again. Press Resume to go on.";
-  const why = interlock?.text ? ` (${interlock.text})` : "";
+  const why = interlock?.text ? ` (${brief(interlock.text)})` : "";
   return `The interlock is on${why}: motion goes on when it is released and Resume is pressed.`;
 }
 
@@ -125,13 +135,13 @@ function waiting({ state, pending }, ageMs) {
   }
   const since = `Waiting ${duration(ageMs(on.since))} for ${name}${given}`;
   const question = asked(state);
-  if (question) return `${name} asks: ${question.text} Answer it beside M${on.m}.`;
+  if (question) return `${name} asks: ${brief(question.text)} Answer it beside M${on.m}.`;
   const progress = on.progress ?? output?.progress;
   if (output?.state === "CLAIMED") {
     const handler = `handler ${output.handler_id ?? "unknown"}`;
     if (!progress) return `${since}: ${handler} has it.`;
     const percent = progress.percent === undefined ? "" : ` (${Math.round(progress.percent)}\u00a0%)`;
-    return `${since}: ${handler} works: ${progress.text}${percent}.`;
+    return `${since}: ${handler} works: ${brief(progress.text)}${percent}.`;
   }
   if (ageMs(on.since) < UNTAKEN_MS) return `${since}.`;
   return `${since}: no handler has taken it. When its work is done, reset it by hand.`;
@@ -145,7 +155,7 @@ function stopped({ state, info, lastRun }, alarms) {
   switch (state?.reason) {
     case "ALARM": {
       const alarm = alarms.findLast((a) => a.severity === "alarm" && (a.cs === null || a.cs === info.number));
-      const what = alarm ? `Alarm ${alarm.number}: ${alarm.text}`.replace(/[.\s]*$/, ".") : "Stopped by an alarm.";
+      const what = alarm ? `Alarm ${alarm.number}: ${brief(alarm.text)}`.replace(/(?<!…)[.\s]*$/, ".") : "Stopped by an alarm.";
       return `${what} Remove the cause, then press Reset.`;
     }
     case "NO_PROGRAM":

@@ -41,6 +41,17 @@ test("alarm: the sentence is the alarm's own text", () => {
   assert.equal(said({ execution: "STOPPED", reason: "ALARM" }, { alarms }), "Alarm 10007: Clamp does not close. Remove the cause, then press Reset.");
 });
 
+test("a long text keeps its beginning in the sentence, and what to do its place; a screen reader's is no longer", () => {
+  const text = "word ".repeat(100).trim();
+  const alarms = [{ severity: "alarm", number: 10007, text, cs: 1 }];
+  const alarm = said({ execution: "STOPPED", reason: "ALARM" }, { alarms });
+  assert.match(alarm, /^Alarm 10007: (word )+… Remove the cause, then press Reset\.$/);
+  const question = { id: "q", text, choices: ["yes"], since: "2026-01-01T00:00:00Z" };
+  const asked = said({ execution: "WAIT", waiting_on: { m: 60, seq: 1, since: question.since, question } });
+  assert.match(asked, /^M60 asks: (word )+… Answer it beside M60\.$/);
+  for (const sentence of [alarm, asked]) assert.ok(sentence.length < 200, `${sentence.length} characters`);
+});
+
 test("an alarm of another coordinate system is not taken for this one's", () => {
   const alarms = [{ severity: "alarm", number: 10007, text: "Clamp does not close", cs: 2 }];
   assert.equal(said({ execution: "STOPPED", reason: "ALARM" }, { alarms }), "Stopped by an alarm. Remove the cause, then press Reset.");

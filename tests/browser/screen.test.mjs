@@ -327,7 +327,7 @@ test("state is announced to screen readers once, not with every second", async (
   assert.equal(await live.textContent(), before);
 });
 
-for (const [width, height] of [[1280, 800], [1920, 1080], [1024, 768], [820, 1180], [768, 1024]]) {
+for (const [width, height] of [[1280, 800], [1920, 1080], [1024, 768], [820, 1180], [768, 1024], [390, 844]]) {
   test(`at ${width}x${height} nothing is cut off and every target is at least 44 px`, async () => {
     await page.setViewportSize({ width, height });
     waitForM100(null, { redelivered: true, lost: true });

@@ -1,29 +1,27 @@
 // Active alarms, newest first, with what to do about them.
 
-import { card, fill, h, setAttr, setText } from "../dom.js";
+import { card, fill, h, setText } from "../dom.js";
 import { programName, timeOfDay } from "../format.js";
 import { icon } from "../icons.js";
 
 /** @type {import("../main.js").View} */
 export const alarms = {
-  place: "right",
+  place: "now",
   create(app) {
     const count = h("span", { class: "muted" });
     const list = h("ul", { class: "list" });
-    const log = h("div", { class: "scroll", role: "log", "aria-live": "assertive", "aria-label": "Active alarms" }, list);
-    const empty = h("p", { class: "empty" }, "No alarm is active.");
+    const log = h("div", { class: "scroll", role: "log", "aria-live": "assertive", "aria-label": "Active alarms", tabindex: 0 }, list);
     let shown = "";
     const render = () => {
       const active = [...app.model.alarms].reverse();
-      const key = JSON.stringify(active);
+      const key = JSON.stringify([app.model.bootId, active]);
       if (key !== shown) {
         shown = key;
         fill(list, ...active.map((alarm) => entry(app, alarm)));
-        setText(count, active.length > 0 ? `${active.length} active` : "");
-        setAttr(empty, "hidden", active.length > 0);
+        setText(count, active.length > 0 ? `${active.length} active` : app.model.bootId === null ? "" : "No alarm is active.");
       }
     };
-    return { element: card("alarms-card", "Alarms", [count], log, empty), render };
+    return { element: card("alarms-card", "Alarms", [count], log), render };
   },
 };
 

@@ -57,7 +57,9 @@ export const header = {
 function tab(cs, select) {
   const sign = icon("ready");
   const word = h("span", { class: "tab-word" });
-  const alarms = h("span", { class: "tab-alarms" });
+  const count = h("span", {});
+  const unit = h("span", { class: "tab-unit" });
+  const alarms = h("span", { class: "tab-alarms" }, count, unit);
   const element = h(
     "button",
     { type: "button", class: "tab", role: "tab", id: `tab-${cs}`, "aria-controls": "panel", onclick: select },
@@ -76,7 +78,11 @@ function tab(cs, select) {
       setAttr(element, "data-tone", tone);
       setIcon(sign, name);
       setText(word, text);
-      setText(alarms, state?.alarm_count ? `${state.alarm_count} ${state.alarm_count === 1 ? "alarm" : "alarms"}` : "");
+      const active = state?.alarm_count ?? 0;
+      setText(count, String(active));
+      setText(unit, active === 1 ? "\u00a0alarm" : "\u00a0alarms");
+      setAttr(alarms, "hidden", active === 0);
+      setAttr(element, "title", `Coordinate system ${cs}: ${text}`);
     },
   };
 }

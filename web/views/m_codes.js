@@ -9,11 +9,10 @@ const STATES = { QUEUED: "queued", OUTPUT: "no handler yet", CLAIMED: "in work" 
 
 /** @type {import("../main.js").View} */
 export const mCodes = {
-  place: "right",
+  place: "now",
   create(app) {
     const count = h("span", { class: "muted" });
     const list = h("ul", { class: "list", "aria-label": "Open M codes" });
-    const empty = h("p", { class: "empty" }, "No M code is open.");
     /** @type {Map<string, ReturnType<typeof entry>>} */
     let shown = new Map();
 
@@ -31,10 +30,9 @@ export const mCodes = {
         const output = outputs[i];
         if (output) shown.get(key)?.render(output);
       }
-      setText(count, outputs.length > 0 ? `${outputs.length} open` : "");
-      setAttr(empty, "hidden", outputs.length > 0);
+      setText(count, outputs.length > 0 ? `${outputs.length} open` : model.current?.pending ? "No M code is open." : "");
     };
-    return { element: card("m-codes-card", "M codes", [count], list, empty), render };
+    return { element: card("m-codes-card", "M codes", [count], list), render };
   },
 };
 
@@ -43,8 +41,8 @@ function entry(app, seq) {
   const name = h("strong", { class: "m" });
   const badge = h("span", { class: "chip" });
   const age = h("span", { class: "age" });
-  const given = h("p", { class: "params" });
-  const from = h("p", { class: "muted" });
+  const given = h("span", { class: "params" });
+  const from = h("span", { class: "muted" });
   const handler = h("p", { class: "handler" });
   const bar = h("progress", { max: 100, hidden: true });
   const reset = h("button", { type: "button", class: "button reset-output" }, icon("done"), "Reset");
@@ -56,8 +54,8 @@ function entry(app, seq) {
     "li",
     { class: "output", "data-seq": seq },
     h("div", { class: "row" }, name, badge, h("span", { class: "spring" }), age),
+    h("div", { class: "row wrap end" }, h("div", { class: "work" }, h("p", {}, given, from), handler, bar), redeliveries, reset),
     asked.element,
-    h("div", { class: "row wrap end" }, h("div", { class: "work" }, given, from, handler, bar), redeliveries, reset),
   );
   /** @type {import("../types.d.ts").PendingOutput | null} */
   let output = null;
@@ -98,8 +96,8 @@ function entry(app, seq) {
 /** What the handler asks, with a button for each choice. @param {import("../main.js").App} app @param {number} seq */
 function question(app, seq) {
   const text = h("p", { class: "question" });
-  const choices = h("div", { class: "row wrap", role: "group", "aria-label": "Answer" });
-  const element = h("div", { hidden: true }, text, choices);
+  const choices = h("div", { class: "choices", role: "group", "aria-label": "Answer" });
+  const element = h("div", { class: "asked", hidden: true }, text, choices);
   let shown = "";
 
   /** @param {import("../types.d.ts").PendingOutput} now */
@@ -126,7 +124,7 @@ function question(app, seq) {
 /** @param {import("../types.d.ts").PendingOutput} output */
 function handlerText({ handler_id, progress }) {
   if (!handler_id) return progress?.text ?? "";
-  const percent = progress?.percent === undefined ? "" : `, ${Math.round(progress.percent)} %`;
+  const percent = progress?.percent === undefined ? "" : `, ${Math.round(progress.percent)}\u00a0%`;
   return progress ? `${handler_id}: ${progress.text}${percent}` : handler_id;
 }
 

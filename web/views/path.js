@@ -177,7 +177,7 @@ function drawGrid(c, view, colours, h1, v1) {
   for (let n = Math.ceil(view.box.x0 / step); n * step <= view.box.x1; n += 1) {
     const x = Math.round(view.x(n * step)) + 0.5;
     line(n, x, 0, x, view.height);
-    if (x > 44 && x < view.width - 44) c.fillText(label(n), x, view.height - 4);
+    if (x > 44 && x < view.width - 60) c.fillText(label(n), x, view.height - 4);
   }
   c.textAlign = "left";
   c.textBaseline = "middle";

@@ -1,10 +1,12 @@
 // Where the axes are: work position big, machine position and distance to go beside it.
 
-import { card, fill, h, setText } from "../dom.js";
+import { card, fill, h, setAttr, setText } from "../dom.js";
 import { position } from "../format.js";
 
 /** Axis letters in the order people look for them. */
 const ORDER = "XYZABCUVW";
+/** A position of more characters is set smaller. */
+const LONG_POSITION = 8;
 
 /** @type {import("../main.js").View} */
 export const positions = {
@@ -45,6 +47,7 @@ export const positions = {
         setText(machine, position(system.position?.machine[axis]));
         setText(toGo, position(system.position?.distance_to_go[axis]));
       }
+      setAttr(table, "data-long", rows.some(({ work, machine }) => [work, machine].some((cell) => (cell.textContent ?? "").length > LONG_POSITION)));
     };
     return { element: card("positions-card", "Position", [], h("div", { class: "positions-box" }, table)), render };
   },

@@ -19,7 +19,9 @@ export const program = {
 };
 
 class ProgramView {
-  #stack = h("span", { class: "muted stack" });
+  #calls = h("span", { class: "calls" });
+  #place = h("span", {});
+  #stack = h("span", { class: "muted stack" }, this.#calls, this.#place);
   #follow = h("button", { type: "button", class: "button small", "aria-pressed": "true" }, "Follow");
   #spacer = h("div", { class: "spacer" });
   #rows = h("ol", { class: "rows" });
@@ -64,7 +66,9 @@ class ProgramView {
     setAttr(this.#note, "hidden", error === "");
     setAttr(this.#view, "hidden", text === null);
     setAttr(this.#follow, "aria-pressed", String(this.#following));
-    setText(this.#stack, callers(place, number));
+    setText(this.#calls, callers(place));
+    setText(this.#place, number === null ? "" : `${programName(number)}${place?.line ? ` line ${place.line}` : ""}`);
+    setAttr(this.#stack, "title", this.#stack.textContent);
     if (text) this.#draw(text, place?.line ?? 0, place?.interpreted_line ?? 0);
   }
 
@@ -138,9 +142,7 @@ function row(number, text, running, interpreted) {
   );
 }
 
-/** @param {import("../types.d.ts").ProgramPlace | null} place @param {number | null} number */
-function callers(place, number) {
-  if (number === null) return "";
-  const calls = (place?.stack ?? []).map((site) => `${programName(site.program)} line ${site.line} › `);
-  return `${calls.join("")}${programName(number)}${place?.line ? ` line ${place.line}` : ""}`;
+/** @param {import("../types.d.ts").ProgramPlace | null} place */
+function callers(place) {
+  return (place?.stack ?? []).map((site) => `${programName(site.program)} line ${site.line} › `).join("");
 }

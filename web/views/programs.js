@@ -76,7 +76,7 @@ function entry(app, program) {
       "div",
       { class: "grow" },
       h("div", { class: "row" }, h("strong", {}, programName(program.number)), h("span", { class: "chip loaded-chip" }, "loaded"), found !== "" && findings),
-      h("p", { class: "muted title" }, program.title || bytes(program.bytes)),
+      h("p", { class: "muted title", title: program.title }, program.title || bytes(program.bytes)),
     ),
     edit,
     load,

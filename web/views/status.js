@@ -3,10 +3,12 @@
 import { h, setAttr, setText } from "../dom.js";
 import { programName } from "../format.js";
 import { icon, setIcon } from "../icons.js";
-import { announcement, look, sentence } from "../sentence.js";
+import { announcement, asked, brief, look, sentence } from "../sentence.js";
 
 /** A word of more letters is set smaller. */
 const LONG_WORD = 10;
+/** Characters of a program's title; the list of programs shows more of it. */
+const TITLE_CHARS = 40;
 
 /** @type {import("../main.js").View} */
 export const status = {
@@ -16,12 +18,15 @@ export const status = {
     const word = h("span", { class: "word" });
     const said = h("p", { class: "sentence" });
     const detail = h("p", { class: "detail" });
+    const answer = h("button", { type: "button", class: "button answer", hidden: true }, "Answer");
+    answer.addEventListener("click", showQuestion);
     const live = h("p", { class: "visually-hidden", "aria-live": "polite" });
     const element = h(
       "section",
       { class: "status", "aria-label": "State" },
       h("div", { class: "state-word" }, sign, word),
       h("div", { class: "said" }, said, detail),
+      answer,
       live,
     );
     const render = () => {
@@ -41,11 +46,19 @@ export const status = {
       setAttr(word, "data-long", text.length > LONG_WORD);
       setText(said, sentence(system, model.alarms, (ts) => model.ageMs(ts)));
       setText(detail, details(system, model.programs));
+      setAttr(answer, "hidden", state.transition !== null || !asked(state));
       setText(live, announcement(system, model.alarms));
     };
     return { element, render };
   },
 };
+
+/** From wherever the page has been scrolled to. */
+function showQuestion() {
+  const choice = /** @type {HTMLElement | null} */ (document.querySelector(".asked:not([hidden]) button"));
+  choice?.closest(".output")?.scrollIntoView();
+  choice?.focus({ preventScroll: true });
+}
 
 /**
  * @param {import("../model.js").CoordinateSystem} system
@@ -55,7 +68,7 @@ function details({ state, modal, info, interlock, startLock, lease }, programs) 
   const parts = [];
   if (state?.program !== null && state?.program !== undefined) {
     const title = programs?.find((program) => program.number === state.program)?.title;
-    parts.push(title ? `${programName(state.program)} ${title}` : programName(state.program));
+    parts.push(title ? `${programName(state.program)} ${brief(title, TITLE_CHARS)}` : programName(state.program));
   }
   if (modal?.work_offset) parts.push(modal.work_offset);
   if (modal && info.spindle !== null) parts.push(modal.tool > 0 ? `T${modal.tool}` : "no tool");
