@@ -236,6 +236,23 @@ test("on a phone the state goes along, and leads back to the question", async ()
   await until(() => page.evaluate(() => document.activeElement?.textContent), "yes", "what has the focus");
 });
 
+for (const size of [{ width: 1366, height: 600 }, { width: 1024, height: 600 }, PHONE]) {
+  test(`at ${size.width}x${size.height} a long program does not make the page long, and the card By hand is whole`, async () => {
+    await page.setViewportSize(size);
+    machine.programs.set(9, "N1 G01 X1\n".repeat(50_000));
+    machine.say("cs/1/program", { number: 9, nest_level: 0, stack: [], line: 43210, block: "", interpreted_line: 43220 });
+    machine.state(1, { program: 9 });
+    await page.locator('.line[aria-current="step"]').getByText("43210", { exact: true }).waitFor();
+    const length = await page.evaluate(() => document.documentElement.scrollHeight);
+    assert.ok(length < 2500, `the page has ${length} px`);
+    await seen(commands(), "the commands");
+    await page.getByRole("button", { name: "Open", exact: true }).click();
+    const last = page.getByRole("switch", { name: "Start lock" });
+    await last.focus();
+    await seen(last, "its last switch");
+  });
+}
+
 test("on a phone in landscape the commands stay free", async () => {
   await page.setViewportSize({ width: 844, height: 390 });
   await page.getByRole("button", { name: "Edit O0001" }).click();
