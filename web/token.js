@@ -38,7 +38,7 @@ async function isRefused() {
 /** @returns {Promise<void>} */
 function ask() {
   return new Promise((resolve) => {
-    const input = h("input", { type: "password", autocomplete: "off", "aria-label": "Token", autofocus: true });
+    const input = h("input", { type: "password", class: "input grow", autocomplete: "off", "aria-label": "Token", autofocus: true });
     const enter = h("button", { type: "submit", class: "button" }, "Enter");
     const form = h("form", { method: "dialog" }, h("div", { class: "row end" }, input, enter));
     const text = token() === null ? "This machine asks who uses it." : "The machine does not know this token.";
