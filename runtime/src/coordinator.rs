@@ -34,7 +34,7 @@ use crate::shared::Shared;
 use crate::simulation::{self, Simulation, SimulationOptions};
 use crate::tables::Tables;
 
-/// How often positions and program places are published, at the most.
+/// How often positions are published, at the most; program places and spindles half as often.
 const PUBLISH_INTERVAL: Duration = Duration::from_millis(100);
 
 /// Why a runtime does not start.
@@ -285,6 +285,7 @@ async fn publish_positions(shared: Arc<Shared>, handles: Vec<Handle>) {
             if odd {
                 let place = handle.view.program(&shared.store);
                 shared.publish(topic(CsTopic::Program), Payload::Program(place));
+                handle.desk.tell_spindle();
             }
         }
     }

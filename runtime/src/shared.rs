@@ -28,6 +28,10 @@ use crate::tables::Tables;
 /// Alarms kept after they were cleared. The oldest are forgotten.
 pub const ALARM_HISTORY_MAX: usize = 1000;
 
+/// Alarms that stand at the most in one coordinate system, and of the whole machine: the oldest. Further ones are events,
+/// and in the history. Reason: all that stand are one message.
+pub const ALARMS_ACTIVE_MAX: usize = 24;
+
 /// Handlers that are or were there. A further one is refused.
 pub const HANDLERS_MAX: usize = 256;
 
@@ -166,8 +170,12 @@ impl Shared {
         self.raise_for(record, true)
     }
 
+    /// One that stands already is not raised again: its record is given back.
     fn raise_for(&self, record: AlarmRecord, stands: bool) -> AlarmRecord {
         let mut alarms = lock(&self.alarms);
+        if let Some(same) = alarms.active.iter().find(|active| says_the_same(active, &record)) {
+            return same.clone();
+        }
         alarms.next_id += 1;
         let entry = ALARMS.iter().find(|entry| entry.number == record.number);
         let record = AlarmRecord {
@@ -180,7 +188,8 @@ impl Shared {
         if alarms.history.len() > ALARM_HISTORY_MAX {
             alarms.history.pop_front();
         }
-        if stands {
+        let beside = alarms.active.iter().filter(|active| active.cs == record.cs);
+        if stands && beside.count() < ALARMS_ACTIVE_MAX {
             alarms.active.push(record.clone());
         }
         self.publish_alarms(&alarms, &record);
@@ -290,6 +299,11 @@ impl Shared {
     pub fn replied(&self, command_id: &str) -> Option<CommandReply> {
         lock(&self.commands).reply(command_id).cloned()
     }
+}
+
+fn says_the_same(a: &AlarmRecord, b: &AlarmRecord) -> bool {
+    (a.severity, a.number, &a.text) == (b.severity, b.number, &b.text)
+        && (a.cs, a.program, a.line, a.column) == (b.cs, b.program, b.line, b.column)
 }
 
 impl Alarms {

@@ -164,14 +164,15 @@ impl Command {
             } => {
                 json!({"axis": axis, "velocity": velocity, "distance": distance, "refresh_id": refresh_id})
             }
-            Command::Home { axes } => json!({ "axes": axes }),
+            Command::Home { axes } if !axes.is_empty() => json!({ "axes": axes }),
             Command::BackTrace { on } => json!({ "on": on }),
             Command::Start
             | Command::Hold
             | Command::Resume
             | Command::Stop
             | Command::Abort
-            | Command::Reset => {
+            | Command::Reset
+            | Command::Home { .. } => {
                 json!({})
             }
         }
@@ -216,10 +217,12 @@ impl Command {
                 None | Some(Value::Null) => Ok(Command::Home { axes: Vec::new() }),
                 Some(axes) => axes
                     .as_array()
+                    .filter(|axes| !axes.is_empty())
                     .and_then(|axes| axes.iter().map(axis).collect())
                     .map(|axes| Command::Home { axes })
                     .ok_or_else(|| {
-                        "home: \"axes\" is a list of axis letters, such as [\"X\", \"Y\"]".to_owned()
+                        "home: \"axes\" is a list of axis letters, such as [\"X\", \"Y\"]; without it all axes home"
+                            .to_owned()
                     }),
             },
             _ => Err(format!(
@@ -397,5 +400,7 @@ mod tests {
         assert!(Command::parse("mdi", &json!({"text": " \n"})).is_err());
         assert!(Command::parse("home", &json!({"axes": "X"})).is_err());
         assert!(Command::parse("home", &json!({"axes": ["XY"]})).is_err());
+        let none = Command::parse("home", &json!({"axes": []}));
+        assert!(none.is_err(), "nothing chosen is not all");
     }
 }

@@ -84,10 +84,19 @@ impl IntoResponse for Problem {
         let mut response = Response::new(Body::from(body));
         *response.status_mut() =
             StatusCode::from_u16(self.0.status).unwrap_or(StatusCode::INTERNAL_SERVER_ERROR);
-        response.headers_mut().insert(
+        let status = response.status();
+        let headers = response.headers_mut();
+        headers.insert(
             header::CONTENT_TYPE,
             HeaderValue::from_static("application/problem+json"),
         );
+        if status == StatusCode::UNAUTHORIZED {
+            headers.insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"));
+        }
+        if status == StatusCode::PAYLOAD_TOO_LARGE {
+            // what is left of the body is not read, so nothing can follow it
+            headers.insert(header::CONNECTION, HeaderValue::from_static("close"));
+        }
         response
     }
 }
@@ -140,6 +149,19 @@ mod tests {
                 "detail": "a program runs", "state": "ACTIVE", "allowed": ["hold", "stop"],
             })
         );
+    }
+
+    #[test]
+    fn a_missing_token_says_which_scheme_and_a_body_too_large_ends_the_connection() {
+        let header = |status, name| {
+            let response = Problem::new(status, "code", "detail").into_response();
+            response.headers().get(name).cloned()
+        };
+        let unauthorized = header(StatusCode::UNAUTHORIZED, header::WWW_AUTHENTICATE);
+        assert_eq!(unauthorized.unwrap(), "Bearer");
+        let large = header(StatusCode::PAYLOAD_TOO_LARGE, header::CONNECTION);
+        assert_eq!(large.unwrap(), "close");
+        assert_eq!(header(StatusCode::CONFLICT, header::CONNECTION), None);
     }
 
     #[test]

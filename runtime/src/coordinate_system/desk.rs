@@ -105,6 +105,16 @@ impl Desk {
         answer.await.unwrap_or_else(|_| Err(gone()))
     }
 
+    /// Publishes the spindle's state where it has changed: its speed follows the command in its own time. Left to the
+    /// next call while somebody is at work.
+    pub fn tell_spindle(&self) {
+        if let Ok(work) = self.work.try_lock()
+            && let Some(system) = &work.system
+        {
+            system.publish_spindle();
+        }
+    }
+
     /// Gives the task a turn.
     pub fn wake_task(&self) {
         self.wake.notify_one();

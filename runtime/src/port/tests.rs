@@ -383,3 +383,40 @@ fn the_program_place_is_the_head_of_what_is_loaded_after_a_load_and_a_reset() {
         assert_eq!(place().await, head(61));
     });
 }
+
+#[test]
+fn an_alarm_that_stands_is_not_raised_again_and_the_oldest_24_stand() {
+    with_machine(async |port| {
+        let raise = |code: u16| {
+            port.request(Request::RaiseAlarm(AlarmRaise {
+                cs: Some(1),
+                code,
+                text: format!("number {code}"),
+            }))
+        };
+        for code in 0..30 {
+            raise(code).await.unwrap();
+            raise(code).await.unwrap();
+        }
+        let active = port.read(&Topic::AlarmActive).await.unwrap();
+        let Payload::AlarmActive(active) = &active.payload else {
+            panic!("{active:?}");
+        };
+        let numbers: Vec<_> = active.alarms.iter().map(|alarm| alarm.number).collect();
+        assert_eq!(numbers, (10_000..10_024).collect::<Vec<_>>());
+        let Ok(Answer::Alarms(history)) = port.request(Request::AlarmHistory).await else {
+            panic!("there is a history");
+        };
+        let last = history.iter().map(|alarm| alarm.number).max();
+        assert_eq!(last, Some(10_029));
+        // another coordinate system's stand all the same
+        let other = AlarmRaise {
+            cs: Some(2),
+            code: 1,
+            text: "other".into(),
+        };
+        port.request(Request::RaiseAlarm(other)).await.unwrap();
+        let state = port.read(&Topic::cs(2, CsTopic::State)).await.unwrap();
+        assert!(matches!(&state.payload, Payload::State(state) if state.alarm_count == 1));
+    });
+}

@@ -98,7 +98,9 @@ async fn spindle_and_tool_are_commanded_and_read(system: &CoordinateSystem) {
         .expect("spindle");
     until("the spindle turns", async || {
         let spindle = system.spindle().await.ok()?;
-        let turns = spindle.direction == SpindleDirection::Ccw && (spindle.rpm - 500.0).abs() < 1e-9;
+        let turns = spindle.direction == SpindleDirection::Ccw
+            && (spindle.rpm - 500.0).abs() < 1e-9
+            && (spindle.actual_rpm + 500.0).abs() < 1e-6;
         (turns && (system.position().await.ok()?.spindle_rpm + 500.0).abs() < 1e-6).then_some(())
     })
     .await;

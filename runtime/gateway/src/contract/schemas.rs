@@ -108,7 +108,7 @@ fn commands(all: &mut Schemas) {
         (
             "HomeArgs",
             object(
-                json!({"axes": {"type": "array", "items": {"type": "string"}}}),
+                json!({"axes": {"type": "array", "items": {"type": "string"}, "minItems": 1}}),
                 &[],
             ),
         ),
