@@ -238,6 +238,18 @@ fn the_servo_cycle_neither_allocates_nor_frees() {
     assert!(CALLS.with(Cell::get) > 0, "the allocator counts");
 }
 
+/// Moves of which Y's is the only one, mm.
+fn y_alone(way: f64) -> [MotorMove; AXES_MAX] {
+    let limits = MotorLimits {
+        velocity: 50.0,
+        acceleration: 5000.0,
+        jerk: None,
+    };
+    let mut moves = [MotorMove::default(); AXES_MAX];
+    moves[1] = MotorMove::shortest(way, limits);
+    moves
+}
+
 /// A line, then a spiral, and a G31 of Y back from its end; with their times.
 fn chain_and_skip() -> [(Law, f64); 4] {
     let point = |x, y| AxisVector([x, y, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
@@ -255,16 +267,7 @@ fn chain_and_skip() -> [(Law, f64); 4] {
         to: corner,
         length: 1.0,
     };
-    let limits = MotorLimits {
-        velocity: 50.0,
-        acceleration: 5000.0,
-        jerk: None,
-    };
-    let mut moves = [MotorMove::default(); AXES_MAX];
-    moves[1] = MotorMove::shortest(1.0, limits);
-    let down = [MotorMove::default(), MotorMove::shortest(-2.5, limits)];
-    let mut back = [MotorMove::default(); AXES_MAX];
-    back[..2].copy_from_slice(&down);
+    let (back, moves) = (y_alone(-2.5), y_alone(1.0));
     [
         (
             Law::Ramped {
