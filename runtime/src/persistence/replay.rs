@@ -59,6 +59,18 @@ fn replay(cs: CoordinateSystemNumber, kept: Option<&LastRun>, journal: &[Value])
             }
         }
     }
+    run.map(waiting)
+}
+
+/// The run, in WAIT where it waits for an output: the state may have been looked at a moment before it said so.
+fn waiting(mut run: LastRun) -> LastRun {
+    let awaited = |open: &&PendingOutput| open.output.timing == Timing::AfterMotion;
+    if run.execution == Execution::Active
+        && let Some(open) = run.outputs.iter().find(awaited)
+    {
+        (run.execution, run.line) = (Execution::Wait, open.output.line);
+        run.running = Some(open.output.program);
+    }
     run
 }
 
@@ -96,10 +108,6 @@ fn went_on(run: &mut LastRun, line: &Value, at: Timestamp) {
             };
             if output.run_id != run.run_id || run.outputs.iter().any(|open| open.output.seq == output.seq) {
                 return;
-            }
-            if output.timing == Timing::AfterMotion {
-                (run.execution, run.line) = (Execution::Wait, output.line);
-                run.running = Some(output.program);
             }
             run.outputs.push(PendingOutput {
                 output,
@@ -192,6 +200,18 @@ mod tests {
         let run = replay(1, Some(&kept(5)), &journal(&[output(6, 1)])).unwrap();
         assert_eq!((run.execution, run.line), (Execution::Wait, 7));
         assert_eq!(open(&run), [(1, OutputState::Output)]);
+    }
+
+    #[test]
+    fn a_run_that_was_kept_with_its_output_before_its_state_said_so_waits() {
+        let looked_at = LastRun {
+            execution: Execution::Active,
+            line: 2,
+            at: Timestamp(at(7)),
+            ..replay(1, Some(&kept(5)), &journal(&[output(6, 1)])).unwrap()
+        };
+        let run = replay(1, Some(&looked_at), &journal(&[output(6, 1)])).unwrap();
+        assert_eq!((run.execution, run.line), (Execution::Wait, 7));
     }
 
     #[test]
