@@ -160,6 +160,8 @@ impl Source {
 
     /// How a run of this boot stands, when that has changed.
     fn last_run(&self, cs: CoordinateSystemNumber, view: &View, before: Option<&LastRun>) -> Option<LastRun> {
+        // of before the look: what the journal says from then on may be missing in it
+        let at = self.shared.timestamp();
         let Some(Payload::State(state)) = self.payload(cs, CsTopic::State) else {
             return None;
         };
@@ -184,7 +186,7 @@ impl Source {
         if before == Some(&now) {
             return None;
         }
-        now.at = self.shared.timestamp();
+        now.at = at;
         Some(now)
     }
 }
