@@ -198,7 +198,10 @@ impl Interpreter {
     /// Counts anew from what moves, waits or puts out.
     fn given(&mut self, item: Item) -> Item {
         let goes_on = match &item {
-            Item::Block(block) => !matches!(block.action, Action::None | Action::Transform(_)),
+            Item::Block(block) => !matches!(
+                block.action,
+                Action::None | Action::Transform(_) | Action::ThreadAhead(_)
+            ),
             Item::Output(_) | Item::Stop(_) => true,
             Item::NeedsStandstill(_) | Item::Warning(..) | Item::End(_) => false,
         };

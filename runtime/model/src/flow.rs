@@ -94,6 +94,8 @@ pub enum Action {
         /// 1 to 4.
         point: u8,
     },
+    /// G74 or G84 begins: refused here when its thread cannot be cut, before anything moves; moves nothing itself.
+    ThreadAhead(Box<ThreadAhead>),
     /// A way of G74 or G84 in the thread, into the hole or out of it; with a spindle locked to it.
     Tap(Box<Tap>),
     /// G04.
@@ -191,6 +193,15 @@ pub struct Tap {
     pub turn: Turn,
     /// S, r/min; `None`: the coordinate system has no spindle, the sequence program turns it.
     pub spindle_speed_r_min: Option<f64>,
+}
+
+/// A thread that a tapping cycle is going to cut.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ThreadAhead {
+    /// The R point, from where it begins.
+    pub r_point: AxisWords,
+    /// The way into the hole.
+    pub tap: Tap,
 }
 
 /// Which way of a thread.

@@ -187,7 +187,7 @@ impl PathStage {
     fn take(&mut self, block: &Block, out: &mut Vec<Segment>) -> Result<(), Alarm> {
         let compensated = block.compensation != Compensation::Off || self.compensator.is_on();
         match &block.action {
-            Action::Skip(_) | Action::Tap(_) if compensated => {
+            Action::Skip(_) | Action::ThreadAhead(_) | Action::Tap(_) if compensated => {
                 let text = "G31, G74 and G84 do not move with G41 or G42, nor before the lead-out";
                 return Err(Alarm::new(&COMPENSATION_REFUSED, text));
             }
@@ -209,6 +209,7 @@ impl PathStage {
                 self.feed(block, &arc.target, path, out)?;
             }
             Action::Skip(words) => self.skip(block, words, out)?,
+            Action::ThreadAhead(ahead) => self.thread_ahead(block, ahead)?,
             Action::Tap(tap) => self.tap(block, tap, out)?,
         }
         Ok(())

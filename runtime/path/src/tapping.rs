@@ -1,35 +1,43 @@
 //! A way of a tapping cycle in the thread: along Z, the spindle's revolutions with it (motion-semantics 1h).
 
 use tandem_model::alarm::{SPINDLE_SPEED_MISSING, TAP_OFF_AXIS};
-use tandem_model::flow::{Block, Segment, SegmentEnd, SegmentMotion, Tap, Turn};
-use tandem_model::{Alarm, Axis};
+use tandem_model::flow::{Block, Feed, Segment, SegmentEnd, SegmentMotion, Tap, ThreadAhead, Turn};
+use tandem_model::{Alarm, Axis, AxisVector};
 
 use crate::stage::{LENGTH_MIN, PathStage};
 
+/// A way in the thread as it will be cut.
+#[derive(Debug, Clone, Copy)]
+struct Thread {
+    to: AxisVector,
+    feed: Feed,
+    /// Without sign; 0: no spindle is locked to it.
+    revolutions: f64,
+}
+
 impl PathStage {
-    /// Takes a way in the thread. Its revolutions are the machine's Z travel times S / F, whatever the transforms.
+    /// Refuses what would be found only in front of the hole, where the R point or the thread is refused.
+    pub(crate) fn thread_ahead(&mut self, block: &Block, ahead: &ThreadAhead) -> Result<(), Alarm> {
+        let before = (self.at, self.tool_shift);
+        let found = self.target(block, &ahead.r_point).and_then(|r_point| {
+            self.within_all_soft_limits(self.at, r_point)?;
+            self.at = r_point;
+            self.tool_shift = 0.0;
+            self.thread(block, &ahead.tap)
+        });
+        (self.at, self.tool_shift) = before;
+        found.map(drop)
+    }
+
+    /// Takes a way in the thread.
     pub(crate) fn tap(&mut self, block: &Block, tap: &Tap, out: &mut Vec<Segment>) -> Result<(), Alarm> {
-        let to = self.target(block, &tap.target)?;
-        let aside = Axis::ALL
-            .into_iter()
-            .find(|&axis| axis != Axis::Z && (to[axis] - self.at[axis]).abs() >= LENGTH_MIN);
-        if let Some(axis) = aside {
-            let text = format!("The way along Z would move axis {}, too", axis.letter());
-            return Err(Alarm::new(&TAP_OFF_AXIS, text));
-        }
-        self.within_all_soft_limits(self.at, to)?;
-        let feed = self.feed_in_force(block, false)?;
-        let travel = (to[Axis::Z] - self.at[Axis::Z]).abs();
-        let revolutions = match tap.spindle_speed_r_min {
-            None => 0.0,
-            Some(speed) if speed > 0.0 => travel * speed / feed.feedrate_mm_min,
-            Some(speed) => {
-                let text = format!("The spindle speed is {speed} r/min");
-                return Err(Alarm::new(&SPINDLE_SPEED_MISSING, text).of_words("S"));
-            }
-        };
+        let Thread {
+            to,
+            feed,
+            revolutions,
+        } = self.thread(block, tap)?;
         self.release(SegmentEnd::ExactStop, out);
-        if travel >= LENGTH_MIN {
+        if (to[Axis::Z] - self.at[Axis::Z]).abs() >= LENGTH_MIN {
             let motion = SegmentMotion::Tap {
                 from: self.at,
                 to,
@@ -50,5 +58,33 @@ impl PathStage {
         }
         self.arrived(block, &tap.target);
         Ok(())
+    }
+
+    /// A way in the thread from here. Its revolutions are the machine's Z travel times S / F, whatever the transforms.
+    fn thread(&self, block: &Block, tap: &Tap) -> Result<Thread, Alarm> {
+        let to = self.target(block, &tap.target)?;
+        let aside = Axis::ALL
+            .into_iter()
+            .find(|&axis| axis != Axis::Z && (to[axis] - self.at[axis]).abs() >= LENGTH_MIN);
+        if let Some(axis) = aside {
+            let text = format!("The way along Z would move axis {}, too", axis.letter());
+            return Err(Alarm::new(&TAP_OFF_AXIS, text));
+        }
+        self.within_all_soft_limits(self.at, to)?;
+        let feed = self.feed_in_force(block, false)?;
+        let travel = (to[Axis::Z] - self.at[Axis::Z]).abs();
+        let revolutions = match tap.spindle_speed_r_min {
+            None => 0.0,
+            Some(speed) if speed > 0.0 => travel * speed / feed.feedrate_mm_min,
+            Some(speed) => {
+                let text = format!("The spindle speed is {speed} r/min");
+                return Err(Alarm::new(&SPINDLE_SPEED_MISSING, text).of_words("S"));
+            }
+        };
+        Ok(Thread {
+            to,
+            feed,
+            revolutions,
+        })
     }
 }

@@ -11,7 +11,7 @@ use tandem_runtime::simulation::SimulationOptions;
 use tandem_runtime::{Config, Runtime};
 
 use crate::support::formula::{Block, LATE_S, assert_samples};
-use crate::support::machine::Machine;
+use crate::support::machine::{COORDINATE_SYSTEMS, MOTORS, Machine};
 use crate::support::simulated::{Simulated, simulate, simulate_on};
 use crate::support::wait;
 
@@ -128,14 +128,21 @@ fn d42_without_a_spindle_m_codes_turn_it_between_the_ways() {
 }
 
 #[test]
-fn m1h_a_tap_without_s_or_f_is_an_alarm_and_s_above_the_maximum_is_refused() {
+fn m1h_a_tap_that_cannot_be_cut_is_an_alarm_before_the_cycle_moves_and_s_above_the_maximum_is_refused() {
+    let third = "number = 3\nkind = \"linear\"\n";
+    let motors = MOTORS.replace(third, &format!("{third}soft_limits = [-50.0, 50.0]\n"));
+    let config = format!("[machine]\nname = \"test-1\"\n{motors}{COORDINATE_SYSTEMS}");
+    let machine = Machine::with_config(&config);
     for (before, cycle, alarm) in [
         ("F100", "G84 X10 Z-10 R-5", 113),
         ("F100", "S0 G74 X10 Z-10 R-5", 113),
         // F is missing.
         ("S300", "G84 X10 Z-10 R-5", 101),
+        // The Z point is beyond the soft limit; so is the R point.
+        ("F100 S300", "G84 X10 Z-51 R-5", 102),
+        ("F100 S300", "G91 G99 G74 X10 Z-10 R51 K2", 102),
     ] {
-        let run = simulate(&format!("{before}\nG54 {cycle}\nG80\nM30\n"));
+        let run = simulate_on(&machine, &format!("{before}\n{cycle}\nG80\nM30\n"), &[]);
         assert_eq!(run.alarm(), alarm);
         // At the block, before any of its motion and before M19.
         assert_eq!(run.json["alarm"]["line"], 2);

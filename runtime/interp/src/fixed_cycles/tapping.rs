@@ -7,14 +7,16 @@
 //! does: in the manual's examples the last hole returns with G98 to the level before the first one, and in G91 all
 //! holes have the same R and Z point.
 
-use tandem_model::alarm::{FEEDRATE_MISSING, FIXED_CYCLE_REFUSED, SPINDLE_SPEED_MISSING};
-use tandem_model::flow::{Action, AxisWords, Distance, Frame, Tap, TapLeg, Turn};
+use tandem_model::alarm::FIXED_CYCLE_REFUSED;
+use tandem_model::flow::{Action, AxisWords, Distance, Frame, Tap, TapLeg, ThreadAhead, Turn};
 use tandem_model::{Alarm, Axis, AxisSet, AxisVector};
 use tandem_syntax::Address;
 
 use crate::codes::ModalGroup;
 use crate::execution::Execution;
-use crate::modal::Modal;
+
+/// The step that each repetition begins with.
+const FIRST_OF_REPETITION: u8 = 2;
 
 /// What a step of a cycle gives.
 #[derive(Debug, Clone, PartialEq)]
@@ -62,12 +64,6 @@ pub(crate) fn tapping(execution: &mut Execution<'_>, words: AxisWords, turn: Tur
     let has_spindle = execution.limits().has_spindle;
     let speed = execution.modal().spindle_speed_r_min;
     let repetitions = kept.repetitions.unwrap_or(1);
-    if repetitions > 0
-        && let Some(alarm) = missing(execution.modal(), has_spindle)
-    {
-        execution.refuse(alarm);
-        return;
-    }
     let cycle = Tapping {
         position,
         r_point: level(r),
@@ -82,22 +78,6 @@ pub(crate) fn tapping(execution: &mut Execution<'_>, words: AxisWords, turn: Tur
         step: 0,
     };
     execution.run_cycle(cycle);
-}
-
-/// What a thread needs and the path stage would miss only in front of the hole.
-fn missing(modal: &Modal, has_spindle: bool) -> Option<Alarm> {
-    let (speed, feedrate) = (modal.spindle_speed_r_min, modal.feedrate_mm_min);
-    if has_spindle && speed <= 0.0 {
-        let text = format!("The spindle speed is {speed} r/min");
-        Some(Alarm::new(&SPINDLE_SPEED_MISSING, text).of_words("S"))
-    } else if feedrate <= 0.0 {
-        Some(Alarm::new(
-            &FEEDRATE_MISSING,
-            format!("The feedrate is {feedrate}"),
-        ))
-    } else {
-        None
-    }
 }
 
 #[expect(
@@ -163,7 +143,7 @@ impl Tapping {
                 Found::Repeat => {
                     self.repetition += 1;
                     if self.repetition < self.repetitions {
-                        self.step = 1;
+                        self.step = FIRST_OF_REPETITION;
                     }
                 }
                 Found::End => {
@@ -181,17 +161,18 @@ impl Tapping {
 
     fn with_spindle(&self, step: u8) -> Found {
         match step {
-            0 => Found::Step(Step::Output(19)),
-            1 => self.to_position(),
-            2 => self.to_r_point(),
-            3 => self.thread(TapLeg::In),
-            4 => self.dwell(),
-            5 => self.thread(TapLeg::Out),
-            6 => self
+            0 => self.thread_ahead(),
+            1 => Found::Step(Step::Output(19)),
+            FIRST_OF_REPETITION => self.to_position(),
+            3 => self.to_r_point(),
+            4 => self.thread(TapLeg::In),
+            5 => self.dwell(),
+            6 => self.thread(TapLeg::Out),
+            7 => self
                 .initial
                 .map_or(Found::Nothing, |level| motion(Action::Rapid(level))),
-            7 => Found::Repeat,
-            8 => Found::Step(Step::Output(5)),
+            8 => Found::Repeat,
+            9 => Found::Step(Step::Output(5)),
             _ => Found::End,
         }
     }
@@ -202,34 +183,47 @@ impl Tapping {
             Turn::CounterClockwise => (4, 3),
         };
         match step {
-            0 => Found::Nothing,
-            1 => self.to_position(),
-            2 => self.to_r_point(),
-            3 => Found::Step(Step::Output(19)),
-            4 | 9 => Found::Step(Step::Output(inward)),
-            5 => self.thread(TapLeg::In),
-            6 => self.dwell(),
-            7 => Found::Step(Step::Output(outward)),
-            8 => self.thread(TapLeg::Out),
-            10 => self
+            0 => self.thread_ahead(),
+            1 => Found::Nothing,
+            FIRST_OF_REPETITION => self.to_position(),
+            3 => self.to_r_point(),
+            4 => Found::Step(Step::Output(19)),
+            5 | 10 => Found::Step(Step::Output(inward)),
+            6 => self.thread(TapLeg::In),
+            7 => self.dwell(),
+            8 => Found::Step(Step::Output(outward)),
+            9 => self.thread(TapLeg::Out),
+            11 => self
                 .initial
                 .map_or(Found::Nothing, |level| motion(Action::Linear(level))),
-            11 => Found::Repeat,
+            12 => Found::Repeat,
             _ => Found::End,
         }
     }
 
     fn thread(&self, leg: TapLeg) -> Found {
+        motion(Action::Tap(Box::new(self.tap(leg))))
+    }
+
+    /// All repetitions have one R and Z point.
+    fn thread_ahead(&self) -> Found {
+        motion(Action::ThreadAhead(Box::new(ThreadAhead {
+            r_point: self.r_point,
+            tap: self.tap(TapLeg::In),
+        })))
+    }
+
+    fn tap(&self, leg: TapLeg) -> Tap {
         let (target, turn) = match leg {
             TapLeg::In => (self.z_point, self.turn),
             TapLeg::Out => (self.r_point, self.turn.reversed()),
         };
-        motion(Action::Tap(Box::new(Tap {
+        Tap {
             target,
             leg,
             turn,
             spindle_speed_r_min: self.has_spindle.then_some(self.spindle_speed_r_min),
-        })))
+        }
     }
 
     fn dwell(&self) -> Found {

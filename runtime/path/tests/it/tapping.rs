@@ -1,9 +1,11 @@
 //! Threads of G74 and G84: revolutions, offsets, and what is refused (motion-semantics 1h).
 
-use tandem_model::alarm::{AXIS_MISSING, FEEDRATE_MISSING, SOFT_LIMIT, SPINDLE_SPEED_MISSING, TAP_OFF_AXIS};
+use tandem_model::alarm::{
+    AXIS_MISSING, COMPENSATION_REFUSED, FEEDRATE_MISSING, SOFT_LIMIT, SPINDLE_SPEED_MISSING, TAP_OFF_AXIS,
+};
 use tandem_model::flow::{
-    Action, Block, Distance, Feed, Mirror, Rotation, Scaling, Segment, SegmentEnd, SegmentMotion, Tap,
-    TapLeg, Transform, Turn,
+    Action, Block, Compensation, Distance, Feed, Mirror, Plane, Rotation, Scaling, Segment, SegmentEnd,
+    SegmentMotion, Tap, TapLeg, ThreadAhead, Transform, Turn,
 };
 use tandem_model::{Axis, AxisSet, AxisVector};
 
@@ -134,6 +136,52 @@ fn a_thread_needs_f_and_s_an_axis_z_and_room() {
     assert_eq!(alarm.unwrap_err().entry, &AXIS_MISSING);
 }
 
+/// A cycle with these levels begins, at S300 with a spindle.
+fn ahead(line: u32, r: f64, z: f64) -> Block {
+    let first = tap(line, z, TapLeg::In, Some(300.0));
+    let Action::Tap(tap) = first.action else {
+        unreachable!("a thread")
+    };
+    let r_point = words(Distance::Absolute, &[(Z, r)]);
+    Block {
+        action: Action::ThreadAhead(Box::new(ThreadAhead { r_point, tap: *tap })),
+        ..first
+    }
+}
+
+#[test]
+fn a_cycle_whose_thread_cannot_be_cut_is_refused_before_anything_moves() {
+    refused(&ahead(1, -5.0, -100.1), &SOFT_LIMIT);
+    refused(&ahead(1, 100.1, -5.0), &SOFT_LIMIT);
+    let mut without_feed = ahead(1, -5.0, -10.0);
+    without_feed.feed.feedrate_mm_min = 0.0;
+    refused(&without_feed, &FEEDRATE_MISSING);
+    let mut compensated = ahead(1, -5.0, -10.0);
+    compensated.compensation = Compensation::Left {
+        radius: 1.0,
+        plane: Plane::Xy,
+    };
+    refused(&compensated, &COMPENSATION_REFUSED);
+}
+
+#[test]
+fn a_cycle_that_begins_moves_nothing_and_its_levels_count_with_the_tool_length() {
+    let mut stage = stage();
+    let mut out = Vec::new();
+    // machine Z is 60 less than programmed Z: Z-41 is beyond -100, Z-39 within
+    let shorter = Transform {
+        tool_length: -60.0,
+        ..Transform::default()
+    };
+    stage.push(&transform(1, shorter), &mut out).unwrap();
+    stage.push(&ahead(2, -5.0, -39.0), &mut out).unwrap();
+    assert!(out.is_empty());
+    assert!((stage.counts_from().0[Z] + 60.0).abs() < 1e-12 && stage.position().0[Z] == 0.0);
+    let alarm = stage.push(&ahead(2, -5.0, -41.0), &mut out).unwrap_err();
+    assert_eq!(alarm.entry, &SOFT_LIMIT);
+    assert!((stage.counts_from().0[Z] + 60.0).abs() < 1e-12 && out.is_empty());
+}
+
 #[test]
 fn a_thread_along_another_direction_than_z_is_refused() {
     let rotation = Rotation {
@@ -148,11 +196,11 @@ fn a_thread_along_another_direction_than_z_is_refused() {
     let mut stage = stage();
     let mut out = Vec::new();
     stage.push(&transform(1, turned), &mut out).unwrap();
-    let alarm = stage
-        .push(&tap(2, -10.0, TapLeg::In, Some(300.0)), &mut out)
-        .unwrap_err();
-    assert_eq!(alarm.entry, &TAP_OFF_AXIS);
-    assert!(out.is_empty());
+    for block in [tap(2, -10.0, TapLeg::In, Some(300.0)), ahead(2, -5.0, -10.0)] {
+        let alarm = stage.push(&block, &mut out).unwrap_err();
+        assert_eq!(alarm.entry, &TAP_OFF_AXIS);
+        assert!(out.is_empty());
+    }
 }
 
 #[test]
