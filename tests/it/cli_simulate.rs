@@ -113,6 +113,47 @@ fn the_trace_has_every_axis_of_the_coordinate_system_and_no_other() {
 }
 
 #[test]
+fn m1h_the_trace_tells_the_spindles_angle_which_is_in_phase_with_z() {
+    let machine = Machine::new("");
+    let program = "F100 S300\nG99 G84 Z-10 R-5\nG80\nM30\n";
+    let run = simulate_on(&machine, program, &["--trace-spindle"]).completed();
+    let text = std::fs::read_to_string(machine.path("trace.csv")).unwrap();
+    assert_eq!(text.lines().next(), Some("time_s,program,line,X,Y,Z,spindle_deg"));
+    // M19 leaves it at 0 degrees; from the R point on it makes 3 revolutions a millimetre.
+    let in_thread = run.trace.iter().filter(|row| row.axes[2] < -5.0);
+    let mut turned = 0;
+    for row in in_thread {
+        let expected = 360.0 * 3.0 * (-5.0 - row.axes[2]);
+        let off = (row.axes[3] - expected + 180.0).rem_euclid(360.0) - 180.0;
+        assert!(off.abs() < 2e-6, "{off} degrees off at Z{}", row.axes[2]);
+        turned += 1;
+    }
+    assert!(
+        turned > 6000,
+        "5 mm at 100 mm/min, in and out, take 6 s: {turned} rows"
+    );
+}
+
+#[test]
+fn a_trace_of_a_spindle_that_is_not_there_is_refused() {
+    let machine = Machine::new("");
+    machine.write("main.nc", "M30\n");
+    let arguments = [
+        "simulate",
+        "main.nc",
+        "--cs",
+        "2",
+        "--trace",
+        "out",
+        "--trace-spindle",
+    ];
+    let ran = run(machine.folder(), &arguments);
+    assert_eq!(ran.code, 2, "{}", ran.stdout);
+    assert!(ran.stderr.contains("no spindle"), "{}", ran.stderr);
+    assert!(!machine.path("out").exists());
+}
+
+#[test]
 fn events_are_one_json_object_a_line_in_the_order_of_time() {
     let run = simulate("G00 X5\nM100 VA1\nM00\nM30\n").completed();
     let kinds: Vec<_> = run

@@ -498,8 +498,13 @@ fn judge_closely(spec: &WordSpec, value: f64, span: Span, fault: &mut dyn FnMut(
     } else if !spec.holds(value) {
         fault(diagnostics::OUT_OF_RANGE.at(
             span,
-            format!("{name}{value} ({}) is out of range", spec.meaning),
-            format!("Write a value of {}.", spec.range_text()),
+            format!(
+                "{name}{} ({}) is out of its range of {}",
+                shown(value),
+                spec.meaning,
+                spec.range_text()
+            ),
+            "Write a value within it.",
         ));
     } else if spec.integer && value.fract().abs() > 0.0 {
         fault(diagnostics::INTEGER_NEEDED.at(
@@ -507,6 +512,15 @@ fn judge_closely(spec: &WordSpec, value: f64, span: Span, fault: &mut dyn FnMut(
             format!("{name}{value} ({}) is not a whole number", spec.meaning),
             "Write it without decimals.",
         ));
+    }
+}
+
+/// A number that anything may have computed: one of many digits by its power of ten.
+fn shown(value: f64) -> String {
+    if value != 0.0 && !(1e-9..1e15).contains(&value.abs()) {
+        format!("{value:e}")
+    } else {
+        value.to_string()
     }
 }
 

@@ -543,12 +543,16 @@ mod tests {
     use crate::block_words::judge_value;
     use crate::codes::{AXIS_WORDS, m_auxiliary::AUXILIARY};
 
-    fn alarm_number(spec: &crate::codes::WordSpec, value: f64) -> Option<u16> {
-        let mut number = None;
+    fn alarm(spec: &crate::codes::WordSpec, value: f64) -> Option<Alarm> {
+        let mut alarm = None;
         judge_value(spec, value, Span::default(), &mut |fault| {
-            number = Some(alarm_of(&fault).entry.number);
+            alarm = Some(alarm_of(&fault));
         });
-        number
+        alarm
+    }
+
+    fn alarm_number(spec: &crate::codes::WordSpec, value: f64) -> Option<u16> {
+        alarm(spec, value).map(|alarm| alarm.entry.number)
     }
 
     #[test]
@@ -563,5 +567,14 @@ mod tests {
     fn d11_a_computed_value_out_of_range_is_an_alarm() {
         assert_eq!(alarm_number(&AXIS_WORDS[0], 1_000_000.0), None);
         assert_eq!(alarm_number(&AXIS_WORDS[0], 1_000_000.1), Some(11));
+    }
+
+    #[test]
+    fn d11_the_alarm_of_a_value_out_of_range_names_value_and_range_in_few_digits() {
+        for (value, text) in [(-1e6 - 0.5, "X-1000000.5 ("), (1e300, "X1e300 (")] {
+            let alarm = alarm(&AXIS_WORDS[0], value).expect("beyond 1e6");
+            assert!(alarm.text.starts_with(text), "{}", alarm.text);
+            assert!(alarm.text.contains("-1000000 to 1000000 mm"), "{}", alarm.text);
+        }
     }
 }

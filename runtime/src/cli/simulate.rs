@@ -22,6 +22,7 @@ use serde_json::json;
 use tandem_model::Axis;
 use tandem_model::alarm::{AlarmEntry, SIMULATION_LIMIT, SIMULATION_STALLED};
 use tandem_model::limits::PROGRAM_NUMBER_MAX;
+use tandem_model::settings::CoordinateSystemSettings;
 use tandem_runtime::journal::Journal;
 use tandem_runtime::program_store::program_number;
 use tandem_runtime::simulation::{self, OnCycle, SimulationOptions};
@@ -47,6 +48,9 @@ pub struct Arguments {
     /// Writes the commanded positions of each servo period as CSV
     #[arg(long, value_name = "OUT.csv")]
     trace: Option<PathBuf>,
+    /// Adds the spindle's angle to --trace: spindle_deg, 0 to below 360, clockwise positive
+    #[arg(long, requires = "trace")]
+    trace_spindle: bool,
     /// Writes what happened, one JSON object a line
     #[arg(long, value_name = "OUT.jsonl")]
     events: Option<PathBuf>,
@@ -143,7 +147,12 @@ fn traced(arguments: &Arguments, plan: Plan) -> anyhow::Result<Outcome> {
     if arguments.trace.is_some() && arguments.trace == arguments.events {
         anyhow::bail!("--trace and --events name the same file");
     }
-    let trace = Trace::new(arguments.trace.as_deref(), &plan)?;
+    if arguments.trace_spindle && !plan.has_spindle() {
+        anyhow::bail!(
+            "--trace-spindle: the coordinate system has no spindle; give it one in the configuration"
+        );
+    }
+    let trace = Trace::new(arguments.trace.as_deref(), arguments.trace_spindle, &plan)?;
     let outcome = plan.simulate(arguments.events.as_deref(), trace.on_cycle())?;
     trace.finish()?;
     Ok(outcome)
@@ -208,12 +217,27 @@ impl Plan {
 
     /// Place of the first job's coordinate system in the servo, and its axes.
     pub fn watched(&self) -> (usize, Vec<Axis>) {
-        let first = self.jobs.first().map(|job| job.cs);
-        let mut systems = self.machine.coordinate_systems.iter().enumerate();
-        let watched = systems.find(|(_, system)| Some(system.settings.number) == first);
-        watched
-            .map(|(index, system)| (index, system.settings.axes().iter().collect()))
+        self.first_system()
+            .map(|(index, settings)| (index, settings.axes().iter().collect()))
             .unwrap_or_default()
+    }
+
+    /// True when the first job's coordinate system has a spindle.
+    fn has_spindle(&self) -> bool {
+        self.first_system()
+            .is_some_and(|(_, settings)| settings.spindle.is_some())
+    }
+
+    fn first_system(&self) -> Option<(usize, &CoordinateSystemSettings)> {
+        let first = self.jobs.first().map(|job| job.cs);
+        let systems = self
+            .machine
+            .coordinate_systems
+            .iter()
+            .map(|system| &system.settings);
+        systems
+            .enumerate()
+            .find(|(_, settings)| Some(settings.number) == first)
     }
 
     /// Program number of the first job.

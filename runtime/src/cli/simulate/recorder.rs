@@ -137,6 +137,7 @@ struct TraceFile {
     failed: Option<std::io::Error>,
     index: usize,
     axes: Vec<Axis>,
+    with_spindle: bool,
     program: u16,
     line: u32,
     cycles: u64,
@@ -145,13 +146,14 @@ struct TraceFile {
 }
 
 impl Trace {
-    pub fn new(path: Option<&Path>, plan: &Plan) -> anyhow::Result<Self> {
+    pub fn new(path: Option<&Path>, with_spindle: bool, plan: &Plan) -> anyhow::Result<Self> {
         let (index, axes) = plan.watched();
         let mut trace = TraceFile {
             file: None,
             failed: None,
             index,
             axes,
+            with_spindle,
             program: plan.program(),
             line: 0,
             cycles: 0,
@@ -162,9 +164,10 @@ impl Trace {
             let file = File::create(path).with_context(|| format!("--trace {}", path.display()))?;
             let mut file = BufWriter::new(file);
             let letters: String = trace.axes.iter().flat_map(|axis| [',', axis.letter()]).collect();
-            writeln!(file, "time_s,program,line{letters}")?;
+            let spindle = if with_spindle { ",spindle_deg" } else { "" };
+            writeln!(file, "time_s,program,line{letters}{spindle}")?;
             trace.file = Some(file);
-            trace.write(0.0, &[0.0; tandem_model::AXES_MAX]);
+            trace.write(0.0, &[0.0; tandem_model::AXES_MAX], 0.0);
         }
         Ok(Self(Arc::new(Mutex::new(trace))))
     }
@@ -186,7 +189,7 @@ impl Trace {
             if let Some(origin) = channel.executing() {
                 (trace.program, trace.line) = (origin.program, origin.line);
             }
-            trace.write(servo.time_s(), &channel.setpoint().0);
+            trace.write(servo.time_s(), &channel.setpoint().0, channel.spindle_deg());
             trace.show(servo.time_s());
         }))
     }
@@ -209,13 +212,16 @@ impl Trace {
 }
 
 impl TraceFile {
-    fn write(&mut self, time_s: f64, position: &[f64]) {
+    fn write(&mut self, time_s: f64, position: &[f64], spindle_deg: f64) {
         let Some(file) = &mut self.file else { return };
         let mut line = format!("{time_s:.6},{},{}", self.program, self.line);
         for axis in &self.axes {
             // The sum takes the sign off a negative zero.
             // Writing into a String never fails.
             let _ = write!(line, ",{:.9}", position[axis.index()] + 0.0);
+        }
+        if self.with_spindle {
+            let _ = write!(line, ",{spindle_deg:.9}");
         }
         if let Err(error) = writeln!(file, "{line}") {
             self.failed.get_or_insert(error);

@@ -158,8 +158,8 @@ impl Part {
         let alarm = &self.record.alarm;
         let text = alarm.get("text")?.as_str().unwrap_or_default();
         Some(format!(
-            "alarm {} in program {} line {}: {text}",
-            alarm["number"], alarm["program"], alarm["line"]
+            "alarm {} in program {} line {} column {}: {text}",
+            alarm["number"], alarm["program"], alarm["line"], alarm["column"]
         ))
     }
 
