@@ -2,7 +2,7 @@
 
 use tandem_model::alarm::{ARC_DISTORTED, ARC_IMPOSSIBLE, VALUE_NOT_FINITE};
 use tandem_model::flow::{Arc, ArcShape, Block, Frame, Path, Plane, Rotation, Scaling, Transform, Turn};
-use tandem_model::{Alarm, ArcPath, AxisVector};
+use tandem_model::{Alarm, ArcPath, Axis, AxisVector};
 
 use crate::stage::{LENGTH_MIN, PathStage, line_between};
 use crate::transform;
@@ -42,6 +42,13 @@ impl PathStage {
             }
             ArcShape::Radius(0.0) => return line_between(self.at, to),
             ArcShape::Radius(radius) => {
+                if plane.iter().all(|axis| !arc.target.named.contains(*axis)) {
+                    let [first, second] = plane.map(Axis::letter);
+                    let text = format!(
+                        "R {radius:.6} mm: the block has neither {first} nor {second}, so the target is the start point"
+                    );
+                    return Err(Alarm::new(&ARC_IMPOSSIBLE, text).of_words("R"));
+                }
                 centre_from_radius(chord, radius * scale, turn, self.arc_radius_tolerance_mm)?
             }
         };

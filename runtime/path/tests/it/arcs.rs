@@ -237,6 +237,24 @@ fn what_is_no_arc_is_an_alarm_that_names_the_values() {
 }
 
 #[test]
+fn m1f_an_r_without_an_axis_of_the_plane_ends_where_it_starts_whatever_the_tool_length_is_about_to_move() {
+    let mut stage = stage();
+    let mut out = Vec::new();
+    let longer = Transform {
+        tool_length: 8.0,
+        ..Transform::default()
+    };
+    stage.push(&transform(1, longer), &mut out).unwrap();
+    for words in [&[][..], &[(Y, 3.0)]] {
+        let alarm = stage.push(&arc(2, Clockwise, Plane::Zx, words, Radius(10.0)), &mut out);
+        let alarm = alarm.unwrap_err();
+        assert_eq!(alarm.entry, &ARC_IMPOSSIBLE);
+        assert!(alarm.text.contains("neither Z nor X"), "{}", alarm.text);
+    }
+    assert!(out.is_empty());
+}
+
+#[test]
 fn s1f_g18_turns_z_towards_x_and_g19_y_towards_z() {
     for (plane, to, ijk, middle) in [
         (

@@ -152,7 +152,7 @@ fn ahead(line: u32, r: f64, z: f64) -> Block {
 #[test]
 fn a_cycle_whose_thread_cannot_be_cut_is_refused_before_anything_moves() {
     refused(&ahead(1, -5.0, -100.1), &SOFT_LIMIT);
-    refused(&ahead(1, 100.1, -5.0), &SOFT_LIMIT);
+    refused(&ahead(1, 200.1, -5.0), &SOFT_LIMIT);
     let mut without_feed = ahead(1, -5.0, -10.0);
     without_feed.feed.feedrate_mm_min = 0.0;
     refused(&without_feed, &FEEDRATE_MISSING);

@@ -201,7 +201,7 @@ impl Part {
         for (name, position) in [("machine", &self.machine), ("work", &self.work)] {
             let axes: Vec<_> = position
                 .iter()
-                .map(|(letter, value)| format!("{letter} {value:.4}"))
+                .map(|(letter, value)| format!("{letter} {:.4}", without_rounding(*value)))
                 .collect();
             say(&format!("  {name:8} {}", axes.join("  ")));
         }
@@ -256,4 +256,9 @@ fn non_zero(variables: &VariableArray) -> Map<String, Value> {
         .filter(|(_, v)| *v != 0.0)
         .map(|(index, v)| (index.to_string(), value(v)))
         .collect()
+}
+
+/// To the digits that are printed: what is rounding around 0 has no sign.
+fn without_rounding(value: f64) -> f64 {
+    (value * 1e4).round() / 1e4 + 0.0
 }
