@@ -252,14 +252,7 @@ impl PathStage {
         self.within_all_soft_limits(self.at, to)?;
         self.release(SegmentEnd::ExactStop, out);
         if moves(self.at, to) {
-            let motion = SegmentMotion::Skip { from: self.at, to };
-            out.push(Segment {
-                origin: block.origin,
-                motion,
-                end: SegmentEnd::ExactStop,
-                multi_block: block.multi_block,
-            });
-            self.at = to;
+            self.go_to_rest(block, SegmentMotion::Skip { from: self.at, to }, to, out);
             self.is_skipping = true;
         }
         self.arrived(block, words);
@@ -279,15 +272,25 @@ impl PathStage {
 
     fn rapid_to(&mut self, block: &Block, to: AxisVector, out: &mut Vec<Segment>) {
         if moves(self.at, to) {
-            let motion = SegmentMotion::Rapid { from: self.at, to };
-            out.push(Segment {
-                origin: block.origin,
-                motion,
-                end: SegmentEnd::ExactStop,
-                multi_block: block.multi_block,
-            });
-            self.at = to;
+            self.go_to_rest(block, SegmentMotion::Rapid { from: self.at, to }, to, out);
         }
+    }
+
+    /// Puts out a motion that ends at rest here, whatever comes behind.
+    pub(crate) fn go_to_rest(
+        &mut self,
+        block: &Block,
+        motion: SegmentMotion,
+        to: AxisVector,
+        out: &mut Vec<Segment>,
+    ) {
+        out.push(Segment {
+            origin: block.origin,
+            motion,
+            end: SegmentEnd::ExactStop,
+            multi_block: block.multi_block,
+        });
+        self.at = to;
     }
 
     /// G28, G30: G00 to the middle point, then to the reference point, named axes only; none named: all, and straight

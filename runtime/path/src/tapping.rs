@@ -48,13 +48,7 @@ impl PathStage {
                 },
                 leg: tap.leg,
             };
-            out.push(Segment {
-                origin: block.origin,
-                motion,
-                end: SegmentEnd::ExactStop,
-                multi_block: block.multi_block,
-            });
-            self.at = to;
+            self.go_to_rest(block, motion, to, out);
         }
         self.arrived(block, &tap.target);
         Ok(())

@@ -48,7 +48,7 @@ pub struct Arguments {
     /// Writes the commanded positions of each servo period as CSV
     #[arg(long, value_name = "OUT.csv")]
     trace: Option<PathBuf>,
-    /// Adds the spindle's angle to --trace: spindle_deg, 0 to below 360, clockwise positive
+    /// Adds the spindle's angle to --trace, degrees from 0 to below 360, clockwise positive
     #[arg(long, requires = "trace")]
     trace_spindle: bool,
     /// Writes what happened, one JSON object a line

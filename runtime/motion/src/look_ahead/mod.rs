@@ -8,7 +8,11 @@
 //! the rate is the largest one forward. The pass back begins only when as many blocks are new as are not final: so a
 //! block costs the same however far the look-ahead reaches.
 //!
-//! Maximum velocities hold because the rate is at most 1, or what a block leaves of them. Jerk is limited as programmed (ts), not by `max_jerk`.
+//! Maximum velocities hold because the rate is at most 1, or what a block leaves of them.
+//!
+//! `max_jerk` bounds nothing here: the path is that of G501, where short blocks have no jerk time left (motion-semantics
+//! 1b, `ts' = T' - ta'`), so that at each of their joints `q501''` steps by a vector that no rate but 0 takes out of
+//! `q'' = q501'' w^2 + q501' w'`. The manual names positions, velocities and accelerations.
 
 mod braking;
 mod grid;
@@ -90,6 +94,26 @@ struct Held {
     pieces: usize,
     /// Largest x in it for the override and the servo period.
     cap: f64,
+}
+
+impl Held {
+    /// What bounds its pieces, within these of the motors.
+    fn limits<'a>(
+        &'a self,
+        inverse: &'a [f64; AXES_MAX],
+        velocities: &'a [f64; AXES_MAX],
+        planes: &'a mut Vec<HalfPlane>,
+    ) -> Limits<'a> {
+        Limits {
+            way: Way::new(&self.block, self.passage),
+            bounds: Bounds {
+                inverse,
+                velocities,
+                cap: self.cap,
+            },
+            planes,
+        }
+    }
 }
 
 impl LookAhead {
@@ -251,15 +275,7 @@ impl LookAhead {
             if finals.is_none() && open <= to_rest * (1.0 + MET) {
                 finals = Some(block + 1);
             }
-            let mut task = Limits {
-                way: Way::new(&held.block, held.passage),
-                bounds: Bounds {
-                    inverse: &self.inverse,
-                    velocities: &self.velocities,
-                    cap: held.cap,
-                },
-                planes: &mut self.planes,
-            };
+            let mut task = held.limits(&self.inverse, &self.velocities, &mut self.planes);
             let first_of_block = self.renewed.len();
             let mut unchanged = false;
             for _ in 0..held.pieces {
@@ -293,15 +309,7 @@ impl LookAhead {
             return;
         };
         self.steps.clear();
-        let mut task = Limits {
-            way: Way::new(&held.block, held.passage),
-            bounds: Bounds {
-                inverse: &self.inverse,
-                velocities: &self.velocities,
-                cap: held.cap,
-            },
-            planes: &mut self.planes,
-        };
+        let mut task = held.limits(&self.inverse, &self.velocities, &mut self.planes);
         for _ in 0..held.pieces {
             let Some(piece) = self.pieces.pop_front() else {
                 break;
