@@ -29,7 +29,7 @@ const PARTS_MAX: f64 = 16.0;
 const TURN_MAX: f64 = 0.4;
 
 /// A piece is cut into so many at most where the rate needs it.
-const LEAST: f64 = 64.0;
+const LEAST: f64 = 256.0;
 
 /// Pieces of one phase at most.
 const PIECES_MAX: f64 = 512.0;

@@ -103,6 +103,35 @@ pub(super) fn half_planes(motion: &Motion, bounds: Bounds<'_>, h_s: f64, planes:
     }
 }
 
+/// How unlike the rates are that keep the velocity at both ends of a piece: the change of the velocity as a share of the
+/// slower one, times the largest share of a maximum acceleration at a rate of 1. With a square x of the rate linear over
+/// the piece, about x times that is left as acceleration where the velocity would be kept.
+pub(super) fn sway(motion: &Motion, inverse: &[f64; AXES_MAX]) -> f64 {
+    let (mut change, mut used, mut speeds, mut jerk) = (0.0_f64, 0.0_f64, [0.0_f64; 2], 0.0_f64);
+    for axis in Axis::ALL {
+        let inverse = inverse[axis.index()];
+        if inverse == 0.0 {
+            continue;
+        }
+        let ends = [motion.velocity[0][axis], motion.velocity[1][axis]].map(|v| v * inverse);
+        change = change.max((ends[1] - ends[0]).abs());
+        for (speed, end) in speeds.iter_mut().zip(ends) {
+            *speed = speed.max(end.abs());
+        }
+        let [begin, end] = motion.acceleration;
+        used = used
+            .max(begin[axis].abs() * inverse)
+            .max(end[axis].abs() * inverse);
+        jerk = jerk.max((end[axis] - begin[axis]).abs() * inverse);
+    }
+    let slower = speeds[0].min(speeds[1]);
+    if slower > 0.0 {
+        jerk + change / slower * used
+    } else {
+        jerk
+    }
+}
+
 /// The largest x0 up to `cap` from which some x1 up to `end` is within the limits, and that x1: a linear program in two variables,
 /// solved one half plane after the other. (0, 0) is always within.
 pub(super) fn fastest_start(planes: &[HalfPlane], cap: f64, end: f64) -> [f64; 2] {

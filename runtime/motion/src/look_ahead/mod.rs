@@ -8,6 +8,10 @@
 //! the rate is the largest one forward. The pass back begins only when as many blocks are new as are not final: so a
 //! block costs the same however far the look-ahead reaches.
 //!
+//! A piece on which the velocity would change at one rate, or which the rate could leave higher than it finds it, is
+//! halved while that gains time. Where F changes tenfold within a ramp a hundred times steeper than the motors follow,
+//! that ends before 2 percent of the best time.
+//!
 //! Maximum velocities hold because the rate is at most 1, or what a block leaves of them.
 //!
 //! `max_jerk` bounds nothing here: the path is that of G501, where short blocks have no jerk time left (motion-semantics
@@ -46,6 +50,10 @@ const SQUARE_MAX: f64 = FEED_OVERRIDE_MAX * FEED_OVERRIDE_MAX;
 /// The most blocks that look-ahead holds back. When their way is too short to come to rest in, the first half is slowed
 /// to what the rest allows.
 pub(crate) const BLOCKS_MAX: usize = 16_384;
+
+/// The most pieces of blocks that look-ahead holds back, about 60 MB: where blocks need so many, their first half is slowed
+/// to what the rest allows.
+const HELD_PIECES_MAX: usize = 500_000;
 
 /// The fewest new blocks that are planned at a time.
 const BLOCKS_MIN: usize = 128;
@@ -112,6 +120,7 @@ impl Held {
                 cap: self.cap,
             },
             planes,
+            sway: 0.0,
         }
     }
 }
@@ -226,15 +235,21 @@ impl LookAhead {
             self.plan(true, record, out);
             self.end_square = SQUARE_MAX;
             self.clear();
-        } else if new >= self.seen.max(BLOCKS_MIN) || self.blocks.len() >= BLOCKS_MAX {
+        } else if new >= self.seen.max(BLOCKS_MIN) || self.is_full() {
             self.plan(false, record, out);
         }
     }
 
+    /// True when no more is held back.
+    fn is_full(&self) -> bool {
+        self.blocks.len() >= BLOCKS_MAX || self.pieces.len() >= HELD_PIECES_MAX
+    }
+
     fn plan(&mut self, ended: bool, record: &mut Record, out: &mut VecDeque<Profile>) {
         let mut finals = self.pass_back(ended);
-        if self.blocks.len() - finals >= BLOCKS_MAX {
-            finals = self.blocks.len() / 2;
+        let half = self.blocks.len() / 2;
+        if self.blocks.len() - finals >= BLOCKS_MAX || self.pieces.len() >= HELD_PIECES_MAX {
+            finals = finals.max(half);
         }
         let first = out.len();
         for block in 0..finals {

@@ -20,6 +20,10 @@ const GAIN: f64 = 1e-3;
 /// With less change of the square of the rate a piece is not halved.
 const CHANGE_MIN: f64 = 0.03;
 
+/// A piece of another velocity at its ends is halved while the acceleration that an even rate would leave between them
+/// is more than this share of the limit.
+const SWAY_MAX: f64 = 0.3;
+
 /// Rounding of a share of a limit; less than what is left of a maximum acceleration.
 const WITHIN: f64 = 1e-8;
 
@@ -28,6 +32,8 @@ pub(super) struct Limits<'a> {
     pub(super) way: Way<'a>,
     pub(super) bounds: Bounds<'a>,
     pub(super) planes: &'a mut Vec<HalfPlane>,
+    /// Of the piece bent last: [`limits::sway`].
+    pub(super) sway: f64,
 }
 
 impl Limits<'_> {
@@ -39,6 +45,7 @@ impl Limits<'_> {
             ..self.bounds
         };
         limits::half_planes(&motion, bounds, piece.length_s(), self.planes);
+        self.sway = limits::sway(&motion, self.bounds.inverse);
         motion
     }
 
@@ -69,8 +76,8 @@ impl Limits<'_> {
         }
         let [limit, after] = self.start_and_end(piece, end);
         if limit < piece.cap
-            && changes(limit, after)
             && let Shape::Bent { .. } = piece.shape
+            && (changes(limit, after) || self.sways(limit.max(after)))
             && let Some([first, second]) = piece.halves()
         {
             let middle = self.start(&second, end);
@@ -126,7 +133,7 @@ impl Limits<'_> {
             }
             Shape::Bent { .. } => {
                 let whole = self.fastest(piece, before, limit);
-                if changes(before, whole.end)
+                if (self.could_change(piece, before, whole.end) || self.sways(before.max(whole.end)))
                     && let Some([first, second]) = piece.halves()
                 {
                     let most = self.start(&second, limit);
@@ -144,6 +151,18 @@ impl Limits<'_> {
                 whole.end
             }
         }
+    }
+
+    /// True when halves of the piece bent last may be faster: its rate changes, or would without a limit behind it, so that
+    /// it may rise and fall within the piece.
+    fn could_change(&self, piece: &Piece, before: f64, after: f64) -> bool {
+        let open = limits::fastest_end(self.planes, before, piece.cap);
+        changes(before, after) || changes(before, open)
+    }
+
+    /// True when at this square of the rate the piece bent last is too long for its change of velocity.
+    fn sways(&self, square: f64) -> bool {
+        self.sway * square > SWAY_MAX
     }
 
     /// A bent piece in one step.

@@ -24,7 +24,9 @@ fn total([ta, ts]: Ramp) -> f64 {
 fn shrunk([ta, ts]: Ramp, most: f64) -> Ramp {
     let total = (ta + ts).min(most);
     let ta = ta.min(total);
-    [ta, total - ta]
+    let ts = total - ta;
+    // What rounding leaves of ts is none.
+    [ta, if ts > 1e-12 * total { ts } else { 0.0 }]
 }
 
 /// The chain of motion-semantics 1b: its ramps with their centres, and the time of its end.

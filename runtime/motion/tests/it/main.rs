@@ -6,6 +6,7 @@ mod chain;
 mod look_ahead;
 mod look_ahead_random;
 mod look_ahead_rig;
+mod look_ahead_shapes;
 mod look_ahead_text;
 mod planner;
 mod rig;

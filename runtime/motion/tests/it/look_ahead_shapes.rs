@@ -1,0 +1,237 @@
+//! G500 on the shapes that people program, with ramps of all times: near the best time (motion-semantics 1d).
+
+use std::f64::consts::TAU;
+
+use tandem_model::flow::{Feed, Path, Plane, Segment, SegmentMotion, Turn};
+use tandem_model::{ArcPath, AxisVector};
+
+use crate::look_ahead_random::Random;
+use crate::look_ahead_rig::{Chain, Shape, best_time_s, check, same_path, time_s};
+use crate::rig::{PERIOD_S, feed, line, segment, vector};
+
+/// A chain that grows block by block.
+struct Drawing {
+    at: AxisVector,
+    blocks: Vec<(Segment, Shape)>,
+}
+
+impl Drawing {
+    fn new() -> Self {
+        Self {
+            at: AxisVector::ZERO,
+            blocks: Vec::new(),
+        }
+    }
+
+    fn to(mut self, x: f64, y: f64, feed: Feed) -> Self {
+        let end = vector(&[x, y]);
+        self.blocks.push((line(self.at, end, feed), Shape::Line));
+        self.at = end;
+        self
+    }
+
+    /// An arc in X and Y that begins in a direction, through a signed angle.
+    fn arc(mut self, direction: f64, radius: f64, sweep: f64, feed: Feed) -> Self {
+        let angle = direction - sweep.signum() * TAU / 4.0;
+        let centre = [
+            self.at.0[0] - radius * angle.cos(),
+            self.at.0[1] - radius * angle.sin(),
+        ];
+        let end = angle + sweep;
+        let end = vector(&[centre[0] + radius * end.cos(), centre[1] + radius * end.sin()]);
+        let turn = if sweep > 0.0 {
+            Turn::CounterClockwise
+        } else {
+            Turn::Clockwise
+        };
+        let path = Path::Arc(ArcPath::new(self.at, end, Plane::Xy, centre, turn));
+        let shape = Shape::Arc {
+            plane: Plane::Xy,
+            centre,
+            radius,
+            growth: 0.0,
+            angle,
+            sweep,
+        };
+        self.blocks
+            .push((segment(SegmentMotion::Feed { path, feed }), shape));
+        self.at = end;
+        self
+    }
+
+    fn chain(self, acceleration: f64) -> Chain {
+        Chain::new(&[acceleration; 3], self.blocks)
+    }
+}
+
+/// Time, less what start and end may cost, over the best one; limits and path hold.
+fn over(what: &str, chain: &Chain) -> f64 {
+    let profiles = chain.plan();
+    if let Err(found) = check(chain, &profiles, 6).and_then(|()| same_path(chain, &profiles)) {
+        panic!("{what}: {found}");
+    }
+    let time_s = time_s(&profiles) - 3.0 * PERIOD_S;
+    // A coarse grid may be too good by itself.
+    let [coarse, fine] = [100, 1000].map(|n| time_s / best_time_s(chain, n));
+    coarse.min(fine)
+}
+
+#[track_caller]
+fn near(what: &str, chain: &Chain) {
+    let over = over(what, chain);
+    assert!(over <= 1.02, "{what}: {over} of the best time");
+}
+
+/// ta, td and ts, ms.
+const RAMPS: [[f64; 3]; 7] = [
+    [1.0, 1.0, 0.0],
+    [1.0, 1.0, 1.0],
+    [5.0, 5.0, 1.0],
+    [20.0, 20.0, 5.0],
+    [50.0, 50.0, 10.0],
+    [50.0, 50.0, 50.0],
+    [200.0, 200.0, 0.0],
+];
+
+#[test]
+fn m1d_a_flat_arc_between_corners_is_gone_up_and_down_as_a_line_is() {
+    for times in RAMPS {
+        for radius in [20.0, 50.0, 200.0, 1000.0] {
+            for length in [10.0, 20.0, 40.0, 80.0] {
+                let f = feed(12_000.0, times);
+                let sweep = -length / radius;
+                let drawing = Drawing::new()
+                    .to(0.0, 20.0, f)
+                    .arc(-sweep / 2.0, radius, sweep, f);
+                let x = drawing.at.0[0];
+                let chain = drawing.to(x, 0.0, f).chain(1000.0);
+                near(&format!("{times:?} R{radius} {length} mm"), &chain);
+            }
+        }
+    }
+}
+
+#[test]
+fn m1d_blocks_shorter_than_their_ramps_are_one_way_up_and_down() {
+    for times in RAMPS {
+        let f = feed(60_000.0, times);
+        let chain = Drawing::new().to(15.0, 0.0, f).to(30.0, 0.0, f).chain(400.0);
+        near(&format!("{times:?}"), &chain);
+    }
+}
+
+#[test]
+fn m1d_corners_of_any_ramps_are_passed_near_the_best_time() {
+    for times in RAMPS {
+        for f in [3000.0, 10_000.0, 30_000.0] {
+            for size in [2.0, 20.0, 100.0] {
+                let own = feed(f, times);
+                let chain = Drawing::new()
+                    .to(size, 0.0, own)
+                    .to(size, size, own)
+                    .to(0.0, size, own)
+                    .to(0.0, 0.0, own)
+                    .chain(500.0);
+                near(&format!("{times:?} F{f} {size} mm"), &chain);
+            }
+        }
+    }
+}
+
+#[test]
+fn m1d_another_feedrate_is_met_near_the_best_time() {
+    for times in [[20.0, 20.0, 0.0], [50.0, 50.0, 10.0], [100.0, 100.0, 50.0]] {
+        for acceleration in [300.0, 1000.0, 3000.0] {
+            for [first, second] in [
+                [6000.0, 1000.0],
+                [1000.0, 6000.0],
+                [12_000.0, 3000.0],
+                [30_000.0, 3000.0],
+                [30_000.0, 20_000.0],
+            ] {
+                for angle in [0.0, 0.2, 1.5_f64] {
+                    let chain = Drawing::new()
+                        .to(100.0, 0.0, feed(first, times))
+                        .to(
+                            100.0 + 100.0 * angle.cos(),
+                            100.0 * angle.sin(),
+                            feed(second, times),
+                        )
+                        .chain(acceleration);
+                    near(
+                        &format!("{times:?} {acceleration} mm/s^2 F{first} F{second} {angle}"),
+                        &chain,
+                    );
+                }
+            }
+        }
+    }
+}
+
+/// Ten blocks on a line, the feedrate of every other one ten times the one between.
+fn alternating(length: f64, times: [f64; 3]) -> Chain {
+    let blocks = (1..=10).map(|n| (n, if n % 2 == 1 { 30_000.0 } else { 3000.0 }));
+    blocks
+        .fold(Drawing::new(), |drawing, (n, f)| {
+            drawing.to(length * f64::from(n), 0.0, feed(f, times))
+        })
+        .chain(500.0)
+}
+
+#[test]
+fn m1d_feedrates_that_alternate_tenfold_cost_no_time_but_in_ramps_far_too_steep() {
+    for times in RAMPS {
+        for length in [0.5, 5.0, 15.0, 50.0] {
+            let over = over(&format!("{times:?} {length} mm"), &alternating(length, times));
+            // What the change of F would take as acceleration, over what there is.
+            let ramp_s = (f64::midpoint(times[0], times[0]) / 1000.0).min(length / 500.0);
+            let too_steep = 450.0 / ramp_s / 500.0;
+            let most = if too_steep > 150.0 { 1.4 } else { 1.02 };
+            assert!(
+                over <= most,
+                "{times:?} {length} mm: {over} of the best time, {too_steep} times too steep"
+            );
+        }
+    }
+}
+
+/// Lines and arcs of random lengths, feedrates and turns.
+fn figure(seed: u64) -> Chain {
+    let mut random = Random(3_000_000 + seed);
+    let times = random.one_of(&RAMPS);
+    let acceleration = random.magnitude(200.0, 5000.0);
+    let mut drawing = Drawing::new();
+    let mut direction = 0.0;
+    let blocks = 2 + random.bits() % 8;
+    for _ in 0..blocks {
+        let f = feed(random.magnitude(1000.0, 60_000.0), times);
+        let length = random.magnitude(0.5, 100.0);
+        direction += random.one_of(&[0.0, 0.1, -0.5, TAU / 4.0, -TAU / 3.0]);
+        drawing = if random.unit() < 0.5 {
+            let sweep = random.one_of(&[0.02, -0.05, 0.2, -1.0, 3.0]);
+            let begin = direction;
+            direction += sweep;
+            drawing.arc(begin, length / f64::abs(sweep), sweep, f)
+        } else {
+            let at = drawing.at.0;
+            drawing.to(
+                at[0] + length * direction.cos(),
+                at[1] + length * direction.sin(),
+                f,
+            )
+        };
+    }
+    drawing.chain(acceleration)
+}
+
+#[test]
+fn m1d_random_figures_are_passed_near_the_best_time_but_for_few_whose_feedrates_jump_in_steep_ramps() {
+    let figures = 200;
+    let mut slow = 0;
+    for seed in 0..figures {
+        let over = over(&format!("seed {seed}"), &figure(seed));
+        slow += u64::from(over > 1.02);
+        assert!(over <= 1.1, "seed {seed}: {over} of the best time");
+    }
+    assert!(slow * 100 <= figures, "{slow} of {figures}");
+}
