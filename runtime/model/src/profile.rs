@@ -62,6 +62,8 @@ pub enum Law {
         begun_s: f64,
         /// The block that begins along the stop ramp; `None`: this one ends at rest.
         next: Option<Lead>,
+        /// Where its chain is with it.
+        place: ChainPlace,
     },
     /// As `Ramped`, in plan time, which goes on at a pace that keeps the motors' limits (motion-semantics 1d).
     Paced {
@@ -137,6 +139,15 @@ fn alone([from, to]: [&AxisVector; 2], moves: &[MotorMove; AXES_MAX], t_s: f64) 
             from.0[i] + moves[i].distance(t_s)
         }
     }))
+}
+
+/// How far a chain of blocks between two stops has come with one of them (motion-semantics 1b).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ChainPlace {
+    /// Number of the segment that the chain begins with.
+    pub first_segment: u64,
+    /// Time from the begin of the chain to the end of the profile at 100 percent, s.
+    pub ends_s: f64,
 }
 
 /// The begin of the next block within the profile of the one before it (motion-semantics 1b).
@@ -299,6 +310,7 @@ impl Profile {
                 stop,
                 begun_s,
                 next,
+                ..
             } => (path, speed, start, stop, begun_s, next, self.duration_s),
             Law::Paced {
                 path,

@@ -2,7 +2,7 @@
 
 use tandem_model::Origin;
 use tandem_model::flow::Path;
-use tandem_model::profile::{Law, Lead, Pace, Profile, TimeBase};
+use tandem_model::profile::{ChainPlace, Law, Lead, Pace, Profile, TimeBase};
 use tandem_model::ramp::UnitRamp;
 
 /// What a ramped profile is made of, without room for a pace: held back and recorded by the ten thousand.
@@ -21,6 +21,7 @@ pub(crate) struct RampedBlock {
     pub(crate) next: Option<Lead>,
     /// Plan time at its end, s.
     pub(crate) plan_s: f64,
+    pub(crate) place: ChainPlace,
 }
 
 impl RampedBlock {
@@ -42,6 +43,7 @@ impl RampedBlock {
             stop: self.stop,
             begun_s: self.begun_s,
             next: self.next.clone(),
+            place: self.place,
         };
         self.by(law, self.plan_s, self.ends_at_rest())
     }

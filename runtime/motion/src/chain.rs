@@ -8,7 +8,7 @@ use std::collections::VecDeque;
 
 use tandem_model::Origin;
 use tandem_model::flow::Path;
-use tandem_model::profile::Lead;
+use tandem_model::profile::{ChainPlace, Lead};
 use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::ShortBlock;
 
@@ -19,6 +19,8 @@ use crate::ramped::Alone;
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Chain {
     blocks: VecDeque<Link>,
+    /// Of the block put out last; `None`: the first one is still to come.
+    place: Option<ChainPlace>,
 }
 
 /// A block of a chain.
@@ -44,6 +46,7 @@ struct Link {
 impl Chain {
     pub(crate) fn clear(&mut self) {
         self.blocks.clear();
+        self.place = None;
     }
 
     /// Adds a block, and puts out what is final.
@@ -97,20 +100,32 @@ impl Chain {
             last.end_with(ramp, rule);
         }
         self.put_out(rule, epoch, &mut out);
-        if let Some(last) = self.blocks.front() {
-            out(last.planned(None, epoch));
+        if let Some(last) = self.blocks.pop_front() {
+            out(self.planned(&last, epoch));
         }
-        self.blocks.clear();
+        self.clear();
     }
 
     fn put_out(&mut self, rule: ShortBlock, epoch: u32, mut out: impl FnMut(RampedBlock)) {
-        while let (Some(first), Some(next)) = (self.blocks.front(), self.blocks.get(1)) {
+        while let Some(next) = self.blocks.get(1) {
             if rule == ShortBlock::Extend && next.stop.is_none() {
                 return;
             }
-            out(first.planned(Some(next), epoch));
-            self.blocks.drain(..1);
+            if let Some(first) = self.blocks.pop_front() {
+                out(self.planned(&first, epoch));
+            }
         }
+    }
+
+    /// As planned, going over to the first of the blocks that are left, with its place in the chain.
+    fn planned(&mut self, link: &Link, epoch: u32) -> RampedBlock {
+        let before = self.place.unwrap_or(ChainPlace {
+            first_segment: link.segment,
+            ends_s: 0.0,
+        });
+        let block = link.planned(self.blocks.front(), before, epoch);
+        self.place = Some(block.place);
+        block
     }
 }
 
@@ -138,8 +153,9 @@ impl Link {
         self.stop = Some(stop);
     }
 
-    /// As planned, going over to the next one; alone in its chain, it is the block from rest to rest.
-    fn planned(&self, next: Option<&Link>, epoch: u32) -> RampedBlock {
+    /// As planned, going over to the next one, where the block before has come to; alone in its chain, it is the block
+    /// from rest to rest.
+    fn planned(&self, next: Option<&Link>, before: ChainPlace, epoch: u32) -> RampedBlock {
         let (speed, stop, begun_s, plan_s) = match self.stop {
             None => (self.alone.speed, self.alone.stop, 0.0, self.alone.duration_s),
             Some(stop) => {
@@ -166,6 +182,10 @@ impl Link {
                 speed: next.speed,
             }),
             plan_s,
+            place: ChainPlace {
+                ends_s: before.ends_s + plan_s,
+                ..before
+            },
         }
     }
 }

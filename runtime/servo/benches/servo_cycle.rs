@@ -14,7 +14,9 @@ use std::hint::black_box;
 
 use divan::Bencher;
 use tandem_model::flow::Path;
-use tandem_model::profile::{Law, MotorMove, Pace, PacePiece, Profile, SlewRoom, Stretch, TimeBase};
+use tandem_model::profile::{
+    ChainPlace, Law, MotorMove, Pace, PacePiece, Profile, SlewRoom, Stretch, TimeBase,
+};
 use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
 use tandem_model::{AXES_MAX, AxisVector, Origin};
@@ -76,6 +78,10 @@ fn law(rapid: bool) -> (Law, TimeBase) {
             stop: ramp,
             begun_s: 0.0,
             next: None,
+            place: ChainPlace {
+                first_segment: 1,
+                ends_s: DURATION_S,
+            },
         };
         (law, TimeBase::Feed)
     }

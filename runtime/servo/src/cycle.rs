@@ -23,8 +23,8 @@ const CONTROLS_PER_CYCLE: usize = 16;
 /// Profiles of an old epoch thrown away in one cycle: bounds the time of the cycle.
 const DROPS_PER_CYCLE: usize = 64;
 
-/// Profiles passed without a stop in one cycle; the time beyond is made up in the next cycles. Look-ahead plans at most
-/// 128 blocks a period, a few profiles each.
+/// Profiles passed without a stop in one cycle: bounds the time of the cycle. A chain of shorter blocks is slower than F;
+/// look-ahead plans at most 128 blocks a period, a few profiles each.
 const JOINTS_PER_CYCLE: usize = 1024;
 
 /// Free places that the event ring must have before something that leads to an event is begun: `Started`,
@@ -318,6 +318,8 @@ impl Channel {
             t_s = -left_s;
             self.time.carry(t_s);
         }
+        // The time beyond is given up: made up later it would be a jump.
+        self.time.carry(0.0);
     }
 
     /// A joint was passed, and there is nothing behind it.

@@ -10,17 +10,18 @@ use crate::look_ahead;
 /// slower than it could be.
 const PACED_MAX: usize = 128;
 
-/// The same for a chain whose factor falls evenly.
-const EVEN_MAX: usize = 1024;
-
 /// Servo periods that are left over at the end of what is known.
 const LATE_PERIODS: f64 = 3.0;
 
 /// Share of a servo period that is left over at any factor: more than the rounding with which a profile ends.
 const REST_PERIODS: f64 = 1e-5;
 
-/// Factors tried for a motion that may become faster, each half of the one before.
-const HALVINGS_MAX: u32 = 24;
+/// Factors tried for a motion that may become faster: the share that each is of the one before, and how many; down to less
+/// than 1e-7. Coarse where each looks through profiles.
+const PACED_TRIES: (f64, u32) = (0.5, 24);
+
+/// The same for a chain whose factor falls evenly.
+const EVEN_TRIES: (f64, u32) = (0.9, 160);
 
 /// The way to rest from a time of the running profile on.
 #[derive(Debug, Clone, Copy)]
@@ -54,9 +55,13 @@ impl<'a> Way<'a> {
         if rate > 0.0 && (rate >= wanted || !self.allows(waiting, rate)) {
             return None;
         }
+        let (share, tries) = match &self.running.law {
+            Law::Paced { .. } => PACED_TRIES,
+            _ => EVEN_TRIES,
+        };
         let mut factor = wanted;
-        for _ in 0..HALVINGS_MAX {
-            factor /= 2.0;
+        for _ in 0..tries {
+            factor *= share;
             if factor <= rate || self.allows(waiting, factor) {
                 return Some(factor.max(rate));
             }
@@ -100,16 +105,26 @@ impl<'a> Way<'a> {
     }
 
     /// The factor falls evenly.
-    fn allows_even(&self, [first, second]: [&[Profile]; 2], factor: f64) -> bool {
+    fn allows_even(&self, known: [&[Profile]; 2], factor: f64) -> bool {
         let needed_s = factor * factor / (2.0 * self.slope) + self.left_s(factor);
-        let mut known_s = self.running.duration_s - self.next_s(factor);
-        for next in first.iter().chain(second).take(EVEN_MAX) {
-            if known_s >= needed_s || next.exact_stop {
-                return true;
+        let running_s = self.running.duration_s - self.next_s(factor);
+        running_s + self.waiting_s(known) >= needed_s
+    }
+
+    /// Time of the running profile's chain that waits, s; infinite when its end is known.
+    fn waiting_s(&self, [first, second]: [&[Profile]; 2]) -> f64 {
+        let Some(newest) = second.last().or(first.last()) else {
+            return 0.0;
+        };
+        match (&self.running.law, &newest.law) {
+            (Law::Ramped { place: running, .. }, Law::Ramped { place: waiting, .. })
+                if waiting.first_segment == running.first_segment && !newest.exact_stop =>
+            {
+                waiting.ends_s - running.ends_s
             }
-            known_s += next.duration_s;
+            // What is not of this chain comes behind its end.
+            _ => f64::INFINITY,
         }
-        known_s >= needed_s
     }
 
     /// Each piece has a room of its own. From the end of what is known backwards.

@@ -8,7 +8,9 @@ use std::collections::VecDeque;
 
 use rtrb::RingBuffer;
 use tandem_model::flow::{Feed, MultiBlock, Path, Plane, Segment, SegmentEnd, SegmentMotion, TapLeg, Turn};
-use tandem_model::profile::{Law, Lead, MotorLimits, MotorMove, PathPlace, Profile, Stretch, TimeBase};
+use tandem_model::profile::{
+    ChainPlace, Law, Lead, MotorLimits, MotorMove, PathPlace, Profile, Stretch, TimeBase,
+};
 use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings, SimulatedSkip};
 use tandem_model::{AXES_MAX, ArcPath, Axis, AxisVector, Origin};
@@ -86,6 +88,10 @@ fn profile(n: u64) -> Profile {
                 stop: ramp,
                 begun_s: 0.0,
                 next: None,
+                place: ChainPlace {
+                    first_segment: n + 1,
+                    ends_s: 0.05,
+                },
             },
             TimeBase::Feed,
         ),
@@ -280,6 +286,10 @@ fn chain_and_skip() -> [(Law, f64); 4] {
                     path: arc.clone(),
                     speed,
                 }),
+                place: ChainPlace {
+                    first_segment: 1,
+                    ends_s: 0.05,
+                },
             },
             0.03 + 0.02,
         ),
@@ -291,6 +301,10 @@ fn chain_and_skip() -> [(Law, f64); 4] {
                 stop: ramp,
                 begun_s: 0.02,
                 next: None,
+                place: ChainPlace {
+                    first_segment: 1,
+                    ends_s: 0.05 + arc.length() / speed,
+                },
             },
             arc.length() / speed,
         ),

@@ -1,7 +1,7 @@
 //! G64 with G501: chains of blended blocks (motion rule 1b), and what must not break or starve them.
 
-use crate::support::formula::{Block, LATE_S, assert_samples};
-use crate::support::machine::Machine;
+use crate::support::formula::{Block, LATE_S, PERIOD_S, assert_samples};
+use crate::support::machine::{COORDINATE_SYSTEMS, MOTORS, Machine};
 use crate::support::simulated::{Simulated, simulate, simulate_on};
 
 const X: usize = 0;
@@ -133,4 +133,82 @@ fn m1c_a_chain_ends_at_rest_before_a_long_calculation() {
     };
     assert!(!corner(1000));
     assert!(corner(6000));
+}
+
+/// A chain of equal short blocks along X at the feed override, against rule 1b: time, and all samples.
+fn assert_short_blocks(blocks: u32, length: f64, feedrate: f64, feed_override: u32) {
+    let program = format!(
+        "G91 G01 F{feedrate}\n{}M30\n",
+        format!("X{length}\n").repeat(blocks as usize)
+    );
+    let factor = f64::from(feed_override) / 100.0;
+    let feed_override = feed_override.to_string();
+    let arguments = ["--feed-override", &feed_override, "--max-time-s", "20"];
+    let run = simulate_on(&Machine::new(""), &program, &arguments).completed();
+    let one = Block::of_short_ones(blocks, length, feedrate / 60.0);
+    assert_time(&run, one.end_s / factor, 1);
+    let from_rest: Vec<f64> = run
+        .trace
+        .iter()
+        .map(|row| row.axes[X])
+        .skip_while(|x| *x == 0.0)
+        .collect();
+    let samples: Vec<f64> = std::iter::once(0.0).chain(from_rest).collect();
+    assert_samples(&samples, 0.0, 1.0, one.end_s / factor, |t| one.way(t * factor));
+}
+
+#[test]
+fn m1b_a_chain_of_any_number_of_short_blocks_keeps_f() {
+    // 0.1 ms a block: 1025 blocks take as long as feed hold takes to come to rest
+    for blocks in [1025, 1050, 1500, 4500, 5000, 9000, 20_000] {
+        assert_short_blocks(blocks, 0.01, 6000.0, 100);
+    }
+    assert_short_blocks(3000, 0.02, 12_000.0, 100);
+}
+
+#[test]
+fn m1b_several_blocks_a_servo_period_keep_f_at_any_servo_period() {
+    for period_us in [125, 1000, 10_000] {
+        let machine = Machine::with_config(&format!(
+            "[machine]\nname = \"test-1\"\nservo_period_us = {period_us}\n{MOTORS}{COORDINATE_SYSTEMS}"
+        ));
+        for (blocks, feed_override) in [(1500, 100), (1500, 200), (12_000, 100)] {
+            let program = format!("G91 G01 F6000\n{}M30\n", "X.01\n".repeat(blocks as usize));
+            let arguments = [
+                "--feed-override",
+                &feed_override.to_string(),
+                "--max-time-s",
+                "20",
+            ];
+            let run = simulate_on(&machine, &program, &arguments).completed();
+            let end_s = Block::of_short_ones(blocks, 0.01, 100.0).end_s * 100.0 / f64::from(feed_override);
+            let late_s = run.cycle_time_s() - end_s;
+            let late_max_s = LATE_S / PERIOD_S * f64::from(period_us) * 1e-6;
+            assert!(
+                (-1e-9..=late_max_s).contains(&late_s),
+                "{period_us} us: {late_s} s late"
+            );
+        }
+    }
+}
+
+#[test]
+fn m1i_what_the_servo_knows_bounds_the_feedrate_of_blocks_too_short_for_its_pre_read() {
+    // Feed hold takes 200 ms to rest, the way of 100 ms at F, and 4 periods are left over: of k times F it takes
+    // k^2 100 ms + k 4 ms, and 10,000 blocks of 0.01 ms are 100 ms: k is 0.98. 0.9 of it at the least
+    let program = format!("G91 G01 F6000\n{}M30\n", "X.001\n".repeat(50_000));
+    let run = simulate_on(&Machine::new(""), &program, &["--max-time-s", "20"]).completed();
+    let fastest_s = 0.5;
+    assert!(
+        (fastest_s..=fastest_s / 0.98 / 0.9 + 0.1).contains(&run.cycle_time_s()),
+        "{} s",
+        run.cycle_time_s()
+    );
+}
+
+#[test]
+fn m1i_a_chain_of_short_blocks_keeps_f_at_a_feed_override_of_200_percent() {
+    assert_short_blocks(1500, 0.015, 6000.0, 200);
+    assert_short_blocks(3000, 0.02, 6000.0, 200);
+    assert_short_blocks(12_000, 0.02, 6000.0, 200);
 }

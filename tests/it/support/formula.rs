@@ -72,6 +72,23 @@ impl Block {
         }
     }
 
+    /// Rule 1b, `shrink`: a chain of equal blocks in one line that are shorter than their ramps. They run as one, whose
+    /// ramps have shrunk to the time of one of them.
+    pub fn of_short_ones(blocks: u32, length: f64, v: f64) -> Self {
+        let ramp = Ramp {
+            ta: length / v,
+            ts: 0.0,
+        };
+        let length = f64::from(blocks) * length;
+        Self {
+            length,
+            v,
+            up: ramp,
+            down: ramp,
+            end_s: length / v + ramp.total(),
+        }
+    }
+
     /// Way at time t.
     pub fn way(self, t: f64) -> f64 {
         if t >= self.end_s {

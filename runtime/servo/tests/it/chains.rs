@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use proptest::prelude::*;
 use tandem_model::flow::{Feed, MultiBlock, Path, Plane, Segment, SegmentEnd, SegmentMotion, Turn};
-use tandem_model::profile::Profile;
+use tandem_model::profile::{ChainPlace, Law, Profile};
 use tandem_model::{ArcPath, Axis, AxisVector};
 use tandem_motion::Planner;
 use tandem_servo::{Control, Event};
@@ -157,16 +157,19 @@ fn s1i_a_chain_whose_next_block_is_late_waits_for_it_on_its_path() {
 #[test]
 fn s1i_a_chain_too_short_to_come_to_rest_in_waits_for_more_and_passes_the_joint_only_then() {
     // Two blocks of 5 ms each.
-    let mut profiles: Vec<Profile> = (0..2_u64)
-        .map(|n| {
-            let ends = [n, n + 1].map(|k| vector(&[k as f64 * 0.5]));
-            crate::rig::line(n + 1, ends[0], ends[1], 100.0, 0.0)
-        })
-        .collect();
     let mut rig = Rig::new(&settings());
-    profiles[0].exact_stop = false;
-    profiles[1].exact_stop = false;
-    for profile in profiles {
+    for n in 0..2_u64 {
+        let ends = [n, n + 1].map(|k| vector(&[k as f64 * 0.5]));
+        let mut profile = crate::rig::line(n + 1, ends[0], ends[1], 100.0, 0.0);
+        profile.exact_stop = false;
+        if let Law::Ramped { place, .. } = &mut profile.law {
+            let ends_s = (n + 1) as f64 * 0.005;
+            let first_segment = 1;
+            *place = ChainPlace {
+                first_segment,
+                ends_s,
+            };
+        }
         rig.push(profile);
     }
     assert_eq!(rig.cycles(100), []);

@@ -1,7 +1,7 @@
 //! One channel with its handle, and profiles made by hand.
 
 use tandem_model::flow::Path;
-use tandem_model::profile::{Law, MotorMove, Profile, Stretch, TimeBase};
+use tandem_model::profile::{ChainPlace, Law, MotorMove, Profile, Stretch, TimeBase};
 use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
 use tandem_model::{AXES_MAX, AxisVector, Origin};
@@ -67,6 +67,10 @@ pub fn line(segment: u64, from: AxisVector, to: AxisVector, speed: f64, ta_s: f6
         stop: ramp,
         begun_s: 0.0,
         next: None,
+        place: ChainPlace {
+            first_segment: segment,
+            ends_s: length / speed + ta_s,
+        },
     };
     profile(segment, law, length / speed + ta_s, TimeBase::Feed)
 }

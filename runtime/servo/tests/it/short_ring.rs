@@ -8,7 +8,7 @@ use tandem_model::settings::CoordinateSystemSettings;
 use tandem_servo::{Control, Event};
 
 use crate::look_ahead::{Watch, Way, is_fault, machine, plan};
-use crate::rig::{Rig, is_finished, settings};
+use crate::rig::{Rig, T, close, is_finished, settings};
 
 /// Runs profiles through a ring that is filled again before each cycle; gives the cycles that it takes.
 fn run(
@@ -79,7 +79,7 @@ fn m1d_with_g500_a_ring_too_short_for_the_way_to_rest_only_slows_the_motion() {
 }
 
 /// The same blocks with G501.
-fn with_g501(settings: &CoordinateSystemSettings, ways: &[Way]) -> Vec<Profile> {
+fn with_g501(settings: &CoordinateSystemSettings, ways: &[Way], feed: Feed) -> Vec<Profile> {
     let mut planner = tandem_motion::Planner::new(settings);
     let mut out = std::collections::VecDeque::new();
     let mut from = tandem_model::AxisVector::ZERO;
@@ -88,7 +88,7 @@ fn with_g501(settings: &CoordinateSystemSettings, ways: &[Way]) -> Vec<Profile> 
         let length = to.minus(from).orthogonal_length();
         let motion = SegmentMotion::Feed {
             path: Path::Line { from, to, length },
-            feed: fast(),
+            feed,
         };
         let segment = Segment {
             origin: crate::rig::origin(n),
@@ -107,12 +107,46 @@ fn with_g501(settings: &CoordinateSystemSettings, ways: &[Way]) -> Vec<Profile> 
 fn m1b_with_g501_a_ring_too_short_for_the_way_to_rest_only_slows_the_motion() {
     let settings = settings();
     for length in [1e-4, 1e-3, 0.02, 0.5] {
-        let profiles = with_g501(&settings, &lines(600, length));
+        let profiles = with_g501(&settings, &lines(600, length), fast());
         for feed_override in [0.3, 1.0, 2.0] {
             let (long, _) = run(&settings, 100_000, feed_override, &profiles);
             let (short, _) = run(&settings, 16, feed_override, &profiles);
             assert!(short >= long, "{length}: {short} {long}");
         }
+    }
+}
+
+#[test]
+fn m1b_a_chain_with_more_blocks_than_a_servo_period_can_pass_is_slower_and_never_jumps() {
+    // 2,000 blocks of 1e-4 mm in a period at F, 4,000 at 200 percent: 1,024 are passed; then one of 20 mm
+    let settings = settings();
+    let ways: Vec<Way> = std::iter::repeat_n((1e-4, 0.0, false), 20_000)
+        .chain([(20.0, 0.0, false)])
+        .collect();
+    let mut feed = fast();
+    feed.feedrate_mm_min = 12_000.0;
+    for feed_override in [1.0, 2.0] {
+        let profiles = with_g501(&settings, &ways, feed);
+        let mut rig = Rig::with_room(&settings, profiles.len());
+        rig.control(Control::Override {
+            feed: feed_override,
+            rapid: 1.0,
+        });
+        let last = profiles[profiles.len() - 1].segment;
+        for profile in profiles {
+            rig.push(profile);
+        }
+        let step = feed.feedrate_mm_min / 60.0 * feed_override * T;
+        for _ in 0..10_000 {
+            let before = rig.x();
+            let ended = rig.cycle().iter().any(is_finished(last));
+            let gone = rig.x() - before;
+            assert!((-1e-9..=step + 1e-9).contains(&gone), "{gone} mm in a period");
+            if ended {
+                break;
+            }
+        }
+        close(rig.x(), 22.0);
     }
 }
 
