@@ -246,6 +246,21 @@ fn a_program_that_does_not_end_is_ended_by_max_time_s() {
 }
 
 #[test]
+fn a_loop_that_moves_nothing_is_ended_by_max_time_s() {
+    let machine = Machine::new("\n[m_code.50]\nunhandled = \"auto_reset\"\n");
+    for block in ["G01 X0", "G00 X0", "G04 P0", "M50"] {
+        let program = format!("F1000\nwhile(1==1) {{\n{block}\n}}\nM30\n");
+        let run = simulate_on(&machine, &program, &["--max-time-s", "0.02"]);
+        assert_eq!(run.alarm(), 391, "{block}");
+        assert!(
+            (0.019..=0.021).contains(&run.cycle_time_s()),
+            "{block}: {} s",
+            run.cycle_time_s()
+        );
+    }
+}
+
+#[test]
 fn a_program_with_errors_runs_nothing_and_gives_its_diagnostics() {
     let machine = Machine::new("");
     let Simulated { ran, json, trace, .. } = simulate_on(&machine, "G00 X1 X2\nG05\nM30\n", &[]);

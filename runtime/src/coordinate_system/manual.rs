@@ -12,7 +12,7 @@ use tandem_model::{Axis, AxisSet};
 
 use super::holding::{Held, Steps};
 use super::jog::Jog;
-use super::preparation::Phase;
+use super::preparation::{AtRest, Phase};
 use super::{CoordinateSystem, Run};
 use crate::program_store::StoredProgram;
 
@@ -85,6 +85,7 @@ impl CoordinateSystem {
             phase: Phase::Interpret,
             held: Held::No,
             steps: Steps::default(),
+            at_rest: AtRest::default(),
             back_to: None,
         }
     }

@@ -48,7 +48,7 @@ use lease::ControlLease;
 use manual::Kind;
 use outputs::StockWork;
 use pipeline::Pipeline;
-use preparation::{Phase, Share};
+use preparation::{AtRest, Phase, Share};
 use replanning::Replanning;
 use servo_link::ServoLink;
 use validation::{Texts, Validation};
@@ -115,6 +115,7 @@ struct Run {
     phase: Phase,
     held: Held,
     steps: Steps,
+    at_rest: AtRest,
     /// On the way back: the segment that it ends with.
     back_to: Option<u64>,
 }
@@ -239,6 +240,8 @@ impl CoordinateSystem {
 
     fn next_deadline_s(&self) -> Option<f64> {
         let stock = self.stock.iter().filter_map(|work| work.due_s);
+        let at_rest = self.run.as_ref().map(|run| &run.at_rest);
+        let goes_on_s = at_rest.and_then(|at_rest| at_rest.until_s(self.shared.clock.now_s()));
         let retry = self
             .servo
             .is_backlogged()
@@ -248,6 +251,7 @@ impl CoordinateSystem {
             .into_iter()
             .chain(stock)
             .chain(retry)
+            .chain(goes_on_s)
             .chain(self.jog_until_s())
             .chain(self.validation_deadline_s())
             .chain(self.lease.until_s())

@@ -43,6 +43,45 @@ impl Share {
     };
 }
 
+/// Items interpreted within one servo period that give the servo no motion. Reason: computing takes no simulated time, and a
+/// loop that moves nothing would let none go by.
+const ITEMS_AT_REST_MAX: u32 = 100;
+
+/// What has been interpreted since the servo was last given motion.
+#[derive(Debug, Default)]
+pub(super) struct AtRest {
+    last_segment: u64,
+    items: u32,
+    /// When the first of them was interpreted, seconds since the start.
+    since_s: f64,
+    /// The run waits until then, seconds since the start.
+    until_s: f64,
+}
+
+impl AtRest {
+    fn count(&mut self, last_segment: u64, now_s: f64, period_s: f64) {
+        if last_segment != self.last_segment {
+            *self = Self {
+                last_segment,
+                ..Self::default()
+            };
+        }
+        if self.items == 0 {
+            self.since_s = now_s;
+        }
+        self.items += 1;
+        if self.items == ITEMS_AT_REST_MAX {
+            self.items = 0;
+            self.until_s = self.since_s + period_s;
+        }
+    }
+
+    /// When the run goes on, if that is still to come.
+    pub fn until_s(&self, now_s: f64) -> Option<f64> {
+        (self.until_s > now_s + 1e-9).then_some(self.until_s)
+    }
+}
+
 /// How far a run is.
 #[derive(Debug)]
 pub(super) enum Phase {
@@ -121,11 +160,12 @@ impl CoordinateSystem {
         // In a thread feed hold waits, so what the way out needs is not kept back.
         let held = run.held != Held::No && !self.pipeline.in_thread();
         let single_block = self.inputs.single_block;
+        let waits = run.at_rest.until_s(self.shared.clock.now_s()).is_some();
         match std::mem::replace(&mut run.phase, Phase::Interpret) {
             Phase::Interpret => {
                 let is_full = !self.pipeline.ready.is_empty()
                     || self.pipeline.set_aside_count() >= self.configured.pre_read_blocks;
-                if is_full || single_block && held {
+                if is_full || waits || single_block && held {
                     return false;
                 }
                 let between_blocks = self.pipeline.interpreter.is_between_blocks();
@@ -206,6 +246,11 @@ impl CoordinateSystem {
         let item = self.pipeline.next(&inputs);
         drop(tables);
         run.steps.in_block |= matches!(item, Ok(Item::Block(_) | Item::Stop(_)));
+        run.at_rest.count(
+            self.pipeline.last_segment(),
+            self.shared.clock.now_s(),
+            self.configured.settings.servo_period_s,
+        );
         self.note_interpreted();
         match item {
             Ok(Item::Block(_)) => {}
