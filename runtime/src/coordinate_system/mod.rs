@@ -141,6 +141,8 @@ struct InputValues {
     start_lock: Lock,
     overrides: Overrides,
     spindle: (SpindleDirection, f64),
+    /// It turns by M03 or M04 of the stock sequence program: a change of S from this segment on is newer than that.
+    spindle_at_s_from: Option<u64>,
     tool: u16,
 }
 
@@ -298,8 +300,13 @@ impl CoordinateSystem {
 
     /// What was in force ahead of the motion is in force now.
     fn follow_changes(&mut self, segment: u64) {
+        let mut speed = self.pipeline.in_force().spindle_speed_r_min;
         while let Some(change) = self.pipeline.changed_before(segment) {
             self.publish_modal(&change.modal);
+            let before = std::mem::replace(&mut speed, change.modal.spindle_speed_r_min);
+            if speed.to_bits() != before.to_bits() {
+                self.follow_spindle_speed(change.after_segment + 1, speed);
+            }
             self.view.update(|place| {
                 place.transform = change.transform;
                 place.stack = change.stack;

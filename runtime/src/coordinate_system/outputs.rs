@@ -316,14 +316,15 @@ impl CoordinateSystem {
                 due_s
             }
             StockAction::Spindle(SpindleDirection::Orient) => {
-                self.inputs.spindle = (SpindleDirection::Orient, 0.0);
-                self.send_spindle();
+                self.turn_spindle(SpindleDirection::Orient, 0.0);
                 None
             }
             StockAction::Spindle(direction) => {
                 let rpm = self.pipeline.interpreter.modal().spindle_speed_r_min;
-                self.inputs.spindle = (direction, rpm);
-                self.send_spindle();
+                self.turn_spindle(direction, rpm);
+                if matches!(direction, SpindleDirection::Cw | SpindleDirection::Ccw) {
+                    self.inputs.spindle_at_s_from = Some(self.pipeline.next_segment());
+                }
                 due_s
             }
         };
@@ -384,9 +385,23 @@ impl CoordinateSystem {
             let text = format!("spindle speed {rpm}: write 0 to {} r/min", spindle.max_velocity);
             return Err(Refusal::new(RefusalCode::Invalid, text));
         }
-        self.inputs.spindle = (direction, rpm);
-        self.send_spindle();
+        self.turn_spindle(direction, rpm);
         Ok(())
+    }
+
+    fn turn_spindle(&mut self, direction: SpindleDirection, rpm: f64) {
+        self.inputs.spindle = (direction, rpm);
+        self.inputs.spindle_at_s_from = None;
+        self.send_spindle();
+    }
+
+    /// S has changed with the block before this segment, which has its turn: at once the speed of a spindle that the
+    /// stock sequence program turns by M03 or M04 (manual, S function). Else whoever turns it sees to that (D35).
+    pub(super) fn follow_spindle_speed(&mut self, segment: u64, rpm: f64) {
+        if self.inputs.spindle_at_s_from.is_some_and(|from| segment >= from) {
+            self.inputs.spindle.1 = rpm;
+            self.send_spindle();
+        }
     }
 
     pub(super) fn send_spindle(&mut self) {

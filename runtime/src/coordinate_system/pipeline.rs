@@ -215,7 +215,7 @@ impl Pipeline {
     }
 
     /// The segment that the next block will have.
-    fn next_segment(&self) -> u64 {
+    pub fn next_segment(&self) -> u64 {
         self.planner.last_segment() + self.path.held_back() as u64 + 1
     }
 
@@ -242,6 +242,11 @@ impl Pipeline {
             .pop_front_if(|change| change.after_segment < segment)?;
         self.in_force = change.modal.clone();
         Some(change)
+    }
+
+    /// The modal state of the motion that runs.
+    pub fn in_force(&self) -> &Modal {
+        &self.in_force
     }
 
     /// True when it is so of the motion that runs, of what is prepared, or of the next block.

@@ -11,5 +11,6 @@ mod positions;
 mod program_flow;
 mod rapid;
 mod skip;
+mod spindle;
 mod tables;
 mod tapping;

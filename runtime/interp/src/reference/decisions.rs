@@ -99,7 +99,7 @@ pub(super) static DECISIONS: &[(&str, &str)] = &[
     ("D30", "An M code with parameters is always output after motion."),
     (
         "D35",
-        "M00, M01, M02, M30, M98 and M99 are handled by the runtime; all others are outputs, M03, M04, M05 and M19 among them.",
+        "M00, M01, M02, M30, M98 and M99 are handled by the runtime; all others are outputs, M03, M04, M05 and M19 among them. Whoever handles them commands the spindle: where the runtime does, a changed S acts on the turning spindle when the motion has come to its block.",
     ),
     (
         "D42",
