@@ -367,16 +367,22 @@ impl Interpreter {
         let cycle = draft.cycle.take();
         let silent = own_item || draft.transform.is_some() || cycle.is_some() || !self.words.any();
         let action = draft.action.take().or((!silent).then_some(Action::None));
-        let transform = draft
-            .transform
-            .map(|transform| Item::Block(self.block(Action::Transform(Box::new(transform)), origin)));
-        let action = action.map(|action| {
+        let transform = (draft.transform).map(|transform| Action::Transform(Box::new(transform)));
+        let stopping = |action| {
             Item::Block(FlowBlock {
                 exact_stop_before: draft.exact_stop_before,
                 exact_stop_after: draft.exact_stop_after,
                 ..self.block(action, origin)
             })
-        });
+        };
+        // G09 acts on what moves; where nothing does, on the transform.
+        let (transform, action) = match action {
+            Some(action) => (
+                transform.map(|transform| Item::Block(self.block(transform, origin))),
+                Some(stopping(action)),
+            ),
+            None => (transform.map(stopping), None),
+        };
         if draft.transform_after {
             self.queue.extend(action.into_iter().chain(transform));
         } else {

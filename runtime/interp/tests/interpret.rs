@@ -186,6 +186,16 @@ fn d27_g09_acts_at_its_place_among_the_axis_words() {
     assert_eq!(stops("G54 G09 X10\nM30"), (false, false));
     let block = last_motion("G54 G09 X10\nM30");
     assert_eq!((block.exact_stop_before, block.exact_stop_after), (true, false));
+    // without axis words it stops where its block stands, whatever the block does
+    for source in [
+        "G09\nM30",
+        "G09 G17\nM30",
+        "F600 G09\nM30",
+        "G09 G54\nM30",
+        "G69 G09\nM30",
+    ] {
+        assert_eq!(stops(source), (true, false), "{source}");
+    }
     // it is not modal
     let block = last_motion("X10 G09\nX20\nM30");
     assert_eq!((block.exact_stop_before, block.exact_stop_after), (false, false));

@@ -64,7 +64,7 @@ pub struct Block {
     pub feedrate_deg_min: f64,
     /// G61, or G64.
     pub path_control: PathControl,
-    /// G09 before the axis words: motion comes to an exact stop before this block (D27).
+    /// G09 before the axis words, or in a block that does not move: motion comes to an exact stop before this block (D27).
     pub exact_stop_before: bool,
     /// G09 after the axis words: motion comes to an exact stop at the end of this block (D27).
     pub exact_stop_after: bool,
@@ -77,7 +77,7 @@ pub struct Block {
 /// What a block does.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Action {
-    /// Modal words only. In G64 with G501 it ends a blended chain.
+    /// Modal words only. In G64 it ends a blended chain; with G500 only with G09.
     None,
     /// G00.
     Rapid(AxisWords),
@@ -103,7 +103,8 @@ pub enum Action {
         /// Time at rest, s.
         dwell_s: f64,
     },
-    /// The transform for the blocks from here on; moves nothing.
+    /// The transform for the blocks from here on; moves nothing. It ends a chain as [`Action::None`] does, and whenever
+    /// the tool length changes.
     Transform(Box<Transform>),
 }
 

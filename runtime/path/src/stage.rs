@@ -191,13 +191,19 @@ impl PathStage {
                 let text = "G31, G74 and G84 do not move with G41 or G42, nor before the lead-out";
                 return Err(Alarm::new(&COMPENSATION_REFUSED, text));
             }
-            // With G500 a block without movement ends no chain (motion-semantics 1c).
-            Action::None if block.multi_block == MultiBlock::On => {}
-            Action::None => self.stop(out),
+            Action::None => {
+                if ends_chain(block) {
+                    self.stop(out);
+                }
+            }
             Action::Transform(transform) => {
                 transform::check(transform)?;
-                self.stop(out);
-                self.tool_shift += transform.tool_length - self.transform.tool_length;
+                let longer = transform.tool_length - self.transform.tool_length;
+                // A change of tool length ends the chain (D22).
+                if longer != 0.0 || ends_chain(block) {
+                    self.stop(out);
+                }
+                self.tool_shift += longer;
                 self.transform = **transform;
             }
             Action::Dwell { dwell_s } => self.dwell(block, *dwell_s, out)?,
@@ -350,8 +356,8 @@ impl PathStage {
         let motion = path.map(|path| self.at_feedrate(block, path)).transpose()?;
         let each_block_stops = block.path_control == PathControl::ExactStop;
         // Two blocks blend only when both are in G64.
-        let no_movement = motion.is_none() && words.named.is_empty() && block.multi_block == MultiBlock::Off;
-        let stop_before = each_block_stops || block.exact_stop_before || no_movement;
+        let no_movement = motion.is_none() && words.named.is_empty();
+        let stop_before = each_block_stops || block.exact_stop_before || (no_movement && ends_chain(block));
         if let Some((motion, to)) = motion {
             self.advance(block, motion, stop_before, out)?;
             self.at = to;
@@ -546,6 +552,12 @@ pub(crate) fn line_between(from: AxisVector, to: AxisVector) -> Result<Option<Pa
 /// The work position of a machine position: the transform undone (D20), tool length included.
 pub fn work_position(transform: &Transform, machine: MachinePosition) -> WorkPosition {
     WorkPosition(transform.inverse(machine.0))
+}
+
+/// True for a block that ends a chain when it does not move: each one with G501, with G500 only one with G09
+/// (motion-semantics 1c).
+fn ends_chain(block: &Block) -> bool {
+    block.multi_block == MultiBlock::Off || block.exact_stop_before || block.exact_stop_after
 }
 
 fn moves(from: AxisVector, to: AxisVector) -> bool {

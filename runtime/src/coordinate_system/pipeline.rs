@@ -444,25 +444,35 @@ mod tests {
         });
     }
 
+    /// From which segment on it is so, as those who watch are told once the whole program is planned.
+    fn in_force_from(text: &str, is_it: impl Fn(&Change) -> bool) -> Option<u64> {
+        let mut found = None;
+        with_program(text, |pipeline, inputs| {
+            while !matches!(pipeline.next(inputs).unwrap(), Item::End(_)) {}
+            let first = pipeline.changes.iter().find(|change| is_it(change));
+            found = first.map(|change| change.after_segment + 1);
+        });
+        found
+    }
+
+    fn has_offset(change: &Change) -> bool {
+        change.transform.work_offset != AxisVector::ZERO
+    }
+
     #[test]
     fn what_is_in_force_changes_with_the_block_that_moves_though_a_segment_is_held_back() {
         let text = "G90 G01 X10 F3000\nY10 F6000\nG54 G00 Z5\nM30\n";
-        with_program(text, |pipeline, inputs| {
-            while !matches!(pipeline.next(inputs).unwrap(), Item::End(_)) {}
-            let in_force_from = |is_it: &dyn Fn(&Change) -> bool| {
-                pipeline
-                    .changes
-                    .iter()
-                    .find(|change| is_it(change))
-                    .map(|change| change.after_segment + 1)
-            };
-            let feedrate_is = |f: f64| move |change: &Change| (change.modal.feedrate_mm_min - f).abs() < 1e-9;
-            assert_eq!(in_force_from(&feedrate_is(3000.0)), Some(1));
-            assert_eq!(in_force_from(&feedrate_is(6000.0)), Some(2));
-            let rapid = |change: &Change| change.modal.groups().any(|group| group == ("01", "G00"));
-            assert_eq!(in_force_from(&rapid), Some(3));
-            let offset = |change: &Change| change.transform.work_offset != tandem_model::AxisVector::ZERO;
-            assert_eq!(in_force_from(&offset), Some(3));
-        });
+        let feedrate_is = |f: f64| move |change: &Change| (change.modal.feedrate_mm_min - f).abs() < 1e-9;
+        assert_eq!(in_force_from(text, feedrate_is(3000.0)), Some(1));
+        assert_eq!(in_force_from(text, feedrate_is(6000.0)), Some(2));
+        let rapid = |change: &Change| change.modal.groups().any(|group| group == ("01", "G00"));
+        assert_eq!(in_force_from(text, rapid), Some(3));
+        assert_eq!(in_force_from(text, has_offset), Some(3));
+    }
+
+    #[test]
+    fn m1c_with_g500_an_offset_is_in_force_from_the_block_behind_it_on_though_no_chain_ends() {
+        let text = "G500 G90 G01 X10 F3000\nY10\nG54\nX20\nM30\n";
+        assert_eq!(in_force_from(text, has_offset), Some(3));
     }
 }

@@ -1,7 +1,8 @@
 //! G64 with G500 (motion rule 1d): the path of G501, slowed to the motors' maximum accelerations.
 
+use crate::support::formula::Ramp;
 use crate::support::machine::{COORDINATE_SYSTEMS, MOTORS, Machine};
-use crate::support::simulated::{Simulated, simulate, simulate_on};
+use crate::support::simulated::{Row, Simulated, simulate, simulate_on};
 
 const X: usize = 0;
 const Y: usize = 1;
@@ -131,5 +132,63 @@ fn m1d_a_program_longer_than_what_is_read_ahead_is_as_fast_where_that_holds_the_
             found_s <= 1.02 * best_s + 3.0 * T,
             "{acceleration} mm/s^2: {found_s} s, best {best_s} s"
         );
+    }
+}
+
+/// 20 mm along X, then 15 mm along Y, both at 40 mm/s; what stands between the two leads to machine X20 Y15 by `end`.
+fn corner(between: &str, end: &str) -> Simulated {
+    simulate(&format!(
+        "ta100 td100 ts0 G500 G54 G01 F2400\nX10\n{between}\n{end}\nM30\n"
+    ))
+    .completed()
+}
+
+#[test]
+fn m1c_with_g500_a_change_of_offset_stops_no_chain_and_the_path_goes_on_to_the_new_coordinates() {
+    // G54 has X10 Y20, G57 has X13: rule 1b, 0.5 s and 0.375 s between the middles of ramps of 0.1 s
+    let ramp = Ramp::new(0.1, 0.0);
+    let way = |from: f64, to: f64, t: f64| 40.0 * (ramp.integral(t - from) - ramp.integral(t - to));
+    let changes = [
+        ("G57", "X7 Y15"),
+        ("G52 X-1 Y-2", "X11 Y-3"),
+        ("G51.1 X0", "X-10 Y-5"),
+        ("G68 X10 Y-20 R90", "X25 Y-20"),
+    ];
+    for (between, end) in changes {
+        let run = corner(between, end);
+        let first = run
+            .trace
+            .iter()
+            .position(|row| row.axes[X] > 0.0)
+            .expect("motion")
+            - 1;
+        let moving = run.trace[first..].iter().enumerate();
+        for (k, row) in moving.map(|(k, row)| (k as f64 * T, row)).take(975) {
+            let expected = [way(0.0, 0.5, k), way(0.5, 0.875, k), 0.0];
+            for (found, expected) in row.axes.iter().zip(expected) {
+                assert!(
+                    (found - expected).abs() < 1.1e-9,
+                    "{between}: {row:?}, {expected} at {k} s"
+                );
+            }
+        }
+        assert!((run.machine("X") - 20.0).abs() < 1e-9 && (run.machine("Y") - 15.0).abs() < 1e-9);
+    }
+    let run = corner("G57", "X7 Y15");
+    assert!((run.work("X") - 7.0).abs() < 1e-9 && (run.work("Y") - 15.0).abs() < 1e-9);
+}
+
+#[test]
+fn m1c_with_g500_g09_stops_also_in_a_block_that_does_not_move() {
+    let rests = |between: &str, end: &str| {
+        let at_corner = |row: &Row| (row.axes[X], row.axes[Y]) == (20.0, 0.0);
+        corner(between, end).trace.iter().any(at_corner)
+    };
+    assert!(!rests("G17", "Y-5"));
+    for between in ["G09", "G09 G17", "G09 F2400", "F2400 G09", "G09\nG17"] {
+        assert!(rests(between, "Y-5"), "{between}");
+    }
+    for between in ["G09 G57", "G57 G09"] {
+        assert!(rests(between, "X7 Y15"), "{between}");
     }
 }

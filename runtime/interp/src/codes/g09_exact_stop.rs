@@ -1,5 +1,5 @@
 //! G09 Exact Stop. Its place in the block tells where it stops (D27): before the axis words it stops before the
-//! block's motion, after the first of them at the motion's end.
+//! block's motion, after the first of them at the motion's end. A block that does not move ends the chain before it.
 
 use super::{Code, ModalGroup};
 use crate::execution::Execution;
@@ -12,7 +12,7 @@ pub static G09: Code = Code {
     group: ModalGroup::NonModal,
     words: &[],
     docs: "Comes to rest in position once. Before the axis words of its block it stops before the motion of the \
-           block, behind them at its end.",
+           block, behind them at its end. In a block that does not move it stops there, with G500 too.",
     check: None,
     select: exact_stop,
     motion: None,

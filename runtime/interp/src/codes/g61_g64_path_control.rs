@@ -25,7 +25,7 @@ pub static G64: Code = Code {
     group: ModalGroup::PathControl,
     words: &[],
     docs: "Each cutting block is blended with the next one, until G61. It still stops at G00, at G09, and before a \
-           block without motion. In force at start-up.",
+           block without motion, with G500 only where the tool length changes in it. In force at start-up.",
     check: None,
     select: |execution| execution.modal_mut().path_control = PathControl::ContinuousPath,
     motion: None,

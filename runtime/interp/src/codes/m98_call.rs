@@ -30,7 +30,7 @@ pub static M98: Code = Code {
     ],
     docs: "Runs subprogram P from its first block, L times (once without L, not at all with L0), then goes on with the \
            next block. Calls nest 8 deep; a deeper call is not made, and a warning tells. A missing program is an alarm. \
-           As every block without movement, it ends a chain of blended blocks, and so does M99.",
+           As every block without movement, it ends a chain of blended blocks, and so does M99, but not with G500.",
     check: None,
     select: call,
     motion: None,

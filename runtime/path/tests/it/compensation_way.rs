@@ -2,7 +2,8 @@
 
 use tandem_model::Axis;
 use tandem_model::flow::{
-    Action, Block, Mirror, PathControl, Plane, Rotation, Scaling, SegmentEnd, SegmentMotion, Transform,
+    Action, Block, Mirror, MultiBlock, PathControl, Plane, Rotation, Scaling, SegmentEnd, SegmentMotion,
+    Transform,
 };
 use tandem_model::settings::{CompensationFeed, CoordinateSystemSettings};
 
@@ -226,6 +227,31 @@ fn stops_are_made_where_blocks_meet() {
             (5, ExactStop)
         ]
     );
+}
+
+#[test]
+fn m1c_with_g500_an_offset_changes_within_compensation_without_a_stop() {
+    let contour = [L(10.0, 0.0), L(20.0, 0.0), L(20.0, 10.0), L(20.0, 20.0)];
+    let with_g500 = |all: &mut Vec<Block>| {
+        all.iter_mut()
+            .for_each(|block| block.multi_block = MultiBlock::On);
+        completed(all)
+    };
+    let mut plain = blocks((0.0, 0.0), &contour, G41);
+    // the same points, the last two in coordinates that begin at X5
+    let shifted = contour.map(|step| L(step.to().0 - 5.0, step.to().1));
+    let mut moved = blocks((0.0, 0.0), &contour[..2], G41);
+    moved
+        .iter_mut()
+        .skip(1)
+        .for_each(|block| block.compensation = G41);
+    let mut local = Transform::default();
+    local.local[X] = 5.0;
+    moved.push(with(G41, transform(9, local)));
+    moved.extend(blocks((0.0, 0.0), &shifted, G41).drain(3..));
+    let (plain, moved) = (with_g500(&mut plain), with_g500(&mut moved));
+    same(&way(&plain), &way(&moved));
+    assert_eq!(ends(&plain), ends(&moved));
 }
 
 #[test]

@@ -370,19 +370,43 @@ fn s1c_rapid_dwell_transform_and_a_block_without_movement_end_a_chain() {
 }
 
 #[test]
-fn m1c_with_g500_a_block_without_movement_ends_no_chain_but_rapid_dwell_and_g09_do() {
+fn m1c_with_g500_a_block_without_movement_ends_no_chain_but_rapid_dwell_g09_and_a_tool_length_do() {
     let with_g500 = |mut block: Block| {
         block.multi_block = MultiBlock::On;
         block
     };
-    let mut exact = g01(2, &[(X, 1.0)]);
-    exact.exact_stop_before = true;
+    let before = |mut block: Block| {
+        block.exact_stop_before = true;
+        block
+    };
+    let after = |mut block: Block| {
+        block.exact_stop_after = true;
+        block
+    };
+    let none = || block(2, Action::None);
+    let moved = |axis, value| {
+        let mut transform = Transform::default();
+        transform.local[axis] = value;
+        block(2, Action::Transform(Box::new(transform)))
+    };
+    let longer = Transform {
+        tool_length: 8.0,
+        ..Transform::default()
+    };
     for (between, continuous) in [
-        (block(2, Action::None), true),
+        (none(), true),
         (g01(2, &[]), true),
+        (moved(X, 0.0), true),
+        (moved(X, 5.0), true),
         (block(2, Action::Dwell { dwell_s: 0.5 }), false),
         (g00(2, &[(X, 1.0)]), false),
-        (exact, false),
+        (before(g01(2, &[(X, 1.0)])), false),
+        (before(none()), false),
+        (after(none()), false),
+        (after(g01(2, &[])), false),
+        (before(moved(X, 5.0)), false),
+        (after(moved(X, 5.0)), false),
+        (block(2, Action::Transform(Box::new(longer))), false),
     ] {
         let blocks = [g01(1, &[(X, 1.0)]), between.clone(), g01(3, &[(X, 2.0)])].map(with_g500);
         let out = run(&blocks);
@@ -390,6 +414,8 @@ fn m1c_with_g500_a_block_without_movement_ends_no_chain_but_rapid_dwell_and_g09_
         let on = |segment: &Segment| segment.multi_block == MultiBlock::On;
         assert!(out.iter().all(on), "the motion stage is told");
     }
+    let out = run(&[g01(1, &[(X, 1.0)]), moved(X, 5.0), g01(3, &[(X, 2.0)])].map(with_g500));
+    near(target(&out[1]), [7.0, 0.0, 0.0]);
 }
 
 #[test]
