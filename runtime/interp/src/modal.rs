@@ -30,7 +30,7 @@ pub struct CycleWords {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Modal {
     codes: [Option<&'static Code>; ModalGroup::COUNT],
-    /// F, mm/min; 0: never programmed.
+    /// F as it is written, mm/min, above the maximum feedrate too; 0: never programmed.
     pub feedrate_mm_min: f64,
     /// F as blocks of rotary axes alone read it, deg/min: a number of degrees, whatever the unit of lengths.
     pub feedrate_deg_min: f64,

@@ -58,7 +58,7 @@ pub struct Block {
     pub origin: Origin,
     /// What it does.
     pub action: Action,
-    /// Feedrate and ramp times in force.
+    /// Feedrate as it is written, and ramp times in force.
     pub feed: Feed,
     /// F for a block that moves rotary axes only, deg/min: as it is written, in inches too (D25). 0: never programmed.
     pub feedrate_deg_min: f64,
@@ -345,7 +345,7 @@ pub enum SegmentMotion {
         from: AxisVector,
         /// End, machine coordinates; Z differs.
         to: AxisVector,
-        /// F, and ramp times.
+        /// F as it is written, perhaps above the maximum feedrate, and ramp times.
         feed: Feed,
         /// Revolutions of the spindle from start to end, clockwise positive; 0: no spindle is locked to the way.
         revolutions: f64,

@@ -30,6 +30,7 @@ pub struct PathStage {
     pub(crate) spiral_tolerance_mm: f64,
     default_feedrate_mm_min: f64,
     rotary_feedrate_deg_min: f64,
+    max_feedrate_mm_min: f64,
     /// Of dry run.
     dry_run_feedrate_mm_min: f64,
     dry_run: bool,
@@ -67,6 +68,7 @@ impl PathStage {
             spiral_tolerance_mm: settings.motion.spiral_tolerance_mm,
             default_feedrate_mm_min: settings.default_feedrate_mm_min,
             rotary_feedrate_deg_min: settings.rotary_feedrate_deg_min,
+            max_feedrate_mm_min: settings.max_feedrate_mm_min,
             dry_run_feedrate_mm_min: match settings.motion.dry_run_feedrate_mm_min {
                 configured if configured > 0.0 => configured,
                 _ => settings.max_feedrate_mm_min,
@@ -470,7 +472,7 @@ impl PathStage {
         Ok(Some(Side { plane, tool }))
     }
 
-    /// The motion along a path with its feedrate, and where it ends.
+    /// The motion along a path with its feedrate, at most the maximum, and where it ends.
     fn at_feedrate(&self, block: &Block, path: Path) -> Result<(SegmentMotion, AxisVector), Alarm> {
         let to = path.end();
         let rotary_only =
@@ -479,10 +481,11 @@ impl PathStage {
         if self.dry_run {
             feed.feedrate_mm_min = self.dry_run_feedrate_mm_min;
         }
+        feed.feedrate_mm_min = feed.feedrate_mm_min.min(self.max_feedrate_mm_min);
         Ok((SegmentMotion::Feed { path, feed }, to))
     }
 
-    /// Feedrate and ramp times of a cutting block; the feedrate of its own for one of rotary axes only.
+    /// Feedrate as programmed and ramp times; the feedrate of its own for a block of rotary axes only.
     pub(crate) fn feed_in_force(&self, block: &Block, rotary_only: bool) -> Result<Feed, Alarm> {
         let Feed {
             feedrate_mm_min,

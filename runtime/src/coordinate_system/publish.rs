@@ -232,7 +232,7 @@ impl CoordinateSystem {
             .map(|(group, code)| (group.to_owned(), code.to_owned()));
         let modal = Modal {
             g: groups.collect(),
-            f: modal.feedrate_mm_min,
+            f: (modal.feedrate_mm_min).min(self.configured.settings.max_feedrate_mm_min),
             s: modal.spindle_speed_r_min,
             ta: modal.ta_ms,
             td: modal.td_ms,

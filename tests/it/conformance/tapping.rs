@@ -278,6 +278,31 @@ fn m1h_left_handed_threads_turn_the_other_way_and_overrides_do_not_act() {
 }
 
 #[test]
+fn m1h_f_above_the_maximum_feedrate_slows_z_and_the_spindle_and_keeps_the_pitch() {
+    let slow = || {
+        let systems = COORDINATE_SYSTEMS.replace("max_feedrate = 12000.0", "max_feedrate = 1000.0");
+        Machine::with_config(&format!("[machine]\nname = \"test-1\"\n{MOTORS}{systems}"))
+    };
+    // 1.5 mm a revolution, F60 in inches: 1.524 mm
+    for (program, pitch) in [
+        ("F1500 S1000\nG84 X0 Z-30 R0\nG80\nM30\n", 1.5),
+        ("G20 F60 S1000\nG21 G84 X0 Z-30 R0\nG80\nM30\n", 1.524),
+    ] {
+        let samples = run(slow, program, 0.0, async |plc, _| {
+            plc.coordinate_system(1)
+                .wait_until(Execution::ProgramCompleted)
+                .await
+                .unwrap();
+        });
+        let most = in_phase(&samples, 0.0, 1.0 / pitch);
+        assert!((most - 30.0 / pitch).abs() < 1e-9, "{most} revolutions");
+        let steps = samples.windows(2).map(|two| (two[1].0 - two[0].0).abs());
+        let fastest = steps.fold(0.0, f64::max) / 0.001;
+        assert!((fastest - 1000.0 / 60.0).abs() < 1e-6, "{fastest} mm/s");
+    }
+}
+
+#[test]
 fn m1h_a_stop_in_the_thread_comes_to_rest_in_phase() {
     let samples = run(
         with_spindle,

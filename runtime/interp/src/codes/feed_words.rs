@@ -19,8 +19,9 @@ pub static FEED_WORDS: [WordSpec; 5] = [
     WordSpec::new(Address::Ts, "jerk time", "ms", 0.0, 125_000.0),
 ];
 
-/// Takes over the words of a block that no code has as its own. F above the maximum is clipped with a warning, S
-/// above the spindle's maximum is an alarm (D11).
+/// Takes over the words of a block that no code has as its own. F above the maximum gives a warning, S above the
+/// spindle's maximum is an alarm (D11). F stays as it is written, since it makes the pitch of a thread
+/// (motion-semantics 1h); no motion is faster than the maximum.
 pub(crate) fn take_over(execution: &mut Execution<'_>) {
     if let Some(programmed) = execution.free_word(Address::F) {
         let feedrate = programmed * execution.modal().unit();
@@ -30,8 +31,8 @@ pub(crate) fn take_over(execution: &mut Execution<'_>) {
                 "F{programmed} is above the maximum feedrate: {max} mm/min is used"
             ));
         }
-        execution.modal_mut().feedrate_mm_min = feedrate.min(max);
-        execution.modal_mut().feedrate_deg_min = programmed.min(max);
+        execution.modal_mut().feedrate_mm_min = feedrate;
+        execution.modal_mut().feedrate_deg_min = programmed;
     }
     if let Some(speed) = execution.free_word(Address::S) {
         if let Some(max) = execution.limits().max_spindle_speed_r_min

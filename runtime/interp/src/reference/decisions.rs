@@ -41,7 +41,7 @@ pub(super) static DECISIONS: &[(&str, &str)] = &[
     ),
     (
         "D11",
-        "Ranges are errors for numbers and alarms for calculated values. F above the maximum is clipped with a warning, S above it is an alarm.",
+        "Ranges are errors for numbers and alarms for calculated values. F above the maximum is clipped with a warning, a thread keeping the pitch of F as it is written; S above it is an alarm.",
     ),
     (
         "D12",

@@ -7,9 +7,10 @@ use tandem_model::flow::{
     Action, Block, Compensation, Distance, Feed, Mirror, Plane, Rotation, Scaling, Segment, SegmentEnd,
     SegmentMotion, Tap, TapLeg, ThreadAhead, Transform, Turn,
 };
-use tandem_model::{Axis, AxisSet, AxisVector};
+use tandem_model::{Axis, AxisSet, AxisVector, MachinePosition};
+use tandem_path::PathStage;
 
-use crate::rig::{block, g00, refused, run, settings, stage, transform, words};
+use crate::rig::{block, g00, length_and_feed, refused, run, settings, stage, transform, words};
 
 use Axis::{X, Z};
 
@@ -118,6 +119,21 @@ fn m1h_the_pitch_counts_in_machine_coordinates_and_a_mirror_keeps_the_turn() {
 }
 
 #[test]
+fn m1h_the_pitch_is_that_of_f_as_programmed_and_f_of_other_blocks_is_at_most_the_maximum() {
+    let mut slow = settings();
+    slow.max_feedrate_mm_min = 60.0;
+    let mut stage = PathStage::new(&slow, MachinePosition::default());
+    let mut out = Vec::new();
+    let line = block(1, Action::Linear(words(Distance::Absolute, &[(X, 10.0)])));
+    for block in [line, tap(2, -5.0, TapLeg::In, Some(300.0))] {
+        stage.push(&block, &mut out).unwrap();
+    }
+    assert!((length_and_feed(&out[0]).1 - 60.0).abs() < 1e-12);
+    // F100
+    near(thread(&out[1]), (0.0, -5.0, 15.0, TapLeg::In));
+}
+
+#[test]
 fn a_thread_of_no_length_moves_nothing() {
     assert_eq!(run(&hole(-5.0, -5.0, Some(300.0))).len(), 2);
 }
@@ -131,7 +147,7 @@ fn a_thread_needs_f_and_s_an_axis_z_and_room() {
     refused(&without_feed, &FEEDRATE_MISSING);
     let mut without_z = settings();
     without_z.motors[Z.index()] = None;
-    let mut stage = tandem_path::PathStage::new(&without_z, tandem_model::MachinePosition::default());
+    let mut stage = PathStage::new(&without_z, MachinePosition::default());
     let alarm = stage.push(&tap(1, -10.0, TapLeg::In, Some(300.0)), &mut Vec::new());
     assert_eq!(alarm.unwrap_err().entry, &AXIS_MISSING);
 }
