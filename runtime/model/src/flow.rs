@@ -94,7 +94,8 @@ pub enum Action {
         /// 1 to 4.
         point: u8,
     },
-    /// G74 or G84 begins: refused here when its thread cannot be cut, before anything moves; moves nothing itself.
+    /// G74 or G84 begins: refused here when a hole is out of reach or its thread cannot be cut, before anything moves;
+    /// moves nothing itself.
     ThreadAhead(Box<ThreadAhead>),
     /// A way of G74 or G84 in the thread, into the hole or out of it; with a spindle locked to it.
     Tap(Box<Tap>),
@@ -196,13 +197,20 @@ pub struct Tap {
     pub spindle_speed_r_min: Option<f64>,
 }
 
-/// A thread that a tapping cycle is going to cut.
+/// What a block of a tapping cycle is going to do: as many holes, each the rapid to its position and to the R point, the
+/// thread, and the way back.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ThreadAhead {
-    /// The R point, from where it begins.
+    /// Where the hole is, or how far on from the last one; Z is not named.
+    pub position: AxisWords,
+    /// How many holes, 1 or more.
+    pub repetitions: u16,
+    /// The R point, from where the thread begins.
     pub r_point: AxisWords,
     /// The way into the hole.
     pub tap: Tap,
+    /// The level that each hole returns to at the end; `None`: the R point.
+    pub initial: Option<AxisWords>,
 }
 
 /// Which way of a thread.

@@ -1,7 +1,9 @@
 //! A way of a tapping cycle in the thread: along Z, the spindle's revolutions with it (motion-semantics 1h).
 
 use tandem_model::alarm::{SPINDLE_SPEED_MISSING, TAP_OFF_AXIS};
-use tandem_model::flow::{Block, Feed, Segment, SegmentEnd, SegmentMotion, Tap, ThreadAhead, Turn};
+use tandem_model::flow::{
+    AxisWords, Block, Distance, Feed, Segment, SegmentEnd, SegmentMotion, Tap, ThreadAhead, Turn,
+};
 use tandem_model::{Alarm, Axis, AxisVector};
 
 use crate::stage::{LENGTH_MIN, PathStage};
@@ -16,17 +18,35 @@ struct Thread {
 }
 
 impl PathStage {
-    /// Refuses what would be found only in front of the hole, where the R point or the thread is refused.
+    /// Refuses what would be found only on the way to a hole or in front of it. The first and the last hole bound all,
+    /// since the transforms are linear.
     pub(crate) fn thread_ahead(&mut self, block: &Block, ahead: &ThreadAhead) -> Result<(), Alarm> {
         let before = (self.at, self.tool_shift);
-        let found = self.target(block, &ahead.r_point).and_then(|r_point| {
-            self.within_all_soft_limits(self.at, r_point)?;
-            self.at = r_point;
-            self.tool_shift = 0.0;
-            self.thread(block, &ahead.tap)
-        });
-        (self.at, self.tool_shift) = before;
-        found.map(drop)
+        [1, ahead.repetitions].into_iter().try_for_each(|count| {
+            let found = self.hole(block, ahead, count);
+            (self.at, self.tool_shift) = before;
+            found
+        })
+    }
+
+    /// Goes in mind to a hole of a cycle, counted from 1, into it, and back to the initial level.
+    fn hole(&mut self, block: &Block, ahead: &ThreadAhead, count: u16) -> Result<(), Alarm> {
+        let mut position = ahead.position;
+        if position.distance == Distance::Incremental {
+            position.values = position.values.scaled(f64::from(count));
+        }
+        self.go_in_mind(block, &position)?;
+        self.go_in_mind(block, &ahead.r_point)?;
+        self.thread(block, &ahead.tap)?;
+        (ahead.initial.iter()).try_for_each(|level| self.go_in_mind(block, level))
+    }
+
+    fn go_in_mind(&mut self, block: &Block, words: &AxisWords) -> Result<(), Alarm> {
+        let to = self.target(block, words)?;
+        self.within_all_soft_limits(self.at, to)?;
+        self.at = to;
+        self.arrived(block, words);
+        Ok(())
     }
 
     /// Takes a way in the thread.

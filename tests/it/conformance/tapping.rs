@@ -156,6 +156,34 @@ fn m1h_a_tap_that_cannot_be_cut_is_an_alarm_before_the_cycle_moves_and_s_above_t
     assert!(run.trace.iter().all(|row| row.axes[Z] == 0.0));
 }
 
+#[test]
+fn m1h_holes_beyond_a_soft_limit_are_an_alarm_before_the_first_is_tapped() {
+    // X is limited to -100 to 300: the second hole in G91 is beyond, the third of G90 is the first; the initial level
+    // that G98 returns to is within, since the tool is there
+    for (cycle, column) in [
+        ("G91 G84 X200 Z-10 R-5 K2", Some(9)),
+        ("G91 G99 G84 Z-10 R-5 Y1 X-50 K3", Some(25)),
+        ("G90 G84 X301 Z-10 R-5", Some(9)),
+        ("G91 G84 X100 Z-10 R-5 K3", None),
+        ("G90 G84 X300 Z-10 R-5 K3", None),
+    ] {
+        let run = simulate(&format!("F6000 S3000\n{cycle}\nG80\nM30\n"));
+        let Some(column) = column else {
+            run.completed();
+            continue;
+        };
+        assert_eq!(run.alarm(), 102);
+        let alarm = &run.json["alarm"];
+        assert_eq!(
+            (&alarm["line"], &alarm["column"]),
+            (&2.into(), &column.into()),
+            "{alarm}"
+        );
+        assert!(run.trace.iter().all(|row| row.axes == [0.0; 3]), "{cycle} moves");
+        assert_eq!(run.events("output").len(), 0);
+    }
+}
+
 fn with_spindle() -> Machine {
     Machine::new("")
 }

@@ -27,7 +27,8 @@ pub static G74: Code = Code {
            and K stay. The first block needs Z and R. In G91 R counts from the initial level, Z from R (D42). The \
            initial level is Z where the cycle began; G98 returns to it, G99 to the R point. With a spindle in the \
            coordinate system it turns in step with Z, S / F revolutions a millimetre, ramps included, and rests at the \
-           R and Z point. No override acts on a thread, and feed hold waits until the tool is out.",
+           R and Z point. A block with a hole beyond a soft limit moves nothing. No override acts on a thread, \
+           and feed hold waits until the tool is out.",
     check: None,
     select: remembered,
     motion: Some(|execution, words| fixed_cycles::tapping(execution, words, Turn::CounterClockwise)),

@@ -205,11 +205,13 @@ impl Tapping {
         motion(Action::Tap(Box::new(self.tap(leg))))
     }
 
-    /// All repetitions have one R and Z point.
     fn thread_ahead(&self) -> Found {
         motion(Action::ThreadAhead(Box::new(ThreadAhead {
+            position: self.position,
+            repetitions: self.repetitions,
             r_point: self.r_point,
             tap: self.tap(TapLeg::In),
+            initial: self.initial,
         })))
     }
 

@@ -4,15 +4,15 @@ use tandem_model::alarm::{
     AXIS_MISSING, COMPENSATION_REFUSED, FEEDRATE_MISSING, SOFT_LIMIT, SPINDLE_SPEED_MISSING, TAP_OFF_AXIS,
 };
 use tandem_model::flow::{
-    Action, Block, Compensation, Distance, Feed, Mirror, Plane, Rotation, Scaling, Segment, SegmentEnd,
-    SegmentMotion, Tap, TapLeg, ThreadAhead, Transform, Turn,
+    Action, AxisWords, Block, Compensation, Distance, Feed, Mirror, Plane, Rotation, Scaling, Segment,
+    SegmentEnd, SegmentMotion, Tap, TapLeg, ThreadAhead, Transform, Turn,
 };
 use tandem_model::{Axis, AxisSet, AxisVector, MachinePosition};
 use tandem_path::PathStage;
 
 use crate::rig::{block, g00, length_and_feed, refused, run, settings, stage, transform, words};
 
-use Axis::{X, Z};
+use Axis::{X, Y, Z};
 
 /// At F100: the manual's example has S300.
 pub fn tap(line: u32, z: f64, leg: TapLeg, speed: Option<f64>) -> Block {
@@ -152,15 +152,26 @@ fn a_thread_needs_f_and_s_an_axis_z_and_room() {
     assert_eq!(alarm.unwrap_err().entry, &AXIS_MISSING);
 }
 
-/// A cycle with these levels begins, at S300 with a spindle.
+/// A cycle of one hole here with these levels begins, at S300 with a spindle.
 fn ahead(line: u32, r: f64, z: f64) -> Block {
+    holes(line, words(Distance::Absolute, &[]), 1, [r, z])
+}
+
+/// The same with as many holes, each at or on by `position`.
+fn holes(line: u32, position: AxisWords, repetitions: u16, [r, z]: [f64; 2]) -> Block {
     let first = tap(line, z, TapLeg::In, Some(300.0));
     let Action::Tap(tap) = first.action else {
         unreachable!("a thread")
     };
-    let r_point = words(Distance::Absolute, &[(Z, r)]);
+    let ahead = ThreadAhead {
+        position,
+        repetitions,
+        r_point: words(Distance::Absolute, &[(Z, r)]),
+        tap: *tap,
+        initial: None,
+    };
     Block {
-        action: Action::ThreadAhead(Box::new(ThreadAhead { r_point, tap: *tap })),
+        action: Action::ThreadAhead(Box::new(ahead)),
         ..first
     }
 }
@@ -178,6 +189,50 @@ fn a_cycle_whose_thread_cannot_be_cut_is_refused_before_anything_moves() {
         plane: Plane::Xy,
     };
     refused(&compensated, &COMPENSATION_REFUSED);
+}
+
+#[test]
+fn a_cycle_with_a_hole_out_of_reach_is_refused_before_the_first_hole() {
+    let by = |distance, values: &[(Axis, f64)], repetitions| {
+        holes(1, words(distance, values), repetitions, [-5.0, -10.0])
+    };
+    use Distance::{Absolute, Incremental};
+    // limits -100 to 200
+    for refuse in [
+        by(Absolute, &[(X, 200.1)], 1),
+        by(Incremental, &[(X, 20.0)], 11),
+        by(Incremental, &[(X, 1.0), (Y, -34.0)], 3),
+    ] {
+        refused(&refuse, &SOFT_LIMIT);
+    }
+    refused(&by(Incremental, &[(Axis::B, 1.0)], 2), &AXIS_MISSING);
+    let mut returns = by(Absolute, &[(X, 1.0)], 1);
+    if let Action::ThreadAhead(ahead) = &mut returns.action {
+        ahead.initial = Some(words(Absolute, &[(Z, 200.1)]));
+    }
+    refused(&returns, &SOFT_LIMIT);
+    for accept in [by(Absolute, &[(X, 200.0)], 9), by(Incremental, &[(X, 20.0)], 10)] {
+        assert!(run(&[accept]).is_empty());
+    }
+    // the distance is turned as the holes are: 11 times 20 mm along Y
+    let rotation = Rotation {
+        plane: Plane::Xy,
+        centre: AxisVector::ZERO,
+        angle_deg: 90.0,
+    };
+    let turned = Transform {
+        rotation: Some(rotation),
+        ..Transform::default()
+    };
+    let mut stage = stage();
+    stage.push(&transform(1, turned), &mut Vec::new()).unwrap();
+    let alarm = stage.push(&by(Incremental, &[(X, 20.0)], 11), &mut Vec::new());
+    let alarm = alarm.unwrap_err();
+    assert!(
+        alarm.entry == &SOFT_LIMIT && alarm.text.contains("Axis Y"),
+        "{}",
+        alarm.text
+    );
 }
 
 #[test]
