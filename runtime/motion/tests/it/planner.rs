@@ -174,6 +174,38 @@ fn s1f_an_arc_slows_so_that_no_motor_exceeds_its_maximum_velocity_on_it() {
 }
 
 #[test]
+fn s1f_a_cone_slows_to_where_a_motor_is_fastest_on_it_and_no_further() {
+    // from (10, 0, 0) to (6, 6, 20) about (0, 0): radius 10 to sqrt(72) over 45 degrees
+    let (sweep, growth) = (PI / 4.0, 72.0_f64.sqrt() - 10.0);
+    let rates = |u: f64| {
+        let (sin, cos) = (sweep * u).sin_cos();
+        let turn = sweep * (10.0 + growth * u);
+        let x = growth * cos - turn * sin;
+        (x.abs(), x.hypot(growth * sin + turn * cos).hypot(20.0))
+    };
+    let n = 200_000;
+    let places = || (0..n).map(|i| (f64::from(i) + 0.5) / f64::from(n));
+    let length = places().map(|u| rates(u).1).sum::<f64>() / f64::from(n);
+    let steepest = places()
+        .map(|u| rates(u).0 / rates(u).1)
+        .fold(rates(1.0).0 / rates(1.0).1, f64::max);
+    let speed = 20.0 / steepest;
+    assert!((speed - 73.1).abs() < 0.05, "{speed} mm/s");
+    let mut motors: [Option<MotorSettings>; AXES_MAX] = std::array::from_fn(|_| Some(motor(1e3, 1e4, None)));
+    motors[Axis::X.index()] = Some(motor(20.0, 1e4, None));
+    let path = Path::Arc(ArcPath::new(
+        vector(&[10.0]),
+        vector(&[6.0, 6.0, 20.0]),
+        Plane::Xy,
+        [0.0, 0.0],
+        Turn::CounterClockwise,
+    ));
+    let feed = feed(6000.0, [20.0, 20.0, 0.0]);
+    let profile = plan(&settings(motors), &segment(SegmentMotion::Feed { path, feed }));
+    close(profile.duration_s, length / speed + 0.02);
+}
+
+#[test]
 fn s1e_g00_moves_each_motor_alone_and_ends_with_the_slowest() {
     let mut motors: [Option<MotorSettings>; AXES_MAX] = Default::default();
     motors[0] = Some(motor(100.0, 1000.0, None));
