@@ -111,6 +111,23 @@ fn m1i_single_block_is_refused_while_the_tool_is_in_the_thread_though_the_progra
 }
 
 #[test]
+fn m1i_with_single_block_a_tapping_cycle_is_one_block_with_all_its_holes_and_the_block_that_ends_it() {
+    on_machine("", |rig| async move {
+        rig.load("F600 S300 G99\nG91 G84 X5 Z-2 R-1 K2\nX10 K1\nG80\nX-20\nM30\n")
+            .await;
+        rig.cs.set_single_block(true).await.unwrap();
+        rig.cs.start().await.unwrap();
+        for at in [[0.0; 3], [20.0, 0.0, -1.0], [0.0, 0.0, -1.0]] {
+            rig.interrupted(Reason::SingleBlock).await;
+            close(rig.at().await, at);
+            rig.cs.resume().await.unwrap();
+        }
+        rig.until(Execution::ProgramCompleted).await;
+        assert_eq!(rig.alarms().await, [0_u16; 0]);
+    });
+}
+
+#[test]
 fn d41_a_skip_input_from_outside_captures_the_position_for_the_program_and_the_sequence() {
     on_machine("", |rig| async move {
         // The skip velocity of X is a tenth of its maximum velocity, 50 mm/s, its acceleration 1000 mm/s^2.

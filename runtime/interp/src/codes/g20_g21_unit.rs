@@ -9,8 +9,8 @@ pub static G20: Code = Code {
     name: "Inch input",
     group: ModalGroup::Unit,
     words: &[],
-    docs: "Lengths and feedrates from this block on are in inches and inches a minute. Settings, offsets and tools stay \
-           in mm, and F of blocks that move rotary axes only stays in degrees a minute (D25).",
+    docs: "Lengths and feedrates from this block on are in inches and inches a minute. Settings, offsets, tools \
+           and `_CNC_CapturedPosition` stay in mm, and F of blocks that move rotary axes only stays in degrees a minute (D25).",
     check: None,
     select: remembered,
     motion: None,

@@ -13,7 +13,8 @@ pub static G31: Code = Code {
     words: &AXIS_WORDS,
     docs: "Moves each named axis alone at its skip velocity until its skip input comes or the target is reached; the \
            motor then stands at the captured position. The program is read on meanwhile, up to a read of \
-           `_CNC_CapturedPosition` (D15); what moves behind it begins where the motors have ended. Never blended.",
+           `_CNC_CapturedPosition` (D15); what moves behind it begins where the motors have ended. The captured position \
+           is a machine position in mm or degrees, with G20 too (D41). Never blended.",
     check: None,
     select: |execution| {
         let words = execution.own_axis_words();

@@ -102,6 +102,10 @@ pub(super) static DECISIONS: &[(&str, &str)] = &[
         "M00, M01, M02, M30, M98 and M99 are handled by the runtime; all others are outputs, M03, M04, M05 and M19 among them. Whoever handles them commands the spindle: where the runtime does, a changed S acts on the turning spindle when the motion has come to its block.",
     ),
     (
+        "D41",
+        "Captured positions are machine positions in mm or degrees, whatever G20 says; a motor without a capture tells where it stopped.",
+    ),
+    (
         "D42",
         "Each block of a fixed cycle expands on its own, with repetitions between orientation and spindle stop. Z, R, P and K stay until G80. In G91 R counts from the initial level, Z from R; the initial level is Z where the cycle began, as in the manual's examples.",
     ),
