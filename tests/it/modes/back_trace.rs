@@ -87,6 +87,32 @@ fn m1e_back_trace_goes_back_along_a_rapid_on_the_path_of_its_motors() {
 }
 
 #[test]
+fn m1c_back_trace_passes_a_change_of_offset_that_stops_no_chain() {
+    on_machine("", |rig| async move {
+        // G54 has X10 Y20, G57 has X13
+        rig.start(&g500("ta50 td50 ts0 G54 G01 F2400 X10\nG57\nX7 Y15\nX47\nM30\n"))
+            .await;
+        while rig.at().await[0] < 40.0 {
+            rig.sleep(0.01).await;
+        }
+        rig.cs.hold().await.unwrap();
+        let forward = rig.trace();
+        let corners = [[20.0, 0.0, 0.0], [20.0, 15.0, 0.0]];
+        assert!(!forward.iter().any(|at| corners.contains(at)));
+        assert_eq!(to_the_end(&rig).await, [4, 3, 1]);
+        close(rig.at().await, [0.0; 3]);
+        let back = rig.trace();
+        assert!(!back.iter().any(|at| corners.contains(at)));
+        rig.cs.resume().await.unwrap();
+        rig.until(Execution::ProgramCompleted).await;
+        close(rig.at().await, [60.0, 15.0, 0.0]);
+        let work = rig.cs.position().await.unwrap().work;
+        assert!((work["X"] - 47.0).abs() < 1e-9 && (work["Y"] - 15.0).abs() < 1e-9);
+        assert_eq!(rig.alarms().await, [0_u16; 0]);
+    });
+}
+
+#[test]
 fn the_rapid_override_acts_on_a_rapid_that_is_gone_back() {
     on_machine("", |rig| async move {
         rig.start(&g500("G00 X40 Y10\nG01 X60 F3000\nM30\n")).await;
