@@ -233,18 +233,18 @@ fn stops_are_made_where_blocks_meet() {
 fn m1c_with_g500_an_offset_changes_within_compensation_without_a_stop() {
     let contour = [L(10.0, 0.0), L(20.0, 0.0), L(20.0, 10.0), L(20.0, 20.0)];
     let with_g500 = |all: &mut Vec<Block>| {
-        all.iter_mut()
-            .for_each(|block| block.multi_block = MultiBlock::On);
+        for block in all.iter_mut() {
+            block.multi_block = MultiBlock::On;
+        }
         completed(all)
     };
     let mut plain = blocks((0.0, 0.0), &contour, G41);
     // the same points, the last two in coordinates that begin at X5
     let shifted = contour.map(|step| L(step.to().0 - 5.0, step.to().1));
     let mut moved = blocks((0.0, 0.0), &contour[..2], G41);
-    moved
-        .iter_mut()
-        .skip(1)
-        .for_each(|block| block.compensation = G41);
+    for block in moved.iter_mut().skip(1) {
+        block.compensation = G41;
+    }
     let mut local = Transform::default();
     local.local[X] = 5.0;
     moved.push(with(G41, transform(9, local)));

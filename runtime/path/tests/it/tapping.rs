@@ -13,6 +13,7 @@ use tandem_path::PathStage;
 use crate::rig::{block, g00, length_and_feed, refused, run, settings, stage, transform, words};
 
 use Axis::{X, Y, Z};
+use Distance::{Absolute, Incremental};
 
 /// At F100: the manual's example has S300.
 pub fn tap(line: u32, z: f64, leg: TapLeg, speed: Option<f64>) -> Block {
@@ -196,7 +197,6 @@ fn a_cycle_with_a_hole_out_of_reach_is_refused_before_the_first_hole() {
     let by = |distance, values: &[(Axis, f64)], repetitions| {
         holes(1, words(distance, values), repetitions, [-5.0, -10.0])
     };
-    use Distance::{Absolute, Incremental};
     // limits -100 to 200
     for refuse in [
         by(Absolute, &[(X, 200.1)], 1),
