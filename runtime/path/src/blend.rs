@@ -4,7 +4,7 @@ use tandem_model::alarm::SOFT_LIMIT;
 use tandem_model::flow::{Feed, Path, SegmentMotion};
 use tandem_model::{Alarm, Axis};
 
-use crate::stage::PathStage;
+use crate::stage::{LENGTH_MIN, PathStage};
 
 /// How far a path goes away from the joint in one direction of an axis.
 #[derive(Debug, Clone, Copy)]
@@ -63,10 +63,16 @@ impl PathStage {
             .iter()
             .filter(|axis| self.soft_limits[axis.index()].is_some());
         for axis in limited {
-            let steep = [zones[0] * first.steepest(axis), zones[1] * second.steepest(axis)];
-            let away = steep[0] + steep[1];
+            let steep = |slope: fn(&Path, Axis) -> f64| {
+                [zones[0] * slope(first, axis), zones[1] * slope(second, axis)]
+            };
+            let away: f64 = steep(steepest_at_most).iter().sum();
             let passes = |value| self.limit_passed(axis, value).is_some();
             if !passes(joint[axis] - away) && !passes(joint[axis] + away) {
+                continue;
+            }
+            let steep = steep(Path::steepest);
+            if steep[0] + steep[1] < LENGTH_MIN {
                 continue;
             }
             let reaches = [reach(first, axis), reach(second, axis)];
@@ -108,6 +114,15 @@ fn ramp_s(feed: &Feed) -> f64 {
 /// Length of a block's part in a blend at the most: short blocks have shorter ramps.
 fn zone(path: &Path, feed: &Feed, ramp_s: f64) -> f64 {
     (feed.feedrate_mm_min / 60.0 * ramp_s / 2.0).min(path.length() / 2.0)
+}
+
+/// A bound of the slope that costs nothing on arcs: X, Y and Z never go farther than the path.
+fn steepest_at_most(path: &Path, axis: Axis) -> f64 {
+    if axis.is_orthogonal() {
+        1.0
+    } else {
+        path.steepest(axis)
+    }
 }
 
 fn reach(path: &Path, axis: Axis) -> [f64; 2] {

@@ -2,8 +2,12 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use super::{ArcPath, STEPS_MAX};
+use super::ArcPath;
 use crate::axis::Axis;
+
+/// Halvings of the share of the angle. Around its highest place the slope falls with the square of the distance, so
+/// 2^-40 of the arc leaves nothing but rounding.
+const HALVINGS: u32 = 40;
 
 impl ArcPath {
     /// Largest change of an axis per mm of the path, but for rounding.
@@ -66,7 +70,7 @@ impl ArcPath {
             return None;
         }
         let (mut low, mut high) = (0.0, 1.0);
-        for _ in 0..STEPS_MAX {
+        for _ in 0..HALVINGS {
             let share = f64::midpoint(low, high);
             if angle(share) > wanted {
                 high = share;

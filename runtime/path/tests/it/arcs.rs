@@ -425,6 +425,23 @@ fn soft_limits_hold_where_arcs_are_blended_beyond_the_hull_of_both() {
 }
 
 #[test]
+fn an_axis_outside_its_limits_hinders_no_blended_arcs_that_do_not_move_it() {
+    let mut at = xyz([0.0; 3]);
+    at[Z] = -150.0;
+    let mut stage = PathStage::new(&settings(), MachinePosition(at));
+    let mut out = Vec::new();
+    for block in [
+        g01(1, &[(X, 10.0)]),
+        g03(2, &[(Y, 10.0)], Radius(5.0)),
+        g01(3, &[(X, 0.0)]),
+    ] {
+        stage.push(&block, &mut out).unwrap();
+    }
+    let alarm = stage.push(&g03(4, &[(X, -5.0), (Z, -151.0)], Radius(5.0)), &mut out);
+    assert_eq!(alarm.unwrap_err().entry, &SOFT_LIMIT);
+}
+
+#[test]
 fn d22_a_full_circle_without_words_ends_at_the_corrected_z() {
     let long = Transform {
         tool_length: 8.0,
