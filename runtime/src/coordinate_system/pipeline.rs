@@ -28,9 +28,10 @@ pub(super) struct Pipeline {
     pub ready: VecDeque<Profile>,
     /// What changes after which segment, for those who watch; in order.
     changes: VecDeque<Change>,
+    /// What was noted last.
     last: Change,
-    /// The modal state of the motion that runs.
-    in_force: Modal,
+    /// What is so of the motion that runs.
+    in_force: Change,
     /// First segment of each programmed block that has not begun, ascending.
     blocks: VecDeque<u64>,
     /// The programmed block noted last, by the interpreter's count.
@@ -74,7 +75,7 @@ impl Pipeline {
             segments: Vec::new(),
             ready: VecDeque::new(),
             changes: VecDeque::new(),
-            in_force: last.modal.clone(),
+            in_force: last.clone(),
             last,
             blocks: VecDeque::new(),
             noted_step: None,
@@ -240,18 +241,18 @@ impl Pipeline {
         let change = self
             .changes
             .pop_front_if(|change| change.after_segment < segment)?;
-        self.in_force = change.modal.clone();
+        self.in_force = change.clone();
         Some(change)
     }
 
     /// The modal state of the motion that runs.
     pub fn in_force(&self) -> &Modal {
-        &self.in_force
+        &self.in_force.modal
     }
 
     /// True when it is so of the motion that runs, of what is prepared, or of the next block.
     pub fn is_anywhere(&self, is_so: impl Fn(&Modal) -> bool) -> bool {
-        is_so(&self.in_force)
+        is_so(&self.in_force.modal)
             || is_so(self.interpreter.modal())
             || self.changes.iter().any(|change| is_so(&change.modal))
             || self.set_aside.iter().any(|item| is_so(&item.modal))
@@ -286,7 +287,8 @@ impl Pipeline {
         } else {
             self.interpreter.start(program, number);
         }
-        self.in_force = self.interpreter.modal().clone();
+        self.in_force.modal = self.interpreter.modal().clone();
+        self.last = self.in_force.clone();
     }
 
     /// Throws away what is prepared: the machine rests at `at`, and profiles carry `epoch` from here on. The transform
@@ -296,6 +298,7 @@ impl Pipeline {
         self.set_aside.clear();
         self.segments.clear();
         self.changes.clear();
+        self.last = self.in_force.clone();
         self.blocks.clear();
         self.noted_step = None;
         self.in_thread = false;
@@ -468,6 +471,20 @@ mod tests {
         let rapid = |change: &Change| change.modal.groups().any(|group| group == ("01", "G00"));
         assert_eq!(in_force_from(text, rapid), Some(3));
         assert_eq!(in_force_from(text, has_offset), Some(3));
+    }
+
+    #[test]
+    fn what_a_stopped_run_had_prepared_is_told_anew_when_the_next_one_comes_to_it() {
+        with_program("G90 G01 X10 F3000\nX20\nM30\n", |pipeline, inputs| {
+            for _ in 0..2 {
+                pipeline.next(inputs).unwrap();
+                let feedrates = pipeline.changes.iter().map(|change| change.modal.feedrate_mm_min);
+                assert_eq!(feedrates.collect::<Vec<_>>(), [3000.0]);
+                let (program, _) = parse("G90 G01 X10 F3000\nM30\n", Grammar::nj());
+                pipeline.start(Arc::new(program), 1, 1, false);
+                assert!(pipeline.in_force().feedrate_mm_min < 3000.0);
+            }
+        });
     }
 
     #[test]
