@@ -59,18 +59,24 @@ fn m1d_planned_for_an_override_to_200_percent_no_motor_exceeds_its_limits_and_no
 }
 
 #[test]
-fn m1d_the_time_is_within_2_percent_of_the_best_possible() {
-    for seed in 0..chains() / 10 {
+fn m1d_the_time_is_within_2_percent_of_the_best_possible_but_for_few_whose_feedrates_jump_in_steep_ramps() {
+    let (seeds, mut slow) = (chains() / 10, 0);
+    for seed in 0..seeds {
         let mut numbers = Random(1_000_000 + seed);
         let blocks = 1 + usize::try_from(numbers.bits() % 8).unwrap();
         let chain = random(&mut numbers, blocks);
-        let time = time_s(&chain.plan());
+        let time = time_s(&chain.plan()) - 3.0 * PERIOD_S;
         // A coarse grid may be too good by itself.
-        let near = [100, 1000]
-            .into_iter()
-            .any(|n| time <= best_time_s(&chain, n) * 1.02 + 3.0 * PERIOD_S);
-        assert!(near, "seed {seed}: {time} s");
+        let near = |share: f64| {
+            [100, 1000]
+                .into_iter()
+                .any(|n| time <= best_time_s(&chain, n) * share)
+        };
+        slow += u64::from(!near(1.02));
+        assert!(near(1.2), "seed {seed}: {time} s");
     }
+    // Of 200 chains none.
+    assert!(slow * 1000 <= seeds * 4, "{slow} of {seeds}");
 }
 
 /// Lines through points in X and Y at one feed.
