@@ -22,15 +22,13 @@ impl Channel {
         let ends_s = now_s + rate.max(target) * self.period_s;
         let splice = self.splice.as_ref();
         let joint = splice.and_then(|splice| joint_within(splice, profile, &mut self.profiles, ends_s));
-        let until_s = joint.map_or(ends_s, |joint| joint.at_s);
+        // Beyond a joint, too: the new plan may turn out too slow there, and this one goes on.
         let mut room = match &profile.law {
-            Law::Paced { pace, .. } => pace.room(now_s, until_s),
-            _ => self
-                .skip
-                .room(profile, self.motors.deceleration(), now_s, until_s),
+            Law::Paced { pace, .. } => pace.room(now_s, ends_s),
+            _ => self.skip.room(profile, self.motors.deceleration(), now_s, ends_s),
         };
         if !profile.exact_stop {
-            room = room.worst(room_of(&mut self.profiles, until_s - profile.duration_s));
+            room = room.worst(room_of(&mut self.profiles, ends_s - profile.duration_s));
         }
         let slope = |room: SlewRoom, rate: f64| {
             if target < self.time.rate() {
