@@ -16,6 +16,7 @@ pub mod profile;
 pub mod ramp;
 pub mod settings;
 pub mod span;
+mod speed_growth;
 mod transform;
 pub mod variables;
 

@@ -2,7 +2,10 @@
 //! acceleration (motion-semantics 1d).
 //!
 //! Plan time is the time of the motion without look-ahead. The square of its rate is linear in plan time on each piece;
-//! so in time the rate is linear and plan time quadratic, in closed form.
+//! so in time the rate is linear and plan time quadratic, in closed form. On a piece with a [`SpeedGrowth`] that holds for the
+//! distance in the place of plan time.
+
+use crate::speed_growth::SpeedGrowth;
 
 /// The most pieces of one pace; a block that needs more takes several profiles.
 pub const PACE_PIECES_MAX: usize = 8;
@@ -79,10 +82,33 @@ pub struct PacePiece {
     pub plan_s: f64,
     /// Plan time per time at its begin; 1: as planned without look-ahead, negative: backward.
     pub rate: f64,
-    /// Change of the rate per second.
+    /// Change of the rate per second, of that of the distance where the speed grows.
     pub rate_change: f64,
+    /// How the programmed speed grows over it, where that matters.
+    pub growth: SpeedGrowth,
     /// What the motors leave to overrides and feed hold.
     pub room: SlewRoom,
+}
+
+impl PacePiece {
+    /// Plan time `past_s` seconds after its begin, s.
+    fn plan_time(&self, past_s: f64) -> f64 {
+        let distance_s = past_s * (self.rate + self.rate_change * past_s / 2.0);
+        self.plan_s + self.growth.plan_s(distance_s)
+    }
+
+    /// Time within the profile at which plan time is this, s, and the rate there; `None`: it rests.
+    fn when(&self, plan_s: f64) -> Option<(f64, f64)> {
+        let past_s = plan_s - self.plan_s;
+        let distance_s = self.growth.distance_s(past_s);
+        let square = self.rate * self.rate + 2.0 * self.rate_change * distance_s;
+        let rate = square.max(0.0).sqrt().copysign(self.rate);
+        let sum = self.rate + rate;
+        (sum != 0.0).then(|| {
+            let time_s = self.begins_s + 2.0 * distance_s / sum;
+            (time_s, rate / self.growth.speed(past_s))
+        })
+    }
 }
 
 /// How fast an override factor `o`, 0 to 1, may change without any motor above its maximum acceleration a: velocity V and
@@ -202,12 +228,7 @@ impl Pace {
         let begun = self
             .pieces()
             .partition_point(|piece| way_s(piece.plan_s) <= way_s(plan_s));
-        let piece = self.pieces().get(begun.saturating_sub(1))?;
-        let past_s = plan_s - piece.plan_s;
-        let square = piece.rate * piece.rate + 2.0 * piece.rate_change * past_s;
-        let rate = square.max(0.0).sqrt().copysign(piece.rate);
-        let sum = piece.rate + rate;
-        (sum != 0.0).then(|| (piece.begins_s + 2.0 * past_s / sum, rate))
+        self.pieces().get(begun.saturating_sub(1))?.when(plan_s)
     }
 
     /// The pieces in order.
@@ -222,8 +243,7 @@ impl Pace {
         let Some(piece) = pieces.get(begun.saturating_sub(1)) else {
             return self.ends_s;
         };
-        let past_s = (t_s - piece.begins_s).max(0.0);
-        let plan_s = piece.plan_s + past_s * (piece.rate + piece.rate_change * past_s / 2.0);
+        let plan_s = piece.plan_time((t_s - piece.begins_s).max(0.0));
         if self.is_backward() {
             plan_s.max(self.ends_s)
         } else {

@@ -6,6 +6,7 @@ pub use crate::motor_move::{MotorLimits, MotorMove};
 pub use crate::pace::{PACE_PIECES_MAX, Pace, PacePiece, PathPlace, SlewRoom, Stretch};
 use crate::ramp::UnitRamp;
 use crate::span::Origin;
+pub use crate::speed_growth::SpeedGrowth;
 
 /// One planned motion. Times count from its own start, before feed override scales them.
 #[derive(Debug, Clone, PartialEq)]

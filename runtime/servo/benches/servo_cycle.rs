@@ -15,7 +15,7 @@ use std::hint::black_box;
 use divan::Bencher;
 use tandem_model::flow::Path;
 use tandem_model::profile::{
-    ChainPlace, Law, MotorMove, Pace, PacePiece, Profile, SlewRoom, Stretch, TimeBase,
+    ChainPlace, Law, MotorMove, Pace, PacePiece, Profile, SlewRoom, SpeedGrowth, Stretch, TimeBase,
 };
 use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
@@ -157,6 +157,7 @@ fn paced() -> Profile {
         plan_s: n * DURATION_S / 8.0,
         rate: 1.0,
         rate_change: 0.0,
+        growth: SpeedGrowth::default(),
         room,
     });
     Profile {

@@ -6,8 +6,9 @@ use tandem_model::Axis;
 use tandem_model::flow::Path;
 use tandem_model::profile::SlewRoom;
 
+use super::course::Course;
 use super::limits::{self, Bounds};
-use super::way::{End, Motion, Phase, Way};
+use super::way::{End, Phase, Way};
 
 /// The largest change of a velocity on one piece of a ramp, as a share of it.
 const CHANGE_MAX: f64 = 0.25;
@@ -17,6 +18,9 @@ const BEND_MAX: f64 = 0.04;
 
 /// The same, as a share of what the motion at the ends leaves of a limit.
 const LEFT_MAX: f64 = 0.25;
+
+/// The largest share by which the square of the rate may be above those at the ends of a piece.
+const EXCESS_MAX: f64 = 0.1;
 
 /// A ramp is halved so often at most.
 const HALVINGS_MAX: u32 = 4;
@@ -213,13 +217,14 @@ impl<'a> Cutter<'a> {
     /// halves.
     fn part(&mut self, ends: [&End; 2], depth: u32, finer: bool) {
         let [from, to] = ends;
-        let motion = self.way.between(from, to);
         let h_s = to.t_s - from.t_s;
+        let planned = Course::by_plan_time(&self.way.between(from, to), h_s);
+        let by_distance = finer.then(|| self.way.by_distance(from.t_s, to.t_s)).flatten();
         let Measure {
             uneven,
             one_way,
             bent,
-        } = self.measure(&motion, h_s);
+        } = self.measure(by_distance.as_ref().unwrap_or(&planned));
         if finer && uneven > 1.0 && depth < HALVINGS_MAX {
             let (n, depth) = if one_way {
                 (uneven.min(PARTS_MAX).ceil(), HALVINGS_MAX)
@@ -233,8 +238,8 @@ impl<'a> Cutter<'a> {
             // It falls with the square of the length at least.
             return self.even(ends, bent.sqrt().ceil().min(PARTS_MAX), depth + 1, finer);
         }
-        let cap = self.bounds.cap_at(|axis| motion.fastest(axis, h_s));
-        let room = limits::room(&motion, self.bounds.inverse, h_s, [cap; 2]);
+        let cap = self.bounds.cap_at(|axis| planned.motion.fastest(axis, h_s));
+        let room = limits::room(&planned, self.bounds.inverse, [cap; 2]);
         let within = room.braking.max(room.driving) <= 1.0;
         let shape = if finer {
             Shape::Bent {
@@ -255,7 +260,12 @@ impl<'a> Cutter<'a> {
         });
     }
 
-    fn measure(&self, motion: &Motion, h_s: f64) -> Measure {
+    fn measure(&self, course: &Course) -> Measure {
+        let Course {
+            motion,
+            length_s: h_s,
+            ..
+        } = course;
         let (mut change, mut bend, mut used) = (0.0_f64, 0.0_f64, 0.0_f64);
         let mut speeds = [0.0_f64; 2];
         for axis in Axis::ALL {
@@ -279,7 +289,8 @@ impl<'a> Cutter<'a> {
         Measure {
             uneven: change.max(h_s / 4.0) / (CHANGE_MAX * slower),
             one_way: change < slower,
-            bent: h_s * h_s * bend / 8.0 / (BEND_MAX * used.max(most)).max(LEFT_MAX * (most - used)),
+            bent: (h_s * h_s * bend / 8.0 / (BEND_MAX * used.max(most)).max(LEFT_MAX * (most - used)))
+                .max(course.excess / EXCESS_MAX),
         }
     }
 }

@@ -3,11 +3,13 @@
 //! On a piece of plan time h the square x of the rate goes linearly from x0 to x1. With the derivatives `q'`, `q''` of a
 //! motor's position by plan time its acceleration is `f = q'' x + q' (x1 - x0)/(2 h)`. Between the ends f leaves its
 //! chord by at most `h^2/8 max |f''|`, `f'' = q'''' x + 5/2 q''' x'`: so limits at the ends, less that bound, are
-//! limits on the whole piece. All are half planes `left x0 + right x1 <= 1`.
+//! limits on the whole piece. All are half planes `left x0 + right x1 <= 1`. On a piece that goes by distance the same holds
+//! with distance in the place of plan time.
 
 use tandem_model::profile::SlewRoom;
 use tandem_model::{AXES_MAX, Axis};
 
+use super::course::Course;
 use super::way::Motion;
 
 /// Rounding of the constraints, relative to a limit.
@@ -35,7 +37,12 @@ struct Row {
 }
 
 /// The rows of one motor.
-fn rows(motion: &Motion, axis: Axis, inverse: f64, h_s: f64) -> [Row; 2] {
+fn rows(course: &Course, axis: Axis, inverse: f64) -> [Row; 2] {
+    let Course {
+        motion,
+        length_s: h_s,
+        ..
+    } = course;
     let [q1, r1] = [motion.velocity[0][axis], motion.velocity[1][axis]].map(|v| v * inverse / (2.0 * h_s));
     let [q2, r2] = [motion.acceleration[0][axis], motion.acceleration[1][axis]].map(|a| a * inverse);
     let level = motion.fourth[axis] * inverse * h_s * h_s / 16.0;
@@ -79,10 +86,11 @@ impl Bounds<'_> {
 }
 
 /// The limits that can bind with squares of the rate from 0 to the cap.
-pub(super) fn half_planes(motion: &Motion, bounds: Bounds<'_>, h_s: f64, planes: &mut Vec<HalfPlane>) {
+pub(super) fn half_planes(course: &Course, bounds: Bounds<'_>, planes: &mut Vec<HalfPlane>) {
     let Bounds { inverse, cap, .. } = bounds;
     planes.clear();
     let mut add = |left: f64, right: f64| {
+        let right = right * course.scale;
         if (left.max(0.0) + right.max(0.0)) * cap > 1.0 {
             planes.push(HalfPlane { left, right });
         }
@@ -92,7 +100,7 @@ pub(super) fn half_planes(motion: &Motion, bounds: Bounds<'_>, h_s: f64, planes:
         if inverse == 0.0 {
             continue;
         }
-        for row in rows(motion, axis, inverse, h_s) {
+        for row in rows(course, axis, inverse) {
             for [left, right] in [[row.left, row.right], [-row.left, -row.right]] {
                 add(left + row.level - row.change, right + row.level + row.change);
                 if row.change > 0.0 {
@@ -210,7 +218,13 @@ pub(super) fn fastest_end(planes: &[HalfPlane], start: f64, end: f64) -> f64 {
 }
 
 /// What the motors leave to overrides and feed hold while the piece is passed from x0 to x1.
-pub(super) fn room(motion: &Motion, inverse: &[f64; AXES_MAX], h_s: f64, [start, end]: [f64; 2]) -> SlewRoom {
+pub(super) fn room(course: &Course, inverse: &[f64; AXES_MAX], [start, end]: [f64; 2]) -> SlewRoom {
+    let Course {
+        motion,
+        length_s: h_s,
+        ..
+    } = course;
+    let end = end * course.scale;
     let mut room = SlewRoom::default();
     let fastest = start.max(end).sqrt();
     for axis in Axis::ALL {
@@ -226,7 +240,7 @@ pub(super) fn room(motion: &Motion, inverse: &[f64; AXES_MAX], h_s: f64, [start,
             continue;
         }
         room.slope = room.slope.min(1.0 / (largest * fastest * inverse));
-        let rows = rows(motion, axis, inverse, h_s);
+        let rows = rows(course, axis, inverse);
         let [a, b] = rows.map(|row| row.left * start + row.right * end);
         let [Row { level, change, .. }, _] = rows;
         let between = level * (start + end) + change * (end - start).abs();

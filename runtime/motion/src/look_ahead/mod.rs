@@ -9,8 +9,8 @@
 //! block costs the same however far the look-ahead reaches.
 //!
 //! A piece on which the velocity would change at one rate, or which the rate could leave higher than it finds it, is
-//! halved while that gains time. Where F changes tenfold within a ramp a hundred times steeper than the motors follow,
-//! that ends before 2 percent of the best time.
+//! halved while that gains time. On a ramp between blocks of different speeds the rate counts the distance along both in
+//! the place of plan time ([`course`]).
 //!
 //! Maximum velocities hold because the rate is at most 1, or what a block leaves of them.
 //!
@@ -19,6 +19,7 @@
 //! `q'' = q501'' w^2 + q501' w'`. The manual names positions, velocities and accelerations.
 
 mod braking;
+mod course;
 mod grid;
 mod limits;
 mod paced;
@@ -35,7 +36,7 @@ use self::braking::Braking;
 use self::grid::Piece;
 use self::limits::{Bounds, HalfPlane};
 use self::paced::Step;
-use self::rate::{Limits, SQUARE_MIN};
+use self::rate::{Bent, Limits, SQUARE_MIN};
 pub(crate) use self::way::Passage;
 use self::way::Way;
 use crate::block::RampedBlock;
@@ -58,8 +59,10 @@ const HELD_PIECES_MAX: usize = 500_000;
 /// The fewest new blocks that are planned at a time.
 const BLOCKS_MIN: usize = 128;
 
-/// Blocks passed in one servo period at most: the rate in blocks of less is lowered to that.
-const BLOCKS_PER_PERIOD: f64 = 128.0;
+/// So many blocks that follow each other, with what they take at least in servo periods: 128 blocks pass in one. Where
+/// they would take less, the rate is lowered to that.
+const IN_A_ROW: usize = 64;
+const IN_A_ROW_PERIODS: f64 = 0.5;
 
 /// Limits of x that differ by this share count as met: 0.05 percent of the rate.
 const MET: f64 = 1e-3;
@@ -80,6 +83,8 @@ pub(crate) struct LookAhead {
     feed_override: f64,
     blocks: VecDeque<Held>,
     pieces: VecDeque<Piece>,
+    /// Plan times of the chain's last blocks, s.
+    in_a_row: VecDeque<f64>,
     /// Blocks that an earlier pass back has seen.
     seen: usize,
     /// Square of the rate where the first block begins; `None`: as large as its limit, the motion resting there.
@@ -120,7 +125,7 @@ impl Held {
                 cap: self.cap,
             },
             planes,
-            sway: 0.0,
+            bent: Bent::default(),
         }
     }
 }
@@ -141,6 +146,7 @@ impl LookAhead {
             feed_override: 1.0,
             blocks: VecDeque::new(),
             pieces: VecDeque::new(),
+            in_a_row: VecDeque::new(),
             seen: 0,
             square: None,
             end_square: SQUARE_MAX,
@@ -154,6 +160,7 @@ impl LookAhead {
     pub(crate) fn clear(&mut self) {
         self.blocks.clear();
         self.pieces.clear();
+        self.in_a_row.clear();
         self.seen = 0;
         self.square = None;
     }
@@ -168,6 +175,7 @@ impl LookAhead {
         Self {
             blocks: VecDeque::new(),
             pieces: VecDeque::new(),
+            in_a_row: VecDeque::new(),
             seen: 0,
             square: None,
             braking: Braking::default(),
@@ -208,8 +216,7 @@ impl LookAhead {
         if self.blocks.is_empty() && self.square.is_none() {
             self.braking.begin(block.segment, passage.is_backward);
         }
-        let per_period = way.plan_s * BLOCKS_PER_PERIOD / self.period_s;
-        let cap = per_period.min(self.feed_override).powi(2);
+        let cap = self.cap(way.plan_s);
         let bounds = Bounds {
             inverse: &self.inverse,
             velocities: &self.velocities,
@@ -238,6 +245,22 @@ impl LookAhead {
         } else if new >= self.seen.max(BLOCKS_MIN) || self.is_full() {
             self.plan(false, record, out);
         }
+    }
+
+    /// Largest square of the rate in the next block of the chain, of this plan time.
+    fn cap(&mut self, plan_s: f64) -> f64 {
+        if self.in_a_row.len() == IN_A_ROW {
+            self.in_a_row.pop_front();
+        }
+        self.in_a_row.push_back(plan_s);
+        let least_s = IN_A_ROW_PERIODS * self.period_s;
+        let alone = plan_s * IN_A_ROW as f64 / least_s;
+        let most = self.feed_override;
+        if alone >= most || self.in_a_row.len() < IN_A_ROW {
+            return most * most;
+        }
+        let whole_s: f64 = self.in_a_row.iter().sum();
+        (whole_s / least_s).min(most).powi(2)
     }
 
     /// True when no more is held back.

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use tandem_model::profile::{PACE_PIECES_MAX, Pace, PacePiece, Profile, SlewRoom};
+use tandem_model::profile::{PACE_PIECES_MAX, Pace, PacePiece, Profile, SlewRoom, SpeedGrowth};
 
 use super::{Held, LEFT};
 
@@ -22,7 +22,9 @@ pub(super) struct Step {
     pub(super) to_s: f64,
     pub(super) start: f64,
     pub(super) end: f64,
-    /// Change of the rate per second.
+    /// How the speed grows from its begin on, where the rate counts distance.
+    pub(super) growth: SpeedGrowth,
+    /// Change of the rate per second, by what it counts.
     pub(super) rate_change: f64,
     pub(super) room: SlewRoom,
 }
@@ -32,14 +34,17 @@ impl Step {
         (self.start - square).abs() < SAME_RATE * square && (self.end - square).abs() < SAME_RATE * square
     }
 
-    /// Time that it takes: its plan time over the mean rate, the rate being linear in time.
+    /// Time that it takes: what the rate counts over the mean rate, the rate being linear in time.
     pub(super) fn duration_s(&self) -> f64 {
-        2.0 * (self.to_s - self.from_s) / (self.start.sqrt() + self.end.sqrt())
+        let plan_s = self.to_s - self.from_s;
+        let end = self.end.sqrt() * self.growth.speed(plan_s);
+        2.0 * self.growth.distance_s(plan_s) / (self.start.sqrt() + end)
     }
 
     fn joins(&self, next: &Step) -> bool {
         let busy = |step: &Step| step.room.braking.max(step.room.driving) > KEPT_APART;
-        self.is_at(self.start) && next.is_at(self.start) && busy(self) == busy(next)
+        let as_planned = |step: &Step| step.growth.is_none() && step.is_at(self.start);
+        as_planned(self) && as_planned(next) && busy(self) == busy(next)
     }
 }
 
@@ -91,6 +96,11 @@ pub(super) fn profiles(held: &Held, steps: &[Step], free_to: u64, out: &mut VecD
                 plan_s: plan_time(step.from_s),
                 rate: sign * step.start.sqrt(),
                 rate_change: sign * step.rate_change,
+                growth: if held.passage.is_backward {
+                    step.growth.reversed()
+                } else {
+                    step.growth
+                },
                 room: step.room,
             }
         });
@@ -110,6 +120,7 @@ mod tests {
             to_s,
             start: 0.25,
             end,
+            growth: SpeedGrowth::default(),
             rate_change,
             room: SlewRoom {
                 slope: f64::INFINITY,

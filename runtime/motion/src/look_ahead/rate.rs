@@ -4,12 +4,13 @@
 
 use std::collections::VecDeque;
 
-use tandem_model::profile::SlewRoom;
+use tandem_model::profile::{SlewRoom, SpeedGrowth};
 
+use super::course::Course;
 use super::grid::{self, Piece, Shape};
 use super::limits::{self, Bounds, HalfPlane};
 use super::paced::{self, Step};
-use super::way::{Motion, Way};
+use super::way::Way;
 
 /// Smallest square of the rate: a millionth of the rate without look-ahead. Nothing is ever slower, so every block ends.
 pub(super) const SQUARE_MIN: f64 = 1e-12;
@@ -32,21 +33,39 @@ pub(super) struct Limits<'a> {
     pub(super) way: Way<'a>,
     pub(super) bounds: Bounds<'a>,
     pub(super) planes: &'a mut Vec<HalfPlane>,
-    /// Of the piece bent last: [`limits::sway`].
-    pub(super) sway: f64,
+    pub(super) bent: Bent,
+}
+
+/// Of the piece bent last, beside its half planes.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Bent {
+    /// [`limits::sway`].
+    sway: f64,
+    /// [`Course::scale`].
+    scale: f64,
+    /// Largest square of the rate at its ends.
+    cap: f64,
 }
 
 impl Limits<'_> {
-    /// The motion on a bent piece; its half planes stand ready then.
-    fn bend(&mut self, piece: &Piece) -> Motion {
-        let motion = self.way.motion(piece.from_s, piece.to_s);
+    /// A bent piece as it is passed; its half planes stand ready then.
+    fn bend(&mut self, piece: &Piece) -> Course {
+        let course = self.way.course(piece.from_s, piece.to_s);
+        self.take(&course, piece);
+        course
+    }
+
+    fn take(&mut self, course: &Course, piece: &Piece) {
         let bounds = Bounds {
             cap: piece.cap,
             ..self.bounds
         };
-        limits::half_planes(&motion, bounds, piece.length_s(), self.planes);
-        self.sway = limits::sway(&motion, self.bounds.inverse);
-        motion
+        limits::half_planes(course, bounds, self.planes);
+        self.bent = Bent {
+            sway: limits::sway(&course.motion, self.bounds.inverse),
+            scale: course.scale,
+            cap: piece.cap / (1.0 + course.excess),
+        };
     }
 
     /// The largest square of the rate at the begin of a piece, `end` being the largest one behind it.
@@ -62,9 +81,15 @@ impl Limits<'_> {
             Shape::Whole { .. } | Shape::Bent { planned: Some(_) } if end >= piece.cap => [piece.cap, end],
             Shape::Whole { .. } | Shape::Bent { .. } => {
                 self.bend(piece);
-                limits::fastest_start(self.planes, piece.cap, end).map(|square| square.max(0.0))
+                self.bent_start(end)
             }
         }
+    }
+
+    /// The same for the piece bent last.
+    fn bent_start(&self, end: f64) -> [f64; 2] {
+        let cap = self.bent.cap;
+        limits::fastest_start(self.planes, cap, end.min(cap)).map(|square| square.max(0.0))
     }
 
     /// Adds a piece with its new limit, in as many pieces as it takes, the last one first.
@@ -77,7 +102,7 @@ impl Limits<'_> {
         let [limit, after] = self.start_and_end(piece, end);
         if limit < piece.cap
             && let Shape::Bent { .. } = piece.shape
-            && (changes(limit, after) || self.sways(limit.max(after)))
+            && self.is_uneven(limit, after)
             && let Some([first, second]) = piece.halves()
         {
             let middle = self.start(&second, end);
@@ -112,9 +137,8 @@ impl Limits<'_> {
             Shape::Whole { room } | Shape::Bent { planned: Some(room) }
                 if before >= piece.cap && limit >= piece.cap =>
             {
-                let cap = piece.cap;
-                paced::push(steps, step(piece, [cap; 2], room), piece.length_s());
-                cap
+                paced::push(steps, at_cap(piece, room), piece.length_s());
+                piece.cap
             }
             Shape::Whole { .. } => {
                 let mut finer = Vec::new();
@@ -133,7 +157,7 @@ impl Limits<'_> {
             }
             Shape::Bent { .. } => {
                 let whole = self.fastest(piece, before, limit);
-                if (self.could_change(piece, before, whole.end) || self.sways(before.max(whole.end)))
+                if (self.is_uneven(before, whole.end) || self.could_rise(before))
                     && let Some([first, second]) = piece.halves()
                 {
                     let most = self.start(&second, limit);
@@ -153,24 +177,38 @@ impl Limits<'_> {
         }
     }
 
-    /// True when halves of the piece bent last may be faster: its rate changes, or would without a limit behind it, so that
-    /// it may rise and fall within the piece.
-    fn could_change(&self, piece: &Piece, before: f64, after: f64) -> bool {
-        let open = limits::fastest_end(self.planes, before, piece.cap);
-        changes(before, after) || changes(before, open)
+    /// True when halves of the piece bent last may be faster: its rate changes, or its velocity would at an even rate.
+    fn is_uneven(&self, before: f64, after: f64) -> bool {
+        let after = after * self.bent.scale;
+        changes(before, after) || self.bent.sway * before.max(after) > SWAY_MAX
     }
 
-    /// True when at this square of the rate the piece bent last is too long for its change of velocity.
-    fn sways(&self, square: f64) -> bool {
-        self.sway * square > SWAY_MAX
+    /// True when the rate would change without a limit behind the piece bent last, so that it may rise and fall within it.
+    fn could_rise(&self, before: f64) -> bool {
+        let open = limits::fastest_end(self.planes, before, self.bent.cap);
+        changes(before, open * self.bent.scale)
     }
 
     /// A bent piece in one step.
     fn fastest(&mut self, piece: &Piece, before: f64, limit: f64) -> Step {
-        let motion = self.bend(piece);
+        let mut course = self.bend(piece);
+        // At an even rate by plan time the limits hold, too: bounds by distance may allow less.
+        if !course.growth.is_none() && self.bent_start(limit)[0] < before {
+            course = self.way.by_plan_time(piece.from_s, piece.to_s);
+            self.take(&course, piece);
+        }
+        let limit = limit.min(self.bent.cap);
         let after = limits::fastest_end(self.planes, before, limit).max(SQUARE_MIN);
-        let room = limits::room(&motion, self.bounds.inverse, piece.length_s(), [before, after]);
-        step(piece, [before, after], room)
+        let room = limits::room(&course, self.bounds.inverse, [before, after]);
+        Step {
+            from_s: piece.from_s,
+            to_s: piece.to_s,
+            start: before,
+            end: after,
+            growth: course.growth,
+            rate_change: (after * course.scale - before) / (2.0 * course.length_s),
+            room,
+        }
     }
 }
 
@@ -184,13 +222,15 @@ fn is_within(step: &Step) -> bool {
     step.room.braking.max(step.room.driving) <= 1.0 + WITHIN
 }
 
-fn step(piece: &Piece, [start, end]: [f64; 2], room: SlewRoom) -> Step {
+/// A piece at its largest rate.
+fn at_cap(piece: &Piece, room: SlewRoom) -> Step {
     Step {
         from_s: piece.from_s,
         to_s: piece.to_s,
-        start,
-        end,
-        rate_change: (end - start) / (2.0 * piece.length_s()),
+        start: piece.cap,
+        end: piece.cap,
+        growth: SpeedGrowth::default(),
+        rate_change: 0.0,
         room,
     }
 }
@@ -220,6 +260,7 @@ fn straight(piece: &Piece, change: f64, [before, after]: [f64; 2], cap: f64, ste
             to_s,
             start,
             end,
+            growth: SpeedGrowth::default(),
             rate_change,
             room,
         };

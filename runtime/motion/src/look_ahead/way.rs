@@ -2,20 +2,28 @@
 
 use tandem_model::flow::Path;
 use tandem_model::ramp::UnitRamp;
-use tandem_model::{Axis, AxisVector};
+use tandem_model::{ArcPath, Axis, AxisVector};
 
 use crate::block::RampedBlock;
+
+/// Speeds that differ by less than this share are one.
+const SAME_SPEED: f64 = 1e-3;
+
+/// From this ratio on two speeds have no distance in common: the square of it is lost in digits of plan time.
+const RATIO_MAX: f64 = 1e4;
 
 /// The motion of one block in plan time: its block between its ramps, and the begin of the next block.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Way<'a> {
     pub(super) path: &'a Path,
     pub(super) speed: f64,
-    lead: Option<(&'a Path, f64)>,
+    pub(super) lead: Option<(&'a Path, f64)>,
     /// Of its own block and the next one.
-    slopes: [AxisVector; 2],
+    pub(super) slopes: [AxisVector; 2],
+    /// Speeds of both where they differ.
+    pub(super) uneven: Option<[f64; 2]>,
     start: UnitRamp,
-    stop: UnitRamp,
+    pub(super) stop: UnitRamp,
     begun_s: f64,
     pub(super) plan_s: f64,
     pub(super) passage: Passage,
@@ -48,6 +56,15 @@ pub(super) struct End {
     acceleration: AxisVector,
 }
 
+/// The most that a block's share in the motion has over a piece, by plan time or by what it goes by: derivatives of the
+/// distance along it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Most {
+    pub(super) speed: f64,
+    pub(super) acceleration: f64,
+    pub(super) jerk: f64,
+}
+
 /// First and second derivative of the position by plan time at both ends of a piece, and bounds of the third and fourth
 /// derivative over it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -60,11 +77,11 @@ pub(super) struct Motion {
 
 /// Distance along a path and its first three derivatives by plan time; the third is constant within a phase.
 #[derive(Debug, Clone, Copy)]
-struct Along {
-    distance: f64,
-    speed: f64,
-    acceleration: f64,
-    jerk: f64,
+pub(super) struct Along {
+    pub(super) distance: f64,
+    pub(super) speed: f64,
+    pub(super) acceleration: f64,
+    pub(super) jerk: f64,
 }
 
 impl<'a> Way<'a> {
@@ -78,6 +95,7 @@ impl<'a> Way<'a> {
                 slopes(&block.path),
                 lead.map_or(AxisVector::ZERO, |(path, _)| slopes(path)),
             ],
+            uneven: lead.map(|(_, next)| [block.speed, next]).filter(differ),
             start: block.start,
             stop: block.stop,
             begun_s: block.begun_s,
@@ -91,7 +109,7 @@ impl<'a> Way<'a> {
         self.begun_s == 0.0
     }
 
-    fn stop_begins_s(&self) -> f64 {
+    pub(super) fn stop_begins_s(&self) -> f64 {
         self.plan_s - self.stop.duration_s()
     }
 
@@ -125,7 +143,7 @@ impl<'a> Way<'a> {
     }
 
     /// Its own block and the next one, `within_s` telling the phase.
-    fn along(&self, t_s: f64, within_s: f64) -> [Along; 2] {
+    pub(super) fn along(&self, t_s: f64, within_s: f64) -> [Along; 2] {
         let stopping_s = self.stop_begins_s();
         let [begun, within] = [t_s + self.begun_s, within_s + self.begun_s];
         let [s1, s2] = self.start.slopes(begun, within);
@@ -162,12 +180,7 @@ impl<'a> Way<'a> {
 
     fn forward_end(&self, t_s: f64, within_s: f64) -> End {
         let [own, next] = self.along(t_s, within_s);
-        let mut end = End {
-            t_s,
-            along: [own, next],
-            velocity: AxisVector::ZERO,
-            acceleration: AxisVector::ZERO,
-        };
+        let mut end = End::at(t_s, [own, next]);
         end.add(self.path, self.slopes[0], own);
         if let Some((path, _)) = self.lead.filter(|_| !next.rests()) {
             end.add(path, self.slopes[1], next);
@@ -177,11 +190,7 @@ impl<'a> Way<'a> {
 
     /// The motion over a piece between two ends of one phase.
     pub(super) fn between(&self, from: &End, to: &End) -> Motion {
-        let mut motion = Motion {
-            velocity: [from.velocity, to.velocity],
-            acceleration: [from.acceleration, to.acceleration],
-            ..Motion::default()
-        };
+        let mut motion = Motion::of(from, to);
         motion.bound(self.path, self.slopes[0], [from.along[0], to.along[0]]);
         let along = [from.along[1], to.along[1]];
         if let Some((path, _)) = self.lead.filter(|_| !along.iter().all(Along::rests)) {
@@ -213,16 +222,26 @@ impl Along {
 }
 
 impl End {
+    /// Without a share of any block yet.
+    pub(super) fn at(t_s: f64, along: [Along; 2]) -> Self {
+        Self {
+            t_s,
+            along,
+            velocity: AxisVector::ZERO,
+            acceleration: AxisVector::ZERO,
+        }
+    }
+
     /// The same on the way back: the velocity changes its sign, the acceleration does not.
-    fn reversed(self) -> Self {
+    pub(super) fn reversed(self) -> Self {
         Self {
             velocity: self.velocity.scaled(-1.0),
             ..self
         }
     }
 
-    /// Adds a block's share; with `p(s)` the path and `s` the distance along it, by the chain rule.
-    fn add(&mut self, path: &Path, slopes: AxisVector, along: Along) {
+    /// Adds a block's share; with `p(s)` the path and `s` the distance along it, by the chain rule. Gives `dp/ds`.
+    pub(super) fn add(&mut self, path: &Path, slopes: AxisVector, along: Along) -> AxisVector {
         let (first, second) = match path {
             Path::Line { .. } => (slopes, AxisVector::ZERO),
             Path::Arc(arc) => {
@@ -235,6 +254,7 @@ impl End {
             .acceleration
             .plus(second)
             .plus(first.scaled(along.acceleration));
+        first
     }
 }
 
@@ -245,40 +265,84 @@ impl Motion {
         begin.max(end) + self.third[axis] * h_s * h_s / 8.0
     }
 
-    /// Adds a block's share of the bounds.
+    /// Without bounds yet.
+    pub(super) fn of(from: &End, to: &End) -> Self {
+        Self {
+            velocity: [from.velocity, to.velocity],
+            acceleration: [from.acceleration, to.acceleration],
+            ..Self::default()
+        }
+    }
+
+    /// Adds a block's share of the bounds, by plan time.
     fn bound(&mut self, path: &Path, slopes: AxisVector, [from, to]: [Along; 2]) {
-        let j = from.jerk.abs();
-        let arc = match path {
+        let jerk = from.jerk.abs();
+        match path {
             Path::Line { .. } => {
-                if j != 0.0 {
-                    self.third = self.third.zip(slopes, |sum, slope| sum + slope.abs() * j);
+                if jerk != 0.0 {
+                    self.third = self.third.zip(slopes, |sum, slope| sum + slope.abs() * jerk);
                 }
-                return;
             }
-            Path::Arc(arc) => arc,
-        };
-        // Speed and acceleration along the path are monotone within a phase.
-        let v = from.speed.max(to.speed);
-        let a = from.acceleration.abs().max(to.acceleration.abs());
-        let [in_plane, beside] = arc.derivative_bounds(from.distance, to.distance);
+            Path::Arc(arc) => {
+                // Speed and acceleration along the path are monotone within a phase.
+                let most = Most {
+                    speed: from.speed.max(to.speed),
+                    acceleration: from.acceleration.abs().max(to.acceleration.abs()),
+                    jerk,
+                };
+                self.bend(arc, [from.distance, to.distance], most, jerk);
+            }
+        }
+    }
+
+    /// Adds the share of an arc with this jerk along it.
+    pub(super) fn bend(&mut self, arc: &ArcPath, [from, to]: [f64; 2], most: Most, along: f64) {
+        let Most {
+            speed: v,
+            acceleration: a,
+            jerk: j,
+        } = most;
+        let [in_plane, beside] = arc.derivative_bounds(from, to);
         let bounds = |[b1, b2, b3, b4]: [f64; 4]| {
             [
-                b3 * v * v * v + 3.0 * b2 * v * a + b1 * j,
+                b3 * v * v * v + 3.0 * b2 * v * a + b1 * along,
                 b4 * (v * v) * (v * v) + 6.0 * b3 * v * v * a + b2 * (4.0 * v * j + 3.0 * a * a),
             ]
         };
         let [third, fourth] = bounds(beside);
-        let plane = arc.plane().axes();
-        let mut way = arc.end().minus(arc.start());
-        for axis in plane {
-            way[axis] = 0.0;
-        }
-        self.third = self.third.zip(way, |sum, way| sum + third * way.abs());
-        self.fourth = self.fourth.zip(way, |sum, way| sum + fourth * way.abs());
+        let way = beside_plane(arc);
+        self.third = self.third.zip(way, |sum, way| sum + third * way);
+        self.fourth = self.fourth.zip(way, |sum, way| sum + fourth * way);
         let [third, fourth] = bounds(in_plane);
-        for axis in plane {
+        for axis in arc.plane().axes() {
             self.third[axis] += third;
             self.fourth[axis] += fourth;
         }
     }
+}
+
+/// How far the axes beside the plane of an arc go.
+fn beside_plane(arc: &ArcPath) -> AxisVector {
+    let way = arc.end().minus(arc.start());
+    let mut way = AxisVector(way.0.map(f64::abs));
+    for axis in arc.plane().axes() {
+        way[axis] = 0.0;
+    }
+    way
+}
+
+/// The largest second derivative of each axis by distance between two distances.
+pub(super) fn curvature(arc: &ArcPath, [from, to]: [f64; 2]) -> AxisVector {
+    let [in_plane, beside] = arc.derivative_bounds(from, to).map(|bounds| bounds[1]);
+    let mut most = beside_plane(arc).scaled(beside);
+    for axis in arc.plane().axes() {
+        most[axis] = in_plane;
+    }
+    most
+}
+
+/// True where two speeds are not one but for rounding, and not so unlike that powers of them overflow.
+fn differ([one, other]: &[f64; 2]) -> bool {
+    let ratio = one.max(*other) / one.min(*other);
+    (1.0 + SAME_SPEED..RATIO_MAX).contains(&ratio)
 }

@@ -59,24 +59,20 @@ fn m1d_planned_for_an_override_to_200_percent_no_motor_exceeds_its_limits_and_no
 }
 
 #[test]
-fn m1d_the_time_is_within_2_percent_of_the_best_possible_but_for_few_whose_feedrates_jump_in_steep_ramps() {
-    let (seeds, mut slow) = (chains() / 10, 0);
-    for seed in 0..seeds {
+fn m1d_the_time_is_within_2_percent_of_the_best_possible() {
+    let mut slow = Vec::new();
+    for seed in 0..chains() / 10 {
         let mut numbers = Random(1_000_000 + seed);
         let blocks = 1 + usize::try_from(numbers.bits() % 8).unwrap();
         let chain = random(&mut numbers, blocks);
         let time = time_s(&chain.plan()) - 3.0 * PERIOD_S;
         // A coarse grid may be too good by itself.
-        let near = |share: f64| {
-            [100, 1000]
-                .into_iter()
-                .any(|n| time <= best_time_s(&chain, n) * share)
-        };
-        slow += u64::from(!near(1.02));
-        assert!(near(1.2), "seed {seed}: {time} s");
+        let is_near = |n| time <= best_time_s(&chain, n) * 1.02;
+        if ![100, 1000].into_iter().any(is_near) {
+            slow.push((seed, time));
+        }
     }
-    // Of 200 chains none.
-    assert!(slow * 1000 <= seeds * 4, "{slow} of {seeds}");
+    assert!(slow.is_empty(), "{slow:?}");
 }
 
 /// Lines through points in X and Y at one feed.
@@ -196,4 +192,13 @@ fn m1d_a_chain_ends_at_rest_between_g500_and_g501_and_a_motor_needs_an_accelerat
     let mut planner = Planner::new(&chain.settings);
     let refused = planner.push(&chain.segments[0], &mut VecDeque::new());
     assert_eq!(refused.unwrap_err().entry, &LIMIT_ZERO);
+}
+#[test]
+fn m1d_a_block_of_a_nanometre_in_a_fast_line_costs_no_time() {
+    let feed = crate::rig::feed(30_000.0, [50.0, 50.0, 0.0]);
+    let at = |x: f64| [x, 0.0];
+    let with = [0.0, 100.0, 100.000_001, 200.0].map(at);
+    let time_of = |points: &[[f64; 2]]| time_s(&through(points, feed, 10_000.0).plan());
+    let (time, without) = (time_of(&with), time_of(&[0.0, 100.0, 200.0].map(at)));
+    assert!((time - without).abs() < 1e-6, "{time} and {without} s");
 }

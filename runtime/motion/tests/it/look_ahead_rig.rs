@@ -4,7 +4,7 @@
 use std::collections::VecDeque;
 
 use tandem_model::flow::{MultiBlock, Path, Plane, Segment, SegmentEnd, SegmentMotion};
-use tandem_model::profile::{Law, Pace, PacePiece, Profile};
+use tandem_model::profile::{Law, Pace, PacePiece, Profile, SpeedGrowth};
 use tandem_model::settings::{CoordinateSystemSettings, ShortBlock};
 use tandem_model::{AXES_MAX, Axis, AxisVector};
 use tandem_motion::Planner;
@@ -250,6 +250,42 @@ pub fn pieces(profile: &Profile) -> Vec<(PacePiece, f64)> {
         .collect()
 }
 
+/// Plan time t after the begin of a piece, by bisection of the distance where the rate counts that.
+fn plan_time(piece: &PacePiece, t: f64) -> f64 {
+    let gone = t * (piece.rate + piece.rate_change * t / 2.0);
+    let SpeedGrowth { first, second } = piece.growth;
+    let (mut low, mut high) = (0.0, if piece.growth.is_none() { 0.0 } else { 1.0 });
+    let distance = |x: f64| x + first * x * x / 2.0 + second * x * x * x / 6.0;
+    while distance(high) < gone && high > 0.0 && 1.0 + first * high + second * high * high / 2.0 > 0.0 {
+        low = high;
+        high *= 2.0;
+    }
+    if piece.growth.is_none() {
+        return piece.plan_s + gone;
+    }
+    for _ in 0..200 {
+        let middle = f64::midpoint(low, high);
+        if distance(middle) < gone && 1.0 + first * middle + second * middle * middle / 2.0 > 0.0 {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    piece.plan_s + low
+}
+
+/// First and second derivative of plan time by time, t after the begin of a piece.
+fn rate_of_plan(piece: &PacePiece, t: f64) -> [f64; 2] {
+    let SpeedGrowth { first, second } = piece.growth;
+    let past = plan_time(piece, t) - piece.plan_s;
+    let speed = 1.0 + first * past + second * past * past / 2.0;
+    let rate = (piece.rate + piece.rate_change * t) / speed;
+    [
+        rate,
+        (piece.rate_change - rate * rate * (first + second * past)) / speed,
+    ]
+}
+
 /// What the exact derivatives of the plan say: worst share of a maximum acceleration and velocity.
 pub fn check(chain: &Chain, profiles: &[Profile], samples: u32) -> Result<(), String> {
     let mut rate_before = None;
@@ -262,8 +298,8 @@ pub fn check(chain: &Chain, profiles: &[Profile], samples: u32) -> Result<(), St
                     return Err(format!("the rate steps by {step} in segment {}", profile.segment));
                 }
             }
-            rate_before = Some(piece.rate + piece.rate_change * duration_s);
-            let plan = |t: f64| piece.plan_s + t * (piece.rate + piece.rate_change * t / 2.0);
+            rate_before = Some(rate_of_plan(&piece, duration_s)[0]);
+            let plan = |t: f64| plan_time(&piece, t);
             let within = plan(duration_s / 2.0);
             // A ramp of a microsecond after a minute has ten digits of its time left.
             let ramp_s = chain.formula.ramps[block + 1].iter().sum::<f64>();
@@ -276,14 +312,14 @@ pub fn check(chain: &Chain, profiles: &[Profile], samples: u32) -> Result<(), St
                 // Both ends, and between them never the very middle: a joint of ramps that the plan may have joined.
                 let shift = if k == 0 || k == samples { 0.0 } else { 0.0317 };
                 let t = duration_s * (f64::from(k) + shift) / f64::from(samples);
-                let rate = piece.rate + piece.rate_change * t;
+                let [rate, rate_change] = rate_of_plan(&piece, t);
                 let most = pace(profile).feed_override;
                 if !(0.0..=most * (1.0 + 1e-9)).contains(&rate) {
                     return Err(format!("the rate is {rate} in segment {}", profile.segment));
                 }
                 // Of the phase inside, so that rounding does not look at the one beside; only where it runs as planned a
                 // piece may hold several.
-                let joined = piece.rate_change.abs() < 1e-12;
+                let joined = piece.rate_change.abs() < 1e-12 && piece.growth.is_none();
                 let inwards = within - plan(t);
                 let inside = plan(t)
                     + if joined {
@@ -294,7 +330,7 @@ pub fn check(chain: &Chain, profiles: &[Profile], samples: u32) -> Result<(), St
                 let [q1, q2] = chain.derivatives(block, plan(t), inside);
                 for axis in 0..chain.axes() {
                     let limit = chain.limit(axis);
-                    let a = q2.0[axis] * rate * rate + q1.0[axis] * piece.rate_change;
+                    let a = q2.0[axis] * rate * rate + q1.0[axis] * rate_change;
                     if a.abs() > limit * (1.0 + 1e-6 + digits) {
                         return Err(format!(
                             "axis {axis}: {} of its acceleration in segment {} at {t} of {duration_s} s",

@@ -5,6 +5,7 @@ use std::f64::consts::TAU;
 use tandem_model::flow::{Feed, Path, Plane, Segment, SegmentMotion, Turn};
 use tandem_model::{ArcPath, AxisVector};
 
+use crate::look_ahead::chains;
 use crate::look_ahead_random::Random;
 use crate::look_ahead_rig::{Chain, Shape, best_time_s, check, same_path, time_s};
 use crate::rig::{PERIOD_S, feed, line, segment, vector};
@@ -28,6 +29,16 @@ impl Drawing {
         self.blocks.push((line(self.at, end, feed), Shape::Line));
         self.at = end;
         self
+    }
+
+    /// A line in a direction.
+    fn along(self, direction: f64, length: f64, feed: Feed) -> Self {
+        let at = self.at.0;
+        self.to(
+            at[0] + length * direction.cos(),
+            at[1] + length * direction.sin(),
+            feed,
+        )
     }
 
     /// An arc in X and Y that begins in a direction, through a signed angle.
@@ -64,22 +75,18 @@ impl Drawing {
     }
 }
 
-/// Time, less what start and end may cost, over the best one; limits and path hold.
-fn over(what: &str, chain: &Chain) -> f64 {
+/// Within 2 percent of the best time, and what start and end may cost; limits and path hold.
+#[track_caller]
+fn near(what: &str, chain: &Chain) {
     let profiles = chain.plan();
     if let Err(found) = check(chain, &profiles, 6).and_then(|()| same_path(chain, &profiles)) {
         panic!("{what}: {found}");
     }
     let time_s = time_s(&profiles) - 3.0 * PERIOD_S;
     // A coarse grid may be too good by itself.
-    let [coarse, fine] = [100, 1000].map(|n| time_s / best_time_s(chain, n));
-    coarse.min(fine)
-}
-
-#[track_caller]
-fn near(what: &str, chain: &Chain) {
-    let over = over(what, chain);
-    assert!(over <= 1.02, "{what}: {over} of the best time");
+    let over = |n| time_s / best_time_s(chain, n);
+    let is_near = over(100) <= 1.02 || over(1000) <= 1.02;
+    assert!(is_near, "{what}: {} of the best time", over(1000));
 }
 
 /// ta, td and ts, ms.
@@ -179,18 +186,10 @@ fn alternating(length: f64, times: [f64; 3]) -> Chain {
 }
 
 #[test]
-fn m1d_feedrates_that_alternate_tenfold_cost_no_time_but_in_ramps_far_too_steep() {
+fn m1d_feedrates_that_alternate_tenfold_cost_no_time_however_steep_their_ramps_are() {
     for times in RAMPS {
         for length in [0.5, 5.0, 15.0, 50.0] {
-            let over = over(&format!("{times:?} {length} mm"), &alternating(length, times));
-            // What the change of F would take as acceleration, over what there is.
-            let ramp_s = (f64::midpoint(times[0], times[0]) / 1000.0).min(length / 500.0);
-            let too_steep = 450.0 / ramp_s / 500.0;
-            let most = if too_steep > 150.0 { 1.4 } else { 1.02 };
-            assert!(
-                over <= most,
-                "{times:?} {length} mm: {over} of the best time, {too_steep} times too steep"
-            );
+            near(&format!("{times:?} {length} mm"), &alternating(length, times));
         }
     }
 }
@@ -213,25 +212,48 @@ fn figure(seed: u64) -> Chain {
             direction += sweep;
             drawing.arc(begin, length / f64::abs(sweep), sweep, f)
         } else {
-            let at = drawing.at.0;
-            drawing.to(
-                at[0] + length * direction.cos(),
-                at[1] + length * direction.sin(),
-                f,
-            )
+            drawing.along(direction, length, f)
         };
     }
     drawing.chain(acceleration)
 }
 
 #[test]
-fn m1d_random_figures_are_passed_near_the_best_time_but_for_few_whose_feedrates_jump_in_steep_ramps() {
-    let figures = 200;
-    let mut slow = 0;
-    for seed in 0..figures {
-        let over = over(&format!("seed {seed}"), &figure(seed));
-        slow += u64::from(over > 1.02);
-        assert!(over <= 1.1, "seed {seed}: {over} of the best time");
+fn m1d_random_figures_are_passed_near_the_best_time() {
+    for seed in 0..200 {
+        near(&format!("seed {seed}"), &figure(seed));
     }
-    assert!(slow * 100 <= figures, "{slow} of {figures}");
+}
+
+/// Lines and arcs whose feedrates jump up to two thousandfold in ramps of a fraction of a millisecond and more.
+fn steep(seed: u64) -> Chain {
+    let mut random = Random(5_000_000 + seed);
+    let ta_ms = random.magnitude(0.125, 20.0);
+    let times = [ta_ms, ta_ms, random.one_of(&[0.0, 0.3, 1.0]) * ta_ms];
+    let acceleration = random.magnitude(100.0, 10_000.0);
+    let mut drawing = Drawing::new();
+    let mut direction = 0.0;
+    let blocks = 2 + random.bits() % 10;
+    let arcs = random.unit();
+    for _ in 0..blocks {
+        let f = feed(random.magnitude(30.0, 60_000.0), times);
+        let length = random.magnitude(0.02, 60.0);
+        direction += random.one_of(&[0.0, 0.0, 0.0, 0.0, 1e-3, 0.03, 0.1, -0.5, TAU / 4.0, TAU / 2.0]);
+        drawing = if random.unit() < arcs {
+            let sweep = random.one_of(&[0.02, -0.05, 0.2, -1.0, 3.0]);
+            let begin = direction;
+            direction += sweep;
+            drawing.arc(begin, length / f64::abs(sweep), sweep, f)
+        } else {
+            drawing.along(direction, length, f)
+        };
+    }
+    drawing.chain(acceleration)
+}
+
+#[test]
+fn m1d_feedrates_that_jump_in_steep_ramps_cost_no_time() {
+    for seed in 0..chains() / 10 {
+        near(&format!("seed {seed}"), &steep(seed));
+    }
 }

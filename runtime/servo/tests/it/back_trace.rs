@@ -4,14 +4,14 @@ use std::collections::VecDeque;
 
 use proptest::prelude::*;
 use rtrb::RingBuffer;
-use tandem_model::flow::{Feed, MultiBlock, Path, Plane, Segment, SegmentEnd, SegmentMotion, Turn};
+use tandem_model::flow::{MultiBlock, Path, Plane, Segment, SegmentEnd, SegmentMotion, Turn};
 use tandem_model::profile::{PathPlace, Profile};
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::{ArcPath, AxisVector};
 use tandem_motion::Planner;
 use tandem_servo::{Control, Splice};
 
-use crate::look_ahead::{feeds, is_fault, machine, ways};
+use crate::look_ahead::{Feeds, feeds, is_fault, machine, ways};
 use crate::planned::Machine;
 use crate::rig::{close, origin, vector};
 use crate::splice::slow_feed;
@@ -46,10 +46,11 @@ fn steps() -> impl Strategy<Value = Vec<(Step, bool)>> {
     prop::collection::vec((step, prop::bool::weighted(0.2)), 1..25)
 }
 
-fn segments(steps: &[(Step, bool)], feed: Feed) -> Vec<Segment> {
+fn segments(steps: &[(Step, bool)], feeds: impl Into<Feeds>) -> Vec<Segment> {
+    let feeds = feeds.into();
     let mut at = AxisVector::ZERO;
     let mut all = Vec::new();
-    for ((step, stops), n) in steps.iter().zip(1..) {
+    for (n, (step, stops)) in steps.iter().enumerate() {
         let from = at;
         let motion = match *step {
             Step::Line(x, y) | Step::Arc(x, y) => {
@@ -61,7 +62,10 @@ fn segments(steps: &[(Step, bool)], feed: Feed) -> Vec<Segment> {
                 } else {
                     Path::Line { from, to: at, length }
                 };
-                SegmentMotion::Feed { path, feed }
+                SegmentMotion::Feed {
+                    path,
+                    feed: feeds.of(n),
+                }
             }
             Step::Rapid(way) => {
                 at = from.plus(vector(&way));
@@ -71,7 +75,7 @@ fn segments(steps: &[(Step, bool)], feed: Feed) -> Vec<Segment> {
         };
         let continues = matches!(motion, SegmentMotion::Feed { .. }) && !stops;
         all.push(Segment {
-            origin: origin(n),
+            origin: origin(n as u64 + 1),
             motion,
             end: if continues {
                 SegmentEnd::Continuous

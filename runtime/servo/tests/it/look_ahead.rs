@@ -17,6 +17,32 @@ use crate::rig::{Rig, T, close, is_finished, is_stopped, origin, settings, vecto
 /// Way of each block in X and Y, mm, and whether it is an arc.
 pub type Way = (f64, f64, bool);
 
+/// Feeds of a program: each block runs at its share of a feedrate, in turn, and at F600 at least.
+#[derive(Debug, Clone, Copy)]
+pub struct Feeds {
+    pub feed: Feed,
+    pub shares: [f64; 3],
+}
+
+impl From<Feed> for Feeds {
+    fn from(feed: Feed) -> Self {
+        Self {
+            feed,
+            shares: [1.0; 3],
+        }
+    }
+}
+
+impl Feeds {
+    /// Of block n.
+    pub fn of(&self, n: usize) -> Feed {
+        Feed {
+            feedrate_mm_min: (self.feed.feedrate_mm_min * self.shares[n % self.shares.len()]).max(600.0),
+            ..self.feed
+        }
+    }
+}
+
 pub fn machine(acceleration: f64) -> CoordinateSystemSettings {
     let mut settings = settings();
     for motor in settings.motors.iter_mut().flatten() {
@@ -25,17 +51,18 @@ pub fn machine(acceleration: f64) -> CoordinateSystemSettings {
     settings
 }
 
-pub fn plan(settings: &CoordinateSystemSettings, ways: &[Way], feed: Feed) -> Vec<Profile> {
+pub fn plan(settings: &CoordinateSystemSettings, ways: &[Way], feeds: impl Into<Feeds>) -> Vec<Profile> {
     let mut planner = Planner::new(settings);
     let mut out = VecDeque::new();
-    push(&mut planner, ways, feed, &mut out);
+    push(&mut planner, ways, feeds, &mut out);
     out.into()
 }
 
 /// Pushes the ways from zero, and ends at rest.
-pub fn push(planner: &mut Planner, ways: &[Way], feed: Feed, out: &mut VecDeque<Profile>) {
+pub fn push(planner: &mut Planner, ways: &[Way], feeds: impl Into<Feeds>, out: &mut VecDeque<Profile>) {
+    let feeds = feeds.into();
     let mut at = AxisVector::ZERO;
-    for (n, (x, y, bends)) in (1..).zip(ways) {
+    for (n, (x, y, bends)) in ways.iter().enumerate() {
         let to = at.plus(vector(&[*x, *y]));
         let length = to.minus(at).orthogonal_length();
         let path = if *bends {
@@ -46,8 +73,11 @@ pub fn push(planner: &mut Planner, ways: &[Way], feed: Feed, out: &mut VecDeque<
             Path::Line { from: at, to, length }
         };
         let segment = Segment {
-            origin: origin(n),
-            motion: SegmentMotion::Feed { path, feed },
+            origin: origin(n as u64 + 1),
+            motion: SegmentMotion::Feed {
+                path,
+                feed: feeds.of(n),
+            },
             end: SegmentEnd::Continuous,
             multi_block: MultiBlock::On,
         };
@@ -97,16 +127,27 @@ pub fn ways() -> impl Strategy<Value = Vec<Way>> {
     let way = (-1.0..1.0, -1.0..1.0, size, prop::bool::weighted(0.2))
         .prop_map(|(x, y, size, bends): (f64, f64, f64, bool)| (x * size, y * size, bends))
         .prop_filter("moves", |(x, y, _)| x.hypot(*y) > 1e-5);
-    prop::collection::vec(way, 1..50)
+    let straight = |ways: Vec<Way>| {
+        ways.iter()
+            .map(|(x, _, _)| (x.abs() + 1e-5, 0.0, false))
+            .collect()
+    };
+    (prop::collection::vec(way, 1..50), prop::bool::weighted(0.3)).prop_map(move |(ways, is_straight)| {
+        if is_straight { straight(ways) } else { ways }
+    })
 }
 
-pub fn feeds() -> impl Strategy<Value = Feed> {
-    let time = prop_oneof![Just(0.0), Just(20.0), Just(100.0)];
-    (600.0..30_000.0, time.clone(), time).prop_map(|(feedrate_mm_min, ta_ms, ts_ms)| Feed {
-        feedrate_mm_min,
-        ta_ms,
-        td_ms: ta_ms,
-        ts_ms,
+pub fn feeds() -> impl Strategy<Value = Feeds> {
+    let time = prop_oneof![Just(0.0), Just(1.0), Just(20.0), Just(100.0)];
+    let shares = prop_oneof![Just([1.0; 3]), prop::array::uniform3(0.01..1.0)];
+    (600.0..30_000.0, time.clone(), time, shares).prop_map(|(feedrate_mm_min, ta_ms, ts_ms, shares)| Feeds {
+        feed: Feed {
+            feedrate_mm_min,
+            ta_ms,
+            td_ms: ta_ms,
+            ts_ms,
+        },
+        shares,
     })
 }
 

@@ -3,13 +3,12 @@
 use std::collections::VecDeque;
 
 use rtrb::RingBuffer;
-use tandem_model::flow::Feed;
-use tandem_model::profile::{Law, PathPlace, Profile};
+use tandem_model::profile::{Law, PathPlace, Profile, SpeedGrowth};
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_motion::Planner;
 use tandem_servo::{Control, Event, Splice};
 
-use crate::look_ahead::{Watch, Way, push};
+use crate::look_ahead::{Feeds, Watch, Way, push};
 use crate::rig::{Rig, is_finished};
 
 /// A machine that runs what is planned, and can be given new plans.
@@ -24,10 +23,10 @@ pub struct Machine {
 }
 
 impl Machine {
-    pub fn new(settings: &CoordinateSystemSettings, ways: &[Way], feed: Feed) -> Self {
+    pub fn new(settings: &CoordinateSystemSettings, ways: &[Way], feeds: impl Into<Feeds>) -> Self {
         let mut planner = Planner::new(settings);
         let mut out = VecDeque::new();
-        push(&mut planner, ways, feed, &mut out);
+        push(&mut planner, ways, feeds, &mut out);
         Self::of(settings, planner, out)
     }
 
@@ -143,6 +142,7 @@ impl Machine {
             // As planned without look-ahead: the rate is 1.
             let mut piece = pace.pieces()[0];
             (piece.begins_s, piece.plan_s, piece.rate, piece.rate_change) = (0.0, 0.0, 1.0, 0.0);
+            piece.growth = SpeedGrowth::default();
             *own = tandem_model::profile::Pace::new([piece], f64::INFINITY, 1.0, 0);
         }
         let programmed = Profile {

@@ -7,7 +7,7 @@ use proptest::prelude::*;
 use tandem_model::flow::Feed;
 use tandem_servo::Control;
 
-use crate::look_ahead::{feeds, is_fault, machine, ways};
+use crate::look_ahead::{Feeds, feeds, is_fault, machine, ways};
 use crate::planned::Machine;
 use crate::rig::{T, close, vector};
 
@@ -186,4 +186,55 @@ fn m1d_what_the_motors_leave_counts_beyond_a_joint_that_is_in_the_next_profile()
     machine.cycles(50);
     let worst = machine.watch.worst;
     assert!(worst <= 10_000.0 * (1.0 + 1e-6), "{worst} of 10000");
+}
+
+/// A new plan is too slow at its place, so that the old one goes on, and begins to brake in that cycle.
+#[test]
+fn m1d_what_the_motors_leave_counts_beyond_a_joint_that_is_not_taken() {
+    let ways = [
+        1e-5,
+        1e-5,
+        0.575_004_872_492_585_3,
+        0.013_046_212_132_387_599,
+        0.017_416_348_355_887_64,
+        0.790_190_810_471_544_9,
+        0.893_676_196_346_224_7,
+        12.889_086_737_073_278,
+        1e-5,
+        15.263_361_061_549_388,
+    ];
+    let feeds = Feeds {
+        feed: Feed {
+            feedrate_mm_min: 4_387.144_858_601_284,
+            ta_ms: 0.0,
+            td_ms: 0.0,
+            ts_ms: 0.0,
+        },
+        shares: [
+            0.159_835_947_443_025_23,
+            0.290_483_633_901_503_2,
+            0.381_213_824_696_106_43,
+        ],
+    };
+    let mut settings = machine(300.0);
+    settings.hold_slew_ms = 0.0;
+    settings.override_slew_ms = 0.0;
+    settings.max_feedrate_mm_min = 30_000.0;
+    let mut machine = Machine::new(&settings, &ways.map(|x| (x, 0.0, false)), feeds);
+    machine.cycles(217);
+    let acts = [
+        (14, Act::Override(1.0)),
+        (63, Act::Override(0.823_436_806_033_084_4)),
+        (91, Act::Override(0.096_912_700_785_529_38)),
+        (57, Act::Resume),
+        (108, Act::Override(0.792_834_821_365_274_8)),
+        (97, Act::Override(0.862_478_985_465_089_3)),
+        (136, Act::Override(2.0)),
+    ];
+    assert!(run(&mut machine, acts).unwrap() > 0);
+    let acts = [(0, Act::Override(1.5)), (50, Act::Resume)];
+    run(&mut machine, acts).unwrap();
+    machine.until_finished(10);
+    let worst = machine.watch.worst;
+    assert!(worst <= 300.0 * (1.0 + 1e-6), "{worst} of 300");
 }

@@ -1,0 +1,132 @@
+//! How the programmed speed grows with plan time over a piece of a ramp, and what is gone by then.
+//!
+//! Where a block goes over to one of another feedrate, the speed along both of them together changes with plan time:
+//! `U = v_1 (1 - S) + v_2 S`. By the distance along them that is the integral of U, a ramp between two blocks of one
+//! direction is straight, whatever its times are.
+
+/// Newton steps at most.
+const STEPS_MAX: u32 = 16;
+
+/// A step shorter than this share of the plan time is rounding.
+const ROUNDING: f64 = 1e-16;
+
+/// The speed against that at the begin of the piece, a polynomial of second degree in the plan time since then, above
+/// zero all over the piece. Without growth it is 1.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct SpeedGrowth {
+    /// First derivative at the begin, per second.
+    pub first: f64,
+    /// Second derivative, per second squared.
+    pub second: f64,
+}
+
+impl SpeedGrowth {
+    /// True when the speed stays.
+    pub fn is_none(self) -> bool {
+        self.first == 0.0 && self.second == 0.0
+    }
+
+    /// The same counted the other way: plan time falls with it.
+    #[must_use]
+    pub fn reversed(self) -> Self {
+        Self {
+            first: -self.first,
+            ..self
+        }
+    }
+
+    /// The speed `plan_s` seconds of plan time after the begin, by that at the begin.
+    pub fn speed(self, plan_s: f64) -> f64 {
+        1.0 + plan_s * (self.first + plan_s * self.second / 2.0)
+    }
+
+    /// What is gone `plan_s` seconds of plan time after the begin, in seconds at the speed of the begin.
+    pub fn distance_s(self, plan_s: f64) -> f64 {
+        plan_s * (1.0 + plan_s * (self.first + plan_s * self.second / 3.0) / 2.0)
+    }
+
+    /// Plan time after the begin at which this is gone, s: the inverse of [`SpeedGrowth::distance_s`].
+    pub fn plan_s(self, distance_s: f64) -> f64 {
+        if self.is_none() {
+            return distance_s;
+        }
+        // With a constant slope in closed form, then by Newton.
+        let square = 1.0 + 2.0 * self.first * distance_s;
+        let mut plan_s = 2.0 * distance_s / (1.0 + square.max(0.0).sqrt());
+        if self.second == 0.0 {
+            return plan_s;
+        }
+        for _ in 0..STEPS_MAX {
+            let step_s = (self.distance_s(plan_s) - distance_s) / self.speed(plan_s);
+            if step_s.is_nan() {
+                break;
+            }
+            plan_s -= step_s;
+            if step_s.abs() <= ROUNDING * plan_s.abs() {
+                break;
+            }
+        }
+        plan_s
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A third of the ramp from 5 to 1 with a jerk of its own, and other ones.
+    const GROWTHS: [SpeedGrowth; 6] = [
+        SpeedGrowth {
+            first: 0.0,
+            second: 0.0,
+        },
+        SpeedGrowth {
+            first: 900.0,
+            second: 0.0,
+        },
+        SpeedGrowth {
+            first: -0.9,
+            second: 0.0,
+        },
+        SpeedGrowth {
+            first: -0.9,
+            second: 0.9,
+        },
+        SpeedGrowth {
+            first: 0.9,
+            second: -0.9,
+        },
+        SpeedGrowth {
+            first: 0.0,
+            second: 2.0,
+        },
+    ];
+
+    #[test]
+    fn the_distance_is_the_integral_of_the_speed() {
+        for growth in GROWTHS {
+            // Simpson's rule is exact for a polynomial of second degree.
+            let h = 0.7;
+            let integral = h / 6.0 * (1.0 + 4.0 * growth.speed(h / 2.0) + growth.speed(h));
+            assert!(
+                (growth.distance_s(h) - integral).abs() < 1e-12 * integral,
+                "{growth:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn plan_time_is_found_from_the_distance_either_way() {
+        for growth in GROWTHS {
+            for k in 0..=100 {
+                let plan_s = f64::from(k) / 100.0;
+                let off = growth.plan_s(growth.distance_s(plan_s)) - plan_s;
+                assert!(off.abs() < 1e-14, "{growth:?} {plan_s}: {off}");
+                let back = growth.reversed();
+                let off = back.plan_s(back.distance_s(-plan_s)) + plan_s;
+                assert!(off.abs() < 1e-14, "{growth:?} -{plan_s}: {off}");
+                assert!((back.speed(-plan_s) - growth.speed(plan_s)).abs() < 1e-12);
+            }
+        }
+    }
+}

@@ -1,0 +1,228 @@
+//! A piece as its rate passes it: by plan time, or, on a ramp between blocks of different speeds, by the distance along
+//! both of them.
+//!
+//! On such a ramp the velocity by plan time changes however slowly the machine goes, so that a rate whose square is linear
+//! in plan time could keep no speed; by distance the ramp between two blocks of one direction is straight. With the speeds
+//! v1 and v2, `U = v1 (1 - S) + v2 S`, and the distance u counted in seconds at the
+//! speed `U_0` of the piece's begin, `r = U/U_0`:
+//!
+//! * `ds_2/du = v2 S/r` and `ds_1/du = v1 (1 - S)/r`;
+//! * the second to fourth derivatives of `s_2` are `k S'/r^3`, `k (S''/r^4 - 3 p S'^2/r^5)` and
+//!   `k (15 p^2 S'^3/r^7 - 10 p S' S''/r^6)` with `k = v1 v2/U_0`, `p = (v2 - v1)/U_0`; those of `s_1` are as large, of
+//!   the other sign, so that the motion has the difference of both directions as a factor of them.
+
+use tandem_model::flow::Path;
+use tandem_model::profile::SpeedGrowth;
+use tandem_model::{Axis, AxisVector};
+
+use super::way::{self, Along, End, Most, Motion, Way};
+
+/// A piece by what its rate counts.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Course {
+    pub(super) motion: Motion,
+    /// Plan time, or distance at the speed of its begin, s.
+    pub(super) length_s: f64,
+    /// None by plan time.
+    pub(super) growth: SpeedGrowth,
+    /// Square of the speed at its end by that at its begin: the square of the rate by distance is the one by plan time
+    /// times this there.
+    pub(super) scale: f64,
+    /// Share by which the square of the rate by plan time may be above those at both ends between them.
+    pub(super) excess: f64,
+}
+
+impl Course {
+    /// Of this length in plan time, s.
+    pub(super) fn by_plan_time(motion: &Motion, length_s: f64) -> Self {
+        Self {
+            motion: *motion,
+            length_s,
+            growth: SpeedGrowth::default(),
+            scale: 1.0,
+            excess: 0.0,
+        }
+    }
+}
+
+/// The ramp at one end of a piece.
+#[derive(Debug, Clone, Copy)]
+struct Place {
+    t_s: f64,
+    /// S, and its derivatives in the phase of the piece.
+    share: f64,
+    slope: f64,
+    bend: f64,
+}
+
+impl Way<'_> {
+    /// A piece within one phase: by distance on a ramp between different speeds, else by plan time.
+    pub(super) fn course(&self, from_s: f64, to_s: f64) -> Course {
+        self.by_distance(from_s, to_s)
+            .unwrap_or_else(|| self.by_plan_time(from_s, to_s))
+    }
+
+    /// A piece within one phase by plan time.
+    pub(super) fn by_plan_time(&self, from_s: f64, to_s: f64) -> Course {
+        Course::by_plan_time(&self.motion(from_s, to_s), to_s - from_s)
+    }
+
+    /// A piece within one phase by distance; `None`: it does not lie on a ramp between different speeds.
+    pub(super) fn by_distance(&self, from_s: f64, to_s: f64) -> Option<Course> {
+        let speeds = self.uneven?;
+        let stop_begins_s = self.stop_begins_s();
+        let ends = [from_s, to_s].map(|t_s| {
+            if self.passage.is_backward {
+                self.plan_s - t_s
+            } else {
+                t_s
+            }
+        });
+        let within_s = f64::midpoint(ends[0], ends[1]);
+        if within_s <= stop_begins_s || within_s >= self.plan_s {
+            return None;
+        }
+        let [begin, end] = ends.map(|t_s| {
+            let [slope, bend] = self.stop.slopes(t_s - stop_begins_s, within_s - stop_begins_s);
+            let share = self.stop.speed(t_s - stop_begins_s);
+            Place {
+                t_s,
+                share,
+                slope,
+                bend,
+            }
+        });
+        let ramp = Ramp::new(speeds, &begin);
+        let forward = ramp.growth(&begin);
+        let growth = if self.passage.is_backward {
+            forward.reversed()
+        } else {
+            forward
+        };
+        let length_s = growth.distance_s(to_s - from_s);
+        // As the pace will count it, so that rounding in plan time makes no step of the rate.
+        let grown = growth.speed(to_s - from_s);
+        let least = grown.min(1.0);
+        let convex = (ramp.change * begin.bend).max(0.0);
+        Some(Course {
+            motion: self.motion_by_distance(&ramp, [begin, end], length_s)?,
+            length_s,
+            growth,
+            scale: grown * grown,
+            excess: length_s * length_s * convex / (4.0 * least * least * least),
+        })
+    }
+
+    fn motion_by_distance(&self, ramp: &Ramp, places: [Place; 2], length_s: f64) -> Option<Motion> {
+        let [own, next] = [self.path, self.lead?.0];
+        let within_s = f64::midpoint(places[0].t_s, places[1].t_s);
+        let alongs = places.map(|place| ramp.along(&place, self.along(place.t_s, within_s)));
+        let mut turn = AxisVector::ZERO;
+        let ends = places.map(|place| place.t_s);
+        let [from, to] = [0, 1].map(|k| {
+            let along = alongs[k];
+            let mut end = End::at(ends[k], along);
+            let first = end.add(own, self.slopes[0], along[0]);
+            let second = end.add(next, self.slopes[1], along[1]);
+            turn = turn.zip(second.minus(first), |most, off| most.max(off.abs()));
+            if self.passage.is_backward {
+                end.reversed()
+            } else {
+                end
+            }
+        });
+        let mut motion = Motion::of(&from, &to);
+        let (most, snap) = ramp.most(&places);
+        for (n, path) in [own, next].into_iter().enumerate() {
+            if let Path::Arc(arc) = path {
+                let [from, to] = alongs.map(|along| along[n]);
+                let most = Most {
+                    speed: from.speed.max(to.speed),
+                    ..most
+                };
+                let distances = [from.distance, to.distance];
+                motion.bend(arc, distances, most, 0.0);
+                // The direction changes along the piece, too.
+                turn = turn.zip(way::curvature(arc, distances), |turn, bent| {
+                    turn + bent * most.speed * length_s / 2.0
+                });
+            }
+        }
+        for axis in Axis::ALL {
+            motion.third[axis] += turn[axis] * most.jerk;
+            motion.fourth[axis] += turn[axis] * snap;
+        }
+        Some(motion)
+    }
+}
+
+/// A ramp between two speeds, all of it by the speed at the begin of a piece.
+#[derive(Debug, Clone, Copy)]
+struct Ramp {
+    speeds: [f64; 2],
+    /// `v1 v2/U_0`
+    product: f64,
+    /// `v1/U_0`
+    own: f64,
+    /// `(v2 - v1)/U_0`
+    change: f64,
+}
+
+impl Ramp {
+    fn new([own, next]: [f64; 2], begin: &Place) -> Self {
+        let speed = own + (next - own) * begin.share;
+        Self {
+            speeds: [own, next],
+            product: own / speed * next,
+            own: own / speed,
+            change: (next - own) / speed,
+        }
+    }
+
+    /// U by that at the begin.
+    fn speed(&self, place: &Place) -> f64 {
+        self.own + self.change * place.share
+    }
+
+    fn growth(&self, begin: &Place) -> SpeedGrowth {
+        SpeedGrowth {
+            first: self.change * begin.slope,
+            second: self.change * begin.bend,
+        }
+    }
+
+    /// Its own block and the next one by distance, from what they are by plan time.
+    fn along(&self, place: &Place, by_plan_time: [Along; 2]) -> [Along; 2] {
+        let r = self.speed(place);
+        let [own, next] = self.speeds;
+        let acceleration = self.product * place.slope / (r * r * r);
+        let [first, second] = by_plan_time;
+        [
+            Along {
+                speed: own * (1.0 - place.share) / r,
+                acceleration: -acceleration,
+                ..first
+            },
+            Along {
+                speed: next * place.share / r,
+                acceleration,
+                ..second
+            },
+        ]
+    }
+
+    /// Bounds between two places of a phase, and of the fourth derivative. S and U are monotone there.
+    fn most(&self, places: &[Place; 2]) -> (Most, f64) {
+        let [begin, end] = places;
+        let r = self.speed(begin).min(self.speed(end));
+        let (r3, p) = (r * r * r, self.change.abs());
+        let (slope, bend) = (begin.slope.abs().max(end.slope.abs()), begin.bend.abs());
+        let most = Most {
+            speed: 0.0,
+            acceleration: self.product * slope / r3,
+            jerk: self.product * (bend + 3.0 * p * slope * slope / r) / (r3 * r),
+        };
+        let snap = self.product * p * slope * (10.0 * bend + 15.0 * p * slope * slope / r) / (r3 * r3);
+        (most, snap)
+    }
+}
