@@ -184,7 +184,7 @@ function drawGrid(c, view, colours, h1, v1) {
   for (let n = Math.ceil(view.box.y0 / step); n * step <= view.box.y1; n += 1) {
     const y = Math.round(view.y(n * step)) + 0.5;
     line(n, 0, y, view.width, y);
-    if (y > 20 && y < view.height - 24) c.fillText(label(n), 5, y - 7);
+    if (y > 32 && y < view.height - 24) c.fillText(label(n), 5, y - 7);
   }
   c.textBaseline = "bottom";
   c.textAlign = "right";

@@ -7,7 +7,7 @@ use tandem_model::flow::Path;
 use tandem_model::profile::SlewRoom;
 
 use super::course::Course;
-use super::limits::{self, Bounds};
+use super::limits::{self, Bounds, Spread};
 use super::way::{End, Phase, Way};
 
 /// The largest change of a velocity on one piece of a ramp, as a share of it.
@@ -266,31 +266,15 @@ impl<'a> Cutter<'a> {
             length_s: h_s,
             ..
         } = course;
-        let (mut change, mut bend, mut used) = (0.0_f64, 0.0_f64, 0.0_f64);
-        let mut speeds = [0.0_f64; 2];
-        for axis in Axis::ALL {
-            let inverse = self.bounds.inverse[axis.index()];
-            if inverse == 0.0 {
-                continue;
-            }
-            let ends = [motion.velocity[0][axis], motion.velocity[1][axis]].map(|v| v * inverse);
-            change = change.max((ends[1] - ends[0]).abs());
-            for (speed, end) in speeds.iter_mut().zip(ends) {
-                *speed = speed.max(end.abs());
-            }
-            bend = bend.max(motion.fourth[axis] * inverse);
-            for end in motion.acceleration {
-                used = used.max(end[axis].abs() * inverse);
-            }
-        }
-        let slower = speeds[0].min(speeds[1]);
+        let spread = Spread::new(motion, self.bounds.inverse);
         // The limit at the largest rate.
         let most = 1.0 / self.bounds.cap.max(1.0);
+        let left_out = h_s * h_s * spread.bend / 8.0;
+        let least = (BEND_MAX * spread.used.max(most)).max(LEFT_MAX * (most - spread.used));
         Measure {
-            uneven: change.max(h_s / 4.0) / (CHANGE_MAX * slower),
-            one_way: change < slower,
-            bent: (h_s * h_s * bend / 8.0 / (BEND_MAX * used.max(most)).max(LEFT_MAX * (most - used)))
-                .max(course.excess / EXCESS_MAX),
+            uneven: spread.change_s.max(h_s / 4.0) / (CHANGE_MAX * spread.slower_s),
+            one_way: spread.change_s < spread.slower_s,
+            bent: (left_out / least).max(course.excess / EXCESS_MAX),
         }
     }
 }

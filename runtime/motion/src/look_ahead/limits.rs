@@ -111,32 +111,53 @@ pub(super) fn half_planes(course: &Course, bounds: Bounds<'_>, planes: &mut Vec<
     }
 }
 
-/// How unlike the rates are that keep the velocity at both ends of a piece: the change of the velocity as a share of the
-/// slower one, times the largest share of a maximum acceleration at a rate of 1. With a square x of the rate linear over
-/// the piece, about x times that is left as acceleration where the velocity would be kept.
-pub(super) fn sway(motion: &Motion, inverse: &[f64; AXES_MAX]) -> f64 {
-    let (mut change, mut used, mut speeds, mut jerk) = (0.0_f64, 0.0_f64, [0.0_f64; 2], 0.0_f64);
-    for axis in Axis::ALL {
-        let inverse = inverse[axis.index()];
-        if inverse == 0.0 {
-            continue;
+/// What the ends of a piece differ in, in shares of the maximum accelerations: of each the largest of all motors.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Spread {
+    /// Change of the velocity, s.
+    pub(super) change_s: f64,
+    /// The slower one of the velocities at both ends, s.
+    pub(super) slower_s: f64,
+    /// Acceleration at a rate of 1.
+    pub(super) used: f64,
+    /// Change of that.
+    pub(super) swing: f64,
+    /// Bound of the fourth derivative, per second squared.
+    pub(super) bend: f64,
+}
+
+impl Spread {
+    pub(super) fn new(motion: &Motion, inverse: &[f64; AXES_MAX]) -> Self {
+        let mut spread = Self::default();
+        let mut speeds = [0.0_f64; 2];
+        for axis in Axis::ALL {
+            let inverse = inverse[axis.index()];
+            if inverse == 0.0 {
+                continue;
+            }
+            let ends = [motion.velocity[0][axis], motion.velocity[1][axis]].map(|v| v * inverse);
+            spread.change_s = spread.change_s.max((ends[1] - ends[0]).abs());
+            for (speed, end) in speeds.iter_mut().zip(ends) {
+                *speed = speed.max(end.abs());
+            }
+            let [begin, end] = [motion.acceleration[0][axis], motion.acceleration[1][axis]];
+            spread.used = spread.used.max(begin.abs().max(end.abs()) * inverse);
+            spread.swing = spread.swing.max((end - begin).abs() * inverse);
+            spread.bend = spread.bend.max(motion.fourth[axis] * inverse);
         }
-        let ends = [motion.velocity[0][axis], motion.velocity[1][axis]].map(|v| v * inverse);
-        change = change.max((ends[1] - ends[0]).abs());
-        for (speed, end) in speeds.iter_mut().zip(ends) {
-            *speed = speed.max(end.abs());
-        }
-        let [begin, end] = motion.acceleration;
-        used = used
-            .max(begin[axis].abs() * inverse)
-            .max(end[axis].abs() * inverse);
-        jerk = jerk.max((end[axis] - begin[axis]).abs() * inverse);
+        spread.slower_s = speeds[0].min(speeds[1]);
+        spread
     }
-    let slower = speeds[0].min(speeds[1]);
-    if slower > 0.0 {
-        jerk + change / slower * used
-    } else {
-        jerk
+
+    /// How unlike the rates are that keep the velocity at both ends: the change of the velocity as a share of the slower
+    /// one, times the acceleration. With a square x of the rate linear over the piece, about x times that is left as
+    /// acceleration where the velocity would be kept.
+    pub(super) fn sway(&self) -> f64 {
+        if self.slower_s > 0.0 {
+            self.swing + self.change_s / self.slower_s * self.used
+        } else {
+            self.swing
+        }
     }
 }
 

@@ -8,7 +8,7 @@ use tandem_model::profile::{SlewRoom, SpeedGrowth};
 
 use super::course::Course;
 use super::grid::{self, Piece, Shape};
-use super::limits::{self, Bounds, HalfPlane};
+use super::limits::{self, Bounds, HalfPlane, Spread};
 use super::paced::{self, Step};
 use super::way::Way;
 
@@ -39,7 +39,7 @@ pub(super) struct Limits<'a> {
 /// Of the piece bent last, beside its half planes.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Bent {
-    /// [`limits::sway`].
+    /// [`Spread::sway`].
     sway: f64,
     /// [`Course::scale`].
     scale: f64,
@@ -62,7 +62,7 @@ impl Limits<'_> {
         };
         limits::half_planes(course, bounds, self.planes);
         self.bent = Bent {
-            sway: limits::sway(&course.motion, self.bounds.inverse),
+            sway: Spread::new(&course.motion, self.bounds.inverse).sway(),
             scale: course.scale,
             cap: piece.cap / (1.0 + course.excess),
         };
