@@ -137,14 +137,14 @@ mod tests {
         });
         let hold = lines.iter().find(|line| line.event == "hold").unwrap();
         assert_eq!(
-            (&hold.fields["reason"], &hold.fields["m"]),
-            (&"BUS_LOST".into(), &77.into())
+            (hold.field("reason"), hold.field("m")),
+            ("BUS_LOST".into(), 77.into())
         );
         let connected = lines
             .iter()
             .filter(|line| line.event == "bus")
-            .map(|line| &line.fields["connected"]);
-        assert!(connected.eq([&serde_json::Value::from(false), &true.into()]));
+            .map(|line| line.field("connected"));
+        assert!(connected.eq([false, true]));
     }
 
     #[test]

@@ -335,6 +335,7 @@ impl CoordinateSystem {
             self.manual_goes_on = false;
         }
         self.runs += 1;
+        self.run_id = Some(run.id.clone());
         let manual = (number == 0).then(|| Arc::clone(&run.main));
         self.view.update(|place| place.manual = manual);
         let fields = json!({"program": number, "run_id": run.id});

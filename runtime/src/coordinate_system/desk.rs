@@ -67,7 +67,7 @@ impl std::fmt::Debug for Desk {
 
 impl Desk {
     /// Publishes the state of the coordinate system; [`Desk::run`] is its task. `wake` wakes that.
-    pub fn new(shared: Arc<Shared>, system: CoordinateSystem, wake: Arc<Notify>) -> Self {
+    pub fn new(shared: Arc<Shared>, mut system: CoordinateSystem, wake: Arc<Notify>) -> Self {
         system.publish_all();
         Self {
             number: system.number,
@@ -271,6 +271,9 @@ impl Queue {
 
     /// The first request, unless it is a command that is left to the task.
     fn take(&self, share: Share) -> Option<Envelope> {
+        if self.is_empty() {
+            return None;
+        }
         let may_take = |first: &mut Envelope| share.commands || !first.is_command();
         let envelope = lock(&self.envelopes).pop_front_if(may_take)?;
         self.room.add_permits(1);
@@ -278,11 +281,12 @@ impl Queue {
     }
 
     fn begins_with_command(&self) -> bool {
-        lock(&self.envelopes).front().is_some_and(Envelope::is_command)
+        !self.is_empty() && lock(&self.envelopes).front().is_some_and(Envelope::is_command)
     }
 
+    /// Each envelope has taken its room before it is laid down, so this needs no lock.
     fn is_empty(&self) -> bool {
-        lock(&self.envelopes).is_empty()
+        self.room.available_permits() == REQUESTS_MAX
     }
 
     fn close(&self) {

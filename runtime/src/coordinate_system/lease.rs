@@ -363,11 +363,12 @@ mod tests {
         let lines = lines.lock().unwrap();
         let told = lines.iter().filter(|line| line.event == "lease");
         let told: Vec<_> = told
-            .map(|line| (line.fields["what"].as_str(), line.fields["holder"].as_str()))
+            .map(|line| (line.field("what"), line.field("holder")))
             .collect();
+        let word = serde_json::Value::from;
         assert_eq!(
             told,
-            [(Some("taken"), Some("mes")), (Some("expired"), Some("mes"))]
+            [(word("taken"), word("mes")), (word("expired"), word("mes"))]
         );
     }
 

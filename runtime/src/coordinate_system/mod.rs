@@ -28,7 +28,7 @@ use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::machine::AlarmRaise;
 use plc_api::types::output::{CancelReason, OutputNotice};
 use plc_api::types::request::{Answer, Input, Refusal, RefusalCode, Request};
-use plc_api::types::state::{Execution, Lock, Overrides, Reason, SpindleDirection, Transition};
+use plc_api::types::state::{Execution, Lock, Overrides, Reason, SpindleDirection, State, Transition};
 use plc_api::types::topic::CsTopic;
 use tandem_model::flow::Transform;
 use tandem_model::{AXES_MAX, MachinePosition, Variables};
@@ -98,6 +98,10 @@ pub(crate) struct CoordinateSystem {
     stopped_at: u64,
     awaiting: Vec<Awaiting>,
     last_command_id: Option<String>,
+    /// Of the run started last.
+    run_id: Option<String>,
+    /// What all others see.
+    published: Option<State>,
     /// A load whose parameters are being checked by handlers.
     validation: Option<Validation>,
     validations: u64,
@@ -195,6 +199,8 @@ impl CoordinateSystem {
             stopped_at: 0,
             awaiting: Vec::new(),
             last_command_id: None,
+            run_id: None,
+            published: None,
             validation: None,
             validations: 0,
             lease: ControlLease::new(number, shared.now()),
@@ -266,8 +272,7 @@ impl CoordinateSystem {
                 self.follow_changes(segment);
                 self.view.update(|place| place.executing = origin);
                 if self.pipeline.begins_block(segment) {
-                    let fields = serde_json::json!({"program": origin.program, "line": origin.line});
-                    self.shared.record(self.number, Entry::new("block", fields));
+                    self.shared.record(self.number, Entry::block(origin));
                 }
             }
             Event::Finished { segment, .. } => {

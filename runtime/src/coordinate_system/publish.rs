@@ -80,19 +80,14 @@ impl CoordinateSystem {
                 .get(&waiting.m)
                 .and_then(|settings| settings.wait_state.clone())
         });
-        let transition = match (&self.ending, &self.run) {
-            (Some(ending), _) => Some(ending.transition),
-            (None, Some(run)) if matches!(run.held, Held::Holding(_)) => Some(Transition::Holding),
-            _ => None,
-        };
         State {
             execution,
-            transition,
+            transition: self.transition(),
             reason,
             wait_state,
             waiting_on,
             program: self.program,
-            run_id: (self.runs > 0).then(|| format!("{}-{}", self.number, self.runs)),
+            run_id: self.run_id.clone(),
             single_block: self.inputs.single_block,
             dry_run: self.pipeline.is_dry_run(),
             optional_stop: self.inputs.optional_stop,
@@ -102,18 +97,57 @@ impl CoordinateSystem {
         }
     }
 
+    fn transition(&self) -> Option<Transition> {
+        match (&self.ending, &self.run) {
+            (Some(ending), _) => Some(ending.transition),
+            (None, Some(run)) if matches!(run.held, Held::Holding(_)) => Some(Transition::Holding),
+            _ => None,
+        }
+    }
+
+    /// True when this is the state, nothing being waited for. Compared before a state is made: most turns change nothing.
+    fn is_in(&self, state: &State) -> bool {
+        let State {
+            execution,
+            transition,
+            reason,
+            wait_state,
+            waiting_on,
+            program,
+            run_id,
+            single_block,
+            dry_run,
+            optional_stop,
+            optional_skip,
+            alarm_count,
+            last_command_id,
+        } = state;
+        self.waited_for().is_none()
+            && (wait_state, waiting_on) == (&None, &None)
+            && (*execution, *reason) == self.execution()
+            && *transition == self.transition()
+            && (*program, run_id) == (self.program, &self.run_id)
+            && *single_block == self.inputs.single_block
+            && *dry_run == self.pipeline.is_dry_run()
+            && *optional_stop == self.inputs.optional_stop
+            && self.inputs.optional_skip == skip_bits(optional_skip)
+            && *alarm_count == self.shared.alarm_count(self.number)
+            && *last_command_id == self.last_command_id
+    }
+
     /// Publishes the state, and the program place with it, where they have changed.
-    pub(super) fn publish_changes(&self) {
+    pub(super) fn publish_changes(&mut self) {
+        if self.published.as_ref().is_some_and(|state| self.is_in(state)) {
+            return;
+        }
         let state = self.state();
-        let before = self.shared.hub.read(&self.topic(CsTopic::State));
-        let place_may_have_jumped = !before.is_some_and(|message| {
-            matches!(&message.payload, Payload::State(before) if before.execution == state.execution)
-        });
-        if place_may_have_jumped {
+        let before = self.published.as_ref().map(|state| state.execution);
+        if before != Some(state.execution) {
             self.publish_place();
         }
         self.shared
-            .publish(self.topic(CsTopic::State), Payload::State(state));
+            .publish(self.topic(CsTopic::State), Payload::State(state.clone()));
+        self.published = Some(state);
     }
 
     pub(super) fn publish_place(&self) {
@@ -123,7 +157,7 @@ impl CoordinateSystem {
     }
 
     /// Publishes every state topic once, at the start.
-    pub(super) fn publish_all(&self) {
+    pub(super) fn publish_all(&mut self) {
         self.publish_changes();
         self.publish_modal(self.pipeline.interpreter.modal());
         self.publish_inputs();
@@ -274,4 +308,8 @@ fn skip_numbers(bits: u32) -> Vec<u8> {
     (1..=31)
         .filter(|number| bits & (1 << (number - 1)) != 0)
         .collect()
+}
+
+fn skip_bits(numbers: &[u8]) -> u32 {
+    numbers.iter().fold(0, |bits, number| bits | 1 << (number - 1))
 }

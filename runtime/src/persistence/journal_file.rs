@@ -271,6 +271,7 @@ fn open_whole(path: &Path) -> io::Result<(File, u64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::journal::Entry;
 
     fn content(folder: &Path, age: usize) -> String {
         fs::read_to_string(place(folder, age)).unwrap_or_default()
@@ -278,12 +279,7 @@ mod tests {
 
     /// Line number n, said at the start of 1970.
     fn line(n: usize) -> Line {
-        Line {
-            t_s: 0.5,
-            cs: 1,
-            event: "test",
-            fields: [("n".to_owned(), json!(n))].into_iter().collect(),
-        }
+        Line::new(0.5, 1, Entry::new("test", json!({"n": n})))
     }
 
     fn line_text(n: usize) -> String {

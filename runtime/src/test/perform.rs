@@ -351,7 +351,8 @@ impl Stage {
 
     /// Takes a line of the journal.
     fn journalled(&mut self, line: &Line) {
-        let number = |field: &str| line.fields.get(field).and_then(Value::as_u64).unwrap_or_default();
+        let fields = line.fields();
+        let number = |field: &str| fields.get(field).and_then(Value::as_u64).unwrap_or_default();
         let at_s = line.t_s - self.start_s;
         let what = match line.event {
             "block" => format!("block {}", number("line")),
@@ -382,13 +383,14 @@ impl Stage {
 
     // of the topic a subscriber gets only the last value, and each only once
     fn captured(&mut self, line: &Line) -> String {
-        let captured = serde_json::from_value::<Captured>(Value::Object(line.fields.clone()));
+        let captured = serde_json::from_value::<Captured>(Value::Object(line.fields().into_owned()));
         self.run.captured.extend(captured.ok());
         line.event.to_owned()
     }
 
     fn made(&mut self, line: &Line, at_s: f64) -> String {
-        let Ok(notice) = serde_json::from_value::<OutputNotice>(Value::Object(line.fields.clone())) else {
+        let Ok(notice) = serde_json::from_value::<OutputNotice>(Value::Object(line.fields().into_owned()))
+        else {
             return "output".to_owned();
         };
         let what = format!("output M{:02}{}", notice.m, words(&notice.params));
@@ -407,7 +409,7 @@ impl Stage {
     }
 
     fn answered(&mut self, line: &Line, at_s: f64) -> String {
-        let field = |name: &str| line.fields.get(name).cloned().unwrap_or_default();
+        let field = |name: &str| line.field(name);
         let m = field("m").as_u64().unwrap_or_default();
         let is_fault = field("result") == "fault";
         let ended = if is_fault {

@@ -76,7 +76,7 @@ impl Recorder {
 
 impl Record {
     fn take(&mut self, line: &Line) {
-        let field = |name: &str| line.fields.get(name).cloned().unwrap_or(Value::Null);
+        let field = |name: &str| line.field(name);
         match line.event {
             "start" => self.start_s = line.t_s,
             "block" => self.blocks += 1,
