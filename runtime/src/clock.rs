@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::future::Future;
 use std::pin::Pin;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::task::{Context, Poll, Waker};
 use std::time::{Duration, Instant, SystemTime};
@@ -17,14 +18,53 @@ pub struct Clock(Kind);
 #[derive(Debug, Clone)]
 enum Kind {
     Real { start: Instant, wall: SystemTime },
-    Simulated(Arc<Mutex<SimulatedTime>>),
+    Simulated(Arc<SimulatedTime>),
+}
+
+/// What each servo cycle asks for stands beside the lock.
+#[derive(Debug)]
+struct SimulatedTime {
+    now_ns: AtomicU64,
+    /// When the first timer is due; [`NEVER_NS`]: there is none.
+    next_due_ns: AtomicU64,
+    timers: Mutex<Timers>,
 }
 
 #[derive(Debug, Default)]
-struct SimulatedTime {
-    now_ns: u64,
-    timers: BTreeMap<(u64, u64), Waker>,
+struct Timers {
+    by_time: BTreeMap<(u64, u64), Waker>,
     next_id: u64,
+}
+
+impl Timers {
+    fn pop_due(&mut self, now_ns: u64) -> Option<Waker> {
+        let first = self.by_time.first_entry()?;
+        (first.key().0 <= now_ns).then(|| first.remove())
+    }
+}
+
+/// Later than any sleeper is due.
+const NEVER_NS: u64 = u64::MAX;
+
+impl SimulatedTime {
+    fn now_ns(&self) -> u64 {
+        self.now_ns.load(Ordering::Acquire)
+    }
+
+    fn next_due_ns(&self) -> u64 {
+        self.next_due_ns.load(Ordering::Acquire)
+    }
+
+    /// Changes the timers.
+    fn change<T>(&self, change: impl FnOnce(&mut Timers) -> T) -> T {
+        // A poisoned lock means a panic elsewhere while a value was being stored; the values themselves are whole.
+        let mut timers = self.timers.lock().unwrap_or_else(PoisonError::into_inner);
+        let changed = change(&mut timers);
+        let first = timers.by_time.keys().next();
+        let next_due_ns = first.map_or(NEVER_NS, |(at_ns, _)| *at_ns);
+        self.next_due_ns.store(next_due_ns, Ordering::Release);
+        changed
+    }
 }
 
 impl Clock {
@@ -38,7 +78,11 @@ impl Clock {
 
     /// Simulated time, at 0.
     pub fn simulated() -> Self {
-        Self(Kind::Simulated(Arc::default()))
+        Self(Kind::Simulated(Arc::new(SimulatedTime {
+            now_ns: AtomicU64::new(0),
+            next_due_ns: AtomicU64::new(NEVER_NS),
+            timers: Mutex::default(),
+        })))
     }
 
     /// True for simulated time.
@@ -50,7 +94,7 @@ impl Clock {
     pub fn now_s(&self) -> f64 {
         match &self.0 {
             Kind::Real { start, .. } => start.elapsed().as_secs_f64(),
-            Kind::Simulated(time) => lock(time).now_ns as f64 / 1e9,
+            Kind::Simulated(time) => time.now_ns() as f64 / 1e9,
         }
     }
 
@@ -61,7 +105,7 @@ impl Clock {
             Kind::Simulated(time) => {
                 SystemTime::UNIX_EPOCH
                     + Duration::from_secs(SIMULATION_EPOCH_S)
-                    + Duration::from_nanos(lock(time).now_ns)
+                    + Duration::from_nanos(time.now_ns())
             }
         }
     }
@@ -72,7 +116,7 @@ impl Clock {
             Kind::Real { .. } => tokio::time::sleep(duration).await,
             Kind::Simulated(time) => {
                 let duration_ns = u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX);
-                let deadline_ns = lock(time).now_ns.saturating_add(duration_ns);
+                let deadline_ns = time.now_ns().saturating_add(duration_ns).min(NEVER_NS - 1);
                 Sleep {
                     time: Arc::clone(time),
                     deadline_ns,
@@ -92,7 +136,7 @@ impl Clock {
     /// Simulated time only: sets the time.
     pub(crate) fn set_ns(&self, now_ns: u64) {
         if let Kind::Simulated(time) = &self.0 {
-            lock(time).now_ns = now_ns;
+            time.now_ns.store(now_ns, Ordering::Release);
         }
     }
 
@@ -101,18 +145,15 @@ impl Clock {
         let Kind::Simulated(time) = &self.0 else {
             return false;
         };
+        let now_ns = time.now_ns();
         let mut woken = false;
-        loop {
-            let mut time = lock(time);
-            let now_ns = time.now_ns;
-            let Some(entry) = time.timers.first_entry().filter(|entry| entry.key().0 <= now_ns) else {
-                return woken;
-            };
-            let waker = entry.remove();
-            drop(time);
+        while time.next_due_ns() <= now_ns
+            && let Some(waker) = time.change(|timers| timers.pop_due(now_ns))
+        {
             waker.wake();
             woken = true;
         }
+        woken
     }
 
     /// Simulated time only: when the next sleeper is due, ns.
@@ -120,12 +161,12 @@ impl Clock {
         let Kind::Simulated(time) = &self.0 else {
             return None;
         };
-        lock(time).timers.keys().next().map(|(at_ns, _)| *at_ns)
+        Some(time.next_due_ns()).filter(|at_ns| *at_ns != NEVER_NS)
     }
 }
 
 struct Sleep {
-    time: Arc<Mutex<SimulatedTime>>,
+    time: Arc<SimulatedTime>,
     deadline_ns: u64,
     id: Option<u64>,
 }
@@ -134,17 +175,21 @@ impl Future for Sleep {
     type Output = ();
 
     fn poll(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<()> {
-        let shared = Arc::clone(&self.time);
-        let mut time = lock(&shared);
-        if time.now_ns >= self.deadline_ns {
+        let Sleep {
+            time,
+            deadline_ns,
+            id,
+        } = &mut *self;
+        if time.now_ns() >= *deadline_ns {
             return Poll::Ready(());
         }
-        let id = *self.id.get_or_insert_with(|| {
-            time.next_id += 1;
-            time.next_id
+        time.change(|timers| {
+            let id = *id.get_or_insert_with(|| {
+                timers.next_id += 1;
+                timers.next_id
+            });
+            timers.by_time.insert((*deadline_ns, id), context.waker().clone());
         });
-        time.timers
-            .insert((self.deadline_ns, id), context.waker().clone());
         Poll::Pending
     }
 }
@@ -152,14 +197,10 @@ impl Future for Sleep {
 impl Drop for Sleep {
     fn drop(&mut self) {
         if let Some(id) = self.id {
-            lock(&self.time).timers.remove(&(self.deadline_ns, id));
+            let timer = (self.deadline_ns, id);
+            self.time.change(|timers| timers.by_time.remove(&timer));
         }
     }
-}
-
-// A poisoned lock means a panic elsewhere while a value was being stored; the values themselves are whole.
-fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]
