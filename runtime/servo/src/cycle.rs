@@ -37,6 +37,10 @@ const END_TOLERANCE: f64 = 1e-6;
 impl Channel {
     /// One servo cycle at this time. True when it put out an event, or is slower for want of more profiles.
     pub(crate) fn cycle(&mut self, time_s: f64) -> bool {
+        if self.stays_at_rest() {
+            self.stay_at_rest(time_s);
+            return false;
+        }
         self.told = false;
         let before = self.setpoint;
         self.take_controls();
@@ -61,6 +65,27 @@ impl Channel {
         }
         self.publish(time_s);
         self.told
+    }
+
+    /// True when the last cycle has left nothing to do but the drives' work: nothing moves, and nobody asks for it.
+    fn stays_at_rest(&self) -> bool {
+        self.is_idle()
+            && !self.told
+            && self.executing.is_none()
+            && self.hold != Hold::ComingToRest
+            && self.velocity == AxisVector::ZERO
+            && self.motors.has_settled()
+            && (self.spindle.as_ref())
+                .is_none_or(|spindle| spindle.is_steady() && !spindle.is_locked() && spindle.rpm() == 0.0)
+    }
+
+    fn stay_at_rest(&mut self, time_s: f64) {
+        self.motors.cycle(self.setpoint);
+        if self.motors.has_settled() {
+            self.readings.write_time(time_s);
+        } else {
+            self.publish(time_s);
+        }
     }
 
     /// While a thread is cut the spindle follows the motion, dwell and deceleration included.
@@ -148,12 +173,10 @@ impl Channel {
         if self.is_held() || self.faulted || self.stopping.is_some() || self.events.slots() < EVENTS_RESERVE {
             return;
         }
-        if !self.may_begin() {
+        if !self.may_begin() || !self.has_next() {
             return;
         }
-        let Some(profile) = self.next_profile() else {
-            return;
-        };
+        let Ok(profile) = self.profiles.pop() else { return };
         let jump = first_jump(&profile, self.setpoint);
         if let Some((axis, jump)) = jump {
             let motor = self.motors.number(axis);
@@ -216,12 +239,22 @@ impl Channel {
             )
     }
 
-    fn next_profile(&mut self) -> Option<Profile> {
-        let is_old = self
-            .profiles
+    /// A profile waits that is not of an old epoch.
+    fn has_next(&self) -> bool {
+        self.profiles
             .peek()
-            .is_ok_and(|profile| profile.epoch < self.epoch);
-        if is_old { None } else { self.profiles.pop().ok() }
+            .is_ok_and(|profile| profile.epoch >= self.epoch)
+    }
+
+    /// The next profile is the current one now, where there is one.
+    fn take_next(&mut self) {
+        self.current = None;
+        // Straight from the ring: a profile is large.
+        if self.has_next()
+            && let Ok(profile) = self.profiles.pop()
+        {
+            self.current = Some(profile);
+        }
     }
 
     /// The running profile goes on by one period of its time base.
@@ -296,7 +329,7 @@ impl Channel {
                 return;
             }
             let (segment, before) = (profile.segment, profile.origin);
-            self.current = self.next_profile();
+            self.take_next();
             let Some(next) = &self.current else {
                 self.tell_joint(Event::Finished { segment, time_s });
                 self.run_out(segment, end);

@@ -96,19 +96,37 @@ impl Readings {
 
     /// Publishes a cycle's values. One writer only: the channel.
     pub(crate) fn write(&self, reading: &Reading) {
-        let cells = pack(reading);
+        self.change(|cells| {
+            let (single, vectors) = cells.split_at(VECTORS);
+            for (cell, value) in single.iter().zip(pack(reading)) {
+                cell.store(value, Ordering::Relaxed);
+            }
+            let values = [reading.commanded.0, reading.actual.0, reading.distance_to_go];
+            for (cells, values) in vectors.chunks_exact(AXES_MAX).zip(&values) {
+                for (cell, value) in cells.iter().zip(&values.0) {
+                    cell.store(value.to_bits(), Ordering::Relaxed);
+                }
+            }
+        });
+    }
+
+    /// The same for a cycle that has changed nothing else.
+    pub(crate) fn write_time(&self, time_s: f64) {
+        self.change(|cells| cells[TIME].store(time_s.to_bits(), Ordering::Relaxed));
+    }
+
+    fn change(&self, store: impl FnOnce(&[AtomicU64; CELLS])) {
         let version = self.version.load(Ordering::Relaxed);
         self.version.store(version.wrapping_add(1), Ordering::Relaxed);
         fence(Ordering::Release);
-        for (cell, value) in self.cells.iter().zip(cells) {
-            cell.store(value, Ordering::Relaxed);
-        }
+        store(&self.cells);
         self.version.store(version.wrapping_add(2), Ordering::Release);
     }
 }
 
-fn pack(reading: &Reading) -> [u64; CELLS] {
-    let mut cells = [0; CELLS];
+/// The cells before those of the vectors.
+fn pack(reading: &Reading) -> [u64; VECTORS] {
+    let mut cells = [0; VECTORS];
     cells[TIME] = reading.time_s.to_bits();
     cells[FEEDRATE] = reading.feedrate_mm_min.to_bits();
     cells[RATE] = reading.rate.to_bits();
@@ -126,13 +144,6 @@ fn pack(reading: &Reading) -> [u64; CELLS] {
     }
     if reading.oriented {
         cells[FLAGS] |= ORIENTED;
-    }
-    let vectors = [reading.commanded.0, reading.actual.0, reading.distance_to_go];
-    for (cell, value) in cells[VECTORS..]
-        .iter_mut()
-        .zip(vectors.iter().flat_map(|vector| vector.0))
-    {
-        *cell = value.to_bits();
     }
     cells
 }

@@ -71,7 +71,11 @@ impl SkipRun {
 
     /// Position of all motors.
     pub(crate) fn position(&self, profile: &Profile, t_s: f64) -> AxisVector {
-        self.put_in(profile.position(t_s), |turned| turned.position(t_s))
+        let position = profile.position(t_s);
+        if !matches!(profile.law, Law::Skip { .. }) {
+            return position;
+        }
+        self.put_in(position, |turned| turned.position(t_s))
     }
 
     /// What the motors of G00 and G31 leave to overrides and feed hold from one time of the profile to another.

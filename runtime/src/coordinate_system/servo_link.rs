@@ -127,11 +127,10 @@ impl ServoLink {
     }
 }
 
+// A profile is large: each one is moved once, and none while the ring is full.
 fn fill(ring: &mut Producer<Profile>, profiles: &mut VecDeque<Profile>) {
-    while let Some(profile) = profiles.pop_front() {
-        if let Err(rtrb::PushError::Full(profile)) = ring.push(profile) {
-            profiles.push_front(profile);
-            return;
-        }
+    let count = ring.slots().min(profiles.len());
+    if let Ok(places) = ring.write_chunk_uninit(count) {
+        places.fill_from_iter(profiles.drain(..count));
     }
 }

@@ -1,7 +1,7 @@
 //! Profiles at 100 percent and under an override, with nothing in their way.
 
 use tandem_model::AxisVector;
-use tandem_servo::{Control, Event, Servo, channel};
+use tandem_servo::{Control, Event, Reading, Servo, channel};
 
 use crate::rig::{Rig, T, close, dwell, is_finished, line, origin, rapid, settings, vector};
 
@@ -252,6 +252,26 @@ fn readings_show_the_running_block() {
     close(reading.feedrate_mm_min, 0.0);
     close(reading.rate, 0.0);
     assert_eq!(reading.segment, 1);
+}
+
+#[test]
+fn at_rest_time_goes_on_and_nothing_else_changes() {
+    let mut rig = Rig::new(&settings());
+    rig.cycle();
+    assert!(rig.reading().plan_s.is_infinite(), "before the first block");
+    rig.push(line(1, AxisVector::ZERO, vector(&[60.0, 80.0]), 50.0, 0.1));
+    rig.until(is_finished(1));
+    rig.cycle();
+    let at_rest = rig.reading();
+    for _ in 0..3 {
+        assert!(rig.cycle().is_empty());
+        let time_s = rig.servo.time_s();
+        assert_eq!(rig.reading(), Reading { time_s, ..at_rest });
+    }
+    rig.push(rapid(2, 0.0, 20.0));
+    rig.control(Control::Hold);
+    assert!(matches!(rig.cycle()[..], [Event::Held { .. }]));
+    assert!(rig.reading().held);
 }
 
 #[test]
