@@ -13,7 +13,7 @@ use plc_api::types::data::{
 use plc_api::types::request::{Refusal, RefusalCode};
 use tandem_model::settings::{Tool, WorkOffsets};
 use tandem_model::variables::{GLOBAL_VARIABLES, VariableArray};
-use tandem_model::{Axis, AxisSet, Variables};
+use tandem_model::{Axis, AxisSet, AxisVector, Variables};
 
 use crate::config::Machine;
 use crate::persistence::{Kept, KeptValues, value_key};
@@ -23,6 +23,9 @@ pub const TOOLS_MAX: usize = 1000;
 
 /// Work offsets by their place in [`WorkOffsets`].
 const WORK_OFFSETS: [&str; 6] = ["G54", "G55", "G56", "G57", "G58", "G59"];
+
+/// Of a coordinate system without a table.
+const NO_OFFSETS: &WorkOffsets = &WorkOffsets([AxisVector::ZERO; 6]);
 
 /// The tables of a machine.
 #[derive(Debug)]
@@ -51,8 +54,8 @@ impl Values {
     }
 
     /// Work offsets of a coordinate system.
-    pub fn work_offsets(&self, cs: CoordinateSystemNumber) -> WorkOffsets {
-        self.work_offsets.get(&cs).copied().unwrap_or_default()
+    pub fn work_offsets(&self, cs: CoordinateSystemNumber) -> &WorkOffsets {
+        self.work_offsets.get(&cs).unwrap_or(NO_OFFSETS)
     }
 
     fn tool_table(&self) -> ToolTable {

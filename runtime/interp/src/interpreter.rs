@@ -316,7 +316,7 @@ impl Interpreter {
             return Err(alarm);
         }
         let flow = draft.flow;
-        self.queue_block(draft, origin);
+        self.queue_block(&mut draft, origin);
         self.go_on(flow, origin, inputs)
     }
 
@@ -354,7 +354,7 @@ impl Interpreter {
     }
 
     /// Queues warnings, transform and motion of a block.
-    fn queue_block(&mut self, mut draft: Draft, origin: Origin) {
+    fn queue_block(&mut self, draft: &mut Draft, origin: Origin) {
         for text in draft.warnings.drain(..) {
             self.queue.push_back(Item::Warning(origin, text));
         }

@@ -91,12 +91,15 @@ impl Pipeline {
             self.set_aside(&item);
             return Ok(item);
         }
+        self.note_change();
         if let Item::Block(block) = &item {
-            self.note_change();
             self.note_block(self.interpreter.steps());
             self.block(block)?;
+            // a block may change the transform of those behind it
+            if *self.path.transform() != self.last.transform {
+                self.note_change();
+            }
         }
-        self.note_change();
         Ok(item)
     }
 
@@ -232,8 +235,11 @@ impl Pipeline {
 
     /// True when a programmed block begins with this segment, which begins to run.
     pub fn begins_block(&mut self, segment: u64) -> bool {
-        let begun = self.blocks.partition_point(|first| *first <= segment);
-        self.blocks.drain(..begun).next().is_some()
+        let mut begins = false;
+        while self.blocks.pop_front_if(|first| *first <= segment).is_some() {
+            begins = true;
+        }
+        begins
     }
 
     /// What changes before a segment begins to run, in order.

@@ -237,7 +237,7 @@ impl CoordinateSystem {
         let inputs = Inputs {
             programs: &run.programs,
             optional_skip: self.inputs.optional_skip,
-            work_offsets: &tables.work_offsets(self.number),
+            work_offsets: tables.work_offsets(self.number),
             variables: &self.variables,
             tool: tables.tool(self.inputs.tool),
             captured: (!self.pipeline.is_behind_skip()).then_some(self.captured),
