@@ -50,6 +50,8 @@ pub struct StoredProgram {
     pub number: u16,
     /// The tree.
     pub tree: Arc<NcProgram>,
+    /// What parsing has found.
+    pub parsed: Vec<Diagnostic>,
     /// What checking says of it alone.
     pub check: ProgramCheck,
     dialect: &'static Dialect,
@@ -84,13 +86,14 @@ impl StoredProgram {
 
     fn checked(number: u16, text: &str, rules: TextRules, goes_on: bool) -> Self {
         let dialect = rules.dialect;
-        let (tree, mut diagnostics) = parse(text, (dialect.grammar)());
+        let (tree, parsed) = parse(text, (dialect.grammar)());
         let context = CheckContext {
             goes_on,
             arc_radius_tolerance_mm: Some(rules.arc_radius_tolerance_mm),
             ..CheckContext::default()
         };
         let checked = check_dialect(&tree, dialect, &context);
+        let mut diagnostics = parsed.clone();
         diagnostics.extend(checked.diagnostics);
         diagnostics.sort_by_key(|diagnostic| (diagnostic.span.start, diagnostic.span.end));
         let check = ProgramCheck {
@@ -103,6 +106,7 @@ impl StoredProgram {
         Self {
             number,
             tree: Arc::new(tree),
+            parsed,
             check,
             dialect,
             goes_on,
@@ -315,13 +319,21 @@ impl ProgramStore {
     /// # Errors
     /// The number is out of range, the store is full, or the disk refuses.
     pub fn write(&self, number: u16, text: &str) -> io::Result<ProgramCheck> {
+        self.put(StoredProgram::new(number, text, self.rules))
+    }
+
+    /// The same for a program that has been parsed and checked by the rules of this store.
+    ///
+    /// # Errors
+    /// As [`ProgramStore::write`].
+    pub fn put(&self, program: StoredProgram) -> io::Result<ProgramCheck> {
+        let number = program.number;
         if !(1..=PROGRAM_NUMBER_MAX).contains(&number) {
             return Err(io::Error::new(
                 io::ErrorKind::InvalidInput,
                 format!("{number} is not a program number; write 1 to {PROGRAM_NUMBER_MAX}"),
             ));
         }
-        let program = StoredProgram::new(number, text, self.rules);
         let _one_at_a_time = self.writing.lock().unwrap_or_else(PoisonError::into_inner);
         let all = self.all();
         let created = !all.contains_key(&number);
@@ -332,7 +344,7 @@ impl ProgramStore {
             ));
         }
         if let (Some(folder), Some(path)) = (&self.folder, self.path(number)) {
-            write_and_rename(folder, &path, text.as_bytes())?;
+            write_and_rename(folder, &path, program.text().as_bytes())?;
         }
         let check = ProgramCheck {
             created,

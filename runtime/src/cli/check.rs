@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use clap::Args;
 use codespan_reporting::diagnostic::{Diagnostic as Rendered, Label};
@@ -11,9 +12,9 @@ use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::program::ProgramDiagnostic;
 use serde_json::json;
 use tandem_interp::{Check, CheckContext, Dialect, check_dialect, check_source, dialects};
-use tandem_model::Severity;
+use tandem_model::{Diagnostic, Severity};
 use tandem_runtime::Machine;
-use tandem_runtime::program_store::locate;
+use tandem_runtime::program_store::{StoredProgram, locate};
 use tandem_syntax::{NcProgram, parse};
 
 use super::server_ends::Servable;
@@ -79,7 +80,7 @@ pub(super) fn run(arguments: &Arguments) -> u8 {
     for path in &arguments.files {
         match read_program(path) {
             Ok(text) => {
-                let checked = CheckedFile::new(path, text, dialect, machine.as_ref(), None);
+                let checked = CheckedFile::new(path, text, dialect, machine.as_ref());
                 errors |= checked.has_errors();
                 if arguments.format == Format::Text {
                     checked.print();
@@ -107,25 +108,42 @@ pub(super) fn run(arguments: &Arguments) -> u8 {
 /// One NC program and what was found in it.
 pub(super) struct CheckedFile<'a> {
     path: &'a Path,
-    tree: NcProgram,
+    tree: Arc<NcProgram>,
     check: Check,
 }
 
 impl<'a> CheckedFile<'a> {
-    /// Checks a program; with a machine, against the axes, limits and M codes of a coordinate system of it, or of its
-    /// first one.
-    pub fn new(
+    /// Checks a program; with a machine, against the axes, limits and M codes of its first coordinate system.
+    fn new(path: &'a Path, text: String, dialect: &'static Dialect, machine: Option<&Machine>) -> Self {
+        let (tree, parsed) = parse(text, (dialect.grammar)());
+        let called = check_dialect(&tree, dialect, &CheckContext::default()).programs;
+        Self::of_tree(path, (Arc::new(tree), parsed), &called, dialect, machine, None)
+    }
+
+    /// Checks a program that is parsed, against a coordinate system of a machine.
+    pub fn of_stored(
         path: &'a Path,
-        text: String,
+        program: &StoredProgram,
+        machine: &Machine,
+        cs: CoordinateSystemNumber,
+    ) -> Self {
+        let parsed = (Arc::clone(&program.tree), program.parsed.clone());
+        let called = &program.check.programs;
+        Self::of_tree(path, parsed, called, machine.dialect(), Some(machine), Some(cs))
+    }
+
+    fn of_tree(
+        path: &'a Path,
+        (tree, parsed): (Arc<NcProgram>, Vec<Diagnostic>),
+        called: &[u16],
         dialect: &'static Dialect,
         machine: Option<&Machine>,
         cs: Option<CoordinateSystemNumber>,
     ) -> Self {
-        let (tree, diagnostics) = parse(text, (dialect.grammar)());
         let data_dir = machine.and_then(|machine| machine.data_dir.as_deref());
-        let called = check_dialect(&tree, dialect, &CheckContext::default()).programs;
         let programs: BTreeSet<u16> = called
-            .into_iter()
+            .iter()
+            .copied()
             .filter(|n| find_subprogram(*n, path, data_dir).is_some())
             .collect();
         let m_codes: Option<BTreeSet<u16>> = machine.map(|machine| machine.m_codes.keys().copied().collect());
@@ -141,7 +159,7 @@ impl<'a> CheckedFile<'a> {
             ..settings.map_or_else(CheckContext::default, CheckContext::of)
         };
         let mut check = check_dialect(&tree, dialect, &context);
-        check.diagnostics.extend(diagnostics);
+        check.diagnostics.extend(parsed);
         check
             .diagnostics
             .sort_by_key(|diagnostic| (diagnostic.span.start, diagnostic.span.end));
@@ -151,6 +169,7 @@ impl<'a> CheckedFile<'a> {
     /// Checks a program for no machine in particular.
     pub fn alone(path: &'a Path, text: String) -> Self {
         let (tree, check) = check_source(text, &CheckContext::default());
+        let tree = Arc::new(tree);
         Self { path, tree, check }
     }
 

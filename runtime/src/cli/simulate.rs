@@ -24,7 +24,7 @@ use tandem_model::alarm::{AlarmEntry, SIMULATION_LIMIT, SIMULATION_STALLED};
 use tandem_model::limits::PROGRAM_NUMBER_MAX;
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_runtime::journal::Journal;
-use tandem_runtime::program_store::program_number;
+use tandem_runtime::program_store::{StoredProgram, program_number};
 use tandem_runtime::simulation::{self, OnCycle, SimulationOptions};
 use tandem_runtime::{Machine, Runtime, Unhandled};
 
@@ -102,7 +102,7 @@ struct Job {
 pub(super) struct Plan {
     machine: Machine,
     jobs: Vec<Job>,
-    texts: BTreeMap<u16, String>,
+    programs: BTreeMap<u16, StoredProgram>,
     skip: Vec<u8>,
     optional_stop: bool,
     feed_override: f64,
@@ -187,7 +187,7 @@ impl Plan {
         let mut plan = Self {
             machine,
             jobs: Vec::new(),
-            texts: BTreeMap::new(),
+            programs: BTreeMap::new(),
             skip: arguments.skip.clone(),
             optional_stop: arguments.optional_stop,
             feed_override: arguments.feed_override,
@@ -269,16 +269,16 @@ impl Plan {
         }
         let wanted = program_number(file).unwrap_or(MAIN_PROGRAM);
         let mut numbers = (wanted..=PROGRAM_NUMBER_MAX).chain(1..wanted);
-        let Some(number) = numbers.find(|number| !self.texts.contains_key(number)) else {
+        let Some(number) = numbers.find(|number| !self.programs.contains_key(number)) else {
             return Err(Refused::Unreadable("there is no program number left".into()));
         };
         self.jobs.push(Job { cs, program: number });
         let mut left = vec![(number, file.to_owned())];
         while let Some((number, path)) = left.pop() {
             let text = read_program(&path).map_err(Refused::Unreadable)?;
-            match self.texts.get(&number) {
+            match self.programs.get(&number) {
                 None => {}
-                Some(known) if *known == text => continue,
+                Some(known) if known.text() == text => continue,
                 Some(_) => {
                     return Err(Refused::Unreadable(format!(
                         "{}: program {number} is another file already; all programs that run at the same time share their numbers",
@@ -286,13 +286,8 @@ impl Plan {
                     )));
                 }
             }
-            let checked = CheckedFile::new(
-                &path,
-                text.clone(),
-                self.machine.dialect(),
-                Some(&self.machine),
-                Some(cs),
-            );
+            let program = StoredProgram::new(number, &text, self.machine.text_rules());
+            let checked = CheckedFile::of_stored(&path, &program, &self.machine, cs);
             if checked.has_errors() {
                 if !json {
                     checked.print();
@@ -302,7 +297,7 @@ impl Plan {
             let data_dir = self.machine.data_dir.as_deref();
             let called = checked.programs().iter();
             left.extend(called.filter_map(|n| Some((*n, find_subprogram(*n, file, data_dir)?))));
-            self.texts.insert(number, text);
+            self.programs.insert(number, program);
         }
         Ok(())
     }
@@ -323,8 +318,8 @@ async fn simulate(
         on_cycle,
     };
     let runtime = Runtime::start_simulated(plan.machine, journal, options)?;
-    for (number, text) in &plan.texts {
-        runtime.store().write(*number, text)?;
+    for program in plan.programs.into_values() {
+        runtime.store().put(program)?;
     }
     let port = runtime.port();
     let skip: BTreeMap<u8, bool> = plan.skip.iter().map(|number| (*number, true)).collect();
