@@ -48,11 +48,11 @@ const NEVER_NS: u64 = u64::MAX;
 
 impl SimulatedTime {
     fn now_ns(&self) -> u64 {
-        self.now_ns.load(Ordering::Acquire)
+        self.now_ns.load(Ordering::SeqCst)
     }
 
     fn next_due_ns(&self) -> u64 {
-        self.next_due_ns.load(Ordering::Acquire)
+        self.next_due_ns.load(Ordering::SeqCst)
     }
 
     /// Changes the timers.
@@ -62,7 +62,7 @@ impl SimulatedTime {
         let changed = change(&mut timers);
         let first = timers.by_time.keys().next();
         let next_due_ns = first.map_or(NEVER_NS, |(at_ns, _)| *at_ns);
-        self.next_due_ns.store(next_due_ns, Ordering::Release);
+        self.next_due_ns.store(next_due_ns, Ordering::SeqCst);
         changed
     }
 }
@@ -136,7 +136,7 @@ impl Clock {
     /// Simulated time only: sets the time.
     pub(crate) fn set_ns(&self, now_ns: u64) {
         if let Kind::Simulated(time) = &self.0 {
-            time.now_ns.store(now_ns, Ordering::Release);
+            time.now_ns.store(now_ns, Ordering::SeqCst);
         }
     }
 
@@ -190,6 +190,10 @@ impl Future for Sleep {
             });
             timers.by_time.insert((*deadline_ns, id), context.waker().clone());
         });
+        // The time may have come to it before the timer was laid down.
+        if time.now_ns() >= *deadline_ns {
+            return Poll::Ready(());
+        }
         Poll::Pending
     }
 }

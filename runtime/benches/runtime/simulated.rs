@@ -34,8 +34,10 @@ pub fn run() -> anyhow::Result<()> {
     say("Simulated time by real time, three axes");
     let texts = [
         ("long lines", squares()),
-        ("short lines", polygons("G64 G501")),
-        ("look-ahead", polygons("G64 G500")),
+        ("short lines", polygons("G501 F4000", 0.4, 100)),
+        ("look-ahead", polygons("G500 F4000", 0.4, 100)),
+        ("dense lines", polygons("G501 F3000", 0.1, 200)),
+        ("dense ahead", polygons("G500 F3000", 0.1, 200)),
         ("arcs", circles()),
     ];
     for (name, text) in texts {
@@ -69,13 +71,14 @@ fn squares() -> String {
     text
 }
 
-/// 100 polygons of 1000 sides of 0.4 mm at 4000 mm/min.
-fn polygons(codes: &str) -> String {
-    let mut text = format!("G17 {codes} G91 G01 F4000\n");
-    for _ in 0..100 {
+/// So many blended polygons of 1000 sides, mm.
+fn polygons(codes: &str, side_mm: f64, turns: u32) -> String {
+    let mut text = format!("G17 G64 G91 G01 {codes}\n");
+    for _ in 0..turns {
         for side in 0..1000_u32 {
             let angle = f64::from(side) * std::f64::consts::TAU / 1000.0;
-            let _ = writeln!(text, "X{:.5}Y{:.5}", 0.4 * angle.cos(), 0.4 * angle.sin());
+            let [x, y] = [side_mm * angle.cos(), side_mm * angle.sin()];
+            let _ = writeln!(text, "X{x:.5}Y{y:.5}");
         }
     }
     text.push_str("M30\n");

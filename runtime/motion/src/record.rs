@@ -106,8 +106,9 @@ impl Record {
 
     /// The motion has passed this segment.
     pub(crate) fn passed(&mut self, segment: u64) {
-        let is_too_far_behind = |first_kept: &Entry| first_kept.segment() <= segment;
-        while self.entries.get(PASSED_MAX).is_some_and(is_too_far_behind) {
+        // Segments are numbered one after another.
+        let too_far_behind = segment.saturating_sub(PASSED_MAX as u64);
+        while (self.entries.front()).is_some_and(|first| first.segment() <= too_far_behind) {
             self.entries.pop_front();
         }
     }

@@ -152,9 +152,9 @@ fn paced() -> Profile {
         braking: 0.5,
         driving: 0.5,
     };
-    let pieces = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0].map(|n| PacePiece {
-        begins_s: n * DURATION_S / 8.0,
-        plan_s: n * DURATION_S / 8.0,
+    let pieces = [0.0, 1.0, 2.0, 3.0].map(|n| PacePiece {
+        begins_s: n * DURATION_S / 4.0,
+        plan_s: n * DURATION_S / 4.0,
         rate: 1.0,
         rate_change: 0.0,
         growth: SpeedGrowth::default(),
