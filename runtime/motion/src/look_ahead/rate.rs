@@ -16,14 +16,14 @@ use super::way::Way;
 pub(super) const SQUARE_MIN: f64 = 1e-12;
 
 /// A piece is halved when that gains more than this share of the square of the rate.
-const GAIN: f64 = 1e-3;
+const GAIN: f64 = 7e-4;
 
 /// With less change of the square of the rate a piece is not halved.
-const CHANGE_MIN: f64 = 0.03;
+const CHANGE_MIN: f64 = 0.02;
 
 /// A piece of another velocity at its ends is halved while the acceleration that an even rate would leave between them
 /// is more than this share of the limit.
-const SWAY_MAX: f64 = 0.3;
+const SWAY_MAX: f64 = 0.1;
 
 /// Rounding of a share of a limit; less than what is left of a maximum acceleration.
 const WITHIN: f64 = 1e-8;

@@ -257,3 +257,34 @@ fn m1d_feedrates_that_jump_in_steep_ramps_cost_no_time() {
         near(&format!("seed {seed}"), &steep(seed));
     }
 }
+
+/// Blocks of one length that turn evenly, as slow as the slower axis lets them.
+fn polygon(times: [f64; 3], side: f64, turn: f64, accelerations: &[f64]) -> Chain {
+    let mut drawing = Drawing::new();
+    for n in 0..30 {
+        let direction = turn * (f64::from(n) + 0.5);
+        let speed = (150.0 / direction.cos().abs()).min(200.0 / direction.sin().abs());
+        drawing = drawing.along(direction, side, feed(speed * 60.0, times));
+    }
+    Chain::new(accelerations, drawing.blocks)
+}
+
+#[test]
+fn m1d_polygons_whose_ramps_fill_their_blocks_are_passed_near_the_best_time() {
+    for times in [
+        [5.0, 5.0, 0.0],
+        [5.0, 5.0, 5.0],
+        [10.0, 10.0, 5.0],
+        [20.0, 20.0, 20.0],
+    ] {
+        for filled in [0.5, 1.0, 2.0] {
+            for turn in [0.02, 0.084, 0.3] {
+                for accelerations in [[500.0, 130.0, 50.0], [130.0; 3], [3000.0, 1000.0, 500.0]] {
+                    let side = (times[0] + times[2]) / 1000.0 * 200.0 / filled;
+                    let chain = polygon(times, side, turn, &accelerations);
+                    near(&format!("{times:?} {filled} {turn} {accelerations:?}"), &chain);
+                }
+            }
+        }
+    }
+}
