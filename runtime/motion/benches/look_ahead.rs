@@ -1,13 +1,13 @@
 //! Speed of the path and motion stages over a million short blocks with G500, and with everything before them.
 //!
-//! Blocks a second on one core of a 2-core Xeon virtual machine while it parsed 17 million blocks a second (bench `parse`);
-//! medians of three, the slowest and the fastest:
+//! Blocks a second on one core of a 2-core virtual machine with nothing beside it; medians of three, the slowest and the
+//! fastest:
 //!
 //! | program | path and plan | from text to profiles |
 //! | --- | --- | --- |
-//! | lines of 0.1 to 1 mm, F3000 | 800,000 (620,000 to 940,000) | 750,000 (740,000 to 820,000) |
-//! | the same, F24000, beyond the limits where the spiral is narrow | 640,000 (580,000 to 680,000) | |
-//! | quarter circles of 1 mm, left and right, F3000 | 340,000 (270,000 to 350,000) | 290,000 (280,000 to 300,000) |
+//! | lines of 0.1 to 1 mm, F3000 | 1,330,000 (1,300,000 to 1,360,000) | 980,000 (970,000 to 1,000,000) |
+//! | the same, F24000, beyond the limits where the spiral is narrow | 790,000 (770,000 to 800,000) | |
+//! | quarter circles of 1 mm, left and right, F3000 | 370,000 (360,000 to 370,000) | 310,000 (300,000 to 310,000) |
 //!
 //! A new plan of what is known, for another override, costs a block the same however many there are: 0.74 µs of 1000,
 //! 1.5 of 10,000 and of 50,000, which no longer fit the cache.
