@@ -70,6 +70,17 @@ impl Drawing {
         self
     }
 
+    /// A line or, with this share of them, an arc of this length in a direction, which turns with the arc.
+    fn any(self, random: &mut Random, arcs: f64, direction: &mut f64, length: f64, feed: Feed) -> Self {
+        if random.unit() >= arcs {
+            return self.along(*direction, length, feed);
+        }
+        let sweep = random.one_of(&[0.02, -0.05, 0.2, -1.0, 3.0]);
+        let begin = *direction;
+        *direction += sweep;
+        self.arc(begin, length / f64::abs(sweep), sweep, feed)
+    }
+
     fn chain(self, acceleration: f64) -> Chain {
         Chain::new(&[acceleration; 3], self.blocks)
     }
@@ -206,14 +217,7 @@ fn figure(seed: u64) -> Chain {
         let f = feed(random.magnitude(1000.0, 60_000.0), times);
         let length = random.magnitude(0.5, 100.0);
         direction += random.one_of(&[0.0, 0.1, -0.5, TAU / 4.0, -TAU / 3.0]);
-        drawing = if random.unit() < 0.5 {
-            let sweep = random.one_of(&[0.02, -0.05, 0.2, -1.0, 3.0]);
-            let begin = direction;
-            direction += sweep;
-            drawing.arc(begin, length / f64::abs(sweep), sweep, f)
-        } else {
-            drawing.along(direction, length, f)
-        };
+        drawing = drawing.any(&mut random, 0.5, &mut direction, length, f);
     }
     drawing.chain(acceleration)
 }
@@ -239,14 +243,7 @@ fn steep(seed: u64) -> Chain {
         let f = feed(random.magnitude(30.0, 60_000.0), times);
         let length = random.magnitude(0.02, 60.0);
         direction += random.one_of(&[0.0, 0.0, 0.0, 0.0, 1e-3, 0.03, 0.1, -0.5, TAU / 4.0, TAU / 2.0]);
-        drawing = if random.unit() < arcs {
-            let sweep = random.one_of(&[0.02, -0.05, 0.2, -1.0, 3.0]);
-            let begin = direction;
-            direction += sweep;
-            drawing.arc(begin, length / f64::abs(sweep), sweep, f)
-        } else {
-            drawing.along(direction, length, f)
-        };
+        drawing = drawing.any(&mut random, arcs, &mut direction, length, f);
     }
     drawing.chain(acceleration)
 }
