@@ -24,7 +24,7 @@ const CONTROLS_PER_CYCLE: usize = 16;
 const DROPS_PER_CYCLE: usize = 64;
 
 /// Profiles passed without a stop in one cycle: bounds the time of the cycle. A chain of shorter blocks is slower than F;
-/// look-ahead plans at most 128 blocks a period, a few profiles each.
+/// look-ahead plans 128 blocks a period, up to 192 where tiny ones begin, a few profiles each.
 const JOINTS_PER_CYCLE: usize = 1024;
 
 /// Free places that the event ring must have before something that leads to an event is begun: `Started`,
