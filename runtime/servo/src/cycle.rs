@@ -23,9 +23,9 @@ const CONTROLS_PER_CYCLE: usize = 16;
 /// Profiles of an old epoch thrown away in one cycle: bounds the time of the cycle.
 const DROPS_PER_CYCLE: usize = 64;
 
-/// Profiles passed without a stop in one cycle: bounds the time of the cycle. A chain of shorter blocks is slower than F;
-/// look-ahead plans 128 blocks a period, up to 192 where tiny ones begin, a few profiles each.
-const JOINTS_PER_CYCLE: usize = 1024;
+/// Profiles passed without a stop in one cycle: bounds the time of the cycle. A chain of shorter blocks is slower than F.
+/// Look-ahead plans far less for a period: up to 192 blocks, or some hundred profiles of one steep corner.
+const JOINTS_PER_CYCLE: usize = 4096;
 
 /// Free places that the event ring must have before something that leads to an event is begun: `Started`,
 /// `Finished` or `Fault`, `Held`, `Stopped`, `Spliced` and `Oriented` may all be owed at one time.

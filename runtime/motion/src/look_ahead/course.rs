@@ -56,12 +56,6 @@ struct Place {
 }
 
 impl Way<'_> {
-    /// A piece within one phase: by distance on a ramp between different speeds, else by plan time.
-    pub(super) fn course(&self, from_s: f64, to_s: f64) -> Course {
-        self.by_distance(from_s, to_s)
-            .unwrap_or_else(|| self.by_plan_time(from_s, to_s))
-    }
-
     /// A piece within one phase by plan time.
     pub(super) fn by_plan_time(&self, from_s: f64, to_s: f64) -> Course {
         Course::by_plan_time(&self.motion(from_s, to_s), to_s - from_s)

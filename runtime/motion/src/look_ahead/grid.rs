@@ -50,6 +50,8 @@ pub(super) struct Piece {
     pub(super) from_s: f64,
     pub(super) to_s: f64,
     pub(super) shape: Shape,
+    /// Where what it was cut from ends, within its phase, s.
+    pub(super) whole_to_s: f64,
     /// It is not halved below this, s.
     pub(super) least_s: f64,
     /// Largest square of the rate in it.
@@ -77,6 +79,22 @@ pub(super) enum Shape {
 impl Piece {
     pub(super) fn length_s(&self) -> f64 {
         self.to_s - self.from_s
+    }
+
+    /// True when both were cut from one.
+    pub(super) fn is_cut_with(&self, other: &Piece) -> bool {
+        let is_bent = |piece: &Piece| matches!(piece.shape, Shape::Bent { .. });
+        is_bent(self) && is_bent(other) && self.whole_to_s.to_bits() == other.whole_to_s.to_bits()
+    }
+
+    /// Pieces that were cut from one as one again.
+    pub(super) fn joined(first: &Piece, others: &[Piece]) -> Piece {
+        others.iter().fold(*first, |joined, piece| Piece {
+            to_s: piece.to_s,
+            shape: Shape::Bent { planned: None },
+            cap: joined.cap.min(piece.cap),
+            ..joined
+        })
     }
 
     /// Both halves, if it may be cut.
@@ -144,6 +162,7 @@ fn straight(way: &Way<'_>, bounds: Bounds<'_>, phase: Phase) -> Piece {
     Piece {
         from_s: phase.from_s,
         to_s: phase.to_s,
+        whole_to_s: phase.to_s,
         shape: Shape::Straight {
             change: 2.0 / (steepest * way.speed),
         },
@@ -253,6 +272,7 @@ impl<'a> Cutter<'a> {
         self.pieces.push_back(Piece {
             from_s: from.t_s,
             to_s: to.t_s,
+            whole_to_s: self.to_s,
             shape,
             least_s: h_s / LEAST,
             cap,

@@ -10,7 +10,8 @@
 //!
 //! A piece on which the velocity would change at one rate, or which the rate could leave higher than it finds it, is
 //! halved while that gains time. On a ramp between blocks of different speeds the rate counts the distance along both in
-//! the place of plan time ([`course`]).
+//! the place of plan time ([`course`]) where that is faster. The pass back does not know how fast the motion can come, and
+//! may cut a corner into thousands of pieces for a rate that it never has: forward they are joined where one is as fast.
 //!
 //! Maximum velocities hold because the rate is at most 1, or what a block leaves of them.
 //!
@@ -94,6 +95,7 @@ pub(crate) struct LookAhead {
     braking: Braking,
     planes: Vec<HalfPlane>,
     renewed: Vec<Piece>,
+    cut: Vec<Piece>,
     steps: Vec<Step>,
 }
 
@@ -153,6 +155,7 @@ impl LookAhead {
             braking: Braking::default(),
             planes: Vec::new(),
             renewed: Vec::new(),
+            cut: Vec::new(),
             steps: Vec::new(),
         }
     }
@@ -181,6 +184,7 @@ impl LookAhead {
             braking: Braking::default(),
             planes: Vec::new(),
             renewed: Vec::new(),
+            cut: Vec::new(),
             steps: Vec::new(),
             ..*self
         }
@@ -348,13 +352,16 @@ impl LookAhead {
         };
         self.steps.clear();
         let mut task = held.limits(&self.inverse, &self.velocities, &mut self.planes);
-        for _ in 0..held.pieces {
-            let Some(piece) = self.pieces.pop_front() else {
-                break;
-            };
-            let before = self.square.unwrap_or(piece.limit).min(piece.limit);
+        let mut left = held.pieces;
+        while let Some(first) = self.pieces.front().filter(|_| left > 0) {
+            let cut = self.pieces.iter().take(left);
+            let count = cut.take_while(|piece| piece.is_cut_with(first)).count().max(1);
+            let before = self.square.unwrap_or(first.limit).min(first.limit);
+            left -= count;
+            self.cut.clear();
+            self.cut.extend(self.pieces.drain(..count));
             let limit = self.pieces.front().map_or(self.end_square, |next| next.limit);
-            self.square = Some(task.pass(&piece, before, limit, &mut self.steps));
+            self.square = Some(task.pass_cut(&self.cut, before, limit, &mut self.steps));
         }
         paced::profiles(held, &self.steps, self.braking.free_to(), out);
         let steps = self.steps.iter().map(|step| (step.duration_s(), step.room));

@@ -25,6 +25,10 @@ const CHANGE_MIN: f64 = 0.02;
 /// is more than this share of the limit.
 const SWAY_MAX: f64 = 0.1;
 
+/// So many pieces that were cut from one are passed in one step where that is as fast. Reason: they are as many as the
+/// way back from the fastest motion behind them needs, and the motion may come by much slower.
+const JOINED_FROM: usize = 16;
+
 /// Rounding of a share of a limit; less than what is left of a maximum acceleration.
 const WITHIN: f64 = 1e-8;
 
@@ -48,13 +52,6 @@ pub(super) struct Bent {
 }
 
 impl Limits<'_> {
-    /// A bent piece as it is passed; its half planes stand ready then.
-    fn bend(&mut self, piece: &Piece) -> Course {
-        let course = self.way.course(piece.from_s, piece.to_s);
-        self.take(&course, piece);
-        course
-    }
-
     fn take(&mut self, course: &Course, piece: &Piece) {
         let bounds = Bounds {
             cap: piece.cap,
@@ -80,16 +77,38 @@ impl Limits<'_> {
             Shape::Straight { change } => [(end + change * piece.length_s()).min(piece.cap), end],
             Shape::Whole { .. } | Shape::Bent { planned: Some(_) } if end >= piece.cap => [piece.cap, end],
             Shape::Whole { .. } | Shape::Bent { .. } => {
-                self.bend(piece);
+                self.better(piece, |limits| limits.bent_start(end)[0]);
                 self.bent_start(end)
             }
         }
+    }
+
+    /// A bent piece by plan time or by distance, whichever gives the larger value: both keep the limits. Its half planes
+    /// stand ready then.
+    fn better(&mut self, piece: &Piece, value: impl Fn(&Self) -> f64) -> Course {
+        let by_plan_time = self.way.by_plan_time(piece.from_s, piece.to_s);
+        self.take(&by_plan_time, piece);
+        let Some(by_distance) = self.way.by_distance(piece.from_s, piece.to_s) else {
+            return by_plan_time;
+        };
+        let least = value(self);
+        self.take(&by_distance, piece);
+        if value(self) >= least {
+            return by_distance;
+        }
+        self.take(&by_plan_time, piece);
+        by_plan_time
     }
 
     /// The same for the piece bent last.
     fn bent_start(&self, end: f64) -> [f64; 2] {
         let cap = self.bent.cap;
         limits::fastest_start(self.planes, cap, end.min(cap)).map(|square| square.max(0.0))
+    }
+
+    /// The largest square of the rate at the end of the piece bent last.
+    fn bent_end(&self, before: f64, limit: f64) -> f64 {
+        limits::fastest_end(self.planes, before, limit.min(self.bent.cap)).max(SQUARE_MIN)
     }
 
     /// Adds a piece with its new limit, in as many pieces as it takes, the last one first.
@@ -125,6 +144,56 @@ impl Limits<'_> {
             .fold(end, |end, piece| self.renew(piece, end, renewed))
     }
 
+    /// Passes pieces that were cut from one; many of them in one step where that is as fast.
+    pub(super) fn pass_cut(
+        &mut self,
+        pieces: &[Piece],
+        before: f64,
+        limit: f64,
+        steps: &mut Vec<Step>,
+    ) -> f64 {
+        let [first, others @ ..] = pieces else {
+            return before;
+        };
+        if pieces.len() < JOINED_FROM {
+            return self.pass_each(pieces, before, limit, steps);
+        }
+        let whole = Piece::joined(first, others);
+        let step = self.fastest(&whole, before, limit);
+        if before <= self.bent.cap && is_within(&step) {
+            let mut each = Vec::new();
+            let end = self.pass_each(pieces, before, limit, &mut each);
+            let least_s: f64 = each.iter().map(Step::duration_s).sum();
+            if step.end * (1.0 + GAIN) >= end && step.duration_s() <= least_s * (1.0 + GAIN) {
+                paced::push(steps, step, whole.length_s());
+                return step.end;
+            }
+        }
+        let (first, second) = pieces.split_at(pieces.len() / 2);
+        let most = second.first().map_or(limit, |piece| piece.limit);
+        let middle = self.pass_cut(first, before, most, steps);
+        self.pass_cut(second, middle, limit, steps)
+    }
+
+    fn pass_each(&mut self, pieces: &[Piece], before: f64, limit: f64, steps: &mut Vec<Step>) -> f64 {
+        let limits = pieces.iter().skip(1).map(|next| next.limit).chain([limit]);
+        let mut at = before;
+        for (piece, limit) in pieces.iter().zip(limits) {
+            at = self.pass(piece, at, limit, steps);
+        }
+        at
+    }
+
+    /// True when halves are faster than a step over both of them; the limits are those behind each half.
+    fn gains(&mut self, whole: &Step, [first, second]: [&Piece; 2], most: f64, limit: f64) -> bool {
+        let one = self.fastest(first, whole.start, most);
+        let two = self.fastest(second, one.end, limit);
+        let is_faster = one.duration_s() + two.duration_s() < whole.duration_s() * (1.0 - GAIN)
+            || two.end > whole.end * (1.0 + GAIN);
+        // What is left for between the ends is not the same for halves, so they may allow less.
+        is_faster && is_within(&one) && is_within(&two)
+    }
+
     /// Passes a piece from this square of the rate on, as fast as the limit behind it allows; gives the one at its end.
     pub(super) fn pass(&mut self, piece: &Piece, before: f64, limit: f64, steps: &mut Vec<Step>) -> f64 {
         let limit = limit.min(piece.cap);
@@ -148,12 +217,8 @@ impl Limits<'_> {
                     paced::push(steps, whole, piece.length_s());
                     return whole.end;
                 }
-                let mut before = before;
-                while let Some(piece) = finer.pop() {
-                    let limit = finer.last().map_or(limit, |next| next.limit);
-                    before = self.pass(&piece, before, limit, steps);
-                }
-                before
+                finer.reverse();
+                self.pass_cut(&finer, before, limit, steps)
             }
             Shape::Bent { .. } => {
                 let whole = self.fastest(piece, before, limit);
@@ -161,12 +226,7 @@ impl Limits<'_> {
                     && let Some([first, second]) = piece.halves()
                 {
                     let most = self.start(&second, limit);
-                    let one = self.fastest(&first, before, most);
-                    let two = self.fastest(&second, one.end, limit);
-                    let gains = one.duration_s() + two.duration_s() < whole.duration_s() * (1.0 - GAIN)
-                        || two.end > whole.end * (1.0 + GAIN);
-                    // What is left for between the ends is not the same for halves, so they may allow less.
-                    if gains && is_within(&one) && is_within(&two) {
+                    if self.gains(&whole, [&first, &second], most, limit) {
                         let middle = self.pass(&first, before, most, steps);
                         return self.pass(&second, middle, limit, steps);
                     }
@@ -191,14 +251,15 @@ impl Limits<'_> {
 
     /// A bent piece in one step.
     fn fastest(&mut self, piece: &Piece, before: f64, limit: f64) -> Step {
-        let mut course = self.bend(piece);
-        // At an even rate by plan time the limits hold, too: bounds by distance may allow less.
-        if !course.growth.is_none() && self.bent_start(limit)[0] < before {
-            course = self.way.by_plan_time(piece.from_s, piece.to_s);
-            self.take(&course, piece);
-        }
-        let limit = limit.min(self.bent.cap);
-        let after = limits::fastest_end(self.planes, before, limit).max(SQUARE_MIN);
+        let course = self.better(piece, |limits| {
+            let may_begin = limits.bent_start(limit)[0] >= before;
+            if may_begin {
+                limits.bent_end(before, limit)
+            } else {
+                0.0
+            }
+        });
+        let after = self.bent_end(before, limit);
         let room = limits::room(&course, self.bounds.inverse, [before, after]);
         Step {
             from_s: piece.from_s,

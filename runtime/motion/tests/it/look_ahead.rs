@@ -141,6 +141,28 @@ fn m1d_blocks_of_a_micrometre_and_points_that_coincide_keep_the_limits() {
 }
 
 #[test]
+fn m1d_steep_corners_take_few_profiles_a_servo_period() {
+    // Seeds where the fastest motion behind a corner needs thousands of pieces; the servo passes 4096 in a period.
+    for seed in [17, 77, 86, 166, 291, 302, 308, 313] {
+        let chain = random(&mut Random(seed * 77 + 5), 200);
+        let mut at_s = 0.0;
+        let ends: Vec<f64> = (chain.plan().iter())
+            .map(|profile| {
+                at_s += profile.duration_s;
+                at_s
+            })
+            .collect();
+        for (first, begin_s) in ends.iter().enumerate() {
+            let within = ends.partition_point(|end_s| end_s - begin_s <= PERIOD_S) - first;
+            assert!(
+                within <= 1024,
+                "seed {seed}: {within} profiles from {begin_s} s on"
+            );
+        }
+    }
+}
+
+#[test]
 fn m1d_more_blocks_than_look_ahead_holds_slow_down_and_keep_the_limits() {
     // 20,000 blocks of a micrometre are 20 mm; from 128 mm/s at 100 mm/s^2 the way to rest is 82 mm.
     let feed = feed(60_000.0, [50.0, 50.0, 0.0]);
