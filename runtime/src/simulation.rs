@@ -106,7 +106,7 @@ impl Simulation {
             }
             if events {
                 turns += 1;
-                if !self.turn_alone() || turns == TURNS_MAX {
+                if !self.turn_alone(servo) || turns == TURNS_MAX {
                     // so that this is called again, also when nobody listened
                     for desk in &self.desks {
                         desk.wake_task();
@@ -117,11 +117,13 @@ impl Simulation {
         }
     }
 
-    /// Each coordinate system looks at what the servo has told. False when tasks must run before time goes on.
-    fn turn_alone(&self) -> bool {
-        let turns = self.desks.iter().map(|desk| desk.turn_alone());
+    /// Each coordinate system that the servo has told something looks at it. False when tasks must run before time goes
+    /// on.
+    fn turn_alone(&self, servo: &Servo) -> bool {
+        let desks = self.desks.iter().zip(servo.channels());
+        let told = desks.filter(|(_, channel)| channel.has_told());
         // all of them turn, also behind one that needs its task
-        turns.filter(|alone| !alone).count() == 0
+        told.filter(|(desk, _)| !desk.turn_alone()).count() == 0
     }
 
     /// Cycles before the next sleeper is due in which nothing happens pass at once; a trace wants each of them.

@@ -8,7 +8,7 @@
 use crate::speed_growth::SpeedGrowth;
 
 /// The most pieces of one pace; a block that needs more takes several profiles.
-pub const PACE_PIECES_MAX: usize = 4;
+pub const PACE_PIECES_MAX: usize = 2;
 
 /// A place on the path.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -66,7 +66,7 @@ impl Planner {
         self.look_ahead.set_feed_override(factor);
     }
 
-    /// The motion has passed this segment: at most 10,000 passed ones are kept.
+    /// The motion has passed this segment: the last 10,000 passed ones are kept, and fewer than 128 more.
     pub fn passed(&mut self, segment: u64) {
         self.record.passed(segment);
     }

@@ -11,6 +11,12 @@ use crate::look_ahead::{LookAhead, Passage};
 /// Segments kept behind the motion: how far back trace goes.
 pub(crate) const PASSED_MAX: usize = 10_000;
 
+/// Segments farther behind are forgotten so many at a time. Reason: one by one each is fetched from memory for that.
+const FORGOTTEN_AT_ONCE: usize = 128;
+
+/// Room is made for so many segments at a time. Reason: twice the room each time is memory that nothing needs.
+const ROOM: usize = 2048;
+
 /// Segments kept at all; the oldest are forgotten.
 const SEGMENTS_MAX: usize = 65_536;
 
@@ -96,6 +102,9 @@ impl Record {
     pub(crate) fn extend(&mut self, entries: impl ExactSizeIterator<Item = Entry>) {
         let too_many = (self.entries.len() + entries.len()).saturating_sub(SEGMENTS_MAX);
         self.entries.drain(..too_many.min(self.entries.len()));
+        if self.entries.capacity() < self.entries.len() + entries.len() {
+            self.entries.reserve_exact(entries.len().max(ROOM));
+        }
         self.entries.extend(entries);
     }
 
@@ -106,10 +115,15 @@ impl Record {
 
     /// The motion has passed this segment.
     pub(crate) fn passed(&mut self, segment: u64) {
+        let Some(first) = self.entries.front().map(Entry::segment) else {
+            return;
+        };
         // Segments are numbered one after another.
-        let too_far_behind = segment.saturating_sub(PASSED_MAX as u64);
-        while (self.entries.front()).is_some_and(|first| first.segment() <= too_far_behind) {
-            self.entries.pop_front();
+        let behind = (segment + 1).saturating_sub(first);
+        let behind = usize::try_from(behind).unwrap_or(usize::MAX);
+        let too_many = behind.saturating_sub(PASSED_MAX).min(self.entries.len());
+        if too_many >= FORGOTTEN_AT_ONCE {
+            self.entries.drain(..too_many);
         }
     }
 

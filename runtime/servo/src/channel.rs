@@ -218,6 +218,11 @@ impl Channel {
         self.executing
     }
 
+    /// True when the last cycle put out an event, or was slower for want of more profiles.
+    pub fn has_told(&self) -> bool {
+        self.told
+    }
+
     /// Which override scales the block of [`Channel::executing`]: [`TimeBase::Rapid`] for G00, G28, G30, G53 and G31.
     pub fn time_base(&self) -> Option<TimeBase> {
         self.time_base

@@ -184,11 +184,6 @@ impl<'a> CheckedFile<'a> {
             .any(tandem_model::Diagnostic::is_error)
     }
 
-    /// Programs that it calls.
-    pub fn programs(&self) -> &[u16] {
-        &self.check.programs
-    }
-
     /// The findings with lines and columns.
     pub fn located(&self) -> Vec<ProgramDiagnostic> {
         locate(self.tree.source(), &self.check.diagnostics)

@@ -252,16 +252,12 @@ impl Plan {
         json: bool,
         diagnostics: &mut Vec<ProgramDiagnostic>,
     ) -> Result<(), Refused> {
-        if !self
-            .machine
-            .coordinate_systems
-            .iter()
-            .any(|system| system.settings.number == cs)
-        {
+        let mut systems = self.machine.coordinate_systems.iter();
+        let Some(system) = systems.find(|system| system.settings.number == cs) else {
             return Err(Refused::Unreadable(format!(
                 "the machine has no coordinate system {cs}"
             )));
-        }
+        };
         if self.jobs.iter().any(|job| job.cs == cs) {
             return Err(Refused::Unreadable(format!(
                 "coordinate system {cs} can run one program at a time"
@@ -287,16 +283,20 @@ impl Plan {
                 }
             }
             let program = StoredProgram::new(number, &text, self.machine.text_rules());
-            let checked = CheckedFile::of_stored(&path, &program, &self.machine, cs);
-            if checked.has_errors() {
-                if !json {
-                    checked.print();
+            // The load asks for this check, too; beyond it only a call can be wrong.
+            let here = program.check_in(&system.settings);
+            let called = &program.check.programs;
+            if !here.errors.is_empty() || !called.is_empty() {
+                let checked = CheckedFile::of_stored(&path, &program, &self.machine, cs);
+                if checked.has_errors() {
+                    if !json {
+                        checked.print();
+                    }
+                    diagnostics.extend(checked.located());
                 }
-                diagnostics.extend(checked.located());
             }
             let data_dir = self.machine.data_dir.as_deref();
-            let called = checked.programs().iter();
-            left.extend(called.filter_map(|n| Some((*n, find_subprogram(*n, file, data_dir)?))));
+            left.extend((called.iter()).filter_map(|n| Some((*n, find_subprogram(*n, file, data_dir)?))));
             self.programs.insert(number, program);
         }
         Ok(())
