@@ -100,7 +100,7 @@ impl Limits<'_> {
         by_plan_time
     }
 
-    /// The same for the piece bent last.
+    /// The largest square of the rate at the begin of the piece bent last, and the one at its end that it leads to.
     fn bent_start(&self, end: f64) -> [f64; 2] {
         let cap = self.bent.cap;
         limits::fastest_start(self.planes, cap, end.min(cap)).map(|square| square.max(0.0))
