@@ -35,6 +35,7 @@ pub struct Formula {
     pub speeds: Vec<f64>,
     pub ramps: Vec<Ramp>,
     pub centres: Vec<f64>,
+    longest_ramp_s: f64,
     pub end_s: f64,
 }
 
@@ -89,6 +90,7 @@ impl Formula {
         Self {
             paths: blocks.into_iter().map(|(path, _)| path).collect(),
             speeds,
+            longest_ramp_s: ramps.iter().copied().map(total).fold(0.0, f64::max),
             ramps,
             centres,
             end_s,
@@ -100,8 +102,13 @@ impl Formula {
             let [ta, ts] = self.ramps[i];
             integral_of_ramp(t - self.centres[i] + f64::midpoint(ta, ts), ta, ts)
         };
-        let mut position = self.paths[0].start();
-        for (i, path) in self.paths.iter().enumerate() {
+        // Blocks that are passed, and those that have not begun, add nothing to the start of the next one.
+        let half = self.longest_ramp_s / 2.0;
+        let first = self.centres[1..].partition_point(|centre| centre + half <= t);
+        let begun = self.centres.partition_point(|centre| centre - half < t);
+        let within = first.min(self.paths.len() - 1)..begun.min(self.paths.len());
+        let mut position = self.paths[within.start].start();
+        for (i, path) in self.paths.iter().enumerate().take(within.end).skip(within.start) {
             let distance = self.speeds[i] * (ramped(i) - ramped(i + 1));
             position = position.plus(path.point_at(distance)).minus(path.start());
         }

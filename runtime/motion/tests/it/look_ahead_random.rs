@@ -1,6 +1,9 @@
 //! Random chains for G500; the numbers are the same everywhere.
 
 use std::f64::consts::TAU;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::thread;
 
 use tandem_model::flow::{Feed, Path, Plane, Segment, SegmentMotion, Turn};
 use tandem_model::{ArcPath, Axis, AxisVector};
@@ -36,6 +39,41 @@ impl Random {
     pub fn one_of<T: Copy>(&mut self, all: &[T]) -> T {
         all[usize::try_from(self.bits() % all.len() as u64).unwrap()]
     }
+}
+
+/// Random chains: 2,000, or 200,000 with `TANDEM_LONG=1`.
+pub fn chains() -> u64 {
+    if std::env::var("TANDEM_LONG").is_ok_and(|value| value == "1") {
+        200_000
+    } else {
+        2000
+    }
+}
+
+/// Runs `check` with every seed below `seeds`, on all processors; the first seed that panics ends it.
+pub fn each_seed(seeds: u64, check: impl Fn(u64) + Sync) {
+    let next = AtomicU64::new(0);
+    let take_seeds = || {
+        loop {
+            let seed = next.fetch_add(1, Ordering::Relaxed);
+            if seed >= seeds {
+                return;
+            }
+            if let Err(panic) = catch_unwind(AssertUnwindSafe(|| check(seed))) {
+                next.store(seeds, Ordering::Relaxed);
+                resume_unwind(panic);
+            }
+            // The long run takes half an hour.
+            if (seed + 1).is_multiple_of(5000) {
+                eprintln!("seed {seed} of {seeds} passed");
+            }
+        }
+    };
+    thread::scope(|scope| {
+        for _ in 0..thread::available_parallelism().map_or(1, usize::from) {
+            scope.spawn(take_seeds);
+        }
+    });
 }
 
 /// A random chain: lines, arcs, spirals and helices in all planes of lengths over nine orders of magnitude, reversals,

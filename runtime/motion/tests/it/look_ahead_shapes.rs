@@ -5,8 +5,7 @@ use std::f64::consts::TAU;
 use tandem_model::flow::{Feed, Path, Plane, Segment, SegmentMotion, Turn};
 use tandem_model::{ArcPath, AxisVector};
 
-use crate::look_ahead::chains;
-use crate::look_ahead_random::Random;
+use crate::look_ahead_random::{Random, chains, each_seed};
 use crate::look_ahead_rig::{Chain, Shape, best_time_s, check, same_path, time_s};
 use crate::rig::{PERIOD_S, feed, line, segment, vector};
 
@@ -250,9 +249,7 @@ fn steep(seed: u64) -> Chain {
 
 #[test]
 fn m1d_feedrates_that_jump_in_steep_ramps_cost_no_time() {
-    for seed in 0..chains() / 10 {
-        near(&format!("seed {seed}"), &steep(seed));
-    }
+    each_seed(chains() / 10, |seed| near(&format!("seed {seed}"), &steep(seed)));
 }
 
 /// Blocks of one length that turn evenly, as slow as the slower axis lets them.

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use std::f64::consts::FRAC_PI_2;
 use std::fmt::Write as _;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use tandem_interp::{Inputs, Interpreter};
 use tandem_model::flow::{Item, Path, Segment, SegmentMotion};
@@ -13,8 +14,7 @@ use tandem_model::{AXES_MAX, AxisVector, MachinePosition, Variables};
 use tandem_path::PathStage;
 use tandem_syntax::{Grammar, parse};
 
-use crate::look_ahead::chains;
-use crate::look_ahead_random::Random;
+use crate::look_ahead_random::{Random, chains, each_seed};
 use crate::look_ahead_rig::{Chain, Shape, check, same_path};
 use crate::rig::fast;
 
@@ -118,11 +118,11 @@ fn shape(segment: &Segment) -> Shape {
 #[test]
 fn m1d_no_motor_exceeds_its_limits_on_random_compensated_contours_from_their_text() {
     let seeds = chains() / 10;
-    let mut run = 0;
-    for seed in 0..seeds {
+    let run = AtomicU64::new(0);
+    each_seed(seeds, |seed| {
         let mut random = Random(2_000_000 + seed);
         let text = contour(&mut random);
-        let Some(segments) = segments(&text) else { continue };
+        let Some(segments) = segments(&text) else { return };
         let accelerations: Vec<f64> = (0..4).map(|_| random.magnitude(200.0, 20_000.0)).collect();
         let blocks = segments
             .into_iter()
@@ -136,8 +136,9 @@ fn m1d_no_motor_exceeds_its_limits_on_random_compensated_contours_from_their_tex
         if let Err(found) = check(&chain, &profiles, 6).and_then(|()| same_path(&chain, &profiles)) {
             panic!("seed {seed}: {found}\n{text}");
         }
-        run += 1;
-    }
+        run.fetch_add(1, Ordering::Relaxed);
+    });
     // The others have corners or arcs too narrow for the tool.
+    let run = run.into_inner();
     assert!(2 * run >= seeds, "{run} of {seeds}");
 }
