@@ -31,6 +31,8 @@ pub struct PathStage {
     default_feedrate_mm_min: f64,
     rotary_feedrate_deg_min: f64,
     max_feedrate_mm_min: f64,
+    /// The most that Z alone can go.
+    pub(crate) max_z_feedrate_mm_min: f64,
     /// Of dry run.
     dry_run_feedrate_mm_min: f64,
     dry_run: bool,
@@ -52,6 +54,7 @@ pub struct PathStage {
 impl PathStage {
     /// A stage at a machine position, with the identity transform.
     pub fn new(settings: &CoordinateSystemSettings, at: MachinePosition) -> Self {
+        let max_z_velocity = (settings.motors[Axis::Z.index()].as_ref()).map(|motor| motor.max_velocity);
         Self {
             axes: settings.axes(),
             soft_limits: std::array::from_fn(|i| {
@@ -69,6 +72,9 @@ impl PathStage {
             default_feedrate_mm_min: settings.default_feedrate_mm_min,
             rotary_feedrate_deg_min: settings.rotary_feedrate_deg_min,
             max_feedrate_mm_min: settings.max_feedrate_mm_min,
+            max_z_feedrate_mm_min: max_z_velocity.map_or(settings.max_feedrate_mm_min, |velocity| {
+                settings.max_feedrate_mm_min.min(velocity * 60.0)
+            }),
             dry_run_feedrate_mm_min: match settings.motion.dry_run_feedrate_mm_min {
                 configured if configured > 0.0 => configured,
                 _ => settings.max_feedrate_mm_min,

@@ -1,6 +1,6 @@
 //! A way of a tapping cycle in the thread: along Z, the spindle's revolutions with it (motion-semantics 1h).
 
-use tandem_model::alarm::{SPINDLE_SPEED_MISSING, TAP_OFF_AXIS};
+use tandem_model::alarm::{SPINDLE_SPEED_MISSING, TAP_OFF_AXIS, VALUE_OUT_OF_RANGE};
 use tandem_model::flow::{
     AxisWords, Block, Distance, Feed, Segment, SegmentEnd, SegmentMotion, Tap, ThreadAhead, Turn,
 };
@@ -88,7 +88,10 @@ impl PathStage {
         let feed = self.feed_in_force(block, false)?;
         let travel = (to[Axis::Z] - self.at[Axis::Z]).abs();
         let revolutions = match tap.spindle_speed_r_min {
-            None => 0.0,
+            None => {
+                self.as_fast_as_f(feed.feedrate_mm_min)?;
+                0.0
+            }
             Some(speed) if speed > 0.0 => travel * speed / feed.feedrate_mm_min,
             Some(speed) => {
                 let text = format!("The spindle speed is {speed} r/min");
@@ -100,5 +103,19 @@ impl PathStage {
             feed,
             revolutions,
         })
+    }
+
+    /// Where no spindle of the coordinate system is locked to Z, nothing slows the spindle with it: the pitch is right
+    /// only at F itself.
+    fn as_fast_as_f(&self, feedrate: f64) -> Result<(), Alarm> {
+        let most = self.max_z_feedrate_mm_min;
+        if feedrate <= most {
+            return Ok(());
+        }
+        let text = format!(
+            "F of {feedrate} mm/min is above the {most} that Z can go; without a spindle in the coordinate system the thread \
+             would have another pitch"
+        );
+        Err(Alarm::new(&VALUE_OUT_OF_RANGE, text).of_words("F"))
     }
 }

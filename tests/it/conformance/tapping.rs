@@ -128,6 +128,15 @@ fn d42_without_a_spindle_m_codes_turn_it_between_the_ways() {
 }
 
 #[test]
+fn m1h_without_a_spindle_f_above_the_maximum_is_an_alarm_at_the_cycle_before_it_moves() {
+    // max_feedrate is 10,000 by default.
+    let run = simulate_on(&without_spindle(), "S300\nF10001\nG74 Z-10 R-5\nG80\nM30\n", &[]);
+    assert_eq!((run.alarm(), &run.json["alarm"]["line"]), (11, &3.into()));
+    assert!(run.trace.iter().all(|row| row.axes == [0.0]));
+    assert_eq!(run.events("output").len(), 0);
+}
+
+#[test]
 fn m1h_a_tap_that_cannot_be_cut_is_an_alarm_before_the_cycle_moves_and_s_above_the_maximum_is_refused() {
     let third = "number = 3\nkind = \"linear\"\n";
     let motors = MOTORS.replace(third, &format!("{third}soft_limits = [-50.0, 50.0]\n"));

@@ -2,6 +2,7 @@
 
 use tandem_model::alarm::{
     AXIS_MISSING, COMPENSATION_REFUSED, FEEDRATE_MISSING, SOFT_LIMIT, SPINDLE_SPEED_MISSING, TAP_OFF_AXIS,
+    VALUE_OUT_OF_RANGE,
 };
 use tandem_model::flow::{
     Action, AxisWords, Block, Compensation, Distance, Feed, Mirror, Plane, Rotation, Scaling, Segment,
@@ -132,6 +133,24 @@ fn m1h_the_pitch_is_that_of_f_as_programmed_and_f_of_other_blocks_is_at_most_the
     assert!((length_and_feed(&out[0]).1 - 60.0).abs() < 1e-12);
     // F100
     near(thread(&out[1]), (0.0, -5.0, 15.0, TapLeg::In));
+}
+
+#[test]
+fn m1h_without_a_spindle_f_above_what_z_can_go_would_change_the_pitch_and_is_refused() {
+    // F100 is 1.67 mm/s.
+    for (max_feedrate, max_velocity, is_refused) in
+        [(100.0, 10.0, false), (99.9, 10.0, true), (1000.0, 1.66, true)]
+    {
+        let mut slow = settings();
+        slow.max_feedrate_mm_min = max_feedrate;
+        slow.motors[Z.index()].as_mut().unwrap().max_velocity = max_velocity;
+        let mut stage = PathStage::new(&slow, MachinePosition::default());
+        let outcome = stage.push(&tap(1, -10.0, TapLeg::In, None), &mut Vec::new());
+        assert_eq!(outcome.is_err(), is_refused, "{max_feedrate} {max_velocity}");
+        if let Err(alarm) = outcome {
+            assert_eq!((alarm.entry, alarm.words.as_str()), (&VALUE_OUT_OF_RANGE, "F"));
+        }
+    }
 }
 
 #[test]
