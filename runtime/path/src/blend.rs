@@ -89,7 +89,7 @@ impl PathStage {
                          {limit:.6}; a lower F, shorter ramps or G61 keep it nearer to the path",
                         axis.letter()
                     );
-                    return Err(Alarm::new(&SOFT_LIMIT, text));
+                    return Err(Alarm::new(&SOFT_LIMIT, text).of_words(axis.letter()));
                 }
             }
         }

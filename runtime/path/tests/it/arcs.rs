@@ -414,6 +414,7 @@ fn soft_limits_hold_where_arcs_are_blended_beyond_the_hull_of_both() {
     assert_eq!(alarm_within(&arcs(30_000.0), farthest + 1e-6), None);
     let alarm = alarm_within(&arcs(30_000.0), farthest - 1e-3).unwrap();
     assert_eq!((alarm.entry, alarm.origin.unwrap().line), (&SOFT_LIMIT, 3));
+    assert_eq!(alarm.words, "X");
     assert!(alarm.text.contains(&format!("{farthest:.6}")), "{}", alarm.text);
     // Slow, the blend is short; with G61 there is none.
     assert_eq!(alarm_within(&arcs(600.0), 196.0), None);
