@@ -109,11 +109,16 @@ listen = "127.0.0.1:${http}"
 `;
 }
 
+/** Below the ports that the system gives to clients, so that none of them has it before the runtime. */
 async function freePort() {
+  const port = 10000 + Math.floor(Math.random() * 20000);
   const server = createServer();
-  server.listen(0, "127.0.0.1");
-  await once(server, "listening");
-  const { port } = server.address();
+  server.listen(port, "127.0.0.1");
+  try {
+    await once(server, "listening");
+  } catch {
+    return freePort();
+  }
   server.close();
   await once(server, "close");
   return port;

@@ -3,6 +3,7 @@
 use std::net::{TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::atomic::{AtomicU16, Ordering};
 use std::time::{Duration, Instant};
 
 use tempfile::TempDir;
@@ -47,9 +48,7 @@ impl Mosquitto {
     }
 
     fn with_persistence(folder: TempDir, more: &str, persistence: bool) -> Self {
-        let free = TcpListener::bind("127.0.0.1:0").expect("a free port");
-        let port = free.local_addr().expect("its address").port();
-        drop(free);
+        let port = free_port();
         // started by root it would become a user who may not read the folder
         let config = format!(
             "user root\nlistener {port} 127.0.0.1\npersistence {persistence}\nset_tcp_nodelay true\nlog_dest stderr\n{more}"
@@ -92,6 +91,16 @@ impl Mosquitto {
         }
         self.process = Some(process);
     }
+}
+
+/// A free port, below those that the system gives to clients, so that none of them has it before the broker.
+fn free_port() -> u16 {
+    static NEXT: AtomicU16 = AtomicU16::new(0);
+    let own = u16::try_from(std::process::id() % 300).expect("less than 300") * 64;
+    (0..64)
+        .map(|_| 10_000 + own + NEXT.fetch_add(1, Ordering::Relaxed) % 64)
+        .find(|port| TcpListener::bind(("127.0.0.1", *port)).is_ok())
+        .expect("a free port")
 }
 
 fn program() -> PathBuf {
