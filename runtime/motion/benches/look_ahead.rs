@@ -5,9 +5,11 @@
 //!
 //! | program | path and plan | from text to profiles |
 //! | --- | --- | --- |
-//! | lines of 0.1 to 1 mm, F3000 | 1,330,000 (1,300,000 to 1,360,000) | 980,000 (970,000 to 1,000,000) |
-//! | the same, F24000, beyond the limits where the spiral is narrow | 790,000 (770,000 to 800,000) | |
-//! | quarter circles of 1 mm, left and right, F3000 | 370,000 (360,000 to 370,000) | 310,000 (300,000 to 310,000) |
+//! | lines of 0.1 to 1 mm, F3000 | 1,375,000 | 1,050,000 (1,046,000 to 1,064,000) |
+//! | the same, F24000, beyond the limits where the spiral is narrow | 770,000 | |
+//! | quarter circles of 1 mm, left and right, F3000 | 357,000 (to 365,000) | 299,000 (to 302,000) |
+//!
+//! Another host does less than half of it: 671,000, 471,000, 355,000, 170,000 and 126,000.
 //!
 //! A new plan of what is known, for another override, costs a block the same however many there are: 0.74 µs of 1000,
 //! 1.5 of 10,000 and of 50,000, which no longer fit the cache.
