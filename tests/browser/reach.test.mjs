@@ -128,7 +128,7 @@ for (const size of SIZES) {
       await page.setViewportSize(size);
       await seen(await open(), name);
       await seen(commands(), "the commands");
-      for (const label of ["Hold", "Stop", "Abort"]) await screen.command(label).click({ timeout: 2000 });
+      for (const label of ["Hold", "Stop", "Abort"]) await screen.command(label).click();
       await until(() => machine.requests.filter(({ path }) => /(hold|stop|abort)$/.test(path)).length, 3, "the number of commands sent");
     });
   }
