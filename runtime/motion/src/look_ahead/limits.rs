@@ -15,15 +15,27 @@ use super::way::Motion;
 /// Rounding of the constraints, relative to a limit.
 const ROUNDING: f64 = 1e-12;
 
-/// Far more than rounding, far less than what is left of a maximum acceleration: a start on a border that hardly depends
-/// on the end must not lower it.
+/// Far more than rounding, far less than what is left of a maximum acceleration: what rounding makes of two borders that
+/// are one must not cut the rate off, and a start on a border that hardly depends on the end must not lower it.
 const SLACK: f64 = 1e-9;
+
+/// The same by the larger one of two factors, where a limit is a small difference of large values; never more than
+/// [`SLACK_MAX`].
+const SLACK_OF_FACTORS: f64 = 32.0 * f64::EPSILON;
+const SLACK_MAX: f64 = 1e-6;
 
 /// `left x0 + right x1 <= 1`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct HalfPlane {
     left: f64,
     right: f64,
+}
+
+impl HalfPlane {
+    /// What its sum may be above 1 by rounding.
+    fn slack(self) -> f64 {
+        (self.left.abs().max(self.right.abs()) * SLACK_OF_FACTORS).clamp(SLACK, SLACK_MAX)
+    }
 }
 
 /// Two-sided limit of a motor at one end of a piece, in shares of its maximum acceleration.
@@ -200,10 +212,11 @@ fn on_border(border: HalfPlane, within: &[HalfPlane], cap: f64, end: f64) -> Opt
     limit(0.0, 1.0, w_max);
     limit(0.0, -1.0, 0.0);
     for plane in within {
+        let most = 1.0 + plane.slack() / 2.0;
         if by_x {
-            limit(plane.left, plane.right, 1.0);
+            limit(plane.left, plane.right, most);
         } else {
-            limit(plane.right, plane.left, 1.0);
+            limit(plane.right, plane.left, most);
         }
     }
     if low > high * (1.0 + ROUNDING) {
@@ -230,7 +243,7 @@ fn at_one_rate(planes: &[HalfPlane], most: f64) -> f64 {
 pub(super) fn fastest_end(planes: &[HalfPlane], start: f64, end: f64) -> f64 {
     let most = planes.iter().fold(end, |most, plane| {
         if plane.right > 0.0 {
-            most.min((1.0 + SLACK - plane.left * start) / plane.right)
+            most.min((1.0 + plane.slack() - plane.left * start) / plane.right)
         } else {
             most
         }
@@ -293,6 +306,31 @@ mod tests {
                 [low.max(border), high]
             }
         })
+    }
+
+    #[test]
+    fn borders_that_are_one_but_for_rounding_leave_the_fastest_start() {
+        // -1 <= 2 M y - M x <= 1 at both ends of a piece, whose factors are not the same to the last bits.
+        let mut bits = 1_u64;
+        let mut rounded = |value: f64| {
+            bits = bits.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            value * (1.0 + f64::from(bits.to_be_bytes()[0] % 5) * f64::EPSILON - 2.0 * f64::EPSILON)
+        };
+        for case in 0..10_000 {
+            let factor = 10_f64.powf(3.0 + 4.0 * f64::from(case) / 10_000.0);
+            let planes: Vec<HalfPlane> = [1.0, -1.0, 1.0, -1.0]
+                .map(|sign| HalfPlane {
+                    left: rounded(-sign * factor),
+                    right: rounded(2.0 * sign * factor),
+                })
+                .into();
+            // 0.3 at the end leads to 0.6 at the begin, and 1/M more.
+            let [start, end] = fastest_start(&planes, 1.0, 0.3);
+            assert!((start - 0.6 - 1.0 / factor).abs() < 1e-9, "{factor}: {start}");
+            assert!((end - 0.3).abs() < 1e-9, "{factor}: {end}");
+            let after = fastest_end(&planes, start, 1.0);
+            assert!((after - 0.3 - 1.0 / factor).abs() < 1e-9, "{factor}: {after}");
+        }
     }
 
     #[test]

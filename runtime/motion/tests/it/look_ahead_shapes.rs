@@ -204,6 +204,26 @@ fn m1d_feedrates_that_alternate_tenfold_cost_no_time_however_steep_their_ramps_a
     }
 }
 
+#[test]
+fn m1d_a_line_is_gone_up_and_down_whatever_its_feedrates_are_where_their_ramps_are_a_million_times_too_steep()
+{
+    for (acceleration, times) in [(1.0, [0.1; 3]), (10.0, [0.125, 0.125, 0.0375])] {
+        let blocks = (1..=200).map(|n| (n, if n % 2 == 1 { 60_000.0 } else { 20_000.0 }));
+        let line = blocks.fold(Drawing::new(), |drawing, (n, f)| {
+            drawing.to(f64::from(n), 0.0, feed(f, times))
+        });
+        let chain = line.chain(acceleration);
+        near(&format!("{acceleration} mm/s^2"), &chain);
+        // Up for half of 200 mm and down for the other half, nowhere as fast as F.
+        let best_s = 2.0 * (200.0 / acceleration).sqrt();
+        let time_s = time_s(&chain.plan());
+        assert!(
+            time_s < 1.02 * best_s + 3.0 * PERIOD_S,
+            "{time_s} s, best {best_s} s"
+        );
+    }
+}
+
 /// Lines and arcs of random lengths, feedrates and turns.
 fn figure(seed: u64) -> Chain {
     let mut random = Random(3_000_000 + seed);
