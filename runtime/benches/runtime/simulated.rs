@@ -2,22 +2,24 @@
 //! with everything that a run has, from reading the text on. Simulated seconds by seconds on the clock.
 //!
 //! - long lines: sides of 100 mm, each from rest to rest (G61);
-//! - short lines: sides of 0.4 mm in a polygon, blended (G64, G501);
+//! - short lines: sides of 0.4 mm in a polygon, blended (G64, G501), 6 ms each;
 //! - look-ahead: the same with G500;
+//! - dense lines, dense ahead: the same with sides of 0.1 mm, 2 ms each, which costs about 1.8 us a block;
 //! - arcs: full circles of 20 mm.
 //!
-//! Measured on a 2-core Xeon virtual machine while it parsed 17 million blocks a second (bench `parse`), bench profile; medians
-//! of two runs, each of five rounds:
+//! Measured on two cores of an AMD EPYC virtual machine on which the lines of the bench `look_ahead` go at 980,000 a second
+//! from the text to profiles; bench profile, medians of two runs, each of five rounds, and the lowest round of both:
 //!
-//! | program | times real time |
-//! | --- | --- |
-//! | long lines | 160,000 to 225,000 |
-//! | short lines | 910 to 1440 |
-//! | look-ahead | 1040 to 1310 |
-//! | arcs | 210,000 to 250,000 |
+//! | program | times real time | lowest |
+//! | --- | --- | --- |
+//! | long lines | 357,000 and 476,000 | 170,000 |
+//! | short lines | 2960 and 3100 | 2300 |
+//! | look-ahead | 2690 and 2670 | 2540 |
+//! | dense lines | 1180 and 1180 | 1070 |
+//! | dense ahead | 1040 and 1020 | 1008 |
+//! | arcs | 403,000 and 415,000 | 363,000 |
 //!
-//! Before a block's start and end were taken up without waking a task: short lines 580 to 630, look-ahead 870 to 880, in
-//! turn with the runs above.
+//! A host that does half of it has dense lines at about 500.
 
 use std::fmt::Write as _;
 use std::time::Instant;

@@ -1,12 +1,12 @@
 //! Speed from the text to profiles, parse, interpret, path and plan: 102,000 blocks, 1000 squares with rounded corners
 //! and lead-in and lead-out, as lines and arcs. A profile is dropped as soon as it is there.
 //!
-//! Medians, blocks a second on one core of a virtual machine with two. The slower one is a host where the lines of the
-//! bench `look_ahead` go at 470,000 from the text to profiles, less than half of what that bench tells.
+//! Medians, blocks a second on one core of a virtual machine with two. The lines of the bench `look_ahead` go at 980,000
+//! from the text to profiles on the faster one, at 470,000 on the slower one.
 //!
 //! | machine | without compensation, G501 | G500 | with compensation, G501 | G500 |
 //! | --- | --- | --- | --- | --- |
-//! | AMD EPYC, shared with other builds | 840,000 | | 540,000 | |
+//! | the faster one | 929,000 | 525,000 | 647,000 | 395,000 |
 //! | the slower one | 406,000 | 231,000 | 294,000 | 236,000 |
 
 use std::collections::{BTreeMap, VecDeque};

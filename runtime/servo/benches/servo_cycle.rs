@@ -1,14 +1,14 @@
 //! Time of one servo cycle: 8 channels of 8 axes, the most a machine can have, and one channel of 3 axes; each axis
 //! with a simulated drive that lags, each channel with a spindle. Cases are (channels, axes).
 //!
-//! Medians on a virtual machine with two cores of an Intel Xeon at 2.5 GHz (a servo period is 1 ms = 1,000,000 ns):
+//! Medians on two cores of an AMD EPYC virtual machine (a servo period is 1 ms = 1,000,000 ns):
 //!
 //! | case | 1 channel, 3 axes | 8 channels, 8 axes |
 //! | --- | --- | --- |
-//! | idle | 60 ns | 336 ns |
-//! | G01, ramp with jerk phases | 129 ns | 1107 ns |
-//! | G00, seven phases a motor | 175 ns | 1473 ns |
-//! | G500, the override slewing | 190 ns | 1628 ns |
+//! | idle | 51 ns | 360 ns |
+//! | G01, ramp with jerk phases | 123 ns | 1086 ns |
+//! | G00, seven phases a motor | 171 ns | 1484 ns |
+//! | G500, the override slewing | 174 ns | 1581 ns |
 
 use std::hint::black_box;
 
