@@ -8,16 +8,16 @@
 //! - arcs: full circles of 20 mm.
 //!
 //! Measured on two cores of an AMD EPYC virtual machine on which the lines of the bench `look_ahead` go at 980,000 a second
-//! from the text to profiles; bench profile, medians of two runs, each of five rounds, and the lowest round of both:
+//! from the text to profiles; bench profile, the medians of three runs of five rounds each, and the lowest round of all:
 //!
 //! | program | times real time | lowest |
 //! | --- | --- | --- |
-//! | long lines | 357,000 and 476,000 | 170,000 |
-//! | short lines | 2960 and 3100 | 2300 |
-//! | look-ahead | 2690 and 2670 | 2540 |
-//! | dense lines | 1180 and 1180 | 1070 |
-//! | dense ahead | 1040 and 1020 | 1008 |
-//! | arcs | 403,000 and 415,000 | 363,000 |
+//! | long lines | 357,000 to 476,000 | 170,000 |
+//! | short lines | 2870 to 3100 | 2120 |
+//! | look-ahead | 2640 to 2690 | 2530 |
+//! | dense lines | 1140 to 1180 | 990 |
+//! | dense ahead | 950 to 1040 | 910 |
+//! | arcs | 349,000 to 415,000 | 299,000 |
 //!
 //! A host that does half of it has dense lines at about 500.
 
