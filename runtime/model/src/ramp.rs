@@ -31,6 +31,23 @@ impl UnitRamp {
         }
     }
 
+    /// The shortest ramp with times no shorter than these that keeps its slope `dS/dt` to `slope` per second, and the
+    /// change of that to `change` per second squared.
+    #[must_use]
+    pub fn within(self, slope: f64, change: f64) -> Self {
+        let ta_s = self.ta_s.max(1.0 / slope);
+        let ts_s = self.ts_s.max(1.0 / (change * ta_s));
+        if ts_s <= ta_s {
+            return Self { ta_s, ts_s };
+        }
+        // Too steep for its jerk: no phase of constant acceleration.
+        let both_s = change.sqrt().recip();
+        Self {
+            ta_s: both_s,
+            ts_s: both_s,
+        }
+    }
+
     /// Duration `ta + ts`, s.
     #[inline]
     pub fn duration_s(self) -> f64 {
@@ -160,6 +177,25 @@ mod tests {
         close(shorter.ta_s, 0.1);
         close(shorter.ts_s, 0.02);
         assert_eq!(ramp.at_most(0.04), UnitRamp::new(0.04, 0.0));
+    }
+
+    #[test]
+    fn the_shortest_ramp_within_limits_of_slope_and_jerk() {
+        let ramp = UnitRamp::new(0.1, 0.02);
+        // As it is: slope 1/ta = 10, change 1/(ta ts) = 500.
+        assert_eq!(ramp.within(10.5, 505.0), ramp);
+        // ta = 1/slope; ts stays while its change of 1/(0.2 0.02) = 250 is within.
+        let longer = ramp.within(5.0, 260.0);
+        close(longer.ta_s, 0.2);
+        close(longer.ts_s, 0.02);
+        // ts = slope/change.
+        let softer = ramp.within(5.0, 50.0);
+        close(softer.ta_s, 0.2);
+        close(softer.ts_s, 0.1);
+        // The slope is not reached: ta = ts, change 1/ts^2.
+        let soft = ramp.within(1000.0, 25.0);
+        close(soft.ta_s, 0.2);
+        close(soft.ts_s, 0.2);
     }
 
     #[test]

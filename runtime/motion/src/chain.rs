@@ -13,7 +13,7 @@ use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::ShortBlock;
 
 use crate::block::RampedBlock;
-use crate::ramped::Alone;
+use crate::ramped::{Alone, RestToRest};
 
 /// The blocks of the chain that are not planned to their end.
 #[derive(Debug, Clone, Default)]
@@ -63,15 +63,22 @@ impl Chain {
             path,
             alone,
         } = block;
+        let is_first = self.blocks.is_empty();
+        // With `extend` the ramps decide on the speed, and that on the path: they are as programmed.
+        let (start, td) = match rule {
+            ShortBlock::Shrink if is_first => (alone.start_from_rest(), alone.stop_to_rest()),
+            ShortBlock::Shrink => (alone.start, alone.stop_to_rest()),
+            ShortBlock::Extend => (alone.start, alone.stop),
+        };
         let mut link = Link {
             segment,
             origin,
             path: path.clone(),
             length: path.length(),
             speed: alone.limit,
-            is_first: self.blocks.is_empty(),
-            start: alone.start,
-            td: alone.stop,
+            is_first,
+            start,
+            td,
             stop: None,
             alone,
         };
@@ -156,8 +163,16 @@ impl Link {
     /// As planned, going over to the next one, where the block before has come to; alone in its chain, it is the block
     /// from rest to rest.
     fn planned(&self, next: Option<&Link>, before: ChainPlace, epoch: u32) -> RampedBlock {
-        let (speed, stop, begun_s, plan_s) = match self.stop {
-            None => (self.alone.speed, self.alone.stop, 0.0, self.alone.duration_s),
+        let (speed, start, stop, begun_s, plan_s) = match self.stop {
+            None => {
+                let RestToRest {
+                    speed,
+                    start,
+                    stop,
+                    duration_s,
+                } = self.alone.rest_to_rest(self.length);
+                (speed, start, stop, 0.0, duration_s)
+            }
             Some(stop) => {
                 let (begun_s, ramp_in_s) = if self.is_first {
                     (0.0, self.start.duration_s() / 2.0)
@@ -165,7 +180,7 @@ impl Link {
                     (self.start.duration_s(), -self.start.duration_s() / 2.0)
                 };
                 let plan_s = self.length / self.speed + ramp_in_s + stop.duration_s() / 2.0;
-                (self.speed, stop, begun_s, plan_s)
+                (self.speed, self.start, stop, begun_s, plan_s)
             }
         };
         RampedBlock {
@@ -174,7 +189,7 @@ impl Link {
             origin: self.origin,
             path: self.path.clone(),
             speed,
-            start: self.start,
+            start,
             stop,
             begun_s,
             next: next.map(|next| Lead {

@@ -142,7 +142,7 @@ impl Planner {
                     segment: self.last_segment + 1,
                     origin: segment.origin,
                     path,
-                    alone: ramped::plan(&self.settings, path, *feed)?,
+                    alone: ramped::plan(&self.settings, path, *feed, segment.multi_block)?,
                 };
                 return self.blend(block, segment.multi_block, out);
             }
@@ -203,10 +203,7 @@ impl Planner {
         multi_block: MultiBlock,
         out: &mut VecDeque<Profile>,
     ) -> Result<(), Alarm> {
-        check_duration(block.alone.duration_s)?;
-        if multi_block == MultiBlock::On {
-            ramped::check_acceleration(&self.settings, block.path)?;
-        }
+        check_duration(block.alone.duration_s_max(block.path.length()))?;
         if multi_block != self.multi_block {
             self.finish_chain(out);
             self.multi_block = multi_block;

@@ -1,26 +1,152 @@
 //! G01 along a path: from rest to rest (motion-semantics 1a), and what a chain needs of it.
 
 use tandem_model::alarm::{LIMIT_ZERO, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
-use tandem_model::flow::{Feed, Path};
+use tandem_model::flow::{Feed, MultiBlock, Path};
 use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::{Alarm, Axis};
 
-/// A block from rest to rest.
+use crate::look_ahead::LEFT;
+
+/// A peak speed is found in so many halvings of what it may be: to the last bits that count.
+const HALVINGS: u32 = 60;
+
+/// Less than look-ahead leaves, so that rounding does not make it slow a ramp down.
+const ROUNDING: f64 = 1e-9;
+
+/// A block on its own: what a chain takes of it.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Alone {
-    /// Between the ramps, path units per second.
-    pub(crate) speed: f64,
     /// F within its limits, path units per second: what it reaches when it is long enough.
     pub(crate) limit: f64,
+    /// As programmed.
+    pub(crate) start: UnitRamp,
+    /// As programmed.
+    pub(crate) stop: UnitRamp,
+    /// What ramps from rest and to rest keep to; `None`: they are as programmed.
+    soft: Option<Soft>,
+}
+
+/// What the motors allow along a line.
+#[derive(Debug, Clone, Copy)]
+struct Soft {
+    /// Path units per second squared.
+    acceleration: f64,
+    /// Path units per second cubed.
+    jerk: f64,
+}
+
+/// A block from rest to rest.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct RestToRest {
+    /// Between the ramps, path units per second.
+    pub(crate) speed: f64,
     pub(crate) start: UnitRamp,
     pub(crate) stop: UnitRamp,
     pub(crate) duration_s: f64,
 }
 
-/// The ramped motion along a path: `t_end = L/v + (Ta + Td)/2`, or, when the path is too short to reach v,
-/// `v_peak = 2 L/(Ta + Td)` with the ramps as long as programmed (rule `extend`).
-pub(crate) fn plan(settings: &CoordinateSystemSettings, path: &Path, feed: Feed) -> Result<Alone, Alarm> {
+impl Alone {
+    /// The ramp from rest to this speed.
+    fn start_to(&self, speed: f64) -> UnitRamp {
+        self.soft.map_or(self.start, |soft| soft.ramp(self.start, speed))
+    }
+
+    /// The ramp from this speed to rest.
+    fn stop_from(&self, speed: f64) -> UnitRamp {
+        self.soft.map_or(self.stop, |soft| soft.ramp(self.stop, speed))
+    }
+
+    /// The ramp with which a chain begins.
+    pub(crate) fn start_from_rest(&self) -> UnitRamp {
+        self.start_to(self.limit)
+    }
+
+    /// The ramp with which a chain ends.
+    pub(crate) fn stop_to_rest(&self) -> UnitRamp {
+        self.stop_from(self.limit)
+    }
+
+    /// The most that [`Alone::rest_to_rest`] takes, s.
+    pub(crate) fn duration_s_max(&self, length: f64) -> f64 {
+        stop_to_stop(length, self.limit, self.start_from_rest(), self.stop_to_rest()).1
+    }
+
+    /// The motion over this length, from rest to rest: `t_end = L/v + (Ta + Td)/2`, or, when it is too short to reach
+    /// v, the peak at which the ramps fill it. Ramps as programmed keep their time (rule `extend`); those within limits of
+    /// the motors are shorter for a lower peak.
+    pub(crate) fn rest_to_rest(&self, length: f64) -> RestToRest {
+        let ramps = |speed: f64| [self.start_to(speed), self.stop_from(speed)];
+        let fits = |speed: f64| {
+            let [start, stop] = ramps(speed);
+            speed * f64::midpoint(start.duration_s(), stop.duration_s()) <= length
+        };
+        let mut ramps_at = self.limit;
+        if self.soft.is_some() && !fits(self.limit) {
+            let mut low = 0.0;
+            for _ in 0..HALVINGS {
+                let middle = f64::midpoint(low, ramps_at);
+                if fits(middle) {
+                    low = middle;
+                } else {
+                    ramps_at = middle;
+                }
+            }
+        }
+        let [start, stop] = ramps(ramps_at);
+        let (speed, duration_s) = stop_to_stop(length, ramps_at, start, stop);
+        RestToRest {
+            speed,
+            start,
+            stop,
+            duration_s,
+        }
+    }
+}
+
+impl Soft {
+    /// Along a line on which a motor with a maximum jerk moves.
+    fn along(settings: &CoordinateSystemSettings, path: &Path) -> Result<Option<Self>, Alarm> {
+        let mut soft = Self {
+            acceleration: f64::INFINITY,
+            jerk: f64::INFINITY,
+        };
+        if matches!(path, Path::Arc(_)) {
+            return Ok(None);
+        }
+        for (axis, motor) in Axis::ALL.into_iter().zip(&settings.motors) {
+            let steepest = path.steepest(axis);
+            let Some(motor) = motor.as_ref().filter(|_| steepest > 0.0) else {
+                continue;
+            };
+            soft.acceleration = soft.acceleration.min(motor.max_acceleration / steepest);
+            if let Some(jerk) = motor.max_jerk {
+                if !(jerk > 0.0 && jerk.is_finite()) {
+                    let text = format!("max_jerk of axis {} is {jerk}", axis.letter());
+                    return Err(Alarm::new(&LIMIT_ZERO, text));
+                }
+                soft.jerk = soft.jerk.min(jerk / steepest);
+            }
+        }
+        soft.acceleration *= 1.0 - LEFT - ROUNDING;
+        Ok(Some(soft).filter(|soft| soft.jerk.is_finite()))
+    }
+
+    /// The programmed ramp, lengthened until no motor exceeds its limits.
+    fn ramp(self, programmed: UnitRamp, speed: f64) -> UnitRamp {
+        programmed.within(self.acceleration / speed, self.jerk / speed)
+    }
+}
+
+/// The speed of a block along a path and its ramps. With G500, where a motor that moves on a line has a maximum jerk, those
+/// from rest and to rest keep that and the maximum accelerations: over a line between two stops that is the profile of
+/// 7 segments of motion-semantics 1d.
+pub(crate) fn plan(
+    settings: &CoordinateSystemSettings,
+    path: &Path,
+    feed: Feed,
+    multi_block: MultiBlock,
+) -> Result<Alone, Alarm> {
     let length = path.length();
     if !length.is_finite() || !path.start().is_finite() || !path.end().is_finite() {
         return Err(Alarm::new(
@@ -31,13 +157,18 @@ pub(crate) fn plan(settings: &CoordinateSystemSettings, path: &Path, feed: Feed)
     let start = ramp(settings, "ta", feed.ta_ms, feed.ts_ms)?;
     let stop = ramp(settings, "td", feed.td_ms, feed.ts_ms)?;
     let limit = speed_limit(settings, path, feed)?;
-    let (speed, duration_s) = stop_to_stop(length, limit, start, stop);
+    let soft = match multi_block {
+        MultiBlock::On => {
+            check_acceleration(settings, path)?;
+            Soft::along(settings, path)?
+        }
+        MultiBlock::Off => None,
+    };
     Ok(Alone {
-        speed,
         limit,
         start,
         stop,
-        duration_s,
+        soft,
     })
 }
 
@@ -98,7 +229,7 @@ pub(crate) fn speed_limit(
 }
 
 /// G500: each motor that moves must have a maximum acceleration.
-pub(crate) fn check_acceleration(settings: &CoordinateSystemSettings, path: &Path) -> Result<(), Alarm> {
+fn check_acceleration(settings: &CoordinateSystemSettings, path: &Path) -> Result<(), Alarm> {
     for axis in Axis::ALL {
         let motor = settings.motors[axis.index()].as_ref();
         let most = motor.map_or(0.0, |motor| motor.max_acceleration);

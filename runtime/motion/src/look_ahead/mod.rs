@@ -15,9 +15,11 @@
 //!
 //! Maximum velocities hold because the rate is at most 1, or what a block leaves of them.
 //!
-//! `max_jerk` bounds nothing here: the path is that of G501, where short blocks have no jerk time left (motion-semantics
-//! 1b, `ts' = T' - ta'`), so that at each of their joints `q501''` steps by a vector that no rate but 0 takes out of
-//! `q'' = q501'' w^2 + q501' w'`. The manual names positions, velocities and accelerations.
+//! `max_jerk` bounds the ramps of a line from rest and to rest, which come here lengthened to it ([`crate::ramped`]): over
+//! a line between two stops that is the shortest motion, in 7 segments. It bounds nothing else here: the path is that of
+//! G501, where short blocks have no jerk time left (motion-semantics 1b, `ts' = T' - ta'`), so that at each of their
+//! joints `q501''` steps by a vector that no rate but 0 takes out of `q'' = q501'' w^2 + q501' w'`. The manual names
+//! positions, velocities and accelerations.
 
 mod braking;
 mod course;
@@ -70,7 +72,7 @@ const MET: f64 = 1e-3;
 
 /// Share of the maximum acceleration that is left to feed hold and to rounding, so that a hold acts wherever it comes. It
 /// costs a thousandth of the time.
-const LEFT: f64 = 2e-3;
+pub(crate) const LEFT: f64 = 2e-3;
 
 /// The blocks of a chain that are not final.
 #[derive(Debug, Clone)]

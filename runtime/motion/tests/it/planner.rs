@@ -12,7 +12,8 @@ use tandem_model::{AXES_MAX, ArcPath, Axis, AxisVector};
 use tandem_motion::Planner;
 
 use crate::rig::{
-    PERIOD_S, close, fast, feed, integral_of_ramp, line, motor, plan, refused, segment, settings, vector,
+    PERIOD_S, close, fast, feed, integral_of_ramp, line, motor, plan, refused, segment, settings,
+    shortest_by_halving, vector,
 };
 
 /// Time of the whole block and distance after `t`, by motion-semantics 1a.
@@ -380,27 +381,6 @@ fn coordinates() -> impl Strategy<Value = [f64; AXES_MAX]> {
 fn ramp_times() -> impl Strategy<Value = [f64; 3]> {
     let ts = prop_oneof![Just(0.0), 1.0..300.0];
     (1.0..500.0, 1.0..500.0, ts).prop_map(|(ta, td, ts)| [ta, td, ts])
-}
-
-/// Peak speed, ramp time by motion-semantics 1e, the peak found by halving instead of a closed form.
-fn shortest_by_halving(way: f64, v: f64, a: f64, j: Option<f64>) -> (f64, f64) {
-    let ramp = |w: f64| match j {
-        None => w / a,
-        Some(j) if w >= a * a / j => w / a + a / j,
-        Some(j) => 2.0 * (w / j).sqrt(),
-    };
-    let (mut low, mut high) = (0.0, v);
-    if v * ramp(v) > way {
-        for _ in 0..200 {
-            let middle = f64::midpoint(low, high);
-            if middle * ramp(middle) > way {
-                high = middle;
-            } else {
-                low = middle;
-            }
-        }
-    }
-    (high, way / high + ramp(high))
 }
 
 proptest! {

@@ -110,3 +110,25 @@ pub fn integral_of_ramp(t: f64, ta: f64, ts: f64) -> f64 {
         (cut(t, 2) - cut(t - ta, 2)) / (2.0 * ta)
     }
 }
+
+/// Peak speed and time of the shortest motion from rest to rest: ramp time by motion-semantics 1e, the peak found by
+/// halving instead of a closed form.
+pub fn shortest_by_halving(way: f64, v: f64, a: f64, j: Option<f64>) -> (f64, f64) {
+    let ramp = |w: f64| match j {
+        None => w / a,
+        Some(j) if w >= a * a / j => w / a + a / j,
+        Some(j) => 2.0 * (w / j).sqrt(),
+    };
+    let (mut low, mut high) = (0.0, v);
+    if v * ramp(v) > way {
+        for _ in 0..200 {
+            let middle = f64::midpoint(low, high);
+            if middle * ramp(middle) > way {
+                high = middle;
+            } else {
+                low = middle;
+            }
+        }
+    }
+    (high, way / high + ramp(high))
+}

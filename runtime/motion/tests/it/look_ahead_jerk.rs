@@ -1,0 +1,241 @@
+//! G500 where motors have a maximum jerk (motion-semantics 1d): lines from rest and to rest.
+
+use std::collections::VecDeque;
+
+use tandem_model::alarm::LIMIT_ZERO;
+use tandem_model::flow::{Feed, MultiBlock, Segment, SegmentEnd};
+use tandem_model::profile::Profile;
+use tandem_model::settings::{CoordinateSystemSettings, ShortBlock};
+use tandem_model::{Axis, AxisVector};
+use tandem_motion::Planner;
+
+use crate::look_ahead_random::{Random, each_seed};
+use crate::rig::{
+    PERIOD_S, close, feed, integral_of_ramp, line, motor, refused, settings, shortest_by_halving, vector,
+};
+
+/// Share of the maximum acceleration that feed hold leaves to the plan.
+const LEFT: f64 = 1.0 - 2e-3;
+
+/// Lines through points with G500, from rest to rest.
+fn lines(points: &[AxisVector], feed: Feed) -> Vec<Segment> {
+    let ends = points.windows(2);
+    ends.map(|ends| Segment {
+        multi_block: MultiBlock::On,
+        end: SegmentEnd::Continuous,
+        ..line(ends[0], ends[1], feed)
+    })
+    .collect()
+}
+
+/// A motion planned to its end.
+struct Motion(Vec<Profile>);
+
+impl Motion {
+    fn new(settings: &CoordinateSystemSettings, segments: &[Segment]) -> Self {
+        let mut planner = Planner::new(settings);
+        let mut out = VecDeque::new();
+        for segment in segments {
+            planner.push(segment, &mut out).unwrap();
+        }
+        planner.flush(&mut out).unwrap();
+        Self(out.into())
+    }
+
+    fn time_s(&self) -> f64 {
+        self.0.iter().map(|profile| profile.duration_s).sum()
+    }
+
+    fn position(&self, t: f64) -> AxisVector {
+        let mut left = t;
+        for profile in &self.0 {
+            if left < profile.duration_s {
+                return profile.position(left);
+            }
+            left -= profile.duration_s;
+        }
+        self.0[self.0.len() - 1].end()
+    }
+
+    /// Divided differences of the positions from one time to another: the most of the second and third derivative, each
+    /// being a mean of it over its samples. What rounding adds is taken off.
+    fn most(&self, axis: Axis, [from, to]: [f64; 2]) -> [f64; 2] {
+        let n = 1000;
+        let h = (to - from) / f64::from(n);
+        let at = |k: i32| self.position(from + h * f64::from(k))[axis];
+        let far = at(0).abs().max(at(n).abs());
+        let mut most = [0.0_f64; 2];
+        for k in 0..n - 2 {
+            let [a, b, c, d] = [at(k), at(k + 1), at(k + 2), at(k + 3)];
+            most[0] = most[0].max((a - 2.0 * b + c).abs() / (h * h));
+            most[1] = most[1].max((d - 3.0 * c + 3.0 * b - a).abs() / (h * h * h));
+        }
+        let rounding = 16.0 * f64::EPSILON * far;
+        [most[0] - rounding / (h * h), most[1] - rounding / (h * h * h)]
+    }
+}
+
+fn xy(acceleration: f64, jerk: f64) -> CoordinateSystemSettings {
+    settings(std::array::from_fn(|i| {
+        (i < 2).then(|| motor(1000.0, acceleration, Some(jerk)))
+    }))
+}
+
+#[test]
+fn m1d_a_line_from_rest_to_rest_has_the_profile_of_7_segments() {
+    // 50 mm at 100 mm/s, 1000 mm/s^2, 10,000 mm/s^3; ta = v/a = 0.1 s, ts = a/j = 0.1 s, where 0.01 s are programmed.
+    let segments = lines(
+        &[AxisVector::ZERO, vector(&[50.0])],
+        feed(6000.0, [10.0, 10.0, 0.0]),
+    );
+    let motion = Motion::new(&xy(1000.0, 10_000.0), &segments);
+    let a = 1000.0 * LEFT;
+    let (ta, ts) = (100.0 / a, a / 10_000.0);
+    let end = 50.0 / 100.0 + ta + ts;
+    assert!((motion.time_s() - end).abs() < 1e-8);
+    for k in 0..=1000 {
+        let t = end * f64::from(k) / 1000.0;
+        let expected = 100.0 * (integral_of_ramp(t, ta, ts) - integral_of_ramp(t - (end - ta - ts), ta, ts));
+        let x = motion.position(t)[Axis::X];
+        assert!((x - expected).abs() < 1e-6, "{t}: {x} is not {expected}");
+    }
+}
+
+#[test]
+fn m1d_ramps_within_the_maximum_jerk_are_as_programmed() {
+    // 100 mm/s in 0.25 s, 0.05 s of it jerk: 500 mm/s^2, 10,000 mm/s^3.
+    let segments = lines(
+        &[AxisVector::ZERO, vector(&[50.0])],
+        feed(6000.0, [200.0, 200.0, 50.0]),
+    );
+    let motion = Motion::new(&xy(505.0, 10_001.0), &segments);
+    close(motion.time_s(), 50.0 / 100.0 + 0.25);
+    close(
+        motion.position(0.1)[Axis::X],
+        100.0 * integral_of_ramp(0.1, 0.2, 0.05),
+    );
+}
+
+#[test]
+fn m1d_a_line_too_short_for_f_keeps_acceleration_and_jerk_and_takes_the_shortest_time() {
+    each_seed(2000, |seed| {
+        let mut random = Random(seed);
+        let to = AxisVector(std::array::from_fn(|i| {
+            if i < 4 { random.within(-1.0, 1.0) } else { 0.0 }
+        }));
+        let length = random.magnitude(0.01, 300.0);
+        let to = to.scaled(length / to.orthogonal_length());
+        let limits: [(f64, Option<f64>); 4] = std::array::from_fn(|_| {
+            let acceleration = random.magnitude(50.0, 20_000.0);
+            let jerk = acceleration * random.magnitude(2.0, 200.0);
+            (acceleration, (random.unit() < 0.7).then_some(jerk))
+        });
+        if limits.iter().all(|(_, jerk)| jerk.is_none()) {
+            return;
+        }
+        let machine = settings(std::array::from_fn(|i| {
+            let (acceleration, jerk) = *limits.get(i)?;
+            Some(motor(1e5, acceleration, jerk))
+        }));
+        let v = random.magnitude(5.0, 500.0);
+        let is_programmed = random.unit() < 0.5;
+        let times = if is_programmed {
+            std::array::from_fn(|_| random.within(0.0, 200.0))
+        } else {
+            [0.0; 3]
+        };
+        let segments = lines(&[AxisVector::ZERO, to], feed(v * 60.0, times));
+        let motion = Motion::new(&machine, &segments);
+        let time = motion.time_s();
+        let [mut a, mut j] = [f64::INFINITY; 2];
+        for (axis, (acceleration, jerk)) in Axis::ALL.into_iter().zip(limits) {
+            let most = motion.most(axis, [0.0, time]);
+            let jerk = jerk.unwrap_or(f64::INFINITY);
+            assert!(
+                most[0] <= acceleration * (1.0 + 1e-6),
+                "seed {seed}: {axis:?} {most:?}"
+            );
+            assert!(most[1] <= jerk * (1.0 + 1e-6), "seed {seed}: {axis:?} {most:?}");
+            let share = to[axis].abs() / length;
+            (a, j) = (a.min(acceleration / share), j.min(jerk / share));
+        }
+        let (_, best) = shortest_by_halving(length, v, a, Some(j));
+        let period = if is_programmed { f64::INFINITY } else { PERIOD_S };
+        assert!(
+            time >= best * (1.0 - 1e-12) && time <= best * 1.002 + 2.0 * period,
+            "seed {seed}: {time} {best}"
+        );
+        assert_eq!(motion.position(time), to);
+    });
+}
+
+#[test]
+fn m1d_a_chain_begins_and_ends_with_the_maximum_jerk_and_rounds_its_corners_as_g501_does() {
+    let [corner, end] = [vector(&[100.0]), vector(&[100.0, 100.0])];
+    let segments = lines(&[AxisVector::ZERO, corner, end], feed(6000.0, [20.0, 20.0, 10.0]));
+    let motion = Motion::new(&xy(1000.0, 10_000.0), &segments);
+    let time = motion.time_s();
+    for (axis, span) in [(Axis::X, [0.0, 0.25]), (Axis::Y, [time - 0.25, time])] {
+        let [acceleration, jerk] = motion.most(axis, span);
+        assert!(
+            (acceleration / 1000.0 - LEFT).abs() < 1e-5,
+            "{axis:?}: {acceleration}"
+        );
+        assert!((jerk / 10_000.0 - 1.0).abs() < 1e-4, "{axis:?}: {jerk}");
+    }
+    let nearest = (0..=100_000)
+        .map(|k| {
+            let off = motion.position(time * f64::from(k) / 100_000.0).minus(corner);
+            off.orthogonal_length()
+        })
+        .fold(f64::INFINITY, f64::min);
+    // |dv| (ta/8 + ts^2/(24 ta)), motion-semantics 1b.
+    let expected = 100.0 * 2.0_f64.sqrt() * (0.020 / 8.0 + 0.010 * 0.010 / (24.0 * 0.020));
+    assert!(
+        (nearest / expected - 1.0).abs() < 1e-4,
+        "{nearest} is not {expected}"
+    );
+}
+
+#[test]
+fn m1d_with_the_rule_extend_and_with_g501_ramps_between_blocks_are_as_programmed() {
+    let points = [AxisVector::ZERO, vector(&[2.0]), vector(&[2.0, 2.0])];
+    let times = [20.0, 20.0, 10.0];
+    let machine = |rule, jerk| {
+        let mut machine = xy(1e6, 1e9);
+        machine.motion.short_block = rule;
+        for motor in machine.motors.iter_mut().flatten() {
+            motor.max_jerk = jerk;
+        }
+        machine
+    };
+    let extend = lines(&points, feed(6000.0, times));
+    let [soft, stiff] =
+        [Some(1e4), None].map(|jerk| Motion::new(&machine(ShortBlock::Extend, jerk), &extend).time_s());
+    close(soft, stiff);
+    let g501: Vec<Segment> = lines(&points[..2], feed(6000.0, times))
+        .into_iter()
+        .map(|segment| Segment {
+            multi_block: MultiBlock::Off,
+            ..segment
+        })
+        .collect();
+    let motion = Motion::new(&machine(ShortBlock::Shrink, Some(1e4)), &g501);
+    // 2 mm of the 3 mm that both ramps take at 100 mm/s.
+    close(motion.time_s(), 0.060);
+}
+
+#[test]
+fn m1d_a_maximum_jerk_that_is_not_above_zero_is_an_alarm_for_a_motor_that_moves() {
+    for jerk in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        let segments = lines(&[AxisVector::ZERO, vector(&[2.0])], feed(600.0, [20.0; 3]));
+        let text = refused(&xy(1000.0, jerk), &segments[0], &LIMIT_ZERO);
+        assert!(text.contains("max_jerk of axis X"), "{text}");
+    }
+    let segments = lines(&[AxisVector::ZERO, vector(&[2.0])], feed(600.0, [20.0; 3]));
+    let mut machine = xy(1000.0, 1000.0);
+    for motor in machine.motors.iter_mut().skip(1).flatten() {
+        motor.max_jerk = Some(0.0);
+    }
+    assert_eq!(Motion::new(&machine, &segments).position(9.0), vector(&[2.0]));
+}
