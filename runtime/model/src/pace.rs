@@ -3,7 +3,8 @@
 //!
 //! Plan time is the time of the motion without look-ahead. The square of its rate is linear in plan time on each piece;
 //! so in time the rate is linear and plan time quadratic, in closed form. On a piece with a [`SpeedGrowth`] that holds for the
-//! distance in the place of plan time.
+//! distance in the place of plan time. Where the acceleration goes over into another one with a maximum jerk, the rate
+//! is of second degree in time.
 
 use crate::speed_growth::SpeedGrowth;
 
@@ -84,6 +85,8 @@ pub struct PacePiece {
     pub rate: f64,
     /// Change of the rate per second, of that of the distance where the speed grows.
     pub rate_change: f64,
+    /// Change of `rate_change` per second.
+    pub rate_jerk: f64,
     /// How the programmed speed grows over it, where that matters.
     pub growth: SpeedGrowth,
     /// What the motors leave to overrides and feed hold.
@@ -93,7 +96,8 @@ pub struct PacePiece {
 impl PacePiece {
     /// Plan time `past_s` seconds after its begin, s.
     fn plan_time(&self, past_s: f64) -> f64 {
-        let distance_s = past_s * (self.rate + self.rate_change * past_s / 2.0);
+        let rate_change = self.rate_change + self.rate_jerk * past_s / 3.0;
+        let distance_s = past_s * (self.rate + rate_change * past_s / 2.0);
         self.plan_s + self.growth.plan_s(distance_s)
     }
 
@@ -101,6 +105,16 @@ impl PacePiece {
     fn when(&self, plan_s: f64) -> Option<(f64, f64)> {
         let past_s = plan_s - self.plan_s;
         let distance_s = self.growth.distance_s(past_s);
+        if self.rate_jerk != 0.0 {
+            // By time the rate grows as a speed does by plan time.
+            let by_time = SpeedGrowth {
+                first: self.rate_change / self.rate,
+                second: self.rate_jerk / self.rate,
+            };
+            let time_s = by_time.plan_s(distance_s / self.rate);
+            let rate = self.rate * by_time.speed(time_s);
+            return Some((self.begins_s + time_s, rate / self.growth.speed(past_s)));
+        }
         let square = self.rate * self.rate + 2.0 * self.rate_change * distance_s;
         let rate = square.max(0.0).sqrt().copysign(self.rate);
         let sum = self.rate + rate;

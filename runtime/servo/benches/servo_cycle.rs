@@ -157,6 +157,7 @@ fn paced() -> Profile {
         plan_s: n * DURATION_S / 4.0,
         rate: 1.0,
         rate_change: 0.0,
+        rate_jerk: 0.0,
         growth: SpeedGrowth::default(),
         room,
     });

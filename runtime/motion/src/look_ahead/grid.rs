@@ -2,9 +2,9 @@
 
 use std::collections::VecDeque;
 
-use tandem_model::Axis;
 use tandem_model::flow::Path;
 use tandem_model::profile::SlewRoom;
+use tandem_model::{AXES_MAX, Axis};
 
 use super::course::Course;
 use super::limits::{self, Bounds, Spread};
@@ -64,7 +64,12 @@ pub(super) struct Piece {
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Shape {
     /// Straight at one speed: the square of the rate changes by at most this per second of plan time, anywhere in it.
-    Straight { change: f64 },
+    Straight {
+        /// Per second.
+        change: f64,
+        /// The change of the rate changes by at most this per second, within it; infinite: without a limit.
+        jerk: f64,
+    },
     /// Nothing exceeds its limit at the largest rate; it is cut finer where the rate changes.
     Whole {
         /// What is left at the largest rate.
@@ -156,15 +161,18 @@ pub(super) fn cut_finer(way: &Way<'_>, bounds: Bounds<'_>, piece: &Piece, pieces
 }
 
 fn straight(way: &Way<'_>, bounds: Bounds<'_>, phase: Phase) -> Piece {
-    let steepest = Axis::ALL.into_iter().fold(0.0, |steepest: f64, axis| {
-        steepest.max(way.path.steepest(axis) * bounds.inverse[axis.index()])
-    });
+    let most = |inverse: &[f64; AXES_MAX]| {
+        Axis::ALL.into_iter().fold(0.0, |most: f64, axis| {
+            most.max(way.path.steepest(axis) * inverse[axis.index()])
+        })
+    };
     Piece {
         from_s: phase.from_s,
         to_s: phase.to_s,
         whole_to_s: phase.to_s,
         shape: Shape::Straight {
-            change: 2.0 / (steepest * way.speed),
+            change: 2.0 / (most(&bounds.motors.inverse) * way.speed),
+            jerk: 1.0 / (most(&bounds.motors.inverse_jerks) * way.speed),
         },
         least_s: f64::INFINITY,
         cap: bounds.cap_at(|axis| way.path.steepest(axis) * way.speed),
@@ -258,7 +266,7 @@ impl<'a> Cutter<'a> {
             return self.even(ends, bent.sqrt().ceil().min(PARTS_MAX), depth + 1, finer);
         }
         let cap = self.bounds.cap_at(|axis| planned.motion.fastest(axis, h_s));
-        let room = limits::room(&planned, self.bounds.inverse, [cap; 2]);
+        let room = limits::room(&planned, &self.bounds.motors.inverse, [cap; 2]);
         let within = room.braking.max(room.driving) <= 1.0;
         let shape = if finer {
             Shape::Bent {
@@ -286,7 +294,7 @@ impl<'a> Cutter<'a> {
             length_s: h_s,
             ..
         } = course;
-        let spread = Spread::new(motion, self.bounds.inverse);
+        let spread = Spread::new(motion, &self.bounds.motors.inverse);
         // The limit at the largest rate.
         let most = 1.0 / self.bounds.cap.max(1.0);
         let left_out = h_s * h_s * spread.bend / 8.0;

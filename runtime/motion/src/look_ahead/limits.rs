@@ -7,8 +7,10 @@
 //! with distance in the place of plan time.
 
 use tandem_model::profile::SlewRoom;
+use tandem_model::settings::{CoordinateSystemSettings, MotorSettings};
 use tandem_model::{AXES_MAX, Axis};
 
+use super::LEFT;
 use super::course::Course;
 use super::way::Motion;
 
@@ -68,13 +70,39 @@ fn rows(course: &Course, axis: Axis, inverse: f64) -> [Row; 2] {
     [row(q2 - q1, q1), row(-r1, r2 + r1)]
 }
 
+/// The limits of the motors.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Motors {
+    /// 1 over the maximum acceleration of each motor, 0 without one.
+    pub(super) inverse: [f64; AXES_MAX],
+    /// 1 over the maximum jerk of each motor, 0 without one.
+    pub(super) inverse_jerks: [f64; AXES_MAX],
+    /// Maximum velocity of each motor, 0 without one.
+    velocities: [f64; AXES_MAX],
+}
+
+impl Motors {
+    /// Less what is left to feed hold.
+    pub(super) fn new(settings: &CoordinateSystemSettings) -> Self {
+        let of_each = |value: fn(&MotorSettings) -> f64| {
+            settings
+                .motors
+                .each_ref()
+                .map(|motor| motor.as_ref().map_or(0.0, value))
+        };
+        let inverse = |most: f64| if most > 0.0 { 1.0 / most } else { 0.0 };
+        Self {
+            inverse: of_each(|motor| motor.max_acceleration * (1.0 - LEFT)).map(inverse),
+            inverse_jerks: of_each(|motor| motor.max_jerk.unwrap_or(0.0)).map(inverse),
+            velocities: of_each(|motor| motor.max_velocity),
+        }
+    }
+}
+
 /// The limits of one block.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Bounds<'a> {
-    /// 1 over the maximum acceleration of each motor, 0 without one.
-    pub(super) inverse: &'a [f64; AXES_MAX],
-    /// Maximum velocity of each motor, 0 without one.
-    pub(super) velocities: &'a [f64; AXES_MAX],
+    pub(super) motors: &'a Motors,
     /// Largest square of the rate.
     pub(super) cap: f64,
 }
@@ -89,7 +117,7 @@ impl Bounds<'_> {
         Axis::ALL.into_iter().fold(self.cap, |cap, axis| {
             let fastest = fastest(axis);
             if fastest > 0.0 {
-                cap.min((self.velocities[axis.index()] / fastest).powi(2).max(1.0))
+                cap.min((self.motors.velocities[axis.index()] / fastest).powi(2).max(1.0))
             } else {
                 cap
             }
@@ -99,7 +127,7 @@ impl Bounds<'_> {
 
 /// The limits that can bind with squares of the rate from 0 to the cap.
 pub(super) fn half_planes(course: &Course, bounds: Bounds<'_>, planes: &mut Vec<HalfPlane>) {
-    let Bounds { inverse, cap, .. } = bounds;
+    let Bounds { motors, cap } = bounds;
     planes.clear();
     let mut add = |left: f64, right: f64| {
         let right = right * course.scale;
@@ -108,7 +136,7 @@ pub(super) fn half_planes(course: &Course, bounds: Bounds<'_>, planes: &mut Vec<
         }
     };
     for axis in Axis::ALL {
-        let inverse = inverse[axis.index()];
+        let inverse = motors.inverse[axis.index()];
         if inverse == 0.0 {
             continue;
         }

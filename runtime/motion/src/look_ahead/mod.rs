@@ -15,8 +15,8 @@
 //!
 //! Maximum velocities hold because the rate is at most 1, or what a block leaves of them.
 //!
-//! `max_jerk` bounds the ramps of a line from rest and to rest, which come here lengthened to it ([`crate::ramped`]): over
-//! a line between two stops that is the shortest motion, in 7 segments. It bounds nothing else here: the path is that of
+//! `max_jerk` bounds straight runs: the ramps of a line from rest and to rest, which come here lengthened to it
+//! ([`crate::ramped`]), and what is between the ramps of a line ([`straight`]). It bounds nothing else: the path is that of
 //! G501, where short blocks have no jerk time left (motion-semantics 1b, `ts' = T' - ta'`), so that at each of their
 //! joints `q501''` steps by a vector that no rate but 0 takes out of `q'' = q501'' w^2 + q501' w'`. The manual names
 //! positions, velocities and accelerations.
@@ -27,17 +27,17 @@ mod grid;
 mod limits;
 mod paced;
 mod rate;
+mod straight;
 mod way;
 
 use std::collections::VecDeque;
 
-use tandem_model::AXES_MAX;
 use tandem_model::profile::{Law, Profile};
 use tandem_model::settings::CoordinateSystemSettings;
 
 use self::braking::Braking;
 use self::grid::Piece;
-use self::limits::{Bounds, HalfPlane};
+use self::limits::{Bounds, HalfPlane, Motors};
 use self::paced::Step;
 use self::rate::{Bent, Limits, SQUARE_MIN};
 pub(crate) use self::way::Passage;
@@ -77,10 +77,7 @@ pub(crate) const LEFT: f64 = 2e-3;
 /// The blocks of a chain that are not final.
 #[derive(Debug, Clone)]
 pub(crate) struct LookAhead {
-    /// 1 over the maximum acceleration of each motor, 0 without one.
-    inverse: [f64; AXES_MAX],
-    /// Maximum velocity of each motor, 0 without one.
-    velocities: [f64; AXES_MAX],
+    motors: Motors,
     period_s: f64,
     /// From 1 on, of blocks still to come.
     feed_override: f64,
@@ -115,17 +112,11 @@ struct Held {
 
 impl Held {
     /// What bounds its pieces, within these of the motors.
-    fn limits<'a>(
-        &'a self,
-        inverse: &'a [f64; AXES_MAX],
-        velocities: &'a [f64; AXES_MAX],
-        planes: &'a mut Vec<HalfPlane>,
-    ) -> Limits<'a> {
+    fn limits<'a>(&'a self, motors: &'a Motors, planes: &'a mut Vec<HalfPlane>) -> Limits<'a> {
         Limits {
             way: Way::new(&self.block, self.passage),
             bounds: Bounds {
-                inverse,
-                velocities,
+                motors,
                 cap: self.cap,
             },
             planes,
@@ -137,15 +128,7 @@ impl Held {
 impl LookAhead {
     pub(crate) fn new(settings: &CoordinateSystemSettings) -> Self {
         Self {
-            inverse: std::array::from_fn(|i| {
-                let motor = settings.motors[i].as_ref();
-                let most = motor.map_or(0.0, |motor| motor.max_acceleration * (1.0 - LEFT));
-                if most > 0.0 { 1.0 / most } else { 0.0 }
-            }),
-            velocities: std::array::from_fn(|i| {
-                let motor = settings.motors[i].as_ref();
-                motor.map_or(0.0, |motor| motor.max_velocity)
-            }),
+            motors: Motors::new(settings),
             period_s: settings.servo_period_s,
             feed_override: 1.0,
             blocks: VecDeque::new(),
@@ -224,8 +207,7 @@ impl LookAhead {
         }
         let cap = self.cap(way.plan_s);
         let bounds = Bounds {
-            inverse: &self.inverse,
-            velocities: &self.velocities,
+            motors: &self.motors,
             cap,
         };
         let pieces = grid::cut(&way, bounds, &mut self.pieces);
@@ -319,7 +301,7 @@ impl LookAhead {
             if finals.is_none() && open <= to_rest * (1.0 + MET) {
                 finals = Some(block + 1);
             }
-            let mut task = held.limits(&self.inverse, &self.velocities, &mut self.planes);
+            let mut task = held.limits(&self.motors, &mut self.planes);
             let first_of_block = self.renewed.len();
             let mut unchanged = false;
             for _ in 0..held.pieces {
@@ -353,7 +335,7 @@ impl LookAhead {
             return;
         };
         self.steps.clear();
-        let mut task = held.limits(&self.inverse, &self.velocities, &mut self.planes);
+        let mut task = held.limits(&self.motors, &mut self.planes);
         let mut left = held.pieces;
         while let Some(first) = self.pieces.front().filter(|_| left > 0) {
             let cut = self.pieces.iter().take(left);

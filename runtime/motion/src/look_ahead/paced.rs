@@ -26,6 +26,8 @@ pub(super) struct Step {
     pub(super) growth: SpeedGrowth,
     /// Change of the rate per second, by what it counts.
     pub(super) rate_change: f64,
+    /// Change of that per second.
+    pub(super) rate_jerk: f64,
     pub(super) room: SlewRoom,
 }
 
@@ -34,9 +36,17 @@ impl Step {
         (self.start - square).abs() < SAME_RATE * square && (self.end - square).abs() < SAME_RATE * square
     }
 
-    /// Time that it takes: what the rate counts over the mean rate, the rate being linear in time.
+    /// Time that it takes: what the rate counts over the mean rate. With the rate linear in time that is the mean of its
+    /// ends w0 and w1; of second degree, with the change c at its begin, it is `(2 w0 + w1)/3 + c t/6` after the time t.
     pub(super) fn duration_s(&self) -> f64 {
         let plan_s = self.to_s - self.from_s;
+        if self.rate_jerk != 0.0 {
+            let ends = (2.0 * self.start.sqrt() + self.end.sqrt()) / 3.0;
+            let root = (ends * ends + self.rate_change * plan_s * 2.0 / 3.0)
+                .max(0.0)
+                .sqrt();
+            return 2.0 * plan_s / (ends + root);
+        }
         let end = self.end.sqrt() * self.growth.speed(plan_s);
         2.0 * self.growth.distance_s(plan_s) / (self.start.sqrt() + end)
     }
@@ -65,7 +75,7 @@ pub(super) fn push(steps: &mut Vec<Step>, step: Step, piece_s: f64) {
     {
         last.to_s = step.to_s;
         // One rate but for rounding: the change that a short way was planned with is not that of a long one.
-        last.rate_change = 0.0;
+        (last.rate_change, last.rate_jerk) = (0.0, 0.0);
         last.room = last.room.worst(step.room);
         return;
     }
@@ -96,6 +106,7 @@ pub(super) fn profiles(held: &Held, steps: &[Step], free_to: u64, out: &mut VecD
                 plan_s: plan_time(step.from_s),
                 rate: sign * step.start.sqrt(),
                 rate_change: sign * step.rate_change,
+                rate_jerk: sign * step.rate_jerk,
                 growth: if held.passage.is_backward {
                     step.growth.reversed()
                 } else {
@@ -115,13 +126,14 @@ mod tests {
 
     #[test]
     fn steps_at_one_rate_join_to_one_without_change() {
-        let step = |from_s, to_s, end, rate_change| Step {
+        let step = |from_s, to_s, end, rate_change, rate_jerk| Step {
             from_s,
             to_s,
             start: 0.25,
             end,
             growth: SpeedGrowth::default(),
             rate_change,
+            rate_jerk,
             room: SlewRoom {
                 slope: f64::INFINITY,
                 braking: 0.0,
@@ -130,10 +142,11 @@ mod tests {
         };
         let mut steps = Vec::new();
         // A way down of rounding, longer than what is left out.
-        push(&mut steps, step(0.0, 1e-11, 0.25 - 1e-14, -10.0), 1.0);
-        push(&mut steps, step(1e-11, 1.0, 0.25, 0.0), 1.0);
+        push(&mut steps, step(0.0, 1e-11, 0.25 - 1e-14, -10.0, 100.0), 1.0);
+        push(&mut steps, step(1e-11, 1.0, 0.25, 0.0, 0.0), 1.0);
         assert_eq!(steps.len(), 1);
         assert!(steps[0].rate_change.abs() < 1e-9, "{}", steps[0].rate_change);
+        assert!(steps[0].rate_jerk.abs() < 1e-9, "{}", steps[0].rate_jerk);
         assert!((steps[0].duration_s() - 2.0).abs() < 1e-9);
     }
 }

@@ -10,6 +10,7 @@ use super::course::Course;
 use super::grid::{self, Piece, Shape};
 use super::limits::{self, Bounds, HalfPlane, Spread};
 use super::paced::{self, Step};
+use super::straight::Straight;
 use super::way::Way;
 
 /// Smallest square of the rate: a millionth of the rate without look-ahead. Nothing is ever slower, so every block ends.
@@ -59,7 +60,7 @@ impl Limits<'_> {
         };
         limits::half_planes(course, bounds, self.planes);
         self.bent = Bent {
-            sway: Spread::new(&course.motion, self.bounds.inverse).sway(),
+            sway: Spread::new(&course.motion, &self.bounds.motors.inverse).sway(),
             scale: course.scale,
             cap: piece.cap / (1.0 + course.excess),
         };
@@ -74,7 +75,7 @@ impl Limits<'_> {
     fn start_and_end(&mut self, piece: &Piece, end: f64) -> [f64; 2] {
         let end = end.min(piece.cap);
         match piece.shape {
-            Shape::Straight { change } => [(end + change * piece.length_s()).min(piece.cap), end],
+            Shape::Straight { change, .. } => [(end + change * piece.length_s()).min(piece.cap), end],
             Shape::Whole { .. } | Shape::Bent { planned: Some(_) } if end >= piece.cap => [piece.cap, end],
             Shape::Whole { .. } | Shape::Bent { .. } => {
                 self.better(piece, |limits| limits.bent_start(end)[0]);
@@ -198,9 +199,10 @@ impl Limits<'_> {
     pub(super) fn pass(&mut self, piece: &Piece, before: f64, limit: f64, steps: &mut Vec<Step>) -> f64 {
         let limit = limit.min(piece.cap);
         match piece.shape {
-            Shape::Straight { change } => {
+            Shape::Straight { change, jerk } => {
                 let after = limit.min(before + change * piece.length_s()).max(SQUARE_MIN);
-                straight(piece, change, [before, after], piece.cap, steps);
+                let straight = Straight { change, jerk };
+                straight.pass(piece, [before, after], steps);
                 after
             }
             Shape::Whole { room } | Shape::Bent { planned: Some(room) }
@@ -260,7 +262,7 @@ impl Limits<'_> {
             }
         });
         let after = self.bent_end(before, limit);
-        let room = limits::room(&course, self.bounds.inverse, [before, after]);
+        let room = limits::room(&course, &self.bounds.motors.inverse, [before, after]);
         Step {
             from_s: piece.from_s,
             to_s: piece.to_s,
@@ -268,6 +270,7 @@ impl Limits<'_> {
             end: after,
             growth: course.growth,
             rate_change: (after * course.scale - before) / (2.0 * course.length_s),
+            rate_jerk: 0.0,
             room,
         }
     }
@@ -292,39 +295,7 @@ fn at_cap(piece: &Piece, room: SlewRoom) -> Step {
         end: piece.cap,
         growth: SpeedGrowth::default(),
         rate_change: 0.0,
+        rate_jerk: 0.0,
         room,
-    }
-}
-
-/// A straight piece as fast as it goes: up to a peak, along at it, and down.
-fn straight(piece: &Piece, change: f64, [before, after]: [f64; 2], cap: f64, steps: &mut Vec<Step>) {
-    let h_s = piece.length_s();
-    let peak = f64::midpoint(before + after, change * h_s)
-        .min(cap)
-        .max(before)
-        .max(after);
-    let up_s = piece.from_s + (peak - before) / change;
-    let down_s = (piece.to_s - (peak - after) / change).max(up_s);
-    let room = |braking: f64, driving: f64| SlewRoom {
-        // At the rate w the velocity of the motor that limits is w times 2 a/change.
-        slope: change / (2.0 * peak.sqrt()),
-        braking,
-        driving,
-    };
-    for (from_s, to_s, start, end, rate_change, room) in [
-        (piece.from_s, up_s, before, peak, change / 2.0, room(0.0, 1.0)),
-        (up_s, down_s, peak, peak, 0.0, room(0.0, 0.0)),
-        (down_s, piece.to_s, peak, after, -change / 2.0, room(1.0, 0.0)),
-    ] {
-        let step = Step {
-            from_s,
-            to_s,
-            start,
-            end,
-            growth: SpeedGrowth::default(),
-            rate_change,
-            room,
-        };
-        paced::push(steps, step, h_s);
     }
 }

@@ -82,19 +82,32 @@ impl Formula {
                 }
             }
         }
+        let paths = blocks.into_iter().map(|(path, _)| path).collect();
+        Self::of(paths, speeds, ramps)
+    }
+
+    fn of(paths: Vec<Path>, speeds: Vec<f64>, ramps: Vec<Ramp>) -> Self {
         let mut centres = vec![total(ramps[0]) / 2.0];
-        for time in times(&speeds) {
-            centres.push(centres[centres.len() - 1] + time);
+        for (path, v) in paths.iter().zip(&speeds) {
+            centres.push(centres[centres.len() - 1] + path.length() / v);
         }
-        let end_s = centres[n] + total(ramps[n]) / 2.0;
+        let end_s = centres[paths.len()] + total(ramps[paths.len()]) / 2.0;
         Self {
-            paths: blocks.into_iter().map(|(path, _)| path).collect(),
+            paths,
             speeds,
             longest_ramp_s: ramps.iter().copied().map(total).fold(0.0, f64::max),
             ramps,
             centres,
             end_s,
         }
+    }
+
+    /// With other ramps from rest and to rest.
+    pub fn with_ends(self, [first, last]: [Ramp; 2]) -> Self {
+        let mut ramps = self.ramps;
+        let n = self.paths.len();
+        (ramps[0], ramps[n]) = (first, last);
+        Self::of(self.paths, self.speeds, ramps)
     }
 
     pub fn position(&self, t: f64) -> AxisVector {

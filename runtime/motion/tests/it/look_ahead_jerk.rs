@@ -9,7 +9,8 @@ use tandem_model::settings::{CoordinateSystemSettings, ShortBlock};
 use tandem_model::{Axis, AxisVector};
 use tandem_motion::Planner;
 
-use crate::look_ahead_random::{Random, each_seed};
+use crate::look_ahead_random::{Random, chains, each_seed, random_blocks};
+use crate::look_ahead_rig::{Chain, check, check_jerk, pace, same_path, time_s};
 use crate::rig::{
     PERIOD_S, close, feed, integral_of_ramp, line, motor, refused, settings, shortest_by_halving, vector,
 };
@@ -195,6 +196,74 @@ fn m1d_a_chain_begins_and_ends_with_the_maximum_jerk_and_rounds_its_corners_as_g
         (nearest / expected - 1.0).abs() < 1e-4,
         "{nearest} is not {expected}"
     );
+}
+
+#[test]
+fn m1d_between_its_ramps_a_line_slows_down_for_a_corner_with_the_maximum_jerk() {
+    let [corner, end] = [vector(&[100.0]), vector(&[100.0, 100.0])];
+    let segments = lines(&[AxisVector::ZERO, corner, end], feed(6000.0, [20.0, 20.0, 10.0]));
+    let motion = Motion::new(&xy(1000.0, 10_000.0), &segments);
+    // The corner begins v T/2 before its point.
+    let (mut low, mut high) = (0.0, motion.time_s());
+    for _ in 0..100 {
+        let middle = f64::midpoint(low, high);
+        if motion.position(middle)[Axis::X] < 100.0 - 100.0 * 0.030 / 2.0 {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    let [acceleration, jerk] = motion.most(Axis::X, [0.0, low]);
+    assert!(acceleration <= 1000.0, "{acceleration}");
+    assert!((jerk / 10_000.0 - 1.0).abs() < 1e-4, "{jerk}");
+    // Slowed down it is: the corner alone would take 100 mm/s within 0.02 s.
+    let speed = (motion.position(low)[Axis::X] - motion.position(low - 1e-5)[Axis::X]) / 1e-5;
+    assert!(speed < 60.0, "{speed}");
+    // From the ramp at one end to that at the other one, in any order of speeds, the two corners being one.
+    let back: Vec<AxisVector> = [end, corner, AxisVector::ZERO].into();
+    let other = Motion::new(
+        &xy(1000.0, 10_000.0),
+        &lines(&back, feed(6000.0, [20.0, 20.0, 10.0])),
+    );
+    assert!((other.time_s() / motion.time_s() - 1.0).abs() < 1e-3);
+}
+
+#[test]
+fn m1d_with_maximum_jerks_no_motor_exceeds_its_limits_on_random_chains_and_lines_keep_the_jerk() {
+    each_seed(chains() / 4, |seed| {
+        let mut numbers = Random(5_000_000 + seed);
+        let blocks = 2 + usize::try_from(numbers.bits() % 12).unwrap();
+        let (accelerations, all) = random_blocks(&mut numbers, blocks);
+        let jerks: Vec<Option<f64>> = accelerations
+            .iter()
+            .map(|a| (numbers.unit() < 0.7).then(|| a * numbers.magnitude(2.0, 2000.0)))
+            .collect();
+        let stiff = Chain::new(&accelerations, all.clone());
+        let soft = Chain::soft(&accelerations, &jerks, all);
+        let factor = numbers.within(0.5, 2.0).max(1.0);
+        let profiles = soft.plan_for(factor);
+        let found = check(&soft, &profiles, 6)
+            .and_then(|()| same_path(&soft, &profiles))
+            .and_then(|()| check_jerk(&soft, &profiles));
+        if let Err(found) = found {
+            panic!("seed {seed}, {blocks} blocks: {found}");
+        }
+        for profile in &profiles {
+            let t = profile.duration_s * numbers.unit();
+            let plan_s = pace(profile).plan_time(t);
+            let back = pace(profile).when(plan_s).map_or(t, |(t, _)| t);
+            // Plan time of a minute has ten digits of a microsecond.
+            let digits = 1e-9 * profile.duration_s + 1e-12;
+            let again = pace(profile).plan_time(back);
+            assert!((again - plan_s).abs() <= digits, "seed {seed}: {t} {back}");
+        }
+        // Each way up or down takes as long as the acceleration takes to come and go, at most, more.
+        let rise = accelerations.iter().zip(&jerks);
+        let rise_s = rise.fold(0.0_f64, |most, (a, j)| most.max(j.map_or(0.0, |j| a / j)));
+        let (slow, fast) = (time_s(&profiles), time_s(&stiff.plan_for(factor)));
+        let most = fast * 1.01 + 2.0 * rise_s * (blocks + 1) as f64;
+        assert!(slow <= most && slow >= fast * 0.99, "seed {seed}: {slow} {fast}");
+    });
 }
 
 #[test]

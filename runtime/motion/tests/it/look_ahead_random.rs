@@ -80,6 +80,12 @@ pub fn each_seed(seeds: u64, check: impl Fn(u64) + Sync) {
 /// points that coincide but for a micrometre, ramps from one servo period to 0.3 s, limits over three orders of
 /// magnitude. In half of the chains A, B and C go along, or alone.
 pub fn random(random: &mut Random, blocks: usize) -> Chain {
+    let (accelerations, all) = random_blocks(random, blocks);
+    Chain::new(&accelerations, all)
+}
+
+/// Maximum accelerations, and the blocks of [`random`].
+pub fn random_blocks(random: &mut Random, blocks: usize) -> (Vec<f64>, Vec<(Segment, Shape)>) {
     let rotary = random.unit() < 0.5;
     let accelerations: Vec<f64> = (0..if rotary { 6 } else { 3 })
         .map(|_| random.magnitude(50.0, 20_000.0))
@@ -138,7 +144,7 @@ pub fn random(random: &mut Random, blocks: usize) -> Chain {
         }
         all.push((segment, shape));
     }
-    Chain::new(&accelerations, all)
+    (accelerations, all)
 }
 
 /// An arc that begins in a direction; `turned` is its start with the rotary axes of its end.

@@ -5,6 +5,7 @@ use std::collections::VecDeque;
 
 use tandem_model::flow::{MultiBlock, Path, Plane, Segment, SegmentEnd, SegmentMotion};
 use tandem_model::profile::{Law, Pace, PacePiece, Profile, SpeedGrowth};
+use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::{CoordinateSystemSettings, ShortBlock};
 use tandem_model::{AXES_MAX, Axis, AxisVector};
 use tandem_motion::Planner;
@@ -87,6 +88,25 @@ impl Chain {
             shapes,
             formula,
         }
+    }
+
+    /// With maximum jerks, of two blocks or more; the ramps from rest and to rest are those of the plan.
+    pub fn soft(accelerations: &[f64], jerks: &[Option<f64>], blocks: Vec<(Segment, Shape)>) -> Self {
+        let mut chain = Self::new(accelerations, blocks);
+        for (motor, jerk) in chain.settings.motors.iter_mut().flatten().zip(jerks) {
+            motor.max_jerk = *jerk;
+        }
+        let profiles = chain.plan();
+        let times = |ramp: UnitRamp| {
+            let [jerk_phase, steady, _] = ramp.phases();
+            [steady[1], jerk_phase[1]]
+        };
+        let ends = match [&profiles[0].law, &profiles[profiles.len() - 1].law] {
+            [Law::Paced { start, .. }, Law::Paced { stop, .. }] => [times(*start), times(*stop)],
+            other => panic!("not paced: {other:?}"),
+        };
+        chain.formula = chain.formula.with_ends(ends);
+        chain
     }
 
     pub fn plan(&self) -> Vec<Profile> {
@@ -252,7 +272,7 @@ pub fn pieces(profile: &Profile) -> Vec<(PacePiece, f64)> {
 
 /// Plan time t after the begin of a piece, by bisection of the distance where the rate counts that.
 fn plan_time(piece: &PacePiece, t: f64) -> f64 {
-    let gone = t * (piece.rate + piece.rate_change * t / 2.0);
+    let gone = t * (piece.rate + piece.rate_change * t / 2.0 + piece.rate_jerk * t * t / 6.0);
     let SpeedGrowth { first, second } = piece.growth;
     let (mut low, mut high) = (0.0, if piece.growth.is_none() { 0.0 } else { 1.0 });
     let distance = |x: f64| x + first * x * x / 2.0 + second * x * x * x / 6.0;
@@ -279,10 +299,10 @@ fn rate_of_plan(piece: &PacePiece, t: f64) -> [f64; 2] {
     let SpeedGrowth { first, second } = piece.growth;
     let past = plan_time(piece, t) - piece.plan_s;
     let speed = 1.0 + first * past + second * past * past / 2.0;
-    let rate = (piece.rate + piece.rate_change * t) / speed;
+    let rate = (piece.rate + piece.rate_change * t + piece.rate_jerk * t * t / 2.0) / speed;
     [
         rate,
-        (piece.rate_change - rate * rate * (first + second * past)) / speed,
+        (piece.rate_change + piece.rate_jerk * t - rate * rate * (first + second * past)) / speed,
     ]
 }
 
@@ -341,7 +361,8 @@ pub fn check(chain: &Chain, profiles: &[Profile], samples: u32) -> Result<(), St
                 }
                 // Of the phase inside, so that rounding does not look at the one beside; only where it runs as planned a
                 // piece may hold several.
-                let joined = piece.rate_change.abs() < 1e-12 && piece.growth.is_none();
+                let joined =
+                    piece.rate_change.abs() < 1e-12 && piece.rate_jerk == 0.0 && piece.growth.is_none();
                 let inwards = within - plan(t);
                 let inside = plan(t)
                     + if joined {
@@ -364,6 +385,50 @@ pub fn check(chain: &Chain, profiles: &[Profile], samples: u32) -> Result<(), St
                         "{found} in segment {} at {t} of {duration_s} s",
                         profile.segment
                     ));
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+/// On lines, between their ramps: accelerations do not step, and change within the maximum jerks.
+pub fn check_jerk(chain: &Chain, profiles: &[Profile]) -> Result<(), String> {
+    let mut before: Option<(u64, f64)> = None;
+    for profile in profiles {
+        let block = usize::try_from(profile.segment).unwrap() - 1;
+        let path = &chain.formula.paths[block];
+        let total = |k: usize| chain.formula.ramps[k].iter().sum::<f64>();
+        let begin = if block == 0 { total(0) } else { 0.0 };
+        let half = if block == 0 { total(0) } else { -total(block) } / 2.0;
+        let end = path.length() / chain.formula.speeds[block] + half - total(block + 1) / 2.0;
+        for (piece, duration_s) in pieces(profile) {
+            let ends_s = plan_time(&piece, duration_s);
+            let rounding = 1e-9 * end.abs();
+            let middle = f64::midpoint(piece.plan_s, ends_s);
+            let is_within = middle > begin + rounding && middle < end - rounding;
+            if !is_within || !matches!(path, Path::Line { .. }) {
+                before = None;
+                continue;
+            }
+            let [_, first] = rate_of_plan(&piece, 0.0);
+            let [_, last] = rate_of_plan(&piece, duration_s);
+            let step = match before {
+                Some((segment, change)) if segment == profile.segment => first - change,
+                _ => 0.0,
+            };
+            before = Some((profile.segment, last));
+            for axis in 0..chain.axes() {
+                let motor = chain.settings.motors[axis].as_ref().unwrap();
+                let Some(most) = motor.max_jerk else { continue };
+                let speed = chain.formula.speeds[block] * path.steepest(Axis::ALL[axis]);
+                let jerk = (piece.rate_jerk * speed).abs();
+                if jerk > most * (1.0 + 1e-6) {
+                    return Err(format!("axis {axis}: {} of its jerk", jerk / most));
+                }
+                let step = (step * speed).abs() / motor.max_acceleration;
+                if step > 1e-5 {
+                    return Err(format!("axis {axis} steps by {step} in {}", profile.segment));
                 }
             }
         }

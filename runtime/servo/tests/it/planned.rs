@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use rtrb::RingBuffer;
-use tandem_model::profile::{Law, PathPlace, Profile, SpeedGrowth};
+use tandem_model::profile::{Law, Pace, PacePiece, PathPlace, Profile};
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_motion::Planner;
 use tandem_servo::{Control, Event, Splice};
@@ -133,17 +133,18 @@ impl Machine {
         let Some(block) = block.filter(|_| place.plan_s.is_finite()) else {
             return 0.0;
         };
-        let Law::Paced { pace, .. } = &block.law else {
+        let Law::Paced { .. } = &block.law else {
             let off = block.position(place.plan_s).minus(self.rig.position());
             return off.orthogonal_length();
         };
         let mut law = block.law.clone();
-        if let Law::Paced { pace: own, .. } = &mut law {
+        if let Law::Paced { pace, .. } = &mut law {
             // As planned without look-ahead: the rate is 1.
-            let mut piece = pace.pieces()[0];
-            (piece.begins_s, piece.plan_s, piece.rate, piece.rate_change) = (0.0, 0.0, 1.0, 0.0);
-            piece.growth = SpeedGrowth::default();
-            *own = tandem_model::profile::Pace::new([piece], f64::INFINITY, 1.0, 0);
+            let piece = PacePiece {
+                rate: 1.0,
+                ..PacePiece::default()
+            };
+            *pace = Pace::new([piece], f64::INFINITY, 1.0, 0);
         }
         let programmed = Profile {
             law,
