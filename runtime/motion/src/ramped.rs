@@ -111,7 +111,12 @@ impl Soft {
             acceleration: f64::INFINITY,
             jerk: f64::INFINITY,
         };
-        if matches!(path, Path::Arc(_)) {
+        let has_jerk = settings
+            .motors
+            .iter()
+            .flatten()
+            .any(|motor| motor.max_jerk.is_some());
+        if !has_jerk || matches!(path, Path::Arc(_)) {
             return Ok(None);
         }
         for (axis, motor) in Axis::ALL.into_iter().zip(&settings.motors) {

@@ -11,7 +11,7 @@ use tandem_model::{ArcPath, AxisVector};
 use tandem_motion::Planner;
 use tandem_servo::{Control, Splice};
 
-use crate::look_ahead::{Feeds, feeds, is_fault, machine, ways};
+use crate::look_ahead::{Feeds, feeds, is_fault, jerks, machine, soft_machine, ways};
 use crate::planned::Machine;
 use crate::rig::{close, origin, vector};
 use crate::splice::slow_feed;
@@ -149,16 +149,15 @@ proptest! {
         steps in steps(),
         feed in feeds(),
         acceleration in prop_oneof![Just(300.0), Just(2000.0), Just(10_000.0)],
-        jerk in prop_oneof![Just(None), Just(Some(40_000.0))],
+        jerk in jerks(),
         fractions in prop::array::uniform3(0.05..1.0),
         slew_ms in prop_oneof![Just(0.0), Just(50.0), Just(200.0)],
         turns in prop::collection::vec((0_u32..300, 1_u32..300, 0.05..=1.0), 1..8),
     ) {
-        let mut settings = machine(acceleration);
+        let mut settings = soft_machine(acceleration, jerk);
         (settings.hold_slew_ms, settings.override_slew_ms) = (slew_ms, slew_ms);
         for (motor, fraction) in settings.motors.iter_mut().flatten().zip(fractions) {
             (motor.rapid_velocity, motor.rapid_acceleration) = (400.0 * fraction, acceleration);
-            motor.max_jerk = jerk;
         }
         let mut machine = running(&settings, &segments(&steps, feed));
         for (forward, backward, rapid) in turns {
@@ -348,10 +347,11 @@ proptest! {
         ways in ways(),
         feed in feeds(),
         acceleration in prop_oneof![Just(300.0), Just(2000.0), Just(10_000.0)],
+        jerk in jerks(),
         room in prop_oneof![Just(4_usize), Just(16), Just(64)],
         every in prop_oneof![Just(1_u32), Just(5), Just(50)],
     ) {
-        let settings = machine(acceleration);
+        let settings = soft_machine(acceleration, jerk);
         let mut machine = Machine::new(&settings, &ways, feed);
         machine.until_finished(ways.len() as u64);
         machine.rig.control(Control::Hold);

@@ -51,6 +51,20 @@ pub fn machine(acceleration: f64) -> CoordinateSystemSettings {
     settings
 }
 
+/// The same with a maximum jerk.
+pub fn soft_machine(acceleration: f64, jerk: Option<f64>) -> CoordinateSystemSettings {
+    let mut settings = machine(acceleration);
+    for motor in settings.motors.iter_mut().flatten() {
+        motor.max_jerk = jerk;
+    }
+    settings
+}
+
+/// Maximum jerks: none, or so that 2000 mm/s^2 take half a second or 50 ms.
+pub fn jerks() -> impl Strategy<Value = Option<f64>> {
+    prop_oneof![2 => Just(None), 1 => Just(Some(4000.0)), 1 => Just(Some(40_000.0))]
+}
+
 pub fn plan(settings: &CoordinateSystemSettings, ways: &[Way], feeds: impl Into<Feeds>) -> Vec<Profile> {
     let mut planner = Planner::new(settings);
     let mut out = VecDeque::new();
@@ -159,6 +173,7 @@ proptest! {
         ways in ways(),
         feed in feeds(),
         acceleration in prop_oneof![Just(300.0), Just(2000.0), Just(10_000.0)],
+        jerk in jerks(),
         hold_slew_ms in prop_oneof![Just(0.0), Just(50.0), Just(500.0)],
         controls in prop::collection::vec((0_u32..200, prop_oneof![
             Just(Control::Hold),
@@ -168,7 +183,7 @@ proptest! {
         ]), 0..10),
         stops in any::<bool>(),
     ) {
-        let mut settings = machine(acceleration);
+        let mut settings = soft_machine(acceleration, jerk);
         settings.hold_slew_ms = hold_slew_ms;
         settings.override_slew_ms = hold_slew_ms;
         let profiles = plan(&settings, &ways, feed);
@@ -209,9 +224,10 @@ proptest! {
         ways in ways(),
         feed in feeds(),
         acceleration in prop_oneof![Just(300.0), Just(2000.0), Just(10_000.0)],
+        jerk in jerks(),
         late in prop::collection::vec((1_usize..200, 1_u32..400), 1..20),
     ) {
-        let settings = machine(acceleration);
+        let settings = soft_machine(acceleration, jerk);
         // Several times the same way, so that look-ahead gives it in parts.
         let ways: Vec<Way> = (0..3).flat_map(|_| ways.clone()).collect();
         let profiles = plan(&settings, &ways, feed);

@@ -7,7 +7,7 @@ use tandem_model::profile::Profile;
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_servo::{Control, Event};
 
-use crate::look_ahead::{Watch, Way, is_fault, machine, plan};
+use crate::look_ahead::{Watch, Way, is_fault, jerks, machine, plan, soft_machine};
 use crate::rig::{Rig, T, close, is_finished, settings};
 
 /// Runs profiles through a ring that is filled again before each cycle; gives the cycles that it takes.
@@ -159,13 +159,14 @@ proptest! {
         size in prop_oneof![Just(5.0), Just(0.2), Just(0.01), Just(0.001)],
         room in 2_usize..200,
         acceleration in prop_oneof![Just(300.0), Just(5000.0)],
+        jerk in jerks(),
         feed_override in 0.1..1.0,
     ) {
         let ways: Vec<Way> = ways
             .into_iter()
             .map(|(x, y, bends): (f64, f64, bool)| (x * size, (y + 0.01) * size, bends))
             .collect();
-        let settings = machine(acceleration);
+        let settings = soft_machine(acceleration, jerk);
         let profiles = plan(&settings, &ways, fast());
         let (_, watch) = run(&settings, room, feed_override, &profiles);
         prop_assert!(watch.worst <= acceleration * (1.0 + 1e-6), "{} of {acceleration}", watch.worst);

@@ -7,7 +7,7 @@ use proptest::prelude::*;
 use tandem_model::flow::Feed;
 use tandem_servo::Control;
 
-use crate::look_ahead::{Feeds, feeds, is_fault, machine, ways};
+use crate::look_ahead::{Feeds, feeds, is_fault, jerks, machine, soft_machine, ways};
 use crate::planned::Machine;
 use crate::rig::{T, close, vector};
 
@@ -81,10 +81,11 @@ fn m1d_an_override_up_to_200_percent_never_passes_the_motors_limits_nor_leaves_t
         ways in ways(),
         feed in feeds(),
         acceleration in accelerations,
+        jerk in jerks(),
         slew_ms in slews_ms,
         acts in acts(),
     )| {
-        let mut settings = machine(acceleration);
+        let mut settings = soft_machine(acceleration, jerk);
         settings.hold_slew_ms = slew_ms;
         settings.override_slew_ms = slew_ms;
         settings.max_feedrate_mm_min = 30_000.0;
