@@ -33,10 +33,8 @@ struct Link {
     /// Path units per second; final once the stop ramp is known, with [`ShortBlock::Shrink`] from the beginning.
     speed: f64,
     is_first: bool,
-    /// At full length for the first block until the second is there.
+    /// As programmed for the first block until the second is there.
     start: UnitRamp,
-    /// At rest at the end: td.
-    td: UnitRamp,
     /// To the next block, or to rest; `None`: not known yet.
     stop: Option<UnitRamp>,
     /// The block alone, from rest to rest.
@@ -63,29 +61,21 @@ impl Chain {
             path,
             alone,
         } = block;
-        let is_first = self.blocks.is_empty();
-        // With `extend` the ramps decide on the speed, and that on the path: they are as programmed.
-        let (start, td) = match rule {
-            ShortBlock::Shrink if is_first => (alone.start_from_rest(), alone.stop_to_rest()),
-            ShortBlock::Shrink => (alone.start, alone.stop_to_rest()),
-            ShortBlock::Extend => (alone.start, alone.stop),
-        };
         let mut link = Link {
             segment,
             origin,
             path: path.clone(),
             length: path.length(),
             speed: alone.limit,
-            is_first,
-            start,
-            td,
+            is_first: self.blocks.is_empty(),
+            start: alone.start,
             stop: None,
             alone,
         };
         if let Some(before) = self.blocks.back_mut() {
             if rule == ShortBlock::Shrink {
                 if before.is_first {
-                    before.start = before.start.at_most(before.block_s());
+                    before.start = before.alone.start_from_rest(before.block_s());
                 }
                 link.start = link.start.at_most(before.block_s().min(link.block_s()));
             }
@@ -101,8 +91,9 @@ impl Chain {
             && !last.is_first
         {
             let ramp = match rule {
-                ShortBlock::Shrink => last.td.at_most(last.block_s()),
-                ShortBlock::Extend => last.td,
+                ShortBlock::Shrink => last.alone.stop_to_rest(last.block_s()),
+                // The ramps decide on the speed, and that on the path: they are as programmed.
+                ShortBlock::Extend => last.alone.stop,
             };
             last.end_with(ramp, rule);
         }

@@ -57,19 +57,21 @@ impl Alone {
         self.soft.map_or(self.stop, |soft| soft.ramp(self.stop, speed))
     }
 
-    /// The ramp with which a chain begins.
-    pub(crate) fn start_from_rest(&self) -> UnitRamp {
-        self.start_to(self.limit)
+    /// The ramp with which a chain begins, where its first block takes this time; where that is too short for what the
+    /// motors need, the programmed ramp gives way (rule `shrink`).
+    pub(crate) fn start_from_rest(&self, block_s: f64) -> UnitRamp {
+        within(self.start_to(self.limit), self.start, block_s)
     }
 
-    /// The ramp with which a chain ends.
-    pub(crate) fn stop_to_rest(&self) -> UnitRamp {
-        self.stop_from(self.limit)
+    /// The ramp with which a chain ends, likewise.
+    pub(crate) fn stop_to_rest(&self, block_s: f64) -> UnitRamp {
+        within(self.stop_from(self.limit), self.stop, block_s)
     }
 
     /// The most that [`Alone::rest_to_rest`] takes, s.
     pub(crate) fn duration_s_max(&self, length: f64) -> f64 {
-        stop_to_stop(length, self.limit, self.start_from_rest(), self.stop_to_rest()).1
+        let [start, stop] = [self.start_to(self.limit), self.stop_from(self.limit)];
+        stop_to_stop(length, self.limit, start, stop).1
     }
 
     /// The motion over this length, from rest to rest: `t_end = L/v + (Ta + Td)/2`, or, when it is too short to reach
@@ -104,21 +106,27 @@ impl Alone {
     }
 }
 
+/// The longer ramp if it is over within a time, else the programmed one as far as it goes in that.
+fn within(longer: UnitRamp, programmed: UnitRamp, block_s: f64) -> UnitRamp {
+    if longer.duration_s() <= block_s {
+        longer
+    } else {
+        programmed.at_most(block_s)
+    }
+}
+
 impl Soft {
     /// Along a line on which a motor with a maximum jerk moves.
     fn along(settings: &CoordinateSystemSettings, path: &Path) -> Result<Option<Self>, Alarm> {
+        let mut motors = settings.motors.iter().flatten();
+        let has_jerk = motors.any(|motor| motor.max_jerk.is_some());
+        if !has_jerk || matches!(path, Path::Arc(_)) {
+            return Ok(None);
+        }
         let mut soft = Self {
             acceleration: f64::INFINITY,
             jerk: f64::INFINITY,
         };
-        let has_jerk = settings
-            .motors
-            .iter()
-            .flatten()
-            .any(|motor| motor.max_jerk.is_some());
-        if !has_jerk || matches!(path, Path::Arc(_)) {
-            return Ok(None);
-        }
         for (axis, motor) in Axis::ALL.into_iter().zip(&settings.motors) {
             let steepest = path.steepest(axis);
             let Some(motor) = motor.as_ref().filter(|_| steepest > 0.0) else {

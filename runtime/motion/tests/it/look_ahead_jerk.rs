@@ -257,13 +257,32 @@ fn m1d_with_maximum_jerks_no_motor_exceeds_its_limits_on_random_chains_and_lines
             let again = pace(profile).plan_time(back);
             assert!((again - plan_s).abs() <= digits, "seed {seed}: {t} {back}");
         }
-        // Each way up or down takes as long as the acceleration takes to come and go, at most, more.
+        // Each way up or down takes as long as the acceleration takes to come and go, at most, more. Without maximum
+        // jerks it is within 2 percent and 3 servo periods of the best time.
         let rise = accelerations.iter().zip(&jerks);
         let rise_s = rise.fold(0.0_f64, |most, (a, j)| most.max(j.map_or(0.0, |j| a / j)));
         let (slow, fast) = (time_s(&profiles), time_s(&stiff.plan_for(factor)));
-        let most = fast * 1.01 + 2.0 * rise_s * (blocks + 1) as f64;
-        assert!(slow <= most && slow >= fast * 0.99, "seed {seed}: {slow} {fast}");
+        let least = (fast - 3.0 * PERIOD_S) / 1.02;
+        let most = fast * 1.02 + 2.0 * rise_s * (blocks + 1) as f64;
+        assert!(slow <= most && slow >= least, "seed {seed}: {slow} {fast}");
     });
+}
+
+#[test]
+fn m1d_a_ramp_that_has_no_room_for_the_maximum_jerk_keeps_its_programmed_jerk_time() {
+    // 0.1 s of ramp in a block of 0.11 s; 1000 mm/s^2 and 2000 mm/s^3 would take 0.55 s.
+    let segments = lines(
+        &[AxisVector::ZERO, vector(&[11.0]), vector(&[11.0, 11.0])],
+        feed(6000.0, [50.0, 50.0, 50.0]),
+    );
+    let motion = Motion::new(&xy(1000.0, 2000.0), &segments);
+    // The path's own speed is not exceeded anywhere: it begins with v/(ta ts) = 40,000 mm/s^3.
+    for k in 1..=100 {
+        let t = 0.02 * f64::from(k) / 100.0;
+        let x = motion.position(t)[Axis::X];
+        let most = 40_000.0 * t * t * t / 6.0;
+        assert!(x <= most * (1.0 + 1e-9), "{t}: {x} is above {most}");
+    }
 }
 
 #[test]
