@@ -19,9 +19,9 @@ const ROUNDING: f64 = 1e-9;
 pub(crate) struct Alone {
     /// F within its limits, path units per second: what it reaches when it is long enough.
     pub(crate) limit: f64,
-    /// As programmed.
+    /// With ta, as programmed.
     pub(crate) start: UnitRamp,
-    /// As programmed.
+    /// With td, as programmed.
     pub(crate) stop: UnitRamp,
     /// What ramps from rest and to rest keep to; `None`: they are as programmed.
     soft: Option<Soft>,

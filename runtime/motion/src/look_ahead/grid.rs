@@ -63,9 +63,9 @@ pub(super) struct Piece {
 /// What a piece is like.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Shape {
-    /// Straight at one speed: the square of the rate changes by at most this per second of plan time, anywhere in it.
+    /// Straight at one speed.
     Straight {
-        /// Per second.
+        /// The square of the rate changes by at most this per second of plan time, anywhere in it.
         change: f64,
         /// The change of the rate changes by at most this per second, within it; infinite: without a limit.
         jerk: f64,
