@@ -7,6 +7,9 @@
 /// Newton steps at most.
 const STEPS_MAX: u32 = 16;
 
+/// Newton begins at most so many times as far as the third power alone would go; no piece of a falling speed is longer.
+const THIRD_POWERS: f64 = 4.0;
+
 /// A step shorter than this share of the plan time is rounding.
 const ROUNDING: f64 = 1e-16;
 
@@ -55,6 +58,11 @@ impl SpeedGrowth {
         let mut plan_s = 2.0 * distance_s / (1.0 + square.max(0.0).sqrt());
         if self.second == 0.0 {
             return plan_s;
+        }
+        if self.second > 0.0 {
+            // Where the speed comes from a slope near zero the third power decides, and Newton would be long in coming down.
+            let by_third_power = (6.0 * distance_s.abs() / self.second).cbrt();
+            plan_s = plan_s.abs().min(THIRD_POWERS * by_third_power).copysign(plan_s);
         }
         for _ in 0..STEPS_MAX {
             let step_s = (self.distance_s(plan_s) - distance_s) / self.speed(plan_s);
@@ -112,6 +120,32 @@ mod tests {
                 (growth.distance_s(h) - integral).abs() < 1e-12 * integral,
                 "{growth:?}"
             );
+        }
+    }
+
+    #[test]
+    fn plan_time_is_found_where_the_speed_grows_a_millionfold_from_a_slope_of_zero() {
+        for second in [2e1, 2e3, 2e6] {
+            let growth = SpeedGrowth { first: 0.0, second };
+            for k in 0..=100 {
+                let plan_s = f64::from(k) / 100.0;
+                let off = growth.plan_s(growth.distance_s(plan_s)) - plan_s;
+                assert!(off.abs() < 1e-14, "{second} {plan_s}: {off}");
+            }
+            // Down again: the slope is zero at its end.
+            let share = second / growth.speed(1.0);
+            let down = SpeedGrowth {
+                first: -share,
+                second: share,
+            };
+            for k in 0..=100 {
+                let distance_s = down.distance_s(f64::from(k) / 100.0);
+                let again = down.distance_s(down.plan_s(distance_s));
+                assert!(
+                    (again - distance_s).abs() < 1e-12,
+                    "{second} {distance_s}: {again}"
+                );
+            }
         }
     }
 
