@@ -48,6 +48,19 @@ impl UnitRamp {
         }
     }
 
+    /// The largest slope of S, per second, and the largest change of that, per second squared; infinite without a jerk
+    /// time.
+    #[inline]
+    pub fn steepest(self) -> [f64; 2] {
+        [1.0 / self.ta_s, 1.0 / (self.ta_s * self.ts_s)]
+    }
+
+    /// The jerk time `ts`, s.
+    #[inline]
+    pub fn jerk_time_s(self) -> f64 {
+        self.ts_s
+    }
+
     /// Duration `ta + ts`, s.
     #[inline]
     pub fn duration_s(self) -> f64 {

@@ -92,7 +92,8 @@ pub struct MotorConfig {
     pub max_velocity: f64,
     /// Units per second squared (spindle: r/min per s).
     pub max_acceleration: f64,
-    /// Units per second cubed; of G00, G28, G30 and G31. Feed motion has the jerk of the program's ta, td and ts.
+    /// Units per second cubed; of G00, G28, G30, G31 and, with G500, of lines and the corners between them. Other feed motion
+    /// has the jerk of the program's ta, td and ts.
     pub max_jerk: Option<f64>,
     /// Speed of G00; default `max_velocity`.
     pub rapid_velocity: Option<f64>,

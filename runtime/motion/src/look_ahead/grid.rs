@@ -6,9 +6,10 @@ use tandem_model::flow::Path;
 use tandem_model::profile::SlewRoom;
 use tandem_model::{AXES_MAX, Axis};
 
+use super::corner;
 use super::course::Course;
 use super::limits::{self, Bounds, Spread};
-use super::way::{End, Phase, Way};
+use super::way::{End, Part, Phase, Way};
 
 /// The largest change of a velocity on one piece of a ramp, as a share of it.
 const CHANGE_MAX: f64 = 0.25;
@@ -92,6 +93,12 @@ impl Piece {
         is_bent(self) && is_bent(other) && self.whole_to_s.to_bits() == other.whole_to_s.to_bits()
     }
 
+    /// True when its rate is its largest one from begin to end, where this is the limit behind it.
+    pub(super) fn is_even(&self, limit: f64) -> bool {
+        let is_within = matches!(self.shape, Shape::Whole { .. } | Shape::Bent { planned: Some(_) });
+        is_within && self.limit >= self.cap && limit >= self.cap
+    }
+
     /// Pieces that were cut from one as one again.
     pub(super) fn joined(first: &Piece, others: &[Piece]) -> Piece {
         others.iter().fold(*first, |joined, piece| Piece {
@@ -125,8 +132,15 @@ pub(super) fn cut(way: &Way<'_>, bounds: Bounds<'_>, pieces: &mut VecDeque<Piece
     let before = pieces.len();
     let begin_s = way.passage.from_s;
     let mut at_s = begin_s;
+    let in_corner = Bounds {
+        cap: bounds.cap.min(corner::largest_square(way, bounds.motors)),
+        ..bounds
+    };
     for phase in way.phases() {
-        let least = if phase.is_ramp { RAMP_MIN } else { BETWEEN_MIN };
+        let least = match phase.part {
+            Part::Between => BETWEEN_MIN,
+            Part::Start | Part::Stop => RAMP_MIN,
+        };
         if phase.to_s - phase.from_s.max(at_s) <= least * way.plan_s {
             continue;
         }
@@ -135,14 +149,18 @@ pub(super) fn cut(way: &Way<'_>, bounds: Bounds<'_>, pieces: &mut VecDeque<Piece
             ..phase
         };
         at_s = phase.to_s;
-        match (phase.is_ramp, way.path) {
-            (false, Path::Line { .. }) => pieces.push_back(straight(way, bounds, phase)),
-            (false, Path::Arc(arc)) => {
+        let bounds = match phase.part {
+            Part::Start | Part::Between => bounds,
+            Part::Stop => in_corner,
+        };
+        let mut cutter = Cutter::new(way, bounds, [phase.from_s, phase.to_s], pieces);
+        match (phase.part, way.path) {
+            (Part::Between, Path::Line { .. }) => cutter.pieces.push_back(straight(way, bounds, phase)),
+            (Part::Between, Path::Arc(arc)) => {
                 let swept = arc.swept() * way.speed * (phase.to_s - phase.from_s) / arc.length();
-                let n = (swept / TURN_MAX).ceil().clamp(1.0, PIECES_MAX);
-                Cutter::new(way, bounds, [phase.from_s, phase.to_s], pieces).whole(n, false);
+                cutter.whole((swept / TURN_MAX).ceil().clamp(1.0, PIECES_MAX), false);
             }
-            (true, _) => Cutter::new(way, bounds, [phase.from_s, phase.to_s], pieces).whole(1.0, false),
+            (Part::Start | Part::Stop, _) => cutter.whole(1.0, false),
         }
     }
     if pieces.len() == before && way.plan_s > begin_s {
@@ -157,6 +175,10 @@ pub(super) fn cut(way: &Way<'_>, bounds: Bounds<'_>, pieces: &mut VecDeque<Piece
 
 /// Adds the pieces that a piece, planned as a whole, is cut into where the rate changes.
 pub(super) fn cut_finer(way: &Way<'_>, bounds: Bounds<'_>, piece: &Piece, pieces: &mut VecDeque<Piece>) {
+    let bounds = Bounds {
+        cap: piece.cap,
+        ..bounds
+    };
     Cutter::new(way, bounds, [piece.from_s, piece.to_s], pieces).whole(1.0, true);
 }
 

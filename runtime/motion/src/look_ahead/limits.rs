@@ -79,6 +79,8 @@ pub(super) struct Motors {
     pub(super) inverse_jerks: [f64; AXES_MAX],
     /// Maximum velocity of each motor, 0 without one.
     velocities: [f64; AXES_MAX],
+    /// Servo period, s.
+    pub(super) period_s: f64,
 }
 
 impl Motors {
@@ -95,7 +97,13 @@ impl Motors {
             inverse: of_each(|motor| motor.max_acceleration * (1.0 - LEFT)).map(inverse),
             inverse_jerks: of_each(|motor| motor.max_jerk.unwrap_or(0.0)).map(inverse),
             velocities: of_each(|motor| motor.max_velocity),
+            period_s: settings.servo_period_s,
         }
+    }
+
+    /// True when a motor has a maximum jerk.
+    pub(super) fn has_jerk(&self) -> bool {
+        self.inverse_jerks.iter().any(|inverse| *inverse > 0.0)
     }
 }
 

@@ -15,13 +15,19 @@
 //!
 //! Maximum velocities hold because the rate is at most 1, or what a block leaves of them.
 //!
-//! `max_jerk` bounds straight runs: the ramps of a line from rest and to rest, which come here lengthened to it
-//! ([`crate::ramped`]), and what is between the ramps of a line ([`straight`]). It bounds nothing else: the path is that of
-//! G501, where short blocks have no jerk time left (motion-semantics 1b, `ts' = T' - ta'`), so that at each of their
-//! joints `q501''` steps by a vector that no rate but 0 takes out of `q'' = q501'' w^2 + q501' w'`. The manual names
-//! positions, velocities and accelerations.
+//! `max_jerk` bounds the ramps of a line from rest and to rest, which come here lengthened to it ([`crate::ramped`]), what
+//! is between the ramps of a line ([`straight`]), and corners between lines ([`corner`]): a chain of lines that are long
+//! enough to change their speed with it between their corners keeps it all the way. Where a line is too short for that,
+//! its acceleration steps at its ends; the limits of the rate, and so the blocks before, do not depend on it.
+//!
+//! It does not bound short blocks: the path is that of G501, where they have no jerk time left (motion-semantics 1b,
+//! `ts' = T' - ta'`), so that at each of their joints `q501''` steps by a vector that no rate but 0 takes out of
+//! `q'' = q501'' w^2 + q501' w'`. Nor does it bound arcs: on one the rate changes with steps of acceleration, so that a
+//! slower ramp beside it would add a step for the jerk that it takes away. The manual names positions, velocities and
+//! accelerations.
 
 mod braking;
+mod corner;
 mod course;
 mod grid;
 mod limits;
@@ -89,6 +95,8 @@ pub(crate) struct LookAhead {
     seen: usize,
     /// Square of the rate where the first block begins; `None`: as large as its limit, the motion resting there.
     square: Option<f64>,
+    /// The rate stays where the first block begins.
+    is_even: bool,
     /// Largest square of the rate at the end of a chain.
     end_square: f64,
     braking: Braking,
@@ -121,6 +129,7 @@ impl Held {
             },
             planes,
             bent: Bent::default(),
+            is_even: [false; 2],
         }
     }
 }
@@ -136,6 +145,7 @@ impl LookAhead {
             in_a_row: VecDeque::new(),
             seen: 0,
             square: None,
+            is_even: false,
             end_square: SQUARE_MAX,
             braking: Braking::default(),
             planes: Vec::new(),
@@ -151,6 +161,7 @@ impl LookAhead {
         self.in_a_row.clear();
         self.seen = 0;
         self.square = None;
+        self.is_even = false;
     }
 
     /// Blocks still to come are planned for this override; below 1 the servo scales the time of the plan.
@@ -166,6 +177,7 @@ impl LookAhead {
             in_a_row: VecDeque::new(),
             seen: 0,
             square: None,
+            is_even: false,
             braking: Braking::default(),
             planes: Vec::new(),
             renewed: Vec::new(),
@@ -183,6 +195,7 @@ impl LookAhead {
     /// The chain begins at rest on its path with the next block, of this segment.
     pub(crate) fn begin_at_rest(&mut self, segment: u64, is_backward: bool) {
         self.square = Some(SQUARE_MIN);
+        self.is_even = false;
         self.braking.begin(segment, is_backward);
     }
 
@@ -344,8 +357,12 @@ impl LookAhead {
             left -= count;
             self.cut.clear();
             self.cut.extend(self.pieces.drain(..count));
-            let limit = self.pieces.front().map_or(self.end_square, |next| next.limit);
+            let limit_at = |k: usize| self.pieces.get(k).map_or(self.end_square, |next| next.limit);
+            let goes_evenly = self.pieces.front().is_some_and(|next| next.is_even(limit_at(1)));
+            task.is_even = [self.is_even, goes_evenly];
+            let limit = limit_at(0);
             self.square = Some(task.pass_cut(&self.cut, before, limit, &mut self.steps));
+            self.is_even = self.steps.last().map_or(self.is_even, Step::is_even);
         }
         paced::profiles(held, &self.steps, self.braking.free_to(), out);
         let steps = self.steps.iter().map(|step| (step.duration_s(), step.room));

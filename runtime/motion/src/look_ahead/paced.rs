@@ -51,6 +51,11 @@ impl Step {
         2.0 * self.growth.distance_s(plan_s) / (self.start.sqrt() + end)
     }
 
+    /// True when the rate stays.
+    pub(super) fn is_even(&self) -> bool {
+        self.growth.is_none() && self.rate_change == 0.0 && self.rate_jerk == 0.0
+    }
+
     fn joins(&self, next: &Step) -> bool {
         let busy = |step: &Step| step.room.braking.max(step.room.driving) > KEPT_APART;
         let as_planned = |step: &Step| step.growth.is_none() && step.is_at(self.start);

@@ -39,6 +39,8 @@ pub(super) struct Limits<'a> {
     pub(super) bounds: Bounds<'a>,
     pub(super) planes: &'a mut Vec<HalfPlane>,
     pub(super) bent: Bent,
+    /// The rate stays on the ramps before and behind a straight piece.
+    pub(super) is_even: [bool; 2],
 }
 
 /// Of the piece bent last, beside its half planes.
@@ -202,7 +204,7 @@ impl Limits<'_> {
             Shape::Straight { change, jerk } => {
                 let after = limit.min(before + change * piece.length_s()).max(SQUARE_MIN);
                 let straight = Straight { change, jerk };
-                straight.pass(piece, [before, after], steps);
+                straight.pass(piece, [before, after], self.is_even, steps);
                 after
             }
             Shape::Whole { room } | Shape::Bent { planned: Some(room) }

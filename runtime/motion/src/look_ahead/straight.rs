@@ -1,7 +1,8 @@
 //! A piece of a line at one speed, as fast as it goes: up to a peak, along at it, and down.
 //!
-//! Where a motor has a maximum jerk, the acceleration goes into the peak and out of it with that; at the ends of the
-//! piece it is what the ramps beside it have, since there the motion goes over to another direction.
+//! Where a motor has a maximum jerk, the acceleration goes into the peak and out of it with that. So it does at an end
+//! behind which the rate stays; at another one it is what the ramp beside it has, since there the motion goes over to
+//! another direction.
 
 use tandem_model::profile::{SlewRoom, SpeedGrowth};
 
@@ -20,77 +21,86 @@ pub(super) struct Straight {
     pub(super) jerk: f64,
 }
 
-/// The way from a rate to the peak, or from the peak to a rate.
+/// A part of the way from a rate up to the peak.
 #[derive(Debug, Clone, Copy)]
-struct Flank {
-    /// Square of the rate where the acceleration begins to fall.
-    knee: f64,
-    /// Change of the rate per second up to there.
-    rate_change: f64,
-    /// Change of that per second from there on.
+struct Part {
+    /// Squares of the rate at its ends.
+    squares: [f64; 2],
+    /// Changes of the rate per second at its ends.
+    rate_changes: [f64; 2],
+    /// Change of that per second.
     rate_jerk: f64,
-    /// Plan time up to there, s.
-    steady_s: f64,
-    /// Plan time from there to the peak, s.
-    bend_s: f64,
+    plan_s: f64,
 }
 
+impl Part {
+    /// From one plan time to another, up to the peak.
+    fn step(&self, from_s: f64, to_s: f64, room: SlewRoom) -> Step {
+        Step {
+            from_s,
+            to_s,
+            start: self.squares[0],
+            end: self.squares[1],
+            growth: SpeedGrowth::default(),
+            rate_change: self.rate_changes[0],
+            rate_jerk: self.rate_jerk,
+            room,
+        }
+    }
+
+    /// The same part of the way down.
+    fn reversed(&self) -> Self {
+        let [low, high] = self.squares;
+        let [before, after] = self.rate_changes;
+        Self {
+            squares: [high, low],
+            rate_changes: [-after, -before],
+            ..*self
+        }
+    }
+}
+
+/// The way from a rate up to the peak: with the jerk up to an acceleration, along at that, and with the jerk down.
+struct Flank([Part; 3]);
+
 impl Flank {
-    fn plan_s(self) -> f64 {
-        self.steady_s + self.bend_s
+    fn plan_s(&self) -> f64 {
+        self.0.iter().map(|part| part.plan_s).sum()
     }
 }
 
 impl Straight {
-    /// Adds the steps between these squares of the rate at both ends.
-    pub(super) fn pass(self, piece: &Piece, [before, after]: [f64; 2], steps: &mut Vec<Step>) {
-        let h_s = piece.length_s();
-        let Some(peak) = self.peak(piece, [before, after]) else {
-            return self.pass_evenly(piece, [before, after], steps);
+    /// Adds the steps between these squares of the rate at both ends; `is_even` tells where the rate stays beside them.
+    pub(super) fn pass(self, piece: &Piece, ends: [f64; 2], is_even: [bool; 2], steps: &mut Vec<Step>) {
+        let peak = |is_even| Some((self.peak(piece, ends, is_even)?, is_even));
+        let Some((peak, is_even)) = peak(is_even).or_else(|| peak([false; 2])) else {
+            return self.pass_evenly(piece, ends, steps);
         };
-        let [up, down] = [before, after].map(|square| self.flank(square, peak));
-        let bent_s = piece.from_s + up.steady_s;
-        let even_s = bent_s + up.bend_s;
-        let braked_s = (piece.to_s - down.steady_s).max(even_s);
-        let left_s = (braked_s - down.bend_s).max(even_s);
-        let [driving, braking, none] = [[0.0, 1.0], [1.0, 0.0], [0.0, 0.0]];
-        for ([from_s, to_s], [start, end], [rate_change, rate_jerk], room) in [
-            (
-                [piece.from_s, bent_s],
-                [before, up.knee],
-                [up.rate_change, 0.0],
-                driving,
-            ),
-            (
-                [bent_s, even_s],
-                [up.knee, peak],
-                [up.rate_change, up.rate_jerk],
-                driving,
-            ),
-            ([even_s, left_s], [peak, peak], [0.0, 0.0], none),
-            (
-                [left_s, braked_s],
-                [peak, down.knee],
-                [0.0, down.rate_jerk],
-                braking,
-            ),
-            (
-                [braked_s, piece.to_s],
-                [down.knee, after],
-                [-down.rate_change, 0.0],
-                braking,
-            ),
+        let h_s = piece.length_s();
+        let [driving, braking, none] = [[0.0, 1.0], [1.0, 0.0], [0.0, 0.0]].map(|room| self.room(peak, room));
+        let [up, down] = [0, 1].map(|k| self.flank(ends[k], peak, is_even[k]));
+        let mut at_s = piece.from_s;
+        for part in &up.0 {
+            let to_s = at_s + part.plan_s;
+            paced::push(steps, part.step(at_s, to_s, driving), h_s);
+            at_s = to_s;
+        }
+        let [rise, steady, bend] = down.0.map(|part| part.reversed());
+        let steady_to_s = (piece.to_s - rise.plan_s).max(at_s);
+        let bend_to_s = (steady_to_s - steady.plan_s).max(at_s);
+        let even_to_s = (bend_to_s - bend.plan_s).max(at_s);
+        let even = Part {
+            squares: [peak; 2],
+            rate_changes: [0.0; 2],
+            rate_jerk: 0.0,
+            plan_s: even_to_s - at_s,
+        };
+        for step in [
+            even.step(at_s, even_to_s, none),
+            bend.step(even_to_s, bend_to_s, braking),
+            steady.step(bend_to_s, steady_to_s, braking),
+            rise.step(steady_to_s, piece.to_s, braking),
         ] {
-            let step = Step {
-                from_s,
-                to_s,
-                start,
-                end,
-                growth: SpeedGrowth::default(),
-                rate_change,
-                rate_jerk,
-                room: self.room(peak, room),
-            };
             paced::push(steps, step, h_s);
         }
     }
@@ -122,7 +132,7 @@ impl Straight {
     }
 
     /// Largest square of the rate; `None`: not even the larger end can be one.
-    fn peak(self, piece: &Piece, [before, after]: [f64; 2]) -> Option<f64> {
+    fn peak(self, piece: &Piece, [before, after]: [f64; 2], is_even: [bool; 2]) -> Option<f64> {
         let h_s = piece.length_s();
         let least = before.max(after);
         let most = f64::midpoint(before + after, self.change * h_s)
@@ -131,7 +141,10 @@ impl Straight {
         if self.jerk.is_infinite() {
             return Some(most);
         }
-        let fits = |peak: &f64| self.flank(before, *peak).plan_s() + self.flank(after, *peak).plan_s() <= h_s;
+        let fits = |peak: &f64| {
+            let [up, down] = [(before, is_even[0]), (after, is_even[1])];
+            self.flank(up.0, *peak, up.1).plan_s() + self.flank(down.0, *peak, down.1).plan_s() <= h_s
+        };
         if fits(&most) {
             return Some(most);
         }
@@ -148,29 +161,51 @@ impl Straight {
         Some(low)
     }
 
-    /// From the rate w to the peak `w_p` at the maximum acceleration c, and the last of it with the maximum jerk j: that
-    /// takes c/j and gains `c^2/(2 j)`. Short of that it begins with a smaller acceleration.
-    fn flank(self, square: f64, peak: f64) -> Flank {
+    /// From the rate w up to the peak `w_p`. An acceleration c comes and goes with the maximum jerk j in the time c/j
+    /// and gains `c^2/(2 j)` each time; c is the largest one, or what the gain leaves. Where the rate does not come evenly,
+    /// it begins with c.
+    fn flank(self, square: f64, peak: f64, is_even: bool) -> Flank {
         let steepest = self.change / 2.0;
         let [rate, top] = [square.sqrt(), peak.sqrt()];
-        if self.jerk.is_infinite() {
-            return Flank {
-                knee: peak,
-                rate_change: steepest,
-                rate_jerk: 0.0,
-                steady_s: (peak - square) / self.change,
-                bend_s: 0.0,
-            };
-        }
-        let rate_change = steepest.min((2.0 * self.jerk * (top - rate)).max(0.0).sqrt());
+        let bends = if is_even { 1.0 } else { 2.0 };
+        let rate_change = if self.jerk.is_infinite() {
+            steepest
+        } else {
+            steepest.min((bends * self.jerk * (top - rate)).max(0.0).sqrt())
+        };
         let time_s = rate_change / self.jerk;
-        let knee = (top - rate_change * time_s / 2.0).max(rate).powi(2);
-        Flank {
-            knee,
-            rate_change,
-            rate_jerk: -self.jerk,
-            steady_s: (knee - square).max(0.0) / self.change,
-            bend_s: time_s * (top - rate_change * time_s / 6.0),
-        }
+        let gain = rate_change * time_s / 2.0;
+        let knee = if gain > 0.0 {
+            (top - gain).max(rate).powi(2)
+        } else {
+            peak
+        };
+        let (begin, rise_s) = if is_even && gain > 0.0 {
+            let begin = (rate + gain).min(top).powi(2);
+            (begin.min(knee), time_s * (rate + gain / 3.0))
+        } else {
+            (square, 0.0)
+        };
+        let part = |squares: [f64; 2], rate_changes: [f64; 2], rate_jerk, plan_s| Part {
+            squares,
+            rate_changes,
+            rate_jerk,
+            plan_s,
+        };
+        Flank([
+            part([square, begin], [0.0, rate_change], self.jerk, rise_s),
+            part(
+                [begin, knee],
+                [rate_change; 2],
+                0.0,
+                (knee - begin).max(0.0) / self.change,
+            ),
+            part(
+                [knee, peak],
+                [rate_change, 0.0],
+                -self.jerk,
+                time_s * (top - gain / 3.0),
+            ),
+        ])
     }
 }

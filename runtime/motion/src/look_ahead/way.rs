@@ -43,7 +43,18 @@ pub(crate) struct Passage {
 pub(super) struct Phase {
     pub(super) from_s: f64,
     pub(super) to_s: f64,
-    pub(super) is_ramp: bool,
+    pub(super) part: Part,
+}
+
+/// What a phase is a part of.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Part {
+    /// The ramp at the begin of its block.
+    Start,
+    /// Its block between its ramps.
+    Between,
+    /// The ramp at the end of its block, along which the next one begins.
+    Stop,
 }
 
 /// One end of a piece in plan time: velocity and acceleration by plan time.
@@ -115,20 +126,20 @@ impl<'a> Way<'a> {
 
     /// Its phases in order, each of smooth motion.
     pub(super) fn phases(&self) -> [Phase; 7] {
-        let ramp = |ramp: UnitRamp, begins_s: f64| {
+        let ramp = |ramp: UnitRamp, begins_s: f64, part: Part| {
             ramp.phases().map(|[from_s, to_s]| Phase {
                 from_s: begins_s + from_s,
                 to_s: begins_s + to_s,
-                is_ramp: true,
+                part,
             })
         };
-        let [a, b, c] = ramp(self.start, -self.begun_s);
-        let [e, f, mut g] = ramp(self.stop, self.stop_begins_s());
+        let [a, b, c] = ramp(self.start, -self.begun_s, Part::Start);
+        let [e, f, mut g] = ramp(self.stop, self.stop_begins_s(), Part::Stop);
         g.to_s = self.plan_s;
         let between = Phase {
             from_s: c.to_s.max(0.0),
             to_s: e.from_s,
-            is_ramp: false,
+            part: Part::Between,
         };
         let phases = [a, b, c, between, e, f, g];
         if self.passage.is_backward {

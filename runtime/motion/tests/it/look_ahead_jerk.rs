@@ -10,7 +10,7 @@ use tandem_model::{Axis, AxisVector};
 use tandem_motion::Planner;
 
 use crate::look_ahead_random::{Random, chains, each_seed, random_blocks};
-use crate::look_ahead_rig::{Chain, check, check_jerk, pace, same_path, time_s};
+use crate::look_ahead_rig::{Chain, best_time_s, check, check_jerk, pace, same_path, time_s};
 use crate::rig::{
     PERIOD_S, close, feed, integral_of_ramp, line, motor, refused, settings, shortest_by_halving, vector,
 };
@@ -45,6 +45,15 @@ impl Motion {
 
     fn time_s(&self) -> f64 {
         self.0.iter().map(|profile| profile.duration_s).sum()
+    }
+
+    /// Times at which its profiles begin, and its end.
+    fn begins(&self) -> Vec<f64> {
+        let ends = self.0.iter().scan(0.0, |end, profile| {
+            *end += profile.duration_s;
+            Some(*end)
+        });
+        [0.0].into_iter().chain(ends).collect()
     }
 
     fn position(&self, t: f64) -> AxisVector {
@@ -228,6 +237,130 @@ fn m1d_between_its_ramps_a_line_slows_down_for_a_corner_with_the_maximum_jerk() 
     assert!((other.time_s() / motion.time_s() - 1.0).abs() < 1e-3);
 }
 
+/// The way of a rate from w to 1 with the acceleration coming and going with the jerk: its time, and plan time that goes by.
+fn rise(w: f64, acceleration: f64, jerk: f64) -> [f64; 2] {
+    if w >= 1.0 {
+        return [0.0; 2];
+    }
+    let most = acceleration.min((jerk * (1.0 - w)).sqrt());
+    let time = (1.0 - w) / most + most / jerk;
+    [time, time * f64::midpoint(w, 1.0)]
+}
+
+/// Lines long enough to change their speed with the jerk between their corners, and what the formulas say of them.
+struct LongLines {
+    machine: CoordinateSystemSettings,
+    /// Maximum acceleration and jerk of each motor.
+    limits: [[f64; 2]; 3],
+    segments: Vec<Segment>,
+    time_s: f64,
+}
+
+impl LongLines {
+    fn random(random: &mut Random) -> Self {
+        let v = random.magnitude(5.0, 500.0);
+        let ta = random.within(0.005, 0.1);
+        let ts = random.within(PERIOD_S, ta);
+        let limits: [[f64; 2]; 3] = std::array::from_fn(|_| {
+            let acceleration = random.magnitude(100.0, 20_000.0);
+            [acceleration, acceleration * random.magnitude(5.0, 200.0)]
+        });
+        let machine = settings(std::array::from_fn(|i| {
+            let [acceleration, jerk] = *limits.get(i)?;
+            Some(motor(1e5, acceleration, Some(jerk)))
+        }));
+        let directions: Vec<AxisVector> = (0..2 + random.bits() % 4)
+            .map(|_| {
+                let to = AxisVector(std::array::from_fn(|i| {
+                    if i < 3 { random.within(-1.0, 1.0) } else { 0.0 }
+                }));
+                to.scaled(1.0 / to.orthogonal_length())
+            })
+            .collect();
+        let corners: Vec<f64> = directions
+            .windows(2)
+            .map(|pair| {
+                let turn = pair[1].minus(pair[0]).scaled(v);
+                limits.iter().zip(turn.0).fold(1.0_f64, |w, (limit, turn)| {
+                    let by_acceleration = (limit[0] * LEFT * ta / turn.abs()).sqrt();
+                    w.min(by_acceleration)
+                        .min((limit[1] * ta * ts / turn.abs()).cbrt())
+                })
+            })
+            .collect();
+        let mut points = vec![AxisVector::ZERO];
+        let mut time_s = corners.iter().map(|w| (ta + ts) / w).sum::<f64>();
+        for (i, direction) in directions.iter().enumerate() {
+            // Of the rate on this line.
+            let own = [0, 1].map(|k| {
+                let axes = limits.iter().zip(direction.0);
+                axes.fold(f64::INFINITY, |least, (limit, share)| {
+                    least.min(limit[k] * [LEFT, 1.0][k] / (share.abs() * v))
+                })
+            });
+            let mut plan = random.within(0.001, 0.3);
+            if i == 0 || i == corners.len() {
+                // A ramp from rest is not longer than F takes for its line.
+                plan += rest_ramp_s(own, [ta, ts]) / 2.0;
+            }
+            time_s += plan;
+            for w in [i.checked_sub(1), Some(i)].map(|k| k.and_then(|k| corners.get(k))) {
+                let [time, way] = match w {
+                    Some(w) => {
+                        let [time, way] = rise(*w, own[0], own[1]);
+                        [time, way + f64::midpoint(ta, ts)]
+                    }
+                    None => [1.0, 0.5].map(|share| share * rest_ramp_s(own, [ta, ts])),
+                };
+                time_s += time;
+                plan += way;
+            }
+            points.push(points[i].plus(direction.scaled(v * plan)));
+        }
+        let segments = lines(&points, feed(v * 60.0, [ta, ta, ts].map(|time| time * 1000.0)));
+        Self {
+            machine,
+            limits,
+            segments,
+            time_s,
+        }
+    }
+}
+
+/// The ramp between rest and a rate of 1 within this acceleration and jerk of the rate, no shorter than programmed.
+fn rest_ramp_s([acceleration, jerk]: [f64; 2], [ta, ts]: [f64; 2]) -> f64 {
+    let long = ta.max(1.0 / acceleration);
+    let bend = ts.max(1.0 / (jerk * long));
+    if bend > long {
+        2.0 / jerk.sqrt()
+    } else {
+        long + bend
+    }
+}
+
+#[test]
+fn m1d_long_lines_keep_acceleration_and_jerk_in_their_corners_too_and_take_the_time_of_the_formulas() {
+    each_seed(chains() / 10, |seed| {
+        let long = LongLines::random(&mut Random(seed));
+        let motion = Motion::new(&long.machine, &long.segments);
+        let time = motion.time_s();
+        assert!(
+            (time / long.time_s - 1.0).abs() < 1e-6,
+            "seed {seed}: {time} s, not {} s",
+            long.time_s
+        );
+        for ends in motion.begins().windows(3) {
+            let middles = [f64::midpoint(ends[0], ends[1]), f64::midpoint(ends[1], ends[2])];
+            for (axis, [acceleration, jerk]) in Axis::ALL.into_iter().zip(long.limits) {
+                let most = motion.most(axis, middles);
+                let found = format!("seed {seed}: {axis:?} {most:?} at {middles:?}");
+                assert!(most[0] <= acceleration * (1.0 + 1e-6), "{found}");
+                assert!(most[1] <= jerk * (1.0 + 1e-4), "{found}");
+            }
+        }
+    });
+}
+
 #[test]
 fn m1d_with_maximum_jerks_no_motor_exceeds_its_limits_on_random_chains_and_lines_keep_the_jerk() {
     each_seed(chains() / 4, |seed| {
@@ -257,14 +390,19 @@ fn m1d_with_maximum_jerks_no_motor_exceeds_its_limits_on_random_chains_and_lines
             let again = pace(profile).plan_time(back);
             assert!((again - plan_s).abs() <= digits, "seed {seed}: {t} {back}");
         }
-        // Each way up or down takes as long as the acceleration takes to come and go, at most, more. Without maximum
-        // jerks it is within 2 percent and 3 servo periods of the best time.
+        // Each way up or down takes as long as the acceleration takes to come and go, at most, more; a corner is passed
+        // at one rate. Else it is within 2 percent and 3 servo periods of the best time.
         let rise = accelerations.iter().zip(&jerks);
         let rise_s = rise.fold(0.0_f64, |most, (a, j)| most.max(j.map_or(0.0, |j| a / j)));
         let (slow, fast) = (time_s(&profiles), time_s(&stiff.plan_for(factor)));
         let least = (fast - 3.0 * PERIOD_S) / 1.02;
-        let most = fast * 1.02 + 2.0 * rise_s * (blocks + 1) as f64;
-        assert!(slow <= most && slow >= least, "seed {seed}: {slow} {fast}");
+        let more = 3.0 * PERIOD_S + 2.0 * rise_s * (blocks + 1) as f64;
+        let is_near = |best: f64| slow <= best * 1.02 + more;
+        let is_near_best = || [100, 1000].into_iter().any(|n| is_near(best_time_s(&soft, n)));
+        assert!(
+            slow >= least && (is_near(fast) || is_near_best()),
+            "seed {seed}: {slow} {fast}"
+        );
     });
 }
 
@@ -287,7 +425,7 @@ fn m1d_a_ramp_that_has_no_room_for_the_maximum_jerk_keeps_its_programmed_jerk_ti
 
 #[test]
 fn m1d_with_the_rule_extend_and_with_g501_ramps_between_blocks_are_as_programmed() {
-    let points = [AxisVector::ZERO, vector(&[2.0]), vector(&[2.0, 2.0])];
+    let points = [AxisVector::ZERO, vector(&[2.0]), vector(&[4.0])];
     let times = [20.0, 20.0, 10.0];
     let machine = |rule, jerk| {
         let mut machine = xy(1e6, 1e9);

@@ -208,6 +208,32 @@ impl Chain {
         self.formula.centres[i] + f64::midpoint(ta, ts)
     }
 
+    /// The largest rate on the ramp between block i - 1 and block i: between lines, where a motor with a maximum jerk moves,
+    /// one rate at which neither `|dv|/ta w^2` nor `|dv|/(ta ts) w^3` exceeds a limit.
+    pub fn rate_in_corner(&self, i: usize) -> f64 {
+        let [ta, ts] = self.formula.ramps[i];
+        let is_line = |shape: Option<&Shape>| matches!(shape, Some(Shape::Line));
+        let before = i.checked_sub(1);
+        if !is_line(before.and_then(|k| self.shapes.get(k))) || !is_line(self.shapes.get(i)) || ts < PERIOD_S
+        {
+            return f64::INFINITY;
+        }
+        let velocity = |k: usize| self.path_derivatives(k, 0.0)[0].scaled(self.formula.speeds[k]);
+        let [own, next] = [velocity(i - 1), velocity(i)];
+        let mut rate = f64::INFINITY;
+        let mut has_jerk = false;
+        for (axis, motor) in self.settings.motors.iter().flatten().enumerate() {
+            let [own, next] = [own.0[axis], next.0[axis]];
+            let turn = (next - own).abs();
+            rate = rate.min((motor.max_acceleration * ta / turn).sqrt());
+            if let Some(jerk) = motor.max_jerk {
+                has_jerk |= own != 0.0 || next != 0.0;
+                rate = rate.min((jerk * ta * ts / turn).cbrt());
+            }
+        }
+        if has_jerk { rate } else { f64::INFINITY }
+    }
+
     /// Motors that it has.
     pub fn axes(&self) -> usize {
         self.settings.motors.iter().flatten().count()
@@ -392,7 +418,8 @@ pub fn check(chain: &Chain, profiles: &[Profile], samples: u32) -> Result<(), St
     Ok(())
 }
 
-/// On lines, between their ramps: accelerations do not step, and change within the maximum jerks.
+/// On lines, between their ramps: accelerations do not step, and change within the maximum jerks. In corners between lines
+/// the rate is at most the one at which they hold.
 pub fn check_jerk(chain: &Chain, profiles: &[Profile]) -> Result<(), String> {
     let mut before: Option<(u64, f64)> = None;
     for profile in profiles {
@@ -406,6 +433,11 @@ pub fn check_jerk(chain: &Chain, profiles: &[Profile]) -> Result<(), String> {
             let ends_s = plan_time(&piece, duration_s);
             let rounding = 1e-9 * end.abs();
             let middle = f64::midpoint(piece.plan_s, ends_s);
+            let fastest = [0.0, duration_s].map(|t| rate_of_plan(&piece, t)[0]);
+            let most = chain.rate_in_corner(block + 1);
+            if middle > end + rounding && fastest[0].max(fastest[1]) > most * (1.0 + 1e-6) {
+                return Err(format!("{fastest:?} in a corner, above {most}"));
+            }
             let is_within = middle > begin + rounding && middle < end - rounding;
             if !is_within || !matches!(path, Path::Line { .. }) {
                 before = None;
@@ -469,6 +501,8 @@ pub fn time_s(profiles: &[Profile]) -> f64 {
 /// both ends, in the middle of the step: `q'' (x + y)/2 + q' (y - x)/(2 h)`.
 struct Step {
     h: f64,
+    /// Largest square of the rate.
+    most: f64,
     rows: [[f64; 2]; AXES_MAX],
 }
 
@@ -500,7 +534,14 @@ fn grid(chain: &Chain, n: u32) -> Vec<Step> {
             let (a, b) = (q2.0[axis] / 2.0, q1.0[axis] / (2.0 * h));
             *row = [(a - b) / chain.limit(axis), (a + b) / chain.limit(axis)];
         }
-        Step { h, rows }
+        let stop =
+            chain.formula.centres[block + 1] - chain.formula.ramps[block + 1].iter().sum::<f64>() / 2.0;
+        let most = if middle > stop {
+            chain.rate_in_corner(block + 1).powi(2).min(1.0)
+        } else {
+            1.0
+        };
+        Step { h, most, rows }
     };
     times.windows(2).map(step).collect()
 }
@@ -508,7 +549,7 @@ fn grid(chain: &Chain, n: u32) -> Vec<Step> {
 impl Step {
     /// The largest square of the rate at the end, up to `most`, that one at the begin leaves open.
     fn end(&self, x: f64, most: f64) -> Option<f64> {
-        let (mut low, mut high) = (0.0_f64, most);
+        let (mut low, mut high) = (0.0_f64, most.min(self.most));
         for [left, right] in self.rows {
             if right != 0.0 {
                 let (a, b) = ((1.0 - left * x) / right, (-1.0 - left * x) / right);
@@ -522,10 +563,10 @@ impl Step {
 
     /// The largest square of the rate at the begin, by bisection.
     fn start(&self, end: f64) -> f64 {
-        if self.end(1.0, end).is_some() {
-            return 1.0;
+        if self.end(self.most, end).is_some() {
+            return self.most;
         }
-        let (mut low, mut high) = (0.0, 1.0);
+        let (mut low, mut high) = (0.0, self.most);
         for _ in 0..50 {
             let middle = f64::midpoint(low, high);
             if self.end(middle, end).is_some() {
