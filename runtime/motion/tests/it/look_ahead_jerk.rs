@@ -67,6 +67,20 @@ impl Motion {
         self.0[self.0.len() - 1].end()
     }
 
+    /// Time at which X, which does not fall, is there.
+    fn when_x_is(&self, x: f64) -> f64 {
+        let (mut low, mut high) = (0.0, self.time_s());
+        for _ in 0..100 {
+            let middle = f64::midpoint(low, high);
+            if self.position(middle)[Axis::X] < x {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        low
+    }
+
     /// Divided differences of the positions from one time to another: the most of the second and third derivative, each
     /// being a mean of it over its samples. What rounding adds is taken off.
     fn most(&self, axis: Axis, [from, to]: [f64; 2]) -> [f64; 2] {
@@ -213,15 +227,7 @@ fn m1d_between_its_ramps_a_line_slows_down_for_a_corner_with_the_maximum_jerk() 
     let segments = lines(&[AxisVector::ZERO, corner, end], feed(6000.0, [20.0, 20.0, 10.0]));
     let motion = Motion::new(&xy(1000.0, 10_000.0), &segments);
     // The corner begins v T/2 before its point.
-    let (mut low, mut high) = (0.0, motion.time_s());
-    for _ in 0..100 {
-        let middle = f64::midpoint(low, high);
-        if motion.position(middle)[Axis::X] < 100.0 - 100.0 * 0.030 / 2.0 {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
+    let low = motion.when_x_is(100.0 - 100.0 * 0.030 / 2.0);
     let [acceleration, jerk] = motion.most(Axis::X, [0.0, low]);
     assert!(acceleration <= 1000.0, "{acceleration}");
     assert!((jerk / 10_000.0 - 1.0).abs() < 1e-4, "{jerk}");
@@ -235,6 +241,21 @@ fn m1d_between_its_ramps_a_line_slows_down_for_a_corner_with_the_maximum_jerk() 
         &lines(&back, feed(6000.0, [20.0, 20.0, 10.0])),
     );
     assert!((other.time_s() / motion.time_s() - 1.0).abs() < 1e-3);
+}
+
+#[test]
+fn m1d_into_a_corner_without_jerk_time_the_motor_that_limits_keeps_its_acceleration() {
+    let [corner, end] = [vector(&[100.0]), vector(&[100.0, 100.0])];
+    let segments = lines(&[AxisVector::ZERO, corner, end], feed(6000.0, [20.0, 20.0, 0.0]));
+    let motion = Motion::new(&xy(1000.0, 10_000.0), &segments);
+    let begin = motion.when_x_is(100.0 - 100.0 * 0.020 / 2.0);
+    for span in [[begin - 0.01, begin], [begin, begin + 0.001]] {
+        let [acceleration, _] = motion.most(Axis::X, span);
+        assert!(
+            (acceleration / 1000.0 - LEFT).abs() < 1e-3,
+            "{span:?}: {acceleration}"
+        );
+    }
 }
 
 /// The way of a rate from w to 1 with the acceleration coming and going with the jerk: its time, and plan time that goes by.
