@@ -87,7 +87,12 @@ impl Motion {
         let n = 1000;
         let h = (to - from) / f64::from(n);
         let at = |k: i32| self.position(from + h * f64::from(k))[axis];
-        let far = at(0).abs().max(at(n).abs());
+        // Positions are made of distances along the path.
+        let far: f64 = [from, to]
+            .iter()
+            .flat_map(|t| self.position(*t).0)
+            .map(f64::abs)
+            .sum();
         let mut most = [0.0_f64; 2];
         for k in 0..n - 2 {
             let [a, b, c, d] = [at(k), at(k + 1), at(k + 2), at(k + 3)];
