@@ -23,7 +23,7 @@ pub(super) struct Straight {
 
 /// A part of the way from a rate up to the peak.
 #[derive(Debug, Clone, Copy)]
-struct Part {
+struct FlankPart {
     /// Squares of the rate at its ends.
     squares: [f64; 2],
     /// Changes of the rate per second at its ends.
@@ -33,7 +33,7 @@ struct Part {
     plan_s: f64,
 }
 
-impl Part {
+impl FlankPart {
     /// From one plan time to another, up to the peak.
     fn step(&self, from_s: f64, to_s: f64, room: SlewRoom) -> Step {
         Step {
@@ -61,7 +61,7 @@ impl Part {
 }
 
 /// The way from a rate up to the peak: with the jerk up to an acceleration, along at that, and with the jerk down.
-struct Flank([Part; 3]);
+struct Flank([FlankPart; 3]);
 
 impl Flank {
     fn plan_s(&self) -> f64 {
@@ -89,7 +89,7 @@ impl Straight {
         let steady_to_s = (piece.to_s - rise.plan_s).max(at_s);
         let bend_to_s = (steady_to_s - steady.plan_s).max(at_s);
         let even_to_s = (bend_to_s - bend.plan_s).max(at_s);
-        let even = Part {
+        let even = FlankPart {
             squares: [peak; 2],
             rate_changes: [0.0; 2],
             rate_jerk: 0.0,
@@ -186,7 +186,7 @@ impl Straight {
         } else {
             (square, 0.0)
         };
-        let part = |squares: [f64; 2], rate_changes: [f64; 2], rate_jerk, plan_s| Part {
+        let part = |squares: [f64; 2], rate_changes: [f64; 2], rate_jerk, plan_s| FlankPart {
             squares,
             rate_changes,
             rate_jerk,
