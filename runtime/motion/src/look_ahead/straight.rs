@@ -73,7 +73,9 @@ impl Straight {
     /// Adds the steps between these squares of the rate at both ends; `is_even` tells where the rate stays beside them.
     pub(super) fn pass(self, piece: &Piece, ends: [f64; 2], is_even: [bool; 2], steps: &mut Vec<Step>) {
         let peak = |is_even| Some((self.peak(piece, ends, is_even)?, is_even));
-        let Some((peak, is_even)) = peak(is_even).or_else(|| peak([false; 2])) else {
+        // Between two even ramps the smallest acceleration is the smallest step.
+        let with_steps = || peak([false; 2]).filter(|_| is_even != [true; 2]);
+        let Some((peak, is_even)) = peak(is_even).or_else(with_steps) else {
             return self.pass_evenly(piece, ends, steps);
         };
         let h_s = piece.length_s();
@@ -105,7 +107,7 @@ impl Straight {
         }
     }
 
-    /// In one step: there is no room for a peak.
+    /// In one step, with one acceleration: there is no room for a peak.
     fn pass_evenly(self, piece: &Piece, [before, after]: [f64; 2], steps: &mut Vec<Step>) {
         let h_s = piece.length_s();
         let share = (after - before) / (self.change * h_s);

@@ -263,6 +263,32 @@ fn m1d_into_a_corner_without_jerk_time_the_motor_that_limits_keeps_its_accelerat
     }
 }
 
+#[test]
+fn m1d_a_line_too_short_for_the_jerk_between_two_corners_has_one_acceleration_no_larger_than_it_needs() {
+    // 90 degrees, 4 mm of which 3 mm are ramps, and 45 degrees.
+    let corners = [
+        vector(&[100.0]),
+        vector(&[100.0, 4.0]),
+        vector(&[100.0 - 80.0, 4.0 + 80.0]),
+    ];
+    let points = [AxisVector::ZERO, corners[0], corners[1], corners[2]];
+    let segments = lines(&points, feed(6000.0, [20.0, 20.0, 10.0]));
+    let motion = Motion::new(&xy(1000.0, 10_000.0), &segments);
+    // w^3 |dv|/(ta ts) is the jerk, |dv| of Y at the first corner and of X at the second one.
+    let [w1, w2] = [100.0, 100.0 * 0.5_f64.sqrt()].map(|turn| (10_000.0 * 0.020 * 0.010 / turn).cbrt());
+    let length_s = (4.0 - 3.0) / 100.0;
+    let expected = 100.0 * (w2 * w2 - w1 * w1) / (2.0 * length_s);
+    let begins = motion.begins();
+    let line = motion.0.iter().position(|profile| profile.segment == 2).unwrap();
+    let span = [begins[line], begins[line] + length_s / w2];
+    let [acceleration, jerk] = motion.most(Axis::Y, span);
+    assert!(
+        (acceleration / expected - 1.0).abs() < 1e-3,
+        "{acceleration} is not {expected}"
+    );
+    assert!(jerk < 10.0, "{jerk}");
+}
+
 /// The way of a rate from w to 1 with the acceleration coming and going with the jerk: its time, and plan time that goes by.
 fn rise(w: f64, acceleration: f64, jerk: f64) -> [f64; 2] {
     if w >= 1.0 {
