@@ -17,12 +17,12 @@ const ROUNDING: f64 = 1e-9;
 
 /// The largest square of the rate on the ramp between a line and the next one; infinite: without a limit.
 pub(super) fn largest_square(way: &Way<'_>, motors: &Motors) -> f64 {
+    if !motors.has_jerk || way.stop.jerk_time_s() < motors.period_s {
+        return f64::INFINITY;
+    }
     let (Path::Line { .. }, Some((Path::Line { .. }, next_speed))) = (way.path, way.lead) else {
         return f64::INFINITY;
     };
-    if !motors.has_jerk() || way.stop.jerk_time_s() < motors.period_s {
-        return f64::INFINITY;
-    }
     let [slope, change] = way.stop.steepest();
     let mut has_jerk = false;
     let mut square = f64::INFINITY;

@@ -9,6 +9,7 @@ use tandem_model::{AXES_MAX, Axis};
 use super::corner;
 use super::course::Course;
 use super::limits::{self, Bounds, Spread};
+use super::straight::Straight;
 use super::way::{End, Part, Phase, Way};
 
 /// The largest change of a velocity on one piece of a ramp, as a share of it.
@@ -65,12 +66,7 @@ pub(super) struct Piece {
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Shape {
     /// Straight at one speed.
-    Straight {
-        /// The square of the rate changes by at most this per second of plan time, anywhere in it.
-        change: f64,
-        /// The change of the rate changes by at most this per second, within it; infinite: without a limit.
-        jerk: f64,
-    },
+    Straight(Straight),
     /// Nothing exceeds its limit at the largest rate; it is cut finer where the rate changes.
     Whole {
         /// What is left at the largest rate.
@@ -95,8 +91,16 @@ impl Piece {
 
     /// True when its rate is its largest one from begin to end, where this is the limit behind it.
     pub(super) fn is_even(&self, limit: f64) -> bool {
-        let is_within = matches!(self.shape, Shape::Whole { .. } | Shape::Bent { planned: Some(_) });
-        is_within && self.limit >= self.cap && limit >= self.cap
+        self.room_at_cap().is_some() && self.limit >= self.cap && limit >= self.cap
+    }
+
+    /// What is left at its largest rate, when nothing exceeds its limit at that.
+    pub(super) fn room_at_cap(&self) -> Option<SlewRoom> {
+        match self.shape {
+            Shape::Straight(straight) => Some(straight.room(self.cap, [0.0; 2])),
+            Shape::Whole { room } => Some(room),
+            Shape::Bent { planned } => planned,
+        }
     }
 
     /// Pieces that were cut from one as one again.
@@ -192,10 +196,14 @@ fn straight(way: &Way<'_>, bounds: Bounds<'_>, phase: Phase) -> Piece {
         from_s: phase.from_s,
         to_s: phase.to_s,
         whole_to_s: phase.to_s,
-        shape: Shape::Straight {
+        shape: Shape::Straight(Straight {
             change: 2.0 / (most(&bounds.motors.inverse) * way.speed),
-            jerk: 1.0 / (most(&bounds.motors.inverse_jerks) * way.speed),
-        },
+            jerk: if bounds.motors.has_jerk {
+                1.0 / (most(&bounds.motors.inverse_jerks) * way.speed)
+            } else {
+                f64::INFINITY
+            },
+        }),
         least_s: f64::INFINITY,
         cap: bounds.cap_at(|axis| way.path.steepest(axis) * way.speed),
         limit: f64::NAN,
@@ -269,23 +277,8 @@ impl<'a> Cutter<'a> {
         let h_s = to.t_s - from.t_s;
         let planned = Course::by_plan_time(&self.way.between(from, to), h_s);
         let by_distance = finer.then(|| self.way.by_distance(from.t_s, to.t_s)).flatten();
-        let Measure {
-            uneven,
-            one_way,
-            bent,
-        } = self.measure(by_distance.as_ref().unwrap_or(&planned));
-        if finer && uneven > 1.0 && depth < HALVINGS_MAX {
-            let (n, depth) = if one_way {
-                (uneven.min(PARTS_MAX).ceil(), HALVINGS_MAX)
-            } else {
-                (2.0, depth + 1)
-            };
+        if let Some((n, depth)) = self.parts(by_distance.as_ref().unwrap_or(&planned), depth, finer) {
             return self.even(ends, n, depth, finer);
-        }
-        // Little of the limit is left for what lies between the ends of an arc, at the rate that the limit allows.
-        if bent > 1.0 && depth < 2 * HALVINGS_MAX {
-            // It falls with the square of the length at least.
-            return self.even(ends, bent.sqrt().ceil().min(PARTS_MAX), depth + 1, finer);
         }
         let cap = self.bounds.cap_at(|axis| planned.motion.fastest(axis, h_s));
         let room = limits::room(&planned, &self.bounds.motors.inverse, [cap; 2]);
@@ -308,6 +301,29 @@ impl<'a> Cutter<'a> {
             cap,
             limit: f64::NAN,
         });
+    }
+
+    /// How many parts a piece must be cut into, and their depth.
+    fn parts(&self, course: &Course, depth: u32, finer: bool) -> Option<(f64, u32)> {
+        if !finer && !self.way.bends() {
+            return None;
+        }
+        let Measure {
+            uneven,
+            one_way,
+            bent,
+        } = self.measure(course);
+        if finer && uneven > 1.0 && depth < HALVINGS_MAX {
+            return Some(if one_way {
+                (uneven.min(PARTS_MAX).ceil(), HALVINGS_MAX)
+            } else {
+                (2.0, depth + 1)
+            });
+        }
+        // Little of the limit is left for what lies between the ends of an arc, at the rate that the limit allows. It
+        // falls with the square of the length at least.
+        let is_bent = bent > 1.0 && depth < 2 * HALVINGS_MAX;
+        is_bent.then(|| (bent.sqrt().ceil().min(PARTS_MAX), depth + 1))
     }
 
     fn measure(&self, course: &Course) -> Measure {

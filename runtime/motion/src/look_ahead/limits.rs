@@ -77,6 +77,8 @@ pub(super) struct Motors {
     pub(super) inverse: [f64; AXES_MAX],
     /// 1 over the maximum jerk of each motor, 0 without one.
     pub(super) inverse_jerks: [f64; AXES_MAX],
+    /// A motor has a maximum jerk.
+    pub(super) has_jerk: bool,
     /// Maximum velocity of each motor, 0 without one.
     velocities: [f64; AXES_MAX],
     /// Servo period, s.
@@ -93,17 +95,14 @@ impl Motors {
                 .map(|motor| motor.as_ref().map_or(0.0, value))
         };
         let inverse = |most: f64| if most > 0.0 { 1.0 / most } else { 0.0 };
+        let inverse_jerks = of_each(|motor| motor.max_jerk.unwrap_or(0.0)).map(inverse);
         Self {
             inverse: of_each(|motor| motor.max_acceleration * (1.0 - LEFT)).map(inverse),
-            inverse_jerks: of_each(|motor| motor.max_jerk.unwrap_or(0.0)).map(inverse),
+            inverse_jerks,
+            has_jerk: inverse_jerks.iter().any(|inverse| *inverse > 0.0),
             velocities: of_each(|motor| motor.max_velocity),
             period_s: settings.servo_period_s,
         }
-    }
-
-    /// True when a motor has a maximum jerk.
-    pub(super) fn has_jerk(&self) -> bool {
-        self.inverse_jerks.iter().any(|inverse| *inverse > 0.0)
     }
 }
 

@@ -358,8 +358,10 @@ impl LookAhead {
             self.cut.clear();
             self.cut.extend(self.pieces.drain(..count));
             let limit_at = |k: usize| self.pieces.get(k).map_or(self.end_square, |next| next.limit);
-            let goes_evenly = self.pieces.front().is_some_and(|next| next.is_even(limit_at(1)));
-            task.is_even = [self.is_even, goes_evenly];
+            if self.motors.has_jerk {
+                let goes_evenly = self.pieces.front().is_some_and(|next| next.is_even(limit_at(1)));
+                task.is_even = [self.is_even, goes_evenly];
+            }
             let limit = limit_at(0);
             self.square = Some(task.pass_cut(&self.cut, before, limit, &mut self.steps));
             self.is_even = self.steps.last().map_or(self.is_even, Step::is_even);

@@ -77,7 +77,9 @@ impl Limits<'_> {
     fn start_and_end(&mut self, piece: &Piece, end: f64) -> [f64; 2] {
         let end = end.min(piece.cap);
         match piece.shape {
-            Shape::Straight { change, .. } => [(end + change * piece.length_s()).min(piece.cap), end],
+            Shape::Straight(Straight { change, .. }) => {
+                [(end + change * piece.length_s()).min(piece.cap), end]
+            }
             Shape::Whole { .. } | Shape::Bent { planned: Some(_) } if end >= piece.cap => [piece.cap, end],
             Shape::Whole { .. } | Shape::Bent { .. } => {
                 self.better(piece, |limits| limits.bent_start(end)[0]);
@@ -200,18 +202,20 @@ impl Limits<'_> {
     /// Passes a piece from this square of the rate on, as fast as the limit behind it allows; gives the one at its end.
     pub(super) fn pass(&mut self, piece: &Piece, before: f64, limit: f64, steps: &mut Vec<Step>) -> f64 {
         let limit = limit.min(piece.cap);
+        if before >= piece.cap
+            && limit >= piece.cap
+            && let Some(room) = piece.room_at_cap()
+        {
+            paced::push(steps, at_cap(piece, room), piece.length_s());
+            return piece.cap;
+        }
         match piece.shape {
-            Shape::Straight { change, jerk } => {
-                let after = limit.min(before + change * piece.length_s()).max(SQUARE_MIN);
-                let straight = Straight { change, jerk };
+            Shape::Straight(straight) => {
+                let after = limit
+                    .min(before + straight.change * piece.length_s())
+                    .max(SQUARE_MIN);
                 straight.pass(piece, [before, after], self.is_even, steps);
                 after
-            }
-            Shape::Whole { room } | Shape::Bent { planned: Some(room) }
-                if before >= piece.cap && limit >= piece.cap =>
-            {
-                paced::push(steps, at_cap(piece, room), piece.length_s());
-                piece.cap
             }
             Shape::Whole { .. } => {
                 let mut finer = Vec::new();

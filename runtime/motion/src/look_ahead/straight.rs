@@ -124,7 +124,8 @@ impl Straight {
         paced::push(steps, step, h_s);
     }
 
-    fn room(self, peak: f64, [braking, driving]: [f64; 2]) -> SlewRoom {
+    /// What is left with these shares of the maximum acceleration taken, where the square of the rate is this at most.
+    pub(super) fn room(self, peak: f64, [braking, driving]: [f64; 2]) -> SlewRoom {
         SlewRoom {
             // At the rate w the velocity of the motor that limits is w times 2 a/change.
             slope: self.change / (2.0 * peak.sqrt()),

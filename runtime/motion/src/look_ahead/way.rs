@@ -120,6 +120,12 @@ impl<'a> Way<'a> {
         self.begun_s == 0.0
     }
 
+    /// True when one of its blocks is an arc.
+    pub(super) fn bends(&self) -> bool {
+        let is_arc = |path: &Path| matches!(path, Path::Arc(_));
+        is_arc(self.path) || self.lead.is_some_and(|(path, _)| is_arc(path))
+    }
+
     pub(super) fn stop_begins_s(&self) -> f64 {
         self.plan_s - self.stop.duration_s()
     }
