@@ -67,11 +67,13 @@ impl Channel {
             return 0;
         }
         let last_s = profile.duration_s - BEFORE_END * rate * self.period_s;
+        let cycles = whole((last_s - self.time.now_s()) / (rate * self.period_s));
         let way = Way::new(profile, last_s, self.hold_slope, self.period_s);
-        if !way.is_steady(&mut self.profiles, rate) {
-            return 0;
+        if cycles > 0 && way.is_steady(&mut self.profiles, rate) {
+            cycles
+        } else {
+            0
         }
-        whole((last_s - self.time.now_s()) / (rate * self.period_s))
     }
 
     /// What so many cycles leave; at most as many as [`Channel::cycles_to_pass`] gives.

@@ -235,7 +235,7 @@ impl CoordinateSystem {
         self.expire_lease(now.monotonic_s);
         self.do_stock_work(now);
         self.carry_out_effects();
-        self.expire_validation();
+        self.expire_validation(now.monotonic_s);
         if share.commands {
             self.carry_out_deferred();
         }
@@ -249,7 +249,7 @@ impl CoordinateSystem {
     fn next_deadline_s(&self) -> Option<f64> {
         let stock = self.stock.iter().filter_map(|work| work.due_s);
         let at_rest = self.run.as_ref().map(|run| &run.at_rest);
-        let goes_on_s = at_rest.and_then(|at_rest| at_rest.until_s(self.shared.clock.now_s()));
+        let goes_on_s = at_rest.and_then(|at_rest| at_rest.until_s(&self.shared.clock));
         let retry = self
             .servo
             .is_backlogged()

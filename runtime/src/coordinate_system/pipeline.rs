@@ -95,8 +95,7 @@ impl Pipeline {
         if let Item::Block(block) = &item {
             self.note_block(self.interpreter.steps());
             self.block(block)?;
-            // a block may change the transform of those behind it
-            if *self.path.transform() != self.last.transform {
+            if let Action::Transform(_) = &block.action {
                 self.note_change();
             }
         }

@@ -13,6 +13,7 @@ use super::CoordinateSystem;
 use super::commands::Awaiting;
 use super::holding::Held;
 use super::manual::Kind;
+use crate::clock::Clock;
 use crate::journal::Entry;
 use plc_api::execution::word;
 
@@ -59,7 +60,7 @@ pub(super) struct AtRest {
 }
 
 impl AtRest {
-    fn count(&mut self, last_segment: u64, now_s: f64, period_s: f64) {
+    fn count(&mut self, last_segment: u64, clock: &Clock, period_s: f64) {
         if last_segment != self.last_segment {
             *self = Self {
                 last_segment,
@@ -67,7 +68,7 @@ impl AtRest {
             };
         }
         if self.items == 0 {
-            self.since_s = now_s;
+            self.since_s = clock.now_s();
         }
         self.items += 1;
         if self.items == ITEMS_AT_REST_MAX {
@@ -77,8 +78,9 @@ impl AtRest {
     }
 
     /// When the run goes on, if that is still to come.
-    pub fn until_s(&self, now_s: f64) -> Option<f64> {
-        (self.until_s > now_s + 1e-9).then_some(self.until_s)
+    pub fn until_s(&self, clock: &Clock) -> Option<f64> {
+        let is_to_come = self.until_s > 0.0 && self.until_s > clock.now_s() + 1e-9;
+        is_to_come.then_some(self.until_s)
     }
 }
 
@@ -160,7 +162,7 @@ impl CoordinateSystem {
         // In a thread feed hold waits, so what the way out needs is not kept back.
         let held = run.held != Held::No && !self.pipeline.in_thread();
         let single_block = self.inputs.single_block;
-        let waits = run.at_rest.until_s(self.shared.clock.now_s()).is_some();
+        let waits = run.at_rest.until_s(&self.shared.clock).is_some();
         match std::mem::replace(&mut run.phase, Phase::Interpret) {
             Phase::Interpret => {
                 let is_full = !self.pipeline.ready.is_empty()
@@ -248,7 +250,7 @@ impl CoordinateSystem {
         run.steps.in_block |= matches!(item, Ok(Item::Block(_) | Item::Stop(_)));
         run.at_rest.count(
             self.pipeline.last_segment(),
-            self.shared.clock.now_s(),
+            &self.shared.clock,
             self.configured.settings.servo_period_s,
         );
         self.note_interpreted();

@@ -184,8 +184,7 @@ impl CoordinateSystem {
     }
 
     /// Ends the wait for answers whose time is over.
-    pub(super) fn expire_validation(&mut self) {
-        let now_s = self.shared.clock.now_s();
+    pub(super) fn expire_validation(&mut self, now_s: f64) {
         if self
             .validation_deadline_s()
             .is_some_and(|deadline_s| deadline_s <= now_s + 1e-9)
