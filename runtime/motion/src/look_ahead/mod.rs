@@ -371,3 +371,96 @@ impl LookAhead {
         self.braking.add(held.block.segment, steps, self.period_s);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::cell::Cell;
+
+    use tandem_model::flow::{Feed, MultiBlock, Path, Plane, Turn};
+    use tandem_model::settings::{MotorKind, MotorSettings, ShortBlock};
+    use tandem_model::{ArcPath, Axis, AxisVector, Origin};
+
+    use super::*;
+    use crate::chain::{Block, Chain};
+    use crate::ramped;
+
+    /// Maximum acceleration of Z, mm/s^2.
+    const OF_Z: f64 = 0.01;
+
+    /// Of the samples, s.
+    const STEP_S: f64 = 0.005;
+
+    /// A thread along Z of 0.1 mm a turn, each a block of some thirty pieces. Z needs thousands of them to come to rest.
+    fn thread(turns: u32, after_each: impl Fn(&LookAhead)) -> VecDeque<Profile> {
+        let mut settings = CoordinateSystemSettings::default();
+        for (axis, acceleration) in [(Axis::X, 1e5), (Axis::Y, 1e5), (Axis::Z, OF_Z)] {
+            let motor = MotorSettings::new(1, MotorKind::Linear, 1e3, acceleration);
+            settings.motors[axis.index()] = Some(motor);
+        }
+        let (mut chain, mut look_ahead) = (Chain::default(), LookAhead::new(&settings));
+        let (mut record, mut out) = (Record::default(), VecDeque::new());
+        let height = |turn: u32| {
+            let mut at = AxisVector::ZERO;
+            at[Axis::Z] = 0.1 * f64::from(turn);
+            at
+        };
+        for turn in 0..turns {
+            let arc = ArcPath::new(
+                height(turn),
+                height(turn + 1),
+                Plane::Xy,
+                [0.1, 0.0],
+                Turn::Clockwise,
+            );
+            let path = Path::Arc(arc);
+            let feed = Feed {
+                feedrate_mm_min: if turn % 2 == 0 { 9000.0 } else { 4000.0 },
+                ta_ms: 1.0,
+                td_ms: 1.0,
+                ts_ms: 0.3,
+            };
+            let block = Block {
+                segment: u64::from(turn) + 1,
+                origin: Origin::default(),
+                path: &path,
+                alone: ramped::plan(&settings, &path, feed, MultiBlock::On).unwrap(),
+            };
+            let push = |block| look_ahead.push(block, &mut record, &mut out);
+            chain.push(ShortBlock::Shrink, block, 0, push);
+            after_each(&look_ahead);
+        }
+        let push = |block| look_ahead.push(block, &mut record, &mut out);
+        chain.finish(ShortBlock::Shrink, 0, push);
+        out
+    }
+
+    #[test]
+    fn m1d_more_pieces_than_look_ahead_holds_slow_down_and_keep_the_limits() {
+        let most = Cell::new(0);
+        let profiles = thread(15_000, |look_ahead| {
+            most.set(most.get().max(look_ahead.pieces.len()));
+        });
+        let near = HELD_PIECES_MAX - 100..HELD_PIECES_MAX + 100;
+        assert!(near.contains(&most.get()), "{} pieces", most.get());
+        // A second difference is a mean of the acceleration.
+        let (mut begin_s, mut samples) = (0.0, vec![0.0]);
+        for profile in &profiles {
+            while samples.len() as f64 * STEP_S < begin_s + profile.duration_s {
+                let at = profile.position(samples.len() as f64 * STEP_S - begin_s);
+                samples.push(at[Axis::Z]);
+            }
+            begin_s += profile.duration_s;
+        }
+        for (n, three) in samples.windows(3).enumerate() {
+            let acceleration = (three[0] - 2.0 * three[1] + three[2]) / (STEP_S * STEP_S);
+            let at_s = (n + 1) as f64 * STEP_S;
+            assert!(
+                acceleration.abs() < OF_Z * (1.0 + 1e-5),
+                "{acceleration} at {at_s} s"
+            );
+        }
+        // The best is to speed up for half of 1500 mm and down for the other.
+        let best_s = 2.0 * (1500.0 / OF_Z).sqrt();
+        assert!(begin_s < 1.5 * best_s, "{begin_s} s, best {best_s} s");
+    }
+}
