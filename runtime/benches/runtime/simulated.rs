@@ -4,22 +4,23 @@
 //! - long lines: sides of 100 mm, each from rest to rest (G61);
 //! - short lines: sides of 0.4 mm in a polygon, blended (G64, G501), 6 ms each;
 //! - look-ahead: the same with G500;
-//! - dense lines, dense ahead: the same with sides of 0.1 mm, 2 ms each, which costs about 1.8 us a block;
+//! - dense lines, dense ahead: the same with sides of 0.1 mm, 2 ms each, which costs about 1.7 us a block;
 //! - arcs: full circles of 20 mm.
 //!
-//! Measured on two cores of an AMD EPYC virtual machine on which the lines of the bench `look_ahead` go at 980,000 a second
-//! from the text to profiles; bench profile, the medians of three runs of five rounds each, and the lowest round of all:
+//! Measured on two cores of an AMD EPYC virtual machine on which the lines of the bench `look_ahead` go at 1,270,000 a
+//! second from the text to profiles; bench profile, the medians of three runs of five rounds each, and the lowest round of
+//! all:
 //!
 //! | program | times real time | lowest |
 //! | --- | --- | --- |
-//! | long lines | 357,000 to 476,000 | 170,000 |
-//! | short lines | 2870 to 3100 | 2120 |
-//! | look-ahead | 2640 to 2690 | 2530 |
-//! | dense lines | 1140 to 1180 | 990 |
-//! | dense ahead | 950 to 1040 | 910 |
-//! | arcs | 349,000 to 415,000 | 299,000 |
+//! | long lines | 420,000 to 596,000 | 200,000 |
+//! | short lines | 3440 to 3660 | 3120 |
+//! | look-ahead | 3030 to 3090 | 2620 |
+//! | dense lines | 1360 to 1420 | 1280 |
+//! | dense ahead | 1170 to 1220 | 1140 |
+//! | arcs | 420,000 to 469,000 | 363,000 |
 //!
-//! A host that does half of it has dense lines at about 500.
+//! A host that does half of it has half of these.
 
 use std::fmt::Write as _;
 use std::time::Instant;

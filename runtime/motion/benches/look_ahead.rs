@@ -1,18 +1,18 @@
 //! Speed of the path and motion stages over a million short blocks with G500, and with everything before them.
 //!
-//! Blocks a second on one core of a 2-core virtual machine with nothing beside it; medians of three, the slowest and the
+//! Blocks a second on one core of a 2-core virtual machine with nothing beside it; medians of five, the slowest and the
 //! fastest:
 //!
 //! | program | path and plan | from text to profiles |
 //! | --- | --- | --- |
-//! | lines of 0.1 to 1 mm, F3000 | 1,375,000 | 1,050,000 (1,046,000 to 1,064,000) |
-//! | the same, F24000, beyond the limits where the spiral is narrow | 770,000 | |
-//! | quarter circles of 1 mm, left and right, F3000 | 357,000 (to 365,000) | 299,000 (to 302,000) |
+//! | lines of 0.1 to 1 mm, F3000 | 1,791,000 | 1,268,000 (1,242,000 to 1,283,000) |
+//! | the same, F24000, beyond the limits where the spiral is narrow | 990,000 | |
+//! | quarter circles of 1 mm, left and right, F3000 | 404,000 (398,000 to 406,000) | 347,000 (344,000 to 349,000) |
 //!
-//! Another host does less than half of it: 671,000, 471,000, 355,000, 170,000 and 126,000.
+//! Other hosts do three quarters of it, and half.
 //!
-//! A new plan of what is known, for another override, costs a block the same however many there are: 0.74 µs of 1000,
-//! 1.5 of 10,000 and of 50,000, which no longer fit the cache.
+//! A new plan of what is known, for another override, costs a block the same however many there are: 0.46 µs of 1000,
+//! 0.56 of 10,000, and 0.79 of 50,000, which no longer fit the cache.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::fmt::Write as _;
