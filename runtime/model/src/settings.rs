@@ -180,8 +180,8 @@ pub struct MotorSettings {
     pub max_velocity: f64,
     /// Units per second squared (spindle: r/min per second).
     pub max_acceleration: f64,
-    /// Units per second cubed, of G00, G28, G30 and G31 (motion-semantics 1e) and, with G500, of lines and the corners between
-    /// them (1d); `None`: not limited. Other feed motion has the jerk that ta, td and ts give it, and steps within
+    /// Units per second cubed, of G00, G28, G30 and G31 (motion-semantics 1e) and, with G500, of lines, arcs and the ramps
+    /// between them (1d); `None`: not limited. Other feed motion has the jerk that ta, td and ts give it, and steps within
     /// `max_acceleration` where look-ahead changes the rate.
     pub max_jerk: Option<f64>,
     /// Speed of G00, units per second.

@@ -1,40 +1,104 @@
-//! A corner between two lines where a motor has a maximum jerk: it is passed at one rate, at which no motor exceeds its
-//! limits anywhere in it.
+//! A ramp between two blocks where a motor has a maximum jerk, and one from rest or to rest on an arc: it is passed at one
+//! rate, at which no motor exceeds its limits anywhere in it.
 //!
 //! With the change dv of a motor's velocity over a ramp of `ta` and `ts` its acceleration at the rate w is at most
 //! `|dv|/ta w^2`, its jerk `|dv|/(ta ts) w^3` (motion-semantics 1b); a rate that changes would add steps of acceleration. A
 //! ramp without jerk time steps at any rate: it is not slowed for the jerk.
+//!
+//! On an arc, its derivatives by distance being p' to p''', the velocity `v p'` turns within the ramp by `p'' v^2 (ta +
+//! ts)/2` at most, which counts as change; and with the share S in the speed, `p'' v^2 S^2` is added to the acceleration,
+//! `3 p'' v^2 S S' + p''' v^3 S^3` to the jerk. The shares of two arcs come to 1, so the larger one bounds both.
 
-use tandem_model::Axis;
 use tandem_model::flow::Path;
+use tandem_model::ramp::UnitRamp;
+use tandem_model::{Axis, AxisVector};
 
+use super::curve;
 use super::limits::Motors;
 use super::rate::SQUARE_MIN;
-use super::way::Way;
+use super::way::{self, Way};
 
 /// Rounding of an acceleration, relative to its limit.
 const ROUNDING: f64 = 1e-9;
 
-/// The largest square of the rate on the ramp between a line and the next one; infinite: without a limit.
-pub(super) fn largest_square(way: &Way<'_>, motors: &Motors) -> f64 {
-    if !motors.has_jerk || way.stop.jerk_time_s() < motors.period_s {
+/// What a block has at the rate 1; nothing of one at rest.
+#[derive(Debug, Clone, Copy, Default)]
+struct Side {
+    /// Where the blocks meet.
+    velocity: AxisVector,
+    /// The most of the second and third derivative that its bending gives, within the ramp.
+    bends: [AxisVector; 2],
+}
+
+impl Side {
+    /// Of a block, between these distances along it, the first of which is where the blocks meet.
+    fn new(path: &Path, slopes: AxisVector, speed: f64, [at, to]: [f64; 2]) -> Self {
+        match path {
+            Path::Line { .. } => Self {
+                velocity: slopes.scaled(speed),
+                ..Self::default()
+            },
+            Path::Arc(arc) => {
+                let within = if curve::opens_wide(arc) {
+                    [at.min(to), at.max(to)]
+                } else {
+                    [0.0, arc.length()]
+                };
+                let [second, third] = way::bends(arc, within);
+                Self {
+                    velocity: arc.derivatives_at(at)[0].scaled(speed),
+                    bends: [second.scaled(speed * speed), third.scaled(speed * speed * speed)],
+                }
+            }
+        }
+    }
+}
+
+/// The largest square of the rate on the ramp from rest at the begin of a block; infinite: without a limit.
+pub(super) fn from_rest(way: &Way<'_>, motors: &Motors) -> f64 {
+    if !motors.has_jerk || !way.begins_at_rest() || matches!(way.path, Path::Line { .. }) {
         return f64::INFINITY;
     }
-    let (Path::Line { .. }, Some((Path::Line { .. }, next_speed))) = (way.path, way.lead) else {
+    let gone = way.speed * way.start.duration_s() / 2.0;
+    let own = Side::new(way.path, way.slopes[0], way.speed, [0.0, gone]);
+    largest_square(way.start, [Side::default(), own], motors)
+}
+
+/// The largest square of the rate on the ramp at the end of a block; infinite: without a limit.
+pub(super) fn at_end(way: &Way<'_>, motors: &Motors) -> f64 {
+    if !motors.has_jerk || way.lead.is_none() && matches!(way.path, Path::Line { .. }) {
         return f64::INFINITY;
-    };
-    let [slope, change] = way.stop.steepest();
+    }
+    let half_s = way.stop.duration_s() / 2.0;
+    let length = way.path.length();
+    let own = [length, length - way.speed * half_s];
+    let own = Side::new(way.path, way.slopes[0], way.speed, own);
+    let next = way.lead.map_or(Side::default(), |(path, speed)| {
+        Side::new(path, way.slopes[1], speed, [0.0, speed * half_s])
+    });
+    largest_square(way.stop, [own, next], motors)
+}
+
+fn largest_square(ramp: UnitRamp, [own, next]: [Side; 2], motors: &Motors) -> f64 {
+    if ramp.jerk_time_s() < motors.period_s {
+        return f64::INFINITY;
+    }
+    let [slope, change] = ramp.steepest();
+    let half_s = ramp.duration_s() / 2.0;
     let mut has_jerk = false;
     let mut square = f64::INFINITY;
     for axis in Axis::ALL {
-        let [own, next] = [way.slopes[0][axis] * way.speed, way.slopes[1][axis] * next_speed];
         let [inverse, inverse_jerk] = [&motors.inverse, &motors.inverse_jerks].map(|of| of[axis.index()]);
-        has_jerk |= inverse_jerk > 0.0 && (own != 0.0 || next != 0.0);
-        let turn = (next - own).abs();
+        let [bend, sway] = [0, 1].map(|n| own.bends[n][axis].max(next.bends[n][axis]));
+        let [before, after] = [own.velocity[axis], next.velocity[axis]];
+        has_jerk |= inverse_jerk > 0.0 && (before != 0.0 || after != 0.0 || bend != 0.0);
+        let turn = (after - before).abs() + (own.bends[0][axis] + next.bends[0][axis]) * half_s;
         if turn > 0.0 {
+            let acceleration = turn * slope + bend;
+            let jerk = turn * change + 3.0 * bend * slope + sway;
             square = square
-                .min(1.0 / (turn * slope * inverse))
-                .min((turn * change * inverse_jerk).powf(-2.0 / 3.0));
+                .min(1.0 / (acceleration * inverse))
+                .min((jerk * inverse_jerk).powf(-2.0 / 3.0));
         }
     }
     if has_jerk {

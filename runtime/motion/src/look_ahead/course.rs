@@ -137,7 +137,7 @@ impl Way<'_> {
                 let distances = [from.distance, to.distance];
                 motion.bend(arc, distances, most, 0.0);
                 // The direction changes along the piece, too.
-                turn = turn.zip(way::curvature(arc, distances), |turn, bent| {
+                turn = turn.zip(way::bends(arc, distances)[0], |turn, bent| {
                     turn + bent * most.speed * length_s / 2.0
                 });
             }

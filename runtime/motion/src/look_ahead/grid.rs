@@ -6,11 +6,11 @@ use tandem_model::flow::Path;
 use tandem_model::profile::SlewRoom;
 use tandem_model::{AXES_MAX, Axis};
 
-use super::corner;
 use super::course::Course;
 use super::limits::{self, Bounds, Spread};
 use super::straight::Straight;
 use super::way::{End, Part, Phase, Way};
+use super::{corner, curve};
 
 /// The largest change of a velocity on one piece of a ramp, as a share of it.
 const CHANGE_MAX: f64 = 0.25;
@@ -65,7 +65,7 @@ pub(super) struct Piece {
 /// What a piece is like.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Shape {
-    /// Straight at one speed.
+    /// At one speed; the rate may change by as much anywhere in it.
     Straight(Straight),
     /// Nothing exceeds its limit at the largest rate; it is cut finer where the rate changes.
     Whole {
@@ -103,6 +103,18 @@ impl Piece {
         }
     }
 
+    fn straight(straight: Straight, cap: f64, phase: Phase) -> Self {
+        Self {
+            from_s: phase.from_s,
+            to_s: phase.to_s,
+            whole_to_s: phase.to_s,
+            shape: Shape::Straight(straight),
+            least_s: f64::INFINITY,
+            cap,
+            limit: f64::NAN,
+        }
+    }
+
     /// Pieces that were cut from one as one again.
     pub(super) fn joined(first: &Piece, others: &[Piece]) -> Piece {
         others.iter().fold(*first, |joined, piece| Piece {
@@ -136,10 +148,12 @@ pub(super) fn cut(way: &Way<'_>, bounds: Bounds<'_>, pieces: &mut VecDeque<Piece
     let before = pieces.len();
     let begin_s = way.passage.from_s;
     let mut at_s = begin_s;
-    let in_corner = Bounds {
-        cap: bounds.cap.min(corner::largest_square(way, bounds.motors)),
+    let at_most = |square: f64| Bounds {
+        cap: bounds.cap.min(square),
         ..bounds
     };
+    let from_rest = at_most(corner::from_rest(way, bounds.motors));
+    let at_end = at_most(corner::at_end(way, bounds.motors));
     for phase in way.phases() {
         let least = match phase.part {
             Part::Between => BETWEEN_MIN,
@@ -154,13 +168,21 @@ pub(super) fn cut(way: &Way<'_>, bounds: Bounds<'_>, pieces: &mut VecDeque<Piece
         };
         at_s = phase.to_s;
         let bounds = match phase.part {
-            Part::Start | Part::Between => bounds,
-            Part::Stop => in_corner,
+            Part::Start => from_rest,
+            Part::Between => bounds,
+            Part::Stop => at_end,
         };
         let mut cutter = Cutter::new(way, bounds, [phase.from_s, phase.to_s], pieces);
         match (phase.part, way.path) {
-            (Part::Between, Path::Line { .. }) => cutter.pieces.push_back(straight(way, bounds, phase)),
+            (Part::Between, Path::Line { .. }) => {
+                let (straight, cap) = on_line(way, bounds);
+                cutter.pieces.push_back(Piece::straight(straight, cap, phase));
+            }
             (Part::Between, Path::Arc(arc)) => {
+                if let Some((straight, cap)) = curve::straightened(way, arc, bounds) {
+                    cutter.pieces.push_back(Piece::straight(straight, cap, phase));
+                    continue;
+                }
                 let swept = arc.swept() * way.speed * (phase.to_s - phase.from_s) / arc.length();
                 cutter.whole((swept / TURN_MAX).ceil().clamp(1.0, PIECES_MAX), false);
             }
@@ -186,28 +208,25 @@ pub(super) fn cut_finer(way: &Way<'_>, bounds: Bounds<'_>, piece: &Piece, pieces
     Cutter::new(way, bounds, [piece.from_s, piece.to_s], pieces).whole(1.0, true);
 }
 
-fn straight(way: &Way<'_>, bounds: Bounds<'_>, phase: Phase) -> Piece {
+/// How the rate may change on a line, and its largest square.
+fn on_line(way: &Way<'_>, bounds: Bounds<'_>) -> (Straight, f64) {
     let most = |inverse: &[f64; AXES_MAX]| {
         Axis::ALL.into_iter().fold(0.0, |most: f64, axis| {
             most.max(way.path.steepest(axis) * inverse[axis.index()])
         })
     };
-    Piece {
-        from_s: phase.from_s,
-        to_s: phase.to_s,
-        whole_to_s: phase.to_s,
-        shape: Shape::Straight(Straight {
-            change: 2.0 / (most(&bounds.motors.inverse) * way.speed),
-            jerk: if bounds.motors.has_jerk {
-                1.0 / (most(&bounds.motors.inverse_jerks) * way.speed)
-            } else {
-                f64::INFINITY
-            },
-        }),
-        least_s: f64::INFINITY,
-        cap: bounds.cap_at(|axis| way.path.steepest(axis) * way.speed),
-        limit: f64::NAN,
-    }
+    let straight = Straight {
+        change: 2.0 / (most(&bounds.motors.inverse) * way.speed),
+        jerk: if bounds.motors.has_jerk {
+            1.0 / (most(&bounds.motors.inverse_jerks) * way.speed)
+        } else {
+            f64::INFINITY
+        },
+    };
+    (
+        straight,
+        bounds.cap_at(|axis| way.path.steepest(axis) * way.speed),
+    )
 }
 
 /// Cuts what lies within one phase.

@@ -16,19 +16,18 @@
 //! Maximum velocities hold because the rate is at most 1, or what a block leaves of them.
 //!
 //! `max_jerk` bounds the ramps of a line from rest and to rest, which come here lengthened to it ([`crate::ramped`]), what
-//! is between the ramps of a line ([`straight`]), and corners between lines ([`corner`]): a chain of lines that are long
-//! enough to change their speed with it between their corners keeps it all the way. Where a line is too short for that,
-//! its acceleration steps at its ends; the limits of the rate, and so the blocks before, do not depend on it.
+//! is between the ramps of a line or an arc ([`straight`], [`curve`]), and the ramps between blocks ([`corner`]): a chain of
+//! blocks that are long enough to change their speed with it keeps it all the way. Where one is too short for that, its
+//! acceleration steps at its ends. On a line the limits of the rate, and so the blocks before, do not depend on it.
 //!
 //! It does not bound short blocks: the path is that of G501, where they have no jerk time left (motion-semantics 1b,
 //! `ts' = T' - ta'`), so that at each of their joints `q501''` steps by a vector that no rate but 0 takes out of
-//! `q'' = q501'' w^2 + q501' w'`. Nor does it bound arcs: on one the rate changes with steps of acceleration, so that a
-//! slower ramp beside it would add a step for the jerk that it takes away. The manual names positions, velocities and
-//! accelerations.
+//! `q'' = q501'' w^2 + q501' w'`. The manual names positions, velocities and accelerations.
 
 mod braking;
 mod corner;
 mod course;
+mod curve;
 mod grid;
 mod limits;
 mod paced;

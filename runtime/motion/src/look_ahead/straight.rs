@@ -1,4 +1,4 @@
-//! A piece of a line at one speed, as fast as it goes: up to a peak, along at it, and down.
+//! A piece of a block at one speed, as fast as it goes: up to a peak, along at it, and down.
 //!
 //! Where a motor has a maximum jerk, the acceleration goes into the peak and out of it with that. So it does at an end
 //! behind which the rate stays; at another one it is what the ramp beside it has, since there the motion goes over to
@@ -12,7 +12,7 @@ use super::paced::{self, Step};
 /// The peak is found in so many halvings of what it may be: to the last bits that count.
 const HALVINGS: u32 = 60;
 
-/// What the motors allow on a straight piece.
+/// What the motors allow where the rate may change by as much all over a piece.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Straight {
     /// The square of the rate changes by at most this per second of plan time.

@@ -22,7 +22,7 @@ pub(super) struct Way<'a> {
     pub(super) slopes: [AxisVector; 2],
     /// Speeds of both where they differ.
     pub(super) uneven: Option<[f64; 2]>,
-    start: UnitRamp,
+    pub(super) start: UnitRamp,
     pub(super) stop: UnitRamp,
     begun_s: f64,
     pub(super) plan_s: f64,
@@ -348,14 +348,16 @@ fn beside_plane(arc: &ArcPath) -> AxisVector {
     way
 }
 
-/// The largest second derivative of each axis by distance between two distances.
-pub(super) fn curvature(arc: &ArcPath, [from, to]: [f64; 2]) -> AxisVector {
-    let [in_plane, beside] = arc.derivative_bounds(from, to).map(|bounds| bounds[1]);
-    let mut most = beside_plane(arc).scaled(beside);
-    for axis in arc.plane().axes() {
-        most[axis] = in_plane;
-    }
-    most
+/// The largest second and third derivative of each axis by distance between two distances.
+pub(super) fn bends(arc: &ArcPath, [from, to]: [f64; 2]) -> [AxisVector; 2] {
+    let [in_plane, beside] = arc.derivative_bounds(from, to);
+    [1, 2].map(|n| {
+        let mut most = beside_plane(arc).scaled(beside[n]);
+        for axis in arc.plane().axes() {
+            most[axis] = in_plane[n];
+        }
+        most
+    })
 }
 
 /// True where two speeds are not one but for rounding, and not so unlike that powers of them overflow.

@@ -1,4 +1,4 @@
-//! G500 where motors have a maximum jerk (motion-semantics 1d): lines from rest and to rest.
+//! G500 where motors have a maximum jerk (motion-semantics 1d): lines, and random chains.
 
 use std::collections::VecDeque;
 
@@ -16,7 +16,7 @@ use crate::rig::{
 };
 
 /// Share of the maximum acceleration that feed hold leaves to the plan.
-const LEFT: f64 = 1.0 - 2e-3;
+pub const LEFT: f64 = 1.0 - 2e-3;
 
 /// Lines through points with G500, from rest to rest.
 fn lines(points: &[AxisVector], feed: Feed) -> Vec<Segment> {
@@ -30,10 +30,10 @@ fn lines(points: &[AxisVector], feed: Feed) -> Vec<Segment> {
 }
 
 /// A motion planned to its end.
-struct Motion(Vec<Profile>);
+pub struct Motion(Vec<Profile>);
 
 impl Motion {
-    fn new(settings: &CoordinateSystemSettings, segments: &[Segment]) -> Self {
+    pub fn new(settings: &CoordinateSystemSettings, segments: &[Segment]) -> Self {
         let mut planner = Planner::new(settings);
         let mut out = VecDeque::new();
         for segment in segments {
@@ -43,12 +43,12 @@ impl Motion {
         Self(out.into())
     }
 
-    fn time_s(&self) -> f64 {
+    pub fn time_s(&self) -> f64 {
         self.0.iter().map(|profile| profile.duration_s).sum()
     }
 
     /// Times at which its profiles begin, and its end.
-    fn begins(&self) -> Vec<f64> {
+    pub fn begins(&self) -> Vec<f64> {
         let ends = self.0.iter().scan(0.0, |end, profile| {
             *end += profile.duration_s;
             Some(*end)
@@ -56,7 +56,7 @@ impl Motion {
         [0.0].into_iter().chain(ends).collect()
     }
 
-    fn position(&self, t: f64) -> AxisVector {
+    pub fn position(&self, t: f64) -> AxisVector {
         let mut left = t;
         for profile in &self.0 {
             if left < profile.duration_s {
@@ -83,7 +83,7 @@ impl Motion {
 
     /// Divided differences of the positions from one time to another: the most of the second and third derivative, each
     /// being a mean of it over its samples. What rounding adds is taken off.
-    fn most(&self, axis: Axis, [from, to]: [f64; 2]) -> [f64; 2] {
+    pub fn most(&self, axis: Axis, [from, to]: [f64; 2]) -> [f64; 2] {
         let n = 1000;
         let h = (to - from) / f64::from(n);
         let at = |k: i32| self.position(from + h * f64::from(k))[axis];
@@ -289,14 +289,15 @@ fn m1d_a_line_too_short_for_the_jerk_between_two_corners_has_one_acceleration_no
     assert!(jerk < 10.0, "{jerk}");
 }
 
-/// The way of a rate from w to 1 with the acceleration coming and going with the jerk: its time, and plan time that goes by.
-fn rise(w: f64, acceleration: f64, jerk: f64) -> [f64; 2] {
-    if w >= 1.0 {
+/// The way of a rate from w to its top with the acceleration coming and going with the jerk: its time, and plan time that
+/// goes by.
+pub fn rise(w: f64, top: f64, [acceleration, jerk]: [f64; 2]) -> [f64; 2] {
+    if w >= top {
         return [0.0; 2];
     }
-    let most = acceleration.min((jerk * (1.0 - w)).sqrt());
-    let time = (1.0 - w) / most + most / jerk;
-    [time, time * f64::midpoint(w, 1.0)]
+    let most = acceleration.min((jerk * (top - w)).sqrt());
+    let time = (top - w) / most + most / jerk;
+    [time, time * f64::midpoint(w, top)]
 }
 
 /// Lines long enough to change their speed with the jerk between their corners, and what the formulas say of them.
@@ -359,7 +360,7 @@ impl LongLines {
             for w in [i.checked_sub(1), Some(i)].map(|k| k.and_then(|k| corners.get(k))) {
                 let [time, way] = match w {
                     Some(w) => {
-                        let [time, way] = rise(*w, own[0], own[1]);
+                        let [time, way] = rise(*w, 1.0, own);
                         [time, way + f64::midpoint(ta, ts)]
                     }
                     None => [1.0, 0.5].map(|share| share * rest_ramp_s(own, [ta, ts])),
@@ -380,7 +381,7 @@ impl LongLines {
 }
 
 /// The ramp between rest and a rate of 1 within this acceleration and jerk of the rate, no shorter than programmed.
-fn rest_ramp_s([acceleration, jerk]: [f64; 2], [ta, ts]: [f64; 2]) -> f64 {
+pub fn rest_ramp_s([acceleration, jerk]: [f64; 2], [ta, ts]: [f64; 2]) -> f64 {
     let long = ta.max(1.0 / acceleration);
     let bend = ts.max(1.0 / (jerk * long));
     if bend > long {
@@ -414,7 +415,7 @@ fn m1d_long_lines_keep_acceleration_and_jerk_in_their_corners_too_and_take_the_t
 }
 
 #[test]
-fn m1d_with_maximum_jerks_no_motor_exceeds_its_limits_on_random_chains_and_lines_keep_the_jerk() {
+fn m1d_with_maximum_jerks_no_motor_exceeds_its_limits_on_random_chains_and_lines_and_arcs_keep_the_jerk() {
     each_seed(chains() / 4, |seed| {
         let mut numbers = Random(5_000_000 + seed);
         let blocks = 2 + usize::try_from(numbers.bits() % 12).unwrap();
@@ -443,13 +444,15 @@ fn m1d_with_maximum_jerks_no_motor_exceeds_its_limits_on_random_chains_and_lines
             assert!((again - plan_s).abs() <= digits, "seed {seed}: {t} {back}");
         }
         // Each way up or down takes as long as the acceleration takes to come and go, at most, more; a corner is passed
-        // at one rate. Else it is within 2 percent and 3 servo periods of the best time.
+        // at one rate. Else it is within 2 percent and 3 servo periods of the best time; on an arc a quarter of the
+        // acceleration is left for the rate, which doubles the time, and it is slower by a tenth.
         let rise = accelerations.iter().zip(&jerks);
         let rise_s = rise.fold(0.0_f64, |most, (a, j)| most.max(j.map_or(0.0, |j| a / j)));
         let (slow, fast) = (time_s(&profiles), time_s(&stiff.plan_for(factor)));
         let least = (fast - 3.0 * PERIOD_S) / 1.02;
         let more = 3.0 * PERIOD_S + 2.0 * rise_s * (blocks + 1) as f64;
-        let is_near = |best: f64| slow <= best * 1.02 + more;
+        let times = if soft.has_arcs() { 2.2 } else { 1.0 };
+        let is_near = |best: f64| slow <= best * times * 1.02 + more;
         let is_near_best = || [100, 1000].into_iter().any(|n| is_near(best_time_s(&soft, n)));
         assert!(
             slow >= least && (is_near(fast) || is_near_best()),

@@ -13,6 +13,10 @@ use tandem_motion::Planner;
 use crate::chain::Formula;
 use crate::rig::{PERIOD_S, motor, settings};
 
+mod jerk;
+
+pub use jerk::check_jerk;
+
 /// Geometry of a block, kept beside the path that it made.
 #[derive(Debug, Clone, Copy)]
 pub enum Shape {
@@ -208,32 +212,6 @@ impl Chain {
         self.formula.centres[i] + f64::midpoint(ta, ts)
     }
 
-    /// The largest rate on the ramp between block i - 1 and block i: between lines, where a motor with a maximum jerk moves,
-    /// one rate at which neither `|dv|/ta w^2` nor `|dv|/(ta ts) w^3` exceeds a limit.
-    pub fn rate_in_corner(&self, i: usize) -> f64 {
-        let [ta, ts] = self.formula.ramps[i];
-        let is_line = |shape: Option<&Shape>| matches!(shape, Some(Shape::Line));
-        let before = i.checked_sub(1);
-        if !is_line(before.and_then(|k| self.shapes.get(k))) || !is_line(self.shapes.get(i)) || ts < PERIOD_S
-        {
-            return f64::INFINITY;
-        }
-        let velocity = |k: usize| self.path_derivatives(k, 0.0)[0].scaled(self.formula.speeds[k]);
-        let [own, next] = [velocity(i - 1), velocity(i)];
-        let mut rate = f64::INFINITY;
-        let mut has_jerk = false;
-        for (axis, motor) in self.settings.motors.iter().flatten().enumerate() {
-            let [own, next] = [own.0[axis], next.0[axis]];
-            let turn = (next - own).abs();
-            rate = rate.min((motor.max_acceleration * ta / turn).sqrt());
-            if let Some(jerk) = motor.max_jerk {
-                has_jerk |= own != 0.0 || next != 0.0;
-                rate = rate.min((jerk * ta * ts / turn).cbrt());
-            }
-        }
-        if has_jerk { rate } else { f64::INFINITY }
-    }
-
     /// Motors that it has.
     pub fn axes(&self) -> usize {
         self.settings.motors.iter().flatten().count()
@@ -411,56 +389,6 @@ pub fn check(chain: &Chain, profiles: &[Profile], samples: u32) -> Result<(), St
                         "{found} in segment {} at {t} of {duration_s} s",
                         profile.segment
                     ));
-                }
-            }
-        }
-    }
-    Ok(())
-}
-
-/// On lines, between their ramps: accelerations do not step, and change within the maximum jerks. In corners between lines
-/// the rate is at most the one at which they hold.
-pub fn check_jerk(chain: &Chain, profiles: &[Profile]) -> Result<(), String> {
-    let mut before: Option<(u64, f64)> = None;
-    for profile in profiles {
-        let block = usize::try_from(profile.segment).unwrap() - 1;
-        let path = &chain.formula.paths[block];
-        let total = |k: usize| chain.formula.ramps[k].iter().sum::<f64>();
-        let begin = if block == 0 { total(0) } else { 0.0 };
-        let half = if block == 0 { total(0) } else { -total(block) } / 2.0;
-        let end = path.length() / chain.formula.speeds[block] + half - total(block + 1) / 2.0;
-        for (piece, duration_s) in pieces(profile) {
-            let ends_s = plan_time(&piece, duration_s);
-            let rounding = 1e-9 * end.abs();
-            let middle = f64::midpoint(piece.plan_s, ends_s);
-            let fastest = [0.0, duration_s].map(|t| rate_of_plan(&piece, t)[0]);
-            let most = chain.rate_in_corner(block + 1);
-            if middle > end + rounding && fastest[0].max(fastest[1]) > most * (1.0 + 1e-6) {
-                return Err(format!("{fastest:?} in a corner, above {most}"));
-            }
-            let is_within = middle > begin + rounding && middle < end - rounding;
-            if !is_within || !matches!(path, Path::Line { .. }) {
-                before = None;
-                continue;
-            }
-            let [_, first] = rate_of_plan(&piece, 0.0);
-            let [_, last] = rate_of_plan(&piece, duration_s);
-            let step = match before {
-                Some((segment, change)) if segment == profile.segment => first - change,
-                _ => 0.0,
-            };
-            before = Some((profile.segment, last));
-            for axis in 0..chain.axes() {
-                let motor = chain.settings.motors[axis].as_ref().unwrap();
-                let Some(most) = motor.max_jerk else { continue };
-                let speed = chain.formula.speeds[block] * path.steepest(Axis::ALL[axis]);
-                let jerk = (piece.rate_jerk * speed).abs();
-                if jerk > most * (1.0 + 1e-6) {
-                    return Err(format!("axis {axis}: {} of its jerk", jerk / most));
-                }
-                let step = (step * speed).abs() / motor.max_acceleration;
-                if step > 1e-5 {
-                    return Err(format!("axis {axis} steps by {step} in {}", profile.segment));
                 }
             }
         }

@@ -5,6 +5,7 @@
 mod chain;
 mod look_ahead;
 mod look_ahead_jerk;
+mod look_ahead_jerk_arcs;
 mod look_ahead_random;
 mod look_ahead_rig;
 mod look_ahead_shapes;

@@ -1,0 +1,65 @@
+//! An arc between its ramps where a motor has a maximum jerk: its rate changes as that of a line does, within what its
+//! bending leaves of acceleration and jerk at its largest rate.
+//!
+//! With the derivatives p' to p''' by distance and the speed v, at the rate w the acceleration is `p'' v^2 w^2 + p' v w'`,
+//! the jerk `p''' v^3 w^3 + 3 p'' v^2 w w' + p' v w''`.
+
+use tandem_model::{ArcPath, Axis};
+
+use super::limits::Bounds;
+use super::straight::Straight;
+use super::way::{self, Way};
+
+/// The largest share of a limit that the bending takes. What is left changes the rate.
+const SHARE: f64 = 0.75;
+
+/// The largest radius of a spiral over its smallest one up to which its bending is that at its narrowest.
+const SPIRAL_MAX: f64 = 1.5;
+
+/// How the rate may change on an arc, and its largest square; `None`: no motor of it has a maximum jerk, or it is a spiral
+/// that opens wide.
+pub(super) fn straightened(way: &Way<'_>, arc: &ArcPath, bounds: Bounds<'_>) -> Option<(Straight, f64)> {
+    let motors = bounds.motors;
+    if !motors.has_jerk || opens_wide(arc) {
+        return None;
+    }
+    let v = way.speed;
+    let [second, third] = way::bends(arc, [0.0, arc.length()]);
+    let each = Axis::ALL.map(|axis| {
+        let by_speed = [
+            arc.steepest(axis) * v,
+            second[axis] * v * v,
+            third[axis] * v * v * v,
+        ];
+        let [inverse, inverse_jerk] = [&motors.inverse, &motors.inverse_jerks].map(|of| of[axis.index()]);
+        (by_speed, inverse, inverse_jerk)
+    });
+    each.iter()
+        .any(|([first, ..], _, inverse_jerk)| first * inverse_jerk > 0.0)
+        .then_some(())?;
+    let mut square = bounds.cap_at(|axis| each[axis.index()].0[0]);
+    for ([_, second, third], inverse, inverse_jerk) in &each {
+        square = square
+            .min(SHARE / (second * inverse))
+            .min((third * inverse_jerk / SHARE).powf(-2.0 / 3.0));
+    }
+    let rate = square.sqrt();
+    let [mut change, mut jerk] = [f64::INFINITY; 2];
+    for ([first, second, third], inverse, inverse_jerk) in &each {
+        let left = 1.0 - second * square * inverse;
+        // Half of it for each of both.
+        let left_of_jerk = (1.0 - third * square * rate * inverse_jerk) / 2.0;
+        change = change
+            .min(left / (first * inverse))
+            .min(left_of_jerk / (3.0 * second * rate * inverse_jerk));
+        jerk = jerk.min(left_of_jerk / (first * inverse_jerk));
+    }
+    let change = 2.0 * change;
+    Some((Straight { change, jerk }, square))
+}
+
+/// True for a spiral whose bending at its narrowest is not that of all of it.
+pub(super) fn opens_wide(arc: &ArcPath) -> bool {
+    let [start, end] = arc.radii();
+    start.max(end) > SPIRAL_MAX * start.min(end)
+}
