@@ -12,7 +12,7 @@ use crate::look_ahead::LEFT;
 const HALVINGS: u32 = 60;
 
 /// Less than look-ahead leaves, so that rounding does not make it slow a ramp down.
-const ROUNDING: f64 = 1e-9;
+const ROUNDING: f64 = 2e-9;
 
 /// A block on its own: what a chain takes of it.
 #[derive(Debug, Clone, Copy)]
@@ -58,14 +58,25 @@ impl Alone {
     }
 
     /// The ramp with which a chain begins, where its first block takes this time; where that is too short for what the
-    /// motors need, the programmed ramp gives way (rule `shrink`).
+    /// motors need, it is the one of the smallest jerk, which look-ahead slows down, or else the programmed one gives way
+    /// (rule `shrink`).
     pub(crate) fn start_from_rest(&self, block_s: f64) -> UnitRamp {
-        within(self.start_to(self.limit), self.start, block_s)
+        self.within(self.start_to(self.limit), self.start, block_s)
     }
 
     /// The ramp with which a chain ends, likewise.
     pub(crate) fn stop_to_rest(&self, block_s: f64) -> UnitRamp {
-        within(self.stop_from(self.limit), self.stop, block_s)
+        self.within(self.stop_from(self.limit), self.stop, block_s)
+    }
+
+    fn within(&self, longer: UnitRamp, programmed: UnitRamp, block_s: f64) -> UnitRamp {
+        if longer.duration_s() <= block_s {
+            longer
+        } else if self.soft.is_some() {
+            UnitRamp::new(block_s / 2.0, block_s / 2.0)
+        } else {
+            programmed.at_most(block_s)
+        }
     }
 
     /// The most that [`Alone::rest_to_rest`] takes, s.
@@ -106,21 +117,12 @@ impl Alone {
     }
 }
 
-/// The longer ramp if it is over within a time, else the programmed one as far as it goes in that.
-fn within(longer: UnitRamp, programmed: UnitRamp, block_s: f64) -> UnitRamp {
-    if longer.duration_s() <= block_s {
-        longer
-    } else {
-        programmed.at_most(block_s)
-    }
-}
-
 impl Soft {
     /// Along a line on which a motor with a maximum jerk moves.
     fn along(settings: &CoordinateSystemSettings, path: &Path) -> Result<Option<Self>, Alarm> {
         let mut motors = settings.motors.iter().flatten();
         let has_jerk = motors.any(|motor| motor.max_jerk.is_some());
-        if !has_jerk || matches!(path, Path::Arc(_)) {
+        if !has_jerk {
             return Ok(None);
         }
         let mut soft = Self {
@@ -141,8 +143,10 @@ impl Soft {
                 soft.jerk = soft.jerk.min(jerk / steepest);
             }
         }
+        soft.jerk *= 1.0 - ROUNDING;
         soft.acceleration *= 1.0 - LEFT - ROUNDING;
-        Ok(Some(soft).filter(|soft| soft.jerk.is_finite()))
+        let is_line = matches!(path, Path::Line { .. });
+        Ok(Some(soft).filter(|soft| is_line && soft.jerk.is_finite()))
     }
 
     /// The programmed ramp, lengthened until no motor exceeds its limits.

@@ -1,5 +1,4 @@
-//! A ramp between two blocks where a motor has a maximum jerk, and one from rest or to rest on an arc: it is passed at one
-//! rate, at which no motor exceeds its limits anywhere in it.
+//! A ramp where a motor has a maximum jerk: it is passed at one rate, at which no motor exceeds its limits anywhere in it.
 //!
 //! With the change dv of a motor's velocity over a ramp of `ta` and `ts` its acceleration at the rate w is at most
 //! `|dv|/ta w^2`, its jerk `|dv|/(ta ts) w^3` (motion-semantics 1b); a rate that changes would add steps of acceleration. A
@@ -56,7 +55,7 @@ impl Side {
 
 /// The largest square of the rate on the ramp from rest at the begin of a block; infinite: without a limit.
 pub(super) fn from_rest(way: &Way<'_>, motors: &Motors) -> f64 {
-    if !motors.has_jerk || !way.begins_at_rest() || matches!(way.path, Path::Line { .. }) {
+    if !motors.has_jerk || !way.begins_at_rest() {
         return f64::INFINITY;
     }
     let gone = way.speed * way.start.duration_s() / 2.0;
@@ -66,7 +65,7 @@ pub(super) fn from_rest(way: &Way<'_>, motors: &Motors) -> f64 {
 
 /// The largest square of the rate on the ramp at the end of a block; infinite: without a limit.
 pub(super) fn at_end(way: &Way<'_>, motors: &Motors) -> f64 {
-    if !motors.has_jerk || way.lead.is_none() && matches!(way.path, Path::Line { .. }) {
+    if !motors.has_jerk {
         return f64::INFINITY;
     }
     let half_s = way.stop.duration_s() / 2.0;

@@ -15,10 +15,10 @@
 //!
 //! Maximum velocities hold because the rate is at most 1, or what a block leaves of them.
 //!
-//! `max_jerk` bounds the ramps of a line from rest and to rest, which come here lengthened to it ([`crate::ramped`]), what
-//! is between the ramps of a line or an arc ([`straight`], [`curve`]), and the ramps between blocks ([`corner`]): a chain of
-//! blocks that are long enough to change their speed with it keeps it all the way. Where one is too short for that, its
-//! acceleration steps at its ends. On a line the limits of the rate, and so the blocks before, do not depend on it.
+//! `max_jerk` bounds what is between the ramps of a line or an arc ([`straight`], [`curve`]), and the ramps ([`corner`];
+//! those of a line from rest and to rest come here lengthened to it by [`crate::ramped`]): a chain of blocks that are long
+//! enough to change their speed with it keeps it all the way. Where one is too short for that, its acceleration steps at its
+//! ends. Between the ramps of a line the limits of the rate, and so the blocks before, do not depend on it.
 //!
 //! It does not bound short blocks: the path is that of G501, where they have no jerk time left (motion-semantics 1b,
 //! `ts' = T' - ta'`), so that at each of their joints `q501''` steps by a vector that no rate but 0 takes out of

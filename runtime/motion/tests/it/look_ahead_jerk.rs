@@ -3,16 +3,17 @@
 use std::collections::VecDeque;
 
 use tandem_model::alarm::LIMIT_ZERO;
-use tandem_model::flow::{Feed, MultiBlock, Segment, SegmentEnd};
-use tandem_model::profile::Profile;
+use tandem_model::flow::{Feed, MultiBlock, Path, Plane, Segment, SegmentEnd, SegmentMotion, Turn};
+use tandem_model::profile::{Law, Profile};
 use tandem_model::settings::{CoordinateSystemSettings, ShortBlock};
-use tandem_model::{Axis, AxisVector};
+use tandem_model::{ArcPath, Axis, AxisVector};
 use tandem_motion::Planner;
 
 use crate::look_ahead_random::{Random, chains, each_seed, random_blocks};
 use crate::look_ahead_rig::{Chain, best_time_s, check, check_jerk, pace, same_path, time_s};
 use crate::rig::{
-    PERIOD_S, close, feed, integral_of_ramp, line, motor, refused, settings, shortest_by_halving, vector,
+    PERIOD_S, close, feed, integral_of_ramp, line, motor, refused, segment, settings, shortest_by_halving,
+    vector,
 };
 
 /// Share of the maximum acceleration that feed hold leaves to the plan.
@@ -462,19 +463,19 @@ fn m1d_with_maximum_jerks_no_motor_exceeds_its_limits_on_random_chains_and_lines
 }
 
 #[test]
-fn m1d_a_ramp_that_has_no_room_for_the_maximum_jerk_keeps_its_programmed_jerk_time() {
-    // 0.1 s of ramp in a block of 0.11 s; 1000 mm/s^2 and 2000 mm/s^3 would take 0.55 s.
+fn m1d_a_ramp_from_rest_without_room_for_the_maximum_jerk_is_as_long_as_its_line_and_passed_at_one_rate() {
+    // 11 mm take 0.11 s; 1000 mm/s^2 and 2000 mm/s^3 would take 0.45 s. In 0.055 s twice it is 100/0.055^2 mm/s^3.
     let segments = lines(
-        &[AxisVector::ZERO, vector(&[11.0]), vector(&[11.0, 11.0])],
-        feed(6000.0, [50.0, 50.0, 50.0]),
+        &[AxisVector::ZERO, vector(&[11.0]), vector(&[11.0, 200.0])],
+        feed(6000.0, [50.0, 50.0, 0.0]),
     );
     let motion = Motion::new(&xy(1000.0, 2000.0), &segments);
-    // The path's own speed is not exceeded anywhere: it begins with v/(ta ts) = 40,000 mm/s^3.
+    let rate = (2000.0 * 0.055 * 0.055 / 100.0_f64).cbrt();
     for k in 1..=100 {
-        let t = 0.02 * f64::from(k) / 100.0;
+        let t = 0.11 / rate * f64::from(k) / 100.0;
         let x = motion.position(t)[Axis::X];
-        let most = 40_000.0 * t * t * t / 6.0;
-        assert!(x <= most * (1.0 + 1e-9), "{t}: {x} is above {most}");
+        let expected = 100.0 * integral_of_ramp(rate * t, 0.055, 0.055);
+        assert!((x - expected).abs() < 1e-6, "{t}: {x} is not {expected}");
     }
 }
 
@@ -491,9 +492,17 @@ fn m1d_with_the_rule_extend_and_with_g501_ramps_between_blocks_are_as_programmed
         machine
     };
     let extend = lines(&points, feed(6000.0, times));
-    let [soft, stiff] =
-        [Some(1e4), None].map(|jerk| Motion::new(&machine(ShortBlock::Extend, jerk), &extend).time_s());
-    close(soft, stiff);
+    let [soft, stiff] = [Some(1e4), None].map(|jerk| {
+        let motion = Motion::new(&machine(ShortBlock::Extend, jerk), &extend);
+        let ramps = motion.0.iter().map(|profile| match &profile.law {
+            Law::Paced { start, stop, .. } => [*start, *stop],
+            other => panic!("not paced: {other:?}"),
+        });
+        let mut ramps: Vec<_> = ramps.collect();
+        ramps.dedup();
+        ramps
+    });
+    assert_eq!(soft, stiff);
     let g501: Vec<Segment> = lines(&points[..2], feed(6000.0, times))
         .into_iter()
         .map(|segment| Segment {
@@ -511,6 +520,18 @@ fn m1d_a_maximum_jerk_that_is_not_above_zero_is_an_alarm_for_a_motor_that_moves(
     for jerk in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         let segments = lines(&[AxisVector::ZERO, vector(&[2.0])], feed(600.0, [20.0; 3]));
         let text = refused(&xy(1000.0, jerk), &segments[0], &LIMIT_ZERO);
+        assert!(text.contains("max_jerk of axis X"), "{text}");
+        let end = vector(&[4.0]);
+        let circle = ArcPath::new(AxisVector::ZERO, end, Plane::Xy, [2.0, 0.0], Turn::Clockwise);
+        let motion = SegmentMotion::Feed {
+            path: Path::Arc(circle),
+            feed: feed(600.0, [20.0; 3]),
+        };
+        let arc = Segment {
+            multi_block: MultiBlock::On,
+            ..segment(motion)
+        };
+        let text = refused(&xy(1000.0, jerk), &arc, &LIMIT_ZERO);
         assert!(text.contains("max_jerk of axis X"), "{text}");
     }
     let segments = lines(&[AxisVector::ZERO, vector(&[2.0])], feed(600.0, [20.0; 3]));

@@ -465,10 +465,13 @@ fn grid(chain: &Chain, n: u32) -> Vec<Step> {
         let stop =
             chain.formula.centres[block + 1] - chain.formula.ramps[block + 1].iter().sum::<f64>() / 2.0;
         let most = if middle > stop {
-            chain.rate_in_corner(block + 1).powi(2).min(1.0)
+            chain.rate_in_corner(block + 1)
+        } else if middle < chain.formula.ramps[0].iter().sum() {
+            chain.rate_in_corner(0)
         } else {
             1.0
         };
+        let most = most.powi(2).min(1.0);
         Step { h, most, rows }
     };
     times.windows(2).map(step).collect()

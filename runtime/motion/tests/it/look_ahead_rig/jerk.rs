@@ -1,24 +1,27 @@
 //! What a maximum jerk bounds (motion-semantics 1d), against an independent writing of it.
 
-use tandem_model::Axis;
 use tandem_model::profile::{PacePiece, Profile};
+use tandem_model::{Axis, AxisVector};
 
 use super::{Chain, Shape, pieces, plan_time, rate_of_plan};
 use crate::rig::PERIOD_S;
 
 impl Chain {
-    /// The largest rate on the ramp between block i - 1 and block i: between lines, where a motor with a maximum jerk moves,
-    /// one rate at which neither `|dv|/ta w^2` nor `|dv|/(ta ts) w^3` exceeds a limit.
+    /// The largest rate on the ramp between block i - 1 and block i, or one of them and rest: without arcs, where a motor with
+    /// a maximum jerk moves, one rate at which neither `|dv|/ta w^2` nor `|dv|/(ta ts) w^3` exceeds a limit.
     pub fn rate_in_corner(&self, i: usize) -> f64 {
         let [ta, ts] = self.formula.ramps[i];
-        let is_line = |shape: Option<&Shape>| matches!(shape, Some(Shape::Line));
         let before = i.checked_sub(1);
-        if !is_line(before.and_then(|k| self.shapes.get(k))) || !is_line(self.shapes.get(i)) || ts < PERIOD_S
-        {
+        if before.is_some_and(|i| self.is_arc(i)) || self.is_arc(i) || ts < PERIOD_S {
             return f64::INFINITY;
         }
-        let velocity = |k: usize| self.path_derivatives(k, 0.0)[0].scaled(self.formula.speeds[k]);
-        let [own, next] = [velocity(i - 1), velocity(i)];
+        let velocity = |k: Option<usize>| {
+            let k = k.filter(|k| *k < self.shapes.len());
+            k.map_or(AxisVector::ZERO, |k| {
+                self.path_derivatives(k, 0.0)[0].scaled(self.formula.speeds[k])
+            })
+        };
+        let [own, next] = [velocity(before), velocity(Some(i))];
         let mut rate = f64::INFINITY;
         let mut has_jerk = false;
         for (axis, motor) in self.settings.motors.iter().flatten().enumerate() {
@@ -72,9 +75,9 @@ impl Chain {
         };
         let is_bounded = match n {
             // Lines begin at rest with ramps lengthened to the jerk, or with what is programmed where there is no room.
-            0..3 => self.is_arc(i) && self.is_bounded(i) && self.formula.ramps[i][1] >= PERIOD_S,
+            0..3 => self.formula.ramps[i][1] >= PERIOD_S,
             3 => self.is_bounded(i),
-            _ => (self.is_arc(i) || self.is_arc(i + 1)) && self.formula.ramps[i + 1][1] >= PERIOD_S,
+            _ => self.formula.ramps[i + 1][1] >= PERIOD_S,
         };
         if !is_bounded {
             return 0.0;
