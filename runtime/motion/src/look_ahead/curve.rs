@@ -7,6 +7,7 @@
 use tandem_model::{ArcPath, Axis};
 
 use super::limits::Bounds;
+use super::rate::SQUARE_MIN;
 use super::straight::Straight;
 use super::way::{self, Way};
 
@@ -43,14 +44,15 @@ pub(super) fn straightened(way: &Way<'_>, arc: &ArcPath, bounds: Bounds<'_>) -> 
             .min(SHARE / (second * inverse))
             .min((third * inverse_jerk / SHARE).powf(-2.0 / 3.0));
     }
+    let square = square.max(SQUARE_MIN);
     let rate = square.sqrt();
     let [mut change, mut jerk] = [f64::INFINITY; 2];
     for ([first, second, third], inverse, inverse_jerk) in &each {
-        let left = 1.0 - second * square * inverse;
+        let left = |taken: f64| (1.0 - taken).max(1.0 - SHARE);
         // Half of it for each of both.
-        let left_of_jerk = (1.0 - third * square * rate * inverse_jerk) / 2.0;
+        let left_of_jerk = left(third * square * rate * inverse_jerk) / 2.0;
         change = change
-            .min(left / (first * inverse))
+            .min(left(second * square * inverse) / (first * inverse))
             .min(left_of_jerk / (3.0 * second * rate * inverse_jerk));
         jerk = jerk.min(left_of_jerk / (first * inverse_jerk));
     }

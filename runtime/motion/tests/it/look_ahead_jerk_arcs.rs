@@ -296,3 +296,33 @@ fn m1d_a_spiral_that_opens_wide_is_not_slowed_to_what_its_narrowest_turn_allows(
     });
     assert!(soft < 1.25 * stiff, "{soft} s, without a maximum jerk {stiff} s");
 }
+
+#[test]
+fn m1d_arcs_of_any_radius_are_planned_with_any_maximum_jerk() {
+    for r in [1e-9, 1e-6, 1e-3, 1e6] {
+        for jerk in [1e-3, 1.0, 1e12] {
+            let to = vector(&[2.0 * r]);
+            let arc = ArcPath::new(AxisVector::ZERO, to, Plane::Xy, [r, 0.0], Turn::Clockwise);
+            let motion = SegmentMotion::Feed {
+                path: Path::Arc(arc),
+                feed: feed(60_000.0, [20.0, 20.0, 10.0]),
+            };
+            let half = Segment {
+                multi_block: MultiBlock::On,
+                ..segment(motion)
+            };
+            let machine = settings(std::array::from_fn(|i| {
+                (i < 2).then(|| motor(1000.0, 1000.0, Some(jerk)))
+            }));
+            let motion = Motion::new(&machine, &[half]);
+            let time = motion.time_s();
+            assert!(time > 0.0 && time.is_finite(), "{r} {jerk}: {time}");
+            assert_eq!(motion.position(time), to);
+            for k in 0..1000 {
+                let at = motion.position(time * f64::from(k) / 1000.0).0;
+                let off = (at[0] - r).hypot(at[1]) - r;
+                assert!(off.abs() <= 1e-9 * r.max(1e-3), "{r} {jerk}: {off}");
+            }
+        }
+    }
+}
