@@ -88,12 +88,13 @@ impl Motion {
         let n = 1000;
         let h = (to - from) / f64::from(n);
         let at = |k: i32| self.position(from + h * f64::from(k))[axis];
-        // Positions are made of distances along the path.
-        let far: f64 = [from, to]
-            .iter()
-            .flat_map(|t| self.position(*t).0)
-            .map(f64::abs)
-            .sum();
+        // Positions are made of distances along the path, on an arc with its radius.
+        let lengths = self.0.iter().map(|profile| match &profile.law {
+            Law::Paced { path, .. } => path.length(),
+            other => panic!("not paced: {other:?}"),
+        });
+        let places = [from, to].into_iter().flat_map(|t| self.position(t).0);
+        let far = places.map(f64::abs).sum::<f64>() + lengths.fold(0.0, f64::max);
         let mut most = [0.0_f64; 2];
         for k in 0..n - 2 {
             let [a, b, c, d] = [at(k), at(k + 1), at(k + 2), at(k + 3)];
