@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use tandem_model::alarm::LIMIT_ZERO;
 use tandem_model::flow::{Feed, MultiBlock, Path, Plane, Segment, SegmentEnd, SegmentMotion, Turn};
-use tandem_model::profile::{Law, Profile};
+use tandem_model::profile::{Law, PathPlace, Profile};
 use tandem_model::settings::{CoordinateSystemSettings, ShortBlock};
 use tandem_model::{ArcPath, Axis, AxisVector};
 use tandem_motion::Planner;
@@ -30,18 +30,32 @@ fn lines(points: &[AxisVector], feed: Feed) -> Vec<Segment> {
     .collect()
 }
 
+fn planned(settings: &CoordinateSystemSettings, segments: &[Segment]) -> (Planner, VecDeque<Profile>) {
+    let mut planner = Planner::new(settings);
+    let mut out = VecDeque::new();
+    for segment in segments {
+        planner.push(segment, &mut out).unwrap();
+    }
+    planner.flush(&mut out).unwrap();
+    (planner, out)
+}
+
 /// A motion planned to its end.
 pub struct Motion(Vec<Profile>);
 
 impl Motion {
     pub fn new(settings: &CoordinateSystemSettings, segments: &[Segment]) -> Self {
-        let mut planner = Planner::new(settings);
-        let mut out = VecDeque::new();
-        for segment in segments {
-            planner.push(segment, &mut out).unwrap();
-        }
-        planner.flush(&mut out).unwrap();
-        Self(out.into())
+        Self(planned(settings, segments).1.into())
+    }
+
+    /// The way back from the end.
+    pub fn back(settings: &CoordinateSystemSettings, segments: &[Segment]) -> Self {
+        let (mut planner, _) = planned(settings, segments);
+        let end = PathPlace {
+            segment: planner.last_segment(),
+            plan_s: f64::INFINITY,
+        };
+        Self(planner.retrace(end).into())
     }
 
     pub fn time_s(&self) -> f64 {

@@ -226,7 +226,11 @@ impl Contour {
 
     #[track_caller]
     fn keeps_its_limits_and_takes_its_time(&self, seed: u64) {
-        let motion = Motion::new(&self.machine.settings, &self.segments);
+        self.check(seed, &Motion::new(&self.machine.settings, &self.segments));
+    }
+
+    #[track_caller]
+    fn check(&self, seed: u64, motion: &Motion) {
         let time = motion.time_s();
         assert!(
             (time / self.time_s - 1.0).abs() < 1e-6,
@@ -251,6 +255,14 @@ impl Contour {
 fn m1d_long_lines_and_arcs_keep_acceleration_and_jerk_all_the_way_and_take_the_time_of_the_formulas() {
     each_seed(chains() / 10, |seed| {
         Contour::random(&mut Random(seed)).keeps_its_limits_and_takes_its_time(seed);
+    });
+}
+
+#[test]
+fn m1d_back_along_long_lines_and_arcs_acceleration_jerk_and_time_are_those_of_the_way_there() {
+    each_seed(chains() / 20, |seed| {
+        let contour = Contour::random(&mut Random(seed));
+        contour.check(seed, &Motion::back(&contour.machine.settings, &contour.segments));
     });
 }
 
