@@ -10,6 +10,7 @@ use crate::support::http::{Answer, request, try_request};
 use crate::support::machine::Machine;
 use crate::support::served::{FREE_PORTS, Served};
 use crate::support::simulated::run;
+use crate::support::wait::until;
 
 /// What is kept may be this much behind.
 const BEHIND: Duration = Duration::from_millis(100);
@@ -253,10 +254,6 @@ async fn after_a_kill_nothing_starts_by_itself_and_the_operator_is_told_what_was
     );
     let text = warning["text"].as_str().unwrap();
     assert!(text.contains("M100 VA3") && text.contains("arm"), "{text}");
-    let events: Vec<Value> = (journal(&machine).iter())
-        .filter(|line| line["cs"] == 1)
-        .map(|line| line["event"].clone())
-        .collect();
     let told = [
         "boot",
         "command",
@@ -267,7 +264,15 @@ async fn after_a_kill_nothing_starts_by_itself_and_the_operator_is_told_what_was
         "boot",
         "interrupted",
     ];
-    assert_eq!(events, told);
+    // the file is a moment behind
+    let events = until("the journal tells of the restart", async || {
+        let events: Vec<Value> = (journal(&machine).iter())
+            .filter(|line| line["cs"] == 1)
+            .map(|line| line["event"].clone())
+            .collect();
+        (events.len() >= told.len()).then_some(events)
+    });
+    assert_eq!(events.await, told);
 }
 
 #[tokio::test]
