@@ -25,7 +25,7 @@ const ROUNDING: f64 = 1e-9;
 struct Side {
     /// Where the blocks meet.
     velocity: AxisVector,
-    /// The most of the second and third derivative that its bending gives, within the ramp.
+    /// The most of the second and third derivative that its bending gives.
     bends: [AxisVector; 2],
 }
 
@@ -38,6 +38,7 @@ impl Side {
                 ..Self::default()
             },
             Path::Arc(arc) => {
+                // As between the ramps (`curve`), so that the rate need not fall behind the ramp.
                 let within = if curve::opens_wide(arc) {
                     [at.min(to), at.max(to)]
                 } else {

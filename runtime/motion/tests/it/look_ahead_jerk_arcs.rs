@@ -8,7 +8,7 @@ use tandem_model::{ArcPath, Axis, AxisVector};
 
 use crate::look_ahead_jerk::{LEFT, Motion, rest_ramp_s, rise};
 use crate::look_ahead_random::{Random, chains, each_seed};
-use crate::rig::{PERIOD_S, feed, line, motor, segment, settings, vector};
+use crate::rig::{PERIOD_S, feed, line, motor, segment, settings, turning, vector};
 
 /// Share of a limit that the bending of an arc takes at most; half of the rest of the jerk for each of two terms.
 const SHARE: f64 = 0.75;
@@ -87,10 +87,10 @@ impl Machine {
         let (v, [ta, ts]) = (self.v, self.ramp);
         let [bend, sway] = [v * v / r, v * v * v / (r * r)];
         let turned = bend * f64::midpoint(ta, ts);
-        let acceleration = (turned / ta + bend).max(bend / SHARE);
-        let jerk = (turned / (ta * ts) + 3.0 * bend / ta + sway).max(sway / SHARE);
         let within = |[a, j]: [f64; 2], more: f64| {
-            let (acceleration, jerk) = (acceleration + more / ta, jerk + more / (ta * ts));
+            let changed = turned + more;
+            let acceleration = changed / ta + bend;
+            let jerk = changed / (ta * ts) + 3.0 * bend / ta + sway;
             (a / acceleration).sqrt().min((j / jerk).cbrt()).min(1.0)
         };
         let top = self
@@ -200,16 +200,8 @@ impl Contour {
             plan -= way + self.machine.ramp_s() / 2.0;
         }
         self.time_s += plan / circle.top;
-        let angle = self.direction - sweep.signum() * TAU / 4.0;
-        let centre = [self.at.0[0] - r * angle.cos(), self.at.0[1] - r * angle.sin()];
-        let end = angle + sweep;
-        let to = vector(&[centre[0] + r * end.cos(), centre[1] + r * end.sin()]);
-        let turn = if sweep > 0.0 {
-            Turn::CounterClockwise
-        } else {
-            Turn::Clockwise
-        };
-        let path = Path::Arc(ArcPath::new(self.at, to, Plane::Xy, centre, turn));
+        let arc = turning(self.at, self.direction, r, sweep);
+        let (to, path) = (arc.end(), Path::Arc(arc));
         let feed = self.machine.feed();
         self.push(SegmentMotion::Feed { path, feed }, to);
         self.direction += sweep;

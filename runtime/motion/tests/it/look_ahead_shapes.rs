@@ -2,12 +2,12 @@
 
 use std::f64::consts::TAU;
 
-use tandem_model::flow::{Feed, Path, Plane, Segment, SegmentMotion, Turn};
-use tandem_model::{ArcPath, AxisVector};
+use tandem_model::AxisVector;
+use tandem_model::flow::{Feed, Path, Plane, Segment, SegmentMotion};
 
 use crate::look_ahead_random::{Random, chains, each_seed};
 use crate::look_ahead_rig::{Chain, Shape, best_time_s, check, same_path, time_s};
-use crate::rig::{PERIOD_S, feed, line, segment, vector};
+use crate::rig::{PERIOD_S, feed, line, segment, turning, vector};
 
 /// A chain that grows block by block.
 struct Drawing {
@@ -42,25 +42,15 @@ impl Drawing {
 
     /// An arc in X and Y that begins in a direction, through a signed angle.
     fn arc(mut self, direction: f64, radius: f64, sweep: f64, feed: Feed) -> Self {
-        let angle = direction - sweep.signum() * TAU / 4.0;
-        let centre = [
-            self.at.0[0] - radius * angle.cos(),
-            self.at.0[1] - radius * angle.sin(),
-        ];
-        let end = angle + sweep;
-        let end = vector(&[centre[0] + radius * end.cos(), centre[1] + radius * end.sin()]);
-        let turn = if sweep > 0.0 {
-            Turn::CounterClockwise
-        } else {
-            Turn::Clockwise
-        };
-        let path = Path::Arc(ArcPath::new(self.at, end, Plane::Xy, centre, turn));
+        let arc = turning(self.at, direction, radius, sweep);
+        let (end, centre) = (arc.end(), arc.centre());
+        let path = Path::Arc(arc);
         let shape = Shape::Arc {
             plane: Plane::Xy,
             centre,
             radius,
             growth: 0.0,
-            angle,
+            angle: direction - sweep.signum() * TAU / 4.0,
             sweep,
         };
         self.blocks

@@ -1,12 +1,13 @@
 //! Machines and segments made by hand, and ramps written down a second time.
 
 use std::collections::VecDeque;
+use std::f64::consts::TAU;
 
 use tandem_model::alarm::AlarmEntry;
-use tandem_model::flow::{Feed, MultiBlock, Path, Segment, SegmentEnd, SegmentMotion};
+use tandem_model::flow::{Feed, MultiBlock, Path, Plane, Segment, SegmentEnd, SegmentMotion, Turn};
 use tandem_model::profile::Profile;
 use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
-use tandem_model::{AXES_MAX, AxisVector, Origin};
+use tandem_model::{AXES_MAX, ArcPath, AxisVector, Origin};
 use tandem_motion::Planner;
 
 pub const PERIOD_S: f64 = 0.001;
@@ -60,6 +61,20 @@ pub fn line(from: AxisVector, to: AxisVector, feed: Feed) -> Segment {
         path: Path::Line { from, to, length },
         feed,
     })
+}
+
+/// An arc in X and Y that begins in a direction, through a signed angle.
+pub fn turning(at: AxisVector, direction: f64, radius: f64, sweep: f64) -> ArcPath {
+    let angle = direction - sweep.signum() * TAU / 4.0;
+    let centre = [at.0[0] - radius * angle.cos(), at.0[1] - radius * angle.sin()];
+    let end = angle + sweep;
+    let to = vector(&[centre[0] + radius * end.cos(), centre[1] + radius * end.sin()]);
+    let turn = if sweep > 0.0 {
+        Turn::CounterClockwise
+    } else {
+        Turn::Clockwise
+    };
+    ArcPath::new(at, to, Plane::Xy, centre, turn)
 }
 
 pub fn feed(feedrate_mm_min: f64, [ta_ms, td_ms, ts_ms]: [f64; 3]) -> Feed {

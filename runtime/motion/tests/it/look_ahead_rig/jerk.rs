@@ -74,7 +74,6 @@ impl Chain {
             return 0.0;
         };
         let is_bounded = match n {
-            // Lines begin at rest with ramps lengthened to the jerk, or with what is programmed where there is no room.
             0..3 => self.formula.ramps[i][1] >= PERIOD_S,
             3 => self.is_bounded(i),
             _ => self.formula.ramps[i + 1][1] >= PERIOD_S,
@@ -102,8 +101,8 @@ impl Chain {
     }
 }
 
-/// Between the ramps of lines and arcs: accelerations do not step, and change within the maximum jerks. On the ramps of arcs
-/// the rate is at most one at which they hold, and in corners between lines the one of the formulas.
+/// Between the ramps of lines and arcs: accelerations do not step, and change within the maximum jerks. On a ramp the rate is
+/// at most one at which they hold, and without arcs the one of the formulas.
 pub fn check_jerk(chain: &Chain, profiles: &[Profile]) -> Result<(), String> {
     let mut before: Option<(u64, f64)> = None;
     for profile in profiles {
