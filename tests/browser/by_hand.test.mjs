@@ -34,7 +34,7 @@ beforeEach(async () => {
   screen = new Screen(page);
   await page.goto(runtime.url);
   await page.getByText("Connected", { exact: true }).waitFor();
-  await page.getByRole("button", { name: "Open", exact: true }).click();
+  await screen.openByHand();
 });
 
 afterEach(async () => {

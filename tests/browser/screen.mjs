@@ -51,6 +51,12 @@ export class Screen {
     await this.page.getByRole("button", { name: `Load ${name}` }).click();
   }
 
+  /** Opens the card By hand, which a later frame shows: what follows must find its buttons. */
+  async openByHand() {
+    await this.page.getByRole("button", { name: "Open", exact: true }).click();
+    await this.page.locator("#by-hand").waitFor();
+  }
+
   /** Waits for the state word of the coordinate system on the screen. */
   async sees(execution) {
     await this.page.locator(`.status[data-execution="${execution}"]`).waitFor().catch(async () => {

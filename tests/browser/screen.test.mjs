@@ -140,7 +140,7 @@ test("a handler's question is answered by a button for each choice", async () =>
 });
 
 test("a held jog is refreshed under one name, and no more when the connection is lost", async () => {
-  await page.getByRole("button", { name: "Open", exact: true }).click();
+  await screen.openByHand();
   await page.getByRole("button", { name: "Jog X minus: hold" }).hover();
   await page.mouse.down();
   const jogs = (await requestsUntil(4)).slice(0, 4);
@@ -159,7 +159,7 @@ test("a held jog is refreshed under one name, and no more when the connection is
 
 test("a refused jog says why, and ends", async () => {
   machine.answers.set("POST /cs/1/jog", { status: 409, body: { detail: "axis X is at its soft limit; jog the other way" } });
-  await page.getByRole("button", { name: "Open", exact: true }).click();
+  await screen.openByHand();
   await page.getByRole("button", { name: "Jog X plus: hold" }).hover();
   await page.mouse.down();
   await page.getByText("Axis X is at its soft limit; jog the other way.").waitFor();
@@ -169,7 +169,7 @@ test("a refused jog says why, and ends", async () => {
 });
 
 test("nothing moves by hand while a program runs or an alarm is active", async () => {
-  await page.getByRole("button", { name: "Open", exact: true }).click();
+  await screen.openByHand();
   const byHand = ["Jog X plus: hold", "Home X", "Home all axes", "Run"].map((name) => page.getByRole("button", { name, exact: true }));
   for (const [change, may] of [
     [{ execution: "ACTIVE" }, false], [{ execution: "STOPPED", reason: "STOP" }, true], [{ execution: "FEED_HOLD", reason: null }, false],
@@ -331,7 +331,7 @@ for (const [width, height] of [[1280, 800], [1920, 1080], [1024, 768], [820, 118
   test(`at ${width}x${height} nothing is cut off and every target is at least 44 px`, async () => {
     await page.setViewportSize({ width, height });
     waitForM100(null, { redelivered: true, lost: true });
-    await page.getByRole("button", { name: "Open", exact: true }).click();
+    await screen.openByHand();
     machine.programList = [{ number: 1, title: "ONE", bytes: 24, errors: 2, warnings: 1 }];
     await page.getByRole("button", { name: "Read again" }).click();
     machine.say("alarm/active", { alarms: [{ id: 1, severity: "warning", number: 310, text: "Coolant is low", cs: null, program: null, line: null, raised_at: now(), cleared_at: null, acknowledged_by: null }] });
