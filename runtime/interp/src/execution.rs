@@ -74,11 +74,12 @@ pub enum Flow {
 #[derive(Debug, Default)]
 pub(crate) struct Draft {
     pub(crate) action: Option<Action>,
-    pub(crate) transform: Option<Transform>,
+    /// The transform in force is another one.
+    pub(crate) transforms: bool,
     pub(crate) transform_after: bool,
     pub(crate) cycle: Option<Box<Tapping>>,
-    pub(crate) exact_stop_before: bool,
-    pub(crate) exact_stop_after: bool,
+    /// Before the block, and behind it.
+    pub(crate) exact_stops: [bool; 2],
     pub(crate) flow: Flow,
     pub(crate) warnings: Vec<String>,
     pub(crate) alarm: Option<Alarm>,
@@ -261,16 +262,12 @@ impl<'a> Execution<'a> {
     /// Changes the transform; it holds from this block's motion on.
     pub fn transform(&mut self, change: impl FnOnce(&mut Transform)) {
         change(&mut self.modal.transform);
-        self.draft.transform = Some(self.modal.transform);
+        self.draft.transforms = true;
     }
 
     /// Stops exactly before the block's motion, or behind it.
     pub fn stop_exactly(&mut self, behind: bool) {
-        if behind {
-            self.draft.exact_stop_after = true;
-        } else {
-            self.draft.exact_stop_before = true;
-        }
+        self.draft.exact_stops[usize::from(behind)] = true;
     }
 
     /// How the program goes on after the block.

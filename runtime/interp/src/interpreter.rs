@@ -166,11 +166,15 @@ impl Interpreter {
     pub fn next(&mut self, inputs: &Inputs<'_>) -> Result<Item, Alarm> {
         self.began = None;
         loop {
-            if let Some(item) = self.queue.pop_front() {
-                return Ok(self.given(item));
+            if self.queue.is_empty() {
+                self.queue_cycle();
             }
-            if let Some(item) = self.cycle_item() {
-                return Ok(self.given(item));
+            if let Some(item) = self.queue.pop_front() {
+                // What moves, waits or puts out is counted from anew.
+                if goes_on(&item) {
+                    self.idle_steps = 0;
+                }
+                return Ok(item);
             }
             match &self.state {
                 State::Running => {}
@@ -189,26 +193,9 @@ impl Interpreter {
                 let origin = alarm.origin.unwrap_or_else(|| self.origin());
                 self.state = State::Failed(alarm.at(origin));
             } else if self.queue.is_empty() && self.idle_steps.is_multiple_of(STEPS_IN_CHAIN_MAX) {
-                let no_movement = Item::Block(self.block(Action::None, self.origin()));
-                self.queue.push_back(no_movement);
+                self.queue_action(Some(Action::None), [false; 2], self.origin());
             }
         }
-    }
-
-    /// Counts anew from what moves, waits or puts out.
-    fn given(&mut self, item: Item) -> Item {
-        let goes_on = match &item {
-            Item::Block(block) => !matches!(
-                block.action,
-                Action::None | Action::Transform(_) | Action::ThreadAhead(_)
-            ),
-            Item::Output(_) | Item::Stop(_) => true,
-            Item::NeedsStandstill(_) | Item::Warning(..) | Item::End(_) => false,
-        };
-        if goes_on {
-            self.idle_steps = 0;
-        }
-        item
     }
 
     /// Blocks interpreted since the start of the program, those passed over included.
@@ -320,36 +307,20 @@ impl Interpreter {
         self.go_on(flow, origin, inputs)
     }
 
-    /// The next item of the fixed cycle that is being expanded.
-    fn cycle_item(&mut self) -> Option<Item> {
-        let (cycle, origin) = self.cycle.as_mut()?;
+    /// Queues the next item of the fixed cycle that is being expanded.
+    fn queue_cycle(&mut self) {
+        let Some((cycle, origin)) = &mut self.cycle else {
+            return;
+        };
         let origin = *origin;
         match cycle.advance() {
-            Some(Step::Motion(action)) => Some(Item::Block(self.block(action, origin))),
-            Some(Step::Output(m)) => Some(Item::Output(Output {
+            Some(Step::Motion(action)) => self.queue_action(Some(action), [false; 2], origin),
+            Some(Step::Output(m)) => self.queue.push_back(Item::Output(Output {
                 origin,
                 m,
                 params: [None; 8],
             })),
-            None => {
-                self.cycle = None;
-                None
-            }
-        }
-    }
-
-    /// A block with what is in force.
-    fn block(&self, action: Action, origin: Origin) -> FlowBlock {
-        FlowBlock {
-            origin,
-            action,
-            feed: self.modal.feed(),
-            feedrate_deg_min: self.modal.feedrate_deg_min,
-            path_control: self.modal.path_control,
-            exact_stop_before: false,
-            exact_stop_after: false,
-            multi_block: self.modal.multi_block(),
-            compensation: self.modal.compensation,
+            None => self.cycle = None,
         }
     }
 
@@ -365,30 +336,39 @@ impl Interpreter {
             Flow::Next | Flow::Output { .. } | Flow::Call { .. } => false,
         };
         let cycle = draft.cycle.take();
-        let silent = own_item || draft.transform.is_some() || cycle.is_some() || !self.words.any();
+        let silent = own_item || draft.transforms || cycle.is_some() || !self.words.any();
         let action = draft.action.take().or((!silent).then_some(Action::None));
-        let transform = (draft.transform).map(|transform| Action::Transform(Box::new(transform)));
-        let stopping = |action| {
-            Item::Block(FlowBlock {
-                exact_stop_before: draft.exact_stop_before,
-                exact_stop_after: draft.exact_stop_after,
-                ..self.block(action, origin)
-            })
-        };
+        let transform = draft
+            .transforms
+            .then(|| Action::Transform(Box::new(self.modal.transform)));
+        let stops = draft.exact_stops;
         // G09 acts on what moves; where nothing does, on the transform.
-        let (transform, action) = match action {
-            Some(action) => (
-                transform.map(|transform| Item::Block(self.block(transform, origin))),
-                Some(stopping(action)),
-            ),
-            None => (transform.map(stopping), None),
-        };
+        let stops_of_transform = if action.is_some() { [false; 2] } else { stops };
         if draft.transform_after {
-            self.queue.extend(action.into_iter().chain(transform));
+            self.queue_action(action, stops, origin);
+            self.queue_action(transform, stops_of_transform, origin);
         } else {
-            self.queue.extend(transform.into_iter().chain(action));
+            self.queue_action(transform, stops_of_transform, origin);
+            self.queue_action(action, stops, origin);
         }
         self.cycle = cycle.map(|cycle| (cycle, origin));
+    }
+
+    /// Queues a block with what is in force, and with an exact stop before it and behind it.
+    fn queue_action(&mut self, action: Option<Action>, stops: [bool; 2], origin: Origin) {
+        let Some(action) = action else { return };
+        let [exact_stop_before, exact_stop_after] = stops;
+        self.queue.push_back(Item::Block(FlowBlock {
+            origin,
+            action,
+            feed: self.modal.feed(),
+            feedrate_deg_min: self.modal.feedrate_deg_min,
+            path_control: self.modal.path_control,
+            exact_stop_before,
+            exact_stop_after,
+            multi_block: self.modal.multi_block(),
+            compensation: self.modal.compensation,
+        }));
     }
 
     /// Does what the M code of a block says.
@@ -503,6 +483,18 @@ fn execute(execution: &mut Execution<'_>) {
     }
     if let Some(code) = words.m_code() {
         (code.select)(execution);
+    }
+}
+
+/// True for what moves, waits or puts out.
+fn goes_on(item: &Item) -> bool {
+    match item {
+        Item::Block(block) => !matches!(
+            block.action,
+            Action::None | Action::Transform(_) | Action::ThreadAhead(_)
+        ),
+        Item::Output(_) | Item::Stop(_) => true,
+        Item::NeedsStandstill(_) | Item::Warning(..) | Item::End(_) => false,
     }
 }
 

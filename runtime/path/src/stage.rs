@@ -361,13 +361,13 @@ impl PathStage {
         path: Option<Path>,
         out: &mut Vec<Segment>,
     ) -> Result<(), Alarm> {
-        let motion = path.map(|path| self.at_feedrate(block, path)).transpose()?;
         let each_block_stops = block.path_control == PathControl::ExactStop;
         // Two blocks blend only when both are in G64.
-        let no_movement = motion.is_none() && words.named.is_empty();
+        let no_movement = path.is_none() && words.named.is_empty();
         let stop_before = each_block_stops || block.exact_stop_before || (no_movement && ends_chain(block));
-        if let Some((motion, to)) = motion {
-            self.advance(block, motion, stop_before, out)?;
+        if let Some(path) = path {
+            let (to, feed) = (path.end(), self.feed_along(block, &path)?);
+            self.advance(block, SegmentMotion::Feed { path, feed }, stop_before, out)?;
             self.at = to;
         } else if stop_before {
             self.stop(out);
@@ -391,21 +391,20 @@ impl PathStage {
             SegmentMotion::Feed { .. } => SegmentEnd::Continuous,
             _ => SegmentEnd::ExactStop,
         };
-        let origin = block.origin;
         let segment = Segment {
-            origin,
+            origin: block.origin,
             motion,
             end,
             multi_block: block.multi_block,
         };
         let wanted = self.side(block)?;
+        let Some(side) = self.compensator.side().or(wanted) else {
+            return self.join(segment, stop_before, out);
+        };
         let leg = Leg {
             segment,
             stop_before,
             is_exact: block.path_control == PathControl::ExactStop,
-        };
-        let Some(side) = self.compensator.side().or(wanted) else {
-            return self.join(leg, out);
         };
         let taken = self.compensator.take(leg, side, wanted, &mut self.legs);
         self.join_legs(out).and(taken)
@@ -413,7 +412,9 @@ impl PathStage {
 
     fn join_legs(&mut self, out: &mut Vec<Segment>) -> Result<(), Alarm> {
         let mut legs = std::mem::take(&mut self.legs);
-        let joined = legs.drain(..).try_for_each(|leg| self.join(leg, out));
+        let joined = legs
+            .drain(..)
+            .try_for_each(|leg| self.join(leg.segment, leg.stop_before, out));
         self.legs = legs;
         if joined.is_err() {
             self.compensator.clear();
@@ -422,10 +423,7 @@ impl PathStage {
     }
 
     /// The next piece of the way: now it is known how the one before ends.
-    fn join(&mut self, leg: Leg, out: &mut Vec<Segment>) -> Result<(), Alarm> {
-        let Leg {
-            segment, stop_before, ..
-        } = leg;
+    fn join(&mut self, segment: Segment, stop_before: bool, out: &mut Vec<Segment>) -> Result<(), Alarm> {
         self.segment_within_soft_limits(&segment.motion)
             .map_err(|alarm| alarm.at(segment.origin))?;
         if let (Some(before), false) = (&self.held_back, stop_before) {
@@ -478,17 +476,18 @@ impl PathStage {
         Ok(Some(Side { plane, tool }))
     }
 
-    /// The motion along a path with its feedrate, at most the maximum, and where it ends.
-    fn at_feedrate(&self, block: &Block, path: Path) -> Result<(SegmentMotion, AxisVector), Alarm> {
-        let to = path.end();
-        let rotary_only =
-            to.minus(path.start()).orthogonal_length() < LENGTH_MIN && matches!(path, Path::Line { .. });
+    /// The feedrate of a block along its path, at most the maximum.
+    fn feed_along(&self, block: &Block, path: &Path) -> Result<Feed, Alarm> {
+        let rotary_only = match path {
+            Path::Line { from, to, .. } => to.minus(*from).orthogonal_length() < LENGTH_MIN,
+            Path::Arc(_) => false,
+        };
         let mut feed = self.feed_in_force(block, rotary_only)?;
         if self.dry_run {
             feed.feedrate_mm_min = self.dry_run_feedrate_mm_min;
         }
         feed.feedrate_mm_min = feed.feedrate_mm_min.min(self.max_feedrate_mm_min);
-        Ok((SegmentMotion::Feed { path, feed }, to))
+        Ok(feed)
     }
 
     /// Feedrate as programmed and ramp times; the feedrate of its own for a block of rotary axes only.
@@ -532,9 +531,9 @@ impl PathStage {
     }
 
     pub(crate) fn release(&mut self, end: SegmentEnd, out: &mut Vec<Segment>) {
-        if let Some(segment) = &mut self.held_back {
+        if let Some(mut segment) = self.held_back.take() {
             segment.end = end;
-            out.extend(self.held_back.take());
+            out.push(segment);
         }
     }
 }

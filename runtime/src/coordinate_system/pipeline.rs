@@ -86,20 +86,27 @@ impl Pipeline {
     /// The interpreter's next item. A block has gone on to the planner when this returns; behind a G31 it is set aside,
     /// since it begins where that ends.
     pub fn next(&mut self, inputs: &Inputs<'_>) -> Result<Item, Alarm> {
-        let item = self.interpreter.next(inputs)?;
+        let item = self.interpreter.next(inputs);
+        if let Ok(item) = &item {
+            self.hand_on(item)?;
+        }
+        item
+    }
+
+    fn hand_on(&mut self, item: &Item) -> Result<(), Alarm> {
         if self.is_behind_skip() {
-            self.set_aside(&item);
-            return Ok(item);
+            self.set_aside(item);
+            return Ok(());
         }
         self.note_change();
-        if let Item::Block(block) = &item {
+        if let Item::Block(block) = item {
             self.note_block(self.interpreter.steps());
             self.block(block)?;
             if let Action::Transform(_) = &block.action {
                 self.note_change();
             }
         }
-        Ok(item)
+        Ok(())
     }
 
     /// True while it is open where the next block begins: a G31 runs, or what stands behind it is not planned yet.
