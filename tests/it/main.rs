@@ -11,6 +11,7 @@
 
 mod support;
 
+mod book;
 mod cli_check;
 mod cli_compile;
 mod cli_config;

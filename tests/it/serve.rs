@@ -8,7 +8,6 @@ mod kept;
 mod life;
 mod modes;
 mod programs;
-mod readme;
 mod start;
 
 use crate::support::machine::Machine;

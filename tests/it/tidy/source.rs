@@ -140,8 +140,8 @@ fn the_text_speaks_of_the_machine_and_not_of_how_it_was_written() {
 }
 
 #[test]
-fn every_example_is_named_in_the_readme_and_every_main_program_in_a_configuration() {
-    let readme = read("README.md".as_ref());
+fn every_example_is_named_in_the_book_and_every_main_program_in_a_configuration() {
+    let page = read("docs/src/reference/rust.md".as_ref());
     let configurations: String = files(&[".toml"])
         .iter()
         .filter(|path| path.starts_with("examples/config"))
@@ -152,7 +152,7 @@ fn every_example_is_named_in_the_readme_and_every_main_program_in_a_configuratio
         let stem = path.file_stem().unwrap().to_string_lossy().into_owned();
         let folder = path.parent().unwrap();
         if folder.ends_with("examples") {
-            assert!(readme.contains(&stem), "README.md does not name {stem}");
+            assert!(page.contains(&stem), "the page of Rust does not name {stem}");
         } else if folder.ends_with("examples/nc") {
             assert!(configurations.contains(&name), "no configuration loads {name}");
         }
