@@ -2,46 +2,31 @@
 
 use std::sync::Arc;
 
+use crate::claim::{RETRY, accepted};
 use crate::coordinate_system::CoordinateSystem;
 use crate::error::{Error, Result};
-use crate::handlers::{AuxOutput, Cancellation};
+use crate::handlers::AuxOutput;
 use crate::hub::Filter;
-use crate::outputs::accepted;
-use crate::plc::{Plc, send_without_waiting, unique_name};
+use crate::names::unique_name;
+use crate::plc::Plc;
+use crate::presence::shown;
+use crate::types::BootId;
 use crate::types::message::{Message, Payload};
 use crate::types::output::{HandshakeStatus, PendingOutput};
 use crate::types::question::{Ask, OperatorAnswer, Question};
 use crate::types::request::{Refusal, RefusalCode, Request};
 use crate::types::topic::{CsTopic, Topic};
-use crate::types::{BootId, CoordinateSystemNumber};
 
-/// How long after a question that has not been seen in `pending` it is sent again.
-const RETRY: std::time::Duration = std::time::Duration::from_secs(1);
-
-/// The output that a handler works on, and by which name.
-#[derive(Debug)]
-pub(crate) struct Asker {
-    pub(crate) handler_id: Arc<str>,
-    pub(crate) boot_id: BootId,
-    pub(crate) cs: CoordinateSystemNumber,
-    pub(crate) m: u16,
-    pub(crate) seq: u64,
-    pub(crate) cancellation: Cancellation,
-    /// An output asks one question at a time; the next one waits here.
-    pub(crate) turn: tokio::sync::Mutex<()>,
-}
-
-impl Plc {
-    /// Asks the operator, and waits for one of the choices. Within a handler only: the question belongs to the output
-    /// that the handler works on, is shown with it, and ends with it. Of several at a time the first is shown first;
-    /// a future that is dropped takes its question back.
+impl AuxOutput {
+    /// Asks the operator, and waits for one of the choices. The question is shown with the output and ends with it. Of
+    /// several at a time the first is shown first; a future that is dropped takes its question back.
     ///
     /// `text` has 1 to 200 characters; there are 1 to 8 choices of 1 to 40 characters, each once.
     ///
     /// ```
-    /// # use plc_api::{Alarm, AuxOutput, Params, Plc, SequenceProgram, fake::FakePort, handshake::Closed};
-    /// async fn measure(_output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
-    ///     match plc.ask("Is the part clean?", ["yes", "no"]).await?.as_str() {
+    /// # use plc_api::{Alarm, AuxOutput, Params, SequenceProgram, fake::FakePort, handshake::Closed};
+    /// async fn measure(output: AuxOutput) -> Result<(), Alarm> {
+    ///     match output.ask("Is the part clean?", ["yes", "no"]).await?.as_str() {
     ///         "yes" => Ok(()),
     ///         _ => Err(Alarm::user(3, "the operator says that the part is not clean")),
     ///     }
@@ -62,21 +47,16 @@ impl Plc {
     /// ```
     ///
     /// # Errors
-    /// Text or choices are out of their limits, this is not the [`Plc`] that a handler was given, or the output is no
-    /// longer the handler's.
+    /// Text or choices are out of their limits, or the output is no longer the handler's.
     pub async fn ask<C: Into<String>>(
         &self,
         text: impl Into<String>,
         choices: impl IntoIterator<Item = C>,
     ) -> Result<String> {
-        let Some(asker) = self.asker() else {
-            let text = "a question belongs to an output: ask with the Plc that the handler was given";
-            return Err(Refusal::new(RefusalCode::Invalid, text).into());
-        };
         let ask = Ask {
-            boot_id: asker.boot_id.clone(),
-            seq: asker.seq,
-            handler_id: asker.handler_id.to_string(),
+            boot_id: self.id().boot_id.clone(),
+            seq: self.seq(),
+            handler_id: self.handler_id().to_owned(),
             question_id: unique_name("question"),
             text: text.into(),
             choices: choices.into_iter().map(Into::into).collect(),
@@ -85,47 +65,50 @@ impl Plc {
             return Err(Refusal::new(RefusalCode::Invalid, "a question needs a choice").into());
         }
         ask.check()?;
-        let _turn = asker.turn.lock().await;
-        let question = Asked {
-            plc: self,
-            asker,
-            ask,
-        };
+        let _turn = self.turn_to_ask().await;
+        let question = Asked { output: self, ask };
         question.answered().await
     }
 }
 
-impl AuxOutput {
-    /// Asks the operator about this output: [`Plc::ask`].
+impl Plc {
+    /// Asks the operator about the output whose handler calls this: [`AuxOutput::ask`].
     ///
     /// # Errors
-    /// As [`Plc::ask`].
+    /// As [`AuxOutput::ask`]; no handler calls it, but a task that a handler has spawned, or a program without one.
+    #[deprecated(
+        note = "a question belongs to an output: call `ask` of the `AuxOutput` that the handler was given"
+    )]
     pub async fn ask<C: Into<String>>(
         &self,
         text: impl Into<String>,
         choices: impl IntoIterator<Item = C>,
     ) -> Result<String> {
-        self.plc().ask(text, choices).await
+        let is_of_this = |output: &AuxOutput| Arc::ptr_eq(output.plc().port(), self.port());
+        let Some(output) = AuxOutput::at_work().filter(is_of_this) else {
+            let text = "a question belongs to an output: ask by the AuxOutput that the handler was given";
+            return Err(Refusal::new(RefusalCode::Invalid, text).into());
+        };
+        output.ask(text, choices).await
     }
 }
 
 /// A question under way; dropped before its end it is taken back.
 struct Asked<'a> {
-    plc: &'a Plc,
-    asker: &'a Asker,
+    output: &'a AuxOutput,
     ask: Ask,
 }
 
 impl Asked<'_> {
     async fn answered(self) -> Result<String> {
-        let topic = Topic::cs(self.asker.cs, CsTopic::Pending);
-        let mut pending = self.plc.port().subscribe(Filter::Topics(vec![topic]));
+        let plc = self.output.plc();
+        let topic = Topic::cs(self.output.coordinate_system(), CsTopic::Pending);
+        let mut pending = plc.port().subscribe(Filter::Topics(vec![topic]));
         let mut seen = false;
         loop {
             if !seen {
-                let request = Request::Ask(self.asker.cs, Some(self.asker.m), self.ask.clone());
-                match self.plc.request(request).await {
-                    Ok(answer) => match accepted(self.asker.m, self.asker.seq, &answer) {
+                match plc.request(self.request(self.ask.clone())).await {
+                    Ok(answer) => match accepted(self.output.m(), self.output.seq(), &answer) {
                         // the connection was lost and the claim given back: `pending` tells how it goes on
                         Ok(())
                         | Err(Error::Handshake {
@@ -143,7 +126,7 @@ impl Asked<'_> {
                 biased;
                 message = pending.next() => {
                     let message = message.ok_or(Error::Closed)?;
-                    let Some(output) = self.output(&message) else {
+                    let Some(output) = self.shown_in(&message) else {
                         return Err(self.ended().await);
                     };
                     match output.question.as_ref().filter(|question| question.id == self.ask.question_id) {
@@ -151,34 +134,35 @@ impl Asked<'_> {
                         question => seen = question.is_some(),
                     }
                 }
-                () = self.plc.sleep(RETRY), if !seen => {}
+                () = plc.sleep(RETRY), if !seen => {}
             }
         }
     }
 
     /// The output is no longer the handler's. Who drops the handler for that says why first.
     async fn ended(&self) -> Error {
-        self.asker.cancellation.ended().await;
+        self.output.cancellation().ended().await;
         Error::Handshake {
-            m: self.asker.m,
-            seq: self.asker.seq,
+            m: self.output.m(),
+            seq: self.output.seq(),
             status: HandshakeStatus::Stale,
         }
     }
 
+    fn request(&self, ask: Ask) -> Request {
+        Request::Ask(self.output.coordinate_system(), Some(self.output.m()), ask)
+    }
+
     /// The output as `pending` shows it; `None` when it is no longer open, or another's.
-    fn output<'m>(&self, message: &'m Message) -> Option<&'m PendingOutput> {
-        let Payload::Pending(pending) = &message.payload else {
-            return None;
-        };
-        let mut outputs = pending.outputs.iter();
-        let open = outputs.find(|output| output.output.seq == self.asker.seq);
+    fn shown_in<'m>(&self, message: &'m Message) -> Option<&'m PendingOutput> {
+        let mut outputs = shown(message).iter();
+        let open = outputs.find(|output| output.output.seq == self.output.seq());
         let is_ours = |output: &&PendingOutput| {
             let owner = output.handler_id.as_deref();
-            owner.is_none_or(|owner| owner == &*self.asker.handler_id)
+            owner.is_none_or(|owner| owner == self.output.handler_id())
         };
         open.filter(is_ours)
-            .filter(|_| message.boot_id == self.asker.boot_id)
+            .filter(|_| message.boot_id == self.output.id().boot_id)
     }
 }
 
@@ -189,8 +173,9 @@ impl Drop for Asked<'_> {
             choices: Vec::new(),
             ..self.ask.clone()
         };
-        let request = Request::Ask(self.asker.cs, Some(self.asker.m), back);
-        send_without_waiting(self.plc, request, "a question was not taken back");
+        self.output
+            .plc()
+            .send_without_waiting(self.request(back), "a question was not taken back");
     }
 }
 

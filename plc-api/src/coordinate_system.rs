@@ -76,12 +76,18 @@ readings! {
     pending: Pending as Pending -> Pending;
 }
 
-impl CoordinateSystem {
-    pub(crate) fn new(plc: Plc, number: CoordinateSystemNumber) -> Self {
-        let fence = None;
-        Self { plc, number, fence }
+impl Plc {
+    /// One CNC coordinate system, by its number from 1. A number that does not exist is an error of each call on it.
+    pub fn coordinate_system(&self, number: CoordinateSystemNumber) -> CoordinateSystem {
+        CoordinateSystem {
+            plc: self.clone(),
+            number,
+            fence: None,
+        }
     }
+}
 
+impl CoordinateSystem {
     /// The same, commanding under a control lease.
     pub(crate) fn under_lease(&self, fence: u64) -> Self {
         Self {

@@ -11,24 +11,40 @@ mod tests;
 mod work;
 
 pub use output::{AuxOutput, Cancellation};
-pub use table::{Handler, M_CODE_MAX, MCodes, RUNTIME_M_CODES, with};
+pub use table::{Handler, with};
 
-use std::sync::{Arc, Mutex};
-use std::time::Duration;
+pub use crate::m_codes::{M_CODE_MAX, MCodes, RUNTIME_M_CODES};
+
+use std::marker::PhantomData;
+use std::ops::RangeInclusive;
+use std::sync::Arc;
 
 use futures_util::FutureExt;
 use futures_util::stream::{FuturesUnordered, StreamExt};
 
 use crate::alarm::Alarm;
 use crate::error::{Error, Result};
+use crate::names::mistake_in_id;
 use crate::plc::Plc;
-use crate::presence::mistake_in_id;
-use crate::scan::{Flags, SCAN_PERIOD_MIN, Scan, ScanProgram};
+use crate::port::BoxFuture;
 use crate::types::CoordinateSystemNumber;
 use crate::types::output::{Params, Redelivery};
 
 use table::{Check, Table};
-pub(crate) use work::{until_answered, words as panic_words};
+
+/// Scope of handlers for every coordinate system.
+#[derive(Debug, Clone, Copy)]
+pub struct Everywhere;
+
+/// Scope of handlers for one coordinate system.
+#[derive(Debug, Clone, Copy)]
+pub struct OneCoordinateSystem;
+
+/// Handlers of one coordinate system, within [`SequenceProgram::in_coordinate_system`].
+pub type InCoordinateSystem = SequenceProgram<OneCoordinateSystem>;
+
+/// What runs beside the handlers, as long as they are served.
+type Companion = Arc<dyn Fn(Plc) -> BoxFuture<'static, Result<()>> + Send + Sync>;
 
 /// A sequence program: handlers by M code.
 ///
@@ -55,38 +71,47 @@ pub(crate) use work::{until_answered, words as panic_words};
 /// assert_eq!(fake.closed(1, bad), Some(Closed::Failed { alarm }));
 /// # }
 /// ```
-#[derive(Clone, Default)]
-pub struct SequenceProgram {
+#[derive(Clone)]
+pub struct SequenceProgram<Scope = Everywhere> {
     table: Table,
+    companions: Vec<Companion>,
     on_redelivery: Redelivery,
     handler_id: Option<String>,
-    scans: Vec<Scan>,
+    // the coordinate system of what is added next; none means all
+    cs: Option<CoordinateSystemNumber>,
+    scope: PhantomData<Scope>,
 }
 
-impl std::fmt::Debug for SequenceProgram {
+impl<Scope> std::fmt::Debug for SequenceProgram<Scope> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("SequenceProgram")
             .field("handler_id", &self.handler_id)
             .field("on_redelivery", &self.on_redelivery)
+            .field("coordinate_system", &self.cs)
             .finish_non_exhaustive()
     }
 }
 
-impl SequenceProgram {
-    /// A sequence program without handlers.
-    pub fn new() -> Self {
-        Self::default()
+impl Default for SequenceProgram {
+    fn default() -> Self {
+        Self::new()
     }
+}
 
-    /// A handler for an M code or a range of them, in every coordinate system. What it shares with others it owns:
-    /// a closure that clones an `Arc`.
+/// What is served, in the coordinate systems of the scope.
+impl<Scope> SequenceProgram<Scope> {
+    /// A handler for an M code or a range of them. What it shares with others it owns: a closure that clones an `Arc`.
     ///
     /// A second handler for the same code, a code above 191, and one that the runtime handles itself (M00, M01, M02,
     /// M30, M98, M99) are errors of [`SequenceProgram::run`].
     #[must_use]
     pub fn on<A>(mut self, codes: impl MCodes, handler: impl Handler<A>) -> Self {
-        self.table.add(None, &codes.m_codes(), handler);
+        self.serve(&codes.m_codes(), handler);
         self
+    }
+
+    pub(crate) fn serve<A>(&mut self, codes: &[RangeInclusive<u16>], handler: impl Handler<A>) {
+        self.table.add(self.cs, codes, handler);
     }
 
     /// Checks the parameters of an M code when a program is loaded, before anything moves: a program with parameters
@@ -121,34 +146,58 @@ impl SequenceProgram {
         codes: impl MCodes,
         check: impl Fn(&Params) -> Result<T, Alarm> + Send + Sync + 'static,
     ) -> Self {
-        self.table.add_check(None, &codes.m_codes(), &boxed_check(check));
+        let check: Check = Arc::new(move |params| check(params).map(|_| ()));
+        self.table.add_check(self.cs, &codes.m_codes(), &check);
         self
     }
 
-    /// A program in the scan-cycle style for these M codes, in every coordinate system: see [`scan`](crate::scan). One
-    /// that only looks after inputs serves none, `[]`. The period is at least 1 ms.
-    #[must_use]
-    pub fn scan(mut self, codes: impl MCodes, period: Duration, program: impl ScanProgram) -> Self {
-        let scan = scanned(&mut self.table, None, codes, period, program);
-        self.scans.push(scan);
+    /// Runs beside the handlers; its end is theirs.
+    pub(crate) fn beside(
+        mut self,
+        companion: impl Fn(Plc) -> BoxFuture<'static, Result<()>> + Send + Sync + 'static,
+    ) -> Self {
+        self.companions.push(Arc::new(companion));
         self
+    }
+
+    /// Notes what [`SequenceProgram::run`] will refuse.
+    pub(crate) fn mistake(&mut self, mistake: String) {
+        self.table.mistake(mistake);
+    }
+
+    fn within<Other>(self, cs: Option<CoordinateSystemNumber>) -> SequenceProgram<Other> {
+        SequenceProgram {
+            table: self.table,
+            companions: self.companions,
+            on_redelivery: self.on_redelivery,
+            handler_id: self.handler_id,
+            cs,
+            scope: PhantomData,
+        }
+    }
+}
+
+impl SequenceProgram {
+    /// A sequence program without handlers.
+    pub fn new() -> Self {
+        Self {
+            table: Table::default(),
+            companions: Vec::new(),
+            on_redelivery: Redelivery::default(),
+            handler_id: None,
+            cs: None,
+            scope: PhantomData,
+        }
     }
 
     /// Handlers for one coordinate system only. There they come before those for all.
     #[must_use]
     pub fn in_coordinate_system(
-        mut self,
+        self,
         number: CoordinateSystemNumber,
         build: impl FnOnce(InCoordinateSystem) -> InCoordinateSystem,
     ) -> Self {
-        let scope = build(InCoordinateSystem {
-            number,
-            table: std::mem::take(&mut self.table),
-            scans: std::mem::take(&mut self.scans),
-        });
-        self.table = scope.table;
-        self.scans = scope.scans;
-        self
+        build(self.within(Some(number))).within(None)
     }
 
     /// What happens with an output that a handler had claimed and then left without an answer, because its process died
@@ -174,9 +223,6 @@ impl SequenceProgram {
     pub fn check(&self) -> Result<()> {
         let mut mistakes = self.table.mistakes();
         mistakes.extend(self.handler_id.as_deref().and_then(mistake_in_id));
-        if self.scans.iter().any(|scan| scan.period < SCAN_PERIOD_MIN) {
-            mistakes.push(format!("the period of a scan is at least {SCAN_PERIOD_MIN:?}"));
-        }
         if mistakes.is_empty() {
             return Ok(());
         }
@@ -195,83 +241,11 @@ impl SequenceProgram {
         self.check()?;
         let handler_id = self.handler_id.unwrap_or_else(|| plc.default_handler_id());
         let serving = run::run(self.table, self.on_redelivery, plc, handler_id.into());
-        let scans = self.scans.into_iter().map(|scan| scan.run(plc.clone()));
+        let companions: FuturesUnordered<_> = self.companions.iter().map(|run| run(plc.clone())).collect();
         tokio::select! {
             ended = Box::pin(serving) => ended,
-            // without scans there is nothing that could end
-            Some(ended) = scans.collect::<FuturesUnordered<_>>().into_future().map(|(ended, _)| ended) => ended,
+            // without companions there is nothing that could end
+            Some(ended) = companions.into_future().map(|(ended, _)| ended) => ended,
         }
-    }
-}
-
-/// Handlers of one coordinate system, within [`SequenceProgram::in_coordinate_system`].
-pub struct InCoordinateSystem {
-    number: CoordinateSystemNumber,
-    table: Table,
-    scans: Vec<Scan>,
-}
-
-impl std::fmt::Debug for InCoordinateSystem {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("InCoordinateSystem")
-            .field("number", &self.number)
-            .finish_non_exhaustive()
-    }
-}
-
-fn boxed_check<T>(check: impl Fn(&Params) -> Result<T, Alarm> + Send + Sync + 'static) -> Check {
-    Arc::new(move |params| check(params).map(|_| ()))
-}
-
-/// A scan program that serves these codes.
-fn scanned(
-    table: &mut Table,
-    cs: Option<CoordinateSystemNumber>,
-    codes: impl MCodes,
-    period: Duration,
-    program: impl ScanProgram,
-) -> Scan {
-    let flags = Flags::default();
-    let of_scan = flags.clone();
-    let codes = codes.m_codes();
-    // one that only guards the machine serves none
-    if !codes.is_empty() {
-        table.add(cs, &codes, move |output: AuxOutput| of_scan.clone().on(output));
-    }
-    Scan {
-        flags,
-        period,
-        program: Arc::new(Mutex::new(program)),
-    }
-}
-
-impl InCoordinateSystem {
-    /// A handler for an M code or a range of them, in this coordinate system. See [`SequenceProgram::on`].
-    #[must_use]
-    pub fn on<A>(mut self, codes: impl MCodes, handler: impl Handler<A>) -> Self {
-        self.table.add(Some(self.number), &codes.m_codes(), handler);
-        self
-    }
-
-    /// A program in the scan-cycle style for these M codes, in this coordinate system: in no other are they on in its
-    /// image. See [`SequenceProgram::scan`].
-    #[must_use]
-    pub fn scan(mut self, codes: impl MCodes, period: Duration, program: impl ScanProgram) -> Self {
-        let scan = scanned(&mut self.table, Some(self.number), codes, period, program);
-        self.scans.push(scan);
-        self
-    }
-
-    /// Checks the parameters of an M code of this coordinate system when a program is loaded. See
-    /// [`SequenceProgram::validate`].
-    #[must_use]
-    pub fn validate<T>(
-        mut self,
-        codes: impl MCodes,
-        check: impl Fn(&Params) -> Result<T, Alarm> + Send + Sync + 'static,
-    ) -> Self {
-        let check = boxed_check(check);
-        self.table.add_check(Some(self.number), &codes.m_codes(), &check);
-        self
     }
 }

@@ -8,7 +8,7 @@ use tokio::task::JoinHandle;
 
 use crate::coordinate_system::CoordinateSystem;
 use crate::error::{Error, Result};
-use crate::plc::{Plc, send_without_waiting, unexpected};
+use crate::plc::{Plc, unexpected};
 use crate::types::command::CommandMeta;
 use crate::types::lease::{Lease as Granted, LeaseRelease, LeaseRequest, LeaseTake};
 use crate::types::request::{Answer, Refusal, RefusalCode, Request};
@@ -165,7 +165,9 @@ impl Drop for Lease {
         self.renewal.abort();
         if !self.released && !self.is_lost() {
             let unsent = "the control lease could not be released; it ends by its time";
-            send_without_waiting(self.coordinate_system.plc(), self.ask_release(), unsent);
+            self.coordinate_system
+                .plc()
+                .send_without_waiting(self.ask_release(), unsent);
         }
     }
 }

@@ -76,13 +76,13 @@
 //! ```
 //!
 //! # While the program waits
-//! [`AuxOutput::progress`] says how far the work is. [`Plc::ask`] asks the operator and waits for one of the choices;
+//! [`AuxOutput::progress`] says how far the work is. [`AuxOutput::ask`] asks the operator and waits for one of the choices;
 //! panels show the question with the M code, and [`CoordinateSystem::answer`] answers it.
 //! ```
-//! # use plc_api::{Alarm, AuxOutput, Plc};
-//! async fn inspect(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
+//! # use plc_api::{Alarm, AuxOutput};
+//! async fn inspect(output: AuxOutput) -> Result<(), Alarm> {
 //!     output.progress("the part is brought to the window", None).await?;
-//!     match plc.ask("Is the surface good?", ["yes", "no"]).await?.as_str() {
+//!     match output.ask("Is the surface good?", ["yes", "no"]).await?.as_str() {
 //!         "yes" => Ok(()),
 //!         _ => Err(Alarm::user(80, "the operator rejects the part")),
 //!     }
@@ -227,6 +227,7 @@
 
 pub mod alarm;
 mod ask;
+mod claim;
 mod coordinate_system;
 mod error;
 pub mod execution;
@@ -235,6 +236,8 @@ pub mod handlers;
 pub mod handshake;
 pub mod hub;
 mod lease;
+mod m_codes;
+mod names;
 mod outputs;
 mod plc;
 pub mod port;

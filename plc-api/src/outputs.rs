@@ -1,10 +1,8 @@
 //! The raw queue of outputs.
 
-mod answers;
 mod owner;
 mod raw;
 
-pub(crate) use answers::{accepted, reset_of};
 pub use raw::RawOutput;
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -12,15 +10,16 @@ use std::sync::Arc;
 
 use futures_util::FutureExt;
 
+use crate::claim::{OutputId, taken_up};
 use crate::error::{Error, Result};
-use crate::handlers::{M_CODE_MAX, MCodes};
 use crate::hub::{Filter, Subscription};
+use crate::m_codes::{M_CODE_MAX, MCodes};
+use crate::names::mistake_in_id;
 use crate::plc::Plc;
-use crate::presence::{mistake_in_id, taken_up};
-use crate::types::message::{Message, Payload};
-use crate::types::output::{OutputState, Pending, PendingOutput, Redelivery};
-use crate::types::topic::{CsTopic, Topic};
-use crate::types::{BootId, CoordinateSystemNumber};
+use crate::presence::{Change, Handled, OpenOutputs, Presence, shown};
+use crate::types::CoordinateSystemNumber;
+use crate::types::message::Message;
+use crate::types::output::{OutputState, PendingOutput, Redelivery};
 
 use owner::Owner;
 
@@ -55,15 +54,22 @@ pub struct Outputs {
     on_redelivery: Redelivery,
     owner: Option<Arc<Owner>>,
     subscription: Subscription,
-    presence: Option<BootId>,
-    pending: BTreeMap<CoordinateSystemNumber, (BootId, Pending)>,
+    open: OpenOutputs,
     // the attempt that was given out last
     given: BTreeMap<(CoordinateSystemNumber, u64), u32>,
     ready: VecDeque<RawOutput>,
 }
 
+impl Plc {
+    /// The raw queue of auxiliary function outputs of all coordinate systems, for programs that are not made of
+    /// handlers. [`SequenceProgram`](crate::SequenceProgram) is the usual way.
+    pub fn outputs(&self) -> Outputs {
+        Outputs::new(self)
+    }
+}
+
 impl Outputs {
-    pub(crate) fn new(plc: &Plc) -> Self {
+    fn new(plc: &Plc) -> Self {
         Self {
             subscription: plc.port().subscribe(Filter::Handshake),
             plc: plc.clone(),
@@ -71,8 +77,7 @@ impl Outputs {
             codes: None,
             on_redelivery: Redelivery::default(),
             owner: None,
-            presence: None,
-            pending: BTreeMap::new(),
+            open: OpenOutputs::default(),
             given: BTreeMap::new(),
             ready: VecDeque::new(),
         }
@@ -117,13 +122,13 @@ impl Outputs {
             // what the machine has said since may have ended what is ready
             while let Some(message) = self.subscription.next().now_or_never() {
                 let message = message.ok_or(Error::Closed)?;
-                self.take(&owner, &message);
+                self.on_message(&owner, &message);
             }
             if let Some(output) = self.ready.pop_front() {
                 return Ok(output);
             }
             let message = self.subscription.next().await.ok_or(Error::Closed)?;
-            self.take(&owner, &message);
+            self.on_message(&owner, &message);
         }
     }
 
@@ -136,48 +141,40 @@ impl Outputs {
         if let Some(mistake) = mistake_in_id(&id) {
             return Err(Error::SequenceProgram(mistake));
         }
-        let owner = Arc::new(Owner::start(&self.plc, id.into(), self.codes.clone()));
+        let handled = Handled {
+            everywhere: self.codes.clone().unwrap_or_default(),
+            ..Handled::default()
+        };
+        let owner = Arc::new(Owner::start(Presence::new(&self.plc, id.into(), handled)));
         Ok(Arc::clone(self.owner.insert(owner)))
     }
 
-    fn take(&mut self, owner: &Arc<Owner>, message: &Message) {
-        match (&message.topic, &message.payload) {
-            (_, Payload::Presence(presence)) => {
-                let boot = presence.online.then(|| message.boot_id.clone());
-                if boot != self.presence {
-                    self.given.clear();
-                    self.ready.clear();
-                }
-                self.presence = boot;
+    fn on_message(&mut self, owner: &Arc<Owner>, message: &Arc<Message>) {
+        match self.open.on_message(message) {
+            None => return,
+            Some(Change::Boot) => {
+                self.given.clear();
+                self.ready.clear();
             }
-            (Topic::CoordinateSystem(cs, CsTopic::Pending), Payload::Pending(pending)) => {
-                self.pending
-                    .insert(*cs, (message.boot_id.clone(), pending.clone()));
-            }
-            _ => return,
+            Some(Change::Pending(_)) => {}
         }
-        let Some(boot_id) = self.presence.clone() else {
-            return;
-        };
-        for (&cs, (pending_boot, pending)) in &self.pending {
-            if *pending_boot != boot_id {
-                continue;
-            }
-            let find = |seq: u64| pending.outputs.iter().find(|output| output.output.seq == seq);
+        for (cs, message) in self.open.all() {
+            let outputs = shown(message);
+            let find = |seq: u64| outputs.iter().find(|output| output.output.seq == seq);
             self.given
                 .retain(|(given_cs, seq), _| *given_cs != cs || find(*seq).is_some());
             self.ready.retain(|raw| {
                 raw.coordinate_system() != cs
                     || find(raw.notice().seq).is_some_and(|output| output.state == OutputState::Output)
             });
-            for output in &pending.outputs {
-                let key = (boot_id.clone(), cs, output.output.seq);
-                let Some(verify) = self.gives(output).filter(|_| !owner.holds(&key)) else {
+            for output in outputs {
+                let id = OutputId::of(message, cs, output);
+                let Some(verify) = self.gives(output).filter(|_| !owner.holds(&id)) else {
                     continue;
                 };
                 let attempt = output.output.attempt;
                 if self.given.insert((cs, output.output.seq), attempt) != Some(attempt) {
-                    let raw = RawOutput::new(owner, key, output.output.clone(), verify);
+                    let raw = RawOutput::new(owner, id, output.output.clone(), verify);
                     self.ready.push_back(raw);
                 }
             }

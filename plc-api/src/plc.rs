@@ -7,10 +7,8 @@ use std::time::Duration;
 use futures_util::FutureExt;
 
 use crate::alarm::Alarm;
-use crate::ask::Asker;
-use crate::coordinate_system::CoordinateSystem;
 use crate::error::{Error, Result};
-use crate::outputs::Outputs;
+use crate::names::unique_name;
 use crate::port::{BoxFuture, Port};
 #[cfg(feature = "mqtt")]
 use crate::transport::mqtt::MqttOptions;
@@ -36,7 +34,6 @@ pub struct Plc {
     client_id: Arc<str>,
     user: Option<Arc<str>>,
     commands: Arc<AtomicU64>,
-    asker: Option<Arc<Asker>>,
     /// Where its connection lives.
     runtime: Option<tokio::runtime::Handle>,
 }
@@ -57,7 +54,6 @@ impl Plc {
             client_id: unique_name("plc").into(),
             user: None,
             commands: Arc::default(),
-            asker: None,
             runtime: None,
         }
     }
@@ -129,11 +125,6 @@ impl Plc {
         &self.port
     }
 
-    /// One CNC coordinate system, by its number from 1. A number that does not exist is an error of each call on it.
-    pub fn coordinate_system(&self, number: CoordinateSystemNumber) -> CoordinateSystem {
-        CoordinateSystem::new(self.clone(), number)
-    }
-
     /// Programs of the store, ascending.
     ///
     /// # Errors
@@ -147,7 +138,7 @@ impl Plc {
 
     /// Alarms and warnings that stand, in the order in which they were raised. A reset of its coordinate system clears
     /// an alarm, a reset of any coordinate system one of the whole machine (`cs` is `None`);
-    /// [`CoordinateSystem::acknowledge_alarm`] notes that somebody has seen it.
+    /// [`CoordinateSystem::acknowledge_alarm`](crate::CoordinateSystem::acknowledge_alarm) notes that somebody has seen it.
     ///
     /// ```
     /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
@@ -173,7 +164,7 @@ impl Plc {
 
     /// Raises an alarm of the whole machine: every coordinate system stops, and its open outputs are cancelled. It
     /// stands until a coordinate system is reset; each of them stays STOPPED until its own reset. One coordinate system
-    /// alone is stopped by [`CoordinateSystem::raise_alarm`], the program of an output by the `Err` of its handler.
+    /// alone is stopped by [`CoordinateSystem::raise_alarm`](crate::CoordinateSystem::raise_alarm), the program of an output by the `Err` of its handler.
     ///
     /// ```
     /// # use plc_api::{Alarm, Execution};
@@ -240,24 +231,6 @@ impl Plc {
         self.port.now_s()
     }
 
-    /// The raw queue of auxiliary function outputs of all coordinate systems, for programs that are not made of
-    /// handlers. [`SequenceProgram`](crate::SequenceProgram) is the usual way.
-    pub fn outputs(&self) -> Outputs {
-        Outputs::new(self)
-    }
-
-    /// The same machine, as the handler of an output sees it.
-    pub(crate) fn of_output(&self, asker: Asker) -> Self {
-        Self {
-            asker: Some(Arc::new(asker)),
-            ..self.clone()
-        }
-    }
-
-    pub(crate) fn asker(&self) -> Option<&Asker> {
-        self.asker.as_deref()
-    }
-
     /// The user of its connection.
     pub(crate) fn user(&self) -> Option<&str> {
         self.user.as_deref()
@@ -276,39 +249,29 @@ impl Plc {
         let number = self.commands.fetch_add(1, Ordering::Relaxed);
         (self.client_id.to_string(), format!("{}-{number}", self.client_id))
     }
+
+    /// Sends a request from a destructor: at once where the machine takes it at once, else from a task. Without a tokio
+    /// runtime around it, such as behind its end, only the connection's own runtime could still send it.
+    pub(crate) fn send_without_waiting(&self, request: Request, what_if_not: &'static str) {
+        let here = tokio::runtime::Handle::try_current().ok();
+        let (is_here, owner) = (here.is_some(), self.runtime.clone());
+        let port = Arc::clone(&self.port);
+        let mut sent: BoxFuture<'static, ()> = Box::pin(async move {
+            if let Err(refusal) = port.request(request).await {
+                tracing::debug!(%refusal, "{what_if_not}");
+            }
+        });
+        // a connection needs the clock of a runtime
+        if (is_here || owner.is_none()) && (&mut sent).now_or_never().is_some() {
+            return;
+        }
+        if let Some(runtime) = here.or(owner) {
+            runtime.spawn(sent);
+        }
+    }
 }
 
 pub(crate) fn unexpected(answer: &Answer) -> Error {
     let text = format!("the machine gave an answer of another kind: {answer:?}");
     Error::Refused(Refusal::new(RefusalCode::Invalid, text))
-}
-
-/// A name that no other process and no other call has.
-pub(crate) fn unique_name(kind: &str) -> String {
-    use std::hash::{BuildHasher, Hasher, RandomState};
-    static COUNT: AtomicU64 = AtomicU64::new(0);
-    let mut hasher = RandomState::new().build_hasher();
-    hasher.write_u32(std::process::id());
-    hasher.write_u64(COUNT.fetch_add(1, Ordering::Relaxed));
-    format!("{kind}-{:012x}", hasher.finish() & 0xffff_ffff_ffff)
-}
-
-/// Sends a request from a destructor: at once where the machine takes it at once, else from a task. Without a tokio
-/// runtime around it, such as behind its end, only the connection's own runtime could still send it.
-pub(crate) fn send_without_waiting(plc: &Plc, request: Request, what_if_not: &'static str) {
-    let here = tokio::runtime::Handle::try_current().ok();
-    let (is_here, owner) = (here.is_some(), plc.runtime.clone());
-    let plc = plc.clone();
-    let mut sent: BoxFuture<'static, ()> = Box::pin(async move {
-        if let Err(refusal) = plc.port().request(request).await {
-            tracing::debug!(%refusal, "{what_if_not}");
-        }
-    });
-    // a connection needs the clock of a runtime
-    if (is_here || owner.is_none()) && (&mut sent).now_or_never().is_some() {
-        return;
-    }
-    if let Some(runtime) = here.or(owner) {
-        runtime.spawn(sent);
-    }
 }

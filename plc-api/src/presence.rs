@@ -1,35 +1,54 @@
-//! That handlers are there, as the machine knows it: what they have claimed is given back when they are not.
+//! A handler of one name as the machine knows it, under the raw queue and under handlers of M codes: it is announced at
+//! each boot and after a last will that came late, takes claims back that a lost connection gave away, and all that it
+//! has claimed is given back when it has gone.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
-use std::time::Duration;
 
-use crate::handshake::HANDLER_ID_MAX;
-use crate::plc::{Plc, send_without_waiting};
-use crate::types::output::{HandledCode, HandlerPresence, Redelivery};
+use futures_util::StreamExt;
+use futures_util::stream::FuturesUnordered;
+
+use crate::claim::{OutputId, RETRY, until_answered};
+use crate::hub::{Filter, Subscription};
+use crate::plc::Plc;
+use crate::port::BoxFuture;
+use crate::types::message::{Message, Payload};
+use crate::types::output::{HandledCode, HandlerPresence, HandshakeStatus, OutputState, PendingOutput};
 use crate::types::request::{Refusal, RefusalCode, Request};
-
-/// How long after a claim, reset or presence that could not be delivered it is sent again.
-pub(crate) const RETRY: Duration = Duration::from_secs(1);
+use crate::types::topic::{CsTopic, Topic};
+use crate::types::{BootId, CoordinateSystemNumber};
 
 /// How often a presence that is refused is said again. Reason: a program before this one on the same connection may just
 /// be ending.
 const TRIES: u32 = 5;
 
-/// What is wrong with the name of a handler, in words.
-pub(crate) fn mistake_in_id(id: &str) -> Option<String> {
-    let is_wrong = id.is_empty() || id.chars().count() > HANDLER_ID_MAX || id.contains(['/', '+', '#']);
-    is_wrong.then(|| format!("handler_id {id:?}: write 1 to {HANDLER_ID_MAX} characters without / + #"))
+/// What a handler is there for.
+#[derive(Debug, Default)]
+pub(crate) struct Handled {
+    /// M codes of every coordinate system.
+    pub(crate) everywhere: BTreeSet<u16>,
+    /// M codes of single coordinate systems.
+    pub(crate) single: BTreeSet<(CoordinateSystemNumber, u16)>,
+    /// True when it checks parameters at program load.
+    pub(crate) validates: bool,
 }
 
-pub(crate) fn here(handles: Vec<HandledCode>, validates: bool) -> HandlerPresence {
-    HandlerPresence {
-        online: true,
-        handles,
-        validates,
+impl Handled {
+    /// The announcement at a machine with these coordinate systems.
+    fn announcement(&self, systems: &[CoordinateSystemNumber]) -> HandlerPresence {
+        let everywhere = systems
+            .iter()
+            .flat_map(|&cs| self.everywhere.iter().map(move |&m| (cs, m)));
+        let codes: BTreeSet<_> = everywhere.chain(self.single.iter().copied()).collect();
+        HandlerPresence {
+            online: true,
+            handles: codes.into_iter().map(|(cs, m)| HandledCode { cs, m }).collect(),
+            validates: self.validates,
+        }
     }
 }
 
-pub(crate) fn gone() -> HandlerPresence {
+fn gone() -> HandlerPresence {
     HandlerPresence {
         online: false,
         handles: Vec::new(),
@@ -37,11 +56,279 @@ pub(crate) fn gone() -> HandlerPresence {
     }
 }
 
+/// Tells the machine that the handler has gone, however its work ends.
+#[derive(Debug)]
+pub(crate) struct Gone {
+    pub(crate) plc: Plc,
+    pub(crate) handler_id: Arc<str>,
+}
+
+impl Drop for Gone {
+    fn drop(&mut self) {
+        let request = Request::Handler(self.handler_id.to_string(), gone());
+        let what_if_not = "the machine was not told that the handlers have gone";
+        self.plc.send_without_waiting(request, what_if_not);
+    }
+}
+
+/// Which boot is online, and which outputs are open in it.
+#[derive(Debug, Default)]
+pub(crate) struct OpenOutputs {
+    online: Option<BootId>,
+    // the last `pending` of each coordinate system, of whatever boot
+    pending: BTreeMap<CoordinateSystemNumber, Arc<Message>>,
+}
+
+/// What a message has changed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Change {
+    /// Another boot is online, or none.
+    Boot,
+    /// The open outputs of a coordinate system.
+    Pending(CoordinateSystemNumber),
+}
+
+impl OpenOutputs {
+    pub(crate) fn on_message(&mut self, message: &Arc<Message>) -> Option<Change> {
+        match (&message.topic, &message.payload) {
+            (_, Payload::Presence(presence)) => {
+                let online = presence.online.then(|| message.boot_id.clone());
+                let is_other = online != self.online;
+                self.online = online;
+                is_other.then_some(Change::Boot)
+            }
+            (Topic::CoordinateSystem(cs, CsTopic::Pending), Payload::Pending(_)) => {
+                self.pending.insert(*cs, Arc::clone(message));
+                Some(Change::Pending(*cs))
+            }
+            _ => None,
+        }
+    }
+
+    pub(crate) fn online(&self) -> Option<&BootId> {
+        self.online.as_ref()
+    }
+
+    /// The `pending` of each coordinate system, of the boot that is online.
+    pub(crate) fn all(&self) -> impl Iterator<Item = (CoordinateSystemNumber, &Arc<Message>)> {
+        let all = self.pending.iter().map(|(&cs, message)| (cs, message));
+        all.filter(|(_, message)| self.online.as_ref() == Some(&message.boot_id))
+    }
+
+    /// The `pending` of one coordinate system, of the boot that is online.
+    pub(crate) fn of(&self, cs: CoordinateSystemNumber) -> Option<&Arc<Message>> {
+        let pending = self.pending.get(&cs);
+        pending.filter(|message| self.online.as_ref() == Some(&message.boot_id))
+    }
+}
+
+/// The outputs that a message shows open.
+pub(crate) fn shown(message: &Message) -> &[PendingOutput] {
+    match &message.payload {
+        Payload::Pending(pending) => &pending.outputs,
+        _ => &[],
+    }
+}
+
+/// What the owner of a presence has to do with.
+#[derive(Debug)]
+pub(crate) enum Event {
+    /// The machine has said something, and what it changed.
+    Said(Arc<Message>, Option<Change>),
+    /// The machine knows of the handler, in this boot or again.
+    Announced,
+    /// A claim could not be taken back.
+    NotReclaimed(OutputId),
+}
+
+/// What was under way, when it has ended.
+enum Done {
+    Announced(Result<(), Refusal>),
+    Reclaimed(OutputId, Option<HandshakeStatus>),
+    Sent,
+}
+
+/// Whether the machine is being told of the handler.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Telling {
+    Idle,
+    Busy,
+    /// Once more after that.
+    BusyAndAgain,
+}
+
+/// The handler, from its first announcement on.
+pub(crate) struct Presence {
+    plc: Plc,
+    handler_id: Arc<str>,
+    handled: Handled,
+    said: Subscription,
+    open: OpenOutputs,
+    systems: Vec<CoordinateSystemNumber>,
+    // the first announcement was begun
+    is_announced: bool,
+    telling: Telling,
+    reclaiming: BTreeSet<OutputId>,
+    under_way: FuturesUnordered<BoxFuture<'static, Done>>,
+}
+
+impl Presence {
+    pub(crate) fn new(plc: &Plc, handler_id: Arc<str>, handled: Handled) -> Self {
+        Self {
+            plc: plc.clone(),
+            handler_id,
+            handled,
+            said: plc.port().subscribe(Filter::Handshake),
+            open: OpenOutputs::default(),
+            systems: Vec::new(),
+            is_announced: false,
+            telling: Telling::Idle,
+            reclaiming: BTreeSet::new(),
+            under_way: FuturesUnordered::new(),
+        }
+    }
+
+    pub(crate) fn plc(&self) -> &Plc {
+        &self.plc
+    }
+
+    pub(crate) fn handler_id(&self) -> &Arc<str> {
+        &self.handler_id
+    }
+
+    pub(crate) fn open(&self) -> &OpenOutputs {
+        &self.open
+    }
+
+    /// Tells the machine that the handler has gone, when it is dropped.
+    pub(crate) fn gone(&self) -> Gone {
+        Gone {
+            plc: self.plc.clone(),
+            handler_id: Arc::clone(&self.handler_id),
+        }
+    }
+
+    /// What happens next; `None` when the machine's side has ended. Safe to drop while it waits.
+    ///
+    /// # Errors
+    /// The machine, or the connection to it, does not take the handler.
+    pub(crate) async fn next(&mut self) -> Result<Option<Event>, Refusal> {
+        loop {
+            tokio::select! {
+                // first what the machine says: a cancel reaches a handler before its work goes on
+                biased;
+                message = self.said.next() => return Ok(message.map(|message| self.on_message(message))),
+                Some(done) = self.under_way.next() => {
+                    if let Some(event) = self.on_done(done)? {
+                        return Ok(Some(event));
+                    }
+                }
+            }
+        }
+    }
+
+    fn on_message(&mut self, message: Arc<Message>) -> Event {
+        let change = self.open.on_message(&message);
+        let must_tell = match (&message.topic, &message.payload) {
+            (_, Payload::Presence(_)) => change.is_some(),
+            (_, Payload::Birth(birth)) => {
+                let systems: Vec<_> = birth.coordinate_systems.iter().map(|cs| cs.number).collect();
+                let is_other = systems != self.systems;
+                self.systems = systems;
+                is_other
+            }
+            // the last will of a connection that is no more came after the handler was announced
+            (Topic::HandlerPresence(id), Payload::HandlerPresence(presence)) => {
+                self.is_announced && **id == *self.handler_id && !presence.online
+            }
+            _ => false,
+        };
+        if must_tell {
+            self.announce();
+        }
+        Event::Said(message, change)
+    }
+
+    fn on_done(&mut self, done: Done) -> Result<Option<Event>, Refusal> {
+        Ok(match done {
+            Done::Announced(told) => {
+                told?;
+                if std::mem::replace(&mut self.telling, Telling::Idle) == Telling::BusyAndAgain {
+                    self.announce();
+                }
+                Some(Event::Announced)
+            }
+            Done::Reclaimed(id, status) => {
+                self.reclaiming.remove(&id);
+                (status != Some(HandshakeStatus::Accepted)).then_some(Event::NotReclaimed(id))
+            }
+            Done::Sent => None,
+        })
+    }
+
+    fn announce(&mut self) {
+        if self.systems.is_empty() || self.open.online().is_none() {
+            return;
+        }
+        if self.telling != Telling::Idle {
+            self.telling = Telling::BusyAndAgain;
+            return;
+        }
+        self.telling = Telling::Busy;
+        // claims of an earlier program of the same name that died unseen are given back first
+        let first = (!std::mem::replace(&mut self.is_announced, true)).then(gone);
+        let online = self.handled.announcement(&self.systems);
+        let (plc, id) = (self.plc.clone(), self.handler_id.to_string());
+        self.under_way.push(Box::pin(async move {
+            for presence in first.into_iter().chain([online]) {
+                if let Err(refusal) = tell(&plc, &id, presence).await {
+                    return Done::Announced(Err(refusal));
+                }
+            }
+            Done::Announced(Ok(()))
+        }));
+    }
+
+    /// Outputs whose handler was lost, by their M numbers.
+    pub(crate) fn lost(&self) -> Vec<(OutputId, u16)> {
+        let outputs = self.open.all().flat_map(|(cs, message)| {
+            let lost = shown(message)
+                .iter()
+                .filter(|output| output.lost && output.state == OutputState::Output);
+            lost.map(move |output| (OutputId::of(message, cs, output), output.output.m))
+        });
+        outputs.collect()
+    }
+
+    /// This side is still at work on an output, and only its connection was lost: takes its claim back.
+    pub(crate) fn reclaim(&mut self, id: OutputId, m: u16) {
+        if !self.reclaiming.insert(id.clone()) {
+            return;
+        }
+        let (plc, claim) = (self.plc.clone(), id.claim(m, &self.handler_id));
+        self.under_way.push(Box::pin(async move {
+            let status = until_answered(&plc, claim).await;
+            Done::Reclaimed(id, status)
+        }));
+    }
+
+    /// Sends what nobody waits for.
+    pub(crate) fn send(&mut self, request: Request, what_if_not: &'static str) {
+        let plc = self.plc.clone();
+        self.under_way.push(Box::pin(async move {
+            if let Err(refusal) = plc.port().request(request).await {
+                tracing::warn!(%refusal, "{what_if_not}");
+            }
+            Done::Sent
+        }));
+    }
+}
+
 /// Says it until the machine has heard of it.
 ///
 /// # Errors
 /// The machine, or the connection to it, refuses it for good.
-pub(crate) async fn tell(plc: &Plc, id: &str, presence: HandlerPresence) -> Result<(), Refusal> {
+async fn tell(plc: &Plc, id: &str, presence: HandlerPresence) -> Result<(), Refusal> {
     let mut tries = 0;
     loop {
         let request = Request::Handler(id.to_owned(), presence.clone());
@@ -54,33 +341,5 @@ pub(crate) async fn tell(plc: &Plc, id: &str, presence: HandlerPresence) -> Resu
         }
         tracing::warn!(%refusal, "handler presence not delivered yet");
         plc.sleep(RETRY).await;
-    }
-}
-
-/// Tells the machine that the handlers have gone, however their work ends.
-#[derive(Debug)]
-pub(crate) struct Gone {
-    pub(crate) plc: Plc,
-    pub(crate) handler_id: Arc<str>,
-}
-
-impl Drop for Gone {
-    fn drop(&mut self) {
-        let request = Request::Handler(self.handler_id.to_string(), gone());
-        let what_if_not = "the machine was not told that the handlers have gone";
-        send_without_waiting(&self.plc, request, what_if_not);
-    }
-}
-
-/// What becomes of an output: `None` leaves it to an operator, else whether the machine must be looked at first.
-pub(crate) fn taken_up(lost: bool, told: Option<Redelivery>, on_redelivery: Redelivery) -> Option<bool> {
-    match (lost, told) {
-        (_, Some(Redelivery::Redo)) | (false, _) => Some(false),
-        (_, Some(Redelivery::Verify)) => Some(true),
-        (true, _) => match on_redelivery {
-            Redelivery::Ask => None,
-            Redelivery::Redo => Some(false),
-            Redelivery::Verify => Some(true),
-        },
     }
 }

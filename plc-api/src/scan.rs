@@ -96,10 +96,11 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use crate::error::{Error, Result};
-use crate::handlers::panic_words;
+use crate::handlers::{AuxOutput, MCodes, SequenceProgram};
 use crate::plc::Plc;
+use crate::text::panic_text;
 
-pub(crate) use flags::Flags;
+use flags::Flags;
 use image::Camera;
 pub use image::{Image, Reads};
 use writes::Writer;
@@ -126,12 +127,35 @@ impl<F: FnMut(&mut Image) + Send + 'static> ScanProgram for F {
     }
 }
 
+impl<Scope> SequenceProgram<Scope> {
+    /// A program in the scan-cycle style for these M codes: see [`scan`](crate::scan). Only in the coordinate systems that
+    /// it serves they are on in its image. One that only looks after inputs serves none, `[]`. The period is at least 1 ms.
+    #[must_use]
+    pub fn scan(mut self, codes: impl MCodes, period: Duration, program: impl ScanProgram) -> Self {
+        let flags = Flags::default();
+        let codes = codes.m_codes();
+        if !codes.is_empty() {
+            let of_scan = flags.clone();
+            self.serve(&codes, move |output: AuxOutput| of_scan.clone().on(output));
+        }
+        if period < SCAN_PERIOD_MIN {
+            self.mistake(format!("the period of a scan is at least {SCAN_PERIOD_MIN:?}"));
+        }
+        let scan = Scan {
+            flags,
+            period,
+            program: Arc::new(Mutex::new(program)),
+        };
+        self.beside(move |plc| Box::pin(scan.clone().run(plc)))
+    }
+}
+
 /// A scan program and what it works on.
 #[derive(Clone)]
-pub(crate) struct Scan {
-    pub(crate) flags: Flags,
-    pub(crate) period: Duration,
-    pub(crate) program: Arc<Mutex<dyn ScanProgram>>,
+struct Scan {
+    flags: Flags,
+    period: Duration,
+    program: Arc<Mutex<dyn ScanProgram>>,
 }
 
 impl Scan {
@@ -139,7 +163,7 @@ impl Scan {
     ///
     /// # Errors
     /// The scan program panicked.
-    pub(crate) async fn run(self, plc: Plc) -> Result<()> {
+    async fn run(self, plc: Plc) -> Result<()> {
         let period_s = self.period.as_secs_f64();
         let (mut scans, mut overruns) = (0, 0);
         let mut writer = Writer::default();
@@ -170,6 +194,6 @@ impl Scan {
 /// A panic of the scan program is the end of its sequence program, and not of the process.
 fn guarded<T>(use_it: impl FnOnce() -> T) -> Result<T> {
     std::panic::catch_unwind(AssertUnwindSafe(use_it)).map_err(|panicked| {
-        Error::SequenceProgram(format!("the scan program panicked: {}", panic_words(&*panicked)))
+        Error::SequenceProgram(format!("the scan program panicked: {}", panic_text(&*panicked)))
     })
 }

@@ -1,8 +1,19 @@
-//! Limits of texts that come from outside.
+//! Texts that come from outside.
+
+use std::any::Any;
 
 /// Cuts the text after `chars_max` characters.
 pub(crate) fn cut(text: &mut String, chars_max: usize) {
     if let Some((end, _)) = text.char_indices().nth(chars_max) {
         text.truncate(end);
     }
+}
+
+/// What a panic said.
+pub(crate) fn panic_text(panicked: &(dyn Any + Send)) -> &str {
+    panicked
+        .downcast_ref::<&str>()
+        .copied()
+        .or_else(|| panicked.downcast_ref::<String>().map(String::as_str))
+        .unwrap_or("no text")
 }

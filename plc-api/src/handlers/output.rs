@@ -1,14 +1,22 @@
 //! One output in the hands of its handler.
 
+use std::future::Future;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
-use tokio::sync::watch;
+use tokio::sync::{Mutex, MutexGuard, watch};
 
+use crate::claim::OutputId;
 use crate::error::Result;
 use crate::plc::Plc;
+use crate::types::CoordinateSystemNumber;
 use crate::types::output::{CancelReason, OutputNotice, Params, ProgressReport};
 use crate::types::request::Request;
-use crate::types::{BootId, CoordinateSystemNumber};
+
+tokio::task_local! {
+    /// The output whose handler is at work.
+    static AT_WORK: AuxOutput;
+}
 
 /// An auxiliary function output that a handler works on. Cloning gives another handle to the same output.
 #[derive(Debug, Clone)]
@@ -20,18 +28,21 @@ pub struct AuxOutput {
 struct Inner {
     plc: Plc,
     handler_id: Arc<str>,
-    boot_id: BootId,
-    cs: CoordinateSystemNumber,
+    id: OutputId,
     notice: OutputNotice,
     verify: bool,
     cancellation: Cancellation,
+    /// True once the handler has ended and its answer is on the way: then nothing is left to cancel.
+    is_answering: AtomicBool,
+    /// An output asks one question at a time; the next one waits here.
+    question: Mutex<()>,
 }
 
 impl AuxOutput {
     pub(super) fn new(
         plc: &Plc,
         handler_id: &Arc<str>,
-        (boot_id, cs): (&BootId, CoordinateSystemNumber),
+        id: OutputId,
         notice: &OutputNotice,
         verify: bool,
         cancellation: Cancellation,
@@ -39,15 +50,47 @@ impl AuxOutput {
         let inner = Inner {
             plc: plc.clone(),
             handler_id: Arc::clone(handler_id),
-            boot_id: boot_id.clone(),
-            cs,
+            id,
             notice: notice.clone(),
             verify,
             cancellation,
+            is_answering: AtomicBool::new(false),
+            question: Mutex::default(),
         };
         Self {
             inner: Arc::new(inner),
         }
+    }
+
+    /// The output of the handler that calls this, directly and not from another task.
+    pub(crate) fn at_work() -> Option<Self> {
+        AT_WORK.try_with(Clone::clone).ok()
+    }
+
+    /// The work of a handler on it.
+    pub(super) fn worked_on<T>(&self, work: impl Future<Output = T>) -> impl Future<Output = T> {
+        AT_WORK.scope(self.clone(), work)
+    }
+
+    pub(super) fn is_answering(&self) -> bool {
+        self.inner.is_answering.load(Ordering::Relaxed)
+    }
+
+    pub(super) fn set_answering(&self) {
+        self.inner.is_answering.store(true, Ordering::Relaxed);
+    }
+
+    /// Waits until no other question of this output is asked.
+    pub(crate) async fn turn_to_ask(&self) -> MutexGuard<'_, ()> {
+        self.inner.question.lock().await
+    }
+
+    pub(crate) fn id(&self) -> &OutputId {
+        &self.inner.id
+    }
+
+    pub(crate) fn handler_id(&self) -> &str {
+        &self.inner.handler_id
     }
 
     pub(crate) fn plc(&self) -> &Plc {
@@ -61,7 +104,7 @@ impl AuxOutput {
 
     /// Sequence number: names this output within the boot and the coordinate system.
     pub fn seq(&self) -> u64 {
-        self.inner.notice.seq
+        self.inner.id.seq
     }
 
     /// VA to VH.
@@ -71,7 +114,7 @@ impl AuxOutput {
 
     /// Coordinate system that made it.
     pub fn coordinate_system(&self) -> CoordinateSystemNumber {
-        self.inner.cs
+        self.inner.id.cs
     }
 
     /// Number of the program that it stands in.
@@ -102,13 +145,13 @@ impl AuxOutput {
     /// The machine cannot be reached.
     pub async fn progress(&self, text: impl Into<String>, percent: impl Into<Option<f64>>) -> Result<()> {
         let report = ProgressReport {
-            boot_id: self.inner.boot_id.clone(),
+            boot_id: self.inner.id.boot_id.clone(),
             seq: self.seq(),
-            handler_id: self.inner.handler_id.to_string(),
+            handler_id: self.handler_id().to_owned(),
             text: text.into(),
             percent: percent.into(),
         };
-        let request = Request::Progress(self.inner.cs, Some(self.m()), report);
+        let request = Request::Progress(self.coordinate_system(), Some(self.m()), report);
         self.inner.plc.request(request).await.map(|_| ())
     }
 

@@ -2,24 +2,20 @@
 
 use std::collections::BTreeMap;
 use std::future::Future;
-use std::ops::{Range, RangeInclusive};
+use std::ops::RangeInclusive;
 use std::panic::AssertUnwindSafe;
 use std::sync::Arc;
 
 use crate::alarm::Alarm;
+use crate::m_codes::{M_CODE_MAX, RUNTIME_M_CODES};
 use crate::plc::Plc;
 use crate::port::BoxFuture;
+use crate::presence::Handled;
+use crate::text::panic_text;
 use crate::types::CoordinateSystemNumber;
 use crate::types::output::Params;
 
 use super::output::AuxOutput;
-use super::work::words;
-
-/// Highest M number.
-pub const M_CODE_MAX: u16 = 191;
-
-/// M codes that the runtime handles itself (D35); no handler ever sees them.
-pub const RUNTIME_M_CODES: [u16; 6] = [0, 1, 2, 30, 98, 99];
 
 /// A function that works on an output: an async function or closure of the output, or of the output and the machine.
 ///
@@ -80,39 +76,6 @@ where
 pub(super) type Check = Arc<dyn Fn(&Params) -> Result<(), Alarm> + Send + Sync>;
 
 pub(super) type Boxed = Arc<dyn Fn(AuxOutput, Plc) -> BoxFuture<'static, Result<(), Alarm>> + Send + Sync>;
-
-/// M codes that a handler serves: one, a range, or several.
-pub trait MCodes {
-    /// Ranges of first and last; an empty range is refused when the program is built.
-    fn m_codes(self) -> Vec<RangeInclusive<u16>>;
-}
-
-impl MCodes for u16 {
-    fn m_codes(self) -> Vec<RangeInclusive<u16>> {
-        vec![self..=self]
-    }
-}
-
-impl MCodes for RangeInclusive<u16> {
-    fn m_codes(self) -> Vec<RangeInclusive<u16>> {
-        vec![self]
-    }
-}
-
-impl MCodes for Range<u16> {
-    fn m_codes(self) -> Vec<RangeInclusive<u16>> {
-        if self.is_empty() {
-            return Vec::new();
-        }
-        vec![self.start..=self.end - 1]
-    }
-}
-
-impl<const N: usize> MCodes for [u16; N] {
-    fn m_codes(self) -> Vec<RangeInclusive<u16>> {
-        self.map(|m| m..=m).to_vec()
-    }
-}
 
 /// The codes of a range, and of those above the highest only the first.
 fn within_limits(codes: RangeInclusive<u16>) -> impl Iterator<Item = u16> {
@@ -182,6 +145,11 @@ impl Table {
         }
     }
 
+    /// Notes what is wrong in a call.
+    pub(super) fn mistake(&mut self, mistake: String) {
+        self.mistakes.push(mistake);
+    }
+
     /// What is wrong in the calls so far, in words.
     pub(super) fn mistakes(&self) -> Vec<String> {
         let is_handled = |cs: Option<CoordinateSystemNumber>, m| match cs {
@@ -209,7 +177,7 @@ impl Table {
             return Ok(());
         };
         std::panic::catch_unwind(AssertUnwindSafe(|| check(params))).unwrap_or_else(|panicked| {
-            let text = format!("the validation of M{m} panicked: {}", words(&*panicked));
+            let text = format!("the validation of M{m} panicked: {}", panic_text(&*panicked));
             Err(Alarm::user(Alarm::CODE_OF_PANIC, text))
         })
     }
@@ -219,14 +187,12 @@ impl Table {
         self.single.get(&(cs, m)).or_else(|| self.everywhere.get(&m))
     }
 
-    /// All codes served in these coordinate systems.
-    pub(super) fn handled(&self, systems: &[CoordinateSystemNumber]) -> Vec<(CoordinateSystemNumber, u16)> {
-        let everywhere = systems
-            .iter()
-            .flat_map(|&cs| self.everywhere.keys().map(move |&m| (cs, m)));
-        let mut handled: Vec<_> = everywhere.chain(self.single.keys().copied()).collect();
-        handled.sort_unstable();
-        handled.dedup();
-        handled
+    /// What the machine is told of it.
+    pub(super) fn handled(&self) -> Handled {
+        Handled {
+            everywhere: self.everywhere.keys().copied().collect(),
+            single: self.single.keys().copied().collect(),
+            validates: self.validates(),
+        }
     }
 }

@@ -221,7 +221,7 @@ async fn an_operators_reset_cancels_the_handler_with_reason_operator() {
     let _task = serve(&fake, program).await;
     let seq = fake.put_out(1, 100, Params::default());
     fake.settle().await;
-    let mut reset = crate::outputs::reset_of(&fake.plc().port().boot_id(), seq, "hmi", None);
+    let mut reset = crate::claim::reset_of(&fake.plc().port().boot_id(), seq, "hmi", None);
     reset.force = Some(true);
     let request = crate::types::request::Request::Reset(1, None, reset);
     fake.plc().port().request(request).await.unwrap();

@@ -190,7 +190,7 @@ impl World {
             }),
             _ => {
                 let alarm = (self.random.below(5) == 0).then(|| Alarm::user(3, "x"));
-                let mut reset = crate::outputs::reset_of(&boot_id, seq, &handler_id, alarm);
+                let mut reset = crate::claim::reset_of(&boot_id, seq, &handler_id, alarm);
                 reset.force = (handler_id == "hmi").then_some(true);
                 InFlight::Reset(m, reset)
             }
@@ -404,7 +404,7 @@ impl World {
             .map(|output| output.notice.seq)
             .collect();
         for seq in open {
-            let mut reset = crate::outputs::reset_of(&BootId("b".into()), seq, "hmi", None);
+            let mut reset = crate::claim::reset_of(&BootId("b".into()), seq, "hmi", None);
             reset.force = Some(true);
             let status = self.ledger.reset(self.now(), None, &reset).status;
             assert_eq!(status, HandshakeStatus::Accepted, "seed {}", self.seed);

@@ -46,7 +46,7 @@ fn claim(ledger: &mut Ledger, seq: u64, handler_id: &str) -> HandshakeStatus {
 }
 
 fn reset_by(seq: u64, handler_id: &str) -> Reset {
-    crate::outputs::reset_of(&boot(), seq, handler_id, None)
+    crate::claim::reset_of(&boot(), seq, handler_id, None)
 }
 
 fn reset(ledger: &mut Ledger, seq: u64, handler_id: &str) -> HandshakeStatus {
@@ -143,7 +143,7 @@ fn a_fault_is_an_alarm_10000_plus_code_with_the_text_unchanged() {
     let mut ledger = ledger();
     let seq = made(&mut ledger, 100);
     effects(&mut ledger);
-    let fault = crate::outputs::reset_of(&boot(), seq, "h", Some(Alarm::user(12, "door open")));
+    let fault = crate::claim::reset_of(&boot(), seq, "h", Some(Alarm::user(12, "door open")));
     ledger.reset(now(0.0), Some(100), &fault);
     let alarm = Alarm {
         number: 10_012,

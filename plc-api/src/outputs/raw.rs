@@ -3,13 +3,13 @@
 use std::sync::Arc;
 
 use crate::alarm::Alarm;
+use crate::claim::{OutputId, accepted};
 use crate::error::Result;
 use crate::types::CoordinateSystemNumber;
-use crate::types::output::{Claim, OutputNotice};
+use crate::types::output::OutputNotice;
 use crate::types::request::Request;
 
-use super::owner::{Key, Owner};
-use super::{accepted, reset_of};
+use super::owner::Owner;
 
 /// An output taken from the raw queue. Cloning gives another handle to the same output.
 #[derive(Debug, Clone)]
@@ -20,14 +20,14 @@ pub struct RawOutput {
 #[derive(Debug)]
 struct Inner {
     owner: Arc<Owner>,
-    key: Key,
+    id: OutputId,
     notice: OutputNotice,
     verify: bool,
 }
 
 impl Drop for Inner {
     fn drop(&mut self) {
-        if self.owner.forget(&self.key) {
+        if self.owner.forget(&self.id) {
             tracing::warn!(
                 m = self.notice.m,
                 seq = self.notice.seq,
@@ -38,13 +38,13 @@ impl Drop for Inner {
 }
 
 impl RawOutput {
-    pub(super) fn new(owner: &Arc<Owner>, key: Key, notice: OutputNotice, verify: bool) -> Self {
+    pub(super) fn new(owner: &Arc<Owner>, id: OutputId, notice: OutputNotice, verify: bool) -> Self {
         let owner = Arc::clone(owner);
-        owner.hold(&key, false);
+        owner.hold(&id, false);
         Self {
             inner: Arc::new(Inner {
                 owner,
-                key,
+                id,
                 notice,
                 verify,
             }),
@@ -53,7 +53,7 @@ impl RawOutput {
 
     /// Coordinate system that made it.
     pub fn coordinate_system(&self) -> CoordinateSystemNumber {
-        self.inner.key.1
+        self.inner.id.cs
     }
 
     /// M number, parameters, program and line.
@@ -73,15 +73,11 @@ impl RawOutput {
     /// # Errors
     /// [`Error::Handshake`](crate::Error::Handshake) when it is not to be had: another handler owns it, or it is closed.
     pub async fn claim(&self) -> Result<()> {
-        let (owner, (boot_id, cs, seq)) = (&self.inner.owner, &self.inner.key);
-        let claim = Claim {
-            boot_id: boot_id.clone(),
-            seq: *seq,
-            handler_id: owner.handler_id().to_owned(),
-        };
-        self.accepted(Request::Claim(*cs, Some(self.inner.notice.m), claim))
-            .await?;
-        owner.hold(&self.inner.key, true);
+        let Inner {
+            owner, id, notice, ..
+        } = &*self.inner;
+        self.accepted(id.claim(notice.m, owner.handler_id())).await?;
+        owner.hold(id, true);
         Ok(())
     }
 
@@ -102,11 +98,12 @@ impl RawOutput {
     }
 
     async fn answer(&self, alarm: Option<Alarm>) -> Result<()> {
-        let (owner, (boot_id, cs, seq)) = (&self.inner.owner, &self.inner.key);
-        let reset = reset_of(boot_id, *seq, owner.handler_id(), alarm);
-        self.accepted(Request::Reset(*cs, Some(self.inner.notice.m), reset))
+        let Inner {
+            owner, id, notice, ..
+        } = &*self.inner;
+        self.accepted(id.reset(notice.m, owner.handler_id(), alarm))
             .await?;
-        owner.hold(&self.inner.key, false);
+        owner.hold(id, false);
         Ok(())
     }
 

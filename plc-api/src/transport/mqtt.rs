@@ -19,7 +19,7 @@ use tokio::sync::Notify;
 
 use crate::error::Error;
 use crate::hub::{Filter, Hub, Subscription};
-use crate::plc::unique_name;
+use crate::names::unique_name;
 use crate::port::{BoxFuture, Port};
 use crate::transport::tls::TlsFiles;
 use crate::types::BootId;

@@ -9,8 +9,8 @@ use plc_api::{Alarm, AuxOutput, CancelReason, Error, Params, Plc, SequenceProgra
 
 use crate::{ms, serve};
 
-async fn measure(_output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
-    let answer = plc.ask("Is the part clean?", ["yes", "no"]).await?;
+async fn measure(output: AuxOutput) -> Result<(), Alarm> {
+    let answer = output.ask("Is the part clean?", ["yes", "no"]).await?;
     if answer == "yes" {
         Ok(())
     } else {
@@ -65,13 +65,13 @@ async fn a_question_ends_with_its_output() {
 
 #[tokio::test]
 async fn a_question_that_is_dropped_is_taken_back_and_the_next_waits_for_its_turn() {
-    async fn two(_output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
+    async fn two(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
         tokio::select! {
-            answer = plc.ask("Go on?", ["yes"]) => { answer?; }
+            answer = output.ask("Go on?", ["yes"]) => { answer?; }
             () = plc.sleep(ms(500)) => {}
         }
         plc.sleep(ms(500)).await;
-        let (first, second) = tokio::join!(plc.ask("First?", ["1"]), plc.ask("Second?", ["2"]));
+        let (first, second) = tokio::join!(output.ask("First?", ["1"]), output.ask("Second?", ["2"]));
         assert_eq!((first?.as_str(), second?.as_str()), ("1", "2"));
         Ok(())
     }
@@ -146,8 +146,8 @@ async fn a_handler_that_lost_only_its_connection_asks_again() {
 #[tokio::test]
 async fn an_answer_counts_once_and_names_question_and_choice() {
     let fake = FakePort::new([1]);
-    let program = SequenceProgram::new().on(80, async |output: AuxOutput, plc: Plc| {
-        let _asked = plc.ask("Go on?", ["yes"]).await;
+    let program = SequenceProgram::new().on(80, async |output: AuxOutput| {
+        let _asked = output.ask("Go on?", ["yes"]).await;
         output.ask("And now?", ["yes", "no"]).await?;
         Ok(())
     });
@@ -188,15 +188,15 @@ async fn an_answer_counts_once_and_names_question_and_choice() {
 #[tokio::test]
 async fn what_is_out_of_the_limits_of_a_panel_is_refused_at_the_handler() {
     let fake = FakePort::new([1]);
-    let program = SequenceProgram::new().on(80, async |_output: AuxOutput, plc: Plc| {
+    let program = SequenceProgram::new().on(80, async |output: AuxOutput| {
         let nine: Vec<String> = (0..9).map(|choice| choice.to_string()).collect();
         let long = "x".repeat(201);
         for refused in [
-            plc.ask("Go on?", nine).await,
-            plc.ask("Go on?", Vec::<String>::new()).await,
-            plc.ask("Go on?", ["yes", "yes"]).await,
-            plc.ask("Go on?", [""]).await,
-            plc.ask(long, ["yes"]).await,
+            output.ask("Go on?", nine).await,
+            output.ask("Go on?", Vec::<String>::new()).await,
+            output.ask("Go on?", ["yes", "yes"]).await,
+            output.ask("Go on?", [""]).await,
+            output.ask(long, ["yes"]).await,
         ] {
             assert!(matches!(refused, Err(Error::Refused(refusal)) if refusal.code == RefusalCode::Invalid));
         }
@@ -206,8 +206,58 @@ async fn what_is_out_of_the_limits_of_a_panel_is_refused_at_the_handler() {
     let seq = fake.put_out(1, 80, Params::default());
     fake.settle().await;
     assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
-    assert!(
-        fake.plc().ask("Go on?", ["yes"]).await.is_err(),
-        "it belongs to no output"
+}
+
+#[tokio::test]
+#[expect(deprecated, reason = "it forwards until it is taken out")]
+async fn a_question_to_the_machine_is_one_about_the_output_whose_handler_asks() {
+    let fake = FakePort::new([1]);
+    let program = SequenceProgram::new().on(80..=81, async |output: AuxOutput, plc: Plc| {
+        plc.sleep(ms(10)).await;
+        let text = format!("Is M{} good?", output.m());
+        plc.ask(text, ["yes"]).await?;
+        Ok(())
+    });
+    let _task = serve(&fake, program).await;
+    let seqs = [80, 81].map(|m| fake.put_out(1, m, Params::default()));
+    fake.advance(ms(20)).await;
+    let mill = fake.plc().coordinate_system(1);
+    for (asked, (m, seq)) in mill
+        .questions()
+        .await
+        .unwrap()
+        .iter()
+        .zip([80, 81].into_iter().zip(seqs))
+    {
+        assert_eq!((asked.m, asked.seq), (m, seq));
+        assert_eq!(asked.question.text, format!("Is M{m} good?"));
+        mill.answer(asked, "yes").await.unwrap();
+    }
+    fake.settle().await;
+    assert_eq!(
+        seqs.map(|seq| fake.closed(1, seq)),
+        [Some(Closed::Reset), Some(Closed::Reset)]
     );
+}
+
+#[tokio::test]
+#[expect(deprecated, reason = "it forwards until it is taken out")]
+async fn a_question_to_the_machine_outside_of_its_handlers_is_refused() {
+    let (fake, other) = (FakePort::new([1]), FakePort::new([1]).plc());
+    let refused = fake.plc().ask("Go on?", ["yes"]).await;
+    assert!(matches!(refused, Err(Error::Refused(refusal)) if refusal.code == RefusalCode::Invalid));
+    let program = SequenceProgram::new().on(80, move |_output: AuxOutput| {
+        let other = other.clone();
+        async move {
+            other
+                .ask("Go on?", ["yes"])
+                .await
+                .map(|_| ())
+                .map_err(Alarm::from)
+        }
+    });
+    let _task = serve(&fake, program).await;
+    let seq = fake.put_out(1, 80, Params::default());
+    fake.settle().await;
+    assert!(matches!(fake.closed(1, seq), Some(Closed::Failed { .. })));
 }

@@ -329,8 +329,8 @@ fn a_handler_that_does_not_answer_within_2_s_is_a_warning() {
 
 #[test]
 fn a_question_is_shown_with_the_state_and_ends_with_a_stop() {
-    let asks = SequenceProgram::new().on(40, async |_output: AuxOutput, plc: Plc| {
-        let answer = plc.ask("Is the door closed?", ["yes", "no"]).await?;
+    let asks = SequenceProgram::new().on(40, async |output: AuxOutput| {
+        let answer = output.ask("Is the door closed?", ["yes", "no"]).await?;
         if answer == "yes" {
             Ok(())
         } else {

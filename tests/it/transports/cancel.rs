@@ -53,7 +53,7 @@ async fn wait(output: AuxOutput, plc: Plc, shared: Arc<Shared>) -> Result<(), Al
     match waits.expect("the test says where") {
         Waits::Asleep => plc.sleep(Duration::from_secs(1000)).await,
         Waits::ForTheOperator => {
-            plc.ask("Shall it go on?", ["yes"]).await?;
+            output.ask("Shall it go on?", ["yes"]).await?;
         }
         Waits::ForTheMachine => {
             plc.coordinate_system(2)

@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use plc_api::types::request::{Answer, RefusalCode, Request};
-use plc_api::{Alarm, AuxOutput, Error, Execution, Params, Plc, SequenceProgram};
+use plc_api::{Alarm, AuxOutput, Error, Execution, Params, SequenceProgram};
 
 use super::{Reached, in_process, over_mosquitto, over_rest, over_the_embedded_broker};
 use crate::support::wait::{until, within};
@@ -17,9 +17,9 @@ fn pocket(params: &Params) -> Result<f64, Alarm> {
     Ok(pocket)
 }
 
-async fn ask(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
+async fn ask(output: AuxOutput) -> Result<(), Alarm> {
     let pocket = pocket(output.params())?;
-    match plc
+    match output
         .ask(format!("Is tool {pocket} in its pocket?"), ["yes", "no"])
         .await?
         .as_str()

@@ -3,7 +3,7 @@
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use crate::plc::unique_name;
+use crate::names::unique_name;
 use crate::types::CoordinateSystemNumber;
 use crate::types::command::{Command, CommandMeta};
 use crate::types::data::{Number, VariableArea};
@@ -243,7 +243,7 @@ fn input_message(cs: CoordinateSystemNumber, input: &Input) -> Result<Outgoing, 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::outputs::reset_of;
+    use crate::claim::reset_of;
     use crate::types::BootId;
     use crate::types::machine::AlarmRaise;
     use crate::types::output::HandlerPresence;

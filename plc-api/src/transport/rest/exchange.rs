@@ -430,7 +430,7 @@ fn encoded(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::outputs::reset_of;
+    use crate::claim::reset_of;
     use crate::types::BootId;
     use crate::types::command::Expect;
 

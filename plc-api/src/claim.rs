@@ -1,0 +1,120 @@
+//! What a handler says of an output, and whether it counted: claims, and the reset at its end.
+
+use std::time::Duration;
+
+use crate::alarm::Alarm;
+use crate::error::{Error, Result};
+use crate::plc::{Plc, unexpected};
+use crate::types::message::Message;
+use crate::types::output::{
+    Claim, HandshakeResult, HandshakeStatus, PendingOutput, Redelivery, Reset, ResetResult,
+};
+use crate::types::request::{Answer, RefusalCode, Request};
+use crate::types::{BootId, CoordinateSystemNumber};
+
+/// How long after a claim, reset, presence or question that could not be delivered it is sent again.
+pub(crate) const RETRY: Duration = Duration::from_secs(1);
+
+/// An output across boots.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub(crate) struct OutputId {
+    pub(crate) boot_id: BootId,
+    pub(crate) cs: CoordinateSystemNumber,
+    pub(crate) seq: u64,
+}
+
+impl OutputId {
+    /// An output of a coordinate system, as a message shows it.
+    pub(crate) fn of(message: &Message, cs: CoordinateSystemNumber, output: &PendingOutput) -> Self {
+        Self {
+            boot_id: message.boot_id.clone(),
+            cs,
+            seq: output.output.seq,
+        }
+    }
+
+    /// The handler takes the output, with this M number.
+    pub(crate) fn claim(&self, m: u16, handler_id: &str) -> Request {
+        let claim = Claim {
+            boot_id: self.boot_id.clone(),
+            seq: self.seq,
+            handler_id: handler_id.to_owned(),
+        };
+        Request::Claim(self.cs, Some(m), claim)
+    }
+
+    /// How the handler has ended.
+    pub(crate) fn reset(&self, m: u16, handler_id: &str, alarm: Option<Alarm>) -> Request {
+        let reset = reset_of(&self.boot_id, self.seq, handler_id, alarm);
+        Request::Reset(self.cs, Some(m), reset)
+    }
+}
+
+/// The reset that says how a handler has ended.
+pub(crate) fn reset_of(boot_id: &BootId, seq: u64, handler_id: &str, alarm: Option<Alarm>) -> Reset {
+    let (result, code, text) = match alarm {
+        None => (ResetResult::Ok, None, None),
+        Some(alarm) => (
+            ResetResult::Fault,
+            Some(alarm.user_code().unwrap_or(0)),
+            Some(alarm.text),
+        ),
+    };
+    Reset {
+        boot_id: boot_id.clone(),
+        seq,
+        handler_id: handler_id.to_owned(),
+        result,
+        code,
+        text,
+        force: None,
+    }
+}
+
+/// Whether the machine has accepted what was said of an output, as far as its answer tells.
+pub(crate) fn accepted(m: u16, seq: u64, answer: &Answer) -> Result<()> {
+    match answer {
+        Answer::Handshake(result) if result.status == HandshakeStatus::Accepted => Ok(()),
+        Answer::Handshake(result) => Err(Error::Handshake {
+            m,
+            seq,
+            status: result.status,
+        }),
+        Answer::Done => Ok(()),
+        other => Err(unexpected(other)),
+    }
+}
+
+/// Sends a claim or reset until it is answered; `None` when the machine refuses it for good.
+pub(crate) async fn until_answered(plc: &Plc, request: Request) -> Option<HandshakeStatus> {
+    loop {
+        match plc.port().request(request.clone()).await {
+            Ok(Answer::Handshake(HandshakeResult { status, .. })) => return Some(status),
+            Ok(answer) => {
+                tracing::warn!(?answer, "an answer of another kind");
+                return None;
+            }
+            Err(refusal) if refusal.code == RefusalCode::Unavailable => {
+                tracing::warn!(%refusal, "claim or reset not answered yet");
+                plc.sleep(RETRY).await;
+            }
+            Err(refusal) => {
+                tracing::warn!(%refusal, "claim or reset refused");
+                return None;
+            }
+        }
+    }
+}
+
+/// What becomes of an output: `None` leaves it to an operator, else whether the machine must be looked at first.
+pub(crate) fn taken_up(lost: bool, told: Option<Redelivery>, on_redelivery: Redelivery) -> Option<bool> {
+    match (lost, told) {
+        (_, Some(Redelivery::Redo)) | (false, _) => Some(false),
+        (_, Some(Redelivery::Verify)) => Some(true),
+        (true, _) => match on_redelivery {
+            Redelivery::Ask => None,
+            Redelivery::Redo => Some(false),
+            Redelivery::Verify => Some(true),
+        },
+    }
+}

@@ -1,0 +1,21 @@
+//! Names of handlers and connections.
+
+use std::hash::{BuildHasher, Hasher, RandomState};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use crate::handshake::HANDLER_ID_MAX;
+
+/// A name that no other process and no other call has.
+pub(crate) fn unique_name(kind: &str) -> String {
+    static COUNT: AtomicU64 = AtomicU64::new(0);
+    let mut hasher = RandomState::new().build_hasher();
+    hasher.write_u32(std::process::id());
+    hasher.write_u64(COUNT.fetch_add(1, Ordering::Relaxed));
+    format!("{kind}-{:012x}", hasher.finish() & 0xffff_ffff_ffff)
+}
+
+/// What is wrong with the name of a handler, in words.
+pub(crate) fn mistake_in_id(id: &str) -> Option<String> {
+    let is_wrong = id.is_empty() || id.chars().count() > HANDLER_ID_MAX || id.contains(['/', '+', '#']);
+    is_wrong.then(|| format!("handler_id {id:?}: write 1 to {HANDLER_ID_MAX} characters without / + #"))
+}
