@@ -2,5 +2,5 @@
 #![allow(clippy::print_stdout, reason = "this is how a build script talks to cargo")]
 
 fn main() {
-    println!("cargo:rerun-if-changed=../../web");
+    println!("cargo:rerun-if-changed=web");
 }

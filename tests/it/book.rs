@@ -2,6 +2,7 @@
 //! complete.
 
 mod commands;
+mod container;
 mod generated;
 mod links;
 mod page;

@@ -15,7 +15,7 @@ use crate::problem::Problem;
 use crate::shared::Shared;
 
 #[derive(RustEmbed)]
-#[folder = "../../web"]
+#[folder = "web"]
 struct Files;
 
 /// What a browser may fetch. Tests, types and package files that lie beside them are not served.

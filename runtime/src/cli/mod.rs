@@ -2,8 +2,10 @@
 
 mod check;
 mod compile;
+mod completions;
 mod explain;
 mod init;
+mod man;
 mod mqtt_acl;
 mod plot;
 mod serve;
@@ -29,7 +31,7 @@ const EXIT_UNREADABLE: u8 = 2;
 #[derive(Parser)]
 #[command(
     name = "tandem",
-    version,
+    version = concat!(env!("CARGO_PKG_VERSION"), " (", env!("TANDEM_BUILD"), ")"),
     about = "Runs NC programs and sequence programs in tandem",
     args_conflicts_with_subcommands = true
 )]
@@ -60,6 +62,10 @@ enum Command {
     Token(token::Arguments),
     /// Prints the access rules of the token file for an external Mosquitto
     MqttAcl(mqtt_acl::Arguments),
+    /// Prints what a shell needs to complete commands and options
+    Completions(completions::Arguments),
+    /// Prints a manual page
+    Man(man::Arguments),
 }
 
 /// Runs the command of this process's arguments.
@@ -76,6 +82,8 @@ pub fn run() -> ExitCode {
         Some(Command::Simulate(arguments)) => simulate::run(&arguments),
         Some(Command::Token(arguments)) => token::run(&arguments),
         Some(Command::MqttAcl(arguments)) => mqtt_acl::run(&arguments),
+        Some(Command::Completions(arguments)) => completions::run(&arguments),
+        Some(Command::Man(arguments)) => man::run(&arguments),
     };
     ExitCode::from(code)
 }

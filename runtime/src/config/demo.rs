@@ -4,20 +4,17 @@ use std::collections::BTreeMap;
 
 use super::Config;
 
-const DEMO_TOML: &str = include_str!("../../../examples/config/demo.toml");
+const DEMO_TOML: &str = include_str!("demo/demo.toml");
 
 /// The demo's NC programs, by their path in its configuration.
 const DEMO_PROGRAMS: [(&str, &str); 7] = [
-    ("../nc/plate.nc", include_str!("../../../examples/nc/plate.nc")),
-    ("../nc/holes.nc", include_str!("../../../examples/nc/holes.nc")),
-    (
-        "../nc/transfer.nc",
-        include_str!("../../../examples/nc/transfer.nc"),
-    ),
-    ("../nc/flange.nc", include_str!("../../../examples/nc/flange.nc")),
-    ("../nc/1000.nc", include_str!("../../../examples/nc/1000.nc")),
-    ("../nc/1001.nc", include_str!("../../../examples/nc/1001.nc")),
-    ("../nc/loader.nc", include_str!("../../../examples/nc/loader.nc")),
+    ("../nc/plate.nc", include_str!("demo/nc/plate.nc")),
+    ("../nc/holes.nc", include_str!("demo/nc/holes.nc")),
+    ("../nc/transfer.nc", include_str!("demo/nc/transfer.nc")),
+    ("../nc/flange.nc", include_str!("demo/nc/flange.nc")),
+    ("../nc/1000.nc", include_str!("demo/nc/1000.nc")),
+    ("../nc/1001.nc", include_str!("demo/nc/1001.nc")),
+    ("../nc/loader.nc", include_str!("demo/nc/loader.nc")),
 ];
 
 impl Config {

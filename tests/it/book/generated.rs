@@ -1,7 +1,10 @@
 //! Pages that are written from the product: `TANDEM_UPDATE=1 cargo test -p tandem --test it book::generated`.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 use std::process::Command;
+
+use serde_json::Value;
 
 use crate::support::binary::{root, tandem};
 
@@ -46,4 +49,106 @@ fn the_page_of_the_command_line_is_what_the_command_says() {
         write!(page, "\n## tandem {command}\n\n```text\n{help}```\n").unwrap();
     }
     check("docs/src/reference/cli.md", &page);
+}
+
+/// Names of the packages of others that the command is made of on Linux, with their licences and addresses.
+fn third_party() -> BTreeSet<(String, String, String)> {
+    let ran = Command::new(env!("CARGO"))
+        .args(["metadata", "--format-version", "1", "--locked", "--offline"])
+        .args(["--filter-platform", "x86_64-unknown-linux-gnu"])
+        .current_dir(root())
+        .output()
+        .unwrap();
+    assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
+    let metadata: Value = serde_json::from_slice(&ran.stdout).unwrap();
+    let by_id = |list: &Value| -> BTreeMap<String, Value> {
+        let list = list.as_array().unwrap().iter();
+        list.map(|entry| (entry["id"].as_str().unwrap().to_owned(), entry.clone()))
+            .collect()
+    };
+    let (packages, nodes) = (by_id(&metadata["packages"]), by_id(&metadata["resolve"]["nodes"]));
+    let is_command = |package: &&Value| package["name"] == "tandem-runtime";
+    let command = packages.values().find(is_command).unwrap();
+    let mut open = vec![command["id"].as_str().unwrap()];
+    let mut reached = BTreeSet::new();
+    while let Some(id) = open.pop() {
+        if !reached.insert(id) {
+            continue;
+        }
+        for dependency in nodes[id]["deps"].as_array().unwrap() {
+            let kinds = dependency["dep_kinds"].as_array().unwrap();
+            if kinds.iter().any(|kind| kind["kind"].is_null()) {
+                open.push(dependency["pkg"].as_str().unwrap());
+            }
+        }
+    }
+    let text = |value: &Value| value.as_str().unwrap_or_default().to_owned();
+    let others = reached.into_iter().map(|id| &packages[id]);
+    others
+        .filter(|package| !package["source"].is_null())
+        .map(|package| {
+            let (name, licence) = (text(&package["name"]), text(&package["license"]));
+            (name, licence.replace('/', " OR "), text(&package["repository"]))
+        })
+        .collect()
+}
+
+#[test]
+fn the_list_of_third_party_licences_is_that_of_the_packages_that_are_linked() {
+    let packages = third_party();
+    let mut page = String::from(
+        "# Third-party licences\n\nThe packages of others that the command `tandem` is made of on Linux; `Cargo.lock` names their \
+         versions. Each carries the text\nof its licence.\n\n| package | licence | address |\n| --- | --- | --- |\n",
+    );
+    for (name, licence, address) in &packages {
+        assert!(!licence.is_empty(), "{name} names no licence");
+        writeln!(page, "| {name} | {licence} | {address} |").unwrap();
+    }
+    assert!(packages.iter().any(|(name, ..)| name == "tokio"), "{packages:?}");
+    check("docs/src/reference/third-party.md", &page);
+}
+
+#[test]
+fn bash_completes_commands_and_options() {
+    let complete = |words: &str, current: &str| {
+        let script = format!(
+            "source <(\"$0\" completions bash); COMP_WORDS=({words}); COMP_CWORD=$((${{#COMP_WORDS[@]}} - 1)); \
+             _tandem tandem '{current}' x; echo \"${{COMPREPLY[@]}}\""
+        );
+        let ran = Command::new("bash")
+            .args(["-c", &script])
+            .arg(tandem())
+            .output()
+            .unwrap();
+        String::from_utf8(ran.stdout).unwrap().trim().to_owned()
+    };
+    assert_eq!(complete("tandem si", "si"), "simulate");
+    assert_eq!(
+        complete("tandem simulate --trace-", "--trace-"),
+        "--trace-spindle"
+    );
+}
+
+#[test]
+fn each_command_has_a_manual_page() {
+    let page = |arguments: &[&str]| {
+        let ran = Command::new(tandem())
+            .arg("man")
+            .args(arguments)
+            .output()
+            .unwrap();
+        (ran.status.code(), String::from_utf8(ran.stdout).unwrap())
+    };
+    let top = help(&[]);
+    let (_, tandem) = page(&[]);
+    for command in listed(&top) {
+        assert!(
+            tandem.contains(&format!("tandem\\-{}(1)", command.replace('-', "\\-"))),
+            "{command}"
+        );
+        let (code, text) = page(&[command]);
+        assert_eq!(code, Some(0), "{command}");
+        assert!(text.contains(&format!(".TH tandem-{command} 1")), "{text}");
+    }
+    assert_eq!(page(&["nothing"]), (Some(2), String::new()));
 }

@@ -1,0 +1,19 @@
+//! `tandem completions`: what a shell completes.
+
+use clap::{Args, CommandFactory};
+use clap_complete::{Shell, generate};
+
+use super::{Cli, EXIT_OK, say};
+
+#[derive(Args)]
+pub struct Arguments {
+    /// Shell that reads it
+    shell: Shell,
+}
+
+pub(super) fn run(arguments: &Arguments) -> u8 {
+    let mut script = Vec::new();
+    generate(arguments.shell, &mut Cli::command(), "tandem", &mut script);
+    say(String::from_utf8_lossy(&script).trim_end());
+    EXIT_OK
+}
