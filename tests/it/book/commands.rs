@@ -24,7 +24,7 @@ const HTTP: &str = "127.0.0.1:8080";
 const MQTT: &str = "127.0.0.1:1883";
 
 /// A cold build of a reader's project is the longest of what is waited for.
-const PATIENCE: Duration = Duration::from_mins(5);
+const PATIENCE: Duration = Duration::from_mins(2);
 
 /// What a test does not run: it changes the computer, needs another one, takes all tests, or is a pattern.
 const NOT_RUN: [&str; 13] = [
