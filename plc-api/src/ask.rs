@@ -11,7 +11,7 @@ use crate::names::unique_name;
 use crate::plc::Plc;
 use crate::presence::shown;
 use crate::types::BootId;
-use crate::types::message::{Message, Payload};
+use crate::types::message::Message;
 use crate::types::output::{HandshakeStatus, PendingOutput};
 use crate::types::question::{Ask, OperatorAnswer, Question};
 use crate::types::request::{Refusal, RefusalCode, Request};
@@ -210,11 +210,8 @@ impl CoordinateSystem {
         let topic = Topic::cs(self.number(), CsTopic::Pending);
         let mut pending = self.plc().port().subscribe(Filter::Topics(vec![topic]));
         while let Some(message) = pending.next().await {
-            if let Payload::Pending(pending) = &message.payload
-                && let Some(first) = open_questions(&message.boot_id, &pending.outputs)
-                    .into_iter()
-                    .next()
-            {
+            let asked = open_questions(&message.boot_id, shown(&message));
+            if let Some(first) = asked.into_iter().next() {
                 return Ok(first);
             }
         }

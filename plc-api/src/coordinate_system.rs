@@ -231,16 +231,13 @@ impl CoordinateSystem {
     /// # Errors
     /// [`Error::Refused`] when nothing has changed, [`Error::CommandFailed`] when something prevented its effect.
     pub async fn command(&self, command: Command) -> Result<()> {
-        let (client_id, command_id) = self.plc.command_names();
         let verb = command.verb();
         let request = Request::Command {
             cs: self.number,
             command,
             meta: CommandMeta {
-                command_id,
-                client_id,
                 fence: self.fence,
-                ..CommandMeta::default()
+                ..self.plc.command_meta()
             },
             wait: true,
         };
@@ -308,8 +305,8 @@ impl CoordinateSystem {
     /// # Errors
     /// A number out of this range, or no such coordinate system.
     pub async fn set_optional_skip(&self, number: u8, value: bool) -> Result<()> {
-        let input = Input::OptionalSkip(BTreeMap::from([(number, value)]));
-        self.done(Request::Input(self.number, input)).await
+        let skip = BTreeMap::from([(number, value)]);
+        self.set(Input::OptionalSkip(skip)).await
     }
 
     /// Sets the optional stop input (M01).
@@ -317,8 +314,7 @@ impl CoordinateSystem {
     /// # Errors
     /// No such coordinate system, or the machine cannot be reached.
     pub async fn set_optional_stop(&self, value: bool) -> Result<()> {
-        self.done(Request::Input(self.number, Input::OptionalStop(value)))
-            .await
+        self.set(Input::OptionalStop(value)).await
     }
 
     /// Sets single block: each block ends at rest, INTERRUPTED, until it is resumed.
@@ -326,8 +322,7 @@ impl CoordinateSystem {
     /// # Errors
     /// Within cutter compensation or a tapping cycle, or no such coordinate system.
     pub async fn set_single_block(&self, value: bool) -> Result<()> {
-        self.done(Request::Input(self.number, Input::SingleBlock(value)))
-            .await
+        self.set(Input::SingleBlock(value)).await
     }
 
     /// Sets dry run: blocks read from now on move at the feedrate of dry run in place of F; threads keep theirs.
@@ -335,7 +330,7 @@ impl CoordinateSystem {
     /// # Errors
     /// No such coordinate system, or the machine cannot be reached.
     pub async fn set_dry_run(&self, value: bool) -> Result<()> {
-        self.done(Request::Input(self.number, Input::DryRun(value))).await
+        self.set(Input::DryRun(value)).await
     }
 
     /// Sets the interlock: while it is on, motion is held and nothing that moves begins; `text` says why.
@@ -344,11 +339,7 @@ impl CoordinateSystem {
     /// No such coordinate system, or the machine cannot be reached.
     pub async fn set_interlock(&self, value: bool, text: impl Into<String>) -> Result<()> {
         let text = text.into();
-        self.done(Request::Input(
-            self.number,
-            Input::Interlock(Lock { value, text }),
-        ))
-        .await
+        self.set(Input::Interlock(Lock { value, text })).await
     }
 
     /// Sets the start lock: while it is on, no program begins; `text` says why.
@@ -357,11 +348,7 @@ impl CoordinateSystem {
     /// No such coordinate system, or the machine cannot be reached.
     pub async fn set_start_lock(&self, value: bool, text: impl Into<String>) -> Result<()> {
         let text = text.into();
-        self.done(Request::Input(
-            self.number,
-            Input::StartLock(Lock { value, text }),
-        ))
-        .await
+        self.set(Input::StartLock(Lock { value, text })).await
     }
 
     /// Sets overrides, percent: feed and spindle 0 to 200, rapid 0 to 100; those that are `None` stay.
@@ -369,8 +356,11 @@ impl CoordinateSystem {
     /// # Errors
     /// A value out of its range, or no such coordinate system.
     pub async fn set_overrides(&self, change: OverrideChange) -> Result<()> {
-        self.done(Request::Input(self.number, Input::Override(change)))
-            .await
+        self.set(Input::Override(change)).await
+    }
+
+    async fn set(&self, input: Input) -> Result<()> {
+        self.done(Request::Input(self.number, input)).await
     }
 
     async fn done(&self, request: Request) -> Result<()> {

@@ -162,7 +162,7 @@ impl<Scope> SequenceProgram<Scope> {
 
     /// Notes what [`SequenceProgram::run`] will refuse.
     pub(crate) fn mistake(&mut self, mistake: String) {
-        self.table.mistake(mistake);
+        self.table.mistakes.push(mistake);
     }
 
     fn within<Other>(self, cs: Option<CoordinateSystemNumber>) -> SequenceProgram<Other> {
@@ -221,7 +221,7 @@ impl SequenceProgram {
     /// # Errors
     /// [`Error::SequenceProgram`] names every mistake.
     pub fn check(&self) -> Result<()> {
-        let mut mistakes = self.table.mistakes();
+        let mut mistakes = self.table.all_mistakes();
         mistakes.extend(self.handler_id.as_deref().and_then(mistake_in_id));
         if mistakes.is_empty() {
             return Ok(());

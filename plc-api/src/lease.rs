@@ -9,7 +9,6 @@ use tokio::task::JoinHandle;
 use crate::coordinate_system::CoordinateSystem;
 use crate::error::{Error, Result};
 use crate::plc::{Plc, unexpected};
-use crate::types::command::CommandMeta;
 use crate::types::lease::{Lease as Granted, LeaseRelease, LeaseRequest, LeaseTake};
 use crate::types::request::{Answer, Refusal, RefusalCode, Request};
 
@@ -88,15 +87,10 @@ impl CoordinateSystem {
     }
 
     fn ask(&self, request: LeaseRequest) -> Request {
-        let (client_id, command_id) = self.plc().command_names();
         Request::Lease {
             cs: self.number(),
             request,
-            meta: CommandMeta {
-                command_id,
-                client_id,
-                ..CommandMeta::default()
-            },
+            meta: self.plc().command_meta(),
         }
     }
 }

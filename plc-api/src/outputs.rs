@@ -16,7 +16,7 @@ use crate::hub::{Filter, Subscription};
 use crate::m_codes::{M_CODE_MAX, MCodes};
 use crate::names::mistake_in_id;
 use crate::plc::Plc;
-use crate::presence::{Change, Handled, OpenOutputs, Presence, shown};
+use crate::presence::{Change, OpenOutputs, Presence, shown};
 use crate::types::CoordinateSystemNumber;
 use crate::types::message::Message;
 use crate::types::output::{OutputState, PendingOutput, Redelivery};
@@ -141,22 +141,19 @@ impl Outputs {
         if let Some(mistake) = mistake_in_id(&id) {
             return Err(Error::SequenceProgram(mistake));
         }
-        let handled = Handled {
-            everywhere: self.codes.clone().unwrap_or_default(),
-            ..Handled::default()
-        };
-        let owner = Arc::new(Owner::start(Presence::new(&self.plc, id.into(), handled)));
+        let codes = self.codes.iter().flatten().map(|&m| (None, m)).collect();
+        let presence = Presence::new(&self.plc, id.into(), codes, false);
+        let owner = Arc::new(Owner::start(presence));
         Ok(Arc::clone(self.owner.insert(owner)))
     }
 
     fn on_message(&mut self, owner: &Arc<Owner>, message: &Arc<Message>) {
-        match self.open.on_message(message) {
-            None => return,
-            Some(Change::Boot) => {
-                self.given.clear();
-                self.ready.clear();
-            }
-            Some(Change::Pending(_)) => {}
+        let Some(change) = self.open.on_message(message) else {
+            return;
+        };
+        if change == Change::Boot {
+            self.given.clear();
+            self.ready.clear();
         }
         for (cs, message) in self.open.all() {
             let outputs = shown(message);

@@ -13,6 +13,7 @@ use crate::port::{BoxFuture, Port};
 #[cfg(feature = "mqtt")]
 use crate::transport::mqtt::MqttOptions;
 use crate::types::CoordinateSystemNumber;
+use crate::types::command::CommandMeta;
 use crate::types::machine::{AlarmRaise, AlarmRecord};
 use crate::types::message::Payload;
 use crate::types::program::ProgramInfo;
@@ -244,17 +245,20 @@ impl Plc {
         Ok(self.port.request(request).await?)
     }
 
-    /// Client id and a fresh command id.
-    pub(crate) fn command_names(&self) -> (String, String) {
+    /// A fresh command id, and whose command it is.
+    pub(crate) fn command_meta(&self) -> CommandMeta {
         let number = self.commands.fetch_add(1, Ordering::Relaxed);
-        (self.client_id.to_string(), format!("{}-{number}", self.client_id))
+        CommandMeta {
+            command_id: format!("{}-{number}", self.client_id),
+            client_id: self.client_id.to_string(),
+            ..CommandMeta::default()
+        }
     }
 
     /// Sends a request from a destructor: at once where the machine takes it at once, else from a task. Without a tokio
     /// runtime around it, such as behind its end, only the connection's own runtime could still send it.
     pub(crate) fn send_without_waiting(&self, request: Request, what_if_not: &'static str) {
         let here = tokio::runtime::Handle::try_current().ok();
-        let (is_here, owner) = (here.is_some(), self.runtime.clone());
         let port = Arc::clone(&self.port);
         let mut sent: BoxFuture<'static, ()> = Box::pin(async move {
             if let Err(refusal) = port.request(request).await {
@@ -262,10 +266,10 @@ impl Plc {
             }
         });
         // a connection needs the clock of a runtime
-        if (is_here || owner.is_none()) && (&mut sent).now_or_never().is_some() {
+        if (here.is_some() || self.runtime.is_none()) && (&mut sent).now_or_never().is_some() {
             return;
         }
-        if let Some(runtime) = here.or(owner) {
+        if let Some(runtime) = here.or_else(|| self.runtime.clone()) {
             runtime.spawn(sent);
         }
     }

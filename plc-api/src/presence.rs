@@ -3,6 +3,7 @@
 //! has claimed is given back when it has gone.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::mem::replace;
 use std::sync::Arc;
 
 use futures_util::StreamExt;
@@ -22,31 +23,8 @@ use crate::types::{BootId, CoordinateSystemNumber};
 /// be ending.
 const TRIES: u32 = 5;
 
-/// What a handler is there for.
-#[derive(Debug, Default)]
-pub(crate) struct Handled {
-    /// M codes of every coordinate system.
-    pub(crate) everywhere: BTreeSet<u16>,
-    /// M codes of single coordinate systems.
-    pub(crate) single: BTreeSet<(CoordinateSystemNumber, u16)>,
-    /// True when it checks parameters at program load.
-    pub(crate) validates: bool,
-}
-
-impl Handled {
-    /// The announcement at a machine with these coordinate systems.
-    fn announcement(&self, systems: &[CoordinateSystemNumber]) -> HandlerPresence {
-        let everywhere = systems
-            .iter()
-            .flat_map(|&cs| self.everywhere.iter().map(move |&m| (cs, m)));
-        let codes: BTreeSet<_> = everywhere.chain(self.single.iter().copied()).collect();
-        HandlerPresence {
-            online: true,
-            handles: codes.into_iter().map(|(cs, m)| HandledCode { cs, m }).collect(),
-            validates: self.validates,
-        }
-    }
-}
+/// An M code of one coordinate system, or of all.
+pub(crate) type ServedCode = (Option<CoordinateSystemNumber>, u16);
 
 fn gone() -> HandlerPresence {
     HandlerPresence {
@@ -93,9 +71,8 @@ impl OpenOutputs {
         match (&message.topic, &message.payload) {
             (_, Payload::Presence(presence)) => {
                 let online = presence.online.then(|| message.boot_id.clone());
-                let is_other = online != self.online;
-                self.online = online;
-                is_other.then_some(Change::Boot)
+                let before = replace(&mut self.online, online);
+                (before != self.online).then_some(Change::Boot)
             }
             (Topic::CoordinateSystem(cs, CsTopic::Pending), Payload::Pending(_)) => {
                 self.pending.insert(*cs, Arc::clone(message));
@@ -115,10 +92,9 @@ impl OpenOutputs {
         all.filter(|(_, message)| self.online.as_ref() == Some(&message.boot_id))
     }
 
-    /// The `pending` of one coordinate system, of the boot that is online.
+    /// The same of one coordinate system.
     pub(crate) fn of(&self, cs: CoordinateSystemNumber) -> Option<&Arc<Message>> {
-        let pending = self.pending.get(&cs);
-        pending.filter(|message| self.online.as_ref() == Some(&message.boot_id))
+        self.all().find(|(of, _)| *of == cs).map(|(_, message)| message)
     }
 }
 
@@ -148,56 +124,44 @@ enum Done {
     Sent,
 }
 
-/// Whether the machine is being told of the handler.
+/// Whether the machine was told of the handler.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Telling {
-    Idle,
+    NotYet,
     Busy,
-    /// Once more after that.
-    BusyAndAgain,
+    BusyAndThenAgain,
+    Told,
 }
 
 /// The handler, from its first announcement on.
 pub(crate) struct Presence {
-    plc: Plc,
-    handler_id: Arc<str>,
-    handled: Handled,
+    pub(crate) plc: Plc,
+    pub(crate) handler_id: Arc<str>,
+    pub(crate) open: OpenOutputs,
+    codes: BTreeSet<ServedCode>,
+    // it checks parameters at program load
+    validates: bool,
     said: Subscription,
-    open: OpenOutputs,
     systems: Vec<CoordinateSystemNumber>,
-    // the first announcement was begun
-    is_announced: bool,
     telling: Telling,
     reclaiming: BTreeSet<OutputId>,
     under_way: FuturesUnordered<BoxFuture<'static, Done>>,
 }
 
 impl Presence {
-    pub(crate) fn new(plc: &Plc, handler_id: Arc<str>, handled: Handled) -> Self {
+    pub(crate) fn new(plc: &Plc, handler_id: Arc<str>, codes: BTreeSet<ServedCode>, validates: bool) -> Self {
         Self {
             plc: plc.clone(),
             handler_id,
-            handled,
+            codes,
+            validates,
             said: plc.port().subscribe(Filter::Handshake),
             open: OpenOutputs::default(),
             systems: Vec::new(),
-            is_announced: false,
-            telling: Telling::Idle,
+            telling: Telling::NotYet,
             reclaiming: BTreeSet::new(),
             under_way: FuturesUnordered::new(),
         }
-    }
-
-    pub(crate) fn plc(&self) -> &Plc {
-        &self.plc
-    }
-
-    pub(crate) fn handler_id(&self) -> &Arc<str> {
-        &self.handler_id
-    }
-
-    pub(crate) fn open(&self) -> &OpenOutputs {
-        &self.open
     }
 
     /// Tells the machine that the handler has gone, when it is dropped.
@@ -233,13 +197,12 @@ impl Presence {
             (_, Payload::Presence(_)) => change.is_some(),
             (_, Payload::Birth(birth)) => {
                 let systems: Vec<_> = birth.coordinate_systems.iter().map(|cs| cs.number).collect();
-                let is_other = systems != self.systems;
-                self.systems = systems;
-                is_other
+                let before = replace(&mut self.systems, systems);
+                before != self.systems
             }
             // the last will of a connection that is no more came after the handler was announced
             (Topic::HandlerPresence(id), Payload::HandlerPresence(presence)) => {
-                self.is_announced && **id == *self.handler_id && !presence.online
+                self.telling != Telling::NotYet && **id == *self.handler_id && !presence.online
             }
             _ => false,
         };
@@ -253,7 +216,7 @@ impl Presence {
         Ok(match done {
             Done::Announced(told) => {
                 told?;
-                if std::mem::replace(&mut self.telling, Telling::Idle) == Telling::BusyAndAgain {
+                if replace(&mut self.telling, Telling::Told) == Telling::BusyAndThenAgain {
                     self.announce();
                 }
                 Some(Event::Announced)
@@ -266,21 +229,34 @@ impl Presence {
         })
     }
 
+    /// What the machine is told of it.
+    fn announcement(&self) -> HandlerPresence {
+        let codes = self.codes.iter().flat_map(|(cs, m)| {
+            let systems = cs.as_ref().map_or(&*self.systems, std::slice::from_ref);
+            systems.iter().map(|cs| (*cs, *m))
+        });
+        let codes: BTreeSet<_> = codes.collect();
+        HandlerPresence {
+            online: true,
+            handles: codes.into_iter().map(|(cs, m)| HandledCode { cs, m }).collect(),
+            validates: self.validates,
+        }
+    }
+
     fn announce(&mut self) {
         if self.systems.is_empty() || self.open.online().is_none() {
             return;
         }
-        if self.telling != Telling::Idle {
-            self.telling = Telling::BusyAndAgain;
+        if matches!(self.telling, Telling::Busy | Telling::BusyAndThenAgain) {
+            self.telling = Telling::BusyAndThenAgain;
             return;
         }
-        self.telling = Telling::Busy;
         // claims of an earlier program of the same name that died unseen are given back first
-        let first = (!std::mem::replace(&mut self.is_announced, true)).then(gone);
-        let online = self.handled.announcement(&self.systems);
+        let is_first = replace(&mut self.telling, Telling::Busy) == Telling::NotYet;
+        let online = self.announcement();
         let (plc, id) = (self.plc.clone(), self.handler_id.to_string());
         self.under_way.push(Box::pin(async move {
-            for presence in first.into_iter().chain([online]) {
+            for presence in is_first.then(gone).into_iter().chain([online]) {
                 if let Err(refusal) = tell(&plc, &id, presence).await {
                     return Done::Announced(Err(refusal));
                 }

@@ -89,6 +89,7 @@
 
 mod flags;
 mod image;
+mod writer;
 mod writes;
 
 use std::panic::AssertUnwindSafe;
@@ -103,7 +104,7 @@ use crate::text::panic_text;
 use flags::Flags;
 use image::Camera;
 pub use image::{Image, Reads};
-use writes::Writer;
+use writer::Writer;
 
 /// Shortest period of a scan. Reason: the clocks that it sleeps on count milliseconds.
 pub const SCAN_PERIOD_MIN: Duration = Duration::from_millis(1);

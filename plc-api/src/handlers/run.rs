@@ -49,7 +49,7 @@ pub(super) async fn run(
     plc: &Plc,
     handler_id: Arc<str>,
 ) -> Result<()> {
-    let presence = Presence::new(plc, handler_id, table.handled());
+    let presence = Presence::new(plc, handler_id, table.codes(), table.validates());
     // dropped after the runner, and with it after the handlers
     let _gone = presence.gone();
     let mut runner = Runner {
@@ -83,7 +83,7 @@ impl Runner {
     fn on_event(&mut self, event: Event) {
         match event {
             Event::Said(_, Some(Change::Boot)) => {
-                if let Some(boot) = self.presence.open().online() {
+                if let Some(boot) = self.presence.open.online() {
                     self.cancel_where(|other| other.boot_id != *boot, Some(CancelReason::Shutdown));
                 }
                 self.look_at_all();
@@ -121,7 +121,7 @@ impl Runner {
         let refused = self.table.validate(cs, m, &asked.params).err();
         let result = ValidateResult {
             request_id: asked.request_id.clone(),
-            handler_id: self.presence.handler_id().to_string(),
+            handler_id: self.presence.handler_id.to_string(),
             ok: refused.is_none(),
             text: refused.map(|alarm| alarm.text),
         };
@@ -131,7 +131,7 @@ impl Runner {
     }
 
     fn look_at_all(&mut self) {
-        let systems: Vec<_> = self.presence.open().all().map(|(cs, _)| cs).collect();
+        let systems: Vec<_> = self.presence.open.all().map(|(cs, _)| cs).collect();
         for cs in systems {
             self.look_at(cs);
         }
@@ -139,13 +139,13 @@ impl Runner {
 
     /// Ends what is no longer open or another's, takes up what is open.
     fn look_at(&mut self, cs: CoordinateSystemNumber) {
-        let Some(message) = self.presence.open().of(cs).filter(|_| self.is_known) else {
+        let Some(message) = self.presence.open.of(cs).filter(|_| self.is_known) else {
             return;
         };
         let message = Arc::clone(message);
         let is_ours = |output: &PendingOutput| {
             let owner = output.handler_id.as_deref();
-            owner.is_none_or(|owner| owner == &**self.presence.handler_id())
+            owner.is_none_or(|owner| owner == &*self.presence.handler_id)
         };
         let is_over = |id: &OutputId| {
             let mut open = shown(&message).iter();
@@ -177,8 +177,8 @@ impl Runner {
         };
         let (cancel, cancellation) = Cancellation::new();
         let output = AuxOutput::new(
-            self.presence.plc(),
-            self.presence.handler_id(),
+            &self.presence.plc,
+            &self.presence.handler_id,
             id.clone(),
             &pending.output,
             verify,

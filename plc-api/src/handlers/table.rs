@@ -1,6 +1,6 @@
 //! Which handler serves which M code.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::future::Future;
 use std::ops::RangeInclusive;
 use std::panic::AssertUnwindSafe;
@@ -10,7 +10,7 @@ use crate::alarm::Alarm;
 use crate::m_codes::{M_CODE_MAX, RUNTIME_M_CODES};
 use crate::plc::Plc;
 use crate::port::BoxFuture;
-use crate::presence::Handled;
+use crate::presence::ServedCode;
 use crate::text::panic_text;
 use crate::types::CoordinateSystemNumber;
 use crate::types::output::Params;
@@ -90,10 +90,10 @@ fn place(cs: Option<CoordinateSystemNumber>) -> String {
 /// Handlers by M code, for every coordinate system and for single ones.
 #[derive(Clone, Default)]
 pub(super) struct Table {
-    everywhere: BTreeMap<u16, Boxed>,
-    single: BTreeMap<(CoordinateSystemNumber, u16), Boxed>,
-    checks: BTreeMap<(Option<CoordinateSystemNumber>, u16), Check>,
-    mistakes: Vec<String>,
+    handlers: BTreeMap<ServedCode, Boxed>,
+    checks: BTreeMap<ServedCode, Check>,
+    // of single calls, in words
+    pub(super) mistakes: Vec<String>,
 }
 
 impl Table {
@@ -121,11 +121,7 @@ impl Table {
                 self.mistakes.push(mistake);
                 continue;
             }
-            let before = match cs {
-                None => self.everywhere.insert(m, Arc::clone(&boxed)),
-                Some(cs) => self.single.insert((cs, m), Arc::clone(&boxed)),
-            };
-            if before.is_some() {
+            if self.handlers.insert((cs, m), Arc::clone(&boxed)).is_some() {
                 self.mistakes.push(format!("M{m}{place} has two handlers"));
             }
         }
@@ -145,15 +141,10 @@ impl Table {
         }
     }
 
-    /// Notes what is wrong in a call.
-    pub(super) fn mistake(&mut self, mistake: String) {
-        self.mistakes.push(mistake);
-    }
-
-    /// What is wrong in the calls so far, in words.
-    pub(super) fn mistakes(&self) -> Vec<String> {
+    /// What is wrong in the calls so far and between them, in words.
+    pub(super) fn all_mistakes(&self) -> Vec<String> {
         let is_handled = |cs: Option<CoordinateSystemNumber>, m| match cs {
-            None => self.everywhere.contains_key(&m) || self.single.keys().any(|(_, handled)| *handled == m),
+            None => self.handlers.keys().any(|(_, handled)| *handled == m),
             Some(cs) => self.find(cs, m).is_some(),
         };
         let idle = self.checks.keys().filter(|(cs, m)| !is_handled(*cs, *m));
@@ -171,7 +162,7 @@ impl Table {
         let everywhere = || {
             self.checks
                 .get(&(None, m))
-                .filter(|_| !self.single.contains_key(&(cs, m)))
+                .filter(|_| !self.handlers.contains_key(&(Some(cs), m)))
         };
         let Some(check) = self.checks.get(&(Some(cs), m)).or_else(everywhere) else {
             return Ok(());
@@ -184,15 +175,12 @@ impl Table {
 
     /// The handler of an M code there: that of the coordinate system before that of all.
     pub(super) fn find(&self, cs: CoordinateSystemNumber, m: u16) -> Option<&Boxed> {
-        self.single.get(&(cs, m)).or_else(|| self.everywhere.get(&m))
+        let of_all = || self.handlers.get(&(None, m));
+        self.handlers.get(&(Some(cs), m)).or_else(of_all)
     }
 
-    /// What the machine is told of it.
-    pub(super) fn handled(&self) -> Handled {
-        Handled {
-            everywhere: self.everywhere.keys().copied().collect(),
-            single: self.single.keys().copied().collect(),
-            validates: self.validates(),
-        }
+    /// All codes that are served.
+    pub(super) fn codes(&self) -> BTreeSet<ServedCode> {
+        self.handlers.keys().copied().collect()
     }
 }

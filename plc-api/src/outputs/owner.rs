@@ -85,8 +85,7 @@ async fn keep(
             Ok(Some(Event::Announced)) => {
                 known.send_replace(Some(Ok(())));
             }
-            Ok(Some(Event::Said(_, None))) => {}
-            Ok(Some(Event::Said(_, Some(_)))) => {
+            Ok(Some(Event::Said(..))) => {
                 for (id, m) in presence.lost() {
                     if lock(&held).get(&id) == Some(&true) {
                         presence.reclaim(id, m);
