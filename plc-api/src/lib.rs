@@ -155,7 +155,7 @@
 //! ([`CoordinateSystem::take_lease`]): until that is released or dropped, nobody else starts motion there.
 //!
 //! # Scan style
-//! Who thinks in PLC scans writes a [`scan::ScanProgram`]: at a fixed period it sees M codes as flags with parameters
+//! If you think in PLC scans, write a [`scan::ScanProgram`]: at a fixed period it sees M codes as flags with parameters
 //! beside states, inputs and variables, and writes resets, inputs and commands as flags. [`SequenceProgram::scan`] serves
 //! it beside handlers.
 //! ```

@@ -7,12 +7,11 @@ use tandem_interp::{dialects, reference};
 
 #[test]
 fn the_reference_that_is_checked_in_is_that_of_the_tables() -> std::io::Result<()> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("reference");
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/src/reference");
     let update = std::env::var_os("UPDATE_REFERENCE").is_some();
     for page in reference::pages(dialects::nj()) {
         let path = folder.join(page.name);
         if update {
-            std::fs::create_dir_all(&folder)?;
             std::fs::write(&path, &page.text)?;
         }
         let stored = std::fs::read_to_string(&path)?;

@@ -13,14 +13,13 @@ const REPOSITORY: [&str; 2] = [
 ];
 
 /// Pages beside those of the book.
-const OTHERS: [&str; 7] = [
+const OTHERS: [&str; 6] = [
     "README.md",
     "CHANGELOG.md",
     "CONTRIBUTING.md",
     "SECURITY.md",
     "ROADMAP.md",
     "runtime/ARCHITECTURE.md",
-    "runtime/gateway/THREATS.md",
 ];
 
 /// The lines outside of fenced blocks, with their numbers; what stands in backticks is left out.

@@ -1,4 +1,4 @@
-//! `THREATS.md` names a test for each line of what is tried; each of them is there.
+//! The page of security names a test for each line of what is tried; each of them is there.
 
 use std::path::Path;
 
@@ -16,7 +16,7 @@ fn sources(folder: &Path, text: &mut String) {
 #[test]
 fn every_line_of_the_threats_has_its_test() {
     let own = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let page = std::fs::read_to_string(own.join("THREATS.md")).unwrap();
+    let page = std::fs::read_to_string(own.join("../../docs/src/explanation/security.md")).unwrap();
     let mut text = String::new();
     sources(&own.join("src"), &mut text);
     sources(&own.join("../../tests/it"), &mut text);
