@@ -18,7 +18,7 @@ use plc_api::Plc;
 use tandem_runtime::demo_sequence_program;
 
 use super::page::{Block, blocks, pages, read};
-use crate::support::binary::{example, root, tandem};
+use crate::support::binary::{example, forget_package, root, tandem};
 
 const HTTP: &str = "127.0.0.1:8080";
 const MQTT: &str = "127.0.0.1:1883";
@@ -168,11 +168,8 @@ impl Reader {
         let mut bash = Command::new("bash");
         bash.args(["-euo", "pipefail", "-c", script])
             .current_dir(&self.folder);
-        for (key, _) in std::env::vars_os() {
-            if key.to_string_lossy().starts_with("CARGO_") {
-                bash.env_remove(&key);
-            }
-        }
+        forget_package(&mut bash);
+        bash.env_remove("CARGO_TARGET_DIR");
         let cargo = Path::new(env!("CARGO")).parent().unwrap();
         let path = std::env::var("PATH").unwrap();
         let bin = self.home.path().join("bin");

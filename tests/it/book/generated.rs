@@ -109,6 +109,17 @@ fn the_list_of_third_party_licences_is_that_of_the_packages_that_are_linked() {
 }
 
 #[test]
+fn the_version_that_is_told_is_that_of_the_packages_and_of_the_pages() {
+    let ran = Command::new(tandem()).arg("--version").output().unwrap();
+    let said = String::from_utf8(ran.stdout).unwrap();
+    let version = env!("CARGO_PKG_VERSION");
+    assert!(said.starts_with(&format!("tandem {version} (")), "{said}");
+    let page = |path: &str| std::fs::read_to_string(root().join(path)).unwrap();
+    assert!(page("README.md").contains(&format!("\nTandem {version} runs machine mill-1.\n")));
+    assert!(page("CHANGELOG.md").contains(version));
+}
+
+#[test]
 fn bash_completes_commands_and_options() {
     let complete = |words: &str, current: &str| {
         let script = format!(

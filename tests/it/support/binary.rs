@@ -50,11 +50,8 @@ fn folder() -> PathBuf {
     folder.to_owned()
 }
 
-fn build(what: &[&str]) {
-    let folder = folder();
-    let mut cargo = Command::new(env!("CARGO"));
-    cargo.arg("build").args(what).current_dir(root());
-    // What cargo tells a test about its own package would make build scripts run again.
+/// Takes away what cargo tells a test about its own package: it would make build scripts run again.
+pub fn forget_package(command: &mut Command) {
     for (key, _) in std::env::vars_os() {
         let name = key.to_string_lossy();
         if [
@@ -67,9 +64,16 @@ fn build(what: &[&str]) {
         .iter()
         .any(|prefix| name.starts_with(prefix))
         {
-            cargo.env_remove(&key);
+            command.env_remove(&key);
         }
     }
+}
+
+fn build(what: &[&str]) {
+    let folder = folder();
+    let mut cargo = Command::new(env!("CARGO"));
+    cargo.arg("build").args(what).current_dir(root());
+    forget_package(&mut cargo);
     cargo.env("CARGO_TARGET_DIR", folder.parent().expect("a target folder"));
     if folder.file_name().is_some_and(|name| name == "release") {
         cargo.arg("--release");
