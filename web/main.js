@@ -25,7 +25,7 @@ import { views } from "./views/index.js";
  */
 
 /**
- * A view: one file, and one line in views/index.js.
+ * A view: one file, its import and its place in views/index.js.
  * @typedef {object} View
  * @property {"header" | "banner" | "now" | "left" | "middle" | "right" | "footer"} place
  * @property {(app: App) => {element: HTMLElement, render: () => void}} create

@@ -1,5 +1,38 @@
-//! What users add, through the public API only: a handler, a transport, a G code in a dialect of their own.
+//! What users add, through the public API only: a handler, a transport, a G code in a dialect of their own; and what else is
+//! added in few places: a configuration key, a card of the HMI.
 
+mod configuration_key;
 mod g_code;
 mod handler;
+mod hmi_card;
 mod transport;
+
+use std::path::PathBuf;
+
+use crate::tidy::{files, read, without_unit_tests};
+
+/// The files that the architecture page names as the cost of an addition.
+fn costs(addition: &str) -> Vec<String> {
+    let page = read("runtime/ARCHITECTURE.md".as_ref());
+    let begin = format!("| {addition} |");
+    let row = page.lines().find(|line| line.starts_with(&begin));
+    let row = row.unwrap_or_else(|| panic!("no row of {addition}"));
+    row.split('`').skip(1).step_by(2).map(str::to_owned).collect()
+}
+
+/// Product files of a folder with this ending whose code, without tests and comments, is as wanted.
+fn files_where(folder: &str, ending: &str, is_meant: impl Fn(&str) -> bool) -> Vec<PathBuf> {
+    let is_code = |line: &&str| !line.trim_start().starts_with("//") && !line.trim_start().starts_with('*');
+    let mut found = files(&[ending]);
+    found.retain(|path| {
+        let is_test = path
+            .components()
+            .any(|part| ["tests", "tests.rs", "benches"].contains(&part.as_os_str().to_str().unwrap()));
+        !is_test && path.starts_with(folder) && {
+            let text = read(path);
+            let code: Vec<_> = without_unit_tests(&text).lines().filter(is_code).collect();
+            is_meant(&code.join("\n"))
+        }
+    });
+    found
+}

@@ -1,6 +1,7 @@
 //! A transport of one's own: a client end that implements `Port`, and a server end that serves any `Port`. Between
 //! them only texts and requests pass, as over a wire. The sequence program does not know.
 
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -16,6 +17,7 @@ use tandem_runtime::simulation::SimulationOptions;
 use tandem_runtime::{Config, Runtime};
 use tokio::sync::{mpsc, oneshot};
 
+use super::{costs, files_where};
 use crate::support::wait::simulate;
 
 type Asked = (Request, oneshot::Sender<Result<Answer, Refusal>>);
@@ -147,4 +149,18 @@ fn a_sequence_program_runs_unchanged_over_a_transport_of_ones_own() {
         handlers.abort();
         runtime.shutdown().await;
     });
+}
+
+#[test]
+fn a_client_end_is_named_by_the_address_that_leads_to_it_and_nowhere_else() {
+    for transport in ["rest", "mqtt"] {
+        let path = format!("transport::{transport}::connect");
+        let mut found = files_where("plc-api", ".rs", |code| code.contains(&path));
+        found.extend(files_where("runtime", ".rs", |code| code.contains(&path)));
+        assert_eq!(found, [Path::new("plc-api/src/plc.rs")], "{path}");
+    }
+    assert_eq!(
+        costs("a transport"),
+        ["Port", "Port", "Plc::connect", "plc-api/src/plc.rs"]
+    );
 }
