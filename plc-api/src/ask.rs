@@ -77,6 +77,7 @@ impl Plc {
     /// # Errors
     /// As [`AuxOutput::ask`]; no handler calls it, but a task that a handler has spawned, or a program without one.
     #[deprecated(
+        since = "0.2.0",
         note = "a question belongs to an output: call `ask` of the `AuxOutput` that the handler was given"
     )]
     pub async fn ask<C: Into<String>>(

@@ -26,15 +26,7 @@ const TRIES: u32 = 5;
 /// An M code of one coordinate system, or of all.
 pub(crate) type ServedCode = (Option<CoordinateSystemNumber>, u16);
 
-fn gone() -> HandlerPresence {
-    HandlerPresence {
-        online: false,
-        handles: Vec::new(),
-        validates: false,
-    }
-}
-
-/// Tells the machine that the handler has gone, however its work ends.
+/// Tells the machine that the handler has gone (`HandlerPresence::default()`), however its work ends.
 #[derive(Debug)]
 pub(crate) struct Gone {
     pub(crate) plc: Plc,
@@ -43,7 +35,7 @@ pub(crate) struct Gone {
 
 impl Drop for Gone {
     fn drop(&mut self) {
-        let request = Request::Handler(self.handler_id.to_string(), gone());
+        let request = Request::Handler(self.handler_id.to_string(), HandlerPresence::default());
         let what_if_not = "the machine was not told that the handlers have gone";
         self.plc.send_without_waiting(request, what_if_not);
     }
@@ -52,7 +44,7 @@ impl Drop for Gone {
 /// Which boot is online, and which outputs are open in it.
 #[derive(Debug, Default)]
 pub(crate) struct OpenOutputs {
-    online: Option<BootId>,
+    pub(crate) online: Option<BootId>,
     // the last `pending` of each coordinate system, of whatever boot
     pending: BTreeMap<CoordinateSystemNumber, Arc<Message>>,
 }
@@ -82,10 +74,6 @@ impl OpenOutputs {
         }
     }
 
-    pub(crate) fn online(&self) -> Option<&BootId> {
-        self.online.as_ref()
-    }
-
     /// The `pending` of each coordinate system, of the boot that is online.
     pub(crate) fn all(&self) -> impl Iterator<Item = (CoordinateSystemNumber, &Arc<Message>)> {
         let all = self.pending.iter().map(|(&cs, message)| (cs, message));
@@ -113,15 +101,8 @@ pub(crate) enum Event {
     Said(Arc<Message>, Option<Change>),
     /// The machine knows of the handler, in this boot or again.
     Announced,
-    /// A claim could not be taken back.
-    NotReclaimed(OutputId),
-}
-
-/// What was under way, when it has ended.
-enum Done {
-    Announced(Result<(), Refusal>),
-    Reclaimed(OutputId, Option<HandshakeStatus>),
-    Sent,
+    /// The claim of an output was made again, and whether it is this handler's again.
+    Reclaimed(OutputId, bool),
 }
 
 /// Whether the machine was told of the handler.
@@ -145,7 +126,7 @@ pub(crate) struct Presence {
     systems: Vec<CoordinateSystemNumber>,
     telling: Telling,
     reclaiming: BTreeSet<OutputId>,
-    under_way: FuturesUnordered<BoxFuture<'static, Done>>,
+    under_way: FuturesUnordered<BoxFuture<'static, Result<Option<Event>, Refusal>>>,
 }
 
 impl Presence {
@@ -183,7 +164,8 @@ impl Presence {
                 biased;
                 message = self.said.next() => return Ok(message.map(|message| self.on_message(message))),
                 Some(done) = self.under_way.next() => {
-                    if let Some(event) = self.on_done(done)? {
+                    if let Some(event) = done? {
+                        self.on_done(&event);
                         return Ok(Some(event));
                     }
                 }
@@ -212,21 +194,18 @@ impl Presence {
         Event::Said(message, change)
     }
 
-    fn on_done(&mut self, done: Done) -> Result<Option<Event>, Refusal> {
-        Ok(match done {
-            Done::Announced(told) => {
-                told?;
+    fn on_done(&mut self, event: &Event) {
+        match event {
+            Event::Said(..) => {}
+            Event::Announced => {
                 if replace(&mut self.telling, Telling::Told) == Telling::BusyAndThenAgain {
                     self.announce();
                 }
-                Some(Event::Announced)
             }
-            Done::Reclaimed(id, status) => {
-                self.reclaiming.remove(&id);
-                (status != Some(HandshakeStatus::Accepted)).then_some(Event::NotReclaimed(id))
+            Event::Reclaimed(id, _) => {
+                self.reclaiming.remove(id);
             }
-            Done::Sent => None,
-        })
+        }
     }
 
     /// What the machine is told of it.
@@ -244,7 +223,7 @@ impl Presence {
     }
 
     fn announce(&mut self) {
-        if self.systems.is_empty() || self.open.online().is_none() {
+        if self.systems.is_empty() || self.open.online.is_none() {
             return;
         }
         if matches!(self.telling, Telling::Busy | Telling::BusyAndThenAgain) {
@@ -256,12 +235,11 @@ impl Presence {
         let online = self.announcement();
         let (plc, id) = (self.plc.clone(), self.handler_id.to_string());
         self.under_way.push(Box::pin(async move {
-            for presence in is_first.then(gone).into_iter().chain([online]) {
-                if let Err(refusal) = tell(&plc, &id, presence).await {
-                    return Done::Announced(Err(refusal));
-                }
+            if is_first {
+                tell(&plc, &id, HandlerPresence::default()).await?;
             }
-            Done::Announced(Ok(()))
+            tell(&plc, &id, online).await?;
+            Ok(Some(Event::Announced))
         }));
     }
 
@@ -284,7 +262,8 @@ impl Presence {
         let (plc, claim) = (self.plc.clone(), id.claim(m, &self.handler_id));
         self.under_way.push(Box::pin(async move {
             let status = until_answered(&plc, claim).await;
-            Done::Reclaimed(id, status)
+            let is_ours = status == Some(HandshakeStatus::Accepted);
+            Ok(Some(Event::Reclaimed(id, is_ours)))
         }));
     }
 
@@ -295,7 +274,7 @@ impl Presence {
             if let Err(refusal) = plc.port().request(request).await {
                 tracing::warn!(%refusal, "{what_if_not}");
             }
-            Done::Sent
+            Ok(None)
         }));
     }
 }

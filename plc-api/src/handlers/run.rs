@@ -83,7 +83,7 @@ impl Runner {
     fn on_event(&mut self, event: Event) {
         match event {
             Event::Said(_, Some(Change::Boot)) => {
-                if let Some(boot) = self.presence.open.online() {
+                if let Some(boot) = &self.presence.open.online {
                     self.cancel_where(|other| other.boot_id != *boot, Some(CancelReason::Shutdown));
                 }
                 self.look_at_all();
@@ -95,7 +95,8 @@ impl Runner {
                     self.look_at_all();
                 }
             }
-            Event::NotReclaimed(id) => self.cancel_where(|other| *other == id, None),
+            Event::Reclaimed(id, false) => self.cancel_where(|other| *other == id, None),
+            Event::Reclaimed(_, true) => {}
         }
     }
 

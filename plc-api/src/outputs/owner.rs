@@ -92,9 +92,9 @@ async fn keep(
                     }
                 }
             }
-            Ok(Some(Event::NotReclaimed(id))) => {
+            Ok(Some(Event::Reclaimed(id, is_ours))) => {
                 if let Some(claimed) = lock(&held).get_mut(&id) {
-                    *claimed = false;
+                    *claimed &= is_ours;
                 }
             }
             Err(refusal) => {

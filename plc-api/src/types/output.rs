@@ -337,7 +337,7 @@ pub enum Redelivery {
 }
 
 /// Payload of `handler/{id}/presence`.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct HandlerPresence {
     /// False: the handler has gone, or its connection was lost.
