@@ -17,7 +17,9 @@ mod planner;
 mod ramped;
 mod rapid;
 mod record;
+mod replan;
+mod reserve;
 mod tapping;
 
 pub use planner::Planner;
-pub use record::Replan;
+pub use replan::Replan;

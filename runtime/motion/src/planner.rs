@@ -11,7 +11,8 @@ use tandem_model::settings::CoordinateSystemSettings;
 use crate::block::RampedBlock;
 use crate::chain::{Block, Chain};
 use crate::look_ahead::LookAhead;
-use crate::record::{Entry, Record, Replan};
+use crate::record::{Entry, Record};
+use crate::replan::Replan;
 use crate::tapping::{self, Thread};
 use crate::{ramped, rapid};
 
@@ -85,7 +86,7 @@ impl Planner {
     /// Plans what has been put out anew from a place on, for the feed override in force: from rest there, or for a motion
     /// that comes by no faster than it allows. Nothing changes before [`Planner::adopt`].
     pub fn replan(&self, from: PathPlace, at_rest: bool) -> Replan {
-        self.record.replan(from, at_rest, &self.look_ahead)
+        Replan::forward(&self.record, &self.look_ahead, from, at_rest)
     }
 
     /// Goes on from a new plan; nothing may have been pushed since it was made.
@@ -103,7 +104,11 @@ impl Planner {
     /// bar, or the oldest block that is kept. Nothing is waited on it, and what a dwell has waited before this place is not
     /// waited again by a [`Planner::replan`]. Empty: there is no way back.
     pub fn retrace(&mut self, from: PathPlace) -> VecDeque<Profile> {
-        self.record.retrace(from, &self.look_ahead)
+        let back = Replan::backward(&self.record, &self.look_ahead, from);
+        if !back.profiles.is_empty() {
+            self.record.turn_at(from);
+        }
+        back.profiles
     }
 
     /// Plans a segment. One that may blend is held back until the next one, or [`Planner::flush`], tells how it ends;

@@ -6,7 +6,7 @@ use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::{Alarm, Axis};
 
-use crate::look_ahead::LEFT;
+use crate::reserve::ACCELERATION_RESERVE;
 
 /// A peak speed is found in so many halvings of what it may be: to the last bits that count.
 const HALVINGS: u32 = 60;
@@ -144,7 +144,7 @@ impl Soft {
             }
         }
         soft.jerk *= 1.0 - ROUNDING;
-        soft.acceleration *= 1.0 - LEFT - ROUNDING;
+        soft.acceleration *= 1.0 - ACCELERATION_RESERVE - ROUNDING;
         let is_line = matches!(path, Path::Line { .. });
         Ok(Some(soft).filter(|soft| is_line && soft.jerk.is_finite()))
     }

@@ -10,9 +10,9 @@ use tandem_model::profile::SlewRoom;
 use tandem_model::settings::{CoordinateSystemSettings, MotorSettings};
 use tandem_model::{AXES_MAX, Axis};
 
-use super::LEFT;
 use super::course::Course;
 use super::way::Motion;
+use crate::reserve::ACCELERATION_RESERVE;
 
 /// Rounding of the constraints, relative to a limit.
 const ROUNDING: f64 = 1e-12;
@@ -97,7 +97,7 @@ impl Motors {
         let inverse = |most: f64| if most > 0.0 { 1.0 / most } else { 0.0 };
         let inverse_jerks = of_each(|motor| motor.max_jerk.unwrap_or(0.0)).map(inverse);
         Self {
-            inverse: of_each(|motor| motor.max_acceleration * (1.0 - LEFT)).map(inverse),
+            inverse: of_each(|motor| motor.max_acceleration * (1.0 - ACCELERATION_RESERVE)).map(inverse),
             inverse_jerks,
             has_jerk: inverse_jerks.iter().any(|inverse| *inverse > 0.0),
             velocities: of_each(|motor| motor.max_velocity),

@@ -29,6 +29,7 @@ mod corner;
 mod course;
 mod curve;
 mod grid;
+mod held;
 mod limits;
 mod paced;
 mod rate;
@@ -42,9 +43,10 @@ use tandem_model::settings::CoordinateSystemSettings;
 
 use self::braking::Braking;
 use self::grid::Piece;
+use self::held::Held;
 use self::limits::{Bounds, HalfPlane, Motors};
 use self::paced::Step;
-use self::rate::{Bent, Limits, SQUARE_MIN};
+use self::rate::SQUARE_MIN;
 pub(crate) use self::way::Passage;
 use self::way::Way;
 use crate::block::RampedBlock;
@@ -75,10 +77,6 @@ const IN_A_ROW_PERIODS: f64 = 0.5;
 /// Limits of x that differ by this share count as met: 0.05 percent of the rate.
 const MET: f64 = 1e-3;
 
-/// Share of the maximum acceleration that is left to feed hold and to rounding, so that a hold acts wherever it comes. It
-/// costs a thousandth of the time.
-pub(crate) const LEFT: f64 = 2e-3;
-
 /// The blocks of a chain that are not final.
 #[derive(Debug, Clone)]
 pub(crate) struct LookAhead {
@@ -103,34 +101,6 @@ pub(crate) struct LookAhead {
     renewed: Vec<Piece>,
     cut: Vec<Piece>,
     steps: Vec<Step>,
-}
-
-#[derive(Debug, Clone)]
-struct Held {
-    block: RampedBlock,
-    passage: Passage,
-    /// The chain ends with it.
-    is_last: bool,
-    feed_override: f64,
-    pieces: usize,
-    /// Largest x in it for the override and the servo period.
-    cap: f64,
-}
-
-impl Held {
-    /// What bounds its pieces, within these of the motors.
-    fn limits<'a>(&'a self, motors: &'a Motors, planes: &'a mut Vec<HalfPlane>) -> Limits<'a> {
-        Limits {
-            way: Way::new(&self.block, self.passage),
-            bounds: Bounds {
-                motors,
-                cap: self.cap,
-            },
-            planes,
-            bent: Bent::default(),
-            is_even: [false; 2],
-        }
-    }
 }
 
 impl LookAhead {

@@ -4,7 +4,8 @@ use std::collections::VecDeque;
 
 use tandem_model::profile::{PACE_PIECES_MAX, Pace, PacePiece, Profile, SlewRoom, SpeedGrowth};
 
-use super::{Held, LEFT};
+use super::held::Held;
+use crate::reserve::ACCELERATION_RESERVE;
 
 /// Squares of rates are one when they differ by less than this share: rounding.
 const SAME_RATE: f64 = 1e-12;
@@ -70,8 +71,8 @@ pub(super) fn push(steps: &mut Vec<Step>, step: Step, piece_s: f64) {
     }
     // Planned in shares of what is not left.
     let room = SlewRoom {
-        braking: step.room.braking * (1.0 - LEFT),
-        driving: step.room.driving * (1.0 - LEFT),
+        braking: step.room.braking * (1.0 - ACCELERATION_RESERVE),
+        driving: step.room.driving * (1.0 - ACCELERATION_RESERVE),
         ..step.room
     };
     let step = Step { room, ..step };

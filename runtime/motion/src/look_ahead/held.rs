@@ -1,0 +1,35 @@
+//! The blocks that look-ahead holds back.
+
+use super::limits::{Bounds, HalfPlane, Motors};
+use super::rate::{Bent, Limits};
+use super::way::{Passage, Way};
+use crate::block::RampedBlock;
+
+/// A block that is not final.
+#[derive(Debug, Clone)]
+pub(super) struct Held {
+    pub(super) block: RampedBlock,
+    pub(super) passage: Passage,
+    /// The chain ends with it.
+    pub(super) is_last: bool,
+    pub(super) feed_override: f64,
+    pub(super) pieces: usize,
+    /// Largest x in it for the override and the servo period.
+    pub(super) cap: f64,
+}
+
+impl Held {
+    /// What bounds its pieces, within these of the motors.
+    pub(super) fn limits<'a>(&'a self, motors: &'a Motors, planes: &'a mut Vec<HalfPlane>) -> Limits<'a> {
+        Limits {
+            way: Way::new(&self.block, self.passage),
+            bounds: Bounds {
+                motors,
+                cap: self.cap,
+            },
+            planes,
+            bent: Bent::default(),
+            is_even: [false; 2],
+        }
+    }
+}

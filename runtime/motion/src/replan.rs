@@ -1,0 +1,151 @@
+//! A new plan of what has been put out, from where the motion is: with another override or the other way round (back
+//! trace).
+
+use std::collections::VecDeque;
+
+use tandem_model::profile::{Law, PathPlace, Profile, Stretch};
+
+use crate::look_ahead::{LookAhead, Passage};
+use crate::record::{Entry, Record};
+
+/// A new plan from a place on.
+#[derive(Debug)]
+pub struct Replan {
+    pub(crate) from: PathPlace,
+    /// The last segment that lies behind that place.
+    pub passed: u64,
+    pub(crate) look_ahead: LookAhead,
+    pub(crate) record: Record,
+    /// What follows that place.
+    pub profiles: VecDeque<Profile>,
+}
+
+impl Replan {
+    fn empty(from: PathPlace, held: &LookAhead) -> Self {
+        Self {
+            from,
+            passed: 0,
+            look_ahead: held.emptied(),
+            record: Record::default(),
+            profiles: VecDeque::new(),
+        }
+    }
+
+    /// Plans what follows a place, and then the blocks that look-ahead holds.
+    pub(crate) fn forward(record: &Record, held: &LookAhead, from: PathPlace, at_rest: bool) -> Self {
+        let (entries, from_s) = record.ahead(from);
+        let mut entries = entries.cloned().peekable();
+        let is_within = entries.peek().map(Entry::segment) == Some(from.segment);
+        let mut new = Self::empty(from, held);
+        new.passed = from.segment.saturating_sub(u64::from(is_within));
+        let passage = Passage {
+            from_s,
+            is_backward: false,
+        };
+        let held = held.blocks().cloned().map(Entry::Paced);
+        new.pass_all(record, entries.chain(held), passage, at_rest);
+        new
+    }
+
+    /// Plans the way back from a place at rest, as far as there is one; no profiles: there is none.
+    pub(crate) fn backward(record: &Record, held: &LookAhead, from: PathPlace) -> Self {
+        let mut new = Self::empty(from, held);
+        if !record.has_way_back(from) {
+            return new;
+        }
+        let (behind, plan_s) = record.behind(from);
+        let mut behind = behind.cloned().peekable();
+        let first_s = behind.peek().map_or(0.0, Entry::plan_s);
+        let passage = Passage {
+            from_s: if plan_s > 0.0 { first_s - plan_s } else { 0.0 },
+            is_backward: true,
+        };
+        new.pass_all(record, behind, passage, true);
+        new
+    }
+
+    /// True when the motion may go on at its place: it can come to rest again within the new plan.
+    pub fn can_begin(&self) -> bool {
+        self.profiles.back().is_some_and(|last| match &last.law {
+            Law::Paced { pace, .. } => pace.free_to >= self.from.segment,
+            _ => true,
+        })
+    }
+
+    /// Plans entries to be passed one after another, the first one in this way, the others whole. Backward the last of
+    /// them ends in rest wherever its path goes on; forward more may follow.
+    fn pass_all(
+        &mut self,
+        record: &Record,
+        entries: impl Iterator<Item = Entry>,
+        first: Passage,
+        at_rest: bool,
+    ) {
+        let mut entries = entries.peekable();
+        let mut passage = first;
+        let mut begins_at_rest = at_rest;
+        while let Some(entry) = entries.next() {
+            if std::mem::take(&mut begins_at_rest) && is_begun_within(&entry, passage) {
+                self.look_ahead
+                    .begin_at_rest(entry.segment(), passage.is_backward);
+            }
+            let ends = passage.is_backward && entries.peek().is_none();
+            let is_last = ends || passes_to_rest(&entry, passage);
+            self.pass(record, entry, passage, is_last);
+            passage.from_s = 0.0;
+        }
+    }
+
+    /// `is_last`: the motion comes to rest at the end of it.
+    fn pass(&mut self, record: &Record, entry: Entry, passage: Passage, is_last: bool) {
+        let alone = match entry {
+            Entry::Paced(block) => {
+                return self
+                    .look_ahead
+                    .pass(block, passage, is_last, &mut self.record, &mut self.profiles);
+            }
+            Entry::Ramped(ref block) => block.profile(),
+            Entry::OneWay(ref profile) => Profile::clone(profile),
+            Entry::Alone(ref profile) => profile.over(stretch(record, &entry, passage)),
+        };
+        self.profiles.push_back(alone);
+        self.record.push(entry);
+    }
+}
+
+/// True when the path rests by itself at the end of an entry that a passage leads to.
+fn passes_to_rest(entry: &Entry, passage: Passage) -> bool {
+    match entry {
+        Entry::Paced(block) if passage.is_backward => block.begins_at_rest(0.0),
+        Entry::Paced(block) => block.ends_at_rest(),
+        _ => true,
+    }
+}
+
+/// True when the motion begins at rest on a path that does not rest there by itself.
+fn is_begun_within(entry: &Entry, passage: Passage) -> bool {
+    match entry {
+        Entry::Paced(block) if passage.is_backward => passage.from_s > 0.0 || !block.ends_at_rest(),
+        Entry::Paced(block) => !block.begins_at_rest(passage.from_s),
+        _ => false,
+    }
+}
+
+/// Plan time of an entry that is no block of a chain. On the way back nothing is waited.
+fn stretch(record: &Record, entry: &Entry, passage: Passage) -> Stretch {
+    let whole_s = entry.plan_s();
+    if passage.is_backward {
+        return Stretch {
+            from_s: if entry.is_dwell() {
+                0.0
+            } else {
+                whole_s - passage.from_s
+            },
+            to_s: 0.0,
+        };
+    }
+    Stretch {
+        from_s: passage.from_s.max(record.waited_s(entry)),
+        to_s: whole_s,
+    }
+}
