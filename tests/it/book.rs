@@ -3,6 +3,7 @@
 
 mod commands;
 mod container;
+mod contract;
 mod generated;
 mod links;
 mod page;

@@ -1,6 +1,6 @@
 //! The configuration: `tandem.toml` as a user writes it.
 //!
-//! Every key is documented in the project's interface page. A key that nothing reads is an error that names it and
+//! The comments of the keys are the book's page of the configuration. A key that nothing reads is an error that names it and
 //! the nearest known one. [`Config::resolve`] turns the text's values into the settings that the stages take.
 
 mod broker;
@@ -66,7 +66,7 @@ pub struct MachineConfig {
     pub name: String,
     /// Servo period, 125 to 10000 microseconds.
     pub servo_period_us: u64,
-    /// Folder of programs and what else is kept.
+    /// Folder of programs and of all else that is kept.
     pub data_dir: PathBuf,
 }
 
@@ -86,13 +86,13 @@ impl Default for MachineConfig {
 pub struct MotorConfig {
     /// CNC motor number.
     pub number: u16,
-    /// `linear`, `rotary` or `spindle`.
+    /// `linear` (mm), `rotary` (degrees) or `spindle` (r/min).
     pub kind: MotorKindConfig,
-    /// Units per second (spindle: r/min).
+    /// Highest speed, units per second (spindle: r/min).
     pub max_velocity: f64,
-    /// Units per second squared (spindle: r/min per s).
+    /// Highest acceleration, units per second squared (spindle: r/min per s).
     pub max_acceleration: f64,
-    /// Units per second cubed; of G00, G28, G30, G31 and, with G500, of lines and the corners between them. Other feed motion
+    /// Highest jerk, units per second cubed: of G00, G28, G30, G31 and, with G500, of lines and the corners between them. Other feed motion
     /// has the jerk of the program's ta, td and ts.
     pub max_jerk: Option<f64>,
     /// Speed of G00; default `max_velocity`.
@@ -104,10 +104,10 @@ pub struct MotorConfig {
     /// Window for exact stop, units.
     #[serde(default = "default_in_position")]
     pub in_position: f64,
-    /// Lowest and highest machine position.
+    /// Lowest and highest machine position, units; without them there is no limit.
     #[serde(default, deserialize_with = "soft_limits")]
     pub soft_limits: Option<[f64; 2]>,
-    /// First to fourth reference point; all four.
+    /// First to fourth reference point, machine positions; all four.
     #[serde(default, deserialize_with = "reference_points")]
     pub reference_points: [f64; 4],
     /// Time to come into position, ms.
@@ -172,64 +172,64 @@ pub enum MotorKindConfig {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CoordinateSystemConfig {
-    /// From 1.
+    /// Number of the coordinate system, 1 to 8.
     pub number: u8,
-    /// `nj`.
+    /// NC dialect: `nj`.
     #[serde(default = "default_dialect")]
     pub dialect: String,
     /// Axis letter to motor number.
     pub axes: BTreeMap<String, u16>,
-    /// Motor number of the spindle.
+    /// Motor number of the spindle, if it has one.
     pub spindle: Option<u16>,
-    /// Units per minute.
+    /// Highest feedrate, units per minute.
     #[serde(default = "default_max_feedrate")]
     pub max_feedrate: f64,
-    /// Units per minute; 0: F must be programmed.
+    /// Feedrate until a program sets F, units per minute; 0: F must be programmed.
     #[serde(default)]
     pub default_feedrate: f64,
-    /// ms
+    /// Acceleration time until a program sets ta, ms.
     #[serde(default = "default_ta_ms")]
     pub default_ta_ms: f64,
-    /// ms
+    /// Deceleration time until a program sets td, ms.
     #[serde(default = "default_ta_ms")]
     pub default_td_ms: f64,
-    /// ms
+    /// Jerk time until a program sets ts, ms.
     #[serde(default = "default_ts_ms")]
     pub default_ts_ms: f64,
-    /// `mm` or `inch`.
+    /// What lengths of a program are read in at its start: `mm` or `inch`.
     #[serde(default = "default_units")]
     pub units: String,
-    /// Program number to file.
+    /// Program number to file: what is in the store at the start.
     #[serde(default)]
     pub programs: BTreeMap<String, String>,
-    /// deg/min for blocks of rotary axes only; 0: F.
+    /// Feedrate of blocks that move rotary axes only, deg/min; 0: F.
     #[serde(default)]
     pub rotary_feedrate: f64,
-    /// Units/min of feed blocks in dry run; 0: `max_feedrate`.
+    /// Feedrate of dry run, units per minute; 0: `max_feedrate`.
     #[serde(default)]
     pub dry_run_feedrate: f64,
-    /// `shrink` or `extend`.
+    /// What gives way in a block that is too short for its ramps: they (`shrink`) or its time (`extend`).
     #[serde(default = "default_short_block")]
     pub short_block: String,
-    /// mm
+    /// How much too small the radius R of an arc may be, mm.
     #[serde(default = "default_in_position")]
     pub arc_radius_tolerance: f64,
-    /// mm
+    /// How much the radii at both ends of an arc may differ, mm; 0: any difference makes a spiral.
     #[serde(default)]
     pub spiral_tolerance: f64,
-    /// `centre` or `edge`.
+    /// Where F counts in cutter compensation: at the tool's `centre` or at its `edge`.
     #[serde(default = "default_compensation_feed")]
     pub compensation_feed: String,
-    /// `detect` or `prevent`.
+    /// An overcut is an alarm (`detect`), or the blocks that the tool does not fit between are left out (`prevent`).
     #[serde(default = "default_overcut")]
     pub overcut: String,
-    /// ms for 0 to 100 percent.
+    /// Time of a change of the override by 100 percent, ms.
     #[serde(default = "default_override_slew_ms")]
     pub override_slew_ms: f64,
-    /// ms for 100 percent to rest.
+    /// Time of a feed hold from 100 percent to rest, ms.
     #[serde(default = "default_hold_slew_ms")]
     pub hold_slew_ms: f64,
-    /// Blocks read ahead.
+    /// Blocks that are read ahead of the motion.
     #[serde(default = "default_pre_read_blocks")]
     pub pre_read_blocks: usize,
     /// Outputs open at the same time.
@@ -283,10 +283,10 @@ fn default_open_outputs_max() -> usize {
 pub struct ToolConfig {
     /// Tool number, from 1.
     pub id: u16,
-    /// mm
+    /// Radius, mm.
     #[serde(default)]
     pub radius: f64,
-    /// mm
+    /// Length, mm.
     #[serde(default)]
     pub length: f64,
 }
@@ -295,15 +295,15 @@ pub struct ToolConfig {
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct MCodeConfig {
-    /// `after_motion` or `with_motion`.
+    /// When it is put out: `after_motion`, which is the default, or `with_motion`.
     pub timing: plc_api::types::output::Timing,
-    /// What happens when no handler is registered.
+    /// What happens when no handler is registered: `alarm`, which is the default, `wait` or `auto_reset`.
     pub unhandled: Option<Unhandled>,
-    /// Time limit of the reset.
+    /// Time limit of the reset, from the output on, ms; then an alarm.
     pub timeout_ms: Option<u64>,
-    /// What the state shows while it is waited for.
+    /// What the state shows while the program waits for it.
     pub wait_state: Option<String>,
-    /// What the stock sequence program does.
+    /// What the stock sequence program does: `select_tool` selects tool VA.
     pub stock: Option<Stock>,
     /// How long the stock sequence program takes, ms.
     pub simulated_ms: f64,
@@ -325,13 +325,13 @@ pub struct SimulatedSkipConfig {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct MqttConfig {
-    /// `embedded`, or `mqtt://host:1883`.
+    /// `embedded`, or the address of an external one: `mqtt://host:1883`, `mqtts://host:8883`.
     pub broker: String,
     /// Address of the embedded broker; default `127.0.0.1:1883`.
     pub listen: Option<String>,
-    /// Of an external broker.
+    /// User at an external broker.
     pub username: Option<String>,
-    /// Of an external broker.
+    /// File with the password at an external broker.
     pub password_file: Option<PathBuf>,
     /// TLS: certificate authority.
     pub ca_file: Option<PathBuf>,
@@ -341,7 +341,7 @@ pub struct MqttConfig {
     pub client_key_file: Option<PathBuf>,
     /// Topic levels before `tandem/`.
     pub prefix: String,
-    /// `continue` or `hold_at_wait`.
+    /// What a program that waits for a reset does while the broker is lost: `continue` or `hold_at_wait`.
     pub on_bus_loss: String,
 }
 
@@ -367,7 +367,7 @@ impl Default for MqttConfig {
 pub struct HttpConfig {
     /// Address of REST, WebSocket and HMI.
     pub listen: String,
-    /// Bearer tokens with roles.
+    /// File with the users' tokens; needed to listen anywhere but on the loopback.
     pub token_file: Option<PathBuf>,
 }
 

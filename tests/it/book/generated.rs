@@ -9,7 +9,7 @@ use serde_json::Value;
 use crate::support::binary::{root, tandem};
 
 /// Compares a page with what it must be, or writes it anew.
-fn check(path: &str, text: &str) {
+pub fn check(path: &str, text: &str) {
     let file = root().join(path);
     if std::env::var_os("TANDEM_UPDATE").is_some() {
         std::fs::write(&file, text).unwrap();
