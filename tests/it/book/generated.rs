@@ -1,4 +1,4 @@
-//! Pages that are written from the product: `TANDEM_UPDATE=1 cargo test -p tandem --test it book::generated`.
+//! Pages that are written from the product: `TANDEM_UPDATE=1 cargo test -p tandem --test it book::`.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
@@ -15,7 +15,10 @@ pub fn check(path: &str, text: &str) {
         std::fs::write(&file, text).unwrap();
     }
     let stored = std::fs::read_to_string(&file).unwrap_or_default();
-    assert!(stored == text, "{path} is not up to date");
+    assert!(
+        stored == text,
+        "{path} is not up to date: TANDEM_UPDATE=1 cargo test -p tandem --test it book:: writes it anew"
+    );
 }
 
 fn help(arguments: &[&str]) -> String {
