@@ -45,12 +45,6 @@ impl Alarm {
     }
 }
 
-impl From<crate::Error> for Alarm {
-    fn from(error: crate::Error) -> Self {
-        Alarm::user(Alarm::CODE_OF_ERROR, error.to_string())
-    }
-}
-
 impl From<Refusal> for Alarm {
     fn from(refusal: Refusal) -> Self {
         Alarm::user(Alarm::CODE_OF_ERROR, refusal.to_string())

@@ -1,5 +1,6 @@
 //! Errors of the crate.
 
+use crate::alarm::Alarm;
 use crate::types::request::Refusal;
 
 /// What can go wrong between a sequence program and a machine.
@@ -57,3 +58,9 @@ pub enum Error {
 
 /// Result of the crate.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+impl From<Error> for Alarm {
+    fn from(error: Error) -> Self {
+        Alarm::user(Alarm::CODE_OF_ERROR, error.to_string())
+    }
+}

@@ -1,6 +1,7 @@
 //! Rules of the source itself that no compiler checks.
 
 mod architecture;
+mod circles;
 mod crates;
 mod source;
 
