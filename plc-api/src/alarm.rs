@@ -1,6 +1,7 @@
 //! Alarms of handlers.
 
-use crate::types::request::Refusal;
+use crate::types::machine::AlarmRaise;
+use crate::types::refusal::{Refusal, RefusalCode};
 
 /// First alarm number of handlers (interface, section 3): the number is this plus the handler's code.
 pub const USER_ALARM_BASE: u16 = 10_000;
@@ -48,6 +49,23 @@ impl Alarm {
 impl From<Refusal> for Alarm {
     fn from(refusal: Refusal) -> Self {
         Alarm::user(Alarm::CODE_OF_ERROR, refusal.to_string())
+    }
+}
+
+impl AlarmRaise {
+    /// The alarm that it raises.
+    ///
+    /// # Errors
+    /// Code or text is out of its limits.
+    pub fn alarm(&self) -> Result<Alarm, Refusal> {
+        let is_text = (1..=ALARM_TEXT_MAX).contains(&self.text.chars().count());
+        if self.code > USER_CODE_MAX || !is_text {
+            let text = format!(
+                "alarm: write code 0 to {USER_CODE_MAX} and a text of 1 to {ALARM_TEXT_MAX} characters"
+            );
+            return Err(Refusal::new(RefusalCode::Invalid, text));
+        }
+        Ok(Alarm::user(self.code, self.text.as_str()))
     }
 }
 

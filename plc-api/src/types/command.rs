@@ -8,6 +8,8 @@ use super::Timestamp;
 use super::data::VariableValues;
 use super::lease::Lease;
 
+pub use super::verb::Verb;
+
 /// What can be commanded. Verbs and arguments are those of `command/{verb}` and of the REST routes.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Command {
@@ -61,52 +63,6 @@ pub enum Command {
         /// Axis letters; empty: all axes.
         axes: Vec<char>,
     },
-}
-
-/// A verb, for lists of what is allowed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[serde(rename_all = "snake_case")]
-pub enum Verb {
-    /// See [`Command::Load`].
-    Load,
-    /// See [`Command::Start`].
-    Start,
-    /// See [`Command::Hold`].
-    Hold,
-    /// See [`Command::Resume`].
-    Resume,
-    /// See [`Command::BackTrace`].
-    BackTrace,
-    /// See [`Command::Stop`].
-    Stop,
-    /// See [`Command::Abort`].
-    Abort,
-    /// See [`Command::Reset`].
-    Reset,
-    /// See [`Command::AlarmAcknowledge`].
-    AlarmAcknowledge,
-    /// See [`Command::Mdi`].
-    Mdi,
-    /// See [`Command::Jog`].
-    Jog,
-    /// See [`Command::Home`].
-    Home,
-}
-
-impl Verb {
-    /// True for hold, stop and abort: they pass every queue, and need nothing.
-    pub fn is_urgent(self) -> bool {
-        matches!(self, Verb::Hold | Verb::Stop | Verb::Abort)
-    }
-
-    /// True for those that begin motion, or let it go on.
-    pub fn moves(self) -> bool {
-        matches!(
-            self,
-            Verb::Start | Verb::Resume | Verb::BackTrace | Verb::Mdi | Verb::Home | Verb::Jog
-        )
-    }
 }
 
 /// Characters of a `refresh_id`.

@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
+use super::execution::Execution;
 use super::output::PendingOutput;
-use super::state::Execution;
 use super::{BootId, CoordinateSystemNumber, Timestamp};
 
 /// Variables of one read or write at the most; more are refused as `too_large`. Reason: a message stays below 64 KiB.

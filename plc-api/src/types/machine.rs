@@ -6,8 +6,6 @@ use serde::{Deserialize, Serialize};
 
 use super::output::Timing;
 use super::{CoordinateSystemNumber, Timestamp};
-use crate::alarm::{ALARM_TEXT_MAX, Alarm, USER_CODE_MAX};
-use crate::types::request::{Refusal, RefusalCode};
 
 /// Payload of `presence`.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -146,23 +144,6 @@ pub struct AlarmRaise {
     pub code: u16,
     /// What happened, 1 to 1000 characters.
     pub text: String,
-}
-
-impl AlarmRaise {
-    /// The alarm that it raises.
-    ///
-    /// # Errors
-    /// Code or text is out of its limits.
-    pub fn alarm(&self) -> Result<Alarm, Refusal> {
-        let is_text = (1..=ALARM_TEXT_MAX).contains(&self.text.chars().count());
-        if self.code > USER_CODE_MAX || !is_text {
-            let text = format!(
-                "alarm: write code 0 to {USER_CODE_MAX} and a text of 1 to {ALARM_TEXT_MAX} characters"
-            );
-            return Err(Refusal::new(RefusalCode::Invalid, text));
-        }
-        Ok(Alarm::user(self.code, self.text.as_str()))
-    }
 }
 
 /// Payload of `alarm/active`.

@@ -2,15 +2,19 @@
 
 pub mod command;
 pub mod data;
+pub mod execution;
 pub mod lease;
 pub mod machine;
 pub mod message;
 pub mod output;
+pub mod params;
 pub mod program;
 pub mod question;
+pub mod refusal;
 pub mod request;
 pub mod state;
 pub mod topic;
+pub mod verb;
 
 use serde::{Deserialize, Serialize};
 

@@ -2,8 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::output::Params;
-use super::request::{Refusal, RefusalCode};
+use super::params::Params;
+use super::refusal::{Refusal, RefusalCode};
 use super::{BootId, Timestamp};
 
 /// Characters of a question: it is one or two lines of a panel.

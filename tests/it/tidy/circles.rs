@@ -24,21 +24,7 @@ const CRATES: [&str; 9] = [
 type Circle = (&'static str, &'static [&'static str], &'static str);
 
 /// Circles that are meant.
-const MEANT: [Circle; 5] = [
-    (
-        "plc-api/src",
-        &[
-            "alarm",
-            "types/command",
-            "types/data",
-            "types/machine",
-            "types/output",
-            "types/question",
-            "types/request",
-            "types/state",
-        ],
-        "plain data of one wire: a request holds states and questions, and these say how they are refused",
-    ),
+const MEANT: [Circle; 4] = [
     (
         "runtime/motion/src",
         &[
