@@ -3,7 +3,7 @@
 use crate::types::machine::AlarmRaise;
 use crate::types::refusal::{Refusal, RefusalCode};
 
-/// First alarm number of handlers (interface, section 3): the number is this plus the handler's code.
+/// First alarm number of handlers (H6): the number is this plus the handler's code.
 pub const USER_ALARM_BASE: u16 = 10_000;
 
 /// Highest code of a handler's alarm.

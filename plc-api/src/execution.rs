@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn the_command_table_of_the_interface_holds_in_every_state() {
+    fn each_command_is_allowed_in_the_states_of_its_row_and_no_other() {
         use Execution::*;
         use Verb::{BackTrace, Home, Jog, Load, Mdi, Reset, Resume, Start};
         for idle in [Ready, ProgramCompleted] {

@@ -1,7 +1,7 @@
 //! The ledger of outputs and resets of one coordinate system.
 //!
 //! A pure state machine: no I/O, no clock, no task. The coordinator calls it with the time as a parameter and carries
-//! out the [`Effect`]s. Every transport goes through it, so that its rules hold for all (interface, section 3):
+//! out the [`Effect`]s. Every transport goes through it, so that its [`rules`] hold for all:
 //!
 //! ```text
 //! QUEUED -> OUTPUT -> CLAIMED -> reset
@@ -9,16 +9,11 @@
 //!    '--------+-------------'----> cancelled | failed | timed out
 //! ```
 //!
-//! - A sequence number grows strictly and is never used again; a claim or reset names it, with the boot.
-//! - What is not open any more is answered `duplicate` or `stale`, what never was `unknown`: nothing changes then, so
-//!   an old reset never frees a later output with the same M number.
-//! - Every open output can be ended: by reset, by force, by cancel, and by its time limit where it has one.
-//! - Its owner may ask the operator one question at a time, which ends with the output.
-//!
 //! It does some ten million operations a second on one core, however many outputs are open (`cargo bench -p plc-api`).
 
 mod closed;
 mod effect;
+pub mod rules;
 #[cfg(test)]
 mod simulation;
 #[cfg(test)]
@@ -39,7 +34,7 @@ use crate::types::{BootId, Timestamp};
 
 use closed::{ClosedOutputs, Fate};
 
-/// Characters of a handler id. A longer one never owns an output.
+/// Characters of a handler id. A longer one never owns an output (H18).
 pub const HANDLER_ID_MAX: usize = 64;
 
 /// Characters of a progress text; a longer one is cut there: it is one line of a panel.
@@ -122,9 +117,9 @@ impl Ledger {
         self.effects.push(Effect::Output(notice));
     }
 
-    /// A handler takes an output. A claim repeated by the owner is accepted again.
+    /// A handler takes an output (H4).
     ///
-    /// `m` is the M number that the transport names, if it does: another than the output's is `unknown`.
+    /// `m` is the M number that the transport names, if it does: another than the output's is `unknown` (H3).
     pub fn claim(&mut self, now: Now, m: Option<u16>, claim: &Claim) -> HandshakeResult {
         let found = self.find(&claim.boot_id, claim.seq, m);
         let status = match found {
@@ -135,8 +130,7 @@ impl Ledger {
         self.answer(m, claim.seq, &claim.handler_id, status)
     }
 
-    /// A handler or an operator answers an output. Of an unclaimed output it is claim and reset in one; `force` ends
-    /// it whoever owns it.
+    /// A handler or an operator answers an output (H5, H6).
     pub fn reset(&mut self, _now: Now, m: Option<u16>, reset: &Reset) -> HandshakeResult {
         let place = match self.find(&reset.boot_id, reset.seq, m) {
             Ok(place) => place,
@@ -166,7 +160,7 @@ impl Ledger {
         )
     }
 
-    /// The owner tells how far it is. `not_owner` from anyone else, also while nobody owns the output.
+    /// The owner tells how far it is (H13). `not_owner` from anyone else, also while nobody owns the output.
     pub fn progress(&mut self, _now: Now, m: Option<u16>, report: &ProgressReport) -> HandshakeStatus {
         let place = match self.find(&report.boot_id, report.seq, m) {
             Ok(place) => place,
@@ -188,7 +182,7 @@ impl Ledger {
     }
 
     /// The owner asks the operator, in place of the question before, or without choices takes its question back. Asked
-    /// again with the same id it is the same question. `not_owner` from anyone else.
+    /// again with the same id it is the same question. `not_owner` from anyone else (H14).
     ///
     /// # Errors
     /// Text or choices are out of their limits.
@@ -260,7 +254,7 @@ impl Ledger {
         HandshakeStatus::Accepted
     }
 
-    /// A handler has gone: each output that it owns is OUTPUT again, `redelivered` and `lost`.
+    /// A handler has gone: each output that it owns is OUTPUT again, `redelivered` and `lost` (H11).
     pub fn handler_lost(&mut self, now: Now, handler_id: &str) {
         let mut any = false;
         for output in &mut self.open {
@@ -296,7 +290,7 @@ impl Ledger {
         }
     }
 
-    /// Cancels every open output (D34): handlers are told first, then the pending topic shows none.
+    /// Cancels every open output (H9).
     pub fn cancel_all(&mut self, _now: Now, reason: CancelReason) {
         if self.open.is_empty() {
             return;
@@ -313,7 +307,7 @@ impl Ledger {
         }
     }
 
-    /// Ends the outputs whose time limit has passed (D36). It runs from OUTPUT on, also under hold and across owners.
+    /// Ends the outputs whose time limit has passed (H10).
     pub fn expire(&mut self, now: Now) {
         let late = |output: &OpenOutput| {
             output

@@ -7,6 +7,7 @@ mod contract;
 mod generated;
 mod links;
 mod page;
+mod rules;
 
 use std::collections::BTreeSet;
 

@@ -3,6 +3,7 @@
 mod architecture;
 mod circles;
 mod crates;
+mod rules;
 mod source;
 
 use std::path::{Path, PathBuf};

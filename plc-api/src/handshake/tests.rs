@@ -58,7 +58,7 @@ fn effects(ledger: &mut Ledger) -> Vec<Effect> {
 }
 
 #[test]
-fn pending_is_published_before_the_output_itself() {
+fn h7_pending_is_published_before_the_output_itself() {
     let mut ledger = ledger();
     let seq = made(&mut ledger, 100);
     let effects = effects(&mut ledger);
@@ -83,7 +83,7 @@ fn d33_sequence_numbers_grow_and_an_old_reset_never_frees_a_later_output_of_the_
 }
 
 #[test]
-fn answers_to_what_is_not_open_are_those_of_the_interface() {
+fn h3_what_is_not_open_is_answered_duplicate_stale_or_unknown() {
     let mut ledger = ledger();
     let other_m = made(&mut ledger, 7);
     let cancelled = made(&mut ledger, 8);
@@ -107,7 +107,7 @@ fn answers_to_what_is_not_open_are_those_of_the_interface() {
 }
 
 #[test]
-fn only_the_owner_resets_and_force_tells_it() {
+fn h5_only_the_owner_resets_and_force_tells_it() {
     let mut ledger = ledger();
     let seq = made(&mut ledger, 100);
     assert_eq!(claim(&mut ledger, seq, "a"), HandshakeStatus::Accepted);
@@ -139,7 +139,7 @@ fn only_the_owner_resets_and_force_tells_it() {
 }
 
 #[test]
-fn a_fault_is_an_alarm_10000_plus_code_with_the_text_unchanged() {
+fn h6_a_fault_is_an_alarm_10000_plus_code_with_the_text_unchanged() {
     let mut ledger = ledger();
     let seq = made(&mut ledger, 100);
     effects(&mut ledger);
@@ -159,7 +159,7 @@ fn a_fault_is_an_alarm_10000_plus_code_with_the_text_unchanged() {
 }
 
 #[test]
-fn the_queue_is_bounded_and_takes_again_after_a_reset() {
+fn h8_the_queue_is_bounded_and_takes_again_after_a_reset() {
     let mut ledger = Ledger::new(boot(), 2);
     let first = made(&mut ledger, 1);
     made(&mut ledger, 2);
@@ -169,7 +169,7 @@ fn the_queue_is_bounded_and_takes_again_after_a_reset() {
 }
 
 #[test]
-fn a_lost_owner_gives_its_claim_back() {
+fn h11_a_lost_owner_gives_its_claim_back() {
     let mut ledger = ledger();
     let seq = made(&mut ledger, 100);
     claim(&mut ledger, seq, "h");
@@ -203,7 +203,7 @@ fn a_lost_owner_gives_its_claim_back() {
 }
 
 #[test]
-fn republishing_is_for_unclaimed_outputs_of_the_named_codes() {
+fn h12_republishing_is_for_unclaimed_outputs_of_the_named_codes() {
     let mut ledger = ledger();
     let (mine, claimed, other) = (made(&mut ledger, 1), made(&mut ledger, 2), made(&mut ledger, 3));
     claim(&mut ledger, claimed, "h");
@@ -280,7 +280,7 @@ fn d34_a_cancel_tells_every_handler_once_and_queued_outputs_none() {
 }
 
 #[test]
-fn texts_and_ids_from_outside_are_limited() {
+fn h18_texts_and_ids_from_outside_are_limited() {
     let mut ledger = ledger();
     let seq = made(&mut ledger, 1);
     let long_id = "h".repeat(HANDLER_ID_MAX + 1);
@@ -306,7 +306,7 @@ fn texts_and_ids_from_outside_are_limited() {
 }
 
 #[test]
-fn an_output_forgotten_after_the_limit_is_stale_and_one_within_it_a_duplicate() {
+fn h3_an_output_forgotten_after_the_limit_is_stale_and_one_within_it_a_duplicate() {
     let mut ledger = ledger();
     let last = CLOSED_REMEMBERED as u64 + 1;
     for _ in 0..last {

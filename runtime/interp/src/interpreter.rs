@@ -72,7 +72,7 @@ enum State {
 /// A block gives its items in this order: warnings, the transform, the motion (or [`Action::None`]), and what its M code
 /// gives. An auxiliary output thus follows its block's own motion; the coordinator decides by the M code's setting when
 /// it is made (D31, D32). In a block without motion M00, M01, M02 and M30 give nothing before their own item; M98 and M99
-/// give [`Action::None`], which ends a chain (motion-semantics 1c). So do [`STEPS_IN_CHAIN_MAX`] blocks without an item.
+/// give [`Action::None`], which ends a chain (M1c). So do [`STEPS_IN_CHAIN_MAX`] blocks without an item.
 #[derive(Debug)]
 pub struct Interpreter {
     dialect: &'static Dialect,

@@ -9,7 +9,7 @@ use crate::dialects::Dialect;
 
 mod decisions;
 
-use decisions::DECISIONS;
+pub use decisions::DECISIONS;
 
 /// A page of the reference.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -1,5 +1,4 @@
-//! The reference pages that are checked in are those of the tables. `UPDATE_REFERENCE=1 cargo test -p tandem-interp
-//! --test reference` writes them anew.
+//! The reference pages that are checked in are those of the tables.
 
 use std::path::Path;
 
@@ -15,7 +14,11 @@ fn the_reference_that_is_checked_in_is_that_of_the_tables() -> std::io::Result<(
             std::fs::write(&path, &page.text)?;
         }
         let stored = std::fs::read_to_string(&path)?;
-        assert!(stored == page.text, "{} is not up to date", page.name);
+        assert!(
+            stored == page.text,
+            "{} is not up to date: UPDATE_REFERENCE=1 cargo test -p tandem-interp --test reference writes it anew",
+            page.name
+        );
     }
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! Circular, spiral, helical and conical paths (motion-semantics 1f).
+//! Circular, spiral, helical and conical paths (M1f).
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 

@@ -184,7 +184,7 @@ impl fmt::Display for Plane {
     }
 }
 
-/// A way of a tapping cycle in the thread: revolutions are Z travel times S / F (motion-semantics 1h).
+/// A way of a tapping cycle in the thread: revolutions are Z travel times S / F (M1h).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tap {
     /// Where it ends: the Z point, or the R point on the way out.

@@ -1,4 +1,4 @@
-//! One motor alone, from rest to rest (motion-semantics 1e).
+//! One motor alone, from rest to rest (M1e).
 
 use crate::pace::SlewRoom;
 use crate::ramp::UnitRamp;
@@ -56,7 +56,7 @@ impl MotorMove {
     }
 
     /// What a motor of this maximum acceleration leaves to overrides and feed hold from one time of the move to another
-    /// (motion-semantics 1i). A move that needs more than the maximum by itself counts as needing all of it.
+    /// (M1i). A move that needs more than the maximum by itself counts as needing all of it.
     pub fn room(&self, max_acceleration: f64, from_s: f64, to_s: f64) -> SlewRoom {
         let brakes_s = self.ramp_s + self.cruise_s;
         if self.velocity == 0.0 || to_s <= 0.0 || from_s >= self.duration_s() {

@@ -1,5 +1,5 @@
 //! How fast a profile goes through its plan: with G500 slower than planned wherever a motor would exceed its maximum
-//! acceleration (motion-semantics 1d).
+//! acceleration (M1d).
 //!
 //! Plan time is the time of the motion without look-ahead. The square of its rate is linear in plan time on each piece;
 //! so in time the rate is linear and plan time quadratic, in closed form. On a piece with a [`SpeedGrowth`] that holds for the
@@ -126,7 +126,7 @@ impl PacePiece {
 }
 
 /// How fast an override factor `o`, 0 to 1, may change without any motor above its maximum acceleration a: velocity V and
-/// acceleration A at 100 percent become `V o` and `A o^2 + V o'` (motion-semantics 1i).
+/// acceleration A at 100 percent become `V o` and `A o^2 + V o'` (M1i).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SlewRoom {
     /// Smallest a/|V|, per second.

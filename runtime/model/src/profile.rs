@@ -66,7 +66,7 @@ pub enum Law {
         /// Where its chain is with it.
         place: ChainPlace,
     },
-    /// As `Ramped`, in plan time, which goes on at a pace that keeps the motors' limits (motion-semantics 1d).
+    /// As `Ramped`, in plan time, which goes on at a pace that keeps the motors' limits (M1d).
     Paced {
         /// The geometry.
         path: Path,
@@ -105,7 +105,7 @@ pub enum Law {
         /// One law for each axis, to the target.
         moves: [MotorMove; AXES_MAX],
     },
-    /// A way in a thread from rest to rest, as `Ramped`; the spindle turns in proportion to it (motion-semantics 1h).
+    /// A way in a thread from rest to rest, as `Ramped`; the spindle turns in proportion to it (M1h).
     Tap {
         /// Start, machine coordinates.
         from: AxisVector,
@@ -142,7 +142,7 @@ fn alone([from, to]: [&AxisVector; 2], moves: &[MotorMove; AXES_MAX], t_s: f64) 
     }))
 }
 
-/// How far a chain of blocks between two stops has come with one of them (motion-semantics 1b).
+/// How far a chain of blocks between two stops has come with one of them (M1b).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ChainPlace {
     /// Number of the segment that the chain begins with.
@@ -151,7 +151,7 @@ pub struct ChainPlace {
     pub ends_s: f64,
 }
 
-/// The begin of the next block within the profile of the one before it (motion-semantics 1b).
+/// The begin of the next block within the profile of the one before it (M1b).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Lead {
     /// The next block's geometry.

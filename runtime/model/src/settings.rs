@@ -61,7 +61,7 @@ pub struct MotionOptions {
     pub compensation_feed: CompensationFeed,
     /// What is done about an overcut with cutter compensation.
     pub overcut: Overcut,
-    /// What gives way in a chain of blended blocks that are too short for their ramps (motion-semantics 1b).
+    /// What gives way in a chain of blended blocks that are too short for their ramps (M1b).
     pub short_block: ShortBlock,
     /// The simulated skip input of each axis's motor (G31); `None`: its input never comes.
     pub simulated_skip: [Option<SimulatedSkip>; AXES_MAX],
@@ -180,8 +180,8 @@ pub struct MotorSettings {
     pub max_velocity: f64,
     /// Units per second squared (spindle: r/min per second).
     pub max_acceleration: f64,
-    /// Units per second cubed, of G00, G28, G30 and G31 (motion-semantics 1e) and, with G500, of lines, arcs and the ramps
-    /// between them (1d); `None`: not limited. Other feed motion has the jerk that ta, td and ts give it, and steps within
+    /// Units per second cubed, of G00, G28, G30 and G31 (M1e) and, with G500, of lines, arcs and the ramps
+    /// between them (M1d); `None`: not limited. Other feed motion has the jerk that ta, td and ts give it, and steps within
     /// `max_acceleration` where look-ahead changes the rate.
     pub max_jerk: Option<f64>,
     /// Speed of G00, units per second.

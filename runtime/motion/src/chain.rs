@@ -1,4 +1,4 @@
-//! A chain of blended blocks between two stops (motion-semantics 1b, G64 with G501).
+//! A chain of blended blocks between two stops (M1b, G64 with G501).
 //!
 //! One ramp at each joint, centred on the time `t_i = t_(i-1) + L_i/v_i` at which the block would end without ramps;
 //! it slows the block before and speeds the next one up at once. A ramp never reaches beyond the middle of the blocks

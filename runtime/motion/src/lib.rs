@@ -4,8 +4,8 @@
 //! closed form ([`Law`](tandem_model::profile::Law)); the servo cycle evaluates it and scales its time.
 //!
 //! Segments that may blend ([`SegmentEnd::Continuous`](tandem_model::flow::SegmentEnd::Continuous)) form a chain with
-//! superposed ramps (motion-semantics 1b, G501). With G500 the chain keeps its path and slows down before a motor would
-//! exceed its maximum acceleration (1d, `look_ahead`).
+//! superposed ramps (M1b, G501). With G500 the chain keeps its path and slows down before a motor would
+//! exceed its maximum acceleration (M1d, `look_ahead`).
 //!
 //! Decisions of ours: the rapid limits of a motor are taken as they are, also where they are above its maxima; G01
 //! is held to `max_velocity` but not to `max_acceleration` (manual: not checked in G501). With G500 the speed along the path is held to both.
@@ -19,6 +19,7 @@ mod rapid;
 mod record;
 mod replan;
 mod reserve;
+pub mod rules;
 mod tapping;
 
 pub use planner::Planner;

@@ -1,4 +1,4 @@
-//! G01 along a path: from rest to rest (motion-semantics 1a), and what a chain needs of it.
+//! G01 along a path: from rest to rest (M1a), and what a chain needs of it.
 
 use tandem_model::alarm::{LIMIT_ZERO, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
 use tandem_model::flow::{Feed, MultiBlock, Path};
@@ -157,7 +157,7 @@ impl Soft {
 
 /// The speed of a block along a path and its ramps. With G500, where a motor that moves on a line has a maximum jerk, those
 /// from rest and to rest keep that and the maximum accelerations: over a line between two stops that is the profile of
-/// 7 segments of motion-semantics 1d.
+/// 7 segments of M1d.
 pub(crate) fn plan(
     settings: &CoordinateSystemSettings,
     path: &Path,

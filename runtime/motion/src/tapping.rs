@@ -1,4 +1,4 @@
-//! A way in a thread: Z from rest to rest, the spindle locked to it (motion-semantics 1h).
+//! A way in a thread: Z from rest to rest, the spindle locked to it (M1h).
 //!
 //! The spindle turns in proportion to Z, so its limits are limits of Z: the speed is at most the one at which the
 //! spindle turns at its maximum, and each ramp takes at least as long as the spindle needs to that speed.

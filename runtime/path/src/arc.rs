@@ -1,4 +1,4 @@
-//! G02 and G03: from the words to the circle in machine coordinates (motion-semantics 1f, D21, D26).
+//! G02 and G03: from the words to the circle in machine coordinates (M1f, D21, D26).
 
 use tandem_model::alarm::{ARC_DISTORTED, ARC_IMPOSSIBLE, VALUE_NOT_FINITE};
 use tandem_model::flow::{Arc, ArcShape, Block, Frame, Path, Plane, Rotation, Scaling, Transform, Turn};

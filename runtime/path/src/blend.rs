@@ -1,4 +1,4 @@
-//! Where two blocks are blended, and one of them is an arc, the motion may leave the hull of both (motion-semantics 1b).
+//! Where two blocks are blended, and one of them is an arc, the motion may leave the hull of both (M1b).
 
 use tandem_model::alarm::SOFT_LIMIT;
 use tandem_model::flow::{Feed, Path, SegmentMotion};

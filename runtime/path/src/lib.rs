@@ -7,7 +7,7 @@
 //! Decisions of ours, where the manual is silent:
 //! - A move shorter than [`LENGTH_MIN`] on every axis is no move: no segment, the position stays. Its exact stop
 //!   still counts, and G00 still ends a chain.
-//! - A block without movement ends a chain of blended blocks (motion-semantics 1c, G501).
+//! - A block without movement ends a chain of blended blocks (M1c, G501).
 //! - A change of tool length is made good by the next motion block in work coordinates; G53 with Z makes it void (D22).
 //! - An axis that no word moves stays to the last bit; under a rotation both axes of its plane count as moved when a
 //!   word names one of them.

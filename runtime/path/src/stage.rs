@@ -251,7 +251,7 @@ impl PathStage {
 
     fn rapid(&mut self, block: &Block, words: &AxisWords, out: &mut Vec<Segment>) -> Result<(), Alarm> {
         let to = self.target(block, words)?;
-        // G00 is never blended (motion-semantics 1c), so it waits for no other block.
+        // G00 is never blended (M1c), so it waits for no other block.
         if moves(self.at, to) {
             self.advance(block, SegmentMotion::Rapid { from: self.at, to }, true, out)?;
             self.at = to;
@@ -563,7 +563,7 @@ pub fn work_position(transform: &Transform, machine: MachinePosition) -> WorkPos
 }
 
 /// True for a block that ends a chain when it does not move: each one with G501, with G500 only one with G09
-/// (motion-semantics 1c).
+/// (M1c).
 fn ends_chain(block: &Block) -> bool {
     block.multi_block == MultiBlock::Off || block.exact_stop_before || block.exact_stop_after
 }

@@ -2,7 +2,7 @@
 //!
 //! The order within a cycle: controls are taken; the running profile goes on, or the next one gives its start
 //! point; drives follow; what has come to rest is told. So in one cycle a profile gives its end point and, with an
-//! ideal drive, is found in position; the next one gives its start point in the cycle after (motion-semantics 1c).
+//! ideal drive, is found in position; the next one gives its start point in the cycle after (M1c).
 
 use tandem_model::flow::TapLeg;
 use tandem_model::profile::{Law, Profile, TimeBase};

@@ -6,7 +6,7 @@
 //! reads no clock either: time is the number of cycles times the servo period, so simulated time and real time
 //! run the same code.
 //!
-//! Decisions of ours, where the manual is silent (motion-semantics 1c, 1i):
+//! Decisions of ours, where the manual is silent (M1c, M1i):
 //! - In-position is checked in the cycle that gives the end point, and each cycle after it; the next profile gives its
 //!   start point in the cycle after it is found.
 //! - The time base is slewed only while something moves: from rest a profile starts at the override, and feed hold

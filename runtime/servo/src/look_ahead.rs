@@ -1,4 +1,4 @@
-//! Profiles of look-ahead (G500), and those of motors alone, in the servo cycle (motion-semantics 1d, 1e, 1i): how fast the
+//! Profiles of look-ahead (G500), and those of motors alone, in the servo cycle (M1d, M1e, M1i): how fast the
 //! override factor may change, and how far the motion may go with what is known.
 
 use rtrb::Consumer;

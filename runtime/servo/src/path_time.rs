@@ -1,4 +1,4 @@
-//! The time base of a channel (motion-semantics 1i): the time of the running profile goes on at a slew-limited rate.
+//! The time base of a channel (M1i): the time of the running profile goes on at a slew-limited rate.
 
 /// A step that ends within this share of a period after the period counts as ending in it: rounding.
 const STEP_TOLERANCE: f64 = 1e-9;

@@ -1,4 +1,4 @@
-//! How fast the motion may be so that it can come to rest on its path within what is known (motion-semantics 1d): a chain
+//! How fast the motion may be so that it can come to rest on its path within what is known (M1d): a chain
 //! whose next blocks are late, or have no room in a short ring, slows down, and never runs out.
 
 use rtrb::Consumer;

@@ -1,4 +1,4 @@
-//! G31 in the servo cycle (motion-semantics 1e, D40): a motor whose skip input comes brakes, and goes back to where it
+//! G31 in the servo cycle (M1e, D40): a motor whose skip input comes brakes, and goes back to where it
 //! came. And what motors that move alone leave to overrides.
 
 use tandem_model::profile::{Law, MotorLimits, MotorMove, Profile, SlewRoom};

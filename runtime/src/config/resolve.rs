@@ -278,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn defaults_are_those_of_the_interface_page() {
+    fn keys_left_out_have_their_defaults() {
         let text = "[[motor]]\nnumber = 1\nkind = \"linear\"\nmax_velocity = 500.0\nmax_acceleration = 5000.0\n[[coordinate_system]]\nnumber = 1\naxes = { X = 1 }\n";
         let machine = Config::from_toml(text, "").unwrap().resolve().unwrap();
         let system = &machine.coordinate_systems[0];

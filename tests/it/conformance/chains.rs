@@ -1,4 +1,4 @@
-//! G64 with G501: chains of blended blocks (motion rule 1b), and what must not break or starve them.
+//! G64 with G501: chains of blended blocks (M1), and what must not break or starve them.
 
 use crate::support::formula::{Block, LATE_S, PERIOD_S, assert_samples};
 use crate::support::machine::{COORDINATE_SYSTEMS, MOTORS, Machine};
@@ -18,7 +18,7 @@ fn fifty_lines(behind: impl Fn(u32) -> &'static str) -> String {
     format!("ta20 td20 ts0 G01 F6000\n{lines}M30\n")
 }
 
-/// Rule 1b: equal speeds in one direction run as one block, of `length` mm.
+/// M1b: equal speeds in one direction run as one block, of `length` mm.
 fn as_one_block(length: f64) -> Block {
     Block::new(length, 100.0, 0.02, 0.02, 0.0)
 }
@@ -135,7 +135,7 @@ fn m1c_a_chain_ends_at_rest_before_a_long_calculation() {
     assert!(corner(6000));
 }
 
-/// A chain of equal short blocks along X at the feed override, against rule 1b: time, and all samples.
+/// A chain of equal short blocks along X at the feed override, against M1b: time, and all samples.
 fn assert_short_blocks(blocks: u32, length: f64, feedrate: f64, feed_override: u32) {
     let program = format!(
         "G91 G01 F{feedrate}\n{}M30\n",

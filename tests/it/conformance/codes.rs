@@ -235,7 +235,7 @@ fn d25_f_of_a_block_that_moves_rotary_axes_only_is_in_degrees_a_minute() {
 
 #[test]
 fn d22_d25_f_counts_the_way_that_z_makes_good_in_a_block_of_rotary_axes() {
-    // Tool 1 is 8 mm long: Z moves, so F is in inches a minute over its way (motion rule 1a).
+    // Tool 1 is 8 mm long: Z moves, so F is in inches a minute over its way (M1).
     let program = "M6 VA1\nta20 td20 ts0 G61\nG20 G43\nG01 A60 F10\nM30\n";
     takes(program, 8.0, 254.0);
     takes(&program.replace("G20", "G21"), 8.0, 10.0);

@@ -1,4 +1,4 @@
-//! G41 and G42 on the machine (motion rule 1g): positions, alarms, and what the program may do in between.
+//! G41 and G42 on the machine (M1): positions, alarms, and what the program may do in between.
 
 use crate::support::machine::{COORDINATE_SYSTEMS, MOTORS, Machine};
 use crate::support::simulated::{Simulated, simulate_on};

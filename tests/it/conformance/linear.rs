@@ -1,4 +1,4 @@
-//! G01, F, ta, td, ts (motion rule 1a) and the stops of 1c.
+//! G01, F, ta, td, ts (M1) and the stops of M1c.
 
 use crate::support::formula::{Block, LATE_S, assert_samples};
 use crate::support::machine::Machine;

@@ -1,4 +1,4 @@
-//! G64 with G500 (motion rule 1d): the path of G501, slowed to the motors' maximum accelerations.
+//! G64 with G500 (M1): the path of G501, slowed to the motors' maximum accelerations.
 
 use crate::support::formula::Ramp;
 use crate::support::machine::{COORDINATE_SYSTEMS, MOTORS, Machine};
@@ -146,7 +146,7 @@ fn corner(between: &str, end: &str) -> Simulated {
 
 #[test]
 fn m1c_with_g500_a_change_of_offset_stops_no_chain_and_the_path_goes_on_to_the_new_coordinates() {
-    // G54 has X10 Y20, G57 has X13: rule 1b, 0.5 s and 0.375 s between the middles of ramps of 0.1 s
+    // G54 has X10 Y20, G57 has X13: M1b, 0.5 s and 0.375 s between the middles of ramps of 0.1 s
     let ramp = Ramp::new(0.1, 0.0);
     let way = |from: f64, to: f64, t: f64| 40.0 * (ramp.integral(t - from) - ramp.integral(t - to));
     let changes = [

@@ -22,7 +22,7 @@ fn run(program: &str) -> Simulated {
     simulate_on(&Machine::new(M_CODES), program, &[]).completed()
 }
 
-/// 50 mm in rapid motion (motion rule 1e).
+/// 50 mm in rapid motion (M1).
 const RAPID_S: f64 = 0.6;
 
 #[test]

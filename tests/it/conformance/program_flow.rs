@@ -159,7 +159,7 @@ fn m00_stops_always_and_m01_only_with_the_optional_stop_on() {
 
 #[test]
 fn d14_m00_stops_when_motion_has_come_to_it() {
-    // 50 mm take 0.6 s (motion rule 1e)
+    // 50 mm take 0.6 s (M1)
     let run = simulate("G00 X50\nM00\nM30\n").completed();
     let at_s = run.json["stops"][0]["at_s"].as_f64().unwrap();
     assert!((0.6..0.6052).contains(&at_s), "{at_s}");

@@ -1,4 +1,4 @@
-//! G00: each motor alone, in the least time of its own limits (motion rule 1e).
+//! G00: each motor alone, in the least time of its own limits (M1).
 
 use crate::support::formula::{LATE_S, Rapid, assert_samples};
 use crate::support::simulated::simulate;

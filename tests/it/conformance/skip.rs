@@ -1,4 +1,4 @@
-//! What stands behind a G31: it is interpreted at once, and moves from where the motors have ended (D15, motion rule 1e).
+//! What stands behind a G31: it is interpreted at once, and moves from where the motors have ended (D15, M1).
 
 use crate::support::machine::Machine;
 use crate::support::simulated::{Simulated, simulate_on};

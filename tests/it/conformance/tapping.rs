@@ -1,4 +1,4 @@
-//! Tapping, G74 and G84: levels, times, M codes, and the spindle in phase with Z (motion rule 1h, D42).
+//! Tapping, G74 and G84: levels, times, M codes, and the spindle in phase with Z (M1, D42).
 
 use std::sync::{Arc, Mutex};
 use std::time::Duration;

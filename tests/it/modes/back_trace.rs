@@ -32,7 +32,7 @@ async fn to_the_end(rig: &Rig) -> Vec<u32> {
     panic!("it never ends")
 }
 
-/// Motion rule 1e: X 40 mm and Y 10 mm, each in its own least time, both from the start on.
+/// M1e: X 40 mm and Y 10 mm, each in its own least time, both from the start on.
 fn assert_on_the_rapid(point: Point) {
     let (x, y) = (Rapid::new(40.0, 100.0, 1000.0), Rapid::new(10.0, 50.0, 250.0));
     let (mut low, mut high) = (0.0, x.end_s);

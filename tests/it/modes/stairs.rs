@@ -9,7 +9,7 @@ const CORNERS: [[f64; 2]; 4] = [[1.0, 0.0], [0.0, 1.0], [1.0, 0.0], [0.0, 1.0]];
 const LENGTH: f64 = 20.0;
 const SPEED: f64 = 50.0;
 
-/// Motion rule 1b: nominal times at the boundaries, one ramp centred on each, the blocks' motions superposed.
+/// M1b: nominal times at the boundaries, one ramp centred on each, the blocks' motions superposed.
 fn stairs(t: f64) -> Point {
     let ramp = Ramp::new(0.05, 0.01);
     let half = ramp.total() / 2.0;

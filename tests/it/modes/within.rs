@@ -1,4 +1,4 @@
-//! What may not stop between blocks, judged by the motion and not by how far the program is read (motion rule 1i); G31 with
+//! What may not stop between blocks, judged by the motion and not by how far the program is read (M1); G31 with
 //! a skip input from outside.
 
 use plc_api::Execution;

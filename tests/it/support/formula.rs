@@ -1,5 +1,5 @@
-//! The formulas of one cutting block from stop to stop and of one rapid motion, written from the motion rules 1a and
-//! 1e, not from the planner.
+//! The formulas of one cutting block from stop to stop and of one rapid motion, written from the M1 and
+//! M1e, not from the planner.
 
 /// One servo period of the test machines, s.
 pub const PERIOD_S: f64 = 0.001;
@@ -72,7 +72,7 @@ impl Block {
         }
     }
 
-    /// Rule 1b, `shrink`: a chain of equal blocks in one line that are shorter than their ramps. They run as one, whose
+    /// M1b, `shrink`: a chain of equal blocks in one line that are shorter than their ramps. They run as one, whose
     /// ramps have shrunk to the time of one of them.
     pub fn of_short_ones(blocks: u32, length: f64, v: f64) -> Self {
         let ramp = Ramp {

@@ -148,7 +148,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_role_has_the_rights_of_the_interface_page_and_no_more() {
+    fn each_role_has_the_rights_of_its_row_and_no_more() {
         let rights = [
             Right::Read,
             Right::Operate,

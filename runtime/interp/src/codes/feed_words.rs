@@ -21,7 +21,7 @@ pub static FEED_WORDS: [WordSpec; 5] = [
 
 /// Takes over the words of a block that no code has as its own. F above the maximum gives a warning, S above the
 /// spindle's maximum is an alarm (D11). F stays as it is written, since it makes the pitch of a thread
-/// (motion-semantics 1h); no motion is faster than the maximum.
+/// (M1h); no motion is faster than the maximum.
 pub(crate) fn take_over(execution: &mut Execution<'_>) {
     if let Some(programmed) = execution.free_word(Address::F) {
         let feedrate = programmed * execution.modal().unit();

@@ -1,7 +1,7 @@
 //! A ramp where a motor has a maximum jerk: it is passed at one rate, at which no motor exceeds its limits anywhere in it.
 //!
 //! With the change dv of a motor's velocity over a ramp of `ta` and `ts` its acceleration at the rate w is at most
-//! `|dv|/ta w^2`, its jerk `|dv|/(ta ts) w^3` (motion-semantics 1b); a rate that changes would add steps of acceleration. A
+//! `|dv|/ta w^2`, its jerk `|dv|/(ta ts) w^3` (M1b); a rate that changes would add steps of acceleration. A
 //! ramp without jerk time steps at any rate: it is not slowed for the jerk.
 //!
 //! On an arc, its derivatives by distance being p' to p''', the velocity `v p'` turns within the ramp by `p'' v^2 (ta +

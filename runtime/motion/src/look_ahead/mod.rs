@@ -1,4 +1,4 @@
-//! Look-ahead, G64 with G500 (motion-semantics 1d): a chain keeps its path, and slows down before a motor would exceed
+//! Look-ahead, G64 with G500 (M1d): a chain keeps its path, and slows down before a motor would exceed
 //! its maximum acceleration, over as many blocks as it needs.
 //!
 //! The motion is `q(t) = q501(tau(t))` with a rate `tau' <= o`, whose square x is linear in tau on each piece; o is the
@@ -20,7 +20,7 @@
 //! enough to change their speed with it keeps it all the way. Where one is too short for that, its acceleration steps at its
 //! ends. Between the ramps of a line the limits of the rate, and so the blocks before, do not depend on it.
 //!
-//! It does not bound short blocks: the path is that of G501, where they have no jerk time left (motion-semantics 1b,
+//! It does not bound short blocks: the path is that of G501, where they have no jerk time left (M1b,
 //! `ts' = T' - ta'`), so that at each of their joints `q501''` steps by a vector that no rate but 0 takes out of
 //! `q'' = q501'' w^2 + q501' w'`. The manual names positions, velocities and accelerations.
 

@@ -1,4 +1,4 @@
-//! Chains of blended blocks (motion-semantics 1b) against the sum over all blocks, each with its ramps at both ends.
+//! Chains of blended blocks (M1b) against the sum over all blocks, each with its ramps at both ends.
 
 use std::collections::VecDeque;
 use std::f64::consts::{FRAC_PI_2, TAU};
@@ -29,7 +29,7 @@ fn shrunk([ta, ts]: Ramp, most: f64) -> Ramp {
     [ta, if ts > 1e-12 * total { ts } else { 0.0 }]
 }
 
-/// The chain of motion-semantics 1b: its ramps with their centres, and the time of its end.
+/// The chain of M1b: its ramps with their centres, and the time of its end.
 pub struct Formula {
     pub paths: Vec<Path>,
     pub speeds: Vec<f64>,
@@ -240,7 +240,7 @@ fn s1b_short_blocks_keep_f_and_ramp_in_the_first_and_last_block_only() {
         let t = 0.01 + 0.09 * f64::from(k) / 100.0;
         close(position(&profiles, t)[Axis::X], 100.0 * (t - 0.005));
     }
-    // One alone keeps its ramps and falls short of F (1a): 0.3 s.
+    // One alone keeps its ramps and falls short of F (M1a): 0.3 s.
     let alone = chain(&fast(), &lines(&points[..2], feed(6000.0, [100.0, 100.0, 50.0])));
     close(end_s(&alone), 0.3);
 }

@@ -1,4 +1,4 @@
-//! G500 (motion-semantics 1d): limits, near the best time, the programmed profile where nothing exceeds them, the same
+//! G500 (M1d): limits, near the best time, the programmed profile where nothing exceeds them, the same
 //! path as G501, worst cases, and what is held back.
 
 use std::collections::VecDeque;

@@ -1,4 +1,4 @@
-//! G500 where motors have a maximum jerk (motion-semantics 1d): lines, and random chains.
+//! G500 where motors have a maximum jerk (M1d): lines, and random chains.
 
 use std::collections::VecDeque;
 
@@ -234,7 +234,7 @@ fn m1d_a_chain_begins_and_ends_with_the_maximum_jerk_and_rounds_its_corners_as_g
             off.orthogonal_length()
         })
         .fold(f64::INFINITY, f64::min);
-    // |dv| (ta/8 + ts^2/(24 ta)), motion-semantics 1b.
+    // |dv| (ta/8 + ts^2/(24 ta)), M1b.
     let expected = 100.0 * 2.0_f64.sqrt() * (0.020 / 8.0 + 0.010 * 0.010 / (24.0 * 0.020));
     assert!(
         (nearest / expected - 1.0).abs() < 1e-4,

@@ -1,4 +1,4 @@
-//! G500 where motors have a maximum jerk (motion-semantics 1d): arcs between lines.
+//! G500 where motors have a maximum jerk (M1d): arcs between lines.
 
 use std::f64::consts::{PI, TAU};
 

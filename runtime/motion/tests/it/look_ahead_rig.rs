@@ -1,4 +1,4 @@
-//! G500 against an independent writing of 1b and 1d: derivatives of the path in plan time, and the best possible time on a
+//! G500 against an independent writing of M1b and M1d: derivatives of the path in plan time, and the best possible time on a
 //! dense grid.
 
 use std::collections::VecDeque;
@@ -129,7 +129,7 @@ impl Chain {
         out.into()
     }
 
-    /// Velocity and acceleration of 1b, `t` after the begin of the profile of block i (from 0); where the acceleration
+    /// Velocity and acceleration of M1b, `t` after the begin of the profile of block i (from 0); where the acceleration
     /// jumps, its value on the side of `within`. Times count from the profile, so that long chains cost no digits.
     pub fn derivatives(&self, i: usize, t: f64, within: f64) -> [AxisVector; 2] {
         let formula = &self.formula;
@@ -396,7 +396,7 @@ pub fn check(chain: &Chain, profiles: &[Profile], samples: u32) -> Result<(), St
     Ok(())
 }
 
-/// Positions are those of 1b at the plan time of each sample.
+/// Positions are those of M1b at the plan time of each sample.
 pub fn same_path(chain: &Chain, profiles: &[Profile]) -> Result<(), String> {
     for profile in profiles {
         let offset = chain.begins(profile.segment);

@@ -1,4 +1,4 @@
-//! G500 on the shapes that people program, with ramps of all times: near the best time (motion-semantics 1d).
+//! G500 on the shapes that people program, with ramps of all times: near the best time (M1d).
 
 use std::f64::consts::TAU;
 

@@ -1,4 +1,4 @@
-//! G500 with G41 and G42, from the text through the path stage (motion-semantics 1d, 1g): the limits hold on random
+//! G500 with G41 and G42, from the text through the path stage (M1d, M1g): the limits hold on random
 //! contours of lines, arcs and helices with a rotary axis going along.
 
 use std::collections::BTreeMap;

@@ -16,7 +16,7 @@ use crate::rig::{
     shortest_by_halving, vector,
 };
 
-/// Time of the whole block and distance after `t`, by motion-semantics 1a.
+/// Time of the whole block and distance after `t`, by M1a.
 fn ramped_distance(length: f64, v: f64, [ta, td, ts]: [f64; 3], t: f64) -> (f64, f64) {
     let (ta, td) = (ta.max(ts), td.max(ts));
     let (ramp_a, ramp_d) = (ta + ts, td + ts);

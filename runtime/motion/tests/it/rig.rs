@@ -126,7 +126,7 @@ pub fn integral_of_ramp(t: f64, ta: f64, ts: f64) -> f64 {
     }
 }
 
-/// Peak speed and time of the shortest motion from rest to rest: ramp time by motion-semantics 1e, the peak found by
+/// Peak speed and time of the shortest motion from rest to rest: ramp time by M1e, the peak found by
 /// halving instead of a closed form.
 pub fn shortest_by_halving(way: f64, v: f64, a: f64, j: Option<f64>) -> (f64, f64) {
     let ramp = |w: f64| match j {

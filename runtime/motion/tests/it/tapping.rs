@@ -1,4 +1,4 @@
-//! Threads: Z as a block from stop to stop, the spindle in proportion to it, within the limits of both (1h).
+//! Threads: Z as a block from stop to stop, the spindle in proportion to it, within the limits of both (M1h).
 
 use tandem_model::alarm::{LIMIT_ZERO, VALUE_NOT_FINITE};
 use tandem_model::flow::{Segment, SegmentMotion, TapLeg};
@@ -87,7 +87,7 @@ fn m1h_the_ramps_are_as_long_as_the_spindle_needs() {
 
 #[test]
 fn m1h_a_thread_too_short_for_its_speed_keeps_its_ramps_and_its_pitch() {
-    // below half of both ramps at speed: the peak falls (1a, extend)
+    // below half of both ramps at speed: the peak falls (M1a, extend)
     let profile = plan(&with_spindle(3000.0, 1e6), &thread(0.1, 0.3));
     close(profile.duration_s, 0.15 + 0.13);
     for k in 0..=280 {

@@ -1,4 +1,4 @@
-//! Where two compensated blocks meet (motion-semantics 1g).
+//! Where two compensated blocks meet (M1g).
 //!
 //! A joint is judged by the deflection between the blocks. On the inside both are cut at the intersection of their
 //! offset curves. On the outside both go on straight to where these lines meet, as long as the deflection is at most

@@ -1,4 +1,4 @@
-//! Overcut: where the tool on one block would cut into another one (motion-semantics 1g).
+//! Overcut: where the tool on one block would cut into another one (M1g).
 //!
 //! Blocks whose directions lie within half a turn cannot do so as long as something is left of each between its
 //! neighbours: as the radius grows from zero, each stays forward, and curves that go forward in one direction never

@@ -1,4 +1,4 @@
-//! G41 and G42: from programmed segments to those of the tool's centre (motion-semantics 1g).
+//! G41 and G42: from programmed segments to those of the tool's centre (M1g).
 //!
 //! Between lead-in and lead-out the last [`LOOK_AHEAD_MAX`] blocks that move in the plane are kept back, so that an
 //! overcut is found before the first motion of the first block that it concerns. All geometry is in the plane of the

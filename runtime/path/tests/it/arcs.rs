@@ -1,4 +1,4 @@
-//! G02 and G03 (motion-semantics 1f, D21, D26).
+//! G02 and G03 (M1f, D21, D26).
 
 use std::f64::consts::{PI, TAU};
 

@@ -1,4 +1,4 @@
-//! G41 and G42: corners, lead-in, lead-out (motion-semantics 1g). The expected points are derived by hand: feet of
+//! G41 and G42: corners, lead-in, lead-out (M1g). The expected points are derived by hand: feet of
 //! perpendiculars, intersections of lines and circles.
 
 use crate::contour::Step::{A, L};

@@ -1,4 +1,4 @@
-//! What holds for every compensated contour (motion-semantics 1g), on random ones: lines and arcs with all kinds of
+//! What holds for every compensated contour (M1g), on random ones: lines and arcs with all kinds of
 //! corners. The random numbers are the same in each run.
 
 use std::f64::consts::{PI, TAU};

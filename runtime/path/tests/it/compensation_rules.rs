@@ -1,4 +1,4 @@
-//! What G41 and G42 ask of a program, and what else stands between their blocks (motion-semantics 1g, D20, D23; manual,
+//! What G41 and G42 ask of a program, and what else stands between their blocks (M1g, D20, D23; manual,
 //! restrictions of G41).
 
 use tandem_model::alarm::{

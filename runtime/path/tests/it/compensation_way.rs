@@ -1,4 +1,4 @@
-//! Feedrate, other axes, stops, and the transforms with G41 and G42 (motion-semantics 1g, D20).
+//! Feedrate, other axes, stops, and the transforms with G41 and G42 (M1g, D20).
 
 use tandem_model::Axis;
 use tandem_model::flow::{

@@ -1,4 +1,4 @@
-//! Threads of G74 and G84: revolutions, offsets, and what is refused (motion-semantics 1h).
+//! Threads of G74 and G84: revolutions, offsets, and what is refused (M1h).
 
 use tandem_model::alarm::{
     AXIS_MISSING, COMPENSATION_REFUSED, FEEDRATE_MISSING, SOFT_LIMIT, SPINDLE_SPEED_MISSING, TAP_OFF_AXIS,

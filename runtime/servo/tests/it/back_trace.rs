@@ -1,4 +1,4 @@
-//! Back trace: the way back of what moved with G500, and forward again from where it ends (motion-semantics 1d, 1e, 1i).
+//! Back trace: the way back of what moved with G500, and forward again from where it ends (M1d, M1e, M1i).
 
 use std::collections::VecDeque;
 

@@ -1,4 +1,4 @@
-//! Blended chains (motion-semantics 1b, 1i): joints, hold and override within arcs and blends, late profiles.
+//! Blended chains (M1b, M1i): joints, hold and override within arcs and blends, late profiles.
 
 use std::collections::VecDeque;
 

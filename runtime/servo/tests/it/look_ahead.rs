@@ -1,4 +1,4 @@
-//! G500 in the servo cycle (motion-semantics 1d, 1i): limits at any override up to 100 percent, through holds, and when
+//! G500 in the servo cycle (M1d, M1i): limits at any override up to 100 percent, through holds, and when
 //! profiles come late. The plan itself is proven in the motion crate; here the commanded samples are looked at, whose
 //! second difference is a mean of the acceleration, so never above its bound.
 

@@ -1,4 +1,4 @@
-//! Feed hold, rapid override and stop within G00 and G31 (motion-semantics 1e, 1i): a rapid that uses all of its motors'
+//! Feed hold, rapid override and stop within G00 and G31 (M1e, M1i): a rapid that uses all of its motors'
 //! maximum acceleration leaves nothing to a slew while it speeds up or brakes.
 
 use std::collections::VecDeque;

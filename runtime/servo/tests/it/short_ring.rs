@@ -1,4 +1,4 @@
-//! A ring too short for the way to rest (motion-semantics 1d: what is known always ends in a planned stop): the motion is
+//! A ring too short for the way to rest (M1d: what is known always ends in a planned stop): the motion is
 //! slower, on its path and within its limits, and never runs out.
 
 use proptest::prelude::*;

@@ -1,4 +1,4 @@
-//! G31 (motion-semantics 1e, D40, D41): each motor turns back to where its skip input came.
+//! G31 (M1e, D40, D41): each motor turns back to where its skip input came.
 
 use proptest::prelude::*;
 use tandem_model::profile::{Law, MotorLimits, MotorMove, Profile, TimeBase};

@@ -1,4 +1,4 @@
-//! A plan in place of another one (motion-semantics 1d, 1i): overrides above 100 percent in G500. The commanded samples
+//! A plan in place of another one (M1d, M1i): overrides above 100 percent in G500. The commanded samples
 //! keep every limit, and lie on the path that the chain has without look-ahead.
 
 use std::cell::Cell;

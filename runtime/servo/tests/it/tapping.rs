@@ -1,4 +1,4 @@
-//! Tapping through the channel: the spindle in phase with Z in every cycle, holds that wait, stops (motion-semantics 1h).
+//! Tapping through the channel: the spindle in phase with Z in every cycle, holds that wait, stops (M1h).
 
 use tandem_model::AxisVector;
 use tandem_model::flow::TapLeg;
@@ -106,7 +106,7 @@ impl Turned {
     }
 }
 
-/// Way of the law, from the formula of 1a with its ramps written out.
+/// Way of the law, from the formula of M1a with its ramps written out.
 fn way(t: f64) -> f64 {
     let p = |t: f64, ta: f64, ts: f64| {
         let cut = |x: f64| x.max(0.0).powi(3);

@@ -1,4 +1,4 @@
-//! What a maximum jerk bounds (motion-semantics 1d), against an independent writing of it.
+//! What a maximum jerk bounds (M1d), against an independent writing of it.
 
 use tandem_model::profile::{PacePiece, Profile};
 use tandem_model::{Axis, AxisVector};
