@@ -32,8 +32,9 @@ use tracing::warn;
 
 use crate::access::topics::{may_publish, may_say, may_subscribe};
 use crate::access::{LiveTokens, Rate, User, random_secret};
+use crate::broker_address::{BrokerAddress, Refused, reachable};
+use crate::contract::topics::is_inbound;
 use crate::error::GatewayError;
-use crate::mqtt::inbound;
 use crate::settings::{MQTT_LISTEN, listen_error};
 use sessions::{Admitted, REMEMBERED_MAX, Sessions};
 
@@ -59,9 +60,6 @@ const QUEUED_MAX: usize = 1000;
 const QUEUED_BYTES_MAX: usize = 8 * 1024 * 1024;
 /// Time to stop; then its task is ended.
 const STOP_MAX: Duration = Duration::from_secs(2);
-
-/// A message that the broker refused: its topic and payload.
-pub(crate) type Refused = (String, Vec<u8>);
 
 /// Messages of one client: at once, and a second after that. More are taken later, which the client feels as a slow
 /// broker: over MQTT 3.1.1 one that is refused would be lost without a word. Reason: one process may serve 8 coordinate
@@ -153,9 +151,14 @@ impl Broker {
         self.addr
     }
 
-    /// User and password of the runtime's own connection.
-    pub(crate) fn runtime_credentials(&self) -> (String, String) {
-        (RUNTIME_USER.to_owned(), self.secret.clone())
+    /// Where and as whom the runtime's own end comes in.
+    pub(crate) fn address(&self) -> BrokerAddress {
+        BrokerAddress {
+            host: reachable(self.addr.ip()).to_string(),
+            port: self.addr.port(),
+            credentials: Some((RUNTIME_USER.to_owned(), self.secret.clone())),
+            transport: rumqttc::Transport::tcp(),
+        }
     }
 
     /// Closes all connections and stops.
@@ -272,7 +275,7 @@ impl Guard {
     /// Ends the sessions of tokens that count no more, whenever there are other tokens.
     async fn end_revoked(self: Arc<Self>, broker: SocketAddr, mut tokens: LiveTokens) {
         let credentials = (RUNTIME_USER.to_owned(), self.secret.clone());
-        let broker = SocketAddr::new(crate::mqtt::reachable(broker.ip()), broker.port());
+        let broker = SocketAddr::new(reachable(broker.ip()), broker.port());
         loop {
             tokens.changed().await;
             for (client_id, session) in self.sessions.revoked(&tokens.now()) {
@@ -356,9 +359,7 @@ impl Guard {
     }
 
     fn is_inbound(&self, topic: &str) -> bool {
-        topic
-            .strip_prefix(&self.access.root)
-            .is_some_and(inbound::is_inbound)
+        topic.strip_prefix(&self.access.root).is_some_and(is_inbound)
     }
 
     fn may_publish(&self, user_id: Option<&str>, topic: &str) -> bool {

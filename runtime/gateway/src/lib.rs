@@ -5,9 +5,12 @@
 
 mod access;
 mod broker;
+mod broker_address;
 mod contract;
 mod error;
 mod hmi;
+mod http;
+mod json;
 mod metrics;
 mod mqtt;
 mod origin;
@@ -35,8 +38,9 @@ use tokio_util::sync::CancellationToken;
 
 use access::LiveTokens;
 use access::http::Access;
-use broker::{Broker, BrokerAccess, Refused};
-use mqtt::{BrokerAddress, MqttEnd};
+use broker::{Broker, BrokerAccess};
+use broker_address::{BrokerAddress, Refused};
+use mqtt::MqttEnd;
 use server::LimitedListener;
 use settings::{HTTP_LISTEN, MQTT_LISTEN, listen_address, listen_error};
 use shared::Shared;
@@ -91,7 +95,10 @@ impl Gateway {
         let (refused_sender, refused) = mpsc::channel(mqtt::REFUSED_MAX);
         let tokens = settings.tokens.clone().map(LiveTokens::follow);
         let broker = embedded_broker(&settings, tokens.clone(), refused_sender).await?;
-        let at = BrokerAddress::new(&settings.mqtt, broker.as_ref(), transport);
+        let at = match &broker {
+            Some(broker) => broker.address(),
+            None => BrokerAddress::of_settings(&settings.mqtt, transport),
+        };
         let position_interval = Duration::from_millis(settings.position_interval_ms);
         let stop = CancellationToken::new();
         let shared = Arc::new(Shared::new(
@@ -111,7 +118,7 @@ impl Gateway {
             refused,
             metrics: Arc::clone(&shared.metrics),
         });
-        let router = rest::router(Arc::clone(&shared));
+        let router = http::router(Arc::clone(&shared));
         let http = tokio::spawn(server::serve(
             LimitedListener::new(listener),
             router,

@@ -1,6 +1,7 @@
 //! Modal state: what stays in force from block to block.
 
-use tandem_model::flow::{Compensation, Distance, Feed, MultiBlock, PathControl, Plane, Transform};
+use tandem_model::flow::{Compensation, Distance, Feed, MultiBlock, PathControl, Transform};
+use tandem_model::plane::Plane;
 use tandem_model::settings::{CoordinateSystemSettings, Unit};
 
 use crate::codes::g20_g21_unit::G20;

@@ -14,8 +14,9 @@ use support::{Run, check, settings};
 use tandem_interp::Interpreter;
 use tandem_model::axis::{Axis, AxisVector};
 use tandem_model::flow::{
-    Action, ArcShape, Block, Compensation, Distance, Frame, Item, MultiBlock, Plane, Transform, Turn,
+    Action, ArcShape, Block, Compensation, Distance, Frame, Item, MultiBlock, Transform,
 };
+use tandem_model::plane::{Plane, Turn};
 use tandem_model::settings::{CoordinateSystemSettings, Unit};
 
 /// The blocks of a program up to its end.

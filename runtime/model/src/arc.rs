@@ -3,7 +3,7 @@
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use crate::axis::{Axis, AxisVector};
-use crate::flow::{Plane, Turn};
+use crate::plane::{Plane, Turn};
 
 mod slope;
 

@@ -1,9 +1,8 @@
 //! What the stages hand on: [`Item`] and [`Block`] from `interp`, [`Segment`] from `path`.
 
-use std::fmt;
-
 use crate::arc::ArcPath;
 use crate::axis::{Axis, AxisSet, AxisVector};
+use crate::plane::{Plane, Turn};
 use crate::span::Origin;
 pub use crate::transform::{Mirror, Rotation, Scaling, Transform};
 
@@ -129,59 +128,6 @@ pub enum ArcShape {
     Centre([f64; 3]),
     /// R, mm: positive for an arc up to a half circle, negative for a larger one, 0 for a straight line.
     Radius(f64),
-}
-
-/// Sense of turning, seen against the plane's third axis.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Turn {
-    /// G02, M03.
-    Clockwise,
-    /// G03, M04.
-    CounterClockwise,
-}
-
-impl Turn {
-    /// The other sense.
-    #[must_use]
-    pub const fn reversed(self) -> Self {
-        match self {
-            Turn::Clockwise => Turn::CounterClockwise,
-            Turn::CounterClockwise => Turn::Clockwise,
-        }
-    }
-}
-
-/// G17, G18 or G19.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Plane {
-    /// G17: X, Y.
-    #[default]
-    Xy,
-    /// G18: Z, X.
-    Zx,
-    /// G19: Y, Z.
-    Yz,
-}
-
-impl Plane {
-    /// First and second axis: counter-clockwise turns the first towards the second.
-    pub const fn axes(self) -> [Axis; 2] {
-        match self {
-            Plane::Xy => [Axis::X, Axis::Y],
-            Plane::Zx => [Axis::Z, Axis::X],
-            Plane::Yz => [Axis::Y, Axis::Z],
-        }
-    }
-}
-
-impl fmt::Display for Plane {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Plane::Xy => "G17 (XY)",
-            Plane::Zx => "G18 (ZX)",
-            Plane::Yz => "G19 (YZ)",
-        })
-    }
 }
 
 /// A way of a tapping cycle in the thread: revolutions are Z travel times S / F (M1h).

@@ -12,6 +12,7 @@ pub mod flow;
 pub mod limits;
 mod motor_move;
 mod pace;
+pub mod plane;
 pub mod profile;
 pub mod ramp;
 pub mod settings;

@@ -1,7 +1,7 @@
 //! The coordinate transforms of D20, and what they make of points and distances.
 
 use crate::axis::{Axis, AxisSet, AxisVector};
-use crate::flow::Plane;
+use crate::plane::Plane;
 
 /// From the programmed point to the machine position, in the order of the fields (D20).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

@@ -13,6 +13,7 @@
 mod block;
 mod chain;
 mod look_ahead;
+mod planned;
 mod planner;
 mod ramped;
 mod rapid;

@@ -11,20 +11,11 @@ use tandem_model::settings::CoordinateSystemSettings;
 use crate::block::RampedBlock;
 use crate::chain::{Block, Chain};
 use crate::look_ahead::LookAhead;
+use crate::planned::{DURATION_MAX_S, Planned};
 use crate::record::{Entry, Record};
 use crate::replan::Replan;
 use crate::tapping::{self, Thread};
 use crate::{ramped, rapid};
-
-/// The longest profile, s: about 31 years. A longer one is an alarm, so that counting servo periods stays exact.
-pub(crate) const DURATION_MAX_S: f64 = 1e9;
-
-/// A law with the time that it takes and what scales it.
-pub(crate) struct Planned {
-    pub(crate) law: Law,
-    pub(crate) duration_s: f64,
-    pub(crate) time_base: TimeBase,
-}
 
 /// The motion stage of one coordinate system.
 #[derive(Debug, Clone)]

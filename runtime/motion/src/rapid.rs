@@ -5,7 +5,7 @@ use tandem_model::profile::{Law, MotorLimits, MotorMove, Stretch, TimeBase};
 use tandem_model::settings::{CoordinateSystemSettings, MotorSettings};
 use tandem_model::{AXES_MAX, Alarm, Axis, AxisVector};
 
-use crate::planner::Planned;
+use crate::planned::Planned;
 
 /// The motion of a G00 block. It ends with the slowest motor.
 pub(crate) fn plan(

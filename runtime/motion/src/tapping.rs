@@ -9,7 +9,7 @@ use tandem_model::profile::{Law, TimeBase};
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::{Alarm, AxisVector};
 
-use crate::planner::Planned;
+use crate::planned::Planned;
 use crate::ramped;
 
 /// What the planner takes of a way in a thread.

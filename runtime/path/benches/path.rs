@@ -12,8 +12,9 @@ use divan::Bencher;
 use divan::counter::ItemsCount;
 use tandem_model::flow::{
     Action, Arc, ArcShape, AxisWords, Block, Compensation, Distance, Feed, Frame, MultiBlock, PathControl,
-    Plane, Segment, Turn,
+    Segment,
 };
+use tandem_model::plane::{Plane, Turn};
 use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
 use tandem_model::{Axis, AxisSet, AxisVector, MachinePosition, Origin};
 use tandem_path::PathStage;

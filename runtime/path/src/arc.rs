@@ -1,10 +1,12 @@
 //! G02 and G03: from the words to the circle in machine coordinates (M1f, D21, D26).
 
 use tandem_model::alarm::{ARC_DISTORTED, ARC_IMPOSSIBLE, VALUE_NOT_FINITE};
-use tandem_model::flow::{Arc, ArcShape, Block, Frame, Path, Plane, Rotation, Scaling, Transform, Turn};
+use tandem_model::flow::{Arc, ArcShape, Block, Frame, Path, Rotation, Scaling, Transform};
+use tandem_model::plane::{Plane, Turn};
 use tandem_model::{Alarm, ArcPath, Axis, AxisVector};
 
-use crate::stage::{LENGTH_MIN, PathStage, line_between};
+use crate::length::{LENGTH_MIN, line_between};
+use crate::stage::PathStage;
 use crate::transform;
 
 impl PathStage {

@@ -4,7 +4,8 @@ use tandem_model::alarm::SOFT_LIMIT;
 use tandem_model::flow::{Feed, Path, SegmentMotion};
 use tandem_model::{Alarm, Axis};
 
-use crate::stage::{LENGTH_MIN, PathStage};
+use crate::length::LENGTH_MIN;
+use crate::stage::PathStage;
 
 /// How far a path goes away from the joint in one direction of an axis.
 #[derive(Debug, Clone, Copy)]

@@ -26,10 +26,12 @@
 mod arc;
 mod blend;
 mod compensation;
+mod length;
 mod stage;
 mod tapping;
 mod target;
 mod transform;
 
 pub use compensation::LOOK_AHEAD_MAX;
-pub use stage::{LENGTH_MIN, PathStage, work_position};
+pub use length::LENGTH_MIN;
+pub use stage::{PathStage, work_position};

@@ -9,14 +9,8 @@ use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::{Alarm, Axis, AxisSet, AxisVector, MachinePosition, WorkPosition};
 
 use crate::compensation::{Compensator, Leg, Side};
+use crate::length::{LENGTH_MIN, line_between, moves};
 use crate::transform::{self, finite};
-
-/// Distances below this are rounding, not motion: mm or degrees. It is also the tolerance of the soft limits.
-///
-/// Reason: sums of incremental words and work offsets err by about 1e-12 of the position; a millionth of a
-/// micrometre is below what any motor resolves. Without it a block of rotary axes whose X is off by a rounding
-/// error would count F over that error.
-pub const LENGTH_MIN: f64 = 1e-9;
 
 /// The path stage of one coordinate system.
 #[derive(Debug, Clone)]
@@ -538,25 +532,6 @@ impl PathStage {
     }
 }
 
-/// The straight line between two machine positions; `None` when that is no move.
-pub(crate) fn line_between(from: AxisVector, to: AxisVector) -> Result<Option<Path>, Alarm> {
-    if !moves(from, to) {
-        return Ok(None);
-    }
-    let distance = to.minus(from);
-    let orthogonal = distance.orthogonal_length();
-    let length = if orthogonal < LENGTH_MIN {
-        distance.rotary_length()
-    } else {
-        orthogonal
-    };
-    if !length.is_finite() {
-        let text = format!("The length of the block is {length}");
-        return Err(Alarm::new(&VALUE_NOT_FINITE, text));
-    }
-    Ok(Some(Path::Line { from, to, length }))
-}
-
 /// The work position of a machine position: the transform undone (D20), tool length included.
 pub fn work_position(transform: &Transform, machine: MachinePosition) -> WorkPosition {
     WorkPosition(transform.inverse(machine.0))
@@ -566,11 +541,4 @@ pub fn work_position(transform: &Transform, machine: MachinePosition) -> WorkPos
 /// (M1c).
 fn ends_chain(block: &Block) -> bool {
     block.multi_block == MultiBlock::Off || block.exact_stop_before || block.exact_stop_after
-}
-
-fn moves(from: AxisVector, to: AxisVector) -> bool {
-    to.minus(from)
-        .0
-        .iter()
-        .any(|distance| distance.abs() >= LENGTH_MIN)
 }

@@ -2,11 +2,13 @@
 
 use tandem_model::alarm::{SPINDLE_SPEED_MISSING, TAP_OFF_AXIS, VALUE_OUT_OF_RANGE};
 use tandem_model::flow::{
-    AxisWords, Block, Distance, Feed, Segment, SegmentEnd, SegmentMotion, Tap, ThreadAhead, Turn,
+    AxisWords, Block, Distance, Feed, Segment, SegmentEnd, SegmentMotion, Tap, ThreadAhead,
 };
+use tandem_model::plane::Turn;
 use tandem_model::{Alarm, Axis, AxisVector};
 
-use crate::stage::{LENGTH_MIN, PathStage};
+use crate::length::LENGTH_MIN;
+use crate::stage::PathStage;
 
 /// A way in the thread as it will be cut.
 #[derive(Debug, Clone, Copy)]

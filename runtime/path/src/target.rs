@@ -4,7 +4,8 @@ use tandem_model::alarm::{AXIS_MISSING, OFFSET_IN_FORCE, SOFT_LIMIT};
 use tandem_model::flow::{Action, AxisWords, Block, Compensation, Distance, Frame, Path, SegmentMotion};
 use tandem_model::{Alarm, ArcPath, Axis, AxisSet, AxisVector};
 
-use crate::stage::{LENGTH_MIN, PathStage};
+use crate::length::LENGTH_MIN;
+use crate::stage::PathStage;
 use crate::transform::{self, finite};
 
 impl PathStage {

@@ -1,7 +1,8 @@
 //! What transforms (D20) ask of words, arcs and numbers.
 
 use tandem_model::alarm::{VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
-use tandem_model::flow::{Plane, Transform};
+use tandem_model::flow::Transform;
+use tandem_model::plane::Plane;
 use tandem_model::{Alarm, Axis, AxisVector};
 
 /// True when a word of one of these axes may move the other: the rotation's plane.

@@ -7,7 +7,8 @@ use std::cell::Cell;
 use std::collections::VecDeque;
 
 use rtrb::RingBuffer;
-use tandem_model::flow::{Feed, MultiBlock, Path, Plane, Segment, SegmentEnd, SegmentMotion, TapLeg, Turn};
+use tandem_model::flow::{Feed, MultiBlock, Path, Segment, SegmentEnd, SegmentMotion, TapLeg};
+use tandem_model::plane::{Plane, Turn};
 use tandem_model::profile::{
     ChainPlace, Law, Lead, MotorLimits, MotorMove, PathPlace, Profile, Stretch, TimeBase,
 };

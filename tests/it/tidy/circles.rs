@@ -56,21 +56,11 @@ const MEANT: [Circle; 4] = [
 ];
 
 /// Circles that are not meant, and what ties each: the list only gets shorter.
-const LEFT: [Circle; 9] = [
+const LEFT: [Circle; 4] = [
     (
         "runtime/gateway/src",
         &["access", "access/mosquitto", "contract/topics"],
         "rules for a broker that is not ours are printed of the topics' rows, which name the rights of `access`",
-    ),
-    (
-        "runtime/gateway/src",
-        &["access/http", "hmi", "origin", "rest", "shared", "websocket"],
-        "`shared` holds the access by HTTP, which takes a constant of `rest`; `rest` puts all routes together",
-    ),
-    (
-        "runtime/gateway/src",
-        &["broker", "mqtt", "mqtt/link"],
-        "the embedded broker asks the client end what comes in, and lends it its address",
     ),
     (
         "runtime/interp/src",
@@ -102,28 +92,6 @@ const LEFT: [Circle; 9] = [
             "text_position",
         ],
         "machinery names codes, which act on the execution; modal state names the dialect",
-    ),
-    (
-        "runtime/model/src",
-        &["arc", "flow", "transform"],
-        "the plane of an arc stands in `flow`, whose motion may be an arc",
-    ),
-    (
-        "runtime/motion/src",
-        &["planner", "rapid", "tapping"],
-        "what rapid and tapping give is a type of the planner that calls them",
-    ),
-    (
-        "runtime/path/src",
-        &[
-            "compensation",
-            "compensation/builder",
-            "compensation/corner",
-            "compensation/curve",
-            "compensation/piece",
-            "stage",
-        ],
-        "how a line is made, and the shortest one, stand in `stage`, which calls the compensation",
     ),
     (
         "runtime/src",

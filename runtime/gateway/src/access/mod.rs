@@ -3,6 +3,7 @@
 //! A [`Right`] stands beside every route and every topic in [`contract`](crate::contract); a [`Role`] is a set of
 //! rights. Without a token file everyone on the loopback is `admin`; with one, [`Tokens`] tells whose a token is.
 
+pub(crate) mod guard;
 pub(crate) mod http;
 mod live;
 mod mosquitto;

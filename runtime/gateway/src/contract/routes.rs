@@ -4,6 +4,9 @@ use axum::http::Method;
 
 use crate::access::Right;
 
+/// Path before all routes of the interface.
+pub(crate) const API: &str = "/api/v1";
+
 /// What a request or an answer carries.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(not(test), allow(dead_code, reason = "for the generated documents"))]

@@ -60,6 +60,12 @@ pub(crate) fn inbound(path: &str) -> Option<&'static InboundTopic> {
     INBOUND.iter().find(|topic| fits(topic.filter, path))
 }
 
+/// True for a path on which commands, claims and settings come in, which must not be retained. Presence of handlers
+/// comes in too, and is retained.
+pub(crate) fn is_inbound(path: &str) -> bool {
+    inbound(path).is_some_and(|topic| !topic.retained)
+}
+
 fn fits(filter: &str, path: &str) -> bool {
     let mut levels = path.split('/');
     let all = filter.split('/').all(|wanted| {
@@ -68,4 +74,31 @@ fn fits(filter: &str, path: &str) -> bool {
             .is_some_and(|level| wanted == "+" || wanted == level)
     });
     all && levels.next().is_none()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::is_inbound;
+
+    #[test]
+    fn only_what_must_not_be_retained_is_inbound() {
+        for path in [
+            "cs/1/command/start",
+            "cs/1/input/dry_run/set",
+            "cs/2/m_code/5/reset",
+            "motor/1/skip_input/set",
+        ] {
+            assert!(is_inbound(path), "{path}");
+        }
+        for path in [
+            "cs/1/state",
+            "handler/h/presence",
+            "presence",
+            "cs/1/input/dry_run/state",
+            "cs/1/command",
+            "cs/1/command/start/x",
+        ] {
+            assert!(!is_inbound(path), "{path}");
+        }
+    }
 }

@@ -12,8 +12,7 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-use crate::contract::topics;
-use crate::shared::json_object;
+use crate::json::json_object;
 
 /// Bytes of one payload; more is refused. Reason: the largest, a fault text, is far below.
 const PAYLOAD_MAX: usize = 64 * 1024;
@@ -33,13 +32,6 @@ pub(crate) enum Inbound {
     /// What cannot be answered, since nobody is named: for the log.
     Drop(String),
 }
-
-/// True for a path on which commands, claims and settings come in, which must not be retained. Presence of handlers
-/// comes in too, and is retained.
-pub(crate) fn is_inbound(path: &str) -> bool {
-    topics::inbound(path).is_some_and(|topic| !topic.retained)
-}
-
 /// Reads a message. `retained`: it came with the retain flag, so that it is old, and is not carried out.
 pub(crate) fn read(path: &str, payload: &[u8], retained: bool) -> Inbound {
     let levels: Vec<_> = path.split('/').collect();

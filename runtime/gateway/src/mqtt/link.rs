@@ -17,13 +17,14 @@ use tokio::time::{Instant, Interval};
 use tokio_util::sync::CancellationToken;
 use tracing::{info, warn};
 
+use super::Parts;
 use super::dispatch::Dispatch;
 use super::inbound;
 use super::outbox::{Handed, Outbox, Parcel};
 use super::wire::{self, Heard, Lost, Version, Will, Wire};
-use super::{BrokerAddress, Parts};
-use crate::broker::Refused;
+use crate::broker_address::{BrokerAddress, Refused};
 use crate::contract::topics::INBOUND;
+use crate::contract::topics::is_inbound;
 use crate::metrics::{Metrics, add};
 use crate::position::{every, is_position};
 
@@ -355,7 +356,7 @@ impl Link {
         let Some(path) = publish.topic.strip_prefix(&self.parts.root) else {
             return;
         };
-        if inbound::is_inbound(path) && (publish.retain || is_to_clear(path, version)) {
+        if is_inbound(path) && (publish.retain || is_to_clear(path, version)) {
             self.outbox.clear(path.to_owned());
         }
         self.take(&publish.topic, &publish.payload, publish.retain).await;

@@ -10,7 +10,6 @@ mod link;
 mod outbox;
 mod wire;
 
-use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -19,7 +18,7 @@ use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
-use crate::broker::{Broker, Refused};
+use crate::broker_address::{BrokerAddress, Refused};
 use crate::metrics::Metrics;
 use crate::settings::MqttSettings;
 use link::Link;
@@ -39,52 +38,6 @@ pub(crate) fn client_id(settings: &MqttSettings, machine: &str) -> String {
         }
     } else {
         settings.client_id.clone()
-    }
-}
-
-/// Where a broker is, and how the runtime comes in.
-pub(crate) struct BrokerAddress {
-    pub(crate) host: String,
-    pub(crate) port: u16,
-    /// User and password.
-    pub(crate) credentials: Option<(String, String)>,
-    /// TCP, or TLS.
-    pub(crate) transport: rumqttc::Transport,
-}
-
-impl BrokerAddress {
-    /// The embedded broker, or else that of the settings.
-    pub(crate) fn new(
-        settings: &MqttSettings,
-        embedded: Option<&Broker>,
-        transport: rumqttc::Transport,
-    ) -> Self {
-        match embedded {
-            Some(broker) => Self {
-                host: reachable(broker.addr().ip()).to_string(),
-                port: broker.addr().port(),
-                credentials: Some(broker.runtime_credentials()),
-                transport: rumqttc::Transport::tcp(),
-            },
-            None => Self {
-                host: settings.host.clone(),
-                port: settings.port,
-                credentials: settings
-                    .username
-                    .clone()
-                    .map(|user| (user, settings.password.clone().unwrap_or_default())),
-                transport,
-            },
-        }
-    }
-}
-
-/// A broker that listens on every address is on the loopback, too.
-pub(crate) fn reachable(address: IpAddr) -> IpAddr {
-    match address {
-        IpAddr::V4(v4) if v4.is_unspecified() => Ipv4Addr::LOCALHOST.into(),
-        IpAddr::V6(v6) if v6.is_unspecified() => Ipv6Addr::LOCALHOST.into(),
-        address => address,
     }
 }
 

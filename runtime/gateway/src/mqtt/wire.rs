@@ -9,7 +9,7 @@ use rumqttc::{NetworkOptions, Outgoing, Packet, QoS, SubscribeFilter, SubscribeR
 use tokio::sync::mpsc;
 use tokio_util::task::AbortOnDropHandle;
 
-use super::BrokerAddress;
+use crate::broker_address::BrokerAddress;
 
 /// Pings after this long without traffic; the broker publishes the will after one and a half of it.
 const KEEP_ALIVE: Duration = Duration::from_secs(10);

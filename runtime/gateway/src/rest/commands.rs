@@ -16,10 +16,10 @@ use plc_api::types::topic::Topic;
 use serde::Deserialize;
 use serde_json::{Value, json};
 
-use super::API;
 use super::extract::{InPath, InQuery, JsonBody};
 use super::states::json_response;
 use crate::access::User;
+use crate::contract::routes::API;
 use crate::problem::Problem;
 use crate::shared::{Shared, unexpected};
 

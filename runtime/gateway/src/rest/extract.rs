@@ -10,8 +10,8 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
+use crate::json::json_object;
 use crate::problem::Problem;
-use crate::shared::json_object;
 
 /// Bytes of a JSON body; more is 413. Reason: the largest, a fault text, is far below.
 pub(crate) const JSON_BODY_MAX: usize = 64 * 1024;

@@ -54,7 +54,7 @@ async fn send(
         request = request.header(header::AUTHORIZATION, format!("Bearer {token}"));
     }
     let request = request.body(Body::from(body.to_string())).unwrap();
-    let response = crate::rest::router(Arc::clone(shared))
+    let response = crate::http::router(Arc::clone(shared))
         .oneshot(request)
         .await
         .unwrap();
@@ -122,7 +122,7 @@ async fn a_route_without_a_row_is_refused_even_on_the_loopback() {
         .route("/secret", axum::routing::get(|| async { "open" }))
         .layer(axum::middleware::from_fn_with_state(
             Arc::clone(&shared),
-            crate::access::http::guard,
+            crate::access::guard::guard,
         ));
     let router = axum::Router::new().nest("/api/v1", api);
     let request = HttpRequest::get("/api/v1/secret").body(Body::empty()).unwrap();

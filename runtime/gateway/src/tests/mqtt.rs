@@ -341,7 +341,7 @@ fn mqtt_end(port: &Arc<StubPort>, address: std::net::SocketAddr) -> MqttEnd {
         },
         machine: "mill-1".into(),
         root: ROOT.into(),
-        at: mqtt::BrokerAddress {
+        at: crate::broker_address::BrokerAddress {
             host: address.ip().to_string(),
             port: address.port(),
             credentials: None,

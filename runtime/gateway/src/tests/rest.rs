@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 use tower::ServiceExt;
 
 use super::*;
-use crate::rest::router;
+use crate::http::router;
 
 /// Calls a route; headers as `name: value`.
 pub(super) async fn call(

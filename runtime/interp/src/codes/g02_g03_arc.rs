@@ -1,6 +1,7 @@
 //! G02 and G03 Circular Interpolation: arcs, full circles, spirals, helices and cones (D26).
 
-use tandem_model::flow::{Action, Arc, ArcShape, AxisWords, Turn};
+use tandem_model::flow::{Action, Arc, ArcShape, AxisWords};
+use tandem_model::plane::Turn;
 use tandem_syntax::Address;
 
 use super::{Code, ModalGroup, POSITION_MAX, WordSpec, axis_word, remembered};

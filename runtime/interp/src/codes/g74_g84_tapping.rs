@@ -1,6 +1,6 @@
 //! G74, G80 and G84: tapping cycles. How they expand is in [`crate::fixed_cycles`].
 
-use tandem_model::flow::Turn;
+use tandem_model::plane::Turn;
 use tandem_syntax::Address;
 
 use super::{Code, ModalGroup, POSITION_MAX, WordSpec, axis_word, remembered};

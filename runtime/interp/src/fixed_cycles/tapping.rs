@@ -8,7 +8,8 @@
 //! holes have the same R and Z point.
 
 use tandem_model::alarm::FIXED_CYCLE_REFUSED;
-use tandem_model::flow::{Action, AxisWords, Distance, Frame, Tap, TapLeg, ThreadAhead, Turn};
+use tandem_model::flow::{Action, AxisWords, Distance, Frame, Tap, TapLeg, ThreadAhead};
+use tandem_model::plane::Turn;
 use tandem_model::{Alarm, Axis, AxisSet, AxisVector};
 use tandem_syntax::Address;
 

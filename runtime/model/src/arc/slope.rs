@@ -86,7 +86,7 @@ impl ArcPath {
 mod tests {
     use super::*;
     use crate::axis::AxisVector;
-    use crate::flow::{Plane, Turn};
+    use crate::plane::{Plane, Turn};
 
     /// From (2 + r0, 1) about (2, 1), and how far X, Y and Z go in a share of the angle per mm.
     fn arc(r0: f64, r1: f64, sweep: f64, height: f64) -> (ArcPath, impl Fn(f64) -> [f64; 3]) {

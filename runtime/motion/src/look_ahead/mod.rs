@@ -345,7 +345,8 @@ impl LookAhead {
 mod tests {
     use std::cell::Cell;
 
-    use tandem_model::flow::{Feed, MultiBlock, Path, Plane, Turn};
+    use tandem_model::flow::{Feed, MultiBlock, Path};
+    use tandem_model::plane::{Plane, Turn};
     use tandem_model::settings::{MotorKind, MotorSettings, ShortBlock};
     use tandem_model::{ArcPath, Axis, AxisVector, Origin};
 

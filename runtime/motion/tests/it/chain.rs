@@ -5,7 +5,8 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 
 use proptest::prelude::*;
 use tandem_model::alarm::LIMIT_ZERO;
-use tandem_model::flow::{Feed, Path, Plane, Segment, SegmentEnd, SegmentMotion, Turn};
+use tandem_model::flow::{Feed, Path, Segment, SegmentEnd, SegmentMotion};
+use tandem_model::plane::{Plane, Turn};
 use tandem_model::profile::Profile;
 use tandem_model::settings::{CoordinateSystemSettings, ShortBlock};
 use tandem_model::{ArcPath, Axis, AxisVector};

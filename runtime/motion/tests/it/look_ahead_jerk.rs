@@ -3,7 +3,8 @@
 use std::collections::VecDeque;
 
 use tandem_model::alarm::LIMIT_ZERO;
-use tandem_model::flow::{Feed, MultiBlock, Path, Plane, Segment, SegmentEnd, SegmentMotion, Turn};
+use tandem_model::flow::{Feed, MultiBlock, Path, Segment, SegmentEnd, SegmentMotion};
+use tandem_model::plane::{Plane, Turn};
 use tandem_model::profile::{Law, PathPlace, Profile};
 use tandem_model::settings::{CoordinateSystemSettings, ShortBlock};
 use tandem_model::{ArcPath, Axis, AxisVector};

@@ -2,7 +2,8 @@
 
 use std::f64::consts::{PI, TAU};
 
-use tandem_model::flow::{Feed, MultiBlock, Path, Plane, Segment, SegmentEnd, SegmentMotion, Turn};
+use tandem_model::flow::{Feed, MultiBlock, Path, Segment, SegmentEnd, SegmentMotion};
+use tandem_model::plane::{Plane, Turn};
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::{ArcPath, Axis, AxisVector};
 

@@ -5,7 +5,8 @@ use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread;
 
-use tandem_model::flow::{Feed, Path, Plane, Segment, SegmentMotion, Turn};
+use tandem_model::flow::{Feed, Path, Segment, SegmentMotion};
+use tandem_model::plane::{Plane, Turn};
 use tandem_model::{ArcPath, Axis, AxisVector};
 
 use crate::look_ahead_rig::{Chain, Shape};

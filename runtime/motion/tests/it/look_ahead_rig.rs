@@ -3,7 +3,8 @@
 
 use std::collections::VecDeque;
 
-use tandem_model::flow::{MultiBlock, Path, Plane, Segment, SegmentEnd, SegmentMotion};
+use tandem_model::flow::{MultiBlock, Path, Segment, SegmentEnd, SegmentMotion};
+use tandem_model::plane::Plane;
 use tandem_model::profile::{Law, Pace, PacePiece, Profile, SpeedGrowth};
 use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::{CoordinateSystemSettings, ShortBlock};

@@ -3,7 +3,8 @@
 use std::f64::consts::TAU;
 
 use tandem_model::AxisVector;
-use tandem_model::flow::{Feed, Path, Plane, Segment, SegmentMotion};
+use tandem_model::flow::{Feed, Path, Segment, SegmentMotion};
+use tandem_model::plane::Plane;
 
 use crate::look_ahead_random::{Random, chains, each_seed};
 use crate::look_ahead_rig::{Chain, Shape, best_time_s, check, same_path, time_s};

@@ -5,7 +5,8 @@ use std::f64::consts::{PI, TAU};
 
 use proptest::prelude::*;
 use tandem_model::alarm::{LIMIT_ZERO, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
-use tandem_model::flow::{Path, Plane, SegmentMotion, Turn};
+use tandem_model::flow::{Path, SegmentMotion};
+use tandem_model::plane::{Plane, Turn};
 use tandem_model::profile::{Law, Stretch, TimeBase};
 use tandem_model::settings::MotorSettings;
 use tandem_model::{AXES_MAX, ArcPath, Axis, AxisVector};

@@ -4,7 +4,8 @@ use std::collections::VecDeque;
 use std::f64::consts::TAU;
 
 use tandem_model::alarm::AlarmEntry;
-use tandem_model::flow::{Feed, MultiBlock, Path, Plane, Segment, SegmentEnd, SegmentMotion, Turn};
+use tandem_model::flow::{Feed, MultiBlock, Path, Segment, SegmentEnd, SegmentMotion};
+use tandem_model::plane::{Plane, Turn};
 use tandem_model::profile::Profile;
 use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
 use tandem_model::{AXES_MAX, ArcPath, AxisVector, Origin};

@@ -1,12 +1,13 @@
 //! From pieces to the segments of the tool's centre: plane and other axes together again, and the feedrate.
 
-use tandem_model::flow::{Feed, Path, Plane, Segment, SegmentMotion, Turn};
+use tandem_model::flow::{Feed, Path, Segment, SegmentMotion};
+use tandem_model::plane::{Plane, Turn};
 use tandem_model::settings::CompensationFeed;
 use tandem_model::{Alarm, ArcPath, Axis, AxisVector};
 
 use super::curve::{Curve, Vec2};
 use super::piece::{Leg, Piece, Way};
-use crate::stage::line_between;
+use crate::length::line_between;
 
 /// An arc shorter than this goes out as a line, mm: an arc path between equal directions would be a full turn.
 const ARC_MIN: f64 = 1e-8;

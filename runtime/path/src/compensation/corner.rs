@@ -10,7 +10,7 @@
 use std::f64::consts::PI;
 
 use super::curve::{Arc, Curve, Line, Vec2};
-use crate::stage::LENGTH_MIN;
+use crate::length::LENGTH_MIN;
 
 /// Deflections below this are rounding, radians: for a tool of 100 mm the corner is off the curves by less than
 /// 1e-10 mm.

@@ -4,9 +4,10 @@ use std::f64::consts::PI;
 use std::ops::{Add, Mul, Sub};
 
 use tandem_model::AxisVector;
-use tandem_model::flow::{Path, Plane};
+use tandem_model::flow::Path;
+use tandem_model::plane::Plane;
 
-use crate::stage::LENGTH_MIN;
+use crate::length::LENGTH_MIN;
 
 /// A point or a direction in the plane: first and second axis.
 #[derive(Debug, Clone, Copy, PartialEq)]

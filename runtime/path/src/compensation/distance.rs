@@ -1,7 +1,7 @@
 //! Distances and intersections of lines and arcs in the plane.
 
 use super::curve::{Arc, Curve, Line, Vec2};
-use crate::stage::LENGTH_MIN;
+use crate::length::LENGTH_MIN;
 
 /// The smallest distance between two curves; 0 when they cross.
 pub(super) fn distance(a: &Curve, b: &Curve) -> f64 {

@@ -34,7 +34,8 @@ use tandem_model::alarm::{
     COMPENSATION_ARC_SMALL, COMPENSATION_CORNER, COMPENSATION_LEAD_SHORT, COMPENSATION_LOOK_AHEAD,
     COMPENSATION_REFUSED, COMPENSATION_SPIRAL, OVERCUT,
 };
-use tandem_model::flow::{Path, Plane, SegmentMotion};
+use tandem_model::flow::{Path, SegmentMotion};
+use tandem_model::plane::Plane;
 use tandem_model::settings::{CoordinateSystemSettings, Overcut};
 
 use self::builder::Builder;
@@ -42,7 +43,7 @@ use self::corner::Joint;
 use self::curve::{Curve, Vec2};
 pub(crate) use self::piece::Leg;
 use self::piece::{Piece, Role};
-use crate::stage::LENGTH_MIN;
+use crate::length::LENGTH_MIN;
 
 /// Blocks that are kept back to look for overcuts, and blocks without a move in the plane between two with one. An
 /// overcut between blocks farther apart is not found; more blocks without a move in the plane are an alarm.

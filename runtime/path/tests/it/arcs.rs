@@ -6,9 +6,10 @@ use tandem_model::alarm::{
     ARC_DISTORTED, ARC_IMPOSSIBLE, AXIS_MISSING, AlarmEntry, FEEDRATE_MISSING, SOFT_LIMIT, VALUE_NOT_FINITE,
 };
 use tandem_model::flow::{
-    Action, Arc, ArcShape, Block, Distance, Feed, Mirror, Path, PathControl, Plane, Rotation, Scaling,
-    Segment, SegmentEnd, SegmentMotion, Transform, Turn,
+    Action, Arc, ArcShape, Block, Distance, Feed, Mirror, Path, PathControl, Rotation, Scaling, Segment,
+    SegmentEnd, SegmentMotion, Transform,
 };
+use tandem_model::plane::{Plane, Turn};
 use tandem_model::{Axis, MachinePosition};
 use tandem_path::PathStage;
 
@@ -336,7 +337,7 @@ fn d21_unequal_scale_of_the_plane_or_a_rotation_out_of_it_is_an_alarm() {
     };
     for (distorting, text) in [
         (scaled([2.0, 1.0, 1.0]), "X, Y and Z are scaled by 2, 1 and 1"),
-        (turned(Plane::Zx), "the rotation is by 30 degrees in G18 (ZX)"),
+        (turned(Plane::Zx), "the rotation is by 30 degrees in the ZX plane"),
     ] {
         let mut stage = stage();
         let mut out = Vec::new();
@@ -345,7 +346,7 @@ fn d21_unequal_scale_of_the_plane_or_a_rotation_out_of_it_is_an_alarm() {
             .push(&g02(2, &[(X, 10.0)], Radius(10.0)), &mut out)
             .unwrap_err();
         assert_eq!(alarm.entry, &ARC_DISTORTED);
-        assert_eq!(alarm.text, format!("The arc is in G17 (XY); {text}"));
+        assert_eq!(alarm.text, format!("The arc is in the XY plane; {text}"));
     }
     // The third axis may be scaled: a helix stays one.
     let segments = run(&[

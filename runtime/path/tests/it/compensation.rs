@@ -3,7 +3,7 @@
 
 use crate::contour::Step::{A, L};
 use crate::contour::{blocks, completed, goes, right, same, step};
-use tandem_model::flow::Plane;
+use tandem_model::plane::Plane;
 
 const R: f64 = 5.0;
 

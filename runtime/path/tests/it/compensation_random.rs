@@ -4,7 +4,8 @@
 use std::f64::consts::{PI, TAU};
 
 use tandem_model::alarm::{COMPENSATION_ARC_SMALL, COMPENSATION_CORNER, OVERCUT};
-use tandem_model::flow::{Path, Plane, Segment, SegmentMotion};
+use tandem_model::flow::{Path, Segment, SegmentMotion};
+use tandem_model::plane::Plane;
 use tandem_model::settings::{CoordinateSystemSettings, Overcut};
 use tandem_model::{Alarm, Axis};
 

@@ -6,7 +6,8 @@ use tandem_model::alarm::{
     COMPENSATION_REFUSED, COMPENSATION_SPIRAL, OFFSET_IN_FORCE, OVERCUT, SOFT_LIMIT, VALUE_NOT_FINITE,
     VALUE_OUT_OF_RANGE,
 };
-use tandem_model::flow::{Action, Compensation, Distance, Frame, Mirror, Plane, Transform};
+use tandem_model::flow::{Action, Compensation, Distance, Frame, Mirror, Transform};
+use tandem_model::plane::Plane;
 use tandem_model::settings::Overcut;
 use tandem_model::{Axis, MachinePosition};
 use tandem_path::{LOOK_AHEAD_MAX, PathStage};

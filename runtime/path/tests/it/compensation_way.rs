@@ -2,9 +2,9 @@
 
 use tandem_model::Axis;
 use tandem_model::flow::{
-    Action, Block, Mirror, MultiBlock, PathControl, Plane, Rotation, Scaling, SegmentEnd, SegmentMotion,
-    Transform,
+    Action, Block, Mirror, MultiBlock, PathControl, Rotation, Scaling, SegmentEnd, SegmentMotion, Transform,
 };
+use tandem_model::plane::Plane;
 use tandem_model::settings::{CompensationFeed, CoordinateSystemSettings};
 
 use crate::contour::Step::{A, L};

@@ -2,8 +2,9 @@
 
 use tandem_model::alarm::AlarmEntry;
 use tandem_model::flow::{
-    Action, Arc, ArcShape, Block, Compensation, Distance, Path, Plane, Segment, SegmentMotion, Turn,
+    Action, Arc, ArcShape, Block, Compensation, Distance, Path, Segment, SegmentMotion,
 };
+use tandem_model::plane::{Plane, Turn};
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::{Alarm, Axis, AxisVector, MachinePosition};
 use tandem_path::PathStage;

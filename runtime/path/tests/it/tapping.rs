@@ -5,9 +5,10 @@ use tandem_model::alarm::{
     VALUE_OUT_OF_RANGE,
 };
 use tandem_model::flow::{
-    Action, AxisWords, Block, Compensation, Distance, Feed, Mirror, Plane, Rotation, Scaling, Segment,
-    SegmentEnd, SegmentMotion, Tap, TapLeg, ThreadAhead, Transform, Turn,
+    Action, AxisWords, Block, Compensation, Distance, Feed, Mirror, Rotation, Scaling, Segment, SegmentEnd,
+    SegmentMotion, Tap, TapLeg, ThreadAhead, Transform,
 };
+use tandem_model::plane::{Plane, Turn};
 use tandem_model::{Axis, AxisSet, AxisVector, MachinePosition};
 use tandem_path::PathStage;
 
@@ -275,7 +276,7 @@ fn a_cycle_that_begins_moves_nothing_and_its_levels_count_with_the_tool_length()
 #[test]
 fn a_thread_along_another_direction_than_z_is_refused() {
     let rotation = Rotation {
-        plane: tandem_model::flow::Plane::Zx,
+        plane: tandem_model::plane::Plane::Zx,
         centre: AxisVector::ZERO,
         angle_deg: 30.0,
     };

@@ -2,9 +2,10 @@
 
 use tandem_model::alarm::{AXIS_MISSING, OFFSET_IN_FORCE, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
 use tandem_model::flow::{
-    Action, AxisWords, Block, Compensation, Distance, Frame, Mirror, Plane, Rotation, Scaling, SegmentEnd,
+    Action, AxisWords, Block, Compensation, Distance, Frame, Mirror, Rotation, Scaling, SegmentEnd,
     SegmentMotion, Transform,
 };
+use tandem_model::plane::Plane;
 use tandem_model::{Axis, AxisSet, MachinePosition};
 use tandem_path::{PathStage, work_position};
 

@@ -4,7 +4,8 @@ use std::collections::VecDeque;
 
 use proptest::prelude::*;
 use rtrb::RingBuffer;
-use tandem_model::flow::{MultiBlock, Path, Plane, Segment, SegmentEnd, SegmentMotion, Turn};
+use tandem_model::flow::{MultiBlock, Path, Segment, SegmentEnd, SegmentMotion};
+use tandem_model::plane::{Plane, Turn};
 use tandem_model::profile::{PathPlace, Profile};
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::{ArcPath, AxisVector};

@@ -3,7 +3,8 @@
 use std::collections::VecDeque;
 
 use proptest::prelude::*;
-use tandem_model::flow::{Feed, MultiBlock, Path, Plane, Segment, SegmentEnd, SegmentMotion, Turn};
+use tandem_model::flow::{Feed, MultiBlock, Path, Segment, SegmentEnd, SegmentMotion};
+use tandem_model::plane::{Plane, Turn};
 use tandem_model::profile::{ChainPlace, Law, Profile};
 use tandem_model::{ArcPath, Axis, AxisVector};
 use tandem_motion::Planner;

@@ -362,25 +362,3 @@ fn what_names_nobody_or_is_retained_is_dropped_with_a_reason() {
         }
     }
 }
-
-#[test]
-fn only_what_must_not_be_retained_is_inbound() {
-    for path in [
-        "cs/1/command/start",
-        "cs/1/input/dry_run/set",
-        "cs/2/m_code/5/reset",
-        "motor/1/skip_input/set",
-    ] {
-        assert!(is_inbound(path), "{path}");
-    }
-    for path in [
-        "cs/1/state",
-        "handler/h/presence",
-        "presence",
-        "cs/1/input/dry_run/state",
-        "cs/1/command",
-        "cs/1/command/start/x",
-    ] {
-        assert!(!is_inbound(path), "{path}");
-    }
-}

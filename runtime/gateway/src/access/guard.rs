@@ -1,0 +1,74 @@
+//! Whether a route is for the user of a request.
+
+use std::sync::Arc;
+
+use axum::extract::{MatchedPath, Request, State};
+use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+
+use super::User;
+use super::http::{Access, forbidden};
+use crate::contract::routes::{API, Found, find};
+use crate::problem::Problem;
+use crate::shared::Shared;
+
+/// Lets a request pass only to a route of the table, and only from a user who has its right. Handlers find the
+/// [`User`] among the request's extensions.
+pub(crate) async fn guard(State(shared): State<Arc<Shared>>, mut request: Request, next: Next) -> Response {
+    let path = request.extensions().get::<MatchedPath>().cloned();
+    let path = path.as_ref().map(MatchedPath::as_str);
+    match admit(&shared.access, request.method(), path, request.headers()) {
+        Ok(user) => {
+            request.extensions_mut().insert(user);
+            next.run(request).await
+        }
+        Err(refused) => *refused,
+    }
+}
+
+fn admit(
+    access: &Access,
+    method: &Method,
+    path: Option<&str>,
+    headers: &HeaderMap,
+) -> Result<User, Box<Response>> {
+    let refuse = |problem: Problem| Box::new(problem.into_response());
+    let found = path
+        .and_then(|path| path.strip_prefix(API))
+        .map_or(Found::Nothing, |path| find(method, path));
+    if let Found::Route(route) = &found
+        && route.right.is_none()
+    {
+        return Ok(User::stranger());
+    }
+    let user = access.user(headers).map_err(refuse)?;
+    match found {
+        Found::Route(route) if route.right.is_none_or(|right| user.role.has(right)) => Ok(user),
+        Found::Route(_) => Err(refuse(forbidden(format!(
+            "role {} may not {method} here",
+            user.role.word()
+        )))),
+        Found::OtherMethods(allowed) => Err(Box::new(other_method(method, &allowed))),
+        // a path that nothing is routed to: 404 comes from behind
+        Found::Nothing if path.is_none() => Ok(user),
+        Found::Nothing => Err(refuse(Problem::new(
+            StatusCode::INTERNAL_SERVER_ERROR,
+            "route_without_right",
+            "this route stands in no table of rights; this is a fault of the runtime, please report it",
+        ))),
+    }
+}
+
+fn other_method(method: &Method, allowed: &str) -> Response {
+    let mut response = Problem::new(
+        StatusCode::METHOD_NOT_ALLOWED,
+        "method_not_allowed",
+        format!("{method} is not for this path; {allowed} are"),
+    )
+    .into_response();
+    if let Ok(allowed) = HeaderValue::try_from(allowed) {
+        response.headers_mut().insert(header::ALLOW, allowed);
+    }
+    response
+}

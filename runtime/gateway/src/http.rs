@@ -1,0 +1,62 @@
+//! Everything that is served over HTTP: the interface below its path, the HMI beside it.
+
+use std::sync::Arc;
+
+use axum::Router;
+use axum::extract::{Request, State};
+use axum::http::{HeaderValue, Method, StatusCode, Uri, header};
+use axum::middleware::{self, Next};
+use axum::response::Response;
+
+use crate::contract::routes::API;
+use crate::problem::Problem;
+use crate::shared::Shared;
+use crate::{access, hmi, origin, rest, websocket};
+
+/// Everything that is served over HTTP.
+pub(crate) fn router(shared: Arc<Shared>) -> Router {
+    let api = rest::routes()
+        .merge(websocket::routes())
+        .fallback(nothing_there)
+        .layer(middleware::from_fn_with_state(
+            Arc::clone(&shared),
+            access::guard::guard,
+        ))
+        .layer(middleware::map_response(no_store));
+    Router::new()
+        .nest(API, api)
+        .merge(hmi::routes())
+        .method_not_allowed_fallback(wrong_method)
+        .layer(middleware::from_fn_with_state(Arc::clone(&shared), origin::guard))
+        .layer(middleware::from_fn_with_state(Arc::clone(&shared), count))
+        .layer(middleware::map_response(hmi::security_headers))
+        .with_state(shared)
+}
+
+async fn nothing_there(uri: Uri) -> Problem {
+    Problem::not_found(format!("there is nothing at {}", uri.path()))
+}
+
+async fn wrong_method(method: Method, uri: Uri) -> Problem {
+    Problem::new(
+        StatusCode::METHOD_NOT_ALLOWED,
+        "method_not_allowed",
+        format!(
+            "{method} is not for {}; the Allow header says what is",
+            uri.path()
+        ),
+    )
+}
+
+async fn no_store(mut response: Response) -> Response {
+    response
+        .headers_mut()
+        .insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
+    response
+}
+
+async fn count(State(shared): State<Arc<Shared>>, request: Request, next: Next) -> Response {
+    let response = next.run(request).await;
+    shared.metrics.count_response(response.status().as_u16());
+    response
+}

@@ -1,0 +1,58 @@
+//! Planes of circles, and the sense in which one turns in them.
+
+use std::fmt;
+
+use crate::axis::Axis;
+
+/// Sense of turning, seen against the plane's third axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Turn {
+    /// G02, M03.
+    Clockwise,
+    /// G03, M04.
+    CounterClockwise,
+}
+
+impl Turn {
+    /// The other sense.
+    #[must_use]
+    pub const fn reversed(self) -> Self {
+        match self {
+            Turn::Clockwise => Turn::CounterClockwise,
+            Turn::CounterClockwise => Turn::Clockwise,
+        }
+    }
+}
+
+/// G17, G18 or G19.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Plane {
+    /// G17: X, Y.
+    #[default]
+    Xy,
+    /// G18: Z, X.
+    Zx,
+    /// G19: Y, Z.
+    Yz,
+}
+
+impl Plane {
+    /// First and second axis: counter-clockwise turns the first towards the second.
+    pub const fn axes(self) -> [Axis; 2] {
+        match self {
+            Plane::Xy => [Axis::X, Axis::Y],
+            Plane::Zx => [Axis::Z, Axis::X],
+            Plane::Yz => [Axis::Y, Axis::Z],
+        }
+    }
+}
+
+impl fmt::Display for Plane {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Plane::Xy => "the XY plane",
+            Plane::Zx => "the ZX plane",
+            Plane::Yz => "the YZ plane",
+        })
+    }
+}

@@ -1,0 +1,39 @@
+//! The shortest length that is a motion, and the straight line between two places.
+
+use tandem_model::alarm::VALUE_NOT_FINITE;
+use tandem_model::flow::Path;
+use tandem_model::{Alarm, AxisVector};
+
+/// Distances below this are rounding, not motion: mm or degrees. It is also the tolerance of the soft limits.
+///
+/// Reason: sums of incremental words and work offsets err by about 1e-12 of the position; a millionth of a
+/// micrometre is below what any motor resolves. Without it a block of rotary axes whose X is off by a rounding
+/// error would count F over that error.
+pub const LENGTH_MIN: f64 = 1e-9;
+
+/// The straight line between two machine positions; `None` when that is no move.
+pub(crate) fn line_between(from: AxisVector, to: AxisVector) -> Result<Option<Path>, Alarm> {
+    if !moves(from, to) {
+        return Ok(None);
+    }
+    let distance = to.minus(from);
+    let orthogonal = distance.orthogonal_length();
+    let length = if orthogonal < LENGTH_MIN {
+        distance.rotary_length()
+    } else {
+        orthogonal
+    };
+    if !length.is_finite() {
+        let text = format!("The length of the block is {length}");
+        return Err(Alarm::new(&VALUE_NOT_FINITE, text));
+    }
+    Ok(Some(Path::Line { from, to, length }))
+}
+
+/// True where the two places are not the same but for rounding.
+pub(crate) fn moves(from: AxisVector, to: AxisVector) -> bool {
+    to.minus(from)
+        .0
+        .iter()
+        .any(|distance| distance.abs() >= LENGTH_MIN)
+}
