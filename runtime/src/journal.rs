@@ -1,17 +1,18 @@
 //! The journal: what happened, in order. To the log and to `data_dir` when serving, to a file or a list in a simulation.
 
-use std::borrow::Cow;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use plc_api::handshake::Now;
-use plc_api::types::CoordinateSystemNumber;
-use serde_json::{Map, Value, json};
-use tandem_model::Origin;
+use plc_api::types::command::Verb;
+use plc_api::types::data::LastRun;
+use plc_api::types::machine::AlarmRecord;
+use plc_api::types::output::OutputNotice;
+use plc_api::types::state::{Captured, Execution, Reason};
+use plc_api::types::{BootId, CoordinateSystemNumber};
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::persistence::journal_file::JournalWriter;
-
-/// The event of each block that begins: too many for a disk, and what follows from it is said by others.
-const BLOCK: &str = "block";
 
 /// Takes each line of the journal. True when that has woken a task: it runs before simulated time goes on.
 pub type Sink = Arc<Mutex<dyn FnMut(&Line) -> bool + Send>>;
@@ -24,88 +25,256 @@ pub struct Line {
     /// Coordinate system.
     pub cs: CoordinateSystemNumber,
     /// What happened.
-    pub event: &'static str,
-    fields: Fields,
-}
-
-/// What an entry says beside its event.
-#[derive(Debug, Clone, PartialEq)]
-enum Fields {
-    Object(Map<String, Value>),
-    /// Of a block. Made an object only for who reads it: most are counted.
-    Place {
-        program: u16,
-        line: u32,
-    },
+    pub event: Event,
 }
 
 impl Line {
-    pub(crate) fn new(t_s: f64, cs: CoordinateSystemNumber, entry: Entry) -> Self {
-        let Entry { event, fields } = entry;
-        Self {
-            t_s,
-            cs,
-            event,
-            fields,
-        }
-    }
-
-    /// Its fields by their names.
-    pub fn fields(&self) -> Cow<'_, Map<String, Value>> {
-        match &self.fields {
-            Fields::Object(fields) => Cow::Borrowed(fields),
-            Fields::Place { program, line } => Cow::Owned(
-                [("program", json!(program)), ("line", json!(line))]
-                    .map(|(name, value)| (name.to_owned(), value))
-                    .into_iter()
-                    .collect(),
-            ),
-        }
-    }
-
-    /// A field; null when the line has none of this name.
-    pub fn field(&self, name: &str) -> Value {
-        self.fields().get(name).cloned().unwrap_or_default()
-    }
-
-    /// The line as one JSON object.
+    /// The line as one JSON object: the event's fields beside `event`, `cs` and `t_s`.
     pub fn to_json(&self) -> Value {
-        let mut object = self.fields().into_owned();
-        object.insert("t_s".into(), json!(self.t_s));
-        object.insert("cs".into(), json!(self.cs));
-        object.insert("event".into(), json!(self.event));
-        Value::Object(object)
+        let mut object = serde_json::to_value(&self.event).unwrap_or_default();
+        object["t_s"] = json!(self.t_s);
+        object["cs"] = json!(self.cs);
+        object
+    }
+
+    /// The line of a JSON object; `None`: it is damaged, or of an event that this version does not know.
+    pub(crate) fn from_json(object: &Value) -> Option<Self> {
+        Some(Self {
+            t_s: f64::deserialize(object.get("t_s")?).ok()?,
+            cs: CoordinateSystemNumber::deserialize(object.get("cs")?).ok()?,
+            event: Event::deserialize(object).ok()?,
+        })
     }
 }
 
-/// What a coordinate system reports.
-#[derive(Debug, Clone)]
-pub(crate) struct Entry {
-    event: &'static str,
-    fields: Fields,
+/// What happened in a coordinate system. In JSON its word is `event`, and its fields stand beside it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "event", rename_all = "snake_case")]
+pub enum Event {
+    /// The runtime has started.
+    Boot {
+        /// This start.
+        boot_id: BootId,
+        /// Version of the runtime.
+        version: String,
+    },
+    /// The end of an earlier start of the runtime cut a run short.
+    Interrupted(Box<LastRun>),
+    /// A command was accepted.
+    Command {
+        /// What it commands.
+        verb: Verb,
+        /// Names the command.
+        command_id: String,
+        /// Who commands.
+        client_id: String,
+    },
+    /// A run begins.
+    Start {
+        /// Main program; 0: manual data input, homing or a jog.
+        program: u16,
+        /// Names the run.
+        run_id: String,
+    },
+    /// The motion of a block begins: too many for a disk, and what follows from it is said by others.
+    Block {
+        /// Program number.
+        program: u16,
+        /// Line of the source file, from 1.
+        line: u32,
+    },
+    /// An auxiliary function output was made, for the first time.
+    Output(Box<OutputNotice>),
+    /// A handler has claimed an output.
+    Claim {
+        /// Sequence number of the output.
+        seq: u64,
+        /// Who claims.
+        handler_id: String,
+    },
+    /// An output was reset, or failed by its handler.
+    Reset {
+        /// Sequence number of the output.
+        seq: u64,
+        /// Its M number.
+        m: Option<u16>,
+        /// Who resets.
+        handler_id: String,
+        /// Done, or failed.
+        #[serde(flatten)]
+        outcome: ResetOutcome,
+        /// True: an operator's, whoever owned the output.
+        #[serde(default, skip_serializing_if = "is_false")]
+        force: bool,
+    },
+    /// The owner of an output asks the operator.
+    Question {
+        /// Sequence number of the output.
+        seq: u64,
+        /// What is asked.
+        text: String,
+        /// What can be answered.
+        choices: Vec<String>,
+    },
+    /// The operator has answered.
+    Answer {
+        /// Sequence number of the output.
+        seq: u64,
+        /// One of the choices.
+        choice: String,
+        /// Who answers.
+        client_id: Option<String>,
+    },
+    /// The program pauses at M00, M01 or, with single block, at a block's end.
+    Stop {
+        /// 0 or 1; `None`: by single block.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        m: Option<u16>,
+        /// Why, where no M code stops.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        reason: Option<Reason>,
+        /// Program number.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        program: Option<u16>,
+        /// Line of the source file, from 1.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        line: Option<u32>,
+    },
+    /// The runtime itself holds the run where it waits for an output.
+    Hold {
+        /// Why.
+        reason: Reason,
+        /// M number of the output.
+        m: Option<u16>,
+        /// Its sequence number.
+        seq: u64,
+    },
+    /// The run goes on.
+    Resume,
+    /// Back trace begins or ends.
+    BackTrace {
+        /// True when it begins.
+        on: bool,
+    },
+    /// A G31 has captured positions.
+    Capture(Box<Captured>),
+    /// A warning, which stops nothing.
+    Warning {
+        /// Program number.
+        program: Option<u16>,
+        /// Line of the source file, from 1.
+        line: Option<u32>,
+        /// What it warns of.
+        text: String,
+    },
+    /// An alarm has stopped the coordinate system.
+    Alarm(RaisedAlarm),
+    /// The connection to the MQTT broker was made or lost.
+    Bus {
+        /// True when it was made.
+        connected: bool,
+    },
+    /// The control lease has changed hands.
+    Lease {
+        /// What became of it.
+        what: LeaseChange,
+        /// Who held or holds it.
+        holder: String,
+        /// Its fence.
+        fence: u64,
+        /// Who asked for that; `None`: its time was over.
+        client_id: Option<String>,
+    },
+    /// The run has ended.
+    End(RunEnd),
 }
 
-impl Entry {
-    /// A block begins.
-    pub fn block(origin: Origin) -> Self {
-        let Origin { program, line, .. } = origin;
-        Self {
-            event: BLOCK,
-            fields: Fields::Place { program, line },
-        }
-    }
+/// How an output was reset.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(tag = "result", rename_all = "snake_case")]
+pub enum ResetOutcome {
+    /// The work is done.
+    Ok,
+    /// It failed.
+    Fault {
+        /// The handler's alarm code, 0 to 9999.
+        code: Option<u16>,
+        /// The alarm's text.
+        text: Option<String>,
+    },
+}
 
-    /// An entry whose fields are those of a JSON object.
-    pub fn new(event: &'static str, fields: Value) -> Self {
-        let fields = match fields {
-            Value::Object(fields) => fields,
-            _ => Map::new(),
-        };
-        Self {
-            event,
-            fields: Fields::Object(fields),
+/// An alarm that has stopped a coordinate system.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum RaisedAlarm {
+    /// An alarm of this coordinate system.
+    OfThis(Box<AlarmRecord>),
+    /// An alarm of all, which a sequence program has raised.
+    OfAll {
+        /// Number of the alarm.
+        number: u16,
+        /// What happened.
+        text: String,
+    },
+}
+
+impl RaisedAlarm {
+    /// Number of the alarm.
+    pub fn number(&self) -> u16 {
+        match self {
+            RaisedAlarm::OfThis(record) => record.number,
+            RaisedAlarm::OfAll { number, .. } => *number,
         }
     }
+}
+
+/// What became of a control lease.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LeaseChange {
+    /// Somebody took it.
+    Taken,
+    /// Its holder gave it back.
+    Released,
+    /// An administrator broke it.
+    Broken,
+    /// Its time was over.
+    Expired,
+}
+
+/// How a run has ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum RunEnd {
+    /// Before its end.
+    CutShort {
+        /// The state that it leads to.
+        outcome: Execution,
+        /// The state's reason.
+        #[serde(deserialize_with = "Option::deserialize")]
+        reason: Option<Reason>,
+    },
+    /// At its end.
+    Completed {
+        /// The state that it leads to.
+        outcome: Execution,
+    },
+}
+
+impl RunEnd {
+    /// The state that the end of the run leads to.
+    pub fn outcome(&self) -> Execution {
+        match self {
+            RunEnd::CutShort { outcome, .. } | RunEnd::Completed { outcome } => *outcome,
+        }
+    }
+}
+
+// The form that serde calls.
+#[expect(clippy::trivially_copy_pass_by_ref)]
+fn is_false(value: &bool) -> bool {
+    !value
 }
 
 /// Where lines go.
@@ -144,18 +313,26 @@ impl Journal {
     }
 
     /// Writes a line. True when that has woken a task.
-    pub(crate) fn record(&self, now: Now, cs: CoordinateSystemNumber, entry: Entry) -> bool {
-        let line = Line::new(now.monotonic_s, cs, entry);
+    pub(crate) fn record(&self, now: Now, cs: CoordinateSystemNumber, event: Event) -> bool {
+        let is_block = matches!(event, Event::Block { .. });
+        let line = Line {
+            t_s: now.monotonic_s,
+            cs,
+            event,
+        };
         let mut has_woken = false;
         match &self.sink {
             Some(sink) => has_woken = (sink.lock().unwrap_or_else(PoisonError::into_inner))(&line),
-            None if line.event == BLOCK => tracing::debug!(target: "journal", "{}", line.to_json()),
+            None if is_block => tracing::debug!(target: "journal", "{}", line.to_json()),
             None => tracing::info!(target: "journal", "{}", line.to_json()),
         }
         // its text is made on the journal's thread: a handshake does not wait for it
-        if let Some(disk) = self.disk.as_ref().filter(|_| line.event != BLOCK) {
+        if let Some(disk) = self.disk.as_ref().filter(|_| !is_block) {
             disk.write(line, now.time);
         }
         has_woken
     }
 }
+
+#[cfg(test)]
+mod tests;

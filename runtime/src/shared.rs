@@ -19,7 +19,7 @@ use tokio_util::sync::CancellationToken;
 use crate::clock::Clock;
 use crate::command_memory::{Asked, CommandMemory, Recalled};
 use crate::config::Machine;
-use crate::journal::{Entry, Journal};
+use crate::journal::{Event, Journal};
 use crate::persistence::{Keeper, Restored};
 use crate::program_store::ProgramStore;
 use crate::servo_thread::ServoStatistics;
@@ -153,8 +153,8 @@ impl Shared {
     }
 
     /// Writes a line of the journal.
-    pub fn record(&self, cs: CoordinateSystemNumber, entry: Entry) {
-        if self.journal.record(self.now(), cs, entry) {
+    pub fn record(&self, cs: CoordinateSystemNumber, event: Event) {
+        if self.journal.record(self.now(), cs, event) {
             self.told.fetch_add(1, Ordering::Relaxed);
         }
     }

@@ -6,11 +6,11 @@
 
 use std::sync::atomic::Ordering;
 
-use serde_json::json;
+use plc_api::types::state::Reason;
 
 use super::CoordinateSystem;
 use super::holding::{Cause, Held};
-use crate::journal::Entry;
+use crate::journal::Event;
 
 /// The connection to the MQTT broker, as this coordinate system has seen it.
 #[derive(Debug, Default)]
@@ -30,8 +30,7 @@ impl CoordinateSystem {
             is_lost: !connected,
             held_at: None,
         };
-        let fields = json!({ "connected": connected });
-        self.shared.record(self.number, Entry::new("bus", fields));
+        self.shared.record(self.number, Event::Bus { connected });
     }
 
     /// Holds a run that waits for an output at rest.
@@ -49,9 +48,12 @@ impl CoordinateSystem {
         }
         self.bus.held_at = Some(seq);
         self.hold(Cause::BusLoss);
-        let m = self.ledger.get(seq).map(|open| open.notice.m);
-        let fields = json!({"reason": "BUS_LOST", "m": m, "seq": seq});
-        self.shared.record(self.number, Entry::new("hold", fields));
+        let event = Event::Hold {
+            reason: Reason::BusLost,
+            m: self.ledger.get(seq).map(|open| open.notice.m),
+            seq,
+        };
+        self.shared.record(self.number, event);
     }
 }
 
@@ -65,7 +67,7 @@ mod tests {
     use plc_api::{Execution, Plc};
 
     use crate::config::Unhandled;
-    use crate::journal::{Journal, Line};
+    use crate::journal::{Event, Journal, Line};
     use crate::simulation::{self, SimulationOptions};
     use crate::{Config, Runtime};
 
@@ -135,15 +137,15 @@ mod tests {
             plc.coordinate_system(1).resume().await.unwrap();
             until(plc, Execution::ProgramCompleted).await;
         });
-        let hold = lines.iter().find(|line| line.event == "hold").unwrap();
-        assert_eq!(
-            (hold.field("reason"), hold.field("m")),
-            ("BUS_LOST".into(), 77.into())
-        );
-        let connected = lines
-            .iter()
-            .filter(|line| line.event == "bus")
-            .map(|line| line.field("connected"));
+        let hold = lines.iter().find_map(|line| match line.event {
+            Event::Hold { reason, m, .. } => Some((reason, m)),
+            _ => None,
+        });
+        assert_eq!(hold, Some((Reason::BusLost, Some(77))));
+        let connected = lines.iter().filter_map(|line| match line.event {
+            Event::Bus { connected } => Some(connected),
+            _ => None,
+        });
         assert!(connected.eq([false, true]));
     }
 

@@ -9,13 +9,12 @@ use plc_api::types::program::ProgramDiagnostic;
 use plc_api::types::request::{Answer, Refusal, RefusalCode};
 use plc_api::types::state::{Execution, Reason, Transition};
 use plc_api::types::topic::CsTopic;
-use serde_json::json;
 use tokio::sync::oneshot;
 
 use super::holding::{Cause, Held};
 use super::manual::Kind;
 use super::{CoordinateSystem, Run};
-use crate::journal::Entry;
+use crate::journal::Event;
 use crate::program_store::StoredProgram;
 use plc_api::execution::{Situation, word};
 
@@ -155,8 +154,12 @@ impl CoordinateSystem {
         };
         let text = notes.iter().fold(text, |text, note| join(&text, note));
         self.last_command_id = Some(meta.command_id.clone());
-        let fields = json!({"verb": verb, "command_id": meta.command_id, "client_id": meta.client_id});
-        self.shared.record(self.number, Entry::new("command", fields));
+        let event = Event::Command {
+            verb,
+            command_id: meta.command_id.clone(),
+            client_id: meta.client_id.clone(),
+        };
+        self.shared.record(self.number, event);
         let accepted = self.say(&meta, CommandStatus::Accepted, "ok", &text);
         let mut reply = Some(reply);
         if !wait && let Some(reply) = reply.take() {
@@ -338,8 +341,11 @@ impl CoordinateSystem {
         self.run_id = Some(run.id.clone());
         let manual = (number == 0).then(|| Arc::clone(&run.main));
         self.view.update(|place| place.manual = manual);
-        let fields = json!({"program": number, "run_id": run.id});
-        self.shared.record(self.number, Entry::new("start", fields));
+        let event = Event::Start {
+            program: number,
+            run_id: run.id.clone(),
+        };
+        self.shared.record(self.number, event);
         self.inputs.take_over_skip(1);
         self.publish_inputs();
         self.run = Some(run);

@@ -5,14 +5,13 @@
 
 use plc_api::types::request::{Refusal, RefusalCode};
 use plc_api::types::state::{Execution, Lock, Reason};
-use serde_json::json;
 use tandem_interp::Modal;
 use tandem_model::alarm::COMPENSATION_REFUSED;
 use tandem_servo::Control;
 
 use super::CoordinateSystem;
 use super::preparation::{Phase, Then};
-use crate::journal::Entry;
+use crate::journal::Event;
 
 /// Whether the motion of a run is held.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -86,7 +85,7 @@ impl CoordinateSystem {
             self.put_out_queued();
             self.hold_after_planned_block();
         }
-        self.shared.record(self.number, Entry::new("resume", json!({})));
+        self.shared.record(self.number, Event::Resume);
     }
 
     /// The servo has come to rest under feed hold.
@@ -225,9 +224,12 @@ impl CoordinateSystem {
         if let Some(run) = &mut self.run {
             run.held = Held::AtRest(Cause::SingleBlock);
         }
-        let fields =
-            origin.map(|at| json!({"reason": "SINGLE_BLOCK", "program": at.program, "line": at.line}));
-        self.shared
-            .record(self.number, Entry::new("stop", fields.unwrap_or_default()));
+        let event = Event::Stop {
+            m: None,
+            reason: origin.map(|_| Reason::SingleBlock),
+            program: origin.map(|at| at.program),
+            line: origin.map(|at| at.line),
+        };
+        self.shared.record(self.number, event);
     }
 }

@@ -14,10 +14,9 @@ use plc_api::types::message::Payload;
 use plc_api::types::request::{Answer, Refusal, RefusalCode};
 use plc_api::types::topic::CsTopic;
 use plc_api::types::{CoordinateSystemNumber, Timestamp};
-use serde_json::json;
 
 use super::CoordinateSystem;
-use crate::journal::Entry;
+use crate::journal::{Event, LeaseChange};
 
 /// Who holds the lease of one coordinate system, and until when. Pure: the time is a parameter.
 #[derive(Debug)]
@@ -158,13 +157,13 @@ impl CoordinateSystem {
             LeaseRequest::Take(take) => self
                 .lease
                 .take(self.shared.now(), take, &meta.client_id)
-                .map(|lease| (take.fence.is_none().then_some("taken"), Some(lease))),
+                .map(|lease| (take.fence.is_none().then_some(LeaseChange::Taken), Some(lease))),
             LeaseRequest::Release(release) => {
                 let released = self.lease.release(release.fence);
-                released.map(|()| (Some("released"), None))
+                released.map(|()| (Some(LeaseChange::Released), None))
             }
             LeaseRequest::Break => {
-                let broken = self.lease.held.take().map(|_| "broken");
+                let broken = self.lease.held.take().map(|_| LeaseChange::Broken);
                 Ok((broken, None))
             }
         };
@@ -194,16 +193,20 @@ impl CoordinateSystem {
         let before = self.lease.held().cloned();
         if self.lease.expire(now_s) {
             if let Some(lease) = before {
-                self.record_lease("expired", &lease, None);
+                self.record_lease(LeaseChange::Expired, &lease, None);
             }
             self.publish_lease();
         }
     }
 
-    fn record_lease(&self, what: &str, lease: &Lease, client_id: Option<&str>) {
-        let fields =
-            json!({"what": what, "holder": lease.holder, "fence": lease.fence, "client_id": client_id});
-        self.shared.record(self.number, Entry::new("lease", fields));
+    fn record_lease(&self, what: LeaseChange, lease: &Lease, client_id: Option<&str>) {
+        let event = Event::Lease {
+            what,
+            holder: lease.holder.clone(),
+            fence: lease.fence,
+            client_id: client_id.map(str::to_owned),
+        };
+        self.shared.record(self.number, event);
     }
 
     pub(super) fn publish_lease(&self) {
@@ -361,15 +364,11 @@ mod tests {
         })
         .unwrap();
         let lines = lines.lock().unwrap();
-        let told = lines.iter().filter(|line| line.event == "lease");
-        let told: Vec<_> = told
-            .map(|line| (line.field("what"), line.field("holder")))
-            .collect();
-        let word = serde_json::Value::from;
-        assert_eq!(
-            told,
-            [(word("taken"), word("mes")), (word("expired"), word("mes"))]
-        );
+        let told = lines.iter().filter_map(|line| match &line.event {
+            Event::Lease { what, holder, .. } => Some((*what, holder.as_str())),
+            _ => None,
+        });
+        assert!(told.eq([(LeaseChange::Taken, "mes"), (LeaseChange::Expired, "mes")]));
     }
 
     #[test]

@@ -36,7 +36,7 @@ use tandem_servo::{ChannelHandle, Event};
 use tandem_syntax::NcProgram;
 
 use crate::config::CoordinateSystem as Configured;
-use crate::journal::Entry;
+use crate::journal::{Event as Happened, RaisedAlarm, RunEnd};
 use crate::program_store::StoredProgram;
 use crate::shared::Shared;
 use bus::Bus;
@@ -272,7 +272,11 @@ impl CoordinateSystem {
                 self.follow_changes(segment);
                 self.view.update(|place| place.executing = origin);
                 if self.pipeline.begins_block(segment) {
-                    self.shared.record(self.number, Entry::block(origin));
+                    let block = Happened::Block {
+                        program: origin.program,
+                        line: origin.line,
+                    };
+                    self.shared.record(self.number, block);
                 }
             }
             Event::Finished { segment, .. } => {
@@ -337,8 +341,9 @@ impl CoordinateSystem {
             .as_ref()
             .is_some_and(|run| matches!(run.kind, Kind::Jog(_)));
         if let Some(run) = self.run.take() {
-            let fields = serde_json::json!({"outcome": plc_api::execution::word(&into.0), "reason": into.1});
-            self.shared.record(self.number, Entry::new("end", fields));
+            let (outcome, reason) = into;
+            let end = RunEnd::CutShort { outcome, reason };
+            self.shared.record(self.number, Happened::End(end));
             self.remember_jog(&run);
             self.run_given_up(&run, into);
         }
@@ -376,8 +381,7 @@ impl CoordinateSystem {
             ..Default::default()
         };
         let record = self.shared.raise(record);
-        let fields = serde_json::to_value(&record).unwrap_or_default();
-        self.stop_by_alarm(fields);
+        self.stop_by_alarm(RaisedAlarm::OfThis(Box::new(record)));
     }
 
     /// A sequence program raises an alarm; one of all is raised already.
@@ -386,13 +390,14 @@ impl CoordinateSystem {
         if raise.cs.is_some() {
             self.raise(alarm.number, alarm.text, None);
         } else {
-            self.stop_by_alarm(serde_json::json!({"number": alarm.number, "text": alarm.text}));
+            let (number, text) = (alarm.number, alarm.text);
+            self.stop_by_alarm(RaisedAlarm::OfAll { number, text });
         }
         Ok(Answer::Done)
     }
 
-    fn stop_by_alarm(&mut self, fields: serde_json::Value) {
-        self.shared.record(self.number, Entry::new("alarm", fields));
+    fn stop_by_alarm(&mut self, alarm: RaisedAlarm) {
+        self.shared.record(self.number, Happened::Alarm(alarm));
         self.end_run(
             CancelReason::Alarm,
             (Execution::Stopped, Some(Reason::Alarm)),

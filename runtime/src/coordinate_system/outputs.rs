@@ -10,7 +10,6 @@ use plc_api::types::question::{Ask, OperatorAnswer};
 use plc_api::types::request::{Answer, Refusal, RefusalCode};
 use plc_api::types::state::SpindleDirection;
 use plc_api::types::topic::CsTopic;
-use serde_json::json;
 use tandem_model::alarm::{HANDLER_LOST, M_CODE_TIMEOUT, M_CODE_UNHANDLED};
 use tandem_model::flow::Output;
 use tandem_model::{Alarm, Origin};
@@ -20,7 +19,7 @@ use super::CoordinateSystem;
 use super::holding::Held;
 use super::preparation::Phase;
 use crate::config::Unhandled;
-use crate::journal::Entry;
+use crate::journal::{Event, ResetOutcome};
 use crate::sequence::stock::{self, StockAction};
 
 /// Who resets what the stock sequence program does.
@@ -138,8 +137,11 @@ impl CoordinateSystem {
     pub(super) fn claim(&mut self, m: Option<u16>, claim: &Claim) -> HandshakeResult {
         let result = self.ledger.claim(self.shared.now(), m, claim);
         if result.status == HandshakeStatus::Accepted {
-            let fields = json!({"seq": claim.seq, "handler_id": claim.handler_id});
-            self.shared.record(self.number, Entry::new("claim", fields));
+            let event = Event::Claim {
+                seq: claim.seq,
+                handler_id: claim.handler_id.clone(),
+            };
+            self.shared.record(self.number, event);
         }
         result
     }
@@ -147,18 +149,20 @@ impl CoordinateSystem {
     pub(super) fn reset_output(&mut self, m: Option<u16>, reset: &Reset) -> HandshakeResult {
         let result = self.ledger.reset(self.shared.now(), m, reset);
         if result.status == HandshakeStatus::Accepted {
-            let m = self.notices.get(&reset.seq).map(|notice| notice.m);
-            let mut fields = json!({
-                "seq": reset.seq, "m": m, "handler_id": reset.handler_id, "result": reset.result,
-            });
-            if reset.result == ResetResult::Fault {
-                fields["code"] = json!(reset.code);
-                fields["text"] = json!(reset.text);
-            }
-            if reset.force == Some(true) {
-                fields["force"] = json!(true);
-            }
-            self.shared.record(self.number, Entry::new("reset", fields));
+            let event = Event::Reset {
+                seq: reset.seq,
+                m: self.notices.get(&reset.seq).map(|notice| notice.m),
+                handler_id: reset.handler_id.clone(),
+                outcome: match reset.result {
+                    ResetResult::Ok => ResetOutcome::Ok,
+                    ResetResult::Fault => ResetOutcome::Fault {
+                        code: reset.code,
+                        text: reset.text.clone(),
+                    },
+                },
+                force: reset.force == Some(true),
+            };
+            self.shared.record(self.number, event);
         }
         result
     }
@@ -166,8 +170,12 @@ impl CoordinateSystem {
     pub(super) fn ask(&mut self, m: Option<u16>, ask: &Ask) -> Result<Answer, Refusal> {
         let status = self.ledger.ask(self.shared.now(), m, ask)?;
         if status == HandshakeStatus::Accepted && !ask.choices.is_empty() {
-            let fields = json!({"seq": ask.seq, "text": ask.text, "choices": ask.choices});
-            self.shared.record(self.number, Entry::new("question", fields));
+            let event = Event::Question {
+                seq: ask.seq,
+                text: ask.text.clone(),
+                choices: ask.choices.clone(),
+            };
+            self.shared.record(self.number, event);
         }
         Ok(handshake_answer(ask.seq, &ask.handler_id, status))
     }
@@ -175,9 +183,12 @@ impl CoordinateSystem {
     pub(super) fn answer_question(&mut self, m: Option<u16>, answer: &OperatorAnswer) -> Answer {
         let status = self.ledger.answer_question(self.shared.now(), m, answer);
         if status == HandshakeStatus::Accepted {
-            let client_id = &answer.client_id;
-            let fields = json!({"seq": answer.seq, "choice": answer.choice, "client_id": client_id});
-            self.shared.record(self.number, Entry::new("answer", fields));
+            let event = Event::Answer {
+                seq: answer.seq,
+                choice: answer.choice.clone(),
+                client_id: answer.client_id.clone(),
+            };
+            self.shared.record(self.number, event);
         }
         handshake_answer(answer.seq, "", status)
     }
@@ -246,8 +257,8 @@ impl CoordinateSystem {
             Payload::Output(notice.clone()),
         );
         if notice.attempt == 1 {
-            let fields = serde_json::to_value(notice).unwrap_or_default();
-            self.shared.record(self.number, Entry::new("output", fields));
+            self.shared
+                .record(self.number, Event::Output(Box::new(notice.clone())));
         }
         let first = self.notices.insert(notice.seq, notice.clone()).is_none();
         if first && !self.shared.is_handled(self.number, notice.m) {

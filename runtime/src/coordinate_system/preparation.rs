@@ -7,15 +7,13 @@ use tandem_model::limits::STEPS_IN_CHAIN_MAX;
 use tandem_model::{Alarm, Origin};
 
 use plc_api::types::state::Execution;
-use serde_json::json;
 
 use super::CoordinateSystem;
 use super::commands::Awaiting;
 use super::holding::Held;
 use super::manual::Kind;
 use crate::clock::Clock;
-use crate::journal::Entry;
-use plc_api::execution::word;
+use crate::journal::{Event, RunEnd};
 
 /// How much is done in one turn.
 #[derive(Debug, Clone, Copy)]
@@ -319,9 +317,13 @@ impl CoordinateSystem {
             Then::Stop(stop) if stop.optional && !self.inputs.optional_stop => {}
             Then::Stop(stop) => {
                 self.view.update(|place| place.executing = stop.origin);
-                let m = u16::from(stop.optional);
-                let fields = json!({"m": m, "program": stop.origin.program, "line": stop.origin.line});
-                self.shared.record(self.number, Entry::new("stop", fields));
+                let event = Event::Stop {
+                    m: Some(u16::from(stop.optional)),
+                    reason: None,
+                    program: Some(stop.origin.program),
+                    line: Some(stop.origin.line),
+                };
+                self.shared.record(self.number, event);
                 if let Some(run) = &mut self.run {
                     run.phase = Phase::Paused(stop);
                 }
@@ -364,8 +366,8 @@ impl CoordinateSystem {
         self.idle = (into, None);
         self.remember_jog(&run);
         self.manual_goes_on |= matches!(run.kind, Kind::Manual);
-        let fields = json!({"outcome": word(&into)});
-        self.shared.record(self.number, Entry::new("end", fields));
+        let end = RunEnd::Completed { outcome: into };
+        self.shared.record(self.number, Event::End(end));
         self.complete(&Awaiting::is_of_run);
     }
 }

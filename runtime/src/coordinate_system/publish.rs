@@ -7,14 +7,13 @@ use plc_api::types::state::{
     Captured, Execution, Modal, OptionalSkip, Reason, Spindle, State, Switch, Tool, Transition, WaitingOn,
 };
 use plc_api::types::topic::CsTopic;
-use serde_json::json;
 use tandem_model::alarm::{AlarmEntry, PROGRAM_WARNING};
 use tandem_model::{Axis, AxisSet, MachinePosition, Origin};
 
 use super::CoordinateSystem;
 use super::holding::Held;
 use super::preparation::Phase;
-use crate::journal::Entry;
+use crate::journal::Event;
 
 impl CoordinateSystem {
     /// State word and reason of now.
@@ -187,8 +186,8 @@ impl CoordinateSystem {
         for (value, position) in self.captured.iter_mut().zip(&captured.positions) {
             *value = *position;
         }
-        let fields = serde_json::to_value(&captured).unwrap_or_default();
-        self.shared.record(self.number, Entry::new("capture", fields));
+        self.shared
+            .record(self.number, Event::Capture(Box::new(captured.clone())));
         self.shared
             .publish(self.topic(CsTopic::Captured), Payload::Captured(captured));
     }
@@ -299,8 +298,12 @@ impl CoordinateSystem {
             column: Some(origin.column),
             ..AlarmRecord::default()
         });
-        let fields = json!({"program": record.program, "line": record.line, "text": record.text});
-        self.shared.record(self.number, Entry::new("warning", fields));
+        let event = Event::Warning {
+            program: record.program,
+            line: record.line,
+            text: record.text,
+        };
+        self.shared.record(self.number, event);
     }
 }
 

@@ -6,14 +6,13 @@
 use std::collections::VecDeque;
 
 use plc_api::types::request::{Refusal, RefusalCode};
-use serde_json::json;
 use tandem_model::profile::PathPlace;
 use tandem_motion::Replan;
 use tandem_servo::Control;
 
 use super::CoordinateSystem;
 use super::holding::Cause;
-use crate::journal::Entry;
+use crate::journal::Event;
 
 /// How far ahead of the motion a new plan begins: what planning takes, with a reserve. Twice as far after a refusal.
 const AHEAD_S: f64 = 0.1;
@@ -168,8 +167,7 @@ impl CoordinateSystem {
         self.pipeline.ready = back;
         self.turn_round();
         self.go_on();
-        self.shared
-            .record(self.number, Entry::new("back_trace", json!({"on": true})));
+        self.shared.record(self.number, Event::BackTrace { on: true });
     }
 
     /// After a back trace: the program goes on from where the motion is.
@@ -184,8 +182,7 @@ impl CoordinateSystem {
         self.servo.finished_segment = new.passed;
         self.pipeline.adopt(new);
         self.turn_round();
-        self.shared
-            .record(self.number, Entry::new("back_trace", json!({"on": false})));
+        self.shared.record(self.number, Event::BackTrace { on: false });
     }
 
     fn turn_round(&mut self) {

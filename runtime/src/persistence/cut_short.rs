@@ -6,21 +6,23 @@ use plc_api::types::output::PendingOutput;
 use serde_json::{Value, json};
 use tandem_model::alarm::RESTARTED_IN_RUN;
 
-use crate::journal::Entry;
+use crate::journal::Event;
 use crate::shared::Shared;
 
 /// Runs that the end of an earlier start cut short: a warning for the operator, and a line of the journal.
 pub(crate) fn tell_of_last_runs(shared: &Shared) {
-    let boot = json!({"boot_id": shared.boot_id, "version": env!("CARGO_PKG_VERSION")});
     for system in &shared.machine.coordinate_systems {
         let cs = system.settings.number;
-        shared.record(cs, Entry::new("boot", boot.clone()));
+        let boot = Event::Boot {
+            boot_id: shared.boot_id.clone(),
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+        };
+        shared.record(cs, boot);
         let last_run = shared.restored.last_runs.get(&cs);
         let Some(last_run) = last_run.filter(|last_run| last_run.is_under_way()) else {
             continue;
         };
-        let fields = serde_json::to_value(last_run).unwrap_or_default();
-        shared.record(cs, Entry::new("interrupted", fields));
+        shared.record(cs, Event::Interrupted(Box::new(last_run.clone())));
         shared.raise_standing(AlarmRecord {
             severity: AlarmSeverity::Warning,
             number: RESTARTED_IN_RUN.number,

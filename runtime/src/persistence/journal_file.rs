@@ -271,7 +271,7 @@ fn open_whole(path: &Path) -> io::Result<(File, u64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::journal::Entry;
+    use crate::journal::Event;
 
     fn content(folder: &Path, age: usize) -> String {
         fs::read_to_string(place(folder, age)).unwrap_or_default()
@@ -279,12 +279,22 @@ mod tests {
 
     /// Line number n, said at the start of 1970.
     fn line(n: usize) -> Line {
-        Line::new(0.5, 1, Entry::new("test", json!({"n": n})))
+        Line {
+            t_s: 0.5,
+            cs: 1,
+            event: Event::Question {
+                seq: n as u64,
+                text: String::new(),
+                choices: Vec::new(),
+            },
+        }
     }
 
     fn line_text(n: usize) -> String {
         let ts = "1970-01-01T00:00:00.000000Z";
-        format!("{{\"cs\":1,\"event\":\"test\",\"n\":{n},\"t_s\":0.5,\"ts\":\"{ts}\"}}\n")
+        format!(
+            "{{\"choices\":[],\"cs\":1,\"event\":\"question\",\"seq\":{n},\"t_s\":0.5,\"text\":\"\",\"ts\":\"{ts}\"}}\n"
+        )
     }
 
     fn write(writer: &JournalWriter, n: usize) {

@@ -4,13 +4,14 @@
 //! on tell of it, so that the operator is told of every M code on which a handler may have begun to work.
 
 use plc_api::types::data::LastRun;
-use plc_api::types::output::{OutputNotice, OutputState, PendingOutput, Timing};
+use plc_api::types::output::{OutputState, PendingOutput, Timing};
 use plc_api::types::state::Execution;
 use plc_api::types::{BootId, CoordinateSystemNumber, Timestamp};
-use serde::de::DeserializeOwned;
+use serde::Deserialize;
 use serde_json::Value;
 
 use super::image::{Image, LastRuns, value_key};
+use crate::journal::{Event, Line};
 
 /// Newest lines of the journal that are read. Reason: eight coordinate systems of 200 M codes a second write fewer in the
 /// time by which what is kept may be behind.
@@ -40,21 +41,22 @@ fn replay(cs: CoordinateSystemNumber, kept: Option<&LastRun>, journal: &[Value])
     let mut boot_id = kept.map(|kept| kept.boot_id.clone());
     let mut run = kept.cloned();
     let kept_at = kept.and_then(|kept| kept.at.to_system_time());
-    for line in journal {
-        let of_cs = field::<CoordinateSystemNumber>(line, "cs") == Some(cs);
-        let Some(ts) = field::<Timestamp>(line, "ts").filter(|_| of_cs) else {
+    for written in journal {
+        // what is no line that this version knows tells nothing
+        let of_cs = Line::from_json(written).filter(|line| line.cs == cs);
+        let (Some(line), Ok(ts)) = (of_cs, Timestamp::deserialize(&written["ts"])) else {
             continue;
         };
         if ts.to_system_time() <= kept_at {
             continue;
         }
-        match line["event"].as_str() {
-            Some("boot") => boot_id = field(line, "boot_id"),
-            Some("start") => run = started(line, boot_id.clone(), ts, run),
-            _ => {
+        match line.event {
+            Event::Boot { boot_id: of, .. } => boot_id = Some(of),
+            Event::Start { program, run_id } => run = started(program, run_id, boot_id.clone(), ts, run),
+            event => {
                 let of_boot = run.as_mut().filter(|run| Some(&run.boot_id) == boot_id.as_ref());
                 if let Some(run) = of_boot {
-                    went_on(run, line, ts);
+                    went_on(run, event, ts);
                 }
             }
         }
@@ -74,24 +76,25 @@ fn waiting(mut run: LastRun) -> LastRun {
     run
 }
 
-fn field<T: DeserializeOwned>(line: &Value, name: &str) -> Option<T> {
-    T::deserialize(line.get(name)?).ok()
-}
-
 /// The run that a line begins, unless it is known already.
-fn started(line: &Value, boot_id: Option<BootId>, at: Timestamp, known: Option<LastRun>) -> Option<LastRun> {
-    let (Some(boot_id), Some(run_id)) = (boot_id, field::<String>(line, "run_id")) else {
+fn started(
+    program: u16,
+    run_id: String,
+    boot_id: Option<BootId>,
+    at: Timestamp,
+    known: Option<LastRun>,
+) -> Option<LastRun> {
+    let Some(boot_id) = boot_id else {
         return known;
     };
     if (known.as_ref()).is_some_and(|run| run.boot_id == boot_id && run.run_id == run_id) {
         return known;
     }
-    let program = field(line, "program");
     Some(LastRun {
         boot_id,
         run_id,
-        program,
-        running: program,
+        program: Some(program),
+        running: Some(program),
         line: 1,
         execution: Execution::Active,
         outputs: Vec::new(),
@@ -99,18 +102,14 @@ fn started(line: &Value, boot_id: Option<BootId>, at: Timestamp, known: Option<L
     })
 }
 
-fn went_on(run: &mut LastRun, line: &Value, at: Timestamp) {
-    let seq = field::<u64>(line, "seq");
-    match line["event"].as_str() {
-        Some("output") => {
-            let Ok(output) = serde_json::from_value::<OutputNotice>(line.clone()) else {
-                return;
-            };
+fn went_on(run: &mut LastRun, event: Event, at: Timestamp) {
+    match event {
+        Event::Output(output) => {
             if output.run_id != run.run_id || run.outputs.iter().any(|open| open.output.seq == output.seq) {
                 return;
             }
             run.outputs.push(PendingOutput {
-                output,
+                output: *output,
                 state: OutputState::Output,
                 handler_id: None,
                 since: at.clone(),
@@ -120,21 +119,20 @@ fn went_on(run: &mut LastRun, line: &Value, at: Timestamp) {
                 question: None,
             });
         }
-        Some("claim") => {
-            let owner = field::<String>(line, "handler_id");
-            for open in run.outputs.iter_mut().filter(|open| Some(open.output.seq) == seq) {
+        Event::Claim { seq, handler_id } => {
+            if let Some(open) = run.outputs.iter_mut().find(|open| open.output.seq == seq) {
                 (open.state, open.since) = (OutputState::Claimed, at.clone());
-                open.handler_id.clone_from(&owner);
+                open.handler_id = Some(handler_id);
             }
         }
-        Some("reset") => {
-            run.outputs.retain(|open| Some(open.output.seq) != seq);
+        Event::Reset { seq, .. } => {
+            run.outputs.retain(|open| open.output.seq != seq);
             if run.execution == Execution::Wait && run.outputs.is_empty() {
                 run.execution = Execution::Active;
             }
         }
-        Some("end") => {
-            run.execution = field(line, "outcome").unwrap_or(Execution::Stopped);
+        Event::End(end) => {
+            run.execution = end.outcome();
             run.outputs.clear();
         }
         _ => return,
@@ -156,6 +154,7 @@ mod tests {
 
     fn line(second: u32, event: &str, fields: Value) -> Value {
         let mut line = fields;
+        line["t_s"] = json!(0.0);
         line["cs"] = json!(1);
         line["event"] = json!(event);
         line["ts"] = json!(at(second));
@@ -173,7 +172,7 @@ mod tests {
     /// The boot and the start of run 1-1 in second 1, and what came after.
     fn journal(after: &[Value]) -> Vec<Value> {
         let begin = [
-            line(1, "boot", json!({"boot_id": BOOT})),
+            line(1, "boot", json!({"boot_id": BOOT, "version": "0.1.0"})),
             line(1, "start", json!({"run_id": "1-1", "program": 60})),
         ];
         [&begin[..], after].concat()
@@ -233,7 +232,11 @@ mod tests {
     #[test]
     fn what_was_claimed_reset_or_ended_since_is_so() {
         let claim = line(7, "claim", json!({"seq": 1, "handler_id": "gripper"}));
-        let reset = line(8, "reset", json!({"seq": 1}));
+        let reset = line(
+            8,
+            "reset",
+            json!({"seq": 1, "m": 100, "handler_id": "gripper", "result": "ok"}),
+        );
         let end = line(9, "end", json!({"outcome": "PROGRAM_COMPLETED"}));
         let lines = journal(&[output(6, 1), claim, output(7, 2), reset, end]);
         let after = |n: usize| replay(1, Some(&kept(5)), &lines[..n]).unwrap();
@@ -256,10 +259,20 @@ mod tests {
     }
 
     #[test]
+    fn a_line_of_another_version_and_a_damaged_one_tell_nothing() {
+        let later = line(7, "polished", json!({"seq": 1}));
+        let damaged = line(8, "reset", json!({"handler_id": "gripper", "result": "ok"}));
+        let lines = journal(&[output(6, 1), later, damaged, json!(null), json!("reset")]);
+        let run = replay(1, Some(&kept(5)), &lines).unwrap();
+        assert_eq!(open(&run), [(1, OutputState::Output)]);
+        assert_eq!(run.at, Timestamp(at(6)));
+    }
+
+    #[test]
     fn lines_of_other_coordinate_systems_and_of_a_boot_without_a_run_change_nothing() {
         let mut other = output(6, 1);
         other["cs"] = json!(2);
-        let boot = line(7, "boot", json!({"boot_id": "b2"}));
+        let boot = line(7, "boot", json!({"boot_id": "b2", "version": "0.1.0"}));
         let lines = journal(&[other, boot, output(8, 1)]);
         assert_eq!(replay(1, Some(&kept(5)), &lines), Some(kept(5)));
     }

@@ -11,10 +11,9 @@ use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::output::OutputNotice;
 use plc_api::types::request::{Answer, Request};
-use plc_api::types::state::{Captured, State};
+use plc_api::types::state::State;
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::{Alarm, CoordinateSystem, Error, Execution, Params, Plc, SequenceProgram};
-use serde_json::Value;
 use tandem_model::variables::VariableArray;
 use tokio::sync::Notify;
 use tokio::task::{AbortHandle, JoinError, JoinSet};
@@ -23,7 +22,7 @@ use super::record::{Ended, NonZero, OutputRecord, Run, StateChange, Stopped, Sys
 use super::trace::{Samples, Tracer};
 use super::{Action, Bench, Cue, TestError};
 use crate::coordinator::Runtime;
-use crate::journal::{Journal, Line};
+use crate::journal::{Event, Journal, Line, ResetOutcome};
 use crate::simulation::{self, Simulation, SimulationOptions};
 
 /// Real time in which simulated time must go on at least once. Reason: a handler that blocks the thread would let the
@@ -118,7 +117,7 @@ async fn perform(bench: Bench, main: u16, watched: Watched) -> Result<Run, TestE
     let waits_for_blocks = bench.script.iter().any(|(cue, _)| matches!(cue, Cue::Line(_)));
     let journal = Journal::to_sink(Arc::new(Mutex::new(move |line: &Line| {
         sink.put(line.clone());
-        let is_waited_for = waits_for_blocks || line.event != "block";
+        let is_waited_for = waits_for_blocks || !matches!(line.event, Event::Block { .. });
         if is_waited_for {
             sink.wake.notify_one();
         }
@@ -351,51 +350,57 @@ impl Stage {
 
     /// Takes a line of the journal.
     fn journalled(&mut self, line: &Line) {
-        let fields = line.fields();
-        let number = |field: &str| fields.get(field).and_then(Value::as_u64).unwrap_or_default();
-        let at_s = line.t_s - self.start_s;
-        let what = match line.event {
-            "block" => format!("block {}", number("line")),
-            "output" => self.made(line, at_s),
-            "reset" => self.answered(line, at_s),
-            "stop" => format!("stop M{:02}", number("m")),
-            "alarm" => format!("alarm {}", number("number")),
-            "capture" => self.captured(line),
-            "resume" | "warning" | "end" => line.event.to_owned(),
+        let (cs, at_s) = (line.cs, line.t_s - self.start_s);
+        let is_block = matches!(line.event, Event::Block { .. });
+        // of what begins: program, line
+        let mut begun = None;
+        let what = match &line.event {
+            Event::Block { program, line } => {
+                begun = Some((*program, *line));
+                format!("block {line}")
+            }
+            Event::Output(notice) => {
+                begun = Some((notice.program, notice.line));
+                self.made(cs, notice, at_s)
+            }
+            Event::Reset { seq, m, outcome, .. } => {
+                let word = self.answered(cs, *seq, outcome, at_s);
+                format!("{word} M{:02}", m.unwrap_or_default())
+            }
+            Event::Stop { m, program, line, .. } => {
+                begun = program.zip(*line);
+                format!("stop M{:02}", m.unwrap_or_default())
+            }
+            Event::Alarm(alarm) => format!("alarm {}", alarm.number()),
+            // of the topic a subscriber gets only the last value, and each only once
+            Event::Capture(captured) => {
+                self.run.captured.push((**captured).clone());
+                "capture".to_owned()
+            }
+            Event::Resume => "resume".to_owned(),
+            Event::Warning { .. } => "warning".to_owned(),
+            Event::End(_) => "end".to_owned(),
             _ => return,
         };
-        let is_repeated = line.event == "block"
-            && (self.run.order.iter().rev())
-                .find(|(cs, _)| *cs == line.cs)
+        let mut before = self.run.order.iter().rev();
+        let is_repeated = is_block
+            && before
+                .find(|(of, _)| *of == cs)
                 .is_some_and(|(_, last)| *last == what);
         if !is_repeated {
-            self.run.order.push((line.cs, what));
+            self.run.order.push((cs, what));
         }
-        if matches!(line.event, "block" | "output" | "stop") && number("program") == u64::from(self.main) {
-            let begun = number("line");
-            self.cue(|cue| matches!(cue, Cue::Line(line) if u64::from(line) == begun));
+        if let Some((_, line)) = begun.filter(|(program, _)| *program == self.main) {
+            self.cue(|cue| cue == Cue::Line(line));
         }
-        if line.event == "output" {
-            let made = number("m");
-            self.cue(|cue| matches!(cue, Cue::Output(m) if u64::from(m) == made));
+        if let Event::Output(notice) = &line.event {
+            self.cue(|cue| cue == Cue::Output(notice.m));
         }
     }
 
-    // of the topic a subscriber gets only the last value, and each only once
-    fn captured(&mut self, line: &Line) -> String {
-        let captured = serde_json::from_value::<Captured>(Value::Object(line.fields().into_owned()));
-        self.run.captured.extend(captured.ok());
-        line.event.to_owned()
-    }
-
-    fn made(&mut self, line: &Line, at_s: f64) -> String {
-        let Ok(notice) = serde_json::from_value::<OutputNotice>(Value::Object(line.fields().into_owned()))
-        else {
-            return "output".to_owned();
-        };
-        let what = format!("output M{:02}{}", notice.m, words(&notice.params));
+    fn made(&mut self, cs: CoordinateSystemNumber, notice: &OutputNotice, at_s: f64) -> String {
         self.run.outputs.push(OutputRecord {
-            cs: line.cs,
+            cs,
             seq: notice.seq,
             m: notice.m,
             params: notice.params,
@@ -405,22 +410,25 @@ impl Stage {
             ended_s: None,
             ended: Ended::Open,
         });
-        what
+        format!("output M{:02}{}", notice.m, words(&notice.params))
     }
 
-    fn answered(&mut self, line: &Line, at_s: f64) -> String {
-        let field = |name: &str| line.field(name);
-        let m = field("m").as_u64().unwrap_or_default();
-        let is_fault = field("result") == "fault";
-        let ended = if is_fault {
-            let code = field("code").as_u64().and_then(|code| u16::try_from(code).ok());
-            let text = field("text").as_str().unwrap_or_default().to_owned();
-            Ended::Failed(Alarm::user(code.unwrap_or_default(), text))
-        } else {
-            Ended::Reset
+    fn answered(
+        &mut self,
+        cs: CoordinateSystemNumber,
+        seq: u64,
+        outcome: &ResetOutcome,
+        at_s: f64,
+    ) -> &'static str {
+        let (ended, word) = match outcome {
+            ResetOutcome::Ok => (Ended::Reset, "reset"),
+            ResetOutcome::Fault { code, text } => {
+                let text = text.clone().unwrap_or_default();
+                (Ended::Failed(Alarm::user(code.unwrap_or_default(), text)), "fail")
+            }
         };
-        self.end_output(line.cs, field("seq").as_u64().unwrap_or_default(), at_s, ended);
-        format!("{} M{m:02}", if is_fault { "fail" } else { "reset" })
+        self.end_output(cs, seq, at_s, ended);
+        word
     }
 
     fn end_output(&mut self, cs: CoordinateSystemNumber, seq: u64, at_s: f64, ended: Ended) {

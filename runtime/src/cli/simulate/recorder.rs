@@ -12,7 +12,7 @@ use anyhow::Context;
 use plc_api::types::CoordinateSystemNumber;
 use serde_json::{Value, json};
 use tandem_model::Axis;
-use tandem_runtime::journal::Line;
+use tandem_runtime::journal::{Event, Line, RaisedAlarm};
 use tandem_runtime::simulation::OnCycle;
 
 use super::Plan;
@@ -60,7 +60,7 @@ impl Recorder {
 
     fn take(&mut self, line: &Line) {
         // Commands are the simulation's own.
-        if line.event == "command" {
+        if matches!(line.event, Event::Command { .. }) {
             return;
         }
         if let Some(events) = &mut self.events
@@ -76,36 +76,36 @@ impl Recorder {
 
 impl Record {
     fn take(&mut self, line: &Line) {
-        let field = |name: &str| line.field(name);
-        match line.event {
-            "start" => self.start_s = line.t_s,
-            "block" => self.blocks += 1,
-            "output" => self.m_codes.push(json!({
-                "seq": field("seq"), "m": field("m"), "params": field("params"), "program": field("program"),
-                "line": field("line"), "output_s": line.t_s - self.start_s, "reset_s": null,
+        let at_s = line.t_s - self.start_s;
+        match &line.event {
+            Event::Start { .. } => self.start_s = line.t_s,
+            Event::Block { .. } => self.blocks += 1,
+            Event::Output(notice) => self.m_codes.push(json!({
+                "seq": notice.seq, "m": notice.m, "params": notice.params, "program": notice.program,
+                "line": notice.line, "output_s": at_s, "reset_s": null,
             })),
-            "reset" => {
-                if let Some(output) = self
-                    .m_codes
-                    .iter_mut()
-                    .find(|output| output["seq"] == field("seq"))
-                {
-                    output["reset_s"] = json!(line.t_s - self.start_s);
+            Event::Reset { seq, .. } => {
+                let mut outputs = self.m_codes.iter_mut();
+                if let Some(output) = outputs.find(|output| output["seq"] == *seq) {
+                    output["reset_s"] = json!(at_s);
                 }
             }
-            "stop" => self.stops.push(json!({
-                "m": field("m"), "line": field("line"), "at_s": line.t_s - self.start_s,
-            })),
-            "warning" => self.warnings.push(json!({
-                "program": field("program"), "line": field("line"), "text": field("text"),
-            })),
-            "alarm" => {
+            Event::Stop { m, line, .. } => self.stops.push(json!({"m": m, "line": line, "at_s": at_s})),
+            Event::Warning { program, line, text } => {
+                self.warnings
+                    .push(json!({"program": program, "line": line, "text": text}));
+            }
+            Event::Alarm(RaisedAlarm::OfThis(alarm)) => {
                 self.alarm = json!({
-                    "number": field("number"), "text": field("text"), "program": field("program"),
-                    "line": field("line"), "column": field("column"),
+                    "number": alarm.number, "text": alarm.text, "program": alarm.program, "line": alarm.line,
+                    "column": alarm.column,
                 });
             }
-            "end" => self.end_s = line.t_s,
+            Event::Alarm(RaisedAlarm::OfAll { number, text }) => {
+                self.alarm =
+                    json!({"number": number, "text": text, "program": null, "line": null, "column": null});
+            }
+            Event::End(_) => self.end_s = line.t_s,
             _ => {}
         }
     }
