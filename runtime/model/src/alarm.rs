@@ -1,4 +1,4 @@
-//! The alarm table. An alarm stops its coordinate system; it is numbered and says what, where and why.
+//! The alarm table. An alarm stops its coordinate system; it carries a number and says what happened, where and why.
 
 use crate::span::Origin;
 

@@ -1,4 +1,5 @@
-//! What checking finds before anything moves. A diagnostic never stops the check: all of a file come at once.
+//! Findings of the checker, made before anything moves. A finding never ends the check: all findings of a file are
+//! reported together.
 
 use crate::span::Span;
 

@@ -1,4 +1,4 @@
-//! What the stages hand on: [`Item`] and [`Block`] from `interp`, [`Segment`] from `path`.
+//! The data that stages pass on: [`Item`] and [`Block`] come from `interp`, [`Segment`] comes from `path`.
 
 use crate::arc::ArcPath;
 use crate::axis::{Axis, AxisSet, AxisVector};

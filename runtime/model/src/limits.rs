@@ -1,4 +1,4 @@
-//! Limits that hold in every configuration, each with its reason and what happens there.
+//! Limits of every configuration, each with its reason and with what happens when it is reached.
 
 /// Subprogram call depth, counted from 1 (manual, M98). A deeper call is not made; a warning event tells (D12).
 pub const CALL_DEPTH_MAX: usize = 8;

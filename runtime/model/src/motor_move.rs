@@ -1,4 +1,4 @@
-//! One motor alone, from rest to rest (M1e).
+//! The motion of a single motor from rest to rest (M1e).
 
 use crate::pace::SlewRoom;
 use crate::ramp::UnitRamp;

@@ -1,10 +1,10 @@
-//! How fast a profile goes through its plan: with G500 slower than planned wherever a motor would exceed its maximum
-//! acceleration (M1d).
+//! The pace of a profile: with G500 a profile is run through more slowly than planned wherever a motor would otherwise
+//! exceed its maximum acceleration (M1d).
 //!
-//! Plan time is the time of the motion without look-ahead. The square of its rate is linear in plan time on each piece;
-//! so in time the rate is linear and plan time quadratic, in closed form. On a piece with a [`SpeedGrowth`] that holds for the
-//! distance in the place of plan time. Where the acceleration goes over into another one with a maximum jerk, the rate
-//! is of second degree in time.
+//! Plan time is the time of the motion without look-ahead; the rate is plan time per second. On each piece the square
+//! of the rate is linear in plan time. In real time the rate is then linear and plan time quadratic, both in closed
+//! form. On a piece with a [`SpeedGrowth`] the same holds with distance in place of plan time. Where the acceleration
+//! changes with a limited jerk, the rate is quadratic in time.
 
 use crate::speed_growth::SpeedGrowth;
 

@@ -1,4 +1,4 @@
-//! Position over time of one segment: what the motion stage gives and the servo cycle evaluates.
+//! Position over time of one segment: the motion stage produces it, the servo cycle evaluates it.
 
 use crate::axis::{AXES_MAX, AxisVector};
 use crate::flow::{Path, TapLeg};

@@ -1,4 +1,4 @@
-//! What the stages need to know of the machine: motors and coordinate systems.
+//! What the stages need to know about the machine: its motors and coordinate systems.
 
 use crate::axis::{AXES_MAX, Axis, AxisSet, AxisVector};
 

@@ -1,4 +1,4 @@
-//! Places in a program.
+//! Positions in the text of a program.
 
 /// A range of bytes of a source text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]

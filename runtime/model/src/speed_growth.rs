@@ -1,8 +1,8 @@
-//! How the programmed speed grows with plan time over a piece of a ramp, and what is gone by then.
+//! The programmed speed as a function of plan time on a ramp between two feedrates, and the distance covered so far.
 //!
-//! Where a block goes over to one of another feedrate, the speed along both of them together changes with plan time:
-//! `U = v_1 (1 - S) + v_2 S`. By the distance along them that is the integral of U, a ramp between two blocks of one
-//! direction is straight, whatever its times are.
+//! Where a block passes into one with another feedrate, the speed along both changes with plan time: `U = v_1 (1 - S) +
+//! v_2 S`. Measured by distance, which is the integral of U, a ramp between two blocks of one direction is a straight
+//! line, whatever the ramp times are.
 
 /// Newton steps at most.
 const STEPS_MAX: u32 = 16;

@@ -1,4 +1,4 @@
-//! The coordinate transforms of D20, and what they make of points and distances.
+//! The coordinate transforms of D20, and their effect on points and distances.
 
 use crate::axis::{Axis, AxisSet, AxisVector};
 use crate::plane::Plane;

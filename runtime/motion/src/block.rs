@@ -1,4 +1,4 @@
-//! A block of a chain as planned, before look-ahead paces it.
+//! A planned block of a chain, before look-ahead sets its pace.
 
 use tandem_model::Origin;
 use tandem_model::flow::Path;

@@ -1,8 +1,8 @@
 //! A chain of blended blocks between two stops (M1b, G64 with G501).
 //!
-//! One ramp at each joint, centred on the time `t_i = t_(i-1) + L_i/v_i` at which the block would end without ramps;
-//! it slows the block before and speeds the next one up at once. A ramp never reaches beyond the middle of the blocks
-//! beside it, so at any time at most two blocks move, and a block's profile needs only the next block.
+//! There is one ramp at each joint, centred on the time `t_i = t_(i-1) + L_i/v_i` at which the block would end without
+//! ramps. It decelerates one block and accelerates the next at the same time. A ramp never extends beyond the middle of
+//! either block, so at most two blocks move at any time, and the profile of a block depends on the next block only.
 
 use std::collections::VecDeque;
 

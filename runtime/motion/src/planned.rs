@@ -1,4 +1,4 @@
-//! What planning one block by itself gives.
+//! The result of planning one block by itself.
 
 use tandem_model::profile::{Law, TimeBase};
 

@@ -1,4 +1,4 @@
-//! G01 along a path: from rest to rest (M1a), and what a chain needs of it.
+//! G01 along a path: from rest to rest (M1a), and the parts of it that a chain uses.
 
 use tandem_model::alarm::{LIMIT_ZERO, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
 use tandem_model::flow::{Feed, MultiBlock, Path};

@@ -1,4 +1,4 @@
-//! G00 and G31: each motor alone, in its shortest time (M1e).
+//! G00 and G31: each motor moves alone, in its shortest time (M1e).
 
 use tandem_model::alarm::{LIMIT_ZERO, VALUE_NOT_FINITE};
 use tandem_model::profile::{Law, MotorLimits, MotorMove, Stretch, TimeBase};

@@ -1,4 +1,4 @@
-//! What has been put out: kept so that it can be planned anew ([`crate::replan`]).
+//! The profiles put out so far, kept so that they can be planned again ([`crate::replan`]).
 
 use std::collections::VecDeque;
 

@@ -1,4 +1,4 @@
-//! A new plan of what has been put out, from where the motion is: with another override or the other way round (back
+//! A new plan for profiles that were put out, from the current place on: with another override, or backwards (back
 //! trace).
 
 use std::collections::VecDeque;

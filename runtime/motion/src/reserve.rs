@@ -1,4 +1,4 @@
-//! What the plan leaves of the maximum acceleration.
+//! The part of the maximum acceleration that the plan leaves free.
 
 /// Share of the maximum acceleration that is left to feed hold and to rounding, so that a hold acts wherever it comes. It
 /// costs a thousandth of the time.

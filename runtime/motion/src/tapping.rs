@@ -1,7 +1,7 @@
-//! A way in a thread: Z from rest to rest, the spindle locked to it (M1h).
+//! A move in a thread: Z from rest to rest, with the spindle locked to it (M1h).
 //!
 //! The spindle turns in proportion to Z, so its limits are limits of Z: the speed is at most the one at which the
-//! spindle turns at its maximum, and each ramp takes at least as long as the spindle needs to that speed.
+//! spindle turns at its maximum, and each ramp takes at least as long as the spindle needs to reach that speed.
 
 use tandem_model::alarm::{LIMIT_ZERO, VALUE_NOT_FINITE};
 use tandem_model::flow::{Feed, Path, TapLeg};

@@ -1,4 +1,5 @@
-//! Where two blocks are blended, and one of them is an arc, the motion may leave the hull of both (M1b).
+//! Bounds of a blend with an arc: where one of two blended blocks is an arc, the motion may leave the hull of both
+//! (M1b).
 
 use tandem_model::alarm::SOFT_LIMIT;
 use tandem_model::flow::{Feed, Path, SegmentMotion};

@@ -1,4 +1,4 @@
-//! A way of a tapping cycle in the thread: along Z, the spindle's revolutions with it (M1h).
+//! A move of a tapping cycle in the thread: along Z, with the revolutions of the spindle (M1h).
 
 use tandem_model::alarm::{SPINDLE_SPEED_MISSING, TAP_OFF_AXIS, VALUE_OUT_OF_RANGE};
 use tandem_model::flow::{

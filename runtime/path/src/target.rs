@@ -1,4 +1,4 @@
-//! Axis words to machine positions, and what these must keep.
+//! From axis words to machine positions, and the limits that these must respect.
 
 use tandem_model::alarm::{AXIS_MISSING, OFFSET_IN_FORCE, SOFT_LIMIT};
 use tandem_model::flow::{Action, AxisWords, Block, Compensation, Distance, Frame, Path, SegmentMotion};

@@ -1,4 +1,4 @@
-//! What transforms (D20) ask of words, arcs and numbers.
+//! Requirements of the transforms (D20) on words, arcs and numbers.
 
 use tandem_model::alarm::{VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
 use tandem_model::flow::Transform;

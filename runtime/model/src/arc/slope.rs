@@ -1,4 +1,4 @@
-//! How steep an axis gets along an arc: what a motor's maximum velocity asks of the speed on it.
+//! The steepest slope of an axis along an arc: it limits the path speed where a motor has a maximum velocity.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 

@@ -1,5 +1,5 @@
-//! How far the motion may go with what is known: from there it must be able to slow to rest on its path, by the override
-//! factor alone and within the motors' limits.
+//! How far the motion may continue on what is known: from any point it must be able to come to rest on its path by the
+//! override factor alone and within the limits of the motors.
 
 use std::collections::VecDeque;
 

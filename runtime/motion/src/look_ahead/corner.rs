@@ -1,12 +1,14 @@
-//! A ramp where a motor has a maximum jerk: it is passed at one rate, at which no motor exceeds its limits anywhere in it.
+//! A ramp where a motor has a maximum jerk: it is passed at a single rate at which no motor exceeds its limits anywhere
+//! on it.
 //!
-//! With the change dv of a motor's velocity over a ramp of `ta` and `ts` its acceleration at the rate w is at most
-//! `|dv|/ta w^2`, its jerk `|dv|/(ta ts) w^3` (M1b); a rate that changes would add steps of acceleration. A
-//! ramp without jerk time steps at any rate: it is not slowed for the jerk.
+//! Let dv be the change of a motor's velocity over a ramp of `ta` and `ts`. At the rate w its acceleration is at most
+//! `|dv|/ta w^2` and its jerk `|dv|/(ta ts) w^3` (M1b); a changing rate would add steps of acceleration. A ramp without
+//! a jerk time has steps at any rate: it is not slowed down for the jerk.
 //!
-//! On an arc, its derivatives by distance being p' to p''', the velocity `v p'` turns within the ramp by `p'' v^2 (ta +
-//! ts)/2` at most, which counts as change; and with the share S in the speed, `p'' v^2 S^2` is added to the acceleration,
-//! `3 p'' v^2 S S' + p''' v^3 S^3` to the jerk. The shares of two arcs come to 1, so the larger one bounds both.
+//! On an arc with the derivatives p' to p''' by distance, the velocity `v p'` turns by at most `p'' v^2 (ta + ts)/2`
+//! within the ramp, which is added to the change. With the share S of the speed, `p'' v^2 S^2` is added to the
+//! acceleration and `3 p'' v^2 S S' + p''' v^3 S^3` to the jerk. The shares of two arcs add up to 1, so the larger one
+//! bounds both.
 
 use tandem_model::flow::Path;
 use tandem_model::ramp::UnitRamp;

@@ -1,15 +1,15 @@
-//! A piece as its rate passes it: by plan time, or, on a ramp between blocks of different speeds, by the distance along
-//! both of them.
+//! The measure by which the rate passes a piece: plan time, or, on a ramp between blocks of different speeds, the
+//! distance along both of them.
 //!
-//! On such a ramp the velocity by plan time changes however slowly the machine goes, so that a rate whose square is linear
-//! in plan time could keep no speed; by distance the ramp between two blocks of one direction is straight. With the speeds
-//! v1 and v2, `U = v1 (1 - S) + v2 S`, and the distance u counted in seconds at the
-//! speed `U_0` of the piece's begin, `r = U/U_0`:
+//! On such a ramp the velocity changes with plan time however slowly the machine moves, so a rate whose square is
+//! linear in plan time cannot keep a constant speed; measured by distance, a ramp between two blocks of one direction
+//! is a straight line. With the speeds v1 and v2, `U = v1 (1 - S) + v2 S`, and the distance u in seconds at the speed
+//! `U_0` at which the piece begins, `r = U/U_0`:
 //!
 //! * `ds_2/du = v2 S/r` and `ds_1/du = v1 (1 - S)/r`;
-//! * the second to fourth derivatives of `s_2` are `k S'/r^3`, `k (S''/r^4 - 3 p S'^2/r^5)` and
-//!   `k (15 p^2 S'^3/r^7 - 10 p S' S''/r^6)` with `k = v1 v2/U_0`, `p = (v2 - v1)/U_0`; those of `s_1` are as large, of
-//!   the other sign, so that the motion has the difference of both directions as a factor of them.
+//! * the second to fourth derivatives of `s_2` are `k S'/r^3`, `k (S''/r^4 - 3 p S'^2/r^5)` and `k (15 p^2 S'^3/r^7 -
+//!   10 p S' S''/r^6)` with `k = v1 v2/U_0`, `p = (v2 - v1)/U_0`; those of `s_1` have the same size and the opposite
+//!   sign, so each derivative of the motion is that factor times the difference of the two directions.
 
 use tandem_model::flow::Path;
 use tandem_model::profile::SpeedGrowth;

@@ -1,8 +1,8 @@
-//! An arc between its ramps where a motor has a maximum jerk: its rate changes as that of a line does, within what its
-//! bending leaves of acceleration and jerk at its largest rate.
+//! An arc between its ramps where a motor has a maximum jerk: its rate changes as on a line, within the acceleration
+//! and jerk that the curvature leaves at the largest rate.
 //!
-//! With the derivatives p' to p''' by distance and the speed v, at the rate w the acceleration is `p'' v^2 w^2 + p' v w'`,
-//! the jerk `p''' v^3 w^3 + 3 p'' v^2 w w' + p' v w''`.
+//! With the derivatives p' to p''' by distance and the speed v, at the rate w the acceleration is `p'' v^2 w^2 + p' v
+//! w'`, the jerk `p''' v^3 w^3 + 3 p'' v^2 w w' + p' v w''`.
 
 use tandem_model::{ArcPath, Axis};
 

@@ -1,4 +1,4 @@
-//! A block's plan time cut into pieces on which the square of the rate is linear.
+//! The plan time of a block, cut into pieces on which the square of the rate is linear.
 
 use std::collections::VecDeque;
 

@@ -1,4 +1,4 @@
-//! The blocks that look-ahead holds back.
+//! The blocks that look-ahead holds back until their rate is final.
 
 use super::limits::{Bounds, HalfPlane, Motors};
 use super::rate::{Bent, Limits};

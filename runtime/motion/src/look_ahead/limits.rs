@@ -1,10 +1,10 @@
-//! The limits of the motors on one piece, and how fast it may be passed within them.
+//! The limits of the motors on one piece, and the rates that they allow.
 //!
-//! On a piece of plan time h the square x of the rate goes linearly from x0 to x1. With the derivatives `q'`, `q''` of a
-//! motor's position by plan time its acceleration is `f = q'' x + q' (x1 - x0)/(2 h)`. Between the ends f leaves its
-//! chord by at most `h^2/8 max |f''|`, `f'' = q'''' x + 5/2 q''' x'`: so limits at the ends, less that bound, are
-//! limits on the whole piece. All are half planes `left x0 + right x1 <= 1`. On a piece that goes by distance the same holds
-//! with distance in the place of plan time.
+//! On a piece of plan time h the square x of the rate is linear from x0 to x1. With the derivatives `q'`, `q''` of a
+//! motor's position by plan time its acceleration is `f = q'' x + q' (x1 - x0)/(2 h)`. Between the ends f deviates from
+//! its chord by at most `h^2/8 max |f''|`, `f'' = q'''' x + 5/2 q''' x'`: limits that hold at both ends, reduced by
+//! that bound, hold on the whole piece. Each is a half plane `left x0 + right x1 <= 1`. On a piece measured by distance
+//! the same holds with distance in place of plan time.
 
 use tandem_model::profile::SlewRoom;
 use tandem_model::settings::{CoordinateSystemSettings, MotorSettings};

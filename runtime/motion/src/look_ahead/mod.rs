@@ -1,28 +1,30 @@
-//! Look-ahead, G64 with G500 (M1d): a chain keeps its path, and slows down before a motor would exceed
-//! its maximum acceleration, over as many blocks as it needs.
+//! Look-ahead, G64 with G500 (M1d): a chain keeps its path and slows down before a motor would exceed its maximum
+//! acceleration, over as many blocks as that takes.
 //!
 //! The motion is `q(t) = q501(tau(t))` with a rate `tau' <= o`, whose square x is linear in tau on each piece; o is the
-//! feed override, at least 1 (below 100 percent the servo scales the time of the plan). From the
-//! end of what is known backwards, each piece's begin gets the largest x from which the end can be reached at rest; with
-//! the end left open, too. Where both meet, nothing to come can change what is before: from there on it is final, and
-//! the rate is the largest one forward. The pass back begins only when as many blocks are new as are not final: so a
-//! block costs the same however far the look-ahead reaches.
+//! feed override, at least 1 (below 100 percent the servo scales the time of the plan). A backward pass starts at the
+//! end of what is known and gives the begin of each piece the largest x from which the machine can still come to rest
+//! at that end; a second one leaves the end open. Where the two agree, no later block can change what comes before: up
+//! to there the plan is final, and a forward pass gives the largest rate. A backward pass starts only when as many
+//! blocks have been added as are not final, so the cost of a block does not depend on how far look-ahead reaches.
 //!
-//! A piece on which the velocity would change at one rate, or which the rate could leave higher than it finds it, is
-//! halved while that gains time. On a ramp between blocks of different speeds the rate counts the distance along both in
-//! the place of plan time ([`course`]) where that is faster. The pass back does not know how fast the motion can come, and
-//! may cut a corner into thousands of pieces for a rate that it never has: forward they are joined where one is as fast.
+//! A piece on which the velocity would change at a constant rate, or at whose end the rate could be higher than at its
+//! begin, is halved while that gains time. On a ramp between blocks of different speeds the rate is measured by the
+//! distance along both instead of by plan time ([`course`]) where that is faster. The backward pass does not know how
+//! fast the motion can arrive, and may cut a corner into thousands of pieces for a rate that never occurs: the forward
+//! pass joins pieces where one is as fast.
 //!
-//! Maximum velocities hold because the rate is at most 1, or what a block leaves of them.
+//! Maximum velocities hold because the rate is at most 1, or what the velocities of a block allow.
 //!
-//! `max_jerk` bounds what is between the ramps of a line or an arc ([`straight`], [`curve`]), and the ramps ([`corner`];
-//! those of a line from rest and to rest come here lengthened to it by [`crate::ramped`]): a chain of blocks that are long
-//! enough to change their speed with it keeps it all the way. Where one is too short for that, its acceleration steps at its
-//! ends. Between the ramps of a line the limits of the rate, and so the blocks before, do not depend on it.
+//! `max_jerk` bounds the motion between the ramps of a line or an arc ([`straight`], [`curve`]) and the ramps
+//! themselves ([`corner`]; [`crate::ramped`] has already stretched those of a line from rest and to rest): a chain of
+//! blocks long enough to change their speed with it keeps it throughout. Where a block is too short for that, its
+//! acceleration steps at its ends. Between the ramps of a line the limits of the rate, and so the blocks before it, do
+//! not depend on `max_jerk`.
 //!
-//! It does not bound short blocks: the path is that of G501, where they have no jerk time left (M1b,
-//! `ts' = T' - ta'`), so that at each of their joints `q501''` steps by a vector that no rate but 0 takes out of
-//! `q'' = q501'' w^2 + q501' w'`. The manual names positions, velocities and accelerations.
+//! It does not bound short blocks: the path is that of G501, where they have no jerk time left (M1b, `ts' = T' - ta'`),
+//! so at each of their joints `q501''` steps by a vector that no rate but 0 removes from `q'' = q501'' w^2 + q501' w'`.
+//! The manual speaks of positions, velocities and accelerations.
 
 mod braking;
 mod corner;

@@ -1,4 +1,4 @@
-//! A block with the rate found for it, as profiles.
+//! Profiles of a block at the rate that look-ahead has found for it.
 
 use std::collections::VecDeque;
 

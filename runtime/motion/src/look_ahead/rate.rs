@@ -1,6 +1,6 @@
-//! The rate on the pieces of one block: its limits backwards, and the rate itself forward.
+//! The rate on the pieces of one block: its limits in a backward pass, the rate itself in a forward pass.
 //!
-//! A piece whose acceleration changes much along it wastes some of it at one end; where halves are faster, it is halved.
+//! A piece along which the acceleration changes much wastes part of it at one end; it is halved where that is faster.
 
 use std::collections::VecDeque;
 

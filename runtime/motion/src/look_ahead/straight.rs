@@ -1,8 +1,8 @@
-//! A piece of a block at one speed, as fast as it goes: up to a peak, along at it, and down.
+//! A piece of a block at one speed, passed as fast as possible: up to a peak, along it, and down.
 //!
-//! Where a motor has a maximum jerk, the acceleration goes into the peak and out of it with that. So it does at an end
-//! behind which the rate stays; at another one it is what the ramp beside it has, since there the motion goes over to
-//! another direction.
+//! Where a motor has a maximum jerk, the acceleration enters and leaves the peak with it. The same holds at an end
+//! beyond which the rate is constant; at any other end the acceleration is that of the adjacent ramp, because there the
+//! motion turns into another direction.
 
 use tandem_model::profile::{SlewRoom, SpeedGrowth};
 

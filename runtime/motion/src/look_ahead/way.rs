@@ -1,4 +1,4 @@
-//! A blended block as planned: velocity and acceleration of each axis by plan time, with bounds of what lies between.
+//! A blended block as planned: velocity and acceleration of each axis by plan time, with bounds between the samples.
 
 use tandem_model::flow::Path;
 use tandem_model::ramp::UnitRamp;

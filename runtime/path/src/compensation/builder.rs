@@ -1,4 +1,5 @@
-//! From pieces to the segments of the tool's centre: plane and other axes together again, and the feedrate.
+//! From pieces to the segments of the tool centre: the plane and the other axes are put together again, with the
+//! feedrate.
 
 use tandem_model::flow::{Feed, Path, Segment, SegmentMotion};
 use tandem_model::plane::{Plane, Turn};

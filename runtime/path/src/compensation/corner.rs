@@ -1,11 +1,11 @@
-//! Where two compensated blocks meet (M1g).
+//! The joint of two compensated blocks (M1g).
 //!
 //! A joint is judged by the deflection between the blocks. On the inside both are cut at the intersection of their
-//! offset curves. On the outside both go on straight to where these lines meet, as long as the deflection is at most
-//! 90 degrees; beyond, an arc about the programmed corner is added. A reversal within [`REVERSAL`] is taken as an
-//! outside corner on either side; on the inside the overcut check finds it where its blocks are apart.
+//! offset curves. On the outside both are extended by straight lines to where these meet, as long as the deflection is
+//! at most 90 degrees; beyond that, an arc about the programmed corner is added. A reversal within [`REVERSAL`] counts
+//! as an outside corner on either side; on the inside the overcut check finds it where its blocks are apart.
 //!
-//! Decision: an arc goes on along its tangent, so it gets a straight piece there.
+//! Decision: an arc is extended along its tangent, by a straight piece.
 
 use std::f64::consts::PI;
 

@@ -1,9 +1,9 @@
-//! Overcut: where the tool on one block would cut into another one (M1g).
+//! Overcut: places where the tool on one block would cut into another one (M1g).
 //!
 //! Blocks whose directions lie within half a turn cannot do so as long as something is left of each between its
-//! neighbours: as the radius grows from zero, each stays forward, and curves that go forward in one direction never
-//! meet again. So only blocks more than that apart are measured, the way of the centre on each against what is
-//! programmed on the other.
+//! neighbours: as the radius grows from zero, each keeps its direction, and curves that advance in one direction never
+//! meet again. So only blocks that are further apart in direction are measured: the path of the tool centre on each
+//! against the programmed shape of the other.
 
 use std::collections::VecDeque;
 

@@ -1,23 +1,24 @@
-//! G41 and G42: from programmed segments to those of the tool's centre (M1g).
+//! G41 and G42: from programmed segments to those of the tool centre (M1g).
 //!
-//! Between lead-in and lead-out the last [`LOOK_AHEAD_MAX`] blocks that move in the plane are kept back, so that an
+//! Between lead-in and lead-out the last [`LOOK_AHEAD_MAX`] blocks that move in the plane are held back, so that an
 //! overcut is found before the first motion of the first block that it concerns. All geometry is in the plane of the
-//! compensation; the other axes go on linearly with their block, and stand still where the plane needs a piece more.
+//! compensation; the other axes move linearly with their block, and stand still where the plane needs an extra piece.
 //!
-//! Decisions of ours, where the manual is silent:
-//! - The radius is in mm of the machine: the offset is made after all transforms (D20). A mirror of one axis of the
+//! Our decisions where the manual is silent:
+//! - The radius is in mm of the machine: the offset is applied after all transforms (D20). A mirror of one axis of the
 //!   plane, or a negative scale, puts the tool on the other side in machine coordinates.
-//! - An added arc belongs to the block behind it: line, feedrate, stop. A straight extension belongs to the block that
-//!   it extends. An exact stop between two blocks is made where their extensions meet, before an added arc.
-//! - A block that moves no axis of the plane waits for the next one that does, and moves where the two meet; before
-//!   the lead-in and after G40 too. Blocks before and behind a move along another axis are not measured against each
-//!   other: they cut at different heights.
-//! - The straight lead-in and lead-out are measured against nothing: the manual's own ones come closer than the radius.
-//!   Arcs added to them are.
+//! - An added arc belongs to the block that follows it: its line, feedrate and stop. A straight extension belongs to
+//!   the block that it extends. An exact stop between two blocks is made where their extensions meet, before an added
+//!   arc.
+//! - A block that moves no axis of the plane waits for the next one that does, and moves where the two meet; this holds
+//!   before the lead-in and after G40, too. Blocks before and after a move along another axis are not measured against
+//!   each other: they cut at different heights.
+//! - The straight lead-in and lead-out are measured against nothing: the manual's own examples come closer than the
+//!   radius. Arcs added to them are measured.
 //! - An arc whose radii differ by no more than the arc radius tolerance counts as the circle of each end; a spiral is
-//!   refused, since its offset is none.
-//! - Blocks that prevention leaves out take their feedrate and stops with them; what another axis did there, the next
-//!   block does.
+//!   refused, since it has no offset curve.
+//! - Blocks that prevention leaves out take their feedrate and stops with them; the next block makes the moves of the
+//!   other axes.
 
 mod builder;
 mod corner;

@@ -1,4 +1,4 @@
-//! A block in the look-ahead of the compensation.
+//! A block within the look-ahead of the compensation.
 
 use tandem_model::flow::{Segment, SegmentMotion};
 

@@ -1,4 +1,4 @@
-//! Prevention of overcuts: what the tool does not fit into is left out (M1g).
+//! Prevention of overcuts: parts into which the tool does not fit are left out (M1g).
 
 use std::collections::VecDeque;
 
