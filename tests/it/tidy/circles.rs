@@ -24,20 +24,7 @@ const CRATES: [&str; 9] = [
 type Circle = (&'static str, &'static [&'static str], &'static str);
 
 /// Circles that are meant.
-const MEANT: [Circle; 4] = [
-    (
-        "runtime/motion/src",
-        &[
-            "look_ahead/corner",
-            "look_ahead/curve",
-            "look_ahead/grid",
-            "look_ahead/held",
-            "look_ahead/paced",
-            "look_ahead/rate",
-            "look_ahead/straight",
-        ],
-        "one calculation: the grid is made of the pieces of each kind of way, and each kind makes pieces of the grid",
-    ),
+const MEANT: [Circle; 3] = [
     (
         "runtime/servo/src",
         &["channel", "look_ahead", "rest", "splice"],

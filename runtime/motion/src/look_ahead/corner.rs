@@ -15,8 +15,7 @@ use tandem_model::ramp::UnitRamp;
 use tandem_model::{Axis, AxisVector};
 
 use super::curve;
-use super::limits::Motors;
-use super::rate::SQUARE_MIN;
+use super::limits::{Motors, SQUARE_MIN};
 use super::way::{self, Way};
 
 /// Rounding of an acceleration, relative to its limit.

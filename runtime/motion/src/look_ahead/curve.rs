@@ -6,8 +6,7 @@
 
 use tandem_model::{ArcPath, Axis};
 
-use super::limits::Bounds;
-use super::rate::SQUARE_MIN;
+use super::limits::{Bounds, SQUARE_MIN};
 use super::straight::Straight;
 use super::way::{self, Way};
 

@@ -3,11 +3,11 @@
 use std::collections::VecDeque;
 
 use tandem_model::flow::Path;
-use tandem_model::profile::SlewRoom;
 use tandem_model::{AXES_MAX, Axis};
 
 use super::course::Course;
 use super::limits::{self, Bounds, Spread};
+use super::piece::{Piece, Shape};
 use super::straight::Straight;
 use super::way::{End, Part, Phase, Way};
 use super::{corner, curve};
@@ -45,103 +45,6 @@ const RAMP_MIN: f64 = 1e-14;
 
 /// A way between ramps shorter than this share of its block's plan time is rounding.
 const BETWEEN_MIN: f64 = 1e-8;
-
-/// A piece, in plan time.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Piece {
-    pub(super) from_s: f64,
-    pub(super) to_s: f64,
-    pub(super) shape: Shape,
-    /// Where what it was cut from ends, within its phase, s.
-    pub(super) whole_to_s: f64,
-    /// It is not halved below this, s.
-    pub(super) least_s: f64,
-    /// Largest square of the rate in it.
-    pub(super) cap: f64,
-    /// Largest square of the rate at its begin from which the motion can end in rest; not a number before it is known.
-    pub(super) limit: f64,
-}
-
-/// What a piece is like.
-#[derive(Debug, Clone, Copy)]
-pub(super) enum Shape {
-    /// At one speed; the rate may change by as much anywhere in it.
-    Straight(Straight),
-    /// Nothing exceeds its limit at the largest rate; it is cut finer where the rate changes.
-    Whole {
-        /// What is left at the largest rate.
-        room: SlewRoom,
-    },
-    Bent {
-        /// What is left at the largest rate, when nothing exceeds its limit at that.
-        planned: Option<SlewRoom>,
-    },
-}
-
-impl Piece {
-    pub(super) fn length_s(&self) -> f64 {
-        self.to_s - self.from_s
-    }
-
-    /// True when both were cut from one.
-    pub(super) fn is_cut_with(&self, other: &Piece) -> bool {
-        let is_bent = |piece: &Piece| matches!(piece.shape, Shape::Bent { .. });
-        is_bent(self) && is_bent(other) && self.whole_to_s.to_bits() == other.whole_to_s.to_bits()
-    }
-
-    /// True when its rate is its largest one from begin to end, where this is the limit behind it.
-    pub(super) fn is_even(&self, limit: f64) -> bool {
-        self.room_at_cap().is_some() && self.limit >= self.cap && limit >= self.cap
-    }
-
-    /// What is left at its largest rate, when nothing exceeds its limit at that.
-    pub(super) fn room_at_cap(&self) -> Option<SlewRoom> {
-        match self.shape {
-            Shape::Straight(straight) => Some(straight.room(self.cap, [0.0; 2])),
-            Shape::Whole { room } => Some(room),
-            Shape::Bent { planned } => planned,
-        }
-    }
-
-    fn straight(straight: Straight, cap: f64, phase: Phase) -> Self {
-        Self {
-            from_s: phase.from_s,
-            to_s: phase.to_s,
-            whole_to_s: phase.to_s,
-            shape: Shape::Straight(straight),
-            least_s: f64::INFINITY,
-            cap,
-            limit: f64::NAN,
-        }
-    }
-
-    /// Pieces that were cut from one as one again.
-    pub(super) fn joined(first: &Piece, others: &[Piece]) -> Piece {
-        others.iter().fold(*first, |joined, piece| Piece {
-            to_s: piece.to_s,
-            shape: Shape::Bent { planned: None },
-            cap: joined.cap.min(piece.cap),
-            ..joined
-        })
-    }
-
-    /// Both halves, if it may be cut.
-    pub(super) fn halves(&self) -> Option<[Piece; 2]> {
-        if self.length_s() < 2.0 * self.least_s {
-            return None;
-        }
-        let middle_s = f64::midpoint(self.from_s, self.to_s);
-        let first = Piece {
-            to_s: middle_s,
-            ..*self
-        };
-        let second = Piece {
-            from_s: middle_s,
-            ..*self
-        };
-        Some([first, second])
-    }
-}
 
 /// Adds the pieces of a way, and gives how many.
 pub(super) fn cut(way: &Way<'_>, bounds: Bounds<'_>, pieces: &mut VecDeque<Piece>) -> usize {

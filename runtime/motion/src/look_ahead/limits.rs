@@ -14,6 +14,9 @@ use super::course::Course;
 use super::way::Motion;
 use crate::reserve::ACCELERATION_RESERVE;
 
+/// Smallest square of the rate: a millionth of the rate without look-ahead. Nothing is ever slower, so every block ends.
+pub(super) const SQUARE_MIN: f64 = 1e-12;
+
 /// Rounding of the constraints, relative to a limit.
 const ROUNDING: f64 = 1e-12;
 

@@ -34,7 +34,9 @@ mod grid;
 mod held;
 mod limits;
 mod paced;
+mod piece;
 mod rate;
+mod step;
 mod straight;
 mod way;
 
@@ -44,11 +46,10 @@ use tandem_model::profile::{Law, Profile};
 use tandem_model::settings::CoordinateSystemSettings;
 
 use self::braking::Braking;
-use self::grid::Piece;
 use self::held::Held;
-use self::limits::{Bounds, HalfPlane, Motors};
-use self::paced::Step;
-use self::rate::SQUARE_MIN;
+use self::limits::{Bounds, HalfPlane, Motors, SQUARE_MIN};
+use self::piece::Piece;
+use self::step::Step;
 pub(crate) use self::way::Passage;
 use self::way::Way;
 use crate::block::RampedBlock;

@@ -2,91 +2,10 @@
 
 use std::collections::VecDeque;
 
-use tandem_model::profile::{PACE_PIECES_MAX, Pace, PacePiece, Profile, SlewRoom, SpeedGrowth};
+use tandem_model::profile::{PACE_PIECES_MAX, Pace, PacePiece, Profile};
 
 use super::held::Held;
-use crate::reserve::ACCELERATION_RESERVE;
-
-/// Squares of rates are one when they differ by less than this share: rounding.
-const SAME_RATE: f64 = 1e-12;
-
-/// A step shorter than this share of its piece is rounding.
-const SHARE_MIN: f64 = 1e-12;
-
-/// Pieces with more of a motor's acceleration taken are kept apart, so that slewing on others need not wait for them.
-const KEPT_APART: f64 = 0.5;
-
-/// A part of a block on which the square of the rate goes linearly from `start` to `end`.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Step {
-    pub(super) from_s: f64,
-    pub(super) to_s: f64,
-    pub(super) start: f64,
-    pub(super) end: f64,
-    /// How the speed grows from its begin on, where the rate counts distance.
-    pub(super) growth: SpeedGrowth,
-    /// Change of the rate per second, by what it counts.
-    pub(super) rate_change: f64,
-    /// Change of that per second.
-    pub(super) rate_jerk: f64,
-    pub(super) room: SlewRoom,
-}
-
-impl Step {
-    fn is_at(&self, square: f64) -> bool {
-        (self.start - square).abs() < SAME_RATE * square && (self.end - square).abs() < SAME_RATE * square
-    }
-
-    /// Time that it takes: what the rate counts over the mean rate. With the rate linear in time that is the mean of its
-    /// ends w0 and w1; of second degree, with the change c at its begin, it is `(2 w0 + w1)/3 + c t/6` after the time t.
-    pub(super) fn duration_s(&self) -> f64 {
-        let plan_s = self.to_s - self.from_s;
-        if self.rate_jerk != 0.0 {
-            let ends = (2.0 * self.start.sqrt() + self.end.sqrt()) / 3.0;
-            let root = (ends * ends + self.rate_change * plan_s * 2.0 / 3.0)
-                .max(0.0)
-                .sqrt();
-            return 2.0 * plan_s / (ends + root);
-        }
-        let end = self.end.sqrt() * self.growth.speed(plan_s);
-        2.0 * self.growth.distance_s(plan_s) / (self.start.sqrt() + end)
-    }
-
-    /// True when the rate stays.
-    pub(super) fn is_even(&self) -> bool {
-        self.growth.is_none() && self.rate_change == 0.0 && self.rate_jerk == 0.0
-    }
-
-    fn joins(&self, next: &Step) -> bool {
-        let busy = |step: &Step| step.room.braking.max(step.room.driving) > KEPT_APART;
-        let as_planned = |step: &Step| step.growth.is_none() && step.is_at(self.start);
-        as_planned(self) && as_planned(next) && busy(self) == busy(next)
-    }
-}
-
-/// Adds a step, unless it is rounding; joins steps that are as planned.
-pub(super) fn push(steps: &mut Vec<Step>, step: Step, piece_s: f64) {
-    if step.to_s - step.from_s <= SHARE_MIN * piece_s {
-        return;
-    }
-    // Planned in shares of what is not left.
-    let room = SlewRoom {
-        braking: step.room.braking * (1.0 - ACCELERATION_RESERVE),
-        driving: step.room.driving * (1.0 - ACCELERATION_RESERVE),
-        ..step.room
-    };
-    let step = Step { room, ..step };
-    if let Some(last) = steps.last_mut()
-        && last.joins(&step)
-    {
-        last.to_s = step.to_s;
-        // One rate but for rounding: the change that a short way was planned with is not that of a long one.
-        (last.rate_change, last.rate_jerk) = (0.0, 0.0);
-        last.room = last.room.worst(step.room);
-        return;
-    }
-    steps.push(step);
-}
+use super::step::Step;
 
 /// The profiles of a block with these steps, as many as its pieces need.
 pub(super) fn profiles(held: &Held, steps: &[Step], free_to: u64, out: &mut VecDeque<Profile>) {
@@ -123,36 +42,5 @@ pub(super) fn profiles(held: &Held, steps: &[Step], free_to: u64, out: &mut VecD
         });
         let pace = Pace::new(pieces, ends_s, held.feed_override, free_to);
         out.push_back(block.paced(&pace, duration_s, held.is_last && n == last));
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn steps_at_one_rate_join_to_one_without_change() {
-        let step = |from_s, to_s, end, rate_change, rate_jerk| Step {
-            from_s,
-            to_s,
-            start: 0.25,
-            end,
-            growth: SpeedGrowth::default(),
-            rate_change,
-            rate_jerk,
-            room: SlewRoom {
-                slope: f64::INFINITY,
-                braking: 0.0,
-                driving: 0.0,
-            },
-        };
-        let mut steps = Vec::new();
-        // A way down of rounding, longer than what is left out.
-        push(&mut steps, step(0.0, 1e-11, 0.25 - 1e-14, -10.0, 100.0), 1.0);
-        push(&mut steps, step(1e-11, 1.0, 0.25, 0.0, 0.0), 1.0);
-        assert_eq!(steps.len(), 1);
-        assert!(steps[0].rate_change.abs() < 1e-9, "{}", steps[0].rate_change);
-        assert!(steps[0].rate_jerk.abs() < 1e-9, "{}", steps[0].rate_jerk);
-        assert!((steps[0].duration_s() - 2.0).abs() < 1e-9);
     }
 }

@@ -7,14 +7,12 @@ use std::collections::VecDeque;
 use tandem_model::profile::{SlewRoom, SpeedGrowth};
 
 use super::course::Course;
-use super::grid::{self, Piece, Shape};
-use super::limits::{self, Bounds, HalfPlane, Spread};
-use super::paced::{self, Step};
+use super::grid;
+use super::limits::{self, Bounds, HalfPlane, SQUARE_MIN, Spread};
+use super::piece::{Piece, Shape};
+use super::step::{self, Step};
 use super::straight::Straight;
 use super::way::Way;
-
-/// Smallest square of the rate: a millionth of the rate without look-ahead. Nothing is ever slower, so every block ends.
-pub(super) const SQUARE_MIN: f64 = 1e-12;
 
 /// A piece is halved when that gains more than this share of the square of the rate.
 const GAIN: f64 = 7e-4;
@@ -170,7 +168,7 @@ impl Limits<'_> {
             let end = self.pass_each(pieces, before, limit, &mut each);
             let least_s: f64 = each.iter().map(Step::duration_s).sum();
             if step.end * (1.0 + GAIN) >= end && step.duration_s() <= least_s * (1.0 + GAIN) {
-                paced::push(steps, step, whole.length_s());
+                step::push(steps, step, whole.length_s());
                 return step.end;
             }
         }
@@ -206,7 +204,7 @@ impl Limits<'_> {
             && limit >= piece.cap
             && let Some(room) = piece.room_at_cap()
         {
-            paced::push(steps, at_cap(piece, room), piece.length_s());
+            step::push(steps, at_cap(piece, room), piece.length_s());
             return piece.cap;
         }
         match piece.shape {
@@ -214,7 +212,7 @@ impl Limits<'_> {
                 let after = limit
                     .min(before + straight.change * piece.length_s())
                     .max(SQUARE_MIN);
-                straight.pass(piece, [before, after], self.is_even, steps);
+                straight.pass(piece.extent(), [before, after], self.is_even, steps);
                 after
             }
             Shape::Whole { .. } => {
@@ -222,7 +220,7 @@ impl Limits<'_> {
                 if self.renew_finer(piece, limit, &mut finer) < before {
                     // What is left for between the ends is not the same for parts, so they may allow less.
                     let whole = self.fastest(piece, before, limit);
-                    paced::push(steps, whole, piece.length_s());
+                    step::push(steps, whole, piece.length_s());
                     return whole.end;
                 }
                 finer.reverse();
@@ -239,7 +237,7 @@ impl Limits<'_> {
                         return self.pass(&second, middle, limit, steps);
                     }
                 }
-                paced::push(steps, whole, piece.length_s());
+                step::push(steps, whole, piece.length_s());
                 whole.end
             }
         }

@@ -6,11 +6,24 @@
 
 use tandem_model::profile::{SlewRoom, SpeedGrowth};
 
-use super::grid::Piece;
-use super::paced::{self, Step};
+use super::step::{self, Step};
 
 /// The peak is found in so many halvings of what it may be: to the last bits that count.
 const HALVINGS: u32 = 60;
+
+/// The interval of plan time that is passed, and the largest square of the rate on it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Extent {
+    pub(super) from_s: f64,
+    pub(super) to_s: f64,
+    pub(super) cap: f64,
+}
+
+impl Extent {
+    fn length_s(self) -> f64 {
+        self.to_s - self.from_s
+    }
+}
 
 /// What the motors allow where the rate may change by as much all over a piece.
 #[derive(Debug, Clone, Copy)]
@@ -71,7 +84,7 @@ impl Flank {
 
 impl Straight {
     /// Adds the steps between these squares of the rate at both ends; `is_even` tells where the rate stays beside them.
-    pub(super) fn pass(self, piece: &Piece, ends: [f64; 2], is_even: [bool; 2], steps: &mut Vec<Step>) {
+    pub(super) fn pass(self, piece: Extent, ends: [f64; 2], is_even: [bool; 2], steps: &mut Vec<Step>) {
         let peak = |is_even| Some((self.peak(piece, ends, is_even)?, is_even));
         // Between two even ramps the smallest acceleration is the smallest step.
         let with_steps = || peak([false; 2]).filter(|_| is_even != [true; 2]);
@@ -84,7 +97,7 @@ impl Straight {
         let mut at_s = piece.from_s;
         for part in &up.0 {
             let to_s = at_s + part.plan_s;
-            paced::push(steps, part.step(at_s, to_s, driving), h_s);
+            step::push(steps, part.step(at_s, to_s, driving), h_s);
             at_s = to_s;
         }
         let [rise, steady, bend] = down.0.map(|part| part.reversed());
@@ -103,12 +116,12 @@ impl Straight {
             steady.step(bend_to_s, steady_to_s, braking),
             rise.step(steady_to_s, piece.to_s, braking),
         ] {
-            paced::push(steps, step, h_s);
+            step::push(steps, step, h_s);
         }
     }
 
     /// In one step, with one acceleration: there is no room for a peak.
-    fn pass_evenly(self, piece: &Piece, [before, after]: [f64; 2], steps: &mut Vec<Step>) {
+    fn pass_evenly(self, piece: Extent, [before, after]: [f64; 2], steps: &mut Vec<Step>) {
         let h_s = piece.length_s();
         let share = (after - before) / (self.change * h_s);
         let step = Step {
@@ -121,7 +134,7 @@ impl Straight {
             rate_jerk: 0.0,
             room: self.room(before.max(after), [(-share).max(0.0), share.max(0.0)]),
         };
-        paced::push(steps, step, h_s);
+        step::push(steps, step, h_s);
     }
 
     /// What is left with these shares of the maximum acceleration taken, where the square of the rate is this at most.
@@ -135,7 +148,7 @@ impl Straight {
     }
 
     /// Largest square of the rate; `None`: not even the larger end can be one.
-    fn peak(self, piece: &Piece, [before, after]: [f64; 2], is_even: [bool; 2]) -> Option<f64> {
+    fn peak(self, piece: Extent, [before, after]: [f64; 2], is_even: [bool; 2]) -> Option<f64> {
         let h_s = piece.length_s();
         let least = before.max(after);
         let most = f64::midpoint(before + after, self.change * h_s)
