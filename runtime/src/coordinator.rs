@@ -21,11 +21,11 @@ use tokio::task::JoinSet;
 use crate::clock::Clock;
 use crate::config::{Config, ConfigError, Machine, ProgramSource};
 use crate::coordinate_system::{CoordinateSystem, Desk, Handle};
-use crate::journal::Journal;
+use crate::journal::{Event, Journal};
 use crate::persistence::journal_file::{JOURNAL_FOLDER, JournalThread, newest};
 use crate::persistence::{
-    Image, KeeperThread, REPLAYED_LINES_MAX, Restored, Source, Store, replay_last_runs, restore,
-    tell_of_last_runs,
+    Image, LastRuns, REPLAYED_LINES_MAX, Restored, Source, StateWriterThread, Store, cut_short,
+    replay_last_runs, restore,
 };
 use crate::port::RuntimePort;
 use crate::program_store::{ProgramStore, check_readable, read_text};
@@ -84,7 +84,7 @@ pub struct Runtime {
     servo: Option<ServoThread>,
     simulation: Option<Arc<Simulation>>,
     /// What is kept, and the journal; `None` in simulated time.
-    kept: Option<(KeeperThread, JournalThread)>,
+    kept: Option<(StateWriterThread, JournalThread)>,
 }
 
 impl Runtime {
@@ -101,28 +101,35 @@ impl Runtime {
             .map_err(|error| StartError::Store(error.to_string()))??;
         let journal =
             (data.as_ref()).map_or_else(Journal::to_log, |data| Journal::to_disk(data.journal.writer()));
-        let mut tables = (Tables::new(&machine), Restored::default());
+        let (tables, mut restored) = (Tables::new(&machine), Restored::default());
         if let Some(data) = &mut data {
-            tables.1 = data.restore(&tables.0).map_err(|error| data.refused(error))?;
+            restored = data.restore(&tables).map_err(|error| data.refused(error))?;
         }
         let shared = Shared::new(machine, new_boot_id(), Clock::real(), store, journal, tables);
-        let mut parts = Parts::new(Arc::new(shared), first_state);
+        let mut parts = Parts::new(Arc::new(shared), first_state, &restored);
+        let last_runs = restored.last_runs;
         let kept = match data {
-            Some(data) => Some(data.keep(&parts)?),
+            Some(data) => Some(data.keep(&parts, last_runs.clone())?),
             None => None,
         };
-        tell_of_last_runs(&parts.shared);
+        tell_of_last_runs(&parts.shared, &last_runs);
+        let writer = kept.as_ref().map(|(thread, _)| thread.writer());
+        let port = RuntimePort::new(
+            Arc::clone(&parts.shared),
+            parts.handles.clone(),
+            writer,
+            last_runs,
+        );
         let period = Duration::from_micros(parts.shared.machine.servo_period_us);
         let statistics = Arc::clone(&parts.shared.servo);
         let servo =
             ServoThread::start(parts.servo, period, parts.wake, statistics).map_err(StartError::Servo)?;
-        parts.tasks.spawn(publish_positions(
-            Arc::clone(&parts.shared),
-            parts.port.handles().to_vec(),
-        ));
+        parts
+            .tasks
+            .spawn(publish_positions(Arc::clone(&parts.shared), parts.handles));
         Ok(Runtime {
             shared: parts.shared,
-            port: parts.port,
+            port: Arc::new(port),
             tasks: parts.tasks,
             servo: Some(servo),
             simulation: None,
@@ -147,18 +154,26 @@ impl Runtime {
         let (store, first_state) = open_store(&machine)?;
         let clock = Clock::simulated();
         let boot_id = BootId("simulation".into());
-        let tables = (Tables::new(&machine), Restored::default());
+        let tables = Tables::new(&machine);
         let shared = Shared::new(machine, boot_id, clock.clone(), store, journal, tables);
-        let parts = Parts::new(Arc::new(shared), first_state);
+        let parts = Parts::new(Arc::new(shared), first_state, &Restored::default());
         let period_ns = parts.shared.machine.servo_period_us * 1000;
-        let handles = parts.port.handles().iter();
-        let desks = handles.map(|handle| Arc::clone(&handle.desk)).collect();
+        let desks = parts
+            .handles
+            .iter()
+            .map(|handle| Arc::clone(&handle.desk))
+            .collect();
         let simulation = Arc::new(Simulation::new(parts.servo, clock, desks, period_ns, options));
         slot.set(Arc::clone(&simulation))
             .map_err(|_| StartError::NotInSimulation)?;
         Ok(Runtime {
+            port: Arc::new(RuntimePort::new(
+                Arc::clone(&parts.shared),
+                parts.handles,
+                None,
+                LastRuns::new(),
+            )),
             shared: parts.shared,
-            port: parts.port,
             tasks: parts.tasks,
             servo: None,
             simulation: Some(simulation),
@@ -219,20 +234,21 @@ impl Runtime {
 /// What both kinds of time have in common.
 struct Parts {
     shared: Arc<Shared>,
-    port: Arc<RuntimePort>,
+    handles: Vec<Handle>,
     tasks: JoinSet<()>,
     servo: Servo,
     wake: Vec<Arc<Notify>>,
 }
 
 impl Parts {
-    fn new(shared: Arc<Shared>, first_state: (Execution, Option<Reason>)) -> Self {
+    fn new(shared: Arc<Shared>, first_state: (Execution, Option<Reason>), restored: &Restored) -> Self {
         let mut tasks = JoinSet::new();
         let (mut channels, mut handles, mut wake) = (Vec::new(), Vec::new(), Vec::new());
         for configured in shared.machine.coordinate_systems.clone() {
             let number = configured.settings.number;
             let (servo_end, task_end) = channel(&configured.settings, configured.pre_read_blocks);
-            let system = CoordinateSystem::new(Arc::clone(&shared), configured, task_end, first_state);
+            let tool = restored.tools_in_spindle.get(&number).copied().unwrap_or(0);
+            let system = CoordinateSystem::new(Arc::clone(&shared), configured, task_end, first_state, tool);
             let notify = Arc::new(Notify::new());
             let (view, variables) = (system.view(), system.variables());
             let desk = Arc::new(Desk::new(Arc::clone(&shared), system, Arc::clone(&notify)));
@@ -255,10 +271,9 @@ impl Parts {
             Payload::AlarmActive(plc_api::types::machine::ActiveAlarms::default()),
         );
         shared.publish(Topic::Presence, Payload::Presence(presence(&shared)));
-        let port = Arc::new(RuntimePort::new(Arc::clone(&shared), handles));
         Self {
             shared,
-            port,
+            handles,
             tasks,
             servo,
             wake,
@@ -320,21 +335,28 @@ impl Data {
     }
 
     /// Begins to keep what changes.
-    fn keep(self, parts: &Parts) -> Result<(KeeperThread, JournalThread), StartError> {
-        let shared = &parts.shared;
-        let views = parts.port.handles().iter();
+    fn keep(
+        self,
+        parts: &Parts,
+        last_runs: LastRuns,
+    ) -> Result<(StateWriterThread, JournalThread), StartError> {
+        let shared = Arc::clone(&parts.shared);
+        let views = parts.handles.iter();
         let source = Source {
-            shared: Arc::clone(shared),
+            boot_id: shared.boot_id.clone(),
+            clock: shared.clock.clone(),
+            tables: Arc::clone(&shared.tables),
+            hub: shared.hub.clone(),
             views: views
                 .map(|handle| (handle.number, Arc::clone(&handle.view)))
                 .collect(),
-            last_runs: shared.restored.last_runs.clone(),
+            last_runs,
+            warn: Box::new(move |warning| {
+                shared.raise(warning);
+            }),
         };
-        let thread =
-            KeeperThread::start(self.path, self.store, self.image, source).map_err(StartError::Thread)?;
-        // Nobody else sets it.
-        let _ = shared.keeper.set(thread.keeper());
-        Ok((thread, self.journal))
+        let thread = StateWriterThread::start(self.path, self.store, self.image, source);
+        Ok((thread.map_err(StartError::Thread)?, self.journal))
     }
 }
 
@@ -360,6 +382,22 @@ fn open_data(machine: &Machine) -> Result<Option<Data>, StartError> {
             path: folder.display().to_string(),
             error,
         }),
+    }
+}
+
+/// The journal begins anew, and the operator is warned of runs that the end of an earlier start cut short.
+fn tell_of_last_runs(shared: &Shared, last_runs: &LastRuns) {
+    for system in &shared.machine.coordinate_systems {
+        let cs = system.settings.number;
+        let boot = Event::Boot {
+            boot_id: shared.boot_id.clone(),
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+        };
+        shared.record(cs, boot);
+        if let Some(last_run) = last_runs.get(&cs).filter(|last_run| last_run.is_under_way()) {
+            shared.record(cs, Event::Interrupted(Box::new(last_run.clone())));
+            shared.raise_standing(cut_short(cs, last_run));
+        }
     }
 }
 

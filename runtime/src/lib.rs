@@ -2,11 +2,13 @@
 //!
 //! `runtime/ARCHITECTURE.md` in the repository follows one G01 and one M100 through the code.
 
+mod alarms;
 mod clock;
 mod command_memory;
 mod config;
 mod coordinate_system;
 mod coordinator;
+mod handlers;
 pub mod journal;
 mod persistence;
 mod port;

@@ -23,6 +23,8 @@ use plc_api::types::{BootId, CoordinateSystemNumber};
 use tandem_model::alarm::REQUEST_REFUSED;
 
 use crate::coordinate_system::Handle;
+use crate::handlers::TooMany;
+use crate::persistence::{LastRuns, StateWriter};
 use crate::shared::Shared;
 
 /// Characters of a client id and of a handler id: they are MQTT topic levels.
@@ -39,11 +41,25 @@ const WARNING_TEXT_MAX: usize = 500;
 pub(crate) struct RuntimePort {
     shared: Arc<Shared>,
     handles: Vec<Handle>,
+    /// Writes what is kept; `None` in simulated time and without a data folder.
+    writer: Option<StateWriter>,
+    /// Of an earlier start of the runtime.
+    last_runs: LastRuns,
 }
 
 impl RuntimePort {
-    pub fn new(shared: Arc<Shared>, handles: Vec<Handle>) -> Self {
-        Self { shared, handles }
+    pub fn new(
+        shared: Arc<Shared>,
+        handles: Vec<Handle>,
+        writer: Option<StateWriter>,
+        last_runs: LastRuns,
+    ) -> Self {
+        Self {
+            shared,
+            handles,
+            writer,
+            last_runs,
+        }
     }
 
     pub fn handles(&self) -> &[Handle] {
@@ -97,12 +113,9 @@ impl RuntimePort {
             let text = format!("a handler serves at most {HANDLED_CODES_MAX} M codes");
             return Err(Refusal::new(RefusalCode::TooLarge, text));
         }
-        if !self.shared.set_handler(&id, presence.clone()) {
-            return Err(Refusal::new(
-                RefusalCode::Unavailable,
-                "too many handlers are connected",
-            ));
-        }
+        self.shared
+            .set_handler(&id, presence.clone())
+            .map_err(|TooMany| Refusal::new(RefusalCode::Unavailable, "too many handlers are connected"))?;
         for handle in &self.handles {
             let request = Request::Handler(id.clone(), presence.clone());
             handle.desk.ask(request, false).await?;

@@ -1,39 +1,29 @@
 //! What all coordinate systems, the port and the server ends share.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use plc_api::handshake::Now;
 use plc_api::hub::Hub;
 use plc_api::types::command::CommandReply;
-use plc_api::types::machine::{ActiveAlarms, AlarmRecord, AlarmSeverity};
+use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::output::HandlerPresence;
 use plc_api::types::topic::Topic;
 use plc_api::types::{BootId, CoordinateSystemNumber, Timestamp};
-use tandem_model::alarm::ALARMS;
 use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 
+use crate::alarms::{Alarms, Raised};
 use crate::clock::Clock;
 use crate::command_memory::{Asked, CommandMemory, Recalled};
 use crate::config::Machine;
+use crate::handlers::{Handlers, TooMany};
 use crate::journal::{Event, Journal};
-use crate::persistence::{Keeper, Restored};
 use crate::program_store::ProgramStore;
 use crate::servo_thread::ServoStatistics;
 use crate::tables::Tables;
-
-/// Alarms kept after they were cleared. The oldest are forgotten.
-pub const ALARM_HISTORY_MAX: usize = 1000;
-
-/// Alarms that stand at the most in one coordinate system, and of the whole machine: the oldest. Further ones are events,
-/// and in the history. Reason: all that stand are one message.
-pub const ALARMS_ACTIVE_MAX: usize = 24;
-
-/// Handlers that are or were there. A further one is refused.
-pub const HANDLERS_MAX: usize = 256;
 
 /// Shared state of a machine.
 #[derive(Debug)]
@@ -46,28 +36,17 @@ pub(crate) struct Shared {
     pub journal: Journal,
     /// How punctual the servo thread is; nothing in simulated time.
     pub servo: Arc<ServoStatistics>,
-    pub tables: Tables,
-    /// Writes what is kept; none in simulated time and without a data folder.
-    pub keeper: OnceLock<Keeper>,
-    /// Tools in the spindles and last runs, from before this start.
-    pub restored: Restored,
+    pub tables: Arc<Tables>,
     /// False while the connection to the MQTT broker is lost.
     pub bus_connected: AtomicBool,
     /// Cancelled when the runtime stops.
     pub closing: CancellationToken,
     alarms: Mutex<Alarms>,
-    handlers: Mutex<BTreeMap<String, HandlerPresence>>,
+    handlers: Mutex<Handlers>,
     commands: Mutex<CommandMemory>,
     /// Wakes the task of each coordinate system.
     wakes: Mutex<Vec<Arc<Notify>>>,
     told: AtomicU64,
-}
-
-#[derive(Debug, Default)]
-struct Alarms {
-    next_id: u64,
-    active: Vec<AlarmRecord>,
-    history: VecDeque<AlarmRecord>,
 }
 
 impl Shared {
@@ -77,12 +56,10 @@ impl Shared {
         clock: Clock,
         store: ProgramStore,
         journal: Journal,
-        (tables, restored): (Tables, Restored),
+        tables: Tables,
     ) -> Self {
         Self {
-            tables,
-            keeper: OnceLock::new(),
-            restored,
+            tables: Arc::new(tables),
             machine,
             boot_id,
             hub: Hub::new(),
@@ -161,60 +138,37 @@ impl Shared {
 
     /// Raises an alarm or a warning; a warning is in the history only.
     pub fn raise(&self, record: AlarmRecord) -> AlarmRecord {
-        let stands = record.severity == AlarmSeverity::Alarm;
-        self.raise_for(record, stands)
+        let is_active = record.severity == AlarmSeverity::Alarm;
+        self.raise_for(record, is_active)
     }
 
-    /// Raises a warning that stands among the active alarms until a reset, and prevents nothing.
+    /// Raises a warning that is among the active alarms until a reset, and prevents nothing.
     pub fn raise_standing(&self, record: AlarmRecord) -> AlarmRecord {
         self.raise_for(record, true)
     }
 
-    /// One that stands already is not raised again: its record is given back.
-    fn raise_for(&self, record: AlarmRecord, stands: bool) -> AlarmRecord {
+    /// One that is active already is not raised again: its record is given back.
+    fn raise_for(&self, record: AlarmRecord, is_active: bool) -> AlarmRecord {
         let mut alarms = lock(&self.alarms);
-        if let Some(same) = alarms.active.iter().find(|active| says_the_same(active, &record)) {
-            return same.clone();
+        match alarms.raise(record, is_active, self.timestamp()) {
+            Raised::Active(record) => record,
+            Raised::New(record) => {
+                self.publish_alarms(&alarms, &record);
+                record
+            }
         }
-        alarms.next_id += 1;
-        let entry = ALARMS.iter().find(|entry| entry.number == record.number);
-        let record = AlarmRecord {
-            remedy: entry.map(|entry| entry.remedy.to_owned()),
-            id: alarms.next_id,
-            raised_at: self.timestamp(),
-            ..record
-        };
-        alarms.history.push_back(record.clone());
-        if alarms.history.len() > ALARM_HISTORY_MAX {
-            alarms.history.pop_front();
-        }
-        let beside = alarms.active.iter().filter(|active| active.cs == record.cs);
-        if stands && beside.count() < ALARMS_ACTIVE_MAX {
-            alarms.active.push(record.clone());
-        }
-        self.publish_alarms(&alarms, &record);
-        record
     }
 
-    /// Clears the alarms of a coordinate system, and those of the whole machine; all are woken to tell of these.
+    /// Clears the alarms of a coordinate system, and those of the whole machine; of these all tasks are woken to tell.
     pub fn clear_alarms(&self, cs: CoordinateSystemNumber) {
         let mut alarms = lock(&self.alarms);
-        let now = self.timestamp();
-        let (cleared, active): (Vec<_>, Vec<_>) = std::mem::take(&mut alarms.active)
-            .into_iter()
-            .partition(|alarm| alarm.cs.is_none_or(|of| of == cs));
-        alarms.active = active;
+        let cleared = alarms.clear(cs, &self.timestamp());
         if cleared.iter().any(|alarm| alarm.cs.is_none()) {
             for wake in lock(&self.wakes).iter() {
                 wake.notify_one();
             }
         }
         for record in cleared {
-            let record = AlarmRecord {
-                cleared_at: Some(now.clone()),
-                ..record
-            };
-            alarms.update_history(&record);
             self.publish_alarms(&alarms, &record);
         }
     }
@@ -222,66 +176,50 @@ impl Shared {
     /// Notes who has acknowledged an alarm; false when there is no such active alarm.
     pub fn acknowledge_alarm(&self, id: u64, by: &str) -> bool {
         let mut alarms = lock(&self.alarms);
-        let Some(record) = alarms.active.iter_mut().find(|alarm| alarm.id == id) else {
-            return false;
-        };
-        record.acknowledged_by = Some(by.to_owned());
-        let record = record.clone();
-        alarms.update_history(&record);
-        self.publish_alarms(&alarms, &record);
-        true
+        let acknowledged = alarms.acknowledge(id, by);
+        if let Some(record) = &acknowledged {
+            self.publish_alarms(&alarms, record);
+        }
+        acknowledged.is_some()
     }
 
     fn publish_alarms(&self, alarms: &Alarms, changed: &AlarmRecord) {
-        self.publish(
-            Topic::AlarmActive,
-            Payload::AlarmActive(ActiveAlarms {
-                alarms: alarms.active.clone(),
-            }),
-        );
+        self.publish(Topic::AlarmActive, Payload::AlarmActive(alarms.active()));
         self.publish(Topic::AlarmEvent, Payload::AlarmEvent(changed.clone()));
     }
 
     /// Alarms of a coordinate system that are active; warnings do not count.
     pub fn alarm_count(&self, cs: CoordinateSystemNumber) -> u32 {
-        let of_cs = |alarm: &&AlarmRecord| {
-            alarm.severity == AlarmSeverity::Alarm && alarm.cs.is_none_or(|number| number == cs)
-        };
-        u32::try_from(lock(&self.alarms).active.iter().filter(of_cs).count()).unwrap_or(u32::MAX)
+        lock(&self.alarms).count(cs)
     }
 
     pub fn alarm_history(&self) -> Vec<AlarmRecord> {
-        lock(&self.alarms).history.iter().cloned().collect()
+        lock(&self.alarms).history()
     }
 
-    /// Notes a handler; false when there are too many.
-    pub fn set_handler(&self, id: &str, presence: HandlerPresence) -> bool {
-        let mut handlers = lock(&self.handlers);
-        if handlers.len() >= HANDLERS_MAX && !handlers.contains_key(id) {
-            let Some(gone) = handlers.iter().find(|(_, p)| !p.online).map(|(id, _)| id.clone()) else {
-                return false;
-            };
-            handlers.remove(&gone);
+    /// Notes and publishes a handler.
+    ///
+    /// # Errors
+    /// There are too many.
+    pub fn set_handler(&self, id: &str, presence: HandlerPresence) -> Result<(), TooMany> {
+        let forgotten = lock(&self.handlers).set(id, presence.clone())?;
+        if let Some(gone) = forgotten {
             self.hub.forget(&Topic::HandlerPresence(gone));
         }
-        handlers.insert(id.to_owned(), presence.clone());
-        drop(handlers);
         self.publish(
             Topic::HandlerPresence(id.to_owned()),
             Payload::HandlerPresence(presence),
         );
-        true
+        Ok(())
     }
 
     pub fn handlers(&self) -> BTreeMap<String, HandlerPresence> {
-        lock(&self.handlers).clone()
+        lock(&self.handlers).all()
     }
 
     /// True when a handler that is there serves this M code.
     pub fn is_handled(&self, cs: CoordinateSystemNumber, m: u16) -> bool {
-        lock(&self.handlers)
-            .values()
-            .any(|handler| handler.online && handler.handles.iter().any(|code| code.cs == cs && code.m == m))
+        lock(&self.handlers).serve(cs, m)
     }
 
     /// Looks a command up by its id, and notes it when it is new.
@@ -298,19 +236,6 @@ impl Shared {
     /// The last reply to a command.
     pub fn replied(&self, command_id: &str) -> Option<CommandReply> {
         lock(&self.commands).reply(command_id).cloned()
-    }
-}
-
-fn says_the_same(a: &AlarmRecord, b: &AlarmRecord) -> bool {
-    (a.severity, a.number, &a.text) == (b.severity, b.number, &b.text)
-        && (a.cs, a.program, a.line, a.column) == (b.cs, b.program, b.line, b.column)
-}
-
-impl Alarms {
-    fn update_history(&mut self, record: &AlarmRecord) {
-        if let Some(place) = self.history.iter_mut().find(|other| other.id == record.id) {
-            *place = record.clone();
-        }
     }
 }
 

@@ -11,12 +11,12 @@ use plc_api::types::data::{
     ToolChange, ToolData, ToolTable, VARIABLES_AT_ONCE_MAX, VariableArea, VariableKind, WorkOffsetTable,
 };
 use plc_api::types::request::{Refusal, RefusalCode};
+use serde::{Deserialize, Serialize};
 use tandem_model::settings::{Tool, WorkOffsets};
 use tandem_model::variables::{GLOBAL_VARIABLES, VariableArray};
 use tandem_model::{Axis, AxisSet, AxisVector, Variables};
 
 use crate::config::Machine;
-use crate::persistence::{Kept, KeptValues, value_key};
 
 /// Tools of the table at the most. A further one is refused.
 pub const TOOLS_MAX: usize = 1000;
@@ -26,6 +26,23 @@ const WORK_OFFSETS: [&str; 6] = ["G54", "G55", "G56", "G57", "G58", "G59"];
 
 /// Of a coordinate system without a table.
 const NO_OFFSETS: &WorkOffsets = &WorkOffsets([AxisVector::ZERO; 6]);
+
+/// What is kept on disk: JSON by name.
+pub(crate) type KeptValues = BTreeMap<String, Vec<u8>>;
+
+/// Name of a kept value that each coordinate system has.
+pub(crate) fn value_key(what: &str, cs: CoordinateSystemNumber) -> String {
+    format!("{what}/{cs}")
+}
+
+/// A table as it is kept.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Kept<T> {
+    /// What the configuration said when it was written.
+    pub configured: T,
+    /// What counts.
+    pub now: T,
+}
 
 /// The tables of a machine.
 #[derive(Debug)]

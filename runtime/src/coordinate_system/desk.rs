@@ -319,7 +319,6 @@ mod tests {
     use crate::Config;
     use crate::clock::Clock;
     use crate::journal::Journal;
-    use crate::persistence::Restored;
     use crate::program_store::ProgramStore;
     use crate::tables::Tables;
 
@@ -328,7 +327,7 @@ mod tests {
         let machine = Config::demo().resolve().unwrap();
         let configured = machine.coordinate_systems[0].clone();
         let store = ProgramStore::in_memory(machine.text_rules());
-        let tables = (Tables::new(&machine), Restored::default());
+        let tables = Tables::new(&machine);
         let boot = BootId("test".into());
         let shared = Arc::new(Shared::new(
             machine,
@@ -344,6 +343,7 @@ mod tests {
             configured,
             task_end,
             (Execution::Ready, None),
+            0,
         );
         (Arc::new(Desk::new(shared, system, Arc::default())), servo_end)
     }

@@ -164,6 +164,7 @@ impl CoordinateSystem {
         configured: Configured,
         handle: ChannelHandle,
         first_state: (Execution, Option<Reason>),
+        tool: u16,
     ) -> Self {
         let number = configured.settings.number;
         let view = Arc::new(View::new(&configured.settings, Arc::clone(&handle.readings)));
@@ -185,12 +186,7 @@ impl CoordinateSystem {
             ended_jogs: VecDeque::new(),
             ending: None,
             inputs: InputValues {
-                tool: shared
-                    .restored
-                    .tools_in_spindle
-                    .get(&number)
-                    .copied()
-                    .unwrap_or(0),
+                tool,
                 ..InputValues::default()
             },
             stock: Vec::new(),

@@ -1,37 +1,22 @@
-//! Runs that the end of an earlier start of the runtime cut short, told to the operator.
+//! What the operator is told of a run that the end of an earlier start of the runtime cut short.
 
+use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::data::LastRun;
 use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
 use plc_api::types::output::PendingOutput;
 use serde_json::{Value, json};
 use tandem_model::alarm::RESTARTED_IN_RUN;
 
-use crate::journal::Event;
-use crate::shared::Shared;
-
-/// Runs that the end of an earlier start cut short: a warning for the operator, and a line of the journal.
-pub(crate) fn tell_of_last_runs(shared: &Shared) {
-    for system in &shared.machine.coordinate_systems {
-        let cs = system.settings.number;
-        let boot = Event::Boot {
-            boot_id: shared.boot_id.clone(),
-            version: env!("CARGO_PKG_VERSION").to_owned(),
-        };
-        shared.record(cs, boot);
-        let last_run = shared.restored.last_runs.get(&cs);
-        let Some(last_run) = last_run.filter(|last_run| last_run.is_under_way()) else {
-            continue;
-        };
-        shared.record(cs, Event::Interrupted(Box::new(last_run.clone())));
-        shared.raise_standing(AlarmRecord {
-            severity: AlarmSeverity::Warning,
-            number: RESTARTED_IN_RUN.number,
-            text: format!("{}: {}", RESTARTED_IN_RUN.title, what_was_open(last_run)),
-            cs: Some(cs),
-            program: last_run.running.or(last_run.program),
-            line: Some(last_run.line),
-            ..AlarmRecord::default()
-        });
+/// The warning of a run that was cut short, with the M codes that were open.
+pub(crate) fn cut_short(cs: CoordinateSystemNumber, last_run: &LastRun) -> AlarmRecord {
+    AlarmRecord {
+        severity: AlarmSeverity::Warning,
+        number: RESTARTED_IN_RUN.number,
+        text: format!("{}: {}", RESTARTED_IN_RUN.title, what_was_open(last_run)),
+        cs: Some(cs),
+        program: last_run.running.or(last_run.program),
+        line: Some(last_run.line),
+        ..AlarmRecord::default()
     }
 }
 

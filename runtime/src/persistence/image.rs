@@ -8,6 +8,8 @@ use plc_api::types::data::LastRun;
 use serde::Serialize;
 use tandem_model::variables::VariableArray;
 
+use crate::tables::KeptValues;
+
 /// Variables of one page. Reason: one that changes costs 1 KiB on disk, all of P 256 entries.
 pub(crate) const PAGE_VARIABLES: usize = 128;
 
@@ -60,8 +62,8 @@ pub(crate) fn pages(array: &VariableArray) -> u16 {
 pub(crate) struct Image {
     /// By area (0: P, else the coordinate system of Q) and place.
     pub pages: BTreeMap<(u8, u16), Page>,
-    /// JSON by name.
-    pub values: BTreeMap<String, Vec<u8>>,
+    /// Values by their names.
+    pub values: KeptValues,
 }
 
 impl Image {
@@ -90,11 +92,6 @@ impl Image {
     pub fn is_empty(&self) -> bool {
         self.pages.is_empty() && self.values.is_empty()
     }
-}
-
-/// Name of a value that each coordinate system has.
-pub(crate) fn value_key(what: &str, cs: CoordinateSystemNumber) -> String {
-    format!("{what}/{cs}")
 }
 
 #[cfg(test)]

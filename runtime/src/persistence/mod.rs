@@ -2,21 +2,21 @@
 //! the journal.
 //!
 //! All but the journal is in one file of an embedded store (`store`), changed by whole transactions, so that a kill or a
-//! power cut at any moment leaves the state before or after one. A thread of its own (`keeper`) looks at what has
+//! power cut at any moment leaves the state before or after one. A thread of its own (`state_writer`) looks at what has
 //! changed and writes it: neither motion nor the handshake waits for a disk. The journal (`journal_file`) is lines in
 //! files of a bounded size, written by another thread. NC programs are files of their own, see `program_store`.
 
 mod cut_short;
 mod image;
 pub(crate) mod journal_file;
-mod keeper;
 mod replay;
 mod restore;
+mod state_writer;
 mod store;
 
-pub(crate) use cut_short::tell_of_last_runs;
-pub(crate) use image::{Image, value_key};
-pub(crate) use keeper::{Keeper, KeeperThread, KeptValues, Source};
+pub(crate) use cut_short::cut_short;
+pub(crate) use image::{Image, LastRuns};
 pub(crate) use replay::{REPLAYED_LINES_MAX, replay_last_runs};
-pub(crate) use restore::{Kept, Restored, restore};
+pub(crate) use restore::{Restored, restore};
+pub(crate) use state_writer::{Source, StateWriter, StateWriterThread};
 pub(crate) use store::Store;

@@ -1,6 +1,6 @@
 //! What the journal knows of a run beyond what was kept of it: the journal is less far behind.
 //!
-//! A kill may come after an output was put out and before the next look of the keeper. The lines of the journal from then
+//! A kill may come after an output was put out and before the next look of the state writer. The lines of the journal from then
 //! on tell of it, so that the operator is told of every M code on which a handler may have begun to work.
 
 use plc_api::types::data::LastRun;
@@ -10,8 +10,9 @@ use plc_api::types::{BootId, CoordinateSystemNumber, Timestamp};
 use serde::Deserialize;
 use serde_json::Value;
 
-use super::image::{Image, LastRuns, value_key};
+use super::image::{Image, LastRuns};
 use crate::journal::{Event, Line};
+use crate::tables::value_key;
 
 /// Newest lines of the journal that are read. Reason: eight coordinate systems of 200 M codes a second write fewer in the
 /// time by which what is kept may be behind.

@@ -10,19 +10,9 @@ use std::io;
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::data::{LastRun, ToolData, ToolTable, WorkOffsetTable};
 use serde::de::DeserializeOwned;
-use serde::{Deserialize, Serialize};
 
-use super::image::{Image, LastRuns, Page, value_key};
-use crate::tables::Tables;
-
-/// A table as it is kept.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Kept<T> {
-    /// What the configuration said when it was written.
-    pub configured: T,
-    /// What counts.
-    pub now: T,
-}
+use super::image::{Image, LastRuns, Page};
+use crate::tables::{Kept, Tables, value_key};
 
 /// What was kept and stands in no table.
 #[derive(Debug, Default)]

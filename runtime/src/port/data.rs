@@ -39,7 +39,7 @@ impl RuntimePort {
             }
             Request::LastRun(cs) => {
                 self.handle(cs)?;
-                Ok(Answer::LastRun(self.shared.restored.last_runs.get(&cs).cloned()))
+                Ok(Answer::LastRun(self.last_runs.get(&cs).cloned()))
             }
             Request::Journal { from, count } => self.journal(from, count).await,
             _ => {
@@ -71,9 +71,10 @@ impl RuntimePort {
         &self,
         changed: impl FnOnce(&Tables) -> Result<Values, Refusal> + Send + 'static,
     ) -> Result<Answer, Refusal> {
+        let writer = self.writer.clone();
         let keep_and_set = move |shared: &Shared| {
-            let keep = |values| match shared.keeper.get() {
-                Some(keeper) => keeper.write(values).map_err(|text| unkept(&text)),
+            let keep = |values| match &writer {
+                Some(writer) => writer.write(values).map_err(|text| unkept(&text)),
                 None => Ok(()),
             };
             Ok(shared.tables.change(changed, keep))
@@ -84,8 +85,8 @@ impl RuntimePort {
     /// Which tool is in the spindle, on disk before it is answered.
     pub(super) async fn tool(&self, cs: CoordinateSystemNumber, id: u16) -> Result<Answer, Refusal> {
         let answer = self.handle(cs)?.desk.ask(Request::Tool(cs, id), false).await?;
-        if let Some(keeper) = self.shared.keeper.get() {
-            keeper.flush().await.map_err(|text| unkept(&text))?;
+        if let Some(writer) = &self.writer {
+            writer.flush().await.map_err(|text| unkept(&text))?;
         }
         Ok(answer)
     }

@@ -43,7 +43,7 @@ const MEANT: [Circle; 3] = [
 ];
 
 /// Circles that are not meant, and what ties each: the list only gets shorter.
-const LEFT: [Circle; 4] = [
+const LEFT: [Circle; 3] = [
     (
         "runtime/gateway/src",
         &["access", "access/mosquitto", "contract/topics"],
@@ -79,20 +79,6 @@ const LEFT: [Circle; 4] = [
             "text_position",
         ],
         "machinery names codes, which act on the execution; modal state names the dialect",
-    ),
-    (
-        "runtime/src",
-        &[
-            "coordinate_system",
-            "coordinate_system/desk",
-            "persistence",
-            "persistence/cut_short",
-            "persistence/keeper",
-            "persistence/restore",
-            "shared",
-            "tables",
-        ],
-        "`shared` holds the keeper, and the keeper takes all of `shared` and of a coordinate system instead of what it stores",
     ),
     (
         "runtime/src",

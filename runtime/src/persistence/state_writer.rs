@@ -1,6 +1,5 @@
 //! The thread that keeps what changes: it looks every [`INTERVAL`], and at once when somebody waits for it.
 
-use std::collections::BTreeMap;
 use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -8,29 +7,28 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use plc_api::types::CoordinateSystemNumber;
+use plc_api::hub::Hub;
 use plc_api::types::data::LastRun;
 use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
 use plc_api::types::message::Payload;
 use plc_api::types::state::{Execution, Reason};
 use plc_api::types::topic::{CsTopic, Topic};
+use plc_api::types::{BootId, CoordinateSystemNumber, Timestamp};
 use tandem_model::alarm::STORE_FAILED;
 use tandem_model::variables::VariableArray;
 use tokio::sync::oneshot;
 
-use super::image::{Image, LastRuns, Page, pages, value_key};
+use super::image::{Image, LastRuns, Page, pages};
 use super::store::Store;
+use crate::clock::Clock;
 use crate::coordinate_system::View;
-use crate::shared::Shared;
+use crate::tables::{KeptValues, Tables, value_key};
 
 /// Time between two looks. Reason: half of the 100 ms that what is kept may be behind; the rest is the disk's.
 const INTERVAL: Duration = Duration::from_millis(50);
 
 /// A commit that ends later than this after the look before it is told in the log.
 const BEHIND_MAX_S: f64 = 0.1;
-
-/// JSON by name.
-pub(crate) type KeptValues = BTreeMap<String, Vec<u8>>;
 
 type Done = oneshot::Sender<Result<(), String>>;
 
@@ -42,11 +40,11 @@ enum Message {
 
 /// How others reach the thread.
 #[derive(Debug, Clone)]
-pub(crate) struct Keeper {
+pub(crate) struct StateWriter {
     messages: Sender<Message>,
 }
 
-impl Keeper {
+impl StateWriter {
     /// Writes values; they are on disk when this returns. It blocks its thread.
     ///
     /// # Errors
@@ -75,19 +73,19 @@ fn gone() -> String {
 
 /// The thread. Dropping it writes what is left and ends it.
 #[derive(Debug)]
-pub(crate) struct KeeperThread {
-    keeper: Keeper,
+pub(crate) struct StateWriterThread {
+    writer: StateWriter,
     thread: Option<JoinHandle<()>>,
 }
 
-impl KeeperThread {
+impl StateWriterThread {
     /// Starts the thread over an open store, of which `kept` is the content.
     ///
     /// # Errors
     /// The operating system gives no thread.
     pub fn start(path: PathBuf, store: Store, kept: Image, source: Source) -> io::Result<Self> {
         let (messages, inbox) = channel();
-        let writer = Writer {
+        let work = Work {
             path,
             store: Some(store),
             kept,
@@ -97,24 +95,24 @@ impl KeeperThread {
             failing: false,
         };
         let thread = std::thread::Builder::new()
-            .name("keeper".into())
-            .spawn(move || writer.run(&inbox))?;
+            .name("state-writer".into())
+            .spawn(move || work.run(&inbox))?;
         Ok(Self {
-            keeper: Keeper { messages },
+            writer: StateWriter { messages },
             thread: Some(thread),
         })
     }
 
     /// A handle for those who write.
-    pub fn keeper(&self) -> Keeper {
-        self.keeper.clone()
+    pub fn writer(&self) -> StateWriter {
+        self.writer.clone()
     }
 }
 
-impl Drop for KeeperThread {
+impl Drop for StateWriterThread {
     fn drop(&mut self) {
         // A thread that has ended is joined all the same.
-        let _ = self.keeper.messages.send(Message::Close);
+        let _ = self.writer.messages.send(Message::Close);
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
@@ -123,17 +121,23 @@ impl Drop for KeeperThread {
 
 /// Where the thread looks.
 pub(crate) struct Source {
-    pub shared: Arc<Shared>,
+    pub boot_id: BootId,
+    pub clock: Clock,
+    pub tables: Arc<Tables>,
+    /// What was published last.
+    pub hub: Hub,
     pub views: Vec<(CoordinateSystemNumber, Arc<View>)>,
     /// As they were kept.
     pub last_runs: LastRuns,
+    /// Takes the warning that the disk refuses.
+    pub warn: Box<dyn Fn(AlarmRecord) + Send>,
 }
 
 impl Source {
     /// What differs from what is kept. `last_runs` are those of now.
     fn changes(&self, kept: &Image, last_runs: &mut LastRuns) -> Image {
         let mut change = Image::default();
-        let tables = &self.shared.tables;
+        let tables = &self.tables;
         {
             let _no_range_is_written = tables.read();
             changed_pages(0, &tables.global(), kept, &mut change);
@@ -154,14 +158,14 @@ impl Source {
     }
 
     fn payload(&self, cs: CoordinateSystemNumber, topic: CsTopic) -> Option<Payload> {
-        let message = self.shared.hub.read(&Topic::cs(cs, topic))?;
+        let message = self.hub.read(&Topic::cs(cs, topic))?;
         Some(message.payload.clone())
     }
 
     /// How a run of this boot stands, when that has changed.
     fn last_run(&self, cs: CoordinateSystemNumber, view: &View, before: Option<&LastRun>) -> Option<LastRun> {
         // of before the look: what the journal says from then on may be missing in it
-        let at = self.shared.timestamp();
+        let at = Timestamp::from_system_time(self.clock.wall());
         let Some(Payload::State(state)) = self.payload(cs, CsTopic::State) else {
             return None;
         };
@@ -174,7 +178,7 @@ impl Source {
         };
         let executing = view.executing();
         let mut now = LastRun {
-            boot_id: self.shared.boot_id.clone(),
+            boot_id: self.boot_id.clone(),
             run_id,
             program: state.program,
             running: Some(executing.program).filter(|program| *program != 0),
@@ -232,7 +236,7 @@ impl Pace {
     }
 }
 
-struct Writer {
+struct Work {
     path: PathBuf,
     /// `None` after a failure, until it opens again.
     store: Option<Store>,
@@ -243,11 +247,11 @@ struct Writer {
     failing: bool,
 }
 
-impl Writer {
+impl Work {
     fn run(mut self, inbox: &Receiver<Message>) {
         loop {
             let (mut values, mut waiting, mut open) = (KeptValues::new(), Vec::new(), true);
-            let now_s = self.source.shared.clock.now_s();
+            let now_s = self.source.clock.now_s();
             let mut next = inbox.recv_timeout(self.pace.wait(now_s));
             // who waits meanwhile is served by the same commit
             loop {
@@ -277,7 +281,7 @@ impl Writer {
 
     /// One look, and the commit of what it found.
     fn turn(&mut self, values: KeptValues) -> Result<(), String> {
-        let looked_s = self.source.shared.clock.now_s();
+        let looked_s = self.source.clock.now_s();
         let mut last_runs = self.last_runs.clone();
         let mut change = self.source.changes(&self.kept, &mut last_runs);
         change.values.extend(values);
@@ -287,7 +291,7 @@ impl Writer {
         } else {
             self.commit(&change)
         };
-        let behind_s = self.pace.committed(looked_s, self.source.shared.clock.now_s());
+        let behind_s = self.pace.committed(looked_s, self.source.clock.now_s());
         match written {
             Ok(()) => {
                 self.kept.take_over(change);
@@ -317,7 +321,7 @@ impl Writer {
         if !self.failing {
             self.failing = true;
             tracing::error!("{}: {text}; it is tried again", STORE_FAILED.title);
-            self.source.shared.raise(AlarmRecord {
+            (self.source.warn)(AlarmRecord {
                 severity: AlarmSeverity::Warning,
                 number: STORE_FAILED.number,
                 text: format!("{}: {text}", STORE_FAILED.title),

@@ -1,0 +1,208 @@
+//! Alarms: which are active, and which were. Pure: publishing them is left to `shared`.
+
+use std::collections::VecDeque;
+
+use plc_api::types::machine::{ActiveAlarms, AlarmRecord, AlarmSeverity};
+use plc_api::types::{CoordinateSystemNumber, Timestamp};
+use tandem_model::alarm::ALARMS;
+
+/// Alarms kept after they were cleared. The oldest are forgotten.
+pub const ALARM_HISTORY_MAX: usize = 1000;
+
+/// Active alarms of one coordinate system, and of the whole machine, at the most: the oldest. Further ones are events, and
+/// in the history. Reason: all active alarms are one message.
+pub const ALARMS_ACTIVE_MAX: usize = 24;
+
+/// The alarms of a machine.
+#[derive(Debug, Default)]
+pub(crate) struct Alarms {
+    last_id: u64,
+    active: Vec<AlarmRecord>,
+    history: VecDeque<AlarmRecord>,
+}
+
+/// What became of an alarm that was to be raised.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Raised {
+    /// It is a new one.
+    New(AlarmRecord),
+    /// The same alarm is active already.
+    Active(AlarmRecord),
+}
+
+impl Alarms {
+    /// Raises an alarm or a warning, unless the same one is active. `is_active`: it is active until it is cleared; else
+    /// it is in the history only.
+    pub fn raise(&mut self, record: AlarmRecord, is_active: bool, at: Timestamp) -> Raised {
+        if let Some(same) = self.active.iter().find(|active| says_the_same(active, &record)) {
+            return Raised::Active(same.clone());
+        }
+        self.last_id += 1;
+        let entry = ALARMS.iter().find(|entry| entry.number == record.number);
+        let record = AlarmRecord {
+            remedy: entry.map(|entry| entry.remedy.to_owned()),
+            id: self.last_id,
+            raised_at: at,
+            ..record
+        };
+        self.history.push_back(record.clone());
+        if self.history.len() > ALARM_HISTORY_MAX {
+            self.history.pop_front();
+        }
+        let of_same = self.active.iter().filter(|active| active.cs == record.cs);
+        if is_active && of_same.count() < ALARMS_ACTIVE_MAX {
+            self.active.push(record.clone());
+        }
+        Raised::New(record)
+    }
+
+    /// Clears the alarms of a coordinate system, and those of the whole machine; gives them.
+    pub fn clear(&mut self, cs: CoordinateSystemNumber, at: &Timestamp) -> Vec<AlarmRecord> {
+        let is_cleared = |alarm: &mut AlarmRecord| alarm.cs.is_none_or(|of| of == cs);
+        let mut cleared: Vec<_> = self.active.extract_if(.., is_cleared).collect();
+        for record in &mut cleared {
+            record.cleared_at = Some(at.clone());
+            self.update_history(record);
+        }
+        cleared
+    }
+
+    /// Notes who has acknowledged an active alarm; `None` when there is no such one.
+    pub fn acknowledge(&mut self, id: u64, by: &str) -> Option<AlarmRecord> {
+        let record = self.active.iter_mut().find(|alarm| alarm.id == id)?;
+        record.acknowledged_by = Some(by.to_owned());
+        let record = record.clone();
+        self.update_history(&record);
+        Some(record)
+    }
+
+    /// The payload of `alarm/active`.
+    pub fn active(&self) -> ActiveAlarms {
+        ActiveAlarms {
+            alarms: self.active.clone(),
+        }
+    }
+
+    /// Active alarms of a coordinate system and of the whole machine; warnings do not count.
+    pub fn count(&self, cs: CoordinateSystemNumber) -> u32 {
+        let of_cs = |alarm: &&AlarmRecord| {
+            alarm.severity == AlarmSeverity::Alarm && alarm.cs.is_none_or(|number| number == cs)
+        };
+        u32::try_from(self.active.iter().filter(of_cs).count()).unwrap_or(u32::MAX)
+    }
+
+    /// The last alarms and warnings, the oldest first.
+    pub fn history(&self) -> Vec<AlarmRecord> {
+        self.history.iter().cloned().collect()
+    }
+
+    fn update_history(&mut self, record: &AlarmRecord) {
+        if let Some(place) = self.history.iter_mut().find(|other| other.id == record.id) {
+            *place = record.clone();
+        }
+    }
+}
+
+fn says_the_same(a: &AlarmRecord, b: &AlarmRecord) -> bool {
+    (a.severity, a.number, &a.text) == (b.severity, b.number, &b.text)
+        && (a.cs, a.program, a.line, a.column) == (b.cs, b.program, b.line, b.column)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(second: u32) -> Timestamp {
+        Timestamp(format!("2026-01-01T00:00:{second:02}.000000Z"))
+    }
+
+    fn alarm(cs: Option<CoordinateSystemNumber>, text: &str) -> AlarmRecord {
+        AlarmRecord {
+            severity: AlarmSeverity::Alarm,
+            number: 10_001,
+            text: text.to_owned(),
+            cs,
+            ..AlarmRecord::default()
+        }
+    }
+
+    fn raise(alarms: &mut Alarms, record: AlarmRecord, is_active: bool) -> AlarmRecord {
+        match alarms.raise(record, is_active, at(1)) {
+            Raised::New(record) => record,
+            Raised::Active(record) => panic!("{record:?} is active"),
+        }
+    }
+
+    #[test]
+    fn an_alarm_that_is_active_is_not_raised_again_and_one_that_was_cleared_is() {
+        let mut alarms = Alarms::default();
+        let first = raise(&mut alarms, alarm(Some(1), "air"), true);
+        assert_eq!(
+            alarms.raise(alarm(Some(1), "air"), true, at(2)),
+            Raised::Active(first.clone())
+        );
+        assert_eq!(raise(&mut alarms, alarm(Some(2), "air"), true).id, 2);
+        assert_eq!(raise(&mut alarms, alarm(Some(1), "oil"), true).id, 3);
+        alarms.clear(1, &at(3));
+        assert_eq!(raise(&mut alarms, alarm(Some(1), "air"), true).id, 4);
+        assert_eq!(alarms.history().len(), 4);
+    }
+
+    #[test]
+    fn a_reset_clears_alarms_of_its_coordinate_system_and_of_all_and_the_history_says_when() {
+        let mut alarms = Alarms::default();
+        for cs in [Some(1), Some(2), None] {
+            raise(&mut alarms, alarm(cs, "air"), true);
+        }
+        let cleared: Vec<_> = alarms.clear(2, &at(9)).iter().map(|alarm| alarm.cs).collect();
+        assert_eq!(cleared, [Some(2), None]);
+        assert_eq!((alarms.count(1), alarms.count(2)), (1, 0));
+        let cleared_at: Vec<_> = alarms
+            .history()
+            .into_iter()
+            .map(|alarm| alarm.cleared_at)
+            .collect();
+        assert_eq!(cleared_at, [None, Some(at(9)), Some(at(9))]);
+    }
+
+    #[test]
+    fn warnings_are_no_alarms_and_what_is_not_active_is_in_the_history_only() {
+        let mut alarms = Alarms::default();
+        let warning = AlarmRecord {
+            severity: AlarmSeverity::Warning,
+            ..alarm(Some(1), "restarted")
+        };
+        let warning = raise(&mut alarms, warning, true);
+        raise(&mut alarms, alarm(None, "slow"), false);
+        assert_eq!((alarms.count(1), alarms.history().len()), (0, 2));
+        assert_eq!(alarms.active().alarms, [warning]);
+    }
+
+    #[test]
+    fn an_active_alarm_is_acknowledged_by_name_and_no_other() {
+        let mut alarms = Alarms::default();
+        let id = raise(&mut alarms, alarm(Some(1), "air"), true).id;
+        assert_eq!(alarms.acknowledge(id + 1, "hmi-1"), None);
+        let record = alarms.acknowledge(id, "hmi-1").unwrap();
+        assert_eq!(record.acknowledged_by.as_deref(), Some("hmi-1"));
+        assert_eq!(
+            (alarms.active().alarms, alarms.history()),
+            (vec![record.clone()], vec![record])
+        );
+        alarms.clear(1, &at(2));
+        assert_eq!(alarms.acknowledge(id, "hmi-1"), None);
+    }
+
+    #[test]
+    fn each_coordinate_system_has_room_for_24_active_alarms_and_the_history_for_1000() {
+        let mut alarms = Alarms::default();
+        for n in 0..=ALARM_HISTORY_MAX {
+            raise(&mut alarms, alarm(Some(1), &n.to_string()), true);
+        }
+        assert_eq!((alarms.count(1), alarms.history().len()), (24, 1000));
+        assert_eq!(alarms.active().alarms[0].text, "0", "the oldest are active");
+        assert_eq!(alarms.history()[0].text, "1", "the oldest is forgotten");
+        raise(&mut alarms, alarm(Some(2), "air"), true);
+        assert_eq!(alarms.count(2), 1);
+    }
+}
