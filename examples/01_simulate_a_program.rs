@@ -9,7 +9,7 @@
 use std::error::Error;
 use std::time::Duration;
 
-use plc_api::types::request::Request;
+use plc_api::types::request::typed::WriteProgram;
 use plc_api::{Execution, Plc};
 use tandem_runtime::journal::Journal;
 use tandem_runtime::simulation::{self, SimulationOptions};
@@ -37,9 +37,7 @@ async fn simulate() -> Result<(), Box<dyn Error>> {
     let machine = Config::demo().resolve()?;
     let runtime = Runtime::start_simulated(machine, Journal::to_log(), SimulationOptions::default())?;
     let plc = Plc::in_process(runtime.port());
-    plc.port()
-        .request(Request::WriteProgram(500, PROGRAM.to_owned()))
-        .await?;
+    plc.port().ask(WriteProgram(500, PROGRAM.to_owned())).await?;
     let mill = plc.coordinate_system(1);
     mill.load(500).await?;
     mill.start().await?;

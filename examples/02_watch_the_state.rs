@@ -10,7 +10,7 @@ use std::error::Error;
 
 use plc_api::hub::Filter;
 use plc_api::types::message::Payload;
-use plc_api::types::request::Request;
+use plc_api::types::request::typed::WriteProgram;
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::{Execution, Plc};
 use tandem_runtime::{Config, Runtime, demo_sequence_program};
@@ -33,9 +33,7 @@ async fn main() -> Result<(), Box<dyn Error>> {
     tokio::spawn(async move { demo_sequence_program().run(&handlers).await });
 
     let plc = Plc::in_process(runtime.port());
-    plc.port()
-        .request(Request::WriteProgram(500, PROGRAM.to_owned()))
-        .await?;
+    plc.port().ask(WriteProgram(500, PROGRAM.to_owned())).await?;
     // the value of now first, then every change
     let topic = Topic::cs(1, CsTopic::State);
     let mut states = plc.port().subscribe(Filter::Topics(vec![topic]));

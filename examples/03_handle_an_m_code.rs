@@ -4,7 +4,7 @@
 
 #![allow(clippy::print_stdout, reason = "it shows what happens")]
 
-use plc_api::types::request::Request;
+use plc_api::types::request::typed::WriteProgram;
 use plc_api::{Execution, Plc, SequenceProgram};
 use tandem_runtime::{Config, Runtime};
 
@@ -32,9 +32,7 @@ async fn main() -> Result<(), Box<dyn std::error::Error>> {
     let handlers =
         tokio::spawn(async move { SequenceProgram::new().on(12, clamp::clamp).run(&serving).await });
 
-    plc.port()
-        .request(Request::WriteProgram(50, PROGRAM.to_owned()))
-        .await?;
+    plc.port().ask(WriteProgram(50, PROGRAM.to_owned())).await?;
     let mill = plc.coordinate_system(1);
     mill.load(50).await?;
     mill.start().await?;

@@ -14,7 +14,8 @@ use crate::types::BootId;
 use crate::types::message::Message;
 use crate::types::output::{HandshakeStatus, PendingOutput};
 use crate::types::question::{Ask, OperatorAnswer, Question};
-use crate::types::request::{Refusal, RefusalCode, Request};
+use crate::types::refusal::{Refusal, RefusalCode};
+use crate::types::request::typed::{self, AnswerQuestion};
 use crate::types::topic::{CsTopic, Topic};
 
 impl AuxOutput {
@@ -109,7 +110,7 @@ impl Asked<'_> {
         loop {
             if !seen {
                 match plc.request(self.request(self.ask.clone())).await {
-                    Ok(answer) => match accepted(self.output.m(), self.output.seq(), &answer) {
+                    Ok(answer) => match accepted(self.output.m(), self.output.seq(), answer) {
                         // the connection was lost and the claim given back: `pending` tells how it goes on
                         Ok(())
                         | Err(Error::Handshake {
@@ -150,8 +151,8 @@ impl Asked<'_> {
         }
     }
 
-    fn request(&self, ask: Ask) -> Request {
-        Request::Ask(self.output.coordinate_system(), Some(self.output.m()), ask)
+    fn request(&self, ask: Ask) -> typed::Ask {
+        typed::Ask(self.output.coordinate_system(), Some(self.output.m()), ask)
     }
 
     /// The output as `pending` shows it; `None` when it is no longer open, or another's.
@@ -237,8 +238,8 @@ impl CoordinateSystem {
             choice,
             client_id: Some(self.plc().client_id().to_owned()),
         };
-        let request = Request::AnswerQuestion(self.number(), Some(asked.m), answer);
-        accepted(asked.m, asked.seq, &self.plc().request(request).await?)
+        let request = AnswerQuestion(self.number(), Some(asked.m), answer);
+        accepted(asked.m, asked.seq, self.plc().request(request).await?)
     }
 }
 

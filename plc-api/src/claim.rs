@@ -4,12 +4,13 @@ use std::time::Duration;
 
 use crate::alarm::Alarm;
 use crate::error::{Error, Result};
-use crate::plc::{Plc, unexpected};
+use crate::plc::Plc;
 use crate::types::message::Message;
 use crate::types::output::{
     Claim, HandshakeResult, HandshakeStatus, PendingOutput, Redelivery, Reset, ResetResult,
 };
-use crate::types::request::{Answer, RefusalCode, Request};
+use crate::types::refusal::RefusalCode;
+use crate::types::request::{TypedRequest, typed};
 use crate::types::{BootId, CoordinateSystemNumber};
 
 /// How long after a claim, reset, presence or question that could not be delivered it is sent again.
@@ -34,19 +35,19 @@ impl OutputId {
     }
 
     /// The handler takes the output, with this M number.
-    pub(crate) fn claim(&self, m: u16, handler_id: &str) -> Request {
+    pub(crate) fn claim(&self, m: u16, handler_id: &str) -> typed::Claim {
         let claim = Claim {
             boot_id: self.boot_id.clone(),
             seq: self.seq,
             handler_id: handler_id.to_owned(),
         };
-        Request::Claim(self.cs, Some(m), claim)
+        typed::Claim(self.cs, Some(m), claim)
     }
 
     /// How the handler has ended.
-    pub(crate) fn reset(&self, m: u16, handler_id: &str, alarm: Option<Alarm>) -> Request {
+    pub(crate) fn reset(&self, m: u16, handler_id: &str, alarm: Option<Alarm>) -> typed::Reset {
         let reset = reset_of(&self.boot_id, self.seq, handler_id, alarm);
-        Request::Reset(self.cs, Some(m), reset)
+        typed::Reset(self.cs, Some(m), reset)
     }
 }
 
@@ -72,28 +73,21 @@ pub(crate) fn reset_of(boot_id: &BootId, seq: u64, handler_id: &str, alarm: Opti
 }
 
 /// Whether the machine has accepted what was said of an output, as far as its answer tells.
-pub(crate) fn accepted(m: u16, seq: u64, answer: &Answer) -> Result<()> {
-    match answer {
-        Answer::Handshake(result) if result.status == HandshakeStatus::Accepted => Ok(()),
-        Answer::Handshake(result) => Err(Error::Handshake {
-            m,
-            seq,
-            status: result.status,
-        }),
-        Answer::Done => Ok(()),
-        other => Err(unexpected(other)),
+pub(crate) fn accepted(m: u16, seq: u64, answer: Option<HandshakeResult>) -> Result<()> {
+    match answer.map(|result| result.status) {
+        None | Some(HandshakeStatus::Accepted) => Ok(()),
+        Some(status) => Err(Error::Handshake { m, seq, status }),
     }
 }
 
 /// Sends a claim or reset until it is answered; `None` when the machine refuses it for good.
-pub(crate) async fn until_answered(plc: &Plc, request: Request) -> Option<HandshakeStatus> {
+pub(crate) async fn until_answered(
+    plc: &Plc,
+    request: impl TypedRequest<Answer = HandshakeResult> + Clone,
+) -> Option<HandshakeStatus> {
     loop {
-        match plc.port().request(request.clone()).await {
-            Ok(Answer::Handshake(HandshakeResult { status, .. })) => return Some(status),
-            Ok(answer) => {
-                tracing::warn!(?answer, "an answer of another kind");
-                return None;
-            }
+        match plc.port().ask(request.clone()).await {
+            Ok(HandshakeResult { status, .. }) => return Some(status),
             Err(refusal) if refusal.code == RefusalCode::Unavailable => {
                 tracing::warn!(%refusal, "claim or reset not answered yet");
                 plc.sleep(RETRY).await;

@@ -5,13 +5,15 @@ use std::collections::BTreeMap;
 use crate::alarm::Alarm;
 use crate::error::{Error, Result};
 use crate::hub::Filter;
-use crate::plc::{Plc, unexpected};
+use crate::plc::Plc;
 use crate::types::CoordinateSystemNumber;
 use crate::types::command::{Command, CommandMeta, CommandStatus};
 use crate::types::lease::LeaseState;
 use crate::types::message::Payload;
 use crate::types::output::Pending;
-use crate::types::request::{Answer, Input, OverrideChange, Refusal, RefusalCode, Request, SpindleCommand};
+use crate::types::refusal::{Refusal, RefusalCode};
+use crate::types::request::typed;
+use crate::types::request::{Input, OverrideChange, SpindleCommand};
 use crate::types::state::{
     Captured, Execution, Lock, Modal, OptionalSkip, Overrides, Position, ProgramPlace, Spindle,
     SpindleDirection, State, Tool,
@@ -232,7 +234,7 @@ impl CoordinateSystem {
     /// [`Error::Refused`] when nothing has changed, [`Error::CommandFailed`] when something prevented its effect.
     pub async fn command(&self, command: Command) -> Result<()> {
         let verb = command.verb();
-        let request = Request::Command {
+        let request = typed::Command {
             cs: self.number,
             command,
             meta: CommandMeta {
@@ -241,18 +243,16 @@ impl CoordinateSystem {
             },
             wait: true,
         };
-        match self.plc.request(request).await? {
-            Answer::Command(reply) if reply.status == CommandStatus::Rejected => {
-                Err(Refusal::new(RefusalCode::NotAllowed, reply.text).into())
-            }
-            Answer::Command(reply) if reply.status == CommandStatus::Failed => Err(Error::CommandFailed {
+        let reply = self.plc.request(request).await?;
+        match reply.status {
+            CommandStatus::Rejected => Err(Refusal::new(RefusalCode::NotAllowed, reply.text).into()),
+            CommandStatus::Failed => Err(Error::CommandFailed {
                 verb: format!("{verb:?}").to_lowercase(),
                 cs: self.number,
                 code: reply.code,
                 text: reply.text,
             }),
-            Answer::Command(_) | Answer::Done => Ok(()),
-            other => Err(unexpected(&other)),
+            CommandStatus::Accepted | CommandStatus::Done => Ok(()),
         }
     }
 
@@ -288,7 +288,7 @@ impl CoordinateSystem {
     /// # Errors
     /// No such coordinate system, or the machine cannot be reached.
     pub async fn select_tool(&self, id: u16) -> Result<()> {
-        self.done(Request::Tool(self.number, id)).await
+        self.plc.request(typed::Tool(self.number, id)).await
     }
 
     /// Commands the spindle; `rpm` counts for `Cw` and `Ccw`.
@@ -296,8 +296,8 @@ impl CoordinateSystem {
     /// # Errors
     /// There is no spindle, or the speed is out of its range.
     pub async fn set_spindle(&self, direction: SpindleDirection, rpm: f64) -> Result<()> {
-        self.done(Request::Spindle(self.number, SpindleCommand { direction, rpm }))
-            .await
+        let command = SpindleCommand { direction, rpm };
+        self.plc.request(typed::Spindle(self.number, command)).await
     }
 
     /// Sets one optional block skip input, 1 to 31.
@@ -360,11 +360,7 @@ impl CoordinateSystem {
     }
 
     async fn set(&self, input: Input) -> Result<()> {
-        self.done(Request::Input(self.number, input)).await
-    }
-
-    async fn done(&self, request: Request) -> Result<()> {
-        self.plc.request(request).await.map(|_| ())
+        self.plc.request(typed::Input(self.number, input)).await
     }
 
     fn no_value(&self, what: &str) -> Error {

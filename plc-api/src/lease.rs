@@ -8,9 +8,10 @@ use tokio::task::JoinHandle;
 
 use crate::coordinate_system::CoordinateSystem;
 use crate::error::{Error, Result};
-use crate::plc::{Plc, unexpected};
+use crate::plc::Plc;
 use crate::types::lease::{Lease as Granted, LeaseRelease, LeaseRequest, LeaseTake};
-use crate::types::request::{Answer, Refusal, RefusalCode, Request};
+use crate::types::refusal::{Refusal, RefusalCode};
+use crate::types::request::typed;
 
 /// Renewals within the time of a lease: two may be lost on the way.
 const RENEWALS: u32 = 3;
@@ -61,17 +62,12 @@ impl CoordinateSystem {
             ttl_ms: Some(u64::try_from(ttl.as_millis()).unwrap_or(u64::MAX)),
             fence: None,
         };
-        let granted = match self
-            .plc()
-            .request(self.ask(LeaseRequest::Take(take.clone())))
-            .await?
-        {
-            Answer::Command(reply) => reply.lease.ok_or_else(|| {
-                let code = serde_json::from_value(reply.code.into()).unwrap_or(RefusalCode::Busy);
-                Error::from(Refusal::new(code, reply.text))
-            })?,
-            other => return Err(unexpected(&other)),
-        };
+        let request = self.ask(LeaseRequest::Take(take.clone()));
+        let reply = self.plc().request(request).await?;
+        let granted = reply.lease.ok_or_else(|| {
+            let code = serde_json::from_value(reply.code.into()).unwrap_or(RefusalCode::Busy);
+            Refusal::new(code, reply.text)
+        })?;
         let lost = Arc::new(AtomicBool::new(false));
         let take = LeaseTake {
             fence: Some(granted.fence),
@@ -86,8 +82,8 @@ impl CoordinateSystem {
         })
     }
 
-    fn ask(&self, request: LeaseRequest) -> Request {
-        Request::Lease {
+    fn ask(&self, request: LeaseRequest) -> typed::Lease {
+        typed::Lease {
             cs: self.number(),
             request,
             meta: self.plc().command_meta(),
@@ -147,7 +143,7 @@ impl Lease {
             .map(|_| ())
     }
 
-    fn ask_release(&self) -> Request {
+    fn ask_release(&self) -> typed::Lease {
         let fence = self.fence();
         self.coordinate_system
             .ask(LeaseRequest::Release(LeaseRelease { fence }))

@@ -17,7 +17,9 @@ use crate::types::command::CommandMeta;
 use crate::types::machine::{AlarmRaise, AlarmRecord};
 use crate::types::message::Payload;
 use crate::types::program::ProgramInfo;
-use crate::types::request::{Answer, Refusal, RefusalCode, Request};
+use crate::types::refusal::{Refusal, RefusalCode};
+use crate::types::request::typed::{Journal, Programs, RaiseAlarm, SkipInput};
+use crate::types::request::{Request, TypedRequest};
 use crate::types::topic::Topic;
 
 /// A machine: one runtime with its coordinate systems. Cloning gives another handle to the same machine.
@@ -131,10 +133,7 @@ impl Plc {
     /// # Errors
     /// A refusal, such as over a transport that does not carry programs.
     pub async fn programs(&self) -> Result<Vec<ProgramInfo>> {
-        match self.request(Request::Programs).await? {
-            Answer::Programs(programs) => Ok(programs),
-            other => Err(unexpected(&other)),
-        }
+        self.request(Programs).await
     }
 
     /// Alarms and warnings that stand, in the order in which they were raised. A reset of its coordinate system clears
@@ -192,9 +191,7 @@ impl Plc {
             return Err(Refusal::new(RefusalCode::Invalid, text).into());
         };
         let text = alarm.text;
-        self.request(Request::RaiseAlarm(AlarmRaise { cs, code, text }))
-            .await
-            .map(|_| ())
+        self.request(RaiseAlarm(AlarmRaise { cs, code, text })).await
     }
 
     /// The newest `count` lines of the journal, 1 to 1000, but for the `from` newest, in the order of time: JSON objects
@@ -204,10 +201,7 @@ impl Plc {
     /// # Errors
     /// A count out of its range; the machine keeps no journal, or cannot read it; over MQTT.
     pub async fn journal(&self, from: u32, count: u32) -> Result<Vec<serde_json::Value>> {
-        match self.request(Request::Journal { from, count }).await? {
-            Answer::Journal(lines) => Ok(lines),
-            other => Err(unexpected(&other)),
-        }
+        self.request(Journal { from, count }).await
     }
 
     /// Sets the skip input of a motor, by its CNC motor number; it keeps the value until it is set again. Not real time:
@@ -216,10 +210,7 @@ impl Plc {
     /// # Errors
     /// No axis has such a motor, or the machine cannot be reached.
     pub async fn set_skip_input(&self, motor: u16, value: bool) -> Result<()> {
-        match self.request(Request::SkipInput(motor, value)).await? {
-            Answer::Done => Ok(()),
-            other => Err(unexpected(&other)),
-        }
+        self.request(SkipInput(motor, value)).await
     }
 
     /// Sleeps on the machine's clock: simulated time in a simulation. Handlers sleep by this and nothing else.
@@ -241,8 +232,8 @@ impl Plc {
         &self.client_id
     }
 
-    pub(crate) async fn request(&self, request: Request) -> Result<Answer> {
-        Ok(self.port.request(request).await?)
+    pub(crate) async fn request<R: TypedRequest>(&self, request: R) -> Result<R::Answer> {
+        Ok(self.port.ask(request).await?)
     }
 
     /// A fresh command id, and whose command it is.
@@ -257,9 +248,9 @@ impl Plc {
 
     /// Sends a request from a destructor: at once where the machine takes it at once, else from a task. Without a tokio
     /// runtime around it, such as behind its end, only the connection's own runtime could still send it.
-    pub(crate) fn send_without_waiting(&self, request: Request, what_if_not: &'static str) {
+    pub(crate) fn send_without_waiting(&self, request: impl Into<Request>, what_if_not: &'static str) {
         let here = tokio::runtime::Handle::try_current().ok();
-        let port = Arc::clone(&self.port);
+        let (port, request) = (Arc::clone(&self.port), request.into());
         let mut sent: BoxFuture<'static, ()> = Box::pin(async move {
             if let Err(refusal) = port.request(request).await {
                 tracing::debug!(%refusal, "{what_if_not}");
@@ -273,9 +264,4 @@ impl Plc {
             runtime.spawn(sent);
         }
     }
-}
-
-pub(crate) fn unexpected(answer: &Answer) -> Error {
-    let text = format!("the machine gave an answer of another kind: {answer:?}");
-    Error::Refused(Refusal::new(RefusalCode::Invalid, text))
 }

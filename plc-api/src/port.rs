@@ -11,7 +11,8 @@ use std::time::Duration;
 use crate::hub::{Filter, Subscription};
 use crate::types::BootId;
 use crate::types::message::Message;
-use crate::types::request::{Answer, Refusal, Request};
+use crate::types::refusal::{Refusal, RefusalCode};
+use crate::types::request::{Answer, Request, TypedRequest};
 use crate::types::topic::Topic;
 
 /// A boxed future, so that [`Port`] can stand behind a pointer.
@@ -28,7 +29,7 @@ pub trait Port: Send + Sync + 'static {
     /// What is said on the topics of the filter: first the value of each state topic now, then every change.
     fn subscribe(&self, filter: Filter) -> Subscription;
 
-    /// Asks for something. A refusal means that nothing has changed.
+    /// Asks for something. A refusal means that nothing has changed. [`ask`](trait.Port.html#method.ask) gives the answer its type.
     fn request(&self, request: Request) -> BoxFuture<'_, Result<Answer, Refusal>>;
 
     /// Sleeps on the port's clock, which is simulated time in a simulation.
@@ -36,4 +37,26 @@ pub trait Port: Send + Sync + 'static {
 
     /// Seconds since the start on the port's clock.
     fn now_s(&self) -> f64;
+}
+
+impl dyn Port {
+    /// Asks for something, and gives the answer that belongs to it. A refusal means that nothing has changed.
+    ///
+    /// ```
+    /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
+    /// use plc_api::types::request::typed::Handlers;
+    /// let plc = plc_api::fake::FakePort::new([1]).plc();
+    /// assert!(plc.port().ask(Handlers).await?.is_empty());
+    /// # Ok(()) }
+    /// ```
+    ///
+    /// # Errors
+    /// The refusal; `invalid` where the port answers something else than what was asked, which is a fault of the port.
+    pub async fn ask<R: TypedRequest>(&self, request: R) -> Result<R::Answer, Refusal> {
+        let answer = self.request(request.into()).await?;
+        R::Answer::try_from(answer).map_err(|other| {
+            let text = format!("the machine gave an answer of another kind: {other:?}");
+            Refusal::new(RefusalCode::Invalid, text)
+        })
+    }
 }

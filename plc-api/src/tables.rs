@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 
 use crate::coordinate_system::CoordinateSystem;
 use crate::error::Result;
-use crate::plc::{Plc, unexpected};
+use crate::plc::Plc;
 use crate::types::data::{LastRun, ToolChange, ToolData, VariableArea, WorkOffsetTable};
-use crate::types::request::{Answer, Request};
+use crate::types::request::typed::{self, Tools, WorkOffsets, WriteTools, WriteWorkOffsets};
 use crate::variables::Variables;
 
 impl Plc {
@@ -20,10 +20,7 @@ impl Plc {
     /// # Errors
     /// The machine cannot be reached, or the transport does not carry the tool table (MQTT).
     pub async fn tools(&self) -> Result<Vec<ToolData>> {
-        match self.request(Request::Tools).await? {
-            Answer::Tools(table) => Ok(table.tools),
-            other => Err(unexpected(&other)),
-        }
+        Ok(self.request(Tools).await?.tools)
     }
 
     /// Sets a tool, a new one or one that is there; the others stay. G41 to G44 that are interpreted from now on take it
@@ -53,7 +50,7 @@ impl Plc {
     /// # Errors
     /// As [`Plc::set_tool`].
     pub async fn change_tools(&self, change: ToolChange) -> Result<()> {
-        self.request(Request::WriteTools(change)).await.map(|_| ())
+        self.request(WriteTools(change)).await
     }
 }
 
@@ -69,10 +66,7 @@ impl CoordinateSystem {
     /// # Errors
     /// There is no such coordinate system, or the transport does not carry this (MQTT).
     pub async fn last_run(&self) -> Result<Option<LastRun>> {
-        match self.plc().request(Request::LastRun(self.number())).await? {
-            Answer::LastRun(last_run) => Ok(last_run),
-            other => Err(unexpected(&other)),
-        }
+        self.plc().request(typed::LastRun(self.number())).await
     }
 
     /// Work offsets `G54` to `G59`, each with its value by axis letter, mm or degrees.
@@ -80,10 +74,8 @@ impl CoordinateSystem {
     /// # Errors
     /// There is no such coordinate system, or the transport does not carry work offsets (MQTT).
     pub async fn work_offsets(&self) -> Result<BTreeMap<String, BTreeMap<String, f64>>> {
-        match self.plc().request(Request::WorkOffsets(self.number())).await? {
-            Answer::WorkOffsets(table) => Ok(table.work_offsets),
-            other => Err(unexpected(&other)),
-        }
+        let table = self.plc().request(WorkOffsets(self.number())).await?;
+        Ok(table.work_offsets)
     }
 
     /// Sets axes of a work offset, `G54` to `G59`; axes that are not named stay. It counts from the next of these codes
@@ -109,9 +101,7 @@ impl CoordinateSystem {
         let change = WorkOffsetTable {
             work_offsets: BTreeMap::from([(name.to_owned(), axes.collect())]),
         };
-        self.plc()
-            .request(Request::WriteWorkOffsets(self.number(), change))
-            .await
-            .map(|_| ())
+        let request = WriteWorkOffsets(self.number(), change);
+        self.plc().request(request).await
     }
 }

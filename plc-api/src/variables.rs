@@ -1,9 +1,10 @@
 //! P and Q variables as a sequence program sees them.
 
 use crate::error::Result;
-use crate::plc::{Plc, unexpected};
+use crate::plc::Plc;
 use crate::types::data::VariableArea;
-use crate::types::request::{Answer, Request};
+use crate::types::refusal::{Refusal, RefusalCode};
+use crate::types::request::typed::{ReadVariables, WriteVariables};
 
 /// The P variables of a machine ([`Plc::variables`]) or the Q variables of a coordinate system
 /// ([`CoordinateSystem::variables`](crate::CoordinateSystem::variables)).
@@ -39,10 +40,8 @@ impl Variables {
     /// There is no such variable or coordinate system, or the machine cannot be reached.
     pub async fn get(&self, number: u32) -> Result<f64> {
         let values = self.read(number, 1).await?;
-        values
-            .first()
-            .copied()
-            .ok_or_else(|| unexpected(&Answer::Variables(values)))
+        let none = || Refusal::new(RefusalCode::Invalid, "the machine gave no value").into();
+        values.first().copied().ok_or_else(none)
     }
 
     /// Sets one variable.
@@ -59,16 +58,13 @@ impl Variables {
     /// # Errors
     /// A variable of the range does not exist, or there are more than 1024; or the machine cannot be reached.
     pub async fn read(&self, from: u32, count: u32) -> Result<Vec<f64>> {
-        let request = Request::ReadVariables {
+        let request = ReadVariables {
             area: self.area,
             from,
             count,
             meta: None,
         };
-        match self.plc.request(request).await? {
-            Answer::Variables(values) => Ok(values),
-            other => Err(unexpected(&other)),
-        }
+        self.plc.request(request).await
     }
 
     /// Writes variables from `from` on, 1 to 1024 of them, all between two blocks of any program, or none.
@@ -77,15 +73,12 @@ impl Variables {
     /// A variable of the range does not exist, or there are more than 1024; or the machine cannot be reached. Nothing
     /// was written then, but for a connection that broke.
     pub async fn write(&self, from: u32, values: &[f64]) -> Result<()> {
-        let request = Request::WriteVariables {
+        let request = WriteVariables {
             area: self.area,
             from,
             values: values.to_vec(),
             meta: None,
         };
-        match self.plc.request(request).await? {
-            Answer::Command(_) | Answer::Done => Ok(()),
-            other => Err(unexpected(&other)),
-        }
+        self.plc.request(request).await.map(|_| ())
     }
 }

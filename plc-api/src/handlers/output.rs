@@ -11,7 +11,7 @@ use crate::error::Result;
 use crate::plc::Plc;
 use crate::types::CoordinateSystemNumber;
 use crate::types::output::{CancelReason, OutputNotice, Params, ProgressReport};
-use crate::types::request::Request;
+use crate::types::request::typed::Progress;
 
 tokio::task_local! {
     /// The output whose handler is at work.
@@ -151,7 +151,7 @@ impl AuxOutput {
             text: text.into(),
             percent: percent.into(),
         };
-        let request = Request::Progress(self.coordinate_system(), Some(self.m()), report);
+        let request = Progress(self.coordinate_system(), Some(self.m()), report);
         self.inner.plc.request(request).await.map(|_| ())
     }
 

@@ -6,8 +6,8 @@ use crate::alarm::Alarm;
 use crate::claim::{OutputId, accepted};
 use crate::error::Result;
 use crate::types::CoordinateSystemNumber;
-use crate::types::output::OutputNotice;
-use crate::types::request::Request;
+use crate::types::output::{HandshakeResult, OutputNotice};
+use crate::types::request::TypedRequest;
 
 use super::owner::Owner;
 
@@ -107,8 +107,8 @@ impl RawOutput {
         Ok(())
     }
 
-    async fn accepted(&self, request: Request) -> Result<()> {
+    async fn accepted(&self, request: impl TypedRequest<Answer = HandshakeResult>) -> Result<()> {
         let answer = self.inner.owner.plc().request(request).await?;
-        accepted(self.inner.notice.m, self.inner.notice.seq, &answer)
+        accepted(self.inner.notice.m, self.inner.notice.seq, Some(answer))
     }
 }

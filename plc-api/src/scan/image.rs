@@ -17,7 +17,8 @@ use crate::types::data::VariableArea;
 use crate::types::machine::AlarmRecord;
 use crate::types::message::{Message, Payload};
 use crate::types::output::Params;
-use crate::types::request::{Answer, Input, OverrideChange, Refusal, Request, SpindleCommand};
+use crate::types::request::typed::ReadVariables;
+use crate::types::request::{Input, OverrideChange, Refusal, SpindleCommand};
 use crate::types::state::{
     Captured, Execution, Lock, Modal, OptionalSkip, Overrides, Position, Spindle, SpindleDirection, State,
 };
@@ -395,7 +396,7 @@ impl Camera {
         let port = self.plc.port();
         let variables = self.reads.variables.iter();
         let variables = variables.map(|&(area, from, count)| {
-            port.request(Request::ReadVariables {
+            port.ask(ReadVariables {
                 area,
                 from,
                 count,
@@ -410,11 +411,10 @@ impl Camera {
         image.positions = positions.into_iter().flatten().collect();
         for (answer, &(area, from, _)) in variables.into_iter().zip(&self.reads.variables) {
             match answer {
-                Ok(Answer::Variables(values)) => {
+                Ok(values) => {
                     let numbered = (from..).map(|number| (area, number)).zip(values);
                     image.variables.extend(numbered);
                 }
-                Ok(_) => {}
                 Err(refusal) => image.refusals.push(refusal),
             }
         }

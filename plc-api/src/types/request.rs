@@ -6,32 +6,104 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::CoordinateSystemNumber;
-use super::command::{Command, CommandMeta, CommandReply};
-use super::data::{LastRun, ToolChange, ToolTable, VariableArea, WorkOffsetTable};
+use super::command::{self, CommandMeta, CommandReply};
+use super::data::{self, ToolChange, ToolTable, VariableArea, WorkOffsetTable};
 use super::lease::LeaseRequest;
 use super::machine::{AlarmRaise, AlarmRecord};
-use super::output::{Claim, HandlerPresence, HandshakeResult, ProgressReport, Redeliver, Reset};
+use super::output::{self, HandlerPresence, HandshakeResult, ProgressReport};
 use super::program::{ProgramCheck, ProgramInfo};
-use super::question::{Ask, OperatorAnswer, ValidateResult};
+use super::question::{self, OperatorAnswer};
 use super::state::{Lock, SpindleDirection};
 
 pub use super::refusal::{Refusal, RefusalCode};
 
-/// A request to a machine.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Request {
+/// A request whose answer has a type: each type of [`typed`].
+pub trait TypedRequest: Into<Request> + Send {
+    /// What the machine says to it. Of an `Option` a transport may leave it out.
+    type Answer: TryFrom<Answer, Error = Answer> + Send;
+}
+
+/// All requests: a variant of [`Request`] each, and a type of [`typed`] of the same name, with its answer.
+macro_rules! requests {
+    ($(
+        $(#[$doc:meta])*
+        $name:ident
+            $(( $($field:ident: $type:ty),* ))?
+            $({ $($(#[$field_doc:meta])* $named:ident: $named_type:ty,)* })?
+            -> $answer:ty;
+    )*) => {
+        /// A request to a machine.
+        #[derive(Debug, Clone, PartialEq)]
+        pub enum Request {$(
+            $(#[$doc])*
+            $name $(( $($type),* ))? $({ $($(#[$field_doc])* $named: $named_type,)* })?,
+        )*}
+
+        /// Requests as types: each is the [`Request`] of its name, and knows its answer.
+        pub mod typed {
+            use super::*;
+
+            $(
+                typed! {
+                    $(#[$doc])*
+                    $name $(( $($field: $type),* ))? $({ $($(#[$field_doc])* $named: $named_type,)* })?
+                }
+
+                impl TypedRequest for $name {
+                    type Answer = $answer;
+                }
+            )*
+        }
+    };
+}
+
+/// The type of one request.
+macro_rules! typed {
+    ($(#[$doc:meta])* $name:ident) => {
+        $(#[$doc])*
+        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        pub struct $name;
+
+        typed!(@into $name, $name, Request::$name);
+    };
+    ($(#[$doc:meta])* $name:ident ( $($field:ident: $type:ty),* )) => {
+        $(#[$doc])*
+        #[derive(Debug, Clone, PartialEq)]
+        pub struct $name($(pub $type),*);
+
+        typed!(@into $name, $name($($field),*), Request::$name($($field),*));
+    };
+    ($(#[$doc:meta])* $name:ident { $($(#[$field_doc:meta])* $field:ident: $type:ty,)* }) => {
+        $(#[$doc])*
+        #[derive(Debug, Clone, PartialEq)]
+        pub struct $name {
+            $($(#[$field_doc])* pub $field: $type,)*
+        }
+
+        typed!(@into $name, $name { $($field),* }, Request::$name { $($field),* });
+    };
+    (@into $name:ident, $typed:pat, $request:expr) => {
+        impl From<$name> for Request {
+            fn from($typed: $name) -> Self {
+                $request
+            }
+        }
+    };
+}
+
+requests! {
     /// A command to a coordinate system.
     Command {
         /// To whom.
         cs: CoordinateSystemNumber,
         /// What.
-        command: Command,
+        command: command::Command,
         /// From whom, and under which condition.
         meta: CommandMeta,
         /// True: answer when the effect has been reached; false: when accepted.
         wait: bool,
-    },
-    /// Takes, releases or breaks the control lease; answered by [`Answer::Command`].
+    } -> CommandReply;
+    /// Takes, releases or breaks the control lease.
     Lease {
         /// Of whom.
         cs: CoordinateSystemNumber,
@@ -39,40 +111,37 @@ pub enum Request {
         request: LeaseRequest,
         /// From whom.
         meta: CommandMeta,
-    },
-    /// How far a command is; answered by [`Answer::Command`].
-    CommandStatus(String),
+    } -> CommandReply;
+    /// How far a command is.
+    CommandStatus(id: String) -> CommandReply;
     /// A handler takes an output. `m`, where the transport names it, must be the output's.
-    Claim(CoordinateSystemNumber, Option<u16>, Claim),
+    Claim(cs: CoordinateSystemNumber, m: Option<u16>, claim: output::Claim) -> HandshakeResult;
     /// An output is answered.
-    Reset(CoordinateSystemNumber, Option<u16>, Reset),
+    Reset(cs: CoordinateSystemNumber, m: Option<u16>, reset: output::Reset) -> HandshakeResult;
     /// The owner of an output tells how far it is.
-    Progress(CoordinateSystemNumber, Option<u16>, ProgressReport),
+    Progress(cs: CoordinateSystemNumber, m: Option<u16>, report: ProgressReport) -> Option<HandshakeResult>;
     /// An operator decides about an output whose handler was lost.
-    Redeliver(CoordinateSystemNumber, Option<u16>, Redeliver),
-    /// The owner of an output asks the operator, or takes its question back; answered by [`Answer::Handshake`].
-    Ask(CoordinateSystemNumber, Option<u16>, Ask),
-    /// An operator answers; answered by [`Answer::Handshake`]: `unknown` when there is no such question or choice,
-    /// `duplicate` when it has an answer.
-    AnswerQuestion(CoordinateSystemNumber, Option<u16>, OperatorAnswer),
+    Redeliver(cs: CoordinateSystemNumber, m: Option<u16>, how: output::Redeliver) -> Option<HandshakeResult>;
+    /// The owner of an output asks the operator, or takes its question back.
+    Ask(cs: CoordinateSystemNumber, m: Option<u16>, ask: question::Ask) -> Option<HandshakeResult>;
+    /// An operator answers: `unknown` when there is no such question or choice, `duplicate` when it has an answer.
+    AnswerQuestion(cs: CoordinateSystemNumber, m: Option<u16>, answer: OperatorAnswer) -> Option<HandshakeResult>;
     /// A handler says whether an M code of a program that is being loaded may be put out with its parameters.
-    ValidateResult(CoordinateSystemNumber, Option<u16>, ValidateResult),
+    ValidateResult(cs: CoordinateSystemNumber, m: Option<u16>, result: question::ValidateResult) -> ();
     /// A handler comes, changes what it handles, or goes.
-    Handler(String, HandlerPresence),
-    /// All handlers that are or were there; answered by [`Answer::Handlers`].
-    Handlers,
+    Handler(id: String, presence: HandlerPresence) -> ();
+    /// All handlers that are or were there, by id.
+    Handlers -> BTreeMap<String, HandlerPresence>;
     /// Sets an input.
-    Input(CoordinateSystemNumber, Input),
+    Input(cs: CoordinateSystemNumber, input: crate::types::request::Input) -> ();
     /// Commands the spindle.
-    Spindle(CoordinateSystemNumber, SpindleCommand),
+    Spindle(cs: CoordinateSystemNumber, command: SpindleCommand) -> ();
     /// Tells which tool is in the spindle.
-    Tool(CoordinateSystemNumber, u16),
+    Tool(cs: CoordinateSystemNumber, id: u16) -> ();
     /// Sets the skip input of a motor, by its CNC motor number; it keeps the value. Not real time: what G31 captures is
     /// where the motor is when the servo hears of it.
-    SkipInput(u16, bool),
-    /// How punctual the servo thread is; answered by [`Answer::ServoTiming`], in simulated time refused.
-    ServoTiming,
-    /// Reads variables as they are at one moment; answered by [`Answer::Variables`].
+    SkipInput(motor: u16, value: bool) -> ();
+    /// Reads variables as they are at one moment.
     ReadVariables {
         /// Which.
         area: VariableArea,
@@ -82,7 +151,7 @@ pub enum Request {
         count: u32,
         /// Who asks, where the answer is also published on `reply/{client_id}`.
         meta: Option<CommandMeta>,
-    },
+    } -> Vec<f64>;
     /// Writes variables, all of them between two blocks of any program, or none.
     WriteVariables {
         /// Which.
@@ -94,51 +163,52 @@ pub enum Request {
         /// Who writes, where the answer is also published on `reply/{client_id}`: an id seen in the last 10 minutes
         /// gets the stored reply and writes nothing.
         meta: Option<CommandMeta>,
-    },
-    /// The tool table; answered by [`Answer::Tools`].
-    Tools,
+    } -> Option<CommandReply>;
+    /// The tool table.
+    Tools -> ToolTable;
     /// Changes the tool table. Kept on disk before it is answered.
-    WriteTools(ToolChange),
-    /// Work offsets of a coordinate system; answered by [`Answer::WorkOffsets`].
-    WorkOffsets(CoordinateSystemNumber),
+    WriteTools(change: ToolChange) -> ();
+    /// Work offsets of a coordinate system.
+    WorkOffsets(cs: CoordinateSystemNumber) -> WorkOffsetTable;
     /// Changes work offsets. Kept on disk before it is answered.
-    WriteWorkOffsets(CoordinateSystemNumber, WorkOffsetTable),
-    /// How the last run before this start of the runtime stood; answered by [`Answer::LastRun`].
-    LastRun(CoordinateSystemNumber),
-    /// The newest `count` lines of the journal, 1 to 1000, but for the `from` newest; answered by [`Answer::Journal`].
+    WriteWorkOffsets(cs: CoordinateSystemNumber, change: WorkOffsetTable) -> ();
+    /// How the last run before this start of the runtime stood; `None`: there was none.
+    LastRun(cs: CoordinateSystemNumber) -> Option<data::LastRun>;
+    /// The newest `count` lines of the journal, 1 to 1000, but for the `from` newest.
     Journal {
         /// How many of the newest are left out.
         from: u32,
         /// How many.
         count: u32,
-    },
-    /// Programs of the store; answered by [`Answer::Programs`].
-    Programs,
-    /// Text of a program; answered by [`Answer::ProgramText`].
-    ReadProgram(u16),
-    /// Writes a program, stored even with errors; answered by [`Answer::Check`].
-    WriteProgram(u16, String),
+    } -> Vec<Value>;
+    /// Programs of the store.
+    Programs -> Vec<ProgramInfo>;
+    /// Text of a program.
+    ReadProgram(number: u16) -> String;
+    /// Writes a program, stored even with errors.
+    WriteProgram(number: u16, text: String) -> ProgramCheck;
     /// Removes a program.
-    DeleteProgram(u16),
-    /// Checks a program of the store; answered by [`Answer::Check`].
-    CheckProgram(u16),
-    /// Intermediate code of a program of the store; answered by [`Answer::ProgramText`], or refused as
-    /// `program_has_errors` with the diagnostics.
-    IntermediateCode(u16),
+    DeleteProgram(number: u16) -> ();
+    /// Checks a program of the store.
+    CheckProgram(number: u16) -> ProgramCheck;
+    /// Intermediate code of a program of the store, or refused as `program_has_errors` with the diagnostics.
+    IntermediateCode(number: u16) -> String;
     /// Publishes the outputs again that nobody has claimed: a transport has reconnected, and notices may be lost.
-    Republish,
+    Republish -> ();
     /// Whether the runtime's server end for MQTT has its connection to the broker. True is taken for granted until it
     /// says otherwise.
     BusLink {
         /// It has.
         connected: bool,
-    },
+    } -> ();
     /// Raises an alarm of a coordinate system, or of all.
-    RaiseAlarm(AlarmRaise),
+    RaiseAlarm(raise: AlarmRaise) -> ();
     /// A server end refused something that an operator should know; raised as a warning. At most 500 characters.
-    Warn(String),
-    /// Alarms raised since the start, newest last, at most 1000; answered by [`Answer::Alarms`].
-    AlarmHistory,
+    Warn(text: String) -> ();
+    /// How punctual the servo thread is; in simulated time refused.
+    ServoTiming -> crate::types::request::ServoTiming;
+    /// Alarms raised since the start, newest last, at most 1000.
+    AlarmHistory -> Vec<AlarmRecord>;
 }
 
 /// An input of a coordinate system.
@@ -188,11 +258,31 @@ pub struct SpindleCommand {
     pub rpm: f64,
 }
 
-/// How a machine answers a request that it carries out.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Answer {
-    /// Done, and there is nothing to say.
-    Done,
+/// How a machine answers requests: one variant for each type of answer.
+macro_rules! answers {
+    ($($(#[$doc:meta])* $name:ident($type:ty),)*) => {
+        /// How a machine answers a request that it carries out.
+        #[derive(Debug, Clone, PartialEq)]
+        pub enum Answer {
+            /// Done, and there is nothing to say.
+            Done,
+            $($(#[$doc])* $name($type),)*
+        }
+
+        $(impl TryFrom<Answer> for $type {
+            type Error = Answer;
+
+            fn try_from(answer: Answer) -> Result<Self, Answer> {
+                match answer {
+                    Answer::$name(said) => Ok(said),
+                    other => Err(other),
+                }
+            }
+        })*
+    };
+}
+
+answers! {
     /// Of a command.
     Command(CommandReply),
     /// Of a claim or reset.
@@ -204,7 +294,7 @@ pub enum Answer {
     /// Work offsets.
     WorkOffsets(WorkOffsetTable),
     /// How the last run stood; `None`: there was none.
-    LastRun(Option<LastRun>),
+    LastRun(Option<data::LastRun>),
     /// Lines of the journal, in the order of time: JSON objects with `ts`, `t_s` (seconds since the start of the
     /// runtime), `cs`, `event`, and what belongs to the event.
     Journal(Vec<Value>),
@@ -221,6 +311,35 @@ pub enum Answer {
     /// Of the servo thread.
     ServoTiming(ServoTiming),
 }
+
+impl TryFrom<Answer> for () {
+    type Error = Answer;
+
+    fn try_from(answer: Answer) -> Result<Self, Answer> {
+        match answer {
+            Answer::Done => Ok(()),
+            other => Err(other),
+        }
+    }
+}
+
+/// Answers that a transport may leave out.
+macro_rules! optional {
+    ($($type:ty),*) => {$(
+        impl TryFrom<Answer> for Option<$type> {
+            type Error = Answer;
+
+            fn try_from(answer: Answer) -> Result<Self, Answer> {
+                match answer {
+                    Answer::Done => Ok(None),
+                    other => other.try_into().map(Some),
+                }
+            }
+        }
+    )*};
+}
+
+optional!(CommandReply, HandshakeResult);
 
 /// How punctual the servo thread has been since its start.
 #[derive(Debug, Clone, PartialEq, Default)]

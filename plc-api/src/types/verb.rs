@@ -7,29 +7,29 @@ use serde::{Deserialize, Serialize};
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "snake_case")]
 pub enum Verb {
-    /// See [`Command::Load`](crate::types::command::Command::Load).
+    /// Takes a program of the store.
     Load,
-    /// See [`Command::Start`](crate::types::command::Command::Start).
+    /// From the head, as a new run.
     Start,
-    /// See [`Command::Hold`](crate::types::command::Command::Hold).
+    /// Feed hold.
     Hold,
-    /// See [`Command::Resume`](crate::types::command::Command::Resume).
+    /// Goes on after a pause.
     Resume,
-    /// See [`Command::BackTrace`](crate::types::command::Command::BackTrace).
+    /// Back along the passed path, in a feed hold with G500; or forward again.
     BackTrace,
-    /// See [`Command::Stop`](crate::types::command::Command::Stop).
+    /// Decelerates on the path and ends the run.
     Stop,
-    /// See [`Command::Abort`](crate::types::command::Command::Abort).
+    /// Each motor brakes at once; ends the run.
     Abort,
-    /// See [`Command::Reset`](crate::types::command::Command::Reset).
+    /// Cancels outputs, ends the run, clears alarms.
     Reset,
-    /// See [`Command::AlarmAcknowledge`](crate::types::command::Command::AlarmAcknowledge).
+    /// Acknowledges an alarm.
     AlarmAcknowledge,
-    /// See [`Command::Mdi`](crate::types::command::Command::Mdi).
+    /// Manual data input: runs lines of NC text, then READY.
     Mdi,
-    /// See [`Command::Jog`](crate::types::command::Command::Jog).
+    /// Moves one axis by hand, then READY.
     Jog,
-    /// See [`Command::Home`](crate::types::command::Command::Home).
+    /// Moves axes to their first reference points, each motor alone as G28 does, then READY.
     Home,
 }
 

@@ -4,7 +4,7 @@ use plc_api::fake::FakePort;
 use plc_api::handshake::Closed;
 use plc_api::types::output::HandshakeStatus;
 use plc_api::types::question::{Ask, OperatorAnswer};
-use plc_api::types::request::{Answer, RefusalCode, Request};
+use plc_api::types::request::{RefusalCode, typed};
 use plc_api::{Alarm, AuxOutput, CancelReason, Error, Params, Plc, SequenceProgram};
 
 use crate::{ms, serve};
@@ -107,19 +107,16 @@ async fn a_lost_handler_asks_no_more_and_only_the_owner_asks() {
         text: "Really?".into(),
         choices: vec!["yes".into()],
     };
-    let status = async |request| match fake.plc().port().request(request).await.unwrap() {
-        Answer::Handshake(result) => result.status,
-        other => panic!("{other:?}"),
-    };
+    let status = async |request: typed::Ask| fake.plc().port().ask(request).await.unwrap().unwrap().status;
     assert_eq!(
-        status(Request::Ask(1, Some(80), ask("other"))).await,
+        status(typed::Ask(1, Some(80), ask("other"))).await,
         HandshakeStatus::NotOwner
     );
     task.abort();
     fake.settle().await;
     assert!(fake.pending(1)[0].lost && fake.pending(1)[0].question.is_none());
     assert_eq!(
-        status(Request::Ask(1, Some(80), ask("h"))).await,
+        status(typed::Ask(1, Some(80), ask("h"))).await,
         HandshakeStatus::NotOwner
     );
 }
@@ -164,15 +161,8 @@ async fn an_answer_counts_once_and_names_question_and_choice() {
             choice: choice.into(),
             client_id: None,
         };
-        match plc
-            .port()
-            .request(Request::AnswerQuestion(1, None, answer))
-            .await
-            .unwrap()
-        {
-            Answer::Handshake(result) => result.status,
-            other => panic!("{other:?}"),
-        }
+        let answered = plc.port().ask(typed::AnswerQuestion(1, None, answer)).await;
+        answered.unwrap().unwrap().status
     };
     let id = asked.question.id.as_str();
     assert_eq!(answer(id, "no").await, HandshakeStatus::Unknown);

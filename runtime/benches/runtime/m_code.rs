@@ -33,7 +33,7 @@ use std::time::{Duration, SystemTime};
 use plc_api::hub::{Filter, Subscription};
 use plc_api::types::message::Payload;
 use plc_api::types::output::HandshakeStatus;
-use plc_api::types::request::{Answer, Request};
+use plc_api::types::request::typed::{Handlers, WriteProgram};
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::{Alarm, AuxOutput, Execution, Plc, SequenceProgram};
 
@@ -91,7 +91,7 @@ async fn measure(plc: &Plc, handlers: Plc) -> anyhow::Result<()> {
     });
     until_served(plc).await?;
     let text = "M100 VA1\n".repeat(WARM_UP + OUTPUTS) + "M30\n";
-    plc.port().request(Request::WriteProgram(1, text)).await?;
+    plc.port().ask(WriteProgram(1, text)).await?;
     let topics = [CsTopic::Output(100), CsTopic::Result(100)].map(|topic| Topic::cs(1, topic));
     let cs = plc.coordinate_system(1);
     cs.load(1).await?;
@@ -116,9 +116,7 @@ async fn measure(plc: &Plc, handlers: Plc) -> anyhow::Result<()> {
 /// Waits until the machine knows the handler `bench`.
 pub async fn until_served(plc: &Plc) -> anyhow::Result<()> {
     loop {
-        let Answer::Handlers(handlers) = plc.port().request(Request::Handlers).await? else {
-            anyhow::bail!("no list of handlers");
-        };
+        let handlers = plc.port().ask(Handlers).await?;
         if handlers.get("bench").is_some_and(|handler| handler.online) {
             return Ok(());
         }

@@ -11,7 +11,7 @@
 use std::fmt::Write;
 use std::time::{Duration, Instant};
 
-use plc_api::types::request::{Answer, Request, ServoTiming};
+use plc_api::types::request::{ServoTiming, typed};
 use plc_api::{Execution, Plc, SequenceProgram};
 
 use crate::m_code::{at_once, until_served};
@@ -51,7 +51,7 @@ pub async fn run() -> anyhow::Result<()> {
     });
     until_served(&plc).await?;
     let text = format!("M100 VA1\nG04 P{DWELL_MS}\n").repeat(M_CODES_PER_S.try_into()?) + "M30\n";
-    plc.port().request(Request::WriteProgram(1, text)).await?;
+    plc.port().ask(typed::WriteProgram(1, text)).await?;
     for cs in 1..=COORDINATE_SYSTEMS {
         plc.coordinate_system(cs).load(1).await?;
     }
@@ -123,10 +123,7 @@ fn cycles(timing: &ServoTiming) -> u64 {
 }
 
 async fn timing(plc: &Plc) -> anyhow::Result<ServoTiming> {
-    match plc.port().request(Request::ServoTiming).await? {
-        Answer::ServoTiming(timing) => Ok(timing),
-        other => anyhow::bail!("not the timing of the servo: {other:?}"),
-    }
+    Ok(plc.port().ask(typed::ServoTiming).await?)
 }
 
 /// Eight coordinate systems of one axis.

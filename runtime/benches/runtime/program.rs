@@ -18,7 +18,7 @@ use std::time::{Duration, Instant};
 
 use plc_api::Plc;
 use plc_api::types::message::Payload;
-use plc_api::types::request::Request;
+use plc_api::types::request::typed::WriteProgram;
 use plc_api::types::topic::{CsTopic, Topic};
 
 use crate::machine::Machine;
@@ -46,7 +46,7 @@ async fn measure(plc: &Plc, blocks: usize) -> anyhow::Result<()> {
     for _ in 0..ROUNDS {
         let program = text.clone();
         let begin = Instant::now();
-        plc.port().request(Request::WriteProgram(1, program)).await?;
+        plc.port().ask(WriteProgram(1, program)).await?;
         let written = Instant::now();
         cs.load(1).await?;
         let loaded = Instant::now();

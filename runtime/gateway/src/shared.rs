@@ -8,7 +8,7 @@ use std::time::Duration;
 use plc_api::port::Port;
 use plc_api::types::machine::Birth;
 use plc_api::types::message::{Message, Payload};
-use plc_api::types::request::{Answer, Request};
+use plc_api::types::request::TypedRequest;
 use plc_api::types::topic::Topic;
 use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
@@ -89,8 +89,9 @@ impl Shared {
     }
 
     /// Asks the machine.
-    pub(crate) async fn ask(&self, request: Request) -> Result<Answer, Problem> {
-        self.port.request(request).await.map_err(Problem::from)
+    pub(crate) async fn ask<R: TypedRequest>(&self, request: R) -> Result<R::Answer, Problem> {
+        let answer = self.port.request(request.into()).await?;
+        R::Answer::try_from(answer).map_err(|_| unexpected())
     }
 }
 

@@ -1,10 +1,10 @@
 //! What the port promises, over the demo machine in simulated time.
 
 use plc_api::types::Timestamp;
-use plc_api::types::command::{CommandStatus, Expect, Verb};
+use plc_api::types::command::{CommandReply, CommandStatus, Expect, Verb};
 use plc_api::types::output::HandledCode;
 use plc_api::types::question::ValidateResult;
-use plc_api::types::request::Input;
+use plc_api::types::request::{Input, typed};
 use plc_api::types::state::{Lock, ProgramPlace};
 
 use super::*;
@@ -12,13 +12,13 @@ use crate::journal::Journal;
 use crate::simulation::{self, SimulationOptions};
 use crate::{Config, Runtime};
 
-fn start(command_id: &str) -> Request {
+fn start(command_id: &str) -> typed::Command {
     let meta = CommandMeta {
         command_id: command_id.into(),
         client_id: "test".into(),
         ..CommandMeta::default()
     };
-    Request::Command {
+    typed::Command {
         cs: 1,
         command: Command::Start,
         meta,
@@ -34,11 +34,9 @@ fn with_machine<T>(test: impl AsyncFnOnce(Arc<dyn Port>) -> T) -> T {
         let runtime = Runtime::start_simulated(machine, Journal::to_log(), options).unwrap();
         runtime.store().write(50, "G04 X1000\nM30\n").unwrap();
         let port = runtime.port();
-        let Request::Command { meta, .. } = start("load") else {
-            unreachable!()
-        };
+        let typed::Command { meta, .. } = start("load");
         let command = Command::Load { program: 50 };
-        port.request(Request::Command {
+        port.ask(typed::Command {
             cs: 1,
             command,
             meta,
@@ -51,17 +49,14 @@ fn with_machine<T>(test: impl AsyncFnOnce(Arc<dyn Port>) -> T) -> T {
     .unwrap()
 }
 
-fn status(answer: &Result<Answer, Refusal>) -> Option<CommandStatus> {
-    match answer {
-        Ok(Answer::Command(reply)) => Some(reply.status),
-        _ => None,
-    }
+fn status(answer: &Result<CommandReply, Refusal>) -> Option<CommandStatus> {
+    answer.as_ref().ok().map(|reply| reply.status)
 }
 
 #[test]
 fn a_command_that_comes_twice_at_once_is_carried_out_once() {
     with_machine(async |port| {
-        let both = futures_util::future::join(port.request(start("s1")), port.request(start("s1")));
+        let both = futures_util::future::join(port.ask(start("s1")), port.ask(start("s1")));
         let (first, second) = both.await;
         assert_eq!(status(&first), Some(CommandStatus::Accepted));
         assert!(
@@ -71,13 +66,13 @@ fn a_command_that_comes_twice_at_once_is_carried_out_once() {
             ),
             "{second:?}"
         );
-        let other = port.request(start("s2")).await;
+        let other = port.ask(start("s2")).await;
         assert_eq!(other.unwrap_err().code, RefusalCode::NotAllowed);
     });
 }
 
-fn command(command: Command, command_id: &str, client_id: &str) -> Request {
-    Request::Command {
+fn command(command: Command, command_id: &str, client_id: &str) -> typed::Command {
+    typed::Command {
         cs: 1,
         command,
         meta: CommandMeta {
@@ -92,10 +87,10 @@ fn command(command: Command, command_id: &str, client_id: &str) -> Request {
 #[test]
 fn an_id_of_another_command_is_refused_and_keeps_its_reply() {
     with_machine(async |port| {
-        port.request(start("1")).await.unwrap();
+        port.ask(start("1")).await.unwrap();
         let mut replies = port.subscribe(Filter::Topics(vec![Topic::Reply("hmi".into())]));
         for other in [Command::Reset, Command::Load { program: 50 }] {
-            let refusal = port.request(command(other, "1", "hmi")).await.unwrap_err();
+            let refusal = port.ask(command(other, "1", "hmi")).await.unwrap_err();
             assert_eq!(refusal.code, RefusalCode::CommandIdReused);
             assert!(
                 refusal.text.contains("start of coordinate system 1"),
@@ -108,7 +103,7 @@ fn an_id_of_another_command_is_refused_and_keeps_its_reply() {
                 "{said:?}"
             );
         }
-        let known = port.request(Request::CommandStatus("1".into())).await;
+        let known = port.ask(typed::CommandStatus("1".into())).await;
         assert_eq!(status(&known), Some(CommandStatus::Done));
     });
 }
@@ -132,14 +127,12 @@ fn what_was_commanded_before_a_stop_or_abort_does_not_move_behind_it() {
                 handles: vec![HandledCode { cs: 1, m: 60 }],
                 validates: true,
             };
-            port.request(Request::Handler("silent".into(), silent))
-                .await
-                .unwrap();
+            port.ask(typed::Handler("silent".into(), silent)).await.unwrap();
             let text = "M60 VA1\nM30\n".to_owned();
-            port.request(Request::WriteProgram(60, text)).await.unwrap();
+            port.ask(typed::WriteProgram(60, text)).await.unwrap();
             let stopped = async {
                 port.sleep(Duration::from_millis(500)).await;
-                let stopped = port.request(command(passing.clone(), "4", "hmi")).await;
+                let stopped = port.ask(command(passing.clone(), "4", "hmi")).await;
                 let later = command(
                     Command::Mdi {
                         text: "G04 X1".into(),
@@ -147,12 +140,12 @@ fn what_was_commanded_before_a_stop_or_abort_does_not_move_behind_it() {
                     "5",
                     "hmi",
                 );
-                (stopped, port.request(later).await)
+                (stopped, port.ask(later).await)
             };
             let (load, start, home, (stopped, later)) = futures_util::join!(
-                port.request(command(Command::Load { program: 60 }, "1", "hmi")),
-                port.request(command(Command::Start, "2", "hmi")),
-                port.request(command(Command::Home { axes: Vec::new() }, "3", "hmi")),
+                port.ask(command(Command::Load { program: 60 }, "1", "hmi")),
+                port.ask(command(Command::Start, "2", "hmi")),
+                port.ask(command(Command::Home { axes: Vec::new() }, "3", "hmi")),
                 stopped,
             );
             for done in [load, stopped, later] {
@@ -175,10 +168,10 @@ fn a_refusal_that_comes_from_a_lock_says_the_state_and_what_it_leaves_allowed() 
             value: true,
             text: "the door is open".into(),
         };
-        port.request(Request::Input(1, Input::Interlock(interlock)))
+        port.ask(typed::Input(1, Input::Interlock(interlock)))
             .await
             .unwrap();
-        let refusal = port.request(start("1")).await.unwrap_err();
+        let refusal = port.ask(start("1")).await.unwrap_err();
         assert_eq!(refusal.code, RefusalCode::StartLocked);
         assert_eq!(refusal.state, Some(Execution::Ready));
         let moving: Vec<_> = refusal.allowed.iter().filter(|verb| verb.moves()).collect();
@@ -191,21 +184,21 @@ fn a_refusal_that_comes_from_a_lock_says_the_state_and_what_it_leaves_allowed() 
 fn hold_and_stop_are_carried_out_whatever_their_id_was_used_for() {
     with_machine(async |port| {
         let execution = || execution(&port);
-        port.request(start("1")).await.unwrap();
-        port.request(command(Command::Hold, "1", "test")).await.unwrap();
+        port.ask(start("1")).await.unwrap();
+        port.ask(command(Command::Hold, "1", "test")).await.unwrap();
         assert_eq!(execution().await, Execution::FeedHold);
-        port.request(command(Command::Resume, "2", "test")).await.unwrap();
+        port.ask(command(Command::Resume, "2", "test")).await.unwrap();
         // another client's first command
-        port.request(command(Command::Hold, "1", "hmi")).await.unwrap();
+        port.ask(command(Command::Hold, "1", "hmi")).await.unwrap();
         assert_eq!(execution().await, Execution::FeedHold);
-        port.request(command(Command::Stop, "1", "hmi")).await.unwrap();
+        port.ask(command(Command::Stop, "1", "hmi")).await.unwrap();
         assert_eq!(execution().await, Execution::Stopped);
         // the same once more is the same command, and not carried out again
-        port.request(command(Command::Load { program: 50 }, "3", "hmi"))
+        port.ask(command(Command::Load { program: 50 }, "3", "hmi"))
             .await
             .unwrap();
-        port.request(start("4")).await.unwrap();
-        port.request(command(Command::Stop, "1", "hmi")).await.unwrap();
+        port.ask(start("4")).await.unwrap();
+        port.ask(command(Command::Stop, "1", "hmi")).await.unwrap();
         assert_eq!(execution().await, Execution::Active);
     });
 }
@@ -213,36 +206,32 @@ fn hold_and_stop_are_carried_out_whatever_their_id_was_used_for() {
 #[test]
 fn a_command_past_its_ttl_or_for_another_boot_is_refused_and_the_reply_is_published() {
     with_machine(async |port| {
-        let Request::Command { mut meta, .. } = start("old") else {
-            unreachable!()
-        };
+        let typed::Command { mut meta, .. } = start("old");
         (meta.ttl_ms, meta.issued_at) = (Some(500), Some(Timestamp("1999-12-31T23:59:59Z".into())));
         let mut replies = port.subscribe(Filter::Topics(vec![Topic::Reply("test".into())]));
         let command = Command::Start;
-        let late = Request::Command {
+        let late = typed::Command {
             cs: 1,
             command: command.clone(),
             meta,
             wait: false,
         };
-        assert_eq!(port.request(late).await.unwrap_err().code, RefusalCode::Expired);
+        assert_eq!(port.ask(late).await.unwrap_err().code, RefusalCode::Expired);
         let said = replies.try_next().map(|message| message.payload.clone());
         assert!(matches!(said, Some(Payload::Reply(reply)) if reply.status == CommandStatus::Rejected));
-        let Request::Command { mut meta, .. } = start("elsewhere") else {
-            unreachable!()
-        };
+        let typed::Command { mut meta, .. } = start("elsewhere");
         meta.expect = Some(Expect {
             boot_id: Some(BootId("another".into())),
             state_rev: None,
         });
-        let other = Request::Command {
+        let other = typed::Command {
             cs: 1,
             command,
             meta,
             wait: false,
         };
         assert_eq!(
-            port.request(other).await.unwrap_err().code,
+            port.ask(other).await.unwrap_err().code,
             RefusalCode::PreconditionFailed
         );
     });
@@ -252,12 +241,12 @@ fn a_command_past_its_ttl_or_for_another_boot_is_refused_and_the_reply_is_publis
 fn a_skip_input_needs_a_motor_of_an_axis_and_simulated_time_has_no_servo_thread() {
     with_machine(async |port| {
         // motor 4 of the demo is the spindle
-        assert_eq!(port.request(Request::SkipInput(3, true)).await, Ok(Answer::Done));
+        assert_eq!(port.ask(typed::SkipInput(3, true)).await, Ok(()));
         for motor in [4, 77] {
-            let refusal = port.request(Request::SkipInput(motor, true)).await.unwrap_err();
+            let refusal = port.ask(typed::SkipInput(motor, true)).await.unwrap_err();
             assert_eq!(refusal.code, RefusalCode::NotFound, "{}", refusal.text);
         }
-        let refusal = port.request(Request::ServoTiming).await.unwrap_err();
+        let refusal = port.ask(typed::ServoTiming).await.unwrap_err();
         assert_eq!(refusal.code, RefusalCode::NotSupported);
     });
 }
@@ -265,14 +254,10 @@ fn a_skip_input_needs_a_motor_of_an_axis_and_simulated_time_has_no_servo_thread(
 #[test]
 fn a_program_cannot_be_written_while_it_runs() {
     with_machine(async |port| {
-        port.request(start("s1")).await.unwrap();
-        let write = port.request(Request::WriteProgram(50, "M30\n".into())).await;
+        port.ask(start("s1")).await.unwrap();
+        let write = port.ask(typed::WriteProgram(50, "M30\n".into())).await;
         assert_eq!(write.unwrap_err().code, RefusalCode::ProgramRuns);
-        assert!(
-            port.request(Request::WriteProgram(51, "M30\n".into()))
-                .await
-                .is_ok()
-        );
+        assert!(port.ask(typed::WriteProgram(51, "M30\n".into())).await.is_ok());
     });
 }
 
@@ -294,8 +279,8 @@ async fn answer_validation(
         ok,
         text: None,
     };
-    let answer = port.request(Request::ValidateResult(1, Some(60), result)).await;
-    assert_eq!(answer, Ok(Answer::Done));
+    let answer = port.ask(typed::ValidateResult(1, Some(60), result)).await;
+    assert_eq!(answer, Ok(()));
 }
 
 #[test]
@@ -306,17 +291,15 @@ fn handlers_are_asked_again_for_a_program_that_was_written_anew_since_it_was_loa
             handles: vec![HandledCode { cs: 1, m: 60 }],
             validates: true,
         };
-        port.request(Request::Handler("picky".into(), picky))
-            .await
-            .unwrap();
+        port.ask(typed::Handler("picky".into(), picky)).await.unwrap();
         let write = |force: u32| {
             let text = format!("M98 P1061\nM60 VA{force}\nM30\n");
-            port.request(Request::WriteProgram(60, text))
+            port.ask(typed::WriteProgram(60, text))
         };
         write(1).await.unwrap();
-        let called = || port.request(Request::WriteProgram(1061, "M99\n".to_owned()));
+        let called = || port.ask(typed::WriteProgram(1061, "M99\n".to_owned()));
         called().await.unwrap();
-        let load = || port.request(command(Command::Load { program: 60 }, "0", "hmi"));
+        let load = || port.ask(command(Command::Load { program: 60 }, "0", "hmi"));
         let topic = Topic::cs(1, CsTopic::Validate(60));
         let mut asked = port.subscribe(Filter::Topics(vec![topic]));
         // written anew while the load waits for the answer: asked again for what would run
@@ -332,22 +315,22 @@ fn handlers_are_asked_again_for_a_program_that_was_written_anew_since_it_was_loa
 
         write(9).await.unwrap();
         let (refused, ()) = futures_util::join!(
-            port.request(start("1")),
+            port.ask(start("1")),
             answer_validation(&port, &mut asked, false, async || {})
         );
         assert_eq!(refused.unwrap_err().code, RefusalCode::ProgramHasErrors);
         assert_eq!(execution(&port).await, Execution::Ready);
         called().await.unwrap();
         let (started, ()) = futures_util::join!(
-            port.request(start("2")),
+            port.ask(start("2")),
             answer_validation(&port, &mut asked, true, async || {})
         );
         assert_eq!(status(&started), Some(CommandStatus::Accepted));
-        port.request(command(Command::Stop, "3", "hmi")).await.unwrap();
-        port.request(command(Command::Reset, "4", "hmi")).await.unwrap();
+        port.ask(command(Command::Stop, "3", "hmi")).await.unwrap();
+        port.ask(command(Command::Reset, "4", "hmi")).await.unwrap();
         // nobody has written since: nobody is asked, and nothing waits
         let begun_s = port.now_s();
-        port.request(start("5")).await.unwrap();
+        port.ask(start("5")).await.unwrap();
         assert!(port.now_s() - begun_s < 0.01);
     });
 }
@@ -367,17 +350,15 @@ fn the_program_place_is_the_head_of_what_is_loaded_after_a_load_and_a_reset() {
             ..ProgramPlace::default()
         };
         assert_eq!(place().await, head(50));
-        port.request(start("1")).await.unwrap();
+        port.ask(start("1")).await.unwrap();
         port.sleep(Duration::from_secs(1)).await;
         assert_eq!(place().await.line, 1);
-        port.request(command(Command::Stop, "2", "hmi")).await.unwrap();
+        port.ask(command(Command::Stop, "2", "hmi")).await.unwrap();
         assert_eq!(place().await.line, 1, "where it was stopped");
-        port.request(command(Command::Reset, "3", "hmi")).await.unwrap();
+        port.ask(command(Command::Reset, "3", "hmi")).await.unwrap();
         assert_eq!(place().await, head(50));
-        port.request(Request::WriteProgram(61, "M30\n".into()))
-            .await
-            .unwrap();
-        port.request(command(Command::Load { program: 61 }, "4", "hmi"))
+        port.ask(typed::WriteProgram(61, "M30\n".into())).await.unwrap();
+        port.ask(command(Command::Load { program: 61 }, "4", "hmi"))
             .await
             .unwrap();
         assert_eq!(place().await, head(61));
@@ -388,7 +369,7 @@ fn the_program_place_is_the_head_of_what_is_loaded_after_a_load_and_a_reset() {
 fn an_alarm_that_stands_is_not_raised_again_and_the_oldest_24_stand() {
     with_machine(async |port| {
         let raise = |code: u16| {
-            port.request(Request::RaiseAlarm(AlarmRaise {
+            port.ask(typed::RaiseAlarm(AlarmRaise {
                 cs: Some(1),
                 code,
                 text: format!("number {code}"),
@@ -404,9 +385,7 @@ fn an_alarm_that_stands_is_not_raised_again_and_the_oldest_24_stand() {
         };
         let numbers: Vec<_> = active.alarms.iter().map(|alarm| alarm.number).collect();
         assert_eq!(numbers, (10_000..10_024).collect::<Vec<_>>());
-        let Ok(Answer::Alarms(history)) = port.request(Request::AlarmHistory).await else {
-            panic!("there is a history");
-        };
+        let history = port.ask(typed::AlarmHistory).await.unwrap();
         let last = history.iter().map(|alarm| alarm.number).max();
         assert_eq!(last, Some(10_029));
         // another coordinate system's stand all the same
@@ -415,7 +394,7 @@ fn an_alarm_that_stands_is_not_raised_again_and_the_oldest_24_stand() {
             code: 1,
             text: "other".into(),
         };
-        port.request(Request::RaiseAlarm(other)).await.unwrap();
+        port.ask(typed::RaiseAlarm(other)).await.unwrap();
         let state = port.read(&Topic::cs(2, CsTopic::State)).await.unwrap();
         assert!(matches!(&state.payload, Payload::State(state) if state.alarm_count == 1));
     });

@@ -10,7 +10,7 @@ use plc_api::hub::{Filter, Subscription};
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::output::OutputNotice;
-use plc_api::types::request::{Answer, Request};
+use plc_api::types::request::typed::WriteProgram;
 use plc_api::types::state::State;
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::{Alarm, CoordinateSystem, Error, Execution, Params, Plc, SequenceProgram};
@@ -201,16 +201,8 @@ async fn load(
     jobs: &[(CoordinateSystemNumber, u16)],
 ) -> Result<(), TestError> {
     for (number, text) in programs {
-        let check = scene
-            .plc
-            .port()
-            .request(Request::WriteProgram(number, text))
-            .await;
-        if !matches!(check, Ok(Answer::Check(_))) {
-            return Err(TestError::new(format!(
-                "program {number} was not taken: {check:?}"
-            )));
-        }
+        let check = scene.plc.port().ask(WriteProgram(number, text)).await;
+        check.map_err(|refusal| TestError::new(format!("program {number} was not taken: {refusal:?}")))?;
     }
     for (cs, program) in jobs {
         let loaded = scene.cs(*cs).load(*program).await;

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use plc_api::types::command::{Command, CommandMeta};
 use plc_api::types::output::{OutputState, PendingOutput};
-use plc_api::types::request::{Answer, Request};
+use plc_api::types::request::typed;
 use plc_api::types::state::Reason;
 use plc_api::{Alarm, AuxOutput, CancelReason, Cancellation, Execution, Plc, SequenceProgram};
 
@@ -228,16 +228,13 @@ fn m_codes_that_nobody_handles_are_listed_when_the_program_is_loaded() {
                 client_id: "panel".to_owned(),
                 ..CommandMeta::default()
             };
-            let load = Request::Command {
+            let load = typed::Command {
                 cs: 1,
                 command: Command::Load { program: 50 },
                 meta,
                 wait: true,
             };
-            match rig.plc.port().request(load).await.unwrap() {
-                Answer::Command(reply) => reply.text,
-                other => panic!("{other:?}"),
-            }
+            rig.plc.port().ask(load).await.unwrap().text
         };
         // M05 is the stock program's, and M00 and M30 are the runtime's own.
         rig.load("M05\nM00\nM21\nM22 VA1\nM20\nM30\n").await;

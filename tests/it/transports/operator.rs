@@ -2,7 +2,8 @@
 
 use std::time::{Duration, Instant};
 
-use plc_api::types::request::{Answer, RefusalCode, Request};
+use plc_api::types::request::RefusalCode;
+use plc_api::types::request::typed::Handlers;
 use plc_api::{Alarm, AuxOutput, Error, Execution, Params, SequenceProgram};
 
 use super::{Reached, in_process, over_mosquitto, over_rest, over_the_embedded_broker};
@@ -38,9 +39,7 @@ async fn asked_and_validated(reached: &Reached) {
         .handler_id("asks");
     let handlers = tokio::spawn(async move { program.run(&serving).await });
     until("the handler is known", async || {
-        let Ok(Answer::Handlers(known)) = plc.port().request(Request::Handlers).await else {
-            return None;
-        };
+        let known = plc.port().ask(Handlers).await.ok()?;
         known
             .get("asks")
             .filter(|handler| handler.online && handler.validates)

@@ -5,13 +5,13 @@ use std::time::Duration;
 
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
-use axum::response::{IntoResponse, Response};
+use axum::response::Response;
 use axum::routing::{get, post};
 use axum::{Extension, Router};
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::command::{Command, CommandMeta, CommandReply, CommandStatus, Expect};
 use plc_api::types::message::Payload;
-use plc_api::types::request::{Answer, Request};
+use plc_api::types::request::typed;
 use plc_api::types::topic::Topic;
 use serde::Deserialize;
 use serde_json::{Value, json};
@@ -81,7 +81,7 @@ async fn carry_out(
     wait: bool,
 ) -> Result<Response, Problem> {
     let command_id = meta.command_id.clone();
-    let request = Request::Command {
+    let request = typed::Command {
         cs,
         command,
         meta,
@@ -111,10 +111,7 @@ async fn carry_out(
     } else {
         asking.await
     };
-    match answer.map_err(|_| unexpected())?? {
-        Answer::Command(reply) => reply_response(&reply, wait),
-        _ => Err(unexpected()),
-    }
+    reply_response(&answer.map_err(|_| unexpected())??, wait)
 }
 
 fn reply_response(reply: &CommandReply, wait: bool) -> Result<Response, Problem> {
@@ -229,10 +226,8 @@ async fn acknowledge(
 }
 
 async fn status(State(shared): State<Arc<Shared>>, InPath(id): InPath<String>) -> Result<Response, Problem> {
-    match shared.ask(Request::CommandStatus(id)).await? {
-        Answer::Command(reply) => Ok(json_response(&json!(reply)).into_response()),
-        _ => Err(unexpected()),
-    }
+    let reply = shared.ask(typed::CommandStatus(id)).await?;
+    Ok(json_response(&json!(reply)))
 }
 
 #[cfg(test)]

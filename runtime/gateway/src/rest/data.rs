@@ -9,14 +9,16 @@ use axum::response::Response;
 use axum::routing::get;
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::data::{Number, ToolChange, VariableArea, VariableValues, WorkOffsetTable};
-use plc_api::types::request::{Answer, Request};
+use plc_api::types::request::typed::{
+    self, Journal, ReadVariables, WorkOffsets, WriteTools, WriteVariables, WriteWorkOffsets,
+};
 use serde::Deserialize;
 use serde_json::json;
 
 use super::extract::{InPath, InQuery, JsonBody};
 use super::states::json_response;
 use crate::problem::Problem;
-use crate::shared::{Shared, unexpected};
+use crate::shared::Shared;
 
 pub(super) fn routes() -> Router<Arc<Shared>> {
     Router::new()
@@ -77,19 +79,15 @@ async fn write_q(
 }
 
 async fn read(shared: &Shared, area: VariableArea, range: &Range) -> Answered<Response> {
-    let request = Request::ReadVariables {
+    let request = ReadVariables {
         area,
         from: range.from,
         count: range.count.unwrap_or(1),
         meta: None,
     };
-    match shared.ask(request).await? {
-        Answer::Variables(values) => {
-            let values = VariableValues::new(area.kind(), range.from, values);
-            Ok(json_response(&json!(values)))
-        }
-        _ => Err(unexpected()),
-    }
+    let values = shared.ask(request).await?;
+    let values = VariableValues::new(area.kind(), range.from, values);
+    Ok(json_response(&json!(values)))
 }
 
 async fn write(shared: &Shared, area: VariableArea, range: &Range, body: Values) -> Answered<StatusCode> {
@@ -97,7 +95,7 @@ async fn write(shared: &Shared, area: VariableArea, range: &Range, body: Values)
         let text = format!("count={count}, and the body has {} values", body.values.len());
         return Err(Problem::invalid(text));
     }
-    let request = Request::WriteVariables {
+    let request = WriteVariables {
         area,
         from: range.from,
         values: body.values.into_iter().map(|number| number.0).collect(),
@@ -108,17 +106,14 @@ async fn write(shared: &Shared, area: VariableArea, range: &Range, body: Values)
 }
 
 async fn tools(State(shared): State<Arc<Shared>>) -> Answered<Response> {
-    match shared.ask(Request::Tools).await? {
-        Answer::Tools(table) => Ok(json_response(&json!(table))),
-        _ => Err(unexpected()),
-    }
+    Ok(json_response(&json!(shared.ask(typed::Tools).await?)))
 }
 
 async fn write_tools(
     State(shared): State<Arc<Shared>>,
     JsonBody(change): JsonBody<ToolChange>,
 ) -> Answered<StatusCode> {
-    shared.ask(Request::WriteTools(change)).await?;
+    shared.ask(WriteTools(change)).await?;
     Ok(StatusCode::NO_CONTENT)
 }
 
@@ -127,10 +122,8 @@ async fn last_run(
     State(shared): State<Arc<Shared>>,
     InPath(cs): InPath<CoordinateSystemNumber>,
 ) -> Answered<Response> {
-    match shared.ask(Request::LastRun(cs)).await? {
-        Answer::LastRun(last_run) => Ok(json_response(&json!({ "last_run": last_run }))),
-        _ => Err(unexpected()),
-    }
+    let last_run = shared.ask(typed::LastRun(cs)).await?;
+    Ok(json_response(&json!({ "last_run": last_run })))
 }
 
 /// Lines where none is named.
@@ -138,24 +131,19 @@ const JOURNAL_LINES: u32 = 100;
 
 /// `?from=&count=`: how many of the newest lines are left out, and how many are told, 100 where none is named.
 async fn journal(State(shared): State<Arc<Shared>>, InQuery(range): InQuery<Range>) -> Answered<Response> {
-    let request = Request::Journal {
+    let request = Journal {
         from: range.from,
         count: range.count.unwrap_or(JOURNAL_LINES),
     };
-    match shared.ask(request).await? {
-        Answer::Journal(lines) => Ok(json_response(&json!({ "lines": lines }))),
-        _ => Err(unexpected()),
-    }
+    let lines = shared.ask(request).await?;
+    Ok(json_response(&json!({ "lines": lines })))
 }
 
 async fn work_offsets(
     State(shared): State<Arc<Shared>>,
     InPath(cs): InPath<CoordinateSystemNumber>,
 ) -> Answered<Response> {
-    match shared.ask(Request::WorkOffsets(cs)).await? {
-        Answer::WorkOffsets(table) => Ok(json_response(&json!(table))),
-        _ => Err(unexpected()),
-    }
+    Ok(json_response(&json!(shared.ask(WorkOffsets(cs)).await?)))
 }
 
 async fn write_work_offsets(
@@ -163,6 +151,6 @@ async fn write_work_offsets(
     InPath(cs): InPath<CoordinateSystemNumber>,
     JsonBody(change): JsonBody<WorkOffsetTable>,
 ) -> Answered<StatusCode> {
-    shared.ask(Request::WriteWorkOffsets(cs, change)).await?;
+    shared.ask(WriteWorkOffsets(cs, change)).await?;
     Ok(StatusCode::NO_CONTENT)
 }

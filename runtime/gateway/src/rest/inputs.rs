@@ -7,7 +7,7 @@ use axum::extract::State;
 use axum::http::StatusCode;
 use axum::routing::put;
 use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::request::{Input, OverrideChange, Request, SpindleCommand};
+use plc_api::types::request::{Input, OverrideChange, SpindleCommand, TypedRequest, typed};
 use plc_api::types::state::{Lock, Tool};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
@@ -28,34 +28,34 @@ pub(super) fn routes() -> Router<Arc<Shared>> {
         .route("/cs/{cs}/inputs/optional_skip/{number}", put(optional_skip))
         .route("/motors/{number}/skip_input", put(skip_input));
     let router = set(router, "inputs/optional_stop", |cs, Value { value }| {
-        Request::Input(cs, Input::OptionalStop(value))
+        typed::Input(cs, Input::OptionalStop(value))
     });
     let router = set(router, "inputs/single_block", |cs, Value { value }| {
-        Request::Input(cs, Input::SingleBlock(value))
+        typed::Input(cs, Input::SingleBlock(value))
     });
     let router = set(router, "inputs/dry_run", |cs, Value { value }| {
-        Request::Input(cs, Input::DryRun(value))
+        typed::Input(cs, Input::DryRun(value))
     });
     let router = set(router, "inputs/interlock", |cs, lock: Lock| {
-        Request::Input(cs, Input::Interlock(lock))
+        typed::Input(cs, Input::Interlock(lock))
     });
     let router = set(router, "inputs/start_lock", |cs, lock: Lock| {
-        Request::Input(cs, Input::StartLock(lock))
+        typed::Input(cs, Input::StartLock(lock))
     });
     let router = set(router, "overrides", |cs, change: OverrideChange| {
-        Request::Input(cs, Input::Override(change))
+        typed::Input(cs, Input::Override(change))
     });
     let router = set(router, "spindle", |cs, command: SpindleCommand| {
-        Request::Spindle(cs, command)
+        typed::Spindle(cs, command)
     });
-    set(router, "tool", |cs, tool: Tool| Request::Tool(cs, tool.id))
+    set(router, "tool", |cs, tool: Tool| typed::Tool(cs, tool.id))
 }
 
 /// Adds `PUT /cs/{cs}/{path}` with a body of type `T`.
-fn set<T: DeserializeOwned + Send + 'static>(
+fn set<T: DeserializeOwned + Send + 'static, R: TypedRequest + 'static>(
     router: Router<Arc<Shared>>,
     path: &str,
-    request: fn(CoordinateSystemNumber, T) -> Request,
+    request: fn(CoordinateSystemNumber, T) -> R,
 ) -> Router<Arc<Shared>> {
     let handler = move |State(shared): State<Arc<Shared>>,
                         InPath(cs): InPath<CoordinateSystemNumber>,
@@ -71,7 +71,7 @@ async fn skip_input(
     InPath(motor): InPath<u16>,
     JsonBody(Value { value }): JsonBody<Value>,
 ) -> Result<StatusCode, Problem> {
-    shared.ask(Request::SkipInput(motor, value)).await?;
+    shared.ask(typed::SkipInput(motor, value)).await?;
     Ok(StatusCode::NO_CONTENT)
 }
 
@@ -86,6 +86,6 @@ async fn optional_skip(
         )));
     }
     let input = Input::OptionalSkip([(number, value)].into());
-    shared.ask(Request::Input(cs, input)).await?;
+    shared.ask(typed::Input(cs, input)).await?;
     Ok(StatusCode::NO_CONTENT)
 }

@@ -10,7 +10,7 @@ use axum::{Extension, Router};
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::command::CommandStatus;
 use plc_api::types::lease::{LeaseRelease, LeaseRequest, LeaseTake};
-use plc_api::types::request::{Answer, Request};
+use plc_api::types::request::typed::Lease;
 use serde_json::{Value, json};
 
 use super::commands::{fence, meta};
@@ -18,7 +18,7 @@ use super::extract::{InPath, JsonBody};
 use super::states::json_response;
 use crate::access::User;
 use crate::problem::Problem;
-use crate::shared::{Shared, unexpected};
+use crate::shared::Shared;
 
 pub(super) fn routes() -> Router<Arc<Shared>> {
     Router::new()
@@ -66,9 +66,9 @@ async fn ask(
     request: LeaseRequest,
 ) -> Result<Response, Problem> {
     let meta = meta(shared, user, headers)?;
-    match shared.ask(Request::Lease { cs, request, meta }).await? {
-        Answer::Command(reply) if reply.status == CommandStatus::Rejected => Err(Problem::of_reply(&reply)),
-        Answer::Command(reply) => Ok(json_response(&json!(reply))),
-        _ => Err(unexpected()),
+    let reply = shared.ask(Lease { cs, request, meta }).await?;
+    if reply.status == CommandStatus::Rejected {
+        return Err(Problem::of_reply(&reply));
     }
+    Ok(json_response(&json!(reply)))
 }

@@ -14,7 +14,7 @@ use plc_api::types::output::{
     Claim, HandshakeResult, HandshakeStatus, ProgressReport, Redeliver, Redelivery, Reset, ResetResult,
 };
 use plc_api::types::question::{Ask, OperatorAnswer};
-use plc_api::types::request::{Answer, Request};
+use plc_api::types::request::typed;
 use plc_api::types::{BootId, CoordinateSystemNumber};
 use serde::Deserialize;
 use serde_json::json;
@@ -57,7 +57,7 @@ async fn claim(
         seq,
         handler_id: body.handler_id,
     };
-    handshake(shared.ask(Request::Claim(cs, None, claim)).await?)
+    handshake(Some(shared.ask(typed::Claim(cs, None, claim)).await?))
 }
 
 #[derive(Deserialize)]
@@ -88,7 +88,7 @@ async fn reset(
         text: body.text,
         force: body.force,
     };
-    handshake(shared.ask(Request::Reset(cs, None, reset)).await?)
+    handshake(Some(shared.ask(typed::Reset(cs, None, reset)).await?))
 }
 
 #[derive(Deserialize)]
@@ -114,7 +114,7 @@ async fn progress(
         text: body.text,
         percent: body.percent,
     };
-    shared.ask(Request::Progress(cs, None, report)).await?;
+    shared.ask(typed::Progress(cs, None, report)).await?;
     Ok(StatusCode::NO_CONTENT)
 }
 
@@ -135,7 +135,7 @@ async fn redeliver(
         seq,
         how: body.how,
     };
-    shared.ask(Request::Redeliver(cs, None, redeliver)).await?;
+    shared.ask(typed::Redeliver(cs, None, redeliver)).await?;
     Ok(StatusCode::NO_CONTENT)
 }
 
@@ -164,7 +164,7 @@ async fn ask(
         text: body.text,
         choices: body.choices,
     };
-    handshake(shared.ask(Request::Ask(cs, None, ask)).await?)
+    handshake(shared.ask(typed::Ask(cs, None, ask)).await?)
 }
 
 #[derive(Deserialize)]
@@ -189,20 +189,16 @@ async fn answer(
         choice: body.choice,
         client_id: body.client_id,
     };
-    let answered = shared.ask(Request::AnswerQuestion(cs, None, answer)).await?;
-    if let Answer::Handshake(result) = &answered
-        && result.status == HandshakeStatus::Unknown
-    {
+    let answered = shared.ask(typed::AnswerQuestion(cs, None, answer)).await?;
+    if answered.as_ref().map(|result| result.status) == Some(HandshakeStatus::Unknown) {
         let text = format!("output {seq} asks no such question, or the choice is none of its choices");
         return Err(Problem::new(StatusCode::CONFLICT, "unknown", text));
     }
     handshake(answered)
 }
 
-fn handshake(answer: Answer) -> Result<Response, Problem> {
-    let Answer::Handshake(result) = answer else {
-        return Err(unexpected());
-    };
+fn handshake(answer: Option<HandshakeResult>) -> Result<Response, Problem> {
+    let result = answer.ok_or_else(unexpected)?;
     let (code, text) = match result.status {
         HandshakeStatus::Accepted | HandshakeStatus::Duplicate => return Ok(json_response(&json!(result))),
         HandshakeStatus::Stale => (

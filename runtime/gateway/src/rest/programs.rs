@@ -7,14 +7,15 @@ use axum::extract::{Request as HttpRequest, State};
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
-use plc_api::types::program::ProgramCheck;
-use plc_api::types::request::{Answer, Request};
+use plc_api::types::request::typed::{
+    CheckProgram, DeleteProgram, IntermediateCode, Programs, ReadProgram, WriteProgram,
+};
 use serde_json::json;
 
 use super::extract::{InPath, media_type, read_body};
 use super::states::json_response;
 use crate::problem::Problem;
-use crate::shared::{Shared, unexpected};
+use crate::shared::Shared;
 
 /// Bytes of a program's text; more is 413.
 const PROGRAM_MAX: usize = 64 * 1024 * 1024;
@@ -28,14 +29,12 @@ pub(super) fn routes() -> Router<Arc<Shared>> {
 }
 
 async fn list(State(shared): State<Arc<Shared>>) -> Result<Response, Problem> {
-    match shared.ask(Request::Programs).await? {
-        Answer::Programs(programs) => Ok(json_response(&json!({ "programs": programs }))),
-        _ => Err(unexpected()),
-    }
+    let programs = shared.ask(Programs).await?;
+    Ok(json_response(&json!({ "programs": programs })))
 }
 
 async fn read(State(shared): State<Arc<Shared>>, InPath(number): InPath<u16>) -> Result<Response, Problem> {
-    text_of(shared.ask(Request::ReadProgram(number)).await?)
+    Ok(text_of(shared.ask(ReadProgram(number)).await?))
 }
 
 async fn intermediate(
@@ -44,17 +43,12 @@ async fn intermediate(
 ) -> Result<Response, Problem> {
     // as large as an upload
     let _permit = shared.uploads.acquire().await;
-    text_of(shared.ask(Request::IntermediateCode(number)).await?)
+    Ok(text_of(shared.ask(IntermediateCode(number)).await?))
 }
 
-fn text_of(answer: Answer) -> Result<Response, Problem> {
-    match answer {
-        Answer::ProgramText(text) => {
-            let kind = HeaderValue::from_static("text/plain; charset=utf-8");
-            Ok(([(header::CONTENT_TYPE, kind)], text).into_response())
-        }
-        _ => Err(unexpected()),
-    }
+fn text_of(text: String) -> Response {
+    let kind = HeaderValue::from_static("text/plain; charset=utf-8");
+    ([(header::CONTENT_TYPE, kind)], text).into_response()
 }
 
 /// 201 when new, else 200, both with `{diagnostics, m_codes, programs}`; stored even with errors.
@@ -84,7 +78,7 @@ async fn write(
             "the text is not UTF-8 at byte {place}; save the program as UTF-8"
         ))
     })?;
-    let check = check_of(shared.ask(Request::WriteProgram(number, text)).await?)?;
+    let check = shared.ask(WriteProgram(number, text)).await?;
     let mut response = json_response(&json!(check));
     if check.created {
         *response.status_mut() = StatusCode::CREATED;
@@ -96,18 +90,11 @@ async fn remove(
     State(shared): State<Arc<Shared>>,
     InPath(number): InPath<u16>,
 ) -> Result<StatusCode, Problem> {
-    shared.ask(Request::DeleteProgram(number)).await?;
+    shared.ask(DeleteProgram(number)).await?;
     Ok(StatusCode::NO_CONTENT)
 }
 
 async fn check(State(shared): State<Arc<Shared>>, InPath(number): InPath<u16>) -> Result<Response, Problem> {
-    let check = check_of(shared.ask(Request::CheckProgram(number)).await?)?;
+    let check = shared.ask(CheckProgram(number)).await?;
     Ok(json_response(&json!(check)))
-}
-
-fn check_of(answer: Answer) -> Result<ProgramCheck, Problem> {
-    match answer {
-        Answer::Check(check) => Ok(check),
-        _ => Err(unexpected()),
-    }
 }

@@ -10,13 +10,13 @@ use axum::routing::get;
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::machine::AlarmRaise;
 use plc_api::types::message::Message;
-use plc_api::types::request::{Answer, Request};
+use plc_api::types::request::typed::{AlarmHistory, Handlers, RaiseAlarm, ServoTiming};
 use plc_api::types::topic::{CsTopic, Topic};
 use serde_json::{Value, json};
 
 use super::extract::{InPath, JsonBody};
 use crate::problem::Problem;
-use crate::shared::{Shared, unexpected};
+use crate::shared::Shared;
 
 /// What `GET /cs/{n}/...` answers with one message.
 const CS_TOPICS: [(&str, CsTopic); 10] = [
@@ -79,7 +79,7 @@ async fn raise_alarm(
     State(shared): State<Arc<Shared>>,
     JsonBody(raise): JsonBody<AlarmRaise>,
 ) -> Result<StatusCode, Problem> {
-    shared.ask(Request::RaiseAlarm(raise)).await?;
+    shared.ask(RaiseAlarm(raise)).await?;
     Ok(StatusCode::NO_CONTENT)
 }
 
@@ -122,17 +122,13 @@ async fn inputs(
 }
 
 async fn alarm_history(State(shared): State<Arc<Shared>>) -> Result<Response, Problem> {
-    match shared.ask(Request::AlarmHistory).await? {
-        Answer::Alarms(alarms) => Ok(json_response(&json!({ "alarms": alarms }))),
-        _ => Err(unexpected()),
-    }
+    let alarms = shared.ask(AlarmHistory).await?;
+    Ok(json_response(&json!({ "alarms": alarms })))
 }
 
 async fn handlers(State(shared): State<Arc<Shared>>) -> Result<Response, Problem> {
-    match shared.ask(Request::Handlers).await? {
-        Answer::Handlers(handlers) => Ok(json_response(&json!({ "handlers": handlers }))),
-        _ => Err(unexpected()),
-    }
+    let handlers = shared.ask(Handlers).await?;
+    Ok(json_response(&json!({ "handlers": handlers })))
 }
 
 async fn health() -> Response {
@@ -142,10 +138,7 @@ async fn health() -> Response {
 async fn metrics(State(shared): State<Arc<Shared>>) -> Response {
     let kind = HeaderValue::from_static("text/plain; version=0.0.4; charset=utf-8");
     // In simulated time there is no servo thread, and its metrics are left out.
-    let servo = match shared.ask(Request::ServoTiming).await {
-        Ok(Answer::ServoTiming(timing)) => Some(timing),
-        _ => None,
-    };
+    let servo = shared.ask(ServoTiming).await.ok();
     let text = shared.metrics.text(servo.as_ref());
     ([(header::CONTENT_TYPE, kind)], text).into_response()
 }
