@@ -6,7 +6,7 @@ use tandem_model::{Diagnostic, Span};
 use tandem_syntax::{Address, AddressSet, Block, NcProgram, Value, Word, diagnostics};
 
 use crate::codes::{AXIS_ADDRESSES, Code, ModalGroup, Refusal, WordSpec, tenths};
-use crate::dialects::Dialect;
+use crate::dialect::Dialect;
 use crate::evaluation::Scope;
 use crate::modal::Modal;
 use crate::restrictions;

@@ -12,10 +12,11 @@ use tandem_syntax::{
 };
 
 use crate::block_words::{BlockWords, Reading};
-use crate::codes::g04_dwell::G04;
-use crate::codes::{Code, ModalGroup, m_auxiliary::AUXILIARY, m98_call::M98, m99_return::M99, tenths};
-use crate::dialects::{self, Dialect};
+use crate::codes::{Code, ModalGroup, tenths};
+use crate::dialect::Dialect;
+use crate::dialects;
 use crate::execution::axis_of;
+use crate::meaning::Role;
 use crate::modal::Modal;
 use crate::text_position::TextPosition;
 use crate::{fixed_cycles, restrictions};
@@ -219,7 +220,7 @@ impl Checker<'_> {
         if span.end - span.start <= LONG_BYTES || block.has_errors() {
             return;
         }
-        let in_cycle = self.modal.is(ModalGroup::FixedCycle, &["G74", "G84"]);
+        let in_cycle = self.modal.in_fixed_cycle();
         if block_bytes(self.program, block, in_cycle) > BLOCK_BYTES_MAX {
             self.findings.push(diagnostics::BLOCK_TOO_LONG.at(
                 span,
@@ -259,12 +260,13 @@ impl Checker<'_> {
         });
         self.follow(block, words);
         if let Some(code) = words.m_code() {
-            if *code == AUXILIARY {
-                self.auxiliary(block, words.m_number());
-            } else if *code == M98 {
-                self.call(block, words);
-            } else if block.skip_numbers() == 0 && self.ending == Ending::Open && is_end(code.code) {
-                self.ending = Ending::Ended;
+            match code.role {
+                Role::Auxiliary => self.auxiliary(block, words.m_number()),
+                Role::Call => self.call(block, words, code),
+                _ if block.skip_numbers() == 0 && self.ending == Ending::Open && is_end(code) => {
+                    self.ending = Ending::Ended;
+                }
+                _ => {}
             }
         }
         self.cycle_outputs(block, words);
@@ -291,7 +293,7 @@ impl Checker<'_> {
             match code.group {
                 ModalGroup::NonModal => {}
                 ModalGroup::Motion if code.motion.is_some() => {
-                    self.modal.end_cycle();
+                    self.modal.end_cycle(self.dialect);
                     self.modal.remember(code);
                 }
                 _ => self.modal.remember(code),
@@ -303,7 +305,7 @@ impl Checker<'_> {
             self.position.lose(words.axis_words());
         }
         let leaves_open = may_be_skipped && !words.g_codes().is_empty();
-        if leaves_open || block.has_errors() || words.m_code().is_some_and(|code| *code == M98) {
+        if leaves_open || block.has_errors() || words.m_code().is_some_and(|code| code.role == Role::Call) {
             self.forget();
         }
     }
@@ -325,10 +327,10 @@ impl Checker<'_> {
         clippy::cast_sign_loss,
         reason = "the range is tested, and a cast saturates"
     )]
-    fn call(&mut self, block: &Block, words: &BlockWords) {
+    fn call(&mut self, block: &Block, words: &BlockWords, code: &Code) {
         let Some(number) = words
             .get(Address::P)
-            .filter(|number| M98.word(Address::P).is_some_and(|p| p.holds(*number)))
+            .filter(|number| code.word(Address::P).is_some_and(|p| p.holds(*number)))
         else {
             return;
         };
@@ -351,7 +353,7 @@ impl Checker<'_> {
     /// Checks words against what is known of the coordinate system.
     fn context_of_words(&mut self, block: &Block, words: &BlockWords) {
         if let Some(axes) = self.context.axes {
-            let dwells = words.g_codes().iter().any(|(code, _)| **code == G04);
+            let dwells = words.g_codes().iter().any(|(code, _)| code.role == Role::Dwell);
             let own = if dwells {
                 AddressSet::EMPTY
             } else {
@@ -507,27 +509,24 @@ fn joins(program: &NcProgram) -> Vec<usize> {
 
 /// True for a block that always ends the program.
 fn ends(program: &NcProgram, block: &Block, dialect: &Dialect) -> bool {
-    block.skip_numbers() == 0 && m_codes(program, block, dialect).any(|code| is_end(code.code))
+    let ends = |word: &Word| m_code(word, dialect).is_some_and(is_end);
+    block.skip_numbers() == 0 && program.words(block).iter().any(ends)
 }
 
 /// True for a program that returns: what is in force at its head may be what its caller left.
 fn may_be_called(program: &NcProgram, dialect: &Dialect) -> bool {
-    let returns =
-        |word: &Word| word.address == Address::M && word.number() == Some(f64::from(M99.tenths) / 10.0);
+    let returns = |word: &Word| m_code(word, dialect).is_some_and(|code| code.role == Role::Return);
     if !program.all_words().iter().any(returns) {
         return false;
     }
     let mut blocks = program.blocks().iter();
-    blocks.any(|block| m_codes(program, block, dialect).any(|code| code == &M99))
+    blocks.any(|block| program.words(block).iter().any(returns))
 }
 
-/// The M codes of a block that the runtime handles itself.
-fn m_codes(program: &NcProgram, block: &Block, dialect: &Dialect) -> impl Iterator<Item = &'static Code> {
-    program
-        .words(block)
-        .iter()
-        .filter(|word| word.address == Address::M)
-        .filter_map(|word| dialect.m_codes.find(tenths(word.number()?)?))
+/// The M code of a word that the runtime handles itself.
+fn m_code(word: &Word, dialect: &Dialect) -> Option<&'static Code> {
+    let number = word.number().filter(|_| word.address == Address::M)?;
+    dialect.m_codes.find(tenths(number)?)
 }
 
 /// True for parts of branches that need not be reached: the way on from commands that end.
@@ -537,6 +536,6 @@ fn is_mark(program: &NcProgram, block: &Block) -> bool {
         .is_some_and(|code| !matches!(code.statement, Statement::Assignment { .. }))
 }
 
-fn is_end(code: &str) -> bool {
-    matches!(code, "M02" | "M30" | "M99")
+fn is_end(code: &Code) -> bool {
+    matches!(code.role, Role::End | Role::Return)
 }

@@ -7,12 +7,11 @@ use tandem_model::settings::{CoordinateSystemSettings, Tool};
 use tandem_syntax::{Address, AddressSet};
 
 use crate::block_words::BlockWords;
-use crate::codes::AXIS_ADDRESSES;
-use crate::codes::g50_1_g51_1_mirroring::G50_1;
-use crate::codes::g50_g51_scaling::G50;
-use crate::codes::g68_g69_rotation::G69;
+use crate::codes::{AXIS_ADDRESSES, ModalGroup};
+use crate::dialect::Dialect;
 use crate::fixed_cycles::Tapping;
-use crate::interpreter::Inputs;
+use crate::inputs::Inputs;
+use crate::meaning::ModalValue;
 use crate::modal::Modal;
 
 /// Limits of the coordinate system that words are held to (D11).
@@ -88,6 +87,7 @@ pub(crate) struct Draft {
 /// A block while it is interpreted.
 #[derive(Debug)]
 pub struct Execution<'a> {
+    dialect: &'static Dialect,
     words: &'a BlockWords,
     modal: &'a mut Modal,
     inputs: &'a Inputs<'a>,
@@ -100,12 +100,14 @@ pub struct Execution<'a> {
 
 impl<'a> Execution<'a> {
     pub(crate) fn new(
+        dialect: &'static Dialect,
         words: &'a BlockWords,
         modal: &'a mut Modal,
         inputs: &'a Inputs<'a>,
         limits: &'a Limits,
     ) -> Self {
         Self {
+            dialect,
             words,
             modal,
             inputs,
@@ -119,6 +121,11 @@ impl<'a> Execution<'a> {
     /// Turns to the code at a place among the words.
     pub(crate) fn turn_to(&mut self, place: usize) {
         self.place = place;
+    }
+
+    /// The dialect of the program.
+    pub fn dialect(&self) -> &'static Dialect {
+        self.dialect
     }
 
     /// The words of the block.
@@ -155,9 +162,11 @@ impl<'a> Execution<'a> {
         self.inputs
     }
 
-    /// The tool that is selected (D17). Without one its radius or length, `what`, counts as 0 and `code` warns.
-    pub fn selected_tool(&mut self, code: &str, what: &str) -> Tool {
+    /// The tool that is selected (D17). Without one its radius or length, `what`, counts as 0, and the code in force in
+    /// the group warns.
+    pub fn selected_tool(&mut self, group: ModalGroup, what: &str) -> Tool {
         self.inputs.tool.unwrap_or_else(|| {
+            let code = self.modal.code(group).map_or("", |code| code.code);
             self.warn(format!(
                 "{code}: no tool of the tool table is selected; its {what} counts as 0 mm"
             ));
@@ -224,15 +233,17 @@ impl<'a> Execution<'a> {
         AxisWords {
             values,
             named,
-            distance: self.modal.distance,
+            distance: self.modal.distance(),
             frame: Frame::Work,
         }
     }
 
     /// Ends scaling, mirroring and rotation. True when the transform changes by it.
     pub fn release_shape(&mut self) -> bool {
-        for code in [&G50, &G50_1, &G69] {
-            self.modal.remember(code);
+        for code in self.dialect.start_up {
+            if matches!(code.sets, Some(ModalValue::Shape(_, false))) {
+                self.modal.remember(code);
+            }
         }
         let transform = &self.modal.transform;
         let any = transform.mirror.is_some() || transform.scaling.is_some() || transform.rotation.is_some();

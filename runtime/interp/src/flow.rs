@@ -3,7 +3,7 @@
 use tandem_syntax::{Block, NcProgram, Statement, VariableKind};
 
 use crate::evaluation::{Locals, Scope, label};
-use crate::interpreter::Inputs;
+use crate::inputs::Inputs;
 
 /// Runs a program code. `next` is the block after it, and changes where the program goes on elsewhere.
 pub(crate) fn run(

@@ -1,6 +1,6 @@
 //! From the program tree to items for the coordinator: a pull interface, pure.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::VecDeque;
 use std::sync::Arc;
 
 use tandem_model::alarm::{
@@ -9,42 +9,22 @@ use tandem_model::alarm::{
 };
 use tandem_model::flow::{Action, Block as FlowBlock, Item, Output, ProgramStop};
 use tandem_model::limits::{CALL_DEPTH_MAX, STEPS_IN_CHAIN_MAX, STEPS_WITHOUT_ITEM_MAX};
-use tandem_model::settings::{CoordinateSystemSettings, Tool, WorkOffsets};
-use tandem_model::variables::{LOCAL_VARIABLES, Variables};
-use tandem_model::{AXES_MAX, Alarm, AxisVector, Diagnostic, Origin};
+use tandem_model::settings::CoordinateSystemSettings;
+use tandem_model::variables::LOCAL_VARIABLES;
+use tandem_model::{Alarm, Diagnostic, Origin};
 use tandem_syntax::{Block, Content, NcProgram, Statement, Value, VariableKind, diagnostics};
 
 use crate::block_words::{BlockWords, Reading};
 use crate::codes::{ModalGroup, feed_words};
-use crate::dialects::{self, Dialect};
+use crate::dialect::Dialect;
+use crate::dialects;
 use crate::evaluation::{Locals, Scope, reads_captured};
 use crate::execution::{Draft, Execution, Flow, Limits};
 use crate::fixed_cycles::{Step, Tapping};
+use crate::inputs::Inputs;
 use crate::modal::Modal;
 use crate::text_position::TextPosition;
 use crate::{flow, restrictions};
-
-/// Values from outside, read when a block is interpreted (D16).
-#[derive(Debug, Clone, Copy)]
-pub struct Inputs<'a> {
-    /// The programs that M98 may call.
-    pub programs: &'a BTreeMap<u16, Arc<NcProgram>>,
-    /// Block skip inputs: bit `n - 1` for number `n` (D13).
-    pub optional_skip: u32,
-    /// G54 to G59.
-    pub work_offsets: &'a WorkOffsets,
-    /// P and Q.
-    pub variables: &'a Variables,
-    /// The tool that is selected (D17); `None` when none is, or one that is not in the table. G41 to G44 tell so then.
-    pub tool: Option<Tool>,
-    /// `_CNC_CapturedPosition<n>` of the last G31, in command units (D41). `None` while a G31 that has been given out is
-    /// unfinished: a block that reads one gives [`Item::NeedsStandstill`] (D15).
-    pub captured: Option<[f64; AXES_MAX]>,
-    /// Where the next block counts from, machine coordinates: the end of all that has been given out so far, with a
-    /// change of tool length that nothing has moved for yet (D22). `None` while it is open where a G31 ends: a block that
-    /// takes it into its own gives [`Item::NeedsStandstill`].
-    pub position: Option<AxisVector>,
-}
 
 /// A program of the nesting and where it stands.
 #[derive(Debug)]
@@ -290,7 +270,7 @@ impl Interpreter {
             return Err(alarm_of(&fault).at(word));
         }
         let before = inputs.position.is_none().then(|| self.modal.clone());
-        let mut execution = Execution::new(&self.words, &mut self.modal, inputs, &self.limits);
+        let mut execution = Execution::new(self.dialect, &self.words, &mut self.modal, inputs, &self.limits);
         execute(&mut execution);
         let (needs_position, mut draft) = (execution.needs_position, execution.draft);
         if let (true, Some(before)) = (needs_position, before) {
@@ -363,7 +343,7 @@ impl Interpreter {
             action,
             feed: self.modal.feed(),
             feedrate_deg_min: self.modal.feedrate_deg_min,
-            path_control: self.modal.path_control,
+            path_control: self.modal.path_control(),
             exact_stop_before,
             exact_stop_after,
             multi_block: self.modal.multi_block(),
@@ -456,7 +436,8 @@ fn execute(execution: &mut Execution<'_>) {
     // all are in force before the first has its effect: words may stand in any order (D02)
     for (code, _) in modal_codes() {
         if code.group == ModalGroup::Motion {
-            execution.modal_mut().end_cycle();
+            let dialect = execution.dialect();
+            execution.modal_mut().end_cycle(dialect);
         }
         execution.modal_mut().remember(code);
     }

@@ -12,20 +12,24 @@
 pub mod block_words;
 mod check;
 pub mod codes;
+pub mod dialect;
 pub mod dialects;
 mod evaluation;
 pub mod execution;
 pub mod fixed_cycles;
 mod flow;
+mod inputs;
 mod interpreter;
+pub mod meaning;
 mod modal;
 mod outputs;
 pub mod reference;
-mod restrictions;
+pub mod restrictions;
 mod text_position;
 
 pub use check::{Check, CheckContext, check, check_dialect, check_source};
-pub use dialects::Dialect;
-pub use interpreter::{Inputs, Interpreter};
+pub use dialect::Dialect;
+pub use inputs::Inputs;
+pub use interpreter::Interpreter;
 pub use modal::{CycleWords, Modal};
 pub use outputs::{WrittenOutput, written_outputs};

@@ -4,10 +4,9 @@ use tandem_model::flow::{Compensation, Distance, Feed, MultiBlock, PathControl, 
 use tandem_model::plane::Plane;
 use tandem_model::settings::{CoordinateSystemSettings, Unit};
 
-use crate::codes::g20_g21_unit::G20;
-use crate::codes::g74_g84_tapping::G80;
 use crate::codes::{Code, ModalGroup};
-use crate::dialects::Dialect;
+use crate::dialect::Dialect;
+use crate::meaning::{InForce, ModalValue};
 
 /// Millimetres of an inch.
 const INCH_MM: f64 = 25.4;
@@ -31,6 +30,8 @@ pub struct CycleWords {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Modal {
     codes: [Option<&'static Code>; ModalGroup::COUNT],
+    /// What these codes have set.
+    pub in_force: InForce,
     /// F as it is written, mm/min, above the maximum feedrate too; 0: never programmed.
     pub feedrate_mm_min: f64,
     /// F as blocks of rotary axes alone read it, deg/min: a number of degrees, whatever the unit of lengths.
@@ -43,10 +44,6 @@ pub struct Modal {
     pub td_ms: f64,
     /// ts, ms.
     pub ts_ms: f64,
-    /// G90 or G91.
-    pub distance: Distance,
-    /// G61 or G64.
-    pub path_control: PathControl,
     /// From the programmed point to the machine position.
     pub transform: Transform,
     /// G40, G41 or G42 with the tool's radius and the plane.
@@ -74,20 +71,20 @@ impl Modal {
     pub(crate) fn of_text(dialect: &Dialect, unit: Unit) -> Self {
         let mut modal = Self {
             codes: [None; ModalGroup::COUNT],
+            in_force: InForce::START,
             feedrate_mm_min: 0.0,
             feedrate_deg_min: 0.0,
             spindle_speed_r_min: 0.0,
             ta_ms: 0.0,
             td_ms: 0.0,
             ts_ms: 0.0,
-            distance: Distance::default(),
-            path_control: PathControl::default(),
             transform: Transform::default(),
             compensation: Compensation::default(),
             lead_pending: false,
             cycle: CycleWords::default(),
         };
-        let of_unit = dialect.g_codes.find(G20.tenths).filter(|_| unit == Unit::Inch);
+        modal.in_force.unit = Some(unit);
+        let of_unit = dialect.that_sets(ModalValue::Unit(unit));
         for code in dialect.start_up.iter().copied().chain(of_unit) {
             modal.remember(code);
         }
@@ -97,23 +94,24 @@ impl Modal {
     /// Puts a code into force in its group.
     pub(crate) fn remember(&mut self, code: &'static Code) {
         self.codes[code.group as usize] = Some(code);
+        if let Some(value) = code.sets {
+            self.in_force.set(value);
+        }
     }
 
     /// Ends a fixed cycle.
-    pub(crate) fn end_cycle(&mut self) {
-        self.remember(&G80);
+    pub(crate) fn end_cycle(&mut self, dialect: &Dialect) {
+        if let Some(cancel) = dialect.cycle_cancel {
+            self.remember(cancel);
+        }
         self.cycle = CycleWords::default();
     }
 
     /// Lets go which codes are in force: the text alone does not show it from here on.
     pub(crate) fn forget(&mut self) {
         self.codes = [None; ModalGroup::COUNT];
+        self.in_force = InForce::default();
         self.lead_pending = false;
-    }
-
-    /// True when one of these codes is in force.
-    pub(crate) fn is(&self, group: ModalGroup, codes: &[&str]) -> bool {
-        self.code(group).is_some_and(|code| codes.contains(&code.code))
     }
 
     /// What takes axis words: the fixed cycle in force, or the motion.
@@ -126,31 +124,30 @@ impl Modal {
 
     /// The plane in force.
     pub fn plane(&self) -> Plane {
-        if self.is(ModalGroup::Plane, &["G18"]) {
-            Plane::Zx
-        } else if self.is(ModalGroup::Plane, &["G19"]) {
-            Plane::Yz
-        } else {
-            Plane::Xy
-        }
+        self.in_force.plane.unwrap_or_default()
     }
 
     /// Millimetres of a programmed length of 1 (D25).
     pub fn unit(&self) -> f64 {
-        if self.is(ModalGroup::Unit, &["G20"]) {
-            INCH_MM
-        } else {
-            1.0
+        match self.in_force.unit {
+            Some(Unit::Inch) => INCH_MM,
+            Some(Unit::Millimetre) | None => 1.0,
         }
     }
 
-    /// G500 or G501.
+    /// How axis words count.
+    pub fn distance(&self) -> Distance {
+        self.in_force.distance.unwrap_or_default()
+    }
+
+    /// Whether blocks may blend.
+    pub fn path_control(&self) -> PathControl {
+        self.in_force.path_control.unwrap_or_default()
+    }
+
+    /// Whether ramps span blocks.
     pub fn multi_block(&self) -> MultiBlock {
-        if self.is(ModalGroup::MultiBlock, &["G500"]) {
-            MultiBlock::On
-        } else {
-            MultiBlock::Off
-        }
+        self.in_force.multi_block.unwrap_or_default()
     }
 
     /// The code in force in a group.
@@ -173,13 +170,12 @@ impl Modal {
 
     /// True in cutter compensation, where the program cannot be stopped between blocks (manual, G41 and G42).
     pub fn compensates(&self) -> bool {
-        self.is(ModalGroup::ToolRadius, &["G41", "G42"])
+        self.in_force.compensates()
     }
 
-    /// True from G74 or G84 to the end of the fixed cycle.
+    /// True from the code that begins a fixed cycle to its end.
     pub fn in_fixed_cycle(&self) -> bool {
-        self.code(ModalGroup::FixedCycle)
-            .is_some_and(|code| code.motion.is_some())
+        self.in_force.cycle == Some(true)
     }
 
     /// Feedrate and ramp times in force.

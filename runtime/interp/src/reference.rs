@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use tandem_syntax::{DIAGNOSTICS, Function};
 
 use crate::codes::{Code, ModalGroup, WordSpec};
-use crate::dialects::Dialect;
+use crate::dialect::Dialect;
 
 mod decisions;
 

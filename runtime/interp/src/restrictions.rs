@@ -1,21 +1,79 @@
-//! What may not stand where another code is in force (D23, D26; manual, restrictions of G41 and G74). The checker asks
-//! with what the text shows, the interpreter with what is in force.
+//! What may not stand where another code is in force (D23, D26; manual, restrictions of G41 and G74): a dialect has a
+//! table of it. The checker asks with what the text shows, the interpreter with what is in force.
 
-use tandem_model::Axis;
-use tandem_model::flow::Distance;
-use tandem_syntax::Address;
-use tandem_syntax::DiagnosticEntry;
-use tandem_syntax::diagnostics::{ARC_SHAPE, COMPENSATION_RULE, FIXED_CYCLE_RULE, TOOL_OFFSET_RULE};
+mod arc_shape;
+mod usual;
+
+use tandem_model::plane::Plane;
+use tandem_syntax::{Address, DiagnosticEntry};
 
 use crate::block_words::{BlockWords, Reading};
-use crate::codes::g00_rapid::G00;
-use crate::codes::g01_linear::G01;
-use crate::codes::{ModalGroup, Refusal};
+use crate::codes::{Code, Refusal};
+use crate::dialect::Dialect;
+use crate::meaning::{LengthOffset, ModalValue, MotionKind, Role, Side};
 use crate::modal::Modal;
 
-const COMPENSATING: &[&str] = &["G41", "G42"];
-const OFFSETTING: &[&str] = &["G43", "G44"];
-const CYCLES: &[&str] = &["G74", "G84"];
+pub use usual::USUAL;
+
+/// What may not stand in a block, and when.
+#[derive(Debug)]
+pub struct Restriction {
+    /// When it holds.
+    pub during: During,
+    /// What may not stand then.
+    pub what: What,
+    /// Which diagnostic tells.
+    pub entry: &'static DiagnosticEntry,
+    /// What is wrong. `{code}` stands for what was found, the other marks for codes of the dialect: `{linear}`,
+    /// `{cutting}`, `{compensation}`, `{no compensation}`, `{no cycle}`, `{no tool offset}`.
+    pub message: &'static str,
+    /// What to write instead, with the same marks.
+    pub help: &'static str,
+}
+
+/// When a restriction holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum During {
+    /// The block begins a fixed cycle.
+    CycleBegin,
+    /// A fixed cycle is in force, and the block does not end it.
+    Cycle,
+    /// The next motion leads cutter compensation in or out.
+    Lead,
+    /// Cutter compensation has been on before the block, or its way out is pending, and the block does not change that.
+    Compensation,
+    /// Cutter compensation is on behind the block.
+    CompensatedBlock,
+    /// Cutter compensation is on behind the block, or its way out is pending.
+    CompensationOrWayOut,
+    /// The same at the end of the block: its own motion is not the way out.
+    CompensatedEnd,
+    /// Cutter compensation is on before or behind the block, or a way in or out is pending.
+    AnyCompensation,
+    /// A tool offset is in force in the block.
+    ToolOffset,
+}
+
+/// What may not stand.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum What {
+    /// A block without one of these words.
+    Missing(&'static [Address]),
+    /// A code that sets neither a fixed cycle nor its return level.
+    ForeignToCycles,
+    /// Words that a motion of this kind takes.
+    MovesBy(MotionKind),
+    /// Words that a fixed cycle takes.
+    MovesByCycle,
+    /// A code with this role.
+    Has(Role),
+    /// The other side of cutter compensation.
+    OtherSide,
+    /// A plane that is not in force.
+    OtherPlane,
+    /// An output with parameters, for whose reset the program always waits.
+    Parameters,
+}
 
 /// What is wrong with a block that is read so: what is in force before it, and where it begins.
 #[inline]
@@ -29,32 +87,39 @@ pub(crate) fn find(words: &BlockWords, with: &Reading<'_>) -> Option<Refusal> {
 
 #[inline(never)]
 fn first(words: &BlockWords, with: &Reading<'_>) -> Option<Refusal> {
-    let modal = with.modal;
-    in_fixed_cycle(words, modal)
-        .or_else(|| with_compensation(words, modal))
-        .or_else(|| to_machine_position(words, modal))
-        .or_else(|| arc(words, with))
+    let holds = state(words, with.modal);
+    let rows = with.dialect.restrictions.iter();
+    let mut broken = rows.filter(|row| holds(row.during)).filter_map(|row| {
+        let (address, code) = found(row.what, words, with.modal)?;
+        Some(Refusal {
+            entry: row.entry,
+            address,
+            message: written(row.message, with.dialect, &code),
+            help: written(row.help, with.dialect, &code),
+        })
+    });
+    broken.next().or_else(|| arc_shape::find(words, with))
 }
 
-/// True for a block of words of G00 or G01 only, where nothing restricts it: most blocks of a program.
+/// True for a block of words of a straight motion only, where nothing restricts it: most blocks of a program.
 #[inline]
 fn is_plain(words: &BlockWords, modal: &Modal) -> bool {
+    let straight = |code: &Code| matches!(code.role, Role::Motion(MotionKind::Rapid | MotionKind::Linear));
     words.g_codes().is_empty()
         && words.m_code().is_none()
         && !modal.lead_pending
-        && words.taker().is_some_and(|taker| taker == &G00 || taker == &G01)
-        && modal.is(ModalGroup::ToolRadius, &["G40"])
+        && words.taker().is_some_and(straight)
+        && modal.in_force.side == Some(Side::Off)
 }
 
 /// Follows which motion leads compensation in and out, when the block has been found right.
 #[inline]
 pub(crate) fn follow(words: &BlockWords, modal: &mut Modal) {
-    if has(words, &["G40", "G41", "G42"]) && modal.is(ModalGroup::ToolRadius, &["G40", "G41", "G42"]) {
-        let before = modal.is(ModalGroup::ToolRadius, COMPENSATING);
-        if before != has(words, COMPENSATING) {
-            // what has not led in needs no way out
-            modal.lead_pending = !modal.lead_pending;
-        }
+    if let (Some(side), Some(before)) = (own_side(words), modal.in_force.side)
+        && (before == Side::Off) != (side == Side::Off)
+    {
+        // what has not led in needs no way out
+        modal.lead_pending = !modal.lead_pending;
     }
     if modal.lead_pending && moves_in_plane(words, modal) {
         modal.lead_pending = false;
@@ -63,11 +128,11 @@ pub(crate) fn follow(words: &BlockWords, modal: &mut Modal) {
 
 /// True when the motion in force takes a word that may move in the plane of the compensation.
 fn moves_in_plane(words: &BlockWords, modal: &Modal) -> bool {
-    let outside = match modal.code(ModalGroup::Plane).map(|code| code.code) {
-        Some("G17") => Address::Z,
-        Some("G18") => Address::Y,
-        Some("G19") => Address::X,
-        _ => return moves(words),
+    let outside = match modal.in_force.plane {
+        Some(Plane::Xy) => Address::Z,
+        Some(Plane::Zx) => Address::Y,
+        Some(Plane::Yz) => Address::X,
+        None => return moves(words),
     };
     words
         .taken()
@@ -75,15 +140,27 @@ fn moves_in_plane(words: &BlockWords, modal: &Modal) -> bool {
         .any(|address| address != outside && !matches!(address, Address::A | Address::B | Address::C))
 }
 
-fn has(words: &BlockWords, codes: &[&str]) -> bool {
-    words.g_codes().iter().any(|(code, _)| codes.contains(&code.code))
+/// The value that a code of the block sets.
+fn own<T>(words: &BlockWords, pick: impl Fn(ModalValue) -> Option<T>) -> Option<T> {
+    let mut values = words.g_codes().iter().filter_map(|(code, _)| code.sets);
+    values.find_map(pick)
 }
 
-/// The code of a group that holds in a block: its own one, or the one in force before it.
-fn code_of(words: &BlockWords, modal: &Modal, group: ModalGroup) -> Option<&'static str> {
-    let own = words.g_codes().iter().map(|(code, _)| *code);
-    let own = own.into_iter().find(|code| code.group == group);
-    own.or(modal.code(group)).map(|code| code.code)
+/// What the block says of cutter compensation.
+fn own_side(words: &BlockWords) -> Option<Side> {
+    own(words, |value| match value {
+        ModalValue::Side(side) => Some(side),
+        _ => None,
+    })
+}
+
+/// The G code of the block that is so.
+fn g_code(words: &BlockWords, is_so: impl Fn(&Code) -> bool) -> Option<&'static Code> {
+    words
+        .g_codes()
+        .iter()
+        .map(|(code, _)| *code)
+        .find(|code| is_so(code))
 }
 
 /// True when the motion or cycle in force takes a word of the block.
@@ -91,200 +168,140 @@ fn moves(words: &BlockWords) -> bool {
     !words.taken().is_empty()
 }
 
-fn moves_by(words: &BlockWords, codes: &[&str]) -> bool {
-    moves(words) && words.taker().is_some_and(|code| codes.contains(&code.code))
+fn moves_by(words: &BlockWords, kind: MotionKind) -> bool {
+    moves(words) && words.taker().is_some_and(|code| code.role == Role::Motion(kind))
 }
 
-fn refusal(entry: &'static DiagnosticEntry, address: Address, message: String, help: &str) -> Refusal {
-    Refusal {
-        entry,
-        address,
-        message,
-        help: help.to_owned(),
+/// Which restrictions hold for a block, by what is in force before it and by its own codes.
+fn state(words: &BlockWords, modal: &Modal) -> impl Fn(During) -> bool {
+    let in_force = modal.in_force;
+    let own_cycle = own(words, |value| match value {
+        ModalValue::Cycle(is_on) => Some(is_on),
+        _ => None,
+    });
+    let own_length = own(words, |value| match value {
+        ModalValue::Length(length) => Some(length),
+        _ => None,
+    });
+    let moves_anew = g_code(words, |code| matches!(code.role, Role::Motion(_))).is_some();
+    let in_cycle = in_force.cycle == Some(true) && own_cycle != Some(false) && !moves_anew;
+    let own_side = own_side(words);
+    let before = in_force.compensates();
+    let switches_on = own_side.is_some_and(|side| side != Side::Off);
+    let after = (before && own_side != Some(Side::Off)) || switches_on;
+    let leads = modal.lead_pending != (after != before);
+    // where the tool is before what leads out depends on that motion
+    let way_out = leads && !after;
+    let leads_out_here = way_out && moves_in_plane(words, modal);
+    let pending = in_force.side.is_some() && modal.lead_pending;
+    let is_offset = |length| matches!(length, Some(LengthOffset::Added | LengthOffset::Subtracted));
+    move |during| match during {
+        During::CycleBegin => own_cycle == Some(true) && in_force.cycle == Some(false),
+        During::Cycle => in_cycle,
+        During::Lead => leads,
+        During::Compensation => (before && after) || way_out,
+        During::CompensatedBlock => after,
+        During::CompensationOrWayOut => after || way_out,
+        During::CompensatedEnd => (after || way_out) && !leads_out_here,
+        During::AnyCompensation => before || pending || switches_on,
+        During::ToolOffset => is_offset(in_force.length) || is_offset(own_length),
     }
 }
 
-fn in_fixed_cycle(words: &BlockWords, modal: &Modal) -> Option<Refusal> {
-    let starts = has(words, CYCLES);
-    if starts && modal.is(ModalGroup::FixedCycle, &["G80"]) {
-        let missing = [Address::Z, Address::R]
-            .into_iter()
-            .find(|address| !words.present().contains(*address))?;
-        let text = format!("the first block of a fixed cycle has no {}", missing.text());
-        return Some(refusal(
-            &FIXED_CYCLE_RULE,
-            Address::G,
-            text,
-            "Write Z and R in it.",
-        ));
-    }
-    let ends = has(words, &["G80", "G00", "G01", "G02", "G03"]);
-    if !modal.is(ModalGroup::FixedCycle, CYCLES) || ends {
-        return None;
-    }
-    let foreign = words
-        .g_codes()
-        .iter()
-        .map(|(code, _)| code.code)
-        .find(|code| !["G74", "G84", "G98", "G99"].contains(code));
-    let (what, address) = match (foreign, words.m_code()) {
-        (Some(code), _) => (code.to_owned(), Address::G),
-        (None, Some(_)) => (format!("M{:02}", words.m_number()), Address::M),
-        (None, None) => return None,
+/// The word that a finding is shown at, and what is found.
+fn found(what: What, words: &BlockWords, modal: &Modal) -> Option<(Address, String)> {
+    let in_force = &modal.in_force;
+    let shown = |code: &Code| (Address::G, code.code.to_owned());
+    let motion = |is_so: bool| {
+        (is_so && moves(words))
+            .then(|| words.taker().map(shown))
+            .flatten()
     };
-    Some(refusal(
-        &FIXED_CYCLE_RULE,
-        address,
-        format!("{what} stands in a fixed cycle"),
-        "Write G80 before it.",
-    ))
+    let m_code = || (Address::M, format!("M{:02}", words.m_number()));
+    match what {
+        What::Missing(needed) => {
+            let missing = needed.iter().find(|word| !words.present().contains(**word))?;
+            Some((Address::G, missing.text().to_owned()))
+        }
+        What::ForeignToCycles => {
+            let belongs =
+                |code: &Code| matches!(code.sets, Some(ModalValue::Cycle(_) | ModalValue::ReturnLevel(_)));
+            let foreign = g_code(words, |code| !belongs(code)).map(shown);
+            foreign.or_else(|| words.m_code().map(|_| m_code()))
+        }
+        What::MovesBy(kind) => motion(moves_by(words, kind)),
+        What::MovesByCycle => motion(
+            words
+                .taker()
+                .is_some_and(|code| code.sets == Some(ModalValue::Cycle(true))),
+        ),
+        What::Has(role) => {
+            let g_code = g_code(words, |code| code.role == role).map(shown);
+            let is_m_code = || words.m_code().is_some_and(|code| code.role == role);
+            g_code.or_else(|| is_m_code().then(m_code))
+        }
+        What::OtherSide => {
+            let on = |side: &Side| *side != Side::Off;
+            let (own, before) = (own_side(words).filter(on)?, in_force.side.filter(on)?);
+            (own != before).then(|| (Address::G, String::new()))
+        }
+        What::OtherPlane => {
+            let plane = in_force.plane?;
+            let is_other = |code: &Code| matches!(code.sets, Some(ModalValue::Plane(own)) if own != plane);
+            g_code(words, is_other).map(shown)
+        }
+        What::Parameters => (words.m_code().is_some() && words.has_parameters()).then(m_code),
+    }
 }
 
-fn with_compensation(words: &BlockWords, modal: &Modal) -> Option<Refusal> {
-    let ends = has(words, &["G40"]);
-    let before = modal.is(ModalGroup::ToolRadius, COMPENSATING);
-    let after = (before && !ends) || has(words, COMPENSATING);
-    let rule = |address, message: &str, help: &str| {
-        Some(refusal(&COMPENSATION_RULE, address, message.to_owned(), help))
-    };
-    let leads = if after == before {
-        modal.lead_pending
-    } else {
-        !modal.lead_pending
-    };
-    if leads && moves_by(words, &["G02", "G03"]) {
-        return rule(
-            Address::G,
-            "an arc leads cutter compensation in or out",
-            "Lead in and out with G01.",
-        );
-    }
-    // G40 ends it with the motion that leads out: where the tool is before depends on that motion.
-    let still_on = leads && !after;
-    if !after && !still_on {
-        return None;
-    }
-    if before && has(words, COMPENSATING) {
-        let same = modal
-            .code(ModalGroup::ToolRadius)
-            .is_some_and(|code| has(words, &[code.code]));
-        if !same {
-            return rule(
-                Address::G,
-                "the side of the compensation changes",
-                "Write G40 and a lead-out first.",
-            );
+/// A text with the codes that its marks stand for.
+#[cold]
+fn written(text: &str, dialect: &Dialect, found: &str) -> String {
+    type Mark = (&'static str, fn(&Code) -> bool, &'static str);
+    const MARKS: [Mark; 6] = [
+        (
+            "{linear}",
+            |code| code.role == Role::Motion(MotionKind::Linear),
+            " or ",
+        ),
+        (
+            "{cutting}",
+            |code| matches!(code.role, Role::Motion(MotionKind::Linear | MotionKind::Arc)),
+            " and ",
+        ),
+        (
+            "{compensation}",
+            |code| matches!(code.sets, Some(ModalValue::Side(Side::Left | Side::Right))),
+            " or ",
+        ),
+        (
+            "{no compensation}",
+            |code| code.sets == Some(ModalValue::Side(Side::Off)),
+            " or ",
+        ),
+        (
+            "{no cycle}",
+            |code| code.sets == Some(ModalValue::Cycle(false)),
+            " or ",
+        ),
+        (
+            "{no tool offset}",
+            |code| code.sets == Some(ModalValue::Length(LengthOffset::Off)),
+            " or ",
+        ),
+    ];
+    let mut text = text.replace("{code}", found);
+    for (mark, is_meant, last) in MARKS {
+        if text.contains(mark) {
+            let codes = dialect.g_codes.codes.iter().filter(|code| is_meant(code));
+            let names: Vec<&str> = codes.map(|code| code.code).collect();
+            let list = match names.split_last() {
+                Some((end, [])) => (*end).to_owned(),
+                Some((end, rest)) => format!("{}{last}{end}", rest.join(", ")),
+                None => String::new(),
+            };
+            text = text.replace(mark, &list);
         }
     }
-    let plane = modal.code(ModalGroup::Plane);
-    let other_plane = words
-        .g_codes()
-        .iter()
-        .any(|(code, _)| code.group == ModalGroup::Plane && plane.is_some_and(|plane| plane != *code));
-    if (before || still_on) && other_plane {
-        return rule(
-            Address::G,
-            "the plane changes during cutter compensation",
-            "Write G40 and a lead-out first.",
-        );
-    }
-    let rapid = after && moves_by(words, &["G00"]);
-    if rapid || moves_by(words, &["G74", "G84"]) || has(words, &["G31"]) {
-        return rule(
-            Address::G,
-            "only G01, G02 and G03 move during cutter compensation",
-            "Write G40 and a lead-out first.",
-        );
-    }
-    let leads_out_here = still_on && moves_in_plane(words, modal);
-    if leads_out_here { None } else { waits(words) }
-}
-
-/// What may not stand where the next motion decides where the tool is.
-fn waits(words: &BlockWords) -> Option<Refusal> {
-    let code = words.m_code()?.code;
-    let (message, help) = match code {
-        "M02" | "M30" => (
-            "the program ends during cutter compensation",
-            "Write G40 and a lead-out before it.",
-        ),
-        _ if matches!(code, "M00" | "M01") || words.has_parameters() => (
-            "the program waits during cutter compensation",
-            "Write it before G41 or G42, or behind the lead-out.",
-        ),
-        _ => return None,
-    };
-    Some(refusal(&COMPENSATION_RULE, Address::M, message.to_owned(), help))
-}
-
-fn to_machine_position(words: &BlockWords, modal: &Modal) -> Option<Refusal> {
-    let (code, _) = words
-        .g_codes()
-        .iter()
-        .find(|(code, _)| matches!(code.code, "G28" | "G30" | "G53"))?;
-    let led_out = modal.is(ModalGroup::ToolRadius, &["G40"]) && !modal.lead_pending;
-    let unknown = modal.code(ModalGroup::ToolRadius).is_none();
-    if !(led_out || unknown) || has(words, COMPENSATING) {
-        let text = format!("{} stands during cutter compensation", code.code);
-        return Some(refusal(
-            &COMPENSATION_RULE,
-            Address::G,
-            text,
-            "Write G40 and a lead-out before it.",
-        ));
-    }
-    if modal.is(ModalGroup::ToolLength, OFFSETTING) || has(words, OFFSETTING) {
-        let text = format!("{} stands with a tool offset", code.code);
-        return Some(refusal(
-            &TOOL_OFFSET_RULE,
-            Address::G,
-            text,
-            "Write G49 before it.",
-        ));
-    }
-    None
-}
-
-fn arc(words: &BlockWords, with: &Reading<'_>) -> Option<Refusal> {
-    let (modal, position) = (with.modal, with.position);
-    if !moves_by(words, &["G02", "G03"]) {
-        return None;
-    }
-    let address = words.taken().iter().next()?;
-    let (axes, centres) = match code_of(words, modal, ModalGroup::Plane) {
-        Some("G18") => ([Axis::Z, Axis::X], [Address::K, Address::I]),
-        Some("G19") => ([Axis::Y, Axis::Z], [Address::J, Address::K]),
-        Some(_) => ([Axis::X, Axis::Y], [Address::I, Address::J]),
-        None => return None,
-    };
-    let Some(radius) = words.get(Address::R) else {
-        let centred = centres.iter().any(|centre| words.present().contains(*centre));
-        let text = "the arc has neither a centre in its plane nor a radius".to_owned();
-        let help = format!("Write {} and {}, or R.", centres[0].text(), centres[1].text());
-        return (!centred).then(|| refusal(&ARC_SHAPE, address, text, &help));
-    };
-    if radius.abs() <= 0.0 {
-        return None;
-    }
-    let distance = match code_of(words, modal, ModalGroup::Distance) {
-        Some("G91") => Some(Distance::Incremental),
-        Some(_) => Some(Distance::Absolute),
-        None => None,
-    };
-    let [first, second] = axes.map(|axis| position.way(words, distance, axis));
-    // not a number, and so no reason to refuse, where the text does not show the way
-    let chord = first.hypot(second);
-    // a difference in the unit in force: an inch is more than a millimetre, so this never refuses too much; what
-    // scaling leaves of it the path stage knows
-    let unscaled = code_of(words, modal, ModalGroup::Scaling) == Some("G50");
-    let short = unscaled && radius.abs() < chord / 2.0 - with.arc_radius_tolerance_mm;
-    (short || chord <= 0.0).then(|| {
-        let text = format!("no arc of radius {} reaches over {chord}", radius.abs());
-        refusal(
-            &ARC_SHAPE,
-            Address::R,
-            text,
-            "Write a radius of half the way or more; a full circle needs a centre.",
-        )
-    })
+    text
 }

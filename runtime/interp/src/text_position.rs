@@ -5,23 +5,20 @@ use tandem_model::{Axis, AxisVector};
 use tandem_syntax::AddressSet;
 
 use crate::block_words::BlockWords;
-use crate::codes::ModalGroup;
+use crate::codes::{Code, ModalGroup};
 use crate::execution::axis_of;
+use crate::meaning::{ModalValue, Role};
 use crate::modal::Modal;
 
-/// Codes that move nothing by themselves and leave the coordinates as they are, beside those of the motion group.
-const HARMLESS: &[&str] = &["G04", "G09"];
-
-/// The groups of codes that leave the coordinates as they are.
-const HARMLESS_GROUPS: &[ModalGroup] = &[
-    ModalGroup::Motion,
-    ModalGroup::Plane,
-    ModalGroup::Distance,
-    ModalGroup::ToolRadius,
-    ModalGroup::ReturnLevel,
-    ModalGroup::PathControl,
-    ModalGroup::MultiBlock,
-];
+/// True for a code that leaves the coordinates and the unit as they are, and that moves by the motion in force alone.
+fn is_harmless(code: &Code) -> bool {
+    match code.sets {
+        Some(ModalValue::Unit(_) | ModalValue::Length(_) | ModalValue::Cycle(_) | ModalValue::Shape(..)) => {
+            false
+        }
+        _ => matches!(code.role, Role::Plain | Role::Motion(_) | Role::Dwell),
+    }
+}
 
 /// A programmed point in the coordinates and the unit in force; not a number for an axis that the text does not show.
 #[derive(Debug, Clone, Copy)]
@@ -39,21 +36,18 @@ impl TextPosition {
 
     /// Follows a block that has been found right. `modal` is in force in it.
     pub(crate) fn follow(&mut self, words: &BlockWords, modal: &Modal) {
-        let harmless = words
-            .g_codes()
-            .iter()
-            .all(|(code, _)| HARMLESS_GROUPS.contains(&code.group) || HARMLESS.contains(&code.code));
+        let harmless = words.g_codes().iter().all(|(code, _)| is_harmless(code));
         let named = words.axis_words();
         let moves = words.taker().map(|taker| taker.group);
         if !harmless || (!named.is_empty() && moves != Some(ModalGroup::Motion)) {
             *self = Self::unknown();
             return;
         }
-        let Some(distance) = modal.code(ModalGroup::Distance) else {
+        let Some(distance) = modal.in_force.distance else {
             self.lose(named);
             return;
         };
-        let incremental = distance.code == "G91";
+        let incremental = distance == Distance::Incremental;
         for (axis, value) in values(words, named) {
             self.0[axis] = if incremental { self.0[axis] + value } else { value };
         }

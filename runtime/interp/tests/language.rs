@@ -561,10 +561,13 @@ fn a_program_begins_in_the_start_up_state_and_manual_data_input_in_what_is_in_fo
     );
     let modal = run.interpreter.modal();
     assert_eq!(
-        (modal.distance, modal.work_offset()),
+        (modal.distance(), modal.work_offset()),
         (Distance::Incremental, Some("G54"))
     );
     run.interpreter.reset();
     let modal = run.interpreter.modal();
-    assert_eq!((modal.distance, modal.work_offset()), (Distance::Absolute, None));
+    assert_eq!(
+        (modal.distance(), modal.work_offset()),
+        (Distance::Absolute, None)
+    );
 }

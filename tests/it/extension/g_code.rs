@@ -9,8 +9,8 @@ use tandem_interp::codes::g01_linear::G01;
 use tandem_interp::codes::g90_g91_distance::{G90, G91};
 use tandem_interp::codes::m_auxiliary::AUXILIARY;
 use tandem_interp::codes::m02_m30_end::M30;
-use tandem_interp::codes::{AXIS_WORDS, Code, CodeTable, ModalGroup, WordSpec};
-use tandem_interp::dialects::ModalWords;
+use tandem_interp::codes::{AXIS_WORDS, Code, CodeTable, WordSpec};
+use tandem_interp::dialect::ModalWords;
 use tandem_interp::execution::Execution;
 use tandem_interp::{CheckContext, Dialect, Inputs, Interpreter, check_dialect};
 use tandem_model::axis::{AXES_MAX, Axis, AxisSet, AxisVector};
@@ -25,12 +25,10 @@ static G07: Code = Code {
     code: "G07",
     tenths: 70,
     name: "Lift",
-    group: ModalGroup::NonModal,
     words: &[WordSpec::new(Address::K, "way up", "mm", 0.0, 50.0).needed()],
     docs: "Lifts Z by K at rapid speed.",
-    check: None,
     select: lift,
-    motion: None,
+    ..Code::BASE
 };
 
 fn lift(execution: &mut Execution<'_>) {
@@ -53,6 +51,8 @@ static SHOP: Dialect = Dialect {
     auxiliary: &AUXILIARY,
     modal_words: ModalWords::new(&AXIS_WORDS, &FEED_WORDS),
     start_up: &[&G00, &G90],
+    cycle_cancel: None,
+    restrictions: &[],
 };
 
 fn codes_of(text: &str) -> Vec<&'static str> {

@@ -2,7 +2,8 @@
 
 use tandem_model::flow::Action;
 
-use super::{AXIS_WORDS, Code, ModalGroup, remembered};
+use super::{AXIS_WORDS, Code, ModalGroup};
+use crate::meaning::{MotionKind, Role};
 
 /// G00: each motor alone, in its shortest time.
 pub static G00: Code = Code {
@@ -10,10 +11,10 @@ pub static G00: Code = Code {
     tenths: 0,
     name: "Rapid Positioning",
     group: ModalGroup::Motion,
+    role: Role::Motion(MotionKind::Rapid),
     words: &AXIS_WORDS,
     docs: "Moves each named axis to its target in the shortest time that its motor's rapid velocity and acceleration \
            allow. The path is not a straight line. It is never blended with another motion.",
-    check: None,
-    select: remembered,
     motion: Some(|execution, words| execution.act(Action::Rapid(words))),
+    ..Code::BASE
 };

@@ -4,8 +4,9 @@ use tandem_model::flow::{Action, Arc, ArcShape, AxisWords};
 use tandem_model::plane::Turn;
 use tandem_syntax::Address;
 
-use super::{Code, ModalGroup, POSITION_MAX, WordSpec, axis_word, remembered};
+use super::{Code, ModalGroup, POSITION_MAX, WordSpec, axis_word};
 use crate::execution::Execution;
+use crate::meaning::{MotionKind, Role};
 
 const fn centre(address: Address) -> WordSpec {
     WordSpec::new(
@@ -36,14 +37,14 @@ pub static G02: Code = Code {
     tenths: 20,
     name: "Circular Interpolation in CW direction",
     group: ModalGroup::Motion,
+    role: Role::Motion(MotionKind::Arc),
     words: &WORDS,
     docs: "Moves clockwise on an arc of the selected plane, with the centre I, J, K from the start point, or the \
            radius R: positive for up to a half circle, negative for more, 0 for a straight line. Without a target in \
            the plane I, J, K give a full circle. Axes outside the plane move linearly in the angle; a different \
            radius at the end makes a spiral. R wins over I, J, K.",
-    check: None,
-    select: remembered,
     motion: Some(|execution, words| arc(execution, words, Turn::Clockwise)),
+    ..Code::BASE
 };
 
 /// G03: counter-clockwise.
@@ -52,11 +53,11 @@ pub static G03: Code = Code {
     tenths: 30,
     name: "Circular Interpolation in CCW direction",
     group: ModalGroup::Motion,
+    role: Role::Motion(MotionKind::Arc),
     words: &WORDS,
     docs: "As G02, counter-clockwise.",
-    check: None,
-    select: remembered,
     motion: Some(|execution, words| arc(execution, words, Turn::CounterClockwise)),
+    ..Code::BASE
 };
 
 fn arc(execution: &mut Execution<'_>, target: AxisWords, turn: Turn) {

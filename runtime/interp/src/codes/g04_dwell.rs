@@ -4,9 +4,10 @@ use tandem_model::flow::Action;
 use tandem_syntax::Address;
 use tandem_syntax::diagnostics::DWELL_TWICE;
 
-use super::{Code, ModalGroup, Refusal, WordSpec};
+use super::{Code, Refusal, WordSpec};
 use crate::block_words::BlockWords;
 use crate::execution::Execution;
+use crate::meaning::Role;
 
 const SECONDS_MAX: f64 = 100_000.0;
 const MILLISECONDS_MAX: f64 = 100_000_000.0;
@@ -16,7 +17,7 @@ pub static G04: Code = Code {
     code: "G04",
     tenths: 40,
     name: "Dwell",
-    group: ModalGroup::NonModal,
+    role: Role::Dwell,
     words: &[
         WordSpec::new(Address::F, "dwell time", "s", 0.0, SECONDS_MAX),
         WordSpec::new(Address::P, "dwell time", "ms", 0.0, MILLISECONDS_MAX),
@@ -26,7 +27,7 @@ pub static G04: Code = Code {
            spindle and the outputs of the sequence program go on. Only one of the three words may stand in a block.",
     check: Some(one_time),
     select: dwell,
-    motion: None,
+    ..Code::BASE
 };
 
 fn dwell(execution: &mut Execution<'_>) {

@@ -1,7 +1,7 @@
 //! G09 Exact Stop. Its place in the block tells where it stops (D27): before the axis words it stops before the
 //! block's motion, after the first of them at the motion's end. A block that does not move ends the chain before it.
 
-use super::{Code, ModalGroup};
+use super::Code;
 use crate::execution::Execution;
 
 /// G09: one stop in position, in continuous-path mode too.
@@ -9,13 +9,10 @@ pub static G09: Code = Code {
     code: "G09",
     tenths: 90,
     name: "Exact Stop",
-    group: ModalGroup::NonModal,
-    words: &[],
     docs: "Comes to rest in position once. Before the axis words of its block it stops before the motion of the \
            block, behind them at its end. In a block that does not move it stops there, with G500 too.",
-    check: None,
     select: exact_stop,
-    motion: None,
+    ..Code::BASE
 };
 
 fn exact_stop(execution: &mut Execution<'_>) {

@@ -1,6 +1,9 @@
 //! G20 Inch input and G21 Metric input; `units` of the coordinate system tells which is in force at start-up (D25).
 
-use super::{Code, ModalGroup, remembered};
+use tandem_model::settings::Unit;
+
+use super::{Code, ModalGroup};
+use crate::meaning::ModalValue;
 
 /// G20: lengths and feedrates are in inches.
 pub static G20: Code = Code {
@@ -8,12 +11,10 @@ pub static G20: Code = Code {
     tenths: 200,
     name: "Inch input",
     group: ModalGroup::Unit,
-    words: &[],
+    sets: Some(ModalValue::Unit(Unit::Inch)),
     docs: "Lengths and feedrates from this block on are in inches and inches a minute. Settings, offsets, tools \
            and `_CNC_CapturedPosition` stay in mm, and F of blocks that move rotary axes only stays in degrees a minute (D25).",
-    check: None,
-    select: remembered,
-    motion: None,
+    ..Code::BASE
 };
 
 /// G21: lengths and feedrates are in mm.
@@ -22,9 +23,7 @@ pub static G21: Code = Code {
     tenths: 210,
     name: "Metric input",
     group: ModalGroup::Unit,
-    words: &[],
+    sets: Some(ModalValue::Unit(Unit::Millimetre)),
     docs: "Lengths and feedrates from this block on are in mm and mm/min. In force at start-up, but with units = \"inch\".",
-    check: None,
-    select: remembered,
-    motion: None,
+    ..Code::BASE
 };

@@ -3,22 +3,22 @@
 use tandem_model::flow::Action;
 use tandem_syntax::Address;
 
-use super::{AXIS_WORDS, Code, ModalGroup, WordSpec, axis_word};
+use super::{AXIS_WORDS, Code, WordSpec, axis_word};
 use crate::execution::Execution;
+use crate::meaning::Role;
 
 /// G28: to the first reference point.
 pub static G28: Code = Code {
     code: "G28",
     tenths: 280,
     name: "Return to Reference Point",
-    group: ModalGroup::NonModal,
+    role: Role::ToMachine,
     words: &AXIS_WORDS,
     docs: "Moves the named axes as G00 to the middle point and on to the reference point; without axis words all axes \
            go straight there. Scaling, mirroring and rotation end at the middle point. Cutter compensation and tool \
            offset must be off (D23).",
-    check: None,
     select: |execution| reference(execution, 1),
-    motion: None,
+    ..Code::BASE
 };
 
 /// G30: to the second, third or fourth one.
@@ -26,7 +26,7 @@ pub static G30: Code = Code {
     code: "G30",
     tenths: 300,
     name: "Return to 2nd, 3rd or 4th Reference Point",
-    group: ModalGroup::NonModal,
+    role: Role::ToMachine,
     words: &[
         WordSpec::new(Address::P, "reference point", "", 2.0, 4.0).whole(),
         axis_word(Address::X),
@@ -37,7 +37,6 @@ pub static G30: Code = Code {
         axis_word(Address::C),
     ],
     docs: "As G28, to the second reference point, or to that of P.",
-    check: None,
     select: |execution| {
         let point = match execution.words().get(Address::P) {
             Some(point) if point >= 4.0 => 4,
@@ -46,7 +45,7 @@ pub static G30: Code = Code {
         };
         reference(execution, point);
     },
-    motion: None,
+    ..Code::BASE
 };
 
 fn reference(execution: &mut Execution<'_>, point: u8) {

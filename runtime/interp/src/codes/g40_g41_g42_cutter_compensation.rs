@@ -3,24 +3,25 @@
 use tandem_model::flow::Compensation;
 
 use super::{Code, ModalGroup};
+use crate::execution::Execution;
+use crate::meaning::{ModalValue, Side};
 
 const fn compensation(
     code: &'static str,
     tenths: u16,
+    side: Side,
     name: &'static str,
     docs: &'static str,
-    select: super::Effect,
 ) -> Code {
     Code {
         code,
         tenths,
         name,
         group: ModalGroup::ToolRadius,
-        words: &[],
+        sets: Some(ModalValue::Side(side)),
         docs,
-        check: None,
-        select,
-        motion: None,
+        select: compensate,
+        ..Code::BASE
     }
 }
 
@@ -28,15 +29,16 @@ const fn compensation(
 pub static G40: Code = compensation(
     "G40",
     400,
+    Side::Off,
     "Cancels tool compensation",
     "Switches cutter compensation off; the next G00 or G01 that moves in the plane leads out, over at least the tool's \
      radius. Until then the program neither waits nor ends. In force at start-up.",
-    |execution| execution.modal_mut().compensation = Compensation::Off,
 );
 /// G41.
 pub static G41: Code = compensation(
     "G41",
     410,
+    Side::Left,
     "Tool Compensation, left",
     "Moves the tool's centre to the left of the path by its radius, in the plane in force. The next motion in the plane \
      leads in: a G01 over at least the tool's radius. Until G40 only G01, G02 and G03 move, the plane and the side stay, \
@@ -45,21 +47,31 @@ pub static G41: Code = compensation(
      deflection and rounded beyond. Where the tool would cut into another block there is an alarm, or with overcut = \
      \"prevent\" the blocks that it does not fit between are left out. Without a tool of the tool table it warns, and the \
      radius counts as 0.",
-    |execution| {
-        let radius = execution.selected_tool("G41", "radius").radius;
-        let plane = execution.modal().plane();
-        execution.modal_mut().compensation = Compensation::Left { radius, plane };
-    },
 );
 /// G42.
 pub static G42: Code = compensation(
     "G42",
     420,
+    Side::Right,
     "Tool Compensation, right",
     "As G41, to the right of the path.",
-    |execution| {
-        let radius = execution.selected_tool("G42", "radius").radius;
-        let plane = execution.modal().plane();
-        execution.modal_mut().compensation = Compensation::Right { radius, plane };
-    },
 );
+
+/// Puts the compensation of the side in force into effect, with the radius of the selected tool in the plane in force.
+pub fn compensate(execution: &mut Execution<'_>) {
+    let side = execution.modal().in_force.side.unwrap_or_default();
+    let plane = execution.modal().plane();
+    let mut radius = || execution.selected_tool(ModalGroup::ToolRadius, "radius").radius;
+    let compensation = match side {
+        Side::Off => Compensation::Off,
+        Side::Left => Compensation::Left {
+            radius: radius(),
+            plane,
+        },
+        Side::Right => Compensation::Right {
+            radius: radius(),
+            plane,
+        },
+    };
+    execution.modal_mut().compensation = compensation;
+}

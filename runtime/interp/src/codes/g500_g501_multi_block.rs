@@ -1,6 +1,9 @@
 //! G500 and G501: acceleration over several blocks. G501 is in force at start-up.
 
-use super::{Code, ModalGroup, remembered};
+use tandem_model::flow::MultiBlock;
+
+use super::{Code, ModalGroup};
+use crate::meaning::ModalValue;
 
 /// G500.
 pub static G500: Code = Code {
@@ -8,11 +11,9 @@ pub static G500: Code = Code {
     tenths: 5000,
     name: "Enables multi-block acceleration/deceleration rate",
     group: ModalGroup::MultiBlock,
-    words: &[],
+    sets: Some(ModalValue::MultiBlock(MultiBlock::On)),
     docs: "Reads the path ahead and accelerates over several blocks within the limits of the motors.",
-    check: None,
-    select: remembered,
-    motion: None,
+    ..Code::BASE
 };
 
 /// G501.
@@ -21,9 +22,7 @@ pub static G501: Code = Code {
     tenths: 5010,
     name: "Disables multi-block acceleration/deceleration rate",
     group: ModalGroup::MultiBlock,
-    words: &[],
+    sets: Some(ModalValue::MultiBlock(MultiBlock::Off)),
     docs: "Ramps are planned within each block, without reading the path ahead. In force at start-up.",
-    check: None,
-    select: remembered,
-    motion: None,
+    ..Code::BASE
 };

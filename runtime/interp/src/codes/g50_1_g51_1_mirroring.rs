@@ -5,6 +5,7 @@ use tandem_model::flow::Mirror;
 use tandem_syntax::Address;
 
 use super::{Code, ModalGroup, WordSpec, axis_word};
+use crate::meaning::{ModalValue, Role, Shape};
 
 static CENTRE: [WordSpec; 3] = [
     axis_word(Address::X),
@@ -18,10 +19,11 @@ pub static G50_1: Code = Code {
     tenths: 501,
     name: "Cancel Mirroring",
     group: ModalGroup::Mirroring,
+    sets: Some(ModalValue::Shape(Shape::Mirroring, false)),
+    role: Role::Coordinates,
     words: &CENTRE,
     docs: "Ends the mirroring of the named axes, or all mirroring when none is named. The values do not matter. In \
            force at start-up.",
-    check: None,
     select: |execution| {
         let named = execution.own_axis_words().named;
         let Some(mirror) = execution.modal().transform.mirror else {
@@ -31,7 +33,7 @@ pub static G50_1: Code = Code {
         let rest = (!named.is_empty() && !axes.is_empty()).then_some(Mirror { axes, ..mirror });
         execution.transform(|transform| transform.mirror = rest);
     },
-    motion: None,
+    ..Code::BASE
 };
 
 /// G51.1.
@@ -40,9 +42,10 @@ pub static G51_1: Code = Code {
     tenths: 511,
     name: "Mirroring",
     group: ModalGroup::Mirroring,
+    sets: Some(ModalValue::Shape(Shape::Mirroring, true)),
+    role: Role::Coordinates,
     words: &CENTRE,
     docs: "Mirrors the named axes about the values, which are absolute. An axis that is not named is not mirrored.",
-    check: None,
     select: |execution| {
         let centre = execution.own_axis_words();
         let mirror = (!centre.named.is_empty()).then_some(Mirror {
@@ -51,5 +54,5 @@ pub static G51_1: Code = Code {
         });
         execution.transform(|transform| transform.mirror = mirror);
     },
-    motion: None,
+    ..Code::BASE
 };

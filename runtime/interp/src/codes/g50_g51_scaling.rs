@@ -7,6 +7,7 @@ use tandem_syntax::diagnostics::OUT_OF_RANGE;
 
 use super::{Code, ModalGroup, Refusal, WordSpec, axis_word};
 use crate::block_words::BlockWords;
+use crate::meaning::{ModalValue, Role, Shape};
 
 const FACTOR_MIN: f64 = 0.000_01;
 const FACTOR_MAX: f64 = 10_000.0;
@@ -21,15 +22,15 @@ pub static G50: Code = Code {
     tenths: 500,
     name: "Cancel scaling",
     group: ModalGroup::Scaling,
-    words: &[],
+    sets: Some(ModalValue::Shape(Shape::Scaling, false)),
+    role: Role::Coordinates,
     docs: "Switches scaling off. In force at start-up.",
-    check: None,
     select: |execution| {
         if execution.modal().transform.scaling.is_some() {
             execution.transform(|transform| transform.scaling = None);
         }
     },
-    motion: None,
+    ..Code::BASE
 };
 
 /// G51.
@@ -38,6 +39,8 @@ pub static G51: Code = Code {
     tenths: 510,
     name: "Scaling",
     group: ModalGroup::Scaling,
+    sets: Some(ModalValue::Shape(Shape::Scaling, true)),
+    role: Role::Coordinates,
     words: &[
         axis_word(Address::X),
         axis_word(Address::Y),
@@ -60,7 +63,7 @@ pub static G51: Code = Code {
             transform.scaling = Some(Scaling { centre, factors });
         });
     },
-    motion: None,
+    ..Code::BASE
 };
 
 fn factors(words: &BlockWords) -> Option<Refusal> {

@@ -2,18 +2,18 @@
 
 use tandem_model::AxisVector;
 
-use super::{AXIS_WORDS, Code, ModalGroup};
+use super::{AXIS_WORDS, Code};
+use crate::meaning::Role;
 
 /// G52: an offset on top of the work coordinates.
 pub static G52: Code = Code {
     code: "G52",
     tenths: 520,
     name: "Local Coordinate System Set",
-    group: ModalGroup::NonModal,
+    role: Role::Coordinates,
     words: &AXIS_WORDS,
     docs: "Adds the values to the coordinates in force, for the named axes; without axis words all local offsets end. \
            Ends scaling, mirroring and rotation. Moves nothing.",
-    check: None,
     select: |execution| {
         let offset = execution.own_axis_words();
         execution.release_shape();
@@ -26,5 +26,5 @@ pub static G52: Code = Code {
             }
         });
     },
-    motion: None,
+    ..Code::BASE
 };

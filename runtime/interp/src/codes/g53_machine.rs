@@ -3,19 +3,19 @@
 use tandem_model::AxisVector;
 use tandem_model::flow::{Action, Distance, Frame};
 
-use super::{AXIS_WORDS, Code, ModalGroup};
+use super::{AXIS_WORDS, Code};
+use crate::meaning::Role;
 
 /// G53: to a machine position.
 pub static G53: Code = Code {
     code: "G53",
     tenths: 530,
     name: "Dimension Shift Cancel",
-    group: ModalGroup::NonModal,
+    role: Role::ToMachine,
     words: &AXIS_WORDS,
     docs: "Moves as G00 to machine positions, always absolute. Ends scaling, mirroring, rotation and the local \
            coordinate system; work offsets do not count for this block. Cutter compensation and tool offset must be \
            off (D23).",
-    check: None,
     select: |execution| {
         let mut words = execution.own_axis_words();
         (words.distance, words.frame) = (Distance::Absolute, Frame::Machine);
@@ -27,5 +27,5 @@ pub static G53: Code = Code {
             execution.transform(|transform| transform.local = AxisVector::ZERO);
         }
     },
-    motion: None,
+    ..Code::BASE
 };

@@ -3,6 +3,7 @@
 
 use super::{Code, ModalGroup};
 use crate::execution::Execution;
+use crate::meaning::Role;
 
 const fn work_offset(code: &'static str, tenths: u16, name: &'static str, select: super::Effect) -> Code {
     Code {
@@ -10,12 +11,11 @@ const fn work_offset(code: &'static str, tenths: u16, name: &'static str, select
         tenths,
         name,
         group: ModalGroup::WorkCoordinates,
-        words: &[],
+        role: Role::Coordinates,
         docs: "Adds the offsets of this work coordinate system to all positions from here on. The code itself moves \
                nothing; it ends scaling, mirroring and rotation. At start-up no work coordinate system is selected.",
-        check: None,
         select,
-        motion: None,
+        ..Code::BASE
     }
 }
 

@@ -3,6 +3,7 @@
 use tandem_model::flow::PathControl;
 
 use super::{Code, ModalGroup};
+use crate::meaning::ModalValue;
 
 /// G61: each block ends at rest and in position.
 pub static G61: Code = Code {
@@ -10,11 +11,9 @@ pub static G61: Code = Code {
     tenths: 610,
     name: "Exact Stop Mode",
     group: ModalGroup::PathControl,
-    words: &[],
+    sets: Some(ModalValue::PathControl(PathControl::ExactStop)),
     docs: "Each cutting block decelerates to its end and waits until the motors are in position, until G64.",
-    check: None,
-    select: |execution| execution.modal_mut().path_control = PathControl::ExactStop,
-    motion: None,
+    ..Code::BASE
 };
 
 /// G64: blocks may blend.
@@ -23,10 +22,8 @@ pub static G64: Code = Code {
     tenths: 640,
     name: "Continuous-path Mode",
     group: ModalGroup::PathControl,
-    words: &[],
+    sets: Some(ModalValue::PathControl(PathControl::ContinuousPath)),
     docs: "Each cutting block is blended with the next one, until G61. It still stops at G00, at G09, and before a \
            block without motion, with G500 only where the tool length changes in it. In force at start-up.",
-    check: None,
-    select: |execution| execution.modal_mut().path_control = PathControl::ContinuousPath,
-    motion: None,
+    ..Code::BASE
 };

@@ -4,6 +4,7 @@ use tandem_model::flow::{Rotation, Transform};
 use tandem_syntax::Address;
 
 use super::{Code, ModalGroup, WordSpec, axis_word};
+use crate::meaning::{ModalValue, Role, Shape};
 
 /// G68.
 pub static G68: Code = Code {
@@ -11,6 +12,8 @@ pub static G68: Code = Code {
     tenths: 680,
     name: "Enables rotation",
     group: ModalGroup::Rotation,
+    sets: Some(ModalValue::Shape(Shape::Rotation, true)),
+    role: Role::Coordinates,
     words: &[
         axis_word(Address::X),
         axis_word(Address::Y),
@@ -19,7 +22,6 @@ pub static G68: Code = Code {
     ],
     docs: "Turns the coordinates about the centre X, Y, Z by the angle R in the plane in force. The centre is absolute; \
            an axis that is not written has it where the tool is.",
-    check: None,
     select: |execution| {
         let angle_deg = execution.words().get(Address::R).unwrap_or_default();
         let plane = execution.modal().plane();
@@ -32,7 +34,7 @@ pub static G68: Code = Code {
             });
         });
     },
-    motion: None,
+    ..Code::BASE
 };
 
 /// G69.
@@ -41,13 +43,13 @@ pub static G69: Code = Code {
     tenths: 690,
     name: "Disables rotation",
     group: ModalGroup::Rotation,
-    words: &[],
+    sets: Some(ModalValue::Shape(Shape::Rotation, false)),
+    role: Role::Coordinates,
     docs: "Switches the rotation of coordinates off. In force at start-up.",
-    check: None,
     select: |execution| {
         if execution.modal().transform.rotation.is_some() {
             execution.transform(|transform| transform.rotation = None);
         }
     },
-    motion: None,
+    ..Code::BASE
 };

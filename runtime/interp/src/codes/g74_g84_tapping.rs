@@ -3,8 +3,10 @@
 use tandem_model::plane::Turn;
 use tandem_syntax::Address;
 
-use super::{Code, ModalGroup, POSITION_MAX, WordSpec, axis_word, remembered};
+use super::{Code, ModalGroup, POSITION_MAX, WordSpec, axis_word};
 use crate::fixed_cycles;
+use crate::meaning::ModalValue;
+use crate::modal::CycleWords;
 
 static WORDS: [WordSpec; 6] = [
     axis_word(Address::X),
@@ -21,6 +23,7 @@ pub static G74: Code = Code {
     tenths: 740,
     name: "Left-handed Tapping Cycle",
     group: ModalGroup::FixedCycle,
+    sets: Some(ModalValue::Cycle(true)),
     words: &WORDS,
     docs: "Taps at X, Y from the R point to the Z point and back, the spindle turning counter-clockwise on the way in, \
            K times (once without K). Each later block with an axis word taps again until G80 or G00 to G03; Z, R, P \
@@ -29,9 +32,8 @@ pub static G74: Code = Code {
            coordinate system it turns in step with Z, S / F revolutions a millimetre, ramps included, and rests at the \
            R and Z point. A block with a hole beyond a soft limit moves nothing. No override acts on a thread, \
            and feed hold waits until the tool is out.",
-    check: None,
-    select: remembered,
     motion: Some(|execution, words| fixed_cycles::tapping(execution, words, Turn::CounterClockwise)),
+    ..Code::BASE
 };
 
 /// G84: right-hand threads.
@@ -40,11 +42,11 @@ pub static G84: Code = Code {
     tenths: 840,
     name: "Tapping Cycle",
     group: ModalGroup::FixedCycle,
+    sets: Some(ModalValue::Cycle(true)),
     words: &WORDS,
     docs: "As G74, the spindle turning clockwise on the way in.",
-    check: None,
-    select: remembered,
     motion: Some(|execution, words| fixed_cycles::tapping(execution, words, Turn::Clockwise)),
+    ..Code::BASE
 };
 
 /// G80.
@@ -53,9 +55,8 @@ pub static G80: Code = Code {
     tenths: 800,
     name: "Fixed Cycle Cancel",
     group: ModalGroup::FixedCycle,
-    words: &[],
+    sets: Some(ModalValue::Cycle(false)),
     docs: "Ends a fixed cycle and forgets its words. In force at start-up.",
-    check: None,
-    select: |execution| execution.modal_mut().end_cycle(),
-    motion: None,
+    select: |execution| execution.modal_mut().cycle = CycleWords::default(),
+    ..Code::BASE
 };

@@ -3,6 +3,7 @@
 use tandem_model::flow::Distance;
 
 use super::{Code, ModalGroup};
+use crate::meaning::ModalValue;
 
 /// G90: axis words are positions.
 pub static G90: Code = Code {
@@ -10,11 +11,9 @@ pub static G90: Code = Code {
     tenths: 900,
     name: "Absolute command",
     group: ModalGroup::Distance,
-    words: &[],
+    sets: Some(ModalValue::Distance(Distance::Absolute)),
     docs: "Axis words are positions in the coordinates in force, for all axes. In force at start-up.",
-    check: None,
-    select: |execution| execution.modal_mut().distance = Distance::Absolute,
-    motion: None,
+    ..Code::BASE
 };
 
 /// G91: axis words are distances.
@@ -23,9 +22,7 @@ pub static G91: Code = Code {
     tenths: 910,
     name: "Incremental command",
     group: ModalGroup::Distance,
-    words: &[],
+    sets: Some(ModalValue::Distance(Distance::Incremental)),
     docs: "Axis words are distances from the last commanded position, for all axes.",
-    check: None,
-    select: |execution| execution.modal_mut().distance = Distance::Incremental,
-    motion: None,
+    ..Code::BASE
 };

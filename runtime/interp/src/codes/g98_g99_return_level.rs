@@ -1,6 +1,7 @@
 //! G98 and G99: where a fixed cycle returns to. G98 is in force at start-up.
 
-use super::{Code, ModalGroup, remembered};
+use super::{Code, ModalGroup};
+use crate::meaning::{ModalValue, ReturnLevel};
 
 /// G98.
 pub static G98: Code = Code {
@@ -8,11 +9,9 @@ pub static G98: Code = Code {
     tenths: 980,
     name: "Fixed Cycle Return to Initial Level",
     group: ModalGroup::ReturnLevel,
-    words: &[],
+    sets: Some(ModalValue::ReturnLevel(ReturnLevel::Initial)),
     docs: "A fixed cycle returns to the level where its block began. In force at start-up.",
-    check: None,
-    select: remembered,
-    motion: None,
+    ..Code::BASE
 };
 
 /// G99.
@@ -21,9 +20,7 @@ pub static G99: Code = Code {
     tenths: 990,
     name: "Fixed Cycle Return to R Point Level",
     group: ModalGroup::ReturnLevel,
-    words: &[],
+    sets: Some(ModalValue::ReturnLevel(ReturnLevel::RPoint)),
     docs: "A fixed cycle stays at the R point level.",
-    check: None,
-    select: remembered,
-    motion: None,
+    ..Code::BASE
 };

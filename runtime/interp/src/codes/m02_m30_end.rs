@@ -1,20 +1,19 @@
 //! M02 and M30 End of Program: both the same.
 
-use super::{Code, ModalGroup};
+use super::Code;
 use crate::execution::Flow;
+use crate::meaning::Role;
 
 const fn end(code: &'static str, tenths: u16) -> Code {
     Code {
         code,
         tenths,
         name: "End of Program",
-        group: ModalGroup::NonModal,
-        words: &[],
+        role: Role::End,
         docs: "Ends the program, from a subprogram too. Blocks after it are not executed; the next start begins at the \
                head of the main program.",
-        check: None,
         select: |execution| execution.go_on_with(Flow::End),
-        motion: None,
+        ..Code::BASE
     }
 }
 

@@ -2,8 +2,9 @@
 
 use tandem_syntax::Address;
 
-use super::{Code, ModalGroup, WordSpec};
+use super::{Code, WordSpec};
 use crate::execution::{Execution, Flow};
+use crate::meaning::Role;
 
 /// Smallest number of a subprogram (manual, table of instruction parameters).
 pub const SUBPROGRAM_MIN: u16 = 1000;
@@ -15,7 +16,7 @@ pub static M98: Code = Code {
     code: "M98",
     tenths: 980,
     name: "Subprogram Call",
-    group: ModalGroup::NonModal,
+    role: Role::Call,
     words: &[
         WordSpec::new(
             Address::P,
@@ -31,9 +32,8 @@ pub static M98: Code = Code {
     docs: "Runs subprogram P from its first block, L times (once without L, not at all with L0), then goes on with the \
            next block. Calls nest 8 deep; a deeper call is not made, and a warning tells. A missing program is an alarm. \
            As every block without movement, it ends a chain of blended blocks, and so does M99, but not with G500.",
-    check: None,
     select: call,
-    motion: None,
+    ..Code::BASE
 };
 
 #[expect(

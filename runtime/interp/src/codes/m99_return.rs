@@ -1,18 +1,17 @@
 //! M99 Subprogram End; in a main program it acts as M30 (D12).
 
-use super::{Code, ModalGroup};
+use super::Code;
 use crate::execution::Flow;
+use crate::meaning::Role;
 
 /// M99: back to the caller.
 pub static M99: Code = Code {
     code: "M99",
     tenths: 990,
     name: "Subprogram End",
-    group: ModalGroup::NonModal,
-    words: &[],
+    role: Role::Return,
     docs: "Ends a subprogram: the program that called it goes on, or the next repetition of the call begins. In a main \
            program it ends the program.",
-    check: None,
     select: |execution| execution.go_on_with(Flow::Return),
-    motion: None,
+    ..Code::BASE
 };

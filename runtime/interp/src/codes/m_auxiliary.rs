@@ -2,8 +2,9 @@
 
 use tandem_syntax::Address;
 
-use super::{Code, ModalGroup, WordSpec};
+use super::{Code, WordSpec};
 use crate::execution::{Execution, Flow};
+use crate::meaning::Role;
 
 const fn parameter(address: Address) -> WordSpec {
     WordSpec::new(
@@ -20,7 +21,7 @@ pub static AUXILIARY: Code = Code {
     code: "M",
     tenths: 0,
     name: "Auxiliary Function Output",
-    group: ModalGroup::NonModal,
+    role: Role::Auxiliary,
     words: &[
         parameter(Address::Va),
         parameter(Address::Vb),
@@ -34,9 +35,8 @@ pub static AUXILIARY: Code = Code {
     docs: "Makes an output with up to eight parameters to the sequence program and owes it a reset. By the setting of \
            the M code the output is made after the motion of its block, and the next block waits for the reset, or \
            when the block is interpreted. An output with parameters is always made after the motion (D30).",
-    check: None,
     select: output,
-    motion: None,
+    ..Code::BASE
 };
 
 fn output(execution: &mut Execution<'_>) {

@@ -42,6 +42,7 @@ pub(crate) use table::tenths;
 
 use crate::block_words::BlockWords;
 use crate::execution::Execution;
+use crate::meaning::{ModalValue, Role};
 
 /// A G or M code.
 #[derive(Debug)]
@@ -54,6 +55,10 @@ pub struct Code {
     pub name: &'static str,
     /// The modal group; M codes are [`ModalGroup::NonModal`].
     pub group: ModalGroup,
+    /// What it sets in its modal group, where that is a value that the machinery knows.
+    pub sets: Option<ModalValue>,
+    /// Its part in a block.
+    pub role: Role,
     /// The words that are its own. The motion in force takes none of the axis words when a code of another group has
     /// axis words of its own.
     pub words: &'static [WordSpec],
@@ -96,6 +101,21 @@ impl PartialEq for Code {
 }
 
 impl Code {
+    /// A code without words that does nothing; rows name what differs.
+    pub const BASE: Self = Self {
+        code: "",
+        tenths: 0,
+        name: "",
+        group: ModalGroup::NonModal,
+        sets: None,
+        role: Role::Plain,
+        words: &[],
+        docs: "",
+        check: None,
+        select: |_| {},
+        motion: None,
+    };
+
     /// The addresses of its own words.
     pub const fn addresses(&self) -> AddressSet {
         let mut set = AddressSet::EMPTY;
@@ -112,9 +132,6 @@ impl Code {
         self.words.iter().find(|word| word.address == address)
     }
 }
-
-/// The effect of a code that only changes what its modal group remembers.
-pub fn remembered(_: &mut Execution<'_>) {}
 
 /// A word that a code takes.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,10 +1,8 @@
-//! Dialects: a grammar, a list of codes, words, and defaults. A dialect is one file, named here in two lines.
+//! The dialects that are part of Tandem. Each is one file, named here in two lines.
 
 mod nj;
 
-use tandem_syntax::{Address, AddressSet, Grammar};
-
-use crate::codes::{Code, CodeTable, WordSpec};
+use crate::dialect::Dialect;
 
 pub use nj::nj;
 
@@ -29,63 +27,4 @@ pub fn find(name: &str) -> Result<&'static Dialect, String> {
         };
         format!("{what}; write {}", names.join(" or "))
     })
-}
-
-/// What differs between dialects (D50).
-#[derive(Debug)]
-pub struct Dialect {
-    /// Its name in the configuration.
-    pub name: &'static str,
-    /// What its text looks like.
-    pub grammar: fn() -> &'static Grammar,
-    /// G codes.
-    pub g_codes: CodeTable,
-    /// M codes that the runtime handles itself.
-    pub m_codes: CodeTable,
-    /// All other M codes.
-    pub auxiliary: &'static Code,
-    /// Words that need no code of their own in the block.
-    pub modal_words: ModalWords,
-    /// The codes in force at start-up.
-    pub start_up: &'static [&'static Code],
-}
-
-/// Words that need no code of their own in the block: axis words of the motion in force, and feed words.
-#[derive(Debug)]
-pub struct ModalWords {
-    specs: [Option<&'static WordSpec>; Address::COUNT],
-    feed_words: AddressSet,
-}
-
-impl ModalWords {
-    /// Of these axis words and feed words.
-    pub const fn new(axis_words: &'static [WordSpec], feed_words: &'static [WordSpec]) -> Self {
-        let mut specs = [None; Address::COUNT];
-        let mut feed = AddressSet::EMPTY;
-        let mut i = 0;
-        while i < axis_words.len() {
-            specs[axis_words[i].address as usize] = Some(&axis_words[i]);
-            i += 1;
-        }
-        i = 0;
-        while i < feed_words.len() {
-            specs[feed_words[i].address as usize] = Some(&feed_words[i]);
-            feed.insert(feed_words[i].address);
-            i += 1;
-        }
-        Self {
-            specs,
-            feed_words: feed,
-        }
-    }
-
-    /// The description of a word.
-    pub fn get(&self, address: Address) -> Option<&'static WordSpec> {
-        self.specs[address as usize]
-    }
-
-    /// True for F, S, ta, td and ts.
-    pub fn is_feed_word(&self, address: Address) -> bool {
-        self.feed_words.contains(address)
-    }
 }

@@ -2,7 +2,6 @@
 
 use tandem_syntax::Grammar;
 
-use super::{Dialect, ModalWords};
 use crate::codes::feed_words::FEED_WORDS;
 use crate::codes::g00_rapid::G00;
 use crate::codes::g01_linear::G01;
@@ -32,6 +31,8 @@ use crate::codes::m02_m30_end::{M02, M30};
 use crate::codes::m98_call::M98;
 use crate::codes::m99_return::M99;
 use crate::codes::{AXIS_WORDS, CodeTable};
+use crate::dialect::{Dialect, ModalWords};
+use crate::restrictions;
 
 /// The dialect of the NJ/NY-series controllers.
 pub fn nj() -> &'static Dialect {
@@ -52,6 +53,8 @@ pub(super) static NJ: Dialect = Dialect {
     start_up: &[
         &G01, &G17, &G90, &G21, &G40, &G49, &G80, &G98, &G50, &G64, &G69, &G50_1, &G501,
     ],
+    cycle_cancel: Some(&G80),
+    restrictions: &restrictions::USUAL,
 };
 
 #[cfg(test)]

@@ -13,8 +13,8 @@ use tandem_model::plane::Turn;
 use tandem_model::{Alarm, Axis, AxisSet, AxisVector};
 use tandem_syntax::Address;
 
-use crate::codes::ModalGroup;
 use crate::execution::Execution;
+use crate::meaning::ReturnLevel;
 
 /// The step that each repetition begins with.
 const FIRST_OF_REPETITION: u8 = 2;
@@ -61,7 +61,7 @@ pub(crate) fn tapping(execution: &mut Execution<'_>, words: AxisWords, turn: Tur
     let mut position = words;
     position.named = words.named.iter().filter(|axis| *axis != Axis::Z).collect();
     position.values[Axis::Z] = 0.0;
-    let returns = execution.modal().is(ModalGroup::ReturnLevel, &["G98"]);
+    let returns = execution.modal().in_force.return_level == Some(ReturnLevel::Initial);
     let has_spindle = execution.limits().has_spindle;
     let speed = execution.modal().spindle_speed_r_min;
     let repetitions = kept.repetitions.unwrap_or(1);

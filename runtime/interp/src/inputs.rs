@@ -1,0 +1,31 @@
+//! What the interpreter reads from outside.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use tandem_model::settings::{Tool, WorkOffsets};
+use tandem_model::variables::Variables;
+use tandem_model::{AXES_MAX, AxisVector};
+use tandem_syntax::NcProgram;
+
+/// Values from outside, read when a block is interpreted (D16).
+#[derive(Debug, Clone, Copy)]
+pub struct Inputs<'a> {
+    /// The programs that M98 may call.
+    pub programs: &'a BTreeMap<u16, Arc<NcProgram>>,
+    /// Block skip inputs: bit `n - 1` for number `n` (D13).
+    pub optional_skip: u32,
+    /// G54 to G59.
+    pub work_offsets: &'a WorkOffsets,
+    /// P and Q.
+    pub variables: &'a Variables,
+    /// The tool that is selected (D17); `None` when none is, or one that is not in the table. G41 to G44 tell so then.
+    pub tool: Option<Tool>,
+    /// `_CNC_CapturedPosition<n>` of the last G31, in command units (D41). `None` while a G31 that has been given out is
+    /// unfinished: a block that reads one gives `Item::NeedsStandstill` (D15).
+    pub captured: Option<[f64; AXES_MAX]>,
+    /// Where the next block counts from, machine coordinates: the end of all that has been given out so far, with a
+    /// change of tool length that nothing has moved for yet (D22). `None` while it is open where a G31 ends: a block that
+    /// takes it into its own gives `Item::NeedsStandstill`.
+    pub position: Option<AxisVector>,
+}

@@ -1,0 +1,176 @@
+//! What codes mean, whatever number a dialect gives them: the values that modal codes set, and the part that a code has
+//! in its block. The machinery of checker and interpreter decides by these alone.
+
+use tandem_model::flow::{Distance, MultiBlock, PathControl};
+use tandem_model::plane::Plane;
+use tandem_model::settings::Unit;
+
+/// Side of the path that the tool's centre is on: cutter compensation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Side {
+    /// On the path: no compensation.
+    #[default]
+    Off,
+    /// Left of the path, seen along the motion.
+    Left,
+    /// Right of the path.
+    Right,
+}
+
+/// How the length of the selected tool counts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum LengthOffset {
+    /// Not at all.
+    #[default]
+    Off,
+    /// It is added to Z.
+    Added,
+    /// It is taken away from Z.
+    Subtracted,
+}
+
+/// The level that a fixed cycle ends at.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ReturnLevel {
+    /// Z where the cycle began.
+    #[default]
+    Initial,
+    /// The R point.
+    RPoint,
+}
+
+/// What changes the shape of a programmed path.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Shape {
+    /// Factors of the axes.
+    Scaling,
+    /// Axes that count the other way.
+    Mirroring,
+    /// An angle in a plane.
+    Rotation,
+}
+
+/// What a modal code sets.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum ModalValue {
+    /// The plane of arcs, cutter compensation and rotation.
+    Plane(Plane),
+    /// How axis words count.
+    Distance(Distance),
+    /// The unit of lengths.
+    Unit(Unit),
+    /// Cutter compensation.
+    Side(Side),
+    /// The tool offset.
+    Length(LengthOffset),
+    /// A fixed cycle is in force.
+    Cycle(bool),
+    /// Where fixed cycles return to.
+    ReturnLevel(ReturnLevel),
+    /// Whether blocks may blend.
+    PathControl(PathControl),
+    /// Whether ramps span blocks.
+    MultiBlock(MultiBlock),
+    /// A change of shape is on, or off.
+    Shape(Shape, bool),
+}
+
+/// How a motion goes that stays in force.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum MotionKind {
+    /// Each motor alone, in its shortest time.
+    Rapid,
+    /// A straight line at the feedrate.
+    Linear,
+    /// An arc at the feedrate.
+    Arc,
+}
+
+/// The part that a code has in its block.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// It does no more than it sets or asks for: it moves nothing, and positions stay what they are.
+    Plain,
+    /// A motion that stays in force.
+    Motion(MotionKind),
+    /// A motion of its block alone that a signal may end.
+    Skip,
+    /// A motion of its block alone whose target is a machine position.
+    ToMachine,
+    /// It rests; its words are times, whatever their addresses.
+    Dwell,
+    /// It changes which positions values stand for.
+    Coordinates,
+    /// An output to the sequence program.
+    Auxiliary,
+    /// A call of a subprogram.
+    Call,
+    /// The end of a subprogram.
+    Return,
+    /// The end of the program.
+    End,
+    /// A stop until the program is resumed.
+    Stop,
+}
+
+/// The values in force; `None` where they are not known.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct InForce {
+    /// The plane.
+    pub plane: Option<Plane>,
+    /// How axis words count.
+    pub distance: Option<Distance>,
+    /// The unit of lengths.
+    pub unit: Option<Unit>,
+    /// Cutter compensation.
+    pub side: Option<Side>,
+    /// The tool offset.
+    pub length: Option<LengthOffset>,
+    /// Whether a fixed cycle is in force.
+    pub cycle: Option<bool>,
+    /// Where fixed cycles return to.
+    pub return_level: Option<ReturnLevel>,
+    /// Whether blocks may blend.
+    pub path_control: Option<PathControl>,
+    /// Whether ramps span blocks.
+    pub multi_block: Option<MultiBlock>,
+    /// Which changes of shape are on.
+    pub shapes: [Option<bool>; 3],
+}
+
+impl InForce {
+    /// What is in force where no code has set anything.
+    pub(crate) const START: Self = Self {
+        plane: Some(Plane::Xy),
+        distance: Some(Distance::Absolute),
+        unit: Some(Unit::Millimetre),
+        side: Some(Side::Off),
+        length: Some(LengthOffset::Off),
+        cycle: Some(false),
+        return_level: Some(ReturnLevel::Initial),
+        path_control: Some(PathControl::ContinuousPath),
+        multi_block: Some(MultiBlock::Off),
+        shapes: [Some(false); 3],
+    };
+
+    /// Puts a value into force.
+    pub(crate) fn set(&mut self, value: ModalValue) {
+        match value {
+            ModalValue::Plane(plane) => self.plane = Some(plane),
+            ModalValue::Distance(distance) => self.distance = Some(distance),
+            ModalValue::Unit(unit) => self.unit = Some(unit),
+            ModalValue::Side(side) => self.side = Some(side),
+            ModalValue::Length(length) => self.length = Some(length),
+            ModalValue::Cycle(cycle) => self.cycle = Some(cycle),
+            ModalValue::ReturnLevel(level) => self.return_level = Some(level),
+            ModalValue::PathControl(control) => self.path_control = Some(control),
+            ModalValue::MultiBlock(multi_block) => self.multi_block = Some(multi_block),
+            ModalValue::Shape(shape, is_on) => self.shapes[shape as usize] = Some(is_on),
+        }
+    }
+
+    /// True in cutter compensation.
+    pub(crate) fn compensates(&self) -> bool {
+        matches!(self.side, Some(Side::Left | Side::Right))
+    }
+}

@@ -1,0 +1,107 @@
+//! The restrictions of fixed cycles, cutter compensation and machine positions (D23; manual, restrictions of G41 and G74).
+
+use tandem_syntax::Address;
+use tandem_syntax::diagnostics::{COMPENSATION_RULE, FIXED_CYCLE_RULE, TOOL_OFFSET_RULE};
+
+use super::{During, Restriction, What};
+use crate::meaning::{MotionKind, Role};
+
+const fn in_compensation(
+    during: During,
+    what: What,
+    message: &'static str,
+    help: &'static str,
+) -> Restriction {
+    Restriction {
+        during,
+        what,
+        entry: &COMPENSATION_RULE,
+        message,
+        help,
+    }
+}
+
+const LEAD_OUT: &str = "Write {no compensation} and a lead-out first.";
+const CUTTING: &str = "only {cutting} move during cutter compensation";
+const WAITS: &str = "the program waits during cutter compensation";
+const WAIT_ELSEWHERE: &str = "Write it before {compensation}, or behind the lead-out.";
+
+/// The first that a block breaks is told.
+pub static USUAL: [Restriction; 13] = [
+    Restriction {
+        during: During::CycleBegin,
+        what: What::Missing(&[Address::Z, Address::R]),
+        entry: &FIXED_CYCLE_RULE,
+        message: "the first block of a fixed cycle has no {code}",
+        help: "Write Z and R in it.",
+    },
+    Restriction {
+        during: During::Cycle,
+        what: What::ForeignToCycles,
+        entry: &FIXED_CYCLE_RULE,
+        message: "{code} stands in a fixed cycle",
+        help: "Write {no cycle} before it.",
+    },
+    in_compensation(
+        During::Lead,
+        What::MovesBy(MotionKind::Arc),
+        "an arc leads cutter compensation in or out",
+        "Lead in and out with {linear}.",
+    ),
+    in_compensation(
+        During::Compensation,
+        What::OtherSide,
+        "the side of the compensation changes",
+        LEAD_OUT,
+    ),
+    in_compensation(
+        During::Compensation,
+        What::OtherPlane,
+        "the plane changes during cutter compensation",
+        LEAD_OUT,
+    ),
+    in_compensation(
+        During::CompensatedBlock,
+        What::MovesBy(MotionKind::Rapid),
+        CUTTING,
+        LEAD_OUT,
+    ),
+    in_compensation(
+        During::CompensationOrWayOut,
+        What::MovesByCycle,
+        CUTTING,
+        LEAD_OUT,
+    ),
+    in_compensation(
+        During::CompensationOrWayOut,
+        What::Has(Role::Skip),
+        CUTTING,
+        LEAD_OUT,
+    ),
+    in_compensation(
+        During::CompensatedEnd,
+        What::Has(Role::End),
+        "the program ends during cutter compensation",
+        "Write {no compensation} and a lead-out before it.",
+    ),
+    in_compensation(
+        During::CompensatedEnd,
+        What::Has(Role::Stop),
+        WAITS,
+        WAIT_ELSEWHERE,
+    ),
+    in_compensation(During::CompensatedEnd, What::Parameters, WAITS, WAIT_ELSEWHERE),
+    in_compensation(
+        During::AnyCompensation,
+        What::Has(Role::ToMachine),
+        "{code} stands during cutter compensation",
+        "Write {no compensation} and a lead-out before it.",
+    ),
+    Restriction {
+        during: During::ToolOffset,
+        what: What::Has(Role::ToMachine),
+        entry: &TOOL_OFFSET_RULE,
+        message: "{code} stands with a tool offset",
+        help: "Write {no tool offset} before it.",
+    },
+];
