@@ -14,7 +14,7 @@ use plc_api::types::{BootId, CoordinateSystemNumber};
 use tandem_model::Variables;
 use tandem_model::limits::PROGRAM_BYTES_MAX;
 use tandem_model::settings::MotorKind;
-use tandem_servo::{Servo, channel};
+use tandem_servo::Servo;
 use tokio::sync::Notify;
 use tokio::task::JoinSet;
 
@@ -243,16 +243,19 @@ struct Parts {
 impl Parts {
     fn new(shared: Arc<Shared>, first_state: (Execution, Option<Reason>), restored: &Restored) -> Self {
         let mut tasks = JoinSet::new();
-        let (mut channels, mut handles, mut wake) = (Vec::new(), Vec::new(), Vec::new());
-        for configured in shared.machine.coordinate_systems.clone() {
+        let (mut handles, mut wake) = (Vec::new(), Vec::new());
+        let configured = shared.machine.coordinate_systems.clone();
+        let of_servo: Vec<_> = (configured.iter())
+            .map(|system| (&system.settings, system.pre_read_blocks))
+            .collect();
+        let (servo, task_ends) = Servo::simulated(&of_servo, shared.machine.servo_period_us as f64 / 1e6);
+        for (configured, task_end) in configured.into_iter().zip(task_ends) {
             let number = configured.settings.number;
-            let (servo_end, task_end) = channel(&configured.settings, configured.pre_read_blocks);
             let tool = restored.tools_in_spindle.get(&number).copied().unwrap_or(0);
             let system = CoordinateSystem::new(Arc::clone(&shared), configured, task_end, first_state, tool);
             let notify = Arc::new(Notify::new());
             let (view, variables) = (system.view(), system.variables());
             let desk = Arc::new(Desk::new(Arc::clone(&shared), system, Arc::clone(&notify)));
-            channels.push(servo_end);
             shared.wakes(Arc::clone(&notify));
             wake.push(notify);
             let of_task = Arc::clone(&desk);
@@ -264,7 +267,6 @@ impl Parts {
                 variables,
             });
         }
-        let servo = Servo::new(channels, shared.machine.servo_period_us as f64 / 1e6);
         shared.publish(Topic::Birth, Payload::Birth(birth(&shared.machine)));
         shared.publish(
             Topic::AlarmActive,

@@ -20,7 +20,7 @@ use tandem_model::profile::{
 use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
 use tandem_model::{AXES_MAX, AxisVector, Origin};
-use tandem_servo::{ChannelHandle, Control, Servo, channel};
+use tandem_servo::{ChannelHandle, Control, Servo};
 
 const T: f64 = 0.001;
 
@@ -45,6 +45,10 @@ fn settings(axes: usize) -> CoordinateSystemSettings {
         servo_period_s: T,
         ..CoordinateSystemSettings::default()
     }
+}
+
+fn servo(settings: &CoordinateSystemSettings, channels: usize) -> (Servo, Vec<ChannelHandle>) {
+    Servo::simulated(&vec![(settings, 16); channels], T)
 }
 
 /// A slow way of all axes that lasts as long as the bench.
@@ -89,7 +93,7 @@ fn law(rapid: bool) -> (Law, TimeBase) {
 
 fn moving(channels: usize, axes: usize, rapid: bool) -> (Servo, Vec<ChannelHandle>) {
     let settings = settings(axes);
-    let (channels, mut handles): (Vec<_>, Vec<_>) = (0..channels).map(|_| channel(&settings, 16)).unzip();
+    let (mut servo, mut handles) = servo(&settings, channels);
     for handle in &mut handles {
         let (law, time_base) = law(rapid);
         let profile = Profile {
@@ -103,7 +107,6 @@ fn moving(channels: usize, axes: usize, rapid: bool) -> (Servo, Vec<ChannelHandl
         };
         assert!(handle.profiles.push(profile).is_ok());
     }
-    let mut servo = Servo::new(channels, T);
     servo.cycle();
     assert!(
         servo
@@ -125,8 +128,7 @@ fn linear(bencher: Bencher, (channels, axes): (usize, usize)) {
 fn look_ahead(bencher: Bencher, (channels, axes): (usize, usize)) {
     let mut settings = settings(axes);
     settings.override_slew_ms = 1e9;
-    let (channels, mut handles): (Vec<_>, Vec<_>) = (0..channels).map(|_| channel(&settings, 16)).unzip();
-    let mut servo = Servo::new(channels, T);
+    let (mut servo, mut handles) = servo(&settings, channels);
     for handle in &mut handles {
         assert!(handle.profiles.push(paced()).is_ok());
     }
@@ -190,7 +192,6 @@ fn rapid(bencher: Bencher, (channels, axes): (usize, usize)) {
 #[divan::bench(args = [(1, 3), (8, 8)])]
 fn idle(bencher: Bencher, (channels, axes): (usize, usize)) {
     let settings = settings(axes);
-    let (channels, _handles): (Vec<_>, Vec<_>) = (0..channels).map(|_| channel(&settings, 16)).unzip();
-    let mut servo = Servo::new(channels, T);
+    let (mut servo, _handles) = servo(&settings, channels);
     bencher.bench_local(|| black_box(&mut servo).cycle());
 }

@@ -10,8 +10,7 @@ use tandem_model::{AxisVector, MachinePosition, Origin};
 
 use crate::brake::Brake;
 use crate::control::{Control, Event};
-use crate::drive::{Drive, SimulatedDrive};
-use crate::motors::{Drives, Motors};
+use crate::motors::Motors;
 use crate::path_time::{PathTime, slope};
 use crate::readings::{Reading, Readings};
 use crate::skip::SkipRun;
@@ -75,6 +74,8 @@ pub struct Channel {
     pub(crate) last_segment: u64,
     /// An event was put out in this cycle.
     pub(crate) told: bool,
+    /// In this cycle nothing moves, and nobody asks for it.
+    pub(crate) rests: bool,
 }
 
 /// Feed hold.
@@ -113,23 +114,12 @@ pub struct ChannelHandle {
     pub readings: Arc<Readings>,
 }
 
-/// Both ends of a coordinate system with simulated drives, at rest at machine position 0. At most `profiles_max`
-/// profiles wait in the ring; it refuses more.
-pub fn channel(settings: &CoordinateSystemSettings, profiles_max: usize) -> (Channel, ChannelHandle) {
-    let drives = std::array::from_fn(|i| {
-        let motor = settings.motors[i].as_ref()?;
-        let drive = SimulatedDrive::new(motor.lag_ms, settings.servo_period_s, 0.0);
-        Some(Box::new(drive) as Box<dyn Drive>)
-    });
-    channel_with_drives(settings, profiles_max, drives)
-}
-
-/// As [`channel`], with these drives in the order of the axes. An axis without a drive follows its command ideally
-/// and takes no part in the in-position check.
-pub fn channel_with_drives(
+/// Both ends of a coordinate system with these motors, at rest at machine position 0. At most `profiles_max` profiles wait
+/// in the ring; it refuses more.
+pub(crate) fn channel(
     settings: &CoordinateSystemSettings,
     profiles_max: usize,
-    drives: Drives,
+    motors: Motors,
 ) -> (Channel, ChannelHandle) {
     let (profiles_in, profiles) = RingBuffer::new(profiles_max);
     let (controls_in, controls) = RingBuffer::new(CONTROLS_MAX);
@@ -171,7 +161,7 @@ pub fn channel_with_drives(
         faulted: false,
         setpoint: AxisVector::ZERO,
         velocity: AxisVector::ZERO,
-        motors: Motors::new(settings, drives, AxisVector::ZERO),
+        motors,
         spindle: settings
             .spindle
             .as_ref()
@@ -181,6 +171,7 @@ pub fn channel_with_drives(
         time_base: None,
         last_segment: 0,
         told: false,
+        rests: false,
     };
     (channel, handle)
 }

@@ -1,14 +1,16 @@
-//! One servo cycle of one channel: controls, setpoints, drives, in-position check, events, readings.
+//! One servo cycle of one channel: controls, setpoints, feedback, in-position check, events, readings.
 //!
 //! The order within a cycle: controls are taken; the running profile goes on, or the next one gives its start
-//! point; drives follow; what has come to rest is told. So in one cycle a profile gives its end point and, with an
-//! ideal drive, is found in position; the next one gives its start point in the cycle after (M1c).
+//! point; the bus exchanges commands and feedback of all channels; what has come to rest is told. So in one cycle a
+//! profile gives its end point and, with an ideal drive, is found in position; the next one gives its start point in the
+//! cycle after (M1c).
 
 use tandem_model::flow::TapLeg;
 use tandem_model::profile::{Law, Profile, TimeBase};
 use tandem_model::{Axis, AxisVector, MachinePosition, Origin};
 
 use crate::brake::Brake;
+use crate::bus::{Command, Feedback};
 use crate::channel::{Channel, Hold};
 use crate::control::{Control, Event, Fault};
 use crate::motors::{InPosition, first_jump};
@@ -35,12 +37,16 @@ const EVENTS_RESERVE: usize = 8;
 const END_TOLERANCE: f64 = 1e-6;
 
 impl Channel {
-    /// One servo cycle at this time. True when it put out an event, or is slower for want of more profiles.
-    pub(crate) fn cycle(&mut self, time_s: f64) -> bool {
-        if self.stays_at_rest() {
-            self.stay_at_rest(time_s);
-            return false;
+    /// First half of a servo cycle at this time: what each motor is to do in it.
+    pub(crate) fn command(&mut self, time_s: f64, commands: &mut [Command]) {
+        self.rests = self.stays_at_rest();
+        if !self.rests {
+            self.move_on(time_s);
+            self.motors.command(self.setpoint, commands);
         }
+    }
+
+    fn move_on(&mut self, time_s: f64) {
         self.told = false;
         let before = self.setpoint;
         self.take_controls();
@@ -56,7 +62,19 @@ impl Channel {
         self.time_base = self.current.as_ref().map(|profile| profile.time_base);
         self.velocity = self.setpoint.minus(before).scaled(1.0 / self.period_s);
         self.turn_spindle();
-        self.motors.cycle(self.setpoint);
+    }
+
+    /// Second half: what the motors report. True when the cycle put out an event, or is slower for want of more profiles.
+    pub(crate) fn conclude(&mut self, time_s: f64, feedback: &[Feedback]) -> bool {
+        self.motors.take_feedback(self.setpoint, feedback);
+        if self.rests {
+            if self.motors.has_settled() {
+                self.readings.write_time(time_s);
+            } else {
+                self.publish(time_s);
+            }
+            return false;
+        }
         self.check_skip_inputs();
         self.check_in_position(time_s);
         self.tell_rest();
@@ -77,15 +95,6 @@ impl Channel {
             && self.motors.has_settled()
             && (self.spindle.as_ref())
                 .is_none_or(|spindle| spindle.is_steady() && !spindle.is_locked() && spindle.rpm() == 0.0)
-    }
-
-    fn stay_at_rest(&mut self, time_s: f64) {
-        self.motors.cycle(self.setpoint);
-        if self.motors.has_settled() {
-            self.readings.write_time(time_s);
-        } else {
-            self.publish(time_s);
-        }
     }
 
     /// While a thread is cut the spindle follows the motion, dwell and deceleration included.
@@ -319,7 +328,7 @@ impl Channel {
             let left_s = self.skip.duration_s(profile) - t_s;
             if left_s > END_TOLERANCE * self.period_s {
                 let position = self.skip.position(profile, t_s);
-                self.command(position);
+                self.move_to(position);
                 return;
             }
             let end = self.skip.end(profile);
@@ -364,7 +373,7 @@ impl Channel {
     }
 
     /// A position that is not a number is never commanded: the channel rests where it is, with a fault.
-    fn command(&mut self, position: AxisVector) {
+    fn move_to(&mut self, position: AxisVector) {
         let not_finite = Axis::ALL.into_iter().find(|&axis| !position[axis].is_finite());
         if let Some(axis) = not_finite {
             let (motor, jump) = (self.motors.number(axis), position[axis]);

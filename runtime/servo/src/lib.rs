@@ -29,10 +29,10 @@
 //! - Feed hold does not keep a block that comes to its end point from being finished.
 
 mod brake;
+mod bus;
 mod channel;
 mod control;
 mod cycle;
-mod drive;
 mod look_ahead;
 mod motors;
 mod passing;
@@ -40,16 +40,17 @@ mod path_time;
 mod readings;
 mod rest;
 mod servo;
+mod simulated_bus;
 mod skip;
 mod spindle;
 mod splice;
 #[cfg(test)]
 mod testing;
 
-pub use channel::{CONTROLS_MAX, Channel, ChannelHandle, EVENTS_MAX, channel, channel_with_drives};
+pub use bus::{BusCounts, Command, CycleResult, DriveBus, Feedback};
+pub use channel::{CONTROLS_MAX, Channel, ChannelHandle, EVENTS_MAX};
 pub use control::{Control, Event, Fault, SpindleDirection};
-pub use drive::{Drive, SimulatedDrive};
-pub use motors::Drives;
 pub use readings::{Reading, Readings};
 pub use servo::Servo;
+pub use simulated_bus::SimulatedBus;
 pub use splice::Splice;

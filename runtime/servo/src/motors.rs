@@ -1,20 +1,19 @@
-//! The motors of a channel: drives, actual positions, in-position check.
+//! The motors of a channel: their places on the bus, actual positions, in-position check.
+
+use std::ops::Range;
 
 use tandem_model::profile::{MotorLimits, Profile};
 use tandem_model::settings::{CoordinateSystemSettings, SimulatedSkip};
 use tandem_model::{AXES_MAX, Axis, AxisVector};
 
+use crate::bus::{Command, DriveBus, Feedback};
 use crate::control::Fault;
-use crate::drive::Drive;
 
 /// Largest distance between the machine and the start of a profile from rest, mm or degrees: rounding of the stages
 /// before. More is a jump.
 const JUMP_MAX: f64 = 1e-6;
 
-/// A drive for each axis that has a motor.
-pub type Drives = [Option<Box<dyn Drive>>; AXES_MAX];
-
-/// One motor and its drive.
+/// One motor.
 #[derive(Debug)]
 struct Motor {
     number: u16,
@@ -25,13 +24,17 @@ struct Motor {
     simulated_skip: Option<SimulatedSkip>,
     /// Of the way back to a captured position.
     skip_limits: MotorLimits,
-    drive: Box<dyn Drive>,
 }
 
 #[derive(Debug)]
 pub(crate) struct Motors {
     axes: [Option<Motor>; AXES_MAX],
     deceleration: [f64; AXES_MAX],
+    /// The axes that have one, in their order; what is left over names any.
+    with_motor: [Axis; AXES_MAX],
+    /// Theirs on the bus.
+    places: Range<usize>,
+    is_ideal: bool,
     actual: AxisVector,
     settled: bool,
 }
@@ -45,9 +48,8 @@ pub(crate) enum InPosition {
 }
 
 impl Motors {
-    /// An axis without a motor or without a drive follows its command ideally and is not checked.
-    pub(crate) fn new(settings: &CoordinateSystemSettings, drives: Drives, at: AxisVector) -> Self {
-        let mut drives = drives;
+    /// With places on the bus from this one on. An axis without a motor follows its command ideally and is not checked.
+    pub(crate) fn new(settings: &CoordinateSystemSettings, first_place: usize, bus: &dyn DriveBus) -> Self {
         let axes = std::array::from_fn(|i| {
             let motor = settings.motors[i].as_ref()?;
             Some(Motor {
@@ -61,7 +63,6 @@ impl Motors {
                     acceleration: motor.rapid_acceleration,
                     jerk: None,
                 },
-                drive: drives[i].take()?,
             })
         });
         let deceleration = std::array::from_fn(|i| {
@@ -69,22 +70,38 @@ impl Motors {
                 .as_ref()
                 .map_or(0.0, |motor| motor.max_acceleration)
         });
+        let (mut with_motor, mut count) = ([Axis::X; AXES_MAX], 0);
+        for axis in settings.axes().iter() {
+            with_motor[count] = axis;
+            count += 1;
+        }
+        let places = first_place..first_place + count;
         Self {
             axes,
+            with_motor,
             deceleration,
-            actual: at,
+            is_ideal: places.clone().all(|place| bus.is_ideal(place)),
+            places,
+            actual: AxisVector::ZERO,
             settled: false,
         }
     }
 
-    /// Gives each drive its command and takes its actual position.
-    pub(crate) fn cycle(&mut self, command: AxisVector) {
+    /// Gives each motor its command.
+    pub(crate) fn command(&self, setpoint: AxisVector, commands: &mut [Command]) {
+        let commands = commands.get_mut(self.places.clone()).unwrap_or_default();
+        for (command, axis) in commands.iter_mut().zip(&self.with_motor) {
+            command.position = setpoint[*axis];
+        }
+    }
+
+    /// Takes what each motor reports. An axis without a motor is where its command is.
+    pub(crate) fn take_feedback(&mut self, setpoint: AxisVector, feedback: &[Feedback]) {
         let before = self.actual;
-        for (i, motor) in self.axes.iter_mut().enumerate() {
-            self.actual.0[i] = match motor {
-                Some(motor) => motor.drive.cycle(command.0[i]),
-                None => command.0[i],
-            };
+        self.actual = setpoint;
+        let feedback = feedback.get(self.places.clone()).unwrap_or_default();
+        for (feedback, axis) in feedback.iter().zip(&self.with_motor) {
+            self.actual[*axis] = feedback.position;
         }
         self.settled = self.actual == before;
     }
@@ -97,7 +114,7 @@ impl Motors {
 
     /// True when every motor is where its command is, whatever came before.
     pub(crate) fn are_ideal(&self) -> bool {
-        self.axes.iter().flatten().all(|motor| motor.drive.is_ideal())
+        self.is_ideal
     }
 
     pub(crate) fn actual(&self) -> AxisVector {

@@ -4,6 +4,7 @@
 use tandem_model::AxisVector;
 use tandem_model::profile::{Law, Profile};
 
+use crate::bus::{Command, Feedback};
 use crate::channel::{Channel, Hold};
 use crate::rest::Way;
 use crate::spindle::SimulatedSpindle;
@@ -76,8 +77,8 @@ impl Channel {
         }
     }
 
-    /// What so many cycles leave; at most as many as [`Channel::cycles_to_pass`] gives.
-    pub(crate) fn pass(&mut self, cycles: u64) {
+    /// What each motor is to do in the last one of so many cycles; at most as many as [`Channel::cycles_to_pass`] gives.
+    pub(crate) fn pass(&mut self, cycles: u64, commands: &mut [Command]) {
         if let Some(spindle) = self.spindle.as_mut().filter(|spindle| spindle.rpm() != 0.0) {
             for _ in 0..cycles {
                 spindle.cycle();
@@ -86,7 +87,12 @@ impl Channel {
         if let Some(profile) = &self.current {
             self.time.pass(cycles);
             self.setpoint = profile.position(self.time.now_s());
-            self.motors.cycle(self.setpoint);
         }
+        self.motors.command(self.setpoint, commands);
+    }
+
+    /// What the motors report in the last one of the cycles.
+    pub(crate) fn passed(&mut self, feedback: &[Feedback]) {
+        self.motors.take_feedback(self.setpoint, feedback);
     }
 }

@@ -1,35 +1,91 @@
 //! The servo cycle over all channels.
 
-use crate::channel::Channel;
+use tandem_model::settings::CoordinateSystemSettings;
 
-/// All channels of the machine, cycled in lock-step.
+use crate::bus::{BusCounts, Command, CycleResult, DriveBus, Feedback};
+use crate::channel::{Channel, ChannelHandle, channel};
+use crate::motors::Motors;
+use crate::simulated_bus::SimulatedBus;
+
+/// All channels of the machine, cycled in lock-step, and the bus to their motors.
 #[derive(Debug)]
 pub struct Servo {
     channels: Vec<Channel>,
+    bus: Box<dyn DriveBus>,
+    /// By the motors' places on the bus.
+    commands: Box<[Command]>,
+    feedback: Box<[Feedback]>,
+    counts: BusCounts,
     period_s: f64,
     cycles: u64,
 }
 
 impl Servo {
-    /// The channels in the order of their coordinate systems, at time 0.
-    pub fn new(channels: Vec<Channel>, servo_period_s: f64) -> Self {
-        Self {
+    /// The channels of coordinate systems, in their order, at time 0, and the coordinator's ends of them. A number beside
+    /// each says how many profiles may wait for it.
+    pub fn new(
+        systems: &[(&CoordinateSystemSettings, usize)],
+        servo_period_s: f64,
+        bus: Box<dyn DriveBus>,
+    ) -> (Self, Vec<ChannelHandle>) {
+        let mut places = 0;
+        let (channels, handles) = systems
+            .iter()
+            .map(|(settings, profiles_max)| {
+                let motors = Motors::new(settings, places, bus.as_ref());
+                places += settings.motors.iter().flatten().count();
+                channel(settings, *profiles_max, motors)
+            })
+            .unzip();
+        let servo = Self {
             channels,
+            bus,
+            commands: vec![Command::default(); places].into(),
+            feedback: vec![Feedback::default(); places].into(),
+            counts: BusCounts::default(),
             period_s: servo_period_s,
             cycles: 0,
-        }
+        };
+        (servo, handles)
     }
 
-    /// One servo cycle: time goes on by one period and each channel gives its setpoint. True when any channel put
-    /// out an event, or is slower for want of more profiles. Never allocates, locks, waits or panics.
+    /// The same with simulated drives.
+    pub fn simulated(
+        systems: &[(&CoordinateSystemSettings, usize)],
+        servo_period_s: f64,
+    ) -> (Self, Vec<ChannelHandle>) {
+        let bus = SimulatedBus::new(systems.iter().map(|(settings, _)| *settings));
+        Self::new(systems, servo_period_s, Box::new(bus))
+    }
+
+    /// One servo cycle: time goes on by one period, each channel gives its setpoint, and the bus exchanges them for what
+    /// the motors report. True when any channel put out an event, or is slower for want of more profiles. Never
+    /// allocates, locks, waits or panics, as long as the bus does not.
     pub fn cycle(&mut self) -> bool {
         self.cycles += 1;
         let time_s = self.time_s();
+        for channel in &mut self.channels {
+            channel.command(time_s, &mut self.commands);
+        }
+        self.exchange();
         let mut events = false;
         for channel in &mut self.channels {
-            events |= channel.cycle(time_s);
+            events |= channel.conclude(time_s, &self.feedback);
         }
         events
+    }
+
+    fn exchange(&mut self) {
+        match self.bus.exchange(&self.commands, &mut self.feedback) {
+            CycleResult::OnTime => {}
+            CycleResult::Late => self.counts.late += 1,
+            CycleResult::Lost => self.counts.lost += 1,
+        }
+    }
+
+    /// How many exchanges were late or lost.
+    pub fn bus_counts(&self) -> BusCounts {
+        self.counts
     }
 
     /// Lets up to `cycles_max` cycles pass at once that would put out no event: every channel rests, dwells, or moves at
@@ -41,7 +97,11 @@ impl Servo {
         let cycles = each.fold(cycles_max, u64::min);
         if cycles > 0 {
             for channel in &mut self.channels {
-                channel.pass(cycles);
+                channel.pass(cycles, &mut self.commands);
+            }
+            self.exchange();
+            for channel in &mut self.channels {
+                channel.passed(&self.feedback);
             }
             self.cycles += cycles;
         }

@@ -16,7 +16,7 @@ use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings, SimulatedSkip};
 use tandem_model::{AXES_MAX, ArcPath, Axis, AxisVector, Origin};
 use tandem_motion::Planner;
-use tandem_servo::{ChannelHandle, Control, Event, Servo, SpindleDirection, Splice, channel};
+use tandem_servo::{ChannelHandle, Control, Event, Servo, SpindleDirection, Splice};
 
 thread_local! {
     static CALLS: Cell<u64> = const { Cell::new(0) };
@@ -70,6 +70,11 @@ fn settings(spindle: bool) -> CoordinateSystemSettings {
         servo_period_s: T,
         ..CoordinateSystemSettings::default()
     }
+}
+
+fn servo<const N: usize>(systems: [(&CoordinateSystemSettings, usize); N]) -> (Servo, [ChannelHandle; N]) {
+    let (servo, handles) = Servo::simulated(&systems, T);
+    (servo, handles.try_into().unwrap())
 }
 
 /// Line, rapid, dwell in turn, each 50 ms long, from X 0 to X 1 and back.
@@ -169,8 +174,7 @@ fn paced() -> Vec<Profile> {
 
 #[test]
 fn a_g500_chain_with_holds_and_overrides_neither_allocates_nor_frees() {
-    let (channel, mut handle) = channel(&settings(false), 4096);
-    let mut servo = Servo::new(vec![channel], T);
+    let (mut servo, [mut handle]) = servo([(&settings(false), 4096)]);
     let profiles = paced();
     assert!(
         profiles
@@ -197,9 +201,7 @@ fn a_g500_chain_with_holds_and_overrides_neither_allocates_nor_frees() {
 
 #[test]
 fn the_servo_cycle_neither_allocates_nor_frees() {
-    let (first, mut handle) = channel(&settings(true), 64);
-    let (second, mut other) = channel(&settings(false), 64);
-    let mut servo = Servo::new(vec![first, second], T);
+    let (mut servo, [mut handle, mut other]) = servo([(&settings(true), 64), (&settings(false), 64)]);
     for n in 0..60 {
         handle.profiles.push(profile(n)).unwrap();
     }
@@ -333,8 +335,7 @@ fn chain_and_skip() -> [(Law, f64); 4] {
 fn blended_blocks_arcs_and_skip_inputs_neither_allocate_nor_free() {
     let mut settings = settings(false);
     settings.motion.simulated_skip[1] = Some(SimulatedSkip::Above(0.5));
-    let (channel, mut handle) = channel(&settings, 64);
-    let mut servo = Servo::new(vec![channel], T);
+    let (mut servo, [mut handle]) = servo([(&settings, 64)]);
     for ((law, duration_s), segment) in chain_and_skip().into_iter().zip(1..) {
         let profile = Profile {
             segment,
@@ -362,8 +363,7 @@ fn blended_blocks_arcs_and_skip_inputs_neither_allocate_nor_free() {
 
 #[test]
 fn a_thread_neither_allocates_nor_frees() {
-    let (channel, mut handle) = channel(&settings(true), 64);
-    let mut servo = Servo::new(vec![channel], T);
+    let (mut servo, [mut handle]) = servo([(&settings(true), 64)]);
     let (top, bottom) = (AxisVector::ZERO, AxisVector([-1.0; AXES_MAX]));
     let ramp = UnitRamp::new(0.01, 0.01);
     let way = |from, to, revolutions, leg| Law::Tap {
@@ -475,8 +475,7 @@ fn either_way(planner: &mut Planner) -> VecDeque<Profile> {
 #[test]
 fn another_plan_neither_allocates_nor_frees() {
     let settings = settings(false);
-    let (channel, mut handle) = channel(&settings, 64);
-    let mut servo = Servo::new(vec![channel], T);
+    let (mut servo, [mut handle]) = servo([(&settings, 64)]);
     let mut planner = Planner::new(&settings);
     for profile in either_way(&mut planner) {
         handle.profiles.push(profile).unwrap();

@@ -311,7 +311,7 @@ mod tests {
     use plc_api::types::request::Input;
     use plc_api::types::state::{Execution, Switch};
     use plc_api::types::topic::{CsTopic, Topic};
-    use tandem_servo::{Channel, channel};
+    use tandem_servo::Servo;
 
     mod many;
 
@@ -323,7 +323,7 @@ mod tests {
     use crate::tables::Tables;
 
     /// The first coordinate system of the demo machine, with the servo's end of its rings.
-    fn desk(journal: Journal) -> (Arc<Desk>, Channel) {
+    fn desk(journal: Journal) -> (Arc<Desk>, Servo) {
         let machine = Config::demo().resolve().unwrap();
         let configured = machine.coordinate_systems[0].clone();
         let store = ProgramStore::in_memory(machine.text_rules());
@@ -337,15 +337,16 @@ mod tests {
             journal,
             tables,
         ));
-        let (servo_end, task_end) = channel(&configured.settings, configured.pre_read_blocks);
+        let systems = [(&configured.settings, configured.pre_read_blocks)];
+        let (servo, mut handles) = Servo::simulated(&systems, 0.001);
         let system = CoordinateSystem::new(
             Arc::clone(&shared),
             configured,
-            task_end,
+            handles.remove(0),
             (Execution::Ready, None),
             0,
         );
-        (Arc::new(Desk::new(shared, system, Arc::default())), servo_end)
+        (Arc::new(Desk::new(shared, system, Arc::default())), servo)
     }
 
     fn optional_stop(on: bool) -> Request {

@@ -1,21 +1,25 @@
 //! What goes wrong, and the limits of the rings.
 
 use tandem_model::profile::Law;
-use tandem_model::{AXES_MAX, Axis, AxisVector};
+use tandem_model::{Axis, AxisVector};
 use tandem_servo::{
-    CONTROLS_MAX, Control, Drive, EVENTS_MAX, Event, Fault, Servo, SpindleDirection, channel,
-    channel_with_drives,
+    CONTROLS_MAX, Command, Control, CycleResult, DriveBus, EVENTS_MAX, Event, Fault, Feedback,
+    SpindleDirection,
 };
 
 use crate::rig::{Rig, T, close, dwell, is_stopped, rapid, settings, vector};
 
-/// A drive that stays half a millimetre behind for ever.
+/// A bus whose second motor stays half a millimetre behind for ever.
 #[derive(Debug)]
 struct Stuck;
 
-impl Drive for Stuck {
-    fn cycle(&mut self, command: f64) -> f64 {
-        command - 0.5
+impl DriveBus for Stuck {
+    fn exchange(&mut self, commands: &[Command], feedback: &mut [Feedback]) -> CycleResult {
+        for (command, feedback) in commands.iter().zip(&mut *feedback) {
+            feedback.position = command.position;
+        }
+        feedback[1].position -= 0.5;
+        CycleResult::OnTime
     }
 }
 
@@ -28,13 +32,7 @@ fn fault(events: &[Event]) -> Fault {
 
 #[test]
 fn s1c_a_motor_that_does_not_come_into_position_is_a_fault_after_its_time_out() {
-    let mut drives: [Option<Box<dyn Drive>>; AXES_MAX] = Default::default();
-    drives[1] = Some(Box::new(Stuck));
-    let (channel, handle) = channel_with_drives(&settings(), 8, drives);
-    let mut rig = Rig {
-        servo: Servo::new(vec![channel], T),
-        handle,
-    };
+    let mut rig = Rig::on_bus(&settings(), Stuck);
     rig.push(dwell(1, AxisVector::ZERO, 0.1));
     rig.push(dwell(2, AxisVector::ZERO, 0.1));
     rig.cycles(101);
@@ -131,7 +129,7 @@ fn a_spindle_command_without_a_spindle_is_a_fault() {
 
 #[test]
 fn the_rings_refuse_what_is_beyond_their_limits() {
-    let (_channel, mut handle) = channel(&settings(), 3);
+    let Rig { mut handle, .. } = Rig::with_room(&settings(), 3);
     for n in 1..=3 {
         handle.profiles.push(rapid(n, 0.0, 1.0)).unwrap();
     }
@@ -144,8 +142,10 @@ fn the_rings_refuse_what_is_beyond_their_limits() {
 
 #[test]
 fn no_event_of_a_stop_is_lost_when_nobody_reads_for_a_long_time() {
-    let (channel, mut handle) = channel(&settings(), 8);
-    let mut servo = Servo::new(vec![channel], T);
+    let Rig {
+        mut servo,
+        mut handle,
+    } = Rig::with_room(&settings(), 8);
     let mut pushed = 0_u64;
     // Twice as many events as the ring holds, and nobody reads.
     for _ in 0..40_000 {
@@ -183,8 +183,10 @@ fn no_event_of_a_stop_is_lost_when_nobody_reads_for_a_long_time() {
 
 #[test]
 fn a_ring_full_of_old_profiles_empties_in_few_cycles() {
-    let (channel, mut handle) = channel(&settings(), 1000);
-    let mut servo = Servo::new(vec![channel], T);
+    let Rig {
+        mut servo,
+        mut handle,
+    } = Rig::with_room(&settings(), 1000);
     handle.controls.push(Control::Stop { epoch: 1 }).unwrap();
     servo.cycle();
     for n in 0..1000 {

@@ -5,7 +5,7 @@ use tandem_model::profile::{ChainPlace, Law, MotorMove, Profile, Stretch, TimeBa
 use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
 use tandem_model::{AXES_MAX, AxisVector, Origin};
-use tandem_servo::{ChannelHandle, Control, Event, Reading, Servo, channel};
+use tandem_servo::{ChannelHandle, Control, DriveBus, Event, Reading, Servo};
 
 /// Servo period of the tests, s.
 pub const T: f64 = 0.001;
@@ -111,11 +111,16 @@ impl Rig {
 
     /// With room for so many profiles.
     pub fn with_room(settings: &CoordinateSystemSettings, profiles: usize) -> Self {
-        let (channel, handle) = channel(settings, profiles);
-        Self {
-            servo: Servo::new(vec![channel], settings.servo_period_s),
-            handle,
-        }
+        let (servo, mut handles) = Servo::simulated(&[(settings, profiles)], settings.servo_period_s);
+        let handle = handles.remove(0);
+        Self { servo, handle }
+    }
+
+    /// With these drives.
+    pub fn on_bus(settings: &CoordinateSystemSettings, bus: impl DriveBus + 'static) -> Self {
+        let (servo, mut handles) = Servo::new(&[(settings, 64)], settings.servo_period_s, Box::new(bus));
+        let handle = handles.remove(0);
+        Self { servo, handle }
     }
 
     pub fn push(&mut self, profile: Profile) {

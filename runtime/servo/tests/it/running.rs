@@ -1,7 +1,7 @@
 //! Profiles at 100 percent and under an override, with nothing in their way.
 
 use tandem_model::AxisVector;
-use tandem_servo::{Control, Event, Reading, Servo, channel};
+use tandem_servo::{Control, Event, Reading, Servo};
 
 use crate::rig::{Rig, T, close, dwell, is_finished, line, origin, rapid, settings, vector};
 
@@ -276,9 +276,11 @@ fn at_rest_time_goes_on_and_nothing_else_changes() {
 
 #[test]
 fn channels_cycle_in_lock_step_and_apart() {
-    let (first, mut first_handle) = channel(&settings(), 4);
-    let (second, mut second_handle) = channel(&settings(), 4);
-    let mut servo = Servo::new(vec![first, second], T);
+    let settings = settings();
+    let (mut servo, mut handles) = Servo::simulated(&[(&settings, 4), (&settings, 4)], T);
+    let [first_handle, second_handle] = &mut handles[..] else {
+        panic!("two handles");
+    };
     first_handle.profiles.push(rapid(1, 0.0, 20.0)).unwrap();
     second_handle.profiles.push(rapid(1, 0.0, -30.0)).unwrap();
     first_handle.controls.push(Control::Hold).unwrap();

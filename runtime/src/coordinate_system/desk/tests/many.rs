@@ -5,7 +5,6 @@ use std::time::Duration;
 
 use plc_api::types::lease::{LeaseRequest, LeaseTake};
 use plc_api::types::output::{Claim, HandshakeStatus};
-use tandem_servo::Servo;
 use tokio::time::timeout;
 
 use super::*;
@@ -238,8 +237,7 @@ fn a_panic_in_the_askers_thread_answers_it_and_all_who_wait() {
 
 #[test]
 fn who_asks_never_carries_out_a_command_not_even_one_that_waited_for_a_transition() {
-    let (desk, servo) = desk(Journal::to_log());
-    let mut servo = Servo::new(vec![servo], 0.001);
+    let (desk, mut servo) = desk(Journal::to_log());
     let mut reset = Box::pin(desk.ask(command("reset", Command::Reset), false));
     let mut waits = Box::pin(desk.ask(mdi(), false));
     for request in [&mut reset, &mut waits] {

@@ -1,16 +1,40 @@
-//! What follows the setpoints: drives, and the simulated one.
+//! The simulated drives, all on one bus that never loses a frame.
 
-use std::fmt;
+use tandem_model::settings::CoordinateSystemSettings;
 
-/// The drive of one motor, as the servo cycle sees it. It must not allocate, lock or wait.
-pub trait Drive: fmt::Debug + Send {
-    /// Takes the commanded position of this cycle and gives the actual one, both mm or degrees.
-    fn cycle(&mut self, command: f64) -> f64;
+use crate::bus::{Command, CycleResult, DriveBus, Feedback};
 
-    /// True when the actual position is the command of the same cycle, whatever came before: simulated time may leave
-    /// out cycles of such a drive.
-    fn is_ideal(&self) -> bool {
-        false
+/// Drives that follow their commands with the lag of their settings, at rest at machine position 0 at the start.
+#[derive(Debug)]
+pub struct SimulatedBus {
+    drives: Box<[SimulatedDrive]>,
+}
+
+impl SimulatedBus {
+    /// A drive for each motor of these coordinate systems.
+    pub fn new<'a>(systems: impl IntoIterator<Item = &'a CoordinateSystemSettings>) -> Self {
+        let drives = systems.into_iter().flat_map(|system| {
+            let motors = system.motors.iter().flatten();
+            motors.map(|motor| SimulatedDrive::new(motor.lag_ms, system.servo_period_s))
+        });
+        Self {
+            drives: drives.collect(),
+        }
+    }
+}
+
+impl DriveBus for SimulatedBus {
+    fn exchange(&mut self, commands: &[Command], feedback: &mut [Feedback]) -> CycleResult {
+        for ((drive, command), feedback) in self.drives.iter_mut().zip(commands).zip(feedback) {
+            feedback.position = drive.cycle(command.position);
+        }
+        CycleResult::OnTime
+    }
+
+    fn is_ideal(&self, place: usize) -> bool {
+        self.drives
+            .get(place)
+            .is_some_and(|drive| drive.lag_periods == 0.0)
     }
 }
 
@@ -19,7 +43,7 @@ pub trait Drive: fmt::Debug + Send {
 /// Between two cycles the command counts as a straight line, for which the step is exact: at constant velocity v
 /// the following error settles at `v * lag`.
 #[derive(Debug, Clone)]
-pub struct SimulatedDrive {
+struct SimulatedDrive {
     /// Lag over period.
     lag_periods: f64,
     /// Share of the error that is left after one period.
@@ -29,8 +53,8 @@ pub struct SimulatedDrive {
 }
 
 impl SimulatedDrive {
-    /// A drive at rest at a position. `lag_ms` is the time constant of its following error, at least 0.
-    pub fn new(lag_ms: f64, period_s: f64, at: f64) -> Self {
+    /// At rest at 0. `lag_ms` is the time constant of its following error, at least 0.
+    fn new(lag_ms: f64, period_s: f64) -> Self {
         let lag_periods = (lag_ms / 1000.0 / period_s).max(0.0);
         Self {
             lag_periods,
@@ -39,13 +63,12 @@ impl SimulatedDrive {
             } else {
                 0.0
             },
-            command: at,
-            actual: at,
+            command: 0.0,
+            actual: 0.0,
         }
     }
-}
 
-impl Drive for SimulatedDrive {
+    /// Takes the commanded position of this cycle and gives the actual one.
     fn cycle(&mut self, command: f64) -> f64 {
         let step = command - self.command;
         // Error of a line command: it settles at step * lag_periods.
@@ -60,10 +83,6 @@ impl Drive for SimulatedDrive {
         };
         self.actual
     }
-
-    fn is_ideal(&self) -> bool {
-        self.lag_periods == 0.0
-    }
 }
 
 #[cfg(test)]
@@ -72,14 +91,14 @@ mod tests {
 
     #[test]
     fn an_ideal_drive_is_where_its_command_is() {
-        let mut drive = SimulatedDrive::new(0.0, 0.001, 1.0);
+        let mut drive = SimulatedDrive::new(0.0, 0.001);
         assert_eq!(drive.cycle(3.7).to_bits(), 3.7_f64.to_bits());
     }
 
     #[test]
     fn a_step_is_followed_with_the_time_constant() {
         // 10 ms lag, at rest on a new command: after 50 ms exp(-5) of the error is left.
-        let mut drive = SimulatedDrive::new(10.0, 0.001, 0.0);
+        let mut drive = SimulatedDrive::new(10.0, 0.001);
         drive.cycle(1.0);
         let first = 1.0 - drive.actual;
         for _ in 0..50 {
@@ -90,7 +109,7 @@ mod tests {
 
     #[test]
     fn at_constant_velocity_the_following_error_is_velocity_times_lag() {
-        let mut drive = SimulatedDrive::new(20.0, 0.001, 0.0);
+        let mut drive = SimulatedDrive::new(20.0, 0.001);
         let mut command = 0.0;
         for k in 1..=2000 {
             command = 50.0 * f64::from(k) * 0.001;
