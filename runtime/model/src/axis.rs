@@ -8,7 +8,7 @@ use std::ops::{Index, IndexMut};
 /// that names more is refused when it is read.
 pub const AXES_MAX: usize = 8;
 
-/// An axis letter of a coordinate system. What moves is a motor; the configuration tells which motor an axis has.
+/// An axis letter of a coordinate system. What moves is a motor; the configuration assigns a motor to each axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u8)]
 pub enum Axis {
@@ -177,7 +177,7 @@ impl IndexMut<Axis> for AxisVector {
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct MachinePosition(pub AxisVector);
 
-/// A position in the work coordinates in force: what an operator reads beside the machine position.
+/// A position in the work coordinates in force: what an operator reads next to the machine position.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct WorkPosition(pub AxisVector);
 

@@ -17,7 +17,7 @@ pub enum Item {
     Stop(ProgramStop),
     /// The interpreter cannot go on before all motion given so far is at rest; ask again then.
     NeedsStandstill(Origin),
-    /// Something worth an event, while the program goes on.
+    /// Something worth an event; the program continues.
     Warning(Origin, String),
     /// The program has ended: M02, M30, or M99 in a main program.
     End(Origin),
@@ -26,7 +26,7 @@ pub enum Item {
 /// An auxiliary function as programmed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Output {
-    /// Where it stands.
+    /// Its place in the program.
     pub origin: Origin,
     /// M number, 0 to 191.
     pub m: u16,
@@ -44,16 +44,16 @@ impl Output {
 /// M00 or M01.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ProgramStop {
-    /// Where it stands.
+    /// Its place in the program.
     pub origin: Origin,
     /// True for M01: stops only with the optional stop input on, read when motion has come to it (D14).
     pub optional: bool,
 }
 
-/// One block for the path stage. What is modal and matters for motion stands in it.
+/// One block for the path stage. It carries the modal state that matters for motion.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Block {
-    /// Where it stands.
+    /// Its place in the program.
     pub origin: Origin,
     /// What it does.
     pub action: Action,

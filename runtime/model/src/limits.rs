@@ -1,6 +1,6 @@
 //! Limits of every configuration, each with its reason and with what happens when it is reached.
 
-/// Subprogram call depth, counted from 1 (manual, M98). A deeper call is not made; a warning event tells (D12).
+/// Subprogram call depth, counted from 1 (manual, M98). A deeper call is not made; a warning event says so (D12).
 pub const CALL_DEPTH_MAX: usize = 8;
 
 /// Largest source text of one program, bytes: what REST accepts. A larger text is refused unread.

@@ -158,7 +158,7 @@ impl SlewRoom {
         }
     }
 
-    /// What is left where the same way is gone the other way round.
+    /// The room on the same path in the opposite direction.
     #[must_use]
     pub fn reversed(self) -> Self {
         Self {

@@ -47,7 +47,7 @@ pub enum TimeBase {
 )]
 #[derive(Debug, Clone, PartialEq)]
 pub enum Law {
-    /// One speed along a path, a ramp at each end: from rest to rest, or blended with the blocks beside it. A blended
+    /// One speed along a path, a ramp at each end: from rest to rest, or blended with its neighbours. A blended
     /// block's profile begins where the ramp from the block before is over, and ends with the ramp to the next one.
     Ramped {
         /// The geometry.
@@ -66,7 +66,7 @@ pub enum Law {
         /// Where its chain is with it.
         place: ChainPlace,
     },
-    /// As `Ramped`, in plan time, which goes on at a pace that keeps the motors' limits (M1d).
+    /// As `Ramped`, in plan time, which advances at a pace that respects the motors' limits (M1d).
     Paced {
         /// The geometry.
         path: Path,

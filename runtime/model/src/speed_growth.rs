@@ -43,12 +43,12 @@ impl SpeedGrowth {
         1.0 + plan_s * (self.first + plan_s * self.second / 2.0)
     }
 
-    /// What is gone `plan_s` seconds of plan time after the begin, in seconds at the speed of the begin.
+    /// The distance covered `plan_s` seconds of plan time after the begin, in seconds at the initial speed.
     pub fn distance_s(self, plan_s: f64) -> f64 {
         plan_s * (1.0 + plan_s * (self.first + plan_s * self.second / 3.0) / 2.0)
     }
 
-    /// Plan time after the begin at which this is gone, s: the inverse of [`SpeedGrowth::distance_s`].
+    /// Plan time after the begin at which this distance is covered, s: the inverse of [`SpeedGrowth::distance_s`].
     pub fn plan_s(self, distance_s: f64) -> f64 {
         if self.is_none() {
             return distance_s;

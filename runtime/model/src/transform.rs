@@ -74,7 +74,7 @@ impl Transform {
         point
     }
 
-    /// The machine distance of a programmed distance: what is left of [`forward`](Self::forward) without centres and offsets.
+    /// The machine distance of a programmed distance: [`forward`](Self::forward) without centres and offsets.
     pub fn linear(&self, distance: AxisVector) -> AxisVector {
         let mut distance = distance;
         if let Some(mirror) = &self.mirror {
@@ -117,7 +117,7 @@ impl Transform {
         point
     }
 
-    /// Where a tool at this machine position stands in the coordinates that G51 scales.
+    /// The position of a tool at this machine position in the coordinates that G51 scales.
     pub fn before_scaling(&self, machine: AxisVector) -> AxisVector {
         let later = Self {
             mirror: None,
@@ -127,7 +127,7 @@ impl Transform {
         later.inverse(machine)
     }
 
-    /// Where a tool at this machine position stands in the coordinates that G68 turns.
+    /// The position of a tool at this machine position in the coordinates that G68 turns.
     pub fn before_rotation(&self, machine: AxisVector) -> AxisVector {
         let later = Self {
             rotation: None,

@@ -59,7 +59,7 @@ pub struct Variables {
 }
 
 impl Variables {
-    /// The variables of a coordinate system beside the P of the controller.
+    /// The variables of a coordinate system together with the P variables of the controller.
     pub fn new(global: VariableArray) -> Self {
         Self {
             global,

@@ -102,7 +102,7 @@ impl Planner {
         back.profiles
     }
 
-    /// Plans a segment. One that may blend is held back until the next one, or [`Planner::flush`], tells how it ends;
+    /// Plans a segment. One that may blend is held back until the next one, or [`Planner::flush`], decides how it ends;
     /// with G500 until nothing to come can change its speed. A chain ends at rest where G500 changes to G501 or back.
     /// Segment numbers are given in the order of the segments all the same.
     ///

@@ -150,7 +150,7 @@ impl Record {
         None
     }
 
-    /// Forgets what begins in the segment of this place or behind it, and goes on with another record.
+    /// Forgets what begins in the segment of this place or behind it, and continues with another record.
     pub(crate) fn replace(&mut self, from: PathPlace, by: Record) {
         let (first, _) = self.find(from);
         self.entries.truncate(first);

@@ -73,7 +73,7 @@ impl Replan {
     }
 
     /// Plans entries to be passed one after another, the first one in this way, the others whole. Backward the last of
-    /// them ends in rest wherever its path goes on; forward more may follow.
+    /// them ends at rest even where its path continues; forward more may follow.
     fn pass_all(
         &mut self,
         record: &Record,

@@ -96,7 +96,7 @@ impl PathStage {
     }
 
     /// Takes a block; what is certain of the way comes out. The last block of a chain is held back until the next
-    /// one tells whether it stops there: see [`PathStage::flush`]. With cutter compensation up to [`LOOK_AHEAD_MAX`]
+    /// one decides whether it stops there: see [`PathStage::flush`]. With cutter compensation up to [`LOOK_AHEAD_MAX`]
     /// blocks are held back.
     ///
     /// # Errors
@@ -124,7 +124,7 @@ impl PathStage {
         })
     }
 
-    /// The program waits, and goes on later: puts out what is certain, ending in an exact stop. With cutter
+    /// The program waits and continues later: puts out what is certain, ending in an exact stop. With cutter
     /// compensation blocks stay held back until those behind them show that no overcut comes.
     ///
     /// # Errors

@@ -17,7 +17,7 @@ pub(super) struct Braking {
     is_backward: bool,
 }
 
-/// A long piece keeps its ends apart from its middle, which nothing beside it touches within a servo cycle.
+/// A long piece keeps its ends apart from its middle, which no neighbour touches within a servo cycle.
 fn ends_apart(whole_s: f64, period_s: f64) -> [f64; 3] {
     if whole_s > 4.0 * period_s {
         [period_s, whole_s - 2.0 * period_s, period_s]
@@ -82,7 +82,7 @@ impl Braking {
 
     /// Frees the segments from whose ends on the factor can still go from 1 to 0 within the parts, as steeply as the motors
     /// can: slower, as under feed hold, it may while more becomes known. Within a part of duration d the square of the
-    /// factor falls by `2 s d`, where s is the least fall that this part and those beside it leave: a servo cycle may touch
+    /// factor falls by `2 s d`, where s is the least fall that this part and its neighbours leave: a servo cycle may touch
     /// two.
     pub(super) fn free(&mut self, period_s: f64) {
         let mut square = 0.0_f64;

@@ -177,7 +177,7 @@ impl LookAhead {
         self.pass(block, Passage::default(), is_last, record, out);
     }
 
-    /// Takes the next block of a chain to be passed in this way; the last one ends in rest wherever its path goes on.
+    /// Takes the next block of a chain to be passed in this way; the last one ends at rest even where its path continues.
     pub(crate) fn pass(
         &mut self,
         block: RampedBlock,

@@ -41,7 +41,7 @@ pub(super) struct Limits<'a> {
     pub(super) is_even: [bool; 2],
 }
 
-/// Of the piece bent last, beside its half planes.
+/// Of the piece bent last, in addition to its half planes.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Bent {
     /// [`Spread::sway`].
@@ -249,7 +249,7 @@ impl Limits<'_> {
         changes(before, after) || self.bent.sway * before.max(after) > SWAY_MAX
     }
 
-    /// True when the rate would change without a limit behind the piece bent last, so that it may rise and fall within it.
+    /// True when the rate would change if nothing after the piece bent last limited it, so that it may rise and fall within it.
     fn could_rise(&self, before: f64) -> bool {
         let open = limits::fastest_end(self.planes, before, self.bent.cap);
         changes(before, open * self.bent.scale)

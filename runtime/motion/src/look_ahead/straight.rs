@@ -83,7 +83,7 @@ impl Flank {
 }
 
 impl Straight {
-    /// Adds the steps between these squares of the rate at both ends; `is_even` tells where the rate stays beside them.
+    /// Adds the steps between these squares of the rate at both ends; `is_even` tells where the rate is constant beyond them.
     pub(super) fn pass(self, piece: Extent, ends: [f64; 2], is_even: [bool; 2], steps: &mut Vec<Step>) {
         let peak = |is_even| Some((self.peak(piece, ends, is_even)?, is_even));
         // Between two even ramps the smallest acceleration is the smallest step.

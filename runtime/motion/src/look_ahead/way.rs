@@ -338,7 +338,7 @@ impl Motion {
     }
 }
 
-/// How far the axes beside the plane of an arc go.
+/// The distances of the axes outside the plane of an arc.
 fn beside_plane(arc: &ArcPath) -> AxisVector {
     let way = arc.end().minus(arc.start());
     let mut way = AxisVector(way.0.map(f64::abs));
