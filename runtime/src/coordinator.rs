@@ -13,7 +13,7 @@ use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::types::{BootId, CoordinateSystemNumber};
 use tandem_model::Variables;
 use tandem_model::limits::PROGRAM_BYTES_MAX;
-use tandem_model::settings::MotorKind;
+use tandem_model::settings::{MotorKind, Unit};
 use tandem_servo::Servo;
 use tokio::sync::Notify;
 use tokio::task::JoinSet;
@@ -437,7 +437,10 @@ fn birth(machine: &Machine) -> Birth {
             axes: axes.iter().filter_map(motor).collect(),
             spindle: system.settings.spindle.as_ref().map(|motor| motor.number),
             dialect: system.dialect.name.to_owned(),
-            units: system.units.clone(),
+            units: match system.settings.unit {
+                Unit::Millimetre => "mm".to_owned(),
+                Unit::Inch => "inch".to_owned(),
+            },
         }
     });
     let motors = machine.motors.iter().map(|motor| MotorInfo {

@@ -21,7 +21,10 @@ mod tables;
 pub mod test;
 
 pub use clock::Clock;
-pub use config::{Config, ConfigError, ExternalBroker, MCodeSettings, Machine, Stock, Unhandled};
+pub use config::{
+    Broker, Config, ConfigError, ConfigKey, ConfigWord, ExternalBroker, MCodeSettings, Machine, Stock,
+    Unhandled,
+};
 pub use coordinator::{Runtime, StartError};
 pub use sequence::demo::demo_sequence_program;
 pub use servo_thread::{JITTER_BUCKETS, Measured, ServoStatistics};

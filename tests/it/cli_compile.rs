@@ -194,3 +194,48 @@ fn every_diagnostic_has_a_page() {
     }
     assert_eq!(run(machine.folder(), &["explain", "E9999"]).code, 2);
 }
+
+#[test]
+fn a_key_of_the_configuration_and_a_rule_are_explained() {
+    let machine = Machine::new("");
+    let explain = |name: &str| {
+        let ran = run(machine.folder(), &["explain", name]);
+        assert_eq!(ran.code, 0, "{name}: {}", ran.stderr);
+        ran.stdout
+    };
+    for name in ["coordinate_system.dry_run_feedrate", "dry_run_feedrate"] {
+        assert_eq!(
+            explain(name),
+            "coordinate_system.dry_run_feedrate: number, units/min, 0 to 1e9, default 0.0\n\n\
+             Feedrate of dry run; 0: `max_feedrate`.\n"
+        );
+    }
+    let words = explain("overcut");
+    assert!(words.contains("\n    \"detect\"  An alarm before") && words.contains("\n    \"prevent\"  "));
+    let table = explain("machine");
+    assert!(table.contains("machine.name: text, default \"mill-1\"") && table.contains("machine.data_dir: "));
+    assert!(explain("d31").starts_with("D31: "));
+    assert!(explain("H4").starts_with("H4: "));
+    assert!(explain("M1b.2").starts_with("M1b.2: "));
+    let group = explain("m1b");
+    assert!(group.starts_with("M1b: ") && group.contains("\n\nM1b.4: "));
+}
+
+#[test]
+fn a_name_that_nothing_has_is_told_with_the_nearest_one() {
+    let machine = Machine::new("");
+    for (name, nearest) in [
+        ("dry_run_feedrat", "dry_run_feedrate"),
+        ("motor.lag", "motor.lag_ms"),
+        ("E0110x", "E0110"),
+        ("M2b", "M1b"),
+    ] {
+        let ran = run(machine.folder(), &["explain", name]);
+        assert_eq!(ran.code, 2, "{name}");
+        assert!(
+            ran.stderr.contains(&format!("did you mean {nearest}")),
+            "{}",
+            ran.stderr
+        );
+    }
+}

@@ -165,6 +165,42 @@ fn every_number_of_the_other_tables_is_finite_and_in_range() {
 }
 
 #[test]
+fn a_word_that_a_key_does_not_take_is_told_with_its_place_and_all_that_it_takes() {
+    for (key, words) in [
+        ("units", "\"mm\" or \"inch\""),
+        ("short_block", "\"shrink\" or \"extend\""),
+        ("compensation_feed", "\"centre\" or \"edge\""),
+        ("overcut", "\"detect\" or \"prevent\""),
+    ] {
+        let message = format!("{key} = \"all\": write {words}");
+        all_refused(&[(small("", &format!("{key} = \"all\""), ""), &["line 10", &message])]);
+    }
+    for (key, words) in [
+        ("timing", "\"after_motion\" or \"with_motion\""),
+        ("unhandled", "\"alarm\", \"wait\" or \"auto_reset\""),
+        ("stock", "\"select_tool\""),
+    ] {
+        let message = format!("{key} = \"all\": write {words}");
+        all_refused(&[(
+            small("", "", &format!("[m_code.5]\n{key} = \"all\"")),
+            &[&message],
+        )]);
+    }
+    let broker = "[mqtt]\non_bus_loss = \"all\"";
+    all_refused(&[(
+        small("", "", broker),
+        &["on_bus_loss = \"all\": write \"continue\" or \"hold_at_wait\""],
+    )]);
+    all_refused(&[(
+        small("", "", "").replace("linear", "line"),
+        &[
+            "line 3",
+            "kind = \"line\": write \"linear\", \"rotary\" or \"spindle\"",
+        ],
+    )]);
+}
+
+#[test]
 fn a_number_that_is_a_key_is_written_in_one_way() {
     all_refused(&[
         (small("", "", "[m_code.012]"), &["[m_code.012]", "[m_code.12]"]),

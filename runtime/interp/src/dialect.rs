@@ -7,7 +7,7 @@ use crate::meaning::ModalValue;
 use crate::restrictions::Restriction;
 
 /// What differs between dialects (D50).
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Dialect {
     /// Its name in the configuration.
     pub name: &'static str,
@@ -39,7 +39,7 @@ impl Dialect {
 }
 
 /// Words that need no code of their own in the block: axis words of the motion in force, and feed words.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct ModalWords {
     specs: [Option<&'static WordSpec>; Address::COUNT],
     feed_words: AddressSet,

@@ -1,15 +1,24 @@
-//! `tandem explain`: what a diagnostic means.
+//! `tandem explain`: what a diagnostic, a rule or a key of the configuration means.
 
 use clap::Args;
+use tandem_runtime::{Config, ConfigKey};
 use tandem_syntax::{DIAGNOSTICS, DiagnosticEntry};
 
 use super::{EXIT_OK, EXIT_UNREADABLE, complain, say};
 
 #[derive(Args)]
 pub struct Arguments {
-    /// Code of a diagnostic, such as E0101; without one, all codes with their titles
+    /// A diagnostic (E0101), a key or table of the configuration (machine.name, motor), or a rule (D31, M1b, H4); without
+    /// it, all diagnostics with their titles
     code: Option<String>,
 }
+
+/// Tables of rules: number and text.
+const RULES: [&[(&str, &str)]; 3] = [
+    tandem_interp::reference::DECISIONS,
+    tandem_motion::rules::RULES,
+    plc_api::handshake::rules::RULES,
+];
 
 pub(super) fn run(arguments: &Arguments) -> u8 {
     let Some(code) = &arguments.code else {
@@ -18,18 +27,79 @@ pub(super) fn run(arguments: &Arguments) -> u8 {
         }
         return EXIT_OK;
     };
-    let Some(entry) = DiagnosticEntry::find(&code.to_uppercase()) else {
+    let keys = Config::keys();
+    let pages: Vec<String> = match DiagnosticEntry::find(&code.to_uppercase()) {
+        Some(entry) => vec![diagnostic(entry)],
+        None => rules(code)
+            .chain(keys.iter().filter(|key| is_named(key, code)).map(of_key))
+            .collect(),
+    };
+    if pages.is_empty() {
         complain(format!(
-            "there is no diagnostic {code}; tandem explain lists all of them"
+            "there is no diagnostic, key or rule {code}; did you mean {}? tandem explain lists all diagnostics",
+            nearest(code, &keys)
         ));
         return EXIT_UNREADABLE;
-    };
-    say(&format!(
-        "{}: {}\n\n{}\n\nExample:\n",
-        entry.code, entry.title, entry.explanation
-    ));
-    for line in entry.example.lines() {
-        say(&format!("    {line}"));
     }
+    say(&pages.join("\n\n"));
     EXIT_OK
+}
+
+fn diagnostic(entry: &DiagnosticEntry) -> String {
+    let example: Vec<String> = entry.example.lines().map(|line| format!("    {line}")).collect();
+    format!(
+        "{}: {}\n\n{}\n\nExample:\n\n{}",
+        entry.code,
+        entry.title,
+        entry.explanation,
+        example.join("\n")
+    )
+}
+
+/// The rule of this number, and those of its group.
+fn rules(number: &str) -> impl Iterator<Item = String> {
+    let is_named = move |row: &str| {
+        let group = row.split('.').next().unwrap_or(row);
+        [row, group].iter().any(|name| name.eq_ignore_ascii_case(number))
+    };
+    let rows = RULES.into_iter().flatten().filter(move |(row, _)| is_named(row));
+    rows.map(|(row, text)| format!("{row}: {text}"))
+}
+
+/// True for a key by its own name or with its table's, and for all keys of the table of this name.
+fn is_named(key: &ConfigKey, name: &str) -> bool {
+    key.path == name || key.path.split('.').any(|part| part == name)
+}
+
+fn of_key(key: &ConfigKey) -> String {
+    let value = match key.default.as_str() {
+        _ if key.is_needed => "needed".to_owned(),
+        "" => "may be left out".to_owned(),
+        default => format!("default {default}"),
+    };
+    let facts = [&key.kind, &key.unit, &key.range_text(), &value];
+    let facts: Vec<&str> = facts
+        .map(String::as_str)
+        .into_iter()
+        .filter(|fact| !fact.is_empty())
+        .collect();
+    let words = key
+        .words
+        .iter()
+        .map(|word| format!("\n    \"{}\"  {}", word.word, word.text));
+    let words: String = words.collect();
+    format!("{}: {}\n\n{}{words}", key.path, facts.join(", "), key.text)
+}
+
+/// What a name that is none comes nearest to.
+fn nearest(name: &str, keys: &[ConfigKey]) -> String {
+    let diagnostics = DIAGNOSTICS.iter().map(|entry| entry.code);
+    let rules = RULES.into_iter().flatten().map(|(row, _)| *row);
+    let keys = keys.iter().flat_map(|key| {
+        let of_table = key.path.rsplit('.').next().unwrap_or_default();
+        [key.path.as_str(), of_table]
+    });
+    let all = keys.chain(diagnostics).chain(rules);
+    let distance = |known: &&str| strsim::damerau_levenshtein(&name.to_lowercase(), &known.to_lowercase());
+    all.min_by_key(distance).unwrap_or_default().to_owned()
 }

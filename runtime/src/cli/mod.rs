@@ -50,7 +50,7 @@ enum Command {
     Check(check::Arguments),
     /// Writes the intermediate code of NC programs
     Compile(compile::Arguments),
-    /// Tells what a diagnostic means
+    /// Tells what a diagnostic, a key of the configuration or a rule means
     Explain(explain::Arguments),
     /// Writes a machine of your own: configuration, NC program, handlers and a test
     Init(init::Arguments),

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use plc_api::TlsFiles;
 use tandem_gateway::{GatewayError, GatewaySettings, MqttSettings, Tokens};
-use tandem_runtime::{Config, Machine};
+use tandem_runtime::{Broker, Config, Machine};
 
 use super::read_config;
 
@@ -97,10 +97,10 @@ fn mqtt_settings(config: &Config, problems: &mut Vec<String>) -> MqttSettings {
         prefix: mqtt.prefix.clone(),
         ..MqttSettings::default()
     };
-    match mqtt.external_broker() {
-        Ok(Some(broker)) => MqttSettings {
+    match &mqtt.broker {
+        Broker::External(broker) => MqttSettings {
             embedded_listen: None,
-            host: broker.host,
+            host: broker.host.clone(),
             port: broker.port,
             tls: broker.tls.then(|| TlsFiles {
                 ca_file: mqtt.ca_file.as_ref().map(in_folder),
@@ -109,8 +109,7 @@ fn mqtt_settings(config: &Config, problems: &mut Vec<String>) -> MqttSettings {
             }),
             ..settings
         },
-        embedded => {
-            problems.extend(embedded.err().map(|text| format!("[mqtt] {text}")));
+        Broker::Embedded => {
             let listen = mqtt.listen.as_deref().unwrap_or(MQTT_LISTEN_DEFAULT);
             MqttSettings {
                 embedded_listen: Some(listen.to_owned()),

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::net::Ipv6Addr;
 
-use super::MqttConfig;
+use serde::{Deserialize, Serialize};
 
 /// The value that stands for the broker of the runtime itself.
 const EMBEDDED: &str = "embedded";
@@ -36,25 +36,42 @@ impl fmt::Display for ExternalBroker {
     }
 }
 
-impl MqttConfig {
-    /// The external broker; `None`: the runtime brings its own.
-    ///
-    /// # Errors
+/// The broker that carries the topics.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(try_from = "String", into = "String")]
+pub enum Broker {
+    /// The runtime brings its own.
+    Embedded,
+    /// One that runs elsewhere.
+    External(ExternalBroker),
+}
+
+impl From<Broker> for String {
+    fn from(broker: Broker) -> Self {
+        match broker {
+            Broker::Embedded => EMBEDDED.into(),
+            Broker::External(external) => external.to_string(),
+        }
+    }
+}
+
+impl TryFrom<String> for Broker {
     /// What is wrong with the address and what to write, without a user or password that stands in it.
-    pub fn external_broker(&self) -> Result<Option<ExternalBroker>, String> {
-        let text = self.broker.as_str();
+    type Error = String;
+
+    fn try_from(text: String) -> Result<Self, String> {
         if text == EMBEDDED {
-            return Ok(None);
+            return Ok(Self::Embedded);
         }
         if text.contains('@') {
             return Err(
-                "broker: a user and password do not belong into the address; write username and password_file"
+                "[mqtt] broker: a user and password do not belong into the address; write username and password_file"
                     .into(),
             );
         }
-        parse(text).map(Some).map_err(|why| {
+        parse(&text).map(Self::External).map_err(|why| {
             format!(
-                "broker = \"{text}\": {why}; write \"{EMBEDDED}\", \"mqtt://host:{PORT_DEFAULT}\" or, with TLS, \"mqtts://host:{TLS_PORT_DEFAULT}\""
+                "[mqtt] broker = \"{text}\": {why}; write \"{EMBEDDED}\", \"mqtt://host:{PORT_DEFAULT}\" or, with TLS, \"mqtts://host:{TLS_PORT_DEFAULT}\""
             )
         })
     }
@@ -97,14 +114,6 @@ fn parse(text: &str) -> Result<ExternalBroker, &'static str> {
 mod tests {
     use super::*;
 
-    fn broker(text: &str) -> Result<Option<ExternalBroker>, String> {
-        let config = MqttConfig {
-            broker: text.into(),
-            ..MqttConfig::default()
-        };
-        config.external_broker()
-    }
-
     #[test]
     fn an_address_is_taken_apart_and_shown_whole() {
         for (text, tls, host, port) in [
@@ -114,7 +123,9 @@ mod tests {
             ("mqtts://[::1]:7", true, "::1", 7),
             ("mqtt://[fd00::2]", false, "fd00::2", 1883),
         ] {
-            let found = broker(text).unwrap().unwrap();
+            let Ok(Broker::External(found)) = Broker::try_from(text.to_owned()) else {
+                panic!("{text}");
+            };
             assert_eq!(
                 (found.tls, found.host.as_str(), found.port),
                 (tls, host, port),
@@ -122,6 +133,6 @@ mod tests {
             );
             assert!(found.to_string().starts_with(text), "{found}");
         }
-        assert_eq!(broker("embedded"), Ok(None));
+        assert_eq!(Broker::try_from("embedded".to_owned()), Ok(Broker::Embedded));
     }
 }

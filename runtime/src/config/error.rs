@@ -28,15 +28,15 @@ pub enum ConfigError {
 
 impl ConfigError {
     pub(super) fn text(text: &str, error: &toml::de::Error) -> Self {
-        let place = error.span().map_or_else(String::new, |span| {
-            let before = text.get(..span.start).unwrap_or(text);
+        let before = error.span().and_then(|span| text.get(..span.start));
+        let place = before.map_or_else(String::new, |before| {
             let line = before.matches('\n').count() + 1;
             let column = before.rsplit('\n').next().unwrap_or("").chars().count() + 1;
             format!("line {line}, column {column}")
         });
         Self::Text {
             place,
-            message: explain(error.message()),
+            message: explain(before.unwrap_or_default(), error.message()),
         }
     }
 
@@ -51,16 +51,26 @@ impl ConfigError {
     }
 }
 
-// serde names an unknown key and all known ones; people want the nearest.
-fn explain(message: &str) -> String {
-    let Some(rest) = message.strip_prefix("unknown field `") else {
+// serde names an unknown key and all known ones; people want the nearest. Of a wrong word they want to know which key it is of.
+fn explain(before: &str, message: &str) -> String {
+    let mut quoted = message.split('`').skip(1).step_by(2);
+    let found = quoted.next().unwrap_or_default();
+    if message.starts_with("unknown variant `") {
+        let words: Vec<String> = quoted.map(|word| format!("\"{word}\"")).collect();
+        let words = match words.as_slice() {
+            [many @ .., last] if !many.is_empty() => format!("{} or {last}", many.join(", ")),
+            all => all.concat(),
+        };
+        let key = before.rsplit(['\n', '{', ',']).next().unwrap_or_default();
+        let key = key.split('=').next().unwrap_or_default().trim();
+        return format!("{key} = \"{found}\": write {words}");
+    }
+    if !message.starts_with("unknown field `") {
         return message.to_owned();
-    };
-    let mut quoted = rest.split('`').step_by(2);
-    let key = quoted.next().unwrap_or_default();
-    match nearest(key, quoted.filter(|known| !known.trim().is_empty())) {
-        Some(known) => format!("unknown key `{key}`; did you mean `{known}`?"),
-        None => format!("unknown key `{key}`"),
+    }
+    match nearest(found, quoted.filter(|known| !known.trim().is_empty())) {
+        Some(known) => format!("unknown key `{found}`; did you mean `{known}`?"),
+        None => format!("unknown key `{found}`"),
     }
 }
 

@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use plc_api::types::output::Timing;
-use serde::Deserialize;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 use tandem_interp::{Dialect, dialects};
 use tandem_model::settings::{CoordinateSystemSettings, MotorSettings, Tool, WorkOffsets};
 
@@ -40,8 +41,6 @@ pub struct CoordinateSystem {
     pub settings: CoordinateSystemSettings,
     /// NC dialect; the same in all coordinate systems, which share the programs.
     pub dialect: &'static Dialect,
-    /// `mm` or `inch` at start.
-    pub units: String,
     /// G54 to G59.
     pub work_offsets: WorkOffsets,
     /// Programs to put into the store.
@@ -89,7 +88,7 @@ pub struct MCodeSettings {
 }
 
 /// What happens to an output that no handler is registered for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Unhandled {
     /// An alarm.
@@ -102,7 +101,7 @@ pub enum Unhandled {
 }
 
 /// What the stock sequence program does for an M code.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Stock {
     /// Selects the tool of parameter VA.

@@ -1,26 +1,46 @@
 //! The configuration: `tandem.toml` as a user writes it.
 //!
-//! The comments of the keys are the book's page of the configuration. A key that nothing reads is an error that names it and
+//! Comments, ranges and units of the keys are the reference that `tandem explain` and the book show. A key that nothing reads is an error that names it and
 //! the nearest known one. [`Config::resolve`] turns the text's values into the settings that the stages take.
 
 mod broker;
 mod demo;
 mod error;
 mod machine;
+mod reference;
 mod resolve;
+mod words;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::Deserialize;
 use serde::de::{Deserializer, Error as _};
+use tandem_interp::{Dialect, dialects};
+use tandem_model::settings::{CompensationFeed, MotorKind, Overcut, ShortBlock, Unit};
 
-pub use broker::ExternalBroker;
+pub use broker::{Broker, ExternalBroker};
 pub use error::ConfigError;
 pub use machine::{CoordinateSystem, MCodeSettings, Machine, ProgramSource, Stock, Unhandled};
+pub use reference::{ConfigKey, ConfigWord};
+pub use words::OnBusLoss;
+use words::{CompensationFeedWord, MotorKindWord, OvercutWord, ShortBlockWord, UnitWord};
+
+/// Least rate and window. Reason: nothing moves with less.
+const RATE_MIN: f64 = 1e-9;
+
+/// Largest velocity, acceleration and jerk, units per second, squared, cubed. Reason: squares of them are numbers.
+const RATE_MAX: f64 = 1e12;
+
+/// Largest position, length or offset, units. Reason: beyond it a number of 64 bits has no digits left for the path.
+const POSITION_MAX: f64 = 1e9;
+
+/// Largest time, ms: a day.
+const TIME_MAX_MS: f64 = 86_400_000.0;
 
 /// A whole configuration.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
     /// `[machine]`
@@ -59,12 +79,13 @@ pub struct Config {
 }
 
 /// `[machine]`
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MachineConfig {
     /// MQTT topic level: lower-case letters, digits and hyphens, 1 to 32.
     pub name: String,
-    /// Servo period, 125 to 10000 microseconds.
+    /// Servo period.
+    #[schemars(range(min = 125, max = 10_000), extend("x-unit" = "us"))]
     pub servo_period_us: u64,
     /// Folder of programs and of all else that is kept.
     pub data_dir: PathBuf,
@@ -81,46 +102,60 @@ impl Default for MachineConfig {
 }
 
 /// `[[motor]]`
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MotorConfig {
     /// CNC motor number.
     pub number: u16,
-    /// `linear` (mm), `rotary` (degrees) or `spindle` (r/min).
-    pub kind: MotorKindConfig,
-    /// Highest speed, units per second (spindle: r/min).
+    /// What it moves.
+    #[serde(with = "MotorKindWord")]
+    pub kind: MotorKind,
+    /// Highest speed (spindle: r/min).
+    #[schemars(range(min = RATE_MIN, max = RATE_MAX), extend("x-unit" = "units/s"))]
     pub max_velocity: f64,
-    /// Highest acceleration, units per second squared (spindle: r/min per s).
+    /// Highest acceleration (spindle: r/min per s).
+    #[schemars(range(min = RATE_MIN, max = RATE_MAX), extend("x-unit" = "units/s^2"))]
     pub max_acceleration: f64,
-    /// Highest jerk, units per second cubed: of G00, G28, G30, G31 and, with G500, of lines and the corners between them. Other feed motion
-    /// has the jerk of the program's ta, td and ts.
+    /// Highest jerk: of G00, G28, G30, G31 and, with G500, of lines and the corners between them. Other feed motion has the jerk of
+    /// the program's ta, td and ts.
+    #[schemars(range(min = RATE_MIN, max = RATE_MAX), extend("x-unit" = "units/s^3"))]
     pub max_jerk: Option<f64>,
     /// Speed of G00; default `max_velocity`.
+    #[schemars(range(min = RATE_MIN, max = RATE_MAX), extend("x-unit" = "units/s"))]
     pub rapid_velocity: Option<f64>,
     /// Acceleration of G00; default `max_acceleration`.
+    #[schemars(range(min = RATE_MIN, max = RATE_MAX), extend("x-unit" = "units/s^2"))]
     pub rapid_acceleration: Option<f64>,
     /// Speed of G31; default a tenth of `max_velocity`.
+    #[schemars(range(min = RATE_MIN, max = RATE_MAX), extend("x-unit" = "units/s"))]
     pub skip_velocity: Option<f64>,
-    /// Window for exact stop, units.
+    /// Window for exact stop.
     #[serde(default = "default_in_position")]
+    #[schemars(range(min = RATE_MIN, max = POSITION_MAX), extend("x-unit" = "units"))]
     pub in_position: f64,
-    /// Lowest and highest machine position, units; without them there is no limit.
+    /// Lowest and highest machine position; without them there is no limit.
     #[serde(default, deserialize_with = "soft_limits")]
+    #[schemars(inner(range(min = -POSITION_MAX, max = POSITION_MAX)), extend("x-unit" = "units"))]
     pub soft_limits: Option<[f64; 2]>,
     /// First to fourth reference point, machine positions; all four.
     #[serde(default, deserialize_with = "reference_points")]
+    #[schemars(inner(range(min = -POSITION_MAX, max = POSITION_MAX)), extend("x-unit" = "units"))]
     pub reference_points: [f64; 4],
-    /// Time to come into position, ms.
+    /// Time to come into position.
     #[serde(default = "default_in_position_timeout_ms")]
+    #[schemars(range(min = RATE_MIN, max = TIME_MAX_MS), extend("x-unit" = "ms"))]
     pub in_position_timeout_ms: f64,
-    /// Following error of the simulated drive as a time constant, ms.
+    /// Following error of the simulated drive as a time constant.
     #[serde(default)]
+    #[schemars(range(min = 0.0, max = 10_000.0), extend("x-unit" = "ms"))]
     pub lag_ms: f64,
-    /// Spindle: speed of orientation, r/min.
+    /// Spindle: speed of orientation.
     #[serde(default = "default_orientation_velocity")]
+    #[schemars(range(min = RATE_MIN, max = RATE_MAX), extend("x-unit" = "r/min"))]
     pub orientation_velocity: f64,
-    /// Spindle: position of orientation, degrees.
+    /// Spindle: position of orientation.
     #[serde(default)]
+    #[schemars(range(min = -POSITION_MAX, max = POSITION_MAX), extend("x-unit" = "deg"))]
     pub orientation_position: f64,
 }
 
@@ -156,93 +191,103 @@ fn default_orientation_velocity() -> f64 {
     100.0
 }
 
-/// What a motor moves.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum MotorKindConfig {
-    /// mm
-    Linear,
-    /// degrees
-    Rotary,
-    /// r/min
-    Spindle,
-}
-
 /// `[[coordinate_system]]`
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CoordinateSystemConfig {
-    /// Number of the coordinate system, 1 to 8.
+    /// Number of the coordinate system.
+    #[schemars(range(min = 1))]
     pub number: u8,
-    /// NC dialect: `nj`.
-    #[serde(default = "default_dialect")]
-    pub dialect: String,
+    /// NC dialect.
+    #[serde(default = "dialects::nj", deserialize_with = "dialect")]
+    #[schemars(schema_with = "dialect_schema")]
+    pub dialect: &'static Dialect,
     /// Axis letter to motor number.
     pub axes: BTreeMap<String, u16>,
     /// Motor number of the spindle, if it has one.
     pub spindle: Option<u16>,
-    /// Highest feedrate, units per minute.
+    /// Highest feedrate.
     #[serde(default = "default_max_feedrate")]
+    #[schemars(range(min = RATE_MIN, max = 1e9), extend("x-unit" = "units/min"))]
     pub max_feedrate: f64,
-    /// Feedrate until a program sets F, units per minute; 0: F must be programmed.
+    /// Feedrate until a program sets F; 0: F must be programmed.
     #[serde(default)]
+    #[schemars(range(min = 0.0, max = 1e9), extend("x-unit" = "units/min"))]
     pub default_feedrate: f64,
-    /// Acceleration time until a program sets ta, ms.
+    /// Acceleration time until a program sets ta.
     #[serde(default = "default_ta_ms")]
+    #[schemars(range(min = 0.0, max = 250_000.0), extend("x-unit" = "ms"))]
     pub default_ta_ms: f64,
-    /// Deceleration time until a program sets td, ms.
+    /// Deceleration time until a program sets td.
     #[serde(default = "default_ta_ms")]
+    #[schemars(range(min = 0.0, max = 250_000.0), extend("x-unit" = "ms"))]
     pub default_td_ms: f64,
-    /// Jerk time until a program sets ts, ms.
+    /// Jerk time until a program sets ts.
     #[serde(default = "default_ts_ms")]
+    #[schemars(range(min = 0.0, max = 125_000.0), extend("x-unit" = "ms"))]
     pub default_ts_ms: f64,
-    /// What lengths of a program are read in at its start: `mm` or `inch`.
-    #[serde(default = "default_units")]
-    pub units: String,
+    /// What lengths of a program are read in at its start.
+    #[serde(default, with = "UnitWord")]
+    pub units: Unit,
     /// Program number to file: what is in the store at the start.
     #[serde(default)]
     pub programs: BTreeMap<String, String>,
-    /// Feedrate of blocks that move rotary axes only, deg/min; 0: F.
+    /// Feedrate of blocks that move rotary axes only; 0: F.
     #[serde(default)]
+    #[schemars(range(min = 0.0, max = 1e9), extend("x-unit" = "deg/min"))]
     pub rotary_feedrate: f64,
-    /// Feedrate of dry run, units per minute; 0: `max_feedrate`.
+    /// Feedrate of dry run; 0: `max_feedrate`.
     #[serde(default)]
+    #[schemars(range(min = 0.0, max = 1e9), extend("x-unit" = "units/min"))]
     pub dry_run_feedrate: f64,
-    /// What gives way in a block that is too short for its ramps: they (`shrink`) or its time (`extend`).
-    #[serde(default = "default_short_block")]
-    pub short_block: String,
-    /// How much too small the radius R of an arc may be, mm.
+    /// What gives way in a block that is too short for its ramps (M1b.4).
+    #[serde(default, with = "ShortBlockWord")]
+    pub short_block: ShortBlock,
+    /// How much too small the radius R of an arc may be.
     #[serde(default = "default_in_position")]
+    #[schemars(range(min = 0.0, max = 1e6), extend("x-unit" = "mm"))]
     pub arc_radius_tolerance: f64,
-    /// How much the radii at both ends of an arc may differ, mm; 0: any difference makes a spiral.
+    /// How much the radii at both ends of an arc may differ; 0: any difference makes a spiral.
     #[serde(default)]
+    #[schemars(range(min = 0.0, max = 1e6), extend("x-unit" = "mm"))]
     pub spiral_tolerance: f64,
-    /// Where F counts in cutter compensation: at the tool's `centre` or at its `edge`.
-    #[serde(default = "default_compensation_feed")]
-    pub compensation_feed: String,
-    /// An overcut is an alarm (`detect`), or the blocks that the tool does not fit between are left out (`prevent`).
-    #[serde(default = "default_overcut")]
-    pub overcut: String,
-    /// Time of a change of the override by 100 percent, ms.
+    /// Where F counts in cutter compensation.
+    #[serde(default, with = "CompensationFeedWord")]
+    pub compensation_feed: CompensationFeed,
+    /// What is done where the tool would cut into another block.
+    #[serde(default, with = "OvercutWord")]
+    pub overcut: Overcut,
+    /// Time of a change of the override by 100 percent.
     #[serde(default = "default_override_slew_ms")]
+    #[schemars(range(min = 1.0, max = 60_000.0), extend("x-unit" = "ms"))]
     pub override_slew_ms: f64,
-    /// Time of a feed hold from 100 percent to rest, ms.
+    /// Time of a feed hold from 100 percent to rest.
     #[serde(default = "default_hold_slew_ms")]
+    #[schemars(range(min = 1.0, max = 60_000.0), extend("x-unit" = "ms"))]
     pub hold_slew_ms: f64,
     /// Blocks that are read ahead of the motion.
     #[serde(default = "default_pre_read_blocks")]
+    #[schemars(range(min = 16, max = 1_000_000))]
     pub pre_read_blocks: usize,
     /// Outputs open at the same time.
     #[serde(default = "default_open_outputs_max")]
+    #[schemars(range(min = 1, max = 1024))]
     pub open_outputs_max: usize,
     /// `G54` to `G59`: axis letter to offset.
     #[serde(default)]
     pub work_offset: BTreeMap<String, BTreeMap<String, f64>>,
 }
 
-fn default_dialect() -> String {
-    "nj".into()
+fn dialect<'de, D: Deserializer<'de>>(deserializer: D) -> Result<&'static Dialect, D::Error> {
+    let name = String::deserialize(deserializer)?;
+    dialects::find(&name).map_err(|why| D::Error::custom(format!("dialect: {why}")))
 }
+
+fn dialect_schema(_: &mut SchemaGenerator) -> Schema {
+    let names: Vec<&str> = dialects::names().collect();
+    json_schema!({ "type": "string", "enum": names, "default": dialects::nj().name })
+}
+
 fn default_max_feedrate() -> f64 {
     10_000.0
 }
@@ -251,18 +296,6 @@ fn default_ta_ms() -> f64 {
 }
 fn default_ts_ms() -> f64 {
     50.0
-}
-fn default_units() -> String {
-    "mm".into()
-}
-fn default_short_block() -> String {
-    "shrink".into()
-}
-fn default_compensation_feed() -> String {
-    "centre".into()
-}
-fn default_overcut() -> String {
-    "detect".into()
 }
 fn default_override_slew_ms() -> f64 {
     1000.0
@@ -278,55 +311,63 @@ fn default_open_outputs_max() -> usize {
 }
 
 /// `[[tool]]`
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ToolConfig {
-    /// Tool number, from 1.
+    /// Tool number.
+    #[schemars(range(min = 1))]
     pub id: u16,
-    /// Radius, mm.
+    /// Radius.
     #[serde(default)]
+    #[schemars(range(min = 0.0, max = POSITION_MAX), extend("x-unit" = "mm"))]
     pub radius: f64,
-    /// Length, mm.
+    /// Length.
     #[serde(default)]
+    #[schemars(range(min = -POSITION_MAX, max = POSITION_MAX), extend("x-unit" = "mm"))]
     pub length: f64,
 }
 
 /// `[m_code.N]`
-#[derive(Debug, Clone, Default, Deserialize)]
+#[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MCodeConfig {
-    /// When it is put out: `after_motion`, which is the default, or `with_motion`.
+    /// When it is put out.
     pub timing: plc_api::types::output::Timing,
-    /// What happens when no handler is registered: `alarm`, which is the default, `wait` or `auto_reset`.
+    /// What happens when no handler is registered; default `alarm`.
     pub unhandled: Option<Unhandled>,
-    /// Time limit of the reset, from the output on, ms; then an alarm.
+    /// Time limit of the reset, from the output on; then an alarm.
+    #[schemars(range(min = 1, max = TIME_MAX_MS), extend("x-unit" = "ms"))]
     pub timeout_ms: Option<u64>,
     /// What the state shows while the program waits for it.
     pub wait_state: Option<String>,
-    /// What the stock sequence program does: `select_tool` selects tool VA.
+    /// What the stock sequence program does.
     pub stock: Option<Stock>,
-    /// How long the stock sequence program takes, ms.
+    /// How long the stock sequence program takes.
+    #[schemars(range(min = 0.0, max = TIME_MAX_MS), extend("x-unit" = "ms"))]
     pub simulated_ms: f64,
 }
 
 /// `[[simulated_skip]]`
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SimulatedSkipConfig {
     /// Motor number.
     pub motor: u16,
     /// On below this machine position.
+    #[schemars(range(min = -POSITION_MAX, max = POSITION_MAX), extend("x-unit" = "units"))]
     pub below: Option<f64>,
     /// On above this machine position.
+    #[schemars(range(min = -POSITION_MAX, max = POSITION_MAX), extend("x-unit" = "units"))]
     pub above: Option<f64>,
 }
 
 /// `[mqtt]`
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MqttConfig {
     /// `embedded`, or the address of an external one: `mqtt://host:1883`, `mqtts://host:8883`.
-    pub broker: String,
+    #[schemars(with = "String")]
+    pub broker: Broker,
     /// Address of the embedded broker; default `127.0.0.1:1883`.
     pub listen: Option<String>,
     /// User at an external broker.
@@ -341,14 +382,14 @@ pub struct MqttConfig {
     pub client_key_file: Option<PathBuf>,
     /// Topic levels before `tandem/`.
     pub prefix: String,
-    /// What a program that waits for a reset does while the broker is lost: `continue` or `hold_at_wait`.
-    pub on_bus_loss: String,
+    /// What a program that waits for a reset does while the broker is lost.
+    pub on_bus_loss: OnBusLoss,
 }
 
 impl Default for MqttConfig {
     fn default() -> Self {
         Self {
-            broker: "embedded".into(),
+            broker: Broker::Embedded,
             listen: None,
             username: None,
             password_file: None,
@@ -356,13 +397,13 @@ impl Default for MqttConfig {
             client_cert_file: None,
             client_key_file: None,
             prefix: String::new(),
-            on_bus_loss: "continue".into(),
+            on_bus_loss: OnBusLoss::Continue,
         }
     }
 }
 
 /// `[http]`
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct HttpConfig {
     /// Address of REST, WebSocket and HMI.

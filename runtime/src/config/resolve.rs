@@ -7,26 +7,31 @@ mod mqtt;
 use std::collections::{BTreeMap, BTreeSet};
 
 use plc_api::handlers::RUNTIME_M_CODES;
-use tandem_interp::dialects;
+use schemars::{JsonSchema, Schema, schema_for};
 use tandem_model::limits::{COORDINATE_SYSTEMS_MAX, M_CODE_MAX, PROGRAM_NUMBER_MAX};
 use tandem_model::settings::{MotorSettings, Tool};
 
 use super::machine::{CoordinateSystem, MCodeSettings, Machine, ProgramSource, Unhandled};
-use super::{Config, ConfigError, CoordinateSystemConfig, MCodeConfig, ToolConfig};
+use super::reference::range;
+use super::{Config, ConfigError, CoordinateSystemConfig, MCodeConfig, MachineConfig, OnBusLoss, ToolConfig};
 use crate::tables::TOOLS_MAX;
-
-/// Largest position, length or offset, units. Reason: beyond it a number of 64 bits has no digits left for the path.
-const POSITION_MAX: f64 = 1e9;
-
-/// Largest time, ms: a day.
-const TIME_MAX_MS: f64 = 86_400_000.0;
 
 /// Characters of a `wait_state`.
 const WAIT_STATE_MAX: usize = 64;
 
-/// What to write where a value of a key is not a number of its range; `None`: it is.
-fn out_of_range((key, value, low, high): (&str, f64, f64, f64)) -> Option<String> {
-    (!(low..=high).contains(&value)).then(|| format!("{key} = {value}: write {low} to {high}"))
+/// The ranges of the numbers of a table.
+struct Ranges(Schema);
+
+impl Ranges {
+    fn of<T: JsonSchema>() -> Self {
+        Self(schema_for!(T))
+    }
+
+    /// What to write where a value of a key is not a number of its range; `None`: it is.
+    fn problem(&self, (key, value): (&str, f64)) -> Option<String> {
+        let (low, high) = range(self.0.get("properties")?.get(key)?);
+        (!(low..=high).contains(&value)).then(|| format!("{key} = {value}: write {low} to {high}"))
+    }
 }
 
 impl Config {
@@ -54,7 +59,7 @@ impl Config {
             tools: self.tools(),
             m_codes,
             unhandled: Unhandled::Alarm,
-            hold_on_bus_loss: self.mqtt.holds_on_bus_loss(),
+            hold_on_bus_loss: self.mqtt.on_bus_loss == OnBusLoss::HoldAtWait,
         })
     }
 
@@ -79,11 +84,9 @@ impl Config {
                 "[machine] name = \"{name}\": write 1 to 32 lower-case letters, digits and hyphens"
             ));
         }
-        if !(125..=10_000).contains(&self.machine.servo_period_us) {
-            problems.push(format!(
-                "[machine] servo_period_us = {}: write 125 to 10000",
-                self.machine.servo_period_us
-            ));
+        let period = ("servo_period_us", self.machine.servo_period_us as f64);
+        if let Some(text) = Ranges::of::<MachineConfig>().problem(period) {
+            problems.push(format!("[machine] {text}"));
         }
         if self.machine.data_dir.as_os_str().is_empty() {
             problems.push("[machine] data_dir = \"\": write the name of a folder".into());
@@ -91,6 +94,7 @@ impl Config {
     }
 
     fn check_tools(&self, problems: &mut Vec<String>) {
+        let ranges = Ranges::of::<ToolConfig>();
         let mut ids = BTreeSet::new();
         for tool in &self.tool {
             let mut problem = |text: String| problems.push(format!("[[tool]] id = {}: {text}", tool.id));
@@ -100,11 +104,10 @@ impl Config {
             if !ids.insert(tool.id) {
                 problem("the id stands twice".into());
             }
-            let ranges = [
-                ("radius", tool.radius, 0.0, POSITION_MAX),
-                ("length", tool.length, -POSITION_MAX, POSITION_MAX),
-            ];
-            ranges.into_iter().filter_map(out_of_range).for_each(problem);
+            [("radius", tool.radius), ("length", tool.length)]
+                .into_iter()
+                .filter_map(|number| ranges.problem(number))
+                .for_each(problem);
         }
         if self.tool.len() > TOOLS_MAX {
             problems.push(format!("[[tool]]: the table holds {TOOLS_MAX} tools"));
@@ -156,16 +159,12 @@ impl Config {
         let skips = self.simulated_skips(motors, problems);
         let mut taken = BTreeMap::new();
         let mut systems = BTreeMap::new();
-        let first = self.coordinate_system.first().map(|config| &config.dialect);
+        let first = self.coordinate_system.first().map(|config| config.dialect.name);
         for config in &self.coordinate_system {
             let place = format!("[[coordinate_system]] number = {}", config.number);
             let mut problem = |text: String| problems.push(format!("{place}: {text}"));
             config.check(&mut problem);
-            let dialect = dialects::find(&config.dialect).unwrap_or_else(|why| {
-                problem(format!("dialect: {why}"));
-                dialects::nj()
-            });
-            if first.is_some_and(|first| *first != config.dialect) {
+            if first.is_some_and(|first| first != config.dialect.name) {
                 problem("dialect: coordinate systems share the programs; write the same in all".into());
             }
             let all = config.axes.values().copied().chain(config.spindle);
@@ -178,8 +177,7 @@ impl Config {
             }
             let system = CoordinateSystem {
                 settings: config.settings(motors, self.machine.servo_period_us, &skips, &mut problem),
-                dialect,
-                units: config.units.clone(),
+                dialect: config.dialect,
                 work_offsets: config.work_offsets(&mut problem),
                 programs: self.programs(config, &mut problem),
                 pre_read_blocks: config.pre_read_blocks,
@@ -231,17 +229,13 @@ impl Config {
 
 impl MCodeConfig {
     fn check(&self, problem: &mut impl FnMut(String)) {
-        let simulated = ("simulated_ms", self.simulated_ms, 0.0, TIME_MAX_MS);
-        if let Some(text) = out_of_range(simulated) {
-            problem(format!(" {text}"));
-        }
-        if let Some(ms) = self.timeout_ms
-            && !(1.0..=TIME_MAX_MS).contains(&(ms as f64))
-        {
-            problem(format!(
-                " timeout_ms = {ms}: write 1 to {TIME_MAX_MS}, or leave it out"
-            ));
-        }
+        let timeout = self.timeout_ms.map(|ms| ("timeout_ms", ms as f64));
+        let ranges = Ranges::of::<Self>();
+        [("simulated_ms", self.simulated_ms)]
+            .into_iter()
+            .chain(timeout)
+            .filter_map(|number| ranges.problem(number))
+            .for_each(|text| problem(format!(" {text}")));
         if let Some(word) = &self.wait_state
             && (!(1..=WAIT_STATE_MAX).contains(&word.chars().count()) || word.contains(char::is_control))
         {
@@ -254,6 +248,9 @@ impl MCodeConfig {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::LazyLock;
+
+    use tandem_interp::{Dialect, dialects};
     use tandem_model::settings::{CompensationFeed, MotionOptions, Overcut, Unit};
 
     use super::*;
@@ -307,7 +304,7 @@ mod tests {
             )
         };
         let text: String = tables.iter().enumerate().map(of_one).collect();
-        Config::from_toml(&text, "").unwrap().resolve()
+        Config::from_toml(&text, "")?.resolve()
     }
 
     #[test]
@@ -319,9 +316,23 @@ mod tests {
             ("fanuc", "there is no dialect fanuc; write nj"),
         ] {
             let error = of_coordinate_systems(&[&format!("dialect = \"{name}\"")]).unwrap_err();
-            assert!(error.to_string().contains(why), "{error}");
+            let text = error.to_string();
+            assert!(
+                text.starts_with("line 9, column 11") && text.contains(why),
+                "{text}"
+            );
         }
-        let error = of_coordinate_systems(&["", "dialect = \"dgshape\""]).unwrap_err();
+    }
+
+    #[test]
+    fn coordinate_systems_have_the_same_dialect() {
+        static OTHER: LazyLock<Dialect> = LazyLock::new(|| Dialect {
+            name: "other",
+            ..dialects::nj().clone()
+        });
+        let mut config = Config::demo();
+        config.coordinate_system[1].dialect = &OTHER;
+        let error = config.resolve().unwrap_err();
         assert!(error.to_string().contains("write the same in all"), "{error}");
     }
 
@@ -334,11 +345,9 @@ mod tests {
             .map(|system| system.settings.unit);
         assert!(units.eq([Unit::Millimetre, Unit::Inch]));
         let error = of_coordinate_systems(&["units = \"cm\""]).unwrap_err();
-        assert!(
-            error
-                .to_string()
-                .contains("units = \"cm\": write \"mm\" or \"inch\""),
-            "{error}"
+        assert_eq!(
+            error.to_string(),
+            "line 9, column 9: units = \"cm\": write \"mm\" or \"inch\""
         );
     }
 
@@ -367,16 +376,14 @@ mod tests {
     #[test]
     fn what_the_loss_of_the_broker_does_is_configured() {
         let resolved = |value: &str| {
-            let mut config = Config::demo();
-            config.mqtt.on_bus_loss = value.to_owned();
-            config.resolve().map(|machine| machine.hold_on_bus_loss)
+            let more = format!("[mqtt]\non_bus_loss = \"{value}\"");
+            of_coordinate_systems(&[&more]).map(|machine| machine.hold_on_bus_loss)
         };
         assert!(!resolved("continue").unwrap());
         assert!(resolved("hold_at_wait").unwrap());
-        let error = resolved("stop").unwrap_err().to_string();
-        assert!(
-            error.contains("on_bus_loss = \"stop\"") && error.contains("hold_at_wait"),
-            "{error}"
+        assert_eq!(
+            resolved("stop").unwrap_err().to_string(),
+            "line 10, column 15: on_bus_loss = \"stop\": write \"continue\" or \"hold_at_wait\""
         );
     }
 

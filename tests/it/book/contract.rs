@@ -1,8 +1,9 @@
-//! Pages of routes, topics and configuration keys, written from the contract's documents and from the types' comments.
+//! Pages of routes, topics and configuration keys, written from the contract's documents and from the types.
 
 use std::fmt::Write;
 
 use serde_json::Value;
+use tandem_runtime::Config;
 
 use super::generated::check;
 use super::page::read;
@@ -98,91 +99,47 @@ fn the_page_of_topics_is_that_of_the_contract() {
     check("docs/src/reference/topics.md", &page);
 }
 
-/// A key of the configuration as its type declares it.
-#[derive(Default)]
-struct Key {
-    comment: Vec<String>,
-    attributes: String,
-    /// Whether all keys of its table may be left out.
-    is_of_default_table: bool,
-}
-
-impl Key {
-    /// What it is where it is left out, as a configuration would write it.
-    fn left_out(&self, source: &str, table: &str, name: &str, kind: &str) -> String {
-        let after = |from: &str| source.split_once(from).map(|(_, rest)| rest);
-        let is_optional = self.attributes.contains("serde(default") || kind.starts_with("Option<");
-        let of_table = after(&format!("impl Default for {table} {{"))
-            .and_then(|rest| rest.split_once(&format!(" {name}: ")))
-            .and_then(|(_, rest)| rest.split(",\n").next());
-        let of_function = self.attributes.split_once("default = \"").map(|(_, rest)| {
-            let function = rest.split('"').next().unwrap();
-            let body = after(&format!("fn {function}()")).expect("the function of a default");
-            body.lines().nth(1).unwrap().trim()
-        });
-        let value = match (of_function.or(of_table), kind) {
-            (Some("None"), _) => "",
-            (Some("String::new()"), _) => "\"\"",
-            (Some(value), _) => value,
-            (None, "f64") if is_optional || self.is_of_default_table => "0.0",
-            (None, "[f64; 4]") if is_optional => "[0.0, 0.0, 0.0, 0.0]",
-            (None, _) if is_optional || self.is_of_default_table => "",
-            (None, _) => return "needed".to_owned(),
-        };
-        let value = value
-            .replace(".into()", "")
-            .replace('_', if value.starts_with('"') { "_" } else { "" });
-        if value.is_empty() {
-            value
-        } else {
-            format!("`{value}`")
-        }
-    }
-}
-
 #[test]
 fn the_page_of_the_configuration_is_that_of_its_types() {
-    let source = read("runtime/src/config/mod.rs");
-    let (types, _) = source.split_once("\nimpl Config {").unwrap();
     let mut page = String::from(
-        "# Configuration\n\nEvery key, written from the types that read it. Units are mm for linear motors and degrees for rotary ones. \
-         How to write and check\na configuration: [Describe a machine of your own](../how-to/machine.md).\n",
+        "# Configuration\n\nEvery key, written from the types that read it; `tandem explain KEY` prints the same. Units are mm for linear motors \
+         and\ndegrees for rotary ones. How to write and check a configuration: [Describe a machine of your own](../how-to/machine.md).\n",
     );
-    let (mut table, mut has_default, mut keys) = ("", false, 0);
-    let mut key = Key::default();
-    for line in types.lines() {
-        if let Some(comment) = line.trim().strip_prefix("/// ") {
-            key.comment.push(comment.to_owned());
-            continue;
+    let keys = Config::keys();
+    let mut table = "";
+    for key in &keys {
+        if key.table != table {
+            table = &key.table;
+            write!(
+                page,
+                "\n## {table}\n\n| key | type | unit | range | default | is |\n| --- | --- | --- | --- | --- | --- |\n"
+            )
+            .unwrap();
         }
-        if line.trim().starts_with("#[") {
-            key.attributes += line.trim();
-            continue;
-        }
-        let mut key = std::mem::take(&mut key);
-        if let Some(name) = line.strip_prefix("pub struct ") {
-            table = name.split(' ').next().unwrap();
-            has_default = key.attributes.contains(", default)]");
-            if table != "Config" {
-                let name = key.comment[0].trim_matches('`');
-                write!(
-                    page,
-                    "\n## {name}\n\n| key | default | is |\n| --- | --- | --- |\n"
-                )
-                .unwrap();
-            }
-        } else if let Some((name, kind)) = line
-            .strip_prefix("    pub ")
-            .and_then(|field| field.split_once(": "))
-            && table != "Config"
-        {
-            key.is_of_default_table = has_default;
-            let default = key.left_out(&source, table, name, kind.trim_end_matches(','));
-            assert!(!key.comment.is_empty(), "{table}.{name} says nothing");
-            writeln!(page, "| `{name}` | {default} | {} |", key.comment.join(" ")).unwrap();
-            keys += 1;
-        }
+        let default = match key.default.as_str() {
+            _ if key.is_needed => "needed".to_owned(),
+            "" => String::new(),
+            default => format!("`{default}`"),
+        };
+        let words = key
+            .words
+            .iter()
+            .map(|word| match word.text.trim_end_matches('.') {
+                "" => format!(" `{}`.", word.word),
+                text => format!(" `{}`: {text}.", word.word),
+            });
+        writeln!(
+            page,
+            "| `{}` | {} | {} | {} | {default} | {}{} |",
+            key.path.rsplit('.').next().unwrap(),
+            key.kind,
+            key.unit,
+            key.range_text(),
+            key.text,
+            words.collect::<String>()
+        )
+        .unwrap();
     }
-    assert!(keys > 60, "only {keys} keys");
+    assert!(keys.len() > 60, "only {} keys", keys.len());
     check("docs/src/reference/configuration.md", &page);
 }

@@ -6,7 +6,7 @@ use super::Code;
 const TENTHS: usize = 10_000;
 
 /// The codes of one letter in a dialect.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct CodeTable {
     /// The codes.
     pub codes: &'static [&'static Code],

@@ -12,6 +12,11 @@ static DIALECTS: &[&Dialect] = &[&nj::NJ];
 /// Dialects that are part of the design and not built yet.
 const NOT_BUILT: &[&str] = &["dgshape"];
 
+/// The names of all dialects.
+pub fn names() -> impl Iterator<Item = &'static str> {
+    DIALECTS.iter().map(|dialect| dialect.name)
+}
+
 /// The dialect of a name.
 ///
 /// # Errors
@@ -19,7 +24,7 @@ const NOT_BUILT: &[&str] = &["dgshape"];
 pub fn find(name: &str) -> Result<&'static Dialect, String> {
     let found = DIALECTS.iter().copied().find(|dialect| dialect.name == name);
     found.ok_or_else(|| {
-        let names: Vec<&str> = DIALECTS.iter().map(|dialect| dialect.name).collect();
+        let names: Vec<&str> = names().collect();
         let what = if NOT_BUILT.contains(&name) {
             format!("dialect {name} is not supported yet")
         } else {

@@ -3,57 +3,38 @@
 use std::collections::BTreeMap;
 
 use tandem_model::settings::{
-    CompensationFeed, CoordinateSystemSettings, MotionOptions, MotorKind, MotorSettings, Overcut, ShortBlock,
-    SimulatedSkip, Unit, WorkOffsets,
+    CoordinateSystemSettings, MotionOptions, MotorKind, MotorSettings, SimulatedSkip, WorkOffsets,
 };
 use tandem_model::{AXES_MAX, Axis, AxisVector};
 
-use super::super::CoordinateSystemConfig;
 use super::super::error::nearest;
-use super::{POSITION_MAX, out_of_range};
+use super::super::{CoordinateSystemConfig, POSITION_MAX};
+use super::Ranges;
 
 impl CoordinateSystemConfig {
     pub(super) fn check(&self, problem: &mut impl FnMut(String)) {
         if self.number == 0 {
             problem("coordinate systems count from 1".into());
         }
-        let words = [
-            ("units", &self.units, ["mm", "inch"]),
-            ("short_block", &self.short_block, ["shrink", "extend"]),
-            ("compensation_feed", &self.compensation_feed, ["centre", "edge"]),
-            ("overcut", &self.overcut, ["detect", "prevent"]),
-        ];
-        for (key, value, allowed) in words {
-            if !allowed.contains(&value.as_str()) {
-                problem(format!(
-                    "{key} = \"{value}\": write \"{}\" or \"{}\"",
-                    allowed[0], allowed[1]
-                ));
-            }
-        }
-        let ranges = [
-            ("max_feedrate", self.max_feedrate, 1e-9, 1e9),
-            ("default_feedrate", self.default_feedrate, 0.0, 1e9),
-            ("default_ta_ms", self.default_ta_ms, 0.0, 250_000.0),
-            ("default_td_ms", self.default_td_ms, 0.0, 250_000.0),
-            ("default_ts_ms", self.default_ts_ms, 0.0, 125_000.0),
-            ("rotary_feedrate", self.rotary_feedrate, 0.0, 1e9),
-            ("dry_run_feedrate", self.dry_run_feedrate, 0.0, 1e9),
-            ("arc_radius_tolerance", self.arc_radius_tolerance, 0.0, 1e6),
-            ("spiral_tolerance", self.spiral_tolerance, 0.0, 1e6),
-            ("override_slew_ms", self.override_slew_ms, 1.0, 60_000.0),
-            ("hold_slew_ms", self.hold_slew_ms, 1.0, 60_000.0),
-        ];
-        ranges
-            .into_iter()
-            .filter_map(out_of_range)
-            .for_each(&mut *problem);
-        if !(16..=1_000_000).contains(&self.pre_read_blocks) {
-            problem("pre_read_blocks: write 16 to 1000000".into());
-        }
-        if !(1..=1024).contains(&self.open_outputs_max) {
-            problem("open_outputs_max: write 1 to 1024".into());
-        }
+        let ranges = Ranges::of::<Self>();
+        [
+            ("max_feedrate", self.max_feedrate),
+            ("default_feedrate", self.default_feedrate),
+            ("default_ta_ms", self.default_ta_ms),
+            ("default_td_ms", self.default_td_ms),
+            ("default_ts_ms", self.default_ts_ms),
+            ("rotary_feedrate", self.rotary_feedrate),
+            ("dry_run_feedrate", self.dry_run_feedrate),
+            ("arc_radius_tolerance", self.arc_radius_tolerance),
+            ("spiral_tolerance", self.spiral_tolerance),
+            ("override_slew_ms", self.override_slew_ms),
+            ("hold_slew_ms", self.hold_slew_ms),
+            ("pre_read_blocks", self.pre_read_blocks as f64),
+            ("open_outputs_max", self.open_outputs_max as f64),
+        ]
+        .into_iter()
+        .filter_map(|number| ranges.problem(number))
+        .for_each(problem);
     }
 
     pub(super) fn settings(
@@ -98,11 +79,7 @@ impl CoordinateSystemConfig {
             number: self.number,
             motors: of_axis,
             spindle,
-            unit: if self.units == "inch" {
-                Unit::Inch
-            } else {
-                Unit::Millimetre
-            },
+            unit: self.units,
             max_feedrate_mm_min: self.max_feedrate,
             default_feedrate_mm_min: self.default_feedrate,
             default_ta_ms: self.default_ta_ms,
@@ -127,18 +104,9 @@ impl CoordinateSystemConfig {
             arc_radius_tolerance_mm: self.arc_radius_tolerance,
             dry_run_feedrate_mm_min: self.dry_run_feedrate,
             spiral_tolerance_mm: self.spiral_tolerance,
-            compensation_feed: match self.compensation_feed.as_str() {
-                "edge" => CompensationFeed::Edge,
-                _ => CompensationFeed::Centre,
-            },
-            overcut: match self.overcut.as_str() {
-                "prevent" => Overcut::Prevent,
-                _ => Overcut::Detect,
-            },
-            short_block: match self.short_block.as_str() {
-                "extend" => ShortBlock::Extend,
-                _ => ShortBlock::Shrink,
-            },
+            compensation_feed: self.compensation_feed,
+            overcut: self.overcut,
+            short_block: self.short_block,
             simulated_skip,
         }
     }

@@ -4,14 +4,8 @@ use std::collections::BTreeMap;
 
 use tandem_model::settings::{MotorKind, MotorSettings, SimulatedSkip};
 
-use super::super::{Config, MotorConfig, MotorKindConfig};
-use super::{POSITION_MAX, TIME_MAX_MS, out_of_range};
-
-/// Least rate and window. Reason: nothing moves with less.
-const LEAST: f64 = 1e-9;
-
-/// Largest velocity, acceleration and jerk, units per second, squared, cubed. Reason: squares of them are numbers.
-const RATE_MAX: f64 = 1e12;
+use super::super::{Config, MotorConfig, POSITION_MAX};
+use super::Ranges;
 
 impl Config {
     /// The motors by number.
@@ -66,7 +60,6 @@ impl Config {
 impl MotorConfig {
     fn check(&self, problems: &mut Vec<String>) {
         let mut problem = |text: String| problems.push(format!("[[motor]] number = {}: {text}", self.number));
-        let rate = |key, value| (key, value, LEAST, RATE_MAX);
         let optional = [
             ("max_jerk", self.max_jerk),
             ("rapid_velocity", self.rapid_velocity),
@@ -75,28 +68,22 @@ impl MotorConfig {
         ];
         let optional = optional
             .into_iter()
-            .filter_map(|(key, value)| Some(rate(key, value?)));
-        let angle = self.orientation_position;
-        let points = self.reference_points.into_iter();
-        let points = points.map(|point| ("reference_points", point, -POSITION_MAX, POSITION_MAX));
+            .filter_map(|(key, value)| Some((key, value?)));
+        let points = self.reference_points.map(|point| ("reference_points", point));
+        let ranges = Ranges::of::<Self>();
         [
-            rate("max_velocity", self.max_velocity),
-            rate("max_acceleration", self.max_acceleration),
-            rate("orientation_velocity", self.orientation_velocity),
-            ("in_position", self.in_position, LEAST, POSITION_MAX),
-            (
-                "in_position_timeout_ms",
-                self.in_position_timeout_ms,
-                LEAST,
-                TIME_MAX_MS,
-            ),
-            ("lag_ms", self.lag_ms, 0.0, 10_000.0),
-            ("orientation_position", angle, -POSITION_MAX, POSITION_MAX),
+            ("max_velocity", self.max_velocity),
+            ("max_acceleration", self.max_acceleration),
+            ("orientation_velocity", self.orientation_velocity),
+            ("in_position", self.in_position),
+            ("in_position_timeout_ms", self.in_position_timeout_ms),
+            ("lag_ms", self.lag_ms),
+            ("orientation_position", self.orientation_position),
         ]
         .into_iter()
         .chain(optional)
         .chain(points)
-        .filter_map(out_of_range)
+        .filter_map(|number| ranges.problem(number))
         .for_each(&mut problem);
         if let Some([low, high]) = self.soft_limits
             && !(-POSITION_MAX <= low && low < high && high <= POSITION_MAX)
@@ -110,11 +97,7 @@ impl MotorConfig {
     fn settings(&self) -> MotorSettings {
         MotorSettings {
             number: self.number,
-            kind: match self.kind {
-                MotorKindConfig::Linear => MotorKind::Linear,
-                MotorKindConfig::Rotary => MotorKind::Rotary,
-                MotorKindConfig::Spindle => MotorKind::Spindle,
-            },
+            kind: self.kind,
             max_velocity: self.max_velocity,
             max_acceleration: self.max_acceleration,
             max_jerk: self.max_jerk,

@@ -1,24 +1,14 @@
 //! `[mqtt]`.
 
-use super::super::MqttConfig;
-
-/// `on_bus_loss` that is not the default.
-const HOLD_AT_WAIT: &str = "hold_at_wait";
+use super::super::{Broker, MqttConfig};
 
 impl MqttConfig {
-    /// A program that waits for an output is held while the broker is lost.
-    pub(super) fn holds_on_bus_loss(&self) -> bool {
-        self.on_bus_loss == HOLD_AT_WAIT
-    }
-
     /// Values, and keys that nothing reads beside this broker. What they name is looked at when it is used.
     pub(super) fn check(&self, problems: &mut Vec<String>) {
         let mut problem = |text: String| problems.push(format!("[mqtt] {text}"));
-        let broker = self.external_broker();
-        let is_tls = matches!(&broker, Ok(Some(broker)) if broker.tls);
-        match broker {
-            Err(text) => problem(text),
-            Ok(None) => {
+        let is_tls = matches!(&self.broker, Broker::External(broker) if broker.tls);
+        match &self.broker {
+            Broker::Embedded => {
                 let unread = [
                     ("username", self.username.is_some()),
                     ("password_file", self.password_file.is_some()),
@@ -29,10 +19,10 @@ impl MqttConfig {
                     ));
                 }
             }
-            Ok(Some(_)) if self.listen.is_some() => {
+            Broker::External(_) if self.listen.is_some() => {
                 problem("listen is for broker = \"embedded\"; an external one listens by itself".into());
             }
-            Ok(Some(_)) => {}
+            Broker::External(_) => {}
         }
         if self.password_file.is_some() && self.username.is_none() {
             problem("password_file needs username".into());
@@ -45,12 +35,6 @@ impl MqttConfig {
         }
         if self.client_cert_file.is_some() != self.client_key_file.is_some() {
             problem("client_cert_file and client_key_file need each other".into());
-        }
-        if !["continue", HOLD_AT_WAIT].contains(&self.on_bus_loss.as_str()) {
-            problem(format!(
-                "on_bus_loss = \"{}\": write \"continue\" or \"{HOLD_AT_WAIT}\"",
-                self.on_bus_loss
-            ));
         }
     }
 }

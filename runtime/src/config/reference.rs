@@ -1,0 +1,239 @@
+//! The reference of the configuration: each key as its type declares it.
+
+use schemars::generate::SchemaSettings;
+use serde_json::{Map, Value};
+
+use super::Config;
+
+/// A key of the configuration.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ConfigKey {
+    /// Its table as a configuration writes it, such as `[[motor]]`.
+    pub table: String,
+    /// Table and key, such as `motor.lag_ms`.
+    pub path: String,
+    /// What it is for, in Markdown.
+    pub text: String,
+    /// The type of its value in words.
+    pub kind: String,
+    /// Unit of its number; empty: it has none.
+    pub unit: String,
+    /// Lowest and highest value of a number or of each number of a list; infinite where that is open.
+    pub range: (f64, f64),
+    /// All values of a key that takes words.
+    pub words: Vec<ConfigWord>,
+    /// Its value where it is left out, as a configuration would write it; empty: it stays without one.
+    pub default: String,
+    /// True when it cannot be left out.
+    pub is_needed: bool,
+}
+
+/// A word that a key takes.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ConfigWord {
+    /// The word.
+    pub word: String,
+    /// What it means; empty where the key says that.
+    pub text: String,
+}
+
+impl ConfigKey {
+    /// Its range in words; empty where it is open.
+    pub fn range_text(&self) -> String {
+        let number = |value: f64| match value.abs() {
+            size if size == 0.0 || (1e-3..1e6).contains(&size) => value.to_string(),
+            _ => format!("{value:e}"),
+        };
+        match self.range {
+            (f64::NEG_INFINITY, f64::INFINITY) => String::new(),
+            (low, f64::INFINITY) => format!("from {}", number(low)),
+            (low, high) => format!("{} to {}", number(low), number(high)),
+        }
+    }
+
+    fn new(table: &str, name: &str, key: &str, schema: &Value, is_needed: bool) -> Self {
+        let default = match &schema["default"] {
+            Value::Null => String::new(),
+            value => value.to_string(),
+        };
+        let mut words = Vec::new();
+        collect_words(schema, &mut words);
+        Self {
+            table: table.trim_matches('`').to_owned(),
+            path: format!("{name}.{key}"),
+            text: text(schema).replace('\n', " "),
+            kind: kind(schema, !words.is_empty()),
+            unit: schema["x-unit"].as_str().unwrap_or_default().to_owned(),
+            range: range(schema),
+            words,
+            default,
+            is_needed,
+        }
+    }
+}
+
+impl Config {
+    /// All keys, table by table; within a table those first that cannot be left out.
+    pub fn keys() -> Vec<ConfigKey> {
+        let settings = SchemaSettings::draft2020_12().with(|settings| settings.inline_subschemas = true);
+        let config = settings.into_generator().into_root_schema_for::<Self>();
+        let mut keys = Vec::new();
+        for (name, schema) in properties(config.as_value()) {
+            let of_many = [&schema["items"], &schema["additionalProperties"]];
+            let table = of_many
+                .into_iter()
+                .find(|table| table.is_object())
+                .unwrap_or(schema);
+            let needed = table["required"].as_array().map_or(&[][..], Vec::as_slice);
+            let of_table = keys.len();
+            for (key, of_key) in properties(table) {
+                let is_needed = needed.iter().any(|needed| needed == key);
+                keys.push(ConfigKey::new(text(schema), name, key, of_key, is_needed));
+            }
+            keys[of_table..].sort_by_key(|key| !key.is_needed);
+        }
+        keys
+    }
+}
+
+/// Lowest and highest value of a number, or of each number of a list; infinite where that is open.
+pub(super) fn range(schema: &Value) -> (f64, f64) {
+    let bound = |name: &str| schema[name].as_f64().or_else(|| schema["items"][name].as_f64());
+    (
+        bound("minimum").unwrap_or(f64::NEG_INFINITY),
+        bound("maximum").unwrap_or(f64::INFINITY),
+    )
+}
+
+fn properties(schema: &Value) -> impl Iterator<Item = (&String, &Value)> {
+    schema["properties"].as_object().into_iter().flat_map(Map::iter)
+}
+
+fn text(schema: &Value) -> &str {
+    schema["description"].as_str().unwrap_or_default()
+}
+
+/// The words of all forms that a value has, each with its meaning.
+fn collect_words(schema: &Value, words: &mut Vec<ConfigWord>) {
+    let of_value = |value: &Value, text: &str| {
+        let word = value.as_str()?.to_owned();
+        Some(ConfigWord {
+            word,
+            text: text.to_owned(),
+        })
+    };
+    words.extend(of_value(&schema["const"], text(schema)));
+    let list = |name: &str| schema[name].as_array().into_iter().flatten();
+    words.extend(list("enum").filter_map(|value| of_value(value, "")));
+    for form in list("oneOf").chain(list("anyOf")) {
+        collect_words(form, words);
+    }
+}
+
+fn kind(schema: &Value, is_word: bool) -> String {
+    let first = &schema["type"][0];
+    let of_one = match schema["type"].as_str().or(first.as_str()) {
+        _ if is_word => "word",
+        Some("integer") => "whole number",
+        Some("string") => "text",
+        Some("object") => "table",
+        Some("array") => {
+            return format!("{} numbers", schema["minItems"]);
+        }
+        Some(other) => other,
+        None => "",
+    };
+    of_one.to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use toml::{Table, Value};
+
+    use super::*;
+
+    const SMALL: &str = "[machine]\n[[motor]]\nnumber = 1\nkind = \"linear\"\nmax_velocity = 5\nmax_acceleration = 5\n\
+                         [[coordinate_system]]\nnumber = 1\naxes = { X = 1 }\n[[tool]]\nid = 1\n[m_code.5]\n\
+                         [[simulated_skip]]\nmotor = 1\nbelow = 0\n";
+
+    /// What a configuration is refused for whose key has this value.
+    #[allow(
+        clippy::cast_possible_truncation,
+        reason = "ranges of whole numbers have few digits"
+    )]
+    fn refusal(key: &ConfigKey, value: f64) -> String {
+        let mut config: Table = SMALL.parse().unwrap();
+        let (table, name) = key.path.split_once('.').unwrap();
+        let table = match &mut config[table] {
+            Value::Array(tables) => tables[0].as_table_mut().unwrap(),
+            Value::Table(table) if table.contains_key("5") => table["5"].as_table_mut().unwrap(),
+            one => one.as_table_mut().unwrap(),
+        };
+        let value = match key.kind.as_str() {
+            "whole number" => Value::Integer(value as i64),
+            "number" => Value::Float(value),
+            "2 numbers" => Value::from(vec![value, value.midpoint(1e9)]),
+            _ => Value::from(vec![value; 4]),
+        };
+        table.insert(name.to_owned(), value);
+        let config = Config::from_toml(&config.to_string(), "").and_then(|config| config.resolve());
+        config.map_or_else(|error| error.to_string(), |_| String::new())
+    }
+
+    #[test]
+    fn a_configuration_is_held_to_the_range_of_each_key() {
+        let mut seen = 0;
+        for key in Config::keys() {
+            let (low, high) = key.range;
+            let name = key.path.rsplit('.').next().unwrap();
+            if !low.is_finite() || !high.is_finite() {
+                continue;
+            }
+            seen += 1;
+            let is_whole = key.kind == "whole number";
+            let step = |value: f64| {
+                if is_whole {
+                    1.0
+                } else {
+                    (value.abs() / 2.0).max(1e-10)
+                }
+            };
+            for beyond in [low - step(low), high + step(high)] {
+                let why = refusal(&key, beyond);
+                assert!(
+                    why.contains(name) || why.contains("invalid value"),
+                    "{}: {beyond}: {why}",
+                    key.path
+                );
+            }
+            for within in [low, high] {
+                let why = refusal(&key, within);
+                let is_refused = why.contains(&format!("{name} = {within}: write "));
+                assert!(!is_refused, "{}: {why}", key.path);
+            }
+        }
+        assert!(seen > 35, "only {seen} ranges");
+    }
+
+    #[test]
+    fn a_key_tells_type_unit_default_and_words() {
+        let keys = Config::keys();
+        let key = |path: &str| keys.iter().find(|key| key.path == path).unwrap();
+        let window = key("motor.in_position");
+        assert_eq!((window.kind.as_str(), window.unit.as_str()), ("number", "units"));
+        assert_eq!(
+            (window.default.as_str(), window.range_text().as_str()),
+            ("0.01", "1e-9 to 1e9")
+        );
+        assert!(!window.is_needed && key("motor.kind").is_needed);
+        let words = key("m_code.unhandled")
+            .words
+            .iter()
+            .map(|word| word.word.as_str());
+        assert!(words.eq(["alarm", "wait", "auto_reset"]));
+        assert!(
+            keys.iter()
+                .all(|key| !key.text.is_empty() && !key.kind.is_empty())
+        );
+    }
+}

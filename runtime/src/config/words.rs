@@ -1,0 +1,65 @@
+//! The words that keys of the configuration take.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use tandem_model::settings::{CompensationFeed, MotorKind, Overcut, ShortBlock, Unit};
+
+/// What a program that waits for a reset does while the MQTT broker is lost.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum OnBusLoss {
+    /// It goes on as soon as it is reset.
+    #[default]
+    Continue,
+    /// It is held.
+    HoldAtWait,
+}
+
+#[derive(Deserialize, Serialize, JsonSchema)]
+#[serde(remote = "MotorKind", rename_all = "lowercase")]
+pub(super) enum MotorKindWord {
+    /// A linear axis; its units are mm.
+    Linear,
+    /// A rotary axis; its units are degrees.
+    Rotary,
+    /// A spindle.
+    Spindle,
+}
+
+#[derive(Deserialize, Serialize, JsonSchema)]
+#[serde(remote = "Unit")]
+pub(super) enum UnitWord {
+    /// G21.
+    #[serde(rename = "mm")]
+    Millimetre,
+    /// G20.
+    #[serde(rename = "inch")]
+    Inch,
+}
+
+#[derive(Deserialize, Serialize, JsonSchema)]
+#[serde(remote = "ShortBlock", rename_all = "lowercase")]
+pub(super) enum ShortBlockWord {
+    /// The ramps: the feedrate is kept.
+    Shrink,
+    /// The feedrate: the ramps are kept.
+    Extend,
+}
+
+#[derive(Deserialize, Serialize, JsonSchema)]
+#[serde(remote = "CompensationFeed", rename_all = "lowercase")]
+pub(super) enum CompensationFeedWord {
+    /// At the tool's centre.
+    Centre,
+    /// At the tool's edge, on the programmed arc.
+    Edge,
+}
+
+#[derive(Deserialize, Serialize, JsonSchema)]
+#[serde(remote = "Overcut", rename_all = "lowercase")]
+pub(super) enum OvercutWord {
+    /// An alarm before the first block that it concerns moves.
+    Detect,
+    /// The blocks that the tool does not fit between are left out; an alarm where that does not help.
+    Prevent,
+}
