@@ -249,6 +249,7 @@ mod text;
 pub mod transport;
 pub mod types;
 mod variables;
+pub mod wire;
 
 pub use alarm::Alarm;
 pub use ask::OpenQuestion;

@@ -5,7 +5,6 @@
 //! carries its `Idempotency-Key`, a claim or reset its `boot_id` and `seq`, and an input is a value and no toggle.
 
 mod address;
-mod exchange;
 mod session;
 
 use std::collections::BTreeMap;
@@ -30,9 +29,9 @@ use crate::types::question::ValidateResult;
 use crate::types::request::{Answer, Refusal, RefusalCode, Request};
 use crate::types::topic::{CsTopic, Topic};
 use crate::types::{BootId, CoordinateSystemNumber};
+use crate::wire::rest::{Exchange, encode, read};
 
 use address::Address;
-use exchange::Exchange;
 
 /// How long [`connect`] waits for the runtime.
 pub const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
@@ -152,7 +151,7 @@ impl Shared {
             Request::Command { wait: true, .. } => COMMAND_DONE_TIMEOUT,
             _ => ANSWER_TIMEOUT,
         };
-        let exchange = Exchange::of(request)?;
+        let exchange = encode(request)?;
         match tokio::time::timeout(patience, self.exchanged(&exchange)).await {
             Ok(answer) => answer,
             Err(_) => Err(self.unanswered(patience)),
@@ -168,7 +167,7 @@ impl Shared {
     async fn exchanged(&self, exchange: &Exchange) -> Result<Answer, Refusal> {
         loop {
             match self.send(exchange).await {
-                Ok((status, body)) => return exchange.answer(status, &body),
+                Ok((status, body)) => return exchange.answer.decode(status, &body),
                 Err(error) => {
                     tracing::debug!(%error, path = %exchange.path, "no answer; asking again");
                     tokio::time::sleep(AGAIN_AFTER).await;
@@ -179,7 +178,7 @@ impl Shared {
 
     async fn send(&self, exchange: &Exchange) -> Result<(u16, String), BoxError> {
         let url = format!("{}{}", self.address.http, exchange.path);
-        let mut request = http::Request::builder().method(&exchange.method).uri(url);
+        let mut request = http::Request::builder().method(exchange.method).uri(url);
         if let Some(token) = &self.address.token {
             request = request.header(http::header::AUTHORIZATION, format!("Bearer {token}"));
         }
@@ -284,11 +283,11 @@ impl Port for RestPort {
 
     fn read<'a>(&'a self, topic: &'a Topic) -> BoxFuture<'a, Option<Arc<Message>>> {
         Box::pin(async move {
-            if let Topic::CoordinateSystem(cs, CsTopic::Position) = topic {
+            if let Topic::CoordinateSystem(_, CsTopic::Position) = topic {
                 // The WebSocket brings positions ten times a second; a GET gives the last servo cycle's.
-                let exchange = Exchange::position(*cs);
-                if let Ok(Ok((200, body))) =
-                    tokio::time::timeout(ANSWER_TIMEOUT, self.shared.send(&exchange)).await
+                if let Some(exchange) = read(topic)
+                    && let Ok(Ok((200, body))) =
+                        tokio::time::timeout(ANSWER_TIMEOUT, self.shared.send(&exchange)).await
                     && let Ok(message) = Message::from_json(topic.clone(), body.as_bytes())
                 {
                     return Some(Arc::new(message));

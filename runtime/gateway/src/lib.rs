@@ -10,7 +10,6 @@ mod contract;
 mod error;
 mod hmi;
 mod http;
-mod json;
 mod metrics;
 mod mqtt;
 mod origin;

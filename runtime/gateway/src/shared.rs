@@ -8,8 +8,9 @@ use std::time::Duration;
 use plc_api::port::Port;
 use plc_api::types::machine::Birth;
 use plc_api::types::message::{Message, Payload};
-use plc_api::types::request::TypedRequest;
+use plc_api::types::request::{Answer, Request};
 use plc_api::types::topic::Topic;
+use plc_api::wire::problem::Problem as Details;
 use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
@@ -89,17 +90,12 @@ impl Shared {
     }
 
     /// Asks the machine.
-    pub(crate) async fn ask<R: TypedRequest>(&self, request: R) -> Result<R::Answer, Problem> {
-        let answer = self.port.request(request.into()).await?;
-        R::Answer::try_from(answer).map_err(|_| unexpected())
+    pub(crate) async fn ask(&self, request: Request) -> Result<Answer, Problem> {
+        self.port.request(request).await.map_err(Problem::from)
     }
 }
 
 /// For an answer that does not belong to its request: a fault of the port.
 pub(crate) fn unexpected() -> Problem {
-    Problem::new(
-        axum::http::StatusCode::INTERNAL_SERVER_ERROR,
-        "unexpected_answer",
-        "the machine answered something else than what was asked; this is a fault of the runtime, please report it",
-    )
+    Details::unexpected().into()
 }

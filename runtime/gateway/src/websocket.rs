@@ -33,11 +33,11 @@ use tokio::time::{Instant, MissedTickBehavior};
 use crate::access::User;
 use crate::access::http::WEBSOCKET_PROTOCOL;
 use crate::access::topics::{may_publish, may_say, may_subscribe};
-use crate::json::json_object;
 use crate::metrics::add;
 use crate::position::Positions;
 use crate::problem::Problem;
 use crate::shared::{Shared, WEBSOCKETS_MAX};
+use plc_api::wire::json_object;
 
 /// Bytes of one message of a client; more ends the connection.
 const CLIENT_MESSAGE_MAX: usize = 64 * 1024;

@@ -1,6 +1,6 @@
 //! Who may do what: roles and their rights, tokens, and what each right opens on MQTT.
 //!
-//! A [`Right`] stands beside every route and every topic in [`contract`](crate::contract); a [`Role`] is a set of
+//! A [`Right`] is named by every route and every topic of the wire; a [`Role`] is a set of
 //! rights. Without a token file everyone on the loopback is `admin`; with one, [`Tokens`] tells whose a token is.
 
 pub(crate) mod guard;
@@ -11,6 +11,7 @@ mod rate;
 mod tokens;
 pub(crate) mod topics;
 
+use plc_api::wire::right::Right;
 use serde::{Deserialize, Serialize};
 
 pub(crate) use live::LiveTokens;
@@ -31,23 +32,6 @@ pub enum Role {
     Admin,
     /// A sequence program: claims, resets, tells progress and its presence, each in its own name only, and raises alarms.
     Handler,
-}
-
-/// What a route or topic asks of a user.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Right {
-    /// To see: needs a user where there are tokens.
-    Read,
-    /// To command a machine and set its inputs and values.
-    Operate,
-    /// To claim an output, tell progress and be present, in one's own name.
-    Handle,
-    /// To reset an output: a handler its own, an operator any.
-    Reset,
-    /// To stop a machine by an alarm.
-    Raise,
-    /// To change what the machine keeps: its programs.
-    Administrate,
 }
 
 impl Role {
@@ -77,21 +61,6 @@ impl Role {
             Role::Operate => matches!(right, Right::Read | Right::Operate | Right::Reset | Right::Raise),
             Role::Handler => matches!(right, Right::Read | Right::Handle | Right::Reset | Right::Raise),
             Role::Admin => true,
-        }
-    }
-}
-
-impl Right {
-    /// The word of the right in the documents of the interface.
-    #[cfg(test)]
-    pub(crate) fn word(self) -> &'static str {
-        match self {
-            Right::Read => "read",
-            Right::Operate => "operate",
-            Right::Handle => "handle",
-            Right::Reset => "reset",
-            Right::Raise => "raise",
-            Right::Administrate => "administrate",
         }
     }
 }

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::{Role, Tokens};
-use crate::contract::topics::INBOUND;
+use crate::contract::topics::inbound_topics;
 
 /// The text of a Mosquitto ACL file for the users of the tokens, and for the runtime's own user, which alone says
 /// state. `root` is the machine's topic root with its last slash.
@@ -20,9 +20,9 @@ pub fn mosquitto_acl(root: &str, runtime_user: Option<&str>, tokens: &Tokens) ->
     }
     for (name, role) in tokens.users() {
         let _ = write!(text, "\n# {}\nuser {name}\ntopic read {root}#\n", role.word());
-        for row in INBOUND.iter().filter(|row| role.has(row.right)) {
+        for row in inbound_topics().filter(|row| role.has(row.right)) {
             // a handler is present in its own name only
-            let filter = match row.filter {
+            let filter = match row.filter().as_str() {
                 "handler/+/presence" if role == Role::Handler => format!("handler/{name}/presence"),
                 filter => filter.to_owned(),
             };

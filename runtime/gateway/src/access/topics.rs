@@ -2,7 +2,9 @@
 
 use serde::Deserialize;
 
-use super::{Right, User};
+use plc_api::wire::right::Right;
+
+use super::User;
 use crate::contract::topics::inbound;
 
 /// True when a user may publish there. State is the runtime's alone; outside the machine's topics only the loopback

@@ -1,11 +1,11 @@
 //! The AsyncAPI 3 document, from the topics that the runtime publishes and the table of those that come in.
 
 use plc_api::types::topic::{CsTopic, Topic};
+use plc_api::wire::right::Right;
 use serde_json::{Map, Value, json};
 
 use super::schemas::{Schemas, reference};
-use super::topics::INBOUND;
-use crate::access::Right;
+use super::topics::inbound_topics;
 
 /// Numbers that stand for a name in a path.
 const CS: u8 = 251;
@@ -68,22 +68,6 @@ fn path_of(topic: &Topic) -> String {
     path.replace(&M.to_string(), "{m}")
 }
 
-/// A filter with names for its wildcards.
-fn named(filter: &str) -> String {
-    let levels: Vec<_> = filter.split('/').collect();
-    let level = |at: usize| match (levels[at], at.checked_sub(1).map(|before| levels[before])) {
-        ("+", Some("cs")) => "{cs}",
-        ("+", Some("m_code")) => "{m}",
-        ("+", Some("command")) => "{verb}",
-        ("+", Some("input")) => "{input}",
-        ("+", Some("motor")) => "{n}",
-        ("+", _) => "{id}",
-        (level, _) => level,
-    };
-    let named: Vec<_> = (0..levels.len()).map(level).collect();
-    named.join("/")
-}
-
 pub(super) fn document(schemas: &Schemas) -> Value {
     let mut channels = Map::new();
     let mut operations = Map::new();
@@ -125,9 +109,9 @@ pub(super) fn document(schemas: &Schemas) -> Value {
             None,
         );
     }
-    for row in &INBOUND {
+    for row in inbound_topics() {
         add(
-            &named(row.filter),
+            &row.path(),
             "receive",
             row.schema,
             1,

@@ -1,6 +1,6 @@
-//! The interface as tables: every route and every topic that comes in, with the right that it asks for and the form of
-//! what it carries. Routing, access and the generated documents read the same tables: a route without a row answers
-//! nothing, a topic without a row is not subscribed.
+//! The interface as tables: every route and every topic that comes in, from the rows of the wire. Routing, access and the
+//! generated documents read the same tables: a route without a row answers nothing, a topic without a row is not
+//! subscribed.
 
 pub(crate) mod routes;
 pub(crate) mod topics;

@@ -2,15 +2,18 @@
 
 use serde_json::{Map, Value, json};
 
-use super::routes::{Content, ROUTES, Route};
+use plc_api::wire::right::Right;
+use plc_api::wire::route::{Content, Headers, Query, Route};
+
+use super::routes::ROUTES;
 use super::schemas::{Schemas, reference};
-use crate::access::Right;
 
 pub(super) fn document(schemas: &Schemas) -> Value {
     let mut paths = Map::new();
-    for route in ROUTES {
-        let path = paths.entry(route.path).or_insert_with(|| json!({}));
-        path[route.method.to_lowercase()] = operation(route, schemas);
+    for (path, places) in ROUTES.iter() {
+        let of_path = places.iter();
+        let operations = of_path.map(|(route, _)| (route.method.to_lowercase(), operation(route, schemas)));
+        paths.insert(path.clone(), operations.collect::<Map<_, _>>().into());
     }
     json!({
         "openapi": "3.1.0",
@@ -65,7 +68,7 @@ fn operation(route: &Route, schemas: &Schemas) -> Value {
 }
 
 fn operation_id(route: &Route) -> String {
-    let path = route.path.trim_start_matches('/').replace(['{', '}'], "");
+    let path = route.path().trim_start_matches('/').replace(['{', '}'], "");
     format!(
         "{}_{}",
         route.method.to_lowercase(),
@@ -74,36 +77,31 @@ fn operation_id(route: &Route) -> String {
 }
 
 fn parameters(route: &Route) -> Vec<Value> {
-    let names = route
-        .path
-        .split('/')
-        .filter_map(|level| level.strip_prefix('{')?.strip_suffix('}'));
-    let mut parameters: Vec<Value> = names
+    let mut parameters: Vec<Value> = route
+        .names()
         .map(|name| {
-            let schema = match (name, route.path) {
+            let schema = match (name, route.headers) {
                 ("cs", _) => json!({"type": "integer", "minimum": 1, "maximum": 255}),
-                ("number", "/cs/{cs}/inputs/optional_skip/{number}") => {
-                    json!({"type": "integer", "minimum": 1, "maximum": 31})
-                }
-                ("number", _) => json!({"type": "integer", "minimum": 1, "maximum": 9999}),
-                ("id", "/commands/{id}") => json!({"type": "string", "minLength": 1, "maxLength": 128}),
+                ("number", _) => json!({"type": "integer", "minimum": 1, "maximum": route.number_max}),
+                ("id", Headers::Nothing) => json!({"type": "string", "minLength": 1, "maxLength": 128}),
                 _ => json!({"type": "integer", "minimum": 0}),
             };
             json!({"name": name, "in": "path", "required": true, "schema": schema})
         })
         .collect();
-    if takes_headers(route) {
+    if route.headers != Headers::Nothing {
         parameters.push(json!({"name": "Idempotency-Key", "in": "header", "schema": {"type": "string", "minLength": 1, "maxLength": 128}, "description": "Id of the command; one seen before is answered as then."}));
     }
-    let is_release = route.method == "DELETE" && route.path.ends_with("/lease");
-    if route.command || is_release {
+    let is_release = route.headers == Headers::KeyAndFence;
+    let is_command = route.headers == Headers::Command;
+    if is_command || is_release {
         parameters.push(json!({"name": "Lease-Fence", "in": "header", "required": is_release, "schema": {"type": "integer", "minimum": 0}, "description": "Number of the control lease under which it is sent."}));
     }
-    if route.command {
+    if is_command {
         parameters.push(json!({"name": "wait", "in": "query", "schema": {"enum": ["0", "1", "false", "true", ""]}, "description": "1, true or nothing: answers when it is done, or with 202 after a minute."}));
         parameters.push(json!({"name": "If-Match", "in": "header", "schema": {"type": "string", "pattern": "^\"?[0-9]+\"?$"}, "description": "Revision of the state that the sender has seen."}));
     }
-    if route.method == "GET" && (route.path.contains("/variables/") || route.path == "/journal") {
+    if route.method == "GET" && route.query == Query::Range {
         for (name, minimum) in [("from", 0), ("count", 1)] {
             parameters.push(
                 json!({"name": name, "in": "query", "schema": {"type": "integer", "minimum": minimum}}),
@@ -147,28 +145,19 @@ fn responses(route: &Route) -> Value {
 
 /// The statuses of a route's refusals, each problem details.
 fn refusals(route: &Route) -> Vec<u16> {
-    let takes_query = route.method == "GET" && route.path.contains("/variables/");
     let changes = !matches!(route.right, None | Some(Right::Read));
     let of = [
         (true, &[403][..]),
         (route.right.is_some(), &[401, 429, 503]),
-        (route.path.contains('{'), &[404]),
+        (route.names().next().is_some(), &[404]),
         (route.body != Content::Nothing, &[400, 408, 413, 415]),
-        (takes_query, &[400, 413]),
-        (route.path == "/journal", &[400, 404]),
         (changes, &[404, 409]),
         // what was answered to the same key before may be a command's answer
-        (takes_headers(route), &[400, 412, 422]),
-        (route.path.ends_with("/intermediate"), &[422]),
-        (route.path == "/ws", &[400, 426]),
+        (route.headers != Headers::Nothing, &[400, 412, 422]),
+        (true, route.refusals),
     ];
     let all = of.iter().filter(|(does, _)| *does);
     all.flat_map(|(_, statuses)| statuses.iter().copied()).collect()
-}
-
-/// Idempotency-Key or Lease-Fence.
-fn takes_headers(route: &Route) -> bool {
-    route.command || route.path.contains("/lease") && route.method != "GET"
 }
 
 fn refusal_text(status: u16) -> &'static str {

@@ -2,10 +2,11 @@
 
 use std::path::Path;
 
+use plc_api::wire::route::Content;
 use serde_json::Value;
 
-use super::routes::{Content, ROUTES};
-use super::topics::INBOUND;
+use super::routes::ROUTES;
+use super::topics::inbound_topics;
 use super::{asyncapi, openapi, schemas};
 
 /// Compares a document with the one that is checked in; with `TANDEM_UPDATE=1` writes it.
@@ -35,14 +36,14 @@ fn the_asyncapi_document_is_that_of_the_topics() {
 #[test]
 fn every_form_that_a_table_names_has_a_schema() {
     let all = schemas::all();
-    let of_routes = ROUTES.iter().flat_map(|route| {
+    let of_routes = ROUTES.values().flatten().flat_map(|(route, _)| {
         std::iter::once(route.body).chain(route.answers.iter().map(|(_, content)| *content))
     });
     let names = of_routes.filter_map(|content| match content {
         Content::Json(name) => Some(name),
         _ => None,
     });
-    for name in names.chain(INBOUND.iter().map(|row| row.schema)) {
+    for name in names.chain(inbound_topics().map(|topic| topic.schema)) {
         assert!(all.contains_key(name), "{name}");
     }
 }
@@ -69,11 +70,13 @@ fn every_reference_within_the_documents_leads_somewhere() {
 }
 
 #[test]
-fn no_route_stands_twice() {
-    for (at, route) in ROUTES.iter().enumerate() {
-        let same = ROUTES[at + 1..]
-            .iter()
-            .any(|other| (other.method, other.path) == (route.method, route.path));
-        assert!(!same, "{} {}", route.method, route.path);
+fn no_route_is_there_twice() {
+    for (path, places) in ROUTES.iter() {
+        for (at, (route, _)) in places.iter().enumerate() {
+            let same = places[at + 1..]
+                .iter()
+                .any(|(other, _)| other.method == route.method);
+            assert!(!same, "{} {path}", route.method);
+        }
     }
 }

@@ -17,7 +17,7 @@ use tracing::warn;
 
 use super::inbound::Inbound;
 use crate::metrics::{Metrics, add};
-use crate::problem::code_word;
+use plc_api::wire::problem::code_word;
 
 /// Requests that may be unanswered; more are refused, but for hold, stop and abort.
 const UNANSWERED_MAX: usize = 256;

@@ -12,7 +12,7 @@ use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-use crate::json::json_object;
+use plc_api::wire::json_object;
 
 /// Bytes of one payload; more is refused. Reason: the largest, a fault text, is far below.
 const PAYLOAD_MAX: usize = 64 * 1024;

@@ -23,7 +23,7 @@ use super::inbound;
 use super::outbox::{Handed, Outbox, Parcel};
 use super::wire::{self, Heard, Lost, Version, Will, Wire};
 use crate::broker_address::{BrokerAddress, Refused};
-use crate::contract::topics::INBOUND;
+use crate::contract::topics::inbound_topics;
 use crate::contract::topics::is_inbound;
 use crate::metrics::{Metrics, add};
 use crate::position::{every, is_position};
@@ -269,7 +269,7 @@ impl Link {
         self.metrics.mqtt_connected.store(true, Ordering::Relaxed);
         add(&self.metrics.mqtt_connections, 1);
         let root = &self.parts.root;
-        if !wire.subscribe(INBOUND.iter().map(|topic| format!("{root}{}", topic.filter))) {
+        if !wire.subscribe(inbound_topics().map(|topic| format!("{root}{}", topic.filter()))) {
             warn!(
                 "the MQTT client takes no subscriptions; nothing can be commanded over MQTT until it reconnects"
             );

@@ -1,30 +1,74 @@
 //! REST: one route for each thing that can be read or asked.
 
-mod commands;
-mod data;
+mod body;
 mod documents;
-mod extract;
-mod inputs;
-mod lease;
-mod m_codes;
-mod programs;
+mod requests;
 mod states;
 
 use std::sync::Arc;
 
-use axum::Router;
+use axum::extract::rejection::RawPathParamsRejection;
+use axum::extract::{RawPathParams, State};
+use axum::http::{HeaderValue, StatusCode, Uri, header};
+use axum::response::{IntoResponse, Response};
+use axum::routing::{MethodFilter, MethodRouter};
+use axum::{Extension, Router};
+use plc_api::wire::row::check_path;
 
+use crate::contract::routes::{ROUTES, Serves};
+use crate::problem::Problem;
 use crate::shared::Shared;
 
 /// The routes, without the path before all of them.
 pub(crate) fn routes() -> Router<Arc<Shared>> {
-    Router::new()
-        .merge(states::routes())
-        .merge(commands::routes())
-        .merge(inputs::routes())
-        .merge(lease::routes())
-        .merge(data::routes())
-        .merge(m_codes::routes())
-        .merge(programs::routes())
-        .merge(documents::routes())
+    let mut router = Router::new()
+        .merge(states::own_routes())
+        .merge(documents::routes());
+    for (path, places) in ROUTES.iter() {
+        let mut methods = MethodRouter::new();
+        for (route, serves) in places {
+            let filter = match route.method {
+                "GET" => MethodFilter::GET,
+                "PUT" => MethodFilter::PUT,
+                "DELETE" => MethodFilter::DELETE,
+                _ => MethodFilter::POST,
+            };
+            methods = match *serves {
+                Serves::Request(row) => {
+                    let serve = move |State(shared), Extension(user), request| {
+                        requests::serve(shared, user, row, route, request)
+                    };
+                    methods.on(filter, serve)
+                }
+                Serves::State(row) => methods.on(filter, move |shared, uri, params| {
+                    states::one(shared, uri, params, row)
+                }),
+                Serves::Own => continue,
+            };
+        }
+        if places.iter().any(|(_, serves)| !matches!(serves, Serves::Own)) {
+            router = router.route(path, methods);
+        }
+    }
+    router
+}
+
+/// The names in a path with their values; one that cannot stand there is 404.
+fn params<'a>(
+    raw: &'a Result<RawPathParams, RawPathParamsRejection>,
+    uri: &Uri,
+) -> Result<Vec<(&'a str, &'a str)>, Problem> {
+    let params: Option<Vec<_>> = raw.as_ref().ok().map(|raw| raw.iter().collect());
+    let params = params.filter(|params| check_path(params));
+    params.ok_or_else(|| nothing_at(uri))
+}
+
+fn nothing_at(uri: &Uri) -> Problem {
+    Problem::not_found(format!("there is nothing at {}", uri.path()))
+}
+
+/// A JSON answer.
+fn json_response(status: StatusCode, text: String) -> Response {
+    let kind = HeaderValue::from_static("application/json");
+    (status, [(header::CONTENT_TYPE, kind)], text).into_response()
 }

@@ -3,88 +3,51 @@
 use std::sync::Arc;
 
 use axum::Router;
-use axum::extract::State;
-use axum::http::{HeaderValue, StatusCode, header};
+use axum::extract::rejection::RawPathParamsRejection;
+use axum::extract::{RawPathParams, State};
+use axum::http::{HeaderValue, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::machine::AlarmRaise;
 use plc_api::types::message::Message;
-use plc_api::types::request::typed::{AlarmHistory, Handlers, RaiseAlarm, ServoTiming};
+use plc_api::types::request::typed::ServoTiming;
 use plc_api::types::topic::{CsTopic, Topic};
+use plc_api::wire::row::number;
+use plc_api::wire::states::{STATES, StateRow};
 use serde_json::{Value, json};
 
-use super::extract::{InPath, JsonBody};
+use super::{json_response, params};
 use crate::problem::Problem;
 use crate::shared::Shared;
 
-/// What `GET /cs/{n}/...` answers with one message.
-const CS_TOPICS: [(&str, CsTopic); 10] = [
-    ("state", CsTopic::State),
-    ("position", CsTopic::Position),
-    ("program", CsTopic::Program),
-    ("modal", CsTopic::Modal),
-    ("captured", CsTopic::Captured),
-    ("m_codes", CsTopic::Pending),
-    ("overrides", CsTopic::Override),
-    ("spindle", CsTopic::Spindle),
-    ("tool", CsTopic::Tool),
-    ("lease", CsTopic::Lease),
-];
-
-/// The inputs, each with its message, in `GET /cs/{n}/inputs`; each also alone.
-const INPUTS: [(&str, CsTopic); 6] = [
-    ("optional_skip", CsTopic::OptionalSkip),
-    ("optional_stop", CsTopic::OptionalStop),
-    ("single_block", CsTopic::SingleBlock),
-    ("dry_run", CsTopic::DryRun),
-    ("interlock", CsTopic::Interlock),
-    ("start_lock", CsTopic::StartLock),
-];
-
-pub(super) fn routes() -> Router<Arc<Shared>> {
-    let mut router = Router::new()
-        .route("/machine", get(machine))
+/// What the server says itself.
+pub(super) fn own_routes() -> Router<Arc<Shared>> {
+    Router::new()
         .route("/cs", get(coordinate_systems))
         .route("/cs/{cs}/inputs", get(inputs))
-        .route("/alarms", get(alarms).post(raise_alarm))
-        .route("/alarms/history", get(alarm_history))
-        .route("/handlers", get(handlers))
         .route("/health", get(health))
-        .route("/metrics", get(metrics));
-    let inputs = INPUTS.map(|(name, topic)| (format!("/cs/{{cs}}/inputs/{name}"), topic));
-    let others = CS_TOPICS.map(|(name, topic)| (format!("/cs/{{cs}}/{name}"), topic));
-    for (path, topic) in others.into_iter().chain(inputs) {
-        let read =
-            move |shared: State<Arc<Shared>>, cs: InPath<CoordinateSystemNumber>| one(shared, cs, topic);
-        router = router.route(&path, get(read));
-    }
-    router
+        .route("/metrics", get(metrics))
 }
 
-async fn one(
+/// Names and values in a path.
+pub(super) type Params = Result<RawPathParams, RawPathParamsRejection>;
+
+/// Of a path that names one, else 0.
+fn cs_of(raw: &Params, uri: &Uri) -> Result<CoordinateSystemNumber, Problem> {
+    let params = params(raw, uri)?;
+    let cs = params.iter().find(|(name, _)| *name == "cs");
+    Ok(cs.and_then(|(_, cs)| number(cs)).unwrap_or_default())
+}
+
+/// One state.
+pub(super) async fn one(
     State(shared): State<Arc<Shared>>,
-    InPath(cs): InPath<CoordinateSystemNumber>,
-    topic: CsTopic,
+    uri: Uri,
+    params: Params,
+    row: &StateRow,
 ) -> Result<Response, Problem> {
-    let message = shared.read(&Topic::cs(cs, topic)).await?;
+    let message = shared.read(&row.of.topic(cs_of(&params, &uri)?)).await?;
     Ok(message_response(&message))
-}
-
-async fn machine(State(shared): State<Arc<Shared>>) -> Result<Response, Problem> {
-    Ok(message_response(&*shared.read(&Topic::Birth).await?))
-}
-
-async fn raise_alarm(
-    State(shared): State<Arc<Shared>>,
-    JsonBody(raise): JsonBody<AlarmRaise>,
-) -> Result<StatusCode, Problem> {
-    shared.ask(RaiseAlarm(raise)).await?;
-    Ok(StatusCode::NO_CONTENT)
-}
-
-async fn alarms(State(shared): State<Arc<Shared>>) -> Result<Response, Problem> {
-    Ok(message_response(&*shared.read(&Topic::AlarmActive).await?))
 }
 
 /// `{"coordinate_systems": [{"number", "axes", ..., "state": {...}}]}`.
@@ -101,44 +64,34 @@ async fn coordinate_systems(State(shared): State<Arc<Shared>>) -> Result<Respons
         }
         list.push(entry);
     }
-    Ok(json_response(&json!({ "coordinate_systems": list })))
+    Ok(json_text(json!({ "coordinate_systems": list }).to_string()))
 }
 
 /// `{"optional_skip": {...}, "optional_stop": {...}, ...}`: the message of each input.
-async fn inputs(
-    State(shared): State<Arc<Shared>>,
-    InPath(cs): InPath<CoordinateSystemNumber>,
-) -> Result<Response, Problem> {
+async fn inputs(State(shared): State<Arc<Shared>>, uri: Uri, params: Params) -> Result<Response, Problem> {
+    let cs = cs_of(&params, &uri)?;
     let mut all = serde_json::Map::new();
-    for (name, topic) in INPUTS {
-        if let Ok(message) = shared.read(&Topic::cs(cs, topic)).await {
+    for row in &STATES {
+        if let Some(name) = row.route.pattern.strip_prefix("/cs/{cs}/inputs/")
+            && let Ok(message) = shared.read(&row.of.topic(cs)).await
+        {
             all.insert(name.to_owned(), message_value(&message));
         }
     }
     if all.is_empty() {
         return Err(Problem::not_found(format!("this machine has no cs/{cs}/input")));
     }
-    Ok(json_response(&Value::Object(all)))
-}
-
-async fn alarm_history(State(shared): State<Arc<Shared>>) -> Result<Response, Problem> {
-    let alarms = shared.ask(AlarmHistory).await?;
-    Ok(json_response(&json!({ "alarms": alarms })))
-}
-
-async fn handlers(State(shared): State<Arc<Shared>>) -> Result<Response, Problem> {
-    let handlers = shared.ask(Handlers).await?;
-    Ok(json_response(&json!({ "handlers": handlers })))
+    Ok(json_text(Value::Object(all).to_string()))
 }
 
 async fn health() -> Response {
-    json_response(&json!({ "status": "ok" }))
+    json_text(json!({ "status": "ok" }).to_string())
 }
 
 async fn metrics(State(shared): State<Arc<Shared>>) -> Response {
     let kind = HeaderValue::from_static("text/plain; version=0.0.4; charset=utf-8");
     // In simulated time there is no servo thread, and its metrics are left out.
-    let servo = shared.ask(ServoTiming).await.ok();
+    let servo = shared.port.ask(ServoTiming).await.ok();
     let text = shared.metrics.text(servo.as_ref());
     ([(header::CONTENT_TYPE, kind)], text).into_response()
 }
@@ -159,12 +112,6 @@ fn message_response(message: &Message) -> Response {
     response
 }
 
-/// A JSON answer with status 200.
-pub(super) fn json_response(value: &Value) -> Response {
-    json_text(value.to_string())
-}
-
 fn json_text(text: String) -> Response {
-    let kind = HeaderValue::from_static("application/json");
-    ([(header::CONTENT_TYPE, kind)], text).into_response()
+    json_response(StatusCode::OK, text)
 }

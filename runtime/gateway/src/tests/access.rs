@@ -77,8 +77,12 @@ fn filled(path: &str) -> String {
 async fn every_route_asks_for_a_token_and_lets_pass_the_roles_of_its_right_only() {
     let users = Users::new();
     let shared = served(&users);
-    for route in ROUTES.iter().filter(|route| route.path != "/ws") {
-        let path = filled(route.path);
+    for (route, _) in ROUTES
+        .values()
+        .flatten()
+        .filter(|(route, _)| route.pattern != "/ws")
+    {
+        let path = filled(&route.path());
         let asked = (route.method, path.as_str());
         let (status, problem) = send(&shared, asked, None, &json!({})).await;
         let Some(right) = route.right else {
@@ -103,8 +107,12 @@ async fn every_route_asks_for_a_token_and_lets_pass_the_roles_of_its_right_only(
 #[tokio::test]
 async fn without_a_token_file_every_route_of_the_table_is_there() {
     let shared = shared(port());
-    for route in ROUTES.iter().filter(|route| route.path != "/ws") {
-        let path = filled(route.path);
+    for (route, _) in ROUTES
+        .values()
+        .flatten()
+        .filter(|(route, _)| route.pattern != "/ws")
+    {
+        let path = filled(&route.path());
         let (status, problem) = send(&shared, (route.method, &path), None, &json!({})).await;
         let routed = status != StatusCode::METHOD_NOT_ALLOWED
             && !problem["detail"]
@@ -147,10 +155,20 @@ async fn a_handler_acts_in_its_own_name_only_and_never_by_force() {
         let (status, problem) = send(&shared, path, Some(users.token(user)), &body(id, force)).await;
         assert_eq!(status.as_u16(), expected, "{user} {id} {force}: {problem}");
     }
-    let claim = json!({"boot_id": "b", "handler_id": "other"});
-    let path = ("POST", "/cs/1/m_codes/1/claim");
-    let (status, _) = send(&shared, path, Some(users.token("handler")), &claim).await;
-    assert_eq!(status, StatusCode::FORBIDDEN);
+    for (what, mut said) in [
+        ("claim", json!({})),
+        ("progress", json!({"text": "turns"})),
+        (
+            "ask",
+            json!({"question_id": "q", "text": "Again?", "choices": ["yes"]}),
+        ),
+    ] {
+        said["boot_id"] = "b".into();
+        said["handler_id"] = "other".into();
+        let path = format!("/cs/1/m_codes/1/{what}");
+        let (status, _) = send(&shared, ("POST", &path), Some(users.token("handler")), &said).await;
+        assert_eq!(status, StatusCode::FORBIDDEN, "{what}");
+    }
 }
 
 #[tokio::test]

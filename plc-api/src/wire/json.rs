@@ -1,0 +1,124 @@
+//! JSON objects as they come in.
+
+use std::fmt;
+
+use serde::de::value::{BorrowedStrDeserializer, U64Deserializer};
+use serde::de::{DeserializeOwned, DeserializeSeed, Deserializer, MapAccess, Visitor};
+
+/// Reads a JSON object. Without the check of its first character an array would pass for the fields of one, in their
+/// order.
+///
+/// # Errors
+/// What is wrong with it, for its sender.
+pub fn json_object<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, String> {
+    json_object_with(bytes, None)
+}
+
+/// Reads a JSON object as if it held one more field, which its path names.
+pub(super) fn json_object_with<T: DeserializeOwned>(
+    bytes: &[u8],
+    field: Option<(&'static str, u64)>,
+) -> Result<T, String> {
+    if bytes.trim_ascii_start().first() != Some(&b'{') {
+        return Err("write an object: {...}".to_owned());
+    }
+    let mut body = serde_json::Deserializer::from_slice(bytes);
+    let read = match field {
+        None => T::deserialize(&mut body),
+        Some(field) => T::deserialize(Joined {
+            field,
+            body: &mut body,
+        }),
+    };
+    read.and_then(|value| body.end().map(|()| value))
+        .map_err(|error| error.to_string())
+}
+
+struct Joined<B> {
+    field: (&'static str, u64),
+    body: B,
+}
+
+impl<'de, B: Deserializer<'de>> Deserializer<'de> for Joined<B> {
+    type Error = B::Error;
+
+    fn deserialize_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, B::Error> {
+        let field = self.field;
+        self.body.deserialize_map(Joined { field, body: visitor })
+    }
+
+    serde::forward_to_deserialize_any! {
+        bool i8 i16 i32 i64 i128 u8 u16 u32 u64 u128 f32 f64 char str string bytes byte_buf option unit unit_struct
+        newtype_struct seq tuple tuple_struct map struct enum identifier ignored_any
+    }
+}
+
+impl<'de, V: Visitor<'de>> Visitor<'de> for Joined<V> {
+    type Value = V::Value;
+
+    fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.body.expecting(formatter)
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<V::Value, A::Error> {
+        self.body.visit_map(JoinedMap {
+            name: Some(self.field.0),
+            value: Some(self.field.1),
+            map,
+        })
+    }
+}
+
+struct JoinedMap<A> {
+    name: Option<&'static str>,
+    value: Option<u64>,
+    map: A,
+}
+
+impl<'de, A: MapAccess<'de>> MapAccess<'de> for JoinedMap<A> {
+    type Error = A::Error;
+
+    fn next_key_seed<K: DeserializeSeed<'de>>(&mut self, seed: K) -> Result<Option<K::Value>, A::Error> {
+        match self.name.take() {
+            Some(name) => seed.deserialize(BorrowedStrDeserializer::new(name)).map(Some),
+            None => self.map.next_key_seed(seed),
+        }
+    }
+
+    fn next_value_seed<S: DeserializeSeed<'de>>(&mut self, seed: S) -> Result<S::Value, A::Error> {
+        match self.value.take() {
+            Some(value) => seed.deserialize(U64Deserializer::new(value)),
+            None => self.map.next_value_seed(seed),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde::Deserialize;
+
+    use super::*;
+
+    #[derive(Debug, PartialEq, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct Named {
+        seq: u64,
+        name: String,
+    }
+
+    #[test]
+    fn a_field_of_the_path_is_one_of_the_object_and_may_not_be_there_twice() {
+        let read = |text: &str| json_object_with::<Named>(text.as_bytes(), Some(("seq", 7)));
+        let name = "h".to_owned();
+        assert_eq!(read(r#"{"name": "h"}"#), Ok(Named { seq: 7, name }));
+        assert_eq!(read("{}").unwrap_err(), "missing field `name` at line 1 column 2");
+        for wrong in [
+            r#"{"name": "h", "seq": 7}"#,
+            r#"{"name": "h"} x"#,
+            r#"{"name": "h", "x": 1}"#,
+            "[]",
+        ] {
+            assert!(read(wrong).is_err(), "{wrong}");
+        }
+    }
+}

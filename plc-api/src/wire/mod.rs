@@ -1,0 +1,20 @@
+//! The wire as tables: every request of the machine with its routes and topics, written and read by the same rows.
+//!
+//! A [`Row`](row::Row) is one request: which right it needs, on which route and topic it goes, what it carries, and how it
+//! is read from there and written to there. Client transports write with [`rest::encode`], server ends read with
+//! the row that they serve. Pure: no sockets, no async.
+
+pub mod answer;
+mod json;
+mod pattern;
+pub mod problem;
+mod requests;
+pub mod rest;
+pub mod right;
+pub mod route;
+pub mod row;
+pub mod states;
+
+pub use json::json_object;
+pub use pattern::percent_encoded;
+pub use requests::ROWS;

@@ -1,0 +1,142 @@
+//! Paths with names: `cs/{cs}/tool/set` or `/cs/{cs}/{verb=load}`, filled by a writer and taken apart by a reader.
+//!
+//! `{name}` stands for one level; `{name=value}` is the level `value`, and gives it the name.
+
+/// A value by its name.
+pub type Param = (&'static str, String);
+
+enum Level<'a> {
+    Plain(&'a str),
+    Named(&'a str),
+    Fixed(&'a str, &'a str),
+}
+
+fn level(text: &str) -> Level<'_> {
+    match text.strip_prefix('{').and_then(|text| text.strip_suffix('}')) {
+        None => Level::Plain(text),
+        Some(name) => match name.split_once('=') {
+            None => Level::Named(name),
+            Some((name, value)) => Level::Fixed(name, value),
+        },
+    }
+}
+
+/// The pattern as documents show it: fixed levels by their value.
+pub(super) fn shown(pattern: &str) -> String {
+    let levels = pattern.split('/').map(|text| match level(text) {
+        Level::Plain(_) | Level::Named(_) => text,
+        Level::Fixed(_, value) => value,
+    });
+    levels.collect::<Vec<_>>().join("/")
+}
+
+/// The pattern as an MQTT filter: `+` for each level that varies.
+pub(super) fn filter(pattern: &str) -> String {
+    let shown = shown(pattern);
+    let levels = shown.split('/').map(|text| match level(text) {
+        Level::Plain(text) => text,
+        _ => "+",
+    });
+    levels.collect::<Vec<_>>().join("/")
+}
+
+/// Names of the pattern, fixed levels among them.
+pub(super) fn names(pattern: &str) -> impl Iterator<Item = &str> {
+    pattern.split('/').filter_map(|text| match level(text) {
+        Level::Plain(_) => None,
+        Level::Named(name) | Level::Fixed(name, _) => Some(name),
+    })
+}
+
+/// Fixed levels of the pattern by name.
+pub(super) fn fixed(pattern: &str) -> impl Iterator<Item = (&str, &str)> {
+    pattern.split('/').filter_map(|text| match level(text) {
+        Level::Fixed(name, value) => Some((name, value)),
+        _ => None,
+    })
+}
+
+/// The path with these values, each in the form that `encode` gives it; `None` when the pattern names one that is not
+/// among them, or fixes another value.
+pub(super) fn fill(pattern: &str, params: &[Param], encode: impl Fn(&str) -> String) -> Option<String> {
+    let value = |name: &str| Some(params.iter().find(|(known, _)| *known == name)?.1.as_str());
+    let mut levels = Vec::new();
+    for text in pattern.split('/') {
+        levels.push(match level(text) {
+            Level::Plain(text) => text.to_owned(),
+            Level::Named(name) => encode(value(name)?),
+            Level::Fixed(name, fixed) => value(name).filter(|value| *value == fixed)?.to_owned(),
+        });
+    }
+    Some(levels.join("/"))
+}
+
+/// The values that a path gives to the names of the pattern; `None` when it is not one of its paths.
+pub(super) fn take_apart<'a>(pattern: &'static str, path: &'a str) -> Option<Vec<(&'a str, &'a str)>> {
+    let mut params = Vec::new();
+    let mut levels = path.split('/');
+    for text in pattern.split('/') {
+        let found = levels.next()?;
+        match level(text) {
+            Level::Plain(text) if text == found => {}
+            Level::Named(name) => params.push((name, found)),
+            Level::Fixed(name, value) if value == found => params.push((name, value)),
+            Level::Plain(_) | Level::Fixed(..) => return None,
+        }
+    }
+    levels.next().is_none().then_some(params)
+}
+
+/// As one level of a path: all but unreserved characters as `%XX`.
+pub fn percent_encoded(text: &str) -> String {
+    use std::fmt::Write as _;
+    text.bytes().fold(String::new(), |mut path, byte| {
+        if byte.is_ascii_alphanumeric() || b"-._~".contains(&byte) {
+            path.push(char::from(byte));
+        } else {
+            // Writing to a String cannot fail.
+            let _ = write!(path, "%{byte:02X}");
+        }
+        path
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn params(params: &[(&'static str, &str)]) -> Vec<Param> {
+        params
+            .iter()
+            .map(|(name, value)| (*name, (*value).to_owned()))
+            .collect()
+    }
+
+    #[test]
+    fn a_path_that_is_filled_comes_apart_again() {
+        let pattern = "cs/{cs}/{verb=load}";
+        let values = params(&[("cs", "2"), ("verb", "load")]);
+        let path = fill(pattern, &values, str::to_owned);
+        assert_eq!(path.as_deref(), Some("cs/2/load"));
+        assert_eq!(
+            take_apart(pattern, "cs/2/load"),
+            Some(vec![("cs", "2"), ("verb", "load")])
+        );
+        for other in ["cs/2/hold", "cs/2", "cs/2/load/x", "x/2/load"] {
+            assert_eq!(take_apart(pattern, other), None, "{other}");
+        }
+        assert_eq!(
+            fill(pattern, &params(&[("cs", "2"), ("verb", "hold")]), str::to_owned),
+            None
+        );
+        assert_eq!(fill(pattern, &params(&[("cs", "2")]), str::to_owned), None);
+        assert_eq!(shown(pattern), "cs/{cs}/load");
+        assert_eq!(filter(pattern), "cs/+/load");
+    }
+
+    #[test]
+    fn a_value_of_any_characters_makes_one_level() {
+        assert_eq!(percent_encoded("a-1._~"), "a-1._~");
+        assert_eq!(percent_encoded("a/b c?"), "a%2Fb%20c%3F");
+    }
+}

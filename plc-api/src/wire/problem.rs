@@ -1,0 +1,175 @@
+//! Refusals over HTTP: problem details (RFC 9457) with a machine-readable `code`.
+
+use serde::{Deserialize, Serialize};
+
+use crate::types::command::CommandReply;
+use crate::types::execution::Execution;
+use crate::types::program::ProgramDiagnostic;
+use crate::types::refusal::{Refusal, RefusalCode};
+use crate::types::verb::Verb;
+
+/// A refusal as HTTP says it.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(default)]
+pub struct Problem {
+    /// `about:blank`: the status says it all.
+    #[serde(rename = "type")]
+    pub kind: String,
+    /// Name of the status.
+    pub title: String,
+    /// HTTP status.
+    pub status: u16,
+    /// Machine-readable: a [`RefusalCode`] or a code of the server.
+    pub code: String,
+    /// What, why, and what to do.
+    pub detail: String,
+    /// Where the state refuses: that state.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub state: Option<Execution>,
+    /// Where the state refuses: what is allowed now.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub allowed: Vec<Verb>,
+    /// Where a program has errors: the findings.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub diagnostics: Vec<ProgramDiagnostic>,
+}
+
+impl Problem {
+    /// A problem of this status; the server adds the status's name.
+    pub fn new(status: u16, code: impl Into<String>, detail: impl Into<String>) -> Self {
+        Self {
+            kind: "about:blank".to_owned(),
+            status,
+            code: code.into(),
+            detail: detail.into(),
+            ..Self::default()
+        }
+    }
+
+    /// A request that is not well-formed, or a value out of its range.
+    pub fn invalid(detail: impl Into<String>) -> Self {
+        Self::from(Refusal::new(RefusalCode::Invalid, detail))
+    }
+
+    /// Nothing is there.
+    pub fn not_found(detail: impl Into<String>) -> Self {
+        Self::from(Refusal::new(RefusalCode::NotFound, detail))
+    }
+
+    /// Of a command that was accepted and then failed, or was refused before under the same id.
+    pub fn of_reply(reply: &CommandReply) -> Self {
+        let status = code_of_word(&reply.code).map_or(409, status_of);
+        Self::new(status, reply.code.as_str(), reply.text.as_str())
+    }
+
+    /// For an answer that does not belong to its request: a fault of the port.
+    pub fn unexpected() -> Self {
+        let text = "the machine answered something else than what was asked; this is a fault of the runtime, please report it";
+        Self::new(500, "unexpected_answer", text)
+    }
+
+    /// The refusal that an answer with this status says.
+    pub(super) fn refusal(self, status: u16) -> Refusal {
+        let code = code_of_word(&self.code).unwrap_or(match status {
+            404 => RefusalCode::NotFound,
+            413 => RefusalCode::TooLarge,
+            400..500 => RefusalCode::Invalid,
+            _ => RefusalCode::Unavailable,
+        });
+        Refusal {
+            state: self.state,
+            allowed: self.allowed,
+            diagnostics: self.diagnostics,
+            ..Refusal::new(code, self.detail)
+        }
+    }
+}
+
+impl From<Refusal> for Problem {
+    fn from(refusal: Refusal) -> Self {
+        Self {
+            state: refusal.state,
+            allowed: refusal.allowed,
+            diagnostics: refusal.diagnostics,
+            ..Self::new(status_of(refusal.code), code_word(refusal.code), refusal.text)
+        }
+    }
+}
+
+/// The word of a code in replies and problems.
+pub fn code_word(code: RefusalCode) -> String {
+    match serde_json::to_value(code) {
+        Ok(serde_json::Value::String(word)) => word,
+        _ => "unavailable".to_owned(),
+    }
+}
+
+/// The code of a word in replies and problems.
+pub(super) fn code_of_word(word: &str) -> Option<RefusalCode> {
+    serde_json::from_value(word.into()).ok()
+}
+
+fn status_of(code: RefusalCode) -> u16 {
+    match code {
+        RefusalCode::NotFound => 404,
+        RefusalCode::NotAllowed
+        | RefusalCode::ProgramRuns
+        | RefusalCode::StartLocked
+        | RefusalCode::Busy
+        | RefusalCode::LeaseLost => 409,
+        RefusalCode::PreconditionFailed | RefusalCode::Expired => 412,
+        RefusalCode::ProgramHasErrors | RefusalCode::CommandIdReused => 422,
+        RefusalCode::Invalid | RefusalCode::Retained => 400,
+        RefusalCode::TooLarge => 413,
+        RefusalCode::NotSupported => 501,
+        RefusalCode::Unavailable => 503,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_refusal_keeps_its_state_and_what_is_allowed() {
+        let refusal = Refusal {
+            state: Some(Execution::Active),
+            allowed: vec![Verb::Hold, Verb::Stop],
+            ..Refusal::new(RefusalCode::NotAllowed, "a program runs")
+        };
+        let problem = Problem::from(refusal.clone());
+        assert_eq!(
+            serde_json::to_value(&problem).unwrap(),
+            serde_json::json!({
+                "type": "about:blank", "title": "", "status": 409, "code": "not_allowed",
+                "detail": "a program runs", "state": "ACTIVE", "allowed": ["hold", "stop"],
+            })
+        );
+        assert_eq!(problem.refusal(409), refusal);
+    }
+
+    #[test]
+    fn every_code_has_the_status_that_the_interface_names() {
+        let table = [
+            (RefusalCode::NotFound, 404),
+            (RefusalCode::NotAllowed, 409),
+            (RefusalCode::ProgramRuns, 409),
+            (RefusalCode::StartLocked, 409),
+            (RefusalCode::Busy, 409),
+            (RefusalCode::LeaseLost, 409),
+            (RefusalCode::PreconditionFailed, 412),
+            (RefusalCode::ProgramHasErrors, 422),
+            (RefusalCode::CommandIdReused, 422),
+            (RefusalCode::Invalid, 400),
+            (RefusalCode::TooLarge, 413),
+            (RefusalCode::NotSupported, 501),
+            (RefusalCode::Expired, 412),
+            (RefusalCode::Unavailable, 503),
+        ];
+        for (code, status) in table {
+            assert_eq!(status_of(code), status, "{code:?}");
+            assert_eq!(code_of_word(&code_word(code)), Some(code));
+        }
+    }
+}

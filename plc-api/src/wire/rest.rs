@@ -1,0 +1,189 @@
+//! Requests as HTTP requests.
+
+use serde_json::Value;
+
+use super::answer::AnswerForm;
+use super::pattern::{fill, names, percent_encoded};
+use super::requests::ROWS;
+use super::row::{Body, Parts, Row};
+use super::states::STATES;
+use crate::types::refusal::{Refusal, RefusalCode};
+use crate::types::request::{Input, Request};
+use crate::types::topic::Topic;
+
+/// A request as it goes over HTTP, and how its answer is read.
+#[derive(Debug, Clone)]
+pub struct Exchange {
+    /// HTTP method.
+    pub method: &'static str,
+    /// Path and query, below the interface's path.
+    pub path: String,
+    /// Headers besides the token.
+    pub headers: Vec<(&'static str, String)>,
+    /// Its body.
+    pub body: Option<String>,
+    /// How it is answered.
+    pub answer: AnswerForm,
+}
+
+/// The exchange of a request.
+///
+/// # Errors
+/// `not_supported` for what the interface has no route for.
+pub fn encode(request: Request) -> Result<Exchange, Refusal> {
+    let unsupported = |text: String| Err(Refusal::new(RefusalCode::NotSupported, text));
+    if let Request::Input(_, Input::OptionalSkip(set)) = &request
+        && set.len() != 1
+    {
+        return unsupported("REST sets one block skip number at a time".to_owned());
+    }
+    let Some(answer) = AnswerForm::of(&request) else {
+        return unsupported(format!("REST has no route for this request: {request:?}"));
+    };
+    let mut request = request;
+    for row in &ROWS {
+        match (row.write)(request) {
+            Ok(parts) => {
+                let Some(exchange) = row.exchange(parts, answer) else {
+                    break;
+                };
+                return Ok(exchange);
+            }
+            Err(other) => request = other,
+        }
+    }
+    unsupported("REST has no route for this request".to_owned())
+}
+
+/// The exchange that reads a state; `None` for one that has no route.
+pub fn read(topic: &Topic) -> Option<Exchange> {
+    let cs = match topic {
+        Topic::CoordinateSystem(cs, _) => *cs,
+        _ => 0,
+    };
+    let row = STATES.iter().find(|row| row.of.topic(cs) == *topic)?;
+    Some(Exchange {
+        method: row.route.method,
+        path: fill(row.route.pattern, &Parts::of(cs).params, percent_encoded)?,
+        headers: Vec::new(),
+        body: None,
+        answer: AnswerForm::Nothing,
+    })
+}
+
+impl Row {
+    fn exchange(&self, parts: Parts, answer: AnswerForm) -> Option<Exchange> {
+        let mut routes = self.routes.iter();
+        let (route, path) =
+            routes.find_map(|route| Some((route, fill(route.pattern, &parts.params, percent_encoded)?)))?;
+        let mut headers = Vec::new();
+        let body = match parts.body {
+            Body::Nothing => None,
+            Body::Json(body) => {
+                headers.push(("content-type", "application/json".to_owned()));
+                Some(without_names(body, route.pattern).to_string())
+            }
+            Body::Text(text) => {
+                headers.push(("content-type", "text/plain; charset=utf-8".to_owned()));
+                Some(text)
+            }
+        };
+        headers.extend(parts.headers);
+        Some(Exchange {
+            method: route.method,
+            path: path + &parts.query,
+            headers,
+            body,
+            answer,
+        })
+    }
+}
+
+/// A body without what its path names.
+fn without_names(mut body: Value, pattern: &str) -> Value {
+    if let Value::Object(fields) = &mut body {
+        for name in names(pattern) {
+            fields.remove(name);
+        }
+    }
+    body
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+    use crate::claim::reset_of;
+    use crate::types::BootId;
+    use crate::types::command::{Command, CommandMeta, Expect};
+
+    fn sent(request: Request) -> (String, String, Value) {
+        let exchange = encode(request).unwrap();
+        let body = exchange
+            .body
+            .as_deref()
+            .map_or(Value::Null, |body| serde_json::from_str(body).unwrap());
+        (exchange.method.to_owned(), exchange.path, body)
+    }
+
+    fn command(command: Command, wait: bool) -> Request {
+        let meta = CommandMeta {
+            command_id: "c 1".into(),
+            client_id: "plc".into(),
+            expect: Some(Expect {
+                boot_id: None,
+                state_rev: Some(12),
+            }),
+            ..CommandMeta::default()
+        };
+        Request::Command {
+            cs: 2,
+            command,
+            meta,
+            wait,
+        }
+    }
+
+    #[test]
+    fn requests_have_the_routes_and_bodies_of_section_5() {
+        let post = |path: &str, body| ("POST".to_owned(), path.to_owned(), body);
+        let put = |path: &str, body| ("PUT".to_owned(), path.to_owned(), body);
+        assert_eq!(
+            sent(command(Command::Load { program: 7 }, true)),
+            post("/cs/2/load?wait=1", json!({"program": 7}))
+        );
+        assert_eq!(
+            sent(command(Command::AlarmAcknowledge { id: 5 }, false)),
+            post("/alarms/5/acknowledge", json!({}))
+        );
+        let reset = reset_of(&BootId("b".into()), 7, "h", None);
+        assert_eq!(
+            sent(Request::Reset(1, Some(100), reset)),
+            post(
+                "/cs/1/m_codes/7/reset",
+                json!({"boot_id": "b", "handler_id": "h", "result": "ok"})
+            )
+        );
+        assert_eq!(
+            sent(Request::Input(1, Input::OptionalSkip([(3, true)].into()))),
+            put("/cs/1/inputs/optional_skip/3", json!({"value": true}))
+        );
+        assert_eq!(
+            sent(Request::IntermediateCode(7)),
+            (
+                "GET".to_owned(),
+                "/programs/7/intermediate".to_owned(),
+                Value::Null
+            )
+        );
+        assert_eq!(sent(Request::Tool(1, 4)), put("/cs/1/tool", json!({"id": 4})));
+    }
+
+    #[test]
+    fn a_command_carries_its_id_and_condition_in_headers() {
+        let headers = encode(command(Command::Start, false)).unwrap().headers;
+        assert!(headers.contains(&("idempotency-key", "c 1".to_owned())));
+        assert!(headers.contains(&("if-match", "\"12\"".to_owned())));
+    }
+}

@@ -1,0 +1,340 @@
+//! A request as a row: where it goes, and how it is written there and read from there.
+
+use std::borrow::Cow;
+use std::str::FromStr;
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use serde_json::{Value, json};
+
+use super::json::json_object_with;
+use super::pattern::{self, Param};
+use super::right::Right;
+use super::route::Route;
+use crate::types::CoordinateSystemNumber;
+use crate::types::command::{CommandMeta, Expect};
+use crate::types::request::Request;
+
+/// Characters of a command id.
+pub const COMMAND_ID_MAX: usize = 128;
+
+/// Header with the id of a command.
+pub(super) const IDEMPOTENCY_KEY: &str = "idempotency-key";
+
+/// Header with the revision of the state that a command expects.
+pub(super) const IF_MATCH: &str = "if-match";
+
+/// Header with the number of the control lease under which a command is sent.
+pub(super) const LEASE_FENCE: &str = "lease-fence";
+
+/// One request.
+#[derive(Debug)]
+pub struct Row {
+    /// Its routes: several where the path names what the request holds, such as the verb of a command.
+    pub routes: &'static [Route],
+    /// Where it comes in over MQTT.
+    pub topic: Option<Topic>,
+    /// Reads it from a route or from a topic.
+    pub read: fn(Received<'_>) -> Result<Request, Fault>,
+    /// What a route or topic says of it; another request is given back.
+    pub write: fn(Request) -> Result<Parts, Request>,
+}
+
+/// A topic that comes in.
+#[derive(Debug)]
+pub struct Topic {
+    /// Path below the machine's root: a pattern with names in braces.
+    pub pattern: &'static str,
+    /// What it asks of its sender.
+    pub right: Right,
+    /// True where the retain flag is right: a state of its sender. A retained command would be carried out again.
+    pub retained: bool,
+    /// Form of its payload, by name of the schema.
+    pub schema: &'static str,
+}
+
+impl Topic {
+    /// Its path with names in braces.
+    pub fn path(&self) -> String {
+        pattern::shown(self.pattern)
+    }
+
+    /// Its filter, with `+` for each level that varies.
+    pub fn filter(&self) -> String {
+        pattern::filter(self.pattern)
+    }
+
+    /// True for a path of the topic.
+    pub fn fits(&self, path: &str) -> bool {
+        pattern::take_apart(self.pattern, path).is_some()
+    }
+}
+
+/// Why something that came in is no request.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Fault {
+    /// A level of the path cannot stand there.
+    Level(String),
+    /// There is no such thing.
+    NotFound(String),
+    /// The body is not of the form of its route or topic.
+    Json(String),
+    /// A value is out of its range, or missing.
+    Invalid(String),
+}
+
+/// Who sends over REST: what the head of a request says, and what it is where the head says nothing.
+pub trait Sender {
+    /// A header by its name in lower case; empty where it is not ASCII.
+    fn header(&self, name: &str) -> Option<&str>;
+
+    /// Who sends.
+    fn client_id(&self) -> String;
+
+    /// A command id that nobody used in this boot.
+    fn new_command_id(&self) -> String;
+}
+
+/// What the query of a route said.
+#[derive(Debug, Clone, Default)]
+pub struct QueryValues {
+    /// Number of the first, 0 where it is not named.
+    pub from: u32,
+    /// How many.
+    pub count: Option<u32>,
+    /// Whether to wait until it is done.
+    pub wait: Option<String>,
+}
+
+/// What came in on a route or topic.
+pub struct Received<'a> {
+    /// Values of the names in its path.
+    pub params: &'a [(&'a str, &'a str)],
+    /// Its body; for JSON an object.
+    pub body: Cow<'a, [u8]>,
+    /// Its query.
+    pub query: QueryValues,
+    /// Who sends, over REST.
+    pub sender: Option<&'a dyn Sender>,
+}
+
+/// A number of a path, which is written as such: of `1`, `01` and `+1` only the first names something.
+pub fn number<T: FromStr + ToString>(text: &str) -> Option<T> {
+    text.parse().ok().filter(|number: &T| number.to_string() == text)
+}
+
+/// True when each value can be what its name stands for.
+pub fn check_path(params: &[(&str, &str)]) -> bool {
+    params.iter().all(|(name, value)| match *name {
+        "cs" => number::<CoordinateSystemNumber>(value).is_some(),
+        "m" | "number" => number::<u16>(value).is_some(),
+        "seq" => number::<u64>(value).is_some(),
+        _ => true,
+    })
+}
+
+impl Received<'_> {
+    /// The value of a name of the path, where it names it.
+    pub(super) fn text(&self, name: &str) -> Option<&str> {
+        let mut params = self.params.iter();
+        params.find(|(known, _)| *known == name).map(|(_, value)| *value)
+    }
+
+    /// The same as a number.
+    pub(super) fn number<T: FromStr + ToString>(&self, name: &str) -> Result<T, Fault> {
+        let text = self.text(name).unwrap_or_default();
+        number(text).ok_or_else(|| Fault::Level(text.to_owned()))
+    }
+
+    pub(super) fn cs(&self) -> Result<CoordinateSystemNumber, Fault> {
+        self.number("cs")
+    }
+
+    /// The M number, where the path names it.
+    pub(super) fn m(&self) -> Result<Option<u16>, Fault> {
+        self.text("m").map(|_| self.number("m")).transpose()
+    }
+
+    /// The JSON body. What is said of an output is of the same form where the path names the output.
+    pub(super) fn json<T: DeserializeOwned>(&self) -> Result<T, Fault> {
+        let seq = self.text("seq").map(|_| self.number("seq")).transpose()?;
+        json_object_with(&self.body, seq.map(|seq| ("seq", seq))).map_err(Fault::Json)
+    }
+
+    /// True over REST.
+    pub(super) fn is_rest(&self) -> bool {
+        self.sender.is_some()
+    }
+
+    fn header(&self, name: &str) -> Option<&str> {
+        self.sender.and_then(|sender| sender.header(name))
+    }
+
+    /// Identity and condition of a command from `Idempotency-Key`, `If-Match` and `Lease-Fence`.
+    pub(super) fn meta(&self) -> Result<CommandMeta, Fault> {
+        let Some(sender) = self.sender else {
+            return Err(Fault::Invalid("a command comes from somebody".to_owned()));
+        };
+        let command_id = match sender.header(IDEMPOTENCY_KEY) {
+            None => sender.new_command_id(),
+            Some(key) if (1..=COMMAND_ID_MAX).contains(&key.len()) => key.to_owned(),
+            Some(_) => {
+                return Err(Fault::Invalid(format!(
+                    "Idempotency-Key is the command's id: write 1 to {COMMAND_ID_MAX} ASCII characters"
+                )));
+            }
+        };
+        let expect = self
+            .header(IF_MATCH)
+            .map(state_rev)
+            .transpose()?
+            .map(|rev| Expect {
+                boot_id: None,
+                state_rev: Some(rev),
+            });
+        Ok(CommandMeta {
+            command_id,
+            client_id: sender.client_id(),
+            expect,
+            fence: self.fence()?,
+            ..CommandMeta::default()
+        })
+    }
+
+    /// Number of the control lease under which it is sent.
+    pub(super) fn fence(&self) -> Result<Option<u64>, Fault> {
+        let fence = self.header(LEASE_FENCE).map(|text| text.trim().parse());
+        fence.transpose().map_err(|_| {
+            Fault::Invalid(
+                "Lease-Fence is the number of the control lease, as it was given when it was taken"
+                    .to_owned(),
+            )
+        })
+    }
+
+    /// Whether to answer when it is done.
+    pub(super) fn wait(&self) -> Result<bool, Fault> {
+        match self.query.wait.as_deref() {
+            None | Some("0" | "false") => Ok(false),
+            Some("" | "1" | "true") => Ok(true),
+            Some(other) => Err(Fault::Invalid(format!(
+                "wait={other} is not known; write wait=1 or wait=0"
+            ))),
+        }
+    }
+}
+
+fn state_rev(tag: &str) -> Result<u64, Fault> {
+    tag.trim().trim_matches('"').parse().map_err(|_| {
+        Fault::Invalid("If-Match is the ETag of the coordinate system's state, such as \"12\"".to_owned())
+    })
+}
+
+/// A request in parts, of which each route and topic takes what it names.
+#[derive(Debug, Default)]
+pub struct Parts {
+    /// Values for the names in a path.
+    pub(super) params: Vec<Param>,
+    /// Query of a route, from its `?` on.
+    pub(super) query: String,
+    pub(super) headers: Vec<(&'static str, String)>,
+    pub(super) body: Body,
+}
+
+/// Body of a request.
+#[derive(Debug, Default)]
+pub(super) enum Body {
+    #[default]
+    Nothing,
+    Json(Value),
+    Text(String),
+}
+
+impl Parts {
+    /// Of a coordinate system.
+    pub(super) fn of(cs: CoordinateSystemNumber) -> Self {
+        Self::default().with("cs", cs)
+    }
+
+    /// With a value of a name of the path.
+    #[allow(
+        clippy::needless_pass_by_value,
+        reason = "numbers and literals read better so"
+    )]
+    pub(super) fn with(mut self, name: &'static str, value: impl ToString) -> Self {
+        self.params.push((name, value.to_string()));
+        self
+    }
+
+    /// Of an output.
+    pub(super) fn of_output(
+        cs: CoordinateSystemNumber,
+        m: Option<u16>,
+        seq: u64,
+        said: &impl Serialize,
+    ) -> Self {
+        let parts = Self::of(cs).with("seq", seq).json(said);
+        match m {
+            Some(m) => parts.with("m", m),
+            None => parts,
+        }
+    }
+
+    pub(super) fn json(mut self, body: &impl Serialize) -> Self {
+        self.body = Body::Json(json!(body));
+        self
+    }
+
+    pub(super) fn text(mut self, body: String) -> Self {
+        self.body = Body::Text(body);
+        self
+    }
+
+    pub(super) fn query(mut self, query: String) -> Self {
+        self.query = query;
+        self
+    }
+
+    #[allow(
+        clippy::needless_pass_by_value,
+        reason = "numbers and literals read better so"
+    )]
+    pub(super) fn header(mut self, name: &'static str, value: impl ToString) -> Self {
+        self.headers.push((name, value.to_string()));
+        self
+    }
+
+    /// Whether to answer when it is done.
+    pub(super) fn waiting(self, wait: bool) -> Self {
+        self.query(if wait { "?wait=1" } else { "" }.to_owned())
+    }
+
+    /// With the id of a command and its condition.
+    pub(super) fn meta(self, meta: CommandMeta) -> Self {
+        let mut parts = self.header(IDEMPOTENCY_KEY, meta.command_id);
+        if let Some(rev) = meta.expect.and_then(|expect| expect.state_rev) {
+            parts = parts.header(IF_MATCH, format!("\"{rev}\""));
+        }
+        match meta.fence {
+            Some(fence) => parts.header(LEASE_FENCE, fence),
+            None => parts,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn if_match_takes_the_revision_with_and_without_quotes() {
+        for (tag, rev) in [
+            ("\"12\"", Some(12)),
+            ("7", Some(7)),
+            ("W/\"3\"", None),
+            ("*", None),
+        ] {
+            assert_eq!(state_rev(tag).ok(), rev, "{tag}");
+        }
+    }
+}

@@ -1,0 +1,224 @@
+//! Requests: each row of the wire is read, asked and answered in the same way. Commands answer 202 when accepted; with
+//! `?wait=1` 200 when done, or 202 when that takes longer than a minute.
+
+use std::borrow::Cow;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::extract::{FromRequestParts, Query, RawPathParams, Request as HttpRequest};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
+use axum::response::{IntoResponse, Response};
+use plc_api::types::CoordinateSystemNumber;
+use plc_api::types::message::Payload;
+use plc_api::types::request::{Answer, Request};
+use plc_api::types::topic::Topic;
+use plc_api::wire::answer::{AnswerForm, Reply};
+use plc_api::wire::percent_encoded;
+use plc_api::wire::route::{self, Content, Route};
+use plc_api::wire::row::{Fault, QueryValues, Received, Row, Sender, number};
+use serde::Deserialize;
+
+use super::{body, json_response, nothing_at, params};
+use crate::access::User;
+use crate::access::http::forbidden;
+use crate::contract::routes::API;
+use crate::problem::Problem;
+use crate::shared::{Shared, unexpected};
+
+/// Who commands when a command comes over REST from nobody in particular.
+const CLIENT_ID: &str = "rest";
+
+/// Longest time that `?wait=1` waits; then 202. Reason: shorter than what proxies and clients allow.
+const WAIT_MAX: Duration = Duration::from_mins(1);
+
+/// Serves a row on one of its routes.
+pub(super) async fn serve(
+    shared: Arc<Shared>,
+    user: User,
+    row: &Row,
+    route: &Route,
+    request: HttpRequest,
+) -> Result<Response, Problem> {
+    let (mut head, body) = request.into_parts();
+    let raw = RawPathParams::from_request_parts(&mut head, &()).await;
+    let mut params = params(&raw, &head.uri)?;
+    params.extend(route.fixed());
+    let query = query(route, &head.uri)?;
+    let (mut permit, mut bytes) = (None, Vec::new());
+    match route.body {
+        Content::Text => {
+            body::check_text(&head.headers)?;
+            permit = shared.uploads.acquire().await.ok();
+            bytes = body::read(body, body::PROGRAM_MAX).await?;
+        }
+        Content::Json(_) => bytes = body::json(&head.headers, body).await?,
+        Content::Nothing | Content::Document => {}
+    }
+    let cs = match params.iter().find(|(name, _)| *name == "id") {
+        Some((_, id)) if route.headers == route::Headers::Command => {
+            Some(of_alarm(&shared, id, &head.uri).await?)
+        }
+        _ => None,
+    };
+    let cs = cs.map(|cs| cs.to_string());
+    params.extend(cs.as_deref().map(|cs| ("cs", cs)));
+    let sender = HttpSender {
+        shared: &shared,
+        user: &user,
+        headers: &head.headers,
+    };
+    let received = Received {
+        params: &params,
+        body: Cow::Owned(bytes),
+        query,
+        sender: Some(&sender),
+    };
+    let request = (row.read)(received).map_err(|fault| match fault {
+        Fault::Level(_) => nothing_at(&head.uri),
+        Fault::NotFound(text) => Problem::not_found(text),
+        Fault::Json(error) => Problem::invalid(format!("the JSON body is not right: {error}")),
+        Fault::Invalid(text) => Problem::invalid(text),
+    })?;
+    says(&user, &request).map_err(forbidden)?;
+    if matches!(request, Request::IntermediateCode(_)) {
+        // as large as an upload
+        permit = shared.uploads.acquire().await.ok();
+    }
+    let form = AnswerForm::of(&request).ok_or_else(unexpected)?;
+    let reply = match request {
+        Request::Command { .. } => carry_out(&shared, request, &form).await?,
+        request => form.encode(shared.ask(request).await?)?,
+    };
+    drop(permit);
+    Ok(response(reply))
+}
+
+/// The query of a URL; others are 400.
+fn query(route: &Route, uri: &Uri) -> Result<QueryValues, Problem> {
+    #[derive(Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct Range {
+        #[serde(default)]
+        from: u32,
+        count: Option<u32>,
+    }
+    #[derive(Deserialize)]
+    struct Wait {
+        wait: Option<String>,
+    }
+    let read = match route.query {
+        route::Query::Nothing => return Ok(QueryValues::default()),
+        route::Query::Range => {
+            Query::<Range>::try_from_uri(uri).map(|Query(Range { from, count })| QueryValues {
+                from,
+                count,
+                wait: None,
+            })
+        }
+        route::Query::Wait => Query::<Wait>::try_from_uri(uri).map(|Query(Wait { wait })| QueryValues {
+            wait,
+            ..QueryValues::default()
+        }),
+    };
+    read.map_err(|refusal| Problem::invalid(refusal.body_text()))
+}
+
+struct HttpSender<'a> {
+    shared: &'a Shared,
+    user: &'a User,
+    headers: &'a HeaderMap,
+}
+
+impl Sender for HttpSender<'_> {
+    fn header(&self, name: &str) -> Option<&str> {
+        let value = self.headers.get(name)?;
+        Some(value.to_str().unwrap_or_default())
+    }
+
+    fn client_id(&self) -> String {
+        self.user.name.clone().unwrap_or_else(|| CLIENT_ID.to_owned())
+    }
+
+    fn new_command_id(&self) -> String {
+        self.shared.next_command_id()
+    }
+}
+
+/// Why this user may not say this, if so: a handler speaks in its own name only.
+fn says(user: &User, request: &Request) -> Result<(), String> {
+    match request {
+        Request::Claim(_, _, claim) => user.speaks_as(&claim.handler_id),
+        Request::Reset(_, _, reset) => user.resets_as(&reset.handler_id, reset.force.unwrap_or(false)),
+        Request::Progress(_, _, report) => user.speaks_as(&report.handler_id),
+        Request::Ask(_, _, ask) => user.speaks_as(&ask.handler_id),
+        _ => Ok(()),
+    }
+}
+
+/// The coordinate system that an alarm stopped; the first one for an alarm of all.
+async fn of_alarm(shared: &Shared, id: &str, uri: &Uri) -> Result<CoordinateSystemNumber, Problem> {
+    let id: u64 = number(id).ok_or_else(|| nothing_at(uri))?;
+    let active = shared.read(&Topic::AlarmActive).await?;
+    let Payload::AlarmActive(active) = &active.payload else {
+        return Err(unexpected());
+    };
+    let alarm = active.alarms.iter().find(|alarm| alarm.id == id);
+    let alarm = alarm.ok_or_else(|| Problem::not_found(format!("no alarm with id {id} is active")))?;
+    if let Some(cs) = alarm.cs {
+        return Ok(cs);
+    }
+    let birth = shared.birth().await?;
+    let first = birth.coordinate_systems.first().ok_or_else(unexpected)?;
+    Ok(first.number)
+}
+
+async fn carry_out(shared: &Arc<Shared>, request: Request, form: &AnswerForm) -> Result<Reply, Problem> {
+    let Ok(place) = Arc::clone(&shared.open_commands).try_acquire_owned() else {
+        return Err(Problem::new(
+            StatusCode::SERVICE_UNAVAILABLE,
+            "unavailable",
+            "too many commands are unanswered; send it again",
+        ));
+    };
+    let (command_id, wait) = match &request {
+        Request::Command { meta, wait, .. } => (meta.command_id.clone(), *wait),
+        _ => (String::new(), false),
+    };
+    // a task of its own: a client that goes away takes back nothing
+    let asking = shared.tasks.spawn({
+        let shared = Arc::clone(shared);
+        async move {
+            let answer = shared.ask(request).await;
+            drop(place);
+            answer
+        }
+    });
+    let answer: Answer = if wait {
+        match tokio::time::timeout(WAIT_MAX, asking).await {
+            Ok(answer) => answer,
+            Err(_) => return Ok(Reply::Accepted(command_id)),
+        }
+    } else {
+        asking.await
+    }
+    .map_err(|_| unexpected())??;
+    Ok(form.encode(answer)?)
+}
+
+fn response(reply: Reply) -> Response {
+    match reply {
+        Reply::Nothing => StatusCode::NO_CONTENT.into_response(),
+        Reply::Json(status, text) => json_response(StatusCode::from_u16(status).unwrap_or_default(), text),
+        Reply::Text(text) => {
+            let kind = HeaderValue::from_static("text/plain; charset=utf-8");
+            ([(header::CONTENT_TYPE, kind)], text).into_response()
+        }
+        Reply::Accepted(id) => {
+            let mut response = json_response(StatusCode::ACCEPTED, Reply::accepted_body(&id));
+            if let Ok(location) = HeaderValue::try_from(format!("{API}/commands/{}", percent_encoded(&id))) {
+                response.headers_mut().insert(header::LOCATION, location);
+            }
+            response
+        }
+    }
+}
