@@ -5,6 +5,7 @@ mod commands;
 mod container;
 mod contract;
 mod generated;
+mod language;
 mod links;
 mod page;
 mod rules;

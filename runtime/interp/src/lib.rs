@@ -12,6 +12,7 @@
 pub mod block_words;
 mod check;
 pub mod codes;
+pub mod decisions;
 pub mod dialect;
 pub mod dialects;
 mod evaluation;
@@ -23,7 +24,6 @@ mod interpreter;
 pub mod meaning;
 mod modal;
 mod outputs;
-pub mod reference;
 pub mod restrictions;
 mod text_position;
 

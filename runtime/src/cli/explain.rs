@@ -15,7 +15,7 @@ pub struct Arguments {
 
 /// Tables of rules: number and text.
 const RULES: [&[(&str, &str)]; 3] = [
-    tandem_interp::reference::DECISIONS,
+    tandem_interp::decisions::DECISIONS,
     tandem_motion::rules::RULES,
     plc_api::handshake::rules::RULES,
 ];

@@ -1,48 +1,17 @@
-//! The reference pages of the language, from the tables that the checker and the interpreter read.
+//! Pages of the language, written from the tables that the checker and the interpreter read.
 
 use std::fmt::Write as _;
 
+use tandem_interp::codes::{Code, ModalGroup, WordSpec};
+use tandem_interp::decisions::DECISIONS;
+use tandem_interp::dialects;
 use tandem_syntax::{DIAGNOSTICS, Function};
 
-use crate::codes::{Code, ModalGroup, WordSpec};
-use crate::dialect::Dialect;
+use super::generated::check;
 
-mod decisions;
-
-pub use decisions::DECISIONS;
-
-/// A page of the reference.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Page {
-    /// Its file name.
-    pub name: &'static str,
-    /// Markdown.
-    pub text: String,
-}
-
-/// All pages of a dialect. The same dialect gives the same bytes.
-pub fn pages(dialect: &Dialect) -> Vec<Page> {
-    vec![
-        Page {
-            name: "codes.md",
-            text: codes(dialect),
-        },
-        Page {
-            name: "functions.md",
-            text: functions(),
-        },
-        Page {
-            name: "diagnostics.md",
-            text: diagnostics(),
-        },
-        Page {
-            name: "decisions.md",
-            text: decisions(),
-        },
-    ]
-}
-
-fn codes(dialect: &Dialect) -> String {
+#[test]
+fn the_page_of_the_codes_is_that_of_the_dialect() {
+    let dialect = dialects::nj();
     let mut page = format!("# Codes of dialect {}\n\n## G codes\n\n", dialect.name);
     for code in dialect.g_codes.codes {
         describe(&mut page, code);
@@ -58,7 +27,10 @@ fn codes(dialect: &Dialect) -> String {
         .filter_map(|address| dialect.modal_words.get(*address))
         .collect();
     table(&mut page, modal.into_iter());
-    page
+    for code in ["G00", "G50.1", "G84", "G501", "M30", "M98"] {
+        assert!(page.contains(&format!("### {code}: ")), "{code}");
+    }
+    check("docs/src/reference/codes.md", &page);
 }
 
 fn describe(page: &mut String, code: &Code) {
@@ -95,7 +67,8 @@ fn table<'a>(page: &mut String, words: impl Iterator<Item = &'a WordSpec>) {
     page.push('\n');
 }
 
-fn functions() -> String {
+#[test]
+fn the_page_of_the_functions_is_that_of_their_table() {
     let mut page = String::from(
         "# Functions\n\nA name that ends in `d` takes or gives degrees, the others radians. Outside its domain a \
          function gives what is not a number; where that reaches a word, the block is an alarm (D07).\n\n\
@@ -111,10 +84,11 @@ fn functions() -> String {
             function.domain()
         );
     }
-    page
+    check("docs/src/reference/functions.md", &page);
 }
 
-fn diagnostics() -> String {
+#[test]
+fn the_page_of_the_diagnostics_is_that_of_their_table() {
     let mut page = String::from("# Diagnostics\n\nE: the program cannot run. W: it can.\n\n");
     for entry in DIAGNOSTICS {
         let _ = writeln!(
@@ -123,10 +97,11 @@ fn diagnostics() -> String {
             entry.code, entry.title, entry.explanation, entry.example
         );
     }
-    page
+    check("docs/src/reference/diagnostics.md", &page);
 }
 
-fn decisions() -> String {
+#[test]
+fn the_page_of_the_decisions_is_that_of_their_table() {
     let mut page = String::from(
         "# Decisions\n\nWhere the manual is silent, this is how Tandem reads a program.\n\n| number | decision |\n\
          | --- | --- |\n",
@@ -134,5 +109,5 @@ fn decisions() -> String {
     for (number, text) in DECISIONS {
         let _ = writeln!(page, "| {number} | {text} |");
     }
-    page
+    check("docs/src/reference/decisions.md", &page);
 }
