@@ -9,7 +9,7 @@ use std::sync::atomic::Ordering;
 use plc_api::types::state::Reason;
 
 use super::CoordinateSystem;
-use super::holding::{Cause, Held};
+use super::run_state::Cause;
 use crate::journal::Event;
 
 /// The connection to the MQTT broker, as this coordinate system has seen it.
@@ -38,12 +38,12 @@ impl CoordinateSystem {
         if !self.bus.is_lost || !self.shared.machine.hold_on_bus_loss {
             return;
         }
-        let Some(seq) = self.waited_for().filter(|seq| self.bus.held_at != Some(*seq)) else {
+        let awaited = self.state.awaited().map(|awaited| awaited.seq);
+        let Some(seq) = awaited.filter(|seq| self.bus.held_at != Some(*seq)) else {
             return;
         };
-        let is_held = self.run.as_ref().is_none_or(|run| run.held != Held::No);
         // A way in a thread is not interrupted.
-        if is_held || self.is_moving() || self.pipeline.in_thread() {
+        if !self.state.is_running() || self.is_moving() || self.pipeline.in_thread() {
             return;
         }
         self.bus.held_at = Some(seq);

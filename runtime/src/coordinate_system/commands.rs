@@ -4,16 +4,15 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use plc_api::types::command::{Command, CommandMeta, CommandReply, CommandStatus, Verb};
-use plc_api::types::output::CancelReason;
 use plc_api::types::program::ProgramDiagnostic;
 use plc_api::types::request::{Answer, Refusal, RefusalCode};
-use plc_api::types::state::{Execution, Reason, Transition};
+use plc_api::types::state::{Execution, Reason};
 use plc_api::types::topic::CsTopic;
 use tokio::sync::oneshot;
 
-use super::holding::{Cause, Held};
-use super::manual::Kind;
-use super::{CoordinateSystem, Run};
+use super::CoordinateSystem;
+use super::run::{Kind, Run};
+use super::run_state::{Cause, End, Phase, RunEvent};
 use crate::journal::Event;
 use crate::program_store::StoredProgram;
 use plc_api::execution::{Situation, word};
@@ -93,9 +92,7 @@ impl CoordinateSystem {
     }
 
     fn is_in_transition(&self) -> bool {
-        self.ending.is_some()
-            || self.validation.is_some()
-            || (self.run.as_ref()).is_some_and(|run| matches!(run.held, Held::Holding(_)))
+        self.state.transition().is_some() || self.validation.is_some()
     }
 
     fn carry_out_command(&mut self, command: Deferred) {
@@ -232,7 +229,7 @@ impl CoordinateSystem {
             self.judge_locks(*verb)
                 .and_then(|()| self.judge_lease(*verb, meta))
                 .is_ok()
-                && (*verb != Verb::BackTrace || self.judge_back_trace(!self.retraces()).is_ok())
+                && (*verb != Verb::BackTrace || self.judge_back_trace(!self.state.retraces()).is_ok())
         });
         Refusal {
             state: Some(situation.execution),
@@ -243,7 +240,7 @@ impl CoordinateSystem {
 
     pub(super) fn situation(&self) -> Situation {
         Situation {
-            execution: self.execution().0,
+            execution: self.state.word_at_rest().0,
             program_loaded: self.program.is_some(),
             alarm_active: self.shared.alarm_count(self.number) > 0,
         }
@@ -279,7 +276,7 @@ impl CoordinateSystem {
             Command::Load { program } => {
                 self.program = Some(*program);
                 self.loaded = self.texts_of(*program);
-                self.idle = (Execution::Ready, None);
+                self.drive(RunEvent::Loaded);
                 self.go_to_head();
                 true
             }
@@ -298,24 +295,22 @@ impl CoordinateSystem {
             }
             Command::Hold => self.hold(Cause::Operator),
             Command::Resume | Command::BackTrace { on: false } => {
-                self.resume();
+                self.drive(RunEvent::Resume);
+                self.shared.record(self.number, Event::Resume);
                 true
             }
             Command::BackTrace { on: true } => {
                 self.go_back();
                 true
             }
-            Command::Stop => self.stop(CancelReason::Stop, Reason::Stop),
-            Command::Abort => self.stop(CancelReason::Abort, Reason::Aborted),
+            Command::Stop => self.end_run(End::Stop),
+            Command::Abort => self.end_run(End::Abort),
             Command::Reset => {
                 self.shared.clear_alarms(self.number);
-                let into = match self.program {
-                    Some(_) => (Execution::Ready, None),
-                    None => (Execution::Stopped, Some(Reason::NoProgram)),
-                };
-                self.end_run(CancelReason::Reset, into, Transition::Resetting);
+                let has_program = self.program.is_some();
+                let is_done = self.end_run(End::Reset { has_program });
                 self.go_to_head();
-                false
+                is_done
             }
             Command::AlarmAcknowledge { .. } => true,
         }
@@ -327,10 +322,11 @@ impl CoordinateSystem {
         self.publish_place();
     }
 
-    fn start(&mut self, mut run: Run) {
+    fn start(&mut self, run: Run) {
         let number = run.main.number;
+        let mut phase = Phase::Interpret;
         if let Kind::Jog(jog) = &run.kind {
-            run.phase = self.start_jog(jog);
+            phase = self.start_jog(jog);
         } else {
             let goes_on = matches!(run.kind, Kind::Manual) && self.manual_goes_on;
             let tree = Arc::clone(&run.main.tree);
@@ -349,18 +345,7 @@ impl CoordinateSystem {
         self.inputs.take_over_skip(1);
         self.publish_inputs();
         self.run = Some(run);
-    }
-
-    /// Ends the run; without one, or when it is already being ended in the same way, there is nothing to do.
-    fn stop(&mut self, cancel: CancelReason, reason: Reason) -> bool {
-        if self.run.is_none() && self.ending.is_none() {
-            return true;
-        }
-        let into = (Execution::Stopped, Some(reason));
-        if self.run.is_some() || cancel == CancelReason::Abort {
-            self.end_run(cancel, into, Transition::Stopping);
-        }
-        false
+        self.drive(RunEvent::Started(phase));
     }
 
     pub(super) fn stored(&self, number: u16) -> Result<Arc<StoredProgram>, Refusal> {

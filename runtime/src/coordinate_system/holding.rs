@@ -4,101 +4,33 @@
 //! path: each is passed and held at its end point where it stops there, else right behind its joint, on the path.
 
 use plc_api::types::request::{Refusal, RefusalCode};
-use plc_api::types::state::{Execution, Lock, Reason};
+use plc_api::types::state::{Lock, Reason, Transition};
 use tandem_interp::Modal;
 use tandem_model::alarm::COMPENSATION_REFUSED;
 use tandem_servo::Control;
 
 use super::CoordinateSystem;
-use super::preparation::{Phase, Then};
+use super::run_state::{Cause, Phase, RunEvent, Then};
 use crate::journal::Event;
-
-/// Whether the motion of a run is held.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Held {
-    No,
-    /// Decelerating on the path.
-    Holding(Cause),
-    AtRest(Cause),
-}
-
-/// What holds a run.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Cause {
-    /// The hold command.
-    Operator,
-    SingleBlock,
-    Interlock,
-    /// The connection to the MQTT broker is lost.
-    BusLoss,
-    /// Back trace has come to its end.
-    WayBackEnded,
-}
-
-impl Cause {
-    /// The state word at rest, and its reason.
-    pub fn state(self) -> (Execution, Option<Reason>) {
-        match self {
-            Cause::Operator => (Execution::FeedHold, None),
-            Cause::SingleBlock => (Execution::Interrupted, Some(Reason::SingleBlock)),
-            Cause::BusLoss => (Execution::FeedHold, Some(Reason::BusLost)),
-            Cause::Interlock => (Execution::Interrupted, Some(Reason::Interlock)),
-            Cause::WayBackEnded => (Execution::FeedHold, Some(Reason::BackTraceEnd)),
-        }
-    }
-}
-
-/// Single block of one run.
-#[derive(Debug, Default)]
-pub(super) struct Steps {
-    /// Items of a block have been taken, and the block has not ended.
-    pub in_block: bool,
-    /// Segments up to this one were planned before single block was switched on.
-    planned_ahead: u64,
-    /// The servo is told to hold behind the running block, and has not said that it does.
-    armed: bool,
-}
 
 impl CoordinateSystem {
     /// Feed hold. True when there is nothing to wait for: no run, or it rests.
     pub(super) fn hold(&mut self, cause: Cause) -> bool {
-        let Some(run) = &mut self.run else { return true };
-        if matches!(run.phase, Phase::Paused(_)) || matches!(run.held, Held::AtRest(_)) {
-            return true;
-        }
-        if run.held == Held::No {
-            run.held = Held::Holding(cause);
-            self.servo.control(Control::Hold);
-        }
-        false
+        self.drive(RunEvent::Hold(cause));
+        self.state.transition() != Some(Transition::Holding)
     }
 
-    pub(super) fn resume(&mut self) {
-        self.go_forward();
-        let Some(run) = &mut self.run else { return };
-        if let Phase::Paused(_) = run.phase {
-            run.phase = Phase::Interpret;
-            run.steps.in_block = false;
-        } else {
-            run.held = Held::No;
-            self.servo.control(Control::Resume);
-            self.put_out_queued();
-            self.hold_after_planned_block();
-        }
-        self.shared.record(self.number, Event::Resume);
+    /// The run goes on after a hold: what it kept back is done.
+    pub(super) fn go_on(&mut self) {
+        self.put_out_queued();
+        self.hold_after_planned_block();
     }
 
     /// The servo has come to rest under feed hold.
-    pub(super) fn held(&mut self) {
-        let Some(run) = &mut self.run else { return };
-        match run.held {
-            Held::Holding(cause) => run.held = Held::AtRest(cause),
-            Held::AtRest(_) => {}
-            Held::No if run.steps.armed => run.held = Held::AtRest(Cause::SingleBlock),
-            // Single block was switched off when the hold behind the block had begun.
-            Held::No => self.servo.control(Control::Resume),
-        }
-        run.steps.armed = false;
+    pub(super) fn on_servo_held(&mut self) {
+        let steps = self.run.as_mut().map(|run| &mut run.steps);
+        let behind_block = steps.is_some_and(|steps| std::mem::take(&mut steps.armed));
+        self.drive(RunEvent::ServoHeld { behind_block });
     }
 
     pub(super) fn set_interlock(&mut self, lock: Lock) {
@@ -154,11 +86,10 @@ impl CoordinateSystem {
 
     /// What is planned ends at rest, and each of its blocks is held at its end; the interpreter waits.
     pub(super) fn stop_behind_what_is_planned(&mut self) {
-        let Some(run) = &self.run else { return };
-        match run.phase {
-            Phase::Interpret => self.stand_still_then(Then::Interpret),
-            Phase::Standstill(Then::BlockEnd) => return,
-            _ => {}
+        match self.state.phase() {
+            None | Some(Phase::Standstill(Then::BlockEnd)) => return,
+            Some(Phase::Interpret) => self.stand_still_then(Then::Interpret),
+            Some(_) => {}
         }
         let moves = self.is_moving();
         if let Some(run) = &mut self.run
@@ -166,7 +97,7 @@ impl CoordinateSystem {
         {
             run.steps.planned_ahead = self.pipeline.last_segment();
             run.steps.in_block = !self.pipeline.interpreter.is_between_blocks();
-            if run.held == Held::No {
+            if self.state.is_running() {
                 self.hold_after_planned_block();
             }
         }
@@ -201,7 +132,7 @@ impl CoordinateSystem {
         if !std::mem::take(&mut run.steps.armed) {
             return false;
         }
-        run.held = Held::AtRest(Cause::SingleBlock);
+        self.drive(RunEvent::BlockEnded);
         self.servo.control(Control::HoldAfterBlock(false));
         true
     }
@@ -221,9 +152,7 @@ impl CoordinateSystem {
             let text = "single block is on, and cutter compensation cannot be stopped between blocks";
             return self.raise_entry(&COMPENSATION_REFUSED, text, origin);
         }
-        if let Some(run) = &mut self.run {
-            run.held = Held::AtRest(Cause::SingleBlock);
-        }
+        self.drive(RunEvent::BlockEnded);
         let event = Event::Stop {
             m: None,
             reason: origin.map(|_| Reason::SingleBlock),

@@ -3,15 +3,12 @@
 use std::sync::Arc;
 
 use plc_api::types::command::Command;
-use plc_api::types::output::CancelReason;
 use plc_api::types::request::{Refusal, RefusalCode};
-use plc_api::types::state::{Execution, Transition};
-use tandem_model::settings::CoordinateSystemSettings;
-use tandem_model::{AxisVector, Origin};
+use tandem_model::Origin;
 
-use super::manual::Kind;
-use super::preparation::{Phase, Then};
-use super::{CoordinateSystem, Run};
+use super::CoordinateSystem;
+use super::run::{Jog, Kind, Run};
+use super::run_state::{End, Phase, Then};
 use crate::program_store::StoredProgram;
 
 /// Time after the last refresh when a jog stops: whoever commands it may be gone.
@@ -25,17 +22,6 @@ const DISTANCE_MIN: f64 = 1e-9;
 
 /// Jogs that have ended and whose late refreshes are refused.
 const ENDED_MAX: usize = 16;
-
-/// A jog that runs.
-#[derive(Debug)]
-pub(super) struct Jog {
-    refresh_id: String,
-    /// When it stops, unless it is refreshed.
-    until_s: f64,
-    to: AxisVector,
-    /// With the jog's velocity as rapid velocity.
-    settings: Arc<CoordinateSystemSettings>,
-}
 
 impl CoordinateSystem {
     pub(super) fn prepare_jog(
@@ -127,8 +113,7 @@ impl CoordinateSystem {
     /// Stops a jog that is not refreshed, with the motor's highest deceleration.
     pub(super) fn expire_jog(&mut self, now_s: f64) {
         if self.jog_until_s().is_some_and(|until_s| until_s <= now_s + 1e-9) {
-            let ready = (Execution::Ready, None);
-            self.end_run(CancelReason::Abort, ready, Transition::Stopping);
+            self.end_run(End::JogExpired);
         }
     }
 

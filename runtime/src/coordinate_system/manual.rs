@@ -10,22 +10,9 @@ use plc_api::types::request::{Refusal, RefusalCode};
 use tandem_model::limits::MDI_BYTES_MAX;
 use tandem_model::{Axis, AxisSet};
 
-use super::holding::{Held, Steps};
-use super::jog::Jog;
-use super::preparation::{AtRest, Phase};
-use super::{CoordinateSystem, Run};
+use super::CoordinateSystem;
+use super::run::{AtRest, Kind, Run, Steps};
 use crate::program_store::StoredProgram;
-
-/// What a run runs.
-#[derive(Debug)]
-pub(super) enum Kind {
-    /// The loaded program.
-    Program,
-    /// Manual data input.
-    Manual,
-    Home,
-    Jog(Jog),
-}
 
 impl CoordinateSystem {
     /// A run of manual data input; one or several lines.
@@ -82,11 +69,8 @@ impl CoordinateSystem {
             kind,
             main,
             programs,
-            phase: Phase::Interpret,
-            held: Held::No,
             steps: Steps::default(),
             at_rest: AtRest::default(),
-            back_to: None,
         }
     }
 }

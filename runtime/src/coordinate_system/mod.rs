@@ -16,6 +16,8 @@ mod pipeline;
 mod preparation;
 mod publish;
 mod replanning;
+mod run;
+mod run_state;
 mod servo_link;
 mod validation;
 mod view;
@@ -28,28 +30,26 @@ use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::machine::AlarmRaise;
 use plc_api::types::output::{CancelReason, OutputNotice};
 use plc_api::types::request::{Answer, Input, Refusal, RefusalCode, Request};
-use plc_api::types::state::{Execution, Lock, Overrides, Reason, SpindleDirection, State, Transition};
+use plc_api::types::state::{Execution, Lock, Overrides, Reason, SpindleDirection, State};
 use plc_api::types::topic::CsTopic;
 use tandem_model::flow::Transform;
 use tandem_model::{AXES_MAX, MachinePosition, Variables};
-use tandem_servo::{ChannelHandle, Event};
-use tandem_syntax::NcProgram;
+use tandem_servo::{ChannelHandle, Control, Event};
 
 use crate::config::CoordinateSystem as Configured;
 use crate::journal::{Event as Happened, RaisedAlarm, RunEnd};
-use crate::program_store::StoredProgram;
 use crate::shared::Shared;
 use bus::Bus;
 use commands::{Awaiting, Deferred};
 pub(crate) use desk::Desk;
 use desk::Envelope;
-use holding::{Held, Steps};
 use lease::ControlLease;
-use manual::Kind;
 use outputs::StockWork;
 use pipeline::Pipeline;
-use preparation::{AtRest, Phase, Share};
+use preparation::Share;
 use replanning::Replanning;
+use run::{Kind, Run};
+use run_state::{End, RunAction, RunEvent, RunState};
 use servo_link::ServoLink;
 use validation::{Texts, Validation};
 pub(crate) use view::View;
@@ -80,15 +80,14 @@ pub(crate) struct CoordinateSystem {
     /// What each open output said, for alarms and the journal.
     notices: BTreeMap<u64, OutputNotice>,
     program: Option<u16>,
-    /// State while no run is under way.
-    idle: (Execution, Option<Reason>),
+    state: RunState,
+    /// The run that the state is of.
     run: Option<Run>,
     runs: u64,
     /// The next manual data input goes on in the modal state of the last one.
     manual_goes_on: bool,
     /// Jogs that have ended, the oldest first.
     ended_jogs: VecDeque<String>,
-    ending: Option<Ending>,
     inputs: InputValues,
     stock: Vec<StockWork>,
     deferred: VecDeque<Deferred>,
@@ -107,30 +106,6 @@ pub(crate) struct CoordinateSystem {
     validations: u64,
     lease: ControlLease,
     bus: Bus,
-}
-
-/// A run of the loaded program, of manual data input, or of a motion by hand.
-struct Run {
-    id: String,
-    kind: Kind,
-    /// What it begins with; number 0: without one.
-    main: Arc<StoredProgram>,
-    programs: BTreeMap<u16, Arc<NcProgram>>,
-    phase: Phase,
-    held: Held,
-    steps: Steps,
-    at_rest: AtRest,
-    /// On the way back: the segment that it ends with.
-    back_to: Option<u64>,
-}
-
-/// A run that is being ended: the machine comes to rest first.
-#[derive(Debug, Clone, Copy)]
-struct Ending {
-    epoch: u32,
-    from: (Execution, Option<Reason>),
-    into: (Execution, Option<Reason>),
-    transition: Transition,
 }
 
 #[derive(Debug, Default)]
@@ -179,12 +154,11 @@ impl CoordinateSystem {
             ledger: Ledger::new(shared.boot_id.clone(), configured.open_outputs_max),
             notices: BTreeMap::new(),
             program: None,
-            idle: first_state,
+            state: RunState::Idle(first_state),
             run: None,
             runs: 0,
             manual_goes_on: false,
             ended_jogs: VecDeque::new(),
-            ending: None,
             inputs: InputValues {
                 tool,
                 ..InputValues::default()
@@ -278,15 +252,15 @@ impl CoordinateSystem {
             Event::Finished { segment, .. } => {
                 self.servo.finished_segment = segment;
                 self.pipeline.passed(segment);
-                self.way_back_ended(segment);
+                self.drive(RunEvent::Passed { segment });
             }
             Event::Spliced { taken } => self.spliced(taken),
             Event::Held { at } => {
                 self.note_held_at(at);
-                self.held();
+                self.on_servo_held();
                 self.complete(&Awaiting::is_hold);
             }
-            Event::Stopped { epoch, position } => self.at_rest(epoch, position),
+            Event::Stopped { epoch, position } => self.on_servo_stopped(epoch, position),
             Event::Oriented => self.stock_oriented(),
             Event::Captured {
                 position, captured, ..
@@ -319,48 +293,78 @@ impl CoordinateSystem {
         }
     }
 
-    /// Ends the run, if there is one: outputs are cancelled at once, the state follows when the machine rests.
-    fn end_run(&mut self, reason: CancelReason, into: (Execution, Option<Reason>), transition: Transition) {
-        let from = self.execution();
-        self.ledger.cancel_all(self.shared.now(), reason);
+    /// An event changes the state of the run, and what follows from that is done.
+    fn drive(&mut self, event: RunEvent) {
+        for action in self.change_state(event) {
+            self.act(action);
+        }
+        self.look_at_outputs();
+    }
+
+    fn change_state(&mut self, event: RunEvent) -> Vec<RunAction> {
+        let (state, actions) = std::mem::take(&mut self.state).on(event);
+        self.state = state;
+        actions
+    }
+
+    fn act(&mut self, action: RunAction) {
+        match action {
+            RunAction::HoldServo => self.servo.control(Control::Hold),
+            RunAction::ResumeServo => self.servo.control(Control::Resume),
+            RunAction::GoForward => self.go_forward(),
+            RunAction::GoOn => self.go_on(),
+            RunAction::BeginBlock => {
+                if let Some(run) = &mut self.run {
+                    run.steps.in_block = false;
+                }
+            }
+            RunAction::End { why, epoch } => self.on_run_end(why, epoch),
+            RunAction::Ended(why) => self.on_rest_after_end(why),
+        }
+    }
+
+    /// Ends the run, if there is one. True when there is nothing to wait for.
+    fn end_run(&mut self, why: End) -> bool {
+        let epoch = self.servo.epoch() + 1;
+        self.drive(RunEvent::End { why, epoch });
+        self.state.is_idle()
+    }
+
+    /// Outputs are cancelled at once, the state follows when the machine rests.
+    fn on_run_end(&mut self, why: End, epoch: u32) {
+        self.ledger.cancel_all(self.shared.now(), why.cancel_reason());
         self.stock.clear();
-        let epoch = self.servo.stop(reason == CancelReason::Abort);
-        self.ending = Some(Ending {
-            epoch,
-            from,
-            into,
-            transition,
-        });
+        self.servo.stop(epoch, why.is_abort());
         // A jog changes nothing but the position.
         self.manual_goes_on &= self
             .run
             .as_ref()
             .is_some_and(|run| matches!(run.kind, Kind::Jog(_)));
         if let Some(run) = self.run.take() {
-            let (outcome, reason) = into;
+            let (outcome, reason) = why.into();
             let end = RunEnd::CutShort { outcome, reason };
             self.shared.record(self.number, Happened::End(end));
             self.remember_jog(&run);
-            self.run_given_up(&run, into);
+            self.run_given_up(&run, why.into());
         }
         self.carry_out_effects();
     }
 
-    fn at_rest(&mut self, epoch: u32, position: MachinePosition) {
+    fn on_servo_stopped(&mut self, epoch: u32, position: MachinePosition) {
         self.pipeline
             .restart(self.servo.epoch(), position, self.manual_goes_on);
         self.servo.finished_segment = self.pipeline.last_segment();
-        if self.ending.is_some_and(|ending| ending.epoch == epoch)
-            && let Some(ending) = self.ending.take()
-        {
-            self.idle = ending.into;
-            if ending.transition == Transition::Resetting {
-                self.pipeline.interpreter.reset();
-                self.view.update(|place| place.transform = Transform::default());
-                self.publish_modal(self.pipeline.interpreter.modal());
-            }
-            self.complete(&|awaiting| awaiting.is_end() || awaiting.is_of_run());
+        self.drive(RunEvent::AtRest { epoch });
+    }
+
+    /// The machine rests after a run was ended.
+    fn on_rest_after_end(&mut self, why: End) {
+        if matches!(why, End::Reset { .. }) {
+            self.pipeline.interpreter.reset();
+            self.view.update(|place| place.transform = Transform::default());
+            self.publish_modal(self.pipeline.interpreter.modal());
         }
+        self.complete(&|awaiting| awaiting.is_end() || awaiting.is_of_run());
     }
 
     /// Raises an alarm: it stops this coordinate system and cancels its outputs.
@@ -394,11 +398,7 @@ impl CoordinateSystem {
 
     fn stop_by_alarm(&mut self, alarm: RaisedAlarm) {
         self.shared.record(self.number, Happened::Alarm(alarm));
-        self.end_run(
-            CancelReason::Alarm,
-            (Execution::Stopped, Some(Reason::Alarm)),
-            Transition::Stopping,
-        );
+        self.end_run(End::Alarm);
     }
 
     fn handle(&mut self, envelope: Envelope) {

@@ -16,8 +16,7 @@ use tandem_model::{Alarm, Origin};
 use tandem_servo::Control;
 
 use super::CoordinateSystem;
-use super::holding::Held;
-use super::preparation::Phase;
+use super::run_state::{Awaited, Phase, RunEvent, Then};
 use crate::config::Unhandled;
 use crate::journal::{Event, ResetOutcome};
 use crate::sequence::stock::{self, StockAction};
@@ -52,11 +51,11 @@ impl CoordinateSystem {
     pub(super) fn put_out_after_motion(&mut self, output: Output) -> bool {
         self.view.update(|place| place.executing = output.origin);
         let Some(seq) = self.enqueue(output, Timing::AfterMotion) else {
-            self.set_phase(Phase::Room(output));
+            self.drive(RunEvent::Phase(Phase::Room(output)));
             return false;
         };
         self.ledger.put_out(self.shared.now(), seq);
-        self.set_phase(Phase::Reset { seq });
+        self.drive(RunEvent::Phase(Phase::Reset { seq }));
         self.carry_out_effects();
         true
     }
@@ -67,14 +66,13 @@ impl CoordinateSystem {
             // Nothing follows soon: what is held back comes to rest here.
             let phase = match self.pipeline.flush() {
                 Ok(()) => Phase::Room(output),
-                Err(alarm) => Phase::Standstill(super::preparation::Then::Alarm(alarm)),
+                Err(alarm) => Phase::Standstill(Then::Alarm(alarm)),
             };
-            self.set_phase(phase);
+            self.drive(RunEvent::Phase(phase));
             return false;
         };
         // D18: while held no output is made; it stays QUEUED until the resume.
-        let held = self.run.as_ref().is_none_or(|run| run.held != Held::No);
-        if !held || self.pipeline.in_thread() {
+        if self.state.is_running() || self.pipeline.in_thread() {
             self.ledger.put_out(self.shared.now(), seq);
         }
         self.carry_out_effects();
@@ -84,13 +82,10 @@ impl CoordinateSystem {
     /// Puts out what had to wait; false when it still has to.
     pub(super) fn put_out_if_room(&mut self, output: Output, held: bool) -> bool {
         if self.is_with_motion(&output) {
+            self.drive(RunEvent::Phase(Phase::Interpret));
             return self.put_out_with_motion(output);
         }
-        if held {
-            self.set_phase(Phase::Room(output));
-            return false;
-        }
-        self.put_out_after_motion(output)
+        !held && self.put_out_after_motion(output)
     }
 
     /// Makes the outputs that a hold kept back.
@@ -105,9 +100,24 @@ impl CoordinateSystem {
         self.carry_out_effects();
     }
 
-    fn set_phase(&mut self, phase: Phase) {
-        if let Some(run) = &mut self.run {
-            run.phase = phase;
+    /// Tells the run which output it waits for, as the ledger has it.
+    pub(super) fn look_at_outputs(&mut self) {
+        let open = self.ledger.open();
+        let awaited = match self.state.phase() {
+            Some(Phase::Reset { seq }) => self.ledger.get(*seq),
+            Some(Phase::Room(output)) if self.servo.finished_segment >= self.pipeline.last_segment() => {
+                let same = open.iter().find(|open| open.notice.m == output.m);
+                same.or(open.first())
+            }
+            Some(Phase::LastOutputs) => open.first(),
+            _ => None,
+        };
+        let awaited = awaited.map(|open| Awaited {
+            seq: open.notice.seq,
+            is_lost: open.lost,
+        });
+        if awaited != self.state.awaited() {
+            self.change_state(RunEvent::Awaited(awaited));
         }
     }
 
@@ -220,12 +230,14 @@ impl CoordinateSystem {
     /// Publishes and does what the ledger's last changes ask for, until nothing is left.
     pub(super) fn carry_out_effects(&mut self) {
         loop {
+            self.look_at_outputs();
             let effects: Vec<Effect> = self.ledger.take_effects().collect();
             if effects.is_empty() {
                 return;
             }
             for effect in effects {
                 self.carry_out(effect);
+                self.look_at_outputs();
             }
         }
     }

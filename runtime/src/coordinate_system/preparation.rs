@@ -2,7 +2,7 @@
 
 use tandem_interp::Inputs;
 use tandem_model::alarm::{AlarmEntry, COMPENSATION_REFUSED};
-use tandem_model::flow::{Item, Output, ProgramStop};
+use tandem_model::flow::Item;
 use tandem_model::limits::STEPS_IN_CHAIN_MAX;
 use tandem_model::{Alarm, Origin};
 
@@ -10,9 +10,8 @@ use plc_api::types::state::Execution;
 
 use super::CoordinateSystem;
 use super::commands::Awaiting;
-use super::holding::Held;
-use super::manual::Kind;
-use crate::clock::Clock;
+use super::run::Kind;
+use super::run_state::{Phase, RunEvent, Then};
 use crate::journal::{Event, RunEnd};
 
 /// How much is done in one turn.
@@ -40,75 +39,6 @@ impl Share {
         items: 16,
         blocks: 64,
     };
-}
-
-/// Items interpreted within one servo period that give the servo no motion. Reason: computing takes no simulated time, and a
-/// loop that moves nothing would let none go by.
-const ITEMS_AT_REST_MAX: u32 = 100;
-
-/// What has been interpreted since the servo was last given motion.
-#[derive(Debug, Default)]
-pub(super) struct AtRest {
-    last_segment: u64,
-    items: u32,
-    /// When the first of them was interpreted, seconds since the start.
-    since_s: f64,
-    /// The run waits until then, seconds since the start.
-    until_s: f64,
-}
-
-impl AtRest {
-    fn count(&mut self, last_segment: u64, clock: &Clock, period_s: f64) {
-        if last_segment != self.last_segment {
-            *self = Self {
-                last_segment,
-                ..Self::default()
-            };
-        }
-        if self.items == 0 {
-            self.since_s = clock.now_s();
-        }
-        self.items += 1;
-        if self.items == ITEMS_AT_REST_MAX {
-            self.items = 0;
-            self.until_s = self.since_s + period_s;
-        }
-    }
-
-    /// When the run goes on, if that is still to come.
-    pub fn until_s(&self, clock: &Clock) -> Option<f64> {
-        let is_to_come = self.until_s > 0.0 && self.until_s > clock.now_s() + 1e-9;
-        is_to_come.then_some(self.until_s)
-    }
-}
-
-/// How far a run is.
-#[derive(Debug)]
-pub(super) enum Phase {
-    /// The interpreter is asked for the next item.
-    Interpret,
-    /// All motion so far must be finished, in position, and not held; then this.
-    Standstill(Then),
-    /// An `after_motion` output is open.
-    Reset { seq: u64 },
-    /// An output whose M number is still open (D32), or for which the ledger has no room.
-    Room(Output),
-    /// M00, or M01 with the optional stop on.
-    Paused(ProgramStop),
-    /// M02, M30: outputs of the run may still be open.
-    LastOutputs,
-}
-
-/// What follows a standstill.
-#[derive(Debug)]
-pub(super) enum Then {
-    Interpret,
-    /// Single block: the block has ended.
-    BlockEnd,
-    Output(Output),
-    Stop(ProgramStop),
-    Alarm(Alarm),
-    End(Origin),
 }
 
 impl Then {
@@ -144,7 +74,7 @@ impl CoordinateSystem {
                 return true;
             }
             self.servo.hand_over_profiles(&mut self.pipeline.ready);
-            if self.ending.is_some() || !self.advance() {
+            if self.state.is_ending() || !self.advance() {
                 return false;
             }
         }
@@ -158,10 +88,13 @@ impl CoordinateSystem {
         }
         let Some(run) = &mut self.run else { return false };
         // In a thread feed hold waits, so what the way out needs is not kept back.
-        let held = run.held != Held::No && !self.pipeline.in_thread();
+        let held = !self.state.is_running() && !self.pipeline.in_thread();
         let single_block = self.inputs.single_block;
         let waits = run.at_rest.until_s(&self.shared.clock).is_some();
-        match std::mem::replace(&mut run.phase, Phase::Interpret) {
+        let Some(phase) = self.state.phase() else {
+            return false;
+        };
+        match phase {
             Phase::Interpret => {
                 let is_full = !self.pipeline.ready.is_empty()
                     || self.pipeline.set_aside_count() >= self.configured.pre_read_blocks;
@@ -176,31 +109,27 @@ impl CoordinateSystem {
                 }
                 true
             }
-            Phase::Standstill(then) => {
+            Phase::Standstill(_) => {
                 if held || self.is_moving() || self.planned_block_ended() {
-                    if let Some(run) = &mut self.run {
-                        run.phase = Phase::Standstill(then);
-                    }
                     return false;
                 }
-                self.at_standstill(then)
+                let then = self.state.take_then();
+                then.is_some_and(|then| self.at_standstill(then))
             }
-            Phase::Reset { seq } => {
-                let open = self.ledger.get(seq).is_some();
-                if open || held {
-                    run.phase = Phase::Reset { seq };
+            Phase::Reset { .. } => {
+                let goes_on = self.state.awaited().is_none() && !held;
+                if goes_on {
+                    self.drive(RunEvent::Phase(Phase::Interpret));
                 }
-                !(open || held)
+                goes_on
             }
-            Phase::Room(output) => self.put_out_if_room(output, held),
-            Phase::Paused(stop) => {
-                run.phase = Phase::Paused(stop);
-                false
+            Phase::Room(output) => {
+                let output = *output;
+                self.put_out_if_room(output, held)
             }
+            Phase::Paused(_) => false,
             Phase::LastOutputs => {
-                if !self.ledger.is_empty() || held {
-                    run.phase = Phase::LastOutputs;
-                } else {
+                if self.state.awaited().is_none() && !held {
                     self.complete_run();
                 }
                 false
@@ -220,14 +149,12 @@ impl CoordinateSystem {
         if let Err(alarm) = planned {
             self.stand_still_then(Then::Alarm(alarm));
         } else if !self.pipeline.is_behind_skip()
-            && let Some(run) = &mut self.run
+            && let Some(then) = self.state.take_then()
         {
             // What follows the last of it has not ended its way yet.
-            match std::mem::replace(&mut run.phase, Phase::Interpret) {
-                Phase::Standstill(then) => self.stand_still_then(then),
-                phase => run.phase = phase,
-            }
+            self.stand_still_then(then);
         }
+        self.look_at_outputs();
         true
     }
 
@@ -299,9 +226,7 @@ impl CoordinateSystem {
             Ok(()) => then,
             Err(alarm) => Then::Alarm(alarm),
         };
-        if let Some(run) = &mut self.run {
-            run.phase = Phase::Standstill(then);
-        }
+        self.drive(RunEvent::Phase(Phase::Standstill(then)));
     }
 
     /// False when it has to wait.
@@ -324,9 +249,7 @@ impl CoordinateSystem {
                     line: Some(stop.origin.line),
                 };
                 self.shared.record(self.number, event);
-                if let Some(run) = &mut self.run {
-                    run.phase = Phase::Paused(stop);
-                }
+                self.drive(RunEvent::Phase(Phase::Paused(stop)));
             }
             Then::Alarm(alarm) => {
                 let origin = alarm.origin.map(|at| self.word_to_blame(&alarm, at));
@@ -334,9 +257,7 @@ impl CoordinateSystem {
             }
             Then::End(origin) => {
                 self.view.update(|place| place.executing = origin);
-                if let Some(run) = &mut self.run {
-                    run.phase = Phase::LastOutputs;
-                }
+                self.drive(RunEvent::Phase(Phase::LastOutputs));
             }
         }
         true
@@ -363,7 +284,7 @@ impl CoordinateSystem {
             Kind::Program => Execution::ProgramCompleted,
             Kind::Manual | Kind::Home | Kind::Jog(_) => Execution::Ready,
         };
-        self.idle = (into, None);
+        self.drive(RunEvent::Completed(into));
         self.remember_jog(&run);
         self.manual_goes_on |= matches!(run.kind, Kind::Manual);
         let end = RunEnd::Completed { outcome: into };

@@ -3,64 +3,20 @@
 use plc_api::types::Timestamp;
 use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
 use plc_api::types::message::Payload;
-use plc_api::types::state::{
-    Captured, Execution, Modal, OptionalSkip, Reason, Spindle, State, Switch, Tool, Transition, WaitingOn,
-};
+use plc_api::types::state::{Captured, Modal, OptionalSkip, Spindle, State, Switch, Tool, WaitingOn};
 use plc_api::types::topic::CsTopic;
 use tandem_model::alarm::{AlarmEntry, PROGRAM_WARNING};
 use tandem_model::{Axis, AxisSet, MachinePosition, Origin};
 
 use super::CoordinateSystem;
-use super::holding::Held;
-use super::preparation::Phase;
 use crate::journal::Event;
 
 impl CoordinateSystem {
-    /// State word and reason of now.
-    pub(super) fn execution(&self) -> (Execution, Option<Reason>) {
-        if let Some(ending) = &self.ending {
-            return ending.from;
-        }
-        let Some(run) = &self.run else { return self.idle };
-        let back = self.retraces().then_some(Reason::BackTrace);
-        if let Held::AtRest(cause) = run.held {
-            let (execution, reason) = cause.state();
-            return (execution, reason.or(back));
-        }
-        match &run.phase {
-            Phase::Paused(stop) if stop.optional => (Execution::OptionalStop, None),
-            Phase::Paused(_) => (Execution::ProgramStopped, None),
-            _ => match self.waited_for() {
-                Some(seq) => (
-                    Execution::Wait,
-                    self.ledger.is_lost(seq).then_some(Reason::HandlerLost),
-                ),
-                None => (Execution::Active, back),
-            },
-        }
-    }
-
-    /// The output whose reset the program needs before anything else happens.
-    pub(super) fn waited_for(&self) -> Option<u64> {
-        let run = self.run.as_ref()?;
-        let at_rest = self.servo.finished_segment >= self.pipeline.last_segment();
-        let first_open = || self.ledger.open().first().map(|open| open.notice.seq);
-        match &run.phase {
-            Phase::Reset { seq } => self.ledger.get(*seq).map(|open| open.notice.seq),
-            Phase::Room(output) if at_rest => {
-                let same = self.ledger.open().iter().find(|open| open.notice.m == output.m);
-                same.map(|open| open.notice.seq).or_else(first_open)
-            }
-            Phase::LastOutputs => first_open(),
-            _ => None,
-        }
-    }
-
     fn state(&self) -> State {
-        let (execution, reason) = self.execution();
-        let waiting_on = self
-            .waited_for()
-            .and_then(|seq| self.ledger.get(seq))
+        let (execution, reason) = self.state.word();
+        let awaited = self.state.awaited();
+        let waiting_on = awaited
+            .and_then(|awaited| self.ledger.get(awaited.seq))
             .map(|open| WaitingOn {
                 m: open.notice.m,
                 seq: open.notice.seq,
@@ -81,7 +37,7 @@ impl CoordinateSystem {
         });
         State {
             execution,
-            transition: self.transition(),
+            transition: self.state.transition(),
             reason,
             wait_state,
             waiting_on,
@@ -93,14 +49,6 @@ impl CoordinateSystem {
             optional_skip: skip_numbers(self.inputs.optional_skip),
             alarm_count: self.shared.alarm_count(self.number),
             last_command_id: self.last_command_id.clone(),
-        }
-    }
-
-    fn transition(&self) -> Option<Transition> {
-        match (&self.ending, &self.run) {
-            (Some(ending), _) => Some(ending.transition),
-            (None, Some(run)) if matches!(run.held, Held::Holding(_)) => Some(Transition::Holding),
-            _ => None,
         }
     }
 
@@ -121,10 +69,10 @@ impl CoordinateSystem {
             alarm_count,
             last_command_id,
         } = state;
-        self.waited_for().is_none()
+        self.state.awaited().is_none()
             && (wait_state, waiting_on) == (&None, &None)
-            && (*execution, *reason) == self.execution()
-            && *transition == self.transition()
+            && (*execution, *reason) == self.state.word()
+            && *transition == self.state.transition()
             && (*program, run_id) == (self.program, &self.run_id)
             && *single_block == self.inputs.single_block
             && *dry_run == self.pipeline.is_dry_run()

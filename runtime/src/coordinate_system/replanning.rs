@@ -8,10 +8,9 @@ use std::collections::VecDeque;
 use plc_api::types::request::{Refusal, RefusalCode};
 use tandem_model::profile::PathPlace;
 use tandem_motion::Replan;
-use tandem_servo::Control;
 
 use super::CoordinateSystem;
-use super::holding::Cause;
+use super::run_state::RunEvent;
 use crate::journal::Event;
 
 /// How far ahead of the motion a new plan begins: what planning takes, with a reserve. Twice as far after a refusal.
@@ -85,7 +84,7 @@ impl CoordinateSystem {
 
     /// True while nothing may be prepared: both plans must go on from one block.
     pub(super) fn is_replanning(&self) -> bool {
-        !self.replanning.splices.is_empty() || self.retraces() || self.ending.is_some()
+        !self.replanning.splices.is_empty() || self.state.retraces() || self.state.is_ending()
     }
 
     /// Hands over what is there while nothing is prepared.
@@ -128,15 +127,10 @@ impl CoordinateSystem {
         self.replanning.held_at = Some(at);
     }
 
-    /// True from the begin of a back trace until the motion goes forward again.
-    pub(super) fn retraces(&self) -> bool {
-        self.run.as_ref().is_some_and(|run| run.back_to.is_some())
-    }
-
     pub(super) fn judge_back_trace(&self, on: bool) -> Result<(), Refusal> {
         let refused = |text: &str| Err(Refusal::new(RefusalCode::NotAllowed, text));
         if !on {
-            return if self.retraces() {
+            return if self.state.retraces() {
                 Ok(())
             } else {
                 refused("back trace is not on; resume goes on with the program")
@@ -162,20 +156,15 @@ impl CoordinateSystem {
         let Some(last) = back.back().map(|last| last.segment) else {
             return;
         };
-        let Some(run) = &mut self.run else { return };
-        run.back_to = Some(last);
         self.pipeline.ready = back;
         self.turn_round();
-        self.go_on();
+        self.drive(RunEvent::BackTrace { to: last });
         self.shared.record(self.number, Event::BackTrace { on: true });
     }
 
     /// After a back trace: the program goes on from where the motion is.
     pub(super) fn go_forward(&mut self) {
-        let back_to = self.run.as_mut().and_then(|run| run.back_to.take());
-        let (Some(_), Some(at)) = (back_to, self.replanning.held_at) else {
-            return;
-        };
+        let Some(at) = self.replanning.held_at else { return };
         self.pipeline.set_feed_override(self.planned_override());
         self.replanning.planned_for = self.planned_override();
         let new = self.pipeline.replan(at, true);
@@ -188,20 +177,5 @@ impl CoordinateSystem {
     fn turn_round(&mut self) {
         self.servo.splice(None, &mut self.pipeline.ready);
         self.replanning.splices.push_back(Splicing::Turn);
-    }
-
-    /// A segment has ended: with the last one on the way back the motion rests until it is told where to go.
-    pub(super) fn way_back_ended(&mut self, segment: u64) {
-        let back_to = self.run.as_ref().and_then(|run| run.back_to);
-        if back_to == Some(segment) {
-            self.hold(Cause::WayBackEnded);
-        }
-    }
-
-    fn go_on(&mut self) {
-        if let Some(run) = &mut self.run {
-            run.held = super::holding::Held::No;
-            self.servo.control(Control::Resume);
-        }
     }
 }

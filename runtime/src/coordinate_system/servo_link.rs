@@ -56,15 +56,13 @@ impl ServoLink {
     }
 
     /// Brings the machine to rest, on the path or by the shortest way, and starts a new epoch.
-    pub fn stop(&mut self, abort: bool) -> u32 {
-        self.epoch += 1;
-        let epoch = self.epoch;
+    pub fn stop(&mut self, epoch: u32, abort: bool) {
+        self.epoch = epoch;
         self.control(if abort {
             Control::Abort { epoch }
         } else {
             Control::Stop { epoch }
         });
-        epoch
     }
 
     pub fn epoch(&self) -> u32 {

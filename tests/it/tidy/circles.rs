@@ -43,34 +43,21 @@ const MEANT: [Circle; 3] = [
 ];
 
 /// Circles that are not meant, and what ties each: the list only gets shorter.
-const LEFT: [Circle; 2] = [
-    (
-        "runtime/interp/src",
-        &[
-            "block_words",
-            "codes",
-            "dialect",
-            "execution",
-            "fixed_cycles",
-            "fixed_cycles/tapping",
-            "modal",
-            "restrictions",
-            "text_position",
-        ],
-        "a code acts on the execution, whose words and modal state are made of codes; execution names the tapping cycle",
-    ),
-    (
-        "runtime/src",
-        &[
-            "coordinate_system/commands",
-            "coordinate_system/holding",
-            "coordinate_system/jog",
-            "coordinate_system/manual",
-            "coordinate_system/preparation",
-        ],
-        "parts of one struct that call each other",
-    ),
-];
+const LEFT: [Circle; 1] = [(
+    "runtime/interp/src",
+    &[
+        "block_words",
+        "codes",
+        "dialect",
+        "execution",
+        "fixed_cycles",
+        "fixed_cycles/tapping",
+        "modal",
+        "restrictions",
+        "text_position",
+    ],
+    "a code acts on the execution, whose words and modal state are made of codes; execution names the tapping cycle",
+)];
 
 /// A file as a module: its path within the crate.
 type Module = Vec<String>;
