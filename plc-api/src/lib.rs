@@ -244,6 +244,7 @@ pub mod port;
 mod presence;
 pub mod queue;
 pub mod scan;
+pub mod server;
 mod tables;
 mod text;
 pub mod transport;

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use plc_api::port::Port;
+use plc_api::server::ServedPort;
 use plc_api::types::machine::{Birth, CoordinateSystemInfo, Limits, MCodeInfo, MotorInfo, Presence};
 use plc_api::types::message::Payload;
 use plc_api::types::state::{Execution, Reason};
@@ -183,6 +184,11 @@ impl Runtime {
 
     /// The whole sequence-control interface of the machine.
     pub fn port(&self) -> Arc<dyn Port> {
+        Arc::<RuntimePort>::clone(&self.port)
+    }
+
+    /// The same for server ends.
+    pub fn served_port(&self) -> Arc<dyn ServedPort> {
         Arc::<RuntimePort>::clone(&self.port)
     }
 

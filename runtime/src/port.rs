@@ -12,6 +12,7 @@ use std::time::Duration;
 
 use plc_api::hub::{Filter, Subscription};
 use plc_api::port::{BoxFuture, Port};
+use plc_api::server::{ServedPort, ServerNotice, ServoTiming};
 use plc_api::types::command::{Command, CommandMeta};
 use plc_api::types::machine::{AlarmRaise, AlarmRecord, AlarmSeverity};
 use plc_api::types::message::{Message, Payload};
@@ -223,16 +224,6 @@ impl RuntimePort {
         answer
     }
 
-    fn warn(&self, text: &str) -> Answer {
-        self.shared.raise(AlarmRecord {
-            severity: AlarmSeverity::Warning,
-            number: REQUEST_REFUSED.number,
-            text: text.chars().take(WARNING_TEXT_MAX).collect(),
-            ..AlarmRecord::default()
-        });
-        Answer::Done
-    }
-
     async fn carry_out(&self, request: Request) -> Result<Answer, Refusal> {
         match request {
             Request::Command {
@@ -256,46 +247,37 @@ impl RuntimePort {
             | Request::Input(cs, _)
             | Request::Spindle(cs, _) => self.handle(cs)?.desk.ask(request, false).await,
             Request::Tool(cs, id) => self.tool(cs, id).await,
-            Request::ReadVariables { .. }
-            | Request::WriteVariables { .. }
-            | Request::Tools
-            | Request::WriteTools(_)
-            | Request::WorkOffsets(_)
-            | Request::WriteWorkOffsets(..)
-            | Request::LastRun(_)
-            | Request::Journal { .. } => self.data(request).await,
+            Request::ReadVariables {
+                area,
+                from,
+                count,
+                meta,
+            } => self.read_variables(area, from, count, meta),
+            Request::WriteVariables {
+                area,
+                from,
+                values,
+                meta,
+            } => self.write_variables(area, from, &values, meta),
+            Request::Tools => Ok(Answer::Tools(self.shared.tables.tools())),
+            Request::WriteTools(change) => self.change(move |tables| tables.with_tools(&change)).await,
+            Request::WorkOffsets(cs) => self.shared.tables.work_offsets(cs).map(Answer::WorkOffsets),
+            Request::WriteWorkOffsets(cs, change) => {
+                self.change(move |tables| tables.with_work_offsets(cs, &change))
+                    .await
+            }
+            Request::LastRun(cs) => self.last_run(cs),
+            Request::Journal { from, count } => self.journal(from, count).await,
             Request::Handler(id, presence) => self.handler(id, presence).await,
             Request::Handlers => Ok(Answer::Handlers(self.shared.handlers())),
-            Request::Programs
-            | Request::ReadProgram(_)
-            | Request::WriteProgram(..)
-            | Request::DeleteProgram(_)
-            | Request::CheckProgram(_)
-            | Request::IntermediateCode(_) => self.programs(request).await,
-            Request::Republish => {
-                for handle in &self.handles {
-                    handle.desk.ask(Request::Republish, false).await?;
-                }
-                Ok(Answer::Done)
-            }
-            Request::BusLink { connected } => {
-                self.shared.bus_connected.store(connected, Ordering::Relaxed);
-                for handle in &self.handles {
-                    handle.desk.ask(Request::BusLink { connected }, false).await?;
-                }
-                Ok(Answer::Done)
-            }
+            Request::Programs => Ok(Answer::Programs(self.shared.store.list())),
+            Request::ReadProgram(number) => self.read_program(number),
+            Request::WriteProgram(number, text) => self.write_program(number, text).await,
+            Request::DeleteProgram(number) => self.delete_program(number).await,
+            Request::CheckProgram(number) => self.check_program(number),
+            Request::IntermediateCode(number) => self.intermediate_code(number).await,
             Request::RaiseAlarm(raise) => self.raise_alarm(raise).await,
-            Request::Warn(text) => Ok(self.warn(&text)),
             Request::SkipInput(motor, value) => self.skip_input(motor, value).await,
-            Request::ServoTiming if self.shared.clock.is_simulated() => Err(Refusal::new(
-                RefusalCode::NotSupported,
-                "in simulated time there is no servo thread",
-            )),
-            Request::ServoTiming => {
-                let period = Duration::from_micros(self.shared.machine.servo_period_us);
-                Ok(Answer::ServoTiming(self.shared.servo.timing(period)))
-            }
             Request::AlarmHistory => Ok(Answer::Alarms(self.shared.alarm_history())),
         }
     }
@@ -342,6 +324,36 @@ impl Port for RuntimePort {
 
     fn now_s(&self) -> f64 {
         self.shared.clock.now_s()
+    }
+}
+
+impl ServedPort for RuntimePort {
+    fn notice(&self, notice: ServerNotice) {
+        match notice {
+            ServerNotice::BusLink { connected } => {
+                self.shared.bus_connected.store(connected, Ordering::Relaxed);
+            }
+            ServerNotice::Reconnected => {
+                self.shared.bus_reconnections.fetch_add(1, Ordering::Relaxed);
+            }
+            ServerNotice::Warning(text) => {
+                self.shared.raise(AlarmRecord {
+                    severity: AlarmSeverity::Warning,
+                    number: REQUEST_REFUSED.number,
+                    text: text.chars().take(WARNING_TEXT_MAX).collect(),
+                    ..AlarmRecord::default()
+                });
+                return;
+            }
+        }
+        for handle in &self.handles {
+            handle.desk.wake_task();
+        }
+    }
+
+    fn servo_timing(&self) -> Option<ServoTiming> {
+        let period = Duration::from_micros(self.shared.machine.servo_period_us);
+        (!self.shared.clock.is_simulated()).then(|| self.shared.servo.timing(period))
     }
 }
 

@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use plc_api::types::request::{Durations, ServoTiming};
+use plc_api::server::{Durations, ServoTiming};
 use tandem_servo::Servo;
 use tokio::sync::Notify;
 

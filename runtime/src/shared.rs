@@ -39,6 +39,8 @@ pub(crate) struct Shared {
     pub tables: Arc<Tables>,
     /// False while the connection to the MQTT broker is lost.
     pub bus_connected: AtomicBool,
+    /// How often the server end for MQTT has connected again.
+    pub bus_reconnections: AtomicU64,
     /// Cancelled when the runtime stops.
     pub closing: CancellationToken,
     alarms: Mutex<Alarms>,
@@ -68,6 +70,7 @@ impl Shared {
             journal,
             servo: Arc::default(),
             bus_connected: AtomicBool::new(true),
+            bus_reconnections: AtomicU64::new(0),
             closing: CancellationToken::new(),
             alarms: Mutex::default(),
             handlers: Mutex::default(),

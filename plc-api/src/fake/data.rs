@@ -3,8 +3,10 @@
 use std::collections::BTreeMap;
 
 use crate::types::CoordinateSystemNumber;
-use crate::types::data::{ToolData, ToolTable, VARIABLES_AT_ONCE_MAX, VariableArea, WorkOffsetTable};
-use crate::types::request::{Answer, Refusal, RefusalCode, Request};
+use crate::types::data::{
+    ToolChange, ToolData, ToolTable, VARIABLES_AT_ONCE_MAX, VariableArea, WorkOffsetTable,
+};
+use crate::types::request::{Answer, Refusal, RefusalCode};
 
 /// What was set; variables not set are zero.
 #[derive(Debug, Default)]
@@ -15,54 +17,49 @@ pub(super) struct Data {
 }
 
 impl Data {
-    /// The answer to a request of this kind; `None`: it is of another.
-    pub(super) fn answer(&mut self, request: &Request) -> Option<Result<Answer, Refusal>> {
-        Some(Ok(match request {
-            Request::ReadVariables {
-                area, from, count, ..
-            } => {
-                if let Err(refusal) = check_count(*count as usize) {
-                    return Some(Err(refusal));
-                }
-                let value = |number| self.variables.get(&(*area, number)).copied();
-                let numbers = *from..from.saturating_add(*count);
-                Answer::Variables(numbers.map(|number| value(number).unwrap_or(0.0)).collect())
-            }
-            Request::WriteVariables {
-                area, from, values, ..
-            } => {
-                if let Err(refusal) = check_count(values.len()) {
-                    return Some(Err(refusal));
-                }
-                let numbered = (*from..).zip(values);
-                self.variables
-                    .extend(numbered.map(|(number, value)| ((*area, number), *value)));
-                Answer::Done
-            }
-            Request::Tools => Answer::Tools(ToolTable {
-                tools: self.tools.values().copied().collect(),
-            }),
-            Request::WriteTools(change) => {
-                self.tools
-                    .extend(change.tools.iter().map(|tool| (tool.id, *tool)));
-                self.tools.retain(|id, _| !change.remove.contains(id));
-                Answer::Done
-            }
-            Request::WorkOffsets(cs) => {
-                Answer::WorkOffsets(self.work_offsets.get(cs).cloned().unwrap_or_default())
-            }
-            Request::WriteWorkOffsets(cs, change) => {
-                let table = self.work_offsets.entry(*cs).or_default();
-                for (name, axes) in &change.work_offsets {
-                    let offset = table.work_offsets.entry(name.clone()).or_default();
-                    offset.extend(axes.iter().map(|(axis, value)| (axis.clone(), *value)));
-                }
-                Answer::Done
-            }
-            Request::LastRun(_) => Answer::LastRun(None),
-            Request::Journal { .. } => Answer::Journal(Vec::new()),
-            _ => return None,
-        }))
+    pub(super) fn read(&self, area: VariableArea, from: u32, count: u32) -> Result<Answer, Refusal> {
+        check_count(count as usize)?;
+        let value = |number| self.variables.get(&(area, number)).copied();
+        let numbers = from..from.saturating_add(count);
+        let values = numbers.map(|number| value(number).unwrap_or(0.0));
+        Ok(Answer::Variables(values.collect()))
+    }
+
+    pub(super) fn write(&mut self, area: VariableArea, from: u32, values: &[f64]) -> Result<Answer, Refusal> {
+        check_count(values.len())?;
+        let numbered = (from..).zip(values);
+        self.variables
+            .extend(numbered.map(|(number, value)| ((area, number), *value)));
+        Ok(Answer::Done)
+    }
+
+    pub(super) fn tools(&self) -> Answer {
+        Answer::Tools(ToolTable {
+            tools: self.tools.values().copied().collect(),
+        })
+    }
+
+    pub(super) fn change_tools(&mut self, change: &ToolChange) -> Answer {
+        self.tools
+            .extend(change.tools.iter().map(|tool| (tool.id, *tool)));
+        self.tools.retain(|id, _| !change.remove.contains(id));
+        Answer::Done
+    }
+
+    pub(super) fn work_offsets(&self, cs: CoordinateSystemNumber) -> Answer {
+        Answer::WorkOffsets(self.work_offsets.get(&cs).cloned().unwrap_or_default())
+    }
+
+    pub(super) fn change_work_offsets(
+        &mut self,
+        cs: CoordinateSystemNumber,
+        change: WorkOffsetTable,
+    ) -> Answer {
+        let table = self.work_offsets.entry(cs).or_default();
+        for (name, axes) in change.work_offsets {
+            table.work_offsets.entry(name).or_default().extend(axes);
+        }
+        Answer::Done
     }
 }
 

@@ -4,12 +4,12 @@ use std::time::Duration;
 
 use super::system::System;
 use super::{FakePort, Inner};
-use crate::handshake::Ledger;
+use crate::handshake::{Ledger, Now};
 use crate::types::command::{Command, CommandMeta, CommandReply, CommandStatus};
 use crate::types::lease::{LEASE_TTL_DEFAULT_MS, Lease, LeaseRequest};
 use crate::types::message::Payload;
 use crate::types::output::{HandlerPresence, HandshakeResult, HandshakeStatus, OutputState};
-use crate::types::request::{Answer, Refusal, RefusalCode, Request};
+use crate::types::request::{Answer, Input, Refusal, RefusalCode, Request, SpindleCommand};
 use crate::types::state::{Spindle, SpindleDirection, Tool};
 use crate::types::topic::{CsTopic, Topic};
 use crate::types::{CoordinateSystemNumber, Timestamp};
@@ -19,29 +19,23 @@ impl FakePort {
         self.remember(&request);
         match request {
             Request::Claim(cs, m, claim) => self
-                .with(cs, |ledger, now| ledger.claim(now, m, &claim))
-                .map(Answer::Handshake)
-                .ok_or_else(|| missing(cs)),
+                .ledger(cs, |ledger, now| ledger.claim(now, m, &claim))
+                .map(Answer::Handshake),
             Request::Reset(cs, m, reset) => self
-                .with(cs, |ledger, now| ledger.reset(now, m, &reset))
-                .map(Answer::Handshake)
-                .ok_or_else(|| missing(cs)),
+                .ledger(cs, |ledger, now| ledger.reset(now, m, &reset))
+                .map(Answer::Handshake),
             Request::Progress(cs, m, report) => self
-                .with(cs, |ledger, now| ledger.progress(now, m, &report))
-                .map(|status| handshake_answer(report.seq, &report.handler_id, status))
-                .ok_or_else(|| missing(cs)),
+                .ledger(cs, |ledger, now| ledger.progress(now, m, &report))
+                .map(|status| handshake_answer(report.seq, &report.handler_id, status)),
             Request::Ask(cs, m, ask) => self
-                .with(cs, |ledger, now| ledger.ask(now, m, &ask))
-                .ok_or_else(|| missing(cs))?
+                .ledger(cs, |ledger, now| ledger.ask(now, m, &ask))?
                 .map(|status| handshake_answer(ask.seq, &ask.handler_id, status)),
             Request::AnswerQuestion(cs, m, answer) => self
-                .with(cs, |ledger, now| ledger.answer_question(now, m, &answer))
-                .map(|status| handshake_answer(answer.seq, "", status))
-                .ok_or_else(|| missing(cs)),
+                .ledger(cs, |ledger, now| ledger.answer_question(now, m, &answer))
+                .map(|status| handshake_answer(answer.seq, "", status)),
             Request::Redeliver(cs, m, redeliver) => self
-                .with(cs, |ledger, now| ledger.redeliver(now, m, &redeliver))
-                .map(|status| handshake_answer(redeliver.seq, "", status))
-                .ok_or_else(|| missing(cs)),
+                .ledger(cs, |ledger, now| ledger.redeliver(now, m, &redeliver))
+                .map(|status| handshake_answer(redeliver.seq, "", status)),
             Request::Handler(id, presence) => {
                 self.handler(&id, &presence);
                 Ok(Answer::Done)
@@ -51,20 +45,67 @@ impl FakePort {
                 Ok(Answer::Done)
             }
             Request::Handlers => Ok(Answer::Handlers(self.handlers())),
-            Request::Command { cs, .. }
-            | Request::Input(cs, _)
-            | Request::Tool(cs, _)
-            | Request::Spindle(cs, _)
-                if !self.lock().systems.contains_key(&cs) =>
-            {
-                Err(missing(cs))
-            }
             Request::Command {
                 cs, command, meta, ..
             } => self.command(cs, &command, meta),
+            Request::Lease { request, meta, .. } => Ok(self.lock().lease(request, meta)),
             Request::RaiseAlarm(raise) => self.asked_to_raise(&raise).map(|()| Answer::Done),
-            other => self.script(other),
+            Request::AlarmHistory => Ok(Answer::Alarms(self.lock().alarms.clone())),
+            Request::Input(cs, input) => self.set(cs, || self.input(cs, input)),
+            Request::Tool(cs, id) => self.set(cs, || self.say(cs, CsTopic::Tool, Payload::Tool(Tool { id }))),
+            Request::Spindle(cs, command) => {
+                self.set(cs, || self.say(cs, CsTopic::Spindle, spindle(command)))
+            }
+            Request::SkipInput(..) => Ok(Answer::Done),
+            Request::ReadVariables {
+                area, from, count, ..
+            } => self.lock().data.read(area, from, count),
+            Request::WriteVariables {
+                area, from, values, ..
+            } => self.lock().data.write(area, from, &values),
+            Request::Tools => Ok(self.lock().data.tools()),
+            Request::WriteTools(change) => Ok(self.lock().data.change_tools(&change)),
+            Request::WorkOffsets(cs) => Ok(self.lock().data.work_offsets(cs)),
+            Request::WriteWorkOffsets(cs, change) => Ok(self.lock().data.change_work_offsets(cs, change)),
+            Request::LastRun(_) => Ok(Answer::LastRun(None)),
+            Request::Journal { .. } => Ok(Answer::Journal(Vec::new())),
+            Request::Programs => Ok(Answer::Programs(Vec::new())),
+            Request::CommandStatus(_)
+            | Request::ReadProgram(_)
+            | Request::WriteProgram(..)
+            | Request::DeleteProgram(_)
+            | Request::CheckProgram(_)
+            | Request::IntermediateCode(_) => {
+                let text = "the fake machine does not do this";
+                Err(Refusal::new(RefusalCode::NotSupported, text))
+            }
         }
+    }
+
+    /// What the ledger of a coordinate system says.
+    fn ledger<T>(
+        &self,
+        cs: CoordinateSystemNumber,
+        ask: impl FnOnce(&mut Ledger, Now) -> T,
+    ) -> Result<T, Refusal> {
+        self.with(cs, ask).ok_or_else(|| missing(cs))
+    }
+
+    /// A coordinate system says what has changed.
+    fn set(&self, cs: CoordinateSystemNumber, say: impl FnOnce()) -> Result<Answer, Refusal> {
+        if !self.lock().systems.contains_key(&cs) {
+            return Err(missing(cs));
+        }
+        say();
+        Ok(Answer::Done)
+    }
+
+    fn input(&self, cs: CoordinateSystemNumber, input: Input) {
+        let mut inner = self.lock();
+        if let Some(system) = inner.systems.get_mut(&cs) {
+            system.set_input(input);
+        }
+        self.publish_system(&mut inner, cs);
     }
 
     /// Judges a command, and carries it out as far as a machine without motion can: what takes time is done at once.
@@ -80,7 +121,7 @@ impl FakePort {
             let Inner { systems, ledgers, .. } = &mut *inner;
             match (systems.get_mut(&cs), ledgers.get(&cs)) {
                 (Some(system), Some(ledger)) => system.command(command, ledger, alarm_active)?,
-                _ => None,
+                _ => return Err(missing(cs)),
             }
         };
         match command {
@@ -149,57 +190,6 @@ impl FakePort {
             let _none = self.with(cs, |ledger, now| ledger.republish(now, handles));
         }
     }
-
-    /// Answers as a machine does where nothing goes wrong.
-    fn script(&self, request: Request) -> Result<Answer, Refusal> {
-        let mut inner = self.lock();
-        if let Some(answer) = inner.data.answer(&request) {
-            return answer;
-        }
-        match request {
-            Request::Tool(cs, id) => {
-                self.publish(
-                    &mut inner,
-                    Topic::cs(cs, CsTopic::Tool),
-                    Payload::Tool(Tool { id }),
-                );
-                Ok(Answer::Done)
-            }
-            Request::Spindle(cs, command) => {
-                let turns = matches!(command.direction, SpindleDirection::Cw | SpindleDirection::Ccw);
-                let spindle = Spindle {
-                    direction: command.direction,
-                    rpm: command.rpm,
-                    actual_rpm: if turns { command.rpm } else { 0.0 },
-                    oriented: command.direction == SpindleDirection::Orient,
-                };
-                self.publish(
-                    &mut inner,
-                    Topic::cs(cs, CsTopic::Spindle),
-                    Payload::Spindle(spindle),
-                );
-                Ok(Answer::Done)
-            }
-            Request::Input(cs, input) => {
-                if let Some(system) = inner.systems.get_mut(&cs) {
-                    system.set_input(input);
-                }
-                self.publish_system(&mut inner, cs);
-                Ok(Answer::Done)
-            }
-            Request::SkipInput(..) => Ok(Answer::Done),
-            Request::Lease { request, meta, .. } => Ok(Answer::Command(CommandReply {
-                lease: inner.granted(request, &meta),
-                ..inner.done(meta)
-            })),
-            Request::AlarmHistory => Ok(Answer::Alarms(inner.alarms.clone())),
-            Request::Programs => Ok(Answer::Programs(Vec::new())),
-            _ => Err(Refusal::new(
-                RefusalCode::NotSupported,
-                "the fake machine does not do this",
-            )),
-        }
-    }
 }
 
 impl Inner {
@@ -215,6 +205,13 @@ impl Inner {
         }
     }
 
+    fn lease(&mut self, request: LeaseRequest, meta: CommandMeta) -> Answer {
+        Answer::Command(CommandReply {
+            lease: self.granted(request, &meta),
+            ..self.done(meta)
+        })
+    }
+
     /// Every lease is granted, each with a fence of its own.
     fn granted(&mut self, request: LeaseRequest, meta: &CommandMeta) -> Option<Lease> {
         let LeaseRequest::Take(take) = request else {
@@ -228,6 +225,16 @@ impl Inner {
             expires_at: Timestamp::from_system_time(self.now().time + ttl),
         })
     }
+}
+
+fn spindle(command: SpindleCommand) -> Payload {
+    let turns = matches!(command.direction, SpindleDirection::Cw | SpindleDirection::Ccw);
+    Payload::Spindle(Spindle {
+        direction: command.direction,
+        rpm: command.rpm,
+        actual_rpm: if turns { command.rpm } else { 0.0 },
+        oriented: command.direction == SpindleDirection::Orient,
+    })
 }
 
 pub(super) fn missing(cs: CoordinateSystemNumber) -> Refusal {

@@ -193,20 +193,8 @@ requests! {
     CheckProgram(number: u16) -> ProgramCheck;
     /// Intermediate code of a program of the store, or refused as `program_has_errors` with the diagnostics.
     IntermediateCode(number: u16) -> String;
-    /// Publishes the outputs again that nobody has claimed: a transport has reconnected, and notices may be lost.
-    Republish -> ();
-    /// Whether the runtime's server end for MQTT has its connection to the broker. True is taken for granted until it
-    /// says otherwise.
-    BusLink {
-        /// It has.
-        connected: bool,
-    } -> ();
     /// Raises an alarm of a coordinate system, or of all.
     RaiseAlarm(raise: AlarmRaise) -> ();
-    /// A server end refused something that an operator should know; raised as a warning. At most 500 characters.
-    Warn(text: String) -> ();
-    /// How punctual the servo thread is; in simulated time refused.
-    ServoTiming -> crate::types::request::ServoTiming;
     /// Alarms raised since the start, newest last, at most 1000.
     AlarmHistory -> Vec<AlarmRecord>;
 }
@@ -308,8 +296,6 @@ answers! {
     Handlers(BTreeMap<String, HandlerPresence>),
     /// Alarms.
     Alarms(Vec<AlarmRecord>),
-    /// Of the servo thread.
-    ServoTiming(ServoTiming),
 }
 
 impl TryFrom<Answer> for () {
@@ -340,28 +326,3 @@ macro_rules! optional {
 }
 
 optional!(CommandReply, HandshakeResult);
-
-/// How punctual the servo thread has been since its start.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct ServoTiming {
-    /// Servo period, s.
-    pub period_s: f64,
-    /// Servo cycles that were not finished when the next one was due.
-    pub overruns: u64,
-    /// How late after its time each cycle began.
-    pub lateness: Durations,
-    /// How long each cycle took.
-    pub computing: Durations,
-}
-
-/// Durations that were measured, by size.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Durations {
-    /// Upper bound of each bucket, s, ascending, and how many are in it and not in one before. The last bound is
-    /// infinite.
-    pub buckets: Vec<(f64, u64)>,
-    /// Sum of all, s.
-    pub sum_s: f64,
-    /// The longest, s.
-    pub max_s: f64,
-}

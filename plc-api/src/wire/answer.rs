@@ -136,12 +136,7 @@ impl AnswerForm {
             | Request::WriteWorkOffsets(..)
             | Request::DeleteProgram(_)
             | Request::RaiseAlarm(_) => AnswerForm::Nothing,
-            Request::ValidateResult(..)
-            | Request::Handler(..)
-            | Request::ServoTiming
-            | Request::Republish
-            | Request::BusLink { .. }
-            | Request::Warn(_) => return None,
+            Request::ValidateResult(..) | Request::Handler(..) => return None,
         })
     }
 

@@ -61,7 +61,7 @@ impl Machine {
             mqtt,
             ..GatewaySettings::default()
         };
-        let gateway = Gateway::start(runtime.port(), settings).await?;
+        let gateway = Gateway::start(runtime.served_port(), settings).await?;
         Ok(Machine {
             runtime,
             gateway,

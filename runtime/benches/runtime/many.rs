@@ -11,7 +11,9 @@
 use std::fmt::Write;
 use std::time::{Duration, Instant};
 
-use plc_api::types::request::{ServoTiming, typed};
+use anyhow::Context;
+use plc_api::server::{ServedPort, ServoTiming};
+use plc_api::types::request::typed::WriteProgram;
 use plc_api::{Execution, Plc, SequenceProgram};
 
 use crate::m_code::{at_once, until_served};
@@ -43,7 +45,7 @@ struct Windows {
 pub async fn run() -> anyhow::Result<()> {
     say("Eight coordinate systems, 1 ms period, handler in the runtime's process");
     let (runtime, _folder) = alone(&config()).await?;
-    let plc = Plc::in_process(runtime.port());
+    let (plc, served) = (Plc::in_process(runtime.port()), runtime.served_port());
     let handlers = plc.clone();
     let serving = tokio::spawn(async move {
         let program = SequenceProgram::new().handler_id("bench").on(100, at_once);
@@ -51,14 +53,14 @@ pub async fn run() -> anyhow::Result<()> {
     });
     until_served(&plc).await?;
     let text = format!("M100 VA1\nG04 P{DWELL_MS}\n").repeat(M_CODES_PER_S.try_into()?) + "M30\n";
-    plc.port().ask(typed::WriteProgram(1, text)).await?;
+    plc.port().ask(WriteProgram(1, text)).await?;
     for cs in 1..=COORDINATE_SYSTEMS {
         plc.coordinate_system(cs).load(1).await?;
     }
     let (mut idle, mut loaded) = (Windows::default(), Windows::default());
     for _ in 0..WINDOWS {
-        idle.measure(&plc, tokio::time::sleep(WINDOW)).await?;
-        loaded.measure(&plc, run_programs(&plc)).await?;
+        idle.measure(&*served, tokio::time::sleep(WINDOW)).await?;
+        loaded.measure(&*served, run_programs(&plc)).await?;
     }
     idle.tell("idle", 0);
     loaded.tell("M codes", WINDOWS * M_CODES_PER_S);
@@ -88,11 +90,16 @@ async fn run_programs(plc: &Plc) {
 }
 
 impl Windows {
-    async fn measure(&mut self, plc: &Plc, window: impl Future<Output = ()>) -> anyhow::Result<()> {
-        let (before, begun) = (timing(plc).await?, Instant::now());
+    async fn measure(
+        &mut self,
+        served: &dyn ServedPort,
+        window: impl Future<Output = ()>,
+    ) -> anyhow::Result<()> {
+        let timing = || served.servo_timing().context("a servo thread");
+        let (before, begun) = (timing()?, Instant::now());
         window.await;
         self.took += begun.elapsed();
-        let after = timing(plc).await?;
+        let after = timing()?;
         self.cycles += cycles(&after) - cycles(&before);
         self.overruns += after.overruns - before.overruns;
         self.late_s += after.lateness.sum_s - before.lateness.sum_s;
@@ -120,10 +127,6 @@ impl Windows {
 
 fn cycles(timing: &ServoTiming) -> u64 {
     timing.lateness.buckets.iter().map(|(_, count)| count).sum()
-}
-
-async fn timing(plc: &Plc) -> anyhow::Result<ServoTiming> {
-    Ok(plc.port().ask(typed::ServoTiming).await?)
 }
 
 /// Eight coordinate systems of one axis.

@@ -1,6 +1,6 @@
 //! Server ends of the sequence-control interface: MQTT, REST, WebSocket, HMI.
 //!
-//! They know `plc_api` only and serve any [`Port`]: the runtime's, or one of a test. [`Gateway::start`] opens the
+//! They know `plc_api` only and serve any [`ServedPort`]: the runtime's, or one of a test. [`Gateway::start`] opens the
 //! listeners; from there `rest` leads to every HTTP route, `websocket` and `hmi`, and `mqtt` to the broker.
 
 mod access;
@@ -28,7 +28,7 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
-use plc_api::port::Port;
+use plc_api::server::ServedPort;
 use rumqttc::Transport;
 use tokio::net::TcpListener;
 use tokio::sync::mpsc;
@@ -75,7 +75,10 @@ impl Gateway {
     ///
     /// # Errors
     /// A setting cannot be used, or a port is taken; nothing is left running.
-    pub async fn start(port: Arc<dyn Port>, settings: GatewaySettings) -> Result<Gateway, GatewayError> {
+    pub async fn start(
+        port: Arc<dyn ServedPort>,
+        settings: GatewaySettings,
+    ) -> Result<Gateway, GatewayError> {
         if let Some(problem) = settings.problems().into_iter().next() {
             return Err(problem);
         }

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-use plc_api::types::request::{Durations, ServoTiming};
+use plc_api::server::{Durations, ServoTiming};
 
 /// Counters since the start.
 #[derive(Debug, Default)]

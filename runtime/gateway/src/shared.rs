@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use plc_api::port::Port;
+use plc_api::server::ServedPort;
 use plc_api::types::machine::Birth;
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::request::{Answer, Request};
@@ -30,7 +30,7 @@ pub(crate) const WEBSOCKETS_MAX: usize = 64;
 
 /// What all HTTP handlers share.
 pub(crate) struct Shared {
-    pub(crate) port: Arc<dyn Port>,
+    pub(crate) port: Arc<dyn ServedPort>,
     pub(crate) http_addr: SocketAddr,
     pub(crate) access: Access,
     pub(crate) metrics: Arc<Metrics>,
@@ -45,7 +45,7 @@ pub(crate) struct Shared {
 
 impl Shared {
     pub(crate) fn new(
-        port: Arc<dyn Port>,
+        port: Arc<dyn ServedPort>,
         http_addr: SocketAddr,
         access: Access,
         position_interval: Duration,

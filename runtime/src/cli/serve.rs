@@ -54,7 +54,7 @@ async fn serve(servable: Servable) -> anyhow::Result<()> {
     let Servable { config, settings, .. } = servable;
     let is_demo = config.is_demo;
     let runtime = Runtime::start(config).await?;
-    let gateway = match Gateway::start(runtime.port(), settings.clone()).await {
+    let gateway = match Gateway::start(runtime.served_port(), settings.clone()).await {
         Ok(gateway) => gateway,
         Err(error) => {
             runtime.shutdown().await;

@@ -4,8 +4,10 @@
 //! The hold is made once for each output and loss, so that an operator may resume without a broker. A reset that comes by
 //! another way is latched, as under any hold.
 
+use std::mem::replace;
 use std::sync::atomic::Ordering;
 
+use plc_api::handshake::Now;
 use plc_api::types::state::Reason;
 
 use super::CoordinateSystem;
@@ -16,20 +18,24 @@ use crate::journal::Event;
 #[derive(Debug, Default)]
 pub(super) struct Bus {
     is_lost: bool,
+    reconnections: u64,
     /// The output at which the run was held since the loss.
     held_at: Option<u64>,
 }
 
 impl CoordinateSystem {
-    pub(super) fn look_at_bus(&mut self) {
+    /// What the server end for MQTT has said since the last turn.
+    pub(super) fn look_at_bus(&mut self, now: Now) {
+        let reconnections = self.shared.bus_reconnections.load(Ordering::Relaxed);
+        if replace(&mut self.bus.reconnections, reconnections) != reconnections {
+            self.ledger.republish(now, |_| true);
+        }
         let connected = self.shared.bus_connected.load(Ordering::Relaxed);
         if connected != self.bus.is_lost {
             return;
         }
-        self.bus = Bus {
-            is_lost: !connected,
-            held_at: None,
-        };
+        self.bus.is_lost = !connected;
+        self.bus.held_at = None;
         self.shared.record(self.number, Event::Bus { connected });
     }
 
@@ -61,8 +67,10 @@ impl CoordinateSystem {
 mod tests {
     use std::sync::{Arc, Mutex};
 
+    use plc_api::server::ServedPort;
+    use plc_api::server::ServerNotice::{self, BusLink};
     use plc_api::types::output::{Reset, ResetResult};
-    use plc_api::types::request::Request;
+    use plc_api::types::request::typed;
     use plc_api::types::state::{Reason, State};
     use plc_api::{Execution, Plc};
 
@@ -72,7 +80,11 @@ mod tests {
     use crate::{Config, Runtime};
 
     /// Runs a test on a machine that holds at WAIT, with this program started; gives what the journal says.
-    fn with_run(text: &str, hold_on_bus_loss: bool, test: impl AsyncFnOnce(&Plc)) -> Vec<Line> {
+    fn with_run(
+        text: &str,
+        hold_on_bus_loss: bool,
+        test: impl AsyncFnOnce(&Plc, &dyn ServedPort),
+    ) -> Vec<Line> {
         let lines: Arc<Mutex<Vec<Line>>> = Arc::default();
         let said = Arc::clone(&lines);
         let sink = move |line: &Line| {
@@ -89,15 +101,11 @@ mod tests {
             let plc = Plc::in_process(runtime.port());
             plc.coordinate_system(1).load(50).await.unwrap();
             plc.coordinate_system(1).start().await.unwrap();
-            test(&plc).await;
+            test(&plc, &*runtime.served_port()).await;
         })
         .unwrap();
         let lines = lines.lock().unwrap();
         lines.iter().filter(|line| line.cs == 1).cloned().collect()
-    }
-
-    async fn bus(plc: &Plc, connected: bool) {
-        plc.port().request(Request::BusLink { connected }).await.unwrap();
     }
 
     async fn reset(plc: &Plc) {
@@ -111,7 +119,7 @@ mod tests {
             text: None,
             force: None,
         };
-        plc.port().request(Request::Reset(1, None, reset)).await.unwrap();
+        plc.port().ask(typed::Reset(1, None, reset)).await.unwrap();
     }
 
     async fn until(plc: &Plc, execution: Execution) -> State {
@@ -120,9 +128,9 @@ mod tests {
 
     #[test]
     fn a_run_that_waits_when_the_broker_is_lost_is_held_and_a_reset_is_latched() {
-        let lines = with_run("M77\nM30\n", true, async |plc| {
+        let lines = with_run("M77\nM30\n", true, async |plc, served| {
             until(plc, Execution::Wait).await;
-            bus(plc, false).await;
+            served.notice(BusLink { connected: false });
             let held = until(plc, Execution::FeedHold).await;
             assert_eq!(held.reason, Some(Reason::BusLost));
             assert_eq!(held.waiting_on.map(|on| on.m), Some(77));
@@ -130,7 +138,7 @@ mod tests {
             plc.sleep(std::time::Duration::from_secs(5)).await;
             let held = plc.coordinate_system(1).state().await.unwrap();
             assert_eq!((held.execution, held.waiting_on), (Execution::FeedHold, None));
-            bus(plc, true).await;
+            served.notice(BusLink { connected: true });
             plc.sleep(std::time::Duration::from_secs(5)).await;
             let held = plc.coordinate_system(1).state().await.unwrap();
             assert_eq!(held.execution, Execution::FeedHold, "nothing goes on by itself");
@@ -151,9 +159,9 @@ mod tests {
 
     #[test]
     fn motion_goes_on_without_the_broker_until_the_program_waits_and_an_operator_resumes_without_it() {
-        with_run("G01 X50 F600\nM77\nM78\nM30\n", true, async |plc| {
+        with_run("G01 X50 F600\nM77\nM78\nM30\n", true, async |plc, served| {
             plc.sleep(std::time::Duration::from_secs(1)).await;
-            bus(plc, false).await;
+            served.notice(BusLink { connected: false });
             plc.sleep(std::time::Duration::from_secs(1)).await;
             let state = plc.coordinate_system(1).state().await.unwrap();
             assert_eq!(state.execution, Execution::Active, "5 s of motion are under way");
@@ -170,10 +178,27 @@ mod tests {
     }
 
     #[test]
-    fn without_the_setting_the_program_waits_as_ever() {
-        with_run("M77\nM30\n", false, async |plc| {
+    fn an_output_that_nobody_has_claimed_is_published_again_when_the_server_end_has_connected_again() {
+        with_run("M77\nM30\n", false, async |plc, served| {
             until(plc, Execution::Wait).await;
-            bus(plc, false).await;
+            assert_eq!(
+                served.servo_timing(),
+                None,
+                "in simulated time there is no servo thread"
+            );
+            served.notice(ServerNotice::Reconnected);
+            plc.sleep(std::time::Duration::from_secs(1)).await;
+            let pending = plc.coordinate_system(1).pending().await.unwrap();
+            let output = &pending.outputs[0].output;
+            assert_eq!((output.m, output.attempt, output.redelivered), (77, 2, true));
+        });
+    }
+
+    #[test]
+    fn without_the_setting_the_program_waits_as_ever() {
+        with_run("M77\nM30\n", false, async |plc, served| {
+            until(plc, Execution::Wait).await;
+            served.notice(BusLink { connected: false });
             reset(plc).await;
             until(plc, Execution::ProgramCompleted).await;
         });

@@ -204,6 +204,7 @@ impl CoordinateSystem {
         self.expire_jog(now.monotonic_s);
         self.expire_lease(now.monotonic_s);
         self.do_stock_work(now);
+        self.look_at_bus(now);
         self.carry_out_effects();
         self.expire_validation(now.monotonic_s);
         if share.commands {
@@ -451,14 +452,6 @@ impl CoordinateSystem {
                 self.handler_changed(&id, &presence);
                 Ok(Answer::Done)
             }
-            Request::Republish => {
-                self.ledger.republish(now, |_| true);
-                Ok(Answer::Done)
-            }
-            Request::BusLink { .. } => {
-                self.look_at_bus();
-                Ok(Answer::Done)
-            }
             Request::RaiseAlarm(raise) => self.raise_asked(&raise),
             Request::Input(_, input) => self.set_input(input).map(|()| Answer::Done),
             Request::Spindle(_, command) => self
@@ -474,7 +467,24 @@ impl CoordinateSystem {
                 self.publish_tool();
                 Ok(Answer::Done)
             }
-            _ => Err(Refusal::new(
+            Request::Command { .. }
+            | Request::CommandStatus(_)
+            | Request::Handlers
+            | Request::ReadVariables { .. }
+            | Request::WriteVariables { .. }
+            | Request::Tools
+            | Request::WriteTools(_)
+            | Request::WorkOffsets(_)
+            | Request::WriteWorkOffsets(..)
+            | Request::LastRun(_)
+            | Request::Journal { .. }
+            | Request::Programs
+            | Request::ReadProgram(_)
+            | Request::WriteProgram(..)
+            | Request::DeleteProgram(_)
+            | Request::CheckProgram(_)
+            | Request::IntermediateCode(_)
+            | Request::AlarmHistory => Err(Refusal::new(
                 RefusalCode::NotSupported,
                 "not a request to a coordinate system",
             )),

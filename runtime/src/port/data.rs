@@ -15,42 +15,13 @@ use crate::shared::Shared;
 use crate::tables::{Tables, Values};
 
 impl RuntimePort {
-    pub(super) async fn data(&self, request: Request) -> Result<Answer, Refusal> {
-        let tables = &self.shared.tables;
-        match request {
-            Request::ReadVariables {
-                area,
-                from,
-                count,
-                meta,
-            } => self.read_variables(area, from, count, meta),
-            Request::WriteVariables {
-                area,
-                from,
-                values,
-                meta,
-            } => self.write_variables(area, from, &values, meta),
-            Request::Tools => Ok(Answer::Tools(tables.tools())),
-            Request::WriteTools(change) => self.change(move |tables| tables.with_tools(&change)).await,
-            Request::WorkOffsets(cs) => tables.work_offsets(cs).map(Answer::WorkOffsets),
-            Request::WriteWorkOffsets(cs, change) => {
-                self.change(move |tables| tables.with_work_offsets(cs, &change))
-                    .await
-            }
-            Request::LastRun(cs) => {
-                self.handle(cs)?;
-                Ok(Answer::LastRun(self.last_runs.get(&cs).cloned()))
-            }
-            Request::Journal { from, count } => self.journal(from, count).await,
-            _ => {
-                let text = "not a request for variables, tools or work offsets";
-                Err(Refusal::new(RefusalCode::NotSupported, text))
-            }
-        }
+    pub(super) fn last_run(&self, cs: CoordinateSystemNumber) -> Result<Answer, Refusal> {
+        self.handle(cs)?;
+        Ok(Answer::LastRun(self.last_runs.get(&cs).cloned()))
     }
 
     /// From the disk, where it is at most 20 ms behind.
-    async fn journal(&self, from: u32, count: u32) -> Result<Answer, Refusal> {
+    pub(super) async fn journal(&self, from: u32, count: u32) -> Result<Answer, Refusal> {
         if !(1..=JOURNAL_LINES_MAX).contains(&count) {
             let text = format!("{count} lines of the journal: write 1 to {JOURNAL_LINES_MAX}");
             return Err(Refusal::new(RefusalCode::Invalid, text));
@@ -67,7 +38,7 @@ impl RuntimePort {
     }
 
     /// On disk before it is in force, and in force before it is answered.
-    async fn change(
+    pub(super) async fn change(
         &self,
         changed: impl FnOnce(&Tables) -> Result<Values, Refusal> + Send + 'static,
     ) -> Result<Answer, Refusal> {
@@ -91,7 +62,7 @@ impl RuntimePort {
         Ok(answer)
     }
 
-    fn read_variables(
+    pub(super) fn read_variables(
         &self,
         area: VariableArea,
         from: u32,
@@ -114,7 +85,7 @@ impl RuntimePort {
         Ok(Answer::Variables(values))
     }
 
-    fn write_variables(
+    pub(super) fn write_variables(
         &self,
         area: VariableArea,
         from: u32,

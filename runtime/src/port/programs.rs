@@ -3,33 +3,19 @@
 use std::collections::BTreeSet;
 
 use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::program::ProgramCheck;
-use plc_api::types::request::{Answer, Refusal, RefusalCode, Request};
+use plc_api::types::request::{Answer, Refusal, RefusalCode};
 use tandem_model::limits::PROGRAM_BYTES_MAX;
 
 use super::RuntimePort;
 use crate::program_store::called_by;
 
 impl RuntimePort {
-    pub(super) async fn programs(&self, request: Request) -> Result<Answer, Refusal> {
-        match request {
-            Request::Programs => Ok(Answer::Programs(self.shared.store.list())),
-            Request::ReadProgram(number) => {
-                let program = self.shared.store.get(number).ok_or_else(|| no_program(number))?;
-                Ok(Answer::ProgramText(program.text().to_owned()))
-            }
-            Request::WriteProgram(number, text) => self.write_program(number, text).await,
-            Request::DeleteProgram(number) => self.delete_program(number).await,
-            Request::CheckProgram(number) => self.program_check(number).map(Answer::Check),
-            Request::IntermediateCode(number) => self.intermediate_code(number).await,
-            _ => {
-                let text = "not a request for programs";
-                Err(Refusal::new(RefusalCode::NotSupported, text))
-            }
-        }
+    pub(super) fn read_program(&self, number: u16) -> Result<Answer, Refusal> {
+        let program = self.shared.store.get(number).ok_or_else(|| no_program(number))?;
+        Ok(Answer::ProgramText(program.text().to_owned()))
     }
 
-    async fn write_program(&self, number: u16, text: String) -> Result<Answer, Refusal> {
+    pub(super) async fn write_program(&self, number: u16, text: String) -> Result<Answer, Refusal> {
         if text.len() > PROGRAM_BYTES_MAX {
             let text = format!(
                 "the program has {} bytes; at most {PROGRAM_BYTES_MAX} are read",
@@ -44,7 +30,7 @@ impl RuntimePort {
         Ok(Answer::Check(check))
     }
 
-    async fn delete_program(&self, number: u16) -> Result<Answer, Refusal> {
+    pub(super) async fn delete_program(&self, number: u16) -> Result<Answer, Refusal> {
         self.refuse_while_running(number)?;
         if self.on_disk(move |shared| shared.store.delete(number)).await? {
             Ok(Answer::Done)
@@ -77,17 +63,12 @@ impl RuntimePort {
         called_by(&self.shared.store.all(), main)
     }
 
-    fn program_check(&self, number: u16) -> Result<ProgramCheck, Refusal> {
-        Ok(self
-            .shared
-            .store
-            .get(number)
-            .ok_or_else(|| no_program(number))?
-            .check
-            .clone())
+    pub(super) fn check_program(&self, number: u16) -> Result<Answer, Refusal> {
+        let program = self.shared.store.get(number).ok_or_else(|| no_program(number))?;
+        Ok(Answer::Check(program.check.clone()))
     }
 
-    async fn intermediate_code(&self, number: u16) -> Result<Answer, Refusal> {
+    pub(super) async fn intermediate_code(&self, number: u16) -> Result<Answer, Refusal> {
         let program = self.shared.store.get(number).ok_or_else(|| no_program(number))?;
         if program.has_errors() {
             let text = format!("program {number} has errors; correct them first");

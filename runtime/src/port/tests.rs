@@ -246,8 +246,6 @@ fn a_skip_input_needs_a_motor_of_an_axis_and_simulated_time_has_no_servo_thread(
             let refusal = port.ask(typed::SkipInput(motor, true)).await.unwrap_err();
             assert_eq!(refusal.code, RefusalCode::NotFound, "{}", refusal.text);
         }
-        let refusal = port.ask(typed::ServoTiming).await.unwrap_err();
-        assert_eq!(refusal.code, RefusalCode::NotSupported);
     });
 }
 

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::task::Poll;
 use std::time::SystemTime;
 
-use plc_api::port::Port;
+use plc_api::server::{ServedPort, ServerNotice};
 use plc_api::types::command::{CommandMeta, CommandReply, CommandStatus};
 use plc_api::types::data::VariableArea;
 use plc_api::types::message::{Message, Payload};
@@ -30,7 +30,7 @@ const REPLIES_MAX: usize = 256;
 
 /// Asks the port.
 pub(super) struct Dispatch {
-    port: Arc<dyn Port>,
+    port: Arc<dyn ServedPort>,
     metrics: Arc<Metrics>,
     unanswered: Arc<Semaphore>,
     urgent: Arc<Semaphore>,
@@ -39,7 +39,7 @@ pub(super) struct Dispatch {
 
 impl Dispatch {
     /// The second value gives the replies to commands that never became a request.
-    pub(super) fn new(port: Arc<dyn Port>, metrics: Arc<Metrics>) -> (Self, mpsc::Receiver<Message>) {
+    pub(super) fn new(port: Arc<dyn ServedPort>, metrics: Arc<Metrics>) -> (Self, mpsc::Receiver<Message>) {
         let (replies, receiver) = mpsc::channel(REPLIES_MAX);
         let dispatch = Self {
             port,
@@ -116,7 +116,7 @@ impl Dispatch {
         warn!("MQTT command {command_id} of {client_id} rejected: {refusal}");
         if refusal.code == RefusalCode::Retained {
             let text = format!("retained command {command_id:.128} of {client_id:.64} over MQTT: {refusal}");
-            Box::pin(self.ask(Request::Warn(text), false)).await;
+            self.port.notice(ServerNotice::Warning(text));
         }
         let state = self.port.read(&Topic::cs(cs, CsTopic::State)).await;
         let reply = Message {

@@ -6,11 +6,10 @@ use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use plc_api::hub::{Filter, Subscription};
-use plc_api::port::Port;
+use plc_api::server::{ServedPort, ServerNotice};
 use plc_api::types::Timestamp;
 use plc_api::types::machine::Presence;
 use plc_api::types::message::{Message, Payload};
-use plc_api::types::request::Request;
 use plc_api::types::topic::{CsTopic, Topic};
 use tokio::sync::mpsc;
 use tokio::time::{Instant, Interval};
@@ -40,7 +39,7 @@ const STABLE: Duration = Duration::from_secs(5);
 
 /// The MQTT end's task.
 pub(super) struct Link {
-    port: Arc<dyn Port>,
+    port: Arc<dyn ServedPort>,
     parts: LinkParts,
     outbox: Outbox,
     positions_due: Interval,
@@ -123,7 +122,7 @@ impl Link {
             let End::Lost(Lost { why, .. }) = end else {
                 return;
             };
-            self.tell_bus(false).await;
+            self.tell_bus(false);
             if begun.elapsed() >= STABLE {
                 backoff = BACKOFF_MIN;
             }
@@ -264,7 +263,7 @@ impl Link {
 
     /// On every connection: subscribe, and say everything that is retained; after the first one also the outputs
     /// whose notices may be lost.
-    async fn connected(&mut self, wire: &Wire) {
+    fn connected(&mut self, wire: &Wire) {
         self.connections += 1;
         self.metrics.mqtt_connected.store(true, Ordering::Relaxed);
         add(&self.metrics.mqtt_connections, 1);
@@ -275,18 +274,17 @@ impl Link {
             );
         }
         self.outbox.connected();
-        self.tell_bus(true).await;
+        self.tell_bus(true);
         if self.connections > 1 {
-            self.dispatch.ask(Request::Republish, false).await;
+            self.port.notice(ServerNotice::Reconnected);
         }
     }
 
     /// Tells the machine when the connection has gone or come back.
-    async fn tell_bus(&mut self, connected: bool) {
+    fn tell_bus(&mut self, connected: bool) {
         if self.told_connected != connected {
             self.told_connected = connected;
-            let request = Request::BusLink { connected };
-            self.dispatch.ask(request, true).await;
+            self.port.notice(ServerNotice::BusLink { connected });
         }
     }
 
@@ -327,7 +325,7 @@ impl Link {
                 self.speaks_5 = session.version == Version::V5;
                 self.hang_ups = 0;
                 info!("connected to the MQTT broker over {}", session.version);
-                self.connected(&session.wire).await;
+                self.connected(&session.wire);
             }
             Heard::Published(publish) => self.incoming(publish, session.version).await,
             Heard::Acknowledged { refused } => {

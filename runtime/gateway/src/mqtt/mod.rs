@@ -13,7 +13,7 @@ mod wire;
 use std::sync::Arc;
 use std::time::Duration;
 
-use plc_api::port::Port;
+use plc_api::server::ServedPort;
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
@@ -43,7 +43,7 @@ pub(crate) fn client_id(settings: &MqttSettings, machine: &str) -> String {
 
 /// What the MQTT end is made of.
 pub(crate) struct Parts {
-    pub(crate) port: Arc<dyn Port>,
+    pub(crate) port: Arc<dyn ServedPort>,
     pub(crate) settings: MqttSettings,
     pub(crate) machine: String,
     /// Topic levels before all topics, with the last slash.

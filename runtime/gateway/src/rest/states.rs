@@ -10,7 +10,6 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::message::Message;
-use plc_api::types::request::typed::ServoTiming;
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::wire::row::number;
 use plc_api::wire::states::{STATES, StateRow};
@@ -91,8 +90,7 @@ async fn health() -> Response {
 async fn metrics(State(shared): State<Arc<Shared>>) -> Response {
     let kind = HeaderValue::from_static("text/plain; version=0.0.4; charset=utf-8");
     // In simulated time there is no servo thread, and its metrics are left out.
-    let servo = shared.port.ask(ServoTiming).await.ok();
-    let text = shared.metrics.text(servo.as_ref());
+    let text = shared.metrics.text(shared.port.servo_timing().as_ref());
     ([(header::CONTENT_TYPE, kind)], text).into_response()
 }
 

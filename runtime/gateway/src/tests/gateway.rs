@@ -10,7 +10,7 @@ use crate::GatewayError;
 async fn a_taken_port_is_an_error_that_names_the_setting() {
     let taken = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let address = taken.local_addr().unwrap().to_string();
-    let port: Arc<dyn Port> = StubPort::new();
+    let port: Arc<dyn ServedPort> = StubPort::new();
     for setting in ["[http] listen", "[mqtt] listen"] {
         let mut settings = settings();
         if setting == "[http] listen" {
@@ -27,7 +27,7 @@ async fn a_taken_port_is_an_error_that_names_the_setting() {
 
 #[tokio::test]
 async fn an_address_that_the_network_reaches_is_refused() {
-    let port: Arc<dyn Port> = StubPort::new();
+    let port: Arc<dyn ServedPort> = StubPort::new();
     let mut http = settings();
     http.http_listen = "0.0.0.0:0".into();
     let mut mqtt = settings();
@@ -62,7 +62,7 @@ async fn http_answers_on_its_socket_and_its_port_is_free_after_the_shutdown() {
 
 #[tokio::test]
 async fn with_an_external_broker_that_is_away_everything_else_works() {
-    let port: Arc<dyn Port> = StubPort::new();
+    let port: Arc<dyn ServedPort> = StubPort::new();
     let mut settings = settings();
     settings.mqtt.embedded_listen = None;
     // the discard port: nobody listens there

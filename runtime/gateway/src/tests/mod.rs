@@ -15,6 +15,7 @@ use std::time::Duration;
 
 use plc_api::hub::{Filter, Hub, Subscription};
 use plc_api::port::{BoxFuture, Port};
+use plc_api::server::{ServedPort, ServerNotice, ServoTiming};
 use plc_api::types::command::{CommandReply, CommandStatus};
 use plc_api::types::machine::{Birth, CoordinateSystemInfo, Presence};
 use plc_api::types::message::{Message, Payload};
@@ -34,6 +35,8 @@ type Script = Box<dyn Fn(&Request) -> Result<Answer, Refusal> + Send + Sync>;
 pub(super) struct StubPort {
     pub(super) hub: Hub,
     pub(super) asked: Mutex<Vec<Request>>,
+    pub(super) told: Mutex<Vec<ServerNotice>>,
+    pub(super) servo_timing: Mutex<Option<ServoTiming>>,
     pub(super) news: tokio::sync::Notify,
     script: Script,
     /// Requests are taken and never answered.
@@ -64,6 +67,8 @@ impl StubPort {
         let stub = Self {
             hub: Hub::new(),
             asked: Mutex::default(),
+            told: Mutex::default(),
+            servo_timing: Mutex::default(),
             news: tokio::sync::Notify::new(),
             script: Box::new(script),
             silent: false.into(),
@@ -119,6 +124,16 @@ impl StubPort {
         self.asked.lock().unwrap().clone()
     }
 
+    /// The texts of all warnings so far.
+    pub(super) fn warnings(&self) -> Vec<String> {
+        let told = self.told.lock().unwrap();
+        let warnings = told.iter().filter_map(|notice| match notice {
+            ServerNotice::Warning(text) => Some(text.clone()),
+            _ => None,
+        });
+        warnings.collect()
+    }
+
     /// Waits until it was asked something that fits.
     pub(super) async fn asked_for(&self, fits: impl Fn(&Request) -> bool) -> Request {
         within(async {
@@ -163,6 +178,16 @@ impl Port for StubPort {
 
     fn now_s(&self) -> f64 {
         0.0
+    }
+}
+
+impl ServedPort for StubPort {
+    fn notice(&self, notice: ServerNotice) {
+        self.told.lock().unwrap().push(notice);
+    }
+
+    fn servo_timing(&self) -> Option<ServoTiming> {
+        self.servo_timing.lock().unwrap().clone()
     }
 }
 
@@ -245,7 +270,7 @@ pub(super) async fn start(port: &Arc<StubPort>) -> Gateway {
 }
 
 pub(super) async fn start_with(port: &Arc<StubPort>, settings: GatewaySettings) -> Gateway {
-    let port: Arc<dyn Port> = Arc::<StubPort>::clone(port);
+    let port: Arc<dyn ServedPort> = Arc::<StubPort>::clone(port);
     Gateway::start(port, settings).await.unwrap()
 }
 

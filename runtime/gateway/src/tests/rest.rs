@@ -3,11 +3,12 @@
 use axum::body::Body;
 use axum::http::{Request as HttpRequest, Response};
 use http_body_util::BodyExt;
+use plc_api::server::{Durations, ServoTiming};
 use plc_api::types::command::{Command, CommandStatus, Expect};
 use plc_api::types::machine::{ActiveAlarms, AlarmRecord};
 use plc_api::types::output::{HandshakeResult, HandshakeStatus, Pending};
 use plc_api::types::program::{ProgramCheck, ProgramInfo};
-use plc_api::types::request::{Durations, Input, OverrideChange, ServoTiming};
+use plc_api::types::request::{Input, OverrideChange};
 use plc_api::types::state::{Captured, Lock, Modal, Overrides, ProgramPlace, Spindle, Tool};
 use serde_json::{Value, json};
 use tower::ServiceExt;
@@ -522,16 +523,12 @@ async fn metrics_tell_how_punctual_the_servo_thread_is_as_prometheus_histograms(
         sum_s: 0.25,
         max_s,
     };
-    let port = StubPort::with(move |request| {
-        Ok(match request {
-            Request::ServoTiming => Answer::ServoTiming(ServoTiming {
-                period_s: 0.001,
-                overruns: 7,
-                lateness: durations(0.125),
-                computing: durations(0.0005),
-            }),
-            _ => Answer::Done,
-        })
+    let port = StubPort::new();
+    *port.servo_timing.lock().unwrap() = Some(ServoTiming {
+        period_s: 0.001,
+        overruns: 7,
+        lateness: durations(0.125),
+        computing: durations(0.0005),
     });
     let response = call(&port, "GET", "/api/v1/metrics", &[], "").await;
     let text = text(response).await;
