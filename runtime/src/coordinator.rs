@@ -15,7 +15,7 @@ use plc_api::types::{BootId, CoordinateSystemNumber};
 use tandem_model::Variables;
 use tandem_model::limits::PROGRAM_BYTES_MAX;
 use tandem_model::settings::{MotorKind, Unit};
-use tandem_servo::Servo;
+use tandem_servo::{Hardware, HardwareFactory, Servo};
 use tokio::sync::Notify;
 use tokio::task::JoinSet;
 
@@ -65,6 +65,9 @@ pub enum StartError {
     /// The store could not be opened.
     #[error("the program store does not open: {0}")]
     Store(String),
+    /// The hardware does not come up.
+    #[error("the hardware does not start: {0}")]
+    Hardware(io::Error),
     /// The operating system gives no thread.
     #[error("the servo thread does not start: {0}")]
     Servo(io::Error),
@@ -89,15 +92,26 @@ pub struct Runtime {
 }
 
 impl Runtime {
-    /// Starts the machine of a configuration in real time, without server ends.
+    /// Starts the machine of a configuration in real time, with simulated hardware and without server ends.
     ///
     /// # Errors
     /// The configuration, its programs or its data folder are refused, or there is no thread for the servo.
     pub async fn start(config: Config) -> Result<Runtime, StartError> {
+        Self::start_on(config, Hardware::simulated_factory()).await
+    }
+
+    /// As [`Runtime::start`], on this hardware.
+    ///
+    /// # Errors
+    /// Those of [`Runtime::start`], or the hardware does not come up.
+    pub async fn start_on(config: Config, hardware: HardwareFactory) -> Result<Runtime, StartError> {
         let machine = config.resolve()?;
         let opening = machine.clone();
-        let open = move || Ok::<_, StartError>((open_data(&opening)?, open_store(&opening)?));
-        let (mut data, (store, first_state)) = tokio::task::spawn_blocking(open)
+        let open = move || {
+            let (data, store) = (open_data(&opening)?, open_store(&opening)?);
+            Ok::<_, StartError>((data, store, bring_up(hardware, &opening)?))
+        };
+        let (mut data, (store, first_state), hardware) = tokio::task::spawn_blocking(open)
             .await
             .map_err(|error| StartError::Store(error.to_string()))??;
         let journal =
@@ -107,7 +121,7 @@ impl Runtime {
             restored = data.restore(&tables).map_err(|error| data.refused(error))?;
         }
         let shared = Shared::new(machine, new_boot_id(), Clock::real(), store, journal, tables);
-        let mut parts = Parts::new(Arc::new(shared), first_state, &restored);
+        let mut parts = Parts::new(Arc::new(shared), first_state, &restored, hardware);
         let last_runs = restored.last_runs;
         let kept = match data {
             Some(data) => Some(data.keep(&parts, last_runs.clone())?),
@@ -141,11 +155,12 @@ impl Runtime {
     /// Starts a machine in simulated time, inside [`simulation::run`]. It keeps nothing on disk.
     ///
     /// # Errors
-    /// A program of the configuration cannot be read, or this is not inside [`simulation::run`].
+    /// A program of the configuration cannot be read, the hardware does not come up, or this is not inside
+    /// [`simulation::run`].
     pub fn start_simulated(
         machine: Machine,
         journal: Journal,
-        options: SimulationOptions,
+        mut options: SimulationOptions,
     ) -> Result<Runtime, StartError> {
         let slot = simulation::slot().ok_or(StartError::NotInSimulation)?;
         let machine = Machine {
@@ -153,11 +168,13 @@ impl Runtime {
             ..machine
         };
         let (store, first_state) = open_store(&machine)?;
+        let factory = options.hardware.take();
+        let hardware = bring_up(factory.unwrap_or_else(Hardware::simulated_factory), &machine)?;
         let clock = Clock::simulated();
         let boot_id = BootId("simulation".into());
         let tables = Tables::new(&machine);
         let shared = Shared::new(machine, boot_id, clock.clone(), store, journal, tables);
-        let parts = Parts::new(Arc::new(shared), first_state, &Restored::default());
+        let parts = Parts::new(Arc::new(shared), first_state, &Restored::default(), hardware);
         let period_ns = parts.shared.machine.servo_period_us * 1000;
         let desks = parts
             .handles
@@ -247,14 +264,20 @@ struct Parts {
 }
 
 impl Parts {
-    fn new(shared: Arc<Shared>, first_state: (Execution, Option<Reason>), restored: &Restored) -> Self {
+    fn new(
+        shared: Arc<Shared>,
+        first_state: (Execution, Option<Reason>),
+        restored: &Restored,
+        hardware: Hardware,
+    ) -> Self {
         let mut tasks = JoinSet::new();
         let (mut handles, mut wake) = (Vec::new(), Vec::new());
         let configured = shared.machine.coordinate_systems.clone();
         let of_servo: Vec<_> = (configured.iter())
             .map(|system| (&system.settings, system.pre_read_blocks))
             .collect();
-        let (servo, task_ends) = Servo::simulated(&of_servo, shared.machine.servo_period_us as f64 / 1e6);
+        let period_s = shared.machine.servo_period_us as f64 / 1e6;
+        let (servo, task_ends) = Servo::new(&of_servo, period_s, hardware);
         for (configured, task_end) in configured.into_iter().zip(task_ends) {
             let number = configured.settings.number;
             let tool = restored.tools_in_spindle.get(&number).copied().unwrap_or(0);
@@ -366,6 +389,13 @@ impl Data {
         let thread = StateWriterThread::start(self.path, self.store, self.image, source);
         Ok((thread.map_err(StartError::Thread)?, self.journal))
     }
+}
+
+fn bring_up(factory: HardwareFactory, machine: &Machine) -> Result<Hardware, StartError> {
+    let systems: Vec<_> = (machine.coordinate_systems.iter())
+        .map(|system| &system.settings)
+        .collect();
+    factory(&systems).map_err(StartError::Hardware)
 }
 
 /// Opens what is kept in the data folder, which is made if it is missing; no other runtime has it open then.

@@ -26,5 +26,13 @@ pub use config::{
     Unhandled,
 };
 pub use coordinator::{Runtime, StartError};
+/// The seam to hardware: what a bus and a spindle of one's own implement, and the factory that gives them to a runtime.
+pub mod hardware {
+    pub use tandem_model::settings::{CoordinateSystemSettings, MotorSettings};
+    pub use tandem_servo::{
+        BusCounts, Command, CycleResult, DriveBus, Feedback, Hardware, HardwareFactory, Orientation, Spindle,
+        SpindleDirection, SpindleState, ThreadStep,
+    };
+}
 pub use sequence::demo::demo_sequence_program;
 pub use servo_thread::{JITTER_BUCKETS, Measured, ServoStatistics};

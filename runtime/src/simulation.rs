@@ -6,7 +6,7 @@ use std::future::Future;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
-use tandem_servo::Servo;
+use tandem_servo::{HardwareFactory, Servo};
 use tokio::sync::Notify;
 
 use crate::clock::Clock;
@@ -145,6 +145,8 @@ pub struct SimulationOptions {
     pub max_time_s: f64,
     /// Called after each servo cycle.
     pub on_cycle: Option<OnCycle>,
+    /// What makes the hardware; `None`: it is simulated.
+    pub hardware: Option<HardwareFactory>,
 }
 
 impl Default for SimulationOptions {
@@ -152,6 +154,7 @@ impl Default for SimulationOptions {
         Self {
             max_time_s: 86_400.0,
             on_cycle: None,
+            hardware: None,
         }
     }
 }

@@ -14,7 +14,7 @@ use crate::motors::Motors;
 use crate::path_time::{PathTime, slope};
 use crate::readings::{Reading, Readings};
 use crate::skip::SkipRun;
-use crate::spindle::SimulatedSpindle;
+use crate::spindle::{Orientation, SpindleLink, SpindleState};
 use crate::splice::{SPLICES_MAX, Splice};
 
 /// Controls that may wait for one channel; the ring refuses more. A cycle takes at most 16 of them.
@@ -64,7 +64,7 @@ pub struct Channel {
     /// Change of the setpoint in the last cycle, units per second.
     pub(crate) velocity: AxisVector,
     pub(crate) motors: Motors,
-    pub(crate) spindle: Option<SimulatedSpindle>,
+    pub(crate) spindle: Option<SpindleLink>,
     /// Plan time at which the last block was left, s: its end or infinite behind it, 0 before it.
     pub(crate) left_at_s: f64,
     /// Where the block of the setpoint comes from.
@@ -114,19 +114,26 @@ pub struct ChannelHandle {
     pub readings: Arc<Readings>,
 }
 
-/// Both ends of a coordinate system with these motors, at rest at machine position 0. At most `profiles_max` profiles wait
+/// Both ends of a coordinate system with these motors, at rest where they stand. At most `profiles_max` profiles wait
 /// in the ring; it refuses more.
 pub(crate) fn channel(
     settings: &CoordinateSystemSettings,
     profiles_max: usize,
     motors: Motors,
+    spindle: Option<SpindleLink>,
 ) -> (Channel, ChannelHandle) {
     let (profiles_in, profiles) = RingBuffer::new(profiles_max);
     let (controls_in, controls) = RingBuffer::new(CONTROLS_MAX);
     let (events, events_out) = RingBuffer::new(EVENTS_MAX);
     let (splices_in, splices) = RingBuffer::new(SPLICES_MAX);
     let (unread, unread_out) = RingBuffer::new(SPLICES_MAX);
+    let at = motors.actual();
     let readings = Arc::new(Readings::default());
+    readings.write(&Reading {
+        commanded: MachinePosition(at),
+        actual: MachinePosition(at),
+        ..Reading::default()
+    });
     let handle = ChannelHandle {
         profiles: profiles_in,
         controls: controls_in,
@@ -159,13 +166,10 @@ pub(crate) fn channel(
         thread: None,
         splice: None,
         faulted: false,
-        setpoint: AxisVector::ZERO,
+        setpoint: at,
         velocity: AxisVector::ZERO,
         motors,
-        spindle: settings
-            .spindle
-            .as_ref()
-            .map(|motor| SimulatedSpindle::new(motor, period_s)),
+        spindle,
         left_at_s: f64::INFINITY,
         executing: None,
         time_base: None,
@@ -189,7 +193,23 @@ impl Channel {
 
     /// Angle of the spindle in the last cycle, degrees, 0 to below 360, clockwise positive; 0 without one.
     pub fn spindle_deg(&self) -> f64 {
-        self.spindle.as_ref().map_or(0.0, SimulatedSpindle::angle_deg)
+        self.spindle_state().angle_deg
+    }
+
+    /// Speed of the spindle in the last cycle, r/min, clockwise positive; 0 without one.
+    pub(crate) fn spindle_rpm(&self) -> f64 {
+        self.spindle_state().rpm
+    }
+
+    /// True when further cycles change at most the angle of the spindle.
+    pub(crate) fn spindle_is_steady(&self) -> bool {
+        (self.spindle.as_ref()).is_none_or(|spindle| spindle.state().is_steady && self.thread.is_none())
+    }
+
+    fn spindle_state(&self) -> SpindleState {
+        self.spindle
+            .as_ref()
+            .map_or(SpindleState::default(), SpindleLink::state)
     }
 
     /// True when there is nothing to do: no profile or control waits, none runs or waits for its motors, nothing
@@ -200,7 +220,7 @@ impl Channel {
             && self.stopping.is_none()
             && self.profiles.is_empty()
             && self.controls.is_empty()
-            && !(self.spindle.as_ref()).is_some_and(SimulatedSpindle::owes_report)
+            && self.spindle_state().orientation != Orientation::Pending
     }
 
     /// Where the block comes from that the setpoint of the last cycle belongs to, its end point and the wait for its
@@ -243,6 +263,7 @@ impl Channel {
 
     pub(crate) fn publish(&self, time_s: f64) {
         let running = self.current.as_ref();
+        let spindle = self.spindle_state();
         let moving_rate = if self.current.is_some() && self.ended_cycles.is_none() {
             self.time.rate()
         } else {
@@ -265,9 +286,9 @@ impl Channel {
             plan_s: self.place().plan_s,
             executing: self.executing,
             held: self.hold.holds(),
-            spindle_rpm: self.spindle.as_ref().map_or(0.0, SimulatedSpindle::rpm),
-            spindle_deg: self.spindle_deg(),
-            oriented: self.spindle.as_ref().is_some_and(SimulatedSpindle::is_oriented),
+            spindle_rpm: spindle.rpm,
+            spindle_deg: spindle.angle_deg,
+            oriented: spindle.orientation == Orientation::Reached,
         });
     }
 }

@@ -16,7 +16,7 @@ use crate::control::{Control, Event, Fault};
 use crate::motors::{InPosition, first_jump};
 use crate::rest::{self, Way};
 use crate::skip::SkipRun;
-use crate::spindle::SimulatedSpindle;
+use crate::spindle::{SpindleLink, ThreadStep};
 use crate::splice::APPROACH;
 
 /// Controls taken in one cycle; the rest waits for the next.
@@ -78,7 +78,7 @@ impl Channel {
         self.check_skip_inputs();
         self.check_in_position(time_s);
         self.tell_rest();
-        if self.spindle.as_mut().is_some_and(SimulatedSpindle::cycle) {
+        if self.spindle.as_mut().is_some_and(SpindleLink::cycle) {
             self.tell(Event::Oriented);
         }
         self.publish(time_s);
@@ -93,19 +93,22 @@ impl Channel {
             && self.hold != Hold::ComingToRest
             && self.velocity == AxisVector::ZERO
             && self.motors.has_settled()
-            && (self.spindle.as_ref())
-                .is_none_or(|spindle| spindle.is_steady() && !spindle.is_locked() && spindle.rpm() == 0.0)
+            && self.spindle_is_steady()
+            && self.spindle_rpm() == 0.0
     }
 
     /// While a thread is cut the spindle follows the motion, dwell and deceleration included.
     fn turn_spindle(&mut self) {
-        let Some(spindle) = &mut self.spindle else { return };
+        let (Some(spindle), Some(_)) = (&mut self.spindle, self.thread) else {
+            return;
+        };
         let t_s = match self.ended_cycles {
             Some(_) => f64::INFINITY,
             None => self.time.now_s(),
         };
         let profile = self.current.as_ref();
-        spindle.turn_to(profile.and_then(|profile| profile.spindle_revolutions(t_s)));
+        let revolutions = profile.and_then(|profile| profile.spindle_revolutions(t_s));
+        spindle.follow(ThreadStep::Turn(revolutions));
     }
 
     fn take_controls(&mut self) {
@@ -219,10 +222,11 @@ impl Channel {
     /// The spindle follows from here on; it must rest where the thread begins.
     fn enter_thread(&mut self, leg: TapLeg) -> Result<(), Fault> {
         if let Some(spindle) = &mut self.spindle {
-            if leg == TapLeg::In && !spindle.rests() {
-                return Err(Fault::SpindleTurns { rpm: spindle.rpm() });
+            let state = spindle.state();
+            if leg == TapLeg::In && !state.rests {
+                return Err(Fault::SpindleTurns { rpm: state.rpm });
             }
-            spindle.lock();
+            spindle.follow(ThreadStep::Begin);
         }
         self.thread = Some(leg);
         Ok(())
@@ -230,9 +234,10 @@ impl Channel {
 
     /// The spindle goes its own way again: from rest, or braking from its speed.
     fn leave_thread(&mut self, brakes: bool) {
-        self.thread = None;
-        if let Some(spindle) = &mut self.spindle {
-            spindle.let_go(brakes);
+        if self.thread.take().is_some()
+            && let Some(spindle) = &mut self.spindle
+        {
+            spindle.follow(ThreadStep::End { brakes });
         }
     }
 

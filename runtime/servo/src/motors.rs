@@ -48,8 +48,14 @@ pub(crate) enum InPosition {
 }
 
 impl Motors {
-    /// With places on the bus from this one on. An axis without a motor follows its command ideally and is not checked.
-    pub(crate) fn new(settings: &CoordinateSystemSettings, first_place: usize, bus: &dyn DriveBus) -> Self {
+    /// With places on the bus from this one on, where each motor stands. An axis without a motor stands at 0, follows its
+    /// command ideally and is not checked.
+    pub(crate) fn new(
+        settings: &CoordinateSystemSettings,
+        first_place: usize,
+        bus: &dyn DriveBus,
+        feedback: &[Feedback],
+    ) -> Self {
         let axes = std::array::from_fn(|i| {
             let motor = settings.motors[i].as_ref()?;
             Some(Motor {
@@ -76,7 +82,7 @@ impl Motors {
             count += 1;
         }
         let places = first_place..first_place + count;
-        Self {
+        let mut motors = Self {
             axes,
             with_motor,
             deceleration,
@@ -84,7 +90,10 @@ impl Motors {
             places,
             actual: AxisVector::ZERO,
             settled: false,
-        }
+        };
+        motors.take_feedback(AxisVector::ZERO, feedback);
+        motors.settled = false;
+        motors
     }
 
     /// Gives each motor its command.

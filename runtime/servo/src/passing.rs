@@ -7,7 +7,6 @@ use tandem_model::profile::{Law, Profile};
 use crate::bus::{Command, Feedback};
 use crate::channel::{Channel, Hold};
 use crate::rest::Way;
-use crate::spindle::SimulatedSpindle;
 
 /// Periods before the end of a profile that are never left out: rounding, and the cycle that ends it.
 const BEFORE_END: f64 = 2.0;
@@ -29,8 +28,7 @@ impl Channel {
         if self.told || !self.controls.is_empty() || self.hold == Hold::ComingToRest {
             return 0;
         }
-        let steady = |spindle: &SimulatedSpindle| spindle.is_steady() && !spindle.is_locked();
-        if !self.spindle.as_ref().is_none_or(steady) {
+        if !self.spindle_is_steady() {
             return 0;
         }
         let rests = self.velocity == AxisVector::ZERO && self.motors.has_settled();
@@ -79,7 +77,9 @@ impl Channel {
 
     /// What each motor is to do in the last one of so many cycles; at most as many as [`Channel::cycles_to_pass`] gives.
     pub(crate) fn pass(&mut self, cycles: u64, commands: &mut [Command]) {
-        if let Some(spindle) = self.spindle.as_mut().filter(|spindle| spindle.rpm() != 0.0) {
+        if let Some(spindle) = &mut self.spindle
+            && spindle.state().rpm != 0.0
+        {
             for _ in 0..cycles {
                 spindle.cycle();
             }

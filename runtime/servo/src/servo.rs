@@ -4,8 +4,9 @@ use tandem_model::settings::CoordinateSystemSettings;
 
 use crate::bus::{BusCounts, Command, CycleResult, DriveBus, Feedback};
 use crate::channel::{Channel, ChannelHandle, channel};
+use crate::hardware::Hardware;
 use crate::motors::Motors;
-use crate::simulated_bus::SimulatedBus;
+use crate::spindle::SpindleLink;
 
 /// All channels of the machine, cycled in lock-step, and the bus to their motors.
 #[derive(Debug)]
@@ -26,22 +27,36 @@ impl Servo {
     pub fn new(
         systems: &[(&CoordinateSystemSettings, usize)],
         servo_period_s: f64,
-        bus: Box<dyn DriveBus>,
+        hardware: Hardware,
     ) -> (Self, Vec<ChannelHandle>) {
+        let Hardware {
+            bus,
+            at_start: mut feedback,
+            spindles,
+        } = hardware;
+        let of_system = |settings: &CoordinateSystemSettings| settings.motors.iter().flatten().count();
+        let count = systems.iter().map(|(settings, _)| of_system(settings)).sum();
+        feedback.resize(count, Feedback::default());
         let mut places = 0;
+        let mut spindles = spindles.into_iter();
         let (channels, handles) = systems
             .iter()
             .map(|(settings, profiles_max)| {
-                let motors = Motors::new(settings, places, bus.as_ref());
-                places += settings.motors.iter().flatten().count();
-                channel(settings, *profiles_max, motors)
+                let motors = Motors::new(settings, places, bus.as_ref(), &feedback);
+                places += of_system(settings);
+                let spindle = spindles.next().flatten().zip(settings.spindle.as_ref());
+                let spindle = spindle.map(|(device, motor)| SpindleLink::new(device, motor.max_acceleration));
+                channel(settings, *profiles_max, motors, spindle)
             })
             .unzip();
+        let at_start = feedback.iter().map(|feedback| Command {
+            position: feedback.position,
+        });
         let servo = Self {
             channels,
             bus,
-            commands: vec![Command::default(); places].into(),
-            feedback: vec![Feedback::default(); places].into(),
+            commands: at_start.collect(),
+            feedback: feedback.into(),
             counts: BusCounts::default(),
             period_s: servo_period_s,
             cycles: 0,
@@ -49,13 +64,13 @@ impl Servo {
         (servo, handles)
     }
 
-    /// The same with simulated drives.
+    /// The same with simulated hardware.
     pub fn simulated(
         systems: &[(&CoordinateSystemSettings, usize)],
         servo_period_s: f64,
     ) -> (Self, Vec<ChannelHandle>) {
-        let bus = SimulatedBus::new(systems.iter().map(|(settings, _)| *settings));
-        Self::new(systems, servo_period_s, Box::new(bus))
+        let settings: Vec<_> = systems.iter().map(|(settings, _)| *settings).collect();
+        Self::new(systems, servo_period_s, Hardware::simulated(&settings))
     }
 
     /// One servo cycle: time goes on by one period, each channel gives its setpoint, and the bus exchanges them for what

@@ -21,6 +21,11 @@ impl SimulatedBus {
             drives: drives.collect(),
         }
     }
+
+    /// What the motors report at the start.
+    pub fn feedback(&self) -> Vec<Feedback> {
+        vec![Feedback::default(); self.drives.len()]
+    }
 }
 
 impl DriveBus for SimulatedBus {

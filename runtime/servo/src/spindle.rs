@@ -1,363 +1,115 @@
-//! The simulated spindle: ramps to a commanded speed, orientation, and the phase lock of tapping.
+//! The seam to the spindle: what it is to do, and what it reports in each servo cycle.
 
-use tandem_model::settings::MotorSettings;
+use std::fmt;
 
 use crate::control::SpindleDirection;
 
-/// Degrees per second of one revolution per minute.
-const DEGREES_PER_SECOND: f64 = 6.0;
+/// What a spindle reports.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct SpindleState {
+    /// Actual speed, r/min, clockwise positive.
+    pub rpm: f64,
+    /// Angle, degrees, 0 to below 360, clockwise positive.
+    pub angle_deg: f64,
+    /// Whether it is oriented.
+    pub orientation: Orientation,
+    /// It neither turns nor is about to, but for a thread.
+    pub rests: bool,
+    /// Without a command further cycles change nothing but its angle, and at speed 0 nothing: then it may not be cycled.
+    pub is_steady: bool,
+}
 
-/// A spindle that comes back from a thread to within this angle of its orientation position is oriented: rounding.
-const ORIENTED_WITHIN_DEG: f64 = 1e-6;
+/// Whether a spindle is oriented.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Orientation {
+    /// It is not, or a thread turns it.
+    #[default]
+    Open,
+    /// Commanded, and not ended yet.
+    Pending,
+    /// It rests at its orientation position.
+    Reached,
+}
 
-/// A spindle that changes its speed by at most `max_acceleration` (r/min per second; not above 0: at once).
-#[derive(Debug, Clone)]
-pub(crate) struct SimulatedSpindle {
-    period_s: f64,
-    max_rpm: f64,
+/// A step of a thread, in which the spindle follows the motion.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum ThreadStep {
+    /// A way in the thread begins at the angle of now. Commands that come from here on wait for the end of the thread.
+    Begin,
+    /// How far it has turned at the end of this cycle since the way began, revolutions, clockwise positive; `None`: it
+    /// stays where it is.
+    Turn(Option<f64>),
+    /// The thread is over or given up: the spindle rests, or with `brakes` comes to rest from its speed. Then the command
+    /// that has waited counts.
+    End {
+        /// The thread was broken off while it turned.
+        brakes: bool,
+    },
+}
+
+/// The spindle of a coordinate system. It must not allocate, lock, wait or panic.
+pub trait Spindle: fmt::Debug + Send {
+    /// Turn at this speed, stop, or orient. `rpm` counts for `Cw` and `Ccw` only, by its magnitude, up to the maximum of
+    /// the spindle; what is not a number is 0.
+    fn command(&mut self, direction: SpindleDirection, rpm: f64);
+
+    /// A step of a thread.
+    fn follow(&mut self, step: ThreadStep);
+
+    /// The end of a servo cycle, after commands and feedback of the motors were exchanged: what it reports in it.
+    fn cycle(&mut self) -> SpindleState;
+
+    /// What it reports at any other time, the commands given since included.
+    fn state(&self) -> SpindleState;
+}
+
+/// A channel's spindle, with what it reported last.
+#[derive(Debug)]
+pub(crate) struct SpindleLink {
+    device: Box<dyn Spindle>,
+    state: SpindleState,
     /// r/min per second; infinite: at once.
     acceleration: f64,
-    orientation_rpm: f64,
-    orientation_deg: f64,
-    direction: SpindleDirection,
-    /// Commanded speed, signed.
-    target_rpm: f64,
-    rpm: f64,
-    /// 0 to below 360.
-    angle_deg: f64,
-    approach: Option<Approach>,
-    oriented: bool,
-    /// An orientation was commanded and its end is not told yet.
-    owes_report: bool,
-    /// While a thread is cut.
-    lock: Option<Lock>,
 }
 
-/// The spindle follows a motion. A command that comes meanwhile waits until it is let go.
-#[derive(Debug, Clone, Copy)]
-struct Lock {
-    /// Angle where the way in the thread begins.
-    from_deg: f64,
-    /// Revolutions from there, clockwise positive.
-    revolutions: f64,
-    waiting: Option<(SpindleDirection, f64)>,
-}
-
-/// The last turn of an orientation: on at orientation speed, then down to rest at the position.
-#[derive(Debug, Clone, Copy)]
-struct Approach {
-    from_deg: f64,
-    /// r/min, signed.
-    rpm: f64,
-    cruise_s: f64,
-    braking_s: f64,
-    cycles: u64,
-}
-
-impl SimulatedSpindle {
-    pub(crate) fn new(motor: &MotorSettings, period_s: f64) -> Self {
+impl SpindleLink {
+    /// An acceleration that is not above 0 counts as infinite.
+    pub(crate) fn new(device: Box<dyn Spindle>, max_acceleration: f64) -> Self {
         Self {
-            period_s,
-            max_rpm: motor.max_velocity.max(0.0),
-            acceleration: if motor.max_acceleration > 0.0 {
-                motor.max_acceleration
+            state: device.state(),
+            device,
+            acceleration: if max_acceleration > 0.0 {
+                max_acceleration
             } else {
                 f64::INFINITY
             },
-            orientation_rpm: motor.orientation_velocity.max(0.0),
-            orientation_deg: motor.orientation_position.rem_euclid(360.0),
-            direction: SpindleDirection::Stop,
-            target_rpm: 0.0,
-            rpm: 0.0,
-            angle_deg: 0.0,
-            approach: None,
-            oriented: false,
-            owes_report: false,
-            lock: None,
         }
     }
 
-    pub(crate) fn rpm(&self) -> f64 {
-        self.rpm
+    pub(crate) fn state(&self) -> SpindleState {
+        self.state
     }
 
-    /// 0 to below 360.
-    pub(crate) fn angle_deg(&self) -> f64 {
-        self.angle_deg
+    pub(crate) fn command(&mut self, direction: SpindleDirection, rpm: f64) {
+        self.device.command(direction, rpm);
+        self.state = self.device.state();
     }
 
-    pub(crate) fn is_oriented(&self) -> bool {
-        self.oriented && self.lock.is_none()
+    pub(crate) fn follow(&mut self, step: ThreadStep) {
+        self.device.follow(step);
+        self.state = self.device.state();
     }
 
-    /// True while the end of an orientation is still to be told.
-    pub(crate) fn owes_report(&self) -> bool {
-        self.owes_report
-    }
-
-    /// True when it neither turns nor is about to, on its own.
-    pub(crate) fn rests(&self) -> bool {
-        let orients = self.direction == SpindleDirection::Orient && !self.oriented;
-        self.rpm == 0.0 && self.target_rpm == 0.0 && !orients
+    /// One cycle; true when a commanded orientation has ended.
+    pub(crate) fn cycle(&mut self) -> bool {
+        let before = self.state.orientation;
+        self.state = self.device.cycle();
+        before == Orientation::Pending && self.state.orientation == Orientation::Reached
     }
 
     /// The greatest change of a time base per second at which a motion that turns the spindle at this speed at 100
     /// percent keeps its acceleration.
     pub(crate) fn steepest_slope(&self, rpm: f64) -> f64 {
         self.acceleration / rpm.abs()
-    }
-
-    /// A way in a thread begins: from here on the spindle follows it.
-    pub(crate) fn lock(&mut self) {
-        self.lock = Some(Lock {
-            from_deg: self.angle_deg,
-            revolutions: 0.0,
-            waiting: self.lock.and_then(|lock| lock.waiting),
-        });
-    }
-
-    /// How far the spindle has turned on the way in the thread; `None`: it stays where it is.
-    pub(crate) fn turn_to(&mut self, revolutions: Option<f64>) {
-        if let Some(lock) = &mut self.lock {
-            let revolutions = revolutions.unwrap_or(lock.revolutions);
-            let turned = revolutions - lock.revolutions;
-            lock.revolutions = revolutions;
-            self.rpm = turned / self.period_s * 60.0;
-            self.angle_deg = (lock.from_deg + 360.0 * revolutions).rem_euclid(360.0);
-        }
-    }
-
-    /// The thread is over, or was given up: the spindle rests, or brakes from its speed, then what has been commanded
-    /// meanwhile holds. It is oriented again where it has come back to where it began.
-    pub(crate) fn let_go(&mut self, brakes: bool) {
-        let Some(lock) = self.lock.take() else { return };
-        if !brakes {
-            self.rpm = 0.0;
-        }
-        let off_deg = (self.angle_deg - self.orientation_deg + 540.0).rem_euclid(360.0) - 180.0;
-        self.oriented &= self.rpm == 0.0 && off_deg.abs() <= ORIENTED_WITHIN_DEG;
-        self.target_rpm = 0.0;
-        if self.direction != SpindleDirection::Orient || !self.oriented {
-            self.direction = SpindleDirection::Stop;
-        }
-        if let Some((direction, rpm)) = lock.waiting {
-            self.command(direction, rpm);
-        }
-    }
-
-    /// A speed that is not a number counts as 0.
-    pub(crate) fn command(&mut self, direction: SpindleDirection, rpm: f64) {
-        if let Some(lock) = &mut self.lock {
-            lock.waiting = Some((direction, rpm));
-            return;
-        }
-        let speed = if rpm.is_finite() {
-            rpm.abs().min(self.max_rpm)
-        } else {
-            0.0
-        };
-        self.direction = direction;
-        self.owes_report = direction == SpindleDirection::Orient;
-        if direction == SpindleDirection::Orient {
-            self.target_rpm = 0.0;
-            return;
-        }
-        self.approach = None;
-        self.target_rpm = match direction {
-            SpindleDirection::Cw => speed,
-            SpindleDirection::Ccw => -speed,
-            SpindleDirection::Stop | SpindleDirection::Orient => 0.0,
-        };
-        self.oriented &= self.target_rpm == 0.0;
-    }
-
-    /// One cycle; true when a commanded orientation has ended.
-    pub(crate) fn cycle(&mut self) -> bool {
-        if self.lock.is_some() {
-            return false;
-        }
-        if self.direction != SpindleDirection::Orient {
-            self.slew(self.target_rpm);
-        } else if let Some(mut approach) = self.approach.take() {
-            self.oriented = self.follow(&mut approach);
-            self.approach = (!self.oriented).then_some(approach);
-        } else if !self.oriented {
-            self.begin_orientation();
-        }
-        let ended = self.owes_report && self.oriented;
-        self.owes_report &= !ended;
-        ended
-    }
-
-    /// True while a way in a thread turns it.
-    pub(crate) fn is_locked(&self) -> bool {
-        self.lock.is_some()
-    }
-
-    /// True when further cycles change its angle at most: it rests or turns as commanded.
-    pub(crate) fn is_steady(&self) -> bool {
-        match self.direction {
-            SpindleDirection::Orient => self.oriented && !self.owes_report,
-            _ => self.rpm.to_bits() == self.target_rpm.to_bits(),
-        }
-    }
-
-    /// To orientation speed in the direction that the spindle turns already; from rest clockwise.
-    fn begin_orientation(&mut self) {
-        let rpm = if self.rpm < 0.0 {
-            -self.orientation_rpm
-        } else {
-            self.orientation_rpm
-        };
-        self.slew(rpm);
-        if (self.rpm - rpm).abs() > 0.0 {
-            return;
-        }
-        let speed_deg_s = rpm.abs() * DEGREES_PER_SECOND;
-        let braking_s = rpm.abs() / self.acceleration;
-        let braking_deg = speed_deg_s * braking_s / 2.0;
-        let ahead_deg = (self.orientation_deg - self.angle_deg) * 1.0_f64.copysign(rpm);
-        let cruise_deg = (ahead_deg - braking_deg).rem_euclid(360.0);
-        self.approach = Some(Approach {
-            from_deg: self.angle_deg,
-            rpm,
-            // Without an orientation speed the position is taken at once.
-            cruise_s: if speed_deg_s > 0.0 {
-                cruise_deg / speed_deg_s
-            } else {
-                0.0
-            },
-            braking_s,
-            cycles: 0,
-        });
-    }
-
-    /// True when the spindle rests at its position.
-    fn follow(&mut self, approach: &mut Approach) -> bool {
-        approach.cycles += 1;
-        let t_s = approach.cycles as f64 * self.period_s;
-        let braked_s = (t_s - approach.cruise_s).max(0.0);
-        if braked_s >= approach.braking_s && t_s >= approach.cruise_s {
-            self.rpm = 0.0;
-            self.angle_deg = self.orientation_deg;
-            return true;
-        }
-        let slowed = braked_s / approach.braking_s.max(f64::MIN_POSITIVE);
-        let turned_deg = approach.rpm * DEGREES_PER_SECOND * (t_s - braked_s * slowed / 2.0);
-        self.rpm = approach.rpm * (1.0 - slowed);
-        self.angle_deg = (approach.from_deg + turned_deg).rem_euclid(360.0);
-        false
-    }
-
-    fn slew(&mut self, target_rpm: f64) {
-        let most = self.acceleration * self.period_s;
-        let before = self.rpm;
-        let change = target_rpm - before;
-        self.rpm = if change.abs() <= most {
-            target_rpm
-        } else {
-            before + most.copysign(change)
-        };
-        let mean_deg_s = f64::midpoint(before, self.rpm) * DEGREES_PER_SECOND;
-        self.angle_deg = (self.angle_deg + mean_deg_s * self.period_s).rem_euclid(360.0);
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::testing;
-
-    fn spindle() -> SimulatedSpindle {
-        // 1000 r/min per second, 4000 r/min at most, orientation at 60 r/min to 90 degrees
-        SimulatedSpindle::new(&testing::spindle(), 0.001)
-    }
-
-    #[test]
-    fn the_spindle_ramps_with_its_acceleration_and_keeps_its_maximum() {
-        let mut spindle = spindle();
-        spindle.command(SpindleDirection::Ccw, 500.0);
-        for _ in 0..250 {
-            spindle.cycle();
-        }
-        assert!((spindle.rpm() + 250.0).abs() < 1e-9);
-        spindle.command(SpindleDirection::Cw, 9000.0);
-        for _ in 0..4250 {
-            spindle.cycle();
-        }
-        assert!((spindle.rpm() - 4000.0).abs() < 1e-9);
-        spindle.command(SpindleDirection::Stop, 0.0);
-        for _ in 0..4000 {
-            spindle.cycle();
-        }
-        assert!(spindle.rpm().abs() < 1e-9);
-    }
-
-    #[test]
-    fn a_speed_that_is_not_a_number_turns_nothing() {
-        let mut spindle = spindle();
-        spindle.command(SpindleDirection::Cw, f64::NAN);
-        spindle.cycle();
-        assert!(spindle.rpm().abs() < 1e-12);
-    }
-
-    #[test]
-    fn orientation_ends_at_rest_at_its_position_in_every_direction() {
-        for (direction, turning) in [
-            (SpindleDirection::Cw, 777),
-            (SpindleDirection::Ccw, 1234),
-            (SpindleDirection::Stop, 5),
-        ] {
-            let mut spindle = spindle();
-            spindle.command(direction, 2000.0);
-            for _ in 0..turning {
-                assert!(!spindle.cycle());
-            }
-            spindle.command(SpindleDirection::Orient, 0.0);
-            // at most: 2 s to the orientation speed, one turn of 1 s, 0.06 s to rest
-            let (mut cycles, mut last_deg, mut widest) = (0, spindle.angle_deg, 0.0_f64);
-            while !spindle.cycle() {
-                cycles += 1;
-                assert!(cycles < 3100);
-                let step = (spindle.angle_deg - last_deg + 540.0).rem_euclid(360.0) - 180.0;
-                last_deg = spindle.angle_deg;
-                widest = widest.max(step.abs());
-            }
-            assert!(spindle.is_oriented());
-            assert!(spindle.rpm().abs() < 1e-12);
-            assert!((spindle.angle_deg - 90.0).abs() < 1e-9);
-            let last = (90.0 - last_deg + 540.0).rem_euclid(360.0) - 180.0;
-            assert!(last.abs() <= 60.0 * 6.0 * 0.001, "no jump at the end: {last}");
-            assert!(
-                widest <= 2000.0 * 6.0 * 0.001 + 1e-9,
-                "never faster than it turned: {widest}"
-            );
-        }
-    }
-
-    #[test]
-    fn once_oriented_it_rests_whatever_speed_was_commanded_before() {
-        let mut spindle = spindle();
-        spindle.command(SpindleDirection::Cw, 500.0);
-        for _ in 0..1000 {
-            spindle.cycle();
-        }
-        spindle.command(SpindleDirection::Orient, 0.0);
-        assert!(!spindle.rests());
-        while !spindle.cycle() {}
-        assert!(spindle.is_oriented() && spindle.rests());
-    }
-
-    #[test]
-    fn a_second_orientation_at_the_position_ends_at_once_and_turning_ends_it() {
-        let mut spindle = spindle();
-        spindle.command(SpindleDirection::Orient, 0.0);
-        while !spindle.cycle() {}
-        assert!(!spindle.cycle(), "told once");
-        spindle.command(SpindleDirection::Orient, 0.0);
-        assert!(spindle.cycle());
-        spindle.command(SpindleDirection::Cw, 100.0);
-        spindle.cycle();
-        assert!(!spindle.is_oriented());
     }
 }

@@ -316,6 +316,7 @@ async fn simulate(
     let options = SimulationOptions {
         max_time_s: plan.max_time_s,
         on_cycle,
+        hardware: None,
     };
     let runtime = Runtime::start_simulated(plan.machine, journal, options)?;
     for program in plan.programs.into_values() {

@@ -142,12 +142,13 @@ impl CoordinateSystem {
         tool: u16,
     ) -> Self {
         let number = configured.settings.number;
+        let at = handle.readings.read().commanded;
         let view = Arc::new(View::new(&configured.settings, Arc::clone(&handle.readings)));
         Self {
             number,
             view,
             servo: ServoLink::new(handle),
-            pipeline: Pipeline::new(&configured.settings, configured.dialect),
+            pipeline: Pipeline::new(&configured.settings, configured.dialect, at),
             replanning: Replanning::default(),
             variables: shared.tables.variables(number),
             captured: [0.0; AXES_MAX],

@@ -58,9 +58,10 @@ struct SetAside {
 }
 
 impl Pipeline {
-    pub fn new(settings: &CoordinateSystemSettings, dialect: &'static Dialect) -> Self {
+    /// With the machine at rest at this position.
+    pub fn new(settings: &CoordinateSystemSettings, dialect: &'static Dialect, at: MachinePosition) -> Self {
         let interpreter = Interpreter::with_dialect(settings, dialect);
-        let path = PathStage::new(settings, MachinePosition::default());
+        let path = PathStage::new(settings, at);
         let last = Change {
             after_segment: 0,
             modal: interpreter.modal().clone(),
@@ -426,7 +427,7 @@ mod tests {
         let system = &machine.coordinate_systems[0];
         let (program, found) = parse(text, Grammar::nj());
         assert_eq!(found, []);
-        let mut pipeline = Pipeline::new(&system.settings, system.dialect);
+        let mut pipeline = Pipeline::new(&system.settings, system.dialect, MachinePosition::default());
         pipeline.start(Arc::new(program), 1, 0, false);
         let inputs = Inputs {
             programs: &BTreeMap::new(),

@@ -129,6 +129,7 @@ async fn perform(bench: Bench, main: u16, watched: Watched) -> Result<Run, TestE
         on_cycle: bench
             .trace_every_s
             .map(|interval_s| tracer.on_cycle(&bench.machine, interval_s)),
+        hardware: None,
     };
     let runtime = Runtime::start_simulated(bench.machine, journal, options).map_err(TestError::new)?;
     let simulation = runtime.simulation().ok_or(TestError::new("no simulation"))?;

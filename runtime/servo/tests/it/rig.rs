@@ -5,7 +5,7 @@ use tandem_model::profile::{ChainPlace, Law, MotorMove, Profile, Stretch, TimeBa
 use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
 use tandem_model::{AXES_MAX, AxisVector, Origin};
-use tandem_servo::{ChannelHandle, Control, DriveBus, Event, Reading, Servo};
+use tandem_servo::{ChannelHandle, Control, DriveBus, Event, Hardware, Reading, Servo};
 
 /// Servo period of the tests, s.
 pub const T: f64 = 0.001;
@@ -118,7 +118,12 @@ impl Rig {
 
     /// With these drives.
     pub fn on_bus(settings: &CoordinateSystemSettings, bus: impl DriveBus + 'static) -> Self {
-        let (servo, mut handles) = Servo::new(&[(settings, 64)], settings.servo_period_s, Box::new(bus));
+        let hardware = Hardware {
+            bus: Box::new(bus),
+            at_start: vec![],
+            spindles: vec![],
+        };
+        let (servo, mut handles) = Servo::new(&[(settings, 64)], settings.servo_period_s, hardware);
         let handle = handles.remove(0);
         Self { servo, handle }
     }

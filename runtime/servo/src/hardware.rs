@@ -1,0 +1,47 @@
+//! What moves a machine: the bus to its drives and its spindles, simulated or not.
+
+use std::io;
+
+use tandem_model::settings::CoordinateSystemSettings;
+
+use crate::bus::{DriveBus, Feedback};
+use crate::simulated_bus::SimulatedBus;
+use crate::simulated_spindle::SimulatedSpindle;
+use crate::spindle::Spindle;
+
+/// Makes what moves the coordinate systems of these settings, in their order. It may take its time: it is asked once, before
+/// the first servo cycle, and gives the hardware up and running, its drives not enabled. An error keeps the machine from
+/// starting.
+pub type HardwareFactory = Box<dyn FnOnce(&[&CoordinateSystemSettings]) -> io::Result<Hardware> + Send>;
+
+/// What moves a machine.
+#[derive(Debug)]
+pub struct Hardware {
+    /// The bus to the drives of all motors.
+    pub bus: Box<dyn DriveBus>,
+    /// What each motor reports before the first cycle, by its place on the bus. A place left out reports the default.
+    pub at_start: Vec<Feedback>,
+    /// The spindle of each coordinate system, in their order; one left out has none.
+    pub spindles: Vec<Option<Box<dyn Spindle>>>,
+}
+
+impl Hardware {
+    /// Simulated drives, at machine position 0, and simulated spindles.
+    pub fn simulated(systems: &[&CoordinateSystemSettings]) -> Self {
+        let spindles = systems.iter().map(|system| {
+            let spindle = SimulatedSpindle::new(system.spindle.as_ref()?, system.servo_period_s);
+            Some(Box::new(spindle) as Box<dyn Spindle>)
+        });
+        let bus = SimulatedBus::new(systems.iter().copied());
+        Self {
+            at_start: bus.feedback(),
+            bus: Box::new(bus),
+            spindles: spindles.collect(),
+        }
+    }
+
+    /// The factory of [`Hardware::simulated`].
+    pub fn simulated_factory() -> HardwareFactory {
+        Box::new(|systems| Ok(Self::simulated(systems)))
+    }
+}

@@ -1,0 +1,119 @@
+//! A bus to drives of one's own costs a file: `DriveBus` implemented, and given to the runtime by a factory.
+
+use std::sync::{Arc, Mutex};
+
+use plc_api::types::request::Request;
+use plc_api::{Execution, Plc};
+use tandem_runtime::hardware::{
+    Command, CoordinateSystemSettings, CycleResult, DriveBus, Feedback, Hardware, HardwareFactory,
+};
+use tandem_runtime::journal::Journal;
+use tandem_runtime::simulation::SimulationOptions;
+use tandem_runtime::{Config, Runtime};
+
+use super::costs;
+use crate::support::machine::{COORDINATE_SYSTEMS, MOTORS};
+use crate::support::wait::simulate;
+
+const PROGRAM: &str = "G00 X40 Y10\nG01 Z-5 F3000\nG500\nX50 Y20\nX60 Y10\nG02 X70 Y20 I10\nM30\n";
+
+/// Drives that are where they were commanded.
+#[derive(Debug)]
+struct Following;
+
+impl DriveBus for Following {
+    fn exchange(&mut self, commands: &[Command], feedback: &mut [Feedback]) -> CycleResult {
+        for (command, feedback) in commands.iter().zip(feedback) {
+            feedback.position = command.position;
+        }
+        CycleResult::OnTime
+    }
+}
+
+/// Drives of absolute encoders, all but the fourth motor's at this position.
+fn standing_at(position: f64) -> HardwareFactory {
+    Box::new(move |systems: &[&CoordinateSystemSettings]| {
+        let motors = systems.iter().flat_map(|system| system.motors.iter().flatten());
+        let at_start = motors.map(|motor| Feedback {
+            position: if motor.number == 5 { 0.0 } else { position },
+        });
+        Ok(Hardware {
+            bus: Box::new(Following),
+            at_start: at_start.collect(),
+            spindles: vec![],
+        })
+    })
+}
+
+/// Runs a program; gives the position before its start and those of each servo cycle from its start on, X, Y, Z.
+fn run(hardware: Option<HardwareFactory>, program: &'static str) -> ([f64; 3], Vec<[f64; 3]>) {
+    simulate(move || async move {
+        let config = format!("[machine]\nname = \"test-1\"\n{MOTORS}{COORDINATE_SYSTEMS}");
+        let machine = Config::from_toml(&config, ".").unwrap().resolve().unwrap();
+        let trace = Arc::new(Mutex::new(Vec::new()));
+        let sink = Arc::clone(&trace);
+        let options = SimulationOptions {
+            on_cycle: Some(Box::new(move |servo| {
+                let [x, y, z, ..] = servo.channel(0).setpoint().0;
+                sink.lock().unwrap().push([x, y, z]);
+            })),
+            hardware,
+            ..SimulationOptions::default()
+        };
+        let runtime = Runtime::start_simulated(machine, Journal::to_log(), options).unwrap();
+        let plc = Plc::in_process(runtime.port());
+        let write = Request::WriteProgram(50, program.to_owned());
+        plc.port().request(write).await.unwrap();
+        let system = plc.coordinate_system(1);
+        system.load(50).await.unwrap();
+        let machine = system.position().await.unwrap().machine;
+        let before = ["X", "Y", "Z"].map(|axis| machine[axis]);
+        system.start().await.unwrap();
+        system.wait_until(Execution::ProgramCompleted).await.unwrap();
+        let positions = std::mem::take(&mut *trace.lock().unwrap());
+        (before, positions)
+    })
+}
+
+#[test]
+fn a_program_on_a_bus_of_ones_own_has_the_positions_of_the_simulated_one() {
+    let (_, simulated) = run(None, PROGRAM);
+    let (_, own) = run(Some(standing_at(0.0)), PROGRAM);
+    assert!(simulated.len() > 1000);
+    assert_eq!(simulated, own);
+}
+
+#[test]
+fn the_machine_stands_where_its_motors_report_and_moves_from_there() {
+    // The first rapid moves X, Y and Z from 12.5 to X 20, 10 mm/s^2 or more: no cycle of 1 ms moves any by 1 mm.
+    let (before, positions) = run(Some(standing_at(12.5)), "G00 X20\nM30\n");
+    assert_eq!(before, [12.5; 3]);
+    assert_eq!(positions.first(), Some(&[12.5; 3]));
+    assert_eq!(positions.last(), Some(&[20.0, 12.5, 12.5]));
+    assert!(
+        positions
+            .windows(2)
+            .all(|pair| (pair[1][0] - pair[0][0]).abs() < 1.0)
+    );
+    assert!(positions.is_sorted_by(|a, b| a[0] <= b[0]));
+}
+
+#[test]
+fn hardware_that_does_not_come_up_keeps_the_machine_from_starting() {
+    let error = simulate(|| async {
+        let options = SimulationOptions {
+            hardware: Some(Box::new(|_| Err(std::io::Error::other("no link on port 2")))),
+            ..SimulationOptions::default()
+        };
+        let machine = Config::demo().resolve().unwrap();
+        let started = Runtime::start_simulated(machine, Journal::to_log(), options);
+        started.unwrap_err().to_string()
+    });
+    assert_eq!(error, "the hardware does not start: no link on port 2");
+}
+
+#[test]
+fn the_page_names_the_traits_the_factory_and_nothing_of_ours_to_touch() {
+    let seams = ["DriveBus", "Spindle", "HardwareFactory", "Runtime::start_on"];
+    assert_eq!(costs("drives or a spindle"), seams);
+}
