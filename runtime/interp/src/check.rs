@@ -16,10 +16,10 @@ use crate::codes::{Code, ModalGroup, tenths};
 use crate::dialect::Dialect;
 use crate::dialects;
 use crate::execution::axis_of;
-use crate::meaning::Role;
+use crate::meaning::{ModalValue, Role};
 use crate::modal::Modal;
+use crate::restrictions;
 use crate::text_position::TextPosition;
-use crate::{fixed_cycles, restrictions};
 
 /// A shorter block cannot be too long in the intermediate code: there each word of two bytes or more has a blank, and
 /// numbers and operators of expressions have two.
@@ -220,7 +220,7 @@ impl Checker<'_> {
         if span.end - span.start <= LONG_BYTES || block.has_errors() {
             return;
         }
-        let in_cycle = self.modal.in_fixed_cycle();
+        let in_cycle = self.modal.fixed_cycle().is_some();
         if block_bytes(self.program, block, in_cycle) > BLOCK_BYTES_MAX {
             self.findings.push(diagnostics::BLOCK_TOO_LONG.at(
                 span,
@@ -275,13 +275,14 @@ impl Checker<'_> {
 
     /// Notes the M codes that a fixed cycle puts out.
     fn cycle_outputs(&mut self, block: &Block, words: &BlockWords) {
-        let cycle = words
-            .taker()
-            .filter(|taker| taker.group == ModalGroup::FixedCycle);
-        let starts = cycle.is_some_and(|cycle| words.g_codes().iter().any(|(code, _)| *code == cycle));
-        if starts || (cycle.is_some() && !words.taken().is_empty()) {
-            for m in fixed_cycles::outputs(self.context.has_spindle) {
-                self.auxiliary(block, *m);
+        let Some(taker) = words.taker() else { return };
+        let Some(ModalValue::Cycle(Some(cycle))) = taker.sets else {
+            return;
+        };
+        let starts = words.g_codes().iter().any(|(code, _)| *code == taker);
+        if starts || !words.taken().is_empty() {
+            for m in cycle.outputs(self.context.has_spindle) {
+                self.auxiliary(block, m);
             }
         }
     }

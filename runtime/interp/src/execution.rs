@@ -9,7 +9,7 @@ use tandem_syntax::{Address, AddressSet};
 use crate::block_words::BlockWords;
 use crate::codes::{AXIS_ADDRESSES, ModalGroup};
 use crate::dialect::Dialect;
-use crate::fixed_cycles::Tapping;
+use crate::fixed_cycles::Expansion;
 use crate::inputs::Inputs;
 use crate::meaning::ModalValue;
 use crate::modal::Modal;
@@ -76,7 +76,7 @@ pub(crate) struct Draft {
     /// The transform in force is another one.
     pub(crate) transforms: bool,
     pub(crate) transform_after: bool,
-    pub(crate) cycle: Option<Box<Tapping>>,
+    pub(crate) cycle: Option<Box<Expansion>>,
     /// Before the block, and behind it.
     pub(crate) exact_stops: [bool; 2],
     pub(crate) flow: Flow,
@@ -261,8 +261,8 @@ impl<'a> Execution<'a> {
     }
 
     /// The block is a fixed cycle.
-    pub(crate) fn run_cycle(&mut self, tapping: Tapping) {
-        self.draft.cycle = Some(Box::new(tapping));
+    pub(crate) fn run_cycle(&mut self, cycle: Expansion) {
+        self.draft.cycle = Some(Box::new(cycle));
     }
 
     /// What the block does.

@@ -20,7 +20,7 @@ use crate::dialect::Dialect;
 use crate::dialects;
 use crate::evaluation::{Locals, Scope, reads_captured};
 use crate::execution::{Draft, Execution, Flow, Limits};
-use crate::fixed_cycles::{Step, Tapping};
+use crate::fixed_cycles::{Expansion, Given};
 use crate::inputs::Inputs;
 use crate::modal::Modal;
 use crate::text_position::TextPosition;
@@ -63,7 +63,7 @@ pub struct Interpreter {
     words: BlockWords,
     queue: VecDeque<Item>,
     /// A fixed cycle that is being expanded, with its block.
-    cycle: Option<(Box<Tapping>, Origin)>,
+    cycle: Option<(Box<Expansion>, Origin)>,
     /// L0 to L255 of each program of the nesting.
     locals: Vec<Locals>,
     /// Blocks since the last item that moves, waits or puts out.
@@ -294,8 +294,8 @@ impl Interpreter {
         };
         let origin = *origin;
         match cycle.advance() {
-            Some(Step::Motion(action)) => self.queue_action(Some(action), [false; 2], origin),
-            Some(Step::Output(m)) => self.queue.push_back(Item::Output(Output {
+            Some(Given::Motion(action)) => self.queue_action(Some(action), [false; 2], origin),
+            Some(Given::Output(m)) => self.queue.push_back(Item::Output(Output {
                 origin,
                 m,
                 params: [None; 8],

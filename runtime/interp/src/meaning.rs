@@ -5,6 +5,8 @@ use tandem_model::flow::{Distance, MultiBlock, PathControl};
 use tandem_model::plane::Plane;
 use tandem_model::settings::Unit;
 
+use crate::fixed_cycles::Cycle;
+
 /// Side of the path that the tool's centre is on: cutter compensation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Side {
@@ -63,8 +65,8 @@ pub enum ModalValue {
     Side(Side),
     /// The tool offset.
     Length(LengthOffset),
-    /// A fixed cycle is in force.
-    Cycle(bool),
+    /// A fixed cycle; `None`: its end.
+    Cycle(Option<&'static Cycle>),
     /// Where fixed cycles return to.
     ReturnLevel(ReturnLevel),
     /// Whether blocks may blend.
@@ -126,8 +128,8 @@ pub struct InForce {
     pub side: Option<Side>,
     /// The tool offset.
     pub length: Option<LengthOffset>,
-    /// Whether a fixed cycle is in force.
-    pub cycle: Option<bool>,
+    /// The fixed cycle, if one is in force.
+    pub cycle: Option<Option<&'static Cycle>>,
     /// Where fixed cycles return to.
     pub return_level: Option<ReturnLevel>,
     /// Whether blocks may blend.
@@ -146,7 +148,7 @@ impl InForce {
         unit: Some(Unit::Millimetre),
         side: Some(Side::Off),
         length: Some(LengthOffset::Off),
-        cycle: Some(false),
+        cycle: Some(None),
         return_level: Some(ReturnLevel::Initial),
         path_control: Some(PathControl::ContinuousPath),
         multi_block: Some(MultiBlock::Off),

@@ -6,6 +6,7 @@ use tandem_model::settings::{CoordinateSystemSettings, Unit};
 
 use crate::codes::{Code, ModalGroup};
 use crate::dialect::Dialect;
+use crate::fixed_cycles::Cycle;
 use crate::meaning::{InForce, ModalValue};
 
 /// Millimetres of an inch.
@@ -173,9 +174,9 @@ impl Modal {
         self.in_force.compensates()
     }
 
-    /// True from the code that begins a fixed cycle to its end.
-    pub fn in_fixed_cycle(&self) -> bool {
-        self.in_force.cycle == Some(true)
+    /// The fixed cycle in force, from the code that begins it to its end.
+    pub fn fixed_cycle(&self) -> Option<&'static Cycle> {
+        self.in_force.cycle.flatten()
     }
 
     /// Feedrate and ramp times in force.

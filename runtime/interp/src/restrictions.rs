@@ -176,7 +176,7 @@ fn moves_by(words: &BlockWords, kind: MotionKind) -> bool {
 fn state(words: &BlockWords, modal: &Modal) -> impl Fn(During) -> bool {
     let in_force = modal.in_force;
     let own_cycle = own(words, |value| match value {
-        ModalValue::Cycle(is_on) => Some(is_on),
+        ModalValue::Cycle(cycle) => Some(cycle),
         _ => None,
     });
     let own_length = own(words, |value| match value {
@@ -184,7 +184,7 @@ fn state(words: &BlockWords, modal: &Modal) -> impl Fn(During) -> bool {
         _ => None,
     });
     let moves_anew = g_code(words, |code| matches!(code.role, Role::Motion(_))).is_some();
-    let in_cycle = in_force.cycle == Some(true) && own_cycle != Some(false) && !moves_anew;
+    let in_cycle = modal.fixed_cycle().is_some() && own_cycle != Some(None) && !moves_anew;
     let own_side = own_side(words);
     let before = in_force.compensates();
     let switches_on = own_side.is_some_and(|side| side != Side::Off);
@@ -196,7 +196,7 @@ fn state(words: &BlockWords, modal: &Modal) -> impl Fn(During) -> bool {
     let pending = in_force.side.is_some() && modal.lead_pending;
     let is_offset = |length| matches!(length, Some(LengthOffset::Added | LengthOffset::Subtracted));
     move |during| match during {
-        During::CycleBegin => own_cycle == Some(true) && in_force.cycle == Some(false),
+        During::CycleBegin => matches!(own_cycle, Some(Some(_))) && in_force.cycle == Some(None),
         During::Cycle => in_cycle,
         During::Lead => leads,
         During::Compensation => (before && after) || way_out,
@@ -233,7 +233,7 @@ fn found(what: What, words: &BlockWords, modal: &Modal) -> Option<(Address, Stri
         What::MovesByCycle => motion(
             words
                 .taker()
-                .is_some_and(|code| code.sets == Some(ModalValue::Cycle(true))),
+                .is_some_and(|code| matches!(code.sets, Some(ModalValue::Cycle(Some(_))))),
         ),
         What::Has(role) => {
             let g_code = g_code(words, |code| code.role == role).map(shown);
@@ -281,7 +281,7 @@ fn written(text: &str, dialect: &Dialect, found: &str) -> String {
         ),
         (
             "{no cycle}",
-            |code| code.sets == Some(ModalValue::Cycle(false)),
+            |code| code.sets == Some(ModalValue::Cycle(None)),
             " or ",
         ),
         (

@@ -55,14 +55,10 @@ impl CoordinateSystem {
             return Ok(());
         }
         if on && self.run.is_some() {
-            let within = if self.pipeline.is_anywhere(Modal::compensates) {
-                Some("cutter compensation")
-            } else if self.pipeline.is_anywhere(Modal::in_fixed_cycle) {
-                Some("a tapping cycle")
-            } else {
-                None
-            };
-            if let Some(within) = within {
+            let compensates = |modal: &Modal| modal.compensates().then_some("cutter compensation");
+            let cycles = |modal: &Modal| modal.fixed_cycle().map(|cycle| cycle.name);
+            let within = self.pipeline.anywhere(compensates);
+            if let Some(within) = within.or_else(|| self.pipeline.anywhere(cycles)) {
                 let text = format!(
                     "single block cannot be switched on within {within}, nor before one that is already read; wait \
                      for its end"

@@ -263,12 +263,12 @@ impl Pipeline {
         &self.in_force.modal
     }
 
-    /// True when it is so of the motion that runs, of what is prepared, or of the next block.
-    pub fn is_anywhere(&self, is_so: impl Fn(&Modal) -> bool) -> bool {
-        is_so(&self.in_force.modal)
-            || is_so(self.interpreter.modal())
-            || self.changes.iter().any(|change| is_so(&change.modal))
-            || self.set_aside.iter().any(|item| is_so(&item.modal))
+    /// What is so of the motion that runs, of the next block, or of what is prepared.
+    pub fn anywhere<T>(&self, pick: impl Fn(&Modal) -> Option<T>) -> Option<T> {
+        let near = [&self.in_force.modal, self.interpreter.modal()].into_iter();
+        let ahead = self.changes.iter().map(|change| &change.modal);
+        let aside = self.set_aside.iter().map(|item| &item.modal);
+        near.chain(ahead).chain(aside).find_map(pick)
     }
 
     /// After G31: the machine rests here, perhaps short of the target.

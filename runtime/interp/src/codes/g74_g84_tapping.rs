@@ -1,21 +1,58 @@
-//! G74, G80 and G84: tapping cycles. How they expand is in [`crate::fixed_cycles`].
+//! G74, G80 and G84: tapping cycles (manual 2, utilities; D42).
+//!
+//! M19, rapid moves to X, Y and to the R point, the thread in, dwell, the thread out; with G98 back to the initial level.
+//! With a spindle in the coordinate system the thread is locked to it; without one M codes turn it between.
 
+use tandem_model::flow::TapLeg;
 use tandem_model::plane::Turn;
-use tandem_syntax::Address;
 
-use super::{Code, ModalGroup, POSITION_MAX, WordSpec, axis_word};
-use crate::fixed_cycles;
+use super::cycle_words::{self, CYCLE_WORDS};
+use super::{Code, ModalGroup};
+use crate::fixed_cycles::{Cycle, Level, Step, Steps};
 use crate::meaning::ModalValue;
 use crate::modal::CycleWords;
 
-static WORDS: [WordSpec; 6] = [
-    axis_word(Address::X),
-    axis_word(Address::Y),
-    WordSpec::new(Address::Z, "Z point", "mm", -POSITION_MAX, POSITION_MAX),
-    WordSpec::new(Address::R, "R point", "mm", -POSITION_MAX, POSITION_MAX),
-    WordSpec::new(Address::P, "dwell at the Z point", "ms", 0.0, 100_000_000.0),
-    WordSpec::new(Address::K, "number of repetitions", "", 0.0, 10_000.0).whole(),
-];
+/// A tapping cycle whose spindle turns so into the hole: M03 turns it clockwise, M04 counter-clockwise.
+macro_rules! tapping {
+    ($in:ident $m_in:literal, $out:ident $m_out:literal) => {
+        Cycle {
+            name: "a tapping cycle",
+            with_spindle: Steps::new(
+                &[Step::Output(19)],
+                &[
+                    Step::Position,
+                    Step::Approach,
+                    Step::Thread(TapLeg::In, Turn::$in),
+                    Step::Dwell,
+                    Step::Thread(TapLeg::Out, Turn::$out),
+                    Step::Rapid(Level::Initial),
+                ],
+                &[Step::Output(5)],
+            ),
+            without_spindle: Steps::new(
+                &[],
+                &[
+                    Step::Position,
+                    Step::Approach,
+                    Step::Output(19),
+                    Step::Output($m_in),
+                    Step::Thread(TapLeg::In, Turn::$in),
+                    Step::Dwell,
+                    Step::Output($m_out),
+                    Step::Thread(TapLeg::Out, Turn::$out),
+                    Step::Output($m_in),
+                    Step::Linear(Level::Initial),
+                ],
+                &[],
+            ),
+        }
+    };
+}
+
+/// Left-hand threads.
+pub static LEFT_HAND: Cycle = tapping!(CounterClockwise 4, Clockwise 3);
+/// Right-hand threads.
+pub static RIGHT_HAND: Cycle = tapping!(Clockwise 3, CounterClockwise 4);
 
 /// G74: left-hand threads.
 pub static G74: Code = Code {
@@ -23,8 +60,8 @@ pub static G74: Code = Code {
     tenths: 740,
     name: "Left-handed Tapping Cycle",
     group: ModalGroup::FixedCycle,
-    sets: Some(ModalValue::Cycle(true)),
-    words: &WORDS,
+    sets: Some(ModalValue::Cycle(Some(&LEFT_HAND))),
+    words: &CYCLE_WORDS,
     docs: "Taps at X, Y from the R point to the Z point and back, the spindle turning counter-clockwise on the way in, \
            K times (once without K). Each later block with an axis word taps again until G80 or G00 to G03; Z, R, P \
            and K stay. The first block needs Z and R. In G91 R counts from the initial level, Z from R (D42). The \
@@ -32,7 +69,7 @@ pub static G74: Code = Code {
            coordinate system it turns in step with Z, S / F revolutions a millimetre, ramps included, and rests at the \
            R and Z point. A block with a hole beyond a soft limit moves nothing. No override acts on a thread, \
            and feed hold waits until the tool is out.",
-    motion: Some(|execution, words| fixed_cycles::tapping(execution, words, Turn::CounterClockwise)),
+    motion: Some(cycle_words::run),
     ..Code::BASE
 };
 
@@ -42,10 +79,10 @@ pub static G84: Code = Code {
     tenths: 840,
     name: "Tapping Cycle",
     group: ModalGroup::FixedCycle,
-    sets: Some(ModalValue::Cycle(true)),
-    words: &WORDS,
+    sets: Some(ModalValue::Cycle(Some(&RIGHT_HAND))),
+    words: &CYCLE_WORDS,
     docs: "As G74, the spindle turning clockwise on the way in.",
-    motion: Some(|execution, words| fixed_cycles::tapping(execution, words, Turn::Clockwise)),
+    motion: Some(cycle_words::run),
     ..Code::BASE
 };
 
@@ -55,7 +92,7 @@ pub static G80: Code = Code {
     tenths: 800,
     name: "Fixed Cycle Cancel",
     group: ModalGroup::FixedCycle,
-    sets: Some(ModalValue::Cycle(false)),
+    sets: Some(ModalValue::Cycle(None)),
     docs: "Ends a fixed cycle and forgets its words. In force at start-up.",
     select: |execution| execution.modal_mut().cycle = CycleWords::default(),
     ..Code::BASE

@@ -4,6 +4,7 @@
 //! effect. The checker, the interpreter and the reference pages read the same statics. To add a code, write its file
 //! and name it here and in the dialect's list.
 
+pub mod cycle_words;
 pub mod feed_words;
 pub mod g00_rapid;
 pub mod g01_linear;

@@ -1,0 +1,77 @@
+//! The words that fixed cycles have in common, and what a block with them does (D42).
+//!
+//! All levels are programmed positions. The initial level is Z where the cycle began, not where each of its blocks
+//! does: in the manual's examples the last hole returns with G98 to the level before the first one, and in G91 all
+//! holes have the same R and Z point.
+
+use tandem_model::alarm::FIXED_CYCLE_REFUSED;
+use tandem_model::flow::{AxisWords, Distance};
+use tandem_model::{Alarm, Axis};
+use tandem_syntax::Address;
+
+use super::{POSITION_MAX, WordSpec, axis_word};
+use crate::execution::Execution;
+use crate::fixed_cycles::{Expansion, Hole};
+use crate::meaning::ReturnLevel;
+
+/// X, Y, Z, R, P and K with their ranges (manual 2, utilities).
+pub static CYCLE_WORDS: [WordSpec; 6] = [
+    axis_word(Address::X),
+    axis_word(Address::Y),
+    WordSpec::new(Address::Z, "Z point", "mm", -POSITION_MAX, POSITION_MAX),
+    WordSpec::new(Address::R, "R point", "mm", -POSITION_MAX, POSITION_MAX),
+    WordSpec::new(Address::P, "dwell at the Z point", "ms", 0.0, 100_000_000.0),
+    WordSpec::new(Address::K, "number of repetitions", "", 0.0, 10_000.0).whole(),
+];
+
+/// Takes over the words of a block in the fixed cycle in force, and begins to give its steps.
+pub fn run(execution: &mut Execution<'_>, words: AxisWords) {
+    take_over(execution);
+    let kept = execution.modal().cycle;
+    let in_force = execution.modal().in_force.cycle.flatten();
+    let (Some(cycle), Some(z), Some(r)) = (in_force, kept.z, kept.r) else {
+        let text = "the fixed cycle has no Z point or no R point";
+        execution.refuse(Alarm::new(&FIXED_CYCLE_REFUSED, text));
+        return;
+    };
+    let initial = kept.initial.unwrap_or_else(|| initial_level(execution));
+    execution.modal_mut().cycle.initial = Some(initial);
+    let (r_point, z_point) = match words.distance {
+        Distance::Absolute => (r, z),
+        Distance::Incremental => (initial + r, initial + r + z),
+    };
+    let returns = execution.modal().in_force.return_level == Some(ReturnLevel::Initial);
+    let speed = execution.modal().spindle_speed_r_min;
+    let hole = Hole {
+        position: words,
+        r_point,
+        z_point,
+        initial: returns.then_some(initial),
+        dwell_s: kept.dwell_s.unwrap_or_default(),
+        spindle_speed_r_min: execution.limits().has_spindle.then_some(speed),
+        repetitions: kept.repetitions.unwrap_or(1),
+    };
+    execution.run_cycle(Expansion::new(cycle, hole));
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "the range has been checked, and a cast saturates"
+)]
+fn take_over(execution: &mut Execution<'_>) {
+    let (z, r) = (execution.length(Address::Z), execution.length(Address::R));
+    let dwell_s = execution.words().get(Address::P).map(|time| time / 1000.0);
+    let repetitions = execution.words().get(Address::K).map(|count| count as u16);
+    let kept = &mut execution.modal_mut().cycle;
+    kept.z = z.or(kept.z);
+    kept.r = r.or(kept.r);
+    kept.dwell_s = dwell_s.or(kept.dwell_s);
+    kept.repetitions = repetitions.or(kept.repetitions);
+}
+
+/// Z where the tool is, as a programmed position.
+fn initial_level(execution: &mut Execution<'_>) -> f64 {
+    let position = execution.position();
+    execution.modal().transform.inverse(position)[Axis::Z]
+}

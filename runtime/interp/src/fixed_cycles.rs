@@ -1,0 +1,293 @@
+//! Fixed cycles: one block becomes many items. A cycle is a list of steps; a block in it gives them one by one, as it
+//! may have thousands of repetitions.
+
+use tandem_model::flow::{Action, AxisWords, Distance, Frame, Tap, TapLeg, ThreadAhead};
+use tandem_model::limits::M_CODE_MAX;
+use tandem_model::plane::Turn;
+use tandem_model::{Axis, AxisSet, AxisVector};
+
+/// A fixed cycle.
+#[derive(Debug)]
+pub struct Cycle {
+    /// What messages call it, with its article.
+    pub name: &'static str,
+    /// What a block of it does in a coordinate system with a spindle.
+    pub with_spindle: Steps,
+    /// The same without one.
+    pub without_spindle: Steps,
+}
+
+/// The steps of one block of a cycle.
+#[derive(Debug, Clone, Copy)]
+pub struct Steps {
+    head: &'static [Step],
+    repetition: &'static [Step],
+    tail: &'static [Step],
+    outputs: MCodes,
+}
+
+/// A step of a cycle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Step {
+    /// The rapid to the position: all axis words but Z. In G91 each repetition goes on by the distance.
+    Position,
+    /// The rapid to the R point; where the cycle ends at the R point, in the first repetition only.
+    Approach,
+    /// A rapid to a level.
+    Rapid(Level),
+    /// A straight line to a level at the feedrate.
+    Linear(Level),
+    /// A way in the thread, to the Z point or back to the R point, with the spindle turning so.
+    Thread(TapLeg, Turn),
+    /// Rest for the time of P.
+    Dwell,
+    /// An M code without parameters, for whose reset the cycle waits as its setting says.
+    Output(u16),
+}
+
+/// A level of Z.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Level {
+    /// The R point.
+    RPoint,
+    /// The Z point.
+    ZPoint,
+    /// The initial level; no motion where the cycle ends at the R point.
+    Initial,
+    /// The level that the cycle ends at: the initial one or the R point.
+    Return,
+}
+
+/// A set of M codes, one bit each.
+type MCodes = [u64; M_CODE_MAX as usize / 64 + 1];
+
+impl PartialEq for Cycle {
+    fn eq(&self, other: &Self) -> bool {
+        std::ptr::eq(self, other)
+    }
+}
+
+impl Cycle {
+    /// The M codes that a block of it puts out, ascending; all that it may put out where it is not known whether there is
+    /// a spindle.
+    pub fn outputs(&self, has_spindle: Option<bool>) -> impl Iterator<Item = u16> {
+        let with = self
+            .with_spindle
+            .outputs
+            .map(|bits| (has_spindle != Some(false), bits));
+        let without = self
+            .without_spindle
+            .outputs
+            .map(|bits| (has_spindle != Some(true), bits));
+        (0..=M_CODE_MAX).filter(move |m| {
+            let (at, bit) = (usize::from(m / 64), 1 << (m % 64));
+            [with[at], without[at]]
+                .iter()
+                .any(|(counts, bits)| *counts && bits & bit != 0)
+        })
+    }
+
+    /// How the spindle turns into the hole of a cycle that cuts a thread; `None` for another one.
+    pub fn threads(&self) -> Option<Turn> {
+        self.with_spindle.repetition.iter().find_map(|step| match step {
+            Step::Thread(TapLeg::In, turn) => Some(*turn),
+            _ => None,
+        })
+    }
+}
+
+impl Steps {
+    /// Steps before the first repetition, of each repetition, and behind the last one.
+    ///
+    /// # Panics
+    /// With an M code above [`M_CODE_MAX`]; in a `static` that is an error of the compiler.
+    pub const fn new(head: &'static [Step], repetition: &'static [Step], tail: &'static [Step]) -> Self {
+        let mut outputs = [0; _];
+        let parts = [head, repetition, tail];
+        let mut part = 0;
+        while part < parts.len() {
+            let mut at = 0;
+            while at < parts[part].len() {
+                if let Step::Output(m) = parts[part][at] {
+                    assert!(m <= M_CODE_MAX, "no such M code");
+                    outputs[m as usize / 64] |= 1 << (m % 64);
+                }
+                at += 1;
+            }
+            part += 1;
+        }
+        Self {
+            head,
+            repetition,
+            tail,
+            outputs,
+        }
+    }
+}
+
+/// The words of a block in a cycle: all levels are programmed positions, mm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Hole {
+    /// The axis words; Z counts for nothing here.
+    pub(crate) position: AxisWords,
+    pub(crate) r_point: f64,
+    pub(crate) z_point: f64,
+    /// The initial level, where the cycle returns to it.
+    pub(crate) initial: Option<f64>,
+    pub(crate) dwell_s: f64,
+    /// S, r/min; `None` without a spindle.
+    pub(crate) spindle_speed_r_min: Option<f64>,
+    pub(crate) repetitions: u16,
+}
+
+/// What a step gives.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Given {
+    Motion(Action),
+    Output(u16),
+}
+
+/// The part of the steps that is given.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Part {
+    /// What a thread is going to do.
+    Ahead,
+    Head,
+    Repetition,
+    Tail,
+}
+
+/// One block of a cycle while it is given out.
+#[derive(Debug)]
+pub(crate) struct Expansion {
+    cycle: &'static Cycle,
+    hole: Hole,
+    part: Part,
+    /// The next step of the part.
+    at: usize,
+    repetition: u16,
+}
+
+impl Expansion {
+    pub(crate) fn new(cycle: &'static Cycle, mut hole: Hole) -> Self {
+        let named = hole.position.named;
+        hole.position.named = named.iter().filter(|axis| *axis != Axis::Z).collect();
+        hole.position.values[Axis::Z] = 0.0;
+        Self {
+            cycle,
+            hole,
+            part: Part::Ahead,
+            at: 0,
+            repetition: 0,
+        }
+    }
+
+    /// What comes next; `None` at the end.
+    pub(crate) fn advance(&mut self) -> Option<Given> {
+        if self.hole.repetitions == 0 {
+            return None;
+        }
+        if self.part == Part::Ahead {
+            self.part = Part::Head;
+            if let Some(turn) = self.cycle.threads() {
+                return Some(self.thread_ahead(turn));
+            }
+        }
+        loop {
+            let step = self.next_step()?;
+            if let Some(given) = self.given(step) {
+                return Some(given);
+            }
+        }
+    }
+
+    fn next_step(&mut self) -> Option<Step> {
+        let steps = match self.hole.spindle_speed_r_min {
+            Some(_) => &self.cycle.with_spindle,
+            None => &self.cycle.without_spindle,
+        };
+        loop {
+            let (part, following) = match self.part {
+                Part::Ahead | Part::Head => (steps.head, Part::Repetition),
+                Part::Repetition => (steps.repetition, Part::Tail),
+                Part::Tail => (steps.tail, Part::Tail),
+            };
+            if let Some(step) = part.get(self.at) {
+                self.at += 1;
+                return Some(*step);
+            }
+            if self.part == Part::Tail {
+                return None;
+            }
+            self.at = 0;
+            if self.part == Part::Repetition && self.repetition + 1 < self.hole.repetitions {
+                self.repetition += 1;
+            } else {
+                self.part = following;
+            }
+        }
+    }
+
+    /// What a step gives; `None`: nothing in this repetition.
+    fn given(&self, step: Step) -> Option<Given> {
+        let hole = &self.hole;
+        let action = match step {
+            Step::Output(m) => return Some(Given::Output(m)),
+            Step::Position if hole.position.named.is_empty() => return None,
+            Step::Position => Action::Rapid(hole.position),
+            Step::Approach if hole.initial.is_none() && self.repetition > 0 => return None,
+            Step::Approach => Action::Rapid(level(hole.r_point)),
+            Step::Rapid(to) => Action::Rapid(level(self.level(to)?)),
+            Step::Linear(to) => Action::Linear(level(self.level(to)?)),
+            Step::Thread(leg, turn) => Action::Tap(Box::new(self.tap(leg, turn))),
+            Step::Dwell => Action::Dwell {
+                dwell_s: hole.dwell_s,
+            },
+        };
+        Some(Given::Motion(action))
+    }
+
+    fn level(&self, level: Level) -> Option<f64> {
+        let hole = &self.hole;
+        match level {
+            Level::RPoint => Some(hole.r_point),
+            Level::ZPoint => Some(hole.z_point),
+            Level::Initial => hole.initial,
+            Level::Return => hole.initial.or(Some(hole.r_point)),
+        }
+    }
+
+    fn tap(&self, leg: TapLeg, turn: Turn) -> Tap {
+        Tap {
+            target: level(match leg {
+                TapLeg::In => self.hole.z_point,
+                TapLeg::Out => self.hole.r_point,
+            }),
+            leg,
+            turn,
+            spindle_speed_r_min: self.hole.spindle_speed_r_min,
+        }
+    }
+
+    fn thread_ahead(&self, turn: Turn) -> Given {
+        let hole = &self.hole;
+        Given::Motion(Action::ThreadAhead(Box::new(ThreadAhead {
+            position: hole.position,
+            repetitions: hole.repetitions,
+            r_point: level(hole.r_point),
+            tap: self.tap(TapLeg::In, turn),
+            initial: hole.initial.map(level),
+        })))
+    }
+}
+
+fn level(z: f64) -> AxisWords {
+    let mut values = AxisVector::ZERO;
+    values[Axis::Z] = z;
+    AxisWords {
+        values,
+        named: AxisSet::from_iter([Axis::Z]),
+        distance: Distance::Absolute,
+        frame: Frame::Work,
+    }
+}
