@@ -37,10 +37,11 @@ impl fmt::Display for ExternalBroker {
 }
 
 /// The broker that carries the topics.
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Default, Deserialize, Serialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum Broker {
     /// The runtime brings its own.
+    #[default]
     Embedded,
     /// One that runs elsewhere.
     External(ExternalBroker),

@@ -130,7 +130,7 @@ pub struct MotorConfig {
     #[schemars(range(min = RATE_MIN, max = RATE_MAX), extend("x-unit" = "units/s"))]
     pub skip_velocity: Option<f64>,
     /// Window for exact stop.
-    #[serde(default = "default_in_position")]
+    #[serde(default = "hundredth")]
     #[schemars(range(min = RATE_MIN, max = POSITION_MAX), extend("x-unit" = "units"))]
     pub in_position: f64,
     /// Lowest and highest machine position; without them there is no limit.
@@ -142,7 +142,7 @@ pub struct MotorConfig {
     #[schemars(inner(range(min = -POSITION_MAX, max = POSITION_MAX)), extend("x-unit" = "units"))]
     pub reference_points: [f64; 4],
     /// Time to come into position.
-    #[serde(default = "default_in_position_timeout_ms")]
+    #[serde(default = "number::<2000>")]
     #[schemars(range(min = RATE_MIN, max = TIME_MAX_MS), extend("x-unit" = "ms"))]
     pub in_position_timeout_ms: f64,
     /// Following error of the simulated drive as a time constant.
@@ -150,7 +150,7 @@ pub struct MotorConfig {
     #[schemars(range(min = 0.0, max = 10_000.0), extend("x-unit" = "ms"))]
     pub lag_ms: f64,
     /// Spindle: speed of orientation.
-    #[serde(default = "default_orientation_velocity")]
+    #[serde(default = "number::<100>")]
     #[schemars(range(min = RATE_MIN, max = RATE_MAX), extend("x-unit" = "r/min"))]
     pub orientation_velocity: f64,
     /// Spindle: position of orientation.
@@ -181,14 +181,17 @@ fn reference_points<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[f64; 
     )
 }
 
-fn default_in_position() -> f64 {
+/// A default that is a whole number.
+fn number<const VALUE: u32>() -> f64 {
+    f64::from(VALUE)
+}
+
+fn count<const VALUE: usize>() -> usize {
+    VALUE
+}
+
+fn hundredth() -> f64 {
     0.01
-}
-fn default_in_position_timeout_ms() -> f64 {
-    2000.0
-}
-fn default_orientation_velocity() -> f64 {
-    100.0
 }
 
 /// `[[coordinate_system]]`
@@ -207,7 +210,7 @@ pub struct CoordinateSystemConfig {
     /// Motor number of the spindle, if it has one.
     pub spindle: Option<u16>,
     /// Highest feedrate.
-    #[serde(default = "default_max_feedrate")]
+    #[serde(default = "number::<10_000>")]
     #[schemars(range(min = RATE_MIN, max = 1e9), extend("x-unit" = "units/min"))]
     pub max_feedrate: f64,
     /// Feedrate until a program sets F; 0: F must be programmed.
@@ -215,15 +218,15 @@ pub struct CoordinateSystemConfig {
     #[schemars(range(min = 0.0, max = 1e9), extend("x-unit" = "units/min"))]
     pub default_feedrate: f64,
     /// Acceleration time until a program sets ta.
-    #[serde(default = "default_ta_ms")]
+    #[serde(default = "number::<100>")]
     #[schemars(range(min = 0.0, max = 250_000.0), extend("x-unit" = "ms"))]
     pub default_ta_ms: f64,
     /// Deceleration time until a program sets td.
-    #[serde(default = "default_ta_ms")]
+    #[serde(default = "number::<100>")]
     #[schemars(range(min = 0.0, max = 250_000.0), extend("x-unit" = "ms"))]
     pub default_td_ms: f64,
     /// Jerk time until a program sets ts.
-    #[serde(default = "default_ts_ms")]
+    #[serde(default = "number::<50>")]
     #[schemars(range(min = 0.0, max = 125_000.0), extend("x-unit" = "ms"))]
     pub default_ts_ms: f64,
     /// What lengths of a program are read in at its start.
@@ -244,7 +247,7 @@ pub struct CoordinateSystemConfig {
     #[serde(default, with = "ShortBlockWord")]
     pub short_block: ShortBlock,
     /// How much too small the radius R of an arc may be.
-    #[serde(default = "default_in_position")]
+    #[serde(default = "hundredth")]
     #[schemars(range(min = 0.0, max = 1e6), extend("x-unit" = "mm"))]
     pub arc_radius_tolerance: f64,
     /// How much the radii at both ends of an arc may differ; 0: any difference makes a spiral.
@@ -258,19 +261,19 @@ pub struct CoordinateSystemConfig {
     #[serde(default, with = "OvercutWord")]
     pub overcut: Overcut,
     /// Time of a change of the override by 100 percent.
-    #[serde(default = "default_override_slew_ms")]
+    #[serde(default = "number::<1000>")]
     #[schemars(range(min = 1.0, max = 60_000.0), extend("x-unit" = "ms"))]
     pub override_slew_ms: f64,
     /// Time of a feed hold from 100 percent to rest.
-    #[serde(default = "default_hold_slew_ms")]
+    #[serde(default = "number::<200>")]
     #[schemars(range(min = 1.0, max = 60_000.0), extend("x-unit" = "ms"))]
     pub hold_slew_ms: f64,
     /// Blocks that are read ahead of the motion.
-    #[serde(default = "default_pre_read_blocks")]
+    #[serde(default = "count::<10_000>")]
     #[schemars(range(min = 16, max = 1_000_000))]
     pub pre_read_blocks: usize,
     /// Outputs open at the same time.
-    #[serde(default = "default_open_outputs_max")]
+    #[serde(default = "count::<64>")]
     #[schemars(range(min = 1, max = 1024))]
     pub open_outputs_max: usize,
     /// `G54` to `G59`: axis letter to offset.
@@ -286,28 +289,6 @@ fn dialect<'de, D: Deserializer<'de>>(deserializer: D) -> Result<&'static Dialec
 fn dialect_schema(_: &mut SchemaGenerator) -> Schema {
     let names: Vec<&str> = dialects::names().collect();
     json_schema!({ "type": "string", "enum": names, "default": dialects::nj().name })
-}
-
-fn default_max_feedrate() -> f64 {
-    10_000.0
-}
-fn default_ta_ms() -> f64 {
-    100.0
-}
-fn default_ts_ms() -> f64 {
-    50.0
-}
-fn default_override_slew_ms() -> f64 {
-    1000.0
-}
-fn default_hold_slew_ms() -> f64 {
-    200.0
-}
-fn default_pre_read_blocks() -> usize {
-    10_000
-}
-fn default_open_outputs_max() -> usize {
-    64
 }
 
 /// `[[tool]]`
@@ -362,7 +343,7 @@ pub struct SimulatedSkipConfig {
 }
 
 /// `[mqtt]`
-#[derive(Debug, Clone, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MqttConfig {
     /// `embedded`, or the address of an external one: `mqtt://host:1883`, `mqtts://host:8883`.
@@ -384,22 +365,6 @@ pub struct MqttConfig {
     pub prefix: String,
     /// What a program that waits for a reset does while the broker is lost.
     pub on_bus_loss: OnBusLoss,
-}
-
-impl Default for MqttConfig {
-    fn default() -> Self {
-        Self {
-            broker: Broker::Embedded,
-            listen: None,
-            username: None,
-            password_file: None,
-            ca_file: None,
-            client_cert_file: None,
-            client_key_file: None,
-            prefix: String::new(),
-            on_bus_loss: OnBusLoss::Continue,
-        }
-    }
 }
 
 /// `[http]`
