@@ -21,7 +21,7 @@ pub static RULES: &[(&str, &str)] = &[
     ("M1b.4", "With `short_block = \"shrink\"` F is kept where blocks are short: no ramp takes longer than either block beside it, `T' = min(T, L_i/v_i, L_(i+1)/v_(i+1))`. The jerk time gives way first: `ta' = min(ta, T')`, `ts' = T' - ta'`. With `\"extend\"` the ramps are kept, and the speed falls. A block that is alone keeps to M1a.5 with both."),
     ("M1c", "Where the motion stops"),
     ("M1c.1", "G61 stops in position at the end of each block. G64 is in force at the start; two blocks are blended only where both are in G64."),
-    ("M1c.2", "A chain ends at G00, at G04, at G09 and at the end of the program, where a tool length changes, before an M code that waits, and behind each 10000 blocks in a row that give nothing to do."),
+    ("M1c.2", "A chain ends at G00, G28, G30, G31, G04 and G09, at the end of the program, between G500 and G501, where a tool length changes, before an M code that waits, and behind each 10000 blocks in a row that give nothing to do."),
     ("M1c.3", "With G501 a block without movement ends it too, whatever words it has. With G500 such a block ends it only for one of the reasons of M1c.2. Empty lines, comments, skipped blocks and program codes are no blocks."),
     ("M1c.4", "G09 before the axis words stops before the motion of its block, behind them after it (D27)."),
     ("M1c.5", "In position is where the command rests and each motor is within `in_position` of it; a motor that is not after `in_position_timeout_ms` is an alarm."),
