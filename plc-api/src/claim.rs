@@ -1,4 +1,4 @@
-//! What a handler says of an output, and whether it counted: claims, and the reset at its end.
+//! Claims and resets of an output: each is sent again until the machine has answered, and the answer is judged here.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! A machine of paper for unit tests of handlers: a scripted [`Port`] over the ledger, with its own clock.
+//! A scripted machine for unit tests of handlers: a [`Port`] over the ledger, with its own clock.
 //!
 //! It makes outputs when told ([`FakePort::put_out`]), remembers how each ended ([`FakePort::closed`]) and what else
 //! was asked ([`FakePort::requests`]). Time stands still until [`FakePort::advance`]. Made for current-thread tokio

@@ -1,8 +1,9 @@
-//! The hub: last values of state topics, and bounded subscriptions to all topics.
+//! The hub: the latest value of each state topic, and bounded subscriptions to all topics.
 //!
-//! Publishing never waits for a subscriber. A slow subscriber is given the latest value of each state topic; of
-//! events it gets all, up to a limit: then the oldest are dropped, counted by [`Subscription::lost`] (see
-//! [`queue`](crate::queue)). What must not be lost is therefore also a state: open outputs stand in `m_code/pending`, alarms in `alarm/active`.
+//! Publishing never waits for a subscriber. A slow subscriber gets the latest value of each state topic. It gets all
+//! events up to a limit; beyond it the oldest are dropped and counted by [`Subscription::lost`] (see
+//! [`queue`](crate::queue)). Whatever must not be lost is therefore also a state: open outputs in `m_code/pending`,
+//! alarms in `alarm/active`.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};

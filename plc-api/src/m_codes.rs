@@ -1,4 +1,4 @@
-//! Which M codes there are for a sequence program.
+//! The M codes that a sequence program can serve.
 
 use std::ops::{Range, RangeInclusive};
 

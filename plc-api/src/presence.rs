@@ -1,6 +1,7 @@
-//! A handler of one name as the machine knows it, under the raw queue and under handlers of M codes: it is announced at
-//! each boot and after a last will that came late, takes claims back that a lost connection gave away, and all that it
-//! has claimed is given back when it has gone.
+//! The presence of a named handler at the machine, shared by the raw queue and by handlers of M codes.
+//!
+//! The handler is announced at each boot, and again after a last will that arrived late. Claims that a lost connection
+//! gave away are taken back. When the handler leaves, everything that it has claimed is given back.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::mem::replace;

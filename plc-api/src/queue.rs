@@ -1,7 +1,7 @@
-//! What waits for a slow reader: of each state the latest value, of events all in their order, up to a limit.
+//! Messages that wait for a slow reader: of each state the latest value, of events all in order, up to a limit.
 //!
-//! The latest value of a state takes the place of one that waits, so that `m_code/pending` comes before the output that it
-//! announces; but it never passes an event that explains it ([`Topic::explains`]): the cancel of an output comes before
+//! The latest value of a state replaces the one that waits, so `m_code/pending` comes before the output that it
+//! announces. It never overtakes an event that explains it ([`Topic::explains`]): the cancel of an output comes before
 //! the `pending` that no longer shows it.
 
 use std::collections::VecDeque;

@@ -1,10 +1,9 @@
 //! The scan-cycle style: a program that is run over and over at a fixed period, as in a PLC.
 //!
-//! Before each scan everything from outside is copied into an [`Image`]; outputs of the NC program stand there as flags
-//! with their parameters, beside state words, inputs, overrides, captured positions and what else the machine says. The
-//! scan reads flags and writes flags: a reset, a failure, an interlock, an override, a command. What it has written is
-//! carried out after the scan. Within a scan nothing in the image changes. Positions and variables are in the image
-//! where [`ScanProgram::reads`] asks for them.
+//! Before each scan the state of the machine is copied into an [`Image`]: outputs of the NC program as flags with their
+//! parameters, and state words, inputs, overrides and captured positions. The scan reads flags and writes flags: a
+//! reset, a failure, an interlock, an override, a command. Its writes are carried out after the scan. Within a scan
+//! nothing in the image changes. Positions and variables are in the image where [`ScanProgram::reads`] asks for them.
 //!
 //! Underneath are the same handshake, claims and cancels as for handlers: an output that is cancelled is off in the next
 //! image, and a reset never reaches another output than the one that the image shows.

@@ -1,4 +1,4 @@
-//! What a server end and the machine that it serves say to each other beside the interface. No client says any of it.
+//! Messages between a server end and the machine that it serves, beyond the interface. No client sends any of them.
 
 use crate::port::Port;
 

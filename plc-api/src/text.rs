@@ -1,4 +1,4 @@
-//! Texts that come from outside.
+//! Checks of texts that come from outside.
 
 use std::any::Any;
 

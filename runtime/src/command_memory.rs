@@ -1,4 +1,4 @@
-//! What has been commanded in the last minutes: a command that comes again gets its reply, and nothing is done twice.
+//! Memory of the commands of the last minutes: a repeated command gets its stored reply, and nothing is done twice.
 
 use std::collections::hash_map::DefaultHasher;
 use std::collections::{BTreeMap, VecDeque};

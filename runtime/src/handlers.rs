@@ -1,4 +1,4 @@
-//! Which handlers are there, and which M codes each serves.
+//! The registered handlers, and the M codes that each serves.
 
 use std::collections::BTreeMap;
 

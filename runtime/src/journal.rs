@@ -1,4 +1,5 @@
-//! The journal: what happened, in order. To the log and to `data_dir` when serving, to a file or a list in a simulation.
+//! The journal: every event, in order. It goes to the log and to `data_dir` when serving, to a file or a list in a
+//! simulation.
 
 use std::sync::{Arc, Mutex, PoisonError};
 

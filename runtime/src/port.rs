@@ -1,5 +1,5 @@
-//! The runtime's own [`Port`]: requests go to the task or the store that they concern, reads are answered from the
-//! hub and the servo's last cycle.
+//! The runtime's own [`Port`]: requests go to the task or to the store that they concern; reads are answered from the
+//! hub and from the last servo cycle.
 
 mod commands;
 mod data;

@@ -1,7 +1,7 @@
 //! The program store: NC programs by number, parsed and checked when they are written.
 //!
-//! With a folder, each program is a file `<number>.nc` in it, written beside and renamed, and on disk before the
-//! write is answered.
+//! With a folder, each program is a file `<number>.nc` in it, written under another name first and then renamed, and on
+//! disk before the write is answered.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;

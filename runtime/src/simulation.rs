@@ -1,6 +1,7 @@
-//! Simulated time: servo cycles are counted, as fast as the machine can, and one is counted only when no task is
-//! ready to run. All tasks run on one thread, so a run repeats byte for byte. What a cycle tells is most often for its
-//! coordinate system alone, such as the next block's start: then that has its turn here, and no task is woken.
+//! Simulated time: servo cycles are counted as fast as the computer can, and only when no task is ready to run.
+//!
+//! All tasks run on one thread, so a run repeats byte for byte. Most events of a cycle concern one coordinate system
+//! only, such as the start of the next block: that coordinate system has its turn here, and no task is woken.
 
 use std::future::Future;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};

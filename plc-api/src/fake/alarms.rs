@@ -1,4 +1,4 @@
-//! Alarms of a machine of paper.
+//! Alarms of the scripted machine.
 
 use super::requests::missing;
 use super::{FakePort, Inner};

@@ -1,4 +1,4 @@
-//! Variables, tools and work offsets of a machine of paper.
+//! Variables, tools and work offsets of the scripted machine.
 
 use std::collections::BTreeMap;
 

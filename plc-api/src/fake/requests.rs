@@ -1,4 +1,4 @@
-//! How a machine of paper answers requests.
+//! Answers of the scripted machine to requests.
 
 use std::time::Duration;
 

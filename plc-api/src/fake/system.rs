@@ -1,4 +1,4 @@
-//! The state word and the inputs of a coordinate system of paper: what follows from its outputs and from commands.
+//! The state word and the inputs of a scripted coordinate system, as they follow from its outputs and from commands.
 
 use std::collections::BTreeSet;
 

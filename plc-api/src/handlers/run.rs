@@ -1,4 +1,4 @@
-//! The loop of a sequence program: what the machine says, and the work on outputs.
+//! The loop of a sequence program: it listens to the machine and starts the work on outputs.
 
 use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};

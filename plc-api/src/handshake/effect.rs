@@ -1,4 +1,4 @@
-//! What goes into the ledger and what comes out of it.
+//! Inputs of the ledger, and the effects that it asks for.
 
 use std::time::SystemTime;
 

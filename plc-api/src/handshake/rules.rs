@@ -1,4 +1,4 @@
-//! The rules of the handshake, by the numbers that tests and comments name.
+//! The rules of the handshake, under the numbers that tests and comments cite.
 
 /// Number and text in Markdown, ascending.
 #[rustfmt::skip] // one row a line

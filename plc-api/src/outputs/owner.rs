@@ -1,4 +1,4 @@
-//! Who owns the outputs of a raw queue: a handler of one name, which the machine knows of.
+//! The owner of the outputs of a raw queue: a named handler that the machine knows.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

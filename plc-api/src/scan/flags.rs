@@ -1,4 +1,4 @@
-//! Outputs that are on while a scan program works on them.
+//! Outputs whose flags are on while a scan program works on them.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 

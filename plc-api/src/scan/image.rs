@@ -1,4 +1,4 @@
-//! The machine as one scan sees it.
+//! The image of the machine that one scan reads.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! How what a scan has written is carried out after the scan.
+//! Carries out after a scan what the scan has written.
 
 use std::collections::BTreeMap;
 use std::mem::take;

@@ -1,4 +1,4 @@
-//! What a scan has written.
+//! The writes of one scan.
 
 use std::collections::BTreeMap;
 use std::mem::discriminant;

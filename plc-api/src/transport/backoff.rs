@@ -1,4 +1,4 @@
-//! Waits between the tries of a connection.
+//! Delays between attempts to connect.
 
 use std::hash::{BuildHasher, RandomState};
 use std::time::Duration;

@@ -1,4 +1,4 @@
-//! Programs of the store and what checking says of them.
+//! Programs of the store, and the findings of a check.
 
 use serde::{Deserialize, Serialize};
 

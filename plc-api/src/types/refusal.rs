@@ -1,4 +1,4 @@
-//! Why a request is not carried out.
+//! The reason why a request is not carried out.
 
 use serde::{Deserialize, Serialize};
 

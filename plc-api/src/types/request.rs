@@ -1,4 +1,4 @@
-//! Everything that can be asked of a machine, and how it answers.
+//! Every request to a machine, and its answer.
 
 use std::collections::BTreeMap;
 

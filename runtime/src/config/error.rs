@@ -1,4 +1,4 @@
-//! What is wrong with a configuration, in words for the person who wrote it.
+//! Faults of a configuration, in words for the person who wrote it.
 
 use std::path::{Path, PathBuf};
 

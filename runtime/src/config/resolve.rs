@@ -1,4 +1,4 @@
-//! From the configuration's text to the settings that the stages take; all that does not fit is said at once.
+//! From the values of the configuration to the settings that the stages take; all faults are reported together.
 
 mod coordinate_system;
 mod motor;

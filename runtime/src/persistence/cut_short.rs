@@ -1,4 +1,4 @@
-//! What the operator is told of a run that the end of an earlier start of the runtime cut short.
+//! The report to the operator about a run that was cut short by the end of an earlier start of the runtime.
 
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::data::LastRun;

@@ -1,4 +1,4 @@
-//! What is kept, as plain data: compared with what is on disk, only what differs is written.
+//! The values to keep, as plain data: only what differs from the values on disk is written.
 
 use std::collections::BTreeMap;
 use std::io;

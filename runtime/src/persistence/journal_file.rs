@@ -1,7 +1,7 @@
-//! The journal on disk: a line of JSON for each event, in files of a bounded size, written by a thread of its own.
+//! The journal on disk: a line of JSON for each event, in files of bounded size, written by a thread of its own.
 //!
-//! `journal.jsonl` is the newest, `journal.1.jsonl` the one before it, and so on; the oldest is removed. A line that a
-//! kill has cut short is taken away when the journal is opened again, so every line is whole.
+//! `journal.jsonl` is the newest file, `journal.1.jsonl` the one before it, and so on; the oldest is removed. A line
+//! that was cut short by a kill is removed when the journal is opened again, so every line is whole.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Seek, SeekFrom, Write};

@@ -1,10 +1,11 @@
-//! What outlives the runtime: variables, tools, work offsets, the tool in the spindle, how the last run stands, and
-//! the journal.
+//! Everything that outlives the runtime: variables, tools, work offsets, the tool in the spindle, the state of the last
+//! run, and the journal.
 //!
-//! All but the journal is in one file of an embedded store (`store`), changed by whole transactions, so that a kill or a
-//! power cut at any moment leaves the state before or after one. A thread of its own (`state_writer`) looks at what has
-//! changed and writes it: neither motion nor the handshake waits for a disk. The journal (`journal_file`) is lines in
-//! files of a bounded size, written by another thread. NC programs are files of their own, see `program_store`.
+//! All but the journal is in one file of an embedded store (`store`), changed by whole transactions, so that a kill or
+//! a power cut at any moment leaves the state before or after one of them. A thread of its own (`state_writer`) looks
+//! for changes and writes them: neither motion nor the handshake waits for a disk. The journal (`journal_file`)
+//! consists of lines in files of bounded size, written by another thread. NC programs are files of their own, see
+//! `program_store`.
 
 mod cut_short;
 mod image;

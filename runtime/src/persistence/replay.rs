@@ -1,7 +1,7 @@
-//! What the journal knows of a run beyond what was kept of it: the journal is less far behind.
+//! What the journal knows about a run beyond the stored state: the journal lags behind less.
 //!
-//! A kill may come after an output was put out and before the next look of the state writer. The lines of the journal from then
-//! on tell of it, so that the operator is told of every M code on which a handler may have begun to work.
+//! A kill may come after an output was made and before the state writer looked again. The lines of the journal since
+//! then report it, so that the operator learns of every M code on which a handler may have begun to work.
 
 use plc_api::types::data::LastRun;
 use plc_api::types::output::{OutputState, PendingOutput, Timing};

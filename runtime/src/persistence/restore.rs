@@ -1,8 +1,8 @@
-//! What was kept meets the configuration when the runtime starts.
+//! The stored values are merged with the configuration when the runtime starts.
 //!
-//! Variables and the tool in the spindle are as they were kept. Of tools and work offsets the newer value counts, one by
-//! one: beside each table stands what the configuration said when it was written, so a value that the configuration
-//! says otherwise now was edited there since, and the configuration counts; every other is as it was kept.
+//! Variables and the tool in the spindle are restored as stored. Of tools and work offsets the newer value counts, one
+//! by one: next to each table the store keeps what the configuration said when it was written. A value that differs in
+//! today's configuration was edited there since, and the configuration counts; every other value is restored.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;

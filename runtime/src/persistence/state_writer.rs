@@ -1,4 +1,4 @@
-//! The thread that keeps what changes: it looks every [`INTERVAL`], and at once when somebody waits for it.
+//! The thread that stores changes: it looks every [`INTERVAL`], and at once when somebody waits for it.
 
 use std::io;
 use std::path::PathBuf;

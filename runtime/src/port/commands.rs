@@ -1,4 +1,4 @@
-//! Commands: known ones are answered again, old ones refused, the others go to the task.
+//! Commands: repeated ones are answered from memory, expired ones refused, all others go to the task.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! Requests for programs; one that runs is not changed.
+//! Requests for programs; a program that is running is not changed.
 
 use std::collections::BTreeSet;
 

@@ -1,5 +1,5 @@
-//! The stock sequence program: what the runtime does for an M code where no handler of the user's is registered.
-//! Pure: it tells what to do; the coordinate system does it and resets the output.
+//! The stock sequence program: what the runtime does for an M code for which no handler of the user is registered.
+//! Pure: it says what to do; the coordinate system does it and resets the output.
 
 use plc_api::types::output::OutputNotice;
 use plc_api::types::state::SpindleDirection;

@@ -1,4 +1,4 @@
-//! Carries a test out: the machine, its handlers and the script in simulated time, on a thread of their own.
+//! Runs a test: the machine, its handlers and the script in simulated time, on a thread of their own.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::mpsc as std_mpsc;

@@ -1,4 +1,4 @@
-//! What a run has shown.
+//! The record of a run, for the assertions of a test.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,4 @@
-//! Positions over time: what the servo commanded, sampled while a test runs.
+//! Positions over time: the commanded positions, sampled while a test runs.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};

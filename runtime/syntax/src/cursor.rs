@@ -1,4 +1,4 @@
-//! A place in the text that moves over blanks, comments, names and numbers.
+//! A position in the text that advances over blanks, comments, names and numbers.
 
 use tandem_model::Span;
 

@@ -1,4 +1,4 @@
-//! The table of diagnostics: every code that the lexer, the parser or the checker can answer.
+//! The table of diagnostics: every code that the lexer, the parser or the checker can report.
 
 use tandem_model::{Diagnostic, Severity, Span};
 

@@ -1,4 +1,4 @@
-//! The tokens of now: their file is read again when it has changed, so that a token is made or taken back without
+//! The tokens in force: their file is read again when it has changed, so that a token can be made or revoked without
 //! stopping the machine.
 
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! Branches and repetitions, laid flat: each part is a block that tells where the program goes on (manual 4-2).
+//! Branches and loops, flattened: each part is a block that says where the program continues (manual 4-2).
 
 use tandem_model::Span;
 

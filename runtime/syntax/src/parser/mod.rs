@@ -1,7 +1,7 @@
 //! From text to the program tree.
 //!
-//! A line is either a block of words or program codes. After an error the parser goes on with the next word, the end
-//! of the line, or the matching brace, whichever leaves one error for one cause.
+//! A line is either a block of words or program codes. After an error the parser continues with the next word, the end
+//! of the line, or the matching brace, whichever reports one error for one cause.
 
 mod control;
 mod expression;

@@ -1,4 +1,4 @@
-//! Assignments, and what all program codes have in common.
+//! Assignments, and the parts that all program codes share.
 
 use tandem_model::Span;
 

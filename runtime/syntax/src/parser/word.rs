@@ -1,4 +1,4 @@
-//! Words: an address and a number or an indirection; and names, which begin everything else.
+//! Words: an address with a number or an indirection. Names, with which everything else begins.
 
 use tandem_model::Span;
 
