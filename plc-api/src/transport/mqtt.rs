@@ -6,7 +6,6 @@
 
 mod address;
 mod outbox;
-mod outgoing;
 mod session;
 
 use std::collections::BTreeMap;
@@ -26,10 +25,10 @@ use crate::types::BootId;
 use crate::types::message::{Message, Payload};
 use crate::types::request::{Answer, Refusal, RefusalCode, Request};
 use crate::types::topic::{CsTopic, Topic};
+use crate::wire::mqtt::{Until, encode};
 
 use address::Address;
 use outbox::Outbox;
-use outgoing::{Until, outgoing};
 
 /// How long [`connect`] waits for the runtime.
 pub const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
@@ -217,7 +216,7 @@ impl Shared {
             Request::Handler(id, presence) => Some((id.clone(), presence.online)),
             _ => None,
         };
-        let outgoing = outgoing(request, &self.client_id, m_of)?;
+        let outgoing = encode(request, &self.client_id, m_of)?;
         if let Some((id, online)) = announced {
             self.announce(&id, online)?;
         }

@@ -1,11 +1,12 @@
 //! The wire as tables: every request of the machine with its routes and topics, written and read by the same rows.
 //!
 //! A [`Row`](row::Row) is one request: which right it needs, on which route and topic it goes, what it carries, and how it
-//! is read from there and written to there. Client transports write with [`rest::encode`], server ends read with
-//! the row that they serve. Pure: no sockets, no async.
+//! is read from there and written to there. Client transports write with [`rest::encode`] and [`mqtt::encode`], server ends
+//! read with the row of their route and with [`mqtt::decode`]. Pure: no sockets, no async.
 
 pub mod answer;
 mod json;
+pub mod mqtt;
 mod pattern;
 pub mod problem;
 mod requests;
@@ -18,3 +19,6 @@ pub mod states;
 pub use json::json_object;
 pub use pattern::percent_encoded;
 pub use requests::ROWS;
+
+#[cfg(test)]
+mod tests;

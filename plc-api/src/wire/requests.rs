@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use super::right::Right::{Administrate, Handle, Operate, Raise, Read, Reset};
 use super::route::Content::{Json, Text};
 use super::route::{Content, Headers, NO_CONTENT, Query, Route};
-use super::row::{Fault, IDEMPOTENCY_KEY, LEASE_FENCE, Parts, Received, Row, Topic};
+use super::row::{Envelope, Fault, IDEMPOTENCY_KEY, LEASE_FENCE, Parts, Received, Row, Topic};
 use crate::types::command::Command;
 use crate::types::data::{Number, VariableArea};
 use crate::types::lease::{LeaseRelease, LeaseRequest};
@@ -53,6 +53,20 @@ const fn topic(pattern: &'static str, right: super::right::Right, schema: &'stat
         right,
         retained: false,
         schema,
+        envelope: Envelope::Nothing,
+    }
+}
+
+/// A topic whose messages are answered on `reply/{client_id}`.
+const fn commanded(
+    pattern: &'static str,
+    right: super::right::Right,
+    schema: &'static str,
+    envelope: Envelope,
+) -> Topic {
+    Topic {
+        envelope,
+        ..topic(pattern, right, schema)
     }
 }
 
@@ -137,22 +151,22 @@ pub static ROWS: [Row; 36] = [
             command("/cs/{cs}/{verb=home}", "Returns axes to their reference points.", "HomeArgs"),
             command("/cs/{cs}/{verb=back_trace}", "Goes back along the passed path, or ends that.", "BackTraceArgs"),
         ],
-        topic: Some(topic("cs/{cs}/command/{verb}", Operate, "CommandMessage")),
+        topic: Some(commanded("cs/{cs}/command/{verb}", Operate, "CommandMessage", Envelope::Command)),
         read: |at| { at.cs()?; asked(&at, Command::parse(at.text("verb").unwrap_or_default(), &at.json()?).map_err(Fault::Invalid)?) },
         write: write!(Request::Command { cs, command, meta, wait } =>
             Parts::of(cs).with("verb", json!(command.verb()).as_str().unwrap_or_default()).json(&command.args()).meta(meta).waiting(wait)) },
     Row { routes: &[Route::post("/cs/{cs}/lease", Operate, "Takes the control lease, or renews it with its fence.", "LeaseTake", REPLY).headers(Headers::Key)],
-        topic: Some(topic("cs/{cs}/lease/take", Operate, "LeaseTakeMessage")),
+        topic: Some(commanded("cs/{cs}/lease/{verb=take}", Operate, "LeaseTakeMessage", Envelope::Lease)),
         read: |at| lease(&at, |at| at.json().map(LeaseRequest::Take)),
-        write: write!(Request::Lease { cs, request: LeaseRequest::Take(take), meta } => Parts::of(cs).json(&take).header(IDEMPOTENCY_KEY, meta.command_id)) },
+        write: write!(Request::Lease { cs, request: LeaseRequest::Take(take), meta } => Parts::of(cs).with("verb", "take").json(&take).header(IDEMPOTENCY_KEY, meta.command_id)) },
     Row { routes: &[Route::new("DELETE", "/cs/{cs}/lease", Some(Operate), "Gives the control lease back; Lease-Fence says which.", REPLY).headers(Headers::KeyAndFence)],
-        topic: Some(topic("cs/{cs}/lease/release", Operate, "LeaseReleaseMessage")),
+        topic: Some(commanded("cs/{cs}/lease/{verb=release}", Operate, "LeaseReleaseMessage", Envelope::Lease)),
         read: |at| lease(&at, release),
-        write: write!(Request::Lease { cs, request: LeaseRequest::Release(release), meta } => Parts::of(cs).header(IDEMPOTENCY_KEY, meta.command_id).header(LEASE_FENCE, release.fence)) },
+        write: write!(Request::Lease { cs, request: LeaseRequest::Release(release), meta } => Parts::of(cs).with("verb", "release").payload(&release).header(IDEMPOTENCY_KEY, meta.command_id).header(LEASE_FENCE, release.fence)) },
     Row { routes: &[Route::post("/cs/{cs}/lease/break", Administrate, "Ends the control lease, whoever holds it.", "NoArgs", REPLY).headers(Headers::Key)],
-        topic: Some(topic("cs/{cs}/lease/break", Administrate, "LeaseBreakMessage")),
+        topic: Some(commanded("cs/{cs}/lease/{verb=break}", Administrate, "LeaseBreakMessage", Envelope::Lease)),
         read: |at| lease(&at, |at| at.json().map(|_: Value| LeaseRequest::Break)),
-        write: write!(Request::Lease { cs, request: LeaseRequest::Break, meta } => Parts::of(cs).json(&json!({})).header(IDEMPOTENCY_KEY, meta.command_id)) },
+        write: write!(Request::Lease { cs, request: LeaseRequest::Break, meta } => Parts::of(cs).with("verb", "break").json(&json!({})).header(IDEMPOTENCY_KEY, meta.command_id)) },
     Row { routes: &[Route::get("/commands/{id}", "How far a command is.", REPLY)],
         topic: None,
         read: |at| Ok(Request::CommandStatus(at.text("id").unwrap_or_default().to_owned())),
@@ -161,17 +175,17 @@ pub static ROWS: [Row; 36] = [
             read("/variables/{kind=p}", "P variables.", VALUES).refusals(&[400, 413]),
             read("/cs/{cs}/variables/{kind=q}", "Q variables.", VALUES).refusals(&[400, 413]),
         ],
-        topic: Some(topic("cs/{cs}/variable/get", Operate, "VariableGet")),
+        topic: Some(commanded("cs/{cs}/variable/{verb=get}", Operate, "VariableGet", Envelope::Variables)),
         read: |at| Ok(Request::ReadVariables { area: area(&at)?, from: at.query.from, count: at.query.count.unwrap_or(1), meta: None }),
-        write: write!(Request::ReadVariables { area, from, count, .. } => of_area(area).query(format!("?from={from}&count={count}"))) },
+        write: write!(Request::ReadVariables { area, from, count, .. } => of_area(area, "get").query("from", from).query("count", count)) },
     Row { routes: &[
             Route::put("/variables/{kind=p}", Operate, "Sets P variables, all or none.", "VariableWrite").query(Query::Range),
             Route::put("/cs/{cs}/variables/{kind=q}", Operate, "Sets Q variables, all or none.", "VariableWrite").query(Query::Range),
         ],
-        topic: Some(topic("cs/{cs}/variable/set", Operate, "VariableSet")),
+        topic: Some(commanded("cs/{cs}/variable/{verb=set}", Operate, "VariableSet", Envelope::Variables)),
         read: |at| Ok(Request::WriteVariables { area: area(&at)?, from: at.query.from, values: values(&at)?, meta: None }),
         write: write!(Request::WriteVariables { area, from, values, .. } =>
-            of_area(area).query(format!("?from={from}")).json(&Values { values: values.into_iter().map(Number).collect() })) },
+            of_area(area, "set").query("from", from).json(&Values { values: values.into_iter().map(Number).collect() })) },
     Row { routes: &[Route::put("/motors/{number}/skip_input", Operate, "Sets the skip input of a motor; not real time.", "Switch")],
         topic: Some(topic("motor/{number}/skip_input/set", Operate, "Switch")),
         read: |at| Ok(Request::SkipInput(at.number("number")?, switch(&at)?)),
@@ -182,7 +196,7 @@ pub static ROWS: [Row; 36] = [
         write: write!(Request::RaiseAlarm(raise) => Parts::default().json(&raise)) },
     // to a REST server a frame of the WebSocket carries it
     Row { routes: &[],
-        topic: Some(Topic { pattern: "handler/{id}/presence", right: Handle, retained: true, schema: "HandlerPresence" }),
+        topic: Some(Topic { pattern: "handler/{id}/presence", right: Handle, retained: true, schema: "HandlerPresence", envelope: Envelope::Nothing }),
         read: |at| Ok(Request::Handler(at.text("id").unwrap_or_default().to_owned(), at.json()?)),
         write: write!(Request::Handler(id, presence) => Parts::default().with("id", id).json(&presence)) },
     Row { routes: &[Route::get("/handlers", "Handlers of auxiliary function outputs.", &[(200, Json("Handlers"))])],
@@ -216,7 +230,7 @@ pub static ROWS: [Row; 36] = [
     Row { routes: &[read("/journal", "The newest count lines of the journal but for the from newest, in the order of time.", &[(200, Json("JournalAnswer"))]).refusals(&[400, 404])],
         topic: None,
         read: |at| Ok(Request::Journal { from: at.query.from, count: at.query.count.unwrap_or(JOURNAL_LINES) }),
-        write: write!(Request::Journal { from, count } => Parts::default().query(format!("?from={from}&count={count}"))) },
+        write: write!(Request::Journal { from, count } => Parts::default().query("from", from).query("count", count)) },
     Row { routes: &[Route::get("/programs", "Programs of the store.", &[(200, Json("Programs"))])],
         topic: None,
         read: |_| Ok(Request::Programs),
@@ -327,12 +341,12 @@ fn skips(at: &Received<'_>) -> Result<BTreeMap<u8, bool>, Fault> {
 }
 
 fn set_skips(cs: u8, set: BTreeMap<u8, bool>) -> Parts {
-    match (set.len(), set.first_key_value()) {
-        (1, Some((number, value))) => {
-            set_input(cs, "optional_skip", &Toggle { value: *value }).with("number", number)
-        }
-        _ => set_input(cs, "optional_skip", &Skips { set }),
-    }
+    let parts = Parts::of(cs).with("input", "optional_skip");
+    let parts = match set.first_key_value() {
+        Some((number, value)) => parts.with("number", number).json(&Toggle { value: *value }),
+        None => parts,
+    };
+    parts.payload(&Skips { set })
 }
 
 fn area(at: &Received<'_>) -> Result<VariableArea, Fault> {
@@ -342,11 +356,12 @@ fn area(at: &Received<'_>) -> Result<VariableArea, Fault> {
     })
 }
 
-fn of_area(area: VariableArea) -> Parts {
-    match area {
+fn of_area(area: VariableArea, verb: &str) -> Parts {
+    let parts = match area {
         VariableArea::Global => Parts::default().with("kind", "p"),
         VariableArea::CoordinateSystem(cs) => Parts::of(cs).with("kind", "q"),
-    }
+    };
+    parts.with("verb", verb)
 }
 
 fn values(at: &Received<'_>) -> Result<Vec<f64>, Fault> {

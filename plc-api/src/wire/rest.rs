@@ -91,11 +91,22 @@ impl Row {
         headers.extend(parts.headers);
         Some(Exchange {
             method: route.method,
-            path: path + &parts.query,
+            path: path + &query(&parts.query),
             headers,
             body,
             answer,
         })
+    }
+}
+
+fn query(values: &[(&str, u32)]) -> String {
+    let values: Vec<_> = values
+        .iter()
+        .map(|(name, value)| format!("{name}={value}"))
+        .collect();
+    match values.join("&") {
+        none if none.is_empty() => none,
+        query => format!("?{query}"),
     }
 }
 

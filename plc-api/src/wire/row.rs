@@ -51,6 +51,20 @@ pub struct Topic {
     pub retained: bool,
     /// Form of its payload, by name of the schema.
     pub schema: &'static str,
+    /// What its payload says besides the request.
+    pub(super) envelope: Envelope,
+}
+
+/// What a payload says besides the request: who sends it, where the request is answered on `reply/{client_id}`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Envelope {
+    Nothing,
+    /// Fields of [`CommandMeta`]; the rest are `args`.
+    Command,
+    /// `command_id` and `client_id`.
+    Lease,
+    /// The same, with the letter of the variables and their range.
+    Variables,
 }
 
 impl Topic {
@@ -235,10 +249,12 @@ fn state_rev(tag: &str) -> Result<u64, Fault> {
 pub struct Parts {
     /// Values for the names in a path.
     pub(super) params: Vec<Param>,
-    /// Query of a route, from its `?` on.
-    pub(super) query: String,
+    /// Query of a route.
+    pub(super) query: Vec<(&'static str, u32)>,
     pub(super) headers: Vec<(&'static str, String)>,
     pub(super) body: Body,
+    /// Payload of its topic where that is not its body.
+    pub(super) payload: Option<Value>,
 }
 
 /// Body of a request.
@@ -290,8 +306,14 @@ impl Parts {
         self
     }
 
-    pub(super) fn query(mut self, query: String) -> Self {
-        self.query = query;
+    /// With the payload of its topic.
+    pub(super) fn payload(mut self, payload: &impl Serialize) -> Self {
+        self.payload = Some(json!(payload));
+        self
+    }
+
+    pub(super) fn query(mut self, name: &'static str, value: u32) -> Self {
+        self.query.push((name, value));
         self
     }
 
@@ -306,7 +328,7 @@ impl Parts {
 
     /// Whether to answer when it is done.
     pub(super) fn waiting(self, wait: bool) -> Self {
-        self.query(if wait { "?wait=1" } else { "" }.to_owned())
+        if wait { self.query("wait", 1) } else { self }
     }
 
     /// With the id of a command and its condition.

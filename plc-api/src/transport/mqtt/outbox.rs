@@ -11,7 +11,7 @@ use crate::types::output::HandshakeStatus;
 use crate::types::request::{Answer, Refusal, RefusalCode};
 use crate::types::topic::{CsTopic, Topic};
 
-use super::outgoing::{Outgoing, Until};
+use crate::wire::mqtt::{Outgoing, Until};
 
 /// Messages that wait at a time; a request beyond is refused. Reason: 64 open outputs in each of 8 coordinate systems
 /// with a claim or reset each, twice.

@@ -6,8 +6,7 @@ use std::task::Poll;
 use std::time::SystemTime;
 
 use plc_api::server::{ServedPort, ServerNotice};
-use plc_api::types::command::{CommandMeta, CommandReply, CommandStatus};
-use plc_api::types::data::VariableArea;
+use plc_api::types::command::{CommandReply, CommandStatus};
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::request::{Refusal, RefusalCode, Request};
 use plc_api::types::topic::{CsTopic, Topic};
@@ -15,8 +14,8 @@ use plc_api::types::{CoordinateSystemNumber, Timestamp};
 use tokio::sync::{Semaphore, mpsc};
 use tracing::warn;
 
-use super::inbound::Inbound;
 use crate::metrics::{Metrics, add};
+use plc_api::wire::mqtt::{Inbound, sender};
 use plc_api::wire::problem::code_word;
 
 /// Requests that may be unanswered; more are refused, but for hold, stop and abort.
@@ -137,20 +136,5 @@ impl Dispatch {
         if self.replies.try_send(reply).is_err() {
             warn!("too many rejected MQTT commands at once; one reply was dropped");
         }
-    }
-}
-
-/// Who sent a request that is answered on `reply/{client_id}`, and to which coordinate system; 0: to all.
-fn sender(request: &Request) -> Option<(CoordinateSystemNumber, &CommandMeta)> {
-    match request {
-        Request::Command { cs, meta, .. } | Request::Lease { cs, meta, .. } => Some((*cs, meta)),
-        Request::ReadVariables { area, meta, .. } | Request::WriteVariables { area, meta, .. } => {
-            let cs = match area {
-                VariableArea::Global => 0,
-                VariableArea::CoordinateSystem(cs) => *cs,
-            };
-            meta.as_ref().map(|meta| (cs, meta))
-        }
-        _ => None,
     }
 }

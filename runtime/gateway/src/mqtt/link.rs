@@ -11,6 +11,7 @@ use plc_api::types::Timestamp;
 use plc_api::types::machine::Presence;
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::topic::{CsTopic, Topic};
+use plc_api::wire::mqtt::decode;
 use tokio::sync::mpsc;
 use tokio::time::{Instant, Interval};
 use tokio_util::sync::CancellationToken;
@@ -18,12 +19,10 @@ use tracing::{info, warn};
 
 use super::Parts;
 use super::dispatch::Dispatch;
-use super::inbound;
 use super::outbox::{Handed, Outbox, Parcel};
 use super::wire::{self, Heard, Lost, Version, Will, Wire};
 use crate::broker_address::{BrokerAddress, Refused};
-use crate::contract::topics::inbound_topics;
-use crate::contract::topics::is_inbound;
+use crate::contract::topics::{inbound_topics, is_inbound};
 use crate::metrics::{Metrics, add};
 use crate::position::{every, is_position};
 
@@ -363,7 +362,7 @@ impl Link {
     async fn take(&mut self, topic: &str, payload: &[u8], retained: bool) {
         add(&self.metrics.mqtt_received, 1);
         if let Some(path) = topic.strip_prefix(&self.parts.root) {
-            self.dispatch.take(inbound::read(path, payload, retained)).await;
+            self.dispatch.take(decode(path, payload, retained)).await;
         }
     }
 

@@ -1,11 +1,10 @@
 //! MQTT end: everything that the port says goes out, everything that the interface takes comes in.
 //!
-//! [`Outbox`](outbox::Outbox) remembers what the broker has still to be told, [`inbound`] reads what it tells us,
+//! [`Outbox`](outbox::Outbox) remembers what the broker has still to be told, [`decode`](plc_api::wire::mqtt::decode) reads what it tells us,
 //! [`dispatch`] asks the port, [`link`] holds the connection, and [`wire`] speaks to
 //! the broker. Nothing here ever holds up the port.
 
 mod dispatch;
-pub(crate) mod inbound;
 mod link;
 mod outbox;
 mod wire;

@@ -1,16 +1,17 @@
-use plc_api::types::BootId;
-use plc_api::types::lease::{LeaseRelease, LeaseRequest, LeaseTake};
-use plc_api::types::machine::AlarmRaise;
-use plc_api::types::output::{
+use crate::claim::reset_of;
+use crate::types::BootId;
+use crate::types::lease::{LeaseRelease, LeaseRequest, LeaseTake};
+use crate::types::machine::AlarmRaise;
+use crate::types::output::{
     Claim, HandlerPresence, ProgressReport, Redeliver, Redelivery, Reset, ResetResult,
 };
-use plc_api::types::request::{OverrideChange, SpindleCommand};
-use plc_api::types::state::SpindleDirection;
+use crate::types::request::{Input, OverrideChange, SpindleCommand};
+use crate::types::state::{Lock, SpindleDirection};
 
 use super::*;
 
 fn ask(path: &str, payload: &str) -> Request {
-    match read(path, payload.as_bytes(), false) {
+    match decode(path, payload.as_bytes(), false) {
         Inbound::Ask { request, .. } => request,
         other => panic!("{path}: {other:?}"),
     }
@@ -144,7 +145,7 @@ fn what_is_asked_of_the_control_lease_comes_in_or_is_rejected_with_words() {
             RefusalCode::Invalid,
         ),
     ] {
-        let read = read(&format!("cs/1/lease/{what}"), payload.as_bytes(), retained);
+        let read = decode(&format!("cs/1/lease/{what}"), payload.as_bytes(), retained);
         assert!(
             matches!(&read, Inbound::Reject { refusal, .. } if refusal.code == code),
             "{what} {payload}: {read:?}"
@@ -214,7 +215,7 @@ fn inputs_and_settings_come_in() {
 fn hold_stop_and_abort_are_urgent_and_others_are_not() {
     let payload = br#"{"command_id":"c","client_id":"hmi","args":{"program":1}}"#;
     for verb in ["load", "start", "hold", "resume", "stop", "reset", "abort"] {
-        match read(&format!("cs/1/command/{verb}"), payload, false) {
+        match decode(&format!("cs/1/command/{verb}"), payload, false) {
             Inbound::Ask {
                 urgent,
                 request: Request::Command { meta, wait, .. },
@@ -229,7 +230,7 @@ fn hold_stop_and_abort_are_urgent_and_others_are_not() {
 
 #[test]
 fn a_malformed_command_is_answered_when_its_sender_can_be_read() {
-    let code_of = |verb: &str, payload: &str, retained: bool| match read(
+    let code_of = |verb: &str, payload: &str, retained: bool| match decode(
         &format!("cs/1/command/{verb}"),
         payload.as_bytes(),
         retained,
@@ -282,7 +283,7 @@ fn variables_are_read_and_written_by_range_under_a_command_id() {
             meta
         }
     );
-    let code_of = |path: &str, text: &str, retained| match read(path, text.as_bytes(), retained) {
+    let code_of = |path: &str, text: &str, retained| match decode(path, text.as_bytes(), retained) {
         Inbound::Reject { refusal, .. } => refusal.code,
         other => panic!("{other:?}"),
     };
@@ -301,7 +302,7 @@ fn a_skip_input_names_its_motor() {
         urgent: false,
     };
     assert_eq!(
-        read("motor/3/skip_input/set", br#"{"value":true}"#, false),
+        decode("motor/3/skip_input/set", br#"{"value":true}"#, false),
         expected
     );
 }
@@ -319,12 +320,12 @@ fn an_alarm_is_raised_for_one_coordinate_system_or_for_all() {
             urgent: true,
         };
         assert_eq!(
-            read("alarm/raise", payload.as_bytes(), false),
+            decode("alarm/raise", payload.as_bytes(), false),
             expected,
             "{payload}"
         );
         assert!(matches!(
-            read("alarm/raise", payload.as_bytes(), true),
+            decode("alarm/raise", payload.as_bytes(), true),
             Inbound::Drop(_)
         ));
     }
@@ -356,9 +357,117 @@ fn what_names_nobody_or_is_retained_is_dropped_with_a_reason() {
         ("cs/1/command/start", large.as_str(), false),
         ("elsewhere", "{}", false),
     ] {
-        match read(path, payload.as_bytes(), retained) {
+        match decode(path, payload.as_bytes(), retained) {
             Inbound::Drop(text) => assert!(text.contains("refused"), "{text}"),
             other => panic!("{path}: {other:?}"),
         }
     }
+}
+
+fn sent(request: Request) -> (String, Value, bool) {
+    let outgoing = encode(request, "plc-1", |_, _| None).unwrap();
+    (
+        outgoing.path,
+        serde_json::from_str(&outgoing.payload).unwrap(),
+        outgoing.retain,
+    )
+}
+
+#[test]
+fn requests_have_the_topics_and_payloads_of_section_4() {
+    let reset = reset_of(&BootId("b".into()), 7, "h", None);
+    let json = json!({"boot_id": "b", "seq": 7, "handler_id": "h", "result": "ok"});
+    assert_eq!(
+        sent(Request::Reset(2, Some(100), reset)),
+        ("cs/2/m_code/100/reset".to_owned(), json, false)
+    );
+    let gone = HandlerPresence {
+        online: false,
+        handles: Vec::new(),
+        validates: false,
+    };
+    let json = json!({"online": false, "handles": [], "validates": false});
+    assert_eq!(
+        sent(Request::Handler("h".into(), gone)),
+        ("handler/h/presence".to_owned(), json, true)
+    );
+    let skip = Input::OptionalSkip([(3, true)].into());
+    assert_eq!(
+        sent(Request::Input(1, skip)),
+        (
+            "cs/1/input/optional_skip/set".to_owned(),
+            json!({"set": {"3": true}}),
+            false
+        )
+    );
+    assert_eq!(
+        sent(Request::Tool(1, 4)),
+        ("cs/1/tool/set".to_owned(), json!({"id": 4}), false)
+    );
+    assert_eq!(
+        sent(Request::SkipInput(3, true)),
+        ("motor/3/skip_input/set".to_owned(), json!({"value": true}), false)
+    );
+    let raise = AlarmRaise {
+        cs: None,
+        code: 20,
+        text: "low".into(),
+    };
+    let json = json!({"cs": null, "code": 20, "text": "low"});
+    assert_eq!(
+        sent(Request::RaiseAlarm(raise)),
+        ("alarm/raise".to_owned(), json, false)
+    );
+}
+
+#[test]
+fn a_command_is_replied_to_the_connection_that_sends_it() {
+    let meta = CommandMeta {
+        command_id: "c1".into(),
+        client_id: "other".into(),
+        ..CommandMeta::default()
+    };
+    let command = Command::Load { program: 12 };
+    let request = Request::Command {
+        cs: 1,
+        command,
+        meta,
+        wait: true,
+    };
+    let json = json!({"command_id": "c1", "client_id": "plc-1", "args": {"program": 12}});
+    assert_eq!(sent(request), ("cs/1/command/load".to_owned(), json, false));
+}
+
+#[test]
+fn variables_are_read_and_written_under_a_command_id_of_the_connection() {
+    let meta = |id: &str| {
+        Some(CommandMeta {
+            command_id: id.into(),
+            client_id: "other".into(),
+            ..CommandMeta::default()
+        })
+    };
+    let get = Request::ReadVariables {
+        area: VariableArea::CoordinateSystem(2),
+        from: 10,
+        count: 3,
+        meta: meta("v1"),
+    };
+    let json = json!({"command_id": "v1", "client_id": "plc-1", "kind": "Q", "from": 10, "count": 3});
+    assert_eq!(sent(get), ("cs/2/variable/get".to_owned(), json, false));
+    let set = Request::WriteVariables {
+        area: VariableArea::Global,
+        from: 0,
+        values: vec![1.5, f64::INFINITY],
+        meta: meta("v2"),
+    };
+    let json =
+        json!({"command_id": "v2", "client_id": "plc-1", "kind": "P", "from": 0, "values": [1.5, "inf"]});
+    assert_eq!(sent(set), ("cs/1/variable/set".to_owned(), json, false));
+}
+
+#[test]
+fn what_mqtt_does_not_carry_is_refused() {
+    let refusal = encode(Request::Programs, "c", |_, _| None).unwrap_err();
+    assert_eq!(refusal.code, RefusalCode::NotSupported);
 }

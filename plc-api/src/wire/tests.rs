@@ -1,0 +1,411 @@
+//! What is written on a wire is read there as it was: for requests of every row, on every transport that carries them.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+
+use proptest::prelude::*;
+
+use super::pattern::take_apart;
+use super::row::{QueryValues, Received, Sender};
+use super::{ROWS, mqtt, rest};
+use crate::types::command::{Command, CommandMeta, Expect};
+use crate::types::data::{ToolChange, ToolData, VariableArea, WorkOffsetTable};
+use crate::types::lease::{LeaseRelease, LeaseRequest, LeaseTake};
+use crate::types::machine::AlarmRaise;
+use crate::types::output::{
+    Claim, HandledCode, HandlerPresence, ProgressReport, Redeliver, Redelivery, Reset, ResetResult,
+};
+use crate::types::question::{Ask, OperatorAnswer, ValidateResult};
+use crate::types::request::{Input, OverrideChange, Request, SpindleCommand};
+use crate::types::state::{Lock, SpindleDirection};
+use crate::types::{BootId, Timestamp};
+
+const CLIENT: &str = "plc-1";
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Transport {
+    Rest,
+    Mqtt,
+}
+use Transport::{Mqtt, Rest};
+
+/// Which transports carry a request. Complete, since a request that is missing here does not compile.
+fn carried(request: &Request) -> &'static [Transport] {
+    match request {
+        Request::Command { .. }
+        | Request::Lease { .. }
+        | Request::Claim(..)
+        | Request::Reset(..)
+        | Request::Progress(..)
+        | Request::Redeliver(..)
+        | Request::Ask(..)
+        | Request::AnswerQuestion(..)
+        | Request::Input(..)
+        | Request::Spindle(..)
+        | Request::Tool(..)
+        | Request::SkipInput(..)
+        | Request::ReadVariables { .. }
+        | Request::WriteVariables { .. }
+        | Request::RaiseAlarm(_) => &[Rest, Mqtt],
+        // over REST a frame of the WebSocket carries them
+        Request::ValidateResult(..) | Request::Handler(..) => &[Mqtt],
+        Request::CommandStatus(_)
+        | Request::Handlers
+        | Request::Tools
+        | Request::WriteTools(_)
+        | Request::WorkOffsets(_)
+        | Request::WriteWorkOffsets(..)
+        | Request::LastRun(_)
+        | Request::Journal { .. }
+        | Request::Programs
+        | Request::ReadProgram(_)
+        | Request::WriteProgram(..)
+        | Request::DeleteProgram(_)
+        | Request::CheckProgram(_)
+        | Request::IntermediateCode(_)
+        | Request::AlarmHistory => &[Rest],
+    }
+}
+
+fn number() -> impl Strategy<Value = f64> {
+    prop_oneof![
+        (-1_000_000..1_000_000).prop_map(|number| f64::from(number) / 8.0),
+        Just(f64::INFINITY),
+        Just(f64::NEG_INFINITY)
+    ]
+}
+
+fn finite() -> impl Strategy<Value = f64> {
+    (1..1_000_000).prop_map(|number| f64::from(number) / 8.0)
+}
+
+fn text() -> impl Strategy<Value = String> {
+    "\\PC{0,12}"
+}
+
+/// A command's identity and condition, as far as the transport carries it.
+fn meta(transport: Transport) -> impl Strategy<Value = CommandMeta> {
+    let ids = (
+        "[ -~]{1,12}",
+        proptest::option::of(any::<u64>()),
+        proptest::option::of(any::<u64>()),
+    );
+    ids.prop_map(move |(command_id, state_rev, number)| CommandMeta {
+        command_id,
+        client_id: CLIENT.into(),
+        issued_at: number
+            .filter(|_| transport == Mqtt)
+            .map(|_| Timestamp("2026-01-01T00:00:00Z".into())),
+        ttl_ms: number.filter(|_| transport == Mqtt),
+        expect: state_rev.map(|rev| Expect {
+            boot_id: (transport == Mqtt).then(|| BootId("b".into())),
+            state_rev: Some(rev),
+        }),
+        fence: number,
+    })
+}
+
+fn id_only(meta: CommandMeta) -> CommandMeta {
+    CommandMeta {
+        command_id: meta.command_id,
+        client_id: meta.client_id,
+        ..CommandMeta::default()
+    }
+}
+
+fn command() -> impl Strategy<Value = Command> {
+    prop_oneof![
+        any::<u16>().prop_map(|program| Command::Load { program }),
+        Just(Command::Start),
+        Just(Command::Hold),
+        Just(Command::Resume),
+        any::<bool>().prop_map(|on| Command::BackTrace { on }),
+        Just(Command::Stop),
+        Just(Command::Abort),
+        Just(Command::Reset),
+        any::<u64>().prop_map(|id| Command::AlarmAcknowledge { id }),
+        "G0[0-3] X[1-9]".prop_map(|text| Command::Mdi { text }),
+        (finite(), proptest::option::of(finite()), "[a-z]{1,8}").prop_map(
+            |(velocity, distance, refresh_id)| {
+                Command::Jog {
+                    axis: 'X',
+                    velocity,
+                    distance,
+                    refresh_id,
+                }
+            }
+        ),
+        proptest::collection::vec(proptest::char::range('A', 'Z'), 0..4)
+            .prop_map(|axes| Command::Home { axes }),
+    ]
+}
+
+/// A request of an output: where, which, and two texts.
+type Output = (u8, Option<u16>, u64, String, String);
+
+fn output(transport: Transport) -> impl Strategy<Value = Output> {
+    let output = (1..=255_u8, any::<u16>(), any::<u64>(), text(), text());
+    output.prop_map(move |(cs, m, seq, id, said)| (cs, (transport == Mqtt).then_some(m), seq, id, said))
+}
+
+#[rustfmt::skip]
+fn of_outputs(transport: Transport) -> impl Strategy<Value = Request> {
+    let boot_id = || BootId("b".into());
+    (output(transport), proptest::option::of(text()), 0..4).prop_map(move |((cs, m, seq, handler_id, said), text, which)| match which {
+        0 => Request::Claim(cs, m, Claim { boot_id: boot_id(), seq, handler_id }),
+        1 => {
+            let (result, code, force) = (ResetResult::Fault, text.as_ref().map(|_| 7), Some(true));
+            Request::Reset(cs, m, Reset { boot_id: boot_id(), seq, handler_id, result, code, text, force })
+        }
+        2 => Request::Progress(cs, m, ProgressReport { boot_id: boot_id(), seq, handler_id, text: said, percent: text.map(|_| 12.5) }),
+        _ => Request::Redeliver(cs, m, Redeliver { boot_id: boot_id(), seq, how: Redelivery::Verify }),
+    })
+}
+
+#[rustfmt::skip]
+fn of_questions(transport: Transport) -> impl Strategy<Value = Request> {
+    let boot_id = || BootId("b".into());
+    (output(transport), proptest::option::of(text()), 0..3).prop_map(move |((cs, m, seq, id, said), text, which)| match which {
+        0 => Request::Ask(cs, m, Ask {
+            boot_id: boot_id(), seq, handler_id: id.clone(), question_id: id, text: said, choices: text.into_iter().collect(),
+        }),
+        1 => Request::AnswerQuestion(cs, m, OperatorAnswer { boot_id: boot_id(), seq, question_id: id, choice: said, client_id: text }),
+        _ => Request::ValidateResult(cs, m, ValidateResult { request_id: id, handler_id: said, ok: text.is_none(), text }),
+    })
+}
+
+fn of_inputs(transport: Transport) -> impl Strategy<Value = Request> {
+    let skips = if transport == Rest { 1..2_usize } else { 0..5 };
+    let skips = proptest::collection::btree_map(1..=31_u8, any::<bool>(), skips);
+    let common = (
+        1..=255_u8,
+        any::<u16>(),
+        any::<bool>(),
+        text(),
+        skips,
+        finite(),
+        0..10,
+    );
+    common.prop_map(|(cs, number, value, text, skips, speed, which)| {
+        let lock = Lock { value, text };
+        let change = OverrideChange {
+            feed: Some(speed),
+            rapid: None,
+            spindle: value.then_some(speed),
+        };
+        match which {
+            0 => Request::Input(cs, Input::OptionalSkip(skips)),
+            1 => Request::Input(cs, Input::OptionalStop(value)),
+            2 => Request::Input(cs, Input::SingleBlock(value)),
+            3 => Request::Input(cs, Input::DryRun(value)),
+            4 => Request::Input(cs, Input::Interlock(lock)),
+            5 => Request::Input(cs, Input::StartLock(lock)),
+            6 => Request::Input(cs, Input::Override(change)),
+            7 => Request::Spindle(
+                cs,
+                SpindleCommand {
+                    direction: SpindleDirection::Ccw,
+                    rpm: speed,
+                },
+            ),
+            8 => Request::Tool(cs, number),
+            _ => Request::SkipInput(number, value),
+        }
+    })
+}
+
+fn of_data(transport: Transport) -> impl Strategy<Value = Request> {
+    let area = prop_oneof![
+        Just(VariableArea::Global),
+        (1..=255_u8).prop_map(VariableArea::CoordinateSystem)
+    ];
+    let values = proptest::collection::vec(number(), 1..5);
+    let common = (
+        area,
+        any::<u32>(),
+        any::<u32>(),
+        values,
+        meta(transport),
+        finite(),
+        0..9,
+    );
+    common.prop_map(move |(area, from, count, values, meta, value, which)| {
+        let meta = (transport == Mqtt).then(|| id_only(meta));
+        let axes = BTreeMap::from([("X".to_owned(), value)]);
+        let table = WorkOffsetTable {
+            work_offsets: [("G54".to_owned(), axes)].into(),
+        };
+        match which {
+            0 => Request::ReadVariables {
+                area,
+                from,
+                count,
+                meta,
+            },
+            1 => Request::WriteVariables {
+                area,
+                from,
+                values,
+                meta,
+            },
+            2 => Request::Tools,
+            3 => Request::WriteTools(ToolChange {
+                tools: vec![ToolData {
+                    id: 3,
+                    radius: value,
+                    length: 0.5,
+                }],
+                remove: vec![4],
+            }),
+            4 => Request::WorkOffsets(7),
+            5 => Request::WriteWorkOffsets(7, table),
+            6 => Request::LastRun(255),
+            7 => Request::AlarmHistory,
+            _ => Request::Journal { from, count },
+        }
+    })
+}
+
+#[rustfmt::skip]
+fn of_machine() -> impl Strategy<Value = Request> {
+    let parts = (any::<u16>(), text(), proptest::option::of(any::<u8>()), "[a-z0-9]{1,8}", any::<bool>(), 0..10);
+    parts.prop_map(|(number, text, cs, id, online, which)| match which {
+        0 => Request::Programs,
+        1 => Request::ReadProgram(number),
+        2 => Request::WriteProgram(number, text),
+        3 => Request::DeleteProgram(number),
+        4 => Request::CheckProgram(number),
+        5 => Request::IntermediateCode(number),
+        6 => Request::RaiseAlarm(AlarmRaise { cs, code: number, text }),
+        7 => Request::Handler(id, HandlerPresence { online, handles: vec![HandledCode { cs: 1, m: number }], validates: !online }),
+        8 => Request::CommandStatus(text + "/ %?"),
+        _ => Request::Handlers,
+    })
+}
+
+#[rustfmt::skip]
+fn of_commands(transport: Transport) -> impl Strategy<Value = Request> {
+    let commands = (1..=255_u8, command(), meta(transport), any::<bool>());
+    let commands = commands.prop_map(move |(cs, command, meta, wait)| Request::Command { cs, command, meta, wait: wait && transport == Rest });
+    let leases = (1..=255_u8, proptest::option::of(text()), any::<u64>(), meta(transport), 0..3);
+    let leases = leases.prop_map(move |(cs, holder, fence, meta, which)| {
+        let (request, mut meta) = match which {
+            0 => (LeaseRequest::Take(LeaseTake { holder, ttl_ms: Some(fence), fence: Some(fence) }), id_only(meta)),
+            1 => (LeaseRequest::Release(LeaseRelease { fence }), id_only(meta)),
+            _ => (LeaseRequest::Break, id_only(meta)),
+        };
+        // the header that names the lease is that of a condition, too
+        meta.fence = (transport == Rest && which == 1).then_some(fence);
+        Request::Lease { cs, request, meta }
+    });
+    prop_oneof![commands, leases]
+}
+
+fn any_request(transport: Transport) -> impl Strategy<Value = Request> {
+    let of_outputs = prop_oneof![of_outputs(transport), of_questions(transport)];
+    prop_oneof![
+        of_outputs,
+        of_inputs(transport),
+        of_data(transport),
+        of_machine(),
+        of_commands(transport)
+    ]
+}
+
+struct Head(Vec<(&'static str, String)>);
+
+impl Sender for Head {
+    fn header(&self, name: &str) -> Option<&str> {
+        let mut headers = self.0.iter();
+        headers
+            .find(|(known, _)| *known == name)
+            .map(|(_, value)| value.as_str())
+    }
+
+    fn client_id(&self) -> String {
+        CLIENT.to_owned()
+    }
+
+    fn new_command_id(&self) -> String {
+        unreachable!("a client names its commands")
+    }
+}
+
+fn decoded(level: &str) -> String {
+    let mut bytes = Vec::new();
+    let mut rest = level.as_bytes();
+    while let [first, others @ ..] = rest {
+        let hex = others
+            .get(..2)
+            .filter(|_| *first == b'%')
+            .and_then(|hex| std::str::from_utf8(hex).ok());
+        bytes.push(hex.map_or(*first, |hex| u8::from_str_radix(hex, 16).unwrap()));
+        rest = if hex.is_some() { &others[2..] } else { others };
+    }
+    String::from_utf8(bytes).unwrap()
+}
+
+/// A request as a server reads it from HTTP. `cs` is what the server knows of an alarm.
+fn read_rest(exchange: rest::Exchange, cs: u8) -> Request {
+    let (path, query) = exchange.path.split_once('?').unwrap_or((&exchange.path, ""));
+    let routes = ROWS
+        .iter()
+        .flat_map(|row| row.routes.iter().map(move |route| (row, route)));
+    let mut of_path = routes.filter_map(|(row, route)| Some((row, route, take_apart(route.pattern, path)?)));
+    let (row, _, params) = of_path
+        .find(|(_, route, _)| route.method == exchange.method)
+        .unwrap();
+    let cs = cs.to_string();
+    let decoded: Vec<_> = params
+        .iter()
+        .map(|(name, value)| (*name, decoded(value)))
+        .collect();
+    let mut params: Vec<_> = decoded
+        .iter()
+        .map(|(name, value)| (*name, value.as_str()))
+        .collect();
+    if params.iter().any(|(name, _)| *name == "id") {
+        params.push(("cs", &cs));
+    }
+    let value = |name: &str| {
+        let mut values = query.split('&').filter_map(|value| value.split_once('='));
+        values
+            .find(|(known, _)| *known == name)
+            .map(|(_, value)| value.to_owned())
+    };
+    let received = Received {
+        params: &params,
+        body: Cow::Owned(exchange.body.unwrap_or_default().into_bytes()),
+        query: QueryValues {
+            from: value("from").map_or(0, |from| from.parse().unwrap()),
+            count: value("count").map(|count| count.parse().unwrap()),
+            wait: value("wait"),
+        },
+        sender: Some(&Head(exchange.headers)),
+    };
+    (row.read)(received).unwrap()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(2_000))]
+
+    #[test]
+    fn a_request_over_rest_is_read_as_it_was_written(request in any_request(Rest)) {
+        let cs = if let Request::Command { cs, .. } = &request { *cs } else { 0 };
+        match rest::encode(request.clone()) {
+            Ok(exchange) => prop_assert_eq!(read_rest(exchange, cs), request),
+            Err(_) => prop_assert!(!carried(&request).contains(&Rest), "{:?}", request),
+        }
+    }
+
+    #[test]
+    fn a_request_over_mqtt_is_read_as_it_was_written(request in any_request(Mqtt)) {
+        match mqtt::encode(request.clone(), CLIENT, |_, _| None) {
+            Ok(sent) => match mqtt::decode(&sent.path, sent.payload.as_bytes(), sent.retain) {
+                mqtt::Inbound::Ask { request: read, .. } => prop_assert_eq!(read, request),
+                other => prop_assert!(false, "{:?}", other),
+            },
+            Err(_) => prop_assert!(!carried(&request).contains(&Mqtt), "{:?}", request),
+        }
+    }
+}
