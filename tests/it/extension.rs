@@ -1,11 +1,12 @@
 //! What users add, through the public API only: a handler, a transport, a G code in a dialect of their own, drives; and what
-//! else is added in few places: a configuration key, a card of the HMI.
+//! else is added in few places: a configuration key, a request, a card of the HMI.
 
 mod configuration_key;
 mod drive_bus;
 mod g_code;
 mod handler;
 mod hmi_card;
+mod request;
 mod transport;
 
 use std::path::PathBuf;

@@ -70,12 +70,7 @@ impl FakePort {
             Request::LastRun(_) => Ok(Answer::LastRun(None)),
             Request::Journal { .. } => Ok(Answer::Journal(Vec::new())),
             Request::Programs => Ok(Answer::Programs(Vec::new())),
-            Request::CommandStatus(_)
-            | Request::ReadProgram(_)
-            | Request::WriteProgram(..)
-            | Request::DeleteProgram(_)
-            | Request::CheckProgram(_)
-            | Request::IntermediateCode(_) => {
+            _ => {
                 let text = "the fake machine does not do this";
                 Err(Refusal::new(RefusalCode::NotSupported, text))
             }

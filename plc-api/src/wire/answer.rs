@@ -13,7 +13,7 @@ use crate::types::machine::AlarmRecord;
 use crate::types::output::{HandlerPresence, HandshakeResult, HandshakeStatus};
 use crate::types::program::{ProgramCheck, ProgramInfo};
 use crate::types::refusal::{Refusal, RefusalCode};
-use crate::types::request::{Answer, Request};
+use crate::types::request::Answer;
 
 /// How the answer of a request crosses REST.
 #[derive(Debug, Clone, PartialEq)]
@@ -93,53 +93,6 @@ struct Accepted {
 }
 
 impl AnswerForm {
-    /// How a request is answered; `None` for what REST does not carry.
-    pub fn of(request: &Request) -> Option<Self> {
-        let handshake = |seq, handler_id: &str| AnswerForm::Handshake {
-            seq,
-            handler_id: handler_id.to_owned(),
-            is_answer: false,
-        };
-        Some(match request {
-            Request::Command { wait, .. } => AnswerForm::Command { wait: *wait },
-            Request::Lease { .. } => AnswerForm::Lease,
-            Request::CommandStatus(_) => AnswerForm::Status,
-            Request::Claim(_, _, claim) => handshake(claim.seq, &claim.handler_id),
-            Request::Reset(_, _, reset) => handshake(reset.seq, &reset.handler_id),
-            Request::Ask(_, _, ask) => handshake(ask.seq, &ask.handler_id),
-            Request::AnswerQuestion(_, _, answer) => AnswerForm::Handshake {
-                seq: answer.seq,
-                handler_id: answer.client_id.clone().unwrap_or_default(),
-                is_answer: true,
-            },
-            Request::ReadVariables { area, from, .. } => AnswerForm::Variables {
-                kind: area.kind(),
-                from: *from,
-            },
-            Request::Tools => AnswerForm::Tools,
-            Request::WorkOffsets(_) => AnswerForm::WorkOffsets,
-            Request::LastRun(_) => AnswerForm::LastRun,
-            Request::Journal { .. } => AnswerForm::Journal,
-            Request::Programs => AnswerForm::Programs,
-            Request::ReadProgram(_) | Request::IntermediateCode(_) => AnswerForm::ProgramText,
-            Request::WriteProgram(..) | Request::CheckProgram(_) => AnswerForm::Check,
-            Request::Handlers => AnswerForm::Handlers,
-            Request::AlarmHistory => AnswerForm::Alarms,
-            Request::Progress(..)
-            | Request::Redeliver(..)
-            | Request::Input(..)
-            | Request::Spindle(..)
-            | Request::Tool(..)
-            | Request::SkipInput(..)
-            | Request::WriteVariables { .. }
-            | Request::WriteTools(_)
-            | Request::WriteWorkOffsets(..)
-            | Request::DeleteProgram(_)
-            | Request::RaiseAlarm(_) => AnswerForm::Nothing,
-            Request::ValidateResult(..) | Request::Handler(..) => return None,
-        })
-    }
-
     /// The answer as it goes out.
     ///
     /// # Errors

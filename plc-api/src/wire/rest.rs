@@ -37,22 +37,20 @@ pub fn encode(request: Request) -> Result<Exchange, Refusal> {
     {
         return unsupported("REST sets one block skip number at a time".to_owned());
     }
-    let Some(answer) = AnswerForm::of(&request) else {
-        return unsupported(format!("REST has no route for this request: {request:?}"));
-    };
     let mut request = request;
-    for row in &ROWS {
+    for row in ROWS.iter().filter(|row| !row.routes.is_empty()) {
+        let answer = (row.answer)(&request);
         match (row.write)(request) {
             Ok(parts) => {
-                let Some(exchange) = row.exchange(parts, answer) else {
-                    break;
-                };
-                return Ok(exchange);
+                let text = "the interface has no route for this request";
+                return row
+                    .exchange(parts, answer)
+                    .ok_or_else(|| Refusal::new(RefusalCode::NotSupported, text));
             }
             Err(other) => request = other,
         }
     }
-    unsupported("REST has no route for this request".to_owned())
+    unsupported(format!("REST has no route for this request: {request:?}"))
 }
 
 /// The exchange that reads a state; `None` for one that has no route.

@@ -7,6 +7,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 
+use super::answer::AnswerForm;
 use super::json::json_object_with;
 use super::pattern::{self, Param};
 use super::right::Right;
@@ -36,6 +37,8 @@ pub struct Row {
     pub topic: Option<Topic>,
     /// Reads it from a route or from a topic.
     pub read: fn(Received<'_>) -> Result<Request, Fault>,
+    /// How it is answered over REST.
+    pub answer: fn(&Request) -> AnswerForm,
     /// What a route or topic says of it; another request is given back.
     pub write: fn(Request) -> Result<Parts, Request>,
 }

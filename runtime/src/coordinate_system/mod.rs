@@ -468,24 +468,7 @@ impl CoordinateSystem {
                 self.publish_tool();
                 Ok(Answer::Done)
             }
-            Request::Command { .. }
-            | Request::CommandStatus(_)
-            | Request::Handlers
-            | Request::ReadVariables { .. }
-            | Request::WriteVariables { .. }
-            | Request::Tools
-            | Request::WriteTools(_)
-            | Request::WorkOffsets(_)
-            | Request::WriteWorkOffsets(..)
-            | Request::LastRun(_)
-            | Request::Journal { .. }
-            | Request::Programs
-            | Request::ReadProgram(_)
-            | Request::WriteProgram(..)
-            | Request::DeleteProgram(_)
-            | Request::CheckProgram(_)
-            | Request::IntermediateCode(_)
-            | Request::AlarmHistory => Err(Refusal::new(
+            _ => Err(Refusal::new(
                 RefusalCode::NotSupported,
                 "not a request to a coordinate system",
             )),

@@ -84,7 +84,7 @@ pub(super) async fn serve(
         // as large as an upload
         permit = shared.uploads.acquire().await.ok();
     }
-    let form = AnswerForm::of(&request).ok_or_else(unexpected)?;
+    let form = (row.answer)(&request);
     let reply = match request {
         Request::Command { .. } => carry_out(&shared, request, &form).await?,
         request => form.encode(shared.ask(request).await?)?,
