@@ -24,6 +24,7 @@ pub use effect::{Closed, Effect, Full, Now, OpenOutput, OutputSpec};
 
 use crate::alarm::Alarm;
 use crate::text::cut;
+use crate::types::ids::{CLIENT_ID_MAX, is_client_id};
 use crate::types::output::{
     Cancel, CancelReason, Claim, HandshakeResult, HandshakeStatus, OutputNotice, OutputState, Pending,
     Progress, ProgressReport, Redeliver, Redelivery, Reset, ResetResult,
@@ -33,9 +34,6 @@ use crate::types::request::Refusal;
 use crate::types::{BootId, Timestamp};
 
 use closed::{ClosedOutputs, Fate};
-
-/// Characters of a handler id. A longer one never owns an output (H18).
-pub const HANDLER_ID_MAX: usize = 64;
 
 /// Characters of a progress text; a longer one is cut there: it is one line of a panel.
 pub const PROGRESS_TEXT_MAX: usize = 200;
@@ -124,7 +122,7 @@ impl Ledger {
         let found = self.find(&claim.boot_id, claim.seq, m);
         let status = match found {
             Err(status) => status,
-            Ok(_) if !valid_id(&claim.handler_id) => HandshakeStatus::NotOwner,
+            Ok(_) if !is_client_id(&claim.handler_id) => HandshakeStatus::NotOwner,
             Ok(place) => self.claim_open(now, place, &claim.handler_id),
         };
         self.answer(m, claim.seq, &claim.handler_id, status)
@@ -139,7 +137,7 @@ impl Ledger {
         let (force, output) = (reset.force == Some(true), &self.open[place]);
         let owner = output.handler_id.as_deref();
         let foreign = owner.is_some_and(|owner| owner != reset.handler_id);
-        if !valid_id(&reset.handler_id) || (foreign && !force) {
+        if !is_client_id(&reset.handler_id) || (foreign && !force) {
             return self.answer(m, reset.seq, &reset.handler_id, HandshakeStatus::NotOwner);
         }
         let output_m = output.notice.m;
@@ -456,7 +454,7 @@ impl Ledger {
         status: HandshakeStatus,
     ) -> HandshakeResult {
         let mut handler_id = handler_id.to_owned();
-        cut(&mut handler_id, HANDLER_ID_MAX);
+        cut(&mut handler_id, CLIENT_ID_MAX);
         let result = HandshakeResult {
             seq,
             handler_id,
@@ -481,14 +479,10 @@ impl Ledger {
     }
 }
 
-fn valid_id(handler_id: &str) -> bool {
-    !handler_id.is_empty() && handler_id.chars().nth(HANDLER_ID_MAX).is_none()
-}
-
 fn fault_alarm(m: u16, reset: &Reset) -> Alarm {
     let text = reset.text.clone().unwrap_or_else(|| {
         let mut handler_id = reset.handler_id.clone();
-        cut(&mut handler_id, HANDLER_ID_MAX);
+        cut(&mut handler_id, CLIENT_ID_MAX);
         format!("M{m} failed; {handler_id} gave no reason")
     });
     Alarm::user(reset.code.unwrap_or(0), text)

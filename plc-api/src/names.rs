@@ -3,7 +3,7 @@
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use crate::handshake::HANDLER_ID_MAX;
+use crate::types::ids::check_client_id;
 
 /// A name that no other process and no other call has.
 pub(crate) fn unique_name(kind: &str) -> String {
@@ -16,6 +16,6 @@ pub(crate) fn unique_name(kind: &str) -> String {
 
 /// What is wrong with the name of a handler, in words.
 pub(crate) fn mistake_in_id(id: &str) -> Option<String> {
-    let is_wrong = id.is_empty() || id.chars().count() > HANDLER_ID_MAX || id.contains(['/', '+', '#']);
-    is_wrong.then(|| format!("handler_id {id:?}: write 1 to {HANDLER_ID_MAX} characters without / + #"))
+    let checked = check_client_id(&format!("handler_id {id:?}"), id);
+    checked.err().map(|refusal| refusal.text)
 }

@@ -14,6 +14,7 @@ use plc_api::hub::{Filter, Subscription};
 use plc_api::port::{BoxFuture, Port};
 use plc_api::server::{ServedPort, ServerNotice, ServoTiming};
 use plc_api::types::command::{Command, CommandMeta};
+use plc_api::types::ids::check_client_id;
 use plc_api::types::machine::{AlarmRaise, AlarmRecord, AlarmSeverity};
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::output::HandlerPresence;
@@ -27,9 +28,6 @@ use crate::coordinate_system::Handle;
 use crate::handlers::TooMany;
 use crate::persistence::{LastRuns, StateWriter};
 use crate::shared::Shared;
-
-/// Characters of a client id and of a handler id: they are MQTT topic levels.
-const CLIENT_ID_MAX: usize = 64;
 
 /// M codes that one handler may say it serves: all of them in every coordinate system.
 const HANDLED_CODES_MAX: usize = 8 * 192;
@@ -109,7 +107,7 @@ impl RuntimePort {
     }
 
     async fn handler(&self, id: String, presence: HandlerPresence) -> Result<Answer, Refusal> {
-        check_id("handler_id", &id)?;
+        check_client_id("handler_id", &id)?;
         if presence.handles.len() > HANDLED_CODES_MAX {
             let text = format!("a handler serves at most {HANDLED_CODES_MAX} M codes");
             return Err(Refusal::new(RefusalCode::TooLarge, text));
@@ -281,15 +279,6 @@ impl RuntimePort {
             Request::AlarmHistory => Ok(Answer::Alarms(self.shared.alarm_history())),
         }
     }
-}
-
-fn check_id(what: &str, id: &str) -> Result<(), Refusal> {
-    let length = id.chars().count();
-    if length == 0 || length > CLIENT_ID_MAX || id.contains(['/', '+', '#', '\0']) {
-        let text = format!("{what}: write 1 to {CLIENT_ID_MAX} characters without / + #");
-        return Err(Refusal::new(RefusalCode::Invalid, text));
-    }
-    Ok(())
 }
 
 impl Port for RuntimePort {

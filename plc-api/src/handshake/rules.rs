@@ -20,5 +20,5 @@ pub static RULES: &[(&str, &str)] = &[
     ("H15", "A reset under feed hold is taken, and the program goes on after the resume."),
     ("H16", "M02, M30 and M99 of a main program end it when every output of the run has ended (D32)."),
     ("H17", "An output whose M code no handler has follows `unhandled`: an alarm, waiting, or a reset by the stock sequence program."),
-    ("H18", "The id of a handler has 1 to 64 characters; with another one it never owns anything."),
+    ("H18", "The id of a handler has 1 to 64 characters without `/ + #`; with another one it never owns anything."),
 ];

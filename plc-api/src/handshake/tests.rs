@@ -283,7 +283,7 @@ fn d34_a_cancel_tells_every_handler_once_and_queued_outputs_none() {
 fn h18_texts_and_ids_from_outside_are_limited() {
     let mut ledger = ledger();
     let seq = made(&mut ledger, 1);
-    let long_id = "h".repeat(HANDLER_ID_MAX + 1);
+    let long_id = "h".repeat(CLIENT_ID_MAX + 1);
     assert_eq!(claim(&mut ledger, seq, &long_id), HandshakeStatus::NotOwner);
     assert_eq!(claim(&mut ledger, seq, ""), HandshakeStatus::NotOwner);
     claim(&mut ledger, seq, "h");

@@ -9,31 +9,40 @@ const MAX: Duration = Duration::from_secs(5);
 
 /// How long the next wait is.
 #[derive(Debug)]
-pub(super) struct Backoff {
+pub struct Backoff {
     next: Duration,
 }
 
-impl Backoff {
-    pub(super) fn new() -> Self {
+impl Default for Backoff {
+    fn default() -> Self {
         Self { next: FIRST }
-    }
-
-    /// The connection was there: the next wait is the first one again.
-    pub(super) fn reset(&mut self) {
-        self.next = FIRST;
-    }
-
-    /// Waits before the next try.
-    pub(super) async fn wait(&mut self) {
-        tokio::time::sleep(jittered(self.next)).await;
-        self.next = (self.next * 2).min(MAX);
     }
 }
 
-/// From half to one and a half of it, so that the clients of a machine that comes back do not all come at once.
+impl Backoff {
+    /// The connection was there: the next wait is the first one again.
+    pub fn reset(&mut self) {
+        self.next = FIRST;
+    }
+
+    /// How long to wait before the next try: half to the whole of 100 ms, of the double each time, and at most of 5 s.
+    pub fn next_wait(&mut self) -> Duration {
+        let wait = jittered(self.next);
+        self.next = (self.next * 2).min(MAX);
+        wait
+    }
+
+    /// Waits before the next try.
+    #[cfg(any(feature = "mqtt", feature = "rest"))]
+    pub(super) async fn wait(&mut self) {
+        tokio::time::sleep(self.next_wait()).await;
+    }
+}
+
+/// Half to the whole of it, so that not all come back at once to a machine or broker that comes back.
 fn jittered(wait: Duration) -> Duration {
     let random = RandomState::new().hash_one(0_u8) % 1000;
-    wait / 2 + wait.mul_f64(random as f64 / 1000.0)
+    wait.mul_f64(0.5 + random as f64 / 2000.0)
 }
 
 #[cfg(test)]
@@ -41,16 +50,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_wait_is_jittered_between_half_and_one_and_a_half() {
+    fn a_wait_is_jittered_between_half_and_whole() {
         for _ in 0..100 {
             let wait = jittered(MAX);
-            assert!(wait >= MAX / 2 && wait <= MAX * 3 / 2, "{wait:?}");
+            assert!(wait >= MAX / 2 && wait <= MAX, "{wait:?}");
         }
     }
 
     #[tokio::test(start_paused = true)]
     async fn waits_double_up_to_the_longest_and_begin_again_after_a_connection() {
-        let mut backoff = Backoff::new();
+        let mut backoff = Backoff::default();
         for _ in 0..10 {
             backoff.wait().await;
         }

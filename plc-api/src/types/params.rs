@@ -48,38 +48,3 @@ impl From<[Option<f64>; 8]> for Params {
         }
     }
 }
-
-impl Params {
-    /// VA.
-    pub fn a(&self) -> Option<f64> {
-        self.a
-    }
-    /// VB.
-    pub fn b(&self) -> Option<f64> {
-        self.b
-    }
-    /// VC.
-    pub fn c(&self) -> Option<f64> {
-        self.c
-    }
-    /// VD.
-    pub fn d(&self) -> Option<f64> {
-        self.d
-    }
-    /// VE.
-    pub fn e(&self) -> Option<f64> {
-        self.e
-    }
-    /// VF.
-    pub fn f(&self) -> Option<f64> {
-        self.f
-    }
-    /// VG.
-    pub fn g(&self) -> Option<f64> {
-        self.g
-    }
-    /// VH.
-    pub fn h(&self) -> Option<f64> {
-        self.h
-    }
-}

@@ -2,6 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
+/// Bytes of one program's text; more are refused as `too_large`.
+pub const PROGRAM_BYTES_MAX: usize = 64 * 1024 * 1024;
+
 /// One program of the store.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]

@@ -9,10 +9,11 @@ use serde_json::{Map, Value, json};
 use super::json::json_object;
 use super::pattern::{fill, take_apart};
 use super::requests::ROWS;
-use super::row::{Body, COMMAND_ID_MAX, Envelope, Fault, Parts, QueryValues, Received, Row, Topic, number};
+use super::row::{Body, Envelope, Fault, Parts, QueryValues, Received, Row, Topic, number};
 use crate::names::unique_name;
 use crate::types::command::{Command, CommandMeta, Expect};
 use crate::types::data::{Number, VariableArea, VariableKind};
+use crate::types::ids::{COMMAND_ID_MAX, check_command, is_client_id};
 use crate::types::lease::{LeaseRelease, LeaseRequest, LeaseTake};
 use crate::types::output::{Claim, ProgressReport, Redeliver, Reset};
 use crate::types::question::{Ask, OperatorAnswer};
@@ -314,12 +315,7 @@ fn sent<T: DeserializeOwned>(
 ) -> Result<T, Refusal> {
     let sent = json_object(payload).map_err(|error| invalid(text_of(Fault::Json(error))))?;
     let (client_id, command_id) = ids(&sent);
-    check_client_id(client_id).map_err(invalid)?;
-    if !(1..=COMMAND_ID_MAX).contains(&command_id.chars().count()) {
-        return Err(invalid(format!(
-            "command_id: write 1 to {COMMAND_ID_MAX} characters"
-        )));
-    }
+    check_command(client_id, command_id)?;
     match retained {
         None => Ok(sent),
         Some(what) => {
@@ -458,7 +454,7 @@ fn reject(cs: CoordinateSystemNumber, payload: &[u8], refusal: Refusal) -> Inbou
     let value: Value = serde_json::from_slice(payload).unwrap_or_default();
     let text = |key: &str| value.get(key).and_then(Value::as_str).unwrap_or_default();
     let (client_id, command_id) = (text("client_id"), text("command_id"));
-    if check_client_id(client_id).is_ok() {
+    if is_client_id(client_id) {
         Inbound::Reject {
             cs,
             client_id: client_id.to_owned(),
@@ -468,14 +464,6 @@ fn reject(cs: CoordinateSystemNumber, payload: &[u8], refusal: Refusal) -> Inbou
     } else {
         let text = refusal.text;
         Inbound::Drop(format!("MQTT command refused, and nobody to tell: {text}"))
-    }
-}
-
-fn check_client_id(client_id: &str) -> Result<(), String> {
-    if (1..=64).contains(&client_id.chars().count()) && !client_id.contains(['/', '+', '#', '\0']) {
-        Ok(())
-    } else {
-        Err("client_id: write 1 to 64 characters without / + #".to_owned())
     }
 }
 

@@ -14,10 +14,8 @@ use super::right::Right;
 use super::route::Route;
 use crate::types::CoordinateSystemNumber;
 use crate::types::command::{CommandMeta, Expect};
+use crate::types::ids::COMMAND_ID_MAX;
 use crate::types::request::Request;
-
-/// Characters of a command id.
-pub const COMMAND_ID_MAX: usize = 128;
 
 /// Header with the id of a command.
 pub(super) const IDEMPOTENCY_KEY: &str = "idempotency-key";

@@ -22,7 +22,7 @@ async fn an_output_is_a_flag_with_parameters_and_a_reset_is_written_as_one() {
     let seen = Arc::new(Mutex::new(Vec::new()));
     let noted = Arc::clone(&seen);
     let program = SequenceProgram::new().scan([20, 21], ms(10), move |image: &mut Image| {
-        let flag = image.params(1, 20).and_then(Params::a);
+        let flag = image.params(1, 20).and_then(|params| params.a);
         noted.lock().unwrap().push((image.time_s(), flag));
         if image.scans() >= 3 {
             image.reset(1, 20);

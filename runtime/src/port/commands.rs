@@ -5,16 +5,14 @@ use std::time::Duration;
 use plc_api::execution::word;
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::command::{Command, CommandMeta, CommandReply, CommandStatus};
+use plc_api::types::ids::check_command;
 use plc_api::types::lease::LeaseRequest;
 use plc_api::types::message::Payload;
 use plc_api::types::request::{Answer, Refusal, RefusalCode, Request};
 use plc_api::types::topic::{CsTopic, Topic};
 
-use super::{RuntimePort, check_id};
+use super::RuntimePort;
 use crate::command_memory::{Asked, Recalled};
-
-/// Characters of a command id.
-const COMMAND_ID_MAX: usize = 128;
 
 impl RuntimePort {
     pub(super) async fn command(
@@ -24,7 +22,7 @@ impl RuntimePort {
         meta: CommandMeta,
         wait: bool,
     ) -> Result<Answer, Refusal> {
-        check_ids(&meta)?;
+        check_command(&meta.client_id, &meta.command_id)?;
         let asked = Asked::command(cs, &command, &meta.client_id);
         if let Some(reply) = self.replied_again(&meta, Some(cs), asked)?
             && !(wait && reply.status == CommandStatus::Accepted)
@@ -56,7 +54,7 @@ impl RuntimePort {
         request: LeaseRequest,
         meta: CommandMeta,
     ) -> Result<Answer, Refusal> {
-        check_ids(&meta)?;
+        check_command(&meta.client_id, &meta.command_id)?;
         let asked = Asked::new(format!("the lease of coordinate system {cs}"), &(cs, &request));
         if let Some(reply) = self.replied_again(&meta, Some(cs), asked)? {
             return Ok(Answer::Command(reply));
@@ -158,12 +156,4 @@ impl RuntimePort {
             .and_then(|state| state.rev)
             .unwrap_or(0)
     }
-}
-
-pub(super) fn check_ids(meta: &CommandMeta) -> Result<(), Refusal> {
-    if meta.command_id.is_empty() || meta.command_id.chars().count() > COMMAND_ID_MAX {
-        let text = format!("command_id: write 1 to {COMMAND_ID_MAX} characters");
-        return Err(Refusal::new(RefusalCode::Invalid, text));
-    }
-    check_id("client_id", &meta.client_id)
 }

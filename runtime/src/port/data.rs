@@ -3,12 +3,12 @@
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::command::{CommandMeta, CommandReply, CommandStatus};
 use plc_api::types::data::{JOURNAL_LINES_MAX, VariableArea, VariableValues};
+use plc_api::types::ids::check_command;
 use plc_api::types::message::Payload;
 use plc_api::types::request::{Answer, Refusal, RefusalCode, Request};
 use plc_api::types::topic::Topic;
 
 use super::RuntimePort;
-use super::commands::check_ids;
 use crate::command_memory::Asked;
 use crate::persistence::journal_file::{JOURNAL_FOLDER, newest};
 use crate::shared::Shared;
@@ -73,7 +73,7 @@ impl RuntimePort {
         let Some(meta) = meta else {
             return read().map(Answer::Variables);
         };
-        check_ids(&meta)?;
+        check_command(&meta.client_id, &meta.command_id)?;
         let values = self
             .check_age(&meta)
             .and_then(|()| read())
@@ -96,7 +96,7 @@ impl RuntimePort {
         let Some(meta) = meta else {
             return write().map(|()| Answer::Done);
         };
-        check_ids(&meta)?;
+        check_command(&meta.client_id, &meta.command_id)?;
         let asked = Asked::new("variable/set".to_owned(), &(area, from, values));
         if let Some(reply) = self.replied_again(&meta, of(area), asked)? {
             return Ok(Answer::Command(reply));

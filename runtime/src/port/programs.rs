@@ -4,10 +4,14 @@ use std::collections::BTreeSet;
 
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::request::{Answer, Refusal, RefusalCode};
-use tandem_model::limits::PROGRAM_BYTES_MAX;
+use tandem_model::limits::{M_CODE_MAX, PROGRAM_BYTES_MAX};
 
 use super::RuntimePort;
 use crate::program_store::called_by;
+
+// The stages know no interface, and the interface knows no stage: what both state is the same.
+const _: () = assert!(PROGRAM_BYTES_MAX == plc_api::types::program::PROGRAM_BYTES_MAX);
+const _: () = assert!(M_CODE_MAX == plc_api::handlers::M_CODE_MAX);
 
 impl RuntimePort {
     pub(super) fn read_program(&self, number: u16) -> Result<Answer, Refusal> {

@@ -30,7 +30,7 @@ impl ScanProgram for Cell {
         );
         image.set_optional_skip(1, 3, true);
         let (Some(tool), Some(position)) = (
-            image.params(1, 100).and_then(plc_api::Params::a),
+            image.params(1, 100).and_then(|params| params.a),
             image.position(1),
         ) else {
             return;

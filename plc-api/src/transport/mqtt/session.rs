@@ -42,7 +42,7 @@ const FILTERS: [&str; 16] = [
 
 /// Keeps a connection until the port is dropped.
 pub(super) async fn keep_connected(shared: std::sync::Arc<Shared>) {
-    let mut backoff = Backoff::new();
+    let mut backoff = Backoff::default();
     while !shared.is_closed() {
         let (client, mut events) = AsyncClient::new(options(&shared), LIBRARY_QUEUE);
         events.network_options.set_tcp_nodelay(true);

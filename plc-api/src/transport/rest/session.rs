@@ -26,7 +26,7 @@ type Socket = WebSocketStream<MaybeTlsStream<TcpStream>>;
 
 /// Keeps a connection until the port is dropped.
 pub(super) async fn keep_connected(shared: Arc<Shared>) {
-    let mut backoff = Backoff::new();
+    let mut backoff = Backoff::default();
     while !shared.is_closed() {
         match open(&shared).await {
             Ok(mut socket) => {

@@ -1,12 +1,12 @@
 //! The connection to the broker: one client for each, so that nothing depends on what the library remembers.
 
-use std::hash::{BuildHasher, Hasher, RandomState};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use plc_api::hub::{Filter, Subscription};
 use plc_api::server::{ServedPort, ServerNotice};
+use plc_api::transport::backoff::Backoff;
 use plc_api::types::Timestamp;
 use plc_api::types::machine::Presence;
 use plc_api::types::message::{Message, Payload};
@@ -28,9 +28,6 @@ use crate::position::{every, is_position};
 
 /// Bytes of one message; a larger one is dropped with a warning. Reason: the embedded broker retains no more.
 const MESSAGE_MAX: usize = 256 * 1024;
-/// Wait before the second try to connect; doubles up to [`BACKOFF_MAX`].
-const BACKOFF_MIN: Duration = Duration::from_millis(100);
-const BACKOFF_MAX: Duration = Duration::from_secs(5);
 /// Tries over MQTT 5 that a broker that has spoken it may hang up on before 3.1.1 is tried.
 const HANG_UPS_MAX: u32 = 10;
 /// A connection that held this long starts the waits anew.
@@ -113,7 +110,7 @@ impl Link {
 
     /// Connects, again and again, until it is stopped.
     pub(super) async fn run(mut self) {
-        let mut backoff = BACKOFF_MIN;
+        let mut backoff = Backoff::default();
         loop {
             let begun = Instant::now();
             let end = self.connection().await;
@@ -123,14 +120,13 @@ impl Link {
             };
             self.tell_bus(false);
             if begun.elapsed() >= STABLE {
-                backoff = BACKOFF_MIN;
+                backoff.reset();
             }
-            let wait = jittered(backoff);
+            let wait = backoff.next_wait();
             warn!(
                 "no connection to the MQTT broker: {why}; next try in {} ms",
                 wait.as_millis()
             );
-            backoff = (backoff * 2).min(BACKOFF_MAX);
             if self.absorb(wait).await {
                 return;
             }
@@ -410,24 +406,4 @@ impl Link {
 /// Over 3.1.1 a live message does not show its retain flag, so that every command is cleared.
 fn is_to_clear(path: &str, version: Version) -> bool {
     version == Version::V3_1_1 && (path.contains("/command/") || path.contains("/lease/"))
-}
-
-/// Half to the whole of a wait, so that many runtimes do not come back to a broker at once.
-fn jittered(wait: Duration) -> Duration {
-    let random = RandomState::new().build_hasher().finish() % 1000;
-    let share = 500 + random / 2;
-    wait * u32::try_from(share).unwrap_or(1000) / 1000
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_wait_is_jittered_between_half_and_whole() {
-        for _ in 0..100 {
-            let wait = jittered(BACKOFF_MAX);
-            assert!(wait >= BACKOFF_MAX / 2 && wait <= BACKOFF_MAX, "{wait:?}");
-        }
-    }
 }

@@ -11,9 +11,6 @@ use crate::problem::Problem;
 /// Bytes of a JSON body; more is 413. Reason: the largest, a fault text, is far below.
 const JSON_BODY_MAX: usize = 64 * 1024;
 
-/// Bytes of a program's text; more is 413.
-pub(super) const PROGRAM_MAX: usize = 64 * 1024 * 1024;
-
 /// Time for a whole body to come in; then 408.
 const BODY_TIMEOUT: Duration = Duration::from_mins(1);
 

@@ -10,6 +10,7 @@ use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::message::Payload;
+use plc_api::types::program::PROGRAM_BYTES_MAX;
 use plc_api::types::request::{Answer, Request};
 use plc_api::types::topic::Topic;
 use plc_api::wire::answer::{AnswerForm, Reply};
@@ -49,7 +50,7 @@ pub(super) async fn serve(
         Content::Text => {
             body::check_text(&head.headers)?;
             permit = shared.uploads.acquire().await.ok();
-            bytes = body::read(body, body::PROGRAM_MAX).await?;
+            bytes = body::read(body, PROGRAM_BYTES_MAX).await?;
         }
         Content::Json(_) => bytes = body::json(&head.headers, body).await?,
         Content::Nothing | Content::Document => {}
