@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError, RwLock};
 
 use plc_api::types::program::{DiagnosticSeverity, ProgramCheck, ProgramDiagnostic, ProgramInfo};
-use tandem_interp::{CheckContext, Dialect, check_dialect};
+use tandem_interp::{CheckContext, Dialect, check};
 use tandem_model::limits::{PROGRAM_BYTES_MAX, PROGRAM_NUMBER_MAX};
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::{Diagnostic, Severity};
@@ -54,7 +54,8 @@ pub struct StoredProgram {
     pub parsed: Vec<Diagnostic>,
     /// What checking says of it alone.
     pub check: ProgramCheck,
-    dialect: &'static Dialect,
+    /// The dialect that it is written in.
+    pub dialect: &'static Dialect,
     /// It begins in what is in force, not in the start-up modal state.
     goes_on: bool,
     /// What checking says of it in a coordinate system, by the number of that; filled when it is first asked for.
@@ -92,7 +93,7 @@ impl StoredProgram {
             arc_radius_tolerance_mm: Some(rules.arc_radius_tolerance_mm),
             ..CheckContext::default()
         };
-        let checked = check_dialect(&tree, dialect, &context);
+        let checked = check(&tree, dialect, &context);
         let mut diagnostics = parsed.clone();
         diagnostics.extend(checked.diagnostics);
         diagnostics.sort_by_key(|diagnostic| (diagnostic.span.start, diagnostic.span.end));
@@ -130,7 +131,7 @@ impl StoredProgram {
             goes_on: self.goes_on,
             ..CheckContext::of(settings)
         };
-        let check = check_dialect(&self.tree, self.dialect, &context);
+        let check = check(&self.tree, self.dialect, &context);
         let of_check = locate(self.text(), &check.diagnostics);
         let mut errors: Vec<ProgramDiagnostic> = Vec::new();
         for found in self.check.diagnostics.iter().cloned().chain(of_check) {
@@ -159,7 +160,7 @@ impl StoredProgram {
 
     /// The intermediate code of a program without errors (D43).
     pub fn intermediate_code(&self) -> String {
-        tandem_syntax::compile(&self.tree, header(self.number))
+        tandem_syntax::compile(&self.tree, header(self.number), self.dialect)
     }
 
     /// Text of a line, from 1; empty past the end.

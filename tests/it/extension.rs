@@ -2,11 +2,16 @@
 //! else is added in few places: a configuration key, a request, a card of the HMI.
 
 mod configuration_key;
+mod cycle;
+mod dialect;
 mod drive_bus;
+mod g81_drilling;
 mod g_code;
 mod handler;
 mod hmi_card;
+mod policy;
 mod request;
+mod runs;
 mod transport;
 
 use std::path::PathBuf;

@@ -12,6 +12,7 @@ use std::sync::Arc;
 
 use divan::Bencher;
 use divan::counter::{BytesCount, ItemsCount};
+use tandem_interp::dialects::nj;
 use tandem_interp::{CheckContext, Inputs, Interpreter, check};
 use tandem_model::flow::Item;
 use tandem_model::settings::{CoordinateSystemSettings, Tool, WorkOffsets};
@@ -71,7 +72,7 @@ fn parse_and_check(bencher: Bencher<'_, '_>) {
         .bench(|| {
             let (program, findings) = parse(Arc::clone(&source), Grammar::nj());
             assert!(findings.is_empty());
-            let check = check(&program, &CheckContext::default());
+            let check = check(&program, nj(), &CheckContext::default());
             assert!(check.diagnostics.is_empty());
             program
         });
@@ -83,7 +84,7 @@ fn first_block(bencher: Bencher<'_, '_>) {
     let program = Arc::new(parse(million_blocks(), Grammar::nj()).0);
     let (programs, work_offsets, variables) = (BTreeMap::new(), WorkOffsets::default(), Variables::default());
     let inputs = inputs(&programs, &work_offsets, &variables);
-    let mut interpreter = Interpreter::new(&CoordinateSystemSettings::default());
+    let mut interpreter = Interpreter::new(&CoordinateSystemSettings::default(), nj());
     bencher.bench_local(|| {
         interpreter.start(Arc::clone(&program), 1);
         assert!(matches!(interpreter.next(&inputs), Ok(Item::Block(_))));
@@ -95,7 +96,7 @@ fn interpret(bencher: Bencher<'_, '_>) {
     let program = Arc::new(parse(million_blocks(), Grammar::nj()).0);
     let (programs, work_offsets, variables) = (BTreeMap::new(), WorkOffsets::default(), Variables::default());
     let inputs = inputs(&programs, &work_offsets, &variables);
-    let mut interpreter = Interpreter::new(&CoordinateSystemSettings::default());
+    let mut interpreter = Interpreter::new(&CoordinateSystemSettings::default(), nj());
     bencher.counter(ItemsCount::new(BLOCKS)).bench_local(|| {
         interpreter.start(Arc::clone(&program), 1);
         let mut blocks = 0;

@@ -2,12 +2,15 @@
 //! block stand here once; the checker lists what breaks them, the interpreter raises an alarm.
 
 use tandem_model::limits::M_CODE_MAX;
+use tandem_model::settings::Unit;
 use tandem_model::{Diagnostic, Span};
 use tandem_syntax::{Address, AddressSet, Block, NcProgram, Value, Word, diagnostics};
 
+use crate::codes::value::judge_value;
 use crate::codes::{AXIS_ADDRESSES, Code, ModalGroup, Refusal, WordSpec, tenths};
-use crate::dialect::Dialect;
+use crate::dialect::{Dialect, Rivals, WholeNumbers};
 use crate::evaluation::Scope;
+use crate::meaning::ModalValue;
 use crate::modal::Modal;
 use crate::restrictions;
 use crate::text_position::TextPosition;
@@ -172,6 +175,9 @@ impl BlockWords {
             }
         }
         self.take_words(words, with.modal, fault);
+        if let WholeNumbers::Increments { mm, inch } = with.dialect.policy.whole_numbers {
+            self.count_increments(words, with, mm, inch);
+        }
         for word in words {
             if !matches!(word.address, Address::G | Address::M | Address::N) {
                 self.judge(word, with, fault);
@@ -188,7 +194,7 @@ impl BlockWords {
         let known =
             code_number(word).map(|value| tenths(value).and_then(|tenths| dialect.g_codes.find(tenths)));
         match known {
-            Some(Some(code)) => self.add_g_code(code, word, place, fault),
+            Some(Some(code)) => self.add_g_code(code, word, place, dialect.policy.rivals, fault),
             Some(None) => {
                 self.unknown_code = true;
                 let number = word.number().unwrap_or_default();
@@ -210,8 +216,19 @@ impl BlockWords {
         code: &'static Code,
         word: &Word,
         place: usize,
+        rivals: Rivals,
         fault: &mut dyn FnMut(Diagnostic),
     ) {
+        if rivals == Rivals::LastHolds && code.group != ModalGroup::NonModal {
+            let before = self
+                .g_codes()
+                .iter()
+                .position(|(other, _)| other.group == code.group);
+            if let Some(before) = before {
+                self.g_codes[before] = (code, place);
+                return;
+            }
+        }
         let rival = self.g_codes().iter().map(|(other, _)| *other).find(|other| {
             let exclusive = code.group != ModalGroup::NonModal
                 || *other == code
@@ -289,6 +306,31 @@ impl BlockWords {
             Value::Number(value) => value,
             Value::Indirection(variable) => scope.map_or(f64::NAN, |scope| scope.variable(variable)),
         };
+    }
+
+    /// Makes lengths of numbers without a decimal point.
+    #[inline(never)]
+    fn count_increments(&mut self, words: &[Word], with: &Reading<'_>, mm: f64, inch: f64) {
+        let own_unit = self.g_codes().iter().find_map(|(code, _)| match code.sets {
+            Some(ModalValue::Unit(unit)) => Some(unit),
+            _ => None,
+        });
+        let unit = own_unit.or(with.modal.in_force.unit).unwrap_or_default();
+        let mut counted = AddressSet::EMPTY;
+        for word in words {
+            let is_length = |spec: &WordSpec| spec.is_length();
+            let counts = self.spec(word.address, with.dialect).is_some_and(is_length);
+            if !counts || counted.contains(word.address) {
+                continue;
+            }
+            counted.insert(word.address);
+            if !word.is_whole() {
+                continue;
+            }
+            let is_angle = matches!(word.address, Address::A | Address::B | Address::C);
+            let increment = if unit == Unit::Inch && !is_angle { inch } else { mm };
+            self.values[word.address as usize] *= increment;
+        }
     }
 
     /// Settles which code takes which words.
@@ -372,7 +414,11 @@ impl BlockWords {
             return;
         };
         let known = || with.scope.as_ref().and(self.get(word.address));
-        let Some(value) = word.number().or_else(known) else {
+        let counted = match with.dialect.policy.whole_numbers {
+            WholeNumbers::AsWritten => word.number(),
+            WholeNumbers::Increments { .. } => word.number().and(self.get(word.address)),
+        };
+        let Some(value) = counted.or_else(known) else {
             return;
         };
         if self.unknown_code && !dialect.modal_words.is_feed_word(word.address) {
@@ -475,53 +521,6 @@ fn shared_word(words: &[Word], address: Address) -> Diagnostic {
         format!("two codes of the block take {}", address.text()),
         "Write the codes in blocks of their own.",
     )
-}
-
-/// Judges a value by the description of its word (D07, D11).
-#[inline]
-pub(crate) fn judge_value(spec: &WordSpec, value: f64, span: Span, fault: &mut dyn FnMut(Diagnostic)) {
-    if spec.integer || !value.is_finite() || !spec.holds(value) {
-        judge_closely(spec, value, span, fault);
-    }
-}
-
-/// Judges a value that may have to be a whole number, or is not right.
-#[cold]
-fn judge_closely(spec: &WordSpec, value: f64, span: Span, fault: &mut dyn FnMut(Diagnostic)) {
-    let name = spec.address.text();
-    if !value.is_finite() {
-        fault(diagnostics::NUMBER_TOO_LARGE.at(
-            span,
-            format!("the value of {name} is {value}"),
-            "Look at the calculation that gives it.",
-        ));
-    } else if !spec.holds(value) {
-        fault(diagnostics::OUT_OF_RANGE.at(
-            span,
-            format!(
-                "{name}{} ({}) is out of its range of {}",
-                shown(value),
-                spec.meaning,
-                spec.range_text()
-            ),
-            "Write a value within it.",
-        ));
-    } else if spec.integer && value.fract().abs() > 0.0 {
-        fault(diagnostics::INTEGER_NEEDED.at(
-            span,
-            format!("{name}{value} ({}) is not a whole number", spec.meaning),
-            "Write it without decimals.",
-        ));
-    }
-}
-
-/// A number that anything may have computed: one of many digits by its power of ten.
-fn shown(value: f64) -> String {
-    if value != 0.0 && !(1e-9..1e15).contains(&value.abs()) {
-        format!("{value:e}")
-    } else {
-        value.to_string()
-    }
 }
 
 /// A refusal at its word, or at the block where the word does not stand.

@@ -14,7 +14,6 @@ use tandem_syntax::{
 use crate::block_words::{BlockWords, Reading};
 use crate::codes::{Code, ModalGroup, tenths};
 use crate::dialect::Dialect;
-use crate::dialects;
 use crate::execution::axis_of;
 use crate::meaning::{ModalValue, Role};
 use crate::modal::Modal;
@@ -83,24 +82,22 @@ impl Check {
     }
 }
 
-/// Parses and checks a text of dialect nj; the findings of both come in the order of the text.
-pub fn check_source(source: impl Into<Arc<str>>, context: &CheckContext<'_>) -> (NcProgram, Check) {
-    let dialect = dialects::nj();
+/// Parses and checks a text; the findings of both come in the order of the text.
+pub fn check_source(
+    source: impl Into<Arc<str>>,
+    dialect: &'static Dialect,
+    context: &CheckContext<'_>,
+) -> (NcProgram, Check) {
     let (program, mut findings) = parse(source, (dialect.grammar)());
-    let mut check = check_dialect(&program, dialect, context);
+    let mut check = check(&program, dialect, context);
     findings.append(&mut check.diagnostics);
     findings.sort_by_key(|finding| finding.span.start);
     check.diagnostics = findings;
     (program, check)
 }
 
-/// Checks a parsed program of dialect nj. The findings of the parser are not repeated.
-pub fn check(program: &NcProgram, context: &CheckContext<'_>) -> Check {
-    check_dialect(program, dialects::nj(), context)
-}
-
-/// The same for another dialect.
-pub fn check_dialect(program: &NcProgram, dialect: &'static Dialect, context: &CheckContext<'_>) -> Check {
+/// Checks a parsed program. The findings of the parser are not repeated.
+pub fn check(program: &NcProgram, dialect: &'static Dialect, context: &CheckContext<'_>) -> Check {
     let mut checker = Checker {
         program,
         dialect,
@@ -220,8 +217,10 @@ impl Checker<'_> {
         if span.end - span.start <= LONG_BYTES || block.has_errors() {
             return;
         }
-        let in_cycle = self.modal.fixed_cycle().is_some();
-        if block_bytes(self.program, block, in_cycle) > BLOCK_BYTES_MAX {
+        let cycle = self.modal.fixed_cycle();
+        let code = cycle.and_then(|_| self.modal.code(ModalGroup::FixedCycle));
+        let code = code.map(|code| code.code);
+        if block_bytes(self.program, block, code, self.dialect) > BLOCK_BYTES_MAX {
             self.findings.push(diagnostics::BLOCK_TOO_LONG.at(
                 span,
                 format!("the block's line in the intermediate code is longer than {BLOCK_BYTES_MAX} bytes"),

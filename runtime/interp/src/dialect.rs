@@ -1,9 +1,9 @@
 //! A dialect: a grammar, a list of codes, words, and defaults.
 
-use tandem_syntax::{Address, AddressSet, Grammar};
+use tandem_syntax::{Address, AddressSet, CodeRole, Codes, Grammar};
 
-use crate::codes::{Code, CodeTable, WordSpec};
-use crate::meaning::ModalValue;
+use crate::codes::{Code, CodeTable, WordSpec, tenths};
+use crate::meaning::{ModalValue, Role};
 use crate::restrictions::Restriction;
 
 /// What differs between dialects (D50).
@@ -26,8 +26,53 @@ pub struct Dialect {
     /// The code that ends a fixed cycle, and that is in force after a motion code has ended one; `None` in a dialect
     /// without fixed cycles.
     pub cycle_cancel: Option<&'static Code>,
+    /// How it reads what controls read in different ways.
+    pub policy: Policy,
     /// What may not stand where another code is in force; the first that a block breaks is told.
     pub restrictions: &'static [Restriction],
+}
+
+/// How a dialect reads what controls read in different ways.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Policy {
+    /// Two codes of one modal group in a block.
+    pub rivals: Rivals,
+    /// When the M code of a block acts.
+    pub m_code: MCodeTime,
+    /// What a number without a decimal point means.
+    pub whole_numbers: WholeNumbers,
+}
+
+/// What two codes of one modal group in a block are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Rivals {
+    /// An error.
+    Refused,
+    /// The last one holds.
+    LastHolds,
+}
+
+/// When an M code that stops or puts out acts. What ends or calls a program always does so behind the motion.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum MCodeTime {
+    /// Behind the motion of its block.
+    BehindMotion,
+    /// Before it.
+    BeforeMotion,
+}
+
+/// What a length that is written without a decimal point means.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum WholeNumbers {
+    /// The same as with one.
+    AsWritten,
+    /// So many of the least increment. Angles count as millimetres do, whatever the unit of lengths.
+    Increments {
+        /// Increment in mm, and in degrees.
+        mm: f64,
+        /// Increment in inches, where lengths are in inches.
+        inch: f64,
+    },
 }
 
 impl Dialect {
@@ -35,6 +80,29 @@ impl Dialect {
     pub fn that_sets(&self, value: ModalValue) -> Option<&'static Code> {
         let mut codes = self.g_codes.codes.iter().copied();
         codes.find(|code| code.sets == Some(value))
+    }
+}
+
+impl Codes for Dialect {
+    fn role(&self, letter: Address, number: f64) -> CodeRole {
+        let table = match letter {
+            Address::G => &self.g_codes,
+            _ => &self.m_codes,
+        };
+        let Some(code) = tenths(number).and_then(|tenths| table.find(tenths)) else {
+            return CodeRole::Other;
+        };
+        match (code.role, code.sets) {
+            (Role::Return, _) => CodeRole::Return,
+            (Role::Motion(_), _) | (_, Some(ModalValue::Cycle(None))) => CodeRole::CycleEnd,
+            (_, Some(ModalValue::Cycle(Some(_)))) => CodeRole::CycleBegin,
+            _ => CodeRole::Other,
+        }
+    }
+
+    fn cycle_start(&self) -> String {
+        self.cycle_cancel
+            .map_or_else(String::new, |code| format!("{}.001", code.code))
     }
 }
 

@@ -16,8 +16,7 @@ use tandem_syntax::{Block, Content, NcProgram, Statement, Value, VariableKind, d
 
 use crate::block_words::{BlockWords, Reading};
 use crate::codes::{ModalGroup, feed_words};
-use crate::dialect::Dialect;
-use crate::dialects;
+use crate::dialect::{Dialect, MCodeTime};
 use crate::evaluation::{Locals, Scope, reads_captured};
 use crate::execution::{Draft, Execution, Flow, Limits};
 use crate::fixed_cycles::{Expansion, Given};
@@ -50,7 +49,8 @@ enum State {
 /// Interprets the program of one coordinate system.
 ///
 /// A block gives its items in this order: warnings, the transform, the motion (or [`Action::None`]), and what its M code
-/// gives. An auxiliary output thus follows its block's own motion; the coordinator decides by the M code's setting when
+/// gives. An auxiliary output thus follows its block's own motion (in a dialect whose M codes act
+/// before it, it comes first, and so does a stop); the coordinator decides by the M code's setting when
 /// it is made (D31, D32). In a block without motion M00, M01, M02 and M30 give nothing before their own item; M98 and M99
 /// give [`Action::None`], which ends a chain (M1c). So do [`STEPS_IN_CHAIN_MAX`] blocks without an item.
 #[derive(Debug)]
@@ -76,13 +76,8 @@ pub struct Interpreter {
 }
 
 impl Interpreter {
-    /// An interpreter of dialect nj without a program, in the start-up modal state.
-    pub fn new(settings: &CoordinateSystemSettings) -> Self {
-        Self::with_dialect(settings, dialects::nj())
-    }
-
-    /// The same for another dialect.
-    pub fn with_dialect(settings: &CoordinateSystemSettings, dialect: &'static Dialect) -> Self {
+    /// An interpreter without a program, in the start-up modal state.
+    pub fn new(settings: &CoordinateSystemSettings, dialect: &'static Dialect) -> Self {
         let start_up = Modal::start_up(dialect, settings);
         Self {
             dialect,
@@ -283,6 +278,12 @@ impl Interpreter {
             return Err(alarm);
         }
         let flow = draft.flow;
+        let may_be_first = matches!(flow, Flow::Output { .. } | Flow::Stop { .. });
+        if may_be_first && self.dialect.policy.m_code == MCodeTime::BeforeMotion {
+            self.go_on(flow, origin, inputs)?;
+            self.queue_block(&mut draft, origin);
+            return Ok(());
+        }
         self.queue_block(&mut draft, origin);
         self.go_on(flow, origin, inputs)
     }
@@ -519,7 +520,7 @@ mod tests {
     use tandem_model::Span;
 
     use super::*;
-    use crate::block_words::judge_value;
+    use crate::codes::value::judge_value;
     use crate::codes::{AXIS_WORDS, m_auxiliary::AUXILIARY};
 
     fn alarm(spec: &crate::codes::WordSpec, value: f64) -> Option<Alarm> {

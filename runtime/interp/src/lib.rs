@@ -27,7 +27,7 @@ mod outputs;
 pub mod restrictions;
 mod text_position;
 
-pub use check::{Check, CheckContext, check, check_dialect, check_source};
+pub use check::{Check, CheckContext, check, check_source};
 pub use dialect::Dialect;
 pub use inputs::Inputs;
 pub use interpreter::Interpreter;

@@ -4,7 +4,7 @@ use tandem_model::limits::M_CODE_MAX;
 use tandem_syntax::{Address, NcProgram};
 
 use crate::codes::tenths;
-use crate::dialects;
+use crate::dialect::Dialect;
 
 /// An auxiliary function output as it is written.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -17,11 +17,10 @@ pub struct WrittenOutput {
     pub line: u32,
 }
 
-/// The outputs of a program of dialect nj whose parameters are all numbers, in the order of the text. A parameter that
+/// The outputs of a program whose parameters are all numbers, in the order of the text. A parameter that
 /// a variable holds (D04) is known only when its block runs, so its output is left out.
-pub fn written_outputs(program: &NcProgram) -> impl Iterator<Item = WrittenOutput> {
-    let dialect = dialects::nj();
-    program.blocks().iter().filter_map(move |block| {
+pub fn written_outputs(program: &NcProgram, dialect: &Dialect) -> impl Iterator<Item = WrittenOutput> {
+    program.blocks().iter().filter_map(|block| {
         let words = program.words(block);
         let number = words.iter().find(|word| word.address == Address::M)?.number()?;
         let m = whole(number)?;
@@ -62,6 +61,7 @@ mod tests {
     use tandem_syntax::{Grammar, parse};
 
     use super::*;
+    use crate::dialects;
 
     #[test]
     fn outputs_are_found_with_their_parameters_and_lines() {
@@ -69,7 +69,7 @@ mod tests {
         let (program, found) = parse(text, Grammar::nj());
         assert_eq!(found, []);
         let params = |a, b, h| [a, b, None, None, None, None, None, h];
-        let written: Vec<_> = written_outputs(&program).collect();
+        let written: Vec<_> = written_outputs(&program, dialects::nj()).collect();
         let expected = [
             (8, params(None, None, None), 1),
             (100, params(Some(3.0), None, Some(-0.5)), 2),

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use tandem_interp::dialects::nj;
 use tandem_interp::{CheckContext, check_source};
 use tandem_model::settings::Unit;
 use tandem_model::{Axis, Severity};
@@ -9,7 +10,7 @@ use tandem_syntax::LineIndex;
 
 /// All findings as `line:column code`.
 fn findings(source: &str, context: &CheckContext<'_>) -> Vec<String> {
-    let (_, check) = check_source(source, context);
+    let (_, check) = check_source(source, nj(), context);
     let index = LineIndex::new(source);
     check
         .diagnostics
@@ -424,7 +425,7 @@ fn what_the_configuration_lacks_is_a_warning_once() {
     };
     let source = "M98 P1000\nM98 P2000\nM98 P2000\nM98 P3000 L0\nM03\nM10\nM10\nM00\nM30";
     assert_eq!(findings(source, &context), ["2:5 W0001", "6:1 W0003"]);
-    let (_, check) = check_source(source, &context);
+    let (_, check) = check_source(source, nj(), &context);
     assert!(!check.has_errors());
     assert!(
         check
@@ -438,6 +439,7 @@ fn what_the_configuration_lacks_is_a_warning_once() {
 fn m_codes_and_programs_are_listed_once_ascending() {
     let (_, check) = check_source(
         "M98 P3000\nM19\nM3\nM03\nM98 P1000 L0\nM0\nM1\nM98 P3000\nM2\nM30",
+        nj(),
         &CheckContext::default(),
     );
     assert_eq!(check.m_codes, [3, 19]);
@@ -451,7 +453,7 @@ fn d42_m_codes_that_a_tapping_cycle_puts_out_are_listed() {
             has_spindle,
             ..CheckContext::default()
         };
-        check_source(source, &context).1.m_codes
+        check_source(source, nj(), &context).1.m_codes
     };
     let source = "G84 X1 Z-5 R1\nX2\nG80\nM100\nM30";
     assert_eq!(listed(source, Some(true)), [5, 19, 100]);
@@ -479,7 +481,7 @@ fn d25_a_feedrate_in_inches_is_held_to_the_maximum_in_millimetres() {
 
 #[test]
 fn the_list_of_findings_has_a_limit() {
-    let (_, check) = check_source("X1 R1\n".repeat(5000), &CheckContext::default());
+    let (_, check) = check_source("X1 R1\n".repeat(5000), nj(), &CheckContext::default());
     assert_eq!(
         check
             .diagnostics

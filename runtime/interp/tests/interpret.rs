@@ -6,6 +6,7 @@ mod support;
 
 use std::collections::BTreeMap;
 
+use tandem_interp::dialects::nj;
 use tandem_interp::{Inputs, Interpreter};
 use tandem_model::axis::{Axis, AxisVector};
 use tandem_model::flow::{Action, Distance, Item, PathControl};
@@ -84,7 +85,10 @@ fn modal_state_follows_the_program_and_a_start_brings_it_back() {
         [250.0, 1200.0, 1.0, 2.0, 3.0].map(f64::to_bits)
     );
     run.interpreter.start(program("M30"), 1);
-    assert_eq!(run.interpreter.modal(), Interpreter::new(&settings()).modal());
+    assert_eq!(
+        run.interpreter.modal(),
+        Interpreter::new(&settings(), nj()).modal()
+    );
 }
 
 #[test]
@@ -271,7 +275,7 @@ fn m02_and_m30_end_and_the_end_repeats() {
             );
         }
     }
-    let mut idle = Interpreter::new(&settings());
+    let mut idle = Interpreter::new(&settings(), nj());
     let inputs = Inputs {
         programs: &BTreeMap::new(),
         optional_skip: 0,

@@ -12,6 +12,7 @@ use std::f64::consts::PI;
 
 use support::{Run, check, settings};
 use tandem_interp::Interpreter;
+use tandem_interp::dialects::nj;
 use tandem_model::axis::{Axis, AxisVector};
 use tandem_model::flow::{
     Action, ArcShape, Block, Compensation, Distance, Frame, Item, MultiBlock, Transform,
@@ -343,7 +344,7 @@ fn d25_the_settings_tell_the_unit_at_start_up() {
     };
     assert_eq!(step(), (25.4, 254.0));
     assert_eq!(step(), (1.0, 254.0));
-    let groups: Vec<_> = Interpreter::new(&inch).modal().groups().collect();
+    let groups: Vec<_> = Interpreter::new(&inch, nj()).modal().groups().collect();
     assert!(groups.contains(&("06", "G20")), "{groups:?}");
 }
 

@@ -4,6 +4,7 @@
 
 use std::fmt::Write as _;
 
+use tandem_interp::dialects::nj;
 use tandem_interp::{CheckContext, check_source};
 
 const BLOCKS: usize = 1_000_000;
@@ -27,7 +28,7 @@ fn a_million_blocks_take_three_times_their_text_and_30_mb() {
     }
     text.push_str("M30\n");
     let limit = 3 * text.len() + 30_000_000;
-    let (program, check) = check_source(text, &CheckContext::default());
+    let (program, check) = check_source(text, nj(), &CheckContext::default());
     assert!(check.diagnostics.is_empty());
     assert_eq!(program.blocks().len(), BLOCKS);
     let peak = peak_bytes();

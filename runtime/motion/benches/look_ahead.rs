@@ -20,6 +20,7 @@ use std::sync::Arc;
 
 use divan::Bencher;
 use divan::counter::ItemsCount;
+use tandem_interp::dialects::nj;
 use tandem_interp::{Inputs, Interpreter};
 use tandem_model::flow::{Block, Item};
 use tandem_model::profile::PathPlace;
@@ -92,7 +93,7 @@ fn interpret(program: &Arc<NcProgram>, mut each: impl FnMut(Block)) {
         captured: Some([0.0; 8]),
         position: Some(AxisVector::ZERO),
     };
-    let mut interpreter = Interpreter::new(&settings());
+    let mut interpreter = Interpreter::new(&settings(), nj());
     interpreter.start(Arc::clone(program), 1);
     loop {
         let item = interpreter.next(&inputs);

@@ -15,6 +15,7 @@ use std::sync::Arc;
 
 use divan::Bencher;
 use divan::counter::ItemsCount;
+use tandem_interp::dialects::nj;
 use tandem_interp::{Inputs, Interpreter};
 use tandem_model::flow::Item;
 use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings, Tool, WorkOffsets};
@@ -82,7 +83,7 @@ fn run(bencher: Bencher<'_, '_>, multi_block: &str, [on, off]: [&str; 2]) {
         .bench_local(|| {
             let (program, findings) = parse(Arc::clone(&source), Grammar::nj());
             assert!(findings.is_empty());
-            let mut interpreter = Interpreter::new(&settings);
+            let mut interpreter = Interpreter::new(&settings, nj());
             let mut path = PathStage::new(&settings, MachinePosition::default());
             let mut planner = Planner::new(&settings);
             let (mut segments, mut profiles) = (Vec::new(), VecDeque::new());

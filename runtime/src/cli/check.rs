@@ -11,7 +11,7 @@ use codespan_reporting::term;
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::program::ProgramDiagnostic;
 use serde_json::json;
-use tandem_interp::{Check, CheckContext, Dialect, check_dialect, check_source, dialects};
+use tandem_interp::{Check, CheckContext, Dialect, check, check_source, dialects};
 use tandem_model::{Diagnostic, Severity};
 use tandem_runtime::Machine;
 use tandem_runtime::program_store::{StoredProgram, locate};
@@ -116,7 +116,7 @@ impl<'a> CheckedFile<'a> {
     /// Checks a program; with a machine, against the axes, limits and M codes of its first coordinate system.
     fn new(path: &'a Path, text: String, dialect: &'static Dialect, machine: Option<&Machine>) -> Self {
         let (tree, parsed) = parse(text, (dialect.grammar)());
-        let called = check_dialect(&tree, dialect, &CheckContext::default()).programs;
+        let called = check(&tree, dialect, &CheckContext::default()).programs;
         Self::of_tree(path, (Arc::new(tree), parsed), &called, dialect, machine, None)
     }
 
@@ -158,7 +158,7 @@ impl<'a> CheckedFile<'a> {
             m_codes_with_settings: m_codes.as_ref(),
             ..settings.map_or_else(CheckContext::default, CheckContext::of)
         };
-        let mut check = check_dialect(&tree, dialect, &context);
+        let mut check = check(&tree, dialect, &context);
         check.diagnostics.extend(parsed);
         check
             .diagnostics
@@ -168,7 +168,7 @@ impl<'a> CheckedFile<'a> {
 
     /// Checks a program for no machine in particular.
     pub fn alone(path: &'a Path, text: String) -> Self {
-        let (tree, check) = check_source(text, &CheckContext::default());
+        let (tree, check) = check_source(text, dialects::nj(), &CheckContext::default());
         let tree = Arc::new(tree);
         Self { path, tree, check }
     }

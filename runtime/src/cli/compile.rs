@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use tandem_interp::dialects;
 use tandem_model::limits::PROGRAM_NUMBER_MAX;
 use tandem_runtime::program_store::{header, program_number};
 use tandem_syntax::Header;
@@ -56,7 +57,7 @@ fn compile(path: &Path, arguments: &Arguments) -> u8 {
         ));
         return EXIT_FOUND;
     }
-    let code = tandem_syntax::compile(checked.tree(), arguments.header(path));
+    let code = tandem_syntax::compile(checked.tree(), arguments.header(path), dialects::nj());
     match write(path, arguments.out_dir.as_deref(), &code) {
         Ok(()) => EXIT_OK,
         Err(text) => {

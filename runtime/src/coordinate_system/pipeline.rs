@@ -60,7 +60,7 @@ struct SetAside {
 impl Pipeline {
     /// With the machine at rest at this position.
     pub fn new(settings: &CoordinateSystemSettings, dialect: &'static Dialect, at: MachinePosition) -> Self {
-        let interpreter = Interpreter::with_dialect(settings, dialect);
+        let interpreter = Interpreter::new(settings, dialect);
         let path = PathStage::new(settings, at);
         let last = Change {
             after_segment: 0,

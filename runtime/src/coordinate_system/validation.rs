@@ -139,7 +139,7 @@ impl CoordinateSystem {
         let (mut asked, mut known, mut not_asked) = (Vec::new(), BTreeSet::new(), 0);
         for number in called_by(&all, main) {
             let Some(program) = all.get(&number) else { continue };
-            for output in written_outputs(&program.tree) {
+            for output in written_outputs(&program.tree, program.dialect) {
                 let bits = output.params.map(|value| value.map(f64::to_bits));
                 if !known.insert((output.m, bits)) {
                     continue;

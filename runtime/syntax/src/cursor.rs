@@ -24,6 +24,14 @@ pub(crate) enum NumberError {
     TooLarge,
 }
 
+/// A number as it is written.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Number {
+    pub(crate) value: f64,
+    /// It has a decimal point.
+    pub(crate) has_point: bool,
+}
+
 /// A reading place. Cheap to copy, so that a look ahead is a copy.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Cursor<'a> {
@@ -161,7 +169,9 @@ impl<'a> Cursor<'a> {
     /// True when a comment begins here.
     pub(crate) fn is_comment(&self, grammar: &Grammar) -> bool {
         let rest = &self.bytes[self.at..];
-        rest.starts_with(grammar.line_comment.as_bytes())
+        grammar
+            .line_comment
+            .is_some_and(|begin| rest.starts_with(begin.as_bytes()))
             || grammar
                 .block_comment
                 .is_some_and(|(open, _)| rest.starts_with(open.as_bytes()))
@@ -170,7 +180,8 @@ impl<'a> Cursor<'a> {
     fn comment(&mut self, grammar: &Grammar) -> Result<(), usize> {
         let start = self.at;
         let rest = &self.bytes[start..];
-        if rest.starts_with(grammar.line_comment.as_bytes()) {
+        let begins_line = |begin: &str| rest.starts_with(begin.as_bytes());
+        if grammar.line_comment.is_some_and(begins_line) {
             self.at += rest.iter().position(|byte| *byte == b'\n').unwrap_or(rest.len());
         } else if let Some((open, close)) = grammar.block_comment {
             let inside = self.source.get(start + open.len()..).unwrap_or_default();
@@ -222,7 +233,7 @@ impl<'a> Cursor<'a> {
     }
 
     /// Passes a number: an optional sign where allowed, digits, at most one point.
-    pub(crate) fn number(&mut self, signed: bool) -> Result<f64, NumberError> {
+    pub(crate) fn number(&mut self, signed: bool) -> Result<Number, NumberError> {
         let start = self.at;
         let mut negative = false;
         if signed && let Some(sign @ (b'-' | b'+')) = self.peek() {
@@ -231,7 +242,8 @@ impl<'a> Cursor<'a> {
         }
         let (whole, mut mantissa) = self.pass_digits(0);
         let mut decimals = 0;
-        if self.take(b'.') {
+        let has_point = self.take(b'.');
+        if has_point {
             (decimals, mantissa) = self.pass_digits(mantissa);
         }
         let digits = whole + decimals;
@@ -250,7 +262,7 @@ impl<'a> Cursor<'a> {
             self.source[start..self.at].parse().unwrap_or(f64::INFINITY)
         };
         if value.is_finite() {
-            Ok(value)
+            Ok(Number { value, has_point })
         } else {
             Err(NumberError::TooLarge)
         }
@@ -262,7 +274,7 @@ mod tests {
     use super::*;
 
     fn number(text: &str) -> Result<f64, NumberError> {
-        Cursor::new(text).number(true)
+        Cursor::new(text).number(true).map(|number| number.value)
     }
 
     #[test]

@@ -10,13 +10,24 @@ pub struct Grammar {
     /// The addresses that words may have.
     pub addresses: AddressSet,
     /// Begins a comment that ends with its line.
-    pub line_comment: &'static str,
+    pub line_comment: Option<&'static str>,
     /// Begins and ends a comment that may hold line feeds.
     pub block_comment: Option<(&'static str, &'static str)>,
     /// True when `/`, `/1` to `/31` at the beginning of a line are block skips.
     pub block_skip: bool,
     /// True when assignments, branches and repetitions are part of the language.
     pub program_codes: bool,
+    /// What stands around the blocks of a program.
+    pub program_form: ProgramForm,
+}
+
+/// What stands around the blocks of a program.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ProgramForm {
+    /// A line that begins with it stands before the program and behind it; what follows the second one is not read.
+    pub mark: Option<u8>,
+    /// The letter of the program number, on a line of its own before the first block.
+    pub number_letter: Option<u8>,
 }
 
 static NJ: Grammar = Grammar {
@@ -52,10 +63,14 @@ static NJ: Grammar = Grammar {
         Address::Vg,
         Address::Vh,
     ]),
-    line_comment: "//",
+    line_comment: Some("//"),
     block_comment: Some(("/*", "*/")),
     block_skip: true,
     program_codes: true,
+    program_form: ProgramForm {
+        mark: None,
+        number_letter: None,
+    },
 };
 
 impl Grammar {

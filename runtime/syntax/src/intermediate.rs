@@ -13,9 +13,6 @@ use crate::tree::{Block, NcProgram, Value, Variable, Word};
 /// Ends each block (D43).
 const END_OF_BLOCK: &str = "M999.002";
 
-/// Stands before the code that begins a fixed cycle.
-const CYCLE_START: &str = "G80.001";
-
 /// What the code begins with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Header {
@@ -25,11 +22,34 @@ pub enum Header {
     Subprogram(u16),
 }
 
+/// What a G or M code is for the intermediate code.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CodeRole {
+    /// It begins a fixed cycle.
+    CycleBegin,
+    /// It ends a fixed cycle.
+    CycleEnd,
+    /// It ends a subprogram.
+    Return,
+    /// Neither.
+    Other,
+}
+
+/// What a dialect tells of its codes.
+pub trait Codes {
+    /// What the code of this letter, G or M, and number is.
+    fn role(&self, letter: Address, number: f64) -> CodeRole;
+
+    /// The word before the code that begins a fixed cycle (D43).
+    fn cycle_start(&self) -> String;
+}
+
 /// The intermediate code of a program without errors; each line ends with a line feed. Blocks with an error are left
 /// out: check the program first.
-pub fn compile(program: &NcProgram, header: Header) -> String {
+pub fn compile(program: &NcProgram, header: Header, codes: &dyn Codes) -> String {
     let mut writer = Writer {
         program,
+        codes,
         text: String::with_capacity(program.source().len() + program.blocks().len() * 16),
         cycle: None,
         returned: false,
@@ -48,12 +68,13 @@ pub fn compile(program: &NcProgram, header: Header) -> String {
     writer.text
 }
 
-/// Bytes of a block's line in the intermediate code, which repeats the code of a fixed cycle in force (D03).
-pub fn block_bytes(program: &NcProgram, block: &Block, in_cycle: bool) -> usize {
+/// Bytes of a block's line in the intermediate code, which repeats the code of the fixed cycle in force (D03).
+pub fn block_bytes(program: &NcProgram, block: &Block, cycle: Option<&str>, codes: &dyn Codes) -> usize {
     let mut writer = Writer {
         program,
+        codes,
         text: String::new(),
-        cycle: in_cycle.then(|| "G84".to_owned()),
+        cycle: cycle.map(str::to_owned),
         returned: false,
     };
     writer.block(block);
@@ -62,10 +83,11 @@ pub fn block_bytes(program: &NcProgram, block: &Block, in_cycle: bool) -> usize 
 
 struct Writer<'a> {
     program: &'a NcProgram,
+    codes: &'a dyn Codes,
     text: String,
-    /// The fixed cycle in force, `G74` or `G84` as the source writes it.
+    /// The code of the fixed cycle in force, as the source writes it.
     cycle: Option<String>,
-    /// The last line holds M99.
+    /// The last line ends a subprogram.
     returned: bool,
 }
 
@@ -85,16 +107,13 @@ impl Writer<'_> {
         let _ = write!(self.text, "N{}", block.line);
         self.words(words);
         let _ = write!(self.text, " {END_OF_BLOCK}");
-        self.returned = words.iter().any(|word| is_code(word, Address::M, &[99.0]));
+        self.returned = words.iter().any(|word| self.is(word, CodeRole::Return));
         self.text.push_str(if self.returned { " return\n" } else { "\n" });
     }
 
     fn words(&mut self, words: &[Word]) {
-        let own = words.iter().find(|word| is_code(word, Address::G, &[74.0, 84.0]));
-        let ends = words
-            .iter()
-            .any(|word| is_code(word, Address::G, &[80.0, 0.0, 1.0, 2.0, 3.0]));
-        if ends {
+        let own = words.iter().find(|word| self.is(word, CodeRole::CycleBegin));
+        if words.iter().any(|word| self.is(word, CodeRole::CycleEnd)) {
             self.cycle = None;
         }
         let drills = words
@@ -108,7 +127,7 @@ impl Writer<'_> {
                 let _ = write!(self.text, " {code}");
             }
             if own.is_some_and(|own| std::ptr::eq(own, word)) && self.cycle.is_none() {
-                let _ = write!(self.text, " {CYCLE_START}");
+                let _ = write!(self.text, " {}", self.codes.cycle_start());
             }
             self.text.push(' ');
             self.word(word);
@@ -116,6 +135,12 @@ impl Writer<'_> {
         if let Some(own) = own {
             self.cycle = Some(format!("G{}", self.value_text(own)));
         }
+    }
+
+    fn is(&self, word: &Word, role: CodeRole) -> bool {
+        let is_code = matches!(word.address, Address::G | Address::M);
+        let number = word.number().filter(|_| is_code);
+        number.is_some_and(|number| self.codes.role(word.address, number) == role)
     }
 
     fn word(&mut self, word: &Word) {
@@ -276,9 +301,4 @@ fn priority(expression: &Expression) -> u8 {
         Expression::Negation(_) | Expression::Not(_) => 6,
         Expression::Number(_) | Expression::Variable(_) | Expression::Call { .. } => 7,
     }
-}
-
-/// True for a word of this address with one of these numbers.
-fn is_code(word: &Word, address: Address, numbers: &[f64]) -> bool {
-    word.address == address && word.number().is_some_and(|number| numbers.contains(&number))
 }

@@ -18,8 +18,8 @@ mod tree;
 
 pub use address::{Address, AddressSet};
 pub use diagnostics::{DIAGNOSTICS, DiagnosticEntry};
-pub use grammar::Grammar;
-pub use intermediate::{Header, block_bytes, compile};
+pub use grammar::{Grammar, ProgramForm};
+pub use intermediate::{CodeRole, Codes, Header, block_bytes, compile};
 pub use line_index::LineIndex;
 pub use parser::{DIAGNOSTICS_MAX, NESTING_MAX, parse};
 pub use program_code::{

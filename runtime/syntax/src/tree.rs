@@ -12,7 +12,7 @@ use crate::program_code::{CaseLabel, Expression, ExpressionId, ProgramCode};
 #[derive(Debug, Clone)]
 pub struct NcProgram {
     pub(crate) source: Arc<str>,
-    pub(crate) number: Option<u16>,
+    pub(crate) number: Option<u32>,
     pub(crate) complete: bool,
     pub(crate) blocks: Vec<Block>,
     pub(crate) words: Vec<Word>,
@@ -27,8 +27,8 @@ impl NcProgram {
         &self.source
     }
 
-    /// The program number that stands in the text, in dialects that have one there; `None` in dialect nj.
-    pub fn number(&self) -> Option<u16> {
+    /// The program number that stands at the head of the text, in dialects that have one there.
+    pub fn number(&self) -> Option<u32> {
         self.number
     }
 
@@ -208,7 +208,18 @@ pub struct Word {
     pub(crate) length: u16,
     /// The address.
     pub address: Address,
-    pub(crate) indirection: Option<VariableKind>,
+    pub(crate) form: Form,
+}
+
+/// How the value of a word is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Form {
+    /// A number without a decimal point.
+    Whole,
+    /// A number with a decimal point.
+    Decimal,
+    /// A variable in brackets, whose index is the value.
+    Indirection(VariableKind),
 }
 
 impl Word {
@@ -219,9 +230,9 @@ impl Word {
         reason = "an indirection holds its index, which the parser bounds to 0..=32767"
     )]
     pub fn value(&self) -> Value {
-        match self.indirection {
-            None => Value::Number(self.value),
-            Some(kind) => Value::Indirection(Variable {
+        match self.form {
+            Form::Whole | Form::Decimal => Value::Number(self.value),
+            Form::Indirection(kind) => Value::Indirection(Variable {
                 kind,
                 index: self.value as u16,
             }),
@@ -230,7 +241,12 @@ impl Word {
 
     /// The value when it is a number.
     pub fn number(&self) -> Option<f64> {
-        self.indirection.is_none().then_some(self.value)
+        (!matches!(self.form, Form::Indirection(_))).then_some(self.value)
+    }
+
+    /// True for a number that is written without a decimal point.
+    pub fn is_whole(&self) -> bool {
+        self.form == Form::Whole
     }
 
     /// Its range of bytes, address and value.

@@ -1,7 +1,7 @@
 //! A G code costs one static, a dialect one more: checker and interpreter take both from outside.
 
-use std::collections::BTreeMap;
-use std::sync::Arc;
+use std::path::PathBuf;
+use tandem_interp::Dialect;
 
 use tandem_interp::codes::feed_words::FEED_WORDS;
 use tandem_interp::codes::g00_rapid::G00;
@@ -12,13 +12,13 @@ use tandem_interp::codes::m02_m30_end::M30;
 use tandem_interp::codes::{AXIS_WORDS, Code, CodeTable, WordSpec};
 use tandem_interp::dialect::ModalWords;
 use tandem_interp::execution::Execution;
-use tandem_interp::{CheckContext, Dialect, Inputs, Interpreter, check_dialect};
-use tandem_model::axis::{AXES_MAX, Axis, AxisSet, AxisVector};
-use tandem_model::flow::{Action, AxisWords, Distance, Frame, Item};
-use tandem_model::settings::{Tool, WorkOffsets};
-use tandem_model::variables::Variables;
-use tandem_runtime::Config;
-use tandem_syntax::{Address, Grammar, parse};
+use tandem_model::axis::{Axis, AxisSet, AxisVector};
+use tandem_model::flow::{Action, AxisWords, Distance, Frame};
+use tandem_syntax::{Address, Grammar};
+
+use super::dialect::AS_NJ;
+use super::runs::{blocks, findings};
+use super::{costs, files_where};
 
 /// G07 K: up by K mm, whatever G90 or G91 says.
 static G07: Code = Code {
@@ -52,48 +52,22 @@ static SHOP: Dialect = Dialect {
     modal_words: ModalWords::new(&AXIS_WORDS, &FEED_WORDS),
     start_up: &[&G00, &G90],
     cycle_cancel: None,
+    policy: AS_NJ,
     restrictions: &[],
 };
 
-fn codes_of(text: &str) -> Vec<&'static str> {
-    let (tree, mut diagnostics) = parse(text, (SHOP.grammar)());
-    diagnostics.extend(check_dialect(&tree, &SHOP, &CheckContext::default()).diagnostics);
-    diagnostics.iter().map(|one| one.code).collect()
-}
-
 #[test]
 fn a_g_code_of_a_dialect_of_ones_own_is_checked_by_its_table() {
-    assert_eq!(codes_of("G07 K5\nM30\n"), Vec::<&str>::new());
-    assert_eq!(codes_of("G07 K51\nM30\n"), ["E0109"], "out of its range");
-    assert_eq!(codes_of("G07\nM30\n"), ["E0111"], "K is needed");
-    assert_eq!(codes_of("G61\nM30\n"), ["E0101"], "not in this dialect");
+    assert_eq!(findings("G07 K5\nM30\n", &SHOP), Vec::<&str>::new());
+    assert_eq!(findings("G07 K51\nM30\n", &SHOP), ["E0109"], "out of its range");
+    assert_eq!(findings("G07\nM30\n", &SHOP), ["E0111"], "K is needed");
+    assert_eq!(findings("G61\nM30\n", &SHOP), ["E0101"], "not in this dialect");
 }
 
 #[test]
 fn a_g_code_of_a_dialect_of_ones_own_acts() {
-    let machine = Config::demo().resolve().unwrap();
-    let mut interpreter = Interpreter::with_dialect(&machine.coordinate_systems[0].settings, &SHOP);
-    let (tree, diagnostics) = parse("X1\nG07 K5\nM30\n", (SHOP.grammar)());
-    assert!(diagnostics.is_empty(), "{diagnostics:?}");
-    interpreter.start(Arc::new(tree), 1);
-    let (programs, work_offsets) = (BTreeMap::new(), WorkOffsets::default());
-    let inputs = Inputs {
-        programs: &programs,
-        optional_skip: 0,
-        work_offsets: &work_offsets,
-        variables: &Variables::default(),
-        tool: Some(Tool::default()),
-        captured: Some([0.0; AXES_MAX]),
-        position: Some(AxisVector::ZERO),
-    };
-    let mut actions = Vec::new();
-    loop {
-        match interpreter.next(&inputs).unwrap() {
-            Item::Block(block) => actions.push(block.action),
-            Item::End(_) => break,
-            other => panic!("{other:?}"),
-        }
-    }
+    let actions = blocks("X1\nG07 K5\nM30\n", &SHOP).into_iter();
+    let actions: Vec<Action> = actions.map(|block| block.action).collect();
     let [Action::Rapid(first), Action::Rapid(second)] = &actions[..] else {
         panic!("{actions:?}");
     };
@@ -104,5 +78,27 @@ fn a_g_code_of_a_dialect_of_ones_own_acts() {
     assert_eq!(
         (second.distance, second.values[Axis::Z].to_bits()),
         (Distance::Incremental, 5.0_f64.to_bits())
+    );
+}
+
+/// Product files that name a file of codes.
+pub fn naming(file: &str) -> Vec<PathBuf> {
+    files_where("runtime", ".rs", |code| code.contains(file))
+}
+
+#[test]
+fn a_g_code_is_named_by_its_module_and_by_its_row_in_a_dialect_alone() {
+    let codes = "runtime/interp/src/codes";
+    let rows = [
+        "runtime/interp/src/codes/mod.rs",
+        "runtime/interp/src/dialects/nj.rs",
+    ]
+    .map(PathBuf::from);
+    for file in ["g31_skip", "g17_g18_g19_plane", "g40_g41_g42_cutter_compensation"] {
+        assert_eq!(naming(file), rows, "{file}");
+    }
+    assert_eq!(
+        costs("a G code that uses what the stages can do"),
+        [codes, "codes/mod.rs", "dialects/nj.rs"]
     );
 }

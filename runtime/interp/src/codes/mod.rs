@@ -34,6 +34,7 @@ pub mod m98_call;
 pub mod m99_return;
 pub mod m_auxiliary;
 mod table;
+pub(crate) mod value;
 
 use tandem_model::flow::AxisWords;
 use tandem_syntax::{Address, AddressSet, DiagnosticEntry};
@@ -185,6 +186,11 @@ impl WordSpec {
     pub const fn needed(mut self) -> Self {
         self.required = true;
         self
+    }
+
+    /// True for a position or a distance.
+    pub fn is_length(&self) -> bool {
+        matches!(self.unit, "mm" | "mm or deg")
     }
 
     /// True for a value within the range; never for one that is not a number.

@@ -31,7 +31,7 @@ use crate::codes::m02_m30_end::{M02, M30};
 use crate::codes::m98_call::M98;
 use crate::codes::m99_return::M99;
 use crate::codes::{AXIS_WORDS, CodeTable};
-use crate::dialect::{Dialect, ModalWords};
+use crate::dialect::{Dialect, MCodeTime, ModalWords, Policy, Rivals, WholeNumbers};
 use crate::restrictions;
 
 /// The dialect of the NJ/NY-series controllers.
@@ -54,6 +54,11 @@ pub(super) static NJ: Dialect = Dialect {
         &G01, &G17, &G90, &G21, &G40, &G49, &G80, &G98, &G50, &G64, &G69, &G50_1, &G501,
     ],
     cycle_cancel: Some(&G80),
+    policy: Policy {
+        rivals: Rivals::Refused,
+        m_code: MCodeTime::BehindMotion,
+        whole_numbers: WholeNumbers::AsWritten,
+    },
     restrictions: &restrictions::USUAL,
 };
 

@@ -6,6 +6,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use tandem_interp::dialects::nj;
 use tandem_interp::{Check, CheckContext, Inputs, Interpreter, check_source};
 use tandem_model::flow::Item;
 use tandem_model::settings::{CoordinateSystemSettings, Tool, WorkOffsets};
@@ -83,10 +84,10 @@ pub fn parsing_gives_a_sound_tree(source: &str) {
             target <= blocks,
             "a branch leads to {target} of {blocks} in {source:?}"
         );
-        let _ = block_bytes(&program, block, true);
+        let _ = block_bytes(&program, block, Some("G84"), nj());
     }
     for header in [Header::Program(1), Header::Subprogram(1000)] {
-        assert!(compile(&program, header).ends_with("close\n"));
+        assert!(compile(&program, header, nj()).ends_with("close\n"));
     }
 }
 
@@ -117,7 +118,7 @@ pub fn what_checks_clean_runs_clean(source: &str) {
 }
 
 fn checked(source: &str) -> (NcProgram, Check) {
-    check_source(source, &CheckContext::default())
+    check_source(source, nj(), &CheckContext::default())
 }
 
 fn examine_findings(source: &str, findings: &[Diagnostic]) {
@@ -144,7 +145,7 @@ fn run(program: &Arc<NcProgram>, optional_skip: u32) -> Option<u16> {
         global: VariableArray::new(64),
         coordinate_system: VariableArray::new(64),
     };
-    let mut interpreter = Interpreter::new(&CoordinateSystemSettings::default());
+    let mut interpreter = Interpreter::new(&CoordinateSystemSettings::default(), nj());
     interpreter.start(Arc::clone(program), 1);
     for _ in 0..ITEMS {
         match interpreter.next(&Inputs {

@@ -9,6 +9,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use tandem_interp::dialects::nj;
 use tandem_interp::{Inputs, Interpreter};
 use tandem_model::axis::{Axis, AxisSet, AxisVector};
 use tandem_model::flow::{Action, Item};
@@ -71,7 +72,7 @@ impl Run {
     }
 
     pub fn with_settings(source: &str, settings: &CoordinateSystemSettings) -> Self {
-        let mut interpreter = Interpreter::new(settings);
+        let mut interpreter = Interpreter::new(settings, nj());
         interpreter.start(program(source), 1);
         Self {
             interpreter,

@@ -7,6 +7,7 @@ use std::fmt::Write as _;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use tandem_interp::dialects::nj;
 use tandem_interp::{Inputs, Interpreter};
 use tandem_model::flow::{Item, Path, Segment, SegmentMotion};
 use tandem_model::settings::{Tool, WorkOffsets};
@@ -77,7 +78,7 @@ fn segments(text: &str) -> Option<Vec<Segment>> {
         captured: Some([0.0; AXES_MAX]),
         position: Some(AxisVector::ZERO),
     };
-    let mut interpreter = Interpreter::new(&settings);
+    let mut interpreter = Interpreter::new(&settings, nj());
     let mut path = PathStage::new(&settings, MachinePosition::default());
     let mut out = Vec::new();
     interpreter.start(Arc::new(program), 1);

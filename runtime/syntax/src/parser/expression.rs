@@ -269,7 +269,7 @@ impl Parser<'_> {
     }
 
     fn number(&mut self, start: usize) -> Option<Node> {
-        match self.cursor.number(false) {
+        match self.cursor.number(false).map(|number| number.value) {
             Ok(value) => Some((self.node(Expression::Number(value)), Kind::Number)),
             Err(NumberError::TooLarge) => {
                 let span = self.cursor.span_from(start);

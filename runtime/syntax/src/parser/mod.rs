@@ -16,7 +16,7 @@ use tandem_model::{Diagnostic, Span};
 use self::control::Nesting;
 use crate::cursor::Cursor;
 use crate::diagnostics::{self, DiagnosticEntry};
-use crate::grammar::Grammar;
+use crate::grammar::{Grammar, ProgramForm};
 use crate::program_code::{CaseLabel, Expression, ProgramCode};
 use crate::tree::{Block, Content, NcProgram, Word};
 
@@ -55,11 +55,12 @@ pub fn parse(source: impl Into<Arc<str>>, grammar: &Grammar) -> (NcProgram, Vec<
         cases,
         diagnostics,
         complete,
+        number,
         ..
     } = parser;
     let program = NcProgram {
         source,
-        number: None,
+        number,
         complete,
         blocks,
         words,
@@ -94,6 +95,8 @@ struct Parser<'a> {
     code_line: u32,
     diagnostics: Vec<Diagnostic>,
     complete: bool,
+    /// The program number at the head.
+    number: Option<u32>,
     // the line that is read
     kind: LineKind,
     /// Only one command belongs to the branch or repetition before it.
@@ -120,6 +123,7 @@ impl<'a> Parser<'a> {
             code_line: 0,
             diagnostics: Vec::new(),
             complete: true,
+            number: None,
             kind: LineKind::Open,
             single: false,
             flags: 0,
@@ -151,13 +155,50 @@ impl<'a> Parser<'a> {
     }
 
     fn run(&mut self) {
+        let form = self.grammar.program_form;
+        self.head(form);
         loop {
             self.blank_lines();
-            if self.cursor.peek().is_none() {
-                break;
+            match self.cursor.peek() {
+                None => break,
+                byte if byte == form.mark => {
+                    self.cursor.finish();
+                    break;
+                }
+                Some(_) => self.line(false),
             }
-            self.line(false);
             self.code_line = self.cursor.line();
+        }
+    }
+
+    /// Passes what stands before the first block: the mark's line and the program number.
+    fn head(&mut self, form: ProgramForm) {
+        self.blank_lines();
+        if form.mark.is_some() && self.cursor.peek() == form.mark {
+            while self.cursor.peek().is_some_and(|byte| byte != b'\n') {
+                self.cursor.pass_character();
+            }
+            self.blank_lines();
+        }
+        let is_digit = |byte: u8| byte.is_ascii_digit();
+        let letter = self.cursor.peek().map(|byte| byte.to_ascii_uppercase());
+        if form.number_letter.is_none() || letter != form.number_letter {
+            return;
+        }
+        let start = self.cursor.at();
+        if self.cursor.peek_second().is_some_and(is_digit) {
+            self.cursor.advance(1);
+            let digits = self.cursor.digits();
+            self.cursor.advance(digits.len());
+            self.number = digits.parse().ok();
+            if self.number.is_none() {
+                self.report(
+                    &diagnostics::NUMBER_TOO_LARGE,
+                    self.cursor.span_from(start),
+                    "the program number is too large",
+                    "Write a number of at most nine digits.",
+                );
+            }
         }
     }
 

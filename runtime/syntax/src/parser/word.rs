@@ -4,10 +4,10 @@ use tandem_model::Span;
 
 use super::{LineKind, Parser, index};
 use crate::address::Address;
-use crate::cursor::NumberError;
+use crate::cursor::{Number, NumberError};
 use crate::diagnostics;
 use crate::program_code::Keyword;
-use crate::tree::{Variable, VariableKind, Word};
+use crate::tree::{Form, Variable, VariableKind, Word};
 
 impl Parser<'_> {
     /// Reads what begins with a letter here. True when it was a branch or repetition, which ends the line's reading.
@@ -133,14 +133,15 @@ impl Parser<'_> {
         }
         let value_start = self.cursor.at();
         match self.cursor.number(true) {
-            Ok(value) => {
+            Ok(Number { value, has_point }) => {
                 if let Some(b'.' | b'-' | b'+') = self.cursor.peek() {
                     self.pass_value();
                     self.number_malformed(start, value_start);
                 } else if matches!(address, Address::L | Address::P | Address::Q) && self.is_assignment() {
                     self.assignment(start, address, value_start);
                 } else {
-                    self.push_word(start, address, value, None);
+                    let form = if has_point { Form::Decimal } else { Form::Whole };
+                    self.push_word(start, address, value, form);
                 }
             }
             Err(NumberError::Missing) => {
@@ -223,7 +224,7 @@ impl Parser<'_> {
         let span = self.cursor.span_from(start);
         if self.variable_exists(variable, span) {
             let index = u16::try_from(variable.1).unwrap_or_default();
-            self.push_word(start, address, f64::from(index), Some(variable.0));
+            self.push_word(start, address, f64::from(index), Form::Indirection(variable.0));
         }
     }
 
@@ -273,7 +274,7 @@ impl Parser<'_> {
             .map(|index| Variable { kind: name.0, index })
     }
 
-    fn push_word(&mut self, start: usize, address: Address, value: f64, indirection: Option<VariableKind>) {
+    fn push_word(&mut self, start: usize, address: Address, value: f64, form: Form) {
         if self.too_long(start) {
             return;
         }
@@ -300,7 +301,7 @@ impl Parser<'_> {
             start: index(start),
             length,
             address,
-            indirection,
+            form,
         });
     }
 

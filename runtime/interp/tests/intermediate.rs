@@ -1,11 +1,12 @@
 //! The intermediate code, by the rules of appendix A-1 and D43.
 
+use tandem_interp::dialects;
 use tandem_syntax::{Grammar, Header, compile, parse};
 
 fn check(source: &str, header: Header, expect: &[&str]) {
     let (program, findings) = parse(source, Grammar::nj());
     assert!(findings.is_empty(), "{findings:?}");
-    let code = compile(&program, header);
+    let code = compile(&program, header, dialects::nj());
     assert_eq!(code.lines().collect::<Vec<_>>(), expect, "{source:?}");
     assert!(code.ends_with('\n'));
 }

@@ -1,0 +1,53 @@
+//! Whether a value is one that its word may have.
+
+use tandem_model::{Diagnostic, Span};
+use tandem_syntax::diagnostics;
+
+use super::WordSpec;
+
+/// Judges a value by the description of its word (D07, D11).
+#[inline]
+pub(crate) fn judge_value(spec: &WordSpec, value: f64, span: Span, fault: &mut dyn FnMut(Diagnostic)) {
+    if spec.integer || !value.is_finite() || !spec.holds(value) {
+        judge_closely(spec, value, span, fault);
+    }
+}
+
+/// Judges a value that may have to be a whole number, or is not right.
+#[cold]
+fn judge_closely(spec: &WordSpec, value: f64, span: Span, fault: &mut dyn FnMut(Diagnostic)) {
+    let name = spec.address.text();
+    if !value.is_finite() {
+        fault(diagnostics::NUMBER_TOO_LARGE.at(
+            span,
+            format!("the value of {name} is {value}"),
+            "Look at the calculation that gives it.",
+        ));
+    } else if !spec.holds(value) {
+        fault(diagnostics::OUT_OF_RANGE.at(
+            span,
+            format!(
+                "{name}{} ({}) is out of its range of {}",
+                shown(value),
+                spec.meaning,
+                spec.range_text()
+            ),
+            "Write a value within it.",
+        ));
+    } else if spec.integer && value.fract().abs() > 0.0 {
+        fault(diagnostics::INTEGER_NEEDED.at(
+            span,
+            format!("{name}{value} ({}) is not a whole number", spec.meaning),
+            "Write it without decimals.",
+        ));
+    }
+}
+
+/// A number that anything may have computed: one of many digits by its power of ten.
+fn shown(value: f64) -> String {
+    if value != 0.0 && !(1e-9..1e15).contains(&value.abs()) {
+        format!("{value:e}")
+    } else {
+        value.to_string()
+    }
+}
