@@ -21,7 +21,7 @@ use tokio::task::JoinSet;
 
 use crate::clock::Clock;
 use crate::config::{Config, ConfigError, Machine, ProgramSource};
-use crate::coordinate_system::{CoordinateSystem, Desk, Handle};
+use crate::coordinate_system::{CoordinateSystem, Handle, Mailbox};
 use crate::journal::{Event, Journal};
 use crate::persistence::journal_file::{JOURNAL_FOLDER, JournalThread, newest};
 use crate::persistence::{
@@ -176,12 +176,12 @@ impl Runtime {
         let shared = Shared::new(machine, boot_id, clock.clone(), store, journal, tables);
         let parts = Parts::new(Arc::new(shared), first_state, &Restored::default(), hardware);
         let period_ns = parts.shared.machine.servo_period_us * 1000;
-        let desks = parts
+        let mailboxes = parts
             .handles
             .iter()
-            .map(|handle| Arc::clone(&handle.desk))
+            .map(|handle| Arc::clone(&handle.mailbox))
             .collect();
-        let simulation = Arc::new(Simulation::new(parts.servo, clock, desks, period_ns, options));
+        let simulation = Arc::new(Simulation::new(parts.servo, clock, mailboxes, period_ns, options));
         slot.set(Arc::clone(&simulation))
             .map_err(|_| StartError::NotInSimulation)?;
         Ok(Runtime {
@@ -284,14 +284,14 @@ impl Parts {
             let system = CoordinateSystem::new(Arc::clone(&shared), configured, task_end, first_state, tool);
             let notify = Arc::new(Notify::new());
             let (view, variables) = (system.view(), system.variables());
-            let desk = Arc::new(Desk::new(Arc::clone(&shared), system, Arc::clone(&notify)));
+            let mailbox = Arc::new(Mailbox::new(Arc::clone(&shared), system, Arc::clone(&notify)));
             shared.wakes(Arc::clone(&notify));
             wake.push(notify);
-            let of_task = Arc::clone(&desk);
+            let of_task = Arc::clone(&mailbox);
             tasks.spawn(async move { of_task.run().await });
             handles.push(Handle {
                 number,
-                desk,
+                mailbox,
                 view,
                 variables,
             });
@@ -331,7 +331,7 @@ async fn publish_positions(shared: Arc<Shared>, handles: Vec<Handle>) {
             if odd {
                 let place = handle.view.program(&shared.store);
                 shared.publish(topic(CsTopic::Program), Payload::Program(place));
-                handle.desk.tell_spindle();
+                handle.mailbox.tell_spindle();
             }
         }
     }

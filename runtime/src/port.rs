@@ -117,7 +117,7 @@ impl RuntimePort {
             .map_err(|TooMany| Refusal::new(RefusalCode::Unavailable, "too many handlers are connected"))?;
         for handle in &self.handles {
             let request = Request::Handler(id.clone(), presence.clone());
-            handle.desk.ask(request, false).await?;
+            handle.mailbox.ask(request, false).await?;
         }
         Ok(Answer::Done)
     }
@@ -129,8 +129,8 @@ impl RuntimePort {
             let mut motors = system.settings.motors.iter().flatten();
             if motors.any(|axis| axis.number == motor) {
                 found = true;
-                let desk = &self.handle(system.settings.number)?.desk;
-                desk.ask(Request::SkipInput(motor, value), false).await?;
+                let mailbox = &self.handle(system.settings.number)?.mailbox;
+                mailbox.ask(Request::SkipInput(motor, value), false).await?;
             }
         }
         if found {
@@ -206,7 +206,11 @@ impl RuntimePort {
     async fn raise_alarm(&self, raise: AlarmRaise) -> Result<Answer, Refusal> {
         let alarm = raise.alarm()?;
         if let Some(cs) = raise.cs {
-            return self.handle(cs)?.desk.ask(Request::RaiseAlarm(raise), true).await;
+            return self
+                .handle(cs)?
+                .mailbox
+                .ask(Request::RaiseAlarm(raise), true)
+                .await;
         }
         self.shared.raise(AlarmRecord {
             number: alarm.number,
@@ -216,7 +220,7 @@ impl RuntimePort {
         // each is stopped, also behind one that refuses
         let mut answer = Ok(Answer::Done);
         for handle in &self.handles {
-            let stopped = handle.desk.ask(Request::RaiseAlarm(raise.clone()), true).await;
+            let stopped = handle.mailbox.ask(Request::RaiseAlarm(raise.clone()), true).await;
             answer = answer.and(stopped);
         }
         answer
@@ -243,7 +247,7 @@ impl RuntimePort {
             | Request::ValidateResult(cs, ..)
             | Request::Redeliver(cs, ..)
             | Request::Input(cs, _)
-            | Request::Spindle(cs, _) => self.handle(cs)?.desk.ask(request, false).await,
+            | Request::Spindle(cs, _) => self.handle(cs)?.mailbox.ask(request, false).await,
             Request::Tool(cs, id) => self.tool(cs, id).await,
             Request::ReadVariables {
                 area,
@@ -336,7 +340,7 @@ impl ServedPort for RuntimePort {
             }
         }
         for handle in &self.handles {
-            handle.desk.wake_task();
+            handle.mailbox.wake_task();
         }
     }
 

@@ -11,7 +11,7 @@ use tandem_servo::{HardwareFactory, Servo};
 use tokio::sync::Notify;
 
 use crate::clock::Clock;
-use crate::coordinate_system::Desk;
+use crate::coordinate_system::Mailbox;
 
 /// Real time after which simulated time that stands is reported.
 const STANDSTILL_REPORT: Duration = Duration::from_secs(5);
@@ -26,7 +26,7 @@ pub type OnCycle = Box<dyn FnMut(&Servo) + Send>;
 pub struct Simulation {
     servo: Mutex<SimulatedServo>,
     clock: Clock,
-    desks: Vec<Arc<Desk>>,
+    mailboxes: Vec<Arc<Mailbox>>,
     stalled: Notify,
     period_ns: u64,
     limit_ns: u64,
@@ -48,7 +48,7 @@ impl Simulation {
     pub(crate) fn new(
         servo: Servo,
         clock: Clock,
-        desks: Vec<Arc<Desk>>,
+        mailboxes: Vec<Arc<Mailbox>>,
         period_ns: u64,
         options: SimulationOptions,
     ) -> Self {
@@ -62,7 +62,7 @@ impl Simulation {
         Self {
             servo,
             clock,
-            desks,
+            mailboxes,
             stalled: Notify::new(),
             period_ns,
             limit_ns,
@@ -109,8 +109,8 @@ impl Simulation {
                 turns += 1;
                 if !self.turn_alone(servo) || turns == TURNS_MAX {
                     // so that this is called again, also when nobody listened
-                    for desk in &self.desks {
-                        desk.wake_task();
+                    for mailbox in &self.mailboxes {
+                        mailbox.wake_task();
                     }
                     return;
                 }
@@ -121,10 +121,10 @@ impl Simulation {
     /// Each coordinate system that the servo has told something looks at it. False when tasks must run before time goes
     /// on.
     fn turn_alone(&self, servo: &Servo) -> bool {
-        let desks = self.desks.iter().zip(servo.channels());
-        let told = desks.filter(|(_, channel)| channel.has_told());
+        let mailboxes = self.mailboxes.iter().zip(servo.channels());
+        let told = mailboxes.filter(|(_, channel)| channel.has_told());
         // all of them turn, also behind one that needs its task
-        told.filter(|(desk, _)| !desk.turn_alone()).count() == 0
+        told.filter(|(mailbox, _)| !mailbox.turn_alone()).count() == 0
     }
 
     /// Cycles before the next sleeper is due in which nothing happens pass at once; a trace wants each of them.

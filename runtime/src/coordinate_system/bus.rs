@@ -26,22 +26,22 @@ pub(super) struct Bus {
 impl CoordinateSystem {
     /// What the server end for MQTT has said since the last turn.
     pub(super) fn look_at_bus(&mut self, now: Now) {
-        let reconnections = self.shared.bus_reconnections.load(Ordering::Relaxed);
+        let reconnections = self.context.shared.bus_reconnections.load(Ordering::Relaxed);
         if replace(&mut self.bus.reconnections, reconnections) != reconnections {
-            self.ledger.republish(now, |_| true);
+            self.outputs.ledger.republish(now, |_| true);
         }
-        let connected = self.shared.bus_connected.load(Ordering::Relaxed);
+        let connected = self.context.shared.bus_connected.load(Ordering::Relaxed);
         if connected != self.bus.is_lost {
             return;
         }
         self.bus.is_lost = !connected;
         self.bus.held_at = None;
-        self.shared.record(self.number, Event::Bus { connected });
+        self.context.record(Event::Bus { connected });
     }
 
     /// Holds a run that waits for an output at rest.
     pub(super) fn hold_without_bus(&mut self) {
-        if !self.bus.is_lost || !self.shared.machine.hold_on_bus_loss {
+        if !self.bus.is_lost || !self.context.shared.machine.hold_on_bus_loss {
             return;
         }
         let awaited = self.state.awaited().map(|awaited| awaited.seq);
@@ -56,10 +56,10 @@ impl CoordinateSystem {
         self.hold(Cause::BusLoss);
         let event = Event::Hold {
             reason: Reason::BusLost,
-            m: self.ledger.get(seq).map(|open| open.notice.m),
+            m: self.outputs.ledger.get(seq).map(|open| open.notice.m),
             seq,
         };
-        self.shared.record(self.number, event);
+        self.context.record(event);
     }
 }
 

@@ -1,76 +1,30 @@
 //! Commands: judged and carried out one after another; hold, stop and abort wait for nothing.
 
-use std::collections::BTreeSet;
 use std::sync::Arc;
 
-use plc_api::types::command::{Command, CommandMeta, CommandReply, CommandStatus, Verb};
-use plc_api::types::program::ProgramDiagnostic;
+use plc_api::types::command::{Command, CommandMeta, CommandStatus, Verb};
 use plc_api::types::request::{Answer, Refusal, RefusalCode};
 use plc_api::types::state::{Execution, Reason};
-use plc_api::types::topic::CsTopic;
-use tokio::sync::oneshot;
 
 use super::CoordinateSystem;
+use super::pending_commands::{Awaiting, Deferred, reject};
 use super::run::{Kind, Run};
 use super::run_state::{Cause, End, Phase, RunEvent};
 use crate::journal::Event;
-use crate::program_store::StoredProgram;
 use plc_api::execution::{Situation, word};
-
-/// Commands that wait for a transition to end. A further one is refused.
-const DEFERRED_MAX: usize = 256;
-
-type Reply = oneshot::Sender<Result<Answer, Refusal>>;
-
-/// A command that is to be judged.
-pub(super) struct Deferred {
-    /// When it came, among all that is asked of this coordinate system.
-    pub order: u64,
-    pub command: Command,
-    pub meta: CommandMeta,
-    pub wait: bool,
-    pub reply: Reply,
-}
-
-/// A command that was accepted and whose effect is still to come.
-pub(super) struct Awaiting {
-    meta: CommandMeta,
-    verb: Verb,
-    /// What was worth knowing when it was accepted.
-    note: String,
-    reply: Option<Reply>,
-}
-
-impl Awaiting {
-    /// Done when the machine rests under feed hold.
-    pub fn is_hold(&self) -> bool {
-        self.verb == Verb::Hold
-    }
-
-    /// Done when a run has been ended and the machine rests. A hold that an end overtook is done then, too.
-    pub fn is_end(&self) -> bool {
-        matches!(self.verb, Verb::Hold | Verb::Stop | Verb::Abort | Verb::Reset)
-    }
-
-    /// Done when the run that it began has ended by itself.
-    pub fn is_of_run(&self) -> bool {
-        matches!(self.verb, Verb::Mdi | Verb::Home | Verb::Jog)
-    }
-}
 
 impl CoordinateSystem {
     pub(super) fn command(&mut self, command: Deferred) {
         let verb = command.command.verb();
         if verb.is_urgent() {
             if matches!(verb, Verb::Stop | Verb::Abort) {
-                self.stopped_at = command.order;
+                self.commands.note_stop(command.order);
             }
             self.carry_out_command(command);
-        } else if self.deferred.len() >= DEFERRED_MAX {
+        } else if let Err(command) = self.commands.defer(command) {
             let refusal = Refusal::new(RefusalCode::Unavailable, "too many commands wait; try again");
-            self.reject(&command.meta, refusal, command.reply);
+            reject(&self.context, &command.meta, refusal, command.reply);
         } else {
-            self.deferred.push_back(command);
             self.carry_out_deferred();
         }
         self.publish_changes();
@@ -79,7 +33,7 @@ impl CoordinateSystem {
     /// Each command is judged against the state that those before it have left.
     pub(super) fn carry_out_deferred(&mut self) {
         while !self.is_in_transition() {
-            let Some(command) = self.deferred.pop_front() else {
+            let Some(command) = self.commands.next() else {
                 return;
             };
             self.carry_out_command(command);
@@ -88,26 +42,20 @@ impl CoordinateSystem {
 
     /// True when a command waits, and no longer for a transition.
     pub(super) fn may_go_on_with_commands(&self) -> bool {
-        !self.deferred.is_empty() && !self.is_in_transition()
+        !self.commands.is_empty() && !self.is_in_transition()
     }
 
     fn is_in_transition(&self) -> bool {
-        self.state.transition().is_some() || self.validation.is_some()
+        self.state.transition().is_some() || self.validations.is_pending()
     }
 
     fn carry_out_command(&mut self, command: Deferred) {
         // The same command may have come twice before the first was carried out; hold, stop and abort may act twice.
-        let said = self.shared.replied(&command.meta.command_id);
+        let said = self.context.shared.replied(&command.meta.command_id);
         if let Some(said) = said.filter(|_| !command.command.verb().is_urgent()) {
-            let id = &command.meta.command_id;
-            if command.wait
-                && self
-                    .awaiting
-                    .iter()
-                    .any(|awaiting| awaiting.meta.command_id == *id)
-            {
+            if command.wait && self.commands.awaits(&command.meta.command_id) {
                 // sent twice, and both senders wait until it is done
-                self.awaiting.push(Awaiting {
+                self.commands.await_effect(Awaiting {
                     verb: command.command.verb(),
                     meta: command.meta,
                     note: said.text.clone(),
@@ -134,11 +82,12 @@ impl CoordinateSystem {
         } = command;
         let verb = command.verb();
         if self.judge_lease(verb, &meta).is_ok() && self.refresh_jog(&command) {
-            let done = self.say(&meta, CommandStatus::Done, "ok", "");
+            let done = self.context.reply(&meta, CommandStatus::Done, "ok", "");
             let _ = reply.send(Ok(Answer::Command(done)));
             return;
         }
         let judged = self
+            .commands
             .judge_order(verb, order)
             .and_then(|()| self.judge(verb, &meta))
             .and_then(|()| self.prepare_command(&command));
@@ -146,24 +95,24 @@ impl CoordinateSystem {
             Ok(prepared) => prepared,
             Err(refusal) => {
                 let refusal = self.in_situation(refusal, &meta);
-                return self.reject(&meta, refusal, reply);
+                return reject(&self.context, &meta, refusal, reply);
             }
         };
         let text = notes.iter().fold(text, |text, note| join(&text, note));
-        self.last_command_id = Some(meta.command_id.clone());
+        self.commands.last_id = Some(meta.command_id.clone());
         let event = Event::Command {
             verb,
             command_id: meta.command_id.clone(),
             client_id: meta.client_id.clone(),
         };
-        self.shared.record(self.number, event);
-        let accepted = self.say(&meta, CommandStatus::Accepted, "ok", &text);
+        self.context.record(event);
+        let accepted = self.context.reply(&meta, CommandStatus::Accepted, "ok", &text);
         let mut reply = Some(reply);
         if !wait && let Some(reply) = reply.take() {
             // The asker may have gone; the command is carried out all the same.
             let _ = reply.send(Ok(Answer::Command(accepted)));
         }
-        self.awaiting.push(Awaiting {
+        self.commands.await_effect(Awaiting {
             meta,
             verb,
             note: text,
@@ -174,26 +123,17 @@ impl CoordinateSystem {
         }
     }
 
-    /// A stop or abort passes those that wait; what was to move before it must not move behind it.
-    fn judge_order(&self, verb: Verb, order: u64) -> Result<(), Refusal> {
-        if verb.moves() && order < self.stopped_at {
-            let text = "a stop or abort that came after it has been carried out before it; command it again";
-            return Err(Refusal::new(RefusalCode::NotAllowed, text));
-        }
-        Ok(())
-    }
-
     pub(super) fn judge(&self, verb: Verb, meta: &CommandMeta) -> Result<(), Refusal> {
         let failed = |text: String| Err(Refusal::new(RefusalCode::PreconditionFailed, text));
         if let Some(expect) = &meta.expect {
             if expect
                 .boot_id
                 .as_ref()
-                .is_some_and(|boot_id| *boot_id != self.shared.boot_id)
+                .is_some_and(|boot_id| *boot_id != self.context.shared.boot_id)
             {
                 return failed("the runtime was started again since; read its state".into());
             }
-            let rev = self.state_rev();
+            let rev = self.context.state_rev();
             if expect.state_rev.is_some_and(|expected| expected != rev) {
                 return failed(format!("the state has changed since; its rev is {rev} now"));
             }
@@ -241,18 +181,20 @@ impl CoordinateSystem {
     pub(super) fn situation(&self) -> Situation {
         Situation {
             execution: self.state.word_at_rest().0,
-            program_loaded: self.program.is_some(),
-            alarm_active: self.shared.alarm_count(self.number) > 0,
+            program_loaded: self.commands.program.is_some(),
+            alarm_active: self.context.alarm_count() > 0,
         }
     }
 
     /// What can still refuse a command, and what it needs: nothing has changed when it does.
     fn prepare_command(&self, command: &Command) -> Result<(String, Option<Run>), Refusal> {
         match command {
-            Command::Load { program } => Ok((self.check_called(&self.stored(*program)?)?, None)),
+            Command::Load { program } => {
+                Ok((self.context.check_called(&self.context.stored(*program)?)?, None))
+            }
             Command::Start => {
-                let main = self.stored(self.program.unwrap_or_default())?;
-                self.check_called(&main)?;
+                let main = self.context.stored(self.commands.program.unwrap_or_default())?;
+                self.context.check_called(&main)?;
                 Ok((String::new(), Some(self.new_run(Kind::Program, main))))
             }
             Command::BackTrace { on } => self.judge_back_trace(*on).map(|()| (String::new(), None)),
@@ -274,15 +216,15 @@ impl CoordinateSystem {
     fn take_effect(&mut self, command: &Command, start: Option<Run>) -> bool {
         match command {
             Command::Load { program } => {
-                self.program = Some(*program);
-                self.loaded = self.texts_of(*program);
+                self.commands.program = Some(*program);
+                self.commands.texts = self.context.texts_of(*program);
                 self.drive(RunEvent::Loaded);
                 self.go_to_head();
                 true
             }
             Command::Start => {
                 if let Some(run) = start {
-                    self.loaded = self.texts_of(run.main.number);
+                    self.commands.texts = self.context.texts_of(run.main.number);
                     self.start(run);
                 }
                 true
@@ -296,7 +238,7 @@ impl CoordinateSystem {
             Command::Hold => self.hold(Cause::Operator),
             Command::Resume | Command::BackTrace { on: false } => {
                 self.drive(RunEvent::Resume);
-                self.shared.record(self.number, Event::Resume);
+                self.context.record(Event::Resume);
                 true
             }
             Command::BackTrace { on: true } => {
@@ -306,8 +248,8 @@ impl CoordinateSystem {
             Command::Stop => self.end_run(End::Stop),
             Command::Abort => self.end_run(End::Abort),
             Command::Reset => {
-                self.shared.clear_alarms(self.number);
-                let has_program = self.program.is_some();
+                self.context.shared.clear_alarms(self.context.number);
+                let has_program = self.commands.program.is_some();
                 let is_done = self.end_run(End::Reset { has_program });
                 self.go_to_head();
                 is_done
@@ -318,7 +260,7 @@ impl CoordinateSystem {
 
     /// The program loaded is at its head.
     fn go_to_head(&self) {
-        self.view.at_head(self.program);
+        self.context.view.at_head(self.commands.program);
         self.publish_place();
     }
 
@@ -328,125 +270,31 @@ impl CoordinateSystem {
         if let Kind::Jog(jog) = &run.kind {
             phase = self.start_jog(jog);
         } else {
-            let goes_on = matches!(run.kind, Kind::Manual) && self.manual_goes_on;
+            let goes_on = matches!(run.kind, Kind::Manual) && self.past.manual_goes_on;
             let tree = Arc::clone(&run.main.tree);
             self.pipeline.start(tree, number, self.servo.epoch(), goes_on);
-            self.manual_goes_on = false;
+            self.past.manual_goes_on = false;
         }
-        self.runs += 1;
-        self.run_id = Some(run.id.clone());
+        self.past.count += 1;
+        self.past.last_id = Some(run.id.clone());
         let manual = (number == 0).then(|| Arc::clone(&run.main));
-        self.view.update(|place| place.manual = manual);
+        self.context.view.update(|place| place.manual = manual);
         let event = Event::Start {
             program: number,
             run_id: run.id.clone(),
         };
-        self.shared.record(self.number, event);
+        self.context.record(event);
         self.inputs.take_over_skip(1);
         self.publish_inputs();
         self.run = Some(run);
         self.drive(RunEvent::Started(phase));
     }
 
-    pub(super) fn stored(&self, number: u16) -> Result<Arc<StoredProgram>, Refusal> {
-        self.shared.store.get(number).ok_or_else(|| {
-            let text = format!("program {number} is not in the store; write it first");
-            Refusal::new(RefusalCode::NotFound, text)
-        })
-    }
-
-    /// Refuses a program that has errors, its subprograms included; says what is worth knowing.
-    pub(super) fn check_called(&self, main: &Arc<StoredProgram>) -> Result<String, Refusal> {
-        let all = self.shared.store.all();
-        let number = main.number;
-        let mut errors = Vec::new();
-        let mut m_codes = BTreeSet::new();
-        let (mut seen, mut left) = (BTreeSet::from([number]), vec![Arc::clone(main)]);
-        while let Some(program) = left.pop() {
-            let here = program.check_in(&self.configured.settings);
-            m_codes.extend(here.m_codes.iter().copied());
-            errors.extend(
-                here.errors
-                    .iter()
-                    .cloned()
-                    .map(|diagnostic| match program.number {
-                        main if main == number => diagnostic,
-                        called => {
-                            let message =
-                                format!("in program {called}, which is called: {}", diagnostic.message);
-                            ProgramDiagnostic {
-                                message,
-                                ..diagnostic
-                            }
-                        }
-                    }),
-            );
-            let called = program.check.programs.iter().filter_map(|called| all.get(called));
-            left.extend(called.filter(|called| seen.insert(called.number)).cloned());
-        }
-        if !errors.is_empty() {
-            let what = match number {
-                0 => "the text".to_owned(),
-                number => format!("program {number}"),
-            };
-            let text = format!("{what} has {} errors", errors.len());
-            return Err(Refusal {
-                diagnostics: errors,
-                ..Refusal::new(RefusalCode::ProgramHasErrors, text)
-            });
-        }
-        let unhandled: Vec<String> = m_codes
-            .into_iter()
-            .filter(|m| !self.is_served(*m))
-            .map(|m| format!("M{m:02}"))
-            .collect();
-        if unhandled.is_empty() {
-            Ok(String::new())
-        } else {
-            Ok(format!("no handler is registered for {}", unhandled.join(", ")))
-        }
-    }
-
-    fn state_rev(&self) -> u64 {
-        let state = self.shared.hub.read(&self.topic(CsTopic::State));
-        state.and_then(|message| message.rev).unwrap_or(0)
-    }
-
-    pub(super) fn reject(&mut self, meta: &CommandMeta, refusal: Refusal, reply: Reply) {
-        let code = word(&refusal.code);
-        self.say(meta, CommandStatus::Rejected, &code, &refusal.text);
-        // The asker may have gone; the reply is published, too.
-        let _ = reply.send(Err(refusal));
-    }
-
-    fn say(&self, meta: &CommandMeta, status: CommandStatus, code: &str, text: &str) -> CommandReply {
-        let reply = self.reply_to(meta, status, code, text);
-        self.shared.reply(&meta.client_id, reply.clone());
-        reply
-    }
-
-    pub(super) fn reply_to(
-        &self,
-        meta: &CommandMeta,
-        status: CommandStatus,
-        code: &str,
-        text: &str,
-    ) -> CommandReply {
-        CommandReply {
-            command_id: meta.command_id.clone(),
-            status,
-            code: code.to_owned(),
-            text: text.to_owned(),
-            state_rev: self.state_rev(),
-            variables: None,
-            lease: None,
-        }
-    }
-
     /// Tells those commands whose effect has been reached.
     pub(super) fn complete(&mut self, is_done: &dyn Fn(&Awaiting) -> bool) {
         self.publish_changes();
-        self.answer(is_done, CommandStatus::Done, "ok", "");
+        self.commands
+            .answer(&self.context, is_done, CommandStatus::Done, "ok", "");
     }
 
     /// Tells those who began a run by hand that it was ended before its end; of a jog that is what they wait for.
@@ -456,33 +304,13 @@ impl CoordinateSystem {
         }
         let reason = into.1.map(|reason| word(&reason)).unwrap_or_default();
         let text = format!("it was ended before its end: {} {reason}", word(&into.0));
-        self.answer(
+        self.commands.answer(
+            &self.context,
             &Awaiting::is_of_run,
             CommandStatus::Failed,
             &reason.to_lowercase(),
             &text,
         );
-    }
-
-    fn answer(&mut self, is_it: &dyn Fn(&Awaiting) -> bool, status: CommandStatus, code: &str, text: &str) {
-        let (answered, left): (Vec<_>, Vec<_>) = self.awaiting.drain(..).partition(is_it);
-        self.awaiting = left;
-        for Awaiting {
-            meta, note, reply, ..
-        } in answered
-        {
-            // who waits for the end only must hear of it, too
-            let text = if status == CommandStatus::Done {
-                &note
-            } else {
-                text
-            };
-            let said = self.say(&meta, status, code, text);
-            if let Some(reply) = reply {
-                // The asker may have gone; the reply is published, too.
-                let _ = reply.send(Ok(Answer::Command(said)));
-            }
-        }
     }
 }
 

@@ -134,7 +134,7 @@ impl CoordinateSystem {
     }
 
     /// A block has ended with its own stop.
-    pub(super) fn block_ended(&mut self) {
+    pub(super) fn on_block_ended(&mut self) {
         if !self.inputs.single_block {
             return;
         }
@@ -142,7 +142,7 @@ impl CoordinateSystem {
         let begun = self.pipeline.interpreter.call_stack();
         let origin = begun.filter(|at| at.line > 0).last();
         if let Some(origin) = origin {
-            self.view.update(|place| place.executing = origin);
+            self.context.view.update(|place| place.executing = origin);
         }
         if self.pipeline.interpreter.modal().compensates() {
             let text = "single block is on, and cutter compensation cannot be stopped between blocks";
@@ -155,6 +155,6 @@ impl CoordinateSystem {
             program: origin.map(|at| at.program),
             line: origin.map(|at| at.line),
         };
-        self.shared.record(self.number, event);
+        self.context.record(event);
     }
 }

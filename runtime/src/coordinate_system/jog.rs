@@ -20,9 +20,6 @@ const DISTANCE_MAX: f64 = 1_000_000.0;
 /// Distances below this are no motion, mm or degrees.
 const DISTANCE_MIN: f64 = 1e-9;
 
-/// Jogs that have ended and whose late refreshes are refused.
-const ENDED_MAX: usize = 16;
-
 impl CoordinateSystem {
     pub(super) fn prepare_jog(
         &self,
@@ -42,11 +39,11 @@ impl CoordinateSystem {
                 "distance {distance}: write more than 0, at most {DISTANCE_MAX}"
             ));
         }
-        if self.ended_jogs.iter().any(|ended| ended == refresh_id) {
+        if self.past.jogs.has_ended(refresh_id) {
             let text = format!("the jog {refresh_id:.64} has ended; begin a new one with another refresh_id");
             return Err(Refusal::new(RefusalCode::NotAllowed, text));
         }
-        let mut settings = self.configured.settings.clone();
+        let mut settings = self.context.configured.settings.clone();
         let Some(motor) = settings.motors.get_mut(axis.index()).and_then(Option::as_mut) else {
             return wrong(format!("axis {} has no motor", axis.letter()));
         };
@@ -69,11 +66,15 @@ impl CoordinateSystem {
         to[axis] = end;
         let jog = Jog {
             refresh_id: refresh_id.to_owned(),
-            until_s: self.shared.clock.now_s() + REFRESH_S,
+            until_s: self.context.now_s() + REFRESH_S,
             to,
             settings: Arc::new(settings),
         };
-        let nothing = Arc::new(StoredProgram::manual("", self.configured.text_rules(), false));
+        let nothing = Arc::new(StoredProgram::manual(
+            "",
+            self.context.configured.text_rules(),
+            false,
+        ));
         Ok((String::new(), self.new_run(Kind::Jog(jog), nothing)))
     }
 
@@ -87,7 +88,7 @@ impl CoordinateSystem {
 
     /// True when the command refreshes the jog that runs.
     pub(super) fn refresh_jog(&mut self, command: &Command) -> bool {
-        let until_s = self.shared.clock.now_s() + REFRESH_S;
+        let until_s = self.context.now_s() + REFRESH_S;
         match (command, &mut self.run) {
             (
                 Command::Jog { refresh_id, .. },
@@ -114,16 +115,6 @@ impl CoordinateSystem {
     pub(super) fn expire_jog(&mut self, now_s: f64) {
         if self.jog_until_s().is_some_and(|until_s| until_s <= now_s + 1e-9) {
             self.end_run(End::JogExpired);
-        }
-    }
-
-    /// A jog that has ended is not begun again by a refresh that comes late.
-    pub(super) fn remember_jog(&mut self, run: &Run) {
-        if let Kind::Jog(jog) = &run.kind {
-            self.ended_jogs.push_back(jog.refresh_id.clone());
-            if self.ended_jogs.len() > ENDED_MAX {
-                self.ended_jogs.pop_front();
-            }
         }
     }
 }

@@ -149,14 +149,14 @@ impl CoordinateSystem {
         meta: &CommandMeta,
     ) -> Result<Answer, Refusal> {
         // The same request may have come twice before the first was carried out.
-        if let Some(said) = self.shared.replied(&meta.command_id) {
+        if let Some(said) = self.context.shared.replied(&meta.command_id) {
             return Ok(Answer::Command(said));
         }
         let before = self.lease.held().cloned();
         let done = match request {
             LeaseRequest::Take(take) => self
                 .lease
-                .take(self.shared.now(), take, &meta.client_id)
+                .take(self.context.now(), take, &meta.client_id)
                 .map(|lease| (take.fence.is_none().then_some(LeaseChange::Taken), Some(lease))),
             LeaseRequest::Release(release) => {
                 let released = self.lease.release(release.fence);
@@ -175,15 +175,17 @@ impl CoordinateSystem {
                 self.publish_lease();
                 let reply = CommandReply {
                     lease,
-                    ..self.reply_to(meta, CommandStatus::Done, "ok", "")
+                    ..self.context.reply_to(meta, CommandStatus::Done, "ok", "")
                 };
-                self.shared.reply(&meta.client_id, reply.clone());
+                self.context.shared.reply(&meta.client_id, reply.clone());
                 Ok(Answer::Command(reply))
             }
             Err(refusal) => {
                 let code = word(&refusal.code);
-                let reply = self.reply_to(meta, CommandStatus::Rejected, &code, &refusal.text);
-                self.shared.reply(&meta.client_id, reply);
+                let reply = self
+                    .context
+                    .reply_to(meta, CommandStatus::Rejected, &code, &refusal.text);
+                self.context.shared.reply(&meta.client_id, reply);
                 Err(refusal)
             }
         }
@@ -206,13 +208,12 @@ impl CoordinateSystem {
             fence: lease.fence,
             client_id: client_id.map(str::to_owned),
         };
-        self.shared.record(self.number, event);
+        self.context.record(event);
     }
 
     pub(super) fn publish_lease(&self) {
         let state = self.lease.held().cloned().into();
-        self.shared
-            .publish(self.topic(CsTopic::Lease), Payload::Lease(state));
+        self.context.publish(CsTopic::Lease, Payload::Lease(state));
     }
 }
 

@@ -27,10 +27,10 @@ impl CoordinateSystem {
         // An input needs no end of its own.
         let program = Arc::new(StoredProgram::manual(
             &format!("{text}\nM30\n"),
-            self.configured.text_rules(),
-            self.manual_goes_on,
+            self.context.configured.text_rules(),
+            self.past.manual_goes_on,
         ));
-        let warning = self.check_called(&program)?;
+        let warning = self.context.check_called(&program)?;
         Ok((warning, self.new_run(Kind::Manual, program)))
     }
 
@@ -42,13 +42,17 @@ impl CoordinateSystem {
             .collect::<Result<_, Refusal>>()?;
         // The middle point of G28 is where the machine is: 0 further.
         let text = format!("G91 G28 {}\nM30\n", words.join(" "));
-        let program = Arc::new(StoredProgram::manual(&text, self.configured.text_rules(), false));
-        let warning = self.check_called(&program)?;
+        let program = Arc::new(StoredProgram::manual(
+            &text,
+            self.context.configured.text_rules(),
+            false,
+        ));
+        let warning = self.context.check_called(&program)?;
         Ok((warning, self.new_run(Kind::Home, program)))
     }
 
     pub(super) fn axis_of(&self, letter: char) -> Result<Axis, Refusal> {
-        let axes = self.configured.settings.axes();
+        let axes = self.context.configured.settings.axes();
         Axis::from_letter(letter.to_ascii_uppercase())
             .filter(|axis| axes.contains(*axis))
             .ok_or_else(|| {
@@ -59,13 +63,13 @@ impl CoordinateSystem {
 
     /// A run of a program, with all that it may call as they are now.
     pub(super) fn new_run(&self, kind: Kind, main: Arc<StoredProgram>) -> Run {
-        let all = self.shared.store.all();
+        let all = self.context.shared.store.all();
         let programs: BTreeMap<_, _> = all
             .iter()
             .map(|(number, program)| (*number, Arc::clone(&program.tree)))
             .collect();
         Run {
-            id: format!("{}-{}", self.number, self.runs + 1),
+            id: format!("{}-{}", self.context.number, self.past.count + 1),
             kind,
             main,
             programs,

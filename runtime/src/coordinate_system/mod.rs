@@ -1,19 +1,24 @@
 //! One CNC coordinate system.
 //!
 //! It pulls the stages ahead of the motion into the servo's queue (`preparation`), keeps the ledger of outputs and resets
-//! (`outputs`), carries out commands one after another (`commands`) and publishes what changed (`publish`). The servo
-//! answers by events only; nothing calls back into a stage. One at a time works on it: its task, or who asks (`desk`).
+//! (`outputs`), carries out commands one after another (`commands`) and publishes what changed (`publish`). What its run
+//! does next follows from one state (`run_state`). The servo answers by events only; nothing calls back into a stage. One
+//! at a time works on it: its task, or who asks (`mailbox`).
 
 mod bus;
 mod commands;
-mod desk;
+mod context;
 mod holding;
 mod jog;
 mod lease;
+mod mailbox;
 mod manual;
+mod open_outputs;
 mod outputs;
+mod pending_commands;
 mod pipeline;
 mod preparation;
+mod programs;
 mod publish;
 mod replanning;
 mod run;
@@ -22,88 +27,62 @@ mod servo_link;
 mod validation;
 mod view;
 
-use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
 use plc_api::handshake::Ledger;
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::machine::AlarmRaise;
-use plc_api::types::output::{CancelReason, OutputNotice};
+use plc_api::types::output::CancelReason;
 use plc_api::types::request::{Answer, Input, Refusal, RefusalCode, Request};
-use plc_api::types::state::{Execution, Lock, Overrides, Reason, SpindleDirection, State};
-use plc_api::types::topic::CsTopic;
+use plc_api::types::state::{Execution, Lock, Overrides, Reason, SpindleDirection};
 use tandem_model::flow::Transform;
-use tandem_model::{AXES_MAX, MachinePosition, Variables};
+use tandem_model::{MachinePosition, Variables};
 use tandem_servo::{ChannelHandle, Control, Event};
 
 use crate::config::CoordinateSystem as Configured;
 use crate::journal::{Event as Happened, RaisedAlarm, RunEnd};
 use crate::shared::Shared;
 use bus::Bus;
-use commands::{Awaiting, Deferred};
-pub(crate) use desk::Desk;
-use desk::Envelope;
+use context::Context;
 use lease::ControlLease;
-use outputs::StockWork;
+use mailbox::Envelope;
+pub(crate) use mailbox::Mailbox;
+use open_outputs::Outputs;
+use pending_commands::{Awaiting, Commands, Deferred};
 use pipeline::Pipeline;
 use preparation::Share;
+use publish::Published;
 use replanning::Replanning;
-use run::{Kind, Run};
+use run::{Kind, PastRuns, Run};
 use run_state::{End, RunAction, RunEvent, RunState};
 use servo_link::ServoLink;
-use validation::{Texts, Validation};
+use validation::Validations;
 pub(crate) use view::View;
 
 /// How the port reaches a coordinate system.
 #[derive(Debug, Clone)]
 pub(crate) struct Handle {
     pub number: CoordinateSystemNumber,
-    pub desk: Arc<Desk>,
+    pub mailbox: Arc<Mailbox>,
     pub view: Arc<View>,
     pub variables: Variables,
 }
 
 /// Its whole state.
 pub(crate) struct CoordinateSystem {
-    shared: Arc<Shared>,
-    number: CoordinateSystemNumber,
-    configured: Configured,
-    view: Arc<View>,
+    context: Context,
     servo: ServoLink,
     pipeline: Pipeline,
     replanning: Replanning,
-    variables: Variables,
-    /// `_CNC_CapturedPosition<n>`: where the motors rested at the end of the last G31 since the start of the runtime,
-    /// ascending by motor number, machine coordinates in mm or degrees (D16, D41).
-    captured: [f64; AXES_MAX],
-    ledger: Ledger,
-    /// What each open output said, for alarms and the journal.
-    notices: BTreeMap<u64, OutputNotice>,
-    program: Option<u16>,
     state: RunState,
     /// The run that the state is of.
     run: Option<Run>,
-    runs: u64,
-    /// The next manual data input goes on in the modal state of the last one.
-    manual_goes_on: bool,
-    /// Jogs that have ended, the oldest first.
-    ended_jogs: VecDeque<String>,
+    past: PastRuns,
     inputs: InputValues,
-    stock: Vec<StockWork>,
-    deferred: VecDeque<Deferred>,
-    /// Programs as they were when the main program was loaded, by their numbers.
-    loaded: Texts,
-    /// Order of the last stop or abort.
-    stopped_at: u64,
-    awaiting: Vec<Awaiting>,
-    last_command_id: Option<String>,
-    /// Of the run started last.
-    run_id: Option<String>,
-    /// What all others see.
-    published: Option<State>,
-    /// A load whose parameters are being checked by handlers.
-    validation: Option<Validation>,
-    validations: u64,
+    outputs: Outputs,
+    commands: Commands,
+    validations: Validations,
+    published: Published,
     lease: ControlLease,
     bus: Bus,
 }
@@ -142,66 +121,58 @@ impl CoordinateSystem {
         tool: u16,
     ) -> Self {
         let number = configured.settings.number;
+        let ledger = Ledger::new(shared.boot_id.clone(), configured.open_outputs_max);
         let at = handle.readings.read().commanded;
-        let view = Arc::new(View::new(&configured.settings, Arc::clone(&handle.readings)));
         Self {
-            number,
-            view,
-            servo: ServoLink::new(handle),
             pipeline: Pipeline::new(&configured.settings, configured.dialect, at),
+            lease: ControlLease::new(number, shared.now()),
+            context: Context {
+                number,
+                view: Arc::new(View::new(&configured.settings, Arc::clone(&handle.readings))),
+                variables: shared.tables.variables(number),
+                configured,
+                shared,
+            },
+            servo: ServoLink::new(handle),
             replanning: Replanning::default(),
-            variables: shared.tables.variables(number),
-            captured: [0.0; AXES_MAX],
-            ledger: Ledger::new(shared.boot_id.clone(), configured.open_outputs_max),
-            notices: BTreeMap::new(),
-            program: None,
             state: RunState::Idle(first_state),
             run: None,
-            runs: 0,
-            manual_goes_on: false,
-            ended_jogs: VecDeque::new(),
+            past: PastRuns::default(),
             inputs: InputValues {
                 tool,
                 ..InputValues::default()
             },
-            stock: Vec::new(),
-            deferred: VecDeque::new(),
-            loaded: Texts::new(),
-            stopped_at: 0,
-            awaiting: Vec::new(),
-            last_command_id: None,
-            run_id: None,
-            published: None,
-            validation: None,
-            validations: 0,
-            lease: ControlLease::new(number, shared.now()),
+            outputs: Outputs::new(ledger),
+            commands: Commands::default(),
+            validations: Validations::default(),
+            published: Published::default(),
             bus: Bus::default(),
-            shared,
-            configured,
         }
     }
 
     pub fn variables(&self) -> Variables {
-        self.variables.clone()
+        self.context.variables.clone()
     }
 
     pub fn view(&self) -> Arc<View> {
-        Arc::clone(&self.view)
+        Arc::clone(&self.context.view)
     }
 
     /// The runtime closes.
     fn end(mut self) {
-        self.ledger.cancel_all(self.shared.now(), CancelReason::Shutdown);
+        self.outputs
+            .ledger
+            .cancel_all(self.context.now(), CancelReason::Shutdown);
         self.carry_out_effects();
     }
 
     /// One turn: what the servo reported, what is due, what can be prepared. True when there is more to prepare.
     fn turn(&mut self, share: Share) -> bool {
         while let Some(event) = self.servo.next_event() {
-            self.servo_event(event);
+            self.on_servo_event(event);
         }
-        let now = self.shared.now();
-        self.ledger.expire(now);
+        let now = self.context.now();
+        self.outputs.ledger.expire(now);
         self.expire_jog(now.monotonic_s);
         self.expire_lease(now.monotonic_s);
         self.do_stock_work(now);
@@ -219,36 +190,31 @@ impl CoordinateSystem {
     }
 
     fn next_deadline_s(&self) -> Option<f64> {
-        let stock = self.stock.iter().filter_map(|work| work.due_s);
         let at_rest = self.run.as_ref().map(|run| &run.at_rest);
-        let goes_on_s = at_rest.and_then(|at_rest| at_rest.until_s(&self.shared.clock));
-        let retry = self
-            .servo
-            .is_backlogged()
-            .then(|| self.shared.clock.now_s() + 0.001);
-        self.ledger
+        let goes_on_s = at_rest.and_then(|at_rest| at_rest.until_s(&self.context.shared.clock));
+        let retry = self.servo.is_backlogged().then(|| self.context.now_s() + 0.001);
+        self.outputs
             .next_deadline_s()
             .into_iter()
-            .chain(stock)
             .chain(retry)
             .chain(goes_on_s)
             .chain(self.jog_until_s())
-            .chain(self.validation_deadline_s())
+            .chain(self.validations.deadline_s())
             .chain(self.lease.until_s())
             .min_by(f64::total_cmp)
     }
 
-    fn servo_event(&mut self, event: Event) {
+    fn on_servo_event(&mut self, event: Event) {
         match event {
             Event::Started { segment, origin, .. } => {
                 self.follow_changes(segment);
-                self.view.update(|place| place.executing = origin);
+                self.context.view.update(|place| place.executing = origin);
                 if self.pipeline.begins_block(segment) {
                     let block = Happened::Block {
                         program: origin.program,
                         line: origin.line,
                     };
-                    self.shared.record(self.number, block);
+                    self.context.record(block);
                 }
             }
             Event::Finished { segment, .. } => {
@@ -256,14 +222,14 @@ impl CoordinateSystem {
                 self.pipeline.passed(segment);
                 self.drive(RunEvent::Passed { segment });
             }
-            Event::Spliced { taken } => self.spliced(taken),
+            Event::Spliced { taken } => self.on_spliced(taken),
             Event::Held { at } => {
                 self.note_held_at(at);
                 self.on_servo_held();
                 self.complete(&Awaiting::is_hold);
             }
             Event::Stopped { epoch, position } => self.on_servo_stopped(epoch, position),
-            Event::Oriented => self.stock_oriented(),
+            Event::Oriented => self.on_oriented(),
             Event::Captured {
                 position, captured, ..
             } => {
@@ -272,7 +238,7 @@ impl CoordinateSystem {
             }
             Event::Fault(fault) => {
                 let alarm = fault.alarm();
-                let executing = self.view.executing();
+                let executing = self.context.view.executing();
                 let origin = (self.run.is_some() && executing.line > 0).then_some(executing);
                 self.raise(alarm.entry.number, alarm.text, origin);
             }
@@ -288,7 +254,7 @@ impl CoordinateSystem {
             if speed.to_bits() != before.to_bits() {
                 self.follow_spindle_speed(change.after_segment + 1, speed);
             }
-            self.view.update(|place| {
+            self.context.view.update(|place| {
                 place.transform = change.transform;
                 place.stack = change.stack;
             });
@@ -334,19 +300,18 @@ impl CoordinateSystem {
 
     /// Outputs are cancelled at once, the state follows when the machine rests.
     fn on_run_end(&mut self, why: End, epoch: u32) {
-        self.ledger.cancel_all(self.shared.now(), why.cancel_reason());
-        self.stock.clear();
+        self.outputs.cancel_all(self.context.now(), why.cancel_reason());
         self.servo.stop(epoch, why.is_abort());
         // A jog changes nothing but the position.
-        self.manual_goes_on &= self
+        self.past.manual_goes_on &= self
             .run
             .as_ref()
             .is_some_and(|run| matches!(run.kind, Kind::Jog(_)));
         if let Some(run) = self.run.take() {
             let (outcome, reason) = why.into();
             let end = RunEnd::CutShort { outcome, reason };
-            self.shared.record(self.number, Happened::End(end));
-            self.remember_jog(&run);
+            self.context.record(Happened::End(end));
+            self.past.jogs.remember(&run);
             self.run_given_up(&run, why.into());
         }
         self.carry_out_effects();
@@ -354,7 +319,7 @@ impl CoordinateSystem {
 
     fn on_servo_stopped(&mut self, epoch: u32, position: MachinePosition) {
         self.pipeline
-            .restart(self.servo.epoch(), position, self.manual_goes_on);
+            .restart(self.servo.epoch(), position, self.past.manual_goes_on);
         self.servo.finished_segment = self.pipeline.last_segment();
         self.drive(RunEvent::AtRest { epoch });
     }
@@ -363,7 +328,9 @@ impl CoordinateSystem {
     fn on_rest_after_end(&mut self, why: End) {
         if matches!(why, End::Reset { .. }) {
             self.pipeline.interpreter.reset();
-            self.view.update(|place| place.transform = Transform::default());
+            self.context
+                .view
+                .update(|place| place.transform = Transform::default());
             self.publish_modal(self.pipeline.interpreter.modal());
         }
         self.complete(&|awaiting| awaiting.is_end() || awaiting.is_of_run());
@@ -374,7 +341,7 @@ impl CoordinateSystem {
         let record = plc_api::types::machine::AlarmRecord {
             number,
             text,
-            cs: Some(self.number),
+            cs: Some(self.context.number),
             program: origin
                 .map(|origin| origin.program)
                 .filter(|program| *program != 0),
@@ -382,7 +349,7 @@ impl CoordinateSystem {
             column: origin.map(|origin| origin.column),
             ..Default::default()
         };
-        let record = self.shared.raise(record);
+        let record = self.context.shared.raise(record);
         self.stop_by_alarm(RaisedAlarm::OfThis(Box::new(record)));
     }
 
@@ -399,7 +366,7 @@ impl CoordinateSystem {
     }
 
     fn stop_by_alarm(&mut self, alarm: RaisedAlarm) {
-        self.shared.record(self.number, Happened::Alarm(alarm));
+        self.context.record(Happened::Alarm(alarm));
         self.end_run(End::Alarm);
     }
 
@@ -430,27 +397,27 @@ impl CoordinateSystem {
 
     /// Carries out what is no command.
     fn carry_out_request(&mut self, request: Request) -> Result<Answer, Refusal> {
-        let now = self.shared.now();
+        let now = self.context.now();
         match request {
             Request::Lease { request, meta, .. } => self.ask_lease(&request, &meta),
-            Request::Claim(_, m, claim) => Ok(Answer::Handshake(self.claim(m, &claim))),
-            Request::Reset(_, m, reset) => Ok(Answer::Handshake(self.reset_output(m, &reset))),
-            Request::Progress(_, m, report) => {
-                let status = self.ledger.progress(now, m, &report);
-                Ok(outputs::handshake_answer(report.seq, &report.handler_id, status))
+            Request::Claim(_, m, claim) => {
+                Ok(Answer::Handshake(self.outputs.claim(&self.context, m, &claim)))
             }
-            Request::Ask(_, m, ask) => self.ask(m, &ask),
-            Request::AnswerQuestion(_, m, answer) => Ok(self.answer_question(m, &answer)),
+            Request::Reset(_, m, reset) => {
+                Ok(Answer::Handshake(self.outputs.reset(&self.context, m, &reset)))
+            }
+            Request::Progress(_, m, report) => Ok(self.outputs.progress(now, m, &report)),
+            Request::Ask(_, m, ask) => self.outputs.ask(&self.context, m, &ask),
+            Request::AnswerQuestion(_, m, answer) => {
+                Ok(self.outputs.answer_question(&self.context, m, &answer))
+            }
             Request::ValidateResult(_, _, result) => {
-                self.validated(&result);
+                self.on_validate_result(&result);
                 Ok(Answer::Done)
             }
-            Request::Redeliver(_, m, redeliver) => {
-                let status = self.ledger.redeliver(now, m, &redeliver);
-                Ok(outputs::handshake_answer(redeliver.seq, "", status))
-            }
+            Request::Redeliver(_, m, redeliver) => Ok(self.outputs.redeliver(now, m, &redeliver)),
             Request::Handler(id, presence) => {
-                self.handler_changed(&id, &presence);
+                self.outputs.on_handler_changed(&self.context, &id, &presence);
                 Ok(Answer::Done)
             }
             Request::RaiseAlarm(raise) => self.raise_asked(&raise),
@@ -526,9 +493,5 @@ impl CoordinateSystem {
         self.servo.set_override(new.feed / 100.0, new.rapid / 100.0);
         self.send_spindle();
         Ok(())
-    }
-
-    fn topic(&self, topic: CsTopic) -> plc_api::types::topic::Topic {
-        plc_api::types::topic::Topic::cs(self.number, topic)
     }
 }

@@ -1,7 +1,7 @@
 //! Preparation: the stages run ahead of the motion until something ends the pre-read (D15).
 
 use tandem_interp::Inputs;
-use tandem_model::alarm::{AlarmEntry, COMPENSATION_REFUSED};
+use tandem_model::alarm::{AlarmEntry, COMPENSATION_REFUSED, PROGRAM_WARNING};
 use tandem_model::flow::Item;
 use tandem_model::limits::STEPS_IN_CHAIN_MAX;
 use tandem_model::{Alarm, Origin};
@@ -9,7 +9,7 @@ use tandem_model::{Alarm, Origin};
 use plc_api::types::state::Execution;
 
 use super::CoordinateSystem;
-use super::commands::Awaiting;
+use super::pending_commands::Awaiting;
 use super::run::Kind;
 use super::run_state::{Phase, RunEvent, Then};
 use crate::journal::{Event, RunEnd};
@@ -90,14 +90,14 @@ impl CoordinateSystem {
         // In a thread feed hold waits, so what the way out needs is not kept back.
         let held = !self.state.is_running() && !self.pipeline.in_thread();
         let single_block = self.inputs.single_block;
-        let waits = run.at_rest.until_s(&self.shared.clock).is_some();
+        let waits = run.at_rest.until_s(&self.context.shared.clock).is_some();
         let Some(phase) = self.state.phase() else {
             return false;
         };
         match phase {
             Phase::Interpret => {
                 let is_full = !self.pipeline.ready.is_empty()
-                    || self.pipeline.set_aside_count() >= self.configured.pre_read_blocks;
+                    || self.pipeline.set_aside_count() >= self.context.configured.pre_read_blocks;
                 if is_full || waits || single_block && held {
                     return false;
                 }
@@ -160,14 +160,14 @@ impl CoordinateSystem {
 
     fn interpret(&mut self) {
         let Some(run) = &mut self.run else { return };
-        let tables = self.shared.tables.read();
+        let tables = self.context.shared.tables.read();
         let inputs = Inputs {
             programs: &run.programs,
             optional_skip: self.inputs.optional_skip,
-            work_offsets: tables.work_offsets(self.number),
-            variables: &self.variables,
+            work_offsets: tables.work_offsets(self.context.number),
+            variables: &self.context.variables,
             tool: tables.tool(self.inputs.tool),
-            captured: (!self.pipeline.is_behind_skip()).then_some(self.captured),
+            captured: (!self.pipeline.is_behind_skip()).then_some(self.published.captured),
             position: self.pipeline.counts_from().map(|position| position.0),
         };
         let item = self.pipeline.next(&inputs);
@@ -175,13 +175,13 @@ impl CoordinateSystem {
         run.steps.in_block |= matches!(item, Ok(Item::Block(_) | Item::Stop(_)));
         run.at_rest.count(
             self.pipeline.last_segment(),
-            &self.shared.clock,
-            self.configured.settings.servo_period_s,
+            &self.context.shared.clock,
+            self.context.configured.settings.servo_period_s,
         );
         self.note_interpreted();
         match item {
             Ok(Item::Block(_)) => {}
-            Ok(Item::Warning(origin, text)) => self.warn(origin, &text),
+            Ok(Item::Warning(origin, text)) => self.context.warn(PROGRAM_WARNING.number, origin, text),
             Ok(Item::Output(output)) if self.is_with_motion(&output) => {
                 self.put_out_with_motion(output);
             }
@@ -204,7 +204,7 @@ impl CoordinateSystem {
         else {
             return;
         };
-        self.view.update(|place| place.interpreted_line = line);
+        self.context.view.update(|place| place.interpreted_line = line);
         if self.inputs.effective_skip != self.inputs.optional_skip
             && let Some(began) = self.pipeline.interpreter.began()
         {
@@ -234,21 +234,21 @@ impl CoordinateSystem {
         self.follow_changes(u64::MAX);
         match then {
             Then::Interpret => {}
-            Then::BlockEnd => self.block_ended(),
+            Then::BlockEnd => self.on_block_ended(),
             Then::Output(output) => {
                 self.pipeline.bar_way_back();
                 return self.put_out_after_motion(output);
             }
             Then::Stop(stop) if stop.optional && !self.inputs.optional_stop => {}
             Then::Stop(stop) => {
-                self.view.update(|place| place.executing = stop.origin);
+                self.context.view.update(|place| place.executing = stop.origin);
                 let event = Event::Stop {
                     m: Some(u16::from(stop.optional)),
                     reason: None,
                     program: Some(stop.origin.program),
                     line: Some(stop.origin.line),
                 };
-                self.shared.record(self.number, event);
+                self.context.record(event);
                 self.drive(RunEvent::Phase(Phase::Paused(stop)));
             }
             Then::Alarm(alarm) => {
@@ -256,7 +256,7 @@ impl CoordinateSystem {
                 self.raise_entry(alarm.entry, &alarm.text, origin);
             }
             Then::End(origin) => {
-                self.view.update(|place| place.executing = origin);
+                self.context.view.update(|place| place.executing = origin);
                 self.drive(RunEvent::Phase(Phase::LastOutputs));
             }
         }
@@ -285,10 +285,10 @@ impl CoordinateSystem {
             Kind::Manual | Kind::Home | Kind::Jog(_) => Execution::Ready,
         };
         self.drive(RunEvent::Completed(into));
-        self.remember_jog(&run);
-        self.manual_goes_on |= matches!(run.kind, Kind::Manual);
+        self.past.jogs.remember(&run);
+        self.past.manual_goes_on |= matches!(run.kind, Kind::Manual);
         let end = RunEnd::Completed { outcome: into };
-        self.shared.record(self.number, Event::End(end));
+        self.context.record(Event::End(end));
         self.complete(&Awaiting::is_of_run);
     }
 }

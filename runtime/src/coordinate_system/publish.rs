@@ -1,22 +1,29 @@
 //! What others see: the state and what belongs to it, published when it has changed.
 
 use plc_api::types::Timestamp;
-use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
 use plc_api::types::message::Payload;
 use plc_api::types::state::{Captured, Modal, OptionalSkip, Spindle, State, Switch, Tool, WaitingOn};
 use plc_api::types::topic::CsTopic;
-use tandem_model::alarm::{AlarmEntry, PROGRAM_WARNING};
-use tandem_model::{Axis, AxisSet, MachinePosition, Origin};
+use tandem_model::{AXES_MAX, Axis, AxisSet, MachinePosition};
 
 use super::CoordinateSystem;
 use crate::journal::Event;
+
+/// What was published last.
+#[derive(Debug, Default)]
+pub(super) struct Published {
+    state: Option<State>,
+    /// `_CNC_CapturedPosition<n>`: where the motors rested at the end of the last G31 since the start of the runtime,
+    /// ascending by motor number, machine coordinates in mm or degrees (D16, D41).
+    pub captured: [f64; AXES_MAX],
+}
 
 impl CoordinateSystem {
     fn state(&self) -> State {
         let (execution, reason) = self.state.word();
         let awaited = self.state.awaited();
         let waiting_on = awaited
-            .and_then(|awaited| self.ledger.get(awaited.seq))
+            .and_then(|awaited| self.outputs.ledger.get(awaited.seq))
             .map(|open| WaitingOn {
                 m: open.notice.m,
                 seq: open.notice.seq,
@@ -29,10 +36,8 @@ impl CoordinateSystem {
                     .map(Box::new),
             });
         let wait_state = waiting_on.as_ref().and_then(|waiting| {
-            self.shared
-                .machine
-                .m_codes
-                .get(&waiting.m)
+            self.context
+                .m_code(waiting.m)
                 .and_then(|settings| settings.wait_state.clone())
         });
         State {
@@ -41,14 +46,14 @@ impl CoordinateSystem {
             reason,
             wait_state,
             waiting_on,
-            program: self.program,
-            run_id: self.run_id.clone(),
+            program: self.commands.program,
+            run_id: self.past.last_id.clone(),
             single_block: self.inputs.single_block,
             dry_run: self.pipeline.is_dry_run(),
             optional_stop: self.inputs.optional_stop,
             optional_skip: skip_numbers(self.inputs.optional_skip),
-            alarm_count: self.shared.alarm_count(self.number),
-            last_command_id: self.last_command_id.clone(),
+            alarm_count: self.context.alarm_count(),
+            last_command_id: self.commands.last_id.clone(),
         }
     }
 
@@ -73,34 +78,38 @@ impl CoordinateSystem {
             && (wait_state, waiting_on) == (&None, &None)
             && (*execution, *reason) == self.state.word()
             && *transition == self.state.transition()
-            && (*program, run_id) == (self.program, &self.run_id)
+            && (*program, run_id) == (self.commands.program, &self.past.last_id)
             && *single_block == self.inputs.single_block
             && *dry_run == self.pipeline.is_dry_run()
             && *optional_stop == self.inputs.optional_stop
             && self.inputs.optional_skip == skip_bits(optional_skip)
-            && *alarm_count == self.shared.alarm_count(self.number)
-            && *last_command_id == self.last_command_id
+            && *alarm_count == self.context.alarm_count()
+            && *last_command_id == self.commands.last_id
     }
 
     /// Publishes the state, and the program place with it, where they have changed.
     pub(super) fn publish_changes(&mut self) {
-        if self.published.as_ref().is_some_and(|state| self.is_in(state)) {
+        if self
+            .published
+            .state
+            .as_ref()
+            .is_some_and(|state| self.is_in(state))
+        {
             return;
         }
         let state = self.state();
-        let before = self.published.as_ref().map(|state| state.execution);
+        let before = self.published.state.as_ref().map(|state| state.execution);
         if before != Some(state.execution) {
             self.publish_place();
         }
-        self.shared
-            .publish(self.topic(CsTopic::State), Payload::State(state.clone()));
-        self.published = Some(state);
+        self.context
+            .publish(CsTopic::State, Payload::State(state.clone()));
+        self.published.state = Some(state);
     }
 
     pub(super) fn publish_place(&self) {
-        let place = self.view.program(&self.shared.store);
-        self.shared
-            .publish(self.topic(CsTopic::Program), Payload::Program(place));
+        let place = self.context.view.program(&self.context.shared.store);
+        self.context.publish(CsTopic::Program, Payload::Program(place));
     }
 
     /// Publishes every state topic once, at the start.
@@ -111,38 +120,33 @@ impl CoordinateSystem {
         self.publish_spindle();
         self.publish_tool();
         self.publish_lease();
-        self.shared.publish(
-            self.topic(CsTopic::Pending),
-            Payload::Pending(self.ledger.pending()),
-        );
-        self.shared.publish(
-            self.topic(CsTopic::Position),
-            Payload::Position(self.view.position()),
-        );
+        self.context
+            .publish(CsTopic::Pending, Payload::Pending(self.outputs.ledger.pending()));
+        self.context
+            .publish(CsTopic::Position, Payload::Position(self.context.view.position()));
         let captured = self.captured_of(MachinePosition::default(), AxisSet::EMPTY);
-        self.shared
-            .publish(self.topic(CsTopic::Captured), Payload::Captured(captured));
+        self.context
+            .publish(CsTopic::Captured, Payload::Captured(captured));
     }
 
     /// A G31 has ended: where its motors rest, and which of them captured that position (D41).
     pub(super) fn publish_captured(&mut self, position: MachinePosition, captured: AxisSet) {
         let captured = Captured {
             run_id: self.run.as_ref().map(|run| run.id.clone()),
-            line: self.view.executing_line(),
+            line: self.context.view.executing_line(),
             ..self.captured_of(position, captured)
         };
-        for (value, position) in self.captured.iter_mut().zip(&captured.positions) {
+        for (value, position) in self.published.captured.iter_mut().zip(&captured.positions) {
             *value = *position;
         }
-        self.shared
-            .record(self.number, Event::Capture(Box::new(captured.clone())));
-        self.shared
-            .publish(self.topic(CsTopic::Captured), Payload::Captured(captured));
+        self.context.record(Event::Capture(Box::new(captured.clone())));
+        self.context
+            .publish(CsTopic::Captured, Payload::Captured(captured));
     }
 
     /// By motor number, ascending.
     fn captured_of(&self, position: MachinePosition, captured: AxisSet) -> Captured {
-        let motors = &self.configured.settings.motors;
+        let motors = &self.context.configured.settings.motors;
         let mut each: Vec<(u16, Axis)> = Axis::ALL
             .into_iter()
             .filter_map(|axis| Some((motors[axis.index()].as_ref()?.number, axis)))
@@ -168,27 +172,23 @@ impl CoordinateSystem {
             (CsTopic::DryRun, self.pipeline.is_dry_run()),
         ];
         for (topic, value) in switches {
-            self.shared
-                .publish(self.topic(topic), Payload::Switch(Switch { value }));
+            self.context.publish(topic, Payload::Switch(Switch { value }));
         }
-        self.shared
-            .publish(self.topic(CsTopic::OptionalSkip), Payload::OptionalSkip(skip));
+        self.context
+            .publish(CsTopic::OptionalSkip, Payload::OptionalSkip(skip));
         let locks = [
             (CsTopic::Interlock, &self.inputs.interlock),
             (CsTopic::StartLock, &self.inputs.start_lock),
         ];
         for (topic, lock) in locks {
-            self.shared
-                .publish(self.topic(topic), Payload::Lock(lock.clone()));
+            self.context.publish(topic, Payload::Lock(lock.clone()));
         }
-        self.shared.publish(
-            self.topic(CsTopic::Override),
-            Payload::Override(self.inputs.overrides),
-        );
+        self.context
+            .publish(CsTopic::Override, Payload::Override(self.inputs.overrides));
     }
 
     pub(super) fn publish_spindle(&self) {
-        let (actual_rpm, oriented) = self.view.spindle();
+        let (actual_rpm, oriented) = self.context.view.spindle();
         let (direction, rpm) = self.inputs.spindle;
         let spindle = Spindle {
             direction,
@@ -196,15 +196,12 @@ impl CoordinateSystem {
             actual_rpm,
             oriented,
         };
-        self.shared
-            .publish(self.topic(CsTopic::Spindle), Payload::Spindle(spindle));
+        self.context.publish(CsTopic::Spindle, Payload::Spindle(spindle));
     }
 
     pub(super) fn publish_tool(&self) {
-        self.shared.publish(
-            self.topic(CsTopic::Tool),
-            Payload::Tool(Tool { id: self.inputs.tool }),
-        );
+        self.context
+            .publish(CsTopic::Tool, Payload::Tool(Tool { id: self.inputs.tool }));
     }
 
     pub(super) fn publish_modal(&self, modal: &tandem_interp::Modal) {
@@ -213,7 +210,7 @@ impl CoordinateSystem {
             .map(|(group, code)| (group.to_owned(), code.to_owned()));
         let modal = Modal {
             g: groups.collect(),
-            f: (modal.feedrate_mm_min).min(self.configured.settings.max_feedrate_mm_min),
+            f: (modal.feedrate_mm_min).min(self.context.configured.settings.max_feedrate_mm_min),
             s: modal.spindle_speed_r_min,
             ta: modal.ta_ms,
             td: modal.td_ms,
@@ -221,37 +218,7 @@ impl CoordinateSystem {
             tool: self.inputs.tool,
             work_offset: modal.work_offset().map(str::to_owned),
         };
-        self.shared
-            .publish(self.topic(CsTopic::Modal), Payload::Modal(modal));
-    }
-
-    /// A warning of the program: an alarm of severity warning, which stops nothing.
-    pub(super) fn warn(&self, origin: Origin, text: &str) {
-        self.raise_warning(PROGRAM_WARNING.number, origin, text.to_owned());
-    }
-
-    /// A warning of the alarm table.
-    pub(super) fn warn_of(&self, entry: &AlarmEntry, origin: Origin, text: &str) {
-        self.raise_warning(entry.number, origin, format!("{}: {text}", entry.title));
-    }
-
-    fn raise_warning(&self, number: u16, origin: Origin, text: String) {
-        let record = self.shared.raise(AlarmRecord {
-            severity: AlarmSeverity::Warning,
-            number,
-            text,
-            cs: Some(self.number),
-            program: Some(origin.program),
-            line: Some(origin.line),
-            column: Some(origin.column),
-            ..AlarmRecord::default()
-        });
-        let event = Event::Warning {
-            program: record.program,
-            line: record.line,
-            text: record.text,
-        };
-        self.shared.record(self.number, event);
+        self.context.publish(CsTopic::Modal, Payload::Modal(modal));
     }
 }
 

@@ -65,7 +65,7 @@ impl CoordinateSystem {
             return;
         }
         self.pipeline.set_feed_override(factor);
-        let slew_s = self.configured.settings.override_slew_ms / 1000.0 * (before - factor).max(0.0);
+        let slew_s = self.context.configured.settings.override_slew_ms / 1000.0 * (before - factor).max(0.0);
         let ahead_s = self.replanning.ahead_s * before + slew_s * f64::midpoint(before, factor);
         let place = self.run.as_ref().and(self.servo.place(ahead_s, &self.pipeline));
         let new = place.map(|place| (place, self.pipeline.replan(place, false)));
@@ -96,7 +96,7 @@ impl CoordinateSystem {
     }
 
     /// The servo has gone over to another plan, or refused it.
-    pub(super) fn spliced(&mut self, taken: bool) {
+    pub(super) fn on_spliced(&mut self, taken: bool) {
         self.servo.spliced(taken);
         match self.replanning.splices.pop_front() {
             Some(Splicing::Override { new, factor }) if taken => {
@@ -159,7 +159,7 @@ impl CoordinateSystem {
         self.pipeline.ready = back;
         self.turn_round();
         self.drive(RunEvent::BackTrace { to: last });
-        self.shared.record(self.number, Event::BackTrace { on: true });
+        self.context.record(Event::BackTrace { on: true });
     }
 
     /// After a back trace: the program goes on from where the motion is.
@@ -171,7 +171,7 @@ impl CoordinateSystem {
         self.servo.finished_segment = new.passed;
         self.pipeline.adopt(new);
         self.turn_round();
-        self.shared.record(self.number, Event::BackTrace { on: false });
+        self.context.record(Event::BackTrace { on: false });
     }
 
     fn turn_round(&mut self) {

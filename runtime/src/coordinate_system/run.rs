@@ -1,6 +1,6 @@
 //! What a run has beside its state: what it runs, and what it counts.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
 use tandem_model::AxisVector;
@@ -19,6 +19,41 @@ pub(super) struct Run {
     pub programs: BTreeMap<u16, Arc<NcProgram>>,
     pub steps: Steps,
     pub at_rest: AtRest,
+}
+
+/// What is remembered of runs.
+#[derive(Debug, Default)]
+pub(super) struct PastRuns {
+    /// Runs that were started.
+    pub count: u64,
+    /// The one started last.
+    pub last_id: Option<String>,
+    /// The next manual data input goes on in the modal state of the last one.
+    pub manual_goes_on: bool,
+    pub jogs: Jogs,
+}
+
+/// Jogs that have ended and whose late refreshes are refused.
+const ENDED_JOGS_MAX: usize = 16;
+
+/// Jogs that have ended, the oldest first.
+#[derive(Debug, Default)]
+pub(super) struct Jogs(VecDeque<String>);
+
+impl Jogs {
+    /// A jog that has ended is not begun again by a refresh that comes late.
+    pub fn remember(&mut self, run: &Run) {
+        if let Kind::Jog(jog) = &run.kind {
+            self.0.push_back(jog.refresh_id.clone());
+            if self.0.len() > ENDED_JOGS_MAX {
+                self.0.pop_front();
+            }
+        }
+    }
+
+    pub fn has_ended(&self, refresh_id: &str) -> bool {
+        self.0.iter().any(|ended| ended == refresh_id)
+    }
 }
 
 /// What a run runs.

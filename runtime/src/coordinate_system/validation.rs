@@ -3,8 +3,7 @@
 //! The load waits for their answers, and commands behind it wait with it; hold, stop and abort pass it as ever. A start
 //! asks again when a program was written anew since.
 
-use std::collections::{BTreeMap, BTreeSet};
-use std::sync::Arc;
+use std::collections::BTreeSet;
 
 use plc_api::types::command::Command;
 use plc_api::types::message::Payload;
@@ -15,11 +14,13 @@ use plc_api::types::request::{Refusal, RefusalCode};
 use plc_api::types::topic::CsTopic;
 use tandem_interp::written_outputs;
 use tandem_model::Origin;
+use tandem_model::alarm::PROGRAM_WARNING;
 use tandem_syntax::diagnostics::HANDLER_REFUSES;
 
 use super::CoordinateSystem;
-use super::commands::Deferred;
-use crate::program_store::{StoredProgram, called_by};
+use super::pending_commands::{Deferred, reject};
+use super::programs::Texts;
+use crate::program_store::called_by;
 
 /// How long handlers may take to answer; then the program is loaded with a warning.
 const PATIENCE_S: f64 = 2.0;
@@ -31,11 +32,8 @@ pub(super) const VALIDATED_MAX: usize = 1000;
 /// Characters of a handler's refusal; a longer one is cut.
 const TEXT_MAX: usize = 200;
 
-/// Programs by their numbers.
-pub(super) type Texts = BTreeMap<u16, Arc<StoredProgram>>;
-
 /// A load or start whose answers are awaited.
-pub(super) struct Validation {
+struct Validation {
     command: Deferred,
     main: u16,
     texts: Texts,
@@ -43,6 +41,26 @@ pub(super) struct Validation {
     asked: Vec<Asked>,
     refusals: Vec<ProgramDiagnostic>,
     not_asked: usize,
+}
+
+/// What handlers are asked at a load.
+#[derive(Default)]
+pub(super) struct Validations {
+    /// A load or start whose answers are awaited.
+    pending: Option<Validation>,
+    /// Requests so far.
+    asked: u64,
+}
+
+impl Validations {
+    pub fn is_pending(&self) -> bool {
+        self.pending.is_some()
+    }
+
+    /// When the wait for answers ends, seconds since the start.
+    pub fn deadline_s(&self) -> Option<f64> {
+        self.pending.as_ref().map(|validation| validation.deadline_s)
+    }
 }
 
 /// One M code with its parameters.
@@ -59,13 +77,13 @@ impl CoordinateSystem {
     pub(super) fn validate_first(&mut self, command: Deferred) -> Option<Deferred> {
         let program = match command.command {
             Command::Load { program } => program,
-            Command::Start => match self.program {
-                Some(program) if !self.stand_as(program, &self.loaded) => program,
+            Command::Start => match self.commands.program {
+                Some(program) if !self.context.stand_as(program, &self.commands.texts) => program,
                 _ => return Some(command),
             },
             _ => return Some(command),
         };
-        let handlers = self.shared.handlers();
+        let handlers = self.context.shared.handlers();
         if !handlers
             .values()
             .any(|handler| handler.online && handler.validates)
@@ -74,8 +92,9 @@ impl CoordinateSystem {
         }
         let verb = command.command.verb();
         let has_errors = || {
-            self.stored(program)
-                .and_then(|main| self.check_called(&main))
+            self.context
+                .stored(program)
+                .and_then(|main| self.context.check_called(&main))
                 .is_err()
         };
         let is_good = self.judge(verb, &command.meta).is_ok() && !has_errors();
@@ -88,16 +107,14 @@ impl CoordinateSystem {
             return Some(command);
         }
         for Asked { m, request, .. } in &asked {
-            self.shared.publish(
-                self.topic(CsTopic::Validate(*m)),
-                Payload::Validate(request.clone()),
-            );
+            self.context
+                .publish(CsTopic::Validate(*m), Payload::Validate(request.clone()));
         }
-        self.validation = Some(Validation {
+        self.validations.pending = Some(Validation {
             command,
             main: program,
-            texts: self.texts_of(program),
-            deadline_s: self.shared.clock.now_s() + PATIENCE_S,
+            texts: self.context.texts_of(program),
+            deadline_s: self.context.now_s() + PATIENCE_S,
             asked,
             refusals: Vec::new(),
             not_asked,
@@ -105,33 +122,15 @@ impl CoordinateSystem {
         None
     }
 
-    /// A program and those that it calls, as they stand in the store.
-    pub(super) fn texts_of(&self, main: u16) -> Texts {
-        let all = self.shared.store.all();
-        let called = called_by(&all, main).into_iter();
-        called
-            .filter_map(|number| Some((number, Arc::clone(all.get(&number)?))))
-            .collect()
-    }
-
-    /// True when nobody has written the program, or one that it calls, since these were read.
-    fn stand_as(&self, main: u16, then: &Texts) -> bool {
-        let now = self.texts_of(main);
-        now.len() == then.len()
-            && now
-                .iter()
-                .zip(then)
-                .all(|((a, now), (b, then))| a == b && Arc::ptr_eq(now, then))
-    }
-
     /// Each M code with each set of parameters once, at its first line, and how many were left out.
     fn what_to_ask(&mut self, main: u16) -> (Vec<Asked>, usize) {
-        let all = self.shared.store.all();
-        let handlers = self.shared.handlers();
+        let all = self.context.shared.store.all();
+        let handlers = self.context.shared.handlers();
         let validators = |m: u16| -> BTreeSet<String> {
             let serves = handlers.iter().filter(|(_, handler)| {
-                let handles =
-                    |code: &plc_api::types::output::HandledCode| (code.cs, code.m) == (self.number, m);
+                let handles = |code: &plc_api::types::output::HandledCode| {
+                    (code.cs, code.m) == (self.context.number, m)
+                };
                 handler.online && handler.validates && handler.handles.iter().any(handles)
             });
             serves.map(|(id, _)| id.clone()).collect()
@@ -152,11 +151,11 @@ impl CoordinateSystem {
                     not_asked += 1;
                     continue;
                 }
-                self.validations += 1;
+                self.validations.asked += 1;
                 asked.push(Asked {
                     m: output.m,
                     request: Validate {
-                        request_id: format!("{}-{}", self.number, self.validations),
+                        request_id: format!("{}-{}", self.context.number, self.validations.asked),
                         program: number,
                         line: output.line,
                         params: Params::from(output.params),
@@ -169,8 +168,8 @@ impl CoordinateSystem {
     }
 
     /// A handler has answered. An answer to another load, or a second one, changes nothing.
-    pub(super) fn validated(&mut self, result: &ValidateResult) {
-        let Some(validation) = &mut self.validation else {
+    pub(super) fn on_validate_result(&mut self, result: &ValidateResult) {
+        let Some(validation) = &mut self.validations.pending else {
             return;
         };
         validation.take(result);
@@ -179,14 +178,11 @@ impl CoordinateSystem {
         }
     }
 
-    pub(super) fn validation_deadline_s(&self) -> Option<f64> {
-        self.validation.as_ref().map(|validation| validation.deadline_s)
-    }
-
     /// Ends the wait for answers whose time is over.
     pub(super) fn expire_validation(&mut self, now_s: f64) {
         if self
-            .validation_deadline_s()
+            .validations
+            .deadline_s()
             .is_some_and(|deadline_s| deadline_s <= now_s + 1e-9)
         {
             self.end_validation();
@@ -194,7 +190,7 @@ impl CoordinateSystem {
     }
 
     fn end_validation(&mut self) {
-        let Some(validation) = self.validation.take() else {
+        let Some(validation) = self.validations.pending.take() else {
             return;
         };
         if !validation.refusals.is_empty() {
@@ -207,9 +203,14 @@ impl CoordinateSystem {
                 diagnostics: validation.refusals,
                 ..Refusal::new(RefusalCode::ProgramHasErrors, text)
             };
-            return self.reject(&validation.command.meta, refusal, validation.command.reply);
+            return reject(
+                &self.context,
+                &validation.command.meta,
+                refusal,
+                validation.command.reply,
+            );
         }
-        if !self.stand_as(validation.main, &validation.texts) {
+        if !self.context.stand_as(validation.main, &validation.texts) {
             // written anew meanwhile: what was asked is not what would run
             if let Some(command) = self.validate_first(validation.command) {
                 self.accept_command(command, &[]);
@@ -228,7 +229,7 @@ impl CoordinateSystem {
             notes.push((origin, note));
         }
         for (origin, note) in &notes {
-            self.warn(*origin, note);
+            self.context.warn(PROGRAM_WARNING.number, *origin, note.clone());
         }
         let notes: Vec<String> = notes.into_iter().map(|(_, note)| note).collect();
         self.accept_command(validation.command, &notes);

@@ -45,7 +45,7 @@ impl RuntimePort {
             meta,
             wait,
         };
-        handle.desk.ask(request, urgent).await
+        handle.mailbox.ask(request, urgent).await
     }
 
     pub(super) async fn lease(
@@ -63,7 +63,7 @@ impl RuntimePort {
             .handle(cs)
             .map_err(|refusal| self.reject(&meta, Some(cs), refusal))?;
         let request = Request::Lease { cs, request, meta };
-        handle.desk.ask(request, false).await
+        handle.mailbox.ask(request, false).await
     }
 
     /// The reply to a command that came before; published again, since who asks again has not heard it.

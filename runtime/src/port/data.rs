@@ -55,7 +55,7 @@ impl RuntimePort {
 
     /// Which tool is in the spindle, on disk before it is answered.
     pub(super) async fn tool(&self, cs: CoordinateSystemNumber, id: u16) -> Result<Answer, Refusal> {
-        let answer = self.handle(cs)?.desk.ask(Request::Tool(cs, id), false).await?;
+        let answer = self.handle(cs)?.mailbox.ask(Request::Tool(cs, id), false).await?;
         if let Some(writer) = &self.writer {
             writer.flush().await.map_err(|text| unkept(&text))?;
         }

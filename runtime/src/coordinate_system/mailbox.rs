@@ -1,6 +1,6 @@
-//! Where requests to a coordinate system are laid down, and the coordinate system itself.
+//! Where requests to a coordinate system are put, and the coordinate system itself.
 //!
-//! Who lays a request down works on it at once, in its own thread, if nobody else is at work there: an answer then
+//! Whoever puts a request there works on it at once, in its own thread, if nobody else is at work there: an answer then
 //! needs no other thread, and a handler in process no wake. Else it leaves the request to the task, which does all the
 //! rest: commands, which may take long, since a load checks whole programs; what the servo reports, what is due by its
 //! time, and what there is more to prepare.
@@ -25,7 +25,7 @@ const REQUESTS_MAX: usize = 256;
 
 /// A request on its way, and where its answer goes.
 pub(super) struct Envelope {
-    /// Larger than that of every envelope laid down before.
+    /// Larger than that of every envelope put there before.
     pub order: u64,
     pub request: Request,
     pub reply: oneshot::Sender<Result<Answer, Refusal>>,
@@ -38,13 +38,13 @@ impl Envelope {
 }
 
 /// A coordinate system and what it is asked for.
-pub(crate) struct Desk {
+pub(crate) struct Mailbox {
     number: CoordinateSystemNumber,
     shared: Arc<Shared>,
     /// Hold, stop and abort pass all others.
     urgent: Queue,
     requests: Queue,
-    laid_down: AtomicU64,
+    count: AtomicU64,
     work: Mutex<Work>,
     /// Wakes the task.
     wake: Arc<Notify>,
@@ -57,24 +57,24 @@ struct Work {
     task_wakes_at_s: Option<f64>,
 }
 
-impl std::fmt::Debug for Desk {
+impl std::fmt::Debug for Mailbox {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Desk")
+        f.debug_struct("Mailbox")
             .field("number", &self.number)
             .finish_non_exhaustive()
     }
 }
 
-impl Desk {
-    /// Publishes the state of the coordinate system; [`Desk::run`] is its task. `wake` wakes that.
+impl Mailbox {
+    /// Publishes the state of the coordinate system; [`Mailbox::run`] is its task. `wake` wakes that.
     pub fn new(shared: Arc<Shared>, mut system: CoordinateSystem, wake: Arc<Notify>) -> Self {
         system.publish_all();
         Self {
-            number: system.number,
+            number: system.context.number,
             shared,
             urgent: Queue::new(),
             requests: Queue::new(),
-            laid_down: AtomicU64::new(0),
+            count: AtomicU64::new(0),
             work: Mutex::new(Work {
                 system: Some(system),
                 task_wakes_at_s: None,
@@ -94,7 +94,7 @@ impl Desk {
         }
         let (reply, answer) = oneshot::channel();
         let queue = if urgent { &self.urgent } else { &self.requests };
-        let order = self.laid_down.fetch_add(1, Ordering::Relaxed);
+        let order = self.count.fetch_add(1, Ordering::Relaxed);
         let envelope = Envelope {
             order,
             request,
@@ -221,7 +221,7 @@ impl Desk {
 }
 
 /// Throws away the coordinate system and what it is asked for.
-struct Ended<'a>(&'a Desk);
+struct Ended<'a>(&'a Mailbox);
 
 impl Drop for Ended<'_> {
     fn drop(&mut self) {
@@ -284,7 +284,7 @@ impl Queue {
         !self.is_empty() && lock(&self.envelopes).front().is_some_and(Envelope::is_command)
     }
 
-    /// Each envelope has taken its room before it is laid down, so this needs no lock.
+    /// Each envelope has taken its room before it is put there, so this needs no lock.
     fn is_empty(&self) -> bool {
         self.room.available_permits() == REQUESTS_MAX
     }
@@ -323,7 +323,7 @@ mod tests {
     use crate::tables::Tables;
 
     /// The first coordinate system of the demo machine, with the servo's end of its rings.
-    fn desk(journal: Journal) -> (Arc<Desk>, Servo) {
+    fn mailbox(journal: Journal) -> (Arc<Mailbox>, Servo) {
         let machine = Config::demo().resolve().unwrap();
         let configured = machine.coordinate_systems[0].clone();
         let store = ProgramStore::in_memory(machine.text_rules());
@@ -346,7 +346,7 @@ mod tests {
             (Execution::Ready, None),
             0,
         );
-        (Arc::new(Desk::new(shared, system, Arc::default())), servo)
+        (Arc::new(Mailbox::new(shared, system, Arc::default())), servo)
     }
 
     fn optional_stop(on: bool) -> Request {
@@ -370,42 +370,45 @@ mod tests {
 
     #[test]
     fn who_asks_carries_its_request_out_itself() {
-        let (desk, _servo) = desk(Journal::to_log());
-        let answer = desk.ask(optional_stop(true), false).now_or_never();
+        let (mailbox, _servo) = mailbox(Journal::to_log());
+        let answer = mailbox.ask(optional_stop(true), false).now_or_never();
         assert_eq!(answer, Some(Ok(Answer::Done)));
     }
 
     #[test]
     fn a_command_and_what_comes_behind_it_are_left_to_the_task() {
-        let (desk, _servo) = desk(Journal::to_log());
-        let mut command = Box::pin(desk.ask(mdi(), false));
-        let mut behind = Box::pin(desk.ask(optional_stop(true), false));
+        let (mailbox, _servo) = mailbox(Journal::to_log());
+        let mut command = Box::pin(mailbox.ask(mdi(), false));
+        let mut behind = Box::pin(mailbox.ask(optional_stop(true), false));
         assert_eq!((&mut command).now_or_never(), None);
         assert_eq!((&mut behind).now_or_never(), None);
-        assert!(desk.work_as_task().busy, "one more request waits");
-        desk.work_as_task();
+        assert!(mailbox.work_as_task().busy, "one more request waits");
+        mailbox.work_as_task();
         assert!(matches!(command.now_or_never(), Some(Ok(Answer::Command(_)))));
         assert_eq!(behind.now_or_never(), Some(Ok(Answer::Done)));
     }
 
     #[test]
     fn requests_that_find_somebody_at_work_are_left_to_the_task_in_their_order_and_urgent_ones_pass() {
-        let (desk, _servo) = desk(Journal::to_log());
+        let (mailbox, _servo) = mailbox(Journal::to_log());
         let topics = [CsTopic::OptionalStop, CsTopic::DryRun].map(|topic| Topic::cs(1, topic));
-        let mut said = desk.shared.hub.subscribe(Filter::Topics(topics.to_vec()));
+        let mut said = mailbox.shared.hub.subscribe(Filter::Topics(topics.to_vec()));
         while said.try_next().is_some() {}
-        let mut first = Box::pin(desk.ask(optional_stop(true), false));
-        let mut second = Box::pin(desk.ask(optional_stop(false), false));
-        let mut urgent = Box::pin(desk.ask(Request::Input(1, Input::DryRun(true)), true));
-        let at_work = desk.lock();
+        let mut first = Box::pin(mailbox.ask(optional_stop(true), false));
+        let mut second = Box::pin(mailbox.ask(optional_stop(false), false));
+        let mut urgent = Box::pin(mailbox.ask(Request::Input(1, Input::DryRun(true)), true));
+        let at_work = mailbox.lock();
         for request in [&mut first, &mut second, &mut urgent] {
             assert_eq!(request.now_or_never(), None);
         }
         drop(at_work);
-        assert!(desk.wake.notified().now_or_never().is_some(), "the task is woken");
+        assert!(
+            mailbox.wake.notified().now_or_never().is_some(),
+            "the task is woken"
+        );
         let mut values = Vec::new();
         loop {
-            let left = desk.work_as_task();
+            let left = mailbox.work_as_task();
             while let Some(message) = said.try_next() {
                 if let Payload::Switch(Switch { value }) = &message.payload {
                     values.push((message.topic.clone(), *value));
@@ -431,7 +434,7 @@ mod tests {
 
     #[test]
     fn a_turn_of_simulated_time_is_alone_unless_it_tells_others_something() {
-        let (desk, _servo) = desk(Journal::to_log());
+        let (mailbox, _servo) = mailbox(Journal::to_log());
         let lease = Request::Lease {
             cs: 1,
             request: LeaseRequest::Take(LeaseTake {
@@ -444,17 +447,17 @@ mod tests {
                 ..CommandMeta::default()
             },
         };
-        assert!(matches!(desk.ask(lease, false).now_or_never(), Some(Ok(_))));
+        assert!(matches!(mailbox.ask(lease, false).now_or_never(), Some(Ok(_))));
         assert!(
-            !desk.turn_alone(),
+            !mailbox.turn_alone(),
             "the task does not know yet when the lease ends"
         );
-        desk.work_as_task();
-        desk.shared.clock.set_ns(4_000_000_000);
-        assert!(desk.turn_alone());
-        desk.shared.clock.set_ns(6_000_000_000);
-        assert!(!desk.turn_alone(), "the lease has ended");
-        assert!(desk.turn_alone());
+        mailbox.work_as_task();
+        mailbox.shared.clock.set_ns(4_000_000_000);
+        assert!(mailbox.turn_alone());
+        mailbox.shared.clock.set_ns(6_000_000_000);
+        assert!(!mailbox.turn_alone(), "the lease has ended");
+        assert!(mailbox.turn_alone());
     }
 
     #[test]
@@ -462,13 +465,13 @@ mod tests {
         let sink = Arc::new(Mutex::new(|_line: &crate::journal::Line| -> bool {
             panic!("the journal's sink")
         }));
-        let (desk, _servo) = desk(Journal::to_sink(sink));
-        let mut command = Box::pin(desk.ask(mdi(), false));
+        let (mailbox, _servo) = mailbox(Journal::to_sink(sink));
+        let mut command = Box::pin(mailbox.ask(mdi(), false));
         assert_eq!((&mut command).now_or_never(), None);
-        desk.work_as_task();
+        mailbox.work_as_task();
         let answers = [
             command.now_or_never(),
-            desk.ask(optional_stop(true), false).now_or_never(),
+            mailbox.ask(optional_stop(true), false).now_or_never(),
         ];
         for answer in answers {
             let refusal = answer.and_then(Result::err);
@@ -477,7 +480,7 @@ mod tests {
                 Some(RefusalCode::Unavailable)
             );
         }
-        let alarms = desk.shared.alarm_history();
+        let alarms = mailbox.shared.alarm_history();
         assert_eq!(
             alarms
                 .iter()

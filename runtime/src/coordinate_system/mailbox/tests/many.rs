@@ -22,9 +22,9 @@ fn numbered(asker: usize, number: u64) -> Request {
     Request::Claim(1, Some(100), claim)
 }
 
-fn results(desk: &Desk) -> plc_api::hub::Subscription {
+fn results(mailbox: &Mailbox) -> plc_api::hub::Subscription {
     let topic = Topic::cs(1, CsTopic::Result(100));
-    desk.shared.hub.subscribe(Filter::Topics(vec![topic]))
+    mailbox.shared.hub.subscribe(Filter::Topics(vec![topic]))
 }
 
 /// The numbers of each asker, as they were carried out.
@@ -70,24 +70,24 @@ fn command(command_id: &str, command: Command) -> Request {
     }
 }
 
-fn is_task_woken(desk: &Desk) -> bool {
-    desk.wake.notified().now_or_never().is_some()
+fn is_task_woken(mailbox: &Mailbox) -> bool {
+    mailbox.wake.notified().now_or_never().is_some()
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 4)]
 async fn of_many_askers_each_request_is_carried_out_once_and_those_of_one_in_their_order() {
     const ASKERS: usize = 8;
     const EACH: u64 = 500;
-    let (desk, _servo) = desk(Journal::to_log());
-    let mut said = results(&desk);
-    let of_task = Arc::clone(&desk);
+    let (mailbox, _servo) = mailbox(Journal::to_log());
+    let mut said = results(&mailbox);
+    let of_task = Arc::clone(&mailbox);
     let task = tokio::spawn(async move { of_task.run().await });
     let askers: Vec<_> = (0..ASKERS)
         .map(|asker| {
-            let desk = Arc::clone(&desk);
+            let mailbox = Arc::clone(&mailbox);
             tokio::spawn(async move {
                 for number in 1..=EACH {
-                    let mut asked = Box::pin(desk.ask(numbered(asker, number), false));
+                    let mut asked = Box::pin(mailbox.ask(numbered(asker, number), false));
                     // some do not wait for the answer, and have asked all the same
                     let answer = (&mut asked).now_or_never();
                     if answer.is_none() && number % 3 != 0 {
@@ -95,7 +95,7 @@ async fn of_many_askers_each_request_is_carried_out_once_and_those_of_one_in_the
                     }
                 }
                 // behind all that it asked
-                desk.ask(optional_stop(true), false).await.unwrap();
+                mailbox.ask(optional_stop(true), false).await.unwrap();
             })
         })
         .collect();
@@ -111,29 +111,29 @@ async fn of_many_askers_each_request_is_carried_out_once_and_those_of_one_in_the
     for asker in 0..ASKERS {
         assert_eq!(by_asker[&asker], all, "asker {asker}");
     }
-    desk.shared.closing.cancel();
+    mailbox.shared.closing.cancel();
     timeout(FORGOTTEN, task).await.expect("the task ends").unwrap();
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 4)]
 async fn who_asks_while_it_ends_is_answered_or_told_that_it_stops() {
     for _ in 0..100 {
-        let (desk, _servo) = desk(Journal::to_log());
-        let of_task = Arc::clone(&desk);
+        let (mailbox, _servo) = mailbox(Journal::to_log());
+        let of_task = Arc::clone(&mailbox);
         let task = tokio::spawn(async move { of_task.run().await });
         let askers: Vec<_> = (0..4)
             .map(|asker| {
-                let desk = Arc::clone(&desk);
+                let mailbox = Arc::clone(&mailbox);
                 tokio::spawn(async move {
                     let mut number = 1;
-                    while desk.ask(numbered(asker, number), false).await.is_ok() {
+                    while mailbox.ask(numbered(asker, number), false).await.is_ok() {
                         number += 1;
                     }
                 })
             })
             .collect();
         tokio::task::yield_now().await;
-        desk.shared.closing.cancel();
+        mailbox.shared.closing.cancel();
         for asker in askers {
             timeout(FORGOTTEN, asker)
                 .await
@@ -146,41 +146,44 @@ async fn who_asks_while_it_ends_is_answered_or_told_that_it_stops() {
 
 #[test]
 fn who_works_on_anothers_request_leaves_its_own_to_the_task_and_wakes_it() {
-    let (desk, _servo) = desk(Journal::to_log());
-    let mut first = Box::pin(desk.ask(numbered(1, 1), false));
-    let at_work = desk.lock();
+    let (mailbox, _servo) = mailbox(Journal::to_log());
+    let mut first = Box::pin(mailbox.ask(numbered(1, 1), false));
+    let at_work = mailbox.lock();
     assert_eq!((&mut first).now_or_never(), None);
     drop(at_work);
-    assert!(is_task_woken(&desk));
-    let mut second = Box::pin(desk.ask(numbered(2, 1), false));
+    assert!(is_task_woken(&mailbox));
+    let mut second = Box::pin(mailbox.ask(numbered(2, 1), false));
     assert_eq!((&mut second).now_or_never(), None);
     assert!(first.now_or_never().is_some(), "in the order in which they came");
-    assert!(is_task_woken(&desk), "one request waits, and nobody is at work");
-    assert!(!desk.work_as_task().busy);
+    assert!(
+        is_task_woken(&mailbox),
+        "one request waits, and nobody is at work"
+    );
+    assert!(!mailbox.work_as_task().busy);
     assert!(second.now_or_never().is_some());
 }
 
 #[test]
 fn what_is_asked_is_carried_out_also_when_the_asker_gives_up_once_it_waits_in_the_queue() {
-    let (desk, _servo) = desk(Journal::to_log());
-    let mut said = results(&desk);
-    let mut asked = Box::pin(desk.ask(numbered(1, 1), false));
-    let at_work = desk.lock();
+    let (mailbox, _servo) = mailbox(Journal::to_log());
+    let mut said = results(&mailbox);
+    let mut asked = Box::pin(mailbox.ask(numbered(1, 1), false));
+    let at_work = mailbox.lock();
     assert_eq!((&mut asked).now_or_never(), None);
     drop(at_work);
     drop(asked);
-    desk.work_as_task();
+    mailbox.work_as_task();
     assert_eq!(carried_out(&mut said), BTreeMap::from([(1, vec![1])]));
 }
 
 #[test]
 fn without_room_requests_wait_in_their_order_and_who_gives_up_then_has_not_asked() {
-    let (desk, _servo) = desk(Journal::to_log());
-    let mut said = results(&desk);
+    let (mailbox, _servo) = mailbox(Journal::to_log());
+    let mut said = results(&mailbox);
     let last = REQUESTS_MAX as u64;
-    let at_work = desk.lock();
+    let at_work = mailbox.lock();
     let mut asked: Vec<_> = (1..=last + 3)
-        .map(|number| Box::pin(desk.ask(numbered(1, number), false).fuse()))
+        .map(|number| Box::pin(mailbox.ask(numbered(1, number), false).fuse()))
         .collect();
     for request in &mut asked {
         assert_eq!(request.now_or_never(), None);
@@ -189,9 +192,9 @@ fn without_room_requests_wait_in_their_order_and_who_gives_up_then_has_not_asked
     // the first of the three that wait for room
     drop(asked.remove(usize::try_from(last).unwrap()));
     for _ in 0..last + 2 {
-        desk.work_as_task();
+        mailbox.work_as_task();
         for request in asked.iter_mut().skip(REQUESTS_MAX) {
-            let _laid_down_once_there_is_room = request.now_or_never();
+            let _put_there_once_there_is_room = request.now_or_never();
         }
     }
     let mut expected: Vec<u64> = (1..=last).collect();
@@ -201,17 +204,18 @@ fn without_room_requests_wait_in_their_order_and_who_gives_up_then_has_not_asked
 
 #[test]
 fn a_deadline_that_a_request_brings_wakes_the_task_unless_it_wakes_sooner_anyhow() {
-    let (desk, _servo) = desk(Journal::to_log());
-    desk.work_as_task();
-    let taken = desk.ask(lease("1"), false).now_or_never();
+    let (mailbox, _servo) = mailbox(Journal::to_log());
+    mailbox.work_as_task();
+    let taken = mailbox.ask(lease("1"), false).now_or_never();
     assert!(matches!(taken, Some(Ok(_))), "{taken:?}");
-    assert!(is_task_woken(&desk), "the lease ends in 5 s");
-    desk.work_as_task();
-    desk.ask(optional_stop(true), false)
+    assert!(is_task_woken(&mailbox), "the lease ends in 5 s");
+    mailbox.work_as_task();
+    mailbox
+        .ask(optional_stop(true), false)
         .now_or_never()
         .unwrap()
         .unwrap();
-    assert!(!is_task_woken(&desk));
+    assert!(!is_task_woken(&mailbox));
 }
 
 #[test]
@@ -219,12 +223,12 @@ fn a_panic_in_the_askers_thread_answers_it_and_all_who_wait() {
     let sink = Arc::new(Mutex::new(|_line: &crate::journal::Line| {
         panic!("the journal's sink")
     }));
-    let (desk, _servo) = desk(Journal::to_sink(sink));
-    let mut waits = Box::pin(desk.ask(lease("1"), false));
-    let at_work = desk.lock();
+    let (mailbox, _servo) = mailbox(Journal::to_sink(sink));
+    let mut waits = Box::pin(mailbox.ask(lease("1"), false));
+    let at_work = mailbox.lock();
     assert_eq!((&mut waits).now_or_never(), None);
     drop(at_work);
-    let asked = desk.ask(optional_stop(true), false).now_or_never();
+    let asked = mailbox.ask(optional_stop(true), false).now_or_never();
     for answer in [waits.now_or_never(), asked] {
         let refusal = answer.and_then(Result::err);
         assert_eq!(
@@ -232,22 +236,23 @@ fn a_panic_in_the_askers_thread_answers_it_and_all_who_wait() {
             Some(RefusalCode::Unavailable)
         );
     }
-    assert_eq!(desk.shared.alarm_history().len(), 1);
+    assert_eq!(mailbox.shared.alarm_history().len(), 1);
 }
 
 #[test]
 fn who_asks_never_carries_out_a_command_not_even_one_that_waited_for_a_transition() {
-    let (desk, mut servo) = desk(Journal::to_log());
-    let mut reset = Box::pin(desk.ask(command("reset", Command::Reset), false));
-    let mut waits = Box::pin(desk.ask(mdi(), false));
+    let (mailbox, mut servo) = mailbox(Journal::to_log());
+    let mut reset = Box::pin(mailbox.ask(command("reset", Command::Reset), false));
+    let mut waits = Box::pin(mailbox.ask(mdi(), false));
     for request in [&mut reset, &mut waits] {
         assert_eq!(request.now_or_never(), None);
-        desk.work_as_task();
+        mailbox.work_as_task();
     }
     assert!(matches!((&mut reset).now_or_never(), Some(Ok(_))));
-    while is_task_woken(&desk) {}
+    while is_task_woken(&mailbox) {}
     servo.cycle();
-    desk.ask(optional_stop(true), false)
+    mailbox
+        .ask(optional_stop(true), false)
         .now_or_never()
         .unwrap()
         .unwrap();
@@ -256,37 +261,37 @@ fn who_asks_never_carries_out_a_command_not_even_one_that_waited_for_a_transitio
         None,
         "the machine rests, and the task is asked"
     );
-    assert!(is_task_woken(&desk));
-    desk.work_as_task();
+    assert!(is_task_woken(&mailbox));
+    mailbox.work_as_task();
     assert!(matches!(waits.now_or_never(), Some(Ok(Answer::Command(_)))));
 }
 
 #[test]
 fn who_asks_never_takes_a_command_that_came_between() {
-    let (desk, _servo) = desk(Journal::to_log());
+    let (mailbox, _servo) = mailbox(Journal::to_log());
     for urgent in [false, true] {
         let id = urgent.to_string();
-        let mut asked = Box::pin(desk.ask(command(&id, Command::Stop), urgent));
-        let mut at_work = desk.lock();
+        let mut asked = Box::pin(mailbox.ask(command(&id, Command::Stop), urgent));
+        let mut at_work = mailbox.lock();
         assert_eq!((&mut asked).now_or_never(), None);
-        let left = desk.work(&mut at_work, Share::OF_ASKER);
+        let left = mailbox.work(&mut at_work, Share::OF_ASKER);
         assert!(left.busy);
         drop(at_work);
         assert_eq!((&mut asked).now_or_never(), None);
-        desk.work_as_task();
+        mailbox.work_as_task();
         assert!(matches!(asked.now_or_never(), Some(Ok(Answer::Command(_)))));
     }
 }
 
 #[test]
 fn a_stop_that_is_left_to_the_task_is_not_overtaken_by_who_asks() {
-    let (desk, _servo) = desk(Journal::to_log());
-    let mut stop = Box::pin(desk.ask(command("stop", Command::Stop), true));
-    let mut asked = Box::pin(desk.ask(optional_stop(true), false));
+    let (mailbox, _servo) = mailbox(Journal::to_log());
+    let mut stop = Box::pin(mailbox.ask(command("stop", Command::Stop), true));
+    let mut asked = Box::pin(mailbox.ask(optional_stop(true), false));
     assert_eq!((&mut stop).now_or_never(), None);
     assert_eq!((&mut asked).now_or_never(), None);
-    desk.work_as_task();
+    mailbox.work_as_task();
     assert!(stop.now_or_never().is_some());
-    desk.work_as_task();
+    mailbox.work_as_task();
     assert_eq!(asked.now_or_never(), Some(Ok(Answer::Done)));
 }

@@ -1,0 +1,310 @@
+//! Open outputs, and what is said about them: claim, reset, progress, questions, redelivery.
+
+use std::collections::BTreeMap;
+
+use plc_api::handshake::{Ledger, Now};
+use plc_api::types::output::{
+    CancelReason, Claim, HandlerPresence, HandshakeResult, HandshakeStatus, OutputNotice, OutputState,
+    ProgressReport, Redeliver, Reset, ResetResult,
+};
+use plc_api::types::question::{Ask, OperatorAnswer};
+use plc_api::types::request::{Answer, Refusal};
+use tandem_model::Origin;
+use tandem_model::alarm::HANDLER_LOST;
+
+use super::context::Context;
+use super::run_state::{Awaited, Phase};
+use crate::journal::{Event, ResetOutcome};
+
+/// The outputs of a coordinate system.
+#[derive(Debug)]
+pub(super) struct Outputs {
+    pub ledger: Ledger,
+    /// What each open output said, for alarms and the journal.
+    notices: BTreeMap<u64, OutputNotice>,
+    /// What the stock sequence program works on.
+    stock: Vec<StockWork>,
+}
+
+/// An output that the stock sequence program works on.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct StockWork {
+    pub seq: u64,
+    /// When it resets; `None`: when the spindle is oriented.
+    pub due_s: Option<f64>,
+}
+
+fn handshake_answer(seq: u64, handler_id: &str, status: HandshakeStatus) -> Answer {
+    Answer::Handshake(HandshakeResult {
+        seq,
+        handler_id: handler_id.to_owned(),
+        status,
+    })
+}
+
+impl Outputs {
+    pub fn new(ledger: Ledger) -> Self {
+        Self {
+            ledger,
+            notices: BTreeMap::new(),
+            stock: Vec::new(),
+        }
+    }
+
+    /// The output that a phase of the run waits for; `is_at_rest`: all motion before it has ended.
+    pub fn awaited(&self, phase: &Phase, is_at_rest: bool) -> Option<Awaited> {
+        let open = self.ledger.open();
+        let awaited = match phase {
+            Phase::Reset { seq } => self.ledger.get(*seq),
+            Phase::Room(output) if is_at_rest => {
+                let same = open.iter().find(|open| open.notice.m == output.m);
+                same.or(open.first())
+            }
+            Phase::LastOutputs => open.first(),
+            _ => None,
+        };
+        awaited.map(|open| Awaited {
+            seq: open.notice.seq,
+            is_lost: open.lost,
+        })
+    }
+
+    /// Those that a hold kept back.
+    pub fn queued(&self) -> Vec<u64> {
+        let open = self.ledger.open().iter();
+        let queued = open.filter(|open| open.state == OutputState::Queued);
+        queued.map(|open| open.notice.seq).collect()
+    }
+
+    /// Notes what an output said. True for its first notice.
+    pub fn note(&mut self, notice: &OutputNotice) -> bool {
+        self.notices.insert(notice.seq, notice.clone()).is_none()
+    }
+
+    /// What a closed output had said.
+    pub fn forget(&mut self, seq: u64) -> Option<OutputNotice> {
+        self.notices.remove(&seq)
+    }
+
+    /// When the ledger or the stock sequence program has something to do, seconds since the start.
+    pub fn next_deadline_s(&self) -> Option<f64> {
+        let stock = self.stock.iter().filter_map(|work| work.due_s);
+        let ledger = self.ledger.next_deadline_s();
+        stock.chain(ledger).min_by(f64::total_cmp)
+    }
+
+    /// The stock sequence program begins to work on an output.
+    pub fn begin_stock_work(&mut self, work: StockWork) {
+        self.stock.push(work);
+    }
+
+    /// Takes the work that is done.
+    pub fn take_stock_work(&mut self, is_done: impl Fn(&StockWork) -> bool) -> Vec<StockWork> {
+        self.stock.extract_if(.., |work| is_done(work)).collect()
+    }
+
+    /// All are cancelled.
+    pub fn cancel_all(&mut self, now: Now, reason: CancelReason) {
+        self.ledger.cancel_all(now, reason);
+        self.stock.clear();
+    }
+
+    pub fn claim(&mut self, context: &Context, m: Option<u16>, claim: &Claim) -> HandshakeResult {
+        let result = self.ledger.claim(context.now(), m, claim);
+        if result.status == HandshakeStatus::Accepted {
+            let event = Event::Claim {
+                seq: claim.seq,
+                handler_id: claim.handler_id.clone(),
+            };
+            context.record(event);
+        }
+        result
+    }
+
+    pub fn reset(&mut self, context: &Context, m: Option<u16>, reset: &Reset) -> HandshakeResult {
+        let result = self.ledger.reset(context.now(), m, reset);
+        if result.status == HandshakeStatus::Accepted {
+            let event = Event::Reset {
+                seq: reset.seq,
+                m: self.notices.get(&reset.seq).map(|notice| notice.m),
+                handler_id: reset.handler_id.clone(),
+                outcome: match reset.result {
+                    ResetResult::Ok => ResetOutcome::Ok,
+                    ResetResult::Fault => ResetOutcome::Fault {
+                        code: reset.code,
+                        text: reset.text.clone(),
+                    },
+                },
+                force: reset.force == Some(true),
+            };
+            context.record(event);
+        }
+        result
+    }
+
+    pub fn progress(&mut self, now: Now, m: Option<u16>, report: &ProgressReport) -> Answer {
+        let status = self.ledger.progress(now, m, report);
+        handshake_answer(report.seq, &report.handler_id, status)
+    }
+
+    pub fn redeliver(&mut self, now: Now, m: Option<u16>, redeliver: &Redeliver) -> Answer {
+        let status = self.ledger.redeliver(now, m, redeliver);
+        handshake_answer(redeliver.seq, "", status)
+    }
+
+    pub fn ask(&mut self, context: &Context, m: Option<u16>, ask: &Ask) -> Result<Answer, Refusal> {
+        let status = self.ledger.ask(context.now(), m, ask)?;
+        if status == HandshakeStatus::Accepted && !ask.choices.is_empty() {
+            let event = Event::Question {
+                seq: ask.seq,
+                text: ask.text.clone(),
+                choices: ask.choices.clone(),
+            };
+            context.record(event);
+        }
+        Ok(handshake_answer(ask.seq, &ask.handler_id, status))
+    }
+
+    pub fn answer_question(&mut self, context: &Context, m: Option<u16>, answer: &OperatorAnswer) -> Answer {
+        let status = self.ledger.answer_question(context.now(), m, answer);
+        if status == HandshakeStatus::Accepted {
+            let event = Event::Answer {
+                seq: answer.seq,
+                choice: answer.choice.clone(),
+                client_id: answer.client_id.clone(),
+            };
+            context.record(event);
+        }
+        handshake_answer(answer.seq, "", status)
+    }
+
+    pub fn on_handler_changed(&mut self, context: &Context, id: &str, presence: &HandlerPresence) {
+        let now = context.now();
+        if presence.online {
+            let number = context.number;
+            let handles = |m| {
+                presence
+                    .handles
+                    .iter()
+                    .any(|code| code.cs == number && code.m == m)
+            };
+            self.ledger.republish(now, handles);
+        } else {
+            let owned = self.ledger.open().iter();
+            let owned: Vec<_> = owned
+                .filter(|output| output.handler_id.as_deref() == Some(id))
+                .map(|output| (origin(&output.notice), format!("M{:02} of {id}", output.notice.m)))
+                .collect();
+            self.ledger.handler_lost(now, id);
+            for (origin, text) in owned {
+                context.warn_of(&HANDLER_LOST, origin, &text);
+            }
+        }
+    }
+}
+
+pub(super) fn origin(notice: &OutputNotice) -> Origin {
+    Origin {
+        program: notice.program,
+        line: notice.line,
+        column: 1,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::UNIX_EPOCH;
+
+    use plc_api::handshake::OutputSpec;
+    use plc_api::types::BootId;
+    use plc_api::types::output::Timing;
+    use tandem_model::flow::Output;
+
+    use super::*;
+
+    fn now() -> Now {
+        Now {
+            monotonic_s: 0.0,
+            time: UNIX_EPOCH,
+        }
+    }
+
+    /// Outputs of these M numbers, made in this order.
+    fn open(m_codes: &[u16]) -> Outputs {
+        let mut outputs = Outputs::new(Ledger::new(BootId("b1".to_owned()), 8));
+        for m in m_codes {
+            let spec = OutputSpec {
+                run_id: "1-1".to_owned(),
+                m: *m,
+                params: plc_api::Params::default(),
+                timing: Timing::AfterMotion,
+                program: 60,
+                line: 1,
+                timeout_s: None,
+            };
+            let seq = outputs.ledger.enqueue(now(), spec).unwrap();
+            outputs.ledger.put_out(now(), seq);
+        }
+        outputs
+    }
+
+    fn seq(awaited: Option<Awaited>) -> Option<u64> {
+        awaited.map(|awaited| awaited.seq)
+    }
+
+    #[test]
+    fn each_phase_waits_for_its_output_and_for_none_that_is_closed() {
+        let outputs = open(&[10, 11]);
+        let [first, second] = [0, 1].map(|place: usize| outputs.ledger.open()[place].notice.seq);
+        let awaited = |phase: Phase| seq(outputs.awaited(&phase, true));
+        assert_eq!(awaited(Phase::Reset { seq: second }), Some(second));
+        assert_eq!(awaited(Phase::Reset { seq: second + 1 }), None);
+        assert_eq!(awaited(Phase::LastOutputs), Some(first));
+        assert_eq!(awaited(Phase::Interpret), None);
+        assert_eq!(seq(open(&[]).awaited(&Phase::LastOutputs, true)), None);
+    }
+
+    #[test]
+    fn an_output_without_room_waits_for_its_own_m_number_or_the_oldest_once_the_motion_rests() {
+        let outputs = open(&[10, 11]);
+        let [first, second] = [0, 1].map(|place: usize| outputs.ledger.open()[place].notice.seq);
+        let of = |m, is_at_rest| {
+            let output = Output {
+                m,
+                params: [None; 8],
+                origin: Origin::default(),
+            };
+            seq(outputs.awaited(&Phase::Room(output), is_at_rest))
+        };
+        assert_eq!((of(11, true), of(12, true)), (Some(second), Some(first)));
+        assert_eq!(of(11, false), None);
+    }
+
+    #[test]
+    fn an_output_whose_handler_has_gone_is_lost() {
+        let mut outputs = open(&[10]);
+        let seq = outputs.ledger.open()[0].notice.seq;
+        let claim = Claim {
+            boot_id: BootId("b1".to_owned()),
+            seq,
+            handler_id: "gripper".to_owned(),
+        };
+        outputs.ledger.claim(now(), None, &claim);
+        let lost = |outputs: &Outputs| outputs.awaited(&Phase::LastOutputs, true);
+        assert_eq!(lost(&outputs), Some(Awaited { seq, is_lost: false }));
+        outputs.ledger.handler_lost(now(), "gripper");
+        assert_eq!(lost(&outputs), Some(Awaited { seq, is_lost: true }));
+    }
+
+    #[test]
+    fn stock_work_is_taken_once_when_it_is_due() {
+        let mut outputs = open(&[]);
+        for (seq, due_s) in [(1, Some(2.0)), (2, None), (3, Some(1.0))] {
+            outputs.begin_stock_work(StockWork { seq, due_s });
+        }
+        assert_eq!(outputs.next_deadline_s(), Some(1.0));
+        let due = |work: &StockWork| work.due_s.is_some_and(|due_s| due_s <= 2.0);
+        let taken: Vec<_> = outputs.take_stock_work(due).iter().map(|work| work.seq).collect();
+        assert_eq!((taken, outputs.next_deadline_s()), (vec![1, 3], None));
+    }
+}

@@ -1,0 +1,101 @@
+//! The programs of the store, as a coordinate system may run them.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+use plc_api::types::program::ProgramDiagnostic;
+use plc_api::types::request::{Refusal, RefusalCode};
+
+use super::context::Context;
+use crate::program_store::{StoredProgram, called_by};
+use crate::sequence::stock;
+
+/// Programs by their numbers.
+pub(super) type Texts = BTreeMap<u16, Arc<StoredProgram>>;
+
+impl Context {
+    pub fn stored(&self, number: u16) -> Result<Arc<StoredProgram>, Refusal> {
+        self.shared.store.get(number).ok_or_else(|| {
+            let text = format!("program {number} is not in the store; write it first");
+            Refusal::new(RefusalCode::NotFound, text)
+        })
+    }
+
+    /// Refuses a program that has errors, its subprograms included; says what is worth knowing.
+    pub fn check_called(&self, main: &Arc<StoredProgram>) -> Result<String, Refusal> {
+        let all = self.shared.store.all();
+        let number = main.number;
+        let mut errors = Vec::new();
+        let mut m_codes = BTreeSet::new();
+        let (mut seen, mut left) = (BTreeSet::from([number]), vec![Arc::clone(main)]);
+        while let Some(program) = left.pop() {
+            let here = program.check_in(&self.configured.settings);
+            m_codes.extend(here.m_codes.iter().copied());
+            errors.extend(
+                here.errors
+                    .iter()
+                    .cloned()
+                    .map(|diagnostic| match program.number {
+                        main if main == number => diagnostic,
+                        called => {
+                            let message =
+                                format!("in program {called}, which is called: {}", diagnostic.message);
+                            ProgramDiagnostic {
+                                message,
+                                ..diagnostic
+                            }
+                        }
+                    }),
+            );
+            let called = program.check.programs.iter().filter_map(|called| all.get(called));
+            left.extend(called.filter(|called| seen.insert(called.number)).cloned());
+        }
+        if !errors.is_empty() {
+            let what = match number {
+                0 => "the text".to_owned(),
+                number => format!("program {number}"),
+            };
+            let text = format!("{what} has {} errors", errors.len());
+            return Err(Refusal {
+                diagnostics: errors,
+                ..Refusal::new(RefusalCode::ProgramHasErrors, text)
+            });
+        }
+        let unhandled: Vec<String> = m_codes
+            .into_iter()
+            .filter(|m| !self.is_served(*m))
+            .map(|m| format!("M{m:02}"))
+            .collect();
+        if unhandled.is_empty() {
+            Ok(String::new())
+        } else {
+            Ok(format!("no handler is registered for {}", unhandled.join(", ")))
+        }
+    }
+
+    /// True when a handler that is there or the stock sequence program resets this M code.
+    pub fn is_served(&self, m: u16) -> bool {
+        let stock = self.m_code(m).and_then(|settings| settings.stock);
+        let has_spindle = self.configured.settings.spindle.is_some();
+        stock.is_some() || has_spindle && stock::is_spindle_code(m) || self.shared.is_handled(self.number, m)
+    }
+
+    /// A program and those that it calls, as they stand in the store.
+    pub fn texts_of(&self, main: u16) -> Texts {
+        let all = self.shared.store.all();
+        let called = called_by(&all, main).into_iter();
+        called
+            .filter_map(|number| Some((number, Arc::clone(all.get(&number)?))))
+            .collect()
+    }
+
+    /// True when nobody has written the program, or one that it calls, since these were read.
+    pub fn stand_as(&self, main: u16, then: &Texts) -> bool {
+        let now = self.texts_of(main);
+        now.len() == then.len()
+            && now
+                .iter()
+                .zip(then)
+                .all(|((a, now), (b, then))| a == b && Arc::ptr_eq(now, then))
+    }
+}
