@@ -1,5 +1,5 @@
 //! What users add, through the public API only: a handler, a transport, a G code in a dialect of their own, drives; and what
-//! else is added in few places: a configuration key, a request, a card of the HMI.
+//! else is added in few places: a configuration key, a request, a state topic, a card of the HMI.
 
 mod configuration_key;
 mod cycle;
@@ -12,6 +12,7 @@ mod hmi_card;
 mod policy;
 mod request;
 mod runs;
+mod topic;
 mod transport;
 
 use std::path::PathBuf;

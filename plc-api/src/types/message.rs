@@ -10,7 +10,7 @@ use super::question::Validate;
 use super::state::{
     Captured, Lock, Modal, OptionalSkip, Overrides, Position, ProgramPlace, Spindle, State, Switch, Tool,
 };
-use super::topic::{CsTopic, Topic};
+use super::topic::{CsTopic, Topic, state_topics};
 use super::{BootId, Timestamp};
 
 /// Version of the interface, `v` in every message.
@@ -114,6 +114,23 @@ impl Message {
     }
 }
 
+macro_rules! payloads {
+    ($($name:ident $path:literal $payload:ident($type:ident);)*) => {
+        fn of_coordinate_system(topic: CsTopic, json: &[u8]) -> Result<Payload, serde_json::Error> {
+            use serde_json::from_slice;
+            Ok(match topic {
+                $(CsTopic::$name => Payload::$payload(from_slice::<$type>(json)?),)*
+                CsTopic::Output(_) => Payload::Output(from_slice(json)?),
+                CsTopic::Result(_) => Payload::Result(from_slice(json)?),
+                CsTopic::Cancel(_) => Payload::Cancel(from_slice(json)?),
+                CsTopic::Validate(_) => Payload::Validate(from_slice(json)?),
+            })
+        }
+    };
+}
+
+state_topics!(payloads);
+
 impl Payload {
     fn from_json(topic: &Topic, json: &[u8]) -> Result<Payload, serde_json::Error> {
         use serde_json::from_slice;
@@ -124,27 +141,7 @@ impl Payload {
             Topic::AlarmActive => Payload::AlarmActive(from_slice(json)?),
             Topic::Reply(_) => Payload::Reply(from_slice(json)?),
             Topic::HandlerPresence(_) => Payload::HandlerPresence(from_slice(json)?),
-            Topic::CoordinateSystem(_, topic) => match topic {
-                CsTopic::State => Payload::State(from_slice(json)?),
-                CsTopic::Program => Payload::Program(from_slice(json)?),
-                CsTopic::Position => Payload::Position(from_slice(json)?),
-                CsTopic::Modal => Payload::Modal(from_slice(json)?),
-                CsTopic::Pending => Payload::Pending(from_slice(json)?),
-                CsTopic::Output(_) => Payload::Output(from_slice(json)?),
-                CsTopic::Result(_) => Payload::Result(from_slice(json)?),
-                CsTopic::Cancel(_) => Payload::Cancel(from_slice(json)?),
-                CsTopic::Validate(_) => Payload::Validate(from_slice(json)?),
-                CsTopic::Captured => Payload::Captured(from_slice(json)?),
-                CsTopic::OptionalSkip => Payload::OptionalSkip(from_slice(json)?),
-                CsTopic::OptionalStop | CsTopic::SingleBlock | CsTopic::DryRun => {
-                    Payload::Switch(from_slice(json)?)
-                }
-                CsTopic::Interlock | CsTopic::StartLock => Payload::Lock(from_slice(json)?),
-                CsTopic::Spindle => Payload::Spindle(from_slice(json)?),
-                CsTopic::Tool => Payload::Tool(from_slice(json)?),
-                CsTopic::Override => Payload::Override(from_slice(json)?),
-                CsTopic::Lease => Payload::Lease(from_slice(json)?),
-            },
+            Topic::CoordinateSystem(_, topic) => of_coordinate_system(*topic, json)?,
         })
     }
 }

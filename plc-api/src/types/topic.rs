@@ -21,82 +21,85 @@ pub enum Topic {
     CoordinateSystem(CoordinateSystemNumber, CsTopic),
 }
 
-/// A topic of one coordinate system.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum CsTopic {
-    /// `state`
-    State,
-    /// `program`
-    Program,
-    /// `position`
-    Position,
-    /// `modal`
-    Modal,
-    /// `m_code/pending`
-    Pending,
-    /// `m_code/{m}/output`
-    Output(u16),
-    /// `m_code/{m}/result`
-    Result(u16),
-    /// `m_code/{m}/cancel`
-    Cancel(u16),
-    /// `m_code/{m}/validate`
-    Validate(u16),
-    /// `captured`
-    Captured,
-    /// `input/optional_skip/state`
-    OptionalSkip,
-    /// `input/optional_stop/state`
-    OptionalStop,
-    /// `input/single_block/state`
-    SingleBlock,
-    /// `input/dry_run/state`
-    DryRun,
-    /// `input/interlock/state`
-    Interlock,
-    /// `input/start_lock/state`
-    StartLock,
-    /// `spindle/state`
-    Spindle,
-    /// `tool/state`
-    Tool,
-    /// `override/state`
-    Override,
-    /// `lease/state`
-    Lease,
+/// Every topic of one coordinate system that says a state: variant, path, and variant and type of its payload.
+macro_rules! state_topics {
+    ($with:ident) => {
+        $with! {
+            State "state" State(State);
+            Program "program" Program(ProgramPlace);
+            Position "position" Position(Position);
+            Modal "modal" Modal(Modal);
+            Pending "m_code/pending" Pending(Pending);
+            Captured "captured" Captured(Captured);
+            OptionalSkip "input/optional_skip/state" OptionalSkip(OptionalSkip);
+            OptionalStop "input/optional_stop/state" Switch(Switch);
+            SingleBlock "input/single_block/state" Switch(Switch);
+            DryRun "input/dry_run/state" Switch(Switch);
+            Interlock "input/interlock/state" Lock(Lock);
+            StartLock "input/start_lock/state" Lock(Lock);
+            Spindle "spindle/state" Spindle(Spindle);
+            Tool "tool/state" Tool(Tool);
+            Override "override/state" Override(Overrides);
+            Lease "lease/state" Lease(LeaseState);
+        }
+    };
+}
+pub(super) use state_topics;
+
+macro_rules! topics {
+    ($($name:ident $path:literal $payload:ident($type:ident);)*) => {
+        /// A topic of one coordinate system.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+        pub enum CsTopic {
+            $(#[doc = concat!("`", $path, "`")] $name,)*
+            /// `m_code/{m}/output`
+            Output(u16),
+            /// `m_code/{m}/result`
+            Result(u16),
+            /// `m_code/{m}/cancel`
+            Cancel(u16),
+            /// `m_code/{m}/validate`
+            Validate(u16),
+        }
+
+        impl CsTopic {
+            /// Topics whose last value is kept and retained, with their paths.
+            pub const STATES: [(CsTopic, &'static str); 16] = [$((CsTopic::$name, $path),)*];
+
+            /// Path below the coordinate system's, with `{m}` as its M number.
+            fn pattern(self) -> &'static str {
+                match self {
+                    $(CsTopic::$name => $path,)*
+                    CsTopic::Output(_) => "m_code/{m}/output",
+                    CsTopic::Result(_) => "m_code/{m}/result",
+                    CsTopic::Cancel(_) => "m_code/{m}/cancel",
+                    CsTopic::Validate(_) => "m_code/{m}/validate",
+                }
+            }
+
+            /// Name of the type of its payload.
+            pub fn payload_type(self) -> &'static str {
+                match self {
+                    $(CsTopic::$name => stringify!($type),)*
+                    CsTopic::Output(_) => "OutputNotice",
+                    CsTopic::Result(_) => "HandshakeResult",
+                    CsTopic::Cancel(_) => "Cancel",
+                    CsTopic::Validate(_) => "Validate",
+                }
+            }
+        }
+    };
 }
 
-impl CsTopic {
-    /// Topics whose last value is kept and retained, with their paths.
-    pub const STATES: [(CsTopic, &'static str); 16] = [
-        (CsTopic::State, "state"),
-        (CsTopic::Program, "program"),
-        (CsTopic::Position, "position"),
-        (CsTopic::Modal, "modal"),
-        (CsTopic::Pending, "m_code/pending"),
-        (CsTopic::Captured, "captured"),
-        (CsTopic::OptionalSkip, "input/optional_skip/state"),
-        (CsTopic::OptionalStop, "input/optional_stop/state"),
-        (CsTopic::SingleBlock, "input/single_block/state"),
-        (CsTopic::DryRun, "input/dry_run/state"),
-        (CsTopic::Interlock, "input/interlock/state"),
-        (CsTopic::StartLock, "input/start_lock/state"),
-        (CsTopic::Spindle, "spindle/state"),
-        (CsTopic::Tool, "tool/state"),
-        (CsTopic::Override, "override/state"),
-        (CsTopic::Lease, "lease/state"),
-    ];
+state_topics!(topics);
 
+impl CsTopic {
     fn path(self) -> String {
         match self {
-            CsTopic::Output(m) => format!("m_code/{m}/output"),
-            CsTopic::Result(m) => format!("m_code/{m}/result"),
-            CsTopic::Cancel(m) => format!("m_code/{m}/cancel"),
-            CsTopic::Validate(m) => format!("m_code/{m}/validate"),
-            state => Self::STATES
-                .iter()
-                .find(|(topic, _)| *topic == state)
-                .map_or_else(String::new, |(_, path)| (*path).to_owned()),
+            CsTopic::Output(m) | CsTopic::Result(m) | CsTopic::Cancel(m) | CsTopic::Validate(m) => {
+                self.pattern().replace("{m}", &m.to_string())
+            }
+            state => state.pattern().to_owned(),
         }
     }
 

@@ -11,34 +11,16 @@ use super::topics::inbound_topics;
 const CS: u8 = 251;
 const M: u16 = 60_001;
 
-/// The form of a topic's messages. Complete, since a new topic without a form does not compile.
-fn schema_of(topic: &Topic) -> &'static str {
+/// The form of a topic's messages.
+fn schema_of(topic: &Topic) -> String {
     match topic {
-        Topic::Presence => "PresenceMessage",
-        Topic::Birth => "BirthMessage",
-        Topic::AlarmEvent => "AlarmRecordMessage",
-        Topic::AlarmActive => "ActiveAlarmsMessage",
-        Topic::Reply(_) => "CommandReplyMessage",
-        Topic::HandlerPresence(_) => "HandlerPresence",
-        Topic::CoordinateSystem(_, topic) => match topic {
-            CsTopic::State => "StateMessage",
-            CsTopic::Program => "ProgramPlaceMessage",
-            CsTopic::Position => "PositionMessage",
-            CsTopic::Modal => "ModalMessage",
-            CsTopic::Pending => "PendingMessage",
-            CsTopic::Output(_) => "OutputNoticeMessage",
-            CsTopic::Result(_) => "HandshakeResultMessage",
-            CsTopic::Cancel(_) => "CancelMessage",
-            CsTopic::Validate(_) => "ValidateMessage",
-            CsTopic::Captured => "CapturedMessage",
-            CsTopic::OptionalSkip => "OptionalSkipMessage",
-            CsTopic::OptionalStop | CsTopic::SingleBlock | CsTopic::DryRun => "SwitchMessage",
-            CsTopic::Interlock | CsTopic::StartLock => "LockMessage",
-            CsTopic::Spindle => "SpindleMessage",
-            CsTopic::Tool => "ToolMessage",
-            CsTopic::Override => "OverridesMessage",
-            CsTopic::Lease => "LeaseStateMessage",
-        },
+        Topic::Presence => "PresenceMessage".to_owned(),
+        Topic::Birth => "BirthMessage".to_owned(),
+        Topic::AlarmEvent => "AlarmRecordMessage".to_owned(),
+        Topic::AlarmActive => "ActiveAlarmsMessage".to_owned(),
+        Topic::Reply(_) => "CommandReplyMessage".to_owned(),
+        Topic::HandlerPresence(_) => "HandlerPresence".to_owned(),
+        Topic::CoordinateSystem(_, topic) => format!("{}Message", topic.payload_type()),
     }
 }
 
@@ -103,7 +85,7 @@ pub(super) fn document(schemas: &Schemas) -> Value {
         add(
             &path_of(&topic),
             "send",
-            schema_of(&topic),
+            &schema_of(&topic),
             topic.qos(),
             topic.is_retained(),
             None,
