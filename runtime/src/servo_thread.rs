@@ -27,6 +27,10 @@ pub struct ServoStatistics {
     pub cycles: AtomicU64,
     /// Cycles that were not finished when the next one was due.
     pub overruns: AtomicU64,
+    /// Exchanges with the drives that ended late.
+    pub late_exchanges: AtomicU64,
+    /// Frames to the drives that were lost.
+    pub lost_frames: AtomicU64,
     /// How late after its time each cycle began.
     pub lateness: Measured,
     /// How long each cycle took.
@@ -134,6 +138,9 @@ impl ServoThread {
                 let late = next.elapsed();
                 let begun = Instant::now();
                 let told = servo.cycle();
+                let counts = servo.bus_counts();
+                statistics.late_exchanges.store(counts.late, Ordering::Relaxed);
+                statistics.lost_frames.store(counts.lost, Ordering::Relaxed);
                 statistics.count(late, begun.elapsed(), period);
                 if told {
                     relay_thread.unpark();

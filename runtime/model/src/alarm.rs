@@ -97,6 +97,10 @@ alarms! {
     POSITION_JUMP = 202, "A motion does not begin where the machine is", "Reset; report the log if it happens again.";
     SPINDLE_MISSING = 203, "The coordinate system has no spindle", "Assign a spindle motor in the configuration.";
     SPINDLE_TURNS = 204, "The spindle does not rest where a thread begins", "Reset M19 when the spindle rests at its position.";
+    DRIVE_FAULT = 205, "A drive reports a fault", "Look up the code in the drive's manual and remove the cause; reset clears the fault and enables the drives.";
+    DRIVE_BUS_LOST = 206, "The bus to the drives is lost", "Look at cables, power and the load of the computer; reset enables the drives.";
+    DRIVE_NOT_ENABLED = 207, "A drive has no power", "Look at the emergency stop, the drive's supply and its enable input; reset enables the drives.";
+    MOTOR_NOT_HOMED = 208, "A motor does not know its position", "Home the motor by the drive's own means before it moves, or use an absolute encoder; then reset.";
     // 300 to 399: sequence control
     M_CODE_UNHANDLED = 300, "No handler is registered for this M code", "Connect a handler, or set unhandled for the M code.";
     M_CODE_TIMEOUT = 301, "The M code was not reset in time", "Look at the handler, or raise timeout_ms.";

@@ -7,13 +7,40 @@ use std::fmt;
 pub struct Command {
     /// Position at the end of this cycle, mm or degrees from the machine's zero. Never NaN or infinite.
     pub position: f64,
+    /// The drive is to have power and to follow `position`. Without, `position` is where the motor is expected to stand, and
+    /// the drive must not move to it.
+    pub enable: bool,
+    /// The drive is to clear its fault; from a reset on until it reports none, or until it has taken too long.
+    pub clear_fault: bool,
 }
 
 /// What a motor reports in one servo cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Feedback {
-    /// Actual position, mm or degrees from the machine's zero.
+    /// Actual position, mm or degrees from the machine's zero; finite. Of a motor that is not homed it means nothing.
     pub position: f64,
+    /// The drive has power and follows its command.
+    pub is_enabled: bool,
+    /// The position counts from the machine's zero: by an absolute encoder, or since the drive was homed.
+    pub is_homed: bool,
+    /// The drive's own code of what is wrong with it; 0: nothing. With one it does not follow.
+    pub fault: u16,
+}
+
+impl Feedback {
+    /// A motor at this position that is homed and follows.
+    pub fn following(position: f64) -> Self {
+        Self {
+            position,
+            is_enabled: true,
+            is_homed: true,
+            fault: 0,
+        }
+    }
+
+    pub(crate) fn is_operational(self) -> bool {
+        self.is_enabled && self.is_homed && self.fault == 0
+    }
 }
 
 /// How the exchange of one servo cycle went.
@@ -23,7 +50,7 @@ pub enum CycleResult {
     OnTime,
     /// As on time, but the exchange ended later than the bus allows.
     Late,
-    /// The commands may not have reached their motors; the feedback is that of an earlier cycle.
+    /// The commands may not have reached their motors; the feedback is left as it was.
     Lost,
 }
 
@@ -42,6 +69,12 @@ pub trait DriveBus: fmt::Debug + Send {
     /// Exchanges the process data of one servo cycle, once in each cycle; both slices have a place for each motor. Must
     /// not allocate, lock, wait or panic.
     fn exchange(&mut self, commands: &[Command], feedback: &mut [Feedback]) -> CycleResult;
+
+    /// Frames that may be lost in a row. One more is a fault: all motors brake and lose power. Asked once, before the first
+    /// cycle; at most what the drives themselves allow before they stop.
+    fn lost_in_a_row_max(&self) -> u32 {
+        2
+    }
 
     /// True when the feedback of the motor at this place is always the command of the same cycle, whatever came before:
     /// simulated time may leave out cycles in which such a motor moves. Asked once, before the first cycle.

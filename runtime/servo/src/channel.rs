@@ -10,7 +10,7 @@ use tandem_model::{AxisVector, MachinePosition, Origin};
 
 use crate::brake::Brake;
 use crate::control::{Control, Event};
-use crate::motors::Motors;
+use crate::motors::{Motors, Power};
 use crate::path_time::{PathTime, slope};
 use crate::readings::{Reading, Readings};
 use crate::skip::SkipRun;
@@ -60,6 +60,9 @@ pub struct Channel {
     /// The plan to go over to.
     pub(crate) splice: Option<Splice>,
     pub(crate) faulted: bool,
+    pub(crate) power: Power,
+    /// Frames lost in a row, when they are more than allowed.
+    pub(crate) bus_lost: Option<u32>,
     pub(crate) setpoint: AxisVector,
     /// Change of the setpoint in the last cycle, units per second.
     pub(crate) velocity: AxisVector,
@@ -166,6 +169,8 @@ pub(crate) fn channel(
         thread: None,
         splice: None,
         faulted: false,
+        power: Power::Off,
+        bus_lost: None,
         setpoint: at,
         velocity: AxisVector::ZERO,
         motors,
@@ -213,13 +218,14 @@ impl Channel {
     }
 
     /// True when there is nothing to do: no profile or control waits, none runs or waits for its motors, nothing
-    /// brakes, no orientation of the spindle is to be told. A spindle that turns does not count.
+    /// brakes, no drive is being enabled, no orientation of the spindle is to be told. A spindle that turns does not count.
     pub fn is_idle(&self) -> bool {
         self.current.is_none()
             && self.braking.is_none()
             && self.stopping.is_none()
             && self.profiles.is_empty()
             && self.controls.is_empty()
+            && !self.power.is_enabling()
             && self.spindle_state().orientation != Orientation::Pending
     }
 

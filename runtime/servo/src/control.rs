@@ -1,7 +1,8 @@
 //! What the coordinator tells a channel, and what the channel tells back.
 
 use tandem_model::alarm::{
-    Alarm, IN_POSITION_TIMEOUT, MOTION_RAN_OUT, POSITION_JUMP, SPINDLE_MISSING, SPINDLE_TURNS,
+    Alarm, DRIVE_BUS_LOST, DRIVE_FAULT, DRIVE_NOT_ENABLED, IN_POSITION_TIMEOUT, MOTION_RAN_OUT,
+    MOTOR_NOT_HOMED, POSITION_JUMP, SPINDLE_MISSING, SPINDLE_TURNS,
 };
 use tandem_model::profile::PathPlace;
 use tandem_model::{Axis, AxisSet, MachinePosition, Origin};
@@ -38,6 +39,9 @@ pub enum Control {
         /// Rapid override.
         rapid: f64,
     },
+    /// Behind a fault of a drive or of the bus: the [`Control::Stop`] that follows clears the faults of the drives, enables
+    /// them where the motors stand, and tells where that is. Else it does nothing.
+    ResetDrives,
     /// The next [`Splice`](crate::Splice) is there: from its place on its profiles run. [`Event::Spliced`] tells what has
     /// become of it; a stop and an abort before its place refuse it.
     Splice,
@@ -155,6 +159,34 @@ pub enum Fault {
     },
     /// A spindle was commanded in a coordinate system without one.
     SpindleMissing,
+    /// A drive reports a fault.
+    DriveFault {
+        /// CNC motor number.
+        motor: u16,
+        /// Its axis.
+        axis: Axis,
+        /// The drive's own code.
+        code: u16,
+    },
+    /// More frames of the bus were lost in a row than it allows.
+    BusLost {
+        /// How many.
+        cycles: u32,
+    },
+    /// A drive has no power: it lost it, or did not come to it in time.
+    NotEnabled {
+        /// CNC motor number.
+        motor: u16,
+        /// Its axis.
+        axis: Axis,
+    },
+    /// A motor is to move, and its position does not count from the machine's zero.
+    NotHomed {
+        /// CNC motor number.
+        motor: u16,
+        /// Its axis.
+        axis: Axis,
+    },
     /// The spindle turns, or is about to, where a thread begins. Not started.
     SpindleTurns {
         /// Its speed, r/min, clockwise positive.
@@ -191,6 +223,30 @@ impl Fault {
             Fault::SpindleMissing => Alarm::new(
                 &SPINDLE_MISSING,
                 "A spindle command reached a coordinate system without a spindle",
+            ),
+            Fault::DriveFault { motor, axis, code } => Alarm::new(
+                &DRIVE_FAULT,
+                format!(
+                    "The drive of motor {motor} (axis {}) reports fault {code} (16#{code:04X})",
+                    axis.letter()
+                ),
+            ),
+            Fault::BusLost { cycles } => Alarm::new(
+                &DRIVE_BUS_LOST,
+                format!(
+                    "The bus to the drives has lost {cycles} frames in a row; the motors brake off the path"
+                ),
+            ),
+            Fault::NotEnabled { motor, axis } => Alarm::new(
+                &DRIVE_NOT_ENABLED,
+                format!("The drive of motor {motor} (axis {}) has no power", axis.letter()),
+            ),
+            Fault::NotHomed { motor, axis } => Alarm::new(
+                &MOTOR_NOT_HOMED,
+                format!(
+                    "Motor {motor} (axis {}) does not know its position",
+                    axis.letter()
+                ),
             ),
             Fault::SpindleTurns { rpm } => Alarm::new(
                 &SPINDLE_TURNS,

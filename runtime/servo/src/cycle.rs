@@ -42,7 +42,7 @@ impl Channel {
         self.rests = self.stays_at_rest();
         if !self.rests {
             self.move_on(time_s);
-            self.motors.command(self.setpoint, commands);
+            self.motors.command(self.setpoint, self.of_all_drives(), commands);
         }
     }
 
@@ -65,8 +65,14 @@ impl Channel {
     }
 
     /// Second half: what the motors report. True when the cycle put out an event, or is slower for want of more profiles.
-    pub(crate) fn conclude(&mut self, time_s: f64, feedback: &[Feedback]) -> bool {
+    /// `bus_lost` are the frames lost in a row, when they are more than allowed.
+    pub(crate) fn conclude(&mut self, time_s: f64, feedback: &[Feedback], bus_lost: Option<u32>) -> bool {
         self.motors.take_feedback(self.setpoint, feedback);
+        self.bus_lost = bus_lost;
+        if !self.is_as_commanded() {
+            self.rests = false;
+            self.watch_drives();
+        }
         if self.rests {
             if self.motors.has_settled() {
                 self.readings.write_time(time_s);
@@ -152,6 +158,7 @@ impl Channel {
                     self.rapid_override = rapid.clamp(0.0, 1.0);
                 }
             }
+            Control::ResetDrives => self.ask_for_reset(),
             Control::Splice => self.take_splice(),
             Control::SkipInput { motor, on } => self.motors.set_skip_input(motor, on),
             Control::Spindle { direction, rpm } => match &mut self.spindle {
@@ -186,6 +193,9 @@ impl Channel {
             return;
         }
         if !self.may_begin() || !self.has_next() {
+            return;
+        }
+        if !self.has_power() {
             return;
         }
         let Ok(profile) = self.profiles.pop() else { return };
@@ -233,7 +243,7 @@ impl Channel {
     }
 
     /// The spindle goes its own way again: from rest, or braking from its speed.
-    fn leave_thread(&mut self, brakes: bool) {
+    pub(crate) fn leave_thread(&mut self, brakes: bool) {
         if self.thread.take().is_some()
             && let Some(spindle) = &mut self.spindle
         {
@@ -475,6 +485,7 @@ impl Channel {
             self.leave_thread(false);
             self.hold = Hold::Off;
             self.faulted = false;
+            self.reset_drives();
             self.tell(Event::Stopped {
                 epoch,
                 position: MachinePosition(self.setpoint),
@@ -485,7 +496,7 @@ impl Channel {
         }
     }
 
-    fn fail(&mut self, fault: Fault) {
+    pub(crate) fn fail(&mut self, fault: Fault) {
         self.give_up();
         self.leave_thread(false);
         self.faulted = true;

@@ -38,6 +38,7 @@ mod look_ahead;
 mod motors;
 mod passing;
 mod path_time;
+mod power;
 mod readings;
 mod rest;
 mod servo;

@@ -34,9 +34,39 @@ pub(crate) struct Motors {
     with_motor: [Axis; AXES_MAX],
     /// Theirs on the bus.
     places: Range<usize>,
+    /// The place of each axis among these; beyond them for an axis without a motor.
+    place_of: [usize; AXES_MAX],
     is_ideal: bool,
     actual: AxisVector,
     settled: bool,
+    /// What keeps them from following.
+    trouble: Option<Fault>,
+}
+
+/// Whether the drives of a channel have power.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Power {
+    /// Not asked for since the start.
+    Off,
+    /// Off behind a fault.
+    Tripped {
+        /// They are to be enabled once the channel rests.
+        resets: bool,
+    },
+    /// Commanded, and not reported by all of them.
+    Enabling {
+        /// Since it was commanded.
+        cycles: u64,
+        /// The faults of the drives are to be cleared.
+        clears: bool,
+    },
+    On,
+}
+
+impl Power {
+    pub(crate) fn is_enabling(self) -> bool {
+        matches!(self, Power::Enabling { .. })
+    }
 }
 
 /// What the in-position check finds.
@@ -77,8 +107,10 @@ impl Motors {
                 .map_or(0.0, |motor| motor.max_acceleration)
         });
         let (mut with_motor, mut count) = ([Axis::X; AXES_MAX], 0);
+        let mut place_of = [usize::MAX; AXES_MAX];
         for axis in settings.axes().iter() {
             with_motor[count] = axis;
+            place_of[axis.index()] = count;
             count += 1;
         }
         let places = first_place..first_place + count;
@@ -88,31 +120,97 @@ impl Motors {
             deceleration,
             is_ideal: places.clone().all(|place| bus.is_ideal(place)),
             places,
+            place_of,
             actual: AxisVector::ZERO,
             settled: false,
+            trouble: None,
         };
         motors.take_feedback(AxisVector::ZERO, feedback);
         motors.settled = false;
         motors
     }
 
-    /// Gives each motor its command.
-    pub(crate) fn command(&self, setpoint: AxisVector, commands: &mut [Command]) {
+    /// Gives each motor its position, and what all of them have in common.
+    pub(crate) fn command(&self, setpoint: AxisVector, of_all: Command, commands: &mut [Command]) {
         let commands = commands.get_mut(self.places.clone()).unwrap_or_default();
         for (command, axis) in commands.iter_mut().zip(&self.with_motor) {
-            command.position = setpoint[*axis];
+            *command = Command {
+                position: setpoint[*axis],
+                ..of_all
+            };
         }
     }
 
     /// Takes what each motor reports. An axis without a motor is where its command is.
     pub(crate) fn take_feedback(&mut self, setpoint: AxisVector, feedback: &[Feedback]) {
-        let before = self.actual;
-        self.actual = setpoint;
         let feedback = feedback.get(self.places.clone()).unwrap_or_default();
-        for (feedback, axis) in feedback.iter().zip(&self.with_motor) {
-            self.actual[*axis] = feedback.position;
+        let (before, mut operational) = (self.actual, true);
+        for (axis, actual) in self.actual.0.iter_mut().enumerate() {
+            *actual = match feedback.get(self.place_of[axis]) {
+                Some(feedback) => {
+                    operational &= feedback.is_operational();
+                    feedback.position
+                }
+                None => setpoint.0[axis],
+            };
         }
         self.settled = self.actual == before;
+        self.trouble = if operational {
+            None
+        } else {
+            self.find_trouble(feedback)
+        };
+    }
+
+    /// A drive with a fault before a motor that is not homed, and that before a drive without power.
+    #[cold]
+    fn find_trouble(&self, feedback: &[Feedback]) -> Option<Fault> {
+        let fault = |axis: Axis, feedback: &Feedback| {
+            let motor = self.number(axis);
+            match *feedback {
+                Feedback {
+                    fault: code @ 1.., ..
+                } => (0, Fault::DriveFault { motor, axis, code }),
+                Feedback { is_homed: false, .. } => (1, Fault::NotHomed { motor, axis }),
+                _ => (2, Fault::NotEnabled { motor, axis }),
+            }
+        };
+        let motors = self.with_motor.iter().zip(feedback);
+        let troubled = motors.filter(|(_, feedback)| !feedback.is_operational());
+        let worst = troubled
+            .map(|(axis, feedback)| fault(*axis, feedback))
+            .min_by_key(|(rank, _)| *rank);
+        worst.map(|(_, fault)| fault)
+    }
+
+    /// True when every motor is homed and follows.
+    pub(crate) fn are_operational(&self) -> bool {
+        self.trouble.is_none()
+    }
+
+    /// What keeps the motors from following; `enabled`: they were to have power.
+    pub(crate) fn trouble(&self, bus_lost: Option<u32>, enabled: bool) -> Option<Fault> {
+        if let Some(cycles) = bus_lost {
+            return Some(Fault::BusLost { cycles });
+        }
+        self.trouble
+            .filter(|fault| enabled || !matches!(fault, Fault::NotEnabled { .. }))
+    }
+
+    /// A motor that is outside its in-position window, which would jump when it is enabled.
+    pub(crate) fn elsewhere(&self, setpoint: AxisVector) -> Option<Fault> {
+        match self.in_position(setpoint, f64::INFINITY) {
+            InPosition::TimedOut(Fault::InPositionTimeout {
+                motor,
+                axis,
+                following_error,
+            }) => Some(Fault::PositionJump {
+                motor,
+                axis,
+                jump: following_error,
+            }),
+            _ => None,
+        }
     }
 
     /// True when no actual position changed in the last cycle. A drive that follows may rest the last bit beside its

@@ -88,7 +88,7 @@ impl Channel {
             self.time.pass(cycles);
             self.setpoint = profile.position(self.time.now_s());
         }
-        self.motors.command(self.setpoint, commands);
+        self.motors.command(self.setpoint, self.of_all_drives(), commands);
     }
 
     /// What the motors report in the last one of the cycles.

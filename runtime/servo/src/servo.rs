@@ -17,6 +17,8 @@ pub struct Servo {
     commands: Box<[Command]>,
     feedback: Box<[Feedback]>,
     counts: BusCounts,
+    lost_in_a_row: u32,
+    lost_in_a_row_max: u32,
     period_s: f64,
     cycles: u64,
 }
@@ -51,9 +53,12 @@ impl Servo {
             .unzip();
         let at_start = feedback.iter().map(|feedback| Command {
             position: feedback.position,
+            ..Command::default()
         });
         let servo = Self {
             channels,
+            lost_in_a_row: 0,
+            lost_in_a_row_max: bus.lost_in_a_row_max(),
             bus,
             commands: at_start.collect(),
             feedback: feedback.into(),
@@ -83,19 +88,27 @@ impl Servo {
             channel.command(time_s, &mut self.commands);
         }
         self.exchange();
+        let lost = Some(self.lost_in_a_row).filter(|cycles| *cycles > self.lost_in_a_row_max);
         let mut events = false;
         for channel in &mut self.channels {
-            events |= channel.conclude(time_s, &self.feedback);
+            events |= channel.conclude(time_s, &self.feedback, lost);
         }
         events
     }
 
     fn exchange(&mut self) {
-        match self.bus.exchange(&self.commands, &mut self.feedback) {
-            CycleResult::OnTime => {}
-            CycleResult::Late => self.counts.late += 1,
-            CycleResult::Lost => self.counts.lost += 1,
-        }
+        let result = self.bus.exchange(&self.commands, &mut self.feedback);
+        self.lost_in_a_row = match result {
+            CycleResult::OnTime => 0,
+            CycleResult::Late => {
+                self.counts.late += 1;
+                0
+            }
+            CycleResult::Lost => {
+                self.counts.lost += 1;
+                self.lost_in_a_row.saturating_add(1)
+            }
+        };
     }
 
     /// How many exchanges were late or lost.

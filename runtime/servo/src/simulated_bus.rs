@@ -24,14 +24,17 @@ impl SimulatedBus {
 
     /// What the motors report at the start.
     pub fn feedback(&self) -> Vec<Feedback> {
-        vec![Feedback::default(); self.drives.len()]
+        vec![Feedback::following(0.0); self.drives.len()]
     }
 }
 
 impl DriveBus for SimulatedBus {
     fn exchange(&mut self, commands: &[Command], feedback: &mut [Feedback]) -> CycleResult {
         for ((drive, command), feedback) in self.drives.iter_mut().zip(commands).zip(feedback) {
-            feedback.position = drive.cycle(command.position);
+            // a motor at rest on its command stays there
+            if !drive.rests_on(command.position) {
+                feedback.position = drive.cycle(command.position);
+            }
         }
         CycleResult::OnTime
     }
@@ -71,6 +74,12 @@ impl SimulatedDrive {
             command: 0.0,
             actual: 0.0,
         }
+    }
+
+    /// True when it is where its command was, and this is the same one.
+    fn rests_on(&self, command: f64) -> bool {
+        let bits = command.to_bits();
+        self.command.to_bits() == bits && self.actual.to_bits() == bits
     }
 
     /// Takes the commanded position of this cycle and gives the actual one.

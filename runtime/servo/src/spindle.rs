@@ -102,6 +102,9 @@ impl SpindleLink {
 
     /// One cycle; true when a commanded orientation has ended.
     pub(crate) fn cycle(&mut self) -> bool {
+        if self.state.is_steady && self.state.rpm == 0.0 {
+            return false;
+        }
         let before = self.state.orientation;
         self.state = self.device.cycle();
         before == Orientation::Pending && self.state.orientation == Orientation::Reached

@@ -16,7 +16,10 @@ use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings, SimulatedSkip};
 use tandem_model::{AXES_MAX, ArcPath, Axis, AxisVector, Origin};
 use tandem_motion::Planner;
-use tandem_servo::{ChannelHandle, Control, Event, Servo, SpindleDirection, Splice};
+use tandem_servo::{
+    ChannelHandle, Command, Control, CycleResult, DriveBus, Event, Fault, Feedback, Hardware, Servo,
+    SpindleDirection, Splice,
+};
 
 thread_local! {
     static CALLS: Cell<u64> = const { Cell::new(0) };
@@ -197,6 +200,60 @@ fn a_g500_chain_with_holds_and_overrides_neither_allocates_nor_frees() {
         }
     }
     assert!(servo.channel(0).setpoint().0[0] > 10.0);
+}
+
+/// Loses every frame from a cycle on, then comes back with a fault in a drive, which goes when it is cleared.
+#[derive(Debug, Default)]
+struct Failing {
+    cycles: u32,
+}
+
+impl DriveBus for Failing {
+    fn exchange(&mut self, commands: &[Command], feedback: &mut [Feedback]) -> CycleResult {
+        self.cycles += 1;
+        if (20..30).contains(&self.cycles) {
+            return CycleResult::Lost;
+        }
+        for (command, feedback) in commands.iter().zip(&mut *feedback) {
+            let fault = u16::from(self.cycles == 30 || feedback.fault != 0 && !command.clear_fault);
+            *feedback = Feedback {
+                fault,
+                ..Feedback::following(command.position)
+            };
+        }
+        CycleResult::Late
+    }
+}
+
+#[test]
+fn a_lost_bus_a_drive_fault_and_a_reset_neither_allocate_nor_free() {
+    let hardware = Hardware {
+        bus: Box::new(Failing::default()),
+        at_start: vec![Feedback::following(0.0); AXES_MAX],
+        spindles: vec![],
+    };
+    let (mut servo, mut handles) = Servo::new(&[(&settings(false), 64)], T, hardware);
+    let handle = &mut handles[0];
+    handle.profiles.push(profile(0)).unwrap();
+    let mut calls = cycles(&mut servo, 60);
+    for control in [Control::ResetDrives, Control::Stop { epoch: 1 }] {
+        handle.controls.push(control).unwrap();
+    }
+    calls += cycles(&mut servo, 60);
+    assert_eq!(calls, 0, "calls of the allocator");
+    let events: Vec<Event> = std::iter::from_fn(|| handle.events.pop().ok()).collect();
+    assert!(
+        matches!(
+            events[..],
+            [
+                Event::Started { .. },
+                Event::Fault(Fault::BusLost { cycles: 3 }),
+                Event::Stopped { .. },
+            ]
+        ),
+        "{events:?}"
+    );
+    assert_eq!(servo.bus_counts().lost, 10);
 }
 
 #[test]

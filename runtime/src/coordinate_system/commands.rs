@@ -5,6 +5,7 @@ use std::sync::Arc;
 use plc_api::types::command::{Command, CommandMeta, CommandStatus, Verb};
 use plc_api::types::request::{Answer, Refusal, RefusalCode};
 use plc_api::types::state::{Execution, Reason};
+use tandem_servo::Control;
 
 use super::CoordinateSystem;
 use super::pending_commands::{Awaiting, Deferred, reject};
@@ -248,6 +249,7 @@ impl CoordinateSystem {
             Command::Stop => self.end_run(End::Stop),
             Command::Abort => self.end_run(End::Abort),
             Command::Reset => {
+                self.servo.control(Control::ResetDrives);
                 self.context.shared.clear_alarms(self.context.number);
                 let has_program = self.commands.program.is_some();
                 let is_done = self.end_run(End::Reset { has_program });

@@ -1,8 +1,13 @@
 //! A bus to drives of one's own costs a file: `DriveBus` implemented, and given to the runtime by a factory.
 
+use std::sync::atomic::{AtomicU16, Ordering};
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
+use plc_api::types::message::Payload;
 use plc_api::types::request::Request;
+use plc_api::types::state::Reason;
+use plc_api::types::topic::Topic;
 use plc_api::{Execution, Plc};
 use tandem_runtime::hardware::{
     Command, CoordinateSystemSettings, CycleResult, DriveBus, Feedback, Hardware, HardwareFactory,
@@ -17,15 +22,24 @@ use crate::support::wait::simulate;
 
 const PROGRAM: &str = "G00 X40 Y10\nG01 Z-5 F3000\nG500\nX50 Y20\nX60 Y10\nG02 X70 Y20 I10\nM30\n";
 
-/// Drives that are where they were commanded.
-#[derive(Debug)]
-struct Following;
+/// Drives that are where they were commanded; of the first motor a fault can be made.
+#[derive(Debug, Default)]
+struct Following {
+    fault: Arc<AtomicU16>,
+}
 
 impl DriveBus for Following {
     fn exchange(&mut self, commands: &[Command], feedback: &mut [Feedback]) -> CycleResult {
-        for (command, feedback) in commands.iter().zip(feedback) {
-            feedback.position = command.position;
+        for (command, feedback) in commands.iter().zip(&mut *feedback) {
+            feedback.is_enabled = command.enable;
+            if command.enable {
+                feedback.position = command.position;
+            }
         }
+        if commands[0].clear_fault {
+            self.fault.store(0, Ordering::Relaxed);
+        }
+        feedback[0].fault = self.fault.load(Ordering::Relaxed);
         CycleResult::OnTime
     }
 }
@@ -34,11 +48,10 @@ impl DriveBus for Following {
 fn standing_at(position: f64) -> HardwareFactory {
     Box::new(move |systems: &[&CoordinateSystemSettings]| {
         let motors = systems.iter().flat_map(|system| system.motors.iter().flatten());
-        let at_start = motors.map(|motor| Feedback {
-            position: if motor.number == 5 { 0.0 } else { position },
-        });
+        let at_start =
+            motors.map(|motor| Feedback::following(if motor.number == 5 { 0.0 } else { position }));
         Ok(Hardware {
-            bus: Box::new(Following),
+            bus: Box::new(Following::default()),
             at_start: at_start.collect(),
             spindles: vec![],
         })
@@ -96,6 +109,51 @@ fn the_machine_stands_where_its_motors_report_and_moves_from_there() {
             .all(|pair| (pair[1][0] - pair[0][0]).abs() < 1.0)
     );
     assert!(positions.is_sorted_by(|a, b| a[0] <= b[0]));
+}
+
+#[test]
+fn a_drive_fault_stops_the_run_with_its_alarm_and_after_a_reset_it_runs_again() {
+    simulate(|| async {
+        let fault = Arc::<AtomicU16>::default();
+        let of_bus = Arc::clone(&fault);
+        let options = SimulationOptions {
+            hardware: Some(Box::new(move |systems: &[&CoordinateSystemSettings]| {
+                let motors = systems.iter().flat_map(|system| system.motors.iter().flatten());
+                Ok(Hardware {
+                    bus: Box::new(Following { fault: of_bus }),
+                    at_start: motors.map(|_| Feedback::following(0.0)).collect(),
+                    spindles: vec![],
+                })
+            })),
+            ..SimulationOptions::default()
+        };
+        let config = format!("[machine]\nname = \"test-1\"\n{MOTORS}{COORDINATE_SYSTEMS}");
+        let machine = Config::from_toml(&config, ".").unwrap().resolve().unwrap();
+        let runtime = Runtime::start_simulated(machine, Journal::to_log(), options).unwrap();
+        let plc = Plc::in_process(runtime.port());
+        let write = Request::WriteProgram(50, "G01 X60 F600\nM30\n".to_owned());
+        plc.port().request(write).await.unwrap();
+        let system = plc.coordinate_system(1);
+        system.load(50).await.unwrap();
+        system.start().await.unwrap();
+        plc.sleep(Duration::from_secs(2)).await;
+        fault.store(0x8611, Ordering::Relaxed);
+        let state = system.wait_until(Execution::Stopped).await.unwrap();
+        assert_eq!(state.reason, Some(Reason::Alarm));
+        let active = plc.port().read(&Topic::AlarmActive).await.unwrap();
+        let Payload::AlarmActive(active) = &active.payload else {
+            panic!("{active:?}")
+        };
+        let numbers: Vec<_> = active.alarms.iter().map(|alarm| alarm.number).collect();
+        assert_eq!(numbers, [205]);
+        system.reset().await.unwrap();
+        system.wait_until(Execution::Ready).await.unwrap();
+        plc.sleep(Duration::from_millis(10)).await;
+        assert_eq!(fault.load(Ordering::Relaxed), 0, "cleared by the reset");
+        system.start().await.unwrap();
+        system.wait_until(Execution::ProgramCompleted).await.unwrap();
+        assert_eq!(system.position().await.unwrap().machine["X"], 60.0);
+    });
 }
 
 #[test]

@@ -5,6 +5,7 @@
 mod back_trace;
 mod chains;
 mod controls;
+mod drives;
 mod faults;
 mod look_ahead;
 mod passing;

@@ -5,7 +5,7 @@ use tandem_model::profile::{ChainPlace, Law, MotorMove, Profile, Stretch, TimeBa
 use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
 use tandem_model::{AXES_MAX, AxisVector, Origin};
-use tandem_servo::{ChannelHandle, Control, DriveBus, Event, Hardware, Reading, Servo};
+use tandem_servo::{ChannelHandle, Control, DriveBus, Event, Feedback, Hardware, Reading, Servo};
 
 /// Servo period of the tests, s.
 pub const T: f64 = 0.001;
@@ -120,7 +120,7 @@ impl Rig {
     pub fn on_bus(settings: &CoordinateSystemSettings, bus: impl DriveBus + 'static) -> Self {
         let hardware = Hardware {
             bus: Box::new(bus),
-            at_start: vec![],
+            at_start: vec![Feedback::following(0.0); settings.motors.iter().flatten().count()],
             spindles: vec![],
         };
         let (servo, mut handles) = Servo::new(&[(settings, 64)], settings.servo_period_s, hardware);
