@@ -20,7 +20,7 @@ type Magazine = Arc<Mutex<u16>>;
 
 /// Tool VA, which is also the number of its pocket.
 fn tool(params: &Params) -> Result<u16, Alarm> {
-    let wanted = params.a.ok_or(Alarm::user(1, "M100 needs VA: the tool"))?;
+    let wanted = params.a().ok_or(Alarm::user(1, "M100 needs VA: the tool"))?;
     (1..=POCKETS)
         .find(|pocket| (f64::from(*pocket) - wanted).abs() < 1e-9)
         .ok_or_else(|| Alarm::user(2, format!("the magazine has no tool {wanted}")))

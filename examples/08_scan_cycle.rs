@@ -33,7 +33,7 @@ impl ScanProgram for Conveyor {
 
 impl Conveyor {
     fn run_belt(&mut self, image: &mut Image) {
-        let Some(way_mm) = image.params(1, 20).map(|params| params.a.unwrap_or(100.0)) else {
+        let Some(way_mm) = image.params(1, 20).map(|params| params.a().unwrap_or(100.0)) else {
             self.moved_mm = 0.0;
             return;
         };

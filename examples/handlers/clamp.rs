@@ -9,7 +9,7 @@ const FORCE_MAX_KN: f64 = 20.0;
 pub async fn clamp(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
     let force_kn = output
         .params()
-        .a
+        .a()
         .ok_or(Alarm::user(1, "M12 needs VA: the clamping force in kN"))?;
     if !(0.0..=FORCE_MAX_KN).contains(&force_kn) {
         let text = format!("a clamping force of {force_kn} kN is not in 0 to {FORCE_MAX_KN}");

@@ -52,7 +52,7 @@ type Companion = Arc<dyn Fn(Plc) -> BoxFuture<'static, Result<()>> + Send + Sync
 /// use plc_api::{Alarm, AuxOutput, Params, Plc, SequenceProgram, fake::FakePort, handshake::Closed};
 ///
 /// async fn clamp(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
-///     let force = output.params().a.ok_or(Alarm::user(1, "M10 needs VA"))?;
+///     let force = output.params().a().ok_or(Alarm::user(1, "M10 needs VA"))?;
 ///     output.progress(format!("clamping with {force} kN"), None).await?;
 ///     plc.sleep(std::time::Duration::from_millis(300)).await;
 ///     Ok(())
@@ -122,7 +122,7 @@ impl<Scope> SequenceProgram<Scope> {
     /// # use plc_api::{Alarm, AuxOutput, Params, SequenceProgram};
     /// /// The pocket of tool VA.
     /// fn pocket(params: &Params) -> Result<u8, Alarm> {
-    ///     let tool = params.a.ok_or(Alarm::user(1, "M100 needs VA: the tool"))?;
+    ///     let tool = params.a().ok_or(Alarm::user(1, "M100 needs VA: the tool"))?;
     ///     (1..=8)
     ///         .find(|pocket| f64::from(*pocket) == tool)
     ///         .ok_or_else(|| Alarm::user(2, format!("the magazine has no tool {tool}")))

@@ -23,7 +23,7 @@
 //! }
 //!
 //! async fn change_tool(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
-//!     let tool = output.params().a.ok_or(Alarm::user(1, "M100 needs VA"))? as u16;
+//!     let tool = output.params().a().ok_or(Alarm::user(1, "M100 needs VA"))? as u16;
 //!     output.progress("the magazine turns", 50.0).await?;
 //!     plc.coordinate_system(output.coordinate_system()).select_tool(tool).await?;
 //!     Ok(())
@@ -49,7 +49,7 @@
 //!
 //! /// VA: how many parts, 1 to 20.
 //! fn parts(params: &Params) -> Result<u32, Alarm> {
-//!     match params.a {
+//!     match params.a() {
 //!         Some(parts) if (1.0..=20.0).contains(&parts) => Ok(parts as u32),
 //!         other => Err(Alarm::user(60, format!("VA is {other:?}; write 1 to 20"))),
 //!     }
@@ -185,7 +185,7 @@
 //!     loop {
 //!         let output = outputs.next().await?;
 //!         output.claim().await?;
-//!         match output.notice().params.a {
+//!         match output.notice().params.a() {
 //!             Some(_station) => output.reset().await?, // ... the work is done before ...
 //!             None => output.fail(Alarm::user(70, "VA: the station")).await?,
 //!         }

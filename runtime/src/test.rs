@@ -11,7 +11,7 @@
 //!
 //! /// M110 VA: the magazine turns for ten minutes, then tool VA is in the spindle.
 //! async fn change_tool(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
-//!     let tool = output.params().a.ok_or(Alarm::user(1, "M110 needs VA"))? as u16;
+//!     let tool = output.params().a().ok_or(Alarm::user(1, "M110 needs VA"))? as u16;
 //!     plc.sleep(Duration::from_secs(600)).await;
 //!     plc.coordinate_system(output.coordinate_system()).select_tool(tool).await?;
 //!     Ok(())

@@ -5,7 +5,7 @@ use plc_api::{Alarm, AuxOutput, Plc, SequenceProgram};
 use std::time::Duration;
 
 async fn clamp(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
-    let force_kn = output.params().a.ok_or(Alarm::user(1, "M12 needs VA: the clamping force in kN"))?;
+    let force_kn = output.params().a().ok_or(Alarm::user(1, "M12 needs VA: the clamping force in kN"))?;
     if !(0.0..=20.0).contains(&force_kn) {
         return Err(Alarm::user(2, format!("a clamping force of {force_kn} kN is not in 0 to 20")));
     }

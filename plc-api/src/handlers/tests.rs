@@ -33,7 +33,7 @@ async fn nothing(_output: AuxOutput) -> Result<(), Alarm> {
 
 /// Takes VA seconds.
 async fn slow(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
-    let time_s = output.params().a.ok_or(Alarm::user(1, "VA is missing"))?;
+    let time_s = output.params().a().ok_or(Alarm::user(1, "VA is missing"))?;
     plc.sleep(Duration::from_secs_f64(time_s)).await;
     Ok(())
 }
@@ -75,7 +75,7 @@ async fn an_error_is_a_fault_with_code_and_text_unchanged() {
 #[tokio::test]
 async fn a_panic_is_a_fault_with_its_text_and_the_program_goes_on() {
     async fn broken(output: AuxOutput) -> Result<(), Alarm> {
-        assert!(output.params().a.is_some(), "no VA in line {}", output.line());
+        assert!(output.params().a().is_some(), "no VA in line {}", output.line());
         Ok(())
     }
     let fake = FakePort::new([1]);

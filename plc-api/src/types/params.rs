@@ -34,6 +34,22 @@ pub struct Params {
     pub h: Option<f64>,
 }
 
+/// A reader for each field.
+macro_rules! readers {
+    ($($name:ident)*) => {
+        impl Params {
+            $(
+                /// The value; `None`: not programmed.
+                pub fn $name(&self) -> Option<f64> {
+                    self.$name
+                }
+            )*
+        }
+    };
+}
+
+readers!(a b c d e f g h);
+
 impl From<[Option<f64>; 8]> for Params {
     fn from([a, b, c, d, e, f, g, h]: [Option<f64>; 8]) -> Self {
         Self {

@@ -6,7 +6,7 @@ use plc_api::{Alarm, AuxOutput, Params, SequenceProgram};
 use crate::{serve, va};
 
 fn pocket(params: &Params) -> Result<f64, Alarm> {
-    let tool = params.a.ok_or(Alarm::user(1, "M100 needs VA"))?;
+    let tool = params.a().ok_or(Alarm::user(1, "M100 needs VA"))?;
     if (1.0..=8.0).contains(&tool) {
         Ok(tool)
     } else {

@@ -34,7 +34,7 @@ pub fn demo_sequence_program() -> SequenceProgram {
 async fn change_tool(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
     let wanted = output
         .params()
-        .a
+        .a()
         .ok_or(Alarm::user(1, "M100 needs VA: the tool number"))?;
     let pocket = (1..=POCKETS)
         .find(|pocket| (f64::from(*pocket) - wanted).abs() < 1e-9)
@@ -67,9 +67,9 @@ async fn change_tool(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
 async fn clamp(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
     let clamp = output
         .params()
-        .a
+        .a()
         .ok_or(Alarm::user(10, "M10 needs VA: the clamp"))?;
-    let pressure_bar = output.params().b.unwrap_or(30.0);
+    let pressure_bar = output.params().b().unwrap_or(30.0);
     if !(0.0..=CLAMP_PRESSURE_MAX_BAR).contains(&pressure_bar) {
         let text = format!("clamp {clamp}: {pressure_bar} bar is outside 0 to {CLAMP_PRESSURE_MAX_BAR} bar");
         return Err(Alarm::user(11, text));
@@ -83,7 +83,7 @@ async fn clamp(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
 
 /// M11 VA: opens clamp VA.
 async fn release(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
-    let clamp = output.params().a.unwrap_or(1.0);
+    let clamp = output.params().a().unwrap_or(1.0);
     output.progress(format!("clamp {clamp} opens"), None).await?;
     plc.sleep(Duration::from_millis(400)).await;
     Ok(())

@@ -8,7 +8,7 @@ use super::*;
 
 /// VA seconds.
 async fn wait(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
-    let time_s = output.params().a.ok_or(Alarm::user(7, "VA is missing"))?;
+    let time_s = output.params().a().ok_or(Alarm::user(7, "VA is missing"))?;
     plc.sleep(Duration::from_secs_f64(time_s)).await;
     Ok(())
 }
@@ -259,7 +259,7 @@ fn an_endless_program_ends_at_the_time_limit() {
 
 /// The pocket of VA; the magazine has 8.
 fn pocket(params: &plc_api::Params) -> Result<f64, Alarm> {
-    let pocket = params.a.ok_or(Alarm::user(1, "VA is missing"))?;
+    let pocket = params.a().ok_or(Alarm::user(1, "VA is missing"))?;
     if pocket > 8.0 {
         return Err(Alarm::user(2, format!("there is no pocket {pocket}")));
     }

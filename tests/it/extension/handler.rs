@@ -14,7 +14,7 @@ use crate::support::wait::simulate;
 async fn blow(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
     let seconds = output
         .params()
-        .a
+        .a()
         .ok_or(Alarm::user(150, "M150 needs VA: seconds"))?;
     plc.sleep(Duration::from_secs_f64(seconds)).await;
     Ok(())

@@ -115,7 +115,7 @@ impl Port for Wire {
 async fn take_tool(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
     output.progress("half of it", 50.0).await?;
     plc.sleep(Duration::from_millis(250)).await;
-    let tool = output.params().a.unwrap_or_default();
+    let tool = output.params().a().unwrap_or_default();
     plc.coordinate_system(output.coordinate_system())
         .select_tool(if tool > 8.0 { 9 } else { 5 })
         .await?;

@@ -44,8 +44,8 @@ async fn an_output_survives_its_death(
     let handler = move |output: AuxOutput| {
         let (calls, go_on) = (Arc::clone(&handler_calls), Arc::clone(&handler_go_on));
         async move {
-            calls.lock().unwrap().push(output.params().a);
-            if output.params().a == Some(1.0) {
+            calls.lock().unwrap().push(output.params().a());
+            if output.params().a() == Some(1.0) {
                 go_on.notified().await;
             }
             Ok::<(), Alarm>(())

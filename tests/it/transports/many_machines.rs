@@ -44,7 +44,7 @@ fn serve(plc: &Plc) -> (Seen, tokio::task::JoinHandle<()>) {
     let sink = Arc::clone(&seen);
     let handler = move |output: AuxOutput| {
         let params = output.params();
-        sink.lock().unwrap().push([params.a, params.b]);
+        sink.lock().unwrap().push([params.a(), params.b()]);
         async { Ok::<(), Alarm>(()) }
     };
     let serving = plc.clone();

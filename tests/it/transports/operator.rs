@@ -11,7 +11,7 @@ use crate::support::wait::{until, within};
 
 /// The pocket of VA; the magazine ends with 6.
 fn pocket(params: &Params) -> Result<f64, Alarm> {
-    let pocket = params.a.ok_or(Alarm::user(1, "VA is missing"))?;
+    let pocket = params.a().ok_or(Alarm::user(1, "VA is missing"))?;
     if pocket > 6.0 {
         return Err(Alarm::user(2, format!("there is no pocket {pocket}")));
     }
