@@ -12,6 +12,7 @@ use plc_api::types::data::{
 };
 use plc_api::types::request::{Refusal, RefusalCode};
 use serde::{Deserialize, Serialize};
+use tandem_interp::codes::work_offset::NAMES as WORK_OFFSETS;
 use tandem_model::settings::{Tool, WorkOffsets};
 use tandem_model::variables::{GLOBAL_VARIABLES, VariableArray};
 use tandem_model::{Axis, AxisSet, AxisVector, Variables};
@@ -20,9 +21,6 @@ use crate::config::Machine;
 
 /// Tools of the table at the most. A further one is refused.
 pub const TOOLS_MAX: usize = 1000;
-
-/// Work offsets by their place in [`WorkOffsets`].
-const WORK_OFFSETS: [&str; 6] = ["G54", "G55", "G56", "G57", "G58", "G59"];
 
 /// Of a coordinate system without a table.
 const NO_OFFSETS: &WorkOffsets = &WorkOffsets([AxisVector::ZERO; 6]);

@@ -2,6 +2,7 @@
 
 mod architecture;
 mod circles;
+mod codes;
 mod crates;
 mod rules;
 mod source;

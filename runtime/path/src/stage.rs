@@ -310,7 +310,7 @@ impl PathStage {
         point: u8,
         out: &mut Vec<Segment>,
     ) -> Result<(), Alarm> {
-        self.without_offsets(block, "G28 and G30")?;
+        self.without_offsets(block, "A move to a reference point")?;
         let reference = usize::from(point)
             .checked_sub(1)
             .and_then(|i| self.reference_points.get(i).copied());

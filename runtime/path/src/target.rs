@@ -17,7 +17,7 @@ impl PathStage {
         let to = match words.frame {
             Frame::Work => self.work_target(words, is_motion(block, words)),
             Frame::Machine => {
-                self.without_offsets(block, "G53")?;
+                self.without_offsets(block, "A move to a machine position")?;
                 let mut to = self.at;
                 for axis in words.named.iter() {
                     to[axis] = words.values[axis]

@@ -22,7 +22,6 @@ pub mod g50_1_g51_1_mirroring;
 pub mod g50_g51_scaling;
 pub mod g52_local;
 pub mod g53_machine;
-pub mod g54_work_offset;
 pub mod g61_g64_path_control;
 pub mod g68_g69_rotation;
 pub mod g74_g84_tapping;
@@ -35,6 +34,7 @@ pub mod m99_return;
 pub mod m_auxiliary;
 mod table;
 pub(crate) mod value;
+pub mod work_offset;
 
 use tandem_model::flow::AxisWords;
 use tandem_syntax::{Address, AddressSet, DiagnosticEntry};

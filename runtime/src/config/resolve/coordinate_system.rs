@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use tandem_interp::codes::work_offset::NAMES;
 use tandem_model::settings::{
     CoordinateSystemSettings, MotionOptions, MotorKind, MotorSettings, SimulatedSkip, WorkOffsets,
 };
@@ -112,11 +113,10 @@ impl CoordinateSystemConfig {
     }
 
     pub(super) fn work_offsets(&self, problem: &mut impl FnMut(String)) -> WorkOffsets {
-        const NAMES: [&str; 6] = ["G54", "G55", "G56", "G57", "G58", "G59"];
         let mut offsets = WorkOffsets::default();
         for (name, values) in &self.work_offset {
             let Some(index) = NAMES.iter().position(|known| known == name) else {
-                let known = nearest(name, NAMES.into_iter()).unwrap_or("G54");
+                let known = nearest(name, NAMES.into_iter()).unwrap_or(NAMES[0]);
                 problem(format!(
                     "work_offset: unknown key `{name}`; did you mean `{known}`?"
                 ));

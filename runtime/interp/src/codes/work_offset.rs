@@ -19,6 +19,9 @@ const fn work_offset(code: &'static str, tenths: u16, name: &'static str, select
     }
 }
 
+/// The codes in the order of the offsets, as settings and tables name them.
+pub static NAMES: [&str; 6] = [G54.code, G55.code, G56.code, G57.code, G58.code, G59.code];
+
 /// G54.
 pub static G54: Code = work_offset("G54", 540, "1st Work Coordinate System selection", select::<0>);
 /// G55.
