@@ -11,6 +11,19 @@ use std::path::{Path, PathBuf};
 
 use crate::support::binary::root;
 
+/// Sources of each crate.
+const CRATES: [&str; 9] = [
+    "plc-api/src",
+    "runtime/src",
+    "runtime/model/src",
+    "runtime/syntax/src",
+    "runtime/interp/src",
+    "runtime/path/src",
+    "runtime/motion/src",
+    "runtime/servo/src",
+    "runtime/gateway/src",
+];
+
 /// Folders that are made by tools.
 const MADE: [&str; 6] = [
     "target",

@@ -5,20 +5,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::{files, read, without_unit_tests};
-
-/// Sources of each crate.
-const CRATES: [&str; 9] = [
-    "plc-api/src",
-    "runtime/src",
-    "runtime/model/src",
-    "runtime/syntax/src",
-    "runtime/interp/src",
-    "runtime/path/src",
-    "runtime/motion/src",
-    "runtime/servo/src",
-    "runtime/gateway/src",
-];
+use super::{CRATES, files, read, without_unit_tests};
 
 /// A circle: the sources of its crate, its files, and why it is there.
 type Circle = (&'static str, &'static [&'static str], &'static str);

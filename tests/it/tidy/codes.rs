@@ -1,18 +1,6 @@
 //! The machinery decides by what codes mean, not by their names: these stand in `codes` and `dialects` alone.
 
-use super::{files, read, without_unit_tests};
-
-const PRODUCT: [&str; 9] = [
-    "plc-api/src",
-    "runtime/src",
-    "runtime/model/src",
-    "runtime/syntax/src",
-    "runtime/interp/src",
-    "runtime/path/src",
-    "runtime/motion/src",
-    "runtime/servo/src",
-    "runtime/gateway/src",
-];
+use super::{CRATES, files, read, without_unit_tests};
 
 /// Where codes are named.
 const NAMED: [&str; 2] = ["runtime/interp/src/codes/", "runtime/interp/src/dialects/"];
@@ -39,7 +27,7 @@ fn no_machinery_names_a_g_code() {
     for path in files(&[".rs"]) {
         let name = path.to_string_lossy();
         let is_test = name.contains("/tests") || NAMED.iter().any(|folder| name.starts_with(folder));
-        if is_test || !PRODUCT.iter().any(|folder| name.starts_with(folder)) {
+        if is_test || !CRATES.iter().any(|folder| name.starts_with(folder)) {
             continue;
         }
         let text = read(&path);

@@ -109,6 +109,16 @@ fn faults_until_rest(rig: &mut Rig) -> Vec<Fault> {
     faults.collect()
 }
 
+/// A stop without a reset of the drives, and what the first cycle of the next motion tells.
+fn next_motion_after_stop(rig: &mut Rig) -> Vec<Event> {
+    rig.control(Control::Stop { epoch: 1 });
+    assert!(rig.cycle().iter().any(is_stopped));
+    let mut next = dwell(2, rig.position(), 0.1);
+    next.epoch = 1;
+    rig.push(next);
+    rig.cycle()
+}
+
 #[test]
 fn drives_are_enabled_before_the_first_motion_and_it_waits_for_them() {
     let (mut rig, switches) = rig();
@@ -190,12 +200,7 @@ fn frames_lost_in_a_row_bring_the_machine_to_rest_with_a_fault_told_once() {
     assert_eq!(faults[0].alarm().entry.number, 206);
     // Three cycles at 100 mm/s until it is found; then 100^2 / (2 * 5000) mm.
     close(rig.x(), from_x + 3.0 * 100.0 * T + 1.0);
-    rig.control(Control::Stop { epoch: 1 });
-    assert!(rig.cycle().iter().any(is_stopped));
-    let mut next = dwell(2, rig.position(), 0.1);
-    next.epoch = 1;
-    rig.push(next);
-    let again = rig.cycle();
+    let again = next_motion_after_stop(&mut rig);
     assert!(
         matches!(again[..], [Event::Fault(Fault::BusLost { .. })]),
         "{again:?}"
@@ -223,13 +228,8 @@ fn a_drive_fault_brings_the_channel_to_rest_and_a_reset_enables_where_the_motors
     assert_eq!(fault.alarm().entry.number, 205);
     assert!(fault.alarm().text.contains("16#7305"));
     assert!(!switches.enabled.load(Relaxed), "at rest without power");
-    rig.control(Control::Stop { epoch: 1 });
-    assert!(rig.cycle().iter().any(is_stopped));
     // Without a reset the next motion meets the same fault, and does not begin.
-    let mut next = dwell(2, rig.position(), 0.1);
-    next.epoch = 1;
-    rig.push(next);
-    let again = rig.cycle();
+    let again = next_motion_after_stop(&mut rig);
     assert!(
         matches!(again[..], [Event::Fault(Fault::DriveFault { .. })]),
         "{again:?}"
