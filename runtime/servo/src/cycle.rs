@@ -293,8 +293,14 @@ impl Channel {
         let wanted = if held { 0.0 } else { self.override_of(profile) };
         let way = Way::new(profile, self.time.now_s(), self.hold_slope, self.period_s);
         let allowed = way.target(&mut self.profiles, rate, wanted);
-        // Who prepares looks whether there is room for more.
-        self.told |= allowed != Some(wanted);
+        if allowed != Some(wanted) {
+            // The coordinator then looks whether there is room for more.
+            self.told = true;
+            if rate == 0.0 && allowed == Some(0.0) && self.has_next() {
+                self.pass_joint_at_rest(time_s);
+                return;
+            }
+        }
         let slows = held || allowed.is_none();
         let (target, slope) = match allowed {
             None => (0.0, way.slope),
@@ -322,6 +328,16 @@ impl Channel {
         self.sample(time_s, t_s);
     }
 
+    /// All that waits takes less time than is always left over, and a full ring takes no more: a block at a time, each a
+    /// way that no motor notices.
+    fn pass_joint_at_rest(&mut self, time_s: f64) {
+        if let Some(profile) = &self.current {
+            let end_s = profile.duration_s;
+            self.time.carry(end_s);
+            self.sample(time_s, end_s);
+        }
+    }
+
     /// Feed hold acts: not while the tool is in a thread.
     fn is_held(&self) -> bool {
         self.hold.holds() && self.thread.is_none()
@@ -341,7 +357,8 @@ impl Channel {
             }
             let Some(profile) = &self.current else { return };
             let left_s = self.skip.duration_s(profile) - t_s;
-            if left_s > END_TOLERANCE * self.period_s {
+            let is_last = || !profile.exact_stop && !self.has_next();
+            if left_s > END_TOLERANCE * self.period_s || (left_s > 0.0 && is_last()) {
                 let position = self.skip.position(profile, t_s);
                 self.move_to(position);
                 return;

@@ -117,6 +117,23 @@ fn m1b_with_g501_a_ring_too_short_for_the_way_to_rest_only_slows_the_motion() {
 }
 
 #[test]
+fn m1d_a_chain_of_which_the_ring_holds_only_picoseconds_comes_to_its_end() {
+    let settings = settings();
+    for length in [1e-12, 1e-9, 1e-7] {
+        let ways = lines(100, length);
+        for profiles in [
+            plan(&settings, &ways, fast()),
+            with_g501(&settings, &ways, fast()),
+        ] {
+            for room in [1, 2, 4] {
+                let (_, watch) = run(&settings, room, 1.0, &profiles);
+                assert!(watch.worst <= 5000.0, "{length}, {room}: {}", watch.worst);
+            }
+        }
+    }
+}
+
+#[test]
 fn m1b_a_chain_with_more_blocks_than_a_servo_period_can_pass_is_slower_and_never_jumps() {
     // 10,000 blocks of 2e-5 mm in a period at F, 20,000 at 200 percent: 4,096 are passed; then one of 20 mm
     let settings = settings();
