@@ -37,7 +37,7 @@ mod system;
 mod tests;
 
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, SystemTime};
 
 use tokio::sync::oneshot;
@@ -45,6 +45,7 @@ use tokio::sync::oneshot;
 use crate::alarm::Alarm;
 use crate::handshake::{Closed, Effect, Ledger, Now, OutputSpec};
 use crate::hub::{Filter, Hub, Subscription};
+use crate::lock::lock;
 use crate::plc::Plc;
 use crate::port::{BoxFuture, Port};
 use crate::types::machine::{AlarmRecord, Birth, CoordinateSystemInfo, Presence};
@@ -117,7 +118,7 @@ impl FakePort {
             })),
             hub: Hub::new(),
         };
-        fake.publish_birth(&mut fake.lock());
+        fake.publish_birth(&mut lock(&fake.inner));
         fake
     }
 
@@ -147,7 +148,7 @@ impl FakePort {
         params: Params,
         timeout: Option<Duration>,
     ) -> u64 {
-        let mut inner = self.lock();
+        let mut inner = lock(&self.inner);
         let system = inner.systems.get_mut(&cs).expect("no such coordinate system");
         system.begin();
         let (is_held, run_id, program) = (system.is_paused(), system.run_id(), system.program());
@@ -172,7 +173,7 @@ impl FakePort {
 
     /// The program comes to its end (M30): `PROGRAM_COMPLETED` once no output is open and nothing holds it.
     pub fn put_end(&self, cs: CoordinateSystemNumber) {
-        let mut inner = self.lock();
+        let mut inner = lock(&self.inner);
         if let Some(system) = inner.systems.get_mut(&cs) {
             system.put_end();
         }
@@ -181,24 +182,24 @@ impl FakePort {
 
     /// How an output ended; `None` while it is open.
     pub fn closed(&self, cs: CoordinateSystemNumber, seq: u64) -> Option<Closed> {
-        self.lock().closed.get(&(cs, seq)).cloned()
+        lock(&self.inner).closed.get(&(cs, seq)).cloned()
     }
 
     /// Open outputs of a coordinate system, ascending.
     pub fn pending(&self, cs: CoordinateSystemNumber) -> Vec<PendingOutput> {
-        let inner = self.lock();
+        let inner = lock(&self.inner);
         let ledger = inner.ledgers.get(&cs);
         ledger.map(|ledger| ledger.pending().outputs).unwrap_or_default()
     }
 
     /// What was asked so far, other than claims, resets and presence of handlers.
     pub fn requests(&self) -> Vec<Request> {
-        self.lock().requests.clone()
+        lock(&self.inner).requests.clone()
     }
 
     /// Handlers that have told of themselves, by id.
     pub fn handlers(&self) -> BTreeMap<String, HandlerPresence> {
-        self.lock().handlers.clone()
+        lock(&self.inner).handlers.clone()
     }
 
     /// Asks the handlers of an M code whether they take these parameters, as a program load does. `Err` has the text
@@ -209,7 +210,7 @@ impl FakePort {
     pub async fn validate(&self, cs: CoordinateSystemNumber, m: u16, params: Params) -> Result<(), String> {
         let request_id = self.ask_to_validate(Topic::cs(cs, CsTopic::Validate(m)), params);
         self.settle().await;
-        let inner = self.lock();
+        let inner = lock(&self.inner);
         let mut results = inner
             .validated
             .iter()
@@ -221,7 +222,7 @@ impl FakePort {
     }
 
     fn ask_to_validate(&self, topic: Topic, params: Params) -> String {
-        let mut inner = self.lock();
+        let mut inner = lock(&self.inner);
         let request_id = format!("validate-{}", inner.rev);
         let asked = Validate {
             request_id: request_id.clone(),
@@ -236,19 +237,19 @@ impl FakePort {
     /// Cancels all open outputs and ends the run, as a stop, a reset or an alarm does; with
     /// [`CancelReason::Operator`] the run goes on.
     pub fn cancel(&self, cs: CoordinateSystemNumber, reason: CancelReason) {
-        let mut inner = self.lock();
+        let mut inner = lock(&self.inner);
         self.end_run(&mut inner, cs, reason);
         self.publish_system(&mut inner, cs);
     }
 
     /// An alarm of a coordinate system: STOPPED, and all open outputs are cancelled.
     pub fn raise(&self, cs: CoordinateSystemNumber, alarm: Alarm) {
-        self.raise_alarm(&mut self.lock(), Some(cs), alarm);
+        self.raise_alarm(&mut lock(&self.inner), Some(cs), alarm);
     }
 
     /// The connection of a handler breaks: its claims are given back.
     pub fn lose_handler(&self, handler_id: &str) {
-        let systems: Vec<_> = self.lock().ledgers.keys().copied().collect();
+        let systems: Vec<_> = lock(&self.inner).ledgers.keys().copied().collect();
         for cs in systems {
             let _none = self.with(cs, |ledger, now| ledger.handler_lost(now, handler_id));
         }
@@ -263,7 +264,7 @@ impl FakePort {
 
     /// The runtime starts again: another boot, nothing open.
     pub fn restart(&self) {
-        let mut inner = self.lock();
+        let mut inner = lock(&self.inner);
         inner.boot += 1;
         let boot_id = boot_id(inner.boot);
         for ledger in inner.ledgers.values_mut() {
@@ -299,7 +300,7 @@ impl FakePort {
     /// # Ok(()) }
     /// ```
     pub fn say(&self, cs: CoordinateSystemNumber, topic: CsTopic, payload: Payload) {
-        let mut inner = self.lock();
+        let mut inner = lock(&self.inner);
         if let (Payload::State(state), Some(system)) = (&payload, inner.systems.get_mut(&cs)) {
             system.take_over(state);
         }
@@ -324,7 +325,7 @@ impl FakePort {
 
     /// To the next event not after `end_s`; false when there is none, at `end_s` then.
     fn step(&self, end_s: f64) -> bool {
-        let mut inner = self.lock();
+        let mut inner = lock(&self.inner);
         let sleepers = inner.sleepers.iter().map(|(until_s, _)| *until_s);
         let deadlines = inner.ledgers.values().filter_map(Ledger::next_deadline_s);
         let next_s = sleepers
@@ -348,12 +349,8 @@ impl FakePort {
         next_s.is_some()
     }
 
-    fn lock(&self) -> MutexGuard<'_, Inner> {
-        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     fn with<T>(&self, cs: CoordinateSystemNumber, use_it: impl FnOnce(&mut Ledger, Now) -> T) -> Option<T> {
-        self.use_ledger(&mut self.lock(), cs, use_it)
+        self.use_ledger(&mut lock(&self.inner), cs, use_it)
     }
 
     /// Uses a ledger and publishes what comes of it.
@@ -492,7 +489,7 @@ fn boot_id(boot: u32) -> BootId {
 
 impl Port for FakePort {
     fn boot_id(&self) -> BootId {
-        boot_id(self.lock().boot)
+        boot_id(lock(&self.inner).boot)
     }
 
     fn read<'a>(&'a self, topic: &'a Topic) -> BoxFuture<'a, Option<Arc<Message>>> {
@@ -509,7 +506,7 @@ impl Port for FakePort {
 
     fn sleep(&self, duration: Duration) -> BoxFuture<'_, ()> {
         let (wake, woken) = oneshot::channel();
-        let mut inner = self.lock();
+        let mut inner = lock(&self.inner);
         let until_s = inner.now_s + duration.as_secs_f64();
         inner.sleepers.push((until_s, wake));
         Box::pin(async move {
@@ -520,6 +517,6 @@ impl Port for FakePort {
     }
 
     fn now_s(&self) -> f64 {
-        self.lock().now_s
+        lock(&self.inner).now_s
     }
 }

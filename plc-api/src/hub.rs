@@ -6,10 +6,11 @@
 //! alarms in `alarm/active`.
 
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
+use std::sync::{Arc, Mutex, Weak};
 
 use tokio::sync::Notify;
 
+use crate::lock::lock;
 use crate::queue::Queue;
 use crate::types::message::Message;
 use crate::types::topic::{CsTopic, Topic};
@@ -181,11 +182,6 @@ impl Subscription {
     pub fn lost(&self) -> u64 {
         lock(&self.subscriber.waiting).queue.lost()
     }
-}
-
-// A poisoned lock means a panic elsewhere while a value was being stored; the values themselves are whole.
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]

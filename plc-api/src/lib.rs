@@ -236,6 +236,7 @@ pub mod handlers;
 pub mod handshake;
 pub mod hub;
 mod lease;
+mod lock;
 mod m_codes;
 mod names;
 mod outputs;

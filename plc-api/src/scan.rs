@@ -92,11 +92,12 @@ mod writer;
 mod writes;
 
 use std::panic::AssertUnwindSafe;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use crate::error::{Error, Result};
 use crate::handlers::{AuxOutput, MCodes, SequenceProgram};
+use crate::lock::lock;
 use crate::plc::Plc;
 use crate::text::panic_text;
 
@@ -167,12 +168,12 @@ impl Scan {
         let period_s = self.period.as_secs_f64();
         let (mut scans, mut overruns) = (0, 0);
         let mut writer = Writer::default();
-        let mut camera = Camera::new(&plc, guarded(|| self.lock().reads())?);
+        let mut camera = Camera::new(&plc, guarded(|| lock(&self.program).reads())?);
         let mut next_s = plc.now_s();
         loop {
             let refusals = writer.take_refusals();
             let mut image = camera.image(&self.flags, (scans, overruns), refusals).await;
-            guarded(|| self.lock().scan(&mut image))?;
+            guarded(|| lock(&self.program).scan(&mut image))?;
             writer.carry_out(&plc, &self.flags, image).await;
             scans += 1;
             next_s += period_s;
@@ -184,10 +185,6 @@ impl Scan {
             plc.sleep(Duration::try_from_secs_f64(left_s).unwrap_or(Duration::MAX))
                 .await;
         }
-    }
-
-    fn lock(&self) -> MutexGuard<'_, dyn ScanProgram + 'static> {
-        self.program.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

@@ -3,10 +3,12 @@
 use std::collections::BTreeMap;
 use std::future::Future;
 use std::pin::Pin;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
 use std::task::{Context, Poll, Waker};
 use std::time::{Duration, Instant, SystemTime};
+
+use parking_lot::Mutex;
 
 /// Wall time of a simulation's start: 2000-01-01T00:00:00Z, so that equal runs give equal bytes.
 const SIMULATION_EPOCH_S: u64 = 946_684_800;
@@ -58,7 +60,7 @@ impl SimulatedTime {
     /// Changes the timers.
     fn change<T>(&self, change: impl FnOnce(&mut Timers) -> T) -> T {
         // A poisoned lock means a panic elsewhere while a value was being stored; the values themselves are whole.
-        let mut timers = self.timers.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut timers = self.timers.lock();
         let changed = change(&mut timers);
         let first = timers.by_time.keys().next();
         let next_due_ns = first.map_or(NEVER_NS, |(at_ns, _)| *at_ns);

@@ -7,8 +7,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError, RwLock};
+use std::sync::Arc;
 
+use parking_lot::{Mutex, RwLock};
 use plc_api::types::program::{DiagnosticSeverity, ProgramCheck, ProgramDiagnostic, ProgramInfo};
 use tandem_interp::{CheckContext, Dialect, check};
 use tandem_model::limits::{PROGRAM_BYTES_MAX, PROGRAM_NUMBER_MAX};
@@ -119,7 +120,7 @@ impl StoredProgram {
 
     /// What checking says of it in a coordinate system. Done once for each: text and settings stay as they are.
     pub fn check_in(&self, settings: &CoordinateSystemSettings) -> Arc<CheckHere> {
-        let mut here = self.here.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut here = self.here.lock();
         let check = here
             .entry(settings.number)
             .or_insert_with(|| Arc::new(self.check_with(settings)));
@@ -295,7 +296,7 @@ impl ProgramStore {
 
     /// A view of all programs that later writes do not change.
     pub fn all(&self) -> Arc<BTreeMap<u16, Arc<StoredProgram>>> {
-        Arc::clone(&self.programs.read().unwrap_or_else(PoisonError::into_inner))
+        Arc::clone(&self.programs.read())
     }
 
     /// One program.
@@ -335,7 +336,7 @@ impl ProgramStore {
                 format!("{number} is not a program number; write 1 to {PROGRAM_NUMBER_MAX}"),
             ));
         }
-        let _one_at_a_time = self.writing.lock().unwrap_or_else(PoisonError::into_inner);
+        let _one_at_a_time = self.writing.lock();
         let all = self.all();
         let created = !all.contains_key(&number);
         if created && all.len() >= PROGRAMS_MAX {
@@ -360,7 +361,7 @@ impl ProgramStore {
     /// # Errors
     /// The disk refuses.
     pub fn delete(&self, number: u16) -> io::Result<bool> {
-        let _one_at_a_time = self.writing.lock().unwrap_or_else(PoisonError::into_inner);
+        let _one_at_a_time = self.writing.lock();
         if self.get(number).is_none() {
             return Ok(false);
         }
@@ -370,12 +371,12 @@ impl ProgramStore {
                 _ => fs::File::open(folder)?.sync_all()?,
             }
         }
-        let mut programs = self.programs.write().unwrap_or_else(PoisonError::into_inner);
+        let mut programs = self.programs.write();
         Ok(Arc::make_mut(&mut programs).remove(&number).is_some())
     }
 
     fn keep(&self, program: StoredProgram) {
-        let mut programs = self.programs.write().unwrap_or_else(PoisonError::into_inner);
+        let mut programs = self.programs.write();
         Arc::make_mut(&mut programs).insert(program.number, Arc::new(program));
     }
 

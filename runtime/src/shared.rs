@@ -1,9 +1,10 @@
 //! What all coordinate systems, the port and the server ends share.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use parking_lot::Mutex;
 use plc_api::handshake::Now;
 use plc_api::hub::Hub;
 use plc_api::types::command::CommandReply;
@@ -82,7 +83,7 @@ impl Shared {
 
     /// From now on what concerns all coordinate systems wakes this task, too.
     pub fn wakes(&self, task: Arc<Notify>) {
-        lock(&self.wakes).push(task);
+        self.wakes.lock().push(task);
     }
 
     /// Counts what was said to others, and may have woken a task.
@@ -152,7 +153,7 @@ impl Shared {
 
     /// One that is active already is not raised again: its record is given back.
     fn raise_for(&self, record: AlarmRecord, is_active: bool) -> AlarmRecord {
-        let mut alarms = lock(&self.alarms);
+        let mut alarms = self.alarms.lock();
         match alarms.raise(record, is_active, self.timestamp()) {
             Raised::Active(record) => record,
             Raised::New(record) => {
@@ -164,10 +165,10 @@ impl Shared {
 
     /// Clears the alarms of a coordinate system, and those of the whole machine; of these all tasks are woken to tell.
     pub fn clear_alarms(&self, cs: CoordinateSystemNumber) {
-        let mut alarms = lock(&self.alarms);
+        let mut alarms = self.alarms.lock();
         let cleared = alarms.clear(cs, &self.timestamp());
         if cleared.iter().any(|alarm| alarm.cs.is_none()) {
-            for wake in lock(&self.wakes).iter() {
+            for wake in self.wakes.lock().iter() {
                 wake.notify_one();
             }
         }
@@ -178,7 +179,7 @@ impl Shared {
 
     /// Notes who has acknowledged an alarm; false when there is no such active alarm.
     pub fn acknowledge_alarm(&self, id: u64, by: &str) -> bool {
-        let mut alarms = lock(&self.alarms);
+        let mut alarms = self.alarms.lock();
         let acknowledged = alarms.acknowledge(id, by);
         if let Some(record) = &acknowledged {
             self.publish_alarms(&alarms, record);
@@ -193,11 +194,11 @@ impl Shared {
 
     /// Alarms of a coordinate system that are active; warnings do not count.
     pub fn alarm_count(&self, cs: CoordinateSystemNumber) -> u32 {
-        lock(&self.alarms).count(cs)
+        self.alarms.lock().count(cs)
     }
 
     pub fn alarm_history(&self) -> Vec<AlarmRecord> {
-        lock(&self.alarms).history()
+        self.alarms.lock().history()
     }
 
     /// Notes and publishes a handler.
@@ -205,7 +206,7 @@ impl Shared {
     /// # Errors
     /// There are too many.
     pub fn set_handler(&self, id: &str, presence: HandlerPresence) -> Result<(), TooMany> {
-        let forgotten = lock(&self.handlers).set(id, presence.clone())?;
+        let forgotten = self.handlers.lock().set(id, presence.clone())?;
         if let Some(gone) = forgotten {
             self.hub.forget(&Topic::HandlerPresence(gone));
         }
@@ -217,32 +218,27 @@ impl Shared {
     }
 
     pub fn handlers(&self) -> BTreeMap<String, HandlerPresence> {
-        lock(&self.handlers).all()
+        self.handlers.lock().all()
     }
 
     /// True when a handler that is there serves this M code.
     pub fn is_handled(&self, cs: CoordinateSystemNumber, m: u16) -> bool {
-        lock(&self.handlers).serve(cs, m)
+        self.handlers.lock().serve(cs, m)
     }
 
     /// Looks a command up by its id, and notes it when it is new.
     pub fn recall(&self, command_id: &str, asked: Asked) -> Recalled {
-        lock(&self.commands).recall(command_id, asked, self.clock.wall())
+        self.commands.lock().recall(command_id, asked, self.clock.wall())
     }
 
     /// Keeps and publishes a reply.
     pub fn reply(&self, client_id: &str, reply: CommandReply) {
-        lock(&self.commands).answered(&reply, self.clock.wall());
+        self.commands.lock().answered(&reply, self.clock.wall());
         self.publish(Topic::Reply(client_id.to_owned()), Payload::Reply(reply));
     }
 
     /// The last reply to a command.
     pub fn replied(&self, command_id: &str) -> Option<CommandReply> {
-        lock(&self.commands).reply(command_id).cloned()
+        self.commands.lock().reply(command_id).cloned()
     }
-}
-
-// A poisoned lock means a panic elsewhere while a value was being stored; the values themselves are whole.
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -4,9 +4,10 @@
 //! only, such as the start of the next block: that coordinate system has its turn here, and no task is woken.
 
 use std::future::Future;
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
+use parking_lot::Mutex;
 use tandem_servo::{HardwareFactory, Servo};
 use tokio::sync::Notify;
 
@@ -81,12 +82,12 @@ impl Simulation {
 
     /// Servo cycles counted so far.
     pub(crate) fn cycles(&self) -> u64 {
-        self.servo.lock().unwrap_or_else(PoisonError::into_inner).cycles
+        self.servo.lock().cycles
     }
 
     /// Counts cycles until one gives a task something to do.
     fn step(&self) {
-        let mut servo = self.servo.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut servo = self.servo.lock();
         let mut turns = 0;
         loop {
             if self.clock.wake_due() {

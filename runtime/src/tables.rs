@@ -4,8 +4,8 @@
 //! its write side. So each block sees all of a change or nothing of it, and blocks never wait for one another.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::{Mutex, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
 
+use parking_lot::{Mutex, RwLock, RwLockReadGuard, RwLockWriteGuard};
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::data::{
     ToolChange, ToolData, ToolTable, VARIABLES_AT_ONCE_MAX, VariableArea, VariableKind, WorkOffsetTable,
@@ -125,11 +125,11 @@ impl Tables {
 
     /// The tables while a block is interpreted: nothing is set until the guard is dropped.
     pub fn read(&self) -> RwLockReadGuard<'_, Values> {
-        self.values.read().unwrap_or_else(PoisonError::into_inner)
+        self.values.read()
     }
 
     fn write(&self) -> RwLockWriteGuard<'_, Values> {
-        self.values.write().unwrap_or_else(PoisonError::into_inner)
+        self.values.write()
     }
 
     /// The variables that a program of a coordinate system reaches.
@@ -338,7 +338,7 @@ impl Tables {
         changed: impl FnOnce(&Self) -> Result<Values, Refusal>,
         keep: impl FnOnce(KeptValues) -> Result<(), Refusal>,
     ) -> Result<(), Refusal> {
-        let _one_at_a_time = self.changing.lock().unwrap_or_else(PoisonError::into_inner);
+        let _one_at_a_time = self.changing.lock();
         let values = changed(self)?;
         keep(self.kept(&values))?;
         *self.write() = values;

@@ -4,6 +4,7 @@ use super::requests::missing;
 use super::{FakePort, Inner};
 use crate::alarm::Alarm;
 use crate::handshake::Closed;
+use crate::lock::lock;
 use crate::types::machine::{ActiveAlarms, AlarmRaise, AlarmRecord};
 use crate::types::message::Payload;
 use crate::types::output::CancelReason;
@@ -57,7 +58,7 @@ impl FakePort {
     /// There is no such coordinate system, or code or text is out of its limits.
     pub(super) fn asked_to_raise(&self, raise: &AlarmRaise) -> Result<(), Refusal> {
         let alarm = raise.alarm()?;
-        let mut inner = self.lock();
+        let mut inner = lock(&self.inner);
         if let Some(cs) = raise.cs
             && !inner.systems.contains_key(&cs)
         {

@@ -5,6 +5,7 @@ use std::time::Duration;
 use super::system::System;
 use super::{FakePort, Inner};
 use crate::handshake::{Ledger, Now};
+use crate::lock::lock;
 use crate::types::command::{Command, CommandMeta, CommandReply, CommandStatus};
 use crate::types::lease::{LEASE_TTL_DEFAULT_MS, Lease, LeaseRequest};
 use crate::types::message::Payload;
@@ -41,16 +42,16 @@ impl FakePort {
                 Ok(Answer::Done)
             }
             Request::ValidateResult(_, _, result) => {
-                self.lock().validated.push(result);
+                lock(&self.inner).validated.push(result);
                 Ok(Answer::Done)
             }
             Request::Handlers => Ok(Answer::Handlers(self.handlers())),
             Request::Command {
                 cs, command, meta, ..
             } => self.command(cs, &command, meta),
-            Request::Lease { request, meta, .. } => Ok(self.lock().lease(request, meta)),
+            Request::Lease { request, meta, .. } => Ok(lock(&self.inner).lease(request, meta)),
             Request::RaiseAlarm(raise) => self.asked_to_raise(&raise).map(|()| Answer::Done),
-            Request::AlarmHistory => Ok(Answer::Alarms(self.lock().alarms.clone())),
+            Request::AlarmHistory => Ok(Answer::Alarms(lock(&self.inner).alarms.clone())),
             Request::Input(cs, input) => self.set(cs, || self.input(cs, input)),
             Request::Tool(cs, id) => self.set(cs, || self.say(cs, CsTopic::Tool, Payload::Tool(Tool { id }))),
             Request::Spindle(cs, command) => {
@@ -59,14 +60,16 @@ impl FakePort {
             Request::SkipInput(..) => Ok(Answer::Done),
             Request::ReadVariables {
                 area, from, count, ..
-            } => self.lock().data.read(area, from, count),
+            } => lock(&self.inner).data.read(area, from, count),
             Request::WriteVariables {
                 area, from, values, ..
-            } => self.lock().data.write(area, from, &values),
-            Request::Tools => Ok(self.lock().data.tools()),
-            Request::WriteTools(change) => Ok(self.lock().data.change_tools(&change)),
-            Request::WorkOffsets(cs) => Ok(self.lock().data.work_offsets(cs)),
-            Request::WriteWorkOffsets(cs, change) => Ok(self.lock().data.change_work_offsets(cs, change)),
+            } => lock(&self.inner).data.write(area, from, &values),
+            Request::Tools => Ok(lock(&self.inner).data.tools()),
+            Request::WriteTools(change) => Ok(lock(&self.inner).data.change_tools(&change)),
+            Request::WorkOffsets(cs) => Ok(lock(&self.inner).data.work_offsets(cs)),
+            Request::WriteWorkOffsets(cs, change) => {
+                Ok(lock(&self.inner).data.change_work_offsets(cs, change))
+            }
             Request::LastRun(_) => Ok(Answer::LastRun(None)),
             Request::Journal { .. } => Ok(Answer::Journal(Vec::new())),
             Request::Programs => Ok(Answer::Programs(Vec::new())),
@@ -88,7 +91,7 @@ impl FakePort {
 
     /// A coordinate system says what has changed.
     fn set(&self, cs: CoordinateSystemNumber, say: impl FnOnce()) -> Result<Answer, Refusal> {
-        if !self.lock().systems.contains_key(&cs) {
+        if !lock(&self.inner).systems.contains_key(&cs) {
             return Err(missing(cs));
         }
         say();
@@ -96,7 +99,7 @@ impl FakePort {
     }
 
     fn input(&self, cs: CoordinateSystemNumber, input: Input) {
-        let mut inner = self.lock();
+        let mut inner = lock(&self.inner);
         if let Some(system) = inner.systems.get_mut(&cs) {
             system.set_input(input);
         }
@@ -110,7 +113,7 @@ impl FakePort {
         command: &Command,
         meta: CommandMeta,
     ) -> Result<Answer, Refusal> {
-        let mut inner = self.lock();
+        let mut inner = lock(&self.inner);
         let alarm_active = inner.alarm_count(cs) > 0;
         let cancel = {
             let Inner { systems, ledgers, .. } = &mut *inner;
@@ -162,12 +165,12 @@ impl FakePort {
                 | Request::Handlers
         );
         if !is_handshake {
-            self.lock().requests.push(request.clone());
+            lock(&self.inner).requests.push(request.clone());
         }
     }
 
     fn handler(&self, id: &str, presence: &HandlerPresence) {
-        let mut inner = self.lock();
+        let mut inner = lock(&self.inner);
         inner.handlers.insert(id.to_owned(), presence.clone());
         let (topic, payload) = (
             Topic::HandlerPresence(id.to_owned()),
@@ -179,7 +182,7 @@ impl FakePort {
             self.lose_handler(id);
             return;
         }
-        let systems: Vec<_> = self.lock().ledgers.keys().copied().collect();
+        let systems: Vec<_> = lock(&self.inner).ledgers.keys().copied().collect();
         for cs in systems {
             let handles = |m| presence.handles.iter().any(|code| code.cs == cs && code.m == m);
             let _none = self.with(cs, |ledger, now| ledger.republish(now, handles));

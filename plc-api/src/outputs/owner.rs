@@ -1,13 +1,14 @@
 //! The owner of the outputs of a raw queue: a named handler that the machine knows.
 
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use tokio::sync::watch;
 use tokio::task::JoinHandle;
 
 use crate::claim::OutputId;
 use crate::error::{Error, Result};
+use crate::lock::lock;
 use crate::plc::Plc;
 use crate::presence::{Event, Gone, Presence};
 use crate::types::request::Refusal;
@@ -103,8 +104,4 @@ async fn keep(
             }
         }
     }
-}
-
-fn lock(held: &Held) -> MutexGuard<'_, BTreeMap<OutputId, bool>> {
-    held.lock().unwrap_or_else(PoisonError::into_inner)
 }

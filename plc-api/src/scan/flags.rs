@@ -1,11 +1,12 @@
 //! Outputs whose flags are on while a scan program works on them.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use tokio::sync::oneshot;
 
 use crate::alarm::Alarm;
 use crate::handlers::AuxOutput;
+use crate::lock::lock;
 use crate::types::CoordinateSystemNumber;
 
 /// Outputs that are on, and where their answers go.
@@ -25,7 +26,7 @@ struct Down {
 
 impl Drop for Down {
     fn drop(&mut self) {
-        self.flags.lock().retain(|flag| key(&flag.output) != self.key);
+        lock(&self.flags.0).retain(|flag| key(&flag.output) != self.key);
     }
 }
 
@@ -41,7 +42,7 @@ impl Flags {
             key: key(&output),
             flags: self.clone(),
         };
-        self.lock().push(Flag { output, answer });
+        lock(&self.0).push(Flag { output, answer });
         match answered.await {
             Ok(answer) => answer,
             // the program has ended, and this future ends with it
@@ -51,16 +52,12 @@ impl Flags {
 
     /// The outputs that are on, in the order in which they were made.
     pub(super) fn outputs(&self) -> Vec<AuxOutput> {
-        self.lock().iter().map(|flag| flag.output.clone()).collect()
-    }
-
-    fn lock(&self) -> MutexGuard<'_, Vec<Flag>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.0).iter().map(|flag| flag.output.clone()).collect()
     }
 
     /// Gives an answer to the output that the image showed, and to no other.
     pub(super) fn answer(&self, output: &AuxOutput, how: std::result::Result<(), Alarm>) {
-        let mut flags = self.lock();
+        let mut flags = lock(&self.0);
         if let Some(place) = flags.iter().position(|flag| key(&flag.output) == key(output)) {
             // cancelled meanwhile: nobody waits for the answer
             let _cancelled = flags.remove(place).answer.send(how);

@@ -10,7 +10,7 @@ mod session;
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use rumqttc::Transport;
@@ -18,6 +18,7 @@ use tokio::sync::Notify;
 
 use crate::error::Error;
 use crate::hub::{Filter, Hub, Subscription};
+use crate::lock::lock;
 use crate::names::unique_name;
 use crate::port::{BoxFuture, Port};
 use crate::transport::tls::TlsFiles;
@@ -140,10 +141,6 @@ impl ConnectionState {
 }
 
 impl Shared {
-    fn lock(&self) -> MutexGuard<'_, ConnectionState> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     fn is_closed(&self) -> bool {
         self.closed.load(Ordering::Relaxed)
     }
@@ -164,7 +161,7 @@ impl Shared {
     }
 
     fn not_present(&self) -> Error {
-        let state = self.lock();
+        let state = lock(&self.state);
         let reason = match &state.trouble {
             Some(trouble) => trouble.clone(),
             None if state.connected => format!(
@@ -181,7 +178,7 @@ impl Shared {
 
     /// The connection's last will shall speak for this handler.
     fn announce(&self, handler_id: &str, online: bool) -> Result<(), Refusal> {
-        let mut state = self.lock();
+        let mut state = lock(&self.state);
         let is_new = state.will.as_deref() != Some(handler_id);
         if !online {
             state.online &= is_new;
@@ -224,7 +221,7 @@ impl Shared {
             Until::Reply { done: true, .. } => COMMAND_DONE_TIMEOUT,
             _ => ANSWER_TIMEOUT,
         };
-        let (id, end) = self.lock().outbox.put(outgoing)?;
+        let (id, end) = lock(&self.state).outbox.put(outgoing)?;
         let _entry = Forget { shared: self, id };
         self.wake.notify_one();
         if let Ok(Ok(outcome)) = tokio::time::timeout(patience, end).await {
@@ -256,7 +253,7 @@ struct Forget<'a> {
 
 impl Drop for Forget<'_> {
     fn drop(&mut self) {
-        self.shared.lock().outbox.forget(self.id);
+        lock(&self.shared.state).outbox.forget(self.id);
     }
 }
 

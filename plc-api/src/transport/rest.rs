@@ -9,7 +9,7 @@ mod session;
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use http_body_util::{BodyExt, Limited};
@@ -22,6 +22,7 @@ use tokio_tungstenite::tungstenite::http;
 
 use crate::error::Error;
 use crate::hub::{Filter, Hub, Subscription};
+use crate::lock::lock;
 use crate::port::{BoxFuture, Port};
 use crate::types::message::{Message, Payload};
 use crate::types::output::HandlerPresence;
@@ -110,10 +111,6 @@ struct ConnectionState {
 }
 
 impl Shared {
-    fn lock(&self) -> MutexGuard<'_, ConnectionState> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     fn is_closed(&self) -> bool {
         self.closed.load(Ordering::Relaxed)
     }
@@ -134,7 +131,7 @@ impl Shared {
     }
 
     fn not_present(&self) -> Error {
-        let trouble = self.lock().trouble.clone();
+        let trouble = lock(&self.state).trouble.clone();
         Error::Connect {
             address: self.address.shown.clone(),
             reason: trouble.unwrap_or_else(|| "no runtime answers there".to_owned()),
@@ -207,7 +204,7 @@ impl Shared {
             ok,
             text,
         } = result;
-        let mut state = self.lock();
+        let mut state = lock(&self.state);
         if !self.is_online() || state.validated.len() >= VALIDATED_MAX {
             let text = format!("{} takes no result of a validation now", self.address.shown);
             return Err(Refusal::new(RefusalCode::Unavailable, text));
@@ -225,7 +222,7 @@ impl Shared {
         let topic = Topic::HandlerPresence(id.clone());
         let mut said = self.hub.subscribe(Filter::Topics(vec![topic.clone()]));
         {
-            let mut state = self.lock();
+            let mut state = lock(&self.state);
             state.refused.remove(&id);
             if presence.online {
                 state.handlers.insert(id.clone(), presence.clone());
@@ -242,7 +239,7 @@ impl Shared {
         let until_so = async {
             while !is_so() {
                 let refused = self.refused.notified();
-                if let Some(text) = self.lock().refused.remove(&id) {
+                if let Some(text) = lock(&self.state).refused.remove(&id) {
                     return Err(Refusal::new(RefusalCode::Invalid, text));
                 }
                 tokio::select! {

@@ -11,7 +11,7 @@ use std::collections::HashMap;
 use std::future::Future;
 use std::net::SocketAddr;
 use std::pin::Pin;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
 use mqtt5::broker::auth::AuthResult;
@@ -23,6 +23,7 @@ use mqtt5::broker::storage::ClientSession;
 use mqtt5::broker::{AuthProvider, BrokerConfig, BrokerShutdownHandle, MqttBroker, ResourceLimits};
 use mqtt5::packet::connect::ConnectPacket;
 use mqtt5::types::ReasonCode;
+use parking_lot::Mutex;
 use subtle::ConstantTimeEq;
 use tokio::net::TcpListener;
 use tokio::sync::mpsc;
@@ -398,7 +399,7 @@ impl Guard {
     }
 
     fn rate_of(&self, client_id: &Arc<str>) -> Arc<Rate> {
-        let mut rates = self.rates.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut rates = self.rates.lock();
         let new = || Arc::new(Rate::new(CLIENT_BURST, CLIENT_PER_SECOND));
         Arc::clone(rates.entry(Arc::clone(client_id)).or_insert_with(new))
     }
@@ -435,7 +436,7 @@ impl BrokerEventHandler for Guard {
     }
 
     fn on_client_disconnect(&self, event: ClientDisconnectEvent) -> Answer<'_, ()> {
-        let mut rates = self.rates.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut rates = self.rates.lock();
         rates.remove(&event.client_id);
         drop(rates);
         self.sessions.disconnect(&event.client_id);

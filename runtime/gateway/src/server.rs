@@ -5,7 +5,7 @@ use std::future::Future;
 use std::io;
 use std::net::IpAddr;
 use std::pin::Pin;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::task::{Context, Poll};
 use std::time::Duration;
 
@@ -14,6 +14,7 @@ use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
 use hyper_util::server::conn::auto;
 use hyper_util::server::graceful::GracefulShutdown;
 use hyper_util::service::TowerToHyperService;
+use parking_lot::Mutex;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
@@ -89,7 +90,7 @@ struct OfOne(Arc<Mutex<HashMap<IpAddr, usize>>>);
 impl OfOne {
     /// A place for one more of an address, if there is one.
     fn place(&self, address: IpAddr) -> Option<PlaceOfOne> {
-        let mut counts = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut counts = self.0.lock();
         let count = counts.entry(address).or_default();
         if *count >= CONNECTIONS_OF_ONE_MAX && !address.is_loopback() {
             return None;
@@ -111,7 +112,7 @@ struct PlaceOfOne {
 
 impl Drop for PlaceOfOne {
     fn drop(&mut self) {
-        let mut counts = self.of_one.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut counts = self.of_one.0.lock();
         if let Some(count) = counts.get_mut(&self.address) {
             *count -= 1;
             if *count == 0 {

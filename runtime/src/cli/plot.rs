@@ -4,10 +4,11 @@ mod drawing;
 mod polyline;
 
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 use anyhow::Context;
 use clap::{Args, ValueEnum};
+use parking_lot::Mutex;
 use tandem_model::profile::TimeBase;
 use tandem_model::{Axis, AxisVector};
 use tandem_runtime::simulation::OnCycle;
@@ -95,7 +96,7 @@ fn draw(arguments: &Arguments, plan: Plan) -> anyhow::Result<Outcome> {
     let sketch = Arc::new(Mutex::new(Sketch::new(arguments.plane)));
     let on_cycle = watch(&sketch, plan.watched().0);
     let outcome = plan.simulate(None, Some(on_cycle))?;
-    let lines = sketch.lock().unwrap_or_else(PoisonError::into_inner).take_lines();
+    let lines = sketch.lock().take_lines();
     let name = arguments.simulation.file.file_name().unwrap_or_default();
     let drawing = Drawing {
         title: name.to_string_lossy().into_owned(),
@@ -112,7 +113,7 @@ fn watch(sketch: &Arc<Mutex<Sketch>>, index: usize) -> OnCycle {
     let sketch = Arc::clone(sketch);
     Box::new(move |servo| {
         let channel = servo.channel(index);
-        let mut sketch = sketch.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut sketch = sketch.lock();
         let rapid = channel.time_base() == Some(TimeBase::Rapid);
         sketch.take(channel.setpoint(), rapid);
     })

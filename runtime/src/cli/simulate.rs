@@ -5,10 +5,11 @@ mod report;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
 use clap::Args;
 use futures_util::FutureExt;
+use parking_lot::Mutex;
 use plc_api::hub::Filter;
 use plc_api::port::Port;
 use plc_api::types::CoordinateSystemNumber;
@@ -309,7 +310,7 @@ async fn simulate(
     on_cycle: Option<OnCycle>,
 ) -> anyhow::Result<Outcome> {
     let sink = Arc::clone(&recorder);
-    let journal = Journal::to_sink(Arc::new(Mutex::new(move |line: &_| {
+    let journal = Journal::to_sink(Arc::new(std::sync::Mutex::new(move |line: &_| {
         recorder::record(&sink, line);
         false
     })));

@@ -7,9 +7,10 @@
 
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 
+use parking_lot::{Mutex, MutexGuard};
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::machine::AlarmRecord;
 use plc_api::types::request::{Answer, Refusal, RefusalCode, Request};
@@ -108,7 +109,7 @@ impl Mailbox {
     /// Publishes the spindle's state where it has changed: its speed follows the command in its own time. Left to the
     /// next call while somebody is at work.
     pub fn tell_spindle(&self) {
-        if let Ok(work) = self.work.try_lock()
+        if let Some(work) = self.work.try_lock()
             && let Some(system) = &work.system
         {
             system.publish_spindle();
@@ -129,11 +130,8 @@ impl Mailbox {
     /// Wakes the task when it has something to do, and gives false then. Who is at work may just have looked for requests
     /// for the last time, so the task is woken for this one.
     fn work_if_free(&self, share: Share) -> bool {
-        let is_done = match self.work.try_lock() {
-            Ok(work) => self.work_beside_task(work, share),
-            Err(TryLockError::Poisoned(poisoned)) => self.work_beside_task(poisoned.into_inner(), share),
-            Err(TryLockError::WouldBlock) => false,
-        };
+        let work = self.work.try_lock();
+        let is_done = work.is_some_and(|work| self.work_beside_task(work, share));
         if !is_done {
             self.wake.notify_one();
         }
@@ -165,14 +163,14 @@ impl Mailbox {
                 () = clock.sleep_until_s(left.due_s.unwrap_or(0.0)), if left.due_s.is_some() => {}
             }
         }
-        let system = self.lock().system.take();
+        let system = self.work.lock().system.take();
         if let Some(system) = system {
             system.end();
         }
     }
 
     fn work_as_task(&self) -> Left {
-        let mut work = self.lock();
+        let mut work = self.work.lock();
         let left = self.work(&mut work, Share::OF_TASK);
         work.task_wakes_at_s = left.due_s;
         left
@@ -214,10 +212,6 @@ impl Mailbox {
         self.urgent.close();
         self.requests.close();
     }
-
-    fn lock(&self) -> MutexGuard<'_, Work> {
-        lock(&self.work)
-    }
 }
 
 /// Throws away the coordinate system and what it is asked for.
@@ -225,7 +219,7 @@ struct Ended<'a>(&'a Mailbox);
 
 impl Drop for Ended<'_> {
     fn drop(&mut self) {
-        self.0.lock().system = None;
+        self.0.work.lock().system = None;
         self.0.close();
     }
 }
@@ -261,11 +255,11 @@ impl Queue {
             room => room.ok(),
         };
         if let Some(room) = room {
-            lock(&self.envelopes).push_back(envelope);
+            self.envelopes.lock().push_back(envelope);
             room.forget();
         }
         if self.room.is_closed() {
-            lock(&self.envelopes).clear();
+            self.envelopes.lock().clear();
         }
     }
 
@@ -275,13 +269,13 @@ impl Queue {
             return None;
         }
         let may_take = |first: &mut Envelope| share.commands || !first.is_command();
-        let envelope = lock(&self.envelopes).pop_front_if(may_take)?;
+        let envelope = self.envelopes.lock().pop_front_if(may_take)?;
         self.room.add_permits(1);
         Some(envelope)
     }
 
     fn begins_with_command(&self) -> bool {
-        !self.is_empty() && lock(&self.envelopes).front().is_some_and(Envelope::is_command)
+        !self.is_empty() && self.envelopes.lock().front().is_some_and(Envelope::is_command)
     }
 
     /// Each envelope has taken its room before it is put there, so this needs no lock.
@@ -291,15 +285,11 @@ impl Queue {
 
     fn close(&self) {
         self.room.close();
-        lock(&self.envelopes).clear();
+        self.envelopes.lock().clear();
     }
 }
 
 // A poisoned lock means a panic elsewhere while a value was being stored; the values themselves are whole.
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 #[cfg(test)]
 mod tests {
     use futures_util::FutureExt;
@@ -397,7 +387,7 @@ mod tests {
         let mut first = Box::pin(mailbox.ask(optional_stop(true), false));
         let mut second = Box::pin(mailbox.ask(optional_stop(false), false));
         let mut urgent = Box::pin(mailbox.ask(Request::Input(1, Input::DryRun(true)), true));
-        let at_work = mailbox.lock();
+        let at_work = mailbox.work.lock();
         for request in [&mut first, &mut second, &mut urgent] {
             assert_eq!(request.now_or_never(), None);
         }
@@ -462,7 +452,7 @@ mod tests {
 
     #[test]
     fn a_panic_is_an_alarm_of_this_coordinate_system_and_does_not_reach_who_asks() {
-        let sink = Arc::new(Mutex::new(|_line: &crate::journal::Line| -> bool {
+        let sink = Arc::new(std::sync::Mutex::new(|_line: &crate::journal::Line| -> bool {
             panic!("the journal's sink")
         }));
         let (mailbox, _servo) = mailbox(Journal::to_sink(sink));

@@ -1,8 +1,9 @@
 //! What others may see of a coordinate system at any time, without asking its task.
 
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
+use parking_lot::Mutex;
 use plc_api::types::state::{CallSite, Position, ProgramPlace};
 use tandem_model::flow::Transform;
 use tandem_model::settings::CoordinateSystemSettings;
@@ -41,11 +42,11 @@ impl View {
     }
 
     pub(super) fn update(&self, change: impl FnOnce(&mut Place)) {
-        change(&mut self.place.lock().unwrap_or_else(PoisonError::into_inner));
+        change(&mut self.place.lock());
     }
 
     fn place(&self) -> Place {
-        self.place.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.place.lock().clone()
     }
 
     /// Nothing has been executed yet of this program, or of none.

@@ -1,9 +1,10 @@
 //! The demo machine's sequence program: a tool magazine, clamps, coolant, and the meeting of mill and loader.
 //! A machine builder's own program replaces it handler by handler.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
+use parking_lot::Mutex;
 use plc_api::{Alarm, AuxOutput, Plc, SequenceProgram};
 use tokio::sync::oneshot;
 
@@ -103,12 +104,12 @@ struct Meeting(Mutex<Option<oneshot::Sender<()>>>);
 impl Meeting {
     async fn meet(&self) {
         loop {
-            let first = self.0.lock().unwrap_or_else(PoisonError::into_inner).take();
+            let first = self.0.lock().take();
             if first.is_some_and(|first| first.send(()).is_ok()) {
                 return;
             }
             let (signal, other) = oneshot::channel();
-            *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(signal);
+            *self.0.lock() = Some(signal);
             if other.await.is_ok() {
                 return;
             }

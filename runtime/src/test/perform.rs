@@ -2,10 +2,11 @@
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::mpsc as std_mpsc;
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 use futures_util::FutureExt;
+use parking_lot::Mutex;
 use plc_api::hub::{Filter, Subscription};
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::message::{Message, Payload};
@@ -87,7 +88,7 @@ impl Scene {
 
     /// All handlers die where they are, as when their process ends: their claims are given back.
     pub fn kill_handlers(&self) {
-        for handler in self.lock().drain(..) {
+        for handler in self.handlers.lock().drain(..) {
             handler.abort();
         }
     }
@@ -100,11 +101,7 @@ impl Scene {
                 tracing::error!(%error, "the sequence program ended");
             }
         });
-        self.lock().push(served.abort_handle());
-    }
-
-    fn lock(&self) -> std::sync::MutexGuard<'_, Vec<AbortHandle>> {
-        self.handlers.lock().unwrap_or_else(PoisonError::into_inner)
+        self.handlers.lock().push(served.abort_handle());
     }
 }
 
@@ -115,7 +112,7 @@ async fn perform(bench: Bench, main: u16, watched: Watched) -> Result<Run, TestE
     let lines = Arc::new(Lines::default());
     let sink = Arc::clone(&lines);
     let waits_for_blocks = bench.script.iter().any(|(cue, _)| matches!(cue, Cue::Line(_)));
-    let journal = Journal::to_sink(Arc::new(Mutex::new(move |line: &Line| {
+    let journal = Journal::to_sink(Arc::new(std::sync::Mutex::new(move |line: &Line| {
         sink.put(line.clone());
         let is_waited_for = waits_for_blocks || !matches!(line.event, Event::Block { .. });
         if is_waited_for {
@@ -231,11 +228,11 @@ struct Lines {
 
 impl Lines {
     fn put(&self, line: Line) {
-        self.lock().push_back(line);
+        self.queue.lock().push_back(line);
     }
 
     fn take(&self) -> Option<Line> {
-        self.lock().pop_front()
+        self.queue.lock().pop_front()
     }
 
     async fn next(&self) -> Line {
@@ -245,10 +242,6 @@ impl Lines {
             }
             self.wake.notified().await;
         }
-    }
-
-    fn lock(&self) -> std::sync::MutexGuard<'_, VecDeque<Line>> {
-        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

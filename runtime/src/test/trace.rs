@@ -1,8 +1,9 @@
 //! Positions over time: the commanded positions, sampled while a test runs.
 
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
+use parking_lot::Mutex;
 use plc_api::types::CoordinateSystemNumber;
 use tandem_model::Axis;
 
@@ -48,7 +49,7 @@ impl Tracer {
             .map(|system| (system.settings.number, system.settings.axes().iter().collect()))
             .collect();
         Box::new(move |servo| {
-            let mut taken = taken.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut taken = taken.lock();
             let at_s = servo.time_s();
             // a nanosecond of room: times are sums of periods
             if at_s + 1e-9 < taken.next_s || taken.count > SAMPLES_MAX {
@@ -76,7 +77,7 @@ impl Tracer {
     /// # Errors
     /// There were too many.
     pub(super) fn samples(&self, start_s: f64) -> Result<Samples, TestError> {
-        let taken = std::mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner));
+        let taken = std::mem::take(&mut *self.0.lock());
         if taken.count > SAMPLES_MAX {
             return Err(TestError::new(format!(
                 "the trace has more than {SAMPLES_MAX} samples: give trace_every_s a longer interval"

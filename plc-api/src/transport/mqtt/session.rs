@@ -6,6 +6,7 @@ use rumqttc::{
     AsyncClient, Event, EventLoop, LastWill, MqttOptions, Outgoing as Sent, Packet, QoS, SubscribeFilter,
 };
 
+use crate::lock::lock;
 use crate::types::message::{Message, Payload};
 use crate::types::topic::{CsTopic, Topic};
 
@@ -46,14 +47,14 @@ pub(super) async fn keep_connected(shared: std::sync::Arc<Shared>) {
     while !shared.is_closed() {
         let (client, mut events) = AsyncClient::new(options(&shared), LIBRARY_QUEUE);
         events.network_options.set_tcp_nodelay(true);
-        shared.lock().outbox.new_connection();
+        lock(&shared.state).outbox.new_connection();
         let mut connected = false;
         tokio::select! {
             () = receive(&shared, &client, &mut events, &mut connected) => {}
             () = send(&shared, &client) => {}
         }
-        shared.lock().connected = false;
-        if shared.lock().take_reconnect() {
+        lock(&shared.state).connected = false;
+        if lock(&shared.state).take_reconnect() {
             continue;
         }
         if connected {
@@ -74,7 +75,7 @@ fn options(shared: &Shared) -> MqttOptions {
     if let Some((user, password)) = &address.credentials {
         options.set_credentials(user.clone(), password.clone());
     }
-    if let Some(handler_id) = &shared.lock().will {
+    if let Some(handler_id) = &lock(&shared.state).will {
         let topic = format!("{}/handler/{handler_id}/presence", address.root);
         let gone = r#"{"online":false,"handles":[],"validates":false}"#;
         options.set_last_will(LastWill::new(topic, gone, QoS::AtLeastOnce, true));
@@ -92,7 +93,7 @@ async fn receive(shared: &Shared, client: &AsyncClient, events: &mut EventLoop, 
                     tracing::warn!(%error, "subscribing failed; connecting again");
                     return;
                 }
-                let mut state = shared.lock();
+                let mut state = lock(&shared.state);
                 state.connected = true;
                 state.trouble = None;
                 drop(state);
@@ -101,12 +102,12 @@ async fn receive(shared: &Shared, client: &AsyncClient, events: &mut EventLoop, 
             }
             Ok(Event::Incoming(Packet::Publish(publish))) => hear(shared, &publish.topic, &publish.payload),
             Ok(Event::Incoming(Packet::PubAck(ack))) => {
-                shared.lock().outbox.acknowledged(ack.pkid);
+                lock(&shared.state).outbox.acknowledged(ack.pkid);
                 // the library may take more now
                 shared.wake.notify_one();
             }
             Ok(Event::Outgoing(Sent::Publish(packet))) => {
-                shared.lock().outbox.numbered(packet);
+                lock(&shared.state).outbox.numbered(packet);
                 shared.wake.notify_one();
             }
             Ok(Event::Outgoing(Sent::Disconnect)) => return,
@@ -115,7 +116,7 @@ async fn receive(shared: &Shared, client: &AsyncClient, events: &mut EventLoop, 
                 if *connected {
                     tracing::warn!(%error, address = %shared.address.shown, "connection lost");
                 }
-                shared.lock().trouble = Some(error.to_string());
+                lock(&shared.state).trouble = Some(error.to_string());
                 return;
             }
         }
@@ -134,14 +135,14 @@ fn subscribe(shared: &Shared, client: &AsyncClient) -> Result<(), rumqttc::Clien
 async fn send(shared: &Shared, client: &AsyncClient) {
     loop {
         shared.wake.notified().await;
-        if shared.lock().reconnect || shared.is_closed() {
+        if lock(&shared.state).reconnect || shared.is_closed() {
             if client.try_disconnect().is_err() {
                 return;
             }
             // receiving ends once the broker has been told
             std::future::pending::<()>().await;
         }
-        let mut state = shared.lock();
+        let mut state = lock(&shared.state);
         if !state.connected {
             continue;
         }
@@ -187,7 +188,7 @@ fn hear(shared: &Shared, path: &str, payload: &[u8]) {
         Some(Payload::Pending(pending)) => pending.outputs.iter().any(|output| output.output.seq == seq),
         _ => false,
     };
-    shared.lock().outbox.hear(&message, is_open);
+    lock(&shared.state).outbox.hear(&message, is_open);
 }
 
 #[cfg(test)]

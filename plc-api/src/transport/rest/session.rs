@@ -12,6 +12,7 @@ use tokio_tungstenite::tungstenite::http::HeaderValue;
 use tokio_tungstenite::tungstenite::{self, Message as Frame};
 use tokio_tungstenite::{MaybeTlsStream, WebSocketStream};
 
+use crate::lock::lock;
 use crate::types::message::{Message, Payload};
 use crate::types::output::HandlerPresence;
 use crate::types::topic::Topic;
@@ -34,11 +35,11 @@ pub(super) async fn keep_connected(shared: Arc<Shared>) {
                 backoff.reset();
                 if let Err(error) = serve(&shared, &mut socket).await {
                     tracing::warn!(%error, address = %shared.address.shown, "connection lost");
-                    shared.lock().trouble = Some(error.to_string());
+                    lock(&shared.state).trouble = Some(error.to_string());
                 }
                 gone(&shared);
             }
-            Err(error) => shared.lock().trouble = Some(error.to_string()),
+            Err(error) => lock(&shared.state).trouble = Some(error.to_string()),
         }
         if !shared.is_closed() {
             backoff.wait().await;
@@ -56,7 +57,7 @@ async fn open(shared: &Shared) -> tungstenite::Result<Socket> {
     let (mut socket, _) = tokio_tungstenite::connect_async(request).await?;
     let subscribe = json!({ "subscribe": ["#"] });
     socket.send(Frame::text(subscribe.to_string())).await?;
-    let mut state = shared.lock();
+    let mut state = lock(&shared.state);
     state.trouble = None;
     state.unsaid = state.handlers.keys().cloned().collect();
     // What was asked over the last connection is not waited for any more.
@@ -92,7 +93,7 @@ async fn serve(shared: &Shared, socket: &mut Socket) -> tungstenite::Result<()> 
 
 /// The frames that are still to be said: presences of handlers first, then what they have validated.
 fn unsaid(shared: &Shared) -> Vec<Value> {
-    let mut state = shared.lock();
+    let mut state = lock(&shared.state);
     let unsaid = std::mem::take(&mut state.unsaid);
     let presence = |id: &String| {
         let HandlerPresence {
@@ -149,7 +150,7 @@ fn hear(shared: &Shared, text: &str) {
 
 /// Tells who waits for the handler that an error frame names.
 fn refused(shared: &Shared, text: String) {
-    let mut state = shared.lock();
+    let mut state = lock(&shared.state);
     let is_named = |id: &&String| text.contains(&Topic::HandlerPresence((*id).clone()).path());
     let Some(id) = state.handlers.keys().find(is_named).cloned() else {
         return;

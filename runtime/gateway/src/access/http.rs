@@ -4,10 +4,11 @@
 //! one of the sub-protocols, `bearer.TOKEN`, beside `tandem.v1`, which the server chooses.
 
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
 use axum::http::{HeaderMap, StatusCode, header};
+use parking_lot::Mutex;
 
 use super::{LiveTokens, Rate, Tokens, User};
 use crate::problem::Problem;
@@ -73,7 +74,7 @@ impl Access {
     }
 
     fn rate_of(&self, name: &str, tokens: &Tokens) -> Arc<Rate> {
-        let mut rates = self.rates.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut rates = self.rates.lock();
         if let Some(rate) = rates.get(name) {
             return Arc::clone(rate);
         }

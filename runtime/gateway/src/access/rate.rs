@@ -1,8 +1,8 @@
 //! A limit on how often something may happen.
 
-use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
+use parking_lot::{Mutex, MutexGuard};
 use tokio::time::Instant;
 
 /// So many at once, and so many a second after that.
@@ -50,8 +50,8 @@ impl Rate {
         Duration::from_secs_f64((-state.left).max(0.0) / self.per_second)
     }
 
-    fn refilled(&self) -> std::sync::MutexGuard<'_, State> {
-        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+    fn refilled(&self) -> MutexGuard<'_, State> {
+        let mut state = self.state.lock();
         let now = Instant::now();
         let gained = now.duration_since(state.since).as_secs_f64() * self.per_second;
         state.left = (state.left + gained).min(self.burst);

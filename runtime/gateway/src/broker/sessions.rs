@@ -2,10 +2,11 @@
 
 use std::collections::HashMap;
 use std::net::{IpAddr, SocketAddr};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
 use mqtt5::broker::events::ClientConnectEvent;
+use parking_lot::Mutex;
 use rumqttc::{AsyncClient, Event, MqttOptions, Packet, QoS};
 use tokio::time::Instant;
 use tracing::warn;
@@ -65,7 +66,7 @@ pub(super) struct Sessions {
 impl Sessions {
     /// Counts a try with a wrong token. False beyond the rate of its address.
     pub(super) fn count_wrong(&self, address: IpAddr) -> bool {
-        let mut wrong = lock(&self.wrong);
+        let mut wrong = self.wrong.lock();
         if wrong.len() >= WRONG_ADDRESSES_MAX && !wrong.contains_key(&address) {
             wrong.clear();
         }
@@ -75,7 +76,7 @@ impl Sessions {
 
     /// Counts a client that comes, whose session outlives its connection or does not. False beyond the limit.
     pub(super) fn remember(&self, client_id: &str, outlives: bool) -> bool {
-        let mut remembered = lock(&self.remembered);
+        let mut remembered = self.remembered.lock();
         if !outlives {
             remembered.remove(client_id);
             return true;
@@ -90,7 +91,7 @@ impl Sessions {
     }
 
     pub(super) fn admit(&self, client_id: &str, client: Admitted) {
-        let mut admitted = lock(&self.admitted);
+        let mut admitted = self.admitted.lock();
         // those that were let in and went before they were connected
         if admitted.len() > 2 * CLIENTS_MAX {
             admitted.clear();
@@ -100,8 +101,8 @@ impl Sessions {
 
     /// A client is connected; where nobody noted whom the broker let in, `user` is asked.
     pub(super) fn connect(&self, event: ClientConnectEvent, user: impl FnOnce() -> Option<User>) {
-        let admitted = lock(&self.admitted).remove(&*event.client_id);
-        if let Some(away) = lock(&self.remembered).get_mut(&*event.client_id) {
+        let admitted = self.admitted.lock().remove(&*event.client_id);
+        if let Some(away) = self.remembered.lock().get_mut(&*event.client_id) {
             *away = None;
         }
         let will = event
@@ -117,18 +118,18 @@ impl Sessions {
             user: admitted.and_then(|client| client.user).or_else(user),
             will,
         };
-        let mut connected = lock(&self.connected);
+        let mut connected = self.connected.lock();
         let count = connected.get(&event.client_id).map_or(0, |(_, count)| *count);
         connected.insert(event.client_id, (session, count + 1));
     }
 
     pub(super) fn disconnect(&self, client_id: &str) {
-        let mut connected = lock(&self.connected);
+        let mut connected = self.connected.lock();
         if let Some((_, count)) = connected.get_mut(client_id) {
             *count -= 1;
             if *count == 0 {
                 connected.remove(client_id);
-                if let Some(away) = lock(&self.remembered).get_mut(client_id) {
+                if let Some(away) = self.remembered.lock().get_mut(client_id) {
                     *away = Some(Instant::now());
                 }
             }
@@ -136,13 +137,13 @@ impl Sessions {
     }
 
     pub(super) fn of(&self, client_id: &str) -> Option<Session> {
-        let connected = lock(&self.connected);
+        let connected = self.connected.lock();
         connected.get(client_id).map(|(session, _)| session.clone())
     }
 
     /// Sessions of tokens that are not in the list any more, or have another role there.
     pub(super) fn revoked(&self, tokens: &Tokens) -> Vec<(Arc<str>, Session)> {
-        let connected = lock(&self.connected);
+        let connected = self.connected.lock();
         let revoked = connected
             .iter()
             .filter(|(_, (session, _))| session.user.as_ref().is_some_and(|user| !tokens.has(user)));
@@ -199,10 +200,6 @@ pub(super) async fn end(
             "MQTT client {client_id:.64} of {name}, whose token counts no more, is not disconnected in time"
         ),
     }
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]
@@ -262,6 +259,6 @@ mod tests {
         for n in 0..u32::try_from(2 * WRONG_ADDRESSES_MAX).unwrap() {
             sessions.count_wrong(IpAddr::from(n.to_be_bytes()));
         }
-        assert!(lock(&sessions.wrong).len() <= WRONG_ADDRESSES_MAX);
+        assert!(sessions.wrong.lock().len() <= WRONG_ADDRESSES_MAX);
     }
 }

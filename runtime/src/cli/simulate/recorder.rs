@@ -5,10 +5,11 @@ use std::fmt::Write as _;
 use std::fs::File;
 use std::io::{BufWriter, IsTerminal, Write};
 use std::path::Path;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
+use parking_lot::Mutex;
 use plc_api::types::CoordinateSystemNumber;
 use serde_json::{Value, json};
 use tandem_model::Axis;
@@ -112,12 +113,12 @@ impl Record {
 }
 
 pub(super) fn record(recorder: &Arc<Mutex<Recorder>>, line: &Line) {
-    recorder.lock().unwrap_or_else(PoisonError::into_inner).take(line);
+    recorder.lock().take(line);
 }
 
 /// Everything is in the file when this returns.
 pub(super) fn finish(recorder: &Arc<Mutex<Recorder>>) -> anyhow::Result<()> {
-    let mut recorder = recorder.lock().unwrap_or_else(PoisonError::into_inner);
+    let mut recorder = recorder.lock();
     if let Some(error) = recorder.failed.take() {
         return Err(error).context("--events");
     }
@@ -175,16 +176,12 @@ impl Trace {
     /// What the simulation calls after each servo cycle; `None`: nothing has to be written or shown.
     pub fn on_cycle(&self) -> Option<OnCycle> {
         let trace = Arc::clone(&self.0);
-        let wanted = trace
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .file
-            .is_some();
+        let wanted = trace.lock().file.is_some();
         if !wanted && !std::io::stderr().is_terminal() {
             return None;
         }
         Some(Box::new(move |servo| {
-            let mut trace = trace.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut trace = trace.lock();
             let channel = servo.channel(trace.index);
             if let Some(origin) = channel.executing() {
                 (trace.program, trace.line) = (origin.program, origin.line);
@@ -196,7 +193,7 @@ impl Trace {
 
     /// Everything is in the file when this returns.
     pub fn finish(&self) -> anyhow::Result<()> {
-        let mut trace = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut trace = self.0.lock();
         if trace.shown.is_some() {
             super::complain("");
         }

@@ -1,8 +1,9 @@
 //! What a simulation found, as text and as JSON.
 
 use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
+use parking_lot::Mutex;
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::message::Payload;
 use plc_api::types::topic::{CsTopic, Topic};
@@ -39,10 +40,7 @@ impl Outcome {
     ) -> Self {
         let mut parts = BTreeMap::new();
         for job in jobs {
-            let record = recorder
-                .lock()
-                .unwrap_or_else(PoisonError::into_inner)
-                .record(job.cs);
+            let record = recorder.lock().record(job.cs);
             parts.insert(job.cs, Part::new(runtime, job, record, ended_by).await);
         }
         let first = parts.remove(&jobs[0].cs).unwrap_or_else(Part::empty);

@@ -148,7 +148,7 @@ async fn who_asks_while_it_ends_is_answered_or_told_that_it_stops() {
 fn who_works_on_anothers_request_leaves_its_own_to_the_task_and_wakes_it() {
     let (mailbox, _servo) = mailbox(Journal::to_log());
     let mut first = Box::pin(mailbox.ask(numbered(1, 1), false));
-    let at_work = mailbox.lock();
+    let at_work = mailbox.work.lock();
     assert_eq!((&mut first).now_or_never(), None);
     drop(at_work);
     assert!(is_task_woken(&mailbox));
@@ -168,7 +168,7 @@ fn what_is_asked_is_carried_out_also_when_the_asker_gives_up_once_it_waits_in_th
     let (mailbox, _servo) = mailbox(Journal::to_log());
     let mut said = results(&mailbox);
     let mut asked = Box::pin(mailbox.ask(numbered(1, 1), false));
-    let at_work = mailbox.lock();
+    let at_work = mailbox.work.lock();
     assert_eq!((&mut asked).now_or_never(), None);
     drop(at_work);
     drop(asked);
@@ -181,7 +181,7 @@ fn without_room_requests_wait_in_their_order_and_who_gives_up_then_has_not_asked
     let (mailbox, _servo) = mailbox(Journal::to_log());
     let mut said = results(&mailbox);
     let last = REQUESTS_MAX as u64;
-    let at_work = mailbox.lock();
+    let at_work = mailbox.work.lock();
     let mut asked: Vec<_> = (1..=last + 3)
         .map(|number| Box::pin(mailbox.ask(numbered(1, number), false).fuse()))
         .collect();
@@ -220,12 +220,12 @@ fn a_deadline_that_a_request_brings_wakes_the_task_unless_it_wakes_sooner_anyhow
 
 #[test]
 fn a_panic_in_the_askers_thread_answers_it_and_all_who_wait() {
-    let sink = Arc::new(Mutex::new(|_line: &crate::journal::Line| {
+    let sink = Arc::new(std::sync::Mutex::new(|_line: &crate::journal::Line| {
         panic!("the journal's sink")
     }));
     let (mailbox, _servo) = mailbox(Journal::to_sink(sink));
     let mut waits = Box::pin(mailbox.ask(lease("1"), false));
-    let at_work = mailbox.lock();
+    let at_work = mailbox.work.lock();
     assert_eq!((&mut waits).now_or_never(), None);
     drop(at_work);
     let asked = mailbox.ask(optional_stop(true), false).now_or_never();
@@ -272,7 +272,7 @@ fn who_asks_never_takes_a_command_that_came_between() {
     for urgent in [false, true] {
         let id = urgent.to_string();
         let mut asked = Box::pin(mailbox.ask(command(&id, Command::Stop), urgent));
-        let mut at_work = mailbox.lock();
+        let mut at_work = mailbox.work.lock();
         assert_eq!((&mut asked).now_or_never(), None);
         let left = mailbox.work(&mut at_work, Share::OF_ASKER);
         assert!(left.busy);
