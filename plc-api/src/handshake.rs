@@ -30,7 +30,7 @@ use crate::types::output::{
     Progress, ProgressReport, Redeliver, Redelivery, Reset, ResetResult,
 };
 use crate::types::question::{Ask, OperatorAnswer, Question};
-use crate::types::request::Refusal;
+use crate::types::request::{OutputRequest, Refusal};
 use crate::types::{BootId, Timestamp};
 
 use closed::{ClosedOutputs, Fate};
@@ -113,6 +113,31 @@ impl Ledger {
         let notice = output.notice.clone();
         self.pending_changed();
         self.effects.push(Effect::Output(notice));
+    }
+
+    /// Carries out what is said of an output. `m` is the M number that the transport names, if it does.
+    ///
+    /// # Errors
+    /// Text or choices of a question are out of their limits.
+    pub fn carry_out(
+        &mut self,
+        now: Now,
+        m: Option<u16>,
+        request: &OutputRequest,
+    ) -> Result<HandshakeResult, Refusal> {
+        let (handler_id, status) = match request {
+            OutputRequest::Claim(claim) => return Ok(self.claim(now, m, claim)),
+            OutputRequest::Reset(reset) => return Ok(self.reset(now, m, reset)),
+            OutputRequest::Progress(report) => (report.handler_id.as_str(), self.progress(now, m, report)),
+            OutputRequest::Redeliver(redeliver) => ("", self.redeliver(now, m, redeliver)),
+            OutputRequest::Ask(ask) => (ask.handler_id.as_str(), self.ask(now, m, ask)?),
+            OutputRequest::AnswerQuestion(answer) => ("", self.answer_question(now, m, answer)),
+        };
+        Ok(HandshakeResult {
+            seq: request.seq(),
+            handler_id: handler_id.to_owned(),
+            status,
+        })
     }
 
     /// A handler takes an output (H4).

@@ -18,7 +18,10 @@ use plc_api::types::ids::check_client_id;
 use plc_api::types::machine::{AlarmRaise, AlarmRecord, AlarmSeverity};
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::output::HandlerPresence;
-use plc_api::types::request::{Answer, Refusal, RefusalCode, Request};
+use plc_api::types::request::{
+    Answer, CoordinateSystemRequest, Destination, MachineRequest, ProgramRequest, Refusal, RefusalCode,
+    Request,
+};
 use plc_api::types::state::{Execution, Spindle, State};
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::types::{BootId, CoordinateSystemNumber};
@@ -116,7 +119,7 @@ impl RuntimePort {
             .set_handler(&id, presence.clone())
             .map_err(|TooMany| Refusal::new(RefusalCode::Unavailable, "too many handlers are connected"))?;
         for handle in &self.handles {
-            let request = Request::Handler(id.clone(), presence.clone());
+            let request = CoordinateSystemRequest::Handler(id.clone(), presence.clone());
             handle.mailbox.ask(request, false).await?;
         }
         Ok(Answer::Done)
@@ -130,7 +133,9 @@ impl RuntimePort {
             if motors.any(|axis| axis.number == motor) {
                 found = true;
                 let mailbox = &self.handle(system.settings.number)?.mailbox;
-                mailbox.ask(Request::SkipInput(motor, value), false).await?;
+                mailbox
+                    .ask(CoordinateSystemRequest::SkipInput(motor, value), false)
+                    .await?;
             }
         }
         if found {
@@ -209,7 +214,7 @@ impl RuntimePort {
             return self
                 .handle(cs)?
                 .mailbox
-                .ask(Request::RaiseAlarm(raise), true)
+                .ask(CoordinateSystemRequest::RaiseAlarm(raise), true)
                 .await;
         }
         self.shared.raise(AlarmRecord {
@@ -220,67 +225,79 @@ impl RuntimePort {
         // each is stopped, also behind one that refuses
         let mut answer = Ok(Answer::Done);
         for handle in &self.handles {
-            let stopped = handle.mailbox.ask(Request::RaiseAlarm(raise.clone()), true).await;
+            let stopped = handle
+                .mailbox
+                .ask(CoordinateSystemRequest::RaiseAlarm(raise.clone()), true)
+                .await;
             answer = answer.and(stopped);
         }
         answer
     }
 
     async fn carry_out(&self, request: Request) -> Result<Answer, Refusal> {
+        let request = match request.into() {
+            Destination::CoordinateSystem(cs, request) => return self.pass_on(cs, request).await,
+            Destination::Program(request) => return self.of_program(request).await,
+            Destination::Machine(request) => request,
+        };
         match request {
-            Request::Command {
-                cs,
-                command,
-                meta,
-                wait,
-            } => self.command(cs, command, meta, wait).await,
-            Request::Lease { cs, request, meta } => self.lease(cs, request, meta).await,
-            Request::CommandStatus(id) => {
+            MachineRequest::CommandStatus(id) => {
                 let reply = self.shared.replied(&id).map(Answer::Command);
                 reply.ok_or_else(|| Refusal::new(RefusalCode::NotFound, format!("no command {id} is known")))
             }
-            Request::Claim(cs, ..)
-            | Request::Reset(cs, ..)
-            | Request::Progress(cs, ..)
-            | Request::Ask(cs, ..)
-            | Request::AnswerQuestion(cs, ..)
-            | Request::ValidateResult(cs, ..)
-            | Request::Redeliver(cs, ..)
-            | Request::Input(cs, _)
-            | Request::Spindle(cs, _) => self.handle(cs)?.mailbox.ask(request, false).await,
-            Request::Tool(cs, id) => self.tool(cs, id).await,
-            Request::ReadVariables {
+            MachineRequest::ReadVariables {
                 area,
                 from,
                 count,
                 meta,
             } => self.read_variables(area, from, count, meta),
-            Request::WriteVariables {
+            MachineRequest::WriteVariables {
                 area,
                 from,
                 values,
                 meta,
             } => self.write_variables(area, from, &values, meta),
-            Request::Tools => Ok(Answer::Tools(self.shared.tables.tools())),
-            Request::WriteTools(change) => self.change(move |tables| tables.with_tools(&change)).await,
-            Request::WorkOffsets(cs) => self.shared.tables.work_offsets(cs).map(Answer::WorkOffsets),
-            Request::WriteWorkOffsets(cs, change) => {
+            MachineRequest::Tools => Ok(Answer::Tools(self.shared.tables.tools())),
+            MachineRequest::WriteTools(change) => self.change(move |tables| tables.with_tools(&change)).await,
+            MachineRequest::WorkOffsets(cs) => self.shared.tables.work_offsets(cs).map(Answer::WorkOffsets),
+            MachineRequest::WriteWorkOffsets(cs, change) => {
                 self.change(move |tables| tables.with_work_offsets(cs, &change))
                     .await
             }
-            Request::LastRun(cs) => self.last_run(cs),
-            Request::Journal { from, count } => self.journal(from, count).await,
-            Request::Handler(id, presence) => self.handler(id, presence).await,
-            Request::Handlers => Ok(Answer::Handlers(self.shared.handlers())),
-            Request::Programs => Ok(Answer::Programs(self.shared.store.list())),
-            Request::ReadProgram(number) => self.read_program(number),
-            Request::WriteProgram(number, text) => self.write_program(number, text).await,
-            Request::DeleteProgram(number) => self.delete_program(number).await,
-            Request::CheckProgram(number) => self.check_program(number),
-            Request::IntermediateCode(number) => self.intermediate_code(number).await,
-            Request::RaiseAlarm(raise) => self.raise_alarm(raise).await,
-            Request::SkipInput(motor, value) => self.skip_input(motor, value).await,
-            Request::AlarmHistory => Ok(Answer::Alarms(self.shared.alarm_history())),
+            MachineRequest::LastRun(cs) => self.last_run(cs),
+            MachineRequest::Journal { from, count } => self.journal(from, count).await,
+            MachineRequest::Handler(id, presence) => self.handler(id, presence).await,
+            MachineRequest::Handlers => Ok(Answer::Handlers(self.shared.handlers())),
+            MachineRequest::Programs => Ok(Answer::Programs(self.shared.store.list())),
+            MachineRequest::RaiseAlarm(raise) => self.raise_alarm(raise).await,
+            MachineRequest::SkipInput(motor, value) => self.skip_input(motor, value).await,
+            MachineRequest::AlarmHistory => Ok(Answer::Alarms(self.shared.alarm_history())),
+        }
+    }
+
+    async fn of_program(&self, request: ProgramRequest) -> Result<Answer, Refusal> {
+        match request {
+            ProgramRequest::ReadProgram(number) => self.read_program(number),
+            ProgramRequest::WriteProgram(number, text) => self.write_program(number, text).await,
+            ProgramRequest::DeleteProgram(number) => self.delete_program(number).await,
+            ProgramRequest::CheckProgram(number) => self.check_program(number),
+            ProgramRequest::IntermediateCode(number) => self.intermediate_code(number).await,
+        }
+    }
+
+    /// Most requests to a coordinate system go there as they are.
+    async fn pass_on(
+        &self,
+        cs: CoordinateSystemNumber,
+        request: CoordinateSystemRequest,
+    ) -> Result<Answer, Refusal> {
+        match request {
+            CoordinateSystemRequest::Command { command, meta, wait } => {
+                self.command(cs, command, meta, wait).await
+            }
+            CoordinateSystemRequest::Lease { request, meta } => self.lease(cs, request, meta).await,
+            CoordinateSystemRequest::Tool(id) => self.tool(cs, id).await,
+            request => self.handle(cs)?.mailbox.ask(request, false).await,
         }
     }
 }

@@ -9,8 +9,11 @@ use crate::lock::lock;
 use crate::types::command::{Command, CommandMeta, CommandReply, CommandStatus};
 use crate::types::lease::{LEASE_TTL_DEFAULT_MS, Lease, LeaseRequest};
 use crate::types::message::Payload;
-use crate::types::output::{HandlerPresence, HandshakeResult, HandshakeStatus, OutputState};
-use crate::types::request::{Answer, Input, Refusal, RefusalCode, Request, SpindleCommand};
+use crate::types::output::{HandlerPresence, OutputState};
+use crate::types::request::{
+    Answer, CoordinateSystemRequest, Destination, Input, MachineRequest, Refusal, RefusalCode, Request,
+    SpindleCommand,
+};
 use crate::types::state::{Spindle, SpindleDirection, Tool};
 use crate::types::topic::{CsTopic, Topic};
 use crate::types::{CoordinateSystemNumber, Timestamp};
@@ -18,65 +21,68 @@ use crate::types::{CoordinateSystemNumber, Timestamp};
 impl FakePort {
     pub(super) fn answer(&self, request: Request) -> Result<Answer, Refusal> {
         self.remember(&request);
+        match request.into() {
+            Destination::CoordinateSystem(cs, request) => self.of_coordinate_system(cs, request),
+            Destination::Machine(request) => self.of_machine(request),
+            Destination::Program(_) => unsupported(),
+        }
+    }
+
+    fn of_coordinate_system(
+        &self,
+        cs: CoordinateSystemNumber,
+        request: CoordinateSystemRequest,
+    ) -> Result<Answer, Refusal> {
         match request {
-            Request::Claim(cs, m, claim) => self
-                .ledger(cs, |ledger, now| ledger.claim(now, m, &claim))
+            CoordinateSystemRequest::Output(m, request) => self
+                .ledger(cs, |ledger, now| ledger.carry_out(now, m, &request))?
                 .map(Answer::Handshake),
-            Request::Reset(cs, m, reset) => self
-                .ledger(cs, |ledger, now| ledger.reset(now, m, &reset))
-                .map(Answer::Handshake),
-            Request::Progress(cs, m, report) => self
-                .ledger(cs, |ledger, now| ledger.progress(now, m, &report))
-                .map(|status| handshake_answer(report.seq, &report.handler_id, status)),
-            Request::Ask(cs, m, ask) => self
-                .ledger(cs, |ledger, now| ledger.ask(now, m, &ask))?
-                .map(|status| handshake_answer(ask.seq, &ask.handler_id, status)),
-            Request::AnswerQuestion(cs, m, answer) => self
-                .ledger(cs, |ledger, now| ledger.answer_question(now, m, &answer))
-                .map(|status| handshake_answer(answer.seq, "", status)),
-            Request::Redeliver(cs, m, redeliver) => self
-                .ledger(cs, |ledger, now| ledger.redeliver(now, m, &redeliver))
-                .map(|status| handshake_answer(redeliver.seq, "", status)),
-            Request::Handler(id, presence) => {
-                self.handler(&id, &presence);
-                Ok(Answer::Done)
-            }
-            Request::ValidateResult(_, _, result) => {
+            CoordinateSystemRequest::ValidateResult(_, result) => {
                 lock(&self.inner).validated.push(result);
                 Ok(Answer::Done)
             }
-            Request::Handlers => Ok(Answer::Handlers(self.handlers())),
-            Request::Command {
-                cs, command, meta, ..
-            } => self.command(cs, &command, meta),
-            Request::Lease { request, meta, .. } => Ok(lock(&self.inner).lease(request, meta)),
-            Request::RaiseAlarm(raise) => self.asked_to_raise(&raise).map(|()| Answer::Done),
-            Request::AlarmHistory => Ok(Answer::Alarms(lock(&self.inner).alarms.clone())),
-            Request::Input(cs, input) => self.set(cs, || self.input(cs, input)),
-            Request::Tool(cs, id) => self.set(cs, || self.say(cs, CsTopic::Tool, Payload::Tool(Tool { id }))),
-            Request::Spindle(cs, command) => {
+            CoordinateSystemRequest::Command { command, meta, .. } => self.command(cs, &command, meta),
+            CoordinateSystemRequest::Lease { request, meta } => Ok(lock(&self.inner).lease(request, meta)),
+            CoordinateSystemRequest::Input(input) => self.set(cs, || self.input(cs, input)),
+            CoordinateSystemRequest::Tool(id) => {
+                self.set(cs, || self.say(cs, CsTopic::Tool, Payload::Tool(Tool { id })))
+            }
+            CoordinateSystemRequest::Spindle(command) => {
                 self.set(cs, || self.say(cs, CsTopic::Spindle, spindle(command)))
             }
-            Request::SkipInput(..) => Ok(Answer::Done),
-            Request::ReadVariables {
+            // of the machine: each coordinate system hears of it there
+            CoordinateSystemRequest::Handler(..)
+            | CoordinateSystemRequest::RaiseAlarm(_)
+            | CoordinateSystemRequest::SkipInput(..) => Ok(Answer::Done),
+        }
+    }
+
+    fn of_machine(&self, request: MachineRequest) -> Result<Answer, Refusal> {
+        match request {
+            MachineRequest::Handler(id, presence) => {
+                self.handler(&id, &presence);
+                Ok(Answer::Done)
+            }
+            MachineRequest::Handlers => Ok(Answer::Handlers(self.handlers())),
+            MachineRequest::RaiseAlarm(raise) => self.asked_to_raise(&raise).map(|()| Answer::Done),
+            MachineRequest::AlarmHistory => Ok(Answer::Alarms(lock(&self.inner).alarms.clone())),
+            MachineRequest::SkipInput(..) => Ok(Answer::Done),
+            MachineRequest::ReadVariables {
                 area, from, count, ..
             } => lock(&self.inner).data.read(area, from, count),
-            Request::WriteVariables {
+            MachineRequest::WriteVariables {
                 area, from, values, ..
             } => lock(&self.inner).data.write(area, from, &values),
-            Request::Tools => Ok(lock(&self.inner).data.tools()),
-            Request::WriteTools(change) => Ok(lock(&self.inner).data.change_tools(&change)),
-            Request::WorkOffsets(cs) => Ok(lock(&self.inner).data.work_offsets(cs)),
-            Request::WriteWorkOffsets(cs, change) => {
+            MachineRequest::Tools => Ok(lock(&self.inner).data.tools()),
+            MachineRequest::WriteTools(change) => Ok(lock(&self.inner).data.change_tools(&change)),
+            MachineRequest::WorkOffsets(cs) => Ok(lock(&self.inner).data.work_offsets(cs)),
+            MachineRequest::WriteWorkOffsets(cs, change) => {
                 Ok(lock(&self.inner).data.change_work_offsets(cs, change))
             }
-            Request::LastRun(_) => Ok(Answer::LastRun(None)),
-            Request::Journal { .. } => Ok(Answer::Journal(Vec::new())),
-            Request::Programs => Ok(Answer::Programs(Vec::new())),
-            _ => {
-                let text = "the fake machine does not do this";
-                Err(Refusal::new(RefusalCode::NotSupported, text))
-            }
+            MachineRequest::LastRun(_) => Ok(Answer::LastRun(None)),
+            MachineRequest::Journal { .. } => Ok(Answer::Journal(Vec::new())),
+            MachineRequest::Programs => Ok(Answer::Programs(Vec::new())),
+            MachineRequest::CommandStatus(_) => unsupported(),
         }
     }
 
@@ -153,16 +159,11 @@ impl FakePort {
     /// What tests look at: all but the handshake itself.
     fn remember(&self, request: &Request) {
         let is_handshake = matches!(
-            request,
-            Request::Claim(..)
-                | Request::Reset(..)
-                | Request::Progress(..)
-                | Request::Ask(..)
-                | Request::AnswerQuestion(..)
-                | Request::Redeliver(..)
-                | Request::Handler(..)
-                | Request::ValidateResult(..)
-                | Request::Handlers
+            Destination::from(request.clone()),
+            Destination::CoordinateSystem(
+                _,
+                CoordinateSystemRequest::Output(..) | CoordinateSystemRequest::ValidateResult(..)
+            ) | Destination::Machine(MachineRequest::Handler(..) | MachineRequest::Handlers)
         );
         if !is_handshake {
             lock(&self.inner).requests.push(request.clone());
@@ -225,6 +226,11 @@ impl Inner {
     }
 }
 
+fn unsupported() -> Result<Answer, Refusal> {
+    let text = "the fake machine does not do this";
+    Err(Refusal::new(RefusalCode::NotSupported, text))
+}
+
 fn spindle(command: SpindleCommand) -> Payload {
     let turns = matches!(command.direction, SpindleDirection::Cw | SpindleDirection::Ccw);
     Payload::Spindle(Spindle {
@@ -238,12 +244,4 @@ fn spindle(command: SpindleCommand) -> Payload {
 pub(super) fn missing(cs: CoordinateSystemNumber) -> Refusal {
     let text = format!("coordinate system {cs} does not exist");
     Refusal::new(RefusalCode::NotFound, text)
-}
-
-fn handshake_answer(seq: u64, handler_id: &str, status: HandshakeStatus) -> Answer {
-    Answer::Handshake(HandshakeResult {
-        seq,
-        handler_id: handler_id.to_owned(),
-        status,
-    })
 }

@@ -23,180 +23,308 @@ pub trait TypedRequest: Into<Request> + Send {
     type Answer: TryFrom<Answer, Error = Answer> + Send;
 }
 
-/// All requests: a variant of [`Request`] each, and a type of [`typed`] of the same name, with its answer.
+/// All requests, by who carries them out. Each is a variant of [`Request`], one of the enum of those who carry it out, and a
+/// type of [`typed`] of the same name, with its answer.
 macro_rules! requests {
-    ($(
-        $(#[$doc:meta])*
-        $name:ident
-            $(( $($field:ident: $type:ty),* ))?
-            $({ $($(#[$field_doc:meta])* $named:ident: $named_type:ty,)* })?
-            -> $answer:ty;
-    )*) => {
+    (
+        output {$(
+            $(#[$o_doc:meta])*
+            $o:ident($o_said:ident: $o_type:ty) -> $o_answer:ty;
+        )*}
+        coordinate_system {$(
+            $(#[$c_doc:meta])*
+            $c:ident $(( $($c_field:ident: $c_type:ty),* ))?
+                $({ $($(#[$c_named_doc:meta])* $c_named:ident: $c_named_type:ty,)* })? -> $c_answer:ty;
+        )*}
+        every_coordinate_system {$(
+            $(#[$e_doc:meta])*
+            $e:ident($($e_field:ident: $e_type:ty),*) -> $e_answer:ty;
+        )*}
+        machine {$(
+            $(#[$m_doc:meta])*
+            $m:ident $(( $($m_field:ident: $m_type:ty),* ))?
+                $({ $($(#[$m_named_doc:meta])* $m_named:ident: $m_named_type:ty,)* })? -> $m_answer:ty;
+        )*}
+        program {$(
+            $(#[$p_doc:meta])*
+            $p:ident($($p_field:ident: $p_type:ty),*) -> $p_answer:ty;
+        )*}
+    ) => {
         /// A request to a machine.
         #[derive(Debug, Clone, PartialEq)]
-        pub enum Request {$(
-            $(#[$doc])*
-            $name $(( $($type),* ))? $({ $($(#[$field_doc])* $named: $named_type,)* })?,
-        )*}
+        pub enum Request {
+            $($(#[$o_doc])* $o(CoordinateSystemNumber, Option<u16>, $o_type),)*
+            $(
+                $(#[$c_doc])*
+                $c $(( CoordinateSystemNumber, $($c_type),* ))? $({
+                    /// Of the coordinate system.
+                    cs: CoordinateSystemNumber,
+                    $($(#[$c_named_doc])* $c_named: $c_named_type,)*
+                })?,
+            )*
+            $($(#[$e_doc])* $e($($e_type),*),)*
+            $($(#[$m_doc])* $m $(( $($m_type),* ))? $({ $($(#[$m_named_doc])* $m_named: $m_named_type,)* })?,)*
+            $($(#[$p_doc])* $p($($p_type),*),)*
+        }
+
+        /// What is said of one output: [`Ledger::carry_out`](crate::handshake::Ledger::carry_out) carries it out.
+        #[derive(Debug, Clone, PartialEq)]
+        pub enum OutputRequest {$($(#[$o_doc])* $o($o_type),)*}
+
+        /// A request that a coordinate system carries out.
+        #[derive(Debug, Clone, PartialEq)]
+        pub enum CoordinateSystemRequest {
+            /// Something is said of an output, with its M number where the transport names it.
+            Output(Option<u16>, OutputRequest),
+            $($(#[$c_doc])* $c $(( $($c_type),* ))? $({ $($(#[$c_named_doc])* $c_named: $c_named_type,)* })?,)*
+            $($(#[$e_doc])* $e($($e_type),*),)*
+        }
+
+        /// A request that the machine carries out.
+        #[derive(Debug, Clone, PartialEq)]
+        pub enum MachineRequest {
+            $($(#[$e_doc])* $e($($e_type),*),)*
+            $($(#[$m_doc])* $m $(( $($m_type),* ))? $({ $($(#[$m_named_doc])* $m_named: $m_named_type,)* })?,)*
+        }
+
+        /// A request for one program of the store.
+        #[derive(Debug, Clone, PartialEq)]
+        pub enum ProgramRequest {$($(#[$p_doc])* $p($($p_type),*),)*}
+
+        impl From<Request> for Destination {
+            fn from(request: Request) -> Self {
+                match request {
+                    $(Request::$o(cs, m, said) => {
+                        Destination::CoordinateSystem(cs, CoordinateSystemRequest::Output(m, OutputRequest::$o(said)))
+                    })*
+                    $(Request::$c $(( cs, $($c_field),* ))? $({ cs, $($c_named),* })? => {
+                        let request = CoordinateSystemRequest::$c $(( $($c_field),* ))? $({ $($c_named),* })?;
+                        Destination::CoordinateSystem(cs, request)
+                    })*
+                    $(Request::$e($($e_field),*) => Destination::Machine(MachineRequest::$e($($e_field),*)),)*
+                    $(Request::$m $(( $($m_field),* ))? $({ $($m_named),* })? => {
+                        Destination::Machine(MachineRequest::$m $(( $($m_field),* ))? $({ $($m_named),* })?)
+                    })*
+                    $(Request::$p($($p_field),*) => Destination::Program(ProgramRequest::$p($($p_field),*)),)*
+                }
+            }
+        }
+
+        impl Request {
+            /// Of a request that says something of an output: its coordinate system, its sequence number, and its M number
+            /// where it is named.
+            pub(crate) fn output_mut(&mut self) -> Option<(CoordinateSystemNumber, u64, &mut Option<u16>)> {
+                match self {
+                    $(Request::$o(cs, m, said) => Some((*cs, said.seq, m)),)*
+                    _ => None,
+                }
+            }
+        }
+
+        impl OutputRequest {
+            /// Sequence number of the output.
+            pub fn seq(&self) -> u64 {
+                match self {$(
+                    OutputRequest::$o(said) => said.seq,
+                )*}
+            }
+        }
 
         /// Requests as types: each is the [`Request`] of its name, and knows its answer.
         pub mod typed {
             use super::*;
 
-            $(
-                typed! {
-                    $(#[$doc])*
-                    $name $(( $($field: $type),* ))? $({ $($(#[$field_doc])* $named: $named_type,)* })?
-                }
-
-                impl TypedRequest for $name {
-                    type Answer = $answer;
-                }
-            )*
+            $(typed! {
+                $(#[$o_doc])*
+                $o(cs: CoordinateSystemNumber, m: Option<u16>, $o_said: $o_type) -> $o_answer
+            })*
+            $(typed! {
+                $(#[$c_doc])*
+                $c $(( cs: CoordinateSystemNumber, $($c_field: $c_type),* ))? $({
+                    /// Of the coordinate system.
+                    cs: CoordinateSystemNumber,
+                    $($(#[$c_named_doc])* $c_named: $c_named_type,)*
+                })? -> $c_answer
+            })*
+            $(typed! {
+                $(#[$e_doc])*
+                $e($($e_field: $e_type),*) -> $e_answer
+            })*
+            $(typed! {
+                $(#[$m_doc])*
+                $m $(( $($m_field: $m_type),* ))? $({ $($(#[$m_named_doc])* $m_named: $m_named_type,)* })? -> $m_answer
+            })*
+            $(typed! {
+                $(#[$p_doc])*
+                $p($($p_field: $p_type),*) -> $p_answer
+            })*
         }
     };
 }
 
 /// The type of one request.
 macro_rules! typed {
-    ($(#[$doc:meta])* $name:ident) => {
+    ($(#[$doc:meta])* $name:ident -> $answer:ty) => {
         $(#[$doc])*
         #[derive(Debug, Clone, Copy, PartialEq, Eq)]
         pub struct $name;
 
-        typed!(@into $name, $name, Request::$name);
+        typed!(@impl $name, $name, Request::$name, $answer);
     };
-    ($(#[$doc:meta])* $name:ident ( $($field:ident: $type:ty),* )) => {
+    ($(#[$doc:meta])* $name:ident ( $($field:ident: $type:ty),* ) -> $answer:ty) => {
         $(#[$doc])*
         #[derive(Debug, Clone, PartialEq)]
         pub struct $name($(pub $type),*);
 
-        typed!(@into $name, $name($($field),*), Request::$name($($field),*));
+        typed!(@impl $name, $name($($field),*), Request::$name($($field),*), $answer);
     };
-    ($(#[$doc:meta])* $name:ident { $($(#[$field_doc:meta])* $field:ident: $type:ty,)* }) => {
+    ($(#[$doc:meta])* $name:ident { $($(#[$field_doc:meta])* $field:ident: $type:ty,)* } -> $answer:ty) => {
         $(#[$doc])*
         #[derive(Debug, Clone, PartialEq)]
         pub struct $name {
             $($(#[$field_doc])* pub $field: $type,)*
         }
 
-        typed!(@into $name, $name { $($field),* }, Request::$name { $($field),* });
+        typed!(@impl $name, $name { $($field),* }, Request::$name { $($field),* }, $answer);
     };
-    (@into $name:ident, $typed:pat, $request:expr) => {
+    (@impl $name:ident, $typed:pat, $request:expr, $answer:ty) => {
         impl From<$name> for Request {
             fn from($typed: $name) -> Self {
                 $request
             }
         }
+
+        impl TypedRequest for $name {
+            type Answer = $answer;
+        }
     };
 }
 
 requests! {
-    /// A command to a coordinate system.
-    Command {
-        /// To whom.
-        cs: CoordinateSystemNumber,
-        /// What.
-        command: command::Command,
-        /// From whom, and under which condition.
-        meta: CommandMeta,
-        /// True: answer when the effect has been reached; false: when accepted.
-        wait: bool,
-    } -> CommandReply;
-    /// Takes, releases or breaks the control lease.
-    Lease {
-        /// Of whom.
-        cs: CoordinateSystemNumber,
-        /// What.
-        request: LeaseRequest,
-        /// From whom.
-        meta: CommandMeta,
-    } -> CommandReply;
-    /// How far a command is.
-    CommandStatus(id: String) -> CommandReply;
-    /// A handler takes an output. `m`, where the transport names it, must be the output's.
-    Claim(cs: CoordinateSystemNumber, m: Option<u16>, claim: output::Claim) -> HandshakeResult;
-    /// An output is answered.
-    Reset(cs: CoordinateSystemNumber, m: Option<u16>, reset: output::Reset) -> HandshakeResult;
-    /// The owner of an output tells how far it is.
-    Progress(cs: CoordinateSystemNumber, m: Option<u16>, report: ProgressReport) -> Option<HandshakeResult>;
-    /// An operator decides about an output whose handler was lost.
-    Redeliver(cs: CoordinateSystemNumber, m: Option<u16>, how: output::Redeliver) -> Option<HandshakeResult>;
-    /// The owner of an output asks the operator, or takes its question back.
-    Ask(cs: CoordinateSystemNumber, m: Option<u16>, ask: question::Ask) -> Option<HandshakeResult>;
-    /// An operator answers: `unknown` when there is no such question or choice, `duplicate` when it has an answer.
-    AnswerQuestion(cs: CoordinateSystemNumber, m: Option<u16>, answer: OperatorAnswer) -> Option<HandshakeResult>;
-    /// A handler says whether an M code of a program that is being loaded may be put out with its parameters.
-    ValidateResult(cs: CoordinateSystemNumber, m: Option<u16>, result: question::ValidateResult) -> ();
-    /// A handler comes, changes what it handles, or goes.
-    Handler(id: String, presence: HandlerPresence) -> ();
-    /// All handlers that are or were there, by id.
-    Handlers -> BTreeMap<String, HandlerPresence>;
-    /// Sets an input.
-    Input(cs: CoordinateSystemNumber, input: crate::types::request::Input) -> ();
-    /// Commands the spindle.
-    Spindle(cs: CoordinateSystemNumber, command: SpindleCommand) -> ();
-    /// Tells which tool is in the spindle.
-    Tool(cs: CoordinateSystemNumber, id: u16) -> ();
-    /// Sets the skip input of a motor, by its CNC motor number; it keeps the value. Not real time: what G31 captures is
-    /// where the motor is when the servo hears of it.
-    SkipInput(motor: u16, value: bool) -> ();
-    /// Reads variables as they are at one moment.
-    ReadVariables {
-        /// Which.
-        area: VariableArea,
-        /// Number of the first.
-        from: u32,
-        /// How many, 1 to 1024.
-        count: u32,
-        /// Who asks, where the answer is also published on `reply/{client_id}`.
-        meta: Option<CommandMeta>,
-    } -> Vec<f64>;
-    /// Writes variables, all of them between two blocks of any program, or none.
-    WriteVariables {
-        /// Which.
-        area: VariableArea,
-        /// Number of the first.
-        from: u32,
-        /// Their values, 1 to 1024.
-        values: Vec<f64>,
-        /// Who writes, where the answer is also published on `reply/{client_id}`: an id seen in the last 10 minutes
-        /// gets the stored reply and writes nothing.
-        meta: Option<CommandMeta>,
-    } -> Option<CommandReply>;
-    /// The tool table.
-    Tools -> ToolTable;
-    /// Changes the tool table. Kept on disk before it is answered.
-    WriteTools(change: ToolChange) -> ();
-    /// Work offsets of a coordinate system.
-    WorkOffsets(cs: CoordinateSystemNumber) -> WorkOffsetTable;
-    /// Changes work offsets. Kept on disk before it is answered.
-    WriteWorkOffsets(cs: CoordinateSystemNumber, change: WorkOffsetTable) -> ();
-    /// How the last run before this start of the runtime stood; `None`: there was none.
-    LastRun(cs: CoordinateSystemNumber) -> Option<data::LastRun>;
-    /// The newest `count` lines of the journal, 1 to 1000, but for the `from` newest.
-    Journal {
-        /// How many of the newest are left out.
-        from: u32,
-        /// How many.
-        count: u32,
-    } -> Vec<Value>;
-    /// Programs of the store.
-    Programs -> Vec<ProgramInfo>;
-    /// Text of a program.
-    ReadProgram(number: u16) -> String;
-    /// Writes a program, stored even with errors.
-    WriteProgram(number: u16, text: String) -> ProgramCheck;
-    /// Removes a program.
-    DeleteProgram(number: u16) -> ();
-    /// Checks a program of the store.
-    CheckProgram(number: u16) -> ProgramCheck;
-    /// Intermediate code of a program of the store, or refused as `program_has_errors` with the diagnostics.
-    IntermediateCode(number: u16) -> String;
-    /// Raises an alarm of a coordinate system, or of all.
-    RaiseAlarm(raise: AlarmRaise) -> ();
-    /// Alarms raised since the start, newest last, at most 1000.
-    AlarmHistory -> Vec<AlarmRecord>;
+    // `m`, where the transport names it, must be the output's
+    output {
+        /// A handler takes an output.
+        Claim(claim: output::Claim) -> HandshakeResult;
+        /// An output is answered.
+        Reset(reset: output::Reset) -> HandshakeResult;
+        /// The owner of an output tells how far it is.
+        Progress(report: ProgressReport) -> Option<HandshakeResult>;
+        /// An operator decides about an output whose handler was lost.
+        Redeliver(how: output::Redeliver) -> Option<HandshakeResult>;
+        /// The owner of an output asks the operator, or takes its question back.
+        Ask(ask: question::Ask) -> Option<HandshakeResult>;
+        /// An operator answers: `unknown` when there is no such question or choice, `duplicate` when it has an answer.
+        AnswerQuestion(answer: OperatorAnswer) -> Option<HandshakeResult>;
+    }
+    coordinate_system {
+        /// A command to a coordinate system.
+        Command {
+            /// What.
+            command: command::Command,
+            /// From whom, and under which condition.
+            meta: CommandMeta,
+            /// True: answer when the effect has been reached; false: when accepted.
+            wait: bool,
+        } -> CommandReply;
+        /// Takes, releases or breaks the control lease.
+        Lease {
+            /// What.
+            request: LeaseRequest,
+            /// From whom.
+            meta: CommandMeta,
+        } -> CommandReply;
+        /// A handler says whether an M code of a program that is being loaded may be put out with its parameters.
+        ValidateResult(m: Option<u16>, result: question::ValidateResult) -> ();
+        /// Sets an input.
+        Input(input: crate::types::request::Input) -> ();
+        /// Commands the spindle.
+        Spindle(command: SpindleCommand) -> ();
+        /// Tells which tool is in the spindle.
+        Tool(id: u16) -> ();
+    }
+    // the machine carries them out, and every coordinate system does its part
+    every_coordinate_system {
+        /// A handler comes, changes what it handles, or goes.
+        Handler(id: String, presence: HandlerPresence) -> ();
+        /// Raises an alarm of a coordinate system, or of all.
+        RaiseAlarm(raise: AlarmRaise) -> ();
+        /// Sets the skip input of a motor, by its CNC motor number; it keeps the value. Not real time: what G31 captures is
+        /// where the motor is when the servo hears of it.
+        SkipInput(motor: u16, value: bool) -> ();
+    }
+    machine {
+        /// How far a command is.
+        CommandStatus(id: String) -> CommandReply;
+        /// All handlers that are or were there, by id.
+        Handlers -> BTreeMap<String, HandlerPresence>;
+        /// Reads variables as they are at one moment.
+        ReadVariables {
+            /// Which.
+            area: VariableArea,
+            /// Number of the first.
+            from: u32,
+            /// How many, 1 to 1024.
+            count: u32,
+            /// Who asks, where the answer is also published on `reply/{client_id}`.
+            meta: Option<CommandMeta>,
+        } -> Vec<f64>;
+        /// Writes variables, all of them between two blocks of any program, or none.
+        WriteVariables {
+            /// Which.
+            area: VariableArea,
+            /// Number of the first.
+            from: u32,
+            /// Their values, 1 to 1024.
+            values: Vec<f64>,
+            /// Who writes, where the answer is also published on `reply/{client_id}`: an id seen in the last 10 minutes
+            /// gets the stored reply and writes nothing.
+            meta: Option<CommandMeta>,
+        } -> Option<CommandReply>;
+        /// The tool table.
+        Tools -> ToolTable;
+        /// Changes the tool table. Kept on disk before it is answered.
+        WriteTools(change: ToolChange) -> ();
+        /// Work offsets of a coordinate system.
+        WorkOffsets(cs: CoordinateSystemNumber) -> WorkOffsetTable;
+        /// Changes work offsets. Kept on disk before it is answered.
+        WriteWorkOffsets(cs: CoordinateSystemNumber, change: WorkOffsetTable) -> ();
+        /// How the last run before this start of the runtime stood; `None`: there was none.
+        LastRun(cs: CoordinateSystemNumber) -> Option<data::LastRun>;
+        /// The newest `count` lines of the journal, 1 to 1000, but for the `from` newest.
+        Journal {
+            /// How many of the newest are left out.
+            from: u32,
+            /// How many.
+            count: u32,
+        } -> Vec<Value>;
+        /// Alarms raised since the start, newest last, at most 1000.
+        AlarmHistory -> Vec<AlarmRecord>;
+        /// Programs of the store.
+        Programs -> Vec<ProgramInfo>;
+    }
+    program {
+        /// Text of a program.
+        ReadProgram(number: u16) -> String;
+        /// Writes a program, stored even with errors.
+        WriteProgram(number: u16, text: String) -> ProgramCheck;
+        /// Removes a program.
+        DeleteProgram(number: u16) -> ();
+        /// Checks a program of the store.
+        CheckProgram(number: u16) -> ProgramCheck;
+        /// Intermediate code of a program of the store, or refused as `program_has_errors` with the diagnostics.
+        IntermediateCode(number: u16) -> String;
+    }
+}
+
+/// Who carries out a request.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Destination {
+    /// The coordinate system of this number.
+    CoordinateSystem(CoordinateSystemNumber, CoordinateSystemRequest),
+    /// The machine.
+    Machine(MachineRequest),
+    /// The store of programs.
+    Program(ProgramRequest),
 }
 
 /// An input of a coordinate system.

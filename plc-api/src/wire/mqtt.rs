@@ -15,8 +15,7 @@ use crate::types::command::{Command, CommandMeta, Expect};
 use crate::types::data::{Number, VariableArea, VariableKind};
 use crate::types::ids::{COMMAND_ID_MAX, check_command, is_client_id};
 use crate::types::lease::{LeaseRelease, LeaseRequest, LeaseTake};
-use crate::types::output::{Claim, ProgressReport, Redeliver, Reset};
-use crate::types::question::{Ask, OperatorAnswer};
+use crate::types::output::{Claim, Reset};
 use crate::types::refusal::{Refusal, RefusalCode};
 use crate::types::request::Request;
 use crate::types::{CoordinateSystemNumber, Timestamp};
@@ -111,30 +110,17 @@ pub fn encode(
     client_id: &str,
     m_of: impl Fn(CoordinateSystemNumber, u64) -> Option<u16>,
 ) -> Result<Outgoing, Refusal> {
-    match &mut request {
-        Request::Claim(cs, m @ None, Claim { seq, .. })
-        | Request::Reset(cs, m @ None, Reset { seq, .. })
-        | Request::Progress(cs, m @ None, ProgressReport { seq, .. })
-        | Request::Redeliver(cs, m @ None, Redeliver { seq, .. })
-        | Request::Ask(cs, m @ None, Ask { seq, .. })
-        | Request::AnswerQuestion(cs, m @ None, OperatorAnswer { seq, .. }) => {
-            *m = Some(m_of(*cs, *seq).ok_or_else(|| {
-                let text = format!("no output {seq} is open in coordinate system {cs}");
-                Refusal::new(RefusalCode::NotFound, text)
-            })?);
-        }
-        Request::ReadVariables {
-            meta: meta @ None, ..
-        }
-        | Request::WriteVariables {
-            meta: meta @ None, ..
-        } => {
-            *meta = Some(CommandMeta {
-                command_id: unique_name("variable"),
-                ..CommandMeta::default()
-            });
-        }
-        _ => {}
+    if let Some((cs, seq, m @ None)) = request.output_mut() {
+        *m = Some(m_of(cs, seq).ok_or_else(|| {
+            let text = format!("no output {seq} is open in coordinate system {cs}");
+            Refusal::new(RefusalCode::NotFound, text)
+        })?);
+    }
+    if let Request::ReadVariables { meta, .. } | Request::WriteVariables { meta, .. } = &mut request {
+        meta.get_or_insert_with(|| CommandMeta {
+            command_id: unique_name("variable"),
+            ..CommandMeta::default()
+        });
     }
     let until = Until::of(&request);
     let meta = sender(&request).map(|(_, meta)| CommandMeta {

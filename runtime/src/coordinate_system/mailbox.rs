@@ -13,7 +13,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use parking_lot::{Mutex, MutexGuard};
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::machine::AlarmRecord;
-use plc_api::types::request::{Answer, Refusal, RefusalCode, Request};
+use plc_api::types::request::{Answer, CoordinateSystemRequest, Refusal, RefusalCode};
 use tandem_model::alarm::RUNTIME_FAULT;
 use tokio::sync::{Notify, Semaphore, TryAcquireError, oneshot};
 
@@ -28,13 +28,13 @@ const REQUESTS_MAX: usize = 256;
 pub(super) struct Envelope {
     /// Larger than that of every envelope put there before.
     pub order: u64,
-    pub request: Request,
+    pub request: CoordinateSystemRequest,
     pub reply: oneshot::Sender<Result<Answer, Refusal>>,
 }
 
 impl Envelope {
     fn is_command(&self) -> bool {
-        matches!(self.request, Request::Command { .. })
+        matches!(self.request, CoordinateSystemRequest::Command { .. })
     }
 }
 
@@ -88,7 +88,7 @@ impl Mailbox {
     ///
     /// # Errors
     /// What it refuses; that the runtime is stopping.
-    pub async fn ask(&self, request: Request, urgent: bool) -> Result<Answer, Refusal> {
+    pub async fn ask(&self, request: CoordinateSystemRequest, urgent: bool) -> Result<Answer, Refusal> {
         let gone = || Refusal::new(RefusalCode::Unavailable, "the runtime is stopping");
         if self.shared.closing.is_cancelled() {
             return Err(gone());
@@ -339,13 +339,12 @@ mod tests {
         (Arc::new(Mailbox::new(shared, system, Arc::default())), servo)
     }
 
-    fn optional_stop(on: bool) -> Request {
-        Request::Input(1, Input::OptionalStop(on))
+    fn optional_stop(on: bool) -> CoordinateSystemRequest {
+        CoordinateSystemRequest::Input(Input::OptionalStop(on))
     }
 
-    fn mdi() -> Request {
-        Request::Command {
-            cs: 1,
+    fn mdi() -> CoordinateSystemRequest {
+        CoordinateSystemRequest::Command {
             command: Command::Mdi {
                 text: "G04 P1".into(),
             },
@@ -386,7 +385,7 @@ mod tests {
         while said.try_next().is_some() {}
         let mut first = Box::pin(mailbox.ask(optional_stop(true), false));
         let mut second = Box::pin(mailbox.ask(optional_stop(false), false));
-        let mut urgent = Box::pin(mailbox.ask(Request::Input(1, Input::DryRun(true)), true));
+        let mut urgent = Box::pin(mailbox.ask(CoordinateSystemRequest::Input(Input::DryRun(true)), true));
         let at_work = mailbox.work.lock();
         for request in [&mut first, &mut second, &mut urgent] {
             assert_eq!(request.now_or_never(), None);
@@ -425,8 +424,7 @@ mod tests {
     #[test]
     fn a_turn_of_simulated_time_is_alone_unless_it_tells_others_something() {
         let (mailbox, _servo) = mailbox(Journal::to_log());
-        let lease = Request::Lease {
-            cs: 1,
+        let lease = CoordinateSystemRequest::Lease {
             request: LeaseRequest::Take(LeaseTake {
                 ttl_ms: Some(5000),
                 ..LeaseTake::default()

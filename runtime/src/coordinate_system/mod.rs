@@ -33,7 +33,7 @@ use plc_api::handshake::Ledger;
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::machine::AlarmRaise;
 use plc_api::types::output::CancelReason;
-use plc_api::types::request::{Answer, Input, Refusal, RefusalCode, Request};
+use plc_api::types::request::{Answer, CoordinateSystemRequest, Input, Refusal, RefusalCode};
 use plc_api::types::state::{Execution, Lock, Overrides, Reason, SpindleDirection};
 use tandem_model::flow::Transform;
 use tandem_model::{MachinePosition, Variables};
@@ -376,70 +376,49 @@ impl CoordinateSystem {
             request,
             reply,
         } = envelope;
-        if let Request::Command {
-            command, meta, wait, ..
-        } = request
-        {
-            return self.command(Deferred {
-                order,
-                command,
-                meta,
-                wait,
-                reply,
-            });
-        }
-        let answer = self.carry_out_request(request);
-        self.carry_out_effects();
-        self.publish_changes();
-        // The asker may have gone; what was asked for is done all the same.
-        let _ = reply.send(answer);
-    }
-
-    /// Carries out what is no command.
-    fn carry_out_request(&mut self, request: Request) -> Result<Answer, Refusal> {
-        let now = self.context.now();
-        match request {
-            Request::Lease { request, meta, .. } => self.ask_lease(&request, &meta),
-            Request::Claim(_, m, claim) => {
-                Ok(Answer::Handshake(self.outputs.claim(&self.context, m, &claim)))
+        let answer = match request {
+            CoordinateSystemRequest::Command { command, meta, wait } => {
+                return self.command(Deferred {
+                    order,
+                    command,
+                    meta,
+                    wait,
+                    reply,
+                });
             }
-            Request::Reset(_, m, reset) => {
-                Ok(Answer::Handshake(self.outputs.reset(&self.context, m, &reset)))
-            }
-            Request::Progress(_, m, report) => Ok(self.outputs.progress(now, m, &report)),
-            Request::Ask(_, m, ask) => self.outputs.ask(&self.context, m, &ask),
-            Request::AnswerQuestion(_, m, answer) => {
-                Ok(self.outputs.answer_question(&self.context, m, &answer))
-            }
-            Request::ValidateResult(_, _, result) => {
+            CoordinateSystemRequest::Output(m, request) => self
+                .outputs
+                .carry_out(&self.context, m, request)
+                .map(Answer::Handshake),
+            CoordinateSystemRequest::Lease { request, meta } => self.ask_lease(&request, &meta),
+            CoordinateSystemRequest::RaiseAlarm(raise) => self.raise_asked(&raise),
+            CoordinateSystemRequest::Input(input) => self.set_input(input).map(|()| Answer::Done),
+            CoordinateSystemRequest::Spindle(command) => self
+                .command_spindle(command.direction, command.rpm)
+                .map(|()| Answer::Done),
+            CoordinateSystemRequest::ValidateResult(_, result) => {
                 self.on_validate_result(&result);
                 Ok(Answer::Done)
             }
-            Request::Redeliver(_, m, redeliver) => Ok(self.outputs.redeliver(now, m, &redeliver)),
-            Request::Handler(id, presence) => {
+            CoordinateSystemRequest::Handler(id, presence) => {
                 self.outputs.on_handler_changed(&self.context, &id, &presence);
                 Ok(Answer::Done)
             }
-            Request::RaiseAlarm(raise) => self.raise_asked(&raise),
-            Request::Input(_, input) => self.set_input(input).map(|()| Answer::Done),
-            Request::Spindle(_, command) => self
-                .command_spindle(command.direction, command.rpm)
-                .map(|()| Answer::Done),
-            Request::SkipInput(motor, value) => {
+            CoordinateSystemRequest::SkipInput(motor, value) => {
                 self.servo.set_skip_input(motor, value);
                 Ok(Answer::Done)
             }
-            Request::Tool(_, id) => {
+            CoordinateSystemRequest::Tool(id) => {
                 self.inputs.tool = id;
                 self.pipeline.bar_way_back();
                 self.publish_tool();
                 Ok(Answer::Done)
             }
-            _ => Err(Refusal::new(
-                RefusalCode::NotSupported,
-                "not a request to a coordinate system",
-            )),
-        }
+        };
+        self.carry_out_effects();
+        self.publish_changes();
+        // The caller may have gone; the request is carried out all the same.
+        let _ = reply.send(answer);
     }
 
     fn set_input(&mut self, input: Input) -> Result<(), Refusal> {

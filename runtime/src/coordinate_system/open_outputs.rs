@@ -4,11 +4,9 @@ use std::collections::BTreeMap;
 
 use plc_api::handshake::{Ledger, Now};
 use plc_api::types::output::{
-    CancelReason, Claim, HandlerPresence, HandshakeResult, HandshakeStatus, OutputNotice, OutputState,
-    ProgressReport, Redeliver, Reset, ResetResult,
+    CancelReason, HandlerPresence, HandshakeResult, HandshakeStatus, OutputNotice, OutputState, ResetResult,
 };
-use plc_api::types::question::{Ask, OperatorAnswer};
-use plc_api::types::request::{Answer, Refusal};
+use plc_api::types::request::{OutputRequest, Refusal};
 use tandem_model::Origin;
 use tandem_model::alarm::HANDLER_LOST;
 
@@ -32,14 +30,6 @@ pub(super) struct StockWork {
     pub seq: u64,
     /// When it resets; `None`: when the spindle is oriented.
     pub due_s: Option<f64>,
-}
-
-fn handshake_answer(seq: u64, handler_id: &str, status: HandshakeStatus) -> Answer {
-    Answer::Handshake(HandshakeResult {
-        seq,
-        handler_id: handler_id.to_owned(),
-        status,
-    })
 }
 
 impl Outputs {
@@ -109,73 +99,54 @@ impl Outputs {
         self.stock.clear();
     }
 
-    pub fn claim(&mut self, context: &Context, m: Option<u16>, claim: &Claim) -> HandshakeResult {
-        let result = self.ledger.claim(context.now(), m, claim);
-        if result.status == HandshakeStatus::Accepted {
-            let event = Event::Claim {
-                seq: claim.seq,
-                handler_id: claim.handler_id.clone(),
-            };
+    /// Carries out what is said of an output; what counts is written to the journal.
+    pub fn carry_out(
+        &mut self,
+        context: &Context,
+        m: Option<u16>,
+        request: OutputRequest,
+    ) -> Result<HandshakeResult, Refusal> {
+        let result = self.ledger.carry_out(context.now(), m, &request)?;
+        if result.status == HandshakeStatus::Accepted
+            && let Some(event) = self.event(request)
+        {
             context.record(event);
         }
-        result
+        Ok(result)
     }
 
-    pub fn reset(&mut self, context: &Context, m: Option<u16>, reset: &Reset) -> HandshakeResult {
-        let result = self.ledger.reset(context.now(), m, reset);
-        if result.status == HandshakeStatus::Accepted {
-            let event = Event::Reset {
+    /// What the journal keeps of a request that has been accepted.
+    fn event(&self, request: OutputRequest) -> Option<Event> {
+        Some(match request {
+            OutputRequest::Claim(claim) => Event::Claim {
+                seq: claim.seq,
+                handler_id: claim.handler_id,
+            },
+            OutputRequest::Reset(reset) => Event::Reset {
                 seq: reset.seq,
                 m: self.notices.get(&reset.seq).map(|notice| notice.m),
-                handler_id: reset.handler_id.clone(),
+                handler_id: reset.handler_id,
                 outcome: match reset.result {
                     ResetResult::Ok => ResetOutcome::Ok,
                     ResetResult::Fault => ResetOutcome::Fault {
                         code: reset.code,
-                        text: reset.text.clone(),
+                        text: reset.text,
                     },
                 },
                 force: reset.force == Some(true),
-            };
-            context.record(event);
-        }
-        result
-    }
-
-    pub fn progress(&mut self, now: Now, m: Option<u16>, report: &ProgressReport) -> Answer {
-        let status = self.ledger.progress(now, m, report);
-        handshake_answer(report.seq, &report.handler_id, status)
-    }
-
-    pub fn redeliver(&mut self, now: Now, m: Option<u16>, redeliver: &Redeliver) -> Answer {
-        let status = self.ledger.redeliver(now, m, redeliver);
-        handshake_answer(redeliver.seq, "", status)
-    }
-
-    pub fn ask(&mut self, context: &Context, m: Option<u16>, ask: &Ask) -> Result<Answer, Refusal> {
-        let status = self.ledger.ask(context.now(), m, ask)?;
-        if status == HandshakeStatus::Accepted && !ask.choices.is_empty() {
-            let event = Event::Question {
+            },
+            OutputRequest::Ask(ask) if !ask.choices.is_empty() => Event::Question {
                 seq: ask.seq,
-                text: ask.text.clone(),
-                choices: ask.choices.clone(),
-            };
-            context.record(event);
-        }
-        Ok(handshake_answer(ask.seq, &ask.handler_id, status))
-    }
-
-    pub fn answer_question(&mut self, context: &Context, m: Option<u16>, answer: &OperatorAnswer) -> Answer {
-        let status = self.ledger.answer_question(context.now(), m, answer);
-        if status == HandshakeStatus::Accepted {
-            let event = Event::Answer {
+                text: ask.text,
+                choices: ask.choices,
+            },
+            OutputRequest::AnswerQuestion(answer) => Event::Answer {
                 seq: answer.seq,
-                choice: answer.choice.clone(),
-                client_id: answer.client_id.clone(),
-            };
-            context.record(event);
-        }
-        handshake_answer(answer.seq, "", status)
+                choice: answer.choice,
+                client_id: answer.client_id,
+            },
+            _ => return None,
+        })
     }
 
     pub fn on_handler_changed(&mut self, context: &Context, id: &str, presence: &HandlerPresence) {
@@ -217,7 +188,7 @@ mod tests {
 
     use plc_api::handshake::OutputSpec;
     use plc_api::types::BootId;
-    use plc_api::types::output::Timing;
+    use plc_api::types::output::{Claim, Timing};
     use tandem_model::flow::Output;
 
     use super::*;

@@ -3,6 +3,7 @@
 use plc_api::handshake::{Closed, Effect, Now, OutputSpec};
 use plc_api::types::message::Payload;
 use plc_api::types::output::{OutputNotice, Params, Reset, ResetResult, Timing};
+use plc_api::types::request::OutputRequest;
 use plc_api::types::request::{Refusal, RefusalCode};
 use plc_api::types::state::SpindleDirection;
 use plc_api::types::topic::CsTopic;
@@ -234,7 +235,10 @@ impl CoordinateSystem {
                 text: None,
                 force: None,
             };
-            self.outputs.reset(&self.context, None, &reset);
+            // an output whose reset does not count has been closed meanwhile
+            let _ = self
+                .outputs
+                .carry_out(&self.context, None, OutputRequest::Reset(reset));
             self.carry_out_effects();
         }
     }

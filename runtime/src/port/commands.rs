@@ -8,7 +8,7 @@ use plc_api::types::command::{Command, CommandMeta, CommandReply, CommandStatus}
 use plc_api::types::ids::check_command;
 use plc_api::types::lease::LeaseRequest;
 use plc_api::types::message::Payload;
-use plc_api::types::request::{Answer, Refusal, RefusalCode, Request};
+use plc_api::types::request::{Answer, CoordinateSystemRequest, Refusal, RefusalCode};
 use plc_api::types::topic::{CsTopic, Topic};
 
 use super::RuntimePort;
@@ -39,12 +39,7 @@ impl RuntimePort {
             return Err(reject(Refusal::new(RefusalCode::NotFound, text)));
         }
         let urgent = command.verb().is_urgent();
-        let request = Request::Command {
-            cs,
-            command,
-            meta,
-            wait,
-        };
+        let request = CoordinateSystemRequest::Command { command, meta, wait };
         handle.mailbox.ask(request, urgent).await
     }
 
@@ -62,7 +57,7 @@ impl RuntimePort {
         let handle = self
             .handle(cs)
             .map_err(|refusal| self.reject(&meta, Some(cs), refusal))?;
-        let request = Request::Lease { cs, request, meta };
+        let request = CoordinateSystemRequest::Lease { request, meta };
         handle.mailbox.ask(request, false).await
     }
 

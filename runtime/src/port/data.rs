@@ -5,7 +5,7 @@ use plc_api::types::command::{CommandMeta, CommandReply, CommandStatus};
 use plc_api::types::data::{JOURNAL_LINES_MAX, VariableArea, VariableValues};
 use plc_api::types::ids::check_command;
 use plc_api::types::message::Payload;
-use plc_api::types::request::{Answer, Refusal, RefusalCode, Request};
+use plc_api::types::request::{Answer, CoordinateSystemRequest, Refusal, RefusalCode};
 use plc_api::types::topic::Topic;
 
 use super::RuntimePort;
@@ -55,7 +55,11 @@ impl RuntimePort {
 
     /// Which tool is in the spindle, on disk before it is answered.
     pub(super) async fn tool(&self, cs: CoordinateSystemNumber, id: u16) -> Result<Answer, Refusal> {
-        let answer = self.handle(cs)?.mailbox.ask(Request::Tool(cs, id), false).await?;
+        let answer = self
+            .handle(cs)?
+            .mailbox
+            .ask(CoordinateSystemRequest::Tool(id), false)
+            .await?;
         if let Some(writer) = &self.writer {
             writer.flush().await.map_err(|text| unkept(&text))?;
         }

@@ -8,30 +8,59 @@ use super::{costs, files_where};
 const REQUESTS: &str = "plc-api/src/types/request.rs";
 const WIRE: &str = "plc-api/src/wire/requests.rs";
 const PORT: &str = "runtime/src/port.rs";
+const LEDGER: &str = "plc-api/src/handshake.rs";
+const COORDINATE_SYSTEM: &str = "runtime/src/coordinate_system/mod.rs";
+const FAKE: &str = "plc-api/src/fake/requests.rs";
 
-/// Product files that name a request.
-fn naming(request: &str) -> Vec<PathBuf> {
-    let is_letter = |letter: char| letter.is_alphanumeric() || letter == '_';
-    let names_it = |code: &str| {
-        code.split(|letter| !is_letter(letter))
-            .any(|word| word == request)
-    };
-    let mut found = files_where("runtime", ".rs", names_it);
+fn is_name(letter: char) -> bool {
+    letter.is_alphanumeric() || letter == '_'
+}
+
+/// Product files whose code is as wanted.
+fn files(names_it: impl Fn(&str) -> bool) -> Vec<PathBuf> {
+    let mut found = files_where("runtime", ".rs", &names_it);
     found.extend(files_where("plc-api", ".rs", names_it));
     found.sort();
     found
 }
 
+/// Product files that name a request, of which there may be a type of the same name: as a variant, or as its row.
+fn naming(request: &str) -> Vec<PathBuf> {
+    let variant = format!("Request::{request}");
+    files(|code| {
+        let named = code
+            .split(|letter| !is_name(letter) && letter != ':')
+            .any(|word| word.ends_with(&variant));
+        named || (code.contains("macro_rules! requests") && code.contains(&format!("\n        {request}(")))
+    })
+}
+
+fn sorted<const N: usize>(files: [&str; N]) -> Vec<PathBuf> {
+    let mut files = files.map(PathBuf::from);
+    files.sort();
+    files.into()
+}
+
 #[test]
-fn a_request_is_named_by_its_two_rows_and_where_it_is_carried_out() {
-    for request in ["DeleteProgram", "CheckProgram", "IntermediateCode"] {
-        let mut expected: Vec<PathBuf> = [REQUESTS, WIRE, PORT].map(PathBuf::from).into();
-        if request == "IntermediateCode" {
-            // as large as an upload, so that it waits for a place among them
-            expected.push("runtime/gateway/src/rest/requests.rs".into());
-        }
-        expected.sort();
-        assert_eq!(naming(request), expected, "{request}");
+fn a_request_that_the_machine_carries_out_is_named_by_its_two_rows_and_there() {
+    for request in ["DeleteProgram", "CheckProgram"] {
+        let whole_word = |code: &str| code.split(|letter| !is_name(letter)).any(|word| word == request);
+        assert_eq!(files(whole_word), sorted([REQUESTS, WIRE, PORT]), "{request}");
     }
     assert_eq!(costs("a request"), [REQUESTS, WIRE, PORT]);
+}
+
+#[test]
+fn a_request_about_an_output_is_named_by_its_two_rows_and_by_the_ledger() {
+    for request in ["Redeliver", "Progress"] {
+        assert_eq!(naming(request), sorted([REQUESTS, WIRE, LEDGER]), "{request}");
+    }
+    assert_eq!(costs("a request about an output"), [REQUESTS, WIRE, LEDGER]);
+}
+
+#[test]
+fn a_request_that_a_coordinate_system_carries_out_is_named_there_and_by_the_fake_machine_as_well() {
+    let files = [REQUESTS, WIRE, COORDINATE_SYSTEM, FAKE];
+    assert_eq!(naming("Spindle"), sorted(files));
+    assert_eq!(costs("a request to a coordinate system"), files);
 }

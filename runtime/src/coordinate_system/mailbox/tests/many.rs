@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use plc_api::types::lease::{LeaseRequest, LeaseTake};
 use plc_api::types::output::{Claim, HandshakeStatus};
+use plc_api::types::request::OutputRequest;
 use tokio::time::timeout;
 
 use super::*;
@@ -13,13 +14,13 @@ use super::*;
 const FORGOTTEN: Duration = Duration::from_mins(1);
 
 /// A request that leaves its number behind: its result is published, once for each time that it is carried out.
-fn numbered(asker: usize, number: u64) -> Request {
+fn numbered(asker: usize, number: u64) -> CoordinateSystemRequest {
     let claim = Claim {
         boot_id: BootId("test".into()),
         seq: number,
         handler_id: asker.to_string(),
     };
-    Request::Claim(1, Some(100), claim)
+    CoordinateSystemRequest::Output(Some(100), OutputRequest::Claim(claim))
 }
 
 fn results(mailbox: &Mailbox) -> plc_api::hub::Subscription {
@@ -40,14 +41,13 @@ fn carried_out(said: &mut plc_api::hub::Subscription) -> BTreeMap<usize, Vec<u64
     by_asker
 }
 
-fn lease(command_id: &str) -> Request {
+fn lease(command_id: &str) -> CoordinateSystemRequest {
     let meta = CommandMeta {
         command_id: command_id.into(),
         client_id: "test".into(),
         ..CommandMeta::default()
     };
-    Request::Lease {
-        cs: 1,
+    CoordinateSystemRequest::Lease {
         request: LeaseRequest::Take(LeaseTake {
             ttl_ms: Some(5000),
             ..LeaseTake::default()
@@ -56,14 +56,13 @@ fn lease(command_id: &str) -> Request {
     }
 }
 
-fn command(command_id: &str, command: Command) -> Request {
+fn command(command_id: &str, command: Command) -> CoordinateSystemRequest {
     let meta = CommandMeta {
         command_id: command_id.into(),
         client_id: "test".into(),
         ..CommandMeta::default()
     };
-    Request::Command {
-        cs: 1,
+    CoordinateSystemRequest::Command {
         command,
         meta,
         wait: false,
