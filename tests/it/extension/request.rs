@@ -24,15 +24,24 @@ fn files(names_it: impl Fn(&str) -> bool) -> Vec<PathBuf> {
     found
 }
 
-/// Product files that name a request, of which there may be a type of the same name: as a variant, or as its row.
-fn naming(request: &str) -> Vec<PathBuf> {
-    let variant = format!("Request::{request}");
-    files(|code| {
-        let named = code
-            .split(|letter| !is_name(letter) && letter != ':')
-            .any(|word| word.ends_with(&variant));
-        named || (code.contains("macro_rules! requests") && code.contains(&format!("\n        {request}(")))
-    })
+/// Product files that name a request as one of those who carry it out, as its row, or on a wire. Clients that send it are
+/// not its cost.
+fn naming(kind: &str, request: &str) -> Vec<PathBuf> {
+    let names = |code: &str, variant: &str| {
+        code.split(|letter| !is_name(letter) && letter != ':')
+            .any(|word| word.ends_with(variant))
+    };
+    let (carried_out, sent) = (format!("{kind}::{request}"), format!("Request::{request}"));
+    let mut found = files(|code| names(code, &carried_out));
+    found.extend(files(|code| {
+        code.contains(&format!("\n        {request}(")) && code.contains("! requests")
+    }));
+    let on_a_wire =
+        |file: &PathBuf| file.starts_with("plc-api/src/wire") || file.starts_with("runtime/gateway");
+    found.extend(files(|code| names(code, &sent)).into_iter().filter(on_a_wire));
+    found.sort();
+    found.dedup();
+    found
 }
 
 fn sorted<const N: usize>(files: [&str; N]) -> Vec<PathBuf> {
@@ -52,15 +61,16 @@ fn a_request_that_the_machine_carries_out_is_named_by_its_two_rows_and_there() {
 
 #[test]
 fn a_request_about_an_output_is_named_by_its_two_rows_and_by_the_ledger() {
-    for request in ["Redeliver", "Progress"] {
-        assert_eq!(naming(request), sorted([REQUESTS, WIRE, LEDGER]), "{request}");
-    }
+    assert_eq!(
+        naming("OutputRequest", "Redeliver"),
+        sorted([REQUESTS, WIRE, LEDGER])
+    );
     assert_eq!(costs("a request about an output"), [REQUESTS, WIRE, LEDGER]);
 }
 
 #[test]
 fn a_request_that_a_coordinate_system_carries_out_is_named_there_and_by_the_fake_machine_as_well() {
     let files = [REQUESTS, WIRE, COORDINATE_SYSTEM, FAKE];
-    assert_eq!(naming("Spindle"), sorted(files));
+    assert_eq!(naming("CoordinateSystemRequest", "Spindle"), sorted(files));
     assert_eq!(costs("a request to a coordinate system"), files);
 }
