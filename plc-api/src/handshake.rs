@@ -14,10 +14,6 @@
 mod closed;
 mod effect;
 pub mod rules;
-#[cfg(test)]
-mod simulation;
-#[cfg(test)]
-mod tests;
 
 pub use closed::CLOSED_REMEMBERED;
 pub use effect::{Closed, Effect, Full, Now, OpenOutput, OutputSpec};
@@ -512,3 +508,8 @@ fn fault_alarm(m: u16, reset: &Reset) -> Alarm {
     });
     Alarm::user(reset.code.unwrap_or(0), text)
 }
+
+#[cfg(test)]
+mod simulation;
+#[cfg(test)]
+mod tests;
