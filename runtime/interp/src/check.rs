@@ -7,8 +7,8 @@ use tandem_model::limits::{BLOCK_BYTES_MAX, PROGRAM_BYTES_MAX};
 use tandem_model::settings::{ARC_RADIUS_TOLERANCE_MM, CoordinateSystemSettings, Unit};
 use tandem_model::{AxisSet, Diagnostic, Severity, Span};
 use tandem_syntax::{
-    Address, AddressSet, Block, Content, DIAGNOSTICS_MAX, NcProgram, Statement, Word, block_bytes,
-    diagnostics, parse,
+    Address, AddressSet, Block, Content, DIAGNOSTICS_MAX, NcProgram, ProgramCode, Statement, Word,
+    block_bytes, diagnostics, parse,
 };
 
 use crate::block_words::{BlockWords, Reading};
@@ -448,19 +448,10 @@ fn reachable(program: &NcProgram, dialect: &Dialect) -> Vec<bool> {
             continue;
         }
         let Some(block) = blocks.get(at) else { continue };
-        let statement = program.program_code(block).map(|code| code.statement);
-        open.extend(
-            statement
-                .iter()
-                .flat_map(|statement| targets(program, *statement)),
-        );
-        let goes_on = match statement {
-            Some(
-                Statement::Else { .. }
-                | Statement::Break { .. }
-                | Statement::Repeat { .. }
-                | Statement::Switch { .. },
-            ) => false,
+        let code = program.program_code(block);
+        open.extend(code.iter().flat_map(|code| targets(program, code)));
+        let goes_on = match code.map(|code| code.statement) {
+            Some(Statement::Else | Statement::Break | Statement::Repeat | Statement::Switch { .. }) => false,
             Some(_) => true,
             None => !ends(program, block, dialect),
         };
@@ -471,26 +462,14 @@ fn reachable(program: &NcProgram, dialect: &Dialect) -> Vec<bool> {
     reached
 }
 
-/// The blocks that a program code may lead to beside the next one.
-fn targets(program: &NcProgram, statement: Statement) -> impl Iterator<Item = usize> {
-    let (one, cases) = match statement {
-        Statement::If { otherwise: to, .. }
-        | Statement::While { end: to, .. }
-        | Statement::DoWhile { start: to, .. }
-        | Statement::Else { end: to }
-        | Statement::Break { end: to }
-        | Statement::Repeat { start: to } => (Some(to), None),
-        Statement::Switch {
-            first,
-            count,
-            otherwise,
-            ..
-        } => (Some(otherwise), Some(program.case_blocks(first, count))),
-        _ => (None, None),
+/// The blocks that a program code may jump to.
+fn targets(program: &NcProgram, code: &ProgramCode) -> impl Iterator<Item = usize> {
+    let cases = match code.statement {
+        Statement::Switch { first, count } => Some(program.case_blocks(first, count)),
+        _ => None,
     };
-    one.into_iter()
-        .chain(cases.into_iter().flatten())
-        .map(|block| block as usize)
+    let blocks = code.to.into_iter().chain(cases.into_iter().flatten());
+    blocks.map(|block| block as usize)
 }
 
 /// The blocks that a run may come to by a jump, ascending: what is in force there depends on the way.
@@ -501,7 +480,7 @@ fn joins(program: &NcProgram) -> Vec<usize> {
         &[]
     };
     let codes = blocks.iter().filter_map(|block| program.program_code(block));
-    let mut joins: Vec<usize> = codes.flat_map(|code| targets(program, code.statement)).collect();
+    let mut joins: Vec<usize> = codes.flat_map(|code| targets(program, code)).collect();
     joins.sort_unstable();
     joins.dedup();
     joins

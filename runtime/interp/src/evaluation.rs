@@ -2,9 +2,7 @@
 
 use tandem_model::AXES_MAX;
 use tandem_model::variables::{LOCAL_VARIABLES, Variables};
-use tandem_syntax::{
-    BinaryOperator, Comparator, Expression, ExpressionId, Function, NcProgram, Variable, VariableKind,
-};
+use tandem_syntax::{Expression, ExpressionId, Function, NcProgram, Operator, Variable, VariableKind};
 
 /// L0 to L255 of one call.
 pub(crate) type Locals = [f64; LOCAL_VARIABLES];
@@ -45,11 +43,13 @@ impl Scope<'_> {
             }) => {
                 let (left, right) = (self.number(program, left), self.number(program, right));
                 match operator {
-                    BinaryOperator::Add => left + right,
-                    BinaryOperator::Subtract => left - right,
-                    BinaryOperator::Multiply => left * right,
-                    BinaryOperator::Divide => left / right,
-                    BinaryOperator::Modulo => left % right,
+                    Operator::Add => left + right,
+                    Operator::Subtract => left - right,
+                    Operator::Multiply => left * right,
+                    Operator::Divide => left / right,
+                    Operator::Modulo => left % right,
+                    // a condition, which the parser takes for no number
+                    _ => f64::NAN,
                 }
             }
             Some(Expression::Call {
@@ -60,41 +60,39 @@ impl Scope<'_> {
                 let second = second.map_or(f64::NAN, |second| self.number(program, second));
                 call(function, self.number(program, first), second)
             }
-            Some(Expression::Comparison { .. } | Expression::Join { .. } | Expression::Not(_)) | None => {
-                f64::NAN
-            }
+            Some(Expression::Not(_)) | None => f64::NAN,
         }
     }
 
     /// Whether a condition is true. A comparison with what is not a number is false, but `!=`.
     #[expect(clippy::float_cmp, reason = "the language compares exactly")]
     pub(crate) fn condition(&self, program: &NcProgram, id: ExpressionId) -> bool {
+        let isnan = || self.number(program, id) == 1.0;
         match program.expression(id).copied() {
-            Some(Expression::Comparison {
-                comparator,
+            Some(Expression::Not(condition)) => !self.condition(program, condition),
+            Some(Expression::Binary {
+                operator,
                 left,
                 right,
             }) => {
-                let (left, right) = (self.number(program, left), self.number(program, right));
-                match comparator {
-                    Comparator::Equal => left == right,
-                    Comparator::NotEqual => left != right,
-                    Comparator::Less => left < right,
-                    Comparator::Greater => left > right,
-                    Comparator::LessOrEqual => left <= right,
-                    Comparator::GreaterOrEqual => left >= right,
+                let operands = || (self.number(program, left), self.number(program, right));
+                let compare = |holds: fn(&f64, &f64) -> bool| {
+                    let (left, right) = operands();
+                    holds(&left, &right)
+                };
+                match operator {
+                    Operator::And => self.condition(program, left) && self.condition(program, right),
+                    Operator::Or => self.condition(program, left) || self.condition(program, right),
+                    Operator::Equal => compare(f64::eq),
+                    Operator::NotEqual => compare(f64::ne),
+                    Operator::Less => compare(f64::lt),
+                    Operator::Greater => compare(f64::gt),
+                    Operator::LessOrEqual => compare(f64::le),
+                    Operator::GreaterOrEqual => compare(f64::ge),
+                    _ => isnan(),
                 }
             }
-            Some(Expression::Join {
-                both: true,
-                left,
-                right,
-            }) => self.condition(program, left) && self.condition(program, right),
-            Some(Expression::Join { left, right, .. }) => {
-                self.condition(program, left) || self.condition(program, right)
-            }
-            Some(Expression::Not(condition)) => !self.condition(program, condition),
-            _ => self.number(program, id) == 1.0,
+            _ => isnan(),
         }
     }
 }
@@ -105,11 +103,7 @@ pub(crate) fn reads_captured(program: &NcProgram, id: ExpressionId) -> bool {
     match program.expression(id).copied() {
         Some(Expression::Variable(variable)) => variable.kind == VariableKind::CapturedPosition,
         Some(Expression::Negation(operand) | Expression::Not(operand)) => reads(operand),
-        Some(
-            Expression::Binary { left, right, .. }
-            | Expression::Comparison { left, right, .. }
-            | Expression::Join { left, right, .. },
-        ) => reads(left) || reads(right),
+        Some(Expression::Binary { left, right, .. }) => reads(left) || reads(right),
         Some(Expression::Call { first, second, .. }) => reads(first) || second.is_some_and(reads),
         Some(Expression::Number(_)) | None => false,
     }
@@ -201,15 +195,7 @@ fn arc_tangent(y: f64, x: f64) -> f64 {
 
 /// -1, 0 or 1 (D08).
 fn sign(x: f64) -> f64 {
-    if x > 0.0 {
-        1.0
-    } else if x < 0.0 {
-        -1.0
-    } else if x.is_nan() {
-        x
-    } else {
-        0.0
-    }
+    if x.abs() > 0.0 { x.signum() } else { x.abs() }
 }
 
 #[cfg(test)]

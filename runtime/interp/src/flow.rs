@@ -1,11 +1,11 @@
-//! What program codes do: they assign, or tell where the program goes on.
+//! What program codes do: they assign, or jump.
 
 use tandem_syntax::{Block, NcProgram, Statement, VariableKind};
 
 use crate::evaluation::{Locals, Scope, label};
 use crate::inputs::Inputs;
 
-/// Runs a program code. `next` is the block after it, and changes where the program goes on elsewhere.
+/// Runs a program code. `next` is the block after it, and changes when it jumps.
 pub(crate) fn run(
     program: &NcProgram,
     block: &Block,
@@ -18,11 +18,20 @@ pub(crate) fn run(
         variables: inputs.variables,
         captured: inputs.captured.as_ref(),
     };
-    let mut go_to = |to: u32| *next = to as usize;
-    match program.program_code(block).map(|code| code.statement) {
-        Some(Statement::Assignment { target, value }) => {
-            let value = scope.number(program, value);
-            let index = usize::from(target.index);
+    let Some(code) = program.program_code(block) else {
+        return;
+    };
+    let number = || {
+        code.expression
+            .map_or(f64::NAN, |value| scope.number(program, value))
+    };
+    let holds = || {
+        code.expression
+            .is_some_and(|condition| scope.condition(program, condition))
+    };
+    let jump = match code.statement {
+        Statement::Assignment(target) => {
+            let (index, value) = (usize::from(target.index), number());
             match target.kind {
                 VariableKind::Local => {
                     if let Some(variable) = locals.get_mut(index) {
@@ -38,39 +47,19 @@ pub(crate) fn run(
                 // read only; the parser makes no such target
                 VariableKind::CapturedPosition => {}
             }
+            None
         }
-        Some(
-            Statement::If {
-                condition,
-                otherwise: to,
-            }
-            | Statement::While { condition, end: to },
-        ) => {
-            if !scope.condition(program, condition) {
-                go_to(to);
-            }
+        Statement::If | Statement::While => code.to.filter(|_| !holds()),
+        Statement::DoWhile => code.to.filter(|_| holds()),
+        Statement::Else | Statement::Break | Statement::Repeat => code.to,
+        Statement::Switch { first, count } => label(number())
+            .and_then(|label| program.case(first, count, label))
+            .or(code.to),
+        Statement::Do | Statement::Case { .. } | Statement::Default | Statement::Open | Statement::Close => {
+            None
         }
-        Some(Statement::DoWhile { condition, start }) => {
-            if scope.condition(program, condition) {
-                go_to(start);
-            }
-        }
-        Some(
-            Statement::Else { end: to } | Statement::Break { end: to } | Statement::Repeat { start: to },
-        ) => go_to(to),
-        Some(Statement::Switch {
-            value,
-            first,
-            count,
-            otherwise,
-        }) => {
-            let case =
-                label(scope.number(program, value)).and_then(|label| program.case(first, count, label));
-            go_to(case.unwrap_or(otherwise));
-        }
-        Some(
-            Statement::Do | Statement::Case { .. } | Statement::Default | Statement::Open | Statement::Close,
-        )
-        | None => {}
+    };
+    if let Some(to) = jump {
+        *next = to as usize;
     }
 }

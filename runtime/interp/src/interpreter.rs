@@ -12,7 +12,7 @@ use tandem_model::limits::{CALL_DEPTH_MAX, STEPS_IN_CHAIN_MAX, STEPS_WITHOUT_ITE
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::variables::LOCAL_VARIABLES;
 use tandem_model::{Alarm, Diagnostic, Origin};
-use tandem_syntax::{Block, Content, NcProgram, Statement, Value, VariableKind, diagnostics};
+use tandem_syntax::{Block, Content, NcProgram, Value, VariableKind, diagnostics};
 
 use crate::block_words::{BlockWords, Reading};
 use crate::codes::{ModalGroup, feed_words};
@@ -482,13 +482,8 @@ fn goes_on(item: &Item) -> bool {
 
 /// True when a block reads a captured position.
 fn reads_captured_position(program: &NcProgram, block: &Block) -> bool {
-    let reads = |id| reads_captured(program, id);
-    match program.program_code(block).map(|code| code.statement) {
-        Some(Statement::Assignment { value, .. } | Statement::Switch { value, .. }) => reads(value),
-        Some(
-            Statement::If { condition, .. } | Statement::While { condition, .. } | Statement::DoWhile { condition, .. },
-        ) => reads(condition),
-        Some(_) => false,
+    match program.program_code(block) {
+        Some(code) => code.expression.is_some_and(|id| reads_captured(program, id)),
         None => program.words(block).iter().any(|word| {
             matches!(word.value(), Value::Indirection(variable) if variable.kind == VariableKind::CapturedPosition)
         }),

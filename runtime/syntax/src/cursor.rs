@@ -168,20 +168,21 @@ impl<'a> Cursor<'a> {
 
     /// True when a comment begins here.
     pub(crate) fn is_comment(&self, grammar: &Grammar) -> bool {
-        let rest = &self.bytes[self.at..];
-        grammar
-            .line_comment
-            .is_some_and(|begin| rest.starts_with(begin.as_bytes()))
+        grammar.line_comment.is_some_and(|begin| self.begins_with(begin))
             || grammar
                 .block_comment
-                .is_some_and(|(open, _)| rest.starts_with(open.as_bytes()))
+                .is_some_and(|(open, _)| self.begins_with(open))
+    }
+
+    /// True when this text is here.
+    pub(crate) fn begins_with(&self, text: &str) -> bool {
+        self.bytes[self.at..].starts_with(text.as_bytes())
     }
 
     fn comment(&mut self, grammar: &Grammar) -> Result<(), usize> {
         let start = self.at;
-        let rest = &self.bytes[start..];
-        let begins_line = |begin: &str| rest.starts_with(begin.as_bytes());
-        if grammar.line_comment.is_some_and(begins_line) {
+        if grammar.line_comment.is_some_and(|begin| self.begins_with(begin)) {
+            let rest = &self.bytes[start..];
             self.at += rest.iter().position(|byte| *byte == b'\n').unwrap_or(rest.len());
         } else if let Some((open, close)) = grammar.block_comment {
             let inside = self.source.get(start + open.len()..).unwrap_or_default();

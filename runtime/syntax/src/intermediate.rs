@@ -7,8 +7,9 @@
 use std::fmt::Write as _;
 
 use crate::address::Address;
-use crate::program_code::{BinaryOperator, Expression, ExpressionId, Statement};
-use crate::tree::{Block, NcProgram, Value, Variable, Word};
+use crate::program_code::{Expression, ExpressionId, Operator, ProgramCode, Statement};
+use crate::tree::{Block, NcProgram, Value, Word};
+use crate::variable::Variable;
 
 /// Ends each block (D43).
 const END_OF_BLOCK: &str = "M999.002";
@@ -94,7 +95,7 @@ struct Writer<'a> {
 impl Writer<'_> {
     fn block(&mut self, block: &Block) {
         if let Some(code) = self.program.program_code(block) {
-            self.statement(code.statement);
+            self.program_code(code);
             return;
         }
         let words = self.program.words(block);
@@ -183,40 +184,34 @@ impl Writer<'_> {
         let _ = write!(self.text, "{}{}", variable.kind.prefix(), variable.index);
     }
 
-    fn statement(&mut self, statement: Statement) {
-        let condition = match statement {
-            Statement::Assignment { target, value } => {
+    fn program_code(&mut self, code: &ProgramCode) {
+        let (before, after) = match code.statement {
+            Statement::Assignment(target) => {
                 self.variable(target);
-                self.text.push_str(" = ");
-                Some((value, ""))
+                (" = ", "")
             }
-            Statement::If { condition, .. } => Some((condition, "if(")),
-            Statement::While { condition, .. } | Statement::DoWhile { condition, .. } => {
-                Some((condition, "while("))
-            }
-            Statement::Switch { value, .. } => Some((value, "switch(")),
-            _ => None,
-        };
-        if let Some((id, keyword)) = condition {
-            self.text.push_str(keyword);
-            self.expression(id, 0);
-            self.text.push_str(if keyword.is_empty() { "\n" } else { ")\n" });
-        }
-        match statement {
-            Statement::Else { .. } => self.text.push_str("else\n"),
-            Statement::Do => self.text.push_str("do\n"),
+            Statement::If => ("if(", ")"),
+            Statement::While | Statement::DoWhile => ("while(", ")"),
+            Statement::Switch { .. } => ("switch(", ")"),
             Statement::Case { label } => {
-                let _ = writeln!(self.text, "case {label}:");
+                let _ = write!(self.text, "case {label}");
+                (":", "")
             }
-            Statement::Default => self.text.push_str("default:\n"),
-            Statement::Break { .. } => self.text.push_str("break\n"),
-            Statement::Open => self.text.push_str("{\n"),
-            Statement::Close => self.text.push_str("}\n"),
-            _ => {}
+            Statement::Else => ("else", ""),
+            Statement::Do => ("do", ""),
+            Statement::Default => ("default:", ""),
+            Statement::Break => ("break", ""),
+            Statement::Open => ("{", ""),
+            Statement::Close => ("}", ""),
+            Statement::Repeat => return,
+        };
+        self.text.push_str(before);
+        if let Some(value) = code.expression {
+            self.expression(value, 0);
         }
-        if !matches!(statement, Statement::Repeat { .. }) {
-            self.returned = false;
-        }
+        self.text.push_str(after);
+        self.text.push('\n');
+        self.returned = false;
     }
 
     /// Writes an expression, in parentheses where its priority is below `outer`. Its depth is bounded by the length of
@@ -225,7 +220,12 @@ impl Writer<'_> {
         let Some(expression) = self.program.expression(id).copied() else {
             return;
         };
-        let priority = priority(&expression);
+        // the manual's order, low to high
+        let priority = match expression {
+            Expression::Binary { operator, .. } => operator.priority(),
+            Expression::Negation(_) | Expression::Not(_) => Operator::PRIORITY_MAX + 1,
+            _ => Operator::PRIORITY_MAX + 2,
+        };
         let parentheses = priority < outer;
         if parentheses {
             self.text.push('(');
@@ -244,20 +244,15 @@ impl Writer<'_> {
                 self.expression(condition, 0);
                 self.text.push(')');
             }
+            // operators combine from the left
             Expression::Binary {
                 operator,
                 left,
                 right,
-            } => self.pair(operator.text(), left, right, priority),
-            Expression::Comparison {
-                comparator,
-                left,
-                right,
             } => {
-                self.pair(comparator.text(), left, right, priority);
-            }
-            Expression::Join { both, left, right } => {
-                self.pair(if both { "&&" } else { "||" }, left, right, priority);
+                self.expression(left, priority);
+                let _ = write!(self.text, " {} ", operator.text());
+                self.expression(right, priority + 1);
             }
             Expression::Call {
                 function,
@@ -277,28 +272,5 @@ impl Writer<'_> {
         if parentheses {
             self.text.push(')');
         }
-    }
-
-    /// Two operands that combine from the left.
-    fn pair(&mut self, operator: &str, left: ExpressionId, right: ExpressionId, priority: u8) {
-        self.expression(left, priority);
-        let _ = write!(self.text, " {operator} ");
-        self.expression(right, priority + 1);
-    }
-}
-
-/// The manual's priority, low to high.
-fn priority(expression: &Expression) -> u8 {
-    match expression {
-        Expression::Join { both: false, .. } => 1,
-        Expression::Join { .. } => 2,
-        Expression::Comparison { .. } => 3,
-        Expression::Binary {
-            operator: BinaryOperator::Add | BinaryOperator::Subtract,
-            ..
-        } => 4,
-        Expression::Binary { .. } => 5,
-        Expression::Negation(_) | Expression::Not(_) => 6,
-        Expression::Number(_) | Expression::Variable(_) | Expression::Call { .. } => 7,
     }
 }

@@ -15,6 +15,7 @@ mod line_index;
 mod parser;
 mod program_code;
 mod tree;
+mod variable;
 
 pub use address::{Address, AddressSet};
 pub use diagnostics::{DIAGNOSTICS, DiagnosticEntry};
@@ -22,7 +23,6 @@ pub use grammar::{Grammar, ProgramForm};
 pub use intermediate::{CodeRole, Codes, Header, block_bytes, compile};
 pub use line_index::LineIndex;
 pub use parser::{DIAGNOSTICS_MAX, NESTING_MAX, parse};
-pub use program_code::{
-    BinaryOperator, Comparator, Expression, ExpressionId, Function, Keyword, ProgramCode, Statement,
-};
-pub use tree::{Block, Content, NcProgram, Value, Variable, VariableKind, Word};
+pub use program_code::{Expression, ExpressionId, Function, Operator, ProgramCode, Statement};
+pub use tree::{Block, Content, NcProgram, Value, Word};
+pub use variable::{Variable, VariableKind};

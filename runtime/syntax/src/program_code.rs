@@ -2,71 +2,46 @@
 
 use tandem_model::Span;
 
-use crate::tree::Variable;
+use crate::variable::Variable;
 
-/// A statement of manual chapter 4, or a part of one. Branches and repetitions stand flat among the blocks: each part
-/// is a block of its own that tells where the program goes on, as an index of [`crate::NcProgram::blocks`].
+/// A statement of manual chapter 4, or a part of one. Branches and loops are flattened: each part is a block of its own
+/// that says where the program continues, as an index of [`crate::NcProgram::blocks`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ProgramCode {
     /// What it does.
     pub statement: Statement,
+    /// The value that it assigns or switches on, or its condition.
+    pub expression: Option<ExpressionId>,
+    /// The block that it jumps to.
+    pub to: Option<u32>,
     /// Its range of bytes.
     pub span: Span,
 }
 
 /// What a program code does. Parts that no variant says more about do nothing by themselves.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Statement {
-    /// `L12 = P3 + 1`.
-    Assignment {
-        /// What is assigned to.
-        target: Variable,
-        /// The value.
-        value: ExpressionId,
-    },
-    /// `if(condition)`: goes to `otherwise` when it is false.
-    If {
-        /// A condition.
-        condition: ExpressionId,
-        /// The block after the commands, past an `else`.
-        otherwise: u32,
-    },
-    /// `else`, reached from the commands before it: goes to `end`.
-    Else {
-        /// The block after the commands of the last `else`.
-        end: u32,
-    },
-    /// `while(condition)`: goes to `end` when it is false.
-    While {
-        /// A condition.
-        condition: ExpressionId,
-        /// The block after the repetition.
-        end: u32,
-    },
-    /// The end of the commands of a `while`; no text of its own. Goes to `start`.
-    Repeat {
-        /// The `while`.
-        start: u32,
-    },
+    /// `L12 = P3 + 1`: assigns to the variable.
+    Assignment(Variable),
+    /// `if(condition)`: when it is false, jumps past the commands and the `else` behind them.
+    If,
+    /// `else`, reached from the commands before it: jumps past the commands of the last `else`.
+    Else,
+    /// `while(condition)`: when it is false, jumps past the loop.
+    While,
+    /// The end of the commands of a `while`, without text of its own: jumps to the `while`.
+    Repeat,
     /// `do`.
     Do,
-    /// The `while(condition)` that ends a `do`: goes to `start` when it is true.
-    DoWhile {
-        /// A condition.
-        condition: ExpressionId,
-        /// The first command after `do`.
-        start: u32,
-    },
-    /// `switch(expression)`: goes to the case of the value, truncated toward zero (D10).
+    /// The `while(condition)` that ends a `do`: when it is true, jumps to the first command after `do`.
+    DoWhile,
+    /// `switch(expression)`: jumps to the case of the value, truncated toward zero (D10); without one to `default`, or
+    /// past the `switch`.
     Switch {
-        /// The value.
-        value: ExpressionId,
         /// Index of its first case among those of the program.
         first: u32,
         /// How many cases it has.
         count: u32,
-        /// `default`, or the block after the `switch`.
-        otherwise: u32,
     },
     /// `case 1:`.
     Case {
@@ -75,70 +50,19 @@ pub enum Statement {
     },
     /// `default:`.
     Default,
-    /// `break`: goes to `end`.
-    Break {
-        /// The block after the `switch`, `while` or `do`.
-        end: u32,
-    },
+    /// `break`: jumps past the `switch`, `while` or `do`.
+    Break,
     /// `{`.
     Open,
     /// `}`.
     Close,
 }
 
-/// A label of a `switch` and where it stands.
+/// A label of a `switch` and its block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct CaseLabel {
     pub(crate) label: i64,
     pub(crate) block: u32,
-}
-
-/// Words that begin or belong to a program code.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Keyword {
-    /// `if`
-    If,
-    /// `else`
-    Else,
-    /// `switch`
-    Switch,
-    /// `case`
-    Case,
-    /// `default`
-    Default,
-    /// `break`
-    Break,
-    /// `while`
-    While,
-    /// `do`
-    Do,
-}
-
-impl Keyword {
-    pub(crate) const ALL: [Keyword; 8] = [
-        Keyword::If,
-        Keyword::Else,
-        Keyword::Switch,
-        Keyword::Case,
-        Keyword::Default,
-        Keyword::Break,
-        Keyword::While,
-        Keyword::Do,
-    ];
-
-    /// As it is written.
-    pub const fn text(self) -> &'static str {
-        match self {
-            Keyword::If => "if",
-            Keyword::Else => "else",
-            Keyword::Switch => "switch",
-            Keyword::Case => "case",
-            Keyword::Default => "default",
-            Keyword::Break => "break",
-            Keyword::While => "while",
-            Keyword::Do => "do",
-        }
-    }
 }
 
 /// Index of a node of an expression.
@@ -154,33 +78,15 @@ pub enum Expression {
     Variable(Variable),
     /// Unary minus.
     Negation(ExpressionId),
-    /// Comparison of two numbers; a condition (manual 4-1-4).
-    Comparison {
-        /// How they are compared.
-        comparator: Comparator,
-        /// Left operand.
-        left: ExpressionId,
-        /// Right operand.
-        right: ExpressionId,
-    },
-    /// Two conditions; a condition (manual 4-1-5).
-    Join {
-        /// True for `&&`, false for `||`.
-        both: bool,
-        /// Left condition.
-        left: ExpressionId,
-        /// Right condition, read only when the left one does not decide.
-        right: ExpressionId,
-    },
     /// `!(condition)`; a condition.
     Not(ExpressionId),
     /// Two operands.
     Binary {
         /// What is done.
-        operator: BinaryOperator,
+        operator: Operator,
         /// Left operand.
         left: ExpressionId,
-        /// Right operand.
+        /// Right operand; of `&&` and `||` read only when the left one does not decide.
         right: ExpressionId,
     },
     /// A function of one or two arguments.
@@ -194,62 +100,58 @@ pub enum Expression {
     },
 }
 
-/// Arithmetic operators (manual 4-1-2).
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum BinaryOperator {
-    /// `+`
-    Add,
-    /// `-`
-    Subtract,
-    /// `*`
-    Multiply,
-    /// `/`
-    Divide,
-    /// `%` (D07)
-    Modulo,
-}
+macro_rules! spelled {
+    ($(#[$doc:meta])* $name:ident { $($variant:ident $text:literal,)* }) => {
+        $(#[$doc])*
+        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        pub enum $name { $(#[doc = concat!("`", $text, "`")] $variant,)* }
 
-/// Comparators (manual 4-1-4).
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Comparator {
-    /// `==`
-    Equal,
-    /// `!=`
-    NotEqual,
-    /// `<`
-    Less,
-    /// `>`
-    Greater,
-    /// `<=`
-    LessOrEqual,
-    /// `>=`
-    GreaterOrEqual,
-}
+        impl $name {
+            pub(crate) const ALL: &[$name] = &[$($name::$variant),*];
 
-impl BinaryOperator {
-    /// As it is written.
-    pub const fn text(self) -> &'static str {
-        match self {
-            BinaryOperator::Add => "+",
-            BinaryOperator::Subtract => "-",
-            BinaryOperator::Multiply => "*",
-            BinaryOperator::Divide => "/",
-            BinaryOperator::Modulo => "%",
+            /// As it is written.
+            pub const fn text(self) -> &'static str {
+                match self { $($name::$variant => $text,)* }
+            }
         }
+    };
+}
+
+spelled! {
+    /// Words that begin or belong to a program code.
+    Keyword {
+        If "if", Else "else", Switch "switch", Case "case", Default "default", Break "break", While "while", Do "do",
     }
 }
 
-impl Comparator {
-    /// As it is written.
-    pub const fn text(self) -> &'static str {
+spelled! {
+    /// Operators of two operands: of conditions (manual 4-1-5), comparators (4-1-4) and arithmetic operators (4-1-2; of
+    /// `%` D07). One comes before another that it begins with.
+    Operator {
+        Or "||", And "&&",
+        Equal "==", NotEqual "!=", LessOrEqual "<=", GreaterOrEqual ">=", Less "<", Greater ">",
+        Add "+", Subtract "-",
+        Multiply "*", Divide "/", Modulo "%",
+    }
+}
+
+impl Operator {
+    pub(crate) const PRIORITY_MAX: u8 = 5;
+
+    /// How closely it binds, by the manual: from 1 to [`Operator::PRIORITY_MAX`].
+    pub(crate) const fn priority(self) -> u8 {
         match self {
-            Comparator::Equal => "==",
-            Comparator::NotEqual => "!=",
-            Comparator::Less => "<",
-            Comparator::Greater => ">",
-            Comparator::LessOrEqual => "<=",
-            Comparator::GreaterOrEqual => ">=",
+            Operator::Or => 1,
+            Operator::And => 2,
+            Operator::Add | Operator::Subtract => 4,
+            Operator::Multiply | Operator::Divide | Operator::Modulo => Operator::PRIORITY_MAX,
+            _ => 3,
         }
+    }
+
+    /// True for `==`, `<` and the other comparators.
+    pub(crate) const fn compares(self) -> bool {
+        self.priority() == 3
     }
 }
 

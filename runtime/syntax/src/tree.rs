@@ -7,9 +7,10 @@ use tandem_model::{Origin, Span};
 
 use crate::address::Address;
 use crate::program_code::{CaseLabel, Expression, ExpressionId, ProgramCode};
+use crate::variable::{Variable, VariableKind};
 
 /// A parsed NC program. It exists for every text; whether it may run is for the diagnostics to say.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct NcProgram {
     pub(crate) source: Arc<str>,
     pub(crate) number: Option<u32>,
@@ -262,55 +263,6 @@ pub enum Value {
     Number(f64),
     /// `X[L12]`: the variable that holds the value.
     Indirection(Variable),
-}
-
-/// A variable by name.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Variable {
-    /// Which array.
-    pub kind: VariableKind,
-    /// Index in it.
-    pub index: u16,
-}
-
-/// The arrays of variables (manual 4-3), and the captured positions.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u8)]
-pub enum VariableKind {
-    /// L0 to L255: of one call.
-    Local,
-    /// Q0 to Q4095: of the coordinate system.
-    CoordinateSystem,
-    /// P0 to P32767: of the controller.
-    Global,
-    /// `_CNC_CapturedPosition<n>`, read only; n counts the motors of the coordinate system from 0 (D16).
-    CapturedPosition,
-}
-
-/// Highest index of a captured position: one for each axis that a coordinate system can have.
-const CAPTURED_POSITION_MAX: u16 = 7;
-const _: () = assert!(CAPTURED_POSITION_MAX as usize + 1 == tandem_model::AXES_MAX);
-
-impl VariableKind {
-    /// Highest index (manual, table of parameters; captured positions: one for each axis that is possible).
-    pub const fn index_max(self) -> u16 {
-        match self {
-            VariableKind::Local => 255,
-            VariableKind::CoordinateSystem => 4095,
-            VariableKind::Global => 32767,
-            VariableKind::CapturedPosition => CAPTURED_POSITION_MAX,
-        }
-    }
-
-    /// The name before the index.
-    pub const fn prefix(self) -> &'static str {
-        match self {
-            VariableKind::Local => "L",
-            VariableKind::CoordinateSystem => "Q",
-            VariableKind::Global => "P",
-            VariableKind::CapturedPosition => "_CNC_CapturedPosition",
-        }
-    }
 }
 
 #[cfg(test)]

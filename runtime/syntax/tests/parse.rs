@@ -65,29 +65,27 @@ fn blocks(source: &str) -> Vec<String> {
 }
 
 fn code_text(program: &NcProgram, code: &ProgramCode) -> String {
-    let text = |id| expression_text(program, id);
+    let value = code
+        .expression
+        .map_or_else(String::new, |id| expression_text(program, id));
+    let to = code.to.map_or_else(String::new, |to| format!("->{to}"));
     match code.statement {
-        Statement::Assignment { target, value } => format!("{}={}", variable_text(target), text(value)),
-        Statement::If { condition, otherwise } => format!("if {} ->{otherwise}", text(condition)),
-        Statement::Else { end } => format!("else ->{end}"),
-        Statement::While { condition, end } => format!("while {} ->{end}", text(condition)),
-        Statement::Repeat { start } => format!("repeat ->{start}"),
+        Statement::Assignment(target) => format!("{}={value}", variable_text(target)),
+        Statement::If => format!("if {value} {to}"),
+        Statement::Else => format!("else {to}"),
+        Statement::While => format!("while {value} {to}"),
+        Statement::Repeat => format!("repeat {to}"),
         Statement::Do => "do".to_owned(),
-        Statement::DoWhile { condition, start } => format!("until {} ->{start}", text(condition)),
-        Statement::Switch {
-            value,
-            first,
-            count,
-            otherwise,
-        } => {
+        Statement::DoWhile => format!("until {value} {to}"),
+        Statement::Switch { first, count } => {
             let cases: Vec<_> = (-9..=9)
                 .filter_map(|label| Some(format!("{label}->{}", program.case(first, count, label)?)))
                 .collect();
-            format!("switch {} {} ->{otherwise}", text(value), cases.join(" "))
+            format!("switch {value} {} {to}", cases.join(" "))
         }
         Statement::Case { label } => format!("case {label}"),
         Statement::Default => "default".to_owned(),
-        Statement::Break { end } => format!("break ->{end}"),
+        Statement::Break => format!("break {to}"),
         Statement::Open => "{".to_owned(),
         Statement::Close => "}".to_owned(),
     }
@@ -109,19 +107,6 @@ fn expression_text(program: &NcProgram, id: ExpressionId) -> String {
             right,
         } => {
             format!("({}{}{})", text(left), operator.text(), text(right))
-        }
-        Expression::Comparison {
-            comparator,
-            left,
-            right,
-        } => format!("({}{}{})", text(left), comparator.text(), text(right)),
-        Expression::Join { both, left, right } => {
-            format!(
-                "({}{}{})",
-                text(left),
-                if both { "&&" } else { "||" },
-                text(right)
-            )
         }
         Expression::Not(condition) => format!("!{}", text(condition)),
         Expression::Call {

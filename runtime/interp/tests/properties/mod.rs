@@ -12,9 +12,7 @@ use tandem_model::flow::Item;
 use tandem_model::settings::{CoordinateSystemSettings, Tool, WorkOffsets};
 use tandem_model::variables::{VariableArray, Variables};
 use tandem_model::{AxisVector, Diagnostic};
-use tandem_syntax::{
-    DIAGNOSTICS_MAX, Grammar, Header, LineIndex, NcProgram, Statement, block_bytes, compile, parse,
-};
+use tandem_syntax::{DIAGNOSTICS_MAX, Grammar, Header, LineIndex, NcProgram, block_bytes, compile, parse};
 
 /// Items that a program is run for.
 const ITEMS: usize = 200;
@@ -68,18 +66,8 @@ pub fn parsing_gives_a_sound_tree(source: &str) {
     assert!(findings.len() <= DIAGNOSTICS_MAX + 1);
     let blocks = program.blocks().len();
     for block in program.blocks() {
-        let target = match program.program_code(block).map(|code| code.statement) {
-            Some(
-                Statement::If { otherwise: to, .. }
-                | Statement::While { end: to, .. }
-                | Statement::DoWhile { start: to, .. }
-                | Statement::Switch { otherwise: to, .. }
-                | Statement::Else { end: to }
-                | Statement::Break { end: to }
-                | Statement::Repeat { start: to },
-            ) => to as usize,
-            _ => 0,
-        };
+        let code = program.program_code(block);
+        let target = code.and_then(|code| code.to).unwrap_or_default() as usize;
         assert!(
             target <= blocks,
             "a branch leads to {target} of {blocks} in {source:?}"

@@ -2,6 +2,7 @@
 
 use tandem_model::Span;
 
+use super::expression::Kind;
 use super::word::keyword;
 use super::{LineKind, NESTING_MAX, Parser, index};
 use crate::cursor::Cursor;
@@ -9,21 +10,21 @@ use crate::diagnostics;
 use crate::program_code::{CaseLabel, ExpressionId, Keyword, ProgramCode, Statement};
 use crate::tree::{Block, Content};
 
-/// Branches and repetitions that are open where the parser reads.
+/// Branches and loops that are open where the parser reads.
 #[derive(Debug, Default)]
 pub(super) struct Nesting {
-    /// How deep commands stand in commands.
+    /// How deep commands are nested in commands.
     pub(super) depth: usize,
     /// How many braces are open.
     pub(super) braces: usize,
     /// The structures that `break` leaves.
     leavable: usize,
-    /// Program codes of `break` whose end is not known yet.
+    /// Program codes of `break` whose target is not known yet.
     breaks: Vec<usize>,
     switches: Vec<OpenSwitch>,
 }
 
-/// A `switch` that is read.
+/// A `switch` that is being read.
 #[derive(Debug)]
 struct OpenSwitch {
     /// Depth of its own braces.
@@ -33,7 +34,7 @@ struct OpenSwitch {
 }
 
 impl Parser<'_> {
-    /// Reads a branch, a repetition, or a part of a switch; the cursor stands at its keyword.
+    /// Reads a branch, a loop, or a part of a switch; the cursor is at its keyword.
     pub(super) fn control(&mut self, keyword: Keyword, line: u32) {
         let start = self.cursor.at();
         let keyword_span = Span::new(index(start), index(start + keyword.text().len()));
@@ -53,12 +54,12 @@ impl Parser<'_> {
         self.cursor.advance(keyword.text().len());
         match keyword {
             Keyword::If => self.branch(start),
-            Keyword::While => self.while_repetition(start),
-            Keyword::Do => self.do_repetition(start, keyword_span),
+            Keyword::While => self.while_loop(start),
+            Keyword::Do => self.do_loop(start, keyword_span),
             Keyword::Switch => self.switch(start),
             Keyword::Case | Keyword::Default => self.case(keyword, start, keyword_span),
             Keyword::Break if self.nesting.leavable > 0 => {
-                let code = self.push_program_code(start, Statement::Break { end: 0 });
+                let code = self.push_program_code(start, Statement::Break, None);
                 self.nesting.breaks.push(code);
             }
             Keyword::Else | Keyword::Break => self.out_of_place(keyword, start, keyword_span),
@@ -75,86 +76,47 @@ impl Parser<'_> {
         self.push_failed(start);
     }
 
-    fn branch(&mut self, start: usize) {
+    fn branch(&mut self, mut start: usize) {
         let mut ends = Vec::new();
-        let mut start = start;
         loop {
-            let branch = self.condition().map(|condition| {
-                self.push_program_code(
-                    start,
-                    Statement::If {
-                        condition,
-                        otherwise: 0,
-                    },
-                )
-            });
-            if branch.is_none() {
-                self.push_failed(start);
-            }
+            let branch = self.with_value(start, Kind::Condition, Statement::If);
             self.body(start);
-            if self.next_keyword() != Some(Keyword::Else) {
-                self.go_on_here(branch);
+            let Some(at) = self.take_keyword(Keyword::Else) else {
+                self.jump(branch, self.here());
                 break;
-            }
-            self.blank_lines();
-            let at = self.cursor.at();
-            self.begin_line();
-            self.cursor.advance(Keyword::Else.text().len());
-            ends.push(self.push_program_code(at, Statement::Else { end: 0 }));
-            self.go_on_here(branch);
-            if self.next_keyword() != Some(Keyword::If) {
+            };
+            ends.push(self.push_program_code(at, Statement::Else, None));
+            self.jump(branch, self.here());
+            let Some(next) = self.take_keyword(Keyword::If) else {
                 self.body(at);
                 break;
-            }
-            self.blank_lines();
-            start = self.cursor.at();
-            self.begin_line();
-            self.cursor.advance(Keyword::If.text().len());
+            };
+            start = next;
         }
-        for code in ends {
-            self.go_on_here(Some(code));
-        }
+        self.jump(ends, self.here());
     }
 
-    fn while_repetition(&mut self, start: usize) {
+    fn while_loop(&mut self, start: usize) {
         let head = self.here();
-        let condition = self.condition();
-        let repetition =
-            condition.map(|condition| self.push_program_code(start, Statement::While { condition, end: 0 }));
-        if repetition.is_none() {
-            self.push_failed(start);
-        }
+        let condition = self.with_value(start, Kind::Condition, Statement::While);
         let breaks = self.enter();
         self.body(start);
         self.begin_line();
-        let at = self.cursor.at();
-        self.push_program_code(at, Statement::Repeat { start: head });
-        self.go_on_here(repetition);
+        let repeat = self.push_program_code(self.cursor.at(), Statement::Repeat, None);
+        self.jump(Some(repeat), head);
+        self.jump(condition, self.here());
         self.leave(breaks);
     }
 
-    fn do_repetition(&mut self, start: usize, keyword_span: Span) {
-        self.push_program_code(start, Statement::Do);
+    fn do_loop(&mut self, start: usize, keyword_span: Span) {
+        self.push_program_code(start, Statement::Do, None);
         let head = self.here();
         let breaks = self.enter();
         self.body(start);
-        if self.next_keyword() == Some(Keyword::While) {
-            self.blank_lines();
-            let at = self.cursor.at();
-            self.begin_line();
-            self.cursor.advance(Keyword::While.text().len());
-            if let Some(condition) = self.condition() {
-                self.push_program_code(
-                    at,
-                    Statement::DoWhile {
-                        condition,
-                        start: head,
-                    },
-                );
-            } else {
-                self.push_failed(at);
-            }
-        } else if self.complete {
+        if let Some(at) = self.take_keyword(Keyword::While) {
+            let condition = self.with_value(at, Kind::Condition, Statement::DoWhile);
+            self.jump(condition, head);
+        } else if self.tree.complete {
             self.report(
                 &diagnostics::COMMAND_MISSING,
                 keyword_span,
@@ -167,25 +129,7 @@ impl Parser<'_> {
     }
 
     fn switch(&mut self, start: usize) {
-        let at = self.cursor;
-        let value = self.number_in_parentheses();
-        if value.is_none() {
-            self.pass_parentheses(at);
-        }
-        let code = value.map(|value| {
-            self.push_program_code(
-                start,
-                Statement::Switch {
-                    value,
-                    first: 0,
-                    count: 0,
-                    otherwise: 0,
-                },
-            )
-        });
-        if code.is_none() {
-            self.push_failed(start);
-        }
+        let code = self.with_value(start, Kind::Number, Statement::Switch { first: 0, count: 0 });
         let breaks = self.enter();
         self.nesting.switches.push(OpenSwitch {
             depth: self.nesting.depth + 1,
@@ -203,31 +147,20 @@ impl Parser<'_> {
         if let Some(mut open) = self.nesting.switches.pop() {
             open.cases.sort_unstable();
             self.repeated_labels(&open.cases);
-            let (first, count) = (index(self.cases.len()), index(open.cases.len()));
-            self.cases.append(&mut open.cases);
-            if let Some(Statement::Switch {
-                first: f,
-                count: c,
-                otherwise,
-                ..
-            }) = code
-                .and_then(|code| self.program_codes.get_mut(code))
-                .map(|code| &mut code.statement)
-            {
-                (*f, *c, *otherwise) = (first, count, open.default.unwrap_or(end));
+            let (first, count) = (index(self.tree.cases.len()), index(open.cases.len()));
+            self.tree.cases.append(&mut open.cases);
+            if let Some(code) = code.and_then(|code| self.tree.program_codes.get_mut(code)) {
+                code.statement = Statement::Switch { first, count };
             }
+            self.jump(code, open.default.unwrap_or(end));
         }
         self.leave(breaks);
     }
 
     fn case(&mut self, keyword: Keyword, start: usize, span: Span) {
         let depth = self.nesting.depth;
-        if self
-            .nesting
-            .switches
-            .last()
-            .is_none_or(|open| open.depth != depth)
-        {
+        let switch = self.nesting.switches.last();
+        if switch.is_none_or(|open| open.depth != depth) {
             self.out_of_place(keyword, start, span);
             return;
         }
@@ -243,19 +176,17 @@ impl Parser<'_> {
             }
         }
         if complete && !repeated {
-            let statement = label
-                .flatten()
-                .map_or(Statement::Default, |label| Statement::Case { label });
-            self.push_program_code(start, statement);
+            let label = label.flatten();
+            let statement = label.map_or(Statement::Default, |label| Statement::Case { label });
+            self.push_program_code(start, statement, None);
             return;
         }
-        let span = self.cursor.span_from(start);
         if repeated {
-            self.label_twice(span);
+            self.label_twice(self.cursor.span_from(start));
         } else {
-            self.report(
+            self.report_from(
+                start,
                 &diagnostics::CASE_LABEL,
-                span,
                 "the label is not written as one",
                 "Write case, a whole number and a colon, or default and a colon.",
             );
@@ -263,10 +194,10 @@ impl Parser<'_> {
         self.push_failed(start);
     }
 
-    /// Tells of labels that stand again, in cases ascending by label and place.
+    /// Reports labels that are repeated in cases ascending by label and place.
     fn repeated_labels(&mut self, cases: &[CaseLabel]) {
         for pair in cases.windows(2).filter(|pair| pair[0].label == pair[1].label) {
-            let Some(block) = self.blocks.get_mut(pair[1].block as usize) else {
+            let Some(block) = self.tree.blocks.get_mut(pair[1].block as usize) else {
                 continue;
             };
             block.flags |= Block::HAS_ERRORS;
@@ -287,9 +218,9 @@ impl Parser<'_> {
     /// A whole number with an optional sign.
     fn case_label(&mut self) -> Option<i64> {
         self.blanks();
-        let negative = self.cursor.peek() == Some(b'-');
-        if negative || self.cursor.peek() == Some(b'+') {
-            self.cursor.advance(1);
+        let negative = self.cursor.take(b'-');
+        if !negative {
+            self.cursor.take(b'+');
         }
         let digits = self.cursor.digits();
         self.cursor.advance(digits.len());
@@ -297,37 +228,30 @@ impl Parser<'_> {
         Some(if negative { -label } else { label })
     }
 
-    /// Begins what `break` leaves; how many breaks were open before it.
+    /// Begins what `break` leaves; returns how many breaks were open before it.
     fn enter(&mut self) -> usize {
         self.nesting.leavable += 1;
         self.nesting.breaks.len()
     }
 
-    /// Ends what `break` leaves: the breaks since then go on here.
+    /// Ends what `break` leaves: the breaks since then jump here.
     fn leave(&mut self, breaks: usize) {
         self.nesting.leavable -= 1;
-        for code in self.nesting.breaks.split_off(breaks) {
-            self.go_on_here(Some(code));
-        }
+        let breaks = self.nesting.breaks.split_off(breaks);
+        self.jump(breaks, self.here());
     }
 
-    /// The index of the block to come.
+    /// The index of the next block.
     fn here(&self) -> u32 {
-        index(self.blocks.len())
+        index(self.tree.blocks.len())
     }
 
-    /// Settles that a program code goes on with the block to come.
-    fn go_on_here(&mut self, code: Option<usize>) {
-        let here = self.here();
-        let Some(code) = code.and_then(|code| self.program_codes.get_mut(code)) else {
-            return;
-        };
-        match &mut code.statement {
-            Statement::If { otherwise: to, .. }
-            | Statement::Else { end: to }
-            | Statement::While { end: to, .. }
-            | Statement::Break { end: to } => *to = here,
-            _ => {}
+    /// Sets the block that program codes jump to.
+    fn jump(&mut self, codes: impl IntoIterator<Item = usize>, to: u32) {
+        for code in codes {
+            if let Some(code) = self.tree.program_codes.get_mut(code) {
+                code.to = Some(to);
+            }
         }
     }
 
@@ -338,14 +262,16 @@ impl Parser<'_> {
         self.comment_bytes_before = self.cursor.comment_bytes();
     }
 
-    /// Reads `(condition)`; when it is wrong, passes it.
-    fn condition(&mut self) -> Option<ExpressionId> {
+    /// Reads a value or condition in parentheses and adds the program code that depends on it. When it is wrong, passes
+    /// it and adds a block with an error.
+    fn with_value(&mut self, start: usize, kind: Kind, statement: Statement) -> Option<usize> {
         let at = self.cursor;
-        let condition = self.condition_in_parentheses();
-        if condition.is_none() {
+        let value = self.in_parentheses(kind, 0);
+        if value.is_none() {
             self.pass_parentheses(at);
+            self.push_failed(start);
         }
-        condition
+        value.map(|value| self.push_program_code(start, statement, Some(value)))
     }
 
     /// Passes from a place to the closing parenthesis of its line, if there is one, or what has been read there.
@@ -359,8 +285,8 @@ impl Parser<'_> {
             match byte {
                 b'(' => depth += 1,
                 b')' if depth <= 1 => {
-                    self.cursor
-                        .advance((ahead.at() + 1).saturating_sub(self.cursor.at()));
+                    let passed = (ahead.at() + 1).saturating_sub(self.cursor.at());
+                    self.cursor.advance(passed);
                     return;
                 }
                 b')' => depth -= 1,
@@ -371,11 +297,17 @@ impl Parser<'_> {
         }
     }
 
-    /// The keyword that comes next, across blank lines, without passing anything.
-    fn next_keyword(&self) -> Option<Keyword> {
+    /// Passes a keyword that comes next, across blank lines; returns its first byte.
+    fn take_keyword(&mut self, expected: Keyword) -> Option<usize> {
         let mut ahead = self.cursor;
         ahead.blank_lines(self.grammar).ok()?;
-        keyword(ahead.letters())
+        if keyword(ahead.letters()) != Some(expected) {
+            return None;
+        }
+        self.cursor = ahead;
+        self.begin_line();
+        self.cursor.advance(expected.text().len());
+        Some(ahead.at())
     }
 
     /// Reads one command, or commands in braces.
@@ -395,13 +327,12 @@ impl Parser<'_> {
     }
 
     fn command_missing(&mut self, start: usize) {
-        if !self.complete {
+        if !self.tree.complete {
             return;
         }
-        let span = self.cursor.span_from(start);
         self.report(
             &diagnostics::COMMAND_MISSING,
-            Span::new(span.start, span.start + 1),
+            Span::new(index(start), index(start + 1)),
             "the commands are missing",
             "Write a command, or commands in braces.",
         );
@@ -411,15 +342,15 @@ impl Parser<'_> {
     /// Goes one level deeper; false when that is too deep, which ends the reading.
     fn deeper(&mut self) -> bool {
         if self.nesting.depth >= NESTING_MAX {
-            let at = index(self.cursor.at());
-            self.report(
+            let at = self.cursor.at();
+            self.report_from(
+                at,
                 &diagnostics::NESTING_TOO_DEEP,
-                Span::new(at, at),
                 format!("branches and repetitions nest deeper than {NESTING_MAX}"),
                 "Move commands to a subprogram.",
             );
-            self.complete = false;
-            self.push_failed(self.cursor.at());
+            self.tree.complete = false;
+            self.push_failed(at);
             self.cursor.finish();
             return false;
         }
@@ -427,30 +358,24 @@ impl Parser<'_> {
         true
     }
 
-    /// Reads commands in braces; the cursor stands at the opening one.
+    /// Reads commands in braces; the cursor is at the opening one.
     fn braces(&mut self) {
         if !self.deeper() {
             return;
         }
-        let start = self.cursor.at();
-        self.begin_line();
-        self.cursor.advance(1);
-        self.push_program_code(start, Statement::Open);
+        let start = self.brace(Statement::Open);
         self.nesting.braces += 1;
         loop {
             self.code_line = self.cursor.line();
             self.blank_lines();
             match self.cursor.peek() {
                 Some(b'}') => {
-                    let end = self.cursor.at();
-                    self.begin_line();
-                    self.cursor.advance(1);
-                    self.push_program_code(end, Statement::Close);
+                    self.brace(Statement::Close);
                     break;
                 }
                 Some(_) => self.line(true),
                 None => {
-                    if self.complete {
+                    if self.tree.complete {
                         self.report(
                             &diagnostics::BRACE_UNMATCHED,
                             Span::new(index(start), index(start + 1)),
@@ -459,7 +384,7 @@ impl Parser<'_> {
                         );
                         self.push_failed(start);
                     }
-                    self.complete = false;
+                    self.tree.complete = false;
                     break;
                 }
             }
@@ -468,17 +393,30 @@ impl Parser<'_> {
         self.nesting.depth -= 1;
     }
 
-    /// Adds a program code that ends here, as a block; its index among the program codes.
-    pub(super) fn push_program_code(&mut self, start: usize, statement: Statement) -> usize {
-        let code = self.program_codes.len();
-        let span = self.cursor.span_from(start);
-        self.program_codes.push(ProgramCode { statement, span });
-        self.blocks.push(Block {
-            start: index(start),
-            line: self.cursor.line_of(start),
-            flags: self.flags,
-            content: Content::ProgramCode(index(code)),
+    /// Passes a brace; returns its place.
+    fn brace(&mut self, statement: Statement) -> usize {
+        let start = self.cursor.at();
+        self.begin_line();
+        self.cursor.advance(1);
+        self.push_program_code(start, statement, None);
+        start
+    }
+
+    /// Adds a program code that ends here, as a block; returns its index among the program codes.
+    pub(super) fn push_program_code(
+        &mut self,
+        start: usize,
+        statement: Statement,
+        expression: Option<ExpressionId>,
+    ) -> usize {
+        let code = self.tree.program_codes.len();
+        self.tree.program_codes.push(ProgramCode {
+            statement,
+            expression,
+            to: None,
+            span: self.cursor.span_from(start),
         });
+        self.push_block(start, self.flags, Content::ProgramCode(index(code)));
         code
     }
 }

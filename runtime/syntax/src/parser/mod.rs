@@ -17,8 +17,7 @@ use self::control::Nesting;
 use crate::cursor::Cursor;
 use crate::diagnostics::{self, DiagnosticEntry};
 use crate::grammar::{Grammar, ProgramForm};
-use crate::program_code::{CaseLabel, Expression, ProgramCode};
-use crate::tree::{Block, Content, NcProgram, Word};
+use crate::tree::{Block, Content, NcProgram};
 
 /// Findings of one program. Parsing ends there, so that a text of errors only stays small in time and memory.
 pub const DIAGNOSTICS_MAX: usize = 1000;
@@ -33,7 +32,7 @@ pub fn parse(source: impl Into<Arc<str>>, grammar: &Grammar) -> (NcProgram, Vec<
     let source: Arc<str> = source.into();
     let mut parser = Parser::new(&source, grammar);
     if source.len() > PROGRAM_BYTES_MAX {
-        parser.complete = false;
+        parser.tree.complete = false;
         parser.report(
             &diagnostics::SOURCE_TOO_LARGE,
             Span::default(),
@@ -47,28 +46,7 @@ pub fn parse(source: impl Into<Arc<str>>, grammar: &Grammar) -> (NcProgram, Vec<
         parser.reserve(&source);
         parser.run();
     }
-    let Parser {
-        blocks,
-        words,
-        program_codes,
-        expressions,
-        cases,
-        diagnostics,
-        complete,
-        number,
-        ..
-    } = parser;
-    let program = NcProgram {
-        source,
-        number,
-        complete,
-        blocks,
-        words,
-        program_codes,
-        expressions,
-        cases,
-    };
-    (program, diagnostics)
+    (parser.tree, parser.diagnostics)
 }
 
 /// What a line has turned out to be.
@@ -85,18 +63,11 @@ enum LineKind {
 struct Parser<'a> {
     cursor: Cursor<'a>,
     grammar: &'a Grammar,
-    blocks: Vec<Block>,
-    words: Vec<Word>,
-    program_codes: Vec<ProgramCode>,
-    expressions: Vec<Expression>,
-    cases: Vec<CaseLabel>,
+    tree: NcProgram,
     nesting: Nesting,
     /// The line of the last thing read that is no comment.
     code_line: u32,
     diagnostics: Vec<Diagnostic>,
-    complete: bool,
-    /// The program number at the head.
-    number: Option<u32>,
     // the line that is read
     kind: LineKind,
     /// Only one command belongs to the branch or repetition before it.
@@ -110,20 +81,18 @@ struct Parser<'a> {
 }
 
 impl<'a> Parser<'a> {
-    fn new(source: &'a str, grammar: &'a Grammar) -> Self {
+    fn new(source: &'a Arc<str>, grammar: &'a Grammar) -> Self {
         Self {
             cursor: Cursor::new(source),
             grammar,
-            blocks: Vec::new(),
-            words: Vec::new(),
-            program_codes: Vec::new(),
-            expressions: Vec::new(),
-            cases: Vec::new(),
+            tree: NcProgram {
+                source: Arc::clone(source),
+                complete: true,
+                ..NcProgram::default()
+            },
             nesting: Nesting::default(),
             code_line: 0,
             diagnostics: Vec::new(),
-            complete: true,
-            number: None,
             kind: LineKind::Open,
             single: false,
             flags: 0,
@@ -150,8 +119,8 @@ impl<'a> Parser<'a> {
             });
             words += usize::from(words_begin.fold(0, in_chunk));
         }
-        self.blocks.reserve_exact(lines.min(words));
-        self.words.reserve_exact(words);
+        self.tree.blocks.reserve_exact(lines.min(words));
+        self.tree.words.reserve_exact(words);
     }
 
     fn run(&mut self) {
@@ -190,11 +159,11 @@ impl<'a> Parser<'a> {
             self.cursor.advance(1);
             let digits = self.cursor.digits();
             self.cursor.advance(digits.len());
-            self.number = digits.parse().ok();
-            if self.number.is_none() {
-                self.report(
+            self.tree.number = digits.parse().ok();
+            if self.tree.number.is_none() {
+                self.report_from(
+                    start,
                     &diagnostics::NUMBER_TOO_LARGE,
-                    self.cursor.span_from(start),
                     "the program number is too large",
                     "Write a number of at most nine digits.",
                 );
@@ -214,6 +183,17 @@ impl<'a> Parser<'a> {
         self.note(entry, span, message, help);
     }
 
+    /// Notes an error of what has been read since `start`.
+    fn report_from(
+        &mut self,
+        start: usize,
+        entry: &'static DiagnosticEntry,
+        message: impl Into<String>,
+        help: impl Into<String>,
+    ) {
+        self.report(entry, self.cursor.span_from(start), message, help);
+    }
+
     /// Notes a finding.
     fn note(
         &mut self,
@@ -229,7 +209,7 @@ impl<'a> Parser<'a> {
                 format!("more than {DIAGNOSTICS_MAX} errors; the rest of the program has not been read"),
                 "Correct the errors above, then check again.",
             ));
-            self.complete = false;
+            self.tree.complete = false;
             self.cursor.finish();
         }
     }
@@ -247,7 +227,7 @@ impl<'a> Parser<'a> {
     }
 
     fn comment_not_closed(&mut self, start: usize) {
-        self.complete = false;
+        self.tree.complete = false;
         let (open, close) = self.grammar.block_comment.unwrap_or_default();
         let span = Span::new(
             self.cursor.span_from(start).start,
@@ -266,7 +246,7 @@ impl<'a> Parser<'a> {
         self.single = single;
         self.kind = LineKind::Open;
         self.flags = 0;
-        self.first_word = self.words.len();
+        self.first_word = self.tree.words.len();
         self.line_start = self.cursor.at();
         self.comment_bytes_before = self.cursor.comment_bytes();
         let line = self.cursor.line();
@@ -295,7 +275,7 @@ impl<'a> Parser<'a> {
 
     /// Closes the block of words of this line.
     fn end_words(&mut self, line: u32) {
-        let count = self.words.len() - self.first_word;
+        let count = self.tree.words.len() - self.first_word;
         let failed = self.flags & Block::HAS_ERRORS != 0;
         if self.flags != 0 && !failed && self.kind == LineKind::Open {
             self.skip_unused(
@@ -305,7 +285,7 @@ impl<'a> Parser<'a> {
             );
         }
         if count > 0 || (failed && self.kind != LineKind::ProgramCodes) {
-            self.blocks.push(Block {
+            self.tree.blocks.push(Block {
                 start: index(self.line_start),
                 line,
                 flags: self.flags,
@@ -334,10 +314,9 @@ impl<'a> Parser<'a> {
 
     #[cold]
     fn end_long_line(&mut self, start: usize) {
-        let span = self.cursor.span_from(start);
-        self.report(
+        self.report_from(
+            start,
             &diagnostics::BLOCK_TOO_LONG,
-            span,
             format!("the block is longer than {BLOCK_BYTES_MAX} bytes"),
             "Write the words in several blocks.",
         );
@@ -355,11 +334,10 @@ impl<'a> Parser<'a> {
                 self.flags |= 1 << (number - 1);
                 self.skips_end = self.cursor.at();
             } else {
-                let span = self.cursor.span_from(start);
-                let text = self.cursor.excerpt(span);
-                self.report(
+                let text = self.cursor.excerpt(self.cursor.span_from(start));
+                self.report_from(
+                    start,
                     &diagnostics::SKIP_NUMBER,
-                    span,
                     format!("`{text}` is no block skip number"),
                     format!("Write / or /1 to /{OPTIONAL_SKIP_MAX}."),
                 );
@@ -395,11 +373,10 @@ impl<'a> Parser<'a> {
     fn misplaced_skip(&mut self) {
         let start = self.cursor.at();
         let _ = self.skip_number();
-        let span = self.cursor.span_from(start);
-        let text = self.cursor.excerpt(span);
-        self.report(
+        let text = self.cursor.excerpt(self.cursor.span_from(start));
+        self.report_from(
+            start,
             &diagnostics::SKIP_PLACE,
-            span,
             format!("`{text}` does not stand at the beginning of the line"),
             "Write the block skip before the block number and all words; divide with a variable on a line of its own.",
         );
@@ -408,10 +385,9 @@ impl<'a> Parser<'a> {
     fn stray_brace(&mut self, byte: u8) {
         let start = self.cursor.at();
         self.cursor.advance(1);
-        let span = self.cursor.span_from(start);
-        self.report(
+        self.report_from(
+            start,
             &diagnostics::BRACE_UNMATCHED,
-            span,
             format!("`{}` belongs to no program code", char::from(byte)),
             "Remove it, or write the if, else, switch, while or do that it belongs to.",
         );
@@ -425,10 +401,9 @@ impl<'a> Parser<'a> {
                 break;
             }
         }
-        let span = self.cursor.span_from(start);
-        self.report(
+        self.report_from(
+            start,
             &diagnostics::UNEXPECTED_CHARACTER,
-            span,
             "`(` is not part of a block",
             "Write comments as // or /* */.",
         );
@@ -447,9 +422,8 @@ impl<'a> Parser<'a> {
         if first == '=' {
             self.skip_line();
         }
-        let span = self.cursor.span_from(start);
         let (message, help) = if first.is_ascii_digit() || matches!(first, '.' | '+' | '-') {
-            let text = self.cursor.excerpt(span);
+            let text = self.cursor.excerpt(self.cursor.span_from(start));
             (
                 format!("`{text}` has no address"),
                 "Write the letter of the word before the number.",
@@ -468,7 +442,7 @@ impl<'a> Parser<'a> {
             };
             (format!("`{shown}` is not part of the language"), help)
         };
-        self.report(&diagnostics::UNEXPECTED_CHARACTER, span, message, help);
+        self.report_from(start, &diagnostics::UNEXPECTED_CHARACTER, message, help);
     }
 
     /// Goes to the end of the line; comments that hold line feeds are passed.

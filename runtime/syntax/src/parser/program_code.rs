@@ -6,17 +6,18 @@ use super::{LineKind, Parser, index};
 use crate::address::Address;
 use crate::diagnostics;
 use crate::program_code::Statement;
-use crate::tree::{Block, Content, VariableKind};
+use crate::tree::{Block, Content};
+use crate::variable::VariableKind;
 
 impl Parser<'_> {
-    /// Reads an assignment; the cursor stands behind the target's index, at blanks or `=`.
+    /// Reads an assignment; the cursor is behind the target's index, at blanks or `=`.
     pub(super) fn assignment(&mut self, start: usize, address: Address, index_start: usize) {
         let target_span = self.cursor.span_from(start);
         let index_span = self.cursor.span_from(index_start);
         if self.kind == LineKind::Words {
-            self.report(
+            self.report_from(
+                start,
                 &diagnostics::ASSIGNMENT_PLACE,
-                target_span,
                 "an assignment stands in a block of words",
                 "Write the assignment on a line of its own, before the block.",
             );
@@ -38,9 +39,9 @@ impl Parser<'_> {
         let target = self.existing_variable((kind, number), target_span);
         self.blanks();
         self.cursor.take(b'=');
-        let value = self.expression();
+        let value = self.expression(0);
         if let (Some(target), Some(value)) = (target, value) {
-            self.push_program_code(start, Statement::Assignment { target, value });
+            self.push_program_code(start, Statement::Assignment(target), Some(value));
             self.too_long(start);
         } else {
             self.skip_line();
@@ -48,34 +49,38 @@ impl Parser<'_> {
         }
     }
 
-    /// Notes that the line holds program codes; a block number before them is let go (its number is the line's).
+    /// Notes that the line holds program codes; a block number before them is dropped (its number is the line's).
     pub(super) fn begin_program_code(&mut self, start: usize) {
         if self.kind != LineKind::ProgramCodes {
             self.kind = LineKind::ProgramCodes;
-            self.words.truncate(self.first_word);
+            self.tree.words.truncate(self.first_word);
         }
         if self.flags & !Block::HAS_ERRORS != 0 {
-            let span = Span::new(index(self.line_start), index(start));
             self.flags = 0;
             self.report(
                 &diagnostics::SKIP_BEFORE_PROGRAM_CODE,
-                span,
+                Span::new(index(self.line_start), index(start)),
                 "block skip cannot stand before a program code",
                 "Remove it, or skip the blocks that use the value.",
             );
         }
     }
 
-    /// A block in the place of a program code that could not be read.
+    /// A block in place of a program code that could not be read.
     pub(super) fn push_failed(&mut self, start: usize) {
-        self.blocks.push(Block {
+        let none = Content::Words {
+            first: index(self.tree.words.len()),
+            count: 0,
+        };
+        self.push_block(start, self.flags | Block::HAS_ERRORS, none);
+    }
+
+    pub(super) fn push_block(&mut self, start: usize, flags: u32, content: Content) {
+        self.tree.blocks.push(Block {
             start: index(start),
             line: self.cursor.line_of(start),
-            flags: self.flags | Block::HAS_ERRORS,
-            content: Content::Words {
-                first: index(self.words.len()),
-                count: 0,
-            },
+            flags,
+            content,
         });
     }
 }

@@ -7,7 +7,8 @@ use crate::address::Address;
 use crate::cursor::{Number, NumberError};
 use crate::diagnostics;
 use crate::program_code::Keyword;
-use crate::tree::{Form, Variable, VariableKind, Word};
+use crate::tree::{Form, Word};
+use crate::variable::{Variable, VariableKind};
 
 impl Parser<'_> {
     /// Reads what begins with a letter here. True when it was a branch or repetition, which ends the line's reading.
@@ -68,8 +69,7 @@ impl Parser<'_> {
 
     fn unknown_word(&mut self, start: usize, letters: usize) {
         self.cursor.advance(letters);
-        let letters_span = self.cursor.span_from(start);
-        let name = self.cursor.excerpt(letters_span);
+        let name = self.cursor.excerpt(self.cursor.span_from(start));
         let mut ahead = self.cursor;
         if ahead.blanks(self.grammar).is_ok()
             && matches!(ahead.peek(), Some(b'0'..=b'9' | b'.' | b'-' | b'+' | b'['))
@@ -77,15 +77,14 @@ impl Parser<'_> {
             self.cursor = ahead;
         }
         self.pass_value();
-        let span = self.cursor.span_from(start);
         let help = if name.len() <= 2 && name.contains(['O', 'o']) {
             "If a zero is meant, write the digit 0."
         } else {
             "Remove it, or correct its address."
         };
-        self.report(
+        self.report_from(
+            start,
             &diagnostics::WORD_UNKNOWN,
-            span,
             format!("`{name}` is no word of this dialect"),
             help,
         );
@@ -159,10 +158,9 @@ impl Parser<'_> {
                 self.number_malformed(start, value_start);
             }
             Err(NumberError::TooLarge) => {
-                let span = self.cursor.span_from(start);
-                self.report(
+                self.report_from(
+                    start,
                     &diagnostics::NUMBER_TOO_LARGE,
-                    span,
                     "the number is too large",
                     "Write a number within the range of the word.",
                 );
@@ -171,12 +169,10 @@ impl Parser<'_> {
     }
 
     fn number_malformed(&mut self, start: usize, value_start: usize) {
-        let value_span = self.cursor.span_from(value_start);
-        let text = self.cursor.excerpt(value_span);
-        let span = self.cursor.span_from(start);
-        self.report(
+        let text = self.cursor.excerpt(self.cursor.span_from(value_start));
+        self.report_from(
+            start,
             &diagnostics::NUMBER_MALFORMED,
-            span,
             format!("`{text}` is not a number"),
             "Write an optional sign, digits, and at most one decimal point.",
         );
@@ -198,12 +194,10 @@ impl Parser<'_> {
         let closed = self.cursor.peek() == Some(b']');
         let Some(variable) = variable.filter(|_| closed) else {
             self.pass_bracket();
-            let bracket_span = self.cursor.span_from(bracket);
-            let text = self.cursor.excerpt(bracket_span);
-            let span = self.cursor.span_from(start);
-            self.report(
+            let text = self.cursor.excerpt(self.cursor.span_from(bracket));
+            self.report_from(
+                start,
                 &diagnostics::INDIRECTION_MALFORMED,
-                span,
                 format!("`{text}` is not one variable in brackets"),
                 "Write the name of one variable, for example [L12], and calculate before the block.",
             );
@@ -211,10 +205,9 @@ impl Parser<'_> {
         };
         self.cursor.advance(1);
         if matches!(address, Address::L | Address::P | Address::Q) && self.is_assignment() {
-            let span = self.cursor.span_from(start);
-            self.report(
+            self.report_from(
+                start,
                 &diagnostics::INDIRECTION_MALFORMED,
-                span,
                 "indirection cannot be used in a program code",
                 "Assign to a variable by its number.",
             );
@@ -231,14 +224,8 @@ impl Parser<'_> {
     /// Passes the name of a variable: its array, and its index however large.
     pub(super) fn variable(&mut self) -> Option<(VariableKind, u64)> {
         let letters = self.cursor.letters();
-        let kind = [
-            VariableKind::Local,
-            VariableKind::CoordinateSystem,
-            VariableKind::Global,
-            VariableKind::CapturedPosition,
-        ]
-        .into_iter()
-        .find(|kind| kind.prefix().eq_ignore_ascii_case(letters))?;
+        let mut kinds = VariableKind::ALL.into_iter();
+        let kind = kinds.find(|kind| kind.prefix().eq_ignore_ascii_case(letters))?;
         let mut ahead = self.cursor;
         ahead.advance(letters.len());
         let digits = ahead.digits();
@@ -282,11 +269,10 @@ impl Parser<'_> {
             self.word_beside_program_code(start);
             return;
         }
-        if address == Address::N && self.words.len() > self.first_word {
-            let span = self.cursor.span_from(start);
-            self.report(
+        if address == Address::N && self.tree.words.len() > self.first_word {
+            self.report_from(
+                start,
                 &diagnostics::BLOCK_NUMBER_PLACE,
-                span,
                 "the block number does not stand before the other words",
                 "Write N at the beginning of the block, once.",
             );
@@ -296,7 +282,7 @@ impl Parser<'_> {
             self.kind = LineKind::Words;
         }
         let length = u16::try_from(self.cursor.at() - start).unwrap_or(u16::MAX);
-        self.words.push(Word {
+        self.tree.words.push(Word {
             value,
             start: index(start),
             length,
@@ -306,10 +292,9 @@ impl Parser<'_> {
     }
 
     fn word_beside_program_code(&mut self, start: usize) {
-        let span = self.cursor.span_from(start);
-        self.report(
+        self.report_from(
+            start,
             &diagnostics::ASSIGNMENT_PLACE,
-            span,
             "a word stands beside a program code",
             "Write words and program codes on lines of their own.",
         );
@@ -340,7 +325,6 @@ pub(super) fn keyword(letters: &str) -> Option<Keyword> {
     if letters.len() < 2 {
         return None;
     }
-    Keyword::ALL
-        .into_iter()
-        .find(|keyword| keyword.text().eq_ignore_ascii_case(letters))
+    let mut keywords = Keyword::ALL.iter().copied();
+    keywords.find(|keyword| keyword.text().eq_ignore_ascii_case(letters))
 }

@@ -1,0 +1,57 @@
+//! Variables by name (manual 4-3).
+
+/// A variable by name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Variable {
+    /// Which array.
+    pub kind: VariableKind,
+    /// Index in it.
+    pub index: u16,
+}
+
+/// The arrays of variables (manual 4-3), and the captured positions.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub enum VariableKind {
+    /// L0 to L255: of one call.
+    Local,
+    /// Q0 to Q4095: of the coordinate system.
+    CoordinateSystem,
+    /// P0 to P32767: of the controller.
+    Global,
+    /// `_CNC_CapturedPosition<n>`, read only; n counts the motors of the coordinate system from 0 (D16).
+    CapturedPosition,
+}
+
+/// Highest index of a captured position: one for each axis that a coordinate system can have.
+const CAPTURED_POSITION_MAX: u16 = 7;
+const _: () = assert!(CAPTURED_POSITION_MAX as usize + 1 == tandem_model::AXES_MAX);
+
+impl VariableKind {
+    pub(crate) const ALL: [VariableKind; 4] = [
+        VariableKind::Local,
+        VariableKind::CoordinateSystem,
+        VariableKind::Global,
+        VariableKind::CapturedPosition,
+    ];
+
+    /// Highest index (manual, table of parameters; captured positions: one for each axis that is possible).
+    pub const fn index_max(self) -> u16 {
+        match self {
+            VariableKind::Local => 255,
+            VariableKind::CoordinateSystem => 4095,
+            VariableKind::Global => 32767,
+            VariableKind::CapturedPosition => CAPTURED_POSITION_MAX,
+        }
+    }
+
+    /// The name before the index.
+    pub const fn prefix(self) -> &'static str {
+        match self {
+            VariableKind::Local => "L",
+            VariableKind::CoordinateSystem => "Q",
+            VariableKind::Global => "P",
+            VariableKind::CapturedPosition => "_CNC_CapturedPosition",
+        }
+    }
+}
