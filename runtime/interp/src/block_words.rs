@@ -10,7 +10,7 @@ use crate::codes::value::judge_value;
 use crate::codes::{AXIS_ADDRESSES, Code, ModalGroup, Refusal, WordSpec, tenths};
 use crate::dialect::{Dialect, Rivals, WholeNumbers};
 use crate::evaluation::Scope;
-use crate::meaning::ModalValue;
+use crate::meaning::InForce;
 use crate::modal::Modal;
 use crate::restrictions;
 use crate::text_position::TextPosition;
@@ -37,21 +37,29 @@ const PARAMETERS: AddressSet = AddressSet::of(&[
 /// The words of one block.
 #[derive(Debug)]
 pub struct BlockWords {
-    present: AddressSet,
+    /// The addresses that the block has, but for G, M and N.
+    pub present: AddressSet,
     values: [f64; Address::COUNT],
     g_codes: [(&'static Code, usize); G_CODES_MAX],
     g_count: usize,
     m_code: Option<(&'static Code, u16)>,
-    own: AddressSet,
-    axis_words: AddressSet,
-    first_axis_place: Option<usize>,
-    taker: Option<&'static Code>,
+    /// The words that codes of the block have as their own, the motion in force apart.
+    pub own: AddressSet,
+    /// The axis words that the motion or fixed cycle in force takes.
+    pub axis_words: AddressSet,
+    /// Place of the first axis word among the words of the block.
+    pub first_axis_place: Option<usize>,
+    /// The motion or fixed cycle that takes words of the block; `None` when it is not known, or another code has axis
+    /// words of its own.
+    pub(crate) taker: Option<&'static Code>,
     /// The addresses of `taker`, kept from block to block as it mostly is the same one.
     taker_addresses: AddressSet,
-    taken: AddressSet,
+    /// The words that the motion or fixed cycle takes.
+    pub(crate) taken: AddressSet,
     /// A code could not be read, and may have words that seem to be no one's.
     unknown_code: bool,
-    any: bool,
+    /// The block has a word other than its number.
+    pub any: bool,
 }
 
 /// With what a block is read.
@@ -88,11 +96,6 @@ impl BlockWords {
         }
     }
 
-    /// The addresses that the block has, but for G, M and N.
-    pub fn present(&self) -> AddressSet {
-        self.present
-    }
-
     /// The value of a word; not a number for an indirection.
     pub fn get(&self, address: Address) -> Option<f64> {
         self.present
@@ -115,40 +118,18 @@ impl BlockWords {
         self.m_code.map_or(0, |(_, number)| number)
     }
 
-    /// The words that codes of the block have as their own, the motion in force apart.
-    pub fn own(&self) -> AddressSet {
-        self.own
-    }
-
-    /// The axis words that the motion or fixed cycle in force takes.
-    pub fn axis_words(&self) -> AddressSet {
-        self.axis_words
-    }
-
-    /// Place of the first axis word among the words of the block.
-    pub fn first_axis_place(&self) -> Option<usize> {
-        self.first_axis_place
-    }
-
-    /// The motion or fixed cycle that takes words of the block; `None` when it is not known, or another code has axis
-    /// words of its own.
-    pub(crate) fn taker(&self) -> Option<&'static Code> {
-        self.taker
-    }
-
-    /// The words that the motion or fixed cycle takes.
-    pub(crate) fn taken(&self) -> AddressSet {
-        self.taken
-    }
-
     /// True when the block has one of VA to VH.
     pub(crate) fn has_parameters(&self) -> bool {
         !self.present.intersection(PARAMETERS).is_empty()
     }
 
-    /// True when the block has a word other than its number.
-    pub fn any(&self) -> bool {
-        self.any
+    /// The values that G codes of the block set.
+    pub(crate) fn sets(&self) -> InForce {
+        let mut sets = InForce::default();
+        for value in self.g_codes().iter().filter_map(|(code, _)| code.sets) {
+            sets.set(value);
+        }
+        sets
     }
 
     /// Reads a block and hands over what is wrong with it.
@@ -174,7 +155,7 @@ impl BlockWords {
                 _ => self.value_word(word, place, with.scope.as_ref(), fault),
             }
         }
-        self.take_words(words, with.modal, fault);
+        self.take_words(program, block, with.modal, fault);
         if let WholeNumbers::Increments { mm, inch } = with.dialect.policy.whole_numbers {
             self.count_increments(words, with, mm, inch);
         }
@@ -311,11 +292,7 @@ impl BlockWords {
     /// Makes lengths of numbers without a decimal point.
     #[inline(never)]
     fn count_increments(&mut self, words: &[Word], with: &Reading<'_>, mm: f64, inch: f64) {
-        let own_unit = self.g_codes().iter().find_map(|(code, _)| match code.sets {
-            Some(ModalValue::Unit(unit)) => Some(unit),
-            _ => None,
-        });
-        let unit = own_unit.or(with.modal.in_force.unit).unwrap_or_default();
+        let unit = self.sets().unit.or(with.modal.in_force.unit).unwrap_or_default();
         let mut counted = AddressSet::EMPTY;
         for word in words {
             let is_length = |spec: &WordSpec| spec.is_length();
@@ -334,7 +311,13 @@ impl BlockWords {
     }
 
     /// Settles which code takes which words.
-    fn take_words(&mut self, words: &[Word], modal: &Modal, fault: &mut dyn FnMut(Diagnostic)) {
+    fn take_words(
+        &mut self,
+        program: &NcProgram,
+        block: &Block,
+        modal: &Modal,
+        fault: &mut dyn FnMut(Diagnostic),
+    ) {
         let (own, shared) = if self.has_codes() {
             self.own_words()
         } else {
@@ -350,7 +333,7 @@ impl BlockWords {
         };
         self.taken = self.taker_addresses.intersection(self.present).without(own);
         for address in shared.intersection(self.present).iter() {
-            fault(shared_word(words, address));
+            fault(shared_word(program.span_of(block, address), address));
         }
     }
 
@@ -515,30 +498,18 @@ fn twice(word: &Word) -> Diagnostic {
 }
 
 #[cold]
-fn shared_word(words: &[Word], address: Address) -> Diagnostic {
+fn shared_word(span: Span, address: Address) -> Diagnostic {
     diagnostics::WORD_SHARED.at(
-        span_of(words, address),
+        span,
         format!("two codes of the block take {}", address.text()),
         "Write the codes in blocks of their own.",
     )
 }
 
-/// A refusal at its word, or at the block where the word does not stand.
+/// A refusal at its word, or at the block when it has no such word.
 fn at_word(program: &NcProgram, block: &Block, refusal: Refusal) -> Diagnostic {
-    let span = span_of(program.words(block), refusal.address);
-    let span = if span == Span::default() {
-        program.span(block)
-    } else {
-        span
-    };
+    let span = program.span_of(block, refusal.address);
     refusal.entry.at(span, refusal.message, refusal.help)
-}
-
-fn span_of(words: &[Word], address: Address) -> Span {
-    words
-        .iter()
-        .find(|word| word.address == address)
-        .map_or_else(Span::default, Word::span)
 }
 
 /// The number of a G, M or N word: a constant that is not negative.

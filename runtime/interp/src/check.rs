@@ -274,12 +274,12 @@ impl Checker<'_> {
 
     /// Notes the M codes that a fixed cycle puts out.
     fn cycle_outputs(&mut self, block: &Block, words: &BlockWords) {
-        let Some(taker) = words.taker() else { return };
+        let Some(taker) = words.taker else { return };
         let Some(ModalValue::Cycle(Some(cycle))) = taker.sets else {
             return;
         };
         let starts = words.g_codes().iter().any(|(code, _)| *code == taker);
-        if starts || !words.taken().is_empty() {
+        if starts || !words.taken.is_empty() {
             for m in cycle.outputs(self.context.has_spindle) {
                 self.auxiliary(block, m);
             }
@@ -302,7 +302,7 @@ impl Checker<'_> {
         self.position.follow(words, &self.modal);
         let may_be_skipped = block.skip_numbers() != 0;
         if may_be_skipped {
-            self.position.lose(words.axis_words());
+            self.position.lose(words.axis_words);
         }
         let leaves_open = may_be_skipped && !words.g_codes().is_empty();
         if leaves_open || block.has_errors() || words.m_code().is_some_and(|code| code.role == Role::Call) {
@@ -315,7 +315,7 @@ impl Checker<'_> {
         let known = self.context.m_codes_with_settings;
         if first && known.is_some_and(|known| !known.contains(&number)) {
             self.findings.push(diagnostics::M_WITHOUT_SETTINGS.at(
-                self.span_of(block, Address::M),
+                self.program.span_of(block, Address::M),
                 format!("M{number:02} has no settings"),
                 format!("Add [m_code.{number}] to the configuration, or correct the number."),
             ));
@@ -343,7 +343,7 @@ impl Checker<'_> {
         let called = words.get(Address::L).is_none_or(|times| times > 0.0);
         if first && missing && called {
             self.findings.push(diagnostics::PROGRAM_MISSING.at(
-                self.span_of(block, Address::P),
+                self.program.span_of(block, Address::P),
                 format!("program {number} is not there"),
                 "Load it before the program starts, or correct the number.",
             ));
@@ -357,24 +357,24 @@ impl Checker<'_> {
             let own = if dwells {
                 AddressSet::EMPTY
             } else {
-                words.own().intersection(words.present())
+                words.own.intersection(words.present)
             };
-            for address in words.axis_words().union(own).iter() {
+            for address in words.axis_words.union(own).iter() {
                 if axis_of(address).is_some_and(|axis| !axes.contains(axis)) {
                     self.findings.push(diagnostics::AXIS_UNKNOWN.at(
-                        self.span_of(block, address),
+                        self.program.span_of(block, address),
                         format!("the coordinate system has no axis {}", address.text()),
                         "Remove the word, or assign a motor to the axis.",
                     ));
                 }
             }
         }
-        let free = |address| words.get(address).filter(|_| !words.own().contains(address));
+        let free = |address| words.get(address).filter(|_| !words.own.contains(address));
         if let (Some(feedrate), Some(max)) = (free(Address::F), self.context.max_feedrate_mm_min)
             && feedrate * self.modal.unit() > max
         {
             self.findings.push(diagnostics::FEEDRATE_CLIPPED.at(
-                self.span_of(block, Address::F),
+                self.program.span_of(block, Address::F),
                 format!("F{feedrate} is above the maximum feedrate of {max} mm/min, which will be used"),
                 format!(
                     "Write F{} or less, or raise max_feedrate.",
@@ -386,7 +386,7 @@ impl Checker<'_> {
             && speed > max
         {
             self.findings.push(diagnostics::OUT_OF_RANGE.at(
-                self.span_of(block, Address::S),
+                self.program.span_of(block, Address::S),
                 format!("S{speed} is above the spindle's maximum of {max} r/min"),
                 format!("Write S{max} or less."),
             ));
@@ -426,14 +426,6 @@ impl Checker<'_> {
             "the program goes past this block and has no end",
             "Write M30 in the last block of a main program, M99 in that of a subprogram, without block skip.",
         ));
-    }
-
-    fn span_of(&self, block: &Block, address: Address) -> Span {
-        self.program
-            .words(block)
-            .iter()
-            .find(|word| word.address == address)
-            .map_or_else(|| self.program.span(block), Word::span)
     }
 }
 

@@ -117,21 +117,19 @@ impl ModalWords {
     /// Of these axis words and feed words.
     pub const fn new(axis_words: &'static [WordSpec], feed_words: &'static [WordSpec]) -> Self {
         let mut specs = [None; Address::COUNT];
-        let mut feed = AddressSet::EMPTY;
-        let mut i = 0;
-        while i < axis_words.len() {
-            specs[axis_words[i].address as usize] = Some(&axis_words[i]);
-            i += 1;
-        }
-        i = 0;
-        while i < feed_words.len() {
-            specs[feed_words[i].address as usize] = Some(&feed_words[i]);
-            feed.insert(feed_words[i].address);
-            i += 1;
+        let lists = [axis_words, feed_words];
+        let mut list = 0;
+        while list < lists.len() {
+            let mut i = 0;
+            while i < lists[list].len() {
+                specs[lists[list][i].address as usize] = Some(&lists[list][i]);
+                i += 1;
+            }
+            list += 1;
         }
         Self {
             specs,
-            feed_words: feed,
+            feed_words: WordSpec::addresses(feed_words),
         }
     }
 

@@ -71,95 +71,48 @@ pub enum Flow {
 
 /// What has come together of a block so far.
 #[derive(Debug, Default)]
-pub(crate) struct Draft {
+pub struct Draft {
     pub(crate) action: Option<Action>,
     /// The transform in force is another one.
     pub(crate) transforms: bool,
-    pub(crate) transform_after: bool,
+    /// It takes effect behind the motion of the block.
+    pub transform_after: bool,
     pub(crate) cycle: Option<Box<Expansion>>,
-    /// Before the block, and behind it.
-    pub(crate) exact_stops: [bool; 2],
-    pub(crate) flow: Flow,
+    /// Exact stops before the block's motion, and behind it.
+    pub exact_stops: [bool; 2],
+    /// How the program continues.
+    pub flow: Flow,
     pub(crate) warnings: Vec<String>,
     pub(crate) alarm: Option<Alarm>,
+    /// The block needs the position, which is not known yet.
+    pub(crate) needs_position: bool,
 }
 
 /// A block while it is interpreted.
 #[derive(Debug)]
 pub struct Execution<'a> {
-    dialect: &'static Dialect,
-    words: &'a BlockWords,
-    modal: &'a mut Modal,
-    inputs: &'a Inputs<'a>,
-    limits: &'a Limits,
-    place: usize,
-    /// The block needs the position, which is not known yet.
-    pub(crate) needs_position: bool,
-    pub(crate) draft: Draft,
+    /// The dialect of the program.
+    pub dialect: &'static Dialect,
+    /// The words of the block.
+    pub words: &'a BlockWords,
+    /// The modal state, which codes change.
+    pub modal: &'a mut Modal,
+    /// Values from outside.
+    pub inputs: &'a Inputs<'a>,
+    /// Limits of the coordinate system.
+    pub limits: &'a Limits,
+    /// Place of the code among the words of the block.
+    pub place: usize,
+    /// What the block gives.
+    pub draft: &'a mut Draft,
 }
 
-impl<'a> Execution<'a> {
-    pub(crate) fn new(
-        dialect: &'static Dialect,
-        words: &'a BlockWords,
-        modal: &'a mut Modal,
-        inputs: &'a Inputs<'a>,
-        limits: &'a Limits,
-    ) -> Self {
-        Self {
-            dialect,
-            words,
-            modal,
-            inputs,
-            limits,
-            place: 0,
-            needs_position: false,
-            draft: Draft::default(),
-        }
-    }
-
-    /// Turns to the code at a place among the words.
-    pub(crate) fn turn_to(&mut self, place: usize) {
-        self.place = place;
-    }
-
-    /// The dialect of the program.
-    pub fn dialect(&self) -> &'static Dialect {
-        self.dialect
-    }
-
-    /// The words of the block.
-    pub fn words(&self) -> &'a BlockWords {
-        self.words
-    }
-
+impl Execution<'_> {
     /// The value of a word that no code of the block has as its own.
     pub fn free_word(&self, address: Address) -> Option<f64> {
-        if self.words.own().contains(address) {
-            None
-        } else {
-            self.words.get(address)
-        }
-    }
-
-    /// Place of the code among the words of the block.
-    pub fn place(&self) -> usize {
-        self.place
-    }
-
-    /// The modal state.
-    pub fn modal(&self) -> &Modal {
-        self.modal
-    }
-
-    /// The modal state, to change it.
-    pub fn modal_mut(&mut self) -> &mut Modal {
-        self.modal
-    }
-
-    /// Values from outside.
-    pub fn inputs(&self) -> &'a Inputs<'a> {
-        self.inputs
+        self.words
+            .get(address)
+            .filter(|_| !self.words.own.contains(address))
     }
 
     /// The tool that is selected (D17). Without one its radius or length, `what`, counts as 0, and the code in force in
@@ -177,13 +130,8 @@ impl<'a> Execution<'a> {
     /// Where the next block counts from, machine coordinates. While it is open where a G31 ends, the block is interpreted
     /// again once that is known, and what it does this time does not count.
     pub fn position(&mut self) -> AxisVector {
-        self.needs_position |= self.inputs.position.is_none();
+        self.draft.needs_position |= self.inputs.position.is_none();
         self.inputs.position.unwrap_or_default()
-    }
-
-    /// Limits of the coordinate system.
-    pub fn limits(&self) -> &'a Limits {
-        self.limits
     }
 
     /// A length in mm, whatever the unit in force (D25).
@@ -193,12 +141,12 @@ impl<'a> Execution<'a> {
 
     /// The axis words that the motion or fixed cycle in force takes.
     pub fn axis_words(&self) -> AxisWords {
-        self.axes_of(self.words.axis_words())
+        self.axes_of(self.words.axis_words)
     }
 
     /// The axis words that a code of the block has as its own.
     pub fn own_axis_words(&self) -> AxisWords {
-        self.axes_of(self.words.present().intersection(AXIS_ADDRESSES))
+        self.axes_of(self.words.present.intersection(AXIS_ADDRESSES))
     }
 
     /// A centre of these axes: the axis words that a code of the block has as its own, absolute; for an axis without a
@@ -255,16 +203,6 @@ impl<'a> Execution<'a> {
         any
     }
 
-    /// The transform of the block holds from behind its motion on.
-    pub fn transform_after_motion(&mut self) {
-        self.draft.transform_after = true;
-    }
-
-    /// The block is a fixed cycle.
-    pub(crate) fn run_cycle(&mut self, cycle: Expansion) {
-        self.draft.cycle = Some(Box::new(cycle));
-    }
-
     /// What the block does.
     pub fn act(&mut self, action: Action) {
         self.draft.action = Some(action);
@@ -274,16 +212,6 @@ impl<'a> Execution<'a> {
     pub fn transform(&mut self, change: impl FnOnce(&mut Transform)) {
         change(&mut self.modal.transform);
         self.draft.transforms = true;
-    }
-
-    /// Stops exactly before the block's motion, or behind it.
-    pub fn stop_exactly(&mut self, behind: bool) {
-        self.draft.exact_stops[usize::from(behind)] = true;
-    }
-
-    /// How the program goes on after the block.
-    pub fn go_on_with(&mut self, flow: Flow) {
-        self.draft.flow = flow;
     }
 
     /// Refuses the block with an alarm; the first one counts.

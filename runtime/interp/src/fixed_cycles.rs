@@ -1,6 +1,8 @@
 //! Fixed cycles: one block becomes many items. A cycle is a list of steps; a block in it gives them one by one, as it
 //! may have thousands of repetitions.
 
+use std::collections::BTreeSet;
+
 use tandem_model::flow::{Action, AxisWords, Distance, Frame, Tap, TapLeg, ThreadAhead};
 use tandem_model::limits::M_CODE_MAX;
 use tandem_model::plane::Turn;
@@ -23,7 +25,6 @@ pub struct Steps {
     head: &'static [Step],
     repetition: &'static [Step],
     tail: &'static [Step],
-    outputs: MCodes,
 }
 
 /// A step of a cycle.
@@ -58,9 +59,6 @@ pub enum Level {
     Return,
 }
 
-/// A set of M codes, one bit each.
-type MCodes = [u64; M_CODE_MAX as usize / 64 + 1];
-
 impl PartialEq for Cycle {
     fn eq(&self, other: &Self) -> bool {
         std::ptr::eq(self, other)
@@ -70,21 +68,17 @@ impl PartialEq for Cycle {
 impl Cycle {
     /// The M codes that a block of it puts out, ascending; all that it may put out where it is not known whether there is
     /// a spindle.
-    pub fn outputs(&self, has_spindle: Option<bool>) -> impl Iterator<Item = u16> {
-        let with = self
-            .with_spindle
-            .outputs
-            .map(|bits| (has_spindle != Some(false), bits));
-        let without = self
-            .without_spindle
-            .outputs
-            .map(|bits| (has_spindle != Some(true), bits));
-        (0..=M_CODE_MAX).filter(move |m| {
-            let (at, bit) = (usize::from(m / 64), 1 << (m % 64));
-            [with[at], without[at]]
-                .iter()
-                .any(|(counts, bits)| *counts && bits & bit != 0)
-        })
+    pub fn outputs(&self, has_spindle: Option<bool>) -> BTreeSet<u16> {
+        let forms = [(true, &self.with_spindle), (false, &self.without_spindle)];
+        let forms = forms
+            .into_iter()
+            .filter(|(with, _)| has_spindle.is_none_or(|has| has == *with));
+        let steps = forms.flat_map(|(_, steps)| [steps.head, steps.repetition, steps.tail].concat());
+        let outputs = steps.filter_map(|step| match step {
+            Step::Output(m) => Some(m),
+            _ => None,
+        });
+        outputs.collect()
     }
 
     /// How the spindle turns into the hole of a cycle that cuts a thread; `None` for another one.
@@ -102,7 +96,6 @@ impl Steps {
     /// # Panics
     /// With an M code above [`M_CODE_MAX`]; in a `static` that is an error of the compiler.
     pub const fn new(head: &'static [Step], repetition: &'static [Step], tail: &'static [Step]) -> Self {
-        let mut outputs = [0; _];
         let parts = [head, repetition, tail];
         let mut part = 0;
         while part < parts.len() {
@@ -110,7 +103,6 @@ impl Steps {
             while at < parts[part].len() {
                 if let Step::Output(m) = parts[part][at] {
                     assert!(m <= M_CODE_MAX, "no such M code");
-                    outputs[m as usize / 64] |= 1 << (m % 64);
                 }
                 at += 1;
             }
@@ -120,7 +112,6 @@ impl Steps {
             head,
             repetition,
             tail,
-            outputs,
         }
     }
 }

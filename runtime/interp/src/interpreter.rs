@@ -265,10 +265,17 @@ impl Interpreter {
             return Err(alarm_of(&fault).at(word));
         }
         let before = inputs.position.is_none().then(|| self.modal.clone());
-        let mut execution = Execution::new(self.dialect, &self.words, &mut self.modal, inputs, &self.limits);
-        execute(&mut execution);
-        let (needs_position, mut draft) = (execution.needs_position, execution.draft);
-        if let (true, Some(before)) = (needs_position, before) {
+        let mut draft = Draft::default();
+        execute(&mut Execution {
+            dialect: self.dialect,
+            words: &self.words,
+            modal: &mut self.modal,
+            inputs,
+            limits: &self.limits,
+            place: 0,
+            draft: &mut draft,
+        });
+        if let (true, Some(before)) = (draft.needs_position, before) {
             self.modal = before;
             frame.next -= 1;
             self.queue.push_back(Item::NeedsStandstill(origin));
@@ -317,7 +324,7 @@ impl Interpreter {
             Flow::Next | Flow::Output { .. } | Flow::Call { .. } => false,
         };
         let cycle = draft.cycle.take();
-        let silent = own_item || draft.transforms || cycle.is_some() || !self.words.any();
+        let silent = own_item || draft.transforms || cycle.is_some() || !self.words.any;
         let action = draft.action.take().or((!silent).then_some(Action::None));
         let transform = draft
             .transforms
@@ -426,38 +433,38 @@ impl Frame {
 
 /// Runs the effects of a block: modal codes, feed words, codes that are not modal, motion, M code.
 fn execute(execution: &mut Execution<'_>) {
-    let words = execution.words();
+    let words = execution.words;
     let modal_codes = || {
         words
             .g_codes()
             .iter()
             .filter(|(code, _)| code.group != ModalGroup::NonModal)
     };
-    restrictions::follow(words, execution.modal_mut());
+    restrictions::follow(words, execution.modal);
     // all are in force before the first has its effect: words may stand in any order (D02)
     for (code, _) in modal_codes() {
         if code.group == ModalGroup::Motion {
-            let dialect = execution.dialect();
-            execution.modal_mut().end_cycle(dialect);
+            let dialect = execution.dialect;
+            execution.modal.end_cycle(dialect);
         }
-        execution.modal_mut().remember(code);
+        execution.modal.remember(code);
     }
     for (code, place) in modal_codes() {
-        execution.turn_to(*place);
+        execution.place = *place;
         (code.select)(execution);
     }
     feed_words::take_over(execution);
     for (code, place) in words.g_codes() {
         if code.group == ModalGroup::NonModal {
-            execution.turn_to(*place);
+            execution.place = *place;
             (code.select)(execution);
         }
     }
-    let taker = execution.modal().taker();
+    let taker = execution.modal.taker();
     let starts_cycle = taker.is_some_and(|taker| {
         taker.group == ModalGroup::FixedCycle && words.g_codes().iter().any(|(code, _)| *code == taker)
     });
-    if (starts_cycle || !words.taken().is_empty())
+    if (starts_cycle || !words.taken.is_empty())
         && let Some(motion) = taker.and_then(|taker| taker.motion)
     {
         let axis_words = execution.axis_words();
@@ -492,21 +499,16 @@ fn reads_captured_position(program: &NcProgram, block: &Block) -> bool {
 
 /// The alarm for what would have been an error at check time.
 fn alarm_of(fault: &Diagnostic) -> Alarm {
-    let entry = if fault.code == diagnostics::NUMBER_TOO_LARGE.code {
-        &VALUE_NOT_FINITE
-    } else if fault.code == diagnostics::OUT_OF_RANGE.code {
-        &VALUE_OUT_OF_RANGE
-    } else if fault.code == diagnostics::COMPENSATION_RULE.code {
-        &COMPENSATION_REFUSED
-    } else if fault.code == diagnostics::TOOL_OFFSET_RULE.code {
-        &OFFSET_REFUSED
-    } else if fault.code == diagnostics::FIXED_CYCLE_RULE.code {
-        &FIXED_CYCLE_REFUSED
-    } else if fault.code == diagnostics::ARC_SHAPE.code {
-        &ARC_REFUSED
-    } else {
-        &PROGRAM_HAS_ERRORS
-    };
+    let alarms = [
+        (&diagnostics::NUMBER_TOO_LARGE, &VALUE_NOT_FINITE),
+        (&diagnostics::OUT_OF_RANGE, &VALUE_OUT_OF_RANGE),
+        (&diagnostics::COMPENSATION_RULE, &COMPENSATION_REFUSED),
+        (&diagnostics::TOOL_OFFSET_RULE, &OFFSET_REFUSED),
+        (&diagnostics::FIXED_CYCLE_RULE, &FIXED_CYCLE_REFUSED),
+        (&diagnostics::ARC_SHAPE, &ARC_REFUSED),
+    ];
+    let found = alarms.iter().find(|(entry, _)| entry.code == fault.code);
+    let entry = found.map_or(&PROGRAM_HAS_ERRORS, |(_, alarm)| alarm);
     Alarm::new(entry, fault.message.clone())
 }
 

@@ -108,7 +108,7 @@ fn is_plain(words: &BlockWords, modal: &Modal) -> bool {
     words.g_codes().is_empty()
         && words.m_code().is_none()
         && !modal.lead_pending
-        && words.taker().is_some_and(straight)
+        && words.taker.is_some_and(straight)
         && modal.in_force.side == Some(Side::Off)
 }
 
@@ -135,20 +135,15 @@ fn moves_in_plane(words: &BlockWords, modal: &Modal) -> bool {
         None => return moves(words),
     };
     words
-        .taken()
+        .taken
         .iter()
         .any(|address| address != outside && !matches!(address, Address::A | Address::B | Address::C))
 }
 
-/// The value that a code of the block sets.
-fn own<T>(words: &BlockWords, pick: impl Fn(ModalValue) -> Option<T>) -> Option<T> {
-    let mut values = words.g_codes().iter().filter_map(|(code, _)| code.sets);
-    values.find_map(pick)
-}
-
 /// What the block says of cutter compensation.
 fn own_side(words: &BlockWords) -> Option<Side> {
-    own(words, |value| match value {
+    let mut values = words.g_codes().iter().filter_map(|(code, _)| code.sets);
+    values.find_map(|value| match value {
         ModalValue::Side(side) => Some(side),
         _ => None,
     })
@@ -165,30 +160,21 @@ fn g_code(words: &BlockWords, is_so: impl Fn(&Code) -> bool) -> Option<&'static 
 
 /// True when the motion or cycle in force takes a word of the block.
 fn moves(words: &BlockWords) -> bool {
-    !words.taken().is_empty()
+    !words.taken.is_empty()
 }
 
 fn moves_by(words: &BlockWords, kind: MotionKind) -> bool {
-    moves(words) && words.taker().is_some_and(|code| code.role == Role::Motion(kind))
+    moves(words) && words.taker.is_some_and(|code| code.role == Role::Motion(kind))
 }
 
 /// Which restrictions hold for a block, by what is in force before it and by its own codes.
 fn state(words: &BlockWords, modal: &Modal) -> impl Fn(During) -> bool {
-    let in_force = modal.in_force;
-    let own_cycle = own(words, |value| match value {
-        ModalValue::Cycle(cycle) => Some(cycle),
-        _ => None,
-    });
-    let own_length = own(words, |value| match value {
-        ModalValue::Length(length) => Some(length),
-        _ => None,
-    });
+    let (in_force, own) = (modal.in_force, words.sets());
     let moves_anew = g_code(words, |code| matches!(code.role, Role::Motion(_))).is_some();
-    let in_cycle = modal.fixed_cycle().is_some() && own_cycle != Some(None) && !moves_anew;
-    let own_side = own_side(words);
+    let in_cycle = modal.fixed_cycle().is_some() && own.cycle != Some(None) && !moves_anew;
     let before = in_force.compensates();
-    let switches_on = own_side.is_some_and(|side| side != Side::Off);
-    let after = (before && own_side != Some(Side::Off)) || switches_on;
+    let switches_on = own.compensates();
+    let after = (before && own.side != Some(Side::Off)) || switches_on;
     let leads = modal.lead_pending != (after != before);
     // where the tool is before what leads out depends on that motion
     let way_out = leads && !after;
@@ -196,7 +182,7 @@ fn state(words: &BlockWords, modal: &Modal) -> impl Fn(During) -> bool {
     let pending = in_force.side.is_some() && modal.lead_pending;
     let is_offset = |length| matches!(length, Some(LengthOffset::Added | LengthOffset::Subtracted));
     move |during| match during {
-        During::CycleBegin => matches!(own_cycle, Some(Some(_))) && in_force.cycle == Some(None),
+        During::CycleBegin => matches!(own.cycle, Some(Some(_))) && in_force.cycle == Some(None),
         During::Cycle => in_cycle,
         During::Lead => leads,
         During::Compensation => (before && after) || way_out,
@@ -204,7 +190,7 @@ fn state(words: &BlockWords, modal: &Modal) -> impl Fn(During) -> bool {
         During::CompensationOrWayOut => after || way_out,
         During::CompensatedEnd => (after || way_out) && !leads_out_here,
         During::AnyCompensation => before || pending || switches_on,
-        During::ToolOffset => is_offset(in_force.length) || is_offset(own_length),
+        During::ToolOffset => is_offset(in_force.length) || is_offset(own.length),
     }
 }
 
@@ -212,15 +198,11 @@ fn state(words: &BlockWords, modal: &Modal) -> impl Fn(During) -> bool {
 fn found(what: What, words: &BlockWords, modal: &Modal) -> Option<(Address, String)> {
     let in_force = &modal.in_force;
     let shown = |code: &Code| (Address::G, code.code.to_owned());
-    let motion = |is_so: bool| {
-        (is_so && moves(words))
-            .then(|| words.taker().map(shown))
-            .flatten()
-    };
+    let motion = |is_so: bool| (is_so && moves(words)).then(|| words.taker.map(shown)).flatten();
     let m_code = || (Address::M, format!("M{:02}", words.m_number()));
     match what {
         What::Missing(needed) => {
-            let missing = needed.iter().find(|word| !words.present().contains(**word))?;
+            let missing = needed.iter().find(|word| !words.present.contains(**word))?;
             Some((Address::G, missing.text().to_owned()))
         }
         What::ForeignToCycles => {
@@ -232,7 +214,7 @@ fn found(what: What, words: &BlockWords, modal: &Modal) -> Option<(Address, Stri
         What::MovesBy(kind) => motion(moves_by(words, kind)),
         What::MovesByCycle => motion(
             words
-                .taker()
+                .taker
                 .is_some_and(|code| matches!(code.sets, Some(ModalValue::Cycle(Some(_))))),
         ),
         What::Has(role) => {
@@ -257,51 +239,33 @@ fn found(what: What, words: &BlockWords, modal: &Modal) -> Option<(Address, Stri
 /// A text with the codes that its marks stand for.
 #[cold]
 fn written(text: &str, dialect: &Dialect, found: &str) -> String {
-    type Mark = (&'static str, fn(&Code) -> bool, &'static str);
-    const MARKS: [Mark; 6] = [
-        (
-            "{linear}",
-            |code| code.role == Role::Motion(MotionKind::Linear),
-            " or ",
-        ),
-        (
-            "{cutting}",
-            |code| matches!(code.role, Role::Motion(MotionKind::Linear | MotionKind::Arc)),
-            " and ",
-        ),
-        (
-            "{compensation}",
-            |code| matches!(code.sets, Some(ModalValue::Side(Side::Left | Side::Right))),
-            " or ",
-        ),
-        (
-            "{no compensation}",
-            |code| code.sets == Some(ModalValue::Side(Side::Off)),
-            " or ",
-        ),
-        (
-            "{no cycle}",
-            |code| code.sets == Some(ModalValue::Cycle(None)),
-            " or ",
-        ),
-        (
-            "{no tool offset}",
-            |code| code.sets == Some(ModalValue::Length(LengthOffset::Off)),
-            " or ",
-        ),
-    ];
-    let mut text = text.replace("{code}", found);
-    for (mark, is_meant, last) in MARKS {
-        if text.contains(mark) {
-            let codes = dialect.g_codes.codes.iter().filter(|code| is_meant(code));
-            let names: Vec<&str> = codes.map(|code| code.code).collect();
-            let list = match names.split_last() {
-                Some((end, [])) => (*end).to_owned(),
-                Some((end, rest)) => format!("{}{last}{end}", rest.join(", ")),
-                None => String::new(),
-            };
-            text = text.replace(mark, &list);
+    let names = |last: &str, is_meant: fn(&Code) -> bool| {
+        let codes = dialect.g_codes.codes.iter().filter(|code| is_meant(code));
+        let names: Vec<&str> = codes.map(|code| code.code).collect();
+        match names.split_last() {
+            Some((end, rest)) if !rest.is_empty() => format!("{} {last} {end}", rest.join(", ")),
+            _ => names.concat(),
         }
+    };
+    let mut parts = text.split(['{', '}']);
+    let mut written = parts.next().unwrap_or_default().to_owned();
+    while let (Some(mark), Some(rest)) = (parts.next(), parts.next()) {
+        written += &match mark {
+            "linear" => names("or", |code| code.role == Role::Motion(MotionKind::Linear)),
+            "cutting" => names("and", |code| {
+                matches!(code.role, Role::Motion(MotionKind::Linear | MotionKind::Arc))
+            }),
+            "compensation" => names("or", |code| {
+                matches!(code.sets, Some(ModalValue::Side(Side::Left | Side::Right)))
+            }),
+            "no compensation" => names("or", |code| code.sets == Some(ModalValue::Side(Side::Off))),
+            "no cycle" => names("or", |code| code.sets == Some(ModalValue::Cycle(None))),
+            "no tool offset" => names("or", |code| {
+                code.sets == Some(ModalValue::Length(LengthOffset::Off))
+            }),
+            _ => found.to_owned(),
+        };
+        written += rest;
     }
-    text
+    written
 }

@@ -37,8 +37,8 @@ impl TextPosition {
     /// Follows a block that has been found right. `modal` is in force in it.
     pub(crate) fn follow(&mut self, words: &BlockWords, modal: &Modal) {
         let harmless = words.g_codes().iter().all(|(code, _)| is_harmless(code));
-        let named = words.axis_words();
-        let moves = words.taker().map(|taker| taker.group);
+        let named = words.axis_words;
+        let moves = words.taker.map(|taker| taker.group);
         if !harmless || (!named.is_empty() && moves != Some(ModalGroup::Motion)) {
             *self = Self::unknown();
             return;
@@ -62,7 +62,7 @@ impl TextPosition {
 
     /// How far a block goes along an axis; not a number where the text does not show it.
     pub(crate) fn way(&self, words: &BlockWords, distance: Option<Distance>, axis: Axis) -> f64 {
-        let word = values(words, words.axis_words()).find(|(named, _)| *named == axis);
+        let word = values(words, words.axis_words).find(|(named, _)| *named == axis);
         match (word, distance) {
             (None, _) => 0.0,
             (Some((_, value)), Some(Distance::Incremental)) => value,

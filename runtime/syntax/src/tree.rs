@@ -125,6 +125,13 @@ impl NcProgram {
         Span::new(block.start, end.max(block.start))
     }
 
+    /// The range of bytes of the block's first word with an address; of the block where it has none.
+    pub fn span_of(&self, block: &Block, address: Address) -> Span {
+        let mut words = self.words(block).iter();
+        let word = words.find(|word| word.address == address);
+        word.map_or_else(|| self.span(block), Word::span)
+    }
+
     /// Where a block stands, for a program of the given number (0: none).
     pub fn origin(&self, block: &Block, program: u16) -> Origin {
         self.origin_within(block, block.start, program)

@@ -27,31 +27,31 @@ pub static CYCLE_WORDS: [WordSpec; 6] = [
 /// Takes over the words of a block in the fixed cycle in force, and begins to give its steps.
 pub fn run(execution: &mut Execution<'_>, words: AxisWords) {
     take_over(execution);
-    let kept = execution.modal().cycle;
-    let in_force = execution.modal().in_force.cycle.flatten();
+    let kept = execution.modal.cycle;
+    let in_force = execution.modal.in_force.cycle.flatten();
     let (Some(cycle), Some(z), Some(r)) = (in_force, kept.z, kept.r) else {
         let text = "the fixed cycle has no Z point or no R point";
         execution.refuse(Alarm::new(&FIXED_CYCLE_REFUSED, text));
         return;
     };
     let initial = kept.initial.unwrap_or_else(|| initial_level(execution));
-    execution.modal_mut().cycle.initial = Some(initial);
+    execution.modal.cycle.initial = Some(initial);
     let (r_point, z_point) = match words.distance {
         Distance::Absolute => (r, z),
         Distance::Incremental => (initial + r, initial + r + z),
     };
-    let returns = execution.modal().in_force.return_level == Some(ReturnLevel::Initial);
-    let speed = execution.modal().spindle_speed_r_min;
+    let returns = execution.modal.in_force.return_level == Some(ReturnLevel::Initial);
+    let speed = execution.modal.spindle_speed_r_min;
     let hole = Hole {
         position: words,
         r_point,
         z_point,
         initial: returns.then_some(initial),
         dwell_s: kept.dwell_s.unwrap_or_default(),
-        spindle_speed_r_min: execution.limits().has_spindle.then_some(speed),
+        spindle_speed_r_min: execution.limits.has_spindle.then_some(speed),
         repetitions: kept.repetitions.unwrap_or(1),
     };
-    execution.run_cycle(Expansion::new(cycle, hole));
+    execution.draft.cycle = Some(Box::new(Expansion::new(cycle, hole)));
 }
 
 #[expect(
@@ -61,9 +61,9 @@ pub fn run(execution: &mut Execution<'_>, words: AxisWords) {
 )]
 fn take_over(execution: &mut Execution<'_>) {
     let (z, r) = (execution.length(Address::Z), execution.length(Address::R));
-    let dwell_s = execution.words().get(Address::P).map(|time| time / 1000.0);
-    let repetitions = execution.words().get(Address::K).map(|count| count as u16);
-    let kept = &mut execution.modal_mut().cycle;
+    let dwell_s = execution.words.get(Address::P).map(|time| time / 1000.0);
+    let repetitions = execution.words.get(Address::K).map(|count| count as u16);
+    let kept = &mut execution.modal.cycle;
     kept.z = z.or(kept.z);
     kept.r = r.or(kept.r);
     kept.dwell_s = dwell_s.or(kept.dwell_s);
@@ -73,5 +73,5 @@ fn take_over(execution: &mut Execution<'_>) {
 /// Z where the tool is, as a programmed position.
 fn initial_level(execution: &mut Execution<'_>) -> f64 {
     let position = execution.position();
-    execution.modal().transform.inverse(position)[Axis::Z]
+    execution.modal.transform.inverse(position)[Axis::Z]
 }

@@ -24,32 +24,32 @@ pub static FEED_WORDS: [WordSpec; 5] = [
 /// (M1h); no motion is faster than the maximum.
 pub(crate) fn take_over(execution: &mut Execution<'_>) {
     if let Some(programmed) = execution.free_word(Address::F) {
-        let feedrate = programmed * execution.modal().unit();
-        let max = execution.limits().max_feedrate_mm_min;
+        let feedrate = programmed * execution.modal.unit();
+        let max = execution.limits.max_feedrate_mm_min;
         if feedrate > max {
             execution.warn(format!(
                 "F{programmed} is above the maximum feedrate: {max} mm/min is used"
             ));
         }
-        execution.modal_mut().feedrate_mm_min = feedrate;
-        execution.modal_mut().feedrate_deg_min = programmed;
+        execution.modal.feedrate_mm_min = feedrate;
+        execution.modal.feedrate_deg_min = programmed;
     }
     if let Some(speed) = execution.free_word(Address::S) {
-        if let Some(max) = execution.limits().max_spindle_speed_r_min
+        if let Some(max) = execution.limits.max_spindle_speed_r_min
             && speed > max
         {
             let text = format!("S{speed} is above the spindle's maximum of {max} r/min");
             execution.refuse(Alarm::new(&VALUE_OUT_OF_RANGE, text).of_words("S"));
         }
-        execution.modal_mut().spindle_speed_r_min = speed;
+        execution.modal.spindle_speed_r_min = speed;
     }
     if let Some(time) = execution.free_word(Address::Ta) {
-        execution.modal_mut().ta_ms = time;
+        execution.modal.ta_ms = time;
     }
     if let Some(time) = execution.free_word(Address::Td) {
-        execution.modal_mut().td_ms = time;
+        execution.modal.td_ms = time;
     }
     if let Some(time) = execution.free_word(Address::Ts) {
-        execution.modal_mut().ts_ms = time;
+        execution.modal.ts_ms = time;
     }
 }

@@ -8,7 +8,6 @@ use crate::meaning::{MotionKind, Role};
 /// G00: each motor alone, in its shortest time.
 pub static G00: Code = Code {
     code: "G00",
-    tenths: 0,
     name: "Rapid Positioning",
     group: ModalGroup::Motion,
     role: Role::Motion(MotionKind::Rapid),

@@ -8,7 +8,6 @@ use crate::meaning::{MotionKind, Role};
 /// G01: a straight line at the feedrate F.
 pub static G01: Code = Code {
     code: "G01",
-    tenths: 10,
     name: "Linear Interpolation",
     group: ModalGroup::Motion,
     role: Role::Motion(MotionKind::Linear),

@@ -34,7 +34,6 @@ static WORDS: [WordSpec; 10] = [
 /// G02: clockwise.
 pub static G02: Code = Code {
     code: "G02",
-    tenths: 20,
     name: "Circular Interpolation in CW direction",
     group: ModalGroup::Motion,
     role: Role::Motion(MotionKind::Arc),
@@ -50,7 +49,6 @@ pub static G02: Code = Code {
 /// G03: counter-clockwise.
 pub static G03: Code = Code {
     code: "G03",
-    tenths: 30,
     name: "Circular Interpolation in CCW direction",
     group: ModalGroup::Motion,
     role: Role::Motion(MotionKind::Arc),
@@ -71,7 +69,7 @@ fn arc(execution: &mut Execution<'_>, target: AxisWords, turn: Turn) {
         }
         None => ArcShape::Centre(centre.map(Option::unwrap_or_default)),
     };
-    let plane = execution.modal().plane();
+    let plane = execution.modal.plane();
     execution.act(Action::Arc(Box::new(Arc {
         target,
         plane,

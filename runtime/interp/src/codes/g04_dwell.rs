@@ -15,7 +15,6 @@ const MILLISECONDS_MAX: f64 = 100_000_000.0;
 /// G04: rest for a time.
 pub static G04: Code = Code {
     code: "G04",
-    tenths: 40,
     name: "Dwell",
     role: Role::Dwell,
     words: &[
@@ -31,7 +30,7 @@ pub static G04: Code = Code {
 };
 
 fn dwell(execution: &mut Execution<'_>) {
-    let words = execution.words();
+    let words = execution.words;
     let milliseconds = words.get(Address::P).map(|time| time / 1000.0);
     let seconds = words.get(Address::F).or(words.get(Address::X));
     execution.act(Action::Dwell {
@@ -40,7 +39,7 @@ fn dwell(execution: &mut Execution<'_>) {
 }
 
 fn one_time(words: &BlockWords) -> Option<Refusal> {
-    let mut times = words.present().intersection(G04.addresses()).iter();
+    let mut times = words.present.intersection(G04.addresses()).iter();
     let (first, second) = (times.next()?, times.next()?);
     Some(Refusal {
         entry: &DWELL_TWICE,

@@ -7,7 +7,6 @@ use crate::execution::Execution;
 /// G09: one stop in position, in continuous-path mode too.
 pub static G09: Code = Code {
     code: "G09",
-    tenths: 90,
     name: "Exact Stop",
     docs: "Comes to rest in position once. Before the axis words of its block it stops before the motion of the \
            block, behind them at its end. In a block that does not move it stops there, with G500 too.",
@@ -17,8 +16,8 @@ pub static G09: Code = Code {
 
 fn exact_stop(execution: &mut Execution<'_>) {
     let behind = execution
-        .words()
-        .first_axis_place()
-        .is_some_and(|axis| axis < execution.place());
-    execution.stop_exactly(behind);
+        .words
+        .first_axis_place
+        .is_some_and(|axis| axis < execution.place);
+    execution.draft.exact_stops[usize::from(behind)] = true;
 }

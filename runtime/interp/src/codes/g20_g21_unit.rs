@@ -2,28 +2,22 @@
 
 use tandem_model::settings::Unit;
 
-use super::{Code, ModalGroup};
+use super::Code;
 use crate::meaning::ModalValue;
 
 /// G20: lengths and feedrates are in inches.
-pub static G20: Code = Code {
-    code: "G20",
-    tenths: 200,
-    name: "Inch input",
-    group: ModalGroup::Unit,
-    sets: Some(ModalValue::Unit(Unit::Inch)),
-    docs: "Lengths and feedrates from this block on are in inches and inches a minute. Settings, offsets, tools \
-           and `_CNC_CapturedPosition` stay in mm, and F of blocks that move rotary axes only stays in degrees a minute (D25).",
-    ..Code::BASE
-};
+pub static G20: Code = Code::setting(
+    ModalValue::Unit(Unit::Inch),
+    "G20",
+    "Inch input",
+    "Lengths and feedrates from this block on are in inches and inches a minute. Settings, offsets, tools \
+     and `_CNC_CapturedPosition` stay in mm, and F of blocks that move rotary axes only stays in degrees a minute (D25).",
+);
 
 /// G21: lengths and feedrates are in mm.
-pub static G21: Code = Code {
-    code: "G21",
-    tenths: 210,
-    name: "Metric input",
-    group: ModalGroup::Unit,
-    sets: Some(ModalValue::Unit(Unit::Millimetre)),
-    docs: "Lengths and feedrates from this block on are in mm and mm/min. In force at start-up, but with units = \"inch\".",
-    ..Code::BASE
-};
+pub static G21: Code = Code::setting(
+    ModalValue::Unit(Unit::Millimetre),
+    "G21",
+    "Metric input",
+    "Lengths and feedrates from this block on are in mm and mm/min. In force at start-up, but with units = \"inch\".",
+);

@@ -10,7 +10,6 @@ use crate::meaning::Role;
 /// G28: to the first reference point.
 pub static G28: Code = Code {
     code: "G28",
-    tenths: 280,
     name: "Return to Reference Point",
     role: Role::ToMachine,
     words: &AXIS_WORDS,
@@ -24,7 +23,6 @@ pub static G28: Code = Code {
 /// G30: to the second, third or fourth one.
 pub static G30: Code = Code {
     code: "G30",
-    tenths: 300,
     name: "Return to 2nd, 3rd or 4th Reference Point",
     role: Role::ToMachine,
     words: &[
@@ -38,7 +36,7 @@ pub static G30: Code = Code {
     ],
     docs: "As G28, to the second reference point, or to that of P.",
     select: |execution| {
-        let point = match execution.words().get(Address::P) {
+        let point = match execution.words.get(Address::P) {
             Some(point) if point >= 4.0 => 4,
             Some(point) if point >= 3.0 => 3,
             _ => 2,
@@ -52,6 +50,6 @@ fn reference(execution: &mut Execution<'_>, point: u8) {
     let middle = execution.own_axis_words();
     execution.act(Action::Reference { middle, point });
     if execution.release_shape() {
-        execution.transform_after_motion();
+        execution.draft.transform_after = true;
     }
 }

@@ -8,7 +8,6 @@ use crate::meaning::Role;
 /// G31: moves until the skip inputs come.
 pub static G31: Code = Code {
     code: "G31",
-    tenths: 310,
     name: "Skip Function",
     role: Role::Skip,
     words: &AXIS_WORDS,

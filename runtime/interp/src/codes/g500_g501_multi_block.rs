@@ -2,27 +2,21 @@
 
 use tandem_model::flow::MultiBlock;
 
-use super::{Code, ModalGroup};
+use super::Code;
 use crate::meaning::ModalValue;
 
 /// G500.
-pub static G500: Code = Code {
-    code: "G500",
-    tenths: 5000,
-    name: "Enables multi-block acceleration/deceleration rate",
-    group: ModalGroup::MultiBlock,
-    sets: Some(ModalValue::MultiBlock(MultiBlock::On)),
-    docs: "Reads the path ahead and accelerates over several blocks within the limits of the motors.",
-    ..Code::BASE
-};
+pub static G500: Code = Code::setting(
+    ModalValue::MultiBlock(MultiBlock::On),
+    "G500",
+    "Enables multi-block acceleration/deceleration rate",
+    "Reads the path ahead and accelerates over several blocks within the limits of the motors.",
+);
 
 /// G501.
-pub static G501: Code = Code {
-    code: "G501",
-    tenths: 5010,
-    name: "Disables multi-block acceleration/deceleration rate",
-    group: ModalGroup::MultiBlock,
-    sets: Some(ModalValue::MultiBlock(MultiBlock::Off)),
-    docs: "Ramps are planned within each block, without reading the path ahead. In force at start-up.",
-    ..Code::BASE
-};
+pub static G501: Code = Code::setting(
+    ModalValue::MultiBlock(MultiBlock::Off),
+    "G501",
+    "Disables multi-block acceleration/deceleration rate",
+    "Ramps are planned within each block, without reading the path ahead. In force at start-up.",
+);

@@ -16,7 +16,6 @@ static CENTRE: [WordSpec; 3] = [
 /// G50.1.
 pub static G50_1: Code = Code {
     code: "G50.1",
-    tenths: 501,
     name: "Cancel Mirroring",
     group: ModalGroup::Mirroring,
     sets: Some(ModalValue::Shape(Shape::Mirroring, false)),
@@ -26,7 +25,7 @@ pub static G50_1: Code = Code {
            force at start-up.",
     select: |execution| {
         let named = execution.own_axis_words().named;
-        let Some(mirror) = execution.modal().transform.mirror else {
+        let Some(mirror) = execution.modal.transform.mirror else {
             return;
         };
         let axes: AxisSet = mirror.axes.iter().filter(|axis| !named.contains(*axis)).collect();
@@ -39,7 +38,6 @@ pub static G50_1: Code = Code {
 /// G51.1.
 pub static G51_1: Code = Code {
     code: "G51.1",
-    tenths: 511,
     name: "Mirroring",
     group: ModalGroup::Mirroring,
     sets: Some(ModalValue::Shape(Shape::Mirroring, true)),

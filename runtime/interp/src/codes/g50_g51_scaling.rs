@@ -19,14 +19,13 @@ const fn factor(address: Address, meaning: &'static str) -> WordSpec {
 /// G50.
 pub static G50: Code = Code {
     code: "G50",
-    tenths: 500,
     name: "Cancel scaling",
     group: ModalGroup::Scaling,
     sets: Some(ModalValue::Shape(Shape::Scaling, false)),
     role: Role::Coordinates,
     docs: "Switches scaling off. In force at start-up.",
     select: |execution| {
-        if execution.modal().transform.scaling.is_some() {
+        if execution.modal.transform.scaling.is_some() {
             execution.transform(|transform| transform.scaling = None);
         }
     },
@@ -36,7 +35,6 @@ pub static G50: Code = Code {
 /// G51.
 pub static G51: Code = Code {
     code: "G51",
-    tenths: 510,
     name: "Scaling",
     group: ModalGroup::Scaling,
     sets: Some(ModalValue::Shape(Shape::Scaling, true)),
@@ -55,9 +53,9 @@ pub static G51: Code = Code {
            centre is absolute; an axis that is not written has it where the tool is.",
     check: Some(factors),
     select: |execution| {
-        let all = execution.words().get(Address::P);
+        let all = execution.words.get(Address::P);
         let factors = [Address::I, Address::J, Address::K]
-            .map(|address| all.or(execution.words().get(address)).unwrap_or(1.0));
+            .map(|address| all.or(execution.words.get(address)).unwrap_or(1.0));
         let centre = execution.centre(&[Axis::X, Axis::Y, Axis::Z], Transform::before_scaling);
         execution.transform(|transform| {
             transform.scaling = Some(Scaling { centre, factors });

@@ -8,7 +8,6 @@ use crate::meaning::Role;
 /// G52: an offset on top of the work coordinates.
 pub static G52: Code = Code {
     code: "G52",
-    tenths: 520,
     name: "Local Coordinate System Set",
     role: Role::Coordinates,
     words: &AXIS_WORDS,

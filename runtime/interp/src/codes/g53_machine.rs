@@ -9,7 +9,6 @@ use crate::meaning::Role;
 /// G53: to a machine position.
 pub static G53: Code = Code {
     code: "G53",
-    tenths: 530,
     name: "Dimension Shift Cancel",
     role: Role::ToMachine,
     words: &AXIS_WORDS,
@@ -23,7 +22,7 @@ pub static G53: Code = Code {
             execution.act(Action::Rapid(words));
         }
         execution.release_shape();
-        if execution.modal().transform.local != AxisVector::ZERO {
+        if execution.modal.transform.local != AxisVector::ZERO {
             execution.transform(|transform| transform.local = AxisVector::ZERO);
         }
     },

@@ -2,28 +2,22 @@
 
 use tandem_model::flow::PathControl;
 
-use super::{Code, ModalGroup};
+use super::Code;
 use crate::meaning::ModalValue;
 
 /// G61: each block ends at rest and in position.
-pub static G61: Code = Code {
-    code: "G61",
-    tenths: 610,
-    name: "Exact Stop Mode",
-    group: ModalGroup::PathControl,
-    sets: Some(ModalValue::PathControl(PathControl::ExactStop)),
-    docs: "Each cutting block decelerates to its end and waits until the motors are in position, until G64.",
-    ..Code::BASE
-};
+pub static G61: Code = Code::setting(
+    ModalValue::PathControl(PathControl::ExactStop),
+    "G61",
+    "Exact Stop Mode",
+    "Each cutting block decelerates to its end and waits until the motors are in position, until G64.",
+);
 
 /// G64: blocks may blend.
-pub static G64: Code = Code {
-    code: "G64",
-    tenths: 640,
-    name: "Continuous-path Mode",
-    group: ModalGroup::PathControl,
-    sets: Some(ModalValue::PathControl(PathControl::ContinuousPath)),
-    docs: "Each cutting block is blended with the next one, until G61. It still stops at G00, at G09, and before a \
-           block without motion, with G500 only where the tool length changes in it. In force at start-up.",
-    ..Code::BASE
-};
+pub static G64: Code = Code::setting(
+    ModalValue::PathControl(PathControl::ContinuousPath),
+    "G64",
+    "Continuous-path Mode",
+    "Each cutting block is blended with the next one, until G61. It still stops at G00, at G09, and before a \
+     block without motion, with G500 only where the tool length changes in it. In force at start-up.",
+);

@@ -9,7 +9,6 @@ use crate::meaning::{ModalValue, Role, Shape};
 /// G68.
 pub static G68: Code = Code {
     code: "G68",
-    tenths: 680,
     name: "Enables rotation",
     group: ModalGroup::Rotation,
     sets: Some(ModalValue::Shape(Shape::Rotation, true)),
@@ -23,8 +22,8 @@ pub static G68: Code = Code {
     docs: "Turns the coordinates about the centre X, Y, Z by the angle R in the plane in force. The centre is absolute; \
            an axis that is not written has it where the tool is.",
     select: |execution| {
-        let angle_deg = execution.words().get(Address::R).unwrap_or_default();
-        let plane = execution.modal().plane();
+        let angle_deg = execution.words.get(Address::R).unwrap_or_default();
+        let plane = execution.modal.plane();
         let centre = execution.centre(&plane.axes(), Transform::before_rotation);
         execution.transform(|transform| {
             transform.rotation = Some(Rotation {
@@ -40,14 +39,13 @@ pub static G68: Code = Code {
 /// G69.
 pub static G69: Code = Code {
     code: "G69",
-    tenths: 690,
     name: "Disables rotation",
     group: ModalGroup::Rotation,
     sets: Some(ModalValue::Shape(Shape::Rotation, false)),
     role: Role::Coordinates,
     docs: "Switches the rotation of coordinates off. In force at start-up.",
     select: |execution| {
-        if execution.modal().transform.rotation.is_some() {
+        if execution.modal.transform.rotation.is_some() {
             execution.transform(|transform| transform.rotation = None);
         }
     },

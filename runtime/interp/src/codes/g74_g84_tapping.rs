@@ -6,8 +6,8 @@
 use tandem_model::flow::TapLeg;
 use tandem_model::plane::Turn;
 
+use super::Code;
 use super::cycle_words::{self, CYCLE_WORDS};
-use super::{Code, ModalGroup};
 use crate::fixed_cycles::{Cycle, Level, Step, Steps};
 use crate::meaning::ModalValue;
 use crate::modal::CycleWords;
@@ -56,44 +56,41 @@ pub static RIGHT_HAND: Cycle = tapping!(Clockwise 3, CounterClockwise 4);
 
 /// G74: left-hand threads.
 pub static G74: Code = Code {
-    code: "G74",
-    tenths: 740,
-    name: "Left-handed Tapping Cycle",
-    group: ModalGroup::FixedCycle,
-    sets: Some(ModalValue::Cycle(Some(&LEFT_HAND))),
     words: &CYCLE_WORDS,
-    docs: "Taps at X, Y from the R point to the Z point and back, the spindle turning counter-clockwise on the way in, \
-           K times (once without K). Each later block with an axis word taps again until G80 or G00 to G03; Z, R, P \
-           and K stay. The first block needs Z and R. In G91 R counts from the initial level, Z from R (D42). The \
-           initial level is Z where the cycle began; G98 returns to it, G99 to the R point. With a spindle in the \
-           coordinate system it turns in step with Z, S / F revolutions a millimetre, ramps included, and rests at the \
-           R and Z point. A block with a hole beyond a soft limit moves nothing. No override acts on a thread, \
-           and feed hold waits until the tool is out.",
     motion: Some(cycle_words::run),
-    ..Code::BASE
+    ..Code::setting(
+        ModalValue::Cycle(Some(&LEFT_HAND)),
+        "G74",
+        "Left-handed Tapping Cycle",
+        "Taps at X, Y from the R point to the Z point and back, the spindle turning counter-clockwise on the way in, \
+         K times (once without K). Each later block with an axis word taps again until G80 or G00 to G03; Z, R, P \
+         and K stay. The first block needs Z and R. In G91 R counts from the initial level, Z from R (D42). The \
+         initial level is Z where the cycle began; G98 returns to it, G99 to the R point. With a spindle in the \
+         coordinate system it turns in step with Z, S / F revolutions a millimetre, ramps included, and rests at the \
+         R and Z point. A block with a hole beyond a soft limit moves nothing. No override acts on a thread, \
+         and feed hold waits until the tool is out.",
+    )
 };
 
 /// G84: right-hand threads.
 pub static G84: Code = Code {
-    code: "G84",
-    tenths: 840,
-    name: "Tapping Cycle",
-    group: ModalGroup::FixedCycle,
-    sets: Some(ModalValue::Cycle(Some(&RIGHT_HAND))),
     words: &CYCLE_WORDS,
-    docs: "As G74, the spindle turning clockwise on the way in.",
     motion: Some(cycle_words::run),
-    ..Code::BASE
+    ..Code::setting(
+        ModalValue::Cycle(Some(&RIGHT_HAND)),
+        "G84",
+        "Tapping Cycle",
+        "As G74, the spindle turning clockwise on the way in.",
+    )
 };
 
 /// G80.
 pub static G80: Code = Code {
-    code: "G80",
-    tenths: 800,
-    name: "Fixed Cycle Cancel",
-    group: ModalGroup::FixedCycle,
-    sets: Some(ModalValue::Cycle(None)),
-    docs: "Ends a fixed cycle and forgets its words. In force at start-up.",
-    select: |execution| execution.modal_mut().cycle = CycleWords::default(),
-    ..Code::BASE
+    select: |execution| execution.modal.cycle = CycleWords::default(),
+    ..Code::setting(
+        ModalValue::Cycle(None),
+        "G80",
+        "Fixed Cycle Cancel",
+        "Ends a fixed cycle and forgets its words. In force at start-up.",
+    )
 };

@@ -7,21 +7,19 @@ use crate::meaning::Role;
 /// M00: stops the program until it is resumed.
 pub static M00: Code = Code {
     code: "M00",
-    tenths: 0,
     name: "Program Stop",
     role: Role::Stop,
     docs: "Stops the program at this block until it is resumed. Modal states stay.",
-    select: |execution| execution.go_on_with(Flow::Stop { optional: false }),
+    select: |execution| execution.draft.flow = Flow::Stop { optional: false },
     ..Code::BASE
 };
 
 /// M01: the same, while the optional stop input is on.
 pub static M01: Code = Code {
     code: "M01",
-    tenths: 10,
     name: "Optional Stop",
     role: Role::Stop,
     docs: "Stops like M00 when the optional stop input is on at the time that motion has come to this block.",
-    select: |execution| execution.go_on_with(Flow::Stop { optional: true }),
+    select: |execution| execution.draft.flow = Flow::Stop { optional: true },
     ..Code::BASE
 };

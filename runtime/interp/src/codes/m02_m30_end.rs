@@ -4,20 +4,19 @@ use super::Code;
 use crate::execution::Flow;
 use crate::meaning::Role;
 
-const fn end(code: &'static str, tenths: u16) -> Code {
+const fn end(code: &'static str) -> Code {
     Code {
         code,
-        tenths,
         name: "End of Program",
         role: Role::End,
         docs: "Ends the program, from a subprogram too. Blocks after it are not executed; the next start begins at the \
                head of the main program.",
-        select: |execution| execution.go_on_with(Flow::End),
+        select: |execution| execution.draft.flow = Flow::End,
         ..Code::BASE
     }
 }
 
 /// M02.
-pub static M02: Code = end("M02", 20);
+pub static M02: Code = end("M02");
 /// M30.
-pub static M30: Code = end("M30", 300);
+pub static M30: Code = end("M30");

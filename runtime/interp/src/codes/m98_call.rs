@@ -14,7 +14,6 @@ pub const SUBPROGRAM_MAX: u16 = 9999;
 /// M98: calls a subprogram, L times.
 pub static M98: Code = Code {
     code: "M98",
-    tenths: 980,
     name: "Subprogram Call",
     role: Role::Call,
     words: &[
@@ -42,8 +41,8 @@ pub static M98: Code = Code {
     reason = "ranges have been checked, and a cast saturates"
 )]
 fn call(execution: &mut Execution<'_>) {
-    let words = execution.words();
+    let words = execution.words;
     let program = words.get(Address::P).unwrap_or(0.0) as u16;
     let times = words.get(Address::L).unwrap_or(1.0) as u16;
-    execution.go_on_with(Flow::Call { program, times });
+    execution.draft.flow = Flow::Call { program, times };
 }

@@ -7,11 +7,10 @@ use crate::meaning::Role;
 /// M99: back to the caller.
 pub static M99: Code = Code {
     code: "M99",
-    tenths: 990,
     name: "Subprogram End",
     role: Role::Return,
     docs: "Ends a subprogram: the program that called it goes on, or the next repetition of the call begins. In a main \
            program it ends the program.",
-    select: |execution| execution.go_on_with(Flow::Return),
+    select: |execution| execution.draft.flow = Flow::Return,
     ..Code::BASE
 };

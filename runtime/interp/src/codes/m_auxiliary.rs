@@ -19,7 +19,6 @@ const fn parameter(address: Address) -> WordSpec {
 /// Any M code of 0 to 191 that is not reserved.
 pub static AUXILIARY: Code = Code {
     code: "M",
-    tenths: 0,
     name: "Auxiliary Function Output",
     role: Role::Auxiliary,
     words: &[
@@ -40,13 +39,13 @@ pub static AUXILIARY: Code = Code {
 };
 
 fn output(execution: &mut Execution<'_>) {
-    let words = execution.words();
+    let words = execution.words;
     let mut params = [None; 8];
-    for address in words.present().iter() {
+    for address in words.present.iter() {
         if let Some(index) = address.parameter_index() {
             params[index] = words.get(address);
         }
     }
     let m = words.m_number();
-    execution.go_on_with(Flow::Output { m, params });
+    execution.draft.flow = Flow::Output { m, params };
 }

@@ -44,15 +44,13 @@ pub(crate) use table::tenths;
 
 use crate::block_words::BlockWords;
 use crate::execution::Execution;
-use crate::meaning::{ModalValue, Role};
+use crate::meaning::{ModalValue, Role, Shape};
 
 /// A G or M code.
 #[derive(Debug)]
 pub struct Code {
-    /// As the manual writes it: `G50.1`, `M30`.
+    /// As the manual writes it: `G50.1`, `M30`. Its number is the one that words name it by.
     pub code: &'static str,
-    /// Ten times the number: 501 for G50.1.
-    pub tenths: u16,
     /// The manual's name of it.
     pub name: &'static str,
     /// The modal group; M codes are [`ModalGroup::NonModal`].
@@ -98,7 +96,7 @@ pub type Motion = fn(&mut Execution<'_>, AxisWords);
 
 impl PartialEq for Code {
     fn eq(&self, other: &Self) -> bool {
-        std::ptr::eq(self, other) || (self.tenths == other.tenths && self.code == other.code)
+        std::ptr::eq(self, other) || self.code == other.code
     }
 }
 
@@ -106,7 +104,6 @@ impl Code {
     /// A code without words that does nothing; rows name what differs.
     pub const BASE: Self = Self {
         code: "",
-        tenths: 0,
         name: "",
         group: ModalGroup::NonModal,
         sets: None,
@@ -118,15 +115,41 @@ impl Code {
         motion: None,
     };
 
+    /// A modal code that sets a value.
+    pub const fn setting(
+        value: ModalValue,
+        code: &'static str,
+        name: &'static str,
+        docs: &'static str,
+    ) -> Self {
+        Self {
+            code,
+            name,
+            group: ModalGroup::of(value),
+            sets: Some(value),
+            docs,
+            ..Self::BASE
+        }
+    }
+
+    /// Ten times the number: 501 for G50.1.
+    pub const fn tenths(&self) -> u16 {
+        let name = self.code.as_bytes();
+        let (mut number, mut factor, mut at) = (0, 10, 1);
+        while at < name.len() {
+            if name[at] == b'.' {
+                factor = 1;
+            } else {
+                number = 10 * number + (name[at] - b'0') as u16;
+            }
+            at += 1;
+        }
+        number * factor
+    }
+
     /// The addresses of its own words.
     pub const fn addresses(&self) -> AddressSet {
-        let mut set = AddressSet::EMPTY;
-        let mut i = 0;
-        while i < self.words.len() {
-            set.insert(self.words[i].address);
-            i += 1;
-        }
-        set
+        WordSpec::addresses(self.words)
     }
 
     /// The description of one of its own words.
@@ -186,6 +209,17 @@ impl WordSpec {
     pub const fn needed(mut self) -> Self {
         self.required = true;
         self
+    }
+
+    /// The addresses of words.
+    pub const fn addresses(words: &[WordSpec]) -> AddressSet {
+        let mut set = AddressSet::EMPTY;
+        let mut i = 0;
+        while i < words.len() {
+            set.insert(words[i].address);
+            i += 1;
+        }
+        set
     }
 
     /// True for a position or a distance.
@@ -256,6 +290,26 @@ modal_groups! {
     Rotation "16" "rotation",
     Mirroring "22" "mirroring",
     MultiBlock "23" "multi-block acceleration/deceleration rate",
+}
+
+impl ModalGroup {
+    /// The group of the codes that set a value.
+    const fn of(value: ModalValue) -> Self {
+        match value {
+            ModalValue::Plane(_) => Self::Plane,
+            ModalValue::Distance(_) => Self::Distance,
+            ModalValue::Unit(_) => Self::Unit,
+            ModalValue::Side(_) => Self::ToolRadius,
+            ModalValue::Length(_) => Self::ToolLength,
+            ModalValue::Cycle(_) => Self::FixedCycle,
+            ModalValue::ReturnLevel(_) => Self::ReturnLevel,
+            ModalValue::PathControl(_) => Self::PathControl,
+            ModalValue::MultiBlock(_) => Self::MultiBlock,
+            ModalValue::Shape(Shape::Scaling, _) => Self::Scaling,
+            ModalValue::Shape(Shape::Mirroring, _) => Self::Mirroring,
+            ModalValue::Shape(Shape::Rotation, _) => Self::Rotation,
+        }
+    }
 }
 
 /// The letters of axes.

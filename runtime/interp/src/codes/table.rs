@@ -23,7 +23,7 @@ impl CodeTable {
         let mut index = [0; TENTHS];
         let mut entry: u8 = 0;
         while (entry as usize) < codes.len() {
-            let at = &mut index[codes[entry as usize].tenths as usize];
+            let at = &mut index[codes[entry as usize].tenths() as usize];
             assert!(*at == 0, "two codes have one number");
             entry += 1;
             *at = entry;

@@ -5,10 +5,9 @@ use super::{Code, ModalGroup};
 use crate::execution::Execution;
 use crate::meaning::Role;
 
-const fn work_offset(code: &'static str, tenths: u16, name: &'static str, select: super::Effect) -> Code {
+const fn work_offset(code: &'static str, name: &'static str, select: super::Effect) -> Code {
     Code {
         code,
-        tenths,
         name,
         group: ModalGroup::WorkCoordinates,
         role: Role::Coordinates,
@@ -23,20 +22,20 @@ const fn work_offset(code: &'static str, tenths: u16, name: &'static str, select
 pub static NAMES: [&str; 6] = [G54.code, G55.code, G56.code, G57.code, G58.code, G59.code];
 
 /// G54.
-pub static G54: Code = work_offset("G54", 540, "1st Work Coordinate System selection", select::<0>);
+pub static G54: Code = work_offset("G54", "1st Work Coordinate System selection", select::<0>);
 /// G55.
-pub static G55: Code = work_offset("G55", 550, "2nd Work Coordinate System selection", select::<1>);
+pub static G55: Code = work_offset("G55", "2nd Work Coordinate System selection", select::<1>);
 /// G56.
-pub static G56: Code = work_offset("G56", 560, "3rd Work Coordinate System selection", select::<2>);
+pub static G56: Code = work_offset("G56", "3rd Work Coordinate System selection", select::<2>);
 /// G57.
-pub static G57: Code = work_offset("G57", 570, "4th Work Coordinate System selection", select::<3>);
+pub static G57: Code = work_offset("G57", "4th Work Coordinate System selection", select::<3>);
 /// G58.
-pub static G58: Code = work_offset("G58", 580, "5th Work Coordinate System selection", select::<4>);
+pub static G58: Code = work_offset("G58", "5th Work Coordinate System selection", select::<4>);
 /// G59.
-pub static G59: Code = work_offset("G59", 590, "6th Work Coordinate System selection", select::<5>);
+pub static G59: Code = work_offset("G59", "6th Work Coordinate System selection", select::<5>);
 
 fn select<const INDEX: usize>(execution: &mut Execution<'_>) {
-    let offset = execution.inputs().work_offsets.0[INDEX];
+    let offset = execution.inputs.work_offsets.0[INDEX];
     execution.release_shape();
     execution.transform(|transform| transform.work_offset = offset);
 }

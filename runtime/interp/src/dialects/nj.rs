@@ -88,7 +88,7 @@ mod tests {
     #[test]
     fn names_and_numbers_of_codes_agree() {
         let codes = NJ.g_codes.codes.iter().chain(NJ.m_codes.codes);
-        let numbers = codes.map(|code| (code.code, code.tenths));
+        let numbers = codes.map(|code| (code.code, code.tenths()));
         for (code, number) in numbers {
             assert_eq!(tenths(code[1..].parse().unwrap()), Some(number), "{code}");
         }

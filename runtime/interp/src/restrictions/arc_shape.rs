@@ -4,26 +4,22 @@ use tandem_model::Axis;
 use tandem_syntax::Address;
 use tandem_syntax::diagnostics::ARC_SHAPE;
 
-use super::{moves_by, own};
+use super::moves_by;
 use crate::block_words::{BlockWords, Reading};
 use crate::codes::Refusal;
-use crate::meaning::{ModalValue, MotionKind, Shape};
+use crate::meaning::{MotionKind, Shape};
 
 /// What is wrong with the arc of a block.
 pub(super) fn find(words: &BlockWords, with: &Reading<'_>) -> Option<Refusal> {
-    let (in_force, position) = (&with.modal.in_force, with.position);
     if !moves_by(words, MotionKind::Arc) {
         return None;
     }
-    let address = words.taken().iter().next()?;
-    let own_plane = own(words, |value| match value {
-        ModalValue::Plane(plane) => Some(plane),
-        _ => None,
-    });
-    let axes = own_plane.or(in_force.plane)?.axes();
+    let address = words.taken.iter().next()?;
+    let (in_force, own) = (&with.modal.in_force, words.sets());
+    let axes = own.plane.or(in_force.plane)?.axes();
     let Some(radius) = words.get(Address::R) else {
         let centres = axes.map(centre);
-        let centred = centres.iter().any(|centre| words.present().contains(*centre));
+        let centred = centres.iter().any(|centre| words.present.contains(*centre));
         return (!centred).then(|| Refusal {
             entry: &ARC_SHAPE,
             address,
@@ -34,21 +30,14 @@ pub(super) fn find(words: &BlockWords, with: &Reading<'_>) -> Option<Refusal> {
     if radius.abs() <= 0.0 {
         return None;
     }
-    let own_distance = own(words, |value| match value {
-        ModalValue::Distance(distance) => Some(distance),
-        _ => None,
-    });
-    let distance = own_distance.or(in_force.distance);
-    let [first, second] = axes.map(|axis| position.way(words, distance, axis));
+    let distance = own.distance.or(in_force.distance);
+    let [first, second] = axes.map(|axis| with.position.way(words, distance, axis));
     // not a number, and so no reason to refuse, where the text does not show the way
     let chord = first.hypot(second);
     // a difference in the unit in force: an inch is more than a millimetre, so this never refuses too much; what
     // scaling leaves of it the path stage knows
-    let own_scaling = own(words, |value| match value {
-        ModalValue::Shape(Shape::Scaling, is_on) => Some(is_on),
-        _ => None,
-    });
-    let unscaled = own_scaling.or(in_force.shapes[Shape::Scaling as usize]) == Some(false);
+    let scaling = Shape::Scaling as usize;
+    let unscaled = own.shapes[scaling].or(in_force.shapes[scaling]) == Some(false);
     let short = unscaled && radius.abs() < chord / 2.0 - with.arc_radius_tolerance_mm;
     (short || chord <= 0.0).then(|| Refusal {
         entry: &ARC_SHAPE,
