@@ -316,7 +316,9 @@ impl Tables {
         for (name, named) in &change.work_offsets {
             let Some(place) = WORK_OFFSETS.iter().position(|known| known == name) else {
                 return Err(invalid(format!(
-                    "there is no work offset {name:.16}; write G54 to G59"
+                    "there is no work offset {name:.16}; write {} to {}",
+                    WORK_OFFSETS[0],
+                    WORK_OFFSETS[WORK_OFFSETS.len() - 1],
                 )));
             };
             for (letter, value) in named {

@@ -10,7 +10,7 @@ use crate::codes::value::judge_value;
 use crate::codes::{AXIS_ADDRESSES, Code, ModalGroup, Refusal, WordSpec, tenths};
 use crate::dialect::{Dialect, Rivals, WholeNumbers};
 use crate::evaluation::Scope;
-use crate::meaning::InForce;
+use crate::meaning::{InForce, Role};
 use crate::modal::Modal;
 use crate::restrictions;
 use crate::text_position::TextPosition;
@@ -187,7 +187,8 @@ impl BlockWords {
             }
             None => {
                 self.unknown_code = true;
-                fault(constant_needed(word, "a constant such as G01"));
+                let example = dialect.start_up.first().map_or("", |code| code.code);
+                fault(constant_needed(word, "a constant", example));
             }
         }
     }
@@ -240,9 +241,10 @@ impl BlockWords {
     #[inline(never)]
     fn m_word(&mut self, word: &Word, dialect: &'static Dialect, fault: &mut dyn FnMut(Diagnostic)) {
         self.any = true;
-        let Some(number) = code_number(word).and_then(whole) else {
+        let Some(number) = word.whole() else {
             self.unknown_code = true;
-            fault(constant_needed(word, "a whole number such as M30"));
+            let example = dialect.m_code(Role::End).map_or("", |code| code.code);
+            fault(constant_needed(word, "a whole number", example));
             return;
         };
         if self.m_code.is_some() {
@@ -512,27 +514,18 @@ fn at_word(program: &NcProgram, block: &Block, refusal: Refusal) -> Diagnostic {
     refusal.entry.at(span, refusal.message, refusal.help)
 }
 
-/// The number of a G, M or N word: a constant that is not negative.
+/// The number of a G word: a constant that is not negative.
 fn code_number(word: &Word) -> Option<f64> {
     word.number().filter(|value| *value >= 0.0)
 }
 
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "the value is whole and not negative, and a cast saturates"
-)]
-fn whole(value: f64) -> Option<u32> {
-    (value.fract().abs() <= 0.0).then_some(value as u32)
-}
-
 fn block_number(word: &Word, fault: &mut dyn FnMut(Diagnostic)) {
-    if code_number(word).and_then(whole).is_none() {
-        fault(constant_needed(word, "a whole number such as N10"));
+    if word.whole().is_none() {
+        fault(constant_needed(word, "a whole number", "N10"));
     }
 }
 
-fn constant_needed(word: &Word, example: &str) -> Diagnostic {
+fn constant_needed(word: &Word, kind: &str, example: &str) -> Diagnostic {
     let name = word.address.text();
     let shown = word
         .number()
@@ -540,6 +533,6 @@ fn constant_needed(word: &Word, example: &str) -> Diagnostic {
     diagnostics::CODE_NUMBER.at(
         word.span(),
         format!("{name}{shown} is no code number"),
-        format!("Write {example}."),
+        format!("Write {kind} such as {example}."),
     )
 }

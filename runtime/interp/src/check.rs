@@ -262,7 +262,7 @@ impl Checker<'_> {
             match code.role {
                 Role::Auxiliary => self.auxiliary(block, words.m_number()),
                 Role::Call => self.call(block, words, code),
-                _ if block.skip_numbers() == 0 && self.ending == Ending::Open && is_end(code) => {
+                _ if block.skip_numbers() == 0 && self.ending == Ending::Open && code.ends() => {
                     self.ending = Ending::Ended;
                 }
                 _ => {}
@@ -421,10 +421,12 @@ impl Checker<'_> {
             }
         }
         let span = last.map_or_else(Span::default, |block| self.program.span(block));
+        let name = |role| self.dialect.m_code(role).map_or("", |code| code.code);
+        let (end, back) = (name(Role::End), name(Role::Return));
         self.findings.push(diagnostics::END_MISSING.at(
             span,
             "the program goes past this block and has no end",
-            "Write M30 in the last block of a main program, M99 in that of a subprogram, without block skip.",
+            format!("Write {end} in the last block of a main program, {back} in that of a subprogram, without block skip."),
         ));
     }
 }
@@ -480,7 +482,7 @@ fn joins(program: &NcProgram) -> Vec<usize> {
 
 /// True for a block that always ends the program.
 fn ends(program: &NcProgram, block: &Block, dialect: &Dialect) -> bool {
-    let ends = |word: &Word| m_code(word, dialect).is_some_and(is_end);
+    let ends = |word: &Word| m_code(word, dialect).is_some_and(Code::ends);
     block.skip_numbers() == 0 && program.words(block).iter().any(ends)
 }
 
@@ -505,8 +507,4 @@ fn is_mark(program: &NcProgram, block: &Block) -> bool {
     program
         .program_code(block)
         .is_some_and(|code| !matches!(code.statement, Statement::Assignment { .. }))
-}
-
-fn is_end(code: &Code) -> bool {
-    matches!(code.role, Role::End | Role::Return)
 }

@@ -26,6 +26,9 @@ pub struct Dialect {
     /// The code that ends a fixed cycle, and that is in force after a motion code has ended one; `None` in a dialect
     /// without fixed cycles.
     pub cycle_cancel: Option<&'static Code>,
+    /// The codes before the axis words of a block that moves these axes to their first reference points from where they
+    /// are.
+    pub home: &'static str,
     /// How it reads what controls read in different ways.
     pub policy: Policy,
     /// What may not stand where another code is in force; the first that a block breaks is told.
@@ -80,6 +83,30 @@ impl Dialect {
     pub fn that_sets(&self, value: ModalValue) -> Option<&'static Code> {
         let mut codes = self.g_codes.codes.iter().copied();
         codes.find(|code| code.sets == Some(value))
+    }
+
+    /// The last of its M codes with a role.
+    pub fn m_code(&self, role: Role) -> Option<&'static Code> {
+        let mut codes = self.m_codes.codes.iter().rev().copied();
+        codes.find(|code| code.role == role)
+    }
+
+    /// The names of some codes as a [`list`]: `G01, G02 or G03`.
+    pub(crate) fn names(&self, last: &str, is_meant: impl Fn(&Code) -> bool) -> String {
+        let codes = self.g_codes.codes.iter().chain(self.m_codes.codes);
+        let names: Vec<&str> = codes
+            .filter(|code| is_meant(code))
+            .map(|code| code.code)
+            .collect();
+        list(&names, last)
+    }
+}
+
+/// Names as a list with `last` before the last of them: `X, Y and Z`.
+pub(crate) fn list(names: &[&str], last: &str) -> String {
+    match names.split_last() {
+        Some((end, rest)) if !rest.is_empty() => format!("{} {last} {end}", rest.join(", ")),
+        _ => names.concat(),
     }
 }
 

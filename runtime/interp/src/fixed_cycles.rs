@@ -7,12 +7,15 @@ use tandem_model::flow::{Action, AxisWords, Distance, Frame, Tap, TapLeg, Thread
 use tandem_model::limits::M_CODE_MAX;
 use tandem_model::plane::Turn;
 use tandem_model::{Axis, AxisSet, AxisVector};
+use tandem_syntax::Address;
 
 /// A fixed cycle.
 #[derive(Debug)]
 pub struct Cycle {
     /// What messages call it, with its article.
     pub name: &'static str,
+    /// The words that its first block needs.
+    pub needed: &'static [Address],
     /// What a block of it does in a coordinate system with a spindle.
     pub with_spindle: Steps,
     /// The same without one.

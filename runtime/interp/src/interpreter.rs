@@ -15,7 +15,7 @@ use tandem_model::{Alarm, Diagnostic, Origin};
 use tandem_syntax::{Block, Content, NcProgram, Value, VariableKind, diagnostics};
 
 use crate::block_words::{BlockWords, Reading};
-use crate::codes::{ModalGroup, feed_words};
+use crate::codes::{Code, ModalGroup, feed_words};
 use crate::dialect::{Dialect, MCodeTime};
 use crate::evaluation::{Locals, Scope, reads_captured};
 use crate::execution::{Draft, Execution, Flow, Limits};
@@ -206,10 +206,8 @@ impl Interpreter {
             return Ok(());
         };
         let Some(block) = frame.program.blocks().get(frame.next) else {
-            let text = format!(
-                "program {} has no block left and no M02, M30 or M99",
-                frame.number
-            );
+            let ends = self.dialect.names("or", Code::ends);
+            let text = format!("program {} has no block left and no {ends}", frame.number);
             return Err(Alarm::new(&PROGRAM_END_MISSING, text));
         };
         let origin = frame.program.origin(block, frame.number);

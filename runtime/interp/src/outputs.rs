@@ -3,7 +3,6 @@
 use tandem_model::limits::M_CODE_MAX;
 use tandem_syntax::{Address, NcProgram};
 
-use crate::codes::tenths;
 use crate::dialect::Dialect;
 
 /// An auxiliary function output as it is written.
@@ -22,10 +21,9 @@ pub struct WrittenOutput {
 pub fn written_outputs(program: &NcProgram, dialect: &Dialect) -> impl Iterator<Item = WrittenOutput> {
     program.blocks().iter().filter_map(|block| {
         let words = program.words(block);
-        let number = words.iter().find(|word| word.address == Address::M)?.number()?;
-        let m = whole(number)?;
-        let is_reserved = tenths(number).is_some_and(|tenths| dialect.m_codes.find(tenths).is_some());
-        if is_reserved {
+        let m = words.iter().find(|word| word.address == Address::M)?.whole()?;
+        let m = u16::try_from(m).ok().filter(|m| *m <= M_CODE_MAX)?;
+        if dialect.m_codes.find(m * 10).is_some() {
             return None;
         }
         let mut params = [None; 8];
@@ -44,16 +42,6 @@ pub fn written_outputs(program: &NcProgram, dialect: &Dialect) -> impl Iterator<
             line: block.line,
         })
     })
-}
-
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "the range is tested"
-)]
-fn whole(number: f64) -> Option<u16> {
-    let is_m_number = number.fract() == 0.0 && (0.0..=f64::from(M_CODE_MAX)).contains(&number);
-    is_m_number.then_some(number as u16)
 }
 
 #[cfg(test)]

@@ -9,7 +9,7 @@ use tandem_syntax::{Address, DiagnosticEntry};
 
 use crate::block_words::{BlockWords, Reading};
 use crate::codes::{Code, Refusal};
-use crate::dialect::Dialect;
+use crate::dialect::{Dialect, list};
 use crate::meaning::{LengthOffset, ModalValue, MotionKind, Role, Side};
 use crate::modal::Modal;
 
@@ -24,8 +24,9 @@ pub struct Restriction {
     pub what: What,
     /// Which diagnostic tells.
     pub entry: &'static DiagnosticEntry,
-    /// What is wrong. `{code}` stands for what was found, the other marks for codes of the dialect: `{linear}`,
-    /// `{cutting}`, `{compensation}`, `{no compensation}`, `{no cycle}`, `{no tool offset}`.
+    /// What is wrong. `{code}` is replaced by what was found, the other marks by codes of the dialect: `{linear}`,
+    /// `{cutting}`, `{compensation}`, `{no compensation}`, `{no cycle}`, `{no tool offset}`,
+    /// and `{needed}` by the words that the cycle of the block begins with.
     pub message: &'static str,
     /// What to write instead, with the same marks.
     pub help: &'static str,
@@ -57,8 +58,8 @@ pub enum During {
 /// What may not stand.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum What {
-    /// A block without one of these words.
-    Missing(&'static [Address]),
+    /// A block without one of the words that its fixed cycle begins with.
+    MissingOfCycle,
     /// A code that sets neither a fixed cycle nor its return level.
     ForeignToCycles,
     /// Words that a motion of this kind takes.
@@ -94,8 +95,8 @@ fn first(words: &BlockWords, with: &Reading<'_>) -> Option<Refusal> {
         Some(Refusal {
             entry: row.entry,
             address,
-            message: written(row.message, with.dialect, &code),
-            help: written(row.help, with.dialect, &code),
+            message: written(row.message, words, with.dialect, &code),
+            help: written(row.help, words, with.dialect, &code),
         })
     });
     broken.next().or_else(|| arc_shape::find(words, with))
@@ -201,7 +202,8 @@ fn found(what: What, words: &BlockWords, modal: &Modal) -> Option<(Address, Stri
     let motion = |is_so: bool| (is_so && moves(words)).then(|| words.taker.map(shown)).flatten();
     let m_code = || (Address::M, format!("M{:02}", words.m_number()));
     match what {
-        What::Missing(needed) => {
+        What::MissingOfCycle => {
+            let needed = words.sets().cycle??.needed;
             let missing = needed.iter().find(|word| !words.present.contains(**word))?;
             Some((Address::G, missing.text().to_owned()))
         }
@@ -238,15 +240,8 @@ fn found(what: What, words: &BlockWords, modal: &Modal) -> Option<(Address, Stri
 
 /// A text with the codes that its marks stand for.
 #[cold]
-fn written(text: &str, dialect: &Dialect, found: &str) -> String {
-    let names = |last: &str, is_meant: fn(&Code) -> bool| {
-        let codes = dialect.g_codes.codes.iter().filter(|code| is_meant(code));
-        let names: Vec<&str> = codes.map(|code| code.code).collect();
-        match names.split_last() {
-            Some((end, rest)) if !rest.is_empty() => format!("{} {last} {end}", rest.join(", ")),
-            _ => names.concat(),
-        }
-    };
+fn written(text: &str, words: &BlockWords, dialect: &Dialect, found: &str) -> String {
+    let names = |last, is_meant: fn(&Code) -> bool| dialect.names(last, is_meant);
     let mut parts = text.split(['{', '}']);
     let mut written = parts.next().unwrap_or_default().to_owned();
     while let (Some(mark), Some(rest)) = (parts.next(), parts.next()) {
@@ -263,6 +258,11 @@ fn written(text: &str, dialect: &Dialect, found: &str) -> String {
             "no tool offset" => names("or", |code| {
                 code.sets == Some(ModalValue::Length(LengthOffset::Off))
             }),
+            "needed" => {
+                let needed = words.sets().cycle.flatten().map_or(&[][..], |cycle| cycle.needed);
+                let needed: Vec<_> = needed.iter().map(|word| word.text()).collect();
+                list(&needed, "and")
+            }
             _ => found.to_owned(),
         };
         written += rest;

@@ -190,7 +190,8 @@ impl PathStage {
         let compensated = block.compensation != Compensation::Off || self.compensator.is_on();
         match &block.action {
             Action::Skip(_) | Action::ThreadAhead(_) | Action::Tap(_) if compensated => {
-                let text = "G31, G74 and G84 do not move with G41 or G42, nor before the lead-out";
+                let text =
+                    "neither a skip nor a thread may move during cutter compensation or before its lead-out";
                 return Err(Alarm::new(&COMPENSATION_REFUSED, text));
             }
             Action::None => {

@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use plc_api::types::request::{Refusal, RefusalCode};
+use tandem_interp::meaning::Role;
 use tandem_model::limits::MDI_BYTES_MAX;
 use tandem_model::{Axis, AxisSet};
 
@@ -26,7 +27,7 @@ impl CoordinateSystem {
         }
         // An input needs no end of its own.
         let program = Arc::new(StoredProgram::manual(
-            &format!("{text}\nM30\n"),
+            &format!("{text}\n{}\n", self.end_of_program()),
             self.context.configured.text_rules(),
             self.past.manual_goes_on,
         ));
@@ -40,8 +41,9 @@ impl CoordinateSystem {
             .iter()
             .map(|axis| Ok(format!("{}0", self.axis_of(*axis)?.letter())))
             .collect::<Result<_, Refusal>>()?;
-        // The middle point of G28 is where the machine is: 0 further.
-        let text = format!("G91 G28 {}\nM30\n", words.join(" "));
+        // The middle point is where the machine is: 0 further.
+        let home = self.context.configured.dialect.home;
+        let text = format!("{home} {}\n{}\n", words.join(" "), self.end_of_program());
         let program = Arc::new(StoredProgram::manual(
             &text,
             self.context.configured.text_rules(),
@@ -49,6 +51,11 @@ impl CoordinateSystem {
         ));
         let warning = self.context.check_called(&program)?;
         Ok((warning, self.new_run(Kind::Home, program)))
+    }
+
+    fn end_of_program(&self) -> &'static str {
+        let end = self.context.configured.dialect.m_code(Role::End);
+        end.map_or("", |code| code.code)
     }
 
     pub(super) fn axis_of(&self, letter: char) -> Result<Axis, Refusal> {

@@ -69,19 +69,9 @@ impl NcProgram {
     }
 
     /// The block number N, if the block has one that is whole and not negative.
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "the range is tested"
-    )]
     pub fn block_number(&self, block: &Block) -> Option<u32> {
-        let first = self
-            .words(block)
-            .first()
-            .filter(|word| word.address == Address::N)?;
-        let number = first.number()?;
-        let whole = number.fract().abs() <= 0.0 && (0.0..=f64::from(u32::MAX)).contains(&number);
-        whole.then_some(number as u32)
+        let first = self.words(block).first()?;
+        first.whole().filter(|_| first.address == Address::N)
     }
 
     /// The program code of a block of this program.
@@ -250,6 +240,18 @@ impl Word {
     /// The value when it is a number.
     pub fn number(&self) -> Option<f64> {
         (!matches!(self.form, Form::Indirection(_))).then_some(self.value)
+    }
+
+    /// The value when it is a whole number that is not negative and has 32 bits at most.
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "the range is tested"
+    )]
+    pub fn whole(&self) -> Option<u32> {
+        let number = self.number()?;
+        let whole = number.fract().abs() <= 0.0 && (0.0..=f64::from(u32::MAX)).contains(&number);
+        whole.then_some(number as u32)
     }
 
     /// True for a number that is written without a decimal point.

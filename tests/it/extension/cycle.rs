@@ -15,13 +15,15 @@ use tandem_interp::codes::{AXIS_WORDS, CodeTable};
 use tandem_interp::dialect::ModalWords;
 use tandem_interp::restrictions::USUAL;
 use tandem_interp::{CheckContext, Dialect, check_source};
+use tandem_model::Axis;
+use tandem_model::profile::Profile;
 use tandem_syntax::{Grammar, Header, compile};
 
 use super::costs;
 use super::dialect::AS_NJ;
 use super::g_code::naming;
 use super::g81_drilling::G81;
-use super::runs::{blocks, findings, shown};
+use super::runs::{blocks, findings, profiles, shown};
 
 static DRILLING_SHOP: Dialect = Dialect {
     name: "drilling",
@@ -32,6 +34,7 @@ static DRILLING_SHOP: Dialect = Dialect {
     modal_words: ModalWords::new(&AXIS_WORDS, &FEED_WORDS),
     start_up: &[&G01, &G80, &G90, &G98],
     cycle_cancel: Some(&G80),
+    home: "",
     policy: AS_NJ,
     restrictions: &USUAL,
 };
@@ -67,6 +70,44 @@ fn the_holes_of_a_cycle_of_ones_own_are_drilled_from_the_r_point_to_the_z_point(
             "rapid X0",
         ]
     );
+}
+
+/// Where X, Y and Z of a motion are after a time.
+fn at(profile: &Profile, t_s: f64) -> [f64; 3] {
+    let position = profile.position(t_s);
+    [Axis::X, Axis::Y, Axis::Z].map(|axis| (position[axis] * 1e9).round() / 1e9)
+}
+
+#[test]
+fn the_motors_go_to_the_holes_down_to_the_z_point_and_back_by_the_definition_of_the_cycle() {
+    let text = "G00 X0 Y0 Z10\nta100 td100 ts0 G99 G81 X10 Y20 Z-5 R2 F600\nX30\nG98 X40\nG80\nM30\n";
+    let profiles = profiles(text, &DRILLING_SHOP);
+    let ends: Vec<_> = profiles.iter().map(|one| at(one, one.duration_s)).collect();
+    let (initial, r, z) = (10.0, 2.0, -5.0);
+    assert_eq!(
+        ends,
+        [
+            [0.0, 0.0, initial],
+            // G99: from the initial level to the first hole, then from R point to R point
+            [10.0, 20.0, initial],
+            [10.0, 20.0, r],
+            [10.0, 20.0, z],
+            [10.0, 20.0, r],
+            [30.0, 20.0, r],
+            [30.0, 20.0, z],
+            [30.0, 20.0, r],
+            // G98: back to where Z was when the cycle began
+            [40.0, 20.0, r],
+            [40.0, 20.0, z],
+            [40.0, 20.0, initial],
+        ]
+    );
+    // the feed: 7 mm at F600, 10 mm/s, with ramps of 0.1 s at both ends: 7 / 10 + 0.1 s, half of the way in half of the time
+    for place in [3, 6, 9] {
+        let feed = &profiles[place];
+        assert!((feed.duration_s - 0.8).abs() < 1e-9, "{}", feed.duration_s);
+        assert_eq!(at(feed, 0.4), [ends[place][0], 20.0, f64::midpoint(r, z)]);
+    }
 }
 
 #[test]

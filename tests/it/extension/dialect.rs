@@ -29,18 +29,18 @@ use super::runs::{blocks, findings, items, texts};
 use super::{costs, files_where};
 
 /// A code under another number.
-const fn renamed(code: &'static str, tenths: u16, of: &'static Code) -> Code {
-    Code { code, tenths, ..*of }
+const fn renamed(code: &'static str, of: &'static Code) -> Code {
+    Code { code, ..*of }
 }
 
-static XY: Code = renamed("G117", 1170, &G17);
-static ZX: Code = renamed("G118", 1180, &G18);
-static OFF: Code = renamed("G140", 1400, &G40);
-static LEFT: Code = renamed("G141", 1410, &G41);
-static RIGHT: Code = renamed("G142", 1420, &G42);
-static CANCEL: Code = renamed("G180", 1800, &G80);
-static TAP: Code = renamed("G184", 1840, &G84);
-static BACK: Code = renamed("M17", 170, &M99);
+static XY: Code = renamed("G117", &G17);
+static ZX: Code = renamed("G118", &G18);
+static OFF: Code = renamed("G140", &G40);
+static LEFT: Code = renamed("G141", &G41);
+static RIGHT: Code = renamed("G142", &G42);
+static CANCEL: Code = renamed("G180", &G80);
+static TAP: Code = renamed("G184", &G84);
+static BACK: Code = renamed("M17", &M99);
 
 static G_CODES: [&Code; 18] = [
     &G00, &G01, &G02, &G03, &XY, &ZX, &G20, &G21, &G28, &OFF, &LEFT, &RIGHT, &CANCEL, &TAP, &G90, &G91, &G98,
@@ -70,6 +70,7 @@ pub const fn with_policy(policy: Policy, grammar: fn() -> &'static Grammar) -> D
         modal_words: ModalWords::new(&AXIS_WORDS, &FEED_WORDS),
         start_up: &START_UP,
         cycle_cancel: Some(&CANCEL),
+        home: "G91 G28",
         restrictions: &USUAL,
     }
 }

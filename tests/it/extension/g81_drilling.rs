@@ -18,6 +18,7 @@ const STEPS: Steps = Steps::new(
 
 static DRILLING: Cycle = Cycle {
     name: "a drilling cycle",
+    needed: &[Address::Z, Address::R],
     with_spindle: STEPS,
     without_spindle: STEPS,
 };
@@ -25,7 +26,6 @@ static DRILLING: Cycle = Cycle {
 /// Drills at X, Y: rapid to the R point, the feed to the Z point, rapid to the initial level or the R point.
 pub static G81: Code = Code {
     code: "G81",
-    tenths: 810,
     name: "Drilling Cycle",
     group: ModalGroup::FixedCycle,
     sets: Some(ModalValue::Cycle(Some(&DRILLING))),

@@ -23,7 +23,6 @@ use super::{costs, files_where};
 /// G07 K: up by K mm, whatever G90 or G91 says.
 static G07: Code = Code {
     code: "G07",
-    tenths: 70,
     name: "Lift",
     words: &[WordSpec::new(Address::K, "way up", "mm", 0.0, 50.0).needed()],
     docs: "Lifts Z by K at rapid speed.",
@@ -38,7 +37,7 @@ fn lift(execution: &mut Execution<'_>) {
         distance: Distance::Incremental,
         frame: Frame::Work,
     };
-    words.values[Axis::Z] = execution.words().get(Address::K).unwrap_or_default();
+    words.values[Axis::Z] = execution.words.get(Address::K).unwrap_or_default();
     words.named.insert(Axis::Z);
     execution.act(Action::Rapid(words));
 }
@@ -52,6 +51,7 @@ static SHOP: Dialect = Dialect {
     modal_words: ModalWords::new(&AXIS_WORDS, &FEED_WORDS),
     start_up: &[&G00, &G90],
     cycle_cancel: None,
+    home: "",
     policy: AS_NJ,
     restrictions: &[],
 };

@@ -1,14 +1,17 @@
 //! A program of a dialect of one's own, checked and interpreted.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
 use tandem_interp::{CheckContext, Dialect, Inputs, Interpreter, check_source};
-use tandem_model::Alarm;
 use tandem_model::axis::{AXES_MAX, Axis, AxisVector};
 use tandem_model::flow::{Action, AxisWords, Block, Distance, Item};
+use tandem_model::profile::Profile;
 use tandem_model::settings::{Tool, WorkOffsets};
 use tandem_model::variables::Variables;
+use tandem_model::{Alarm, MachinePosition};
+use tandem_motion::Planner;
+use tandem_path::PathStage;
 use tandem_runtime::Config;
 use tandem_syntax::parse;
 
@@ -68,6 +71,25 @@ pub fn blocks(text: &str, dialect: &'static Dialect) -> Vec<Block> {
         _ => None,
     });
     blocks.collect()
+}
+
+/// The motion of a program from machine position 0 to its end, each profile from rest to rest: what its blocks are for
+/// the path stage and the planner.
+pub fn profiles(text: &str, dialect: &'static Dialect) -> Vec<Profile> {
+    let machine = Config::demo().resolve().unwrap();
+    let settings = &machine.coordinate_systems[0].settings;
+    let mut path = PathStage::new(settings, MachinePosition::default());
+    let mut planner = Planner::new(settings);
+    let (mut segments, mut profiles) = (Vec::new(), VecDeque::new());
+    for block in blocks(text, dialect) {
+        path.push(&block, &mut segments).unwrap();
+    }
+    path.finish(&mut segments).unwrap();
+    for segment in &segments {
+        planner.push(segment, &mut profiles).unwrap();
+    }
+    planner.flush(&mut profiles).unwrap();
+    profiles.into()
 }
 
 fn follow(position: &mut AxisVector, action: &Action) {

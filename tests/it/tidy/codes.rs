@@ -1,58 +1,140 @@
-//! The machinery decides by what codes mean, not by their names: these stand in `codes` and `dialects` alone.
+//! The machinery decides by what codes mean, not by their names: these are written in `codes` and `dialects` alone.
 
 use super::{CRATES, files, read, without_unit_tests};
 
 /// Where codes are named.
 const NAMED: [&str; 2] = ["runtime/interp/src/codes/", "runtime/interp/src/dialects/"];
 
-/// True for `G01`, `G50.1`: a text that is one G code and nothing else. A sentence that quotes codes is no name.
-fn is_code(literal: &str) -> bool {
-    let number = literal.strip_prefix('G').unwrap_or_default();
-    number.starts_with(|digit: char| digit.is_ascii_digit())
-        && number.chars().all(|part| part.is_ascii_digit() || part == '.')
+/// Files whose texts are about codes, and why.
+const ABOUT_CODES: [(&str, &str); 6] = [
+    ("plc-api/src/handshake/rules.rs", "the rules of the handshake"),
+    ("runtime/interp/src/decisions.rs", "the rules of the language"),
+    ("runtime/motion/src/rules.rs", "the rules of motion"),
+    (
+        "runtime/src/sequence/demo.rs",
+        "a sequence program, which is about M codes",
+    ),
+    (
+        "runtime/syntax/src/diagnostics.rs",
+        "the manual's rules and examples that explain findings",
+    ),
+    (
+        "runtime/syntax/src/intermediate.rs",
+        "the end-of-block word, which is no code of a program (D43)",
+    ),
+];
+
+/// The string literals of a source, each with its line from 1.
+fn literals(source: &str) -> Vec<(usize, String)> {
+    let mut found = Vec::new();
+    let mut rest = source.chars();
+    let mut line = 1;
+    while let Some(letter) = rest.next() {
+        let next = rest.as_str();
+        match letter {
+            '\n' => line += 1,
+            '/' if next.starts_with('/') => {
+                rest = next[next.find('\n').unwrap_or(next.len())..].chars();
+            }
+            // a character, not a lifetime
+            '\'' if next.starts_with('\\') => rest = next[2..].chars(),
+            '\'' if next.chars().nth(1) == Some('\'') => {
+                rest.nth(1);
+            }
+            '"' => {
+                let (begins, mut text) = (line, String::new());
+                while let Some(letter) = rest.next().filter(|letter| *letter != '"') {
+                    text.push(letter);
+                    let escaped = if letter == '\\' { rest.next() } else { None };
+                    text.extend(escaped);
+                    line += usize::from(letter == '\n' || escaped == Some('\n'));
+                }
+                found.push((begins, text));
+            }
+            _ => {}
+        }
+    }
+    found
 }
 
-/// True for a line that names one G code in a literal, or a file of one.
-fn names_a_code(line: &str) -> bool {
-    let of_file = line.match_indices("codes::").any(|(at, path)| {
+/// True for a text that begins with a G or M code: `G01`, `G54 to G59`.
+fn begins_with_a_code(literal: &str) -> bool {
+    let number = literal.strip_prefix(['G', 'M']).unwrap_or_default();
+    number.starts_with(|digit: char| digit.is_ascii_digit())
+}
+
+/// True for a line that names a file of one code.
+fn names_a_file(line: &str) -> bool {
+    line.match_indices("codes::").any(|(at, path)| {
         let mut file = line[at + path.len()..].chars();
         matches!(file.next(), Some('g' | 'm')) && file.next().is_some_and(|digit| digit.is_ascii_digit())
-    });
-    of_file || line.split('"').skip(1).step_by(2).any(is_code)
+    })
 }
 
 #[test]
-fn no_machinery_names_a_g_code() {
+fn no_machinery_names_a_code() {
     let mut found = Vec::new();
     for path in files(&[".rs"]) {
         let name = path.to_string_lossy();
-        let is_test = name.contains("/tests") || NAMED.iter().any(|folder| name.starts_with(folder));
-        if is_test || !CRATES.iter().any(|folder| name.starts_with(folder)) {
+        let is_below = |folders: &[&str]| folders.iter().any(|folder| name.starts_with(folder));
+        if name.contains("/tests") || is_below(&NAMED) || !is_below(&CRATES) {
             continue;
         }
         let text = read(&path);
-        let lines = without_unit_tests(&text).lines().enumerate();
-        let code = lines.filter(|(_, line)| !line.trim_start().starts_with("//"));
-        let named = code.filter(|(_, line)| names_a_code(line));
-        found.extend(named.map(|(number, line)| format!("{name}:{}: {}", number + 1, line.trim())));
+        let code = without_unit_tests(&text);
+        let lines = code.lines().enumerate();
+        let mut named: Vec<_> = lines
+            .filter(|(_, line)| !line.trim_start().starts_with("//") && names_a_file(line))
+            .map(|(number, line)| (number + 1, line.trim().to_owned()))
+            .collect();
+        if !ABOUT_CODES.iter().any(|(file, _)| name == *file) {
+            let literals = literals(code).into_iter();
+            named.extend(literals.filter(|(_, literal)| begins_with_a_code(literal)));
+        }
+        found.extend(
+            named
+                .iter()
+                .map(|(number, text)| format!("{name}:{number}: {text}")),
+        );
     }
     assert!(found.is_empty(), "{found:#?}");
 }
 
 #[test]
+fn files_about_codes_are_there_and_name_some() {
+    for (file, why) in ABOUT_CODES {
+        let text = read(file.as_ref());
+        let names = literals(&text)
+            .iter()
+            .any(|(_, literal)| begins_with_a_code(literal));
+        assert!(names, "{file}, {why}");
+    }
+}
+
+#[test]
 fn names_of_codes_are_found() {
-    for line in [
-        r#"matches!(code, "M02" | "G50.1")"#,
-        r#"if code == "G41" {"#,
-        "use crate::codes::g20_g21_unit::G20;",
+    let named = |source: &str| {
+        let literals = literals(source).into_iter();
+        literals
+            .filter(|(_, literal)| begins_with_a_code(literal))
+            .map(|(line, _)| line)
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(named(r#"matches!(code, "M02" | "G50.1")"#), [1, 1]);
+    assert_eq!(
+        named("\n\nlet text = \"G43, G44 and \\\n G49 move nothing\";\nf(\"M30\")"),
+        [3, 5]
+    );
+    assert_eq!(named(r#"if letter == '"' { f("G1") }"#), [1]);
+    assert_eq!(named(r#"if letter == '\'' { f("G1") }"#), [1]);
+    for none in [
+        r#"'G'; "Go"; "the cycle of G84""#,
+        r#"// "G01""#,
+        r#"text("<path d=\"M14 {line}\"/>")"#,
+        "fn f<'a>(code: &'a str) {}",
     ] {
-        assert!(names_a_code(line), "{line}");
+        assert_eq!(named(none), [0; 0], "{none}");
     }
-    for line in [
-        r#"text("G43, G44 and G49 move nothing")"#,
-        r#"'G'; "Go""#,
-        "codes::feed_words",
-    ] {
-        assert!(!names_a_code(line), "{line}");
-    }
+    assert!(names_a_file("use crate::codes::g20_g21_unit::G20;"));
+    assert!(!names_a_file("use crate::codes::feed_words;"));
 }

@@ -5,6 +5,7 @@
 
 use tandem_model::flow::TapLeg;
 use tandem_model::plane::Turn;
+use tandem_syntax::Address;
 
 use super::Code;
 use super::cycle_words::{self, CYCLE_WORDS};
@@ -17,6 +18,7 @@ macro_rules! tapping {
     ($in:ident $m_in:literal, $out:ident $m_out:literal) => {
         Cycle {
             name: "a tapping cycle",
+            needed: &[Address::Z, Address::R],
             with_spindle: Steps::new(
                 &[Step::Output(19)],
                 &[

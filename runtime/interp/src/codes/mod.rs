@@ -147,6 +147,11 @@ impl Code {
         number * factor
     }
 
+    /// True when it ends a program or a subprogram.
+    pub(crate) fn ends(&self) -> bool {
+        matches!(self.role, Role::End | Role::Return)
+    }
+
     /// The addresses of its own words.
     pub const fn addresses(&self) -> AddressSet {
         WordSpec::addresses(self.words)

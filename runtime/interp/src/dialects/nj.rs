@@ -54,6 +54,7 @@ pub(super) static NJ: Dialect = Dialect {
         &G01, &G17, &G90, &G21, &G40, &G49, &G80, &G98, &G50, &G64, &G69, &G50_1, &G501,
     ],
     cycle_cancel: Some(&G80),
+    home: "G91 G28",
     policy: Policy {
         rivals: Rivals::Refused,
         m_code: MCodeTime::BehindMotion,

@@ -1,6 +1,5 @@
 //! The restrictions of fixed cycles, cutter compensation and machine positions (D23; manual, restrictions of G41 and G74).
 
-use tandem_syntax::Address;
 use tandem_syntax::diagnostics::{COMPENSATION_RULE, FIXED_CYCLE_RULE, TOOL_OFFSET_RULE};
 
 use super::{During, Restriction, What};
@@ -30,10 +29,10 @@ const WAIT_ELSEWHERE: &str = "Write it before {compensation}, or behind the lead
 pub static USUAL: [Restriction; 13] = [
     Restriction {
         during: During::CycleBegin,
-        what: What::Missing(&[Address::Z, Address::R]),
+        what: What::MissingOfCycle,
         entry: &FIXED_CYCLE_RULE,
         message: "the first block of a fixed cycle has no {code}",
-        help: "Write Z and R in it.",
+        help: "Write {needed} in it.",
     },
     Restriction {
         during: During::Cycle,

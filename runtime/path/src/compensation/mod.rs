@@ -180,7 +180,7 @@ impl Compensator {
             return refused("The side in effect, the plane or the radius of the tool changes");
         }
         if wanted.is_some() && matches!(leg.segment.motion, SegmentMotion::Rapid { .. }) {
-            return refused("G00 moves while G41 or G42 is on");
+            return refused("A rapid moves during cutter compensation");
         }
         leg.stop_before |= std::mem::take(&mut self.stop_next);
         let way = way_in_plane(&leg.segment.motion, side.plane)?;

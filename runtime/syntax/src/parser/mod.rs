@@ -40,7 +40,7 @@ pub fn parse(source: impl Into<Arc<str>>, grammar: &Grammar) -> (NcProgram, Vec<
                 "the program has {} bytes, at most {PROGRAM_BYTES_MAX} are allowed",
                 source.len()
             ),
-            "Split the program and call the parts with M98.",
+            "Split the program into subprograms.",
         );
     } else {
         parser.reserve(&source);

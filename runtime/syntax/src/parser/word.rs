@@ -122,7 +122,6 @@ impl Parser<'_> {
     /// Reads a word whose address is known.
     fn word(&mut self, start: usize, address: Address, letters: usize) {
         self.cursor.advance(letters);
-        let address_span = self.cursor.span_from(start);
         if matches!(self.cursor.peek(), Some(b' ' | b'\t')) {
             self.blanks();
         }
@@ -150,7 +149,7 @@ impl Parser<'_> {
                     None | Some(b'\n' | b'\r' | b'/' | b'_' | b'A'..=b'Z' | b'a'..=b'z' | b'{' | b'}')
                 );
                 if missing {
-                    self.value_missing(address_span);
+                    self.value_missing(Span::new(index(start), index(start + letters)));
                 }
             }
             Err(NumberError::Malformed) => {
