@@ -7,7 +7,7 @@
 //! - dense lines, dense ahead: the same with sides of 0.1 mm, 2 ms each, which costs about 1.7 us a block;
 //! - arcs: full circles of 20 mm.
 //!
-//! Measured on two cores of an AMD EPYC virtual machine on which the lines of the bench `look_ahead` go at 1,270,000 a
+//! Measured on two cores of an AMD EPYC virtual machine on which the lines of the bench `stages` go at 1,270,000 a
 //! second from the text to profiles; bench profile, the medians of three runs of five rounds each, and the lowest round of
 //! all:
 //!

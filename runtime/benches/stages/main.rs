@@ -1,0 +1,123 @@
+//! Speed of the stages in a row, from NC text to profiles, on one core; the profiles are dropped as the servo takes them.
+//!
+//! ```text
+//! cargo bench -p tandem-runtime --bench stages                all
+//! cargo bench -p tandem-runtime --bench stages -- lines       those with `lines` in their name
+//! ```
+
+mod look_ahead;
+mod squares;
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
+
+use tandem_interp::dialects::nj;
+use tandem_interp::{Inputs, Interpreter};
+use tandem_model::flow::{Block, Item, Segment};
+use tandem_model::profile::Profile;
+use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings, Tool, WorkOffsets};
+use tandem_model::{AxisVector, MachinePosition, Variables};
+use tandem_motion::Planner;
+use tandem_path::PathStage;
+use tandem_syntax::{Grammar, NcProgram, parse};
+
+fn main() {
+    divan::main();
+}
+
+/// Three linear motors of 500 mm/s and 5000 mm/s².
+fn settings() -> CoordinateSystemSettings {
+    let motor = |number| {
+        Some(MotorSettings {
+            soft_limits: Some([-2000.0, 2000.0]),
+            ..MotorSettings::new(number, MotorKind::Linear, 500.0, 5000.0)
+        })
+    };
+    CoordinateSystemSettings {
+        motors: [motor(1), motor(2), motor(3), None, None, None, None, None],
+        max_feedrate_mm_min: 60_000.0,
+        ..CoordinateSystemSettings::default()
+    }
+}
+
+/// The tree of a program without findings.
+fn parsed(source: &Arc<str>) -> Arc<NcProgram> {
+    let (program, findings) = parse(Arc::clone(source), Grammar::nj());
+    assert!(findings.is_empty());
+    Arc::new(program)
+}
+
+/// Calls `each` with all blocks of a program.
+fn interpret(program: &Arc<NcProgram>, mut each: impl FnMut(Block)) {
+    let (programs, work_offsets, variables) = (BTreeMap::new(), WorkOffsets::default(), Variables::default());
+    let inputs = Inputs {
+        programs: &programs,
+        optional_skip: 0,
+        work_offsets: &work_offsets,
+        variables: &variables,
+        tool: Some(Tool {
+            length: 0.0,
+            radius: 3.0,
+        }),
+        captured: Some([0.0; 8]),
+        position: Some(AxisVector::ZERO),
+    };
+    let mut interpreter = Interpreter::new(&settings(), nj());
+    interpreter.start(Arc::clone(program), 1);
+    loop {
+        match interpreter.next(&inputs) {
+            Ok(Item::Block(block)) => each(block),
+            Ok(Item::End(_)) => return,
+            other => assert!(other.is_ok(), "{other:?}"),
+        }
+    }
+}
+
+/// Path and motion.
+struct Stages {
+    path: PathStage,
+    planner: Planner,
+    segments: Vec<Segment>,
+    profiles: VecDeque<Profile>,
+    planned: usize,
+}
+
+impl Stages {
+    fn new() -> Self {
+        Self {
+            path: PathStage::new(&settings(), MachinePosition::default()),
+            planner: Planner::new(&settings()),
+            segments: Vec::new(),
+            profiles: VecDeque::new(),
+            planned: 0,
+        }
+    }
+
+    fn push(&mut self, block: &Block) {
+        assert_eq!(self.path.push(block, &mut self.segments), Ok(()));
+        self.plan();
+    }
+
+    fn plan(&mut self) {
+        for segment in self.segments.drain(..) {
+            assert_eq!(self.planner.push(&segment, &mut self.profiles), Ok(()));
+        }
+        self.planned += self.profiles.len();
+        self.profiles.clear();
+    }
+
+    /// The number of profiles.
+    fn finish(mut self) -> usize {
+        assert_eq!(self.path.finish(&mut self.segments), Ok(()));
+        self.plan();
+        self.planner.flush(&mut self.profiles);
+        self.planned + self.profiles.len()
+    }
+}
+
+/// All stages: the number of profiles.
+fn from_text(source: &Arc<str>) -> usize {
+    let mut stages = Stages::new();
+    interpret(&parsed(source), |block| stages.push(&block));
+    stages.finish()
+}
