@@ -270,9 +270,10 @@ impl Guard {
     async fn close_revoked(self: Arc<Self>, router: Arc<MessageRouter>, mut tokens: LiveTokens) {
         loop {
             tokens.changed().await;
-            for client_id in self.sessions.revoke(&tokens.now()) {
+            for (client_id, user) in self.sessions.revoke(&tokens.now()) {
                 router.unregister_client(&client_id).await;
-                warn!("MQTT client {client_id:.64} is disconnected: its token was revoked");
+                let name = user.name().unwrap_or_default();
+                warn!("MQTT client {client_id:.64} of {name} is disconnected: its token counts no more");
             }
         }
     }

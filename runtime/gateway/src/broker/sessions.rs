@@ -93,13 +93,13 @@ impl Sessions {
         connected.get(client_id).map(|(session, _)| session.clone())
     }
 
-    /// Marks the sessions whose token has been revoked or has another role now, and returns their client ids.
-    pub(super) fn revoke(&self, tokens: &Tokens) -> Vec<Arc<str>> {
+    /// Marks the sessions whose token has been revoked or has another role now, and returns their client ids and users.
+    pub(super) fn revoke(&self, tokens: &Tokens) -> Vec<(Arc<str>, User)> {
         let mut revoked = Vec::new();
         for (client_id, (session, _)) in self.connected.lock().iter_mut() {
-            if session.user.as_ref().is_some_and(|user| !tokens.has(user)) {
+            if let Some(user) = session.user.as_ref().filter(|user| !tokens.has(user)) {
+                revoked.push((Arc::clone(client_id), user.clone()));
                 session.is_revoked = true;
-                revoked.push(Arc::clone(client_id));
             }
         }
         revoked
