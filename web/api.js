@@ -1,14 +1,14 @@
-// REST: commands, inputs, programs. Whatever is refused comes back as a Refusal with the machine's own words.
+// REST: commands, inputs, programs. Refused requests throw a Refusal with the machine's text.
 
 import { forgetFence, keepFence, ownFence, underLease } from "./fences.js";
 import { authorization } from "./token.js";
 
-/** Time limit of a request; a stop on the path of a slow machine may take seconds. */
+/** Time limit of a request: a slow machine may take seconds to stop on its path. */
 const TIMEOUT_MS = 15000;
 /** Time limit of a refresh of a jog: the machine has stopped long before. */
 const JOG_TIMEOUT_MS = 1000;
 
-/** Who holds the control lease that is taken here, as people at other screens are told. */
+/** Name of this holder of a control lease, shown at other screens. */
 const HOLDER = `HMI ${randomName().slice(0, 4)}`;
 
 export class Refusal extends Error {
@@ -21,6 +21,16 @@ export class Refusal extends Error {
     this.name = "Refusal";
     this.problem = problem;
   }
+}
+
+/**
+ * The diagnostics of a program that the machine refused; any other error is thrown again.
+ * @param {unknown} error
+ */
+export function diagnosticsOf(error) {
+  const diagnostics = error instanceof Refusal ? error.problem.diagnostics : undefined;
+  if (!diagnostics?.length) throw error;
+  return diagnostics;
 }
 
 /**
@@ -52,7 +62,7 @@ async function request(method, path, body, headers = {}, timeoutMs = TIMEOUT_MS)
   throw new Refusal(asSentence(problem.detail || problem.title || `refused with status ${response.status}`), problem);
 }
 
-/** With a capital and a full stop. @param {string} text */
+/** With a capital letter and a full stop. @param {string} text */
 function asSentence(text) {
   return text.charAt(0).toUpperCase() + text.slice(1).replace(/[^.!?]$/, "$&.");
 }
@@ -63,20 +73,15 @@ function randomName() {
   return [...bytes].map((byte) => byte.toString(16).padStart(2, "0")).join("");
 }
 
-/** A random name of a command, so that one sent twice is carried out once. */
-function commandId() {
-  return `hmi-${randomName()}`;
-}
-
 export const api = {
   /**
-   * Commands a coordinate system, and waits until the effect is reached.
+   * Commands a coordinate system, and waits until it is done. Its random id prevents that it is carried out twice.
    * @param {number} cs
    * @param {import("./types.d.ts").Verb} verb
    * @param {object} [args]
    */
   async command(cs, verb, args = {}) {
-    const response = await request("POST", `/cs/${cs}/${verb}?wait=1`, args, { "Idempotency-Key": commandId(), ...underLease(cs) });
+    const response = await request("POST", `/cs/${cs}/${verb}?wait=1`, args, { "Idempotency-Key": `hmi-${randomName()}`, ...underLease(cs) });
     const reply = await response.json().catch(() => ({}));
     if (reply.status === "rejected" || reply.status === "failed") throw new Refusal(reply.text || `${verb} failed.`, reply);
   },
@@ -110,7 +115,7 @@ export const api = {
     await request("PUT", `/cs/${cs}/inputs/${input}`, lock);
   },
 
-  /** The run that the last start of the runtime cut short, or ended with. @param {number} cs */
+  /** The last run before the runtime was started, interrupted or not. @param {number} cs */
   async lastRun(cs) {
     /** @type {{last_run: import("./types.d.ts").LastRun | null}} */
     const answer = await (await request("GET", `/cs/${cs}/last_run`)).json();

@@ -1,4 +1,4 @@
-// The interface as a page: every route and topic of the documents that the machine serves, with the forms they carry.
+// A page about the interface: every route and topic of the machine's documents, with their schemas.
 
 import { fill, h } from "./dom.js";
 
@@ -31,7 +31,7 @@ function form(title, document, schema) {
   return h("div", {}, h("h4", {}, title), h("pre", {}, JSON.stringify(written(document, schema), null, 2)));
 }
 
-/** The form of a body or answer, whatever its media type. @param {any} part */
+/** The schema of a body or answer of any media type. @param {any} part */
 function schemaOf(part) {
   /** @type {any[]} */
   const media = Object.values(part?.content ?? {});

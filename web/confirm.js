@@ -1,7 +1,7 @@
-// Asks before something that cannot be taken back. The safe answer has the focus; Escape gives it.
+// Asks before something that cannot be undone. The safe answer has the focus; Escape selects it.
 
 import { openDialog } from "./dialog.js";
-import { h } from "./dom.js";
+import { button, h } from "./dom.js";
 
 /**
  * @param {{title: string, text: string, yes: string, no: string}} question
@@ -9,11 +9,9 @@ import { h } from "./dom.js";
  */
 export function confirm({ title, text, yes, no }) {
   return new Promise((resolve) => {
-    const keep = h("button", { type: "button", class: "button", autofocus: true }, no);
-    const go = h("button", { type: "button", class: "button danger" }, yes);
+    const keep = button({ autofocus: true, onclick: () => dialog.close("no") }, no);
+    const go = button({ class: "button danger", onclick: () => dialog.close("yes") }, yes);
     const children = [h("p", {}, text), h("div", { class: "row end" }, keep, go)];
     const dialog = openDialog("confirm", title, children, (answer) => resolve(answer === "yes"));
-    keep.addEventListener("click", () => dialog.close("no"));
-    go.addEventListener("click", () => dialog.close("yes"));
   });
 }

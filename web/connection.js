@@ -1,14 +1,14 @@
-// The WebSocket: subscribes, hands on every message, notices silence, and connects again by itself.
+// The WebSocket: subscribes, passes on every message, detects silence, and reconnects by itself.
 
 import { protocols } from "./token.js";
 
 /** Topics of the machine as a whole. */
 export const MACHINE_TOPICS = ["presence", "birth", "alarm/active"];
 
-/** Wait before the next try: doubles from the first to the longest, with jitter so that many screens do not come at once. */
+/** Delay before the next attempt: doubles from the first to the longest, with jitter so that screens do not reconnect at once. */
 const RETRY_FIRST_MS = 250;
 const RETRY_LONGEST_MS = 5000;
-/** Silence after which the machine is asked for a sign of life; then how long the answer may take. */
+/** Silence after which the machine is probed, and how long the answer may take. */
 const SILENCE_MS = 4000;
 const PROBE_MS = 3000;
 
@@ -71,7 +71,7 @@ export class Connection {
     this.#send([...this.#topics]);
   }
 
-  /** Does not wait for the next try. */
+  /** Tries at once. */
   retryNow() {
     if (this.#socket) return;
     clearTimeout(this.#retryTimer);
@@ -91,7 +91,7 @@ export class Connection {
     this.#retryTimer = window.setTimeout(() => this.open(), wait);
   }
 
-  // A cable pulled out closes no socket: silence alone tells. A machine at rest may be silent too, so it is asked.
+  // An unplugged cable closes no socket: there is only silence. But a machine at rest may be silent, too, so it is probed.
   async #watch() {
     const socket = this.#socket;
     if (!socket || this.#probing || Date.now() - this.#heardAt < SILENCE_MS) return;
@@ -107,7 +107,7 @@ export class Connection {
   }
 }
 
-/** Whether the server answers at all; the HTTP status does not matter. */
+/** Whether the server answers, with any HTTP status. */
 async function answers() {
   try {
     await fetch("/api/v1/health", { cache: "no-store", signal: AbortSignal.timeout(PROBE_MS) });

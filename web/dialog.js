@@ -1,4 +1,4 @@
-// One dialog at a time, which does not lock the rest of the screen: hold, stop and abort can be pressed beside it.
+// One dialog at a time. It does not block the rest of the screen: hold, stop and abort remain usable.
 
 import { h } from "./dom.js";
 

@@ -1,4 +1,4 @@
-// Builds elements. Text goes in as text nodes only, so nothing from the machine or a program is ever read as markup.
+// Builds elements. Text becomes text nodes only, so nothing from the machine or a program is ever parsed as markup.
 
 /**
  * @typedef {Node | string | null | undefined | false} Child
@@ -6,8 +6,8 @@
  */
 
 /**
- * An HTML element. Props starting with `on` are event listeners, all others are attributes; false, null and
- * undefined leave the attribute out.
+ * An HTML element. Functions are event listeners, with names such as `onclick`; all other props are attributes, left out
+ * if false, null or undefined.
  * @template {keyof HTMLElementTagNameMap} K
  * @param {K} tag
  * @param {Props} [props]
@@ -26,6 +26,15 @@ export function h(tag, props = {}, ...children) {
   return element;
 }
 
+/**
+ * A button, of class `button` unless the props have another one.
+ * @param {Props} props
+ * @param {...Child} children
+ */
+export function button(props, ...children) {
+  return h("button", { type: "button", class: "button", ...props }, ...children);
+}
+
 /** @param {Element} element @param {Child[]} children */
 function append(element, children) {
   for (const child of children) if (child !== null && child !== undefined && child !== false) element.append(child);
@@ -42,7 +51,7 @@ export function fill(element, ...children) {
 }
 
 /**
- * Writes text where it differs, so that screen readers and selections are left alone.
+ * Sets a text that has changed, so that screen readers and selections are not disturbed otherwise.
  * @param {Element} element
  * @param {string} text
  */
@@ -51,7 +60,7 @@ export function setText(element, text) {
 }
 
 /**
- * Sets or removes an attribute where it differs.
+ * Sets or removes an attribute that has changed.
  * @param {Element} element
  * @param {string} name
  * @param {string | boolean | null} value
@@ -64,7 +73,7 @@ export function setAttr(element, name, value) {
 }
 
 /**
- * A card: a titled region of the screen. `tools` stand at the right of the title.
+ * A card: a region of the screen with a title. `tools` are at the right of the title.
  * @param {string} name class and test name
  * @param {string} title
  * @param {Child[]} tools

@@ -1,11 +1,11 @@
-// Writes a program of the store: a text from a file or by hand, stored under a number, with what checking says below.
+// The editor of stored programs: a text, typed or from a file, is stored under a number and then checked.
 
 import { openDialog } from "./dialog.js";
-import { fill, h, setText } from "./dom.js";
-import { count, finding } from "./findings.js";
+import { button, fill, h, setText } from "./dom.js";
+import { finding, summary } from "./findings.js";
 import { programName } from "./format.js";
 
-/** Longer texts are stored as they are: a text field of that length makes the browser slow. */
+/** Longer texts are stored unchanged: such a text field would make the browser slow. */
 const EDITABLE_CHARS = 1_000_000;
 /** Findings shown. */
 const SHOWN_MAX = 50;
@@ -24,8 +24,8 @@ export function openEditor(app, number, text) {
   if (editable) area.value = text;
   const note = h("p", { class: "muted note", role: "status" });
   const findings = h("ol", { class: "list", "aria-label": "Findings" });
-  const close = h("button", { type: "button", class: "button" }, "Close");
-  const store = h("button", { type: "submit", class: "button" }, "Store");
+  const close = button({ onclick: () => dialog.close() }, "Close");
+  const store = button({ type: "submit" }, "Store");
   const form = h(
     "form",
     { class: "editor-form" },
@@ -35,10 +35,9 @@ export function openEditor(app, number, text) {
     findings,
     h("div", { class: "row end" }, close, store),
   );
-  // a text field that gets the focus shows its end otherwise
+  // otherwise a text field with the focus shows its end
   area.setSelectionRange(0, 0);
   const dialog = openDialog("editor", "Program", [form]);
-  close.addEventListener("click", () => dialog.close());
 
   const describe = () => {
     const there = app.model.programs?.some((program) => program.number === Number(name.value));
@@ -47,7 +46,7 @@ export function openEditor(app, number, text) {
   };
   name.addEventListener("input", describe);
   let stored = area.value;
-  // Escape is pressed in passing; it must not drop what was written
+  // Escape, pressed by accident, must not discard what was written
   form.addEventListener("keydown", (event) => {
     if (event.key !== "Escape" || area.value === stored) return;
     event.stopPropagation();
@@ -62,9 +61,7 @@ export function openEditor(app, number, text) {
       const sent = area.value;
       const diagnostics = await app.api.storeProgram(chosen, editable ? sent : text);
       stored = sent;
-      const errors = diagnostics.filter((one) => one.severity === "error").length;
-      const counted = [count(errors, "error"), count(diagnostics.length - errors, "warning")].filter((part) => part !== "");
-      setText(note, `${programName(chosen)} is stored: ${counted.join(", ") || "nothing to complain of"}.`);
+      setText(note, `${programName(chosen)} is stored: ${summary(diagnostics) || "nothing to complain of"}.`);
       fill(findings, ...diagnostics.slice(0, SHOWN_MAX).map((one) => entry(one, area)));
       await app.readPrograms();
     });
@@ -74,9 +71,7 @@ export function openEditor(app, number, text) {
 /** A finding; a press goes to its line. @param {import("./types.d.ts").Diagnostic} one @param {HTMLTextAreaElement} area */
 function entry(one, area) {
   const item = finding(one);
-  const go = h("button", { type: "button", class: "button small", "aria-label": `Go to line ${one.line}` }, "Go to");
-  go.addEventListener("click", () => select(area, one.line));
-  item.append(go);
+  item.append(button({ class: "button small", "aria-label": `Go to line ${one.line}`, onclick: () => select(area, one.line) }, "Go to"));
   return item;
 }
 
@@ -90,7 +85,7 @@ function select(area, line) {
 }
 
 /**
- * The number that a file's name says, such as 1001.nc or O0007.txt; else the first one that is free.
+ * The number in a file's name, such as 1001.nc or O0007.txt, otherwise the first free number.
  * @param {string} name
  * @param {import("./types.d.ts").ProgramInfo[]} known
  */

@@ -1,5 +1,5 @@
-// Numbers of the control leases that this screen holds. A lease is for a coordinate system, and its number, the fence,
-// goes with every command, so that one of a lease that has ended is refused instead of coming too late.
+// The control leases that this screen holds, one per coordinate system. The number of a lease, its fence, is sent with every
+// command, so that a late command under a lease that has ended is refused.
 
 /** By coordinate system. @type {Map<number, number>} */
 const fences = new Map();

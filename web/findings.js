@@ -1,11 +1,11 @@
-// All that checking says of a program, in one list.
+// The findings of a checked program.
 
 import { openDialog } from "./dialog.js";
-import { h } from "./dom.js";
+import { button, h } from "./dom.js";
 import { programName } from "./format.js";
 import { icon } from "./icons.js";
 
-/** Findings shown; a program that is none at all has thousands. */
+/** Findings shown; a text that is no program has thousands. */
 const SHOWN_MAX = 200;
 
 /**
@@ -13,21 +13,25 @@ const SHOWN_MAX = 200;
  * @param {import("./types.d.ts").Diagnostic[]} diagnostics
  */
 export function showFindings(program, diagnostics) {
-  const errors = diagnostics.filter((one) => one.severity === "error").length;
-  const counted = [count(errors, "error"), count(diagnostics.length - errors, "warning")].filter((text) => text !== "");
-  const close = h("button", { type: "button", class: "button", autofocus: true }, "Close");
+  const close = button({ autofocus: true, onclick: () => dialog.close() }, "Close");
   const more = diagnostics.length - SHOWN_MAX;
-  const dialog = openDialog("findings", `${programName(program)}: ${counted.join(", ") || "nothing to say"}`, [
+  const dialog = openDialog("findings", `${programName(program)}: ${summary(diagnostics) || "nothing to say"}`, [
     h("ol", { class: "list" }, ...diagnostics.slice(0, SHOWN_MAX).map(finding)),
     more > 0 && h("p", { class: "muted" }, `and ${more} more`),
     h("div", { class: "row end" }, close),
   ]);
-  close.addEventListener("click", () => dialog.close());
 }
 
-/** @param {number} number @param {string} word */
-export function count(number, word) {
-  return number === 0 ? "" : `${number} ${word}${number === 1 ? "" : "s"}`;
+/** Their numbers, such as `1 error, 2 warnings`. @param {import("./types.d.ts").Diagnostic[]} diagnostics */
+export function summary(diagnostics) {
+  const errors = diagnostics.filter((one) => one.severity === "error").length;
+  return counts(errors, diagnostics.length - errors);
+}
+
+/** The same of given numbers; nothing where both are 0. @param {number} errors @param {number} warnings */
+export function counts(errors, warnings) {
+  const text = (/** @type {number} */ number, /** @type {string} */ word) => `${number} ${word}${number === 1 ? "" : "s"}`;
+  return [errors > 0 && text(errors, "error"), warnings > 0 && text(warnings, "warning")].filter(Boolean).join(", ");
 }
 
 /** One of them, as an entry of a list. @param {import("./types.d.ts").Diagnostic} one */

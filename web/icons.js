@@ -1,4 +1,4 @@
-// Signs beside every colour. Drawn here, 24 by 24, in the colour of the text around them.
+// Icons, so that colour is never the only sign: 24 by 24, in the colour of the surrounding text.
 
 const SVG = "http://www.w3.org/2000/svg";
 

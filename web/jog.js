@@ -1,8 +1,8 @@
-// A button that moves an axis while it is held. The machine stops 200 ms after the last refresh by itself, so whatever
-// ends the refreshes ends the motion: release, lost focus, a hidden window, a lost connection, a page that is gone.
+// A button that moves an axis while it is held. The machine stops by itself 200 ms after the last refresh, so whatever
+// ends the refreshes ends the motion: release, lost focus, a hidden window, a lost connection, a closed page.
 
 import { Refusal } from "./api.js";
-import { h, setAttr } from "./dom.js";
+import { button, setAttr } from "./dom.js";
 
 /** Time between two refreshes, ms. */
 const REFRESH_MS = 80;
@@ -14,7 +14,7 @@ const REFRESH_MS = 80;
  */
 
 export class JogButton {
-  /** Names the jog that runs; null: none. @type {string | null} */
+  /** Id of the running jog; null: none. @type {string | null} */
   #refreshId = null;
   #timer = 0;
 
@@ -30,23 +30,23 @@ export class JogButton {
     this.direction = direction;
     this.chosen = chosen;
     const sign = direction > 0 ? "+" : "−";
-    const button = h("button", { type: "button", class: "button jog", "aria-label": `Jog ${axis} ${direction > 0 ? "plus" : "minus"}: hold` }, `${axis}${sign}`);
-    this.element = button;
-    button.addEventListener("pointerdown", (event) => {
+    const element = button({ class: "button jog", "aria-label": `Jog ${axis} ${direction > 0 ? "plus" : "minus"}: hold` }, `${axis}${sign}`);
+    this.element = element;
+    element.addEventListener("pointerdown", (event) => {
       if (event.button !== 0) return;
-      button.setPointerCapture(event.pointerId);
+      element.setPointerCapture(event.pointerId);
       this.#begin();
     });
-    // comes after a release and after everything else that takes the pointer away
-    button.addEventListener("lostpointercapture", () => this.end());
-    button.addEventListener("contextmenu", (event) => event.preventDefault());
-    button.addEventListener("keydown", (event) => {
+    // follows a release and everything else that takes the pointer away
+    element.addEventListener("lostpointercapture", () => this.end());
+    element.addEventListener("contextmenu", (event) => event.preventDefault());
+    element.addEventListener("keydown", (event) => {
       if (event.key !== " " && event.key !== "Enter") return;
       event.preventDefault();
       if (!event.repeat) this.#begin();
     });
-    button.addEventListener("keyup", () => this.end());
-    button.addEventListener("blur", () => this.end());
+    element.addEventListener("keyup", () => this.end());
+    element.addEventListener("blur", () => this.end());
     addEventListener("blur", () => this.end());
     document.addEventListener("visibilitychange", () => this.end());
   }
@@ -58,7 +58,7 @@ export class JogButton {
     setAttr(this.element, "data-held", this.#refreshId !== null);
   }
 
-  /** Refreshes no more: the machine stops. */
+  /** Ends the refreshes: the machine stops. */
   end() {
     if (this.#refreshId === null) return;
     this.#refreshId = null;
@@ -90,7 +90,7 @@ export class JogButton {
       await this.app.api.jog(cs, args);
     } catch (error) {
       if (!(error instanceof Refusal)) throw error;
-      // a refresh is refused when the way is done or the soft limit reached: nothing to tell
+      // a refresh is refused when the distance is done or the soft limit reached: nothing to report
       if (first) this.app.toast(error.message, "error");
       if (this.#refreshId === args.refresh_id) this.end();
       return;

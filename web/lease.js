@@ -1,16 +1,16 @@
-// The control lease at the screen: taken and given back by a button, and renewed while this page lives.
+// The control lease of this screen: a button takes and releases it, and the page renews it.
 
 import { Refusal } from "./api.js";
-import { h, setAttr, setText } from "./dom.js";
+import { button, setAttr, setText } from "./dom.js";
 import { forgetFence, ownFence } from "./fences.js";
 
-/** Time between two renewals, ms: a third of what the machine gives a lease. */
+/** Time between two renewals, ms: a third of the duration of a lease. */
 const RENEW_MS = 10000;
 
 /** @param {import("./main.js").App} app */
 export function leaseButton(app) {
-  const element = h("button", { type: "button", class: "button", title: "While control is taken, only this screen loads, starts and moves; everyone may hold and stop" });
-  /** Whether this screen asks the machine for the lease, or gives it back, just now. */
+  const element = button({ title: "While control is taken, only this screen loads, starts and moves; everyone may hold and stop" });
+  /** Whether a request about the lease is pending. */
   let busy = false;
 
   /** @param {() => Promise<void>} work */
@@ -41,7 +41,7 @@ export function leaseButton(app) {
       await app.api.takeLease(cs);
     } catch (error) {
       if (!(error instanceof Refusal)) throw error;
-      // no answer tells nothing: the next renewal may come through
+      // without an answer the lease may still be held: the next renewal may succeed
       if (error.problem.status === undefined) return;
       forgetFence(cs);
       app.toast(`This screen has lost the control of coordinate system ${cs}. ${error.message}`, "error");

@@ -1,4 +1,4 @@
-// Puts the screen together: the connection feeds the model, and each view shows the model once a frame at most.
+// Builds the screen: the connection feeds the model, and each view shows the model at most once per frame.
 
 import { api, Refusal } from "./api.js";
 import { confirm } from "./confirm.js";
@@ -11,17 +11,18 @@ import { signedIn } from "./token.js";
 import { views } from "./views/index.js";
 
 /**
- * What a view is given.
+ * What views use.
  * @typedef {object} App
  * @property {Model} model
  * @property {typeof api} api
  * @property {typeof confirm} confirm
  * @property {(text: string, tone?: "info" | "error") => void} toast
- * @property {(work: () => Promise<unknown>) => Promise<boolean>} attempt does it; a refusal is shown, and gives false
+ * @property {(work: () => Promise<unknown>) => Promise<boolean>} attempt does it; a refusal is shown, and returns false
+ * @property {(verb: import("./types.d.ts").Verb, args?: object) => void} command commands the selected coordinate system
  * @property {(cs: number) => void} select
  * @property {() => Promise<void>} readPrograms
  * @property {() => void} retry tries to connect without waiting
- * @property {() => void} invalidate shows everything again with the next frame
+ * @property {() => void} invalidate renders everything in the next frame
  */
 
 /**
@@ -31,7 +32,7 @@ import { views } from "./views/index.js";
  * @property {(app: App) => {element: HTMLElement, render: () => void}} create
  */
 
-/** How often times that count are shown anew, ms. */
+/** Interval at which running times are shown, ms. */
 const TICK_MS = 500;
 
 const model = new Model();
@@ -53,6 +54,10 @@ const app = {
       toasts.show(error.message, "error");
       return false;
     }
+  },
+  command(verb, args) {
+    const cs = model.selected;
+    void app.attempt(() => api.command(cs, verb, args));
   },
   select(cs) {
     model.selected = cs;
@@ -120,9 +125,9 @@ function build() {
 }
 
 /**
- * Tells the style sheet how high the state above and the commands below are, which stay in view: what opens leaves the
- * commands free, and what gets the focus is brought between both. On a phone the footer has no box of its own, and only
- * the commands stay.
+ * Passes the heights of the state above and the commands below, which stay in view, to the style sheet: dialogs leave the
+ * commands free, and elements that get the focus are scrolled between both. On a phone the footer has no box of its own, and
+ * only the commands stay in view.
  * @param {Record<string, HTMLElement>} places
  */
 function measure({ banner, footer }) {

@@ -1,11 +1,11 @@
-// Manual data input: a line of NC text with a history, and what is wrong with it below.
+// Manual data input: a line of NC text with a history, and its diagnostics.
 
-import { Refusal } from "./api.js";
-import { fill, h, setAttr } from "./dom.js";
+import { diagnosticsOf } from "./api.js";
+import { button, fill, h, setAttr } from "./dom.js";
 import { finding } from "./findings.js";
 import { icon } from "./icons.js";
 
-/** Lines kept of those that were run. */
+/** Lines of the history. */
 const HISTORY_MAX = 50;
 
 /** @param {import("./main.js").App} app */
@@ -14,12 +14,12 @@ export function mdiLine(app) {
     type: "text", class: "mdi-input", "aria-label": "NC text to run at once (MDI)", placeholder: "G54 G00 X0 Y0",
     autocomplete: "off", autocapitalize: "characters", spellcheck: "false", "aria-describedby": "mdi-findings",
   });
-  const run = h("button", { type: "submit", class: "button" }, icon("play"), "Run");
+  const run = button({ type: "submit" }, icon("play"), "Run");
   const findings = h("ol", { id: "mdi-findings", class: "list mdi-findings", "aria-live": "polite" });
   const element = h("form", { class: "mdi" }, h("div", { class: "row" }, h("span", { class: "label" }, "MDI"), input, run), findings);
   /** @type {string[]} */
   const history = [];
-  /** Place in the history; its length is the line that is being written. */
+  /** Index in the history; its length means the line that is being typed. */
   let at = 0;
   let draft = "";
 
@@ -36,7 +36,7 @@ export function mdiLine(app) {
   element.addEventListener("submit", (event) => {
     event.preventDefault();
     const text = input.value.trim();
-    // Enter comes here also where the button is disabled
+    // Enter submits even if the button is disabled
     if (text === "" || run.disabled) return;
     const cs = app.model.selected;
     void app.attempt(async () => {
@@ -44,9 +44,7 @@ export function mdiLine(app) {
       try {
         await app.api.command(cs, "mdi", { text });
       } catch (error) {
-        const diagnostics = error instanceof Refusal ? error.problem.diagnostics : undefined;
-        if (!diagnostics?.length) throw error;
-        fill(findings, ...diagnostics.map(finding));
+        fill(findings, ...diagnosticsOf(error).map(finding));
         return;
       }
       if (history.at(-1) !== text) history.push(text);

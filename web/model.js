@@ -1,4 +1,4 @@
-// What is known of the machine: the last message of each topic, and the path travelled lately.
+// What is known of the machine: the last message of each topic, and the recent path.
 
 import { Trail } from "./trail.js";
 
@@ -93,7 +93,7 @@ export class Model {
     return restarted;
   }
 
-  /** Forgets when clocks were compared: after a pause of the computer they may differ otherwise. */
+  /** Forgets the comparison of clocks: after a pause of the computer they may differ by another amount. */
   disconnected() {
     this.#clockAheadMs = Number.POSITIVE_INFINITY;
   }
@@ -159,21 +159,7 @@ export class Model {
  * @returns {CoordinateSystem}
  */
 function empty(info) {
-  return {
-    info,
-    state: null,
-    place: null,
-    position: null,
-    modal: null,
-    pending: null,
-    optionalSkip: null,
-    optionalStop: null,
-    singleBlock: null,
-    interlock: null,
-    startLock: null,
-    lastRun: null,
-    overrides: null,
-    lease: null,
-    trail: new Trail(),
-  };
+  /** @type {any} */
+  const fields = Object.fromEntries(Object.values(CS_TOPICS).map((field) => [field, null]));
+  return { ...fields, info, lastRun: null, trail: new Trail() };
 }

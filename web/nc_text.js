@@ -1,4 +1,4 @@
-// A program's text by lines, and the words of a line apart for the eye. Not a parser: what is valid, the runtime says.
+// The lines of a program, and their words for highlighting. This is no parser: the runtime decides what is valid.
 
 /** @typedef {{kind: "comment" | "g" | "m" | "n" | "axis" | "", text: string}} Part */
 
@@ -12,15 +12,15 @@ const COMMENTS = {
 };
 /** `/n` and `N`, `G`, `M` and its parameters, axis words. */
 const WORDS = String.raw`(?<n>N\d+|^\s*\/\d*)|(?<g>G\d+(?:\.\d+)?)|(?<m>M\d+|(?<![A-Z])V[A-H](?=\s*[-+.\d=\[(]))|(?<axis>(?<![A-Z])[XYZABCUVWIJK](?=\s*[-+.\d=\[(]))`;
-/** A longer line is shown without its words apart. */
+/** A longer line is not highlighted. */
 const COLOURED_MAX = 400;
 
 export class NcText {
   #text;
   #words;
-  /** @type {number[]} where each line begins */
+  /** @type {number[]} start of each line */
   #starts = [0];
-  /** @type {[number, number][]} comments that go over a line end, ascending */
+  /** @type {[number, number][]} comments over more than one line, ascending */
   #blocks = [];
 
   /** @param {string} text @param {string} dialect */
@@ -47,7 +47,7 @@ export class NcText {
     return this.#text.slice(start, this.#starts[number] ?? undefined).replace(/\r?\n$/, "");
   }
 
-  /** The same in parts. @param {number} number @returns {Part[]} */
+  /** The same line, split for highlighting. @param {number} number @returns {Part[]} */
   parts(number) {
     const line = this.line(number);
     const within = this.#commentFromBefore(number, line.length);
@@ -66,7 +66,7 @@ export class NcText {
     return parts;
   }
 
-  /** How many characters of the line belong to a comment that began on an earlier one. @param {number} number @param {number} length */
+  /** Number of characters of the line that belong to a comment of an earlier line. @param {number} number @param {number} length */
   #commentFromBefore(number, length) {
     const start = this.#starts[number - 1] ?? 0;
     let low = 0;

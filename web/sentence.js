@@ -1,4 +1,4 @@
-// The state in the operator's words: one sentence that says what is waited for, or what to do next.
+// The state in the operator's words: one sentence that says what the machine waits for, or what to do next.
 
 import { duration, params, programName } from "./format.js";
 
@@ -32,13 +32,13 @@ export function look(state) {
   }
 }
 
-/** What a handler asks and nobody has answered yet. @param {import("./types.d.ts").State} state */
+/** The open question of a handler. @param {import("./types.d.ts").State} state */
 export function asked(state) {
   const question = state.waiting_on?.question;
   return question?.answer === undefined ? question : undefined;
 }
 
-/** Characters of a text of an alarm, a question or a handler in the sentence; its card shows all of it. */
+/** Characters of a text in the sentence; the card of the alarm or M code shows all of it. */
 const BRIEF_CHARS = 140;
 
 /** The beginning of a text, up to the end of a word. @param {string} text */
@@ -48,7 +48,7 @@ export function brief(text, chars = BRIEF_CHARS) {
   return `${text.slice(0, end > 0 ? end : chars).replace(/[.,;:\s]+$/, "")} …`;
 }
 
-/** How long an output may go untaken before it is worth a word, ms. */
+/** How long an output may be unclaimed before the sentence says so, ms. */
 const UNTAKEN_MS = 2000;
 
 /** @type {Record<string, string>} */
@@ -174,7 +174,7 @@ function stopped({ state, info, lastRun }, alarms) {
 }
 
 /**
- * What a screen reader is told: changes with the state and with what is waited for, not with every second.
+ * The text for a screen reader: it changes with the state and with what the machine waits for, but not every second.
  * @param {import("./model.js").CoordinateSystem} system
  * @param {import("./types.d.ts").Alarm[]} alarms
  */

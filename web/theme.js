@@ -1,4 +1,4 @@
-// Light or dark: the system's choice, until the operator makes one of their own, which this browser remembers.
+// Light or dark: the system's choice, unless the operator makes another one, which this browser remembers.
 
 const KEY = "tandem-theme";
 const dark = matchMedia("(prefers-color-scheme: dark)");
@@ -12,7 +12,7 @@ export function theme() {
   return dark.matches ? "dark" : "light";
 }
 
-/** Puts the scheme in force, now and when the system's changes. @param {() => void} changed */
+/** Applies the scheme, now and when the system's changes. @param {() => void} changed */
 export function startTheme(changed) {
   const put = () => {
     document.documentElement.dataset.theme = theme();
@@ -22,13 +22,13 @@ export function startTheme(changed) {
   put();
 }
 
-/** Takes the other one. */
+/** Switches to the other one. */
 export function toggleTheme() {
   chosen = theme() === "dark" ? "light" : "dark";
   try {
     localStorage.setItem(KEY, chosen);
   } catch {
-    // a browser that keeps nothing still shows the choice until the page is left
+    // without storage the choice lasts until the page is closed
   }
   document.documentElement.dataset.theme = chosen;
 }

@@ -1,8 +1,8 @@
-// The path travelled lately: machine positions as they arrive, a bounded number of them.
+// The recent path: a bounded number of machine positions.
 
-/** Points kept. At ten a second, about seven minutes of motion; the oldest go first. */
+/** Points kept, the newest. At ten per second about seven minutes of motion. */
 export const POINTS_MAX = 4096;
-/** Points nearer to the last one than this are not kept, mm. */
+/** Points closer than this to the last one are dropped, mm. */
 const NEAR_MM = 0.005;
 
 /** @typedef {{at: import("./types.d.ts").AxisValues, rapid: boolean}} Point */
@@ -10,27 +10,27 @@ const NEAR_MM = 0.005;
 export class Trail {
   /** @type {Point[]} oldest first */
   points = [];
-  /** Grows with each change, so that a drawing knows whether it is still true. */
+  /** Grows with each change, so that a drawing knows whether it is up to date. */
   revision = 0;
   /** @type {string | null} */
   #runId = null;
   #wasRapid = false;
 
-  /** Begins anew with a new run. @param {string | null} runId */
+  /** Starts afresh with a new run. @param {string | null} runId */
   run(runId) {
     if (runId === this.#runId) return;
     this.#runId = runId;
     if (runId !== null) this.clear();
   }
 
-  /** Keeps where the tool is, and begins anew from there. */
+  /** Starts afresh at the position of the tool. */
   clear() {
     this.points = this.points.slice(-1);
     this.revision += 1;
   }
 
   /**
-   * A way that is rapid at one of its ends counts as rapid: within a tenth of a second a rapid goes far, a feed does not.
+   * A step with a rapid at one of its ends counts as rapid: in a tenth of a second a rapid moves far, a feed does not.
    * @param {import("./types.d.ts").AxisValues} at machine positions
    * @param {boolean} isRapid whether G00 is in force now
    */
@@ -40,7 +40,7 @@ export class Trail {
     const last = this.points.at(-1);
     if (last && Object.keys(at).every((axis) => Math.abs((at[axis] ?? 0) - (last.at[axis] ?? 0)) < NEAR_MM)) return;
     this.points.push({ at, rapid });
-    // a quarter at once, so that the array is not shifted with every point
+    // a quarter at once, so that not every point shifts the array
     if (this.points.length > POINTS_MAX) this.points.splice(0, POINTS_MAX / 4);
     this.revision += 1;
   }

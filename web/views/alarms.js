@@ -1,6 +1,6 @@
-// Active alarms, newest first, with what to do about them.
+// Active alarms, newest first, with their remedies.
 
-import { card, fill, h, setText } from "../dom.js";
+import { button, card, fill, h, setText } from "../dom.js";
 import { programName, timeOfDay } from "../format.js";
 import { icon } from "../icons.js";
 
@@ -30,8 +30,8 @@ function entry(app, alarm) {
   const place = alarm.program === null ? "" : `${programName(alarm.program)}${alarm.line === null ? "" : ` line ${alarm.line}`}`;
   const facts = [alarm.cs === null ? "all" : `CS ${alarm.cs}`, place, timeOfDay(alarm.raised_at)].filter((text) => text !== "");
   const remedy = alarm.remedy ?? (alarm.severity === "alarm" ? "Remove the cause, then press Reset." : "");
-  const acknowledge = h("button", { type: "button", class: "button small", "aria-label": `Acknowledge ${alarm.number}` }, "Acknowledge");
-  acknowledge.addEventListener("click", () => void app.attempt(() => app.api.acknowledge(alarm.id)));
+  const onclick = () => void app.attempt(() => app.api.acknowledge(alarm.id));
+  const acknowledge = button({ class: "button small", "aria-label": `Acknowledge ${alarm.number}`, onclick }, "Acknowledge");
   return h(
     "li",
     { class: "alarm", "data-severity": alarm.severity },

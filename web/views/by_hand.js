@@ -1,7 +1,7 @@
-// Moves by hand: jog buttons that act while they are held, homing, one line of NC text, the way back along the path;
-// dry run and the locks, and who has control.
+// Motion by hand: jog buttons that act while they are held, homing, a line of NC text, back trace; dry run, the locks and
+// the control lease.
 
-import { card, fill, h, setAttr, setText } from "../dom.js";
+import { button, card, fill, h, setAttr, setText } from "../dom.js";
 import { icon } from "../icons.js";
 import { JogButton } from "../jog.js";
 import { leaseButton } from "../lease.js";
@@ -10,14 +10,18 @@ import { dryRunSwitch, lockSwitch } from "./switches.js";
 
 /** Jog velocities to choose from, mm/min or deg/min. */
 const VELOCITIES = [100, 500, 2000, 6000];
-/** Ways to choose from, mm or degrees; 0 goes on while the button is held. */
+/** Distances to choose from, mm or degrees; 0: as long as the button is held. */
 const WAYS = [0, 0.01, 0.1, 1, 10];
 
 /** @type {import("../main.js").View} */
 export const byHand = {
   place: "middle",
   create(app) {
-    const opener = h("button", { type: "button", class: "button small", "aria-expanded": "false", "aria-controls": "by-hand" }, "Open");
+    const toggle = () => {
+      open = !open;
+      app.invalidate();
+    };
+    const opener = button({ class: "button small", "aria-expanded": "false", "aria-controls": "by-hand", onclick: toggle }, "Open");
     const velocity = choice("Velocity", VELOCITIES, 500, (value) => String(value), "mm/min");
     const way = choice("Way", WAYS, 0, (value) => (value === 0 ? "held" : String(value)), "mm");
     const axes = h("div", { class: "jog-axes", role: "group", "aria-label": "Jog and home" });
@@ -37,10 +41,6 @@ export const byHand = {
     );
     const element = card("by-hand-card", "By hand", [opener], content);
     let open = false;
-    opener.addEventListener("click", () => {
-      open = !open;
-      app.invalidate();
-    });
     /** @type {(JogButton | {render: () => void})[]} */
     let rows = [];
     let shown = "";
@@ -86,21 +86,14 @@ function jogRow(app, axis, chosen) {
 /** @param {import("../main.js").App} app @param {string | null} axis null: all axes */
 function homeButton(app, axis) {
   const says = axis === null ? "Home all axes" : `Home ${axis}`;
-  const button = h("button", { type: "button", class: "button", "aria-label": says, title: says }, icon("home"), axis === null ? "Home all" : null);
-  button.addEventListener("click", () => {
-    const cs = app.model.selected;
-    void app.attempt(() => app.api.command(cs, "home", axis === null ? {} : { axes: [axis] }));
-  });
-  return button;
+  const onclick = () => app.command("home", axis === null ? {} : { axes: [axis] });
+  return button({ "aria-label": says, title: says, onclick }, icon("home"), axis === null ? "Home all" : null);
 }
 
-/** Goes back along the path from a feed hold. @param {import("../main.js").App} app */
+/** Moves backward along the path from a feed hold. @param {import("../main.js").App} app */
 function backButton(app) {
-  const element = h("button", { type: "button", class: "button", title: "From a feed hold back along what was passed with G500" }, icon("back"), "Back trace");
-  element.addEventListener("click", () => {
-    const cs = app.model.selected;
-    void app.attempt(() => app.api.command(cs, "back_trace", { on: true }));
-  });
+  const title = "From a feed hold back along what was passed with G500";
+  const element = button({ title, onclick: () => app.command("back_trace", { on: true }) }, icon("back"), "Back trace");
   const render = () => {
     const state = app.model.current?.state;
     const isHeld = state?.execution === "FEED_HOLD" && state.reason !== "BACK_TRACE_END" && !state.transition;

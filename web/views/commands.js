@@ -1,11 +1,11 @@
-// Start, hold, resume, stop, reset, abort. Never one toggle: each button always means the same.
+// Start, hold, resume, stop, reset, abort. There are no toggles: each button always means the same.
 
-import { h } from "../dom.js";
+import { button, h } from "../dom.js";
 import { icon } from "../icons.js";
 
 /**
- * Where each is of use. Hold, stop and abort are allowed in every state and stay pressable even when this screen has
- * lost the machine: better a request that fails aloud than a dead button.
+ * The states in which each is enabled. Hold, stop and abort are allowed in every state and stay enabled even without a
+ * connection: a request that visibly fails is better than a dead button.
  * @type {{verb: import("../types.d.ts").Verb, label: string, icon: string, states: string[] | null}[]}
  */
 const COMMANDS = [
@@ -21,23 +21,19 @@ const COMMANDS = [
 export const commands = {
   place: "footer",
   create(app) {
-    const buttons = COMMANDS.map((command) => {
-      const button = h("button", { type: "button", class: `command ${command.verb}` }, icon(command.icon), h("span", {}, command.label));
-      button.addEventListener("click", () => {
-        const cs = app.model.selected;
-        void app.attempt(() => app.api.command(cs, command.verb));
-      });
-      return { ...command, button };
+    const buttons = COMMANDS.map(({ verb, label, icon: name, states }) => {
+      const onclick = () => app.command(verb);
+      return { verb, states, element: button({ class: `command ${verb}`, onclick }, icon(name), h("span", {}, label)) };
     });
     const render = () => {
       const { online, current } = app.model;
       const state = current?.state;
-      for (const { verb, states, button } of buttons) {
+      for (const { verb, states, element: one } of buttons) {
         const needsProgram = verb === "start" && state?.program === null;
-        button.disabled = states !== null && !(online && state && states.includes(state.execution) && !needsProgram);
+        one.disabled = states !== null && !(online && state && states.includes(state.execution) && !needsProgram);
       }
     };
-    const element = h("div", { class: "commands", role: "group", "aria-label": "Commands" }, ...buttons.map((b) => b.button));
+    const element = h("div", { class: "commands", role: "group", "aria-label": "Commands" }, ...buttons.map((one) => one.element));
     return { element, render };
   },
 };

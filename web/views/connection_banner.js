@@ -1,6 +1,6 @@
-// Says, across the screen, that what it shows is old.
+// A banner that says that the connection is lost and the values are outdated.
 
-import { h, setAttr, setText } from "../dom.js";
+import { button, h, setAttr, setText } from "../dom.js";
 import { icon } from "../icons.js";
 
 /** @type {import("../main.js").View} */
@@ -8,22 +8,22 @@ export const connectionBanner = {
   place: "banner",
   create(app) {
     const text = h("p", {});
-    const retry = h("button", { type: "button", class: "button" }, "Try now");
-    const element = h("div", { class: "offline", role: "alert", hidden: true }, icon("unlink"), text, retry);
-    let since = Date.now();
-    let asked = false;
-    retry.addEventListener("click", () => {
+    const onclick = () => {
       asked = true;
       app.retry();
       app.invalidate();
-    });
+    };
+    const retry = button({ onclick }, "Try now");
+    const element = h("div", { class: "offline", role: "alert", hidden: true }, icon("unlink"), text, retry);
+    let since = Date.now();
+    let asked = false;
     const render = () => {
       const { online, retryAt, bootId } = app.model;
       if (online) {
         since = Date.now();
         asked = false;
       }
-      // the first connection takes a moment; that is no news
+      // the first connection takes a moment, which is normal
       setAttr(element, "hidden", online || Date.now() - since < 400);
       const left = retryAt === null || asked ? 0 : Math.ceil((retryAt - Date.now()) / 1000);
       const next = left > 0 ? `Trying again in ${left} s.` : "Trying again now.";

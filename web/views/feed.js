@@ -1,11 +1,11 @@
 // Feedrate and spindle speed, and the overrides.
 
-import { card, h, setAttr, setText } from "../dom.js";
+import { button, card, h, setAttr, setText } from "../dom.js";
 import { whole } from "../format.js";
 
 /** Time between two settings while a slider is dragged, ms. */
 const SEND_MS = 120;
-/** After a change by hand the slider shows the hand's value this long, until the machine says the same. */
+/** After a change by the operator the slider shows that value for this long, until the machine reports it, ms. */
 const OWN_MS = 1500;
 
 /** @type {import("../main.js").View} */
@@ -67,16 +67,16 @@ function override(app, which, label, max) {
   };
   slider.addEventListener("input", () => set(Number(slider.value)));
   const step = (/** @type {number} */ by) => set(Math.min(max, Math.max(0, Number(slider.value) + by)));
-  const button = (/** @type {string} */ text, /** @type {string} */ says, /** @type {() => void} */ act) =>
-    h("button", { type: "button", class: "button small", "aria-label": `${label} override: ${says}`, onclick: act }, text);
+  const key = (/** @type {string} */ text, /** @type {string} */ says, /** @type {() => void} */ onclick) =>
+    button({ class: "button small", "aria-label": `${label} override: ${says}`, onclick }, text);
   const element = h(
     "div",
     { class: "override" },
     h("span", { class: "label" }, label),
-    button("−", "10 percent less", () => step(-10)),
+    key("−", "10 percent less", () => step(-10)),
     slider,
-    button("+", "10 percent more", () => step(10)),
-    button("100", "100 percent", () => set(100)),
+    key("+", "10 percent more", () => step(10)),
+    key("100", "100 percent", () => set(100)),
     value,
   );
   const render = () => {

@@ -1,6 +1,6 @@
 // Machine name, one tab for each coordinate system with its state, connection, colour scheme.
 
-import { fill, h, setAttr, setText } from "../dom.js";
+import { button, fill, h, setAttr, setText } from "../dom.js";
 import { icon, setIcon } from "../icons.js";
 import { look } from "../sentence.js";
 import { theme, toggleTheme } from "../theme.js";
@@ -14,11 +14,11 @@ export const header = {
     const linkIcon = icon("unlink");
     const linkText = h("span", {}, "Connecting");
     const link = h("span", { class: "link" }, linkIcon, linkText);
-    const themeButton = h("button", { type: "button", class: "icon-button theme" }, icon("theme"));
-    themeButton.addEventListener("click", () => {
+    const onclick = () => {
       toggleTheme();
       app.invalidate();
-    });
+    };
+    const themeButton = button({ class: "icon-button theme", onclick }, icon("theme"));
     /** @type {Map<number, ReturnType<typeof tab>>} */
     let shown = new Map();
 
@@ -60,9 +60,8 @@ function tab(cs, select) {
   const count = h("span", {});
   const unit = h("span", { class: "tab-unit" });
   const alarms = h("span", { class: "tab-alarms" }, count, unit);
-  const element = h(
-    "button",
-    { type: "button", class: "tab", role: "tab", id: `tab-${cs}`, "aria-controls": "panel", onclick: select },
+  const element = button(
+    { class: "tab", role: "tab", id: `tab-${cs}`, "aria-controls": "panel", onclick: select },
     h("span", { class: "tab-name" }, `CS ${cs}`),
     h("span", { class: "badge" }, sign, word),
     alarms,

@@ -1,4 +1,4 @@
-// The views, in the order of their place and of the Tab key.
+// The views, in the order of their places and of the Tab key.
 
 import { alarms } from "./alarms.js";
 import { byHand } from "./by_hand.js";

@@ -1,6 +1,6 @@
-// Open auxiliary function outputs: what they ask for, who has them, for how long; reset by hand and redelivery.
+// Open outputs: their M codes, handlers and age; questions, reset by hand and redelivery.
 
-import { card, fill, h, setAttr, setText } from "../dom.js";
+import { button, card, fill, h, setAttr, setText } from "../dom.js";
 import { duration, params, programName } from "../format.js";
 import { icon } from "../icons.js";
 
@@ -45,9 +45,13 @@ function entry(app, seq) {
   const from = h("span", { class: "muted" });
   const handler = h("p", { class: "handler" });
   const bar = h("progress", { max: 100, hidden: true });
-  const reset = h("button", { type: "button", class: "button reset-output" }, icon("done"), "Reset");
-  const redo = h("button", { type: "button", class: "button" }, "Redo");
-  const verify = h("button", { type: "button", class: "button" }, "Verify");
+  const redeliver = (/** @type {"redo" | "verify"} */ how) => {
+    const { selected, bootId } = app.model;
+    void app.attempt(() => app.api.redeliver(selected, bootId ?? "", seq, how));
+  };
+  const reset = button({ class: "button reset-output", onclick: () => void resetByHand(app, output) }, icon("done"), "Reset");
+  const redo = button({ onclick: () => redeliver("redo") }, "Redo");
+  const verify = button({ onclick: () => redeliver("verify") }, "Verify");
   const redeliveries = h("span", { class: "row", role: "group", "aria-label": "Redeliver" }, redo, verify);
   const asked = question(app, seq);
   const element = h(
@@ -59,14 +63,6 @@ function entry(app, seq) {
   );
   /** @type {import("../types.d.ts").PendingOutput | null} */
   let output = null;
-
-  reset.addEventListener("click", () => void resetByHand(app, output));
-  const redeliver = (/** @type {"redo" | "verify"} */ how) => {
-    const { selected, bootId } = app.model;
-    void app.attempt(() => app.api.redeliver(selected, bootId ?? "", seq, how));
-  };
-  redo.addEventListener("click", () => redeliver("redo"));
-  verify.addEventListener("click", () => redeliver("verify"));
 
   /** @param {import("../types.d.ts").PendingOutput} now */
   const render = (now) => {
@@ -88,7 +84,7 @@ function entry(app, seq) {
     setAttr(redo, "aria-label", `Redeliver M${now.m}: do it again from the start`);
     setAttr(verify, "aria-label", `Redeliver M${now.m}: look at the machine first`);
     asked.render(now);
-    for (const button of [reset, redo, verify]) button.disabled = !model.online;
+    for (const one of [reset, redo, verify]) one.disabled = !model.online;
   };
   return { element, render };
 }
@@ -106,17 +102,14 @@ function question(app, seq) {
     setAttr(element, "hidden", !asked);
     if (asked && asked.id !== shown) {
       setText(text, asked.text);
-      fill(choices, ...asked.choices.map((choice) => {
-        const button = h("button", { type: "button", class: "button" }, choice);
-        button.addEventListener("click", () => {
-          const { selected, bootId } = app.model;
-          void app.attempt(() => app.api.answer(selected, bootId ?? "", seq, asked.id, choice));
-        });
-        return button;
-      }));
+      const answer = (/** @type {string} */ choice) => {
+        const { selected, bootId } = app.model;
+        void app.attempt(() => app.api.answer(selected, bootId ?? "", seq, asked.id, choice));
+      };
+      fill(choices, ...asked.choices.map((choice) => button({ onclick: () => answer(choice) }, choice)));
     }
     shown = asked?.id ?? "";
-    for (const button of choices.querySelectorAll("button")) button.disabled = !app.model.online;
+    for (const one of choices.querySelectorAll("button")) one.disabled = !app.model.online;
   };
   return { element, render };
 }

@@ -1,14 +1,14 @@
-// The path in the plane of the first two axes, drawn live, both axes at one scale.
+// The recent path in the plane of the first two axes, drawn live, with equal scales.
 
-import { card, h, setText } from "../dom.js";
+import { button, card, h, setText } from "../dom.js";
 import { position } from "../format.js";
 import { icon } from "../icons.js";
 
-/** The picture never shows less than this, mm. */
+/** Smallest range shown, mm. */
 const SPAN_MIN_MM = 20;
-/** Free room around the path, as a part of its size. */
+/** Margin around the path, as a fraction of its size. */
 const MARGIN = 0.1;
-/** Distance between grid lines on the screen, at least, px. */
+/** Smallest distance between grid lines, px. */
 const GRID_MIN_PX = 56;
 
 /** @typedef {{x0: number, x1: number, y0: number, y1: number}} Box */
@@ -20,12 +20,12 @@ export const path = {
   create(app) {
     const canvas = h("canvas", { role: "img" });
     const where = h("span", { class: "muted" });
-    const clear = h("button", { type: "button", class: "button small" }, icon("trash"), "Clear");
-    clear.addEventListener("click", () => {
+    const onclick = () => {
       app.model.current?.trail.clear();
       fitted = null;
       app.invalidate();
-    });
+    };
+    const clear = button({ class: "button small", onclick }, icon("trash"), "Clear");
     const legend = h(
       "span",
       { class: "legend", "aria-hidden": "true" },
@@ -141,7 +141,7 @@ function layout(canvas, context, room, box) {
   return { scale, x, y, width, height, box: { x0: midX - half.w, x1: midX + half.w, y0: midY - half.h, y1: midY + half.h } };
 }
 
-/** Colours of the scheme in force. @param {Element} element */
+/** Colours of the current scheme. @param {Element} element */
 function palette(element) {
   const style = getComputedStyle(element);
   const of = (/** @type {string} */ name) => style.getPropertyValue(name).trim();
@@ -150,7 +150,7 @@ function palette(element) {
 
 /** @typedef {ReturnType<typeof palette>} Palette */
 
-/** 1, 2 or 5 times a power of ten, so that lines stand at least GRID_MIN_PX apart. @param {number} scale */
+/** 1, 2 or 5 times a power of ten, so that lines are at least GRID_MIN_PX apart. @param {number} scale */
 function gridStep(scale) {
   const least = GRID_MIN_PX / scale;
   const power = 10 ** Math.floor(Math.log10(least));

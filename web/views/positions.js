@@ -1,11 +1,11 @@
-// Where the axes are: work position big, machine position and distance to go beside it.
+// The axes: work position in large digits, machine position and distance to go.
 
 import { card, fill, h, setAttr, setText } from "../dom.js";
 import { position } from "../format.js";
 
-/** Axis letters in the order people look for them. */
+/** Axis letters in the usual order. */
 const ORDER = "XYZABCUVW";
-/** A position of more characters is set smaller. */
+/** A longer position is set in smaller digits. */
 const LONG_POSITION = 8;
 
 /** @type {import("../main.js").View} */

@@ -1,15 +1,15 @@
-// The text of the program that runs, with its line kept in view. Only the lines on the screen exist as elements, so a
-// program of a million lines costs no more than a short one.
+// The text of the running program, with the current line in view. Only the visible lines exist as elements, so a program of
+// a million lines costs no more than a short one.
 
-import { card, fill, h, setAttr, setText } from "../dom.js";
+import { button, card, fill, h, setAttr, setText } from "../dom.js";
 import { programName } from "../format.js";
 import { NcText } from "../nc_text.js";
 
-/** Height of a line; cards.css says the same. */
+/** Height of a line, as in cards.css. */
 const LINE_PX = 24;
-/** Browsers limit the height of an element; longer programs are scrolled in proportion. */
+/** Browsers limit the height of an element; longer programs scroll proportionally. */
 const HEIGHT_MAX_PX = 8_000_000;
-/** Wait before a text that could not be read is asked for again. */
+/** Delay before another attempt to read a text, ms. */
 const AGAIN_MS = 2000;
 
 /** @type {import("../main.js").View} */
@@ -22,29 +22,28 @@ class ProgramView {
   #calls = h("span", { class: "calls" });
   #place = h("span", {});
   #stack = h("span", { class: "muted stack" }, this.#calls, this.#place);
-  #follow = h("button", { type: "button", class: "button small", "aria-pressed": "true" }, "Follow");
+  #follow = button({ class: "button small", "aria-pressed": "true", onclick: () => this.#setFollowing(!this.#following) }, "Follow");
   #spacer = h("div", { class: "spacer" });
   #rows = h("ol", { class: "rows" });
   #view = h("div", { class: "program-text", tabindex: 0, role: "region", "aria-label": "Program text" }, this.#spacer, this.#rows);
   #note = h("p", { class: "empty" });
   element = card("program-card", "Program", [this.#stack, this.#follow], this.#view, this.#note);
 
-  /** What was asked for last, and what came of it. @type {{key: string, text: NcText | null, error: string}} */
+  /** The last requested text, and the result. @type {{key: string, text: NcText | null, error: string}} */
   #loaded = { key: "", text: null, error: "" };
-  /** When a text that could not be read is asked for again, ms of the local clock. */
+  /** When to try again to read a text, ms of the local clock. */
   #againAt = Number.POSITIVE_INFINITY;
   #following = true;
-  /** Where this view has scrolled to by itself, px. */
+  /** Position to which this view has scrolled by itself, px. */
   #scrolledTo = -1;
-  /** What the rows show now. */
+  /** Key of what the rows show. */
   #drawn = "";
 
   /** @param {import("../main.js").App} app */
   constructor(app) {
     this.app = app;
-    this.#follow.addEventListener("click", () => this.#setFollowing(!this.#following));
     this.#view.addEventListener("scroll", () => {
-      // a scroll that this view did not ask for is the operator's
+      // a scroll that this view did not cause is the operator's
       if (this.#following && Math.abs(this.#view.scrollTop - this.#scrolledTo) > 2) this.#setFollowing(false);
       else app.invalidate();
     });
@@ -54,10 +53,10 @@ class ProgramView {
   render() {
     const { model } = this.app;
     const system = model.current;
-    // what runs by hand has number 0, and is no text of the store
+    // MDI and jogs have number 0 and no stored text
     const place = system?.place?.number ? system.place : null;
     const number = place?.number ?? system?.state?.program ?? null;
-    // a program may have been written anew before a load or a start, so those read it again
+    // a program may have changed before a load or a start, so it is read again then
     const key = `${model.bootId} ${model.selected} ${number} ${system?.state?.run_id} ${system?.state?.program}`;
     if (number === null) this.#loaded = { key, text: null, error: system?.state ? "No program is loaded." : "" };
     else if (key !== this.#loaded.key || (model.online && Date.now() > this.#againAt)) void this.#read(number, key);

@@ -1,9 +1,9 @@
 // Programs of the store.
 
-import { Refusal } from "../api.js";
-import { card, fill, h, setAttr, setText } from "../dom.js";
+import { diagnosticsOf } from "../api.js";
+import { button, card, fill, h, setAttr, setText } from "../dom.js";
 import { numberFor, openEditor } from "../editor.js";
-import { count, showFindings } from "../findings.js";
+import { counts, showFindings } from "../findings.js";
 import { bytes, programName } from "../format.js";
 import { icon } from "../icons.js";
 
@@ -13,12 +13,10 @@ const LOADABLE = new Set(["READY", "PROGRAM_COMPLETED", "STOPPED"]);
 export const programs = {
   place: "right",
   create(app) {
-    const again = h("button", { type: "button", class: "button small", "aria-label": "Read again", title: "Read again" }, icon("reset"));
-    again.addEventListener("click", () => void app.readPrograms());
+    const again = button({ class: "button small", "aria-label": "Read again", title: "Read again", onclick: () => void app.readPrograms() }, icon("reset"));
     const picker = h("input", { type: "file", accept: ".nc,.txt,.cnc,.ngc,.tap,text/plain", hidden: true, "aria-label": "NC program file" });
     picker.addEventListener("change", () => void openFile(app, picker));
-    const file = h("button", { type: "button", class: "button small", title: "Store an NC program of this computer" }, icon("file"), "Open file");
-    file.addEventListener("click", () => picker.click());
+    const file = button({ class: "button small", title: "Store an NC program of this computer", onclick: () => picker.click() }, icon("file"), "Open file");
     const list = h("ul", { class: "list", "aria-label": "Programs of the store" });
     const empty = h("p", { class: "empty" });
     let shown = "";
@@ -36,9 +34,9 @@ export const programs = {
         const number = Number(/** @type {HTMLElement} */ (item).dataset.number);
         const loaded = number === current?.state?.program;
         setAttr(item, "data-loaded", loaded);
-        const button = /** @type {HTMLButtonElement | null} */ (item.querySelector("button.load"));
+        const load = /** @type {HTMLButtonElement | null} */ (item.querySelector("button.load"));
         const usable = model.online && LOADABLE.has(current?.state?.execution ?? "") && !current?.state?.transition;
-        if (button) button.disabled = !usable;
+        if (load) load.disabled = !usable;
       }
     };
     return { element: card("programs-card", "Programs", [file, again, picker], list, empty), render };
@@ -47,35 +45,28 @@ export const programs = {
 
 /** @param {import("../main.js").App} app @param {import("../types.d.ts").ProgramInfo} program */
 function entry(app, program) {
-  const load = h("button", { type: "button", class: "button load", "aria-label": `Load ${programName(program.number)}` }, icon("load"), "Load");
-  load.addEventListener("click", () => {
+  const { number } = program;
+  const name = programName(number);
+  const onLoad = () => {
     const cs = app.model.selected;
-    void app.attempt(async () => {
-      try {
-        await app.api.command(cs, "load", { program: program.number });
-      } catch (error) {
-        const diagnostics = error instanceof Refusal ? error.problem.diagnostics : undefined;
-        if (!diagnostics?.length) throw error;
-        showFindings(program.number, diagnostics);
-      }
-    });
-  });
-  const edit = h("button", { type: "button", class: "icon-button", "aria-label": `Edit ${programName(program.number)}`, title: "Edit" }, icon("edit"));
-  edit.addEventListener("click", () => void app.attempt(async () => openEditor(app, program.number, await app.api.programText(program.number))));
-  const found = [count(program.errors, "error"), count(program.warnings, "warning")].filter((text) => text !== "").join(", ");
-  const findings = h(
-    "button",
-    { type: "button", class: "chip-button", "aria-label": `${found} in ${programName(program.number)}: show` },
+    void app.attempt(() => app.api.command(cs, "load", { program: number }).catch((error) => showFindings(number, diagnosticsOf(error))));
+  };
+  const onEdit = () => void app.attempt(async () => openEditor(app, number, await app.api.programText(number)));
+  const onFindings = () => void app.attempt(async () => showFindings(number, await app.api.check(number)));
+  const load = button({ class: "button load", "aria-label": `Load ${name}`, onclick: onLoad }, icon("load"), "Load");
+  const edit = button({ class: "icon-button", "aria-label": `Edit ${name}`, title: "Edit", onclick: onEdit }, icon("edit"));
+  const found = counts(program.errors, program.warnings);
+  const findings = button(
+    { class: "chip-button", "aria-label": `${found} in ${name}: show`, onclick: onFindings },
     h("span", { class: "chip", "data-tone": program.errors > 0 ? "alarm" : "attention" }, found),
   );
-  findings.addEventListener("click", () => void app.attempt(async () => showFindings(program.number, await app.api.check(program.number))));
   return h(
     "li",
-    { class: "stored", "data-number": program.number },
+    { class: "stored", "data-number": number },
     h(
       "div",
       { class: "grow" },
-      h("div", { class: "row" }, h("strong", {}, programName(program.number)), h("span", { class: "chip loaded-chip" }, "loaded"), found !== "" && findings),
+      h("div", { class: "row" }, h("strong", {}, name), h("span", { class: "chip loaded-chip" }, "loaded"), found !== "" && findings),
       h("p", { class: "muted title", title: program.title }, program.title || bytes(program.bytes)),
     ),
     edit,

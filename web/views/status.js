@@ -1,11 +1,11 @@
-// The state word, big, and the sentence beside it.
+// The state in large letters, and a sentence that explains it.
 
-import { h, setAttr, setText } from "../dom.js";
+import { button, h, setAttr, setText } from "../dom.js";
 import { programName } from "../format.js";
 import { icon, setIcon } from "../icons.js";
 import { announcement, asked, brief, look, sentence } from "../sentence.js";
 
-/** A word of more letters is set smaller. */
+/** A longer state is set in smaller letters. */
 const LONG_WORD = 10;
 /** Characters of a program's title; the list of programs shows more of it. */
 const TITLE_CHARS = 40;
@@ -18,8 +18,7 @@ export const status = {
     const word = h("span", { class: "word" });
     const said = h("p", { class: "sentence" });
     const detail = h("p", { class: "detail" });
-    const answer = h("button", { type: "button", class: "button answer", hidden: true }, "Answer");
-    answer.addEventListener("click", showQuestion);
+    const answer = button({ class: "button answer", hidden: true, onclick: showQuestion }, "Answer");
     const live = h("p", { class: "visually-hidden", "aria-live": "polite" });
     const element = h(
       "section",
@@ -53,7 +52,7 @@ export const status = {
   },
 };
 
-/** From wherever the page has been scrolled to. */
+/** Scrolls to the open question. */
 function showQuestion() {
   const choice = /** @type {HTMLElement | null} */ (document.querySelector(".asked:not([hidden]) button"));
   choice?.closest(".output")?.scrollIntoView();

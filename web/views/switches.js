@@ -1,6 +1,6 @@
 // Inputs of the operator: single block, optional stop, block skip 1 to 9, and the locks.
 
-import { h, setAttr } from "../dom.js";
+import { button, h, setAttr } from "../dom.js";
 
 /** @type {import("../main.js").View} */
 export const switches = {
@@ -25,7 +25,7 @@ export const switches = {
 };
 
 /**
- * A lock that this screen may put on and take off; it shows also what others have set.
+ * A lock that this screen can switch; it also shows what others have set.
  * @param {import("../main.js").App} app
  * @param {"interlock" | "start_lock"} input
  * @param {string} says
@@ -37,7 +37,7 @@ export function lockSwitch(app, input, says) {
   );
 }
 
-/** Blocks that are read move at the dry run feedrate. @param {import("../main.js").App} app */
+/** Blocks that are interpreted now move at the dry run feedrate. @param {import("../main.js").App} app */
 export function dryRunSwitch(app) {
   return toggle(app, "dry_run", "Dry run", "Dry run", (cs) => cs.state?.dry_run);
 }
@@ -61,13 +61,13 @@ function toggle(app, input, text, says, value) {
  * @param {(cs: number, value: boolean) => Promise<void>} set
  */
 function switchButton(app, text, says, value, set) {
-  const element = h("button", { type: "button", class: "switch", role: "switch", "aria-label": says, title: says }, text);
   const isOn = () => (app.model.current ? (value(app.model.current) ?? false) : false);
-  element.addEventListener("click", () => {
+  const onclick = () => {
     const cs = app.model.selected;
     const next = !isOn();
     void app.attempt(() => set(cs, next));
-  });
+  };
+  const element = button({ class: "switch", role: "switch", "aria-label": says, title: says, onclick }, text);
   const render = () => {
     setAttr(element, "aria-checked", String(isOn()));
     element.disabled = !app.model.online;

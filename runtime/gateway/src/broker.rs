@@ -1,15 +1,13 @@
-//! The embedded MQTT broker, in memory only. With tokens a user is the name of a token, and its password the token;
-//! without, it listens on the loopback only and lets everyone in. Only the runtime itself says state.
+//! The embedded MQTT broker, in memory only. With tokens, user and password are name and token; without, it listens on
+//! the loopback only and admits everyone. Only the runtime publishes states.
 //!
-//! Every setting of the broker is set here, since its defaults listen on all addresses and write files.
-//! It refuses what no broker of ours may hold: a command, claim or set with the retain flag, which would be carried
-//! out again at a later start.
+//! Every setting of the library is set here, because its defaults listen on all addresses and write files. Commands,
+//! claims and settings with the retain flag are refused: they would be carried out again at the next start.
 
 mod sessions;
 
-use std::collections::HashMap;
-use std::future::Future;
-use std::net::SocketAddr;
+use std::future::{Future, ready};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::pin::Pin;
 use std::sync::Arc;
 use std::time::Duration;
@@ -19,30 +17,29 @@ use mqtt5::broker::config::{AuthConfig, AuthMethod, RateLimitConfig, StorageBack
 use mqtt5::broker::events::{
     BrokerEventHandler, ClientConnectEvent, ClientDisconnectEvent, ClientPublishEvent, PublishAction,
 };
+use mqtt5::broker::router::MessageRouter;
 use mqtt5::broker::storage::ClientSession;
 use mqtt5::broker::{AuthProvider, BrokerConfig, BrokerShutdownHandle, MqttBroker, ResourceLimits};
 use mqtt5::packet::connect::ConnectPacket;
 use mqtt5::types::ReasonCode;
-use parking_lot::Mutex;
 use subtle::ConstantTimeEq;
-use tokio::net::TcpListener;
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 use tokio_util::task::AbortOnDropHandle;
 use tracing::warn;
 
 use crate::access::topics::{may_publish, may_say, may_subscribe};
-use crate::access::{LiveTokens, Rate, User, random_secret};
-use crate::broker_address::{BrokerAddress, Refused, reachable};
+use crate::access::{LiveTokens, Rates, User, random_secret};
+use crate::broker_address::{BrokerAddress, Refused};
 use crate::contract::topics::is_inbound;
 use crate::error::GatewayError;
-use crate::settings::{MQTT_LISTEN, listen_error};
-use sessions::{Admitted, REMEMBERED_MAX, Sessions};
+use crate::settings::{MQTT_LISTEN, bind};
+use sessions::{REMEMBERED_MAX, Session, Sessions};
 
 /// Clients that may be connected; more are refused.
 const CLIENTS_MAX: usize = 256;
-/// New connections within [`CONNECTING_TIME`], which the library gives each to say who it is: so many sockets at most
-/// hold nobody yet. With the clients and those of HTTP they stay below the 1024 files that a process may have open.
+/// New connections within [`CONNECTING_TIME`], the time that the library gives each to identify itself. Reason: with all
+/// clients of MQTT and HTTP they stay below the 1024 files that a process may have open.
 const CONNECTING_MAX: u32 = 400;
 const CONNECTING_TIME: Duration = Duration::from_secs(10);
 /// Bytes of one packet. Reason: the largest message, `birth`, stays far below.
@@ -53,7 +50,7 @@ const SUBSCRIPTIONS_MAX: usize = 1024;
 const RETAINED_MAX: usize = 4096;
 /// Bytes of one retained message.
 const RETAINED_SIZE_MAX: usize = 256 * 1024;
-/// How long the broker remembers a client that went; messages for it wait in memory.
+/// How long the broker remembers an absent client; messages for it wait in memory.
 const SESSION_EXPIRY: Duration = Duration::from_hours(1);
 /// Messages that wait for one client; more are dropped by the broker.
 const QUEUED_MAX: usize = 1000;
@@ -62,11 +59,15 @@ const QUEUED_BYTES_MAX: usize = 8 * 1024 * 1024;
 /// Time to stop; then its task is ended.
 const STOP_MAX: Duration = Duration::from_secs(2);
 
-/// Messages of one client: at once, and a second after that. More are taken later, which the client feels as a slow
-/// broker: over MQTT 3.1.1 one that is refused would be lost without a word. Reason: one process may serve 8 coordinate
-/// systems of 200 M codes a second, each with a claim and a reset.
+/// Messages of one client: burst, and rate per second. Further ones are delayed, not refused: over MQTT 3.1.1 a refused
+/// message is lost silently. Reason: one process may serve 8 coordinate systems with 200 M codes a second, each with a
+/// claim and a reset.
 const CLIENT_BURST: u32 = 10_000;
 const CLIENT_PER_SECOND: u32 = 5000;
+
+/// Wrong tokens from one address: burst, and rate per second. Further ones are refused as too many.
+const WRONG_BURST: u32 = 50;
+const WRONG_PER_SECOND: u32 = 10;
 
 /// Protocol version of MQTT 5 in its CONNECT packet.
 const MQTT_5: u8 = 5;
@@ -74,37 +75,28 @@ const MQTT_5: u8 = 5;
 /// User of the runtime's own connection. No token has this name.
 const RUNTIME_USER: &str = "$runtime";
 
-/// Whom the broker lets in, and what is kept from it.
+/// Who may connect, and as what.
 pub(crate) struct BrokerAccess {
     /// Topic root of the machine, with its last slash.
     pub(crate) root: String,
-    /// Client id of the runtime's own connection, which nobody else may use.
+    /// Client id of the runtime's own connection; others may not use it.
     pub(crate) runtime_client_id: String,
     /// Users; `None`: everyone.
     pub(crate) tokens: Option<LiveTokens>,
 }
 
 /// The embedded broker while it runs.
-#[derive(Debug)]
 pub(crate) struct Broker {
     addr: SocketAddr,
-    handle: Handle,
+    handle: BrokerShutdownHandle,
     secret: String,
     task: JoinHandle<()>,
-    // ends sessions of tokens that count no more
+    // closes the connections of revoked tokens
     _watch: Option<AbortOnDropHandle<()>>,
 }
 
-struct Handle(BrokerShutdownHandle);
-
-impl std::fmt::Debug for Handle {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str("BrokerShutdownHandle")
-    }
-}
-
 impl Broker {
-    /// Starts the broker. Commands with the retain flag go to `refused`, as far as there is room.
+    /// Starts the broker. Commands with the retain flag go to `refused` while it has room.
     pub(crate) async fn start(
         address: SocketAddr,
         access: BrokerAccess,
@@ -115,28 +107,33 @@ impl Broker {
             access,
             secret: secret.clone(),
             refused,
-            rates: Mutex::default(),
+            rates: Rates::new(CLIENT_BURST, CLIENT_PER_SECOND),
+            wrong: Rates::new(WRONG_BURST, WRONG_PER_SECOND),
             sessions: Sessions::default(),
         });
         let broker = match MqttBroker::with_config(config(address, Arc::clone(&guard))).await {
             Ok(broker) => broker,
-            Err(error) => return Err(why_not(address, &error).await),
+            // the library gives its errors as text only: ask the system why it cannot listen
+            Err(error) => {
+                let listening = bind(MQTT_LISTEN, address).await.err();
+                return Err(listening.unwrap_or_else(|| GatewayError::Broker(error.to_string())));
+            }
         };
         broker.resource_monitor().update_limits(limits());
         let addr = broker.local_addr().unwrap_or(address);
         let watch = guard.access.tokens.clone().map(|tokens| {
-            let watch = Arc::clone(&guard).end_revoked(addr, tokens);
+            let watch = Arc::clone(&guard).close_revoked(broker.router(), tokens);
             AbortOnDropHandle::new(tokio::spawn(watch))
         });
         let mut broker = broker.with_auth_provider(guard);
-        let handle = Handle(broker.shutdown_handle());
+        let handle = broker.shutdown_handle();
         let mut ready = broker.ready_receiver();
         let task = tokio::spawn(async move {
             if let Err(error) = broker.run().await {
                 warn!("the embedded MQTT broker has ended: {error}");
             }
         });
-        // false only when its task has ended already, which is logged there
+        // an error only if the task has ended already, which it logs
         let _ = ready.wait_for(|ready| *ready).await;
         Ok(Broker {
             addr,
@@ -147,35 +144,36 @@ impl Broker {
         })
     }
 
-    /// Where it listens.
+    /// The address it listens on.
     pub(crate) fn addr(&self) -> SocketAddr {
         self.addr
     }
 
-    /// Where and as whom the runtime's own end comes in.
+    /// Address and credentials of the runtime's own connection.
     pub(crate) fn address(&self) -> BrokerAddress {
         BrokerAddress {
-            host: reachable(self.addr.ip()).to_string(),
+            host: self.local_ip().to_string(),
             port: self.addr.port(),
             credentials: Some((RUNTIME_USER.to_owned(), self.secret.clone())),
             transport: rumqttc::Transport::tcp(),
         }
     }
 
+    /// A broker that listens on every address is reached over the loopback.
+    fn local_ip(&self) -> IpAddr {
+        match self.addr.ip() {
+            IpAddr::V4(ip) if ip.is_unspecified() => Ipv4Addr::LOCALHOST.into(),
+            IpAddr::V6(ip) if ip.is_unspecified() => Ipv6Addr::LOCALHOST.into(),
+            ip => ip,
+        }
+    }
+
     /// Closes all connections and stops.
     pub(crate) async fn stop(mut self) {
-        self.handle.0.shutdown();
+        self.handle.shutdown();
         if tokio::time::timeout(STOP_MAX, &mut self.task).await.is_err() {
             self.task.abort();
         }
-    }
-}
-
-/// The broker says its errors as text only: asks the system itself why it cannot listen.
-async fn why_not(address: SocketAddr, error: &impl std::fmt::Display) -> GatewayError {
-    match TcpListener::bind(address).await {
-        Err(source) => listen_error(MQTT_LISTEN, address, source),
-        Ok(_) => GatewayError::Broker(error.to_string()),
     }
 }
 
@@ -184,7 +182,7 @@ fn outlives(connect: &ConnectPacket) -> bool {
     ClientSession::expiry_from_connect(connect) != Some(0)
 }
 
-/// Limits of connections. Those of messages are the [`Guard`]'s own.
+/// Limits of connections. Messages are limited by the [`Guard`].
 fn limits() -> ResourceLimits {
     ResourceLimits {
         max_connections: CLIENTS_MAX,
@@ -246,116 +244,106 @@ fn config(address: SocketAddr, guard: Arc<Guard>) -> BrokerConfig {
     }
 }
 
-/// Lets users in, to their topics only, and refuses commands with the retain flag.
+/// Admits users, to their topics only, and refuses commands with the retain flag.
 struct Guard {
     access: BrokerAccess,
     secret: String,
     refused: mpsc::Sender<Refused>,
-    // by client id; at most as many as may be connected
-    rates: Mutex<HashMap<Arc<str>, Arc<Rate>>>,
+    // by client id
+    rates: Rates<Arc<str>>,
+    // by address
+    wrong: Rates<IpAddr>,
     sessions: Sessions,
 }
 
-/// Who speaks on a connection.
-enum Speaker {
-    Runtime,
-    User(User),
-}
-
 impl Guard {
-    /// Who a user id of [`Guard::authenticate`] is; `None` for one that is not known.
-    fn speaker(&self, user_id: Option<&str>) -> Option<Speaker> {
-        match (user_id, &self.access.tokens) {
-            (Some(RUNTIME_USER), _) => Some(Speaker::Runtime),
-            (_, None) => Some(Speaker::User(User::anyone())),
-            (Some(name), Some(tokens)) => tokens.now().user_named(name).map(Speaker::User),
-            (None, Some(_)) => None,
+    /// The user with a user id of [`Guard::authenticate`]; `None` for an unknown one, and for the runtime itself.
+    fn user(&self, user_id: Option<&str>) -> Option<User> {
+        match (&self.access.tokens, user_id) {
+            (_, Some(RUNTIME_USER)) => None,
+            (None, _) => Some(User::Anyone),
+            (Some(tokens), name) => tokens.now().user_named(name?),
         }
     }
 
-    /// Ends the sessions of tokens that count no more, whenever there are other tokens.
-    async fn end_revoked(self: Arc<Self>, broker: SocketAddr, mut tokens: LiveTokens) {
-        let credentials = (RUNTIME_USER.to_owned(), self.secret.clone());
-        let broker = SocketAddr::new(reachable(broker.ip()), broker.port());
+    /// Closes the connections of revoked tokens whenever the tokens change.
+    async fn close_revoked(self: Arc<Self>, router: Arc<MessageRouter>, mut tokens: LiveTokens) {
         loop {
             tokens.changed().await;
-            for (client_id, session) in self.sessions.revoked(&tokens.now()) {
-                sessions::end(broker, &credentials, &client_id, session).await;
+            for (client_id, user) in self.sessions.revoke(&tokens.now()) {
+                router.unregister_client(&client_id).await;
+                let name = user.name().unwrap_or_default();
+                warn!("MQTT client {client_id:.64} of {name} is disconnected: its token counts no more");
             }
         }
     }
 
-    /// The user id of a connection that may come in.
-    fn let_in(
+    /// The user id of a connection that is admitted, or why it is refused.
+    fn admit(
         &self,
         connect: &ConnectPacket,
-        address: SocketAddr,
+        from: SocketAddr,
     ) -> Result<Option<String>, (ReasonCode, String)> {
         let password = connect.password.as_deref().unwrap_or_default();
         let name = connect.username.as_deref();
+        let client_id = connect.client_id.as_str();
         if name == Some(RUNTIME_USER) {
-            return if bool::from(password.ct_eq(self.secret.as_bytes())) {
-                Ok(name.map(ToOwned::to_owned))
-            } else {
-                Err(self.wrong(address, "that user is the runtime's own"))
-            };
+            if !bool::from(password.ct_eq(self.secret.as_bytes())) {
+                return Err(self.wrong(from, "that user is the runtime's own"));
+            }
+            self.sessions.admit(client_id, Session::default());
+            return Ok(name.map(ToOwned::to_owned));
         }
-        if connect.client_id == self.access.runtime_client_id {
+        if client_id == self.access.runtime_client_id {
             let text = "that client id is the runtime's own".to_owned();
             return Err((ReasonCode::ClientIdentifierNotValid, text));
         }
         let user = match &self.access.tokens {
-            None => None,
-            Some(tokens) => match tokens.now().user_of(password) {
-                Some(user) if user.name.as_deref() == name => Some(user),
-                _ => {
-                    let text = "user and password are not name and token of a [[token]]";
-                    return Err(self.wrong(address, text));
-                }
-            },
+            None => User::Anyone,
+            Some(tokens) => (tokens.now().user_of(password))
+                .filter(|user| user.name() == name)
+                .ok_or_else(|| self.wrong(from, "user and password are not name and token of a [[token]]"))?,
         };
-        let session = self.sessions.of(&connect.client_id);
-        let name_of = |user: Option<User>| user.and_then(|user| user.name);
-        if session.is_some_and(|session| name_of(session.user) != name_of(user.clone())) {
+        let other = self.sessions.of(client_id);
+        if other.is_some_and(|other| other.user.as_ref().and_then(User::name) != user.name()) {
             // a second connection of one client id ends the first
             let text = "its client id is in use by another user".to_owned();
             return Err((ReasonCode::ClientIdentifierNotValid, text));
         }
-        match &connect.will {
+        let refused_will = match connect.will.as_ref().map(|will| &will.topic) {
             // a machine must not start because an HMI has gone
-            Some(will) if self.is_inbound(&will.topic) => {
-                let text = format!(
-                    "its will on {} is a command; a will may be a presence",
-                    will.topic
-                );
-                Err((ReasonCode::NotAuthorized, text))
+            Some(topic) if self.is_inbound(topic) => Some(format!(
+                "its will on {topic} is a command; a will may be a presence"
+            )),
+            Some(topic) if !may_publish(&user, &self.access.root, topic) => {
+                Some(format!("it may not publish its will on {topic}"))
             }
-            Some(will) if !self.may_publish(name_of(user.clone()).as_deref(), &will.topic) => {
-                let text = format!("it may not publish its will on {}", will.topic);
-                Err((ReasonCode::NotAuthorized, text))
-            }
-            _ if !self.sessions.remember(&connect.client_id, outlives(connect)) => {
-                let text = format!(
-                    "the broker remembers {REMEMBERED_MAX} clients that may be away; take a clean session"
-                );
-                Err((ReasonCode::QuotaExceeded, text))
-            }
-            _ => {
-                let name = name_of(user.clone());
-                let speaks_5 = connect.protocol_version == MQTT_5;
-                self.sessions
-                    .admit(&connect.client_id, Admitted { user, speaks_5 });
-                Ok(name)
-            }
+            _ => None,
+        };
+        if let Some(text) = refused_will {
+            return Err((ReasonCode::NotAuthorized, text));
         }
+        if !self.sessions.remember(client_id, outlives(connect)) {
+            let text = format!(
+                "the broker remembers {REMEMBERED_MAX} clients that may be away; take a clean session"
+            );
+            return Err((ReasonCode::QuotaExceeded, text));
+        }
+        let user_id = user.name().map(ToOwned::to_owned);
+        let session = Session {
+            user: Some(user),
+            speaks_5: connect.protocol_version == MQTT_5,
+            is_revoked: false,
+        };
+        self.sessions.admit(client_id, session);
+        Ok(user_id)
     }
 
-    /// The refusal of a wrong password; beyond the rate of its address another one.
-    fn wrong(&self, address: SocketAddr, text: &str) -> (ReasonCode, String) {
-        if self.sessions.count_wrong(address.ip()) {
-            (ReasonCode::BadUsernameOrPassword, text.to_owned())
-        } else {
-            (ReasonCode::ConnectionRateExceeded, String::new())
+    /// The refusal of a wrong password; another one beyond the rate of its address.
+    fn wrong(&self, from: SocketAddr, text: &str) -> (ReasonCode, String) {
+        match self.wrong.of(&from.ip()).take() {
+            Ok(()) => (ReasonCode::BadUsernameOrPassword, text.to_owned()),
+            Err(_) => (ReasonCode::ConnectionRateExceeded, String::new()),
         }
     }
 
@@ -364,14 +352,11 @@ impl Guard {
     }
 
     fn may_publish(&self, user_id: Option<&str>, topic: &str) -> bool {
-        match self.speaker(user_id) {
-            Some(Speaker::Runtime) => true,
-            Some(Speaker::User(user)) => may_publish(&user, &self.access.root, topic),
-            None => false,
-        }
+        let user_may = |user| may_publish(&user, &self.access.root, topic);
+        user_id == Some(RUNTIME_USER) || self.user(user_id).is_some_and(user_may)
     }
 
-    /// True for a message that the broker must not carry; then it is dealt with.
+    /// True for a message that the broker must not deliver; it has been handled.
     fn keeps_back(&self, event: &ClientPublishEvent) -> bool {
         let user_id = event.user_id.as_deref();
         if !self.may_publish(user_id, &event.topic) {
@@ -379,29 +364,19 @@ impl Guard {
             return true;
         }
         if event.retain && !event.payload.is_empty() && self.is_inbound(&event.topic) {
-            // when nobody takes them any more, refusing without a word is enough
+            // without room it is refused silently
             let _ = self
                 .refused
                 .try_send((event.topic.to_string(), event.payload.to_vec()));
             return true;
         }
         let path = event.topic.strip_prefix(&self.access.root);
-        let (Some(Speaker::User(user)), Some(path)) = (self.speaker(user_id), path) else {
-            return false;
-        };
-        match may_say(&user, path, &event.payload) {
-            Ok(()) => false,
-            Err(text) => {
-                warn!("MQTT message on {} refused: {text}", event.topic);
-                true
-            }
+        let said = self.user(user_id).zip(path);
+        let refusal = said.and_then(|(user, path)| may_say(&user, path, &event.payload).err());
+        if let Some(text) = &refusal {
+            warn!("MQTT message on {} refused: {text}", event.topic);
         }
-    }
-
-    fn rate_of(&self, client_id: &Arc<str>) -> Arc<Rate> {
-        let mut rates = self.rates.lock();
-        let new = || Arc::new(Rate::new(CLIENT_BURST, CLIENT_PER_SECOND));
-        Arc::clone(rates.entry(Arc::clone(client_id)).or_insert_with(new))
+        refusal.is_some()
     }
 }
 
@@ -410,9 +385,9 @@ type Answer<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;
 impl BrokerEventHandler for Guard {
     fn on_client_publish(&self, event: ClientPublishEvent) -> Answer<'_, PublishAction> {
         Box::pin(async move {
-            // the runtime's own messages wait for nobody
+            // the runtime's own messages are never delayed
             if event.user_id.as_deref() != Some(RUNTIME_USER) {
-                let wait = self.rate_of(&event.client_id).owe();
+                let wait = self.rates.of(&event.client_id).owe();
                 if !wait.is_zero() {
                     tokio::time::sleep(wait).await;
                 }
@@ -426,21 +401,14 @@ impl BrokerEventHandler for Guard {
     }
 
     fn on_client_connect(&self, event: ClientConnectEvent) -> Answer<'_, ()> {
-        let name = event.user_id.clone();
-        self.sessions
-            .connect(event, || match self.speaker(name.as_deref()) {
-                Some(Speaker::User(user)) => Some(user),
-                Some(Speaker::Runtime) | None => None,
-            });
-        Box::pin(std::future::ready(()))
+        let user = || self.user(event.user_id.as_deref());
+        self.sessions.connect(event.client_id, user);
+        Box::pin(ready(()))
     }
 
     fn on_client_disconnect(&self, event: ClientDisconnectEvent) -> Answer<'_, ()> {
-        let mut rates = self.rates.lock();
-        rates.remove(&event.client_id);
-        drop(rates);
         self.sessions.disconnect(&event.client_id);
-        Box::pin(std::future::ready(()))
+        Box::pin(ready(()))
     }
 }
 
@@ -450,10 +418,10 @@ impl AuthProvider for Guard {
         connect: &'a ConnectPacket,
         address: SocketAddr,
     ) -> Answer<'a, mqtt5::Result<AuthResult>> {
-        let result = match self.let_in(connect, address) {
+        let result = match self.admit(connect, address) {
             Ok(Some(user)) => AuthResult::success_with_user(user),
             Ok(None) => AuthResult::success(),
-            // beyond the rate nothing is logged, so that nobody fills the log
+            // beyond the rate nothing is logged, so that nobody can fill the log
             Err((code @ ReasonCode::ConnectionRateExceeded, _)) => AuthResult::fail(code),
             Err((code, text)) => {
                 warn!(
@@ -463,30 +431,27 @@ impl AuthProvider for Guard {
                 AuthResult::fail(code)
             }
         };
-        Box::pin(std::future::ready(Ok(result)))
+        Box::pin(ready(Ok(result)))
     }
 
-    // An acknowledgement that says "not authorized" is for clients of MQTT 5 alone: over 3.1.1 the same bytes are an
-    // error of protocol, on which a client connects again and says the message again. From those, `keeps_back` keeps it.
+    // Only clients of MQTT 5 understand an acknowledgement "not authorized". Over 3.1.1 the same bytes are a protocol error,
+    // after which the client reconnects and publishes again: there `keeps_back` drops the message. The will of a revoked
+    // user is still published: it is how others learn that a handler has gone.
     fn authorize_publish<'a>(
         &'a self,
         client_id: &str,
         user: Option<&'a str>,
         topic: &'a str,
     ) -> Answer<'a, bool> {
-        let speaks_5 = self
-            .sessions
-            .of(client_id)
-            .is_some_and(|session| session.speaks_5);
-        Box::pin(std::future::ready(!speaks_5 || self.may_publish(user, topic)))
+        let session = self.sessions.of(client_id).unwrap_or_default();
+        Box::pin(ready(
+            !session.speaks_5 || session.is_revoked || self.may_publish(user, topic),
+        ))
     }
 
     fn authorize_subscribe<'a>(&'a self, _: &str, user: Option<&'a str>, _: &'a str) -> Answer<'a, bool> {
-        let may = match self.speaker(user) {
-            Some(Speaker::Runtime) => true,
-            Some(Speaker::User(user)) => may_subscribe(&user),
-            None => false,
-        };
-        Box::pin(std::future::ready(may))
+        Box::pin(ready(
+            user == Some(RUNTIME_USER) || self.user(user).as_ref().is_some_and(may_subscribe),
+        ))
     }
 }

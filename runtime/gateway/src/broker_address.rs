@@ -1,13 +1,12 @@
-//! Where a broker is, embedded or not, and what its clients and the runtime's own end hand to each other.
+//! What an MQTT connection needs of its broker, embedded or external.
 
-use std::net::{IpAddr, Ipv4Addr, Ipv6Addr};
-
+use crate::error::GatewayError;
 use crate::settings::MqttSettings;
 
 /// A message that the embedded broker refused: its topic and payload.
 pub(crate) type Refused = (String, Vec<u8>);
 
-/// Where a broker is, and how the runtime comes in.
+/// Address of a broker, and credentials of the runtime.
 pub(crate) struct BrokerAddress {
     pub(crate) host: String,
     pub(crate) port: u16,
@@ -19,24 +18,13 @@ pub(crate) struct BrokerAddress {
 
 impl BrokerAddress {
     /// The broker of the settings.
-    pub(crate) fn of_settings(settings: &MqttSettings, transport: rumqttc::Transport) -> Self {
-        Self {
+    pub(crate) fn of_settings(settings: &MqttSettings) -> Result<Self, GatewayError> {
+        let user = settings.username.clone();
+        Ok(Self {
             host: settings.host.clone(),
             port: settings.port,
-            credentials: settings
-                .username
-                .clone()
-                .map(|user| (user, settings.password.clone().unwrap_or_default())),
-            transport,
-        }
-    }
-}
-
-/// A broker that listens on every address is on the loopback, too.
-pub(crate) fn reachable(address: IpAddr) -> IpAddr {
-    match address {
-        IpAddr::V4(v4) if v4.is_unspecified() => Ipv4Addr::LOCALHOST.into(),
-        IpAddr::V6(v6) if v6.is_unspecified() => Ipv6Addr::LOCALHOST.into(),
-        address => address,
+            credentials: user.map(|user| (user, settings.password.clone().unwrap_or_default())),
+            transport: settings.transport()?,
+        })
     }
 }

@@ -1,8 +1,8 @@
-//! Why the server ends cannot start.
+//! Errors at the start of the server ends.
 
 use std::net::SocketAddr;
 
-/// Why the server ends cannot start. Each names the setting to change.
+/// Why the server ends cannot start. Each message names the setting to change.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum GatewayError {
@@ -16,7 +16,7 @@ pub enum GatewayError {
         /// The address of the setting.
         address: SocketAddr,
     },
-    /// The address is one that the network may reach, and there are no tokens.
+    /// The address can be reached from the network, and there are no tokens.
     #[error(
         "{setting} = \"{address}\" can be reached from the network, which needs users: make tokens with tandem token and name their file in [http] token_file, or write 127.0.0.1 or [::1] with a port"
     )]
@@ -31,12 +31,12 @@ pub enum GatewayError {
     Setting {
         /// The setting.
         setting: &'static str,
-        /// What is written there.
+        /// Its value.
         value: String,
-        /// What is wrong, and what to write.
+        /// What is wrong, and how to correct it.
         text: String,
     },
-    /// A file of TLS cannot be used.
+    /// A TLS file cannot be used.
     #[error("[mqtt] {0}")]
     Tls(String),
     /// No secret for the runtime's own connection to the embedded broker.
@@ -49,7 +49,7 @@ pub enum GatewayError {
         setting: &'static str,
         /// The address of the setting.
         address: SocketAddr,
-        /// What the system says.
+        /// The system's error.
         source: std::io::Error,
     },
     /// The embedded broker does not start.

@@ -1,12 +1,12 @@
-//! Everything that is served over HTTP: the interface below its path, the HMI beside it.
+//! The router of everything served over HTTP: the interface below `/api/v1`, and the HMI.
 
 use std::sync::Arc;
 
 use axum::Router;
 use axum::extract::{Request, State};
-use axum::http::{HeaderValue, Method, StatusCode, Uri, header};
+use axum::http::{Method, StatusCode, Uri, header};
 use axum::middleware::{self, Next};
-use axum::response::Response;
+use axum::response::{IntoResponse, Response};
 
 use crate::contract::routes::API;
 use crate::problem::Problem;
@@ -48,11 +48,8 @@ async fn wrong_method(method: Method, uri: Uri) -> Problem {
     )
 }
 
-async fn no_store(mut response: Response) -> Response {
-    response
-        .headers_mut()
-        .insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
-    response
+async fn no_store(response: Response) -> impl IntoResponse {
+    ([(header::CACHE_CONTROL, "no-store")], response)
 }
 
 async fn count(State(shared): State<Arc<Shared>>, request: Request, next: Next) -> Response {

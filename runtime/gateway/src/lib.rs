@@ -1,7 +1,7 @@
-//! Server ends of the sequence-control interface: MQTT, REST, WebSocket, HMI.
+//! The server ends of the sequence-control interface: MQTT, REST, WebSocket and HMI.
 //!
-//! They know `plc_api` only and serve any [`ServedPort`]: the runtime's, or one of a test. [`Gateway::start`] opens the
-//! listeners; from there `rest` leads to every HTTP route, `websocket` and `hmi`, and `mqtt` to the broker.
+//! They depend on `plc_api` only and serve any [`ServedPort`]: the runtime's, or that of a test. [`Gateway::start`] opens
+//! the listeners. Everything over HTTP starts in `http`, everything over MQTT in `mqtt`.
 
 mod access;
 mod broker;
@@ -29,8 +29,6 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use plc_api::server::ServedPort;
-use rumqttc::Transport;
-use tokio::net::TcpListener;
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
@@ -38,17 +36,17 @@ use tokio_util::sync::CancellationToken;
 use access::LiveTokens;
 use access::http::Access;
 use broker::{Broker, BrokerAccess};
-use broker_address::{BrokerAddress, Refused};
+use broker_address::BrokerAddress;
 use mqtt::MqttEnd;
 use server::LimitedListener;
-use settings::{HTTP_LISTEN, MQTT_LISTEN, listen_address, listen_error};
+use settings::{HTTP_LISTEN, bind};
 use shared::Shared;
 
 pub use access::{NewToken, Role, TokenError, Tokens, mosquitto_acl, new_token};
 pub use error::GatewayError;
 pub use settings::{GatewaySettings, MqttSettings};
 
-/// Time for HTTP requests that run to end at a shutdown; then they are cut off.
+/// Time for running HTTP requests to end at a shutdown; then they are aborted.
 const HTTP_STOP_MAX: Duration = Duration::from_secs(2);
 
 /// The server ends of one machine while they run.
@@ -70,8 +68,8 @@ impl std::fmt::Debug for Gateway {
 }
 
 impl Gateway {
-    /// Starts all server ends. When it returns, HTTP and the embedded broker answer; an external broker may still
-    /// be away, and is connected when it comes.
+    /// Starts all server ends. When it returns, HTTP and the embedded broker are ready; an external broker is connected
+    /// as soon as it is there.
     ///
     /// # Errors
     /// A setting cannot be used, or a port is taken; nothing is left running.
@@ -82,24 +80,24 @@ impl Gateway {
         if let Some(problem) = settings.problems().into_iter().next() {
             return Err(problem);
         }
-        let address = listen_address(HTTP_LISTEN, &settings.http_listen, settings.tokens.is_some())?;
-        let listener = TcpListener::bind(address)
-            .await
-            .map_err(|source| listen_error(HTTP_LISTEN, address, source))?;
-        let http_addr = listener
-            .local_addr()
-            .map_err(|source| listen_error(HTTP_LISTEN, address, source))?;
-        let transport = match &settings.mqtt.tls {
-            None => Transport::tcp(),
-            Some(files) => files.transport().map_err(GatewayError::Tls)?,
-        };
+        let address = settings.http_address()?;
+        let listener = bind(HTTP_LISTEN, address).await?;
+        let http_addr = listener.local_addr().unwrap_or(address);
         let root = settings.mqtt.root(&settings.machine);
         let (refused_sender, refused) = mpsc::channel(mqtt::REFUSED_MAX);
         let tokens = settings.tokens.clone().map(LiveTokens::follow);
-        let broker = embedded_broker(&settings, tokens.clone(), refused_sender).await?;
-        let at = match &broker {
-            Some(broker) => broker.address(),
-            None => BrokerAddress::of_settings(&settings.mqtt, transport),
+        let (broker, at) = match settings.mqtt_address()? {
+            Some(address) => {
+                let access = BrokerAccess {
+                    root: root.clone(),
+                    runtime_client_id: mqtt::client_id(&settings.mqtt, &settings.machine),
+                    tokens: tokens.clone(),
+                };
+                let broker = Broker::start(address, access, refused_sender).await?;
+                let at = broker.address();
+                (Some(broker), at)
+            }
+            None => (None, BrokerAddress::of_settings(&settings.mqtt)?),
         };
         let position_interval = Duration::from_millis(settings.position_interval_ms);
         let stop = CancellationToken::new();
@@ -136,17 +134,17 @@ impl Gateway {
         })
     }
 
-    /// Where REST, WebSocket and HMI are served.
+    /// The address of REST, WebSocket and HMI.
     pub fn http_addr(&self) -> SocketAddr {
         self.http_addr
     }
 
-    /// Where the embedded broker listens; `None` with an external broker.
+    /// The address of the embedded broker; `None` with an external broker.
     pub fn mqtt_addr(&self) -> Option<SocketAddr> {
         self.broker.as_ref().map(Broker::addr)
     }
 
-    /// Says goodbye on MQTT, lets requests end, and stops all server ends, within about 5 s.
+    /// Publishes on MQTT that the runtime is offline, lets requests end, and stops all server ends, within about 5 s.
     pub async fn shutdown(mut self) {
         self.shared.stop.cancel();
         self.shared.tasks.close();
@@ -164,22 +162,4 @@ impl Gateway {
             broker.stop().await;
         }
     }
-}
-
-/// The embedded broker, where the settings name one.
-async fn embedded_broker(
-    settings: &GatewaySettings,
-    tokens: Option<LiveTokens>,
-    refused: mpsc::Sender<Refused>,
-) -> Result<Option<Broker>, GatewayError> {
-    let Some(listen) = &settings.mqtt.embedded_listen else {
-        return Ok(None);
-    };
-    let address = listen_address(MQTT_LISTEN, listen, settings.tokens.is_some())?;
-    let access = BrokerAccess {
-        root: settings.mqtt.root(&settings.machine),
-        runtime_client_id: mqtt::client_id(&settings.mqtt, &settings.machine),
-        tokens,
-    };
-    Broker::start(address, access, refused).await.map(Some)
 }

@@ -1,23 +1,47 @@
-//! Counters of the server ends and the timing of the servo thread, as Prometheus text.
+//! Counters of the server ends and timing of the servo thread, as Prometheus text.
 
-use std::fmt::Write as _;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::fmt::{Display, Write as _};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use plc_api::server::{Durations, ServoTiming};
 
 /// Counters since the start.
 #[derive(Debug, Default)]
 pub(crate) struct Metrics {
-    // by hundreds of the status: 1xx to 5xx
+    // by class of status: 1xx to 5xx
     http_responses: [AtomicU64; 5],
     pub(crate) websockets: AtomicU64,
-    pub(crate) mqtt_connected: AtomicBool,
+    /// 1 while connected.
+    pub(crate) mqtt_connected: AtomicU64,
     pub(crate) mqtt_connections: AtomicU64,
     pub(crate) mqtt_published: AtomicU64,
     pub(crate) mqtt_received: AtomicU64,
     pub(crate) mqtt_refused: AtomicU64,
     pub(crate) mqtt_events_lost: AtomicU64,
 }
+
+/// Names and meanings of the counters without labels, in the order of [`Metrics`].
+const COUNTERS: [(&str, &str); 7] = [
+    ("tandem_websockets", "WebSockets that are open."),
+    ("tandem_mqtt_connected", "1 while the MQTT broker is connected."),
+    (
+        "tandem_mqtt_connections_total",
+        "Connections made to the MQTT broker.",
+    ),
+    (
+        "tandem_mqtt_published_total",
+        "Messages handed to the MQTT broker.",
+    ),
+    ("tandem_mqtt_received_total", "Messages received over MQTT."),
+    (
+        "tandem_mqtt_refused_total",
+        "Messages over MQTT that were refused: malformed, retained, or too many at once.",
+    ),
+    (
+        "tandem_mqtt_events_lost_total",
+        "Events dropped while the MQTT broker was away.",
+    ),
+];
 
 impl Metrics {
     pub(crate) fn count_response(&self, status: u16) {
@@ -29,135 +53,86 @@ impl Metrics {
 
     /// The text of `GET /metrics`.
     pub(crate) fn text(&self, servo: Option<&ServoTiming>) -> String {
-        let mut text = String::new();
-        let mut put = |name: &str, kind: &str, help: &str, values: &[(String, u64)]| {
-            // writing to a String cannot fail
-            let _ = writeln!(text, "# HELP {name} {help}\n# TYPE {name} {kind}");
-            for (labels, value) in values {
-                let _ = writeln!(text, "{name}{labels} {value}");
-            }
-        };
-        let classes: Vec<_> = (1..)
-            .zip(&self.http_responses)
-            .map(|(class, counter)| (format!("{{class=\"{class}xx\"}}"), get(counter)))
-            .collect();
-        put(
-            "tandem_http_responses_total",
-            "counter",
-            "HTTP responses by class of status.",
-            &classes,
-        );
-        let one = |value: u64| [(String::new(), value)];
-        put(
-            "tandem_websockets",
-            "gauge",
-            "WebSockets that are open.",
-            &one(get(&self.websockets)),
-        );
-        put(
-            "tandem_mqtt_connected",
-            "gauge",
-            "1 while the MQTT broker is connected.",
-            &one(u64::from(self.mqtt_connected.load(Ordering::Relaxed))),
-        );
-        put(
-            "tandem_mqtt_connections_total",
-            "counter",
-            "Connections made to the MQTT broker.",
-            &one(get(&self.mqtt_connections)),
-        );
-        put(
-            "tandem_mqtt_published_total",
-            "counter",
-            "Messages handed to the MQTT broker.",
-            &one(get(&self.mqtt_published)),
-        );
-        put(
-            "tandem_mqtt_received_total",
-            "counter",
-            "Messages received over MQTT.",
-            &one(get(&self.mqtt_received)),
-        );
-        put(
-            "tandem_mqtt_refused_total",
-            "counter",
-            "Messages over MQTT that were refused: malformed, retained, or too many at once.",
-            &one(get(&self.mqtt_refused)),
-        );
-        put(
-            "tandem_mqtt_events_lost_total",
-            "counter",
-            "Events dropped while the MQTT broker was away.",
-            &one(get(&self.mqtt_events_lost)),
-        );
-        if let Some(servo) = servo {
-            put_servo(&mut text, servo);
+        let mut text = Text::default();
+        let responses = "tandem_http_responses_total";
+        text.head(responses, "HTTP responses by class of status.");
+        for (class, counter) in (1..).zip(&self.http_responses) {
+            text.value(&format!("{responses}{{class=\"{class}xx\"}}"), get(counter));
         }
-        text
+        let counters = [
+            &self.websockets,
+            &self.mqtt_connected,
+            &self.mqtt_connections,
+            &self.mqtt_published,
+            &self.mqtt_received,
+            &self.mqtt_refused,
+            &self.mqtt_events_lost,
+        ];
+        for (counter, (name, help)) in counters.into_iter().zip(COUNTERS) {
+            text.number(name, help, get(counter));
+        }
+        if let Some(servo) = servo {
+            text.servo(servo);
+        }
+        text.0
     }
 }
 
-/// The metrics of the servo thread.
-fn put_servo(text: &mut String, servo: &ServoTiming) {
-    let number = |text: &mut String, name: &str, kind: &str, help: &str, value: f64| {
-        // writing to a String cannot fail
-        let _ = writeln!(text, "# HELP {name} {help}\n# TYPE {name} {kind}\n{name} {value}");
-    };
-    let period = "Servo period.";
-    number(
-        text,
-        "tandem_servo_period_seconds",
-        "gauge",
-        period,
-        servo.period_s,
-    );
-    let overruns = "Servo cycles that were not finished when the next one was due.";
-    number(
-        text,
-        "tandem_servo_overruns_total",
-        "counter",
-        overruns,
-        servo.overruns as f64,
-    );
-    for (name, what, durations) in [
-        (
-            "tandem_servo_wakeup_lateness",
-            "How late after its time a servo cycle began",
-            &servo.lateness,
-        ),
-        (
-            "tandem_servo_cycle",
-            "How long a servo cycle computed",
-            &servo.computing,
-        ),
-    ] {
-        put_histogram(text, &format!("{name}_seconds"), what, durations);
-        let most = format!("{what}, the most since the start.");
-        number(
-            text,
-            &format!("{name}_max_seconds"),
-            "gauge",
-            &most,
-            durations.max_s,
-        );
-    }
-}
+/// Text under construction. Writing to a `String` cannot fail.
+#[derive(Default)]
+struct Text(String);
 
-/// Buckets of a histogram count all that is not above their bound.
-fn put_histogram(text: &mut String, name: &str, help: &str, durations: &Durations) {
-    let _ = writeln!(text, "# HELP {name} {help}.\n# TYPE {name} histogram");
-    let mut count = 0;
-    for (bound_s, in_bucket) in &durations.buckets {
-        count += in_bucket;
-        let bound = if bound_s.is_finite() {
-            bound_s.to_string()
+impl Text {
+    /// Help and kind of a metric: its name says whether it only counts up.
+    fn head(&mut self, name: &str, help: &str) {
+        let kind = if name.ends_with("_total") {
+            "counter"
         } else {
-            "+Inf".to_owned()
+            "gauge"
         };
-        let _ = writeln!(text, "{name}_bucket{{le=\"{bound}\"}} {count}");
+        let _ = writeln!(self.0, "# HELP {name} {help}\n# TYPE {name} {kind}");
     }
-    let sum_s = durations.sum_s;
-    let _ = writeln!(text, "{name}_sum {sum_s}\n{name}_count {count}");
+
+    fn value(&mut self, name: &str, value: impl Display) {
+        let _ = writeln!(self.0, "{name} {value}");
+    }
+
+    fn number(&mut self, name: &str, help: &str, value: impl Display) {
+        self.head(name, help);
+        self.value(name, value);
+    }
+
+    fn servo(&mut self, servo: &ServoTiming) {
+        self.number("tandem_servo_period_seconds", "Servo period.", servo.period_s);
+        let overruns = "Servo cycles that were not finished when the next one was due.";
+        self.number("tandem_servo_overruns_total", overruns, servo.overruns);
+        let late = "How late after its time a servo cycle began";
+        self.durations("tandem_servo_wakeup_lateness", late, &servo.lateness);
+        let computing = "How long a servo cycle computed";
+        self.durations("tandem_servo_cycle", computing, &servo.computing);
+    }
+
+    /// A histogram, whose buckets count all up to their bound, and its maximum.
+    fn durations(&mut self, name: &str, help: &str, durations: &Durations) {
+        let _ = writeln!(
+            self.0,
+            "# HELP {name}_seconds {help}.\n# TYPE {name}_seconds histogram"
+        );
+        let mut count = 0;
+        for (bound_s, in_bucket) in &durations.buckets {
+            count += in_bucket;
+            let bound = if bound_s.is_finite() {
+                bound_s.to_string()
+            } else {
+                "+Inf".to_owned()
+            };
+            self.value(&format!("{name}_seconds_bucket{{le=\"{bound}\"}}"), count);
+        }
+        self.value(&format!("{name}_seconds_sum"), durations.sum_s);
+        self.value(&format!("{name}_seconds_count"), count);
+        let most = format!("{help}, the most since the start.");
+        self.number(&format!("{name}_max_seconds"), &most, durations.max_s);
+    }
 }
 
 /// Adds to a counter.

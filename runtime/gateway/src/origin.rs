@@ -1,10 +1,9 @@
-//! Which web pages may talk to us: only our own. A page of another site open in the same browser must not be able
-//! to start a machine, neither by a request of its own (CSRF) nor by a name that it lets point to the loopback (DNS
-//! rebinding). So on the loopback the Host must be a name of the loopback with our port, and an Origin, where there is
-//! one, the same. Where the network is listened to, each request needs a token, which no other page has: there the
-//! Host may be any name of the machine, and an Origin must be that of the Host.
+//! Only our own web pages may use the server. A page of another site in the same browser must not be able to start a
+//! machine, neither by its own request (CSRF) nor by a name that it resolves to the loopback (DNS rebinding). So on the
+//! loopback the Host must be a name of the loopback with our port, and so must the Origin, if there is one. On the network
+//! each request needs a token, which no other page has: there the Host may be any name, and an Origin must match it.
 
-use std::net::{IpAddr, SocketAddr};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::sync::Arc;
 
 use axum::extract::{Request, State};
@@ -15,7 +14,7 @@ use axum::response::{IntoResponse, Response};
 use crate::problem::Problem;
 use crate::shared::Shared;
 
-/// Lets a request pass only with our Host, and with our Origin or none.
+/// Admits requests with our Host, and our Origin or none.
 pub(crate) async fn guard(State(shared): State<Arc<Shared>>, request: Request, next: Next) -> Response {
     match check(request.headers(), shared.http_addr) {
         Ok(()) => next.run(request).await,
@@ -24,65 +23,48 @@ pub(crate) async fn guard(State(shared): State<Arc<Shared>>, request: Request, n
 }
 
 fn check(headers: &HeaderMap, own: SocketAddr) -> Result<(), Problem> {
-    let hosts: Vec<_> = headers.get_all(header::HOST).iter().collect();
-    let host = match hosts.as_slice() {
-        [host] => host.to_str().ok(),
-        _ => None,
-    };
-    let Some(host) = host.filter(|host| !own.ip().is_loopback() || is_own(host, own)) else {
+    let mut hosts = headers.get_all(header::HOST).iter();
+    let host = hosts.next().and_then(|host| host.to_str().ok());
+    let is_allowed = |host: &&str| !own.ip().is_loopback() || is_own(host, own);
+    let (Some(host), None) = (host.filter(is_allowed), hosts.next()) else {
         return Err(Problem::new(
             StatusCode::FORBIDDEN,
             "foreign_host",
             format!("the Host header does not name this server; call it as http://{own}"),
         ));
     };
-    let origin_ok = headers.get_all(header::ORIGIN).iter().all(|origin| {
-        origin.to_str().ok().is_some_and(|origin| {
-            let page = origin.strip_prefix("http://");
-            if own.ip().is_loopback() {
-                page.is_some_and(|page| is_own(page, own))
-            } else {
-                // a proxy before us may speak https
-                page.or_else(|| origin.strip_prefix("https://")) == Some(host)
-            }
-        })
-    });
-    if origin_ok {
-        Ok(())
-    } else {
-        Err(Problem::new(
-            StatusCode::FORBIDDEN,
-            "foreign_origin",
-            "a web page of another origin may not use this machine",
-        ))
+    for origin in headers.get_all(header::ORIGIN) {
+        let origin = origin.to_str().unwrap_or_default();
+        let page = origin.strip_prefix("http://");
+        let is_ours = if own.ip().is_loopback() {
+            page.is_some_and(|page| is_own(page, own))
+        } else {
+            // a reverse proxy may speak https
+            page.or_else(|| origin.strip_prefix("https://")) == Some(host)
+        };
+        if !is_ours {
+            let text = "a web page of another origin may not use this machine";
+            return Err(Problem::new(StatusCode::FORBIDDEN, "foreign_origin", text));
+        }
     }
+    Ok(())
 }
 
 /// True for a loopback name or address with our port, or the address listened on.
 fn is_own(host: &str, own: SocketAddr) -> bool {
-    const HTTP_PORT: u16 = 80;
-    let (name, port) = match host.strip_prefix('[').and_then(|rest| rest.split_once(']')) {
-        Some((name, "")) => (name, None),
-        Some((name, rest)) => match rest.strip_prefix(':') {
-            Some(port) => (name, Some(port)),
-            None => return false,
-        },
-        None => match host.split_once(':') {
-            Some((name, port)) => (name, Some(port)),
-            None => (host, None),
-        },
+    let (name, port) = match host.rsplit_once(':') {
+        // a colon of an IPv6 address
+        Some((_, port)) if port.ends_with(']') => (host, "80"),
+        Some(parts) => parts,
+        None => (host, "80"),
     };
-    let port = match port {
-        None => HTTP_PORT,
-        Some(port) => match port.parse() {
-            Ok(port) => port,
-            Err(_) => return false,
-        },
+    let address = match name.strip_prefix('[').and_then(|name| name.strip_suffix(']')) {
+        Some(name) => name.parse::<Ipv6Addr>().ok().map(Into::into),
+        None => name.parse::<Ipv4Addr>().ok().map(Into::into),
     };
-    let address: Option<IpAddr> = name.parse().ok();
-    let name_ok = name.eq_ignore_ascii_case("localhost")
-        || address.is_some_and(|address| address.is_loopback() || address == own.ip());
-    name_ok && port == own.port()
+    let is_address_own = |address: IpAddr| address.is_loopback() || address == own.ip();
+    (name.eq_ignore_ascii_case("localhost") || address.is_some_and(is_address_own))
+        && port.parse() == Ok(own.port())
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! Positions are a stream: of each coordinate system the latest is sent, at an interval.
+//! Positions are streamed: the latest one of each coordinate system is sent at an interval.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -12,14 +12,14 @@ pub(crate) fn is_position(topic: &Topic) -> bool {
     matches!(topic, Topic::CoordinateSystem(_, CsTopic::Position))
 }
 
-/// Ticks with this time between them; a tick that is late holds up the next ones.
+/// Ticks at this interval; a late tick delays the next ones.
 pub(crate) fn every(time: Duration) -> Interval {
     let mut interval = tokio::time::interval(time);
     interval.set_missed_tick_behavior(MissedTickBehavior::Delay);
     interval
 }
 
-/// The latest position of each coordinate system that has not been sent.
+/// The latest position of each coordinate system, if it has not been sent.
 #[derive(Debug)]
 pub(crate) struct Positions {
     waiting: BTreeMap<Topic, Arc<Message>>,
@@ -34,7 +34,7 @@ impl Positions {
         }
     }
 
-    /// Keeps a position; gives back any other message.
+    /// Keeps a position; returns any other message.
     pub(crate) fn keep(&mut self, message: Arc<Message>) -> Option<Arc<Message>> {
         if is_position(&message.topic) {
             self.waiting.insert(message.topic.clone(), message);
@@ -44,7 +44,7 @@ impl Positions {
         }
     }
 
-    /// Waits until positions are due. Safe to drop while it waits.
+    /// Waits until positions are due. Cancel-safe.
     pub(crate) async fn due(&mut self) -> Vec<Arc<Message>> {
         self.interval.tick().await;
         std::mem::take(&mut self.waiting).into_values().collect()

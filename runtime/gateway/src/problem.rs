@@ -1,4 +1,4 @@
-//! Problems of the wire as answers of the server.
+//! Problems as HTTP responses.
 
 use axum::body::Body;
 use axum::http::{HeaderValue, StatusCode, header};
@@ -6,7 +6,7 @@ use axum::response::{IntoResponse, Response};
 use plc_api::types::refusal::Refusal;
 use plc_api::wire::problem::Problem as Details;
 
-/// A refusal as HTTP says it. Boxed, since it is the rare way out of every handler.
+/// A refusal as problem details. Boxed, because it is the rare result of every handler.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Problem(Box<Details>);
 
@@ -67,7 +67,7 @@ impl IntoResponse for Problem {
             headers.insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer"));
         }
         if status == StatusCode::PAYLOAD_TOO_LARGE {
-            // what is left of the body is not read, so nothing can follow it
+            // the rest of the body is not read, so no request can follow it
             headers.insert(header::CONNECTION, HeaderValue::from_static("close"));
         }
         response

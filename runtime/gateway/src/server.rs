@@ -1,4 +1,4 @@
-//! The HTTP server: connections are counted, silent ones are closed, and headers have limits.
+//! The HTTP server: limits the number of connections and the size of headers, and closes silent connections.
 
 use std::collections::HashMap;
 use std::future::Future;
@@ -14,24 +14,23 @@ use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
 use hyper_util::server::conn::auto;
 use hyper_util::server::graceful::GracefulShutdown;
 use hyper_util::service::TowerToHyperService;
-use parking_lot::Mutex;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio::time::{Instant, Sleep};
 use tokio_util::sync::CancellationToken;
 
-/// Connections that may be open; more wait in the system's queue.
+/// Open connections; more wait in the system's queue.
 const CONNECTIONS_MAX: usize = 256;
 
-/// A connection on which nothing comes or goes for this long is closed. Reason: longer than `?wait=1` waits, and
-/// than the pings of a WebSocket are apart.
+/// A connection without traffic for this long is closed. Reason: longer than `?wait=1` waits, and than the interval of
+/// the pings of a WebSocket.
 const SILENCE_MAX: Duration = Duration::from_secs(75);
 
-/// Connections of one address but the loopback; more are closed at once. Reason: one host must not take them all.
+/// Connections of one address; more are closed at once. Reason: one host must not take all. The loopback may.
 const CONNECTIONS_OF_ONE_MAX: usize = 64;
 
-/// Time for the head of a request to come in; then its connection is closed.
+/// Time to receive the head of a request; then its connection is closed.
 pub(crate) const HEADER_MAX: Duration = Duration::from_secs(10);
 
 /// Header lines of one request; more are 431.
@@ -40,12 +39,12 @@ const HEADER_LINES_MAX: usize = 64;
 /// Bytes of the head of one request; more are 431.
 const HEADER_BYTES_MAX: usize = 64 * 1024;
 
-/// Wait after the system gave no connection, such as for want of file handles.
+/// Delay after the system failed to accept a connection, such as without file handles.
 const ACCEPT_RETRY: Duration = Duration::from_millis(100);
 
-/// Serves until `stop`, then until the requests that run have ended. `header_max` is [`HEADER_MAX`].
+/// Serves until `stop`, then until the running requests have ended. `header_max` is [`HEADER_MAX`], less in tests.
 pub(crate) async fn serve(
-    listener: LimitedListener,
+    mut listener: LimitedListener,
     router: Router,
     stop: CancellationToken,
     header_max: Duration,
@@ -68,7 +67,7 @@ pub(crate) async fn serve(
             .serve_connection_with_upgrades(TokioIo::new(connection), service)
             .into_owned();
         let serving = graceful.watch(serving);
-        // a connection that breaks is its client's affair
+        // a broken connection concerns only its client
         tokio::spawn(async move { serving.await.ok() });
     }
     drop(listener);
@@ -80,46 +79,7 @@ pub(crate) async fn serve(
 pub(crate) struct LimitedListener {
     listener: TcpListener,
     places: Arc<Semaphore>,
-    of_one: OfOne,
-}
-
-/// Connections that are open by address.
-#[derive(Debug, Clone, Default)]
-struct OfOne(Arc<Mutex<HashMap<IpAddr, usize>>>);
-
-impl OfOne {
-    /// A place for one more of an address, if there is one.
-    fn place(&self, address: IpAddr) -> Option<PlaceOfOne> {
-        let mut counts = self.0.lock();
-        let count = counts.entry(address).or_default();
-        if *count >= CONNECTIONS_OF_ONE_MAX && !address.is_loopback() {
-            return None;
-        }
-        *count += 1;
-        Some(PlaceOfOne {
-            of_one: self.clone(),
-            address,
-        })
-    }
-}
-
-/// Gives the place back when it is dropped.
-#[derive(Debug)]
-struct PlaceOfOne {
-    of_one: OfOne,
-    address: IpAddr,
-}
-
-impl Drop for PlaceOfOne {
-    fn drop(&mut self) {
-        let mut counts = self.of_one.0.lock();
-        if let Some(count) = counts.get_mut(&self.address) {
-            *count -= 1;
-            if *count == 0 {
-                counts.remove(&self.address);
-            }
-        }
-    }
+    by_address: HashMap<IpAddr, Arc<Semaphore>>,
 }
 
 impl LimitedListener {
@@ -127,11 +87,25 @@ impl LimitedListener {
         Self {
             listener,
             places: Arc::new(Semaphore::new(CONNECTIONS_MAX)),
-            of_one: OfOne::default(),
+            by_address: HashMap::new(),
         }
     }
 
-    async fn accept(&self) -> Connection {
+    /// A place for one more connection of an address, if there is one.
+    fn place_of(&mut self, address: IpAddr) -> Option<OwnedSemaphorePermit> {
+        // each permit holds its semaphore
+        self.by_address.retain(|_, places| Arc::strong_count(places) > 1);
+        let max = if address.is_loopback() {
+            CONNECTIONS_MAX
+        } else {
+            CONNECTIONS_OF_ONE_MAX
+        };
+        let places = self.by_address.entry(address);
+        let places = places.or_insert_with(|| Arc::new(Semaphore::new(max)));
+        Arc::clone(places).try_acquire_owned().ok()
+    }
+
+    async fn accept(&mut self) -> Connection {
         let place = Arc::clone(&self.places).acquire_owned().await.ok();
         loop {
             let (stream, address) = match self.listener.accept().await {
@@ -142,15 +116,15 @@ impl LimitedListener {
                     continue;
                 }
             };
-            let Some(of_one) = self.of_one.place(address.ip()) else {
+            let Some(of_address) = self.place_of(address.ip()) else {
                 continue;
             };
-            // without it answers are slower, but right
+            // without it responses are only slower
             let _ = stream.set_nodelay(true);
             return Connection {
                 stream,
                 silence: Box::pin(tokio::time::sleep(SILENCE_MAX)),
-                _places: (place, of_one),
+                _places: (place, of_address),
             };
         }
     }
@@ -161,11 +135,11 @@ impl LimitedListener {
 pub(crate) struct Connection {
     stream: TcpStream,
     silence: Pin<Box<Sleep>>,
-    _places: (Option<OwnedSemaphorePermit>, PlaceOfOne),
+    _places: (Option<OwnedSemaphorePermit>, OwnedSemaphorePermit),
 }
 
 impl Connection {
-    /// Anything that came or went starts the silence anew; waiting too long is an error.
+    /// Any traffic restarts the timer; its end is an error.
     fn watched<T>(&mut self, context: &mut Context<'_>, result: Poll<io::Result<T>>) -> Poll<io::Result<T>> {
         match result {
             Poll::Ready(result) => {
@@ -233,7 +207,7 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn a_silent_connection_is_closed() {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
-        let listener = LimitedListener::new(listener);
+        let mut listener = LimitedListener::new(listener);
         let address = listener.listener.local_addr().unwrap();
         let (client, mut connection) = tokio::join!(TcpStream::connect(address), listener.accept());
         let begun = Instant::now();
@@ -246,7 +220,7 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn no_more_connections_are_accepted_than_the_limit() {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
-        let listener = LimitedListener::new(listener);
+        let mut listener = LimitedListener::new(listener);
         let address = listener.listener.local_addr().unwrap();
         let mut open = Vec::new();
         for _ in 0..CONNECTIONS_MAX {
@@ -258,5 +232,30 @@ mod tests {
         assert!(tokio::time::timeout(second, listener.accept()).await.is_err());
         open.pop();
         listener.accept().await;
+    }
+
+    #[tokio::test]
+    async fn one_address_of_the_network_does_not_take_all_places() {
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let mut listener = LimitedListener::new(listener);
+        let (host, other) = (IpAddr::from([10, 0, 0, 1]), IpAddr::from([10, 0, 0, 2]));
+        let mut open: Vec<_> = (0..CONNECTIONS_OF_ONE_MAX)
+            .map(|_| listener.place_of(host).unwrap())
+            .collect();
+        assert!(listener.place_of(host).is_none());
+        assert!(listener.place_of(other).is_some());
+        open.pop();
+        assert!(listener.place_of(host).is_some());
+        let loopback: Vec<_> = (0..CONNECTIONS_MAX)
+            .map(|_| listener.place_of([127, 0, 0, 1].into()))
+            .collect();
+        assert!(loopback.iter().all(Option::is_some));
+        drop((open, loopback));
+        listener.place_of(other);
+        assert_eq!(
+            listener.by_address.len(),
+            1,
+            "those without connections are forgotten"
+        );
     }
 }

@@ -1,9 +1,11 @@
-//! Settings of the server ends. The runtime fills them from its configuration file.
+//! Settings of the server ends, which the runtime reads from its configuration file.
 
 use std::net::SocketAddr;
 use std::sync::Arc;
 
 use plc_api::TlsFiles;
+use rumqttc::Transport;
+use tokio::net::TcpListener;
 
 use crate::access::Tokens;
 use crate::error::GatewayError;
@@ -17,10 +19,10 @@ pub struct GatewaySettings {
     pub http_listen: String,
     /// `[mqtt]`: the broker, embedded or external.
     pub mqtt: MqttSettings,
-    /// `[http] token_file`: who may do what over HTTP and on the embedded broker. `None`: everyone on the loopback
-    /// may do everything, and only the loopback may be listened on.
+    /// `[http] token_file`: the users of HTTP and of the embedded broker. `None`: everyone on the loopback may do
+    /// everything, and the servers listen on the loopback only.
     pub tokens: Option<Arc<Tokens>>,
-    /// Least time between two positions of one coordinate system on MQTT and on a WebSocket, ms. 20 to 10 000.
+    /// Shortest time between two positions of one coordinate system on MQTT and on a WebSocket, ms. 20 to 10 000.
     pub position_interval_ms: u64,
 }
 
@@ -38,7 +40,7 @@ pub struct MqttSettings {
     pub tls: Option<TlsFiles>,
     /// User at the external broker.
     pub username: Option<String>,
-    /// Password at the external broker; never shown in a log.
+    /// Password at the external broker; never logged.
     pub password: Option<String>,
     /// Client id at the broker; empty: `tandem-{machine}`, with the prefix before the machine.
     pub client_id: String,
@@ -96,29 +98,37 @@ pub(crate) const HTTP_LISTEN: &str = "[http] listen";
 pub(crate) const MQTT_LISTEN: &str = "[mqtt] listen";
 
 impl GatewaySettings {
-    /// All that keeps these settings from being served, as far as it shows before a port is opened: values, addresses,
-    /// and the files of TLS, which are read. Empty: nothing.
+    /// Everything that prevents these settings from being served, as far as it can be known without opening a port: values,
+    /// addresses, and the TLS files, which are read. Empty if there is nothing.
     pub fn problems(&self) -> Vec<GatewayError> {
-        let has_tokens = self.tokens.is_some();
-        let http = listen_address(HTTP_LISTEN, &self.http_listen, has_tokens);
-        let listen = self.mqtt.embedded_listen.as_deref();
-        let mqtt = listen.map(|listen| listen_address(MQTT_LISTEN, listen, has_tokens));
-        let both = match (&http, &mqtt) {
-            (Ok(http), Some(Ok(mqtt))) if share_a_port(*http, *mqtt) => Some(GatewayError::Setting {
+        let mut problems: Vec<_> = self.check_values().err().into_iter().collect();
+        let (http, mqtt) = (self.http_address(), self.mqtt_address());
+        if let (Ok(http), Ok(Some(mqtt))) = (&http, &mqtt)
+            && share_a_port(*http, *mqtt)
+        {
+            problems.push(GatewayError::Setting {
                 setting: MQTT_LISTEN,
                 value: mqtt.to_string(),
                 text: format!("{HTTP_LISTEN} = \"{http}\" takes that port; write another one"),
-            }),
-            _ => None,
-        };
-        let tls = self.mqtt.tls.as_ref().map(TlsFiles::transport);
-        let tls = tls.and_then(|transport| transport.err().map(GatewayError::Tls));
-        let mut problems: Vec<_> = self.check_values().err().into_iter().collect();
+            });
+        }
         problems.extend(http.err());
-        problems.extend(mqtt.and_then(Result::err));
-        problems.extend(both);
-        problems.extend(tls);
+        problems.extend(mqtt.err());
+        problems.extend(self.mqtt.transport().err());
         problems
+    }
+
+    /// The address of HTTP.
+    pub(crate) fn http_address(&self) -> Result<SocketAddr, GatewayError> {
+        listen_address(HTTP_LISTEN, &self.http_listen, self.tokens.is_some())
+    }
+
+    /// The address of the embedded broker, if there is one.
+    pub(crate) fn mqtt_address(&self) -> Result<Option<SocketAddr>, GatewayError> {
+        let listen = self.mqtt.embedded_listen.as_deref();
+        listen
+            .map(|listen| listen_address(MQTT_LISTEN, listen, self.tokens.is_some()))
+            .transpose()
     }
 
     fn check_values(&self) -> Result<(), GatewayError> {
@@ -157,6 +167,14 @@ impl GatewaySettings {
 }
 
 impl MqttSettings {
+    /// TCP, or TLS, to the external broker.
+    pub(crate) fn transport(&self) -> Result<Transport, GatewayError> {
+        let tls = self.tls.as_ref().map(TlsFiles::transport);
+        tls.transpose()
+            .map_err(GatewayError::Tls)
+            .map(|tls| tls.unwrap_or_else(Transport::tcp))
+    }
+
     /// Root of all topics of a machine, with its last slash.
     pub fn root(&self, machine: &str) -> String {
         match self.prefix.as_str() {
@@ -166,7 +184,7 @@ impl MqttSettings {
     }
 }
 
-/// No prefix, or topic levels that a broker takes from everyone: brokers keep or hide topics that begin with `$`.
+/// Whether this is empty or made of topic levels that every broker accepts: topics that begin with `$` are reserved.
 fn is_prefix(prefix: &str) -> bool {
     let is_level = |level: &str| {
         !level.is_empty() && !level.contains(|c: char| ['+', '#'].contains(&c) || c.is_control())
@@ -174,18 +192,14 @@ fn is_prefix(prefix: &str) -> bool {
     prefix.is_empty() || prefix.len() <= 128 && !prefix.starts_with('$') && prefix.split('/').all(is_level)
 }
 
-/// True when only one of two listeners gets its port.
+/// Whether two listeners want the same port.
 fn share_a_port(one: SocketAddr, other: SocketAddr) -> bool {
     let overlap = one.ip() == other.ip() || one.ip().is_unspecified() || other.ip().is_unspecified();
     overlap && one.port() == other.port() && one.port() != 0
 }
 
 /// The address of a listen setting, which must be on the loopback where there are no tokens.
-pub(crate) fn listen_address(
-    setting: &'static str,
-    value: &str,
-    has_tokens: bool,
-) -> Result<SocketAddr, GatewayError> {
+fn listen_address(setting: &'static str, value: &str, has_tokens: bool) -> Result<SocketAddr, GatewayError> {
     let with_name = value
         .strip_prefix("localhost:")
         .map(|port| format!("127.0.0.1:{port}"));
@@ -206,21 +220,17 @@ pub(crate) fn listen_address(
     }
 }
 
-/// What a failed `bind` means.
-pub(crate) fn listen_error(
-    setting: &'static str,
-    address: SocketAddr,
-    source: std::io::Error,
-) -> GatewayError {
-    if source.kind() == std::io::ErrorKind::AddrInUse {
-        GatewayError::PortTaken { setting, address }
-    } else {
-        GatewayError::Listen {
+/// Listens on the address of a setting.
+pub(crate) async fn bind(setting: &'static str, address: SocketAddr) -> Result<TcpListener, GatewayError> {
+    let listener = TcpListener::bind(address).await;
+    listener.map_err(|source| match source.kind() {
+        std::io::ErrorKind::AddrInUse => GatewayError::PortTaken { setting, address },
+        _ => GatewayError::Listen {
             setting,
             address,
             source,
-        }
-    }
+        },
+    })
 }
 
 #[cfg(test)]

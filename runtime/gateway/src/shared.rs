@@ -1,4 +1,4 @@
-//! What all HTTP handlers share.
+//! State shared by all HTTP handlers.
 
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -19,16 +19,16 @@ use crate::access::http::Access;
 use crate::metrics::Metrics;
 use crate::problem::Problem;
 
-/// Programs that may be uploaded at the same time; more wait. Reason: each may hold 64 MiB.
+/// Concurrent uploads of programs; more wait. Reason: each may have 64 MiB.
 const UPLOADS_MAX: usize = 4;
 
-/// Commands over REST that may be unanswered; more get 503. They go on when their client has gone.
+/// Commands over REST without an answer yet; more get 503. They continue when their client disconnects.
 const COMMANDS_MAX: usize = 256;
 
-/// `WebSocket` connections that may be open at the same time; more get 503.
+/// Open `WebSocket` connections; more get 503.
 pub(crate) const WEBSOCKETS_MAX: usize = 64;
 
-/// What all HTTP handlers share.
+/// State shared by all HTTP handlers.
 pub(crate) struct Shared {
     pub(crate) port: Arc<dyn ServedPort>,
     pub(crate) http_addr: SocketAddr,
@@ -66,7 +66,7 @@ impl Shared {
         }
     }
 
-    /// A command id that nobody used in this boot.
+    /// A command id that is new in this boot.
     pub(crate) fn next_command_id(&self) -> String {
         let number = self.commands.fetch_add(1, Ordering::Relaxed);
         format!("rest-{}-{number}", self.port.boot_id())
@@ -80,7 +80,7 @@ impl Shared {
             .ok_or_else(|| Problem::not_found(format!("this machine has no {}", topic.path())))
     }
 
-    /// What the machine is.
+    /// The description of the machine.
     pub(crate) async fn birth(&self) -> Result<Birth, Problem> {
         let message = self.read(&Topic::Birth).await?;
         match &message.payload {
@@ -89,13 +89,13 @@ impl Shared {
         }
     }
 
-    /// Asks the machine.
+    /// Makes a request of the machine.
     pub(crate) async fn ask(&self, request: Request) -> Result<Answer, Problem> {
         self.port.request(request).await.map_err(Problem::from)
     }
 }
 
-/// For an answer that does not belong to its request: a fault of the port.
+/// The problem of an answer that does not belong to its request, which is a fault of the port.
 pub(crate) fn unexpected() -> Problem {
     Details::unexpected().into()
 }

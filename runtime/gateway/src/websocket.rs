@@ -256,7 +256,7 @@ impl Client {
         let mut new = Vec::new();
         for pattern in asked.subscribe {
             let refusal = if !may_subscribe(&self.user) {
-                format!("role {} may not subscribe", self.user.role.word())
+                format!("role {} may not subscribe", self.user.role().word())
             } else if !is_known(&pattern) {
                 format!("there is no topic {pattern}; write one such as cs/1/state, or with wildcards cs/1/#")
             } else if self.patterns.len() == PATTERNS_MAX && !self.patterns.contains(&pattern) {
@@ -354,7 +354,7 @@ impl Client {
     }
 
     fn not_allowed(&self, path: &str) -> String {
-        format!("role {} may not say {path} here", self.user.role.word())
+        format!("role {} may not say {path} here", self.user.role().word())
     }
 }
 

@@ -1,9 +1,9 @@
-//! Whether a route is for the user of a request.
+//! Admits a request to its route if its user has the right for it.
 
 use std::sync::Arc;
 
 use axum::extract::{MatchedPath, Request, State};
-use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
+use axum::http::{HeaderMap, Method, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
@@ -13,8 +13,8 @@ use crate::contract::routes::{API, Found, find};
 use crate::problem::Problem;
 use crate::shared::Shared;
 
-/// Lets a request pass only to a route of the table, and only from a user who has its right. Handlers find the
-/// [`User`] among the request's extensions.
+/// Admits requests to routes of the table only, and only from users with the right. Handlers find the [`User`] in the
+/// request's extensions.
 pub(crate) async fn guard(State(shared): State<Arc<Shared>>, mut request: Request, next: Next) -> Response {
     let path = request.extensions().get::<MatchedPath>().cloned();
     let path = path.as_ref().map(MatchedPath::as_str);
@@ -40,17 +40,21 @@ fn admit(
     if let Found::Route(route) = &found
         && route.right.is_none()
     {
-        return Ok(User::stranger());
+        return Ok(User::Stranger);
     }
     let user = access.user(headers).map_err(refuse)?;
     match found {
-        Found::Route(route) if route.right.is_none_or(|right| user.role.has(right)) => Ok(user),
+        Found::Route(route) if route.right.is_none_or(|right| user.has(right)) => Ok(user),
         Found::Route(_) => Err(refuse(forbidden(format!(
             "role {} may not {method} here",
-            user.role.word()
+            user.role().word()
         )))),
-        Found::OtherMethods(allowed) => Err(Box::new(other_method(method, &allowed))),
-        // a path that nothing is routed to: 404 comes from behind
+        Found::OtherMethods(allowed) => {
+            let text = format!("{method} is not for this path; {allowed} are");
+            let problem = Problem::new(StatusCode::METHOD_NOT_ALLOWED, "method_not_allowed", text);
+            Err(Box::new(([(header::ALLOW, allowed)], problem).into_response()))
+        }
+        // a path without a route: the fallback answers 404
         Found::Nothing if path.is_none() => Ok(user),
         Found::Nothing => Err(refuse(Problem::new(
             StatusCode::INTERNAL_SERVER_ERROR,
@@ -58,17 +62,4 @@ fn admit(
             "this route stands in no table of rights; this is a fault of the runtime, please report it",
         ))),
     }
-}
-
-fn other_method(method: &Method, allowed: &str) -> Response {
-    let mut response = Problem::new(
-        StatusCode::METHOD_NOT_ALLOWED,
-        "method_not_allowed",
-        format!("{method} is not for this path; {allowed} are"),
-    )
-    .into_response();
-    if let Ok(allowed) = HeaderValue::try_from(allowed) {
-        response.headers_mut().insert(header::ALLOW, allowed);
-    }
-    response
 }

@@ -1,38 +1,33 @@
-//! Access over HTTP: whose token a request carries.
-//!
-//! The token stands in `Authorization: Bearer TOKEN`. Browsers cannot set that header on a WebSocket: there it may be
-//! one of the sub-protocols, `bearer.TOKEN`, beside `tandem.v1`, which the server chooses.
+//! Access over HTTP: the user of a request, from its `Authorization: Bearer TOKEN`. Browsers cannot set that header on a
+//! WebSocket, so there the token may be the sub-protocol `bearer.TOKEN`, next to `tandem.v1`, which the server selects.
 
-use std::collections::BTreeMap;
-use std::sync::Arc;
 use std::time::Duration;
 
 use axum::http::{HeaderMap, StatusCode, header};
-use parking_lot::Mutex;
 
-use super::{LiveTokens, Rate, Tokens, User};
+use super::{LiveTokens, Rate, Rates, User};
 use crate::problem::Problem;
 
 /// Sub-protocol of our WebSocket.
 pub(crate) const WEBSOCKET_PROTOCOL: &str = "tandem.v1";
 
-/// What stands before a token among sub-protocols.
+/// Prefix of a token among sub-protocols.
 const TOKEN_PROTOCOL: &str = "bearer.";
 
-/// Requests of one user: at once, and a second after that; more are 429.
+/// Requests of one user: burst, and rate per second; more are 429.
 const USER_BURST: u32 = 1000;
 const USER_PER_SECOND: u32 = 500;
 
-/// The same for requests with a wrong token or none, of all together; right ones are not held up by them.
+/// The same for all requests with a wrong token or none together; they never delay valid ones.
 const WRONG_BURST: u32 = 50;
 const WRONG_PER_SECOND: u32 = 10;
 
-/// Who may use the server.
+/// Identifies users and limits their requests.
 #[derive(Debug)]
 pub(crate) struct Access {
     tokens: Option<LiveTokens>,
-    // by the name of a user
-    rates: Mutex<BTreeMap<String, Arc<Rate>>>,
+    // by user name
+    rates: Rates<String>,
     wrong: Rate,
 }
 
@@ -40,7 +35,7 @@ impl Access {
     /// Without tokens everyone who reaches the server is `admin`.
     pub(crate) fn new(tokens: Option<LiveTokens>) -> Self {
         Self {
-            rates: Mutex::default(),
+            rates: Rates::new(USER_BURST, USER_PER_SECOND),
             tokens,
             wrong: Rate::new(WRONG_BURST, WRONG_PER_SECOND),
         }
@@ -49,10 +44,9 @@ impl Access {
     /// The user of a request.
     pub(crate) fn user(&self, headers: &HeaderMap) -> Result<User, Problem> {
         let Some(tokens) = &self.tokens else {
-            return Ok(User::anyone());
+            return Ok(User::Anyone);
         };
-        let tokens = tokens.now();
-        let Some(user) = token(headers).and_then(|token| tokens.user_of(token)) else {
+        let Some(user) = token(headers).and_then(|token| tokens.now().user_of(token)) else {
             return Err(match self.wrong.take() {
                 Ok(()) => Problem::new(
                     StatusCode::UNAUTHORIZED,
@@ -62,27 +56,14 @@ impl Access {
                 Err(wait) => too_many(wait),
             });
         };
-        match user.name.as_ref().map(|name| self.rate_of(name, &tokens).take()) {
-            Some(Err(wait)) => Err(too_many(wait)),
-            Some(Ok(())) | None => Ok(user),
-        }
+        let name = user.name().unwrap_or_default().to_owned();
+        self.rates.of(&name).take().map_err(too_many)?;
+        Ok(user)
     }
 
-    /// The tokens of now; `None` where none are asked for.
+    /// The tokens; `None` if none are needed.
     pub(crate) fn tokens(&self) -> Option<LiveTokens> {
         self.tokens.clone()
-    }
-
-    fn rate_of(&self, name: &str, tokens: &Tokens) -> Arc<Rate> {
-        let mut rates = self.rates.lock();
-        if let Some(rate) = rates.get(name) {
-            return Arc::clone(rate);
-        }
-        // users of an earlier list go when a new one comes
-        rates.retain(|known, _| tokens.user_named(known).is_some());
-        let rate = Arc::new(Rate::new(USER_BURST, USER_PER_SECOND));
-        rates.insert(name.to_owned(), Arc::clone(&rate));
-        rate
     }
 }
 
@@ -91,12 +72,12 @@ fn too_many(wait: Duration) -> Problem {
     Problem::new(StatusCode::TOO_MANY_REQUESTS, "too_many_requests", text)
 }
 
-/// A refusal of a user who is known.
+/// The refusal of a known user.
 pub(crate) fn forbidden(text: String) -> Problem {
     Problem::new(StatusCode::FORBIDDEN, "forbidden", text)
 }
 
-/// The token of a request. Two tokens are none.
+/// The token of a request. Two tokens count as none.
 fn token(headers: &HeaderMap) -> Option<&[u8]> {
     let mut authorizations = headers.get_all(header::AUTHORIZATION).iter();
     let mut protocols = headers

@@ -1,32 +1,31 @@
-//! The tokens in force: their file is read again when it has changed, so that a token can be made or revoked without
-//! stopping the machine.
+//! The tokens in force. Their file is read again when it changes, so tokens are added and revoked without a restart.
 
 use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::sync::watch;
-use tokio::time::MissedTickBehavior;
 use tracing::{info, warn};
 
 use super::Tokens;
 use super::tokens::Stamp;
+use crate::position::every;
 
-/// How often the file is looked at.
+/// How often the file is checked.
 const LOOK_INTERVAL: Duration = Duration::from_secs(2);
 
-/// The tokens of now.
+/// The current tokens.
 #[derive(Debug, Clone)]
 pub(crate) struct LiveTokens(watch::Receiver<Arc<Tokens>>);
 
 impl LiveTokens {
-    /// Tokens that follow their file as long as anybody asks for them.
+    /// Tokens that follow their file while anybody holds them.
     pub(crate) fn follow(tokens: Arc<Tokens>) -> Self {
         let (sender, receiver) = watch::channel(tokens);
         tokio::spawn(look_again(sender));
         Self(receiver)
     }
 
-    /// Tokens that stay as they are.
+    /// Tokens that never change.
     #[cfg(test)]
     pub(crate) fn fixed(tokens: Arc<Tokens>) -> Self {
         Self(watch::channel(tokens).1)
@@ -36,24 +35,22 @@ impl LiveTokens {
         Arc::clone(&self.0.borrow())
     }
 
-    /// Waits until there are others.
+    /// Waits for a change.
     pub(crate) async fn changed(&mut self) {
         if self.0.changed().await.is_err() {
-            // they are not followed any more
+            // there is no task that follows the file
             std::future::pending::<()>().await;
         }
     }
 }
 
-/// Looks at the file again and again. One that cannot be used leaves the tokens as they are, and is told once.
+/// Checks the file periodically. One that cannot be used changes nothing, and is logged once.
 async fn look_again(sender: watch::Sender<Arc<Tokens>>) {
-    let mut read = Arc::clone(&sender.borrow());
-    let Some(path) = read.path().map(ToOwned::to_owned) else {
+    let Some((path, stamp)) = sender.borrow().file() else {
         return;
     };
-    let mut seen = read.stamp();
-    let mut look = tokio::time::interval(LOOK_INTERVAL);
-    look.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let mut seen = Some(stamp);
+    let mut look = every(LOOK_INTERVAL);
     loop {
         tokio::select! {
             () = sender.closed() => return,
@@ -67,11 +64,10 @@ async fn look_again(sender: watch::Sender<Arc<Tokens>>) {
         let file = path.clone();
         match tokio::task::spawn_blocking(move || Tokens::read(&file)).await {
             Ok(Ok(tokens)) => {
-                seen = tokens.stamp();
-                if !tokens.same_users(&read) {
+                seen = tokens.file().map(|(_, stamp)| stamp);
+                if !tokens.same_users(&sender.borrow()) {
                     info!("the token file {} was read again", path.display());
-                    read = Arc::new(tokens);
-                    sender.send_replace(Arc::clone(&read));
+                    sender.send_replace(Arc::new(tokens));
                 }
             }
             Ok(Err(error)) => warn!("{error}; the tokens stay as they were"),

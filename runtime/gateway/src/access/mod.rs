@@ -1,7 +1,5 @@
-//! Who may do what: roles and their rights, tokens, and what each right opens on MQTT.
-//!
-//! A [`Right`] is named by every route and every topic of the wire; a [`Role`] is a set of
-//! rights. Without a token file everyone on the loopback is `admin`; with one, [`Tokens`] tells whose a token is.
+//! Access control: every route and topic needs a [`Right`], a [`Role`] is a set of rights, and a token identifies a user
+//! with a role. Without a token file everyone on the loopback is `admin`.
 
 pub(crate) mod guard;
 pub(crate) mod http;
@@ -11,14 +9,16 @@ mod rate;
 mod tokens;
 pub(crate) mod topics;
 
+use std::sync::Arc;
+
 use plc_api::wire::right::Right;
 use serde::{Deserialize, Serialize};
 
 pub(crate) use live::LiveTokens;
 pub use mosquitto::mosquitto_acl;
-pub(crate) use rate::Rate;
+pub(crate) use rate::{Rate, Rates};
 pub use tokens::{NewToken, TokenError, Tokens, new_token};
-pub(crate) use tokens::{TokenDigest, random_secret};
+pub(crate) use tokens::{Token, random_secret};
 
 /// What a user may do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -26,16 +26,16 @@ pub(crate) use tokens::{TokenDigest, random_secret};
 pub enum Role {
     /// Reads everything, changes nothing.
     View,
-    /// Works at the machine: commands, inputs, overrides, values, resets by hand.
+    /// Operates the machine: commands, inputs, overrides, values, resets by hand.
     Operate,
-    /// Everything, also the program store.
+    /// May do everything, including changes of the program store.
     Admin,
-    /// A sequence program: claims, resets, tells progress and its presence, each in its own name only, and raises alarms.
+    /// A sequence program: claims, resets, reports progress and presence, in its own name only, and raises alarms.
     Handler,
 }
 
 impl Role {
-    /// The roles and their words, as they stand in token files and on the command line.
+    /// The roles and their names in token files and on the command line.
     pub const ALL: [(&'static str, Role); 4] = [
         ("view", Role::View),
         ("operate", Role::Operate),
@@ -43,13 +43,13 @@ impl Role {
         ("handler", Role::Handler),
     ];
 
-    /// The role of a word.
+    /// The role with this name.
     pub fn of_word(word: &str) -> Option<Role> {
         let mut all = Self::ALL.iter();
         all.find(|(known, _)| *known == word).map(|(_, role)| *role)
     }
 
-    /// The word of the role.
+    /// The name of the role.
     pub fn word(self) -> &'static str {
         let mut all = Self::ALL.iter();
         all.find(|(_, role)| *role == self).map_or("", |(word, _)| word)
@@ -65,48 +65,50 @@ impl Role {
     }
 }
 
-/// A user who was let in.
+/// The user of a request or a connection.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct User {
-    /// Of the token; `None`: anyone on the loopback, where there is no token file.
-    pub(crate) name: Option<String>,
-    pub(crate) role: Role,
-    /// The token of a user with a name.
-    pub(crate) token: Option<TokenDigest>,
+pub(crate) enum User {
+    /// Anyone on the loopback, without a token file: an admin.
+    Anyone,
+    /// Anyone, on a route that needs no token.
+    Stranger,
+    /// The owner of a token.
+    Token(Arc<Token>),
 }
 
 impl User {
-    /// Anyone on the loopback, where there is no token file.
-    pub(crate) fn anyone() -> Self {
-        Self {
-            name: None,
-            role: Role::Admin,
-            token: None,
+    pub(crate) fn name(&self) -> Option<&str> {
+        match self {
+            User::Token(token) => Some(&token.name),
+            User::Anyone | User::Stranger => None,
         }
     }
 
-    /// Someone whose token was not asked for.
-    pub(crate) fn stranger() -> Self {
-        Self {
-            name: None,
-            role: Role::View,
-            token: None,
+    pub(crate) fn role(&self) -> Role {
+        match self {
+            User::Anyone => Role::Admin,
+            User::Stranger => Role::View,
+            User::Token(token) => token.role,
         }
     }
 
-    /// Why this user may not speak as this handler, if so: a handler's token speaks in its own name only.
+    pub(crate) fn has(&self, right: Right) -> bool {
+        self.role().has(right)
+    }
+
+    /// An error if this user may not act as this handler: a handler's token acts in its own name only.
     pub(crate) fn speaks_as(&self, handler_id: &str) -> Result<(), String> {
-        match &self.name {
-            Some(name) if self.role == Role::Handler && name != handler_id => Err(format!(
+        match self.name() {
+            Some(name) if self.role() == Role::Handler && name != handler_id => Err(format!(
                 "the token of {name} has role handler: it speaks as handler_id {name} only"
             )),
             _ => Ok(()),
         }
     }
 
-    /// Why this user may not reset as this handler, if so. By force is an operator's way.
+    /// An error if this user may not reset as this handler. Only operators may reset by force.
     pub(crate) fn resets_as(&self, handler_id: &str, force: bool) -> Result<(), String> {
-        if force && !self.role.has(Right::Operate) {
+        if force && !self.has(Right::Operate) {
             return Err("a reset by force needs role operate or admin".to_owned());
         }
         self.speaks_as(handler_id)
@@ -140,17 +142,13 @@ mod tests {
 
     #[test]
     fn a_handler_speaks_in_its_own_name_and_never_by_force() {
-        let user = |name: &str, role| User {
-            name: Some(name.to_owned()),
-            role,
-            token: None,
-        };
+        let user = Token::user_for_test;
         let handler = user("magazine", Role::Handler);
         assert!(handler.speaks_as("magazine").is_ok());
         assert!(handler.speaks_as("other").is_err());
         assert!(handler.resets_as("magazine", false).is_ok());
         assert!(handler.resets_as("magazine", true).is_err());
         assert!(user("hmi-1", Role::Operate).resets_as("hmi", true).is_ok());
-        assert!(User::anyone().resets_as("hmi", true).is_ok());
+        assert!(User::Anyone.resets_as("hmi", true).is_ok());
     }
 }

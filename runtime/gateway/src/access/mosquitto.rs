@@ -1,12 +1,12 @@
-//! The same access rules for an external broker: a Mosquitto ACL file.
+//! The access rules as a Mosquitto ACL file, for an external broker.
 
 use std::fmt::Write as _;
 
 use super::{Role, Tokens};
 use crate::contract::topics::inbound_topics;
 
-/// The text of a Mosquitto ACL file for the users of the tokens, and for the runtime's own user, which alone says
-/// state. `root` is the machine's topic root with its last slash.
+/// The text of a Mosquitto ACL file for the users of the tokens, and for the runtime's own user, the only one that may
+/// publish states. `root` is the machine's topic root with its last slash.
 pub fn mosquitto_acl(root: &str, runtime_user: Option<&str>, tokens: &Tokens) -> String {
     let mut text = format!(
         "# Access to the topics below {root}. Users are those of the token file; give each its token as password:\n# mosquitto_passwd -b PASSWORD_FILE NAME TOKEN\n"
@@ -21,7 +21,7 @@ pub fn mosquitto_acl(root: &str, runtime_user: Option<&str>, tokens: &Tokens) ->
     for (name, role) in tokens.users() {
         let _ = write!(text, "\n# {}\nuser {name}\ntopic read {root}#\n", role.word());
         for row in inbound_topics().filter(|row| role.has(row.right)) {
-            // a handler is present in its own name only
+            // a handler announces itself in its own name only
             let filter = match row.filter().as_str() {
                 "handler/+/presence" if role == Role::Handler => format!("handler/{name}/presence"),
                 filter => filter.to_owned(),

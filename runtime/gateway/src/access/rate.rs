@@ -1,11 +1,14 @@
-//! A limit on how often something may happen.
+//! Rate limits.
 
+use std::collections::HashMap;
+use std::hash::Hash;
+use std::sync::Arc;
 use std::time::Duration;
 
 use parking_lot::{Mutex, MutexGuard};
 use tokio::time::Instant;
 
-/// So many at once, and so many a second after that.
+/// A token bucket: a burst, refilled at a rate per second.
 #[derive(Debug)]
 pub(crate) struct Rate {
     burst: f64,
@@ -33,7 +36,7 @@ impl Rate {
         }
     }
 
-    /// Counts one more. An error is the time after which there is room again; then nothing is counted.
+    /// Counts one more. The error is the time until there is room again; then nothing is counted.
     pub(crate) fn take(&self) -> Result<(), Duration> {
         let mut state = self.refilled();
         if state.left < 1.0 {
@@ -43,7 +46,7 @@ impl Rate {
         Ok(())
     }
 
-    /// Counts one more, whether there is room or not: the time after which the debt is paid.
+    /// Counts one more even without room. Returns how long the caller must wait to keep to the rate.
     pub(crate) fn owe(&self) -> Duration {
         let mut state = self.refilled();
         state.left -= 1.0;
@@ -57,6 +60,37 @@ impl Rate {
         state.left = (state.left + gained).min(self.burst);
         state.since = now;
         state
+    }
+}
+
+/// One [`Rate`] per key. With more than `KEYS_MAX` keys all of them start afresh, so that memory stays bounded.
+#[derive(Debug)]
+pub(crate) struct Rates<K> {
+    burst: u32,
+    per_second: u32,
+    by_key: Mutex<HashMap<K, Arc<Rate>>>,
+}
+
+/// Keys of one [`Rates`]. Reason: more than the tokens of a file and than the clients of the broker.
+const KEYS_MAX: usize = 1024;
+
+impl<K: Clone + Eq + Hash> Rates<K> {
+    pub(crate) fn new(burst: u32, per_second: u32) -> Self {
+        Self {
+            burst,
+            per_second,
+            by_key: Mutex::default(),
+        }
+    }
+
+    /// The rate of a key.
+    pub(crate) fn of(&self, key: &K) -> Arc<Rate> {
+        let mut by_key = self.by_key.lock();
+        if by_key.len() >= KEYS_MAX && !by_key.contains_key(key) {
+            by_key.clear();
+        }
+        let new = || Arc::new(Rate::new(self.burst, self.per_second));
+        Arc::clone(by_key.entry(key.clone()).or_insert_with(new))
     }
 }
 
@@ -82,5 +116,18 @@ mod tests {
         assert_eq!(rate.owe(), Duration::ZERO);
         assert_eq!(rate.owe(), Duration::from_millis(100));
         assert_eq!(rate.owe(), Duration::from_millis(200));
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn each_key_has_a_rate_of_its_own_and_their_number_is_bounded() {
+        let rates = Rates::new(2, 1);
+        assert_eq!([(); 3].map(|()| rates.of(&0).take().is_ok()), [true, true, false]);
+        assert!(rates.of(&1).take().is_ok());
+        tokio::time::advance(Duration::from_secs(1)).await;
+        assert_eq!([(); 2].map(|()| rates.of(&0).take().is_ok()), [true, false]);
+        for key in 0..2 * KEYS_MAX {
+            rates.of(&key);
+        }
+        assert!(rates.by_key.lock().len() <= KEYS_MAX);
     }
 }

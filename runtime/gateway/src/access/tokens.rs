@@ -1,11 +1,11 @@
-//! Tokens: a file that holds the digest of each, never the token itself.
+//! Tokens. Their file holds digests, never the tokens themselves.
 
-use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use serde::Deserialize;
 use sha2::{Digest, Sha256};
-use subtle::{Choice, ConditionallySelectable, ConstantTimeEq};
+use subtle::{ConditionallySelectable, ConstantTimeEq};
 
 use super::{Role, User};
 
@@ -15,13 +15,13 @@ const FILE_MAX: u64 = 512 * 1024;
 /// Tokens of one file. Reason: each request is compared with every one.
 const TOKENS_MAX: usize = 1000;
 
-/// Characters of a user's name: one topic level and one file name anywhere.
+/// Characters of a user's name, which is also a topic level and a file name.
 const NAME_MAX: usize = 64;
 
-/// Bytes of a token that somebody presents. Reason: ours have 64; more is not worth hashing.
+/// Bytes of a presented token; a longer one is not hashed. Reason: ours have 64.
 const PRESENTED_MAX: usize = 512;
 
-/// Random bytes of a new token. It cannot be guessed, so that a plain digest of it is as good as a slow one.
+/// Random bytes of a new token. Nobody can guess them, so a plain digest is as safe as a slow one.
 const TOKEN_BYTES: usize = 32;
 
 /// Why a token file cannot be used.
@@ -33,7 +33,7 @@ pub enum TokenError {
     Unreadable {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// The system's error.
         source: std::io::Error,
     },
     /// Others than its owner may read or write it.
@@ -44,12 +44,12 @@ pub enum TokenError {
         /// Its permission bits.
         mode: u32,
     },
-    /// Its text is not a token file's.
+    /// It is malformed.
     #[error("token file {}: {text}", path.display())]
     Wrong {
         /// The file.
         path: PathBuf,
-        /// What is wrong, and what to write.
+        /// What is wrong, and how to correct it.
         text: String,
     },
     /// The name of a new token cannot be used.
@@ -57,7 +57,7 @@ pub enum TokenError {
         "{0:?} is not a name for a token; write 1 to 64 of a to z, A to Z, 0 to 9, . _ -, not beginning with . or -"
     )]
     Name(String),
-    /// The system gives no random bytes.
+    /// The system provides no random bytes.
     #[error("the system gives no random bytes: {0}")]
     Random(String),
 }
@@ -77,31 +77,40 @@ struct FileEntry {
     sha256: String,
 }
 
-#[derive(Clone, PartialEq, Eq)]
-struct Token {
-    name: String,
-    role: Role,
+/// An entry of the token file.
+#[derive(PartialEq, Eq)]
+pub(crate) struct Token {
+    pub(crate) name: String,
+    pub(crate) role: Role,
     digest: [u8; 32],
 }
 
 impl Token {
-    fn user(&self) -> User {
-        User {
-            name: Some(self.name.clone()),
-            role: self.role,
-            token: Some(TokenDigest(self.digest)),
-        }
+    /// A user with a token that nobody can present.
+    #[cfg(test)]
+    pub(crate) fn user_for_test(name: &str, role: Role) -> User {
+        User::Token(Arc::new(Token {
+            name: name.to_owned(),
+            role,
+            digest: [0; 32],
+        }))
+    }
+}
+
+impl std::fmt::Debug for Token {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.name)
     }
 }
 
 /// The tokens of a machine.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Tokens {
-    tokens: Vec<Token>,
+    tokens: Vec<Arc<Token>>,
     file: Option<(PathBuf, Stamp)>,
 }
 
-/// What tells one content of a file from the next.
+/// Identifies the content of a file without reading it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Stamp {
     inode: u64,
@@ -115,33 +124,25 @@ impl Stamp {
         Self {
             inode: file.ino(),
             bytes: file.len(),
-            // by the change of the file's properties, too: a mode that is put right counts
+            // not mtime: a corrected mode is a change, too
             modified: (file.ctime(), file.ctime_nsec()),
         }
     }
 }
 
-/// Which token somebody came in with. Not shown.
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub(crate) struct TokenDigest([u8; 32]);
-
-impl std::fmt::Debug for TokenDigest {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str("TokenDigest")
-    }
-}
-
 impl std::fmt::Debug for Tokens {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_list().entries(self.names()).finish()
+        f.debug_list()
+            .entries(self.users().map(|(name, _)| name))
+            .finish()
     }
 }
 
 impl Tokens {
-    /// Reads a token file, which only its owner may read and write.
+    /// Reads a token file, which only its owner may be able to read and write.
     ///
     /// # Errors
-    /// It cannot be read, others may read or write it, or its text is not a token file's.
+    /// It cannot be read, others than its owner may read or write it, or it is malformed.
     pub fn read(path: &Path) -> Result<Tokens, TokenError> {
         use std::io::Read as _;
         use std::os::unix::fs::PermissionsExt as _;
@@ -176,14 +177,9 @@ impl Tokens {
         })
     }
 
-    /// The file that they were read from.
-    pub(super) fn path(&self) -> Option<&Path> {
-        self.file.as_ref().map(|(path, _)| path.as_path())
-    }
-
-    /// That file as it was read.
-    pub(super) fn stamp(&self) -> Option<Stamp> {
-        self.file.as_ref().map(|(_, stamp)| *stamp)
+    /// The file they were read from, and its state then.
+    pub(super) fn file(&self) -> Option<(PathBuf, Stamp)> {
+        self.file.clone()
     }
 
     pub(super) fn same_users(&self, other: &Tokens) -> bool {
@@ -191,7 +187,7 @@ impl Tokens {
     }
 
     fn parse(text: &str) -> Result<Tokens, String> {
-        // its message alone: the lines of the file do not belong into a log
+        // only the message: the file's lines must not appear in a log
         let file: File = toml::from_str(text).map_err(|error| error.message().to_owned())?;
         if file.token.is_empty() {
             return Err("it has no [[token]]; make one with tandem token NAME --role ROLE".to_owned());
@@ -199,20 +195,19 @@ impl Tokens {
         if file.token.len() > TOKENS_MAX {
             return Err(format!("it has more than {TOKENS_MAX} tokens"));
         }
-        let mut tokens: Vec<Token> = Vec::with_capacity(file.token.len());
+        let mut tokens: Vec<Arc<Token>> = Vec::with_capacity(file.token.len());
         for FileEntry { name, role, sha256 } in file.token {
             if !is_name(&name) {
                 return Err(TokenError::Name(name).to_string());
             }
-            let digest = digest_of_hex(&sha256)
-                .ok_or_else(|| format!("token {name}: sha256 is 64 hexadecimal digits"))?;
-            if tokens
-                .iter()
-                .any(|token| token.name == name || token.digest == digest)
-            {
+            let mut digest = [0; 32];
+            hex::decode_to_slice(sha256, &mut digest)
+                .map_err(|_| format!("token {name}: sha256 is 64 hexadecimal digits"))?;
+            let is_same = |token: &Arc<Token>| token.name == name || token.digest == digest;
+            if tokens.iter().any(is_same) {
                 return Err(format!("token {name}: its name or sha256 is there twice"));
             }
-            tokens.push(Token { name, role, digest });
+            tokens.push(Arc::new(Token { name, role, digest }));
         }
         Ok(Tokens { tokens, file: None })
     }
@@ -222,49 +217,40 @@ impl Tokens {
         self.tokens.iter().map(|token| (token.name.as_str(), token.role))
     }
 
-    fn names(&self) -> impl Iterator<Item = &str> {
-        self.users().map(|(name, _)| name)
-    }
-
-    /// A user, by name.
+    /// The user with this name.
     pub(crate) fn user_named(&self, name: &str) -> Option<User> {
-        self.tokens
-            .iter()
-            .find(|token| token.name == name)
-            .map(Token::user)
+        let token = self.tokens.iter().find(|token| token.name == name);
+        token.cloned().map(User::Token)
     }
 
-    /// True while the token that a user came in with counts, with the same role.
+    /// Whether the token of a user is still valid, with the same role.
     pub(crate) fn has(&self, user: &User) -> bool {
-        let name = user.name.as_deref();
-        name.is_none_or(|name| self.user_named(name).as_ref() == Some(user))
+        match user {
+            User::Token(token) => self.tokens.contains(token),
+            User::Anyone | User::Stranger => true,
+        }
     }
 
-    /// Whose token it is. Compared with every token, each in the same time whatever is right about it.
+    /// The owner of a presented token. It is compared with every token, each in constant time.
     pub(crate) fn user_of(&self, presented: &[u8]) -> Option<User> {
         if presented.len() > PRESENTED_MAX {
             return None;
         }
         let digest: [u8; 32] = Sha256::digest(presented).into();
-        let mut found = Choice::from(0);
-        let mut place = 0_u64;
-        for (at, token) in (0_u64..).zip(&self.tokens) {
-            let same = token.digest.ct_eq(&digest);
-            place.conditional_assign(&at, same);
-            found |= same;
+        let mut place = u64::MAX;
+        for (at, token) in (0..).zip(&self.tokens) {
+            place.conditional_assign(&at, token.digest.ct_eq(&digest));
         }
-        if !bool::from(found) {
-            return None;
-        }
-        self.tokens.get(usize::try_from(place).ok()?).map(Token::user)
+        let token = self.tokens.get(usize::try_from(place).ok()?)?;
+        Some(User::Token(Arc::clone(token)))
     }
 }
 
-/// A token that was just made.
+/// A new token.
 pub struct NewToken {
-    /// The token itself: shown once, kept nowhere.
+    /// The token itself: shown once, stored nowhere.
     pub token: String,
-    /// Its entry of a token file.
+    /// Its entry for a token file.
     pub entry: String,
 }
 
@@ -277,13 +263,13 @@ impl std::fmt::Debug for NewToken {
 /// Makes a token of 256 random bits.
 ///
 /// # Errors
-/// The name cannot be used, or the system gives no random bytes.
+/// The name cannot be used, or the system provides no random bytes.
 pub fn new_token(name: &str, role: Role) -> Result<NewToken, TokenError> {
     if !is_name(name) {
         return Err(TokenError::Name(name.to_owned()));
     }
     let token = random_secret()?;
-    let digest = hex(&Sha256::digest(token.as_bytes()));
+    let digest = hex::encode(Sha256::digest(token.as_bytes()));
     let entry = format!(
         "[[token]]\nname = \"{name}\"\nrole = \"{}\"\nsha256 = \"{digest}\"\n",
         role.word()
@@ -293,9 +279,9 @@ pub fn new_token(name: &str, role: Role) -> Result<NewToken, TokenError> {
 
 /// 256 random bits as hexadecimal digits.
 pub(crate) fn random_secret() -> Result<String, TokenError> {
-    let mut bytes = [0; TOKEN_BYTES];
+    let mut bytes = [0_u8; TOKEN_BYTES];
     getrandom::fill(&mut bytes).map_err(|error| TokenError::Random(error.to_string()))?;
-    Ok(hex(&bytes))
+    Ok(hex::encode(bytes))
 }
 
 fn is_name(name: &str) -> bool {
@@ -304,25 +290,6 @@ fn is_name(name: &str) -> bool {
         && name
             .chars()
             .all(|c| c.is_ascii_alphanumeric() || ['.', '_', '-'].contains(&c))
-}
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().fold(String::new(), |mut text, byte| {
-        // writing to a String cannot fail
-        let _ = write!(text, "{byte:02x}");
-        text
-    })
-}
-
-fn digest_of_hex(text: &str) -> Option<[u8; 32]> {
-    let mut digest = [0; 32];
-    if text.len() != 64 || !text.is_ascii() {
-        return None;
-    }
-    for (byte, at) in digest.iter_mut().zip((0..).step_by(2)) {
-        *byte = u8::from_str_radix(text.get(at..at + 2)?, 16).ok()?;
-    }
-    Some(digest)
 }
 
 #[cfg(test)]
@@ -342,11 +309,11 @@ mod tests {
         let text = entry("hmi-1", "operate", &other) + &entry("cell", "view", &ABC.to_uppercase());
         let tokens = Tokens::parse(&text).unwrap();
         let user = tokens.user_of(b"abc").unwrap();
-        assert_eq!((user.name.as_deref(), user.role), (Some("cell"), Role::View));
+        assert_eq!((user.name(), user.role()), (Some("cell"), Role::View));
         assert_eq!(tokens.user_of(b"abd"), None);
         assert_eq!(tokens.user_of(b""), None);
         assert_eq!(tokens.user_of(ABC.as_bytes()), None, "the digest is no token");
-        assert_eq!(tokens.user_named("hmi-1").unwrap().role, Role::Operate);
+        assert_eq!(tokens.user_named("hmi-1").unwrap().role(), Role::Operate);
     }
 
     #[test]
@@ -354,7 +321,7 @@ mod tests {
         let other = "0".repeat(64);
         let cell = Tokens::parse(&entry("cell", "view", ABC)).unwrap();
         let user = cell.user_of(b"abc").unwrap();
-        assert!(cell.has(&user) && cell.has(&User::anyone()));
+        assert!(cell.has(&user) && cell.has(&User::Anyone));
         for text in [
             entry("cell", "admin", ABC),
             entry("cell", "view", &other),
@@ -369,7 +336,10 @@ mod tests {
     fn a_new_token_is_the_one_of_its_entry_and_no_two_are_the_same() {
         let new = new_token("hmi-1", Role::Operate).unwrap();
         let tokens = Tokens::parse(&new.entry).unwrap();
-        assert_eq!(tokens.user_of(new.token.as_bytes()).unwrap().role, Role::Operate);
+        assert_eq!(
+            tokens.user_of(new.token.as_bytes()).unwrap().role(),
+            Role::Operate
+        );
         assert_ne!(new.token, new_token("hmi-1", Role::Operate).unwrap().token);
         assert_eq!(new.token.len(), 64);
         assert!(!new.entry.contains(&new.token) && !format!("{new:?}").contains(&new.token));

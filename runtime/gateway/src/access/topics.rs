@@ -1,17 +1,16 @@
 //! Access to MQTT topics. Pure: no I/O.
 
-use serde::Deserialize;
-
 use plc_api::wire::right::Right;
+use serde::Deserialize;
 
 use super::User;
 use crate::contract::topics::inbound;
 
-/// True when a user may publish there. State is the runtime's alone; outside the machine's topics only the loopback
-/// without tokens may publish.
+/// Whether a user may publish on a topic. States belong to the runtime; below other roots anyone may publish without
+/// tokens, and nobody with them.
 pub(crate) fn may_publish(user: &User, root: &str, topic: &str) -> bool {
     let Some(path) = topic.strip_prefix(root) else {
-        return user.name.is_none();
+        return user.name().is_none();
     };
     let Some(row) = inbound(path) else {
         return false;
@@ -20,16 +19,16 @@ pub(crate) fn may_publish(user: &User, root: &str, topic: &str) -> bool {
         ["handler", id, "presence"] => user.speaks_as(id).is_ok(),
         _ => true,
     };
-    user.role.has(row.right) && in_own_name
+    user.has(row.right) && in_own_name
 }
 
-/// True when a user may subscribe. All that the machine says may be read by all who may read.
+/// Whether a user may subscribe. Whoever may read may read all that the machine publishes.
 pub(crate) fn may_subscribe(user: &User) -> bool {
-    user.role.has(Right::Read)
+    user.has(Right::Read)
 }
 
-/// Why a user may not say this there, if so: a handler claims, resets and tells progress in its own name, and never by
-/// force. What is not of that form is judged where it is read.
+/// An error if a user may not publish this payload: a handler claims, resets and reports progress in its own name, and
+/// never by force. A malformed payload is refused later, when it is decoded.
 pub(crate) fn may_say(user: &User, path: &str, payload: &[u8]) -> Result<(), String> {
     #[derive(Deserialize)]
     struct Said {
@@ -37,7 +36,7 @@ pub(crate) fn may_say(user: &User, path: &str, payload: &[u8]) -> Result<(), Str
         #[serde(default)]
         force: bool,
     }
-    if user.role.has(Right::Operate) || !path.contains("/m_code/") {
+    if user.has(Right::Operate) || !path.contains("/m_code/") {
         return Ok(());
     }
     match serde_json::from_slice::<Said>(payload) {
@@ -49,16 +48,12 @@ pub(crate) fn may_say(user: &User, path: &str, payload: &[u8]) -> Result<(), Str
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::access::Role;
+    use crate::access::{Role, Token};
 
     const ROOT: &str = "tandem/v1/mill-1/";
 
     fn user(role: Role) -> User {
-        User {
-            name: Some("magazine".to_owned()),
-            role,
-            token: None,
-        }
+        Token::user_for_test("magazine", role)
     }
 
     #[test]
@@ -98,8 +93,8 @@ mod tests {
             ROOT,
             "tandem/v1/mill-2/cs/1/command/start"
         ));
-        assert!(may_publish(&User::anyone(), ROOT, "plant/light"));
-        assert!(!may_publish(&User::anyone(), ROOT, "tandem/v1/mill-1/cs/1/state"));
+        assert!(may_publish(&User::Anyone, ROOT, "plant/light"));
+        assert!(!may_publish(&User::Anyone, ROOT, "tandem/v1/mill-1/cs/1/state"));
         assert!(
             roles
                 .map(|role| may_subscribe(&user(role)))

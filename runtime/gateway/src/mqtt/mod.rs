@@ -1,8 +1,7 @@
-//! MQTT end: everything that the port says goes out, everything that the interface takes comes in.
+//! The MQTT end: publishes the messages of the port, and makes requests of the messages that come in.
 //!
-//! [`Outbox`](outbox::Outbox) remembers what the broker has still to be told, [`decode`](plc_api::wire::mqtt::decode) reads what it tells us,
-//! [`dispatch`] asks the port, [`link`] holds the connection, and [`wire`] speaks to
-//! the broker. Nothing here ever holds up the port.
+//! [`link`] keeps the connection to the broker, [`wire`] is one connection over one version of MQTT, [`outbox`] holds what
+//! is still to be published, and [`dispatch`] makes requests of the port. The port never waits for any of them.
 
 mod dispatch;
 mod link;
@@ -13,6 +12,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use plc_api::server::ServedPort;
+use plc_api::types::Timestamp;
+use plc_api::types::message::{Message, Payload};
+use plc_api::types::topic::Topic;
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
@@ -22,13 +24,14 @@ use crate::metrics::Metrics;
 use crate::settings::MqttSettings;
 use link::Link;
 
-/// Messages refused by the embedded broker that wait to be answered.
+/// Messages refused by the embedded broker that wait for a reply.
 pub(crate) const REFUSED_MAX: usize = 64;
 
-/// Time to say goodbye to the broker.
+/// Time to publish the rest and to disconnect.
 const STOP_MAX: Duration = Duration::from_secs(2);
 
-/// Client id of the runtime at its broker. It holds the prefix: machines of one name push each other off otherwise.
+/// Client id of the runtime at its broker. It contains the prefix, so that machines with the same name do not disconnect
+/// each other.
 pub(crate) fn client_id(settings: &MqttSettings, machine: &str) -> String {
     if settings.client_id.is_empty() {
         match settings.prefix.as_str() {
@@ -40,18 +43,28 @@ pub(crate) fn client_id(settings: &MqttSettings, machine: &str) -> String {
     }
 }
 
-/// What the MQTT end is made of.
+/// What the MQTT end needs.
 pub(crate) struct Parts {
     pub(crate) port: Arc<dyn ServedPort>,
     pub(crate) settings: MqttSettings,
     pub(crate) machine: String,
-    /// Topic levels before all topics, with the last slash.
+    /// Root of all topics, with its last slash.
     pub(crate) root: String,
-    /// Where the broker is.
     pub(crate) at: BrokerAddress,
     pub(crate) position_interval: Duration,
     pub(crate) refused: mpsc::Receiver<Refused>,
     pub(crate) metrics: Arc<Metrics>,
+}
+
+/// A message of this boot, from now.
+fn message(port: &dyn ServedPort, topic: Topic, payload: Payload) -> Message {
+    Message {
+        topic,
+        boot_id: port.boot_id(),
+        ts: Timestamp::from_system_time(std::time::SystemTime::now()),
+        rev: None,
+        payload,
+    }
 }
 
 /// The MQTT end while it runs.
@@ -68,7 +81,7 @@ impl MqttEnd {
         Self { stop, task }
     }
 
-    /// Publishes that the runtime has gone, disconnects and stops.
+    /// Publishes that the runtime is offline, disconnects and stops.
     pub(crate) async fn stop(mut self) {
         self.stop.cancel();
         if tokio::time::timeout(STOP_MAX, &mut self.task).await.is_err() {
@@ -76,7 +89,7 @@ impl MqttEnd {
         }
     }
 
-    /// Ends without a goodbye, as a runtime that is killed.
+    /// Ends without disconnecting, as if the runtime were killed.
     #[cfg(test)]
     pub(crate) fn crash(self) {
         self.task.abort();

@@ -1,5 +1,5 @@
-//! What the broker has still to be told. The client library forgets what is unacknowledged when a session is gone,
-//! so it is kept here until then: of each state the last value, of events all in their order. Pure: no I/O.
+//! What is still to be published, and what the broker has not acknowledged: the client library forgets that with its
+//! session. Of each state the last value is kept, of events all in order. Pure: no I/O.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -17,14 +17,14 @@ pub(super) enum Parcel {
     Clear(String),
 }
 
-/// What became of a parcel that was to be handed over.
+/// The result of publishing a parcel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Handed {
     /// The client library has it.
     Over,
-    /// The client library is full: later.
+    /// The client library is full: try again later.
     Full,
-    /// No broker can take it: it is dropped.
+    /// No broker takes it: drop it.
     Never,
 }
 
@@ -48,19 +48,19 @@ impl Parcel {
     }
 }
 
-/// Everything that is to be published, and what has been without an acknowledgement yet.
+/// Everything to be published, and what was published and is not acknowledged yet.
 #[derive(Debug, Default)]
 pub(super) struct Outbox {
     // last value of each retained state
     states: BTreeMap<Topic, Arc<Message>>,
     queue: Queue<Parcel>,
     told_lost: u64,
-    // handed over with QoS 1, oldest first; None: a state, which is published again anyway
+    // published with QoS 1, oldest first; None: a state, which is published again anyway
     unacknowledged: VecDeque<Option<Parcel>>,
 }
 
 impl Outbox {
-    /// Takes a message.
+    /// Queues a message.
     pub(super) fn put(&mut self, message: Arc<Message>) {
         if message.topic.is_state() {
             self.states.insert(message.topic.clone(), Arc::clone(&message));
@@ -73,7 +73,7 @@ impl Outbox {
         self.queue.put(Parcel::Clear(path));
     }
 
-    /// Hands over, in order, as long as `publish` takes.
+    /// Publishes in order, until the client library is full.
     pub(super) fn send(&mut self, mut publish: impl FnMut(&Parcel) -> Handed) {
         while let Some(parcel) = self.queue.front() {
             let handed = publish(parcel);
@@ -90,20 +90,20 @@ impl Outbox {
         }
     }
 
-    /// The broker has acknowledged the oldest.
-    pub(super) fn acknowledged(&mut self) {
+    /// The broker has acknowledged the oldest message.
+    pub(super) fn on_acknowledged(&mut self) {
         self.unacknowledged.pop_front();
     }
 
-    /// True when nothing waits and all is acknowledged.
+    /// True when nothing waits and everything is acknowledged.
     pub(super) fn is_empty(&self) -> bool {
         self.queue.front().is_none() && self.unacknowledged.is_empty()
     }
 
-    /// After a connection was made: the last value of every retained state, and the events that no broker has
-    /// acknowledged; a state stands behind the last of them that explains it, before all others. The notices of outputs
-    /// that are still open come last, behind `pending`, which shows them.
-    pub(super) fn connected(&mut self) {
+    /// On a new connection, queues the last value of every retained state, and the events that no broker has acknowledged.
+    /// A state follows the last event that explains it; states without one come first. Notices of outputs that are still
+    /// open come last, after `pending`, which lists them.
+    pub(super) fn on_connected(&mut self) {
         let unacknowledged = std::mem::take(&mut self.unacknowledged).into_iter();
         let waiting = self.queue.take_all().into_iter();
         let (open, past): (Vec<_>, Vec<_>) = unacknowledged
@@ -128,7 +128,7 @@ impl Outbox {
         }
     }
 
-    /// True for the notice of an output that `pending` shows.
+    /// True for the notice of an output that `pending` lists.
     fn is_of_open_output(&self, parcel: &Parcel) -> bool {
         let Parcel::Message(message) = parcel else {
             return false;
@@ -144,7 +144,7 @@ impl Outbox {
         })
     }
 
-    /// Events dropped since this was asked last.
+    /// Events dropped since the last call.
     pub(super) fn take_lost(&mut self) -> u64 {
         let told = std::mem::replace(&mut self.told_lost, self.queue.lost());
         self.queue.lost() - told
@@ -240,8 +240,8 @@ mod tests {
         }
         assert_eq!(send_all(&mut outbox), [switch(false), cancel(1)]);
         assert!(!outbox.is_empty(), "nothing is acknowledged yet");
-        outbox.acknowledged();
-        outbox.acknowledged();
+        outbox.on_acknowledged();
+        outbox.on_acknowledged();
         assert!(outbox.is_empty());
     }
 
@@ -252,10 +252,10 @@ mod tests {
             outbox.put(message);
         }
         send_all(&mut outbox);
-        outbox.acknowledged(); // the state
-        outbox.acknowledged(); // cancel 1
+        outbox.on_acknowledged(); // the state
+        outbox.on_acknowledged(); // cancel 1
         outbox.put(cancel(3));
-        outbox.connected();
+        outbox.on_connected();
         assert_eq!(send_all(&mut outbox), [switch(true), cancel(2), cancel(3)]);
     }
 
@@ -304,7 +304,7 @@ mod tests {
         for message in [pending(2), cancel(2), pending(3), output(3)] {
             outbox.put(message);
         }
-        outbox.connected();
+        outbox.on_connected();
         let right = [
             switch(true),
             output(1),
@@ -325,7 +325,7 @@ mod tests {
         }
         let pending = showing([2, 4]);
         outbox.put(Arc::clone(&pending));
-        outbox.connected();
+        outbox.on_connected();
         let right = [
             output(1),
             output(3),

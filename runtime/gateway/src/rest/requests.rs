@@ -137,7 +137,7 @@ impl Sender for HttpSender<'_> {
     }
 
     fn client_id(&self) -> String {
-        self.user.name.clone().unwrap_or_else(|| CLIENT_ID.to_owned())
+        self.user.name().unwrap_or(CLIENT_ID).to_owned()
     }
 
     fn new_command_id(&self) -> String {

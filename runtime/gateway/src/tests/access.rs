@@ -486,6 +486,51 @@ async fn what_a_user_may_not_publish_reaches_nobody_and_the_connection_stays() {
 }
 
 #[tokio::test]
+async fn a_client_whose_token_is_revoked_is_disconnected_and_its_will_published_over_both_versions() {
+    use rumqttc::v5::mqttbytes::{QoS as QoS5, v5 as mqtt5};
+    let mut users = Users::new();
+    let (old, new, stays) = ["old", "new", "stays"]
+        .map(|name| crate::new_token(name, Role::Handler).unwrap())
+        .into();
+    let file = tempfile::NamedTempFile::new().unwrap();
+    std::fs::write(&file, [&old.entry[..], &new.entry, &stays.entry].concat()).unwrap();
+    users.settings.tokens = Some(Arc::new(crate::Tokens::read(file.path()).unwrap()));
+    let gateway = start_with(&port(), users.settings).await;
+    let address = gateway.mqtt_addr().unwrap();
+    let mut watch = Client::with_options(
+        mqtt_options(&gateway, "watch", "stays", &stays.token),
+        &["handler/+/presence"],
+    )
+    .await;
+    let will = |name: &str| (format!("{ROOT}handler/{name}/presence"), r#"{"online":false}"#);
+    let (topic, payload) = will("old");
+    let mut options = mqtt_options(&gateway, "old", "old", &old.token);
+    options.set_last_will(LastWill::new(topic, payload, QoS::AtLeastOnce, true));
+    let _old = Client::with_options(options, &[]).await;
+    let (topic, payload) = will("new");
+    let mut options = rumqttc::v5::MqttOptions::new("new", address.ip().to_string(), address.port());
+    options.set_credentials("new", &new.token);
+    options.set_last_will(mqtt5::LastWill::new(
+        topic,
+        payload,
+        QoS5::AtLeastOnce,
+        true,
+        None,
+    ));
+    let (_new, mut events) = rumqttc::v5::AsyncClient::new(options, 8);
+    within(events.poll()).await.expect("it is let in");
+
+    std::fs::write(&file, &stays.entry).unwrap();
+    let closed = async { while events.poll().await.is_ok() {} };
+    within(closed).await;
+    for name in ["old", "new"] {
+        let path = format!("handler/{name}/presence");
+        watch.next(&path, |value| value["online"] == false).await;
+    }
+    gateway.shutdown().await;
+}
+
+#[tokio::test]
 async fn with_tokens_any_address_may_be_listened_on_and_needs_them() {
     let users = Users::new();
     let mut settings = users.settings.clone();
