@@ -16,7 +16,7 @@ use crate::program_store::StoredProgram;
 
 impl CoordinateSystem {
     /// A run of manual data input; one or several lines.
-    pub(super) fn prepare_manual(&self, text: &str) -> Result<(String, Run), Refusal> {
+    pub(super) fn prepare_manual(&self, text: &str) -> Result<(String, Option<Run>), Refusal> {
         if text.len() > MDI_BYTES_MAX {
             let text = format!(
                 "the text has {} bytes; at most {MDI_BYTES_MAX} are read",
@@ -25,30 +25,26 @@ impl CoordinateSystem {
             return Err(Refusal::new(RefusalCode::TooLarge, text));
         }
         // An input needs no end of its own.
-        let program = Arc::new(StoredProgram::manual(
-            &format!("{text}\nM30\n"),
-            self.context.configured.text_rules(),
-            self.past.manual_goes_on,
-        ));
+        let text = format!("{text}\nM30\n");
+        self.prepare_text(Kind::Manual, &text, self.past.manual_goes_on)
+    }
+
+    fn prepare_text(&self, kind: Kind, text: &str, in_modal: bool) -> Result<(String, Option<Run>), Refusal> {
+        let program = StoredProgram::manual(text, self.context.configured.text_rules(), in_modal);
+        let program = Arc::new(program);
         let warning = self.context.check_called(&program)?;
-        Ok((warning, self.new_run(Kind::Manual, program)))
+        Ok((warning, Some(self.new_run(kind, program))))
     }
 
     /// A run that takes motors to their first reference points: all motors at once, each alone.
-    pub(super) fn prepare_home(&self, axes: &[char]) -> Result<(String, Run), Refusal> {
+    pub(super) fn prepare_home(&self, axes: &[char]) -> Result<(String, Option<Run>), Refusal> {
         let words: Vec<String> = axes
             .iter()
             .map(|axis| Ok(format!("{}0", self.axis_of(*axis)?.letter())))
             .collect::<Result<_, Refusal>>()?;
         // The middle point of G28 is where the machine is: 0 further.
         let text = format!("G91 G28 {}\nM30\n", words.join(" "));
-        let program = Arc::new(StoredProgram::manual(
-            &text,
-            self.context.configured.text_rules(),
-            false,
-        ));
-        let warning = self.context.check_called(&program)?;
-        Ok((warning, self.new_run(Kind::Home, program)))
+        self.prepare_text(Kind::Home, &text, false)
     }
 
     pub(super) fn axis_of(&self, letter: char) -> Result<Axis, Refusal> {
