@@ -1,4 +1,4 @@
-//! One coordinate system as a sequence program sees it: commands, inputs and readings.
+//! One coordinate system, from the point of view of a sequence program: commands, inputs and readings.
 
 use std::collections::BTreeMap;
 
@@ -20,12 +20,12 @@ use crate::types::state::{
 };
 use crate::types::topic::{CsTopic, Topic};
 
-/// One CNC coordinate system of a machine. Each command is answered when its effect has been reached.
+/// One CNC coordinate system of a machine. Each command returns when it has had its effect.
 #[derive(Debug, Clone)]
 pub struct CoordinateSystem {
     plc: Plc,
     number: CoordinateSystemNumber,
-    /// Of the control lease under which it commands.
+    /// Fence of the control lease under which it commands.
     fence: Option<u64>,
 }
 
@@ -36,7 +36,7 @@ macro_rules! readings {
                 $(#[$doc])*
                 ///
                 /// # Errors
-                /// There is no such coordinate system, or it has not said this yet.
+                /// There is no such coordinate system, or it has not published this yet.
                 pub async fn $name(&self) -> Result<$type> {
                     let topic = Topic::cs(self.number, CsTopic::$topic);
                     match self.plc.port().read(&topic).await.as_deref().map(|message| &message.payload) {
@@ -50,11 +50,11 @@ macro_rules! readings {
 }
 
 readings! {
-    /// State word, reason, and what is waited for.
+    /// State word, reason, and the output that the program waits for.
     state: State as State -> State;
-    /// Program, call stack and line that run.
+    /// Running program, call stack and line.
     program: Program as Program -> ProgramPlace;
-    /// Positions of the last servo cycle, over MQTT of the last tenth of a second; mm or degrees, feedrate mm/min.
+    /// Positions of the last servo cycle, over MQTT at most 0.1 s old; mm or degrees, feedrate mm/min.
     position: Position as Position -> Position;
     /// Modal G codes by group, F in mm/min, S in r/min, ta, td and ts in ms.
     modal: Modal as Modal -> Modal;
@@ -64,11 +64,11 @@ readings! {
     spindle: Spindle as Spindle -> Spindle;
     /// Tool in the spindle.
     tool: Tool as Tool -> Tool;
-    /// Who holds the control lease, if anybody does.
+    /// Holder of the control lease, if there is one.
     lease: Lease as Lease -> LeaseState;
     /// Overrides, percent.
     overrides: Override as Override -> Overrides;
-    /// Optional block skip inputs, and which of them the interpreter reads now.
+    /// Optional block skip inputs, and those that the interpreter uses now.
     optional_skip: OptionalSkip as OptionalSkip -> OptionalSkip;
     /// The interlock input and why it is on.
     interlock: Interlock as Lock -> Lock;
@@ -79,7 +79,7 @@ readings! {
 }
 
 impl Plc {
-    /// One CNC coordinate system, by its number from 1. A number that does not exist is an error of each call on it.
+    /// A CNC coordinate system by its number, from 1. If there is none, each call on it is an error.
     pub fn coordinate_system(&self, number: CoordinateSystemNumber) -> CoordinateSystem {
         CoordinateSystem {
             plc: self.clone(),
@@ -90,7 +90,7 @@ impl Plc {
 }
 
 impl CoordinateSystem {
-    /// The same, commanding under a control lease.
+    /// The same coordinate system, commanded under a control lease.
     pub(crate) fn under_lease(&self, fence: u64) -> Self {
         Self {
             fence: Some(fence),
@@ -107,7 +107,7 @@ impl CoordinateSystem {
         self.number
     }
 
-    /// Takes a program of the store by its number, 1 to 9999: READY. Allowed in READY, `PROGRAM_COMPLETED` and STOPPED without an alarm.
+    /// Loads a program of the store by its number, 1 to 9999: READY. Allowed in READY, `PROGRAM_COMPLETED` and STOPPED without an alarm.
     ///
     /// # Errors
     /// Not allowed now, no such program, or the program has errors.
@@ -115,7 +115,7 @@ impl CoordinateSystem {
         self.command(Command::Load { program }).await
     }
 
-    /// Starts the loaded program from its head: ACTIVE.
+    /// Starts the loaded program from its beginning: ACTIVE.
     ///
     /// # Errors
     /// Not allowed now, or a start lock is on.
@@ -123,7 +123,7 @@ impl CoordinateSystem {
         self.command(Command::Start).await
     }
 
-    /// Feed hold: `FEED_HOLD` once at rest. Without effect on a paused program and without a run.
+    /// Feed hold: `FEED_HOLD` once the axes are at rest. No effect if the program is paused or nothing runs.
     ///
     /// # Errors
     /// No such coordinate system, or the machine cannot be reached.
@@ -131,7 +131,7 @@ impl CoordinateSystem {
         self.command(Command::Hold).await
     }
 
-    /// Goes on after a pause.
+    /// Continues after a pause.
     ///
     /// # Errors
     /// Nothing is paused.
@@ -139,11 +139,10 @@ impl CoordinateSystem {
         self.command(Command::Resume).await
     }
 
-    /// In a feed hold with G500: back along the passed path (`true`), as far as there is a way back; or forward again
-    /// (`false`), as [`resume`](Self::resume) does. No output is made again, and no dwell waited again.
+    /// In a feed hold with G500: moves back along the path (`true`) as far as it is known, or forward again (`false`) as [`resume`](Self::resume) does. Outputs and dwells are not repeated.
     ///
     /// # Errors
-    /// Not held, or there is no way back from here; `false`: back trace is not on.
+    /// Not held, or no path to move back on; `false`: back trace is not on.
     pub async fn back_trace(&self, on: bool) -> Result<()> {
         self.command(Command::BackTrace { on }).await
     }
@@ -164,7 +163,7 @@ impl CoordinateSystem {
         self.command(Command::Abort).await
     }
 
-    /// Ends the run, cancels open outputs, clears alarms of this coordinate system and of the whole machine.
+    /// Ends the run, cancels open outputs, and clears alarms of this coordinate system and of the whole machine.
     ///
     /// # Errors
     /// The program is ACTIVE.
@@ -172,29 +171,26 @@ impl CoordinateSystem {
         self.command(Command::Reset).await
     }
 
-    /// Manual data input: runs one or several lines of NC text to their end, then READY. The modal state of an input
-    /// stays for the next one, until a program, homing, a stop, an alarm or a reset.
+    /// Manual data input: runs lines of NC text to their end, then READY. The next input continues with their modal state, until a program, homing, a stop, an alarm or a reset.
     ///
     /// # Errors
-    /// Not allowed now, the text has errors, or it was ended before its end.
+    /// Not allowed now, the text has errors, or it was ended early.
     pub async fn mdi(&self, text: impl Into<String>) -> Result<()> {
         self.command(Command::Mdi { text: text.into() }).await
     }
 
-    /// Moves axes to their first reference points, then READY; without axes, all of them.
+    /// Moves axes to their first reference points, then READY; an empty list means all axes.
     ///
     /// # Errors
-    /// Not allowed now, there is no such axis, or it was ended before its end.
+    /// Not allowed now, there is no such axis, or it was ended early.
     pub async fn home(&self, axes: &[char]) -> Result<()> {
         self.command(Command::Home { axes: axes.to_vec() }).await
     }
 
-    /// Moves one axis by hand while it is called again with the same `refresh_id` at least every 200 ms; a call that
-    /// refreshes returns at once, the one that began the jog when it has ended. `velocity` in mm/min or deg/min, its
-    /// sign is the direction; `distance` at the most, in mm or degrees.
+    /// Jogs one axis as long as it is called again with the same `refresh_id` at least every 200 ms. The first call returns when the jog has ended, the others at once. The sign of `velocity`, mm/min or deg/min, is the direction; `distance`, mm or degrees, is the longest way.
     ///
     /// # Errors
-    /// Not allowed now, no such axis, a value out of its range, the axis is at its soft limit, or the jog has ended.
+    /// Not allowed now, no such axis, a value out of range, the axis is at its soft limit, or the jog has ended.
     pub async fn jog(
         &self,
         axis: char,
@@ -211,16 +207,15 @@ impl CoordinateSystem {
         .await
     }
 
-    /// Notes that an alarm of [`Plc::alarms`] has been seen, and by whom; it stands until a reset.
+    /// Records that an alarm of [`Plc::alarms`] has been seen, and by whom; it stays active until a reset.
     ///
     /// # Errors
-    /// No alarm of this id stands, or as [`CoordinateSystem::command`].
+    /// No active alarm has this id, or as [`CoordinateSystem::command`].
     pub async fn acknowledge_alarm(&self, id: u64) -> Result<()> {
         self.command(Command::AlarmAcknowledge { id }).await
     }
 
-    /// Raises an alarm that stops this coordinate system and cancels its open outputs; it stands until a reset.
-    /// [`Plc::raise_alarm`] stops all.
+    /// Raises an alarm that stops this coordinate system and cancels its open outputs, until a reset. [`Plc::raise_alarm`] stops all of them.
     ///
     /// # Errors
     /// No such coordinate system, or as [`Plc::raise_alarm`].
@@ -228,10 +223,10 @@ impl CoordinateSystem {
         self.plc.raise(Some(self.number), alarm).await
     }
 
-    /// Carries out a command, and returns when its effect has been reached.
+    /// Carries out a command, and returns when it has had its effect.
     ///
     /// # Errors
-    /// [`Error::Refused`] when nothing has changed, [`Error::CommandFailed`] when something prevented its effect.
+    /// [`Error::Refused`] if nothing has changed, [`Error::CommandFailed`] if something prevented its effect.
     pub async fn command(&self, command: Command) -> Result<()> {
         let verb = command.verb();
         let request = typed::Command {
@@ -256,19 +251,18 @@ impl CoordinateSystem {
         }
     }
 
-    /// Waits until the state word is `execution`, and gives the state of then.
+    /// Waits until the state word is `execution`, and returns that state.
     ///
     /// # Errors
-    /// The machine's side ended.
+    /// The machine has ended the connection.
     pub async fn wait_until(&self, execution: Execution) -> Result<State> {
         self.wait_for(|state| state.execution == execution).await
     }
 
-    /// Waits until the state is as `is_it` says, and gives that state. Each state is looked at in order; of states
-    /// that follow each other faster than this program reads them, the latest.
+    /// Waits for a state for which `is_it` is true, and returns it. States are examined in order; if they change faster than they are read, only the latest is.
     ///
     /// # Errors
-    /// The machine's side ended.
+    /// The machine has ended the connection.
     pub async fn wait_for(&self, is_it: impl Fn(&State) -> bool) -> Result<State> {
         let topic = Topic::cs(self.number, CsTopic::State);
         let mut states = self.plc.port().subscribe(Filter::Topics(vec![topic]));
@@ -282,8 +276,7 @@ impl CoordinateSystem {
         Err(Error::Closed)
     }
 
-    /// Tells which tool is in the spindle, by its number in the [tool table](Plc::tools); 0: none. G41 to G44 that are
-    /// interpreted from now on take its measures (D17); a number that the table does not have is taken, too.
+    /// Reports the tool in the spindle, by its number in the [tool table](Plc::tools); 0: none. G41 to G44 interpreted from now on use its dimensions (D17). The number need not be in the table.
     ///
     /// # Errors
     /// No such coordinate system, or the machine cannot be reached.
@@ -291,7 +284,7 @@ impl CoordinateSystem {
         self.plc.request(typed::Tool(self.number, id)).await
     }
 
-    /// Commands the spindle; `rpm` counts for `Cw` and `Ccw`.
+    /// Commands the spindle; `rpm` is used by `Cw` and `Ccw`.
     ///
     /// # Errors
     /// There is no spindle, or the speed is out of its range.
@@ -317,7 +310,7 @@ impl CoordinateSystem {
         self.set(Input::OptionalStop(value)).await
     }
 
-    /// Sets single block: each block ends at rest, INTERRUPTED, until it is resumed.
+    /// Sets single block: after each block the axes stop, INTERRUPTED, until a resume.
     ///
     /// # Errors
     /// Within cutter compensation or a tapping cycle, or no such coordinate system.
@@ -325,7 +318,7 @@ impl CoordinateSystem {
         self.set(Input::SingleBlock(value)).await
     }
 
-    /// Sets dry run: blocks read from now on move at the feedrate of dry run in place of F; threads keep theirs.
+    /// Sets dry run: blocks interpreted from now on move at the dry run feedrate instead of F, except threads.
     ///
     /// # Errors
     /// No such coordinate system, or the machine cannot be reached.
@@ -333,7 +326,7 @@ impl CoordinateSystem {
         self.set(Input::DryRun(value)).await
     }
 
-    /// Sets the interlock: while it is on, motion is held and nothing that moves begins; `text` says why.
+    /// Sets the interlock: while it is on, motion is held and none starts; `text` is the reason.
     ///
     /// # Errors
     /// No such coordinate system, or the machine cannot be reached.
@@ -342,7 +335,7 @@ impl CoordinateSystem {
         self.set(Input::Interlock(Lock { value, text })).await
     }
 
-    /// Sets the start lock: while it is on, no program begins; `text` says why.
+    /// Sets the start lock: while it is on, no program starts; `text` is the reason.
     ///
     /// # Errors
     /// No such coordinate system, or the machine cannot be reached.
@@ -351,7 +344,7 @@ impl CoordinateSystem {
         self.set(Input::StartLock(Lock { value, text })).await
     }
 
-    /// Sets overrides, percent: feed and spindle 0 to 200, rapid 0 to 100; those that are `None` stay.
+    /// Sets overrides, percent: feed and spindle 0 to 200, rapid 0 to 100; `None` leaves one unchanged.
     ///
     /// # Errors
     /// A value out of its range, or no such coordinate system.

@@ -1,4 +1,4 @@
-//! The loop of a sequence program: it listens to the machine and starts the work on outputs.
+//! The loop of a sequence program: it reads messages of the machine and starts handlers.
 
 use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -39,7 +39,7 @@ struct Runner {
     running: HashMap<OutputId, Running>,
     work: FuturesUnordered<BoxFuture<'static, OutputId>>,
     presence: Presence,
-    // the machine knows of these handlers; outputs are taken up from now on
+    // the machine knows these handlers; outputs are claimed from now on
     is_known: bool,
 }
 
@@ -50,7 +50,7 @@ pub(super) async fn run(
     handler_id: Arc<str>,
 ) -> Result<()> {
     let presence = Presence::new(plc, handler_id, table.codes(), table.validates());
-    // dropped after the runner, and with it after the handlers
+    // dropped after the runner, thus after the handlers
     let _gone = presence.gone();
     let mut runner = Runner {
         table,
@@ -62,7 +62,7 @@ pub(super) async fn run(
     };
     loop {
         tokio::select! {
-            // first what the machine says: a cancel reaches a handler before it is polled again
+            // messages first: a cancel reaches a handler before it is polled again
             biased;
             event = runner.presence.next() => match event? {
                 Some(event) => runner.on_event(event),
@@ -114,7 +114,7 @@ impl Runner {
         }
     }
 
-    /// A program is being loaded that puts out this M code.
+    /// A program with this M code is being loaded.
     fn on_validate(&mut self, cs: CoordinateSystemNumber, m: u16, asked: &Validate) {
         if !self.table.validates() || self.table.find(cs, m).is_none() {
             return;
@@ -138,7 +138,7 @@ impl Runner {
         }
     }
 
-    /// Ends what is no longer open or another's, takes up what is open.
+    /// Ends handlers whose output is no longer open or is another handler's, and starts handlers of open outputs.
     fn look_at(&mut self, cs: CoordinateSystemNumber) {
         let Some(message) = self.presence.open.of(cs).filter(|_| self.is_known) else {
             return;
@@ -164,7 +164,7 @@ impl Runner {
 
     fn take_up(&mut self, id: OutputId, pending: &PendingOutput) {
         if let Some(running) = self.running.get(&id) {
-            // only the connection was lost
+            // the handler still runs: only the connection was lost
             if pending.lost && !running.abort.is_aborted() && !running.output.is_answering() {
                 self.presence.reclaim(id, pending.output.m);
             }
@@ -216,7 +216,7 @@ impl Runner {
     }
 }
 
-/// The future, and with it the handler, is dropped before the end is known; its clean-up ends no other.
+/// Drops the future, and with it the handler, before its end is reported; a panic in its destructors ends no other.
 async fn worked(mut work: Pin<Box<Abortable<impl Future<Output = ()>>>>, id: OutputId) -> OutputId {
     let _aborted = (&mut work).await;
     if let Err(panicked) = catch_unwind(AssertUnwindSafe(|| drop(work))) {

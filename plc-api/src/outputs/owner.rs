@@ -1,4 +1,4 @@
-//! The owner of the outputs of a raw queue: a named handler that the machine knows.
+//! The named handler that owns the outputs of a raw queue.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
@@ -13,10 +13,10 @@ use crate::plc::Plc;
 use crate::presence::{Event, Gone, Presence};
 use crate::types::request::Refusal;
 
-/// What was given out and is not dropped yet; true while it is claimed and not answered.
+/// Outputs in use; true while one is claimed and not answered.
 type Held = Arc<Mutex<BTreeMap<OutputId, bool>>>;
 
-/// What the queue and its outputs share; the machine is told that they have gone with the last of them.
+/// Shared by the queue and its outputs; the machine is told that the handler is offline when the last is dropped.
 #[derive(Debug)]
 pub(super) struct Owner {
     held: Held,
@@ -32,7 +32,7 @@ impl Drop for Owner {
 }
 
 impl Owner {
-    /// The machine is told of it, and again whenever it must be told, from a task.
+    /// Spawns the task that announces the handler.
     pub(super) fn start(presence: Presence) -> Self {
         let (known, is_known) = watch::channel(None);
         let held = Held::default();
@@ -44,7 +44,7 @@ impl Owner {
         }
     }
 
-    /// Waits until the machine knows of it.
+    /// Waits until the machine knows the handler.
     pub(super) async fn known(&self) -> Result<()> {
         let mut known = self.known.clone();
         let told = known.wait_for(Option::is_some).await;
@@ -64,7 +64,7 @@ impl Owner {
         lock(&self.held).insert(id.clone(), claimed);
     }
 
-    /// Forgets an output; true when it was claimed and not answered.
+    /// Forgets an output; true if it was claimed and not answered.
     pub(super) fn forget(&self, id: &OutputId) -> bool {
         lock(&self.held).remove(id).unwrap_or(false)
     }
@@ -74,7 +74,7 @@ impl Owner {
     }
 }
 
-/// Keeps the machine informed that the queue is there, until it ends or does not take it.
+/// Announces the handler and repeats lost claims, until the machine ends the connection or refuses it.
 async fn keep(
     mut presence: Presence,
     held: Held,

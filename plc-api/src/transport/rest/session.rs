@@ -1,4 +1,4 @@
-//! The WebSocket: what the machine says, which handlers this process serves, and what they say of programs to be loaded.
+//! The WebSocket: messages of the machine, and presence and validations of handlers.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -20,7 +20,7 @@ use crate::types::topic::Topic;
 use super::super::backoff::Backoff;
 use super::Shared;
 
-/// The machine pings every 15 s; silence for this long means that the connection is gone.
+/// The machine pings every 15 s; after this silence the connection counts as lost.
 const SILENCE_MAX: Duration = Duration::from_secs(45);
 
 type Socket = WebSocketStream<MaybeTlsStream<TcpStream>>;
@@ -28,20 +28,20 @@ type Socket = WebSocketStream<MaybeTlsStream<TcpStream>>;
 /// Keeps a connection until the port is dropped.
 pub(super) async fn keep_connected(shared: Arc<Shared>) {
     let mut backoff = Backoff::default();
-    while !shared.is_closed() {
+    while !shared.link.is_closed() {
         match open(&shared).await {
             Ok(mut socket) => {
-                tracing::info!(address = %shared.address.shown, "connected");
+                tracing::info!(address = %shared.link.address, "connected");
                 backoff.reset();
                 if let Err(error) = serve(&shared, &mut socket).await {
-                    tracing::warn!(%error, address = %shared.address.shown, "connection lost");
+                    tracing::warn!(%error, address = %shared.link.address, "connection lost");
                     lock(&shared.state).trouble = Some(error.to_string());
                 }
                 gone(&shared);
             }
             Err(error) => lock(&shared.state).trouble = Some(error.to_string()),
         }
-        if !shared.is_closed() {
+        if !shared.link.is_closed() {
             backoff.wait().await;
         }
     }
@@ -60,14 +60,14 @@ async fn open(shared: &Shared) -> tungstenite::Result<Socket> {
     let mut state = lock(&shared.state);
     state.trouble = None;
     state.unsaid = state.handlers.keys().cloned().collect();
-    // What was asked over the last connection is not waited for any more.
+    // the machine no longer waits for answers to questions of the last connection
     state.validated.clear();
     drop(state);
-    shared.wake.notify_one();
+    shared.link.wake.notify_one();
     Ok(socket)
 }
 
-/// Until the connection ends, or the port is dropped.
+/// Receives and sends until the connection ends, or the port is dropped.
 async fn serve(shared: &Shared, socket: &mut Socket) -> tungstenite::Result<()> {
     loop {
         tokio::select! {
@@ -78,9 +78,9 @@ async fn serve(shared: &Shared, socket: &mut Socket) -> tungstenite::Result<()> 
                 Ok(Some(Err(error))) => return Err(error),
                 Err(_) => return Err(tungstenite::Error::Io(std::io::ErrorKind::TimedOut.into())),
             },
-            () = shared.wake.notified() => {
-                if shared.is_closed() {
-                    // The machine notices at once that the handlers have gone.
+            () = shared.link.wake.notified() => {
+                if shared.link.is_closed() {
+                    // so the machine notices at once that the handlers are offline
                     return socket.close(None).await;
                 }
                 for said in unsaid(shared) {
@@ -91,7 +91,7 @@ async fn serve(shared: &Shared, socket: &mut Socket) -> tungstenite::Result<()> 
     }
 }
 
-/// The frames that are still to be said: presences of handlers first, then what they have validated.
+/// The frames to send: presence of handlers first, then results of validations.
 fn unsaid(shared: &Shared) -> Vec<Value> {
     let mut state = lock(&shared.state);
     let unsaid = std::mem::take(&mut state.unsaid);
@@ -100,11 +100,7 @@ fn unsaid(shared: &Shared) -> Vec<Value> {
             online,
             handles,
             validates,
-        } = state.handlers.get(id).cloned().unwrap_or(HandlerPresence {
-            online: false,
-            handles: Vec::new(),
-            validates: false,
-        });
+        } = state.handlers.get(id).cloned().unwrap_or_default();
         json!({ "handler": { "id": id, "online": online, "handles": handles, "validates": validates } })
     };
     let mut frames: Vec<_> = unsaid.iter().map(presence).collect();
@@ -112,22 +108,22 @@ fn unsaid(shared: &Shared) -> Vec<Value> {
     frames
 }
 
-/// Until the next connection the machine counts as absent: what is pending may be out of date.
+/// Until the next connection the machine counts as offline: `pending` may be out of date.
 fn gone(shared: &Shared) {
-    let Some(last) = shared.hub.read(&Topic::Presence) else {
+    let Some(last) = shared.link.hub.read(&Topic::Presence) else {
         return;
     };
     if let Payload::Presence(presence) = &last.payload {
         let mut absent = presence.clone();
         absent.online = false;
-        shared.hub.publish(Message {
+        shared.link.hub.publish(Message {
             payload: Payload::Presence(absent),
             ..(*last).clone()
         });
     }
 }
 
-/// Hands a message to the hub.
+/// Passes a message to the hub.
 fn hear(shared: &Shared, text: &str) {
     #[derive(Deserialize)]
     struct Named {
@@ -143,12 +139,12 @@ fn hear(shared: &Shared, text: &str) {
         return;
     };
     match Message::from_json(topic, text.as_bytes()) {
-        Ok(message) => shared.hub.publish(message),
+        Ok(message) => shared.link.hub.publish(message),
         Err(error) => tracing::warn!(%error, "a message that is not of its topic's form"),
     }
 }
 
-/// Tells who waits for the handler that an error frame names.
+/// Refuses the announcement of the handler that an error frame names.
 fn refused(shared: &Shared, text: String) {
     let mut state = lock(&shared.state);
     let is_named = |id: &&String| text.contains(&Topic::HandlerPresence((*id).clone()).path());
@@ -161,7 +157,7 @@ fn refused(shared: &Shared, text: String) {
     shared.refused.notify_waiters();
 }
 
-/// What an error frame says; at most 200 characters of anything else.
+/// The text of an error frame; at most 200 characters of any other frame.
 fn shown(text: &str) -> String {
     let error = serde_json::from_str::<Value>(text)
         .ok()
