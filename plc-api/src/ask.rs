@@ -19,7 +19,8 @@ use crate::types::request::typed::{self, AnswerQuestion};
 use crate::types::topic::{CsTopic, Topic};
 
 impl AuxOutput {
-    /// Asks the operator, and waits for one of the choices. The question is shown with the output and ends with it. Several questions are asked one after the other. Dropping the future withdraws the question.
+    /// Asks the operator, and waits for one of the choices. The question is shown with the output and ends with it.
+    /// Several questions are asked one after the other. Dropping the future withdraws the question.
     ///
     /// `text` has 1 to 200 characters; there are 1 to 8 different choices of 1 to 40 characters.
     ///
@@ -222,7 +223,8 @@ impl CoordinateSystem {
     /// Answers a question with one of its choices.
     ///
     /// # Errors
-    /// The choice is none of them, or the question has been answered or withdrawn. Over MQTT only the first is reported.
+    /// The choice is none of them, or the question has been answered or withdrawn. Over MQTT only the first is
+    /// reported.
     pub async fn answer(&self, asked: &OpenQuestion, choice: impl Into<String>) -> Result<()> {
         let choice = choice.into();
         if !asked.question.choices.contains(&choice) {

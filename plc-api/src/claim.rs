@@ -100,7 +100,8 @@ pub(crate) async fn until_answered(
     }
 }
 
-/// Whether the handler starts on an output, and then whether it must check the machine first; `None` leaves it to an operator.
+/// Whether the handler starts on an output, and then whether it must check the machine first; `None` leaves it to an
+/// operator.
 pub(crate) fn taken_up(lost: bool, told: Option<Redelivery>, on_redelivery: Redelivery) -> Option<bool> {
     match (lost, told) {
         (_, Some(Redelivery::Redo)) | (false, _) => Some(false),

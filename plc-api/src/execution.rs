@@ -1,4 +1,5 @@
-//! The command table: which command is allowed in which state, for the runtime and for [`FakePort`](crate::fake::FakePort).
+//! The command table: which command is allowed in which state, for the runtime and for
+//! [`FakePort`](crate::fake::FakePort).
 
 use crate::types::command::Verb;
 use crate::types::request::{Refusal, RefusalCode};

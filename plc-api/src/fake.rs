@@ -1,8 +1,13 @@
 //! A scripted machine for unit tests of handlers: a [`Port`] with the real handshake and its own clock.
 //!
-//! The test puts out outputs ([`FakePort::put_out`]), and looks at how each ended ([`FakePort::closed`]) and at other requests ([`FakePort::requests`]). Time stands still until [`FakePort::advance`]. In a current-thread tokio runtime, the default of `#[tokio::test]`, each run is the same.
+//! The test puts out outputs ([`FakePort::put_out`]), and looks at how each ended ([`FakePort::closed`]) and at other
+//! requests ([`FakePort::requests`]). Time stands still until [`FakePort::advance`]. In a current-thread tokio runtime,
+//! the default of `#[tokio::test]`, each run is the same.
 //!
-//! The state follows: READY with program 1 at first, WAIT while an output is open, ACTIVE after its reset, STOPPED with an alarm if it fails, `PROGRAM_COMPLETED` after [`FakePort::put_end`]. Commands are allowed by the same [table](crate::execution) as on a machine, and have their effect at once. Inputs, tool and spindle read back as they were set.
+//! The state follows: READY with program 1 at first, WAIT while an output is open, ACTIVE after its reset, STOPPED with
+//! an alarm if it fails, `PROGRAM_COMPLETED` after [`FakePort::put_end`]. Commands are allowed by the same
+//! [table](crate::execution) as on a machine, and have their effect at once. Inputs, tool and spindle read back as they
+//! were set.
 //!
 //! ```
 //! # use plc_api::{Execution, Params, fake::FakePort, types::request::Refusal};
@@ -20,7 +25,9 @@
 //! # Ok(()) }
 //! ```
 //!
-//! It has no motion and reads no NC program: positions, captured positions, modal codes, and what depends on them (M00, M01, single block, `with_motion` outputs) exist only if a test publishes them by [`FakePort::say`]. To test with them use `tandem_runtime::test`.
+//! It has no motion and reads no NC program: positions, captured positions, modal codes, and what depends on them (M00,
+//! M01, single block, `with_motion` outputs) exist only if a test publishes them by [`FakePort::say`]. To test with
+//! them use `tandem_runtime::test`.
 
 mod alarms;
 mod data;
@@ -57,7 +64,8 @@ use system::System;
 /// Open outputs of one coordinate system.
 const OPEN_OUTPUTS_MAX: usize = 64;
 
-/// Turns that [`FakePort::settle`] yields to other tasks. Reason: more than the wake-ups between an output and its reset.
+/// Turns that [`FakePort::settle`] yields to other tasks. Reason: more than the wake-ups between an output and its
+/// reset.
 const SETTLE_TURNS: usize = 128;
 
 /// A scripted machine. Clones are handles to the same machine.
@@ -104,7 +112,8 @@ impl FakePort {
         Plc::in_process(Arc::new(self.clone()))
     }
 
-    /// Puts out an output without a time limit, for which the program waits, and returns its `seq`. Starts a run if there is none; in a hold the output is put out at the resume.
+    /// Puts out an output without a time limit, for which the program waits, and returns its `seq`. Starts a run if
+    /// there is none; in a hold the output is put out at the resume.
     ///
     /// # Panics
     /// There is no such coordinate system, or 64 outputs are open in it: mistakes of the test.
@@ -180,12 +189,28 @@ impl FakePort {
         lock(&self.inner).handlers.clone()
     }
 
-    /// Has the handlers of an M code check parameters, as a program load does. `Err` is the text of the handler that refuses; handlers without a check accept everything.
+    /// Has the handlers of an M code check parameters, as a program load does. `Err` is the text of the handler that
+    /// refuses; handlers without a check accept everything.
     ///
     /// # Errors
     /// A handler refuses.
     pub async fn validate(&self, cs: CoordinateSystemNumber, m: u16, params: Params) -> Result<(), String> {
-        let request_id = self.ask_to_validate(Topic::cs(cs, CsTopic::Validate(m)), params);
+        let request_id = {
+            let mut inner = lock(&self.inner);
+            let request_id = format!("validate-{}", inner.rev);
+            let asked = Validate {
+                request_id: request_id.clone(),
+                program: 1,
+                line: 1,
+                params,
+            };
+            self.publish(
+                &mut inner,
+                Topic::cs(cs, CsTopic::Validate(m)),
+                Payload::Validate(asked),
+            );
+            request_id
+        };
         self.settle().await;
         let inner = lock(&self.inner);
         let mut results = inner
@@ -198,20 +223,8 @@ impl FakePort {
         }
     }
 
-    fn ask_to_validate(&self, topic: Topic, params: Params) -> String {
-        let mut inner = lock(&self.inner);
-        let request_id = format!("validate-{}", inner.rev);
-        let asked = Validate {
-            request_id: request_id.clone(),
-            program: 1,
-            line: 1,
-            params,
-        };
-        self.publish(&mut inner, topic, Payload::Validate(asked));
-        request_id
-    }
-
-    /// Cancels all open outputs and ends the run, as a stop, a reset or an alarm does; with [`CancelReason::Operator`] the run continues.
+    /// Cancels all open outputs and ends the run, as a stop, a reset or an alarm does; with [`CancelReason::Operator`]
+    /// the run continues.
     pub fn cancel(&self, cs: CoordinateSystemNumber, reason: CancelReason) {
         let mut inner = lock(&self.inner);
         self.end_run(&mut inner, cs, reason);
@@ -247,7 +260,9 @@ impl FakePort {
         self.publish_birth(&mut inner);
     }
 
-    /// Publishes a message of a coordinate system, such as its state or captured positions. The payload must be of the topic's type. A state also becomes the state of this machine: commands are allowed by it, and it changes with them and with outputs.
+    /// Publishes a message of a coordinate system, such as its state or captured positions. The payload must be of the
+    /// topic's type. A state also becomes the state of this machine: commands are allowed by it, and it changes with
+    /// them and with outputs.
     ///
     /// ```
     /// use plc_api::types::message::Payload;

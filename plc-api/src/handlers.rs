@@ -1,13 +1,13 @@
 //! Sequence programs made of handlers: one async function for each M code.
 //!
-//! A handler receives the output and the machine, does its work, and returns: `Ok` resets the output, `Err` raises an alarm with its text. Handlers of several open outputs run concurrently, all within [`SequenceProgram::run`].
+//! A handler receives the output and the machine, does its work, and returns: `Ok` resets the output, `Err` raises an
+//! alarm with its text. Handlers of several open outputs run concurrently, all within [`SequenceProgram::run`].
 
 mod output;
 mod run;
 mod table;
 #[cfg(test)]
 mod tests;
-mod work;
 
 pub use output::{AuxOutput, Cancellation};
 pub use table::{Handler, with};
@@ -101,7 +101,8 @@ impl Default for SequenceProgram {
 impl<Scope> SequenceProgram<Scope> {
     /// Adds a handler for one or several M codes. For state shared with other handlers see [`with`].
     ///
-    /// [`SequenceProgram::run`] refuses a second handler for a code, a code above 191, and those that the runtime handles itself: M00, M01, M02, M30, M98, M99.
+    /// [`SequenceProgram::run`] refuses a second handler for a code, a code above 191, and those that the runtime
+    /// handles itself: M00, M01, M02, M30, M98, M99.
     #[must_use]
     pub fn on<A>(mut self, codes: impl MCodes, handler: impl Handler<A>) -> Self {
         self.serve(&codes.m_codes(), handler);
@@ -112,7 +113,9 @@ impl<Scope> SequenceProgram<Scope> {
         self.table.add(self.cs, codes, handler);
     }
 
-    /// Checks the parameters of an M code when a program is loaded, before anything moves: a program with wrong parameters is not loaded, and the refusal names their lines. Parameters that come from variables are known only when the block runs, so the handler calls the same function again.
+    /// Checks the parameters of an M code when a program is loaded, before anything moves: a program with wrong
+    /// parameters is not loaded, and the refusal names their lines. Parameters that come from variables are known only
+    /// when the block runs, so the handler calls the same function again.
     ///
     /// ```
     /// # use plc_api::{Alarm, AuxOutput, Params, SequenceProgram};
@@ -134,7 +137,8 @@ impl<Scope> SequenceProgram<Scope> {
     /// # assert_eq!(program.check(), Ok(()));
     /// ```
     ///
-    /// The check must not block: if the answer takes more than two seconds, the program is loaded with a warning. [`SequenceProgram::run`] refuses two checks of one code, and a check of a code without a handler.
+    /// The check must not block: if the answer takes more than two seconds, the program is loaded with a warning.
+    /// [`SequenceProgram::run`] refuses two checks of one code, and a check of a code without a handler.
     #[must_use]
     pub fn validate<T>(
         mut self,
@@ -195,14 +199,16 @@ impl SequenceProgram {
         build(self.within(Some(number))).within(None)
     }
 
-    /// What happens with an output whose handler died or lost its connection before the reset. Default [`Redelivery::Ask`]: nothing, until an operator decides.
+    /// What happens with an output whose handler died or lost its connection before the reset. Default
+    /// [`Redelivery::Ask`]: nothing, until an operator decides.
     #[must_use]
     pub fn on_redelivery(mut self, on_redelivery: Redelivery) -> Self {
         self.on_redelivery = on_redelivery;
         self
     }
 
-    /// Name of this sequence program on the machine: 1 to 64 characters without `/ + #`, used by one program at a time. Default: the user name of the connection, else a random name.
+    /// Name of this sequence program on the machine: 1 to 64 characters without `/ + #`, used by one program at a time.
+    /// Default: the user name of the connection, else a random name.
     #[must_use]
     pub fn handler_id(mut self, handler_id: impl Into<String>) -> Self {
         self.handler_id = Some(handler_id.into());
@@ -222,12 +228,15 @@ impl SequenceProgram {
         Err(Error::SequenceProgram(mistakes.join("; ")))
     }
 
-    /// Serves the machine: announces the handled M codes, claims outputs, runs their handlers and resets them. It continues after every loss of the connection, and ends when the machine's side ends.
+    /// Serves the machine: announces the handled M codes, claims outputs, runs their handlers and resets them. It
+    /// continues after every loss of the connection, and ends when the machine's side ends.
     ///
-    /// When this future is dropped, handlers are dropped where they wait, and the machine is told that they are offline.
+    /// When this future is dropped, handlers are dropped where they wait, and the machine is told that they are
+    /// offline.
     ///
     /// # Errors
-    /// What [`SequenceProgram::check`] finds; a scan program panics; the machine refuses the name; over MQTT, the connection serves another sequence program: use one connection for each.
+    /// What [`SequenceProgram::check`] finds; a scan program panics; the machine refuses the name; over MQTT, the
+    /// connection serves another sequence program: use one connection for each.
     pub async fn run(self, plc: &Plc) -> Result<()> {
         self.check()?;
         let handler_id = self.handler_id.unwrap_or_else(|| plc.default_handler_id());

@@ -1,6 +1,7 @@
 //! The ledger: a state machine for the outputs of one coordinate system and their resets.
 //!
-//! It has no I/O, no clock and no task: the runtime calls it with the time as a parameter, and carries out the [`Effect`]s. All transports use it, so its [`rules`] hold for all:
+//! It has no I/O, no clock and no task: the runtime calls it with the time as a parameter, and carries out the
+//! [`Effect`]s. All transports use it, so its [`rules`] hold for all:
 //!
 //! ```text
 //! QUEUED -> OUTPUT -> CLAIMED -> reset
@@ -201,7 +202,8 @@ impl Ledger {
         })
     }
 
-    /// The owner asks the operator, which replaces an earlier question, or without choices withdraws its question. The same id is the same question. `not_owner` for anyone else (H14).
+    /// The owner asks the operator, which replaces an earlier question, or without choices withdraws its question. The
+    /// same id is the same question. `not_owner` for anyone else (H14).
     ///
     /// # Errors
     /// Text or choices are out of range.
@@ -241,7 +243,8 @@ impl Ledger {
         })
     }
 
-    /// An operator decides about an output that nobody owns: it is published again with `how`; `ask` withdraws an earlier decision. `not_owner` while a handler owns it.
+    /// An operator decides about an output that nobody owns: it is published again with `how`; `ask` withdraws an
+    /// earlier decision. `not_owner` while a handler owns it.
     pub fn redeliver(&mut self, _now: Now, m: Option<u16>, redeliver: &Redeliver) -> HandshakeStatus {
         let how = Some(redeliver.how).filter(|how| *how != Redelivery::Ask);
         let status = self.change(&redeliver.boot_id, redeliver.seq, m, |output| {
@@ -277,7 +280,8 @@ impl Ledger {
         }
     }
 
-    /// Publishes again the unclaimed outputs whose M number is in `handles`, as `redelivered` with `attempt` one higher: a handler for them came online, or the connection to the broker is new.
+    /// Publishes again the unclaimed outputs whose M number is in `handles`, as `redelivered` with `attempt` one
+    /// higher: a handler for them came online, or the connection to the broker is new.
     pub fn republish(&mut self, _now: Now, handles: impl Fn(u16) -> bool) {
         self.publish_again(|output| handles(output.notice.m));
     }

@@ -1,6 +1,9 @@
 //! The hub: the latest value of each state topic, and bounded subscriptions to all topics.
 //!
-//! Publishing never waits for a subscriber. A slow subscriber receives the latest value of each state topic, and all events up to a limit; beyond it the oldest are dropped and counted by [`Subscription::lost`] (see [`queue`](crate::queue)). What must not be lost is therefore also a state: open outputs in `m_code/pending`, alarms in `alarm/active`.
+//! Publishing never waits for a subscriber. A slow subscriber receives the latest value of each state topic, and all
+//! events up to a limit; beyond it the oldest are dropped and counted by [`Subscription::lost`] (see
+//! [`queue`](crate::queue)). What must not be lost is therefore also a state: open outputs in `m_code/pending`, alarms
+//! in `alarm/active`.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, Weak};
@@ -20,7 +23,8 @@ pub enum Filter {
     All,
     /// These topics.
     Topics(Vec<Topic>),
-    /// Topics for a handler: presence, birth, presence of handlers, and pending, output, result, cancel and validate of every coordinate system.
+    /// Topics for a handler: presence, birth, presence of handlers, and pending, output, result, cancel and validate of
+    /// every coordinate system.
     Handshake,
 }
 

@@ -16,7 +16,9 @@ use crate::types::request::typed;
 /// Renewals within the time of a lease, so that two may be lost.
 const RENEWALS: u32 = 3;
 
-/// The control lease of a coordinate system: while it is held, load, start, resume, mdi, jog and home from others are refused as `busy`; hold, stop, abort and reset never are. It is renewed in the background until it is released or dropped.
+/// The control lease of a coordinate system: while it is held, load, start, resume, mdi, jog and home from others are
+/// refused as `busy`; hold, stop, abort and reset never are. It is renewed in the background until it is released or
+/// dropped.
 ///
 /// ```no_run
 /// # use std::time::Duration;
@@ -121,7 +123,8 @@ impl Lease {
         self.granted.fence
     }
 
-    /// True once the machine has answered that it ended: it was broken, the runtime was restarted, or no renewal arrived in time. Commands under it are then refused as `lease_lost`.
+    /// True once the machine has answered that it ended: it was broken, the runtime was restarted, or no renewal
+    /// arrived in time. Commands under it are then refused as `lease_lost`.
     pub fn is_lost(&self) -> bool {
         self.lost.load(Ordering::Relaxed)
     }

@@ -3,8 +3,8 @@
 //! An NC program commands the machine by M codes with parameters, such as `M100 VA3`. Each M code is an *output* of the
 //! NC program to the PLC: the program waits until the PLC has done the work and sends the *reset* of that output. A
 //! *sequence program* does this work: one async function, a *handler*, for each M code. The same sequence program runs
-//! in the runtime's process ([`Plc::in_process`]), in another process over MQTT or REST ([`Plc::connect`]), and in a unit
-//! test ([`fake::FakePort`]).
+//! in the runtime's process ([`Plc::in_process`]), in another process over MQTT or REST ([`Plc::connect`]), and in a
+//! unit test ([`fake::FakePort`]).
 //!
 //! # A sequence program
 //! `tandem init DIR` creates a project with a sequence program and a test. Without it, depend on `plc-api` and `tokio`
@@ -160,20 +160,6 @@
 //! If you think in PLC scans, write a [`scan::ScanProgram`]: at a fixed period it reads M codes, states, inputs and
 //! variables as flags, and writes resets, inputs and commands as flags. [`SequenceProgram::scan`] runs it together with
 //! handlers.
-//! ```
-//! use std::time::Duration;
-//! use plc_api::{SequenceProgram, scan::Image};
-//!
-//! let program = SequenceProgram::new().scan(50..=51, Duration::from_millis(10), |image: &mut Image| {
-//!     let coolant_is_on = image.is_on(1, 50);
-//!     // ... switch the coolant pump ...
-//!     image.reset(1, 50);
-//!     image.reset(1, 51);
-//!     image.set_start_lock(1, !coolant_is_on && tank_is_empty(), "the coolant tank is empty");
-//! });
-//! # fn tank_is_empty() -> bool { false }
-//! # assert_eq!(program.check(), Ok(()));
-//! ```
 //!
 //! # Without handlers
 //! A program with its own loop takes outputs from the raw queue, [`Plc::outputs`], and claims and resets them itself;
@@ -181,28 +167,9 @@
 //! of [`CoordinateSystem`].
 //!
 //! # Testing
-//! [`fake::FakePort`] is a scripted machine: the test puts out outputs and advances the time. `tandem_runtime::test`, a
-//! dev-dependency, is a whole runtime that runs NC programs with motion in simulated time.
-//! ```
-//! use std::time::Duration;
-//! use plc_api::{Alarm, AuxOutput, Params, Plc, SequenceProgram, fake::FakePort, handshake::Closed};
-//!
-//! async fn drill(_output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
-//!     plc.sleep(Duration::from_secs(600)).await;
-//!     Ok(())
-//! }
-//!
-//! # #[tokio::main(flavor = "current_thread")] async fn main() {
-//! let fake = FakePort::new([1]);
-//! let plc = fake.plc();
-//! tokio::spawn(async move { SequenceProgram::new().on(20, drill).run(&plc).await });
-//! let seq = fake.put_out(1, 20, Params::default());
-//! fake.advance(Duration::from_secs(599)).await;
-//! assert_eq!(fake.closed(1, seq), None);
-//! fake.advance(Duration::from_secs(1)).await;
-//! assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
-//! # }
-//! ```
+//! [`fake::FakePort`] is a scripted machine: the test puts out outputs and advances the time, as in the example of
+//! [`SequenceProgram`]. `tandem_runtime::test`, a dev-dependency, is a whole runtime that runs NC programs with motion in
+//! simulated time.
 //!
 //! # Layers
 //! [`port::Port`] is the whole interface as one trait; [`types`] are all messages and requests; [`handshake`] is the

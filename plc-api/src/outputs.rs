@@ -24,9 +24,13 @@ use owner::Owner;
 
 /// The raw queue: unclaimed outputs of all coordinate systems, those of each coordinate system in order.
 ///
-/// To the machine, the queue is a handler from the first [`Outputs::next`] on. When the queue and all outputs taken from it are dropped, their process dies or the connection breaks, its claims are released, and the program waits with reason `HANDLER_LOST`. While the queue exists, a claimed output that is dropped without an answer stays claimed until its time limit, an operator, a stop or a reset ends it.
+/// To the machine, the queue is a handler from the first [`Outputs::next`] on. When the queue and all outputs taken
+/// from it are dropped, their process dies or the connection breaks, its claims are released, and the program waits
+/// with reason `HANDLER_LOST`. While the queue exists, a claimed output that is dropped without an answer stays claimed
+/// until its time limit, an operator, a stop or a reset ends it.
 ///
-/// It needs a tokio runtime. Over MQTT each connection has one handler: use another connection for a [`SequenceProgram`](crate::SequenceProgram).
+/// It needs a tokio runtime. Over MQTT each connection has one handler: use another connection for a
+/// [`SequenceProgram`](crate::SequenceProgram).
 ///
 /// ```
 /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
@@ -55,7 +59,8 @@ pub struct Outputs {
 }
 
 impl Plc {
-    /// The raw queue of the outputs of all coordinate systems, for programs with a loop of their own. The usual way is a [`SequenceProgram`](crate::SequenceProgram).
+    /// The raw queue of the outputs of all coordinate systems, for programs with a loop of their own. The usual way is
+    /// a [`SequenceProgram`](crate::SequenceProgram).
     pub fn outputs(&self) -> Outputs {
         Outputs::new(self)
     }
@@ -75,7 +80,8 @@ impl Outputs {
         }
     }
 
-    /// Takes these M codes only, and tells the machine that they are handled. Otherwise the queue takes all that nobody owns, and the machine knows no handler for them: their `unhandled` setting must be `wait`.
+    /// Takes these M codes only, and tells the machine that they are handled. Otherwise the queue takes all that nobody
+    /// owns, and the machine knows no handler for them: their `unhandled` setting must be `wait`.
     #[must_use]
     pub fn on(mut self, codes: impl MCodes) -> Self {
         let within = codes.m_codes().into_iter().flatten();
@@ -84,24 +90,28 @@ impl Outputs {
         self
     }
 
-    /// Name for claims and resets: 1 to 64 characters without `/ + #`, used by one queue or program at a time. Default: the user name of the connection, else a random name.
+    /// Name for claims and resets: 1 to 64 characters without `/ + #`, used by one queue or program at a time. Default:
+    /// the user name of the connection, else a random name.
     #[must_use]
     pub fn handler_id(mut self, handler_id: impl Into<String>) -> Self {
         self.handler_id = Some(handler_id.into());
         self
     }
 
-    /// What happens with an output whose handler was lost before the reset. Default [`Redelivery::Ask`]: the queue does not return it until an operator decides.
+    /// What happens with an output whose handler was lost before the reset. Default [`Redelivery::Ask`]: the queue does
+    /// not return it until an operator decides.
     #[must_use]
     pub fn on_redelivery(mut self, on_redelivery: Redelivery) -> Self {
         self.on_redelivery = on_redelivery;
         self
     }
 
-    /// The next output that nobody owns. One that was dropped without a claim is returned again when it is published again. Cancellation safe.
+    /// The next output that nobody owns. One that was dropped without a claim is returned again when it is published
+    /// again. Cancellation safe.
     ///
     /// # Errors
-    /// [`Error::Closed`] if the machine's side has ended; [`Error::SequenceProgram`] if the name is invalid; [`Error::Refused`] if the machine refuses it, or the connection serves another sequence program.
+    /// [`Error::Closed`] if the machine's side has ended; [`Error::SequenceProgram`] if the name is invalid;
+    /// [`Error::Refused`] if the machine refuses it, or the connection serves another sequence program.
     pub async fn next(&mut self) -> Result<RawOutput> {
         let owner = self.owner()?;
         owner.known().await?;

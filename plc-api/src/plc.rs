@@ -71,7 +71,11 @@ impl Plc {
         }
     }
 
-    /// A machine at an address. Over MQTT (feature `mqtt`): `mqtt://[user:password@]host[:port]/[prefix/]machine`, with TLS `mqtts://...`; the default port is 1883, with TLS 8883. Over REST and WebSocket (feature `rest`): `http://[[user:]token@]host[:port]`; the default port is 80. The token of a handler is valid for its user's name only: a program without a [`handler_id`](crate::SequenceProgram::handler_id) takes the user's name if the address has one. Waits up to 10 s for the runtime; later it reconnects by itself, without limit.
+    /// A machine at an address. Over MQTT (feature `mqtt`): `mqtt://[user:password@]host[:port]/[prefix/]machine`, with
+    /// TLS `mqtts://...`; the default port is 1883, with TLS 8883. Over REST and WebSocket (feature `rest`):
+    /// `http://[[user:]token@]host[:port]`; the default port is 80. The token of a handler is valid for its user's name
+    /// only: a program without a [`handler_id`](crate::SequenceProgram::handler_id) takes the user's name if the
+    /// address has one. Waits up to 10 s for the runtime; later it reconnects by itself, without limit.
     ///
     /// # Errors
     /// The address is wrong, no broker answers, it refuses the user, or no runtime is online under that name.
@@ -130,7 +134,10 @@ impl Plc {
         self.request(Programs).await
     }
 
-    /// Active alarms and warnings, in the order in which they were raised. A reset of its coordinate system clears an alarm; a reset of any coordinate system clears one of the whole machine (`cs` is `None`). [`CoordinateSystem::acknowledge_alarm`](crate::CoordinateSystem::acknowledge_alarm) records that somebody has seen it.
+    /// Active alarms and warnings, in the order in which they were raised. A reset of its coordinate system clears an
+    /// alarm; a reset of any coordinate system clears one of the whole machine (`cs` is `None`).
+    /// [`CoordinateSystem::acknowledge_alarm`](crate::CoordinateSystem::acknowledge_alarm) records that somebody has
+    /// seen it.
     ///
     /// ```
     /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
@@ -154,7 +161,10 @@ impl Plc {
         }
     }
 
-    /// Raises an alarm of the whole machine: every coordinate system stops, and its open outputs are cancelled. It stays active until a coordinate system is reset; each of them stays STOPPED until its own reset. [`CoordinateSystem::raise_alarm`](crate::CoordinateSystem::raise_alarm) stops one coordinate system, the `Err` of a handler the program of its output.
+    /// Raises an alarm of the whole machine: every coordinate system stops, and its open outputs are cancelled. It
+    /// stays active until a coordinate system is reset; each of them stays STOPPED until its own reset.
+    /// [`CoordinateSystem::raise_alarm`](crate::CoordinateSystem::raise_alarm) stops one coordinate system, the `Err`
+    /// of a handler the program of its output.
     ///
     /// ```
     /// # use plc_api::{Alarm, Execution};
@@ -184,7 +194,9 @@ impl Plc {
         self.request(RaiseAlarm(AlarmRaise { cs, code, text })).await
     }
 
-    /// Lines of the journal in the order of time: the newest `count`, 1 to 1000, after skipping the `from` newest. Each is a JSON object with `ts`, `t_s` (seconds since the start of the runtime), `cs`, `event`, and the fields of the event. Available in process and over REST.
+    /// Lines of the journal in the order of time: the newest `count`, 1 to 1000, after skipping the `from` newest. Each
+    /// is a JSON object with `ts`, `t_s` (seconds since the start of the runtime), `cs`, `event`, and the fields of the
+    /// event. Available in process and over REST.
     ///
     /// # Errors
     /// `count` is out of its range; the machine keeps no journal, or cannot read it; the transport is MQTT.
@@ -192,7 +204,8 @@ impl Plc {
         self.request(Journal { from, count }).await
     }
 
-    /// Sets the skip input of a motor, by its CNC motor number. This is not real time: G31 captures the position at which the servo receives the input.
+    /// Sets the skip input of a motor, by its CNC motor number. This is not real time: G31 captures the position at
+    /// which the servo receives the input.
     ///
     /// # Errors
     /// No axis has such a motor, or the machine cannot be reached.
@@ -233,7 +246,8 @@ impl Plc {
         }
     }
 
-    /// Sends a request from a destructor: directly if the machine answers without waiting, else in a task. Outside of a tokio runtime, or after its end, only the connection's own runtime can still send it.
+    /// Sends a request from a destructor: directly if the machine answers without waiting, else in a task. Outside of a
+    /// tokio runtime, or after its end, only the connection's own runtime can still send it.
     pub(crate) fn send_without_waiting(&self, request: impl Into<Request>, what_if_not: &'static str) {
         let here = tokio::runtime::Handle::try_current().ok();
         let (port, request) = (Arc::clone(&self.port), request.into());

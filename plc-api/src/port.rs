@@ -1,6 +1,7 @@
 //! The port: the whole sequence-control interface as one trait.
 //!
-//! The runtime and each client transport implement it, and servers serve any implementation. So a sequence program runs unchanged in the runtime's process, in another process and in a test.
+//! The runtime and each client transport implement it, and servers serve any implementation. So a sequence program runs
+//! unchanged in the runtime's process, in another process and in a test.
 
 use std::future::Future;
 use std::pin::Pin;
@@ -28,7 +29,8 @@ pub trait Port: Send + Sync + 'static {
     /// Messages of the topics of the filter: first the current value of each state topic, then every change.
     fn subscribe(&self, filter: Filter) -> Subscription;
 
-    /// Sends a request. A refusal means that nothing has changed. [`ask`](trait.Port.html#method.ask) returns a typed answer.
+    /// Sends a request. A refusal means that nothing has changed. [`ask`](trait.Port.html#method.ask) returns a typed
+    /// answer.
     fn request(&self, request: Request) -> BoxFuture<'_, Result<Answer, Refusal>>;
 
     /// Sleeps on the port's clock, which is simulated time in a simulation.

@@ -1,6 +1,7 @@
 //! Presence and claims of a named handler, for the raw queue and for sequence programs.
 //!
-//! The handler is announced at each boot of the runtime, and again after a late last will of an earlier connection. Claims that were lost with the connection are repeated. When the handler leaves, the machine releases its claims.
+//! The handler is announced at each boot of the runtime, and again after a late last will of an earlier connection.
+//! Claims that were lost with the connection are repeated. When the handler leaves, the machine releases its claims.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::mem::replace;

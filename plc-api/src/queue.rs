@@ -1,6 +1,8 @@
 //! Messages for a slow reader: the latest value of each state, and all events in order, up to a limit.
 //!
-//! The latest value of a state replaces an unread one, so `m_code/pending` comes before the output that it announces. It never overtakes an event that explains it ([`Topic::explains`]): the cancel of an output comes before the `pending` that no longer shows it.
+//! The latest value of a state replaces an unread one, so `m_code/pending` comes before the output that it announces.
+//! It never overtakes an event that explains it ([`Topic::explains`]): the cancel of an output comes before the
+//! `pending` that no longer shows it.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -8,7 +10,8 @@ use std::sync::Arc;
 use crate::types::message::Message;
 use crate::types::topic::Topic;
 
-/// Unread events of one reader. Reason: twice 64 open outputs, each with a notice, a result and a cancel, in each of 8 coordinate systems.
+/// Unread events of one reader. Reason: twice 64 open outputs, each with a notice, a result and a cancel, in each of 8
+/// coordinate systems.
 pub const EVENTS_MAX: usize = 4096;
 
 /// An entry of a [`Queue`].
@@ -43,7 +46,8 @@ impl<T> Default for Queue<T> {
 }
 
 impl<T: Entry> Queue<T> {
-    /// Appends an entry. The value of a state replaces an unread one instead, unless an event that explains it follows. Beyond [`EVENTS_MAX`] the oldest event is dropped. False if an entry was replaced.
+    /// Appends an entry. The value of a state replaces an unread one instead, unless an event that explains it follows.
+    /// Beyond [`EVENTS_MAX`] the oldest event is dropped. False if an entry was replaced.
     pub fn put(&mut self, entry: T) -> bool {
         if is_state(&entry) {
             if let Some(place) = self.place_of(entry.topic()) {

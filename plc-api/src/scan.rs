@@ -1,8 +1,12 @@
 //! Scan style: a program that runs cyclically at a fixed period, as in a PLC.
 //!
-//! Before each scan the state of the machine is copied into an [`Image`]: M codes as flags with their parameters, state words, inputs, overrides, captured positions, and the positions and variables that [`ScanProgram::reads`] requests. The scan reads this image, which does not change meanwhile, and writes resets, failures, inputs, overrides and commands into it. They are carried out after the scan.
+//! Before each scan the state of the machine is copied into an [`Image`]: M codes as flags with their parameters, state
+//! words, inputs, overrides, captured positions, and the positions and variables that [`ScanProgram::reads`] requests.
+//! The scan reads this image, which does not change meanwhile, and writes resets, failures, inputs, overrides and
+//! commands into it. They are carried out after the scan.
 //!
-//! Claims, resets and cancels are the same as for handlers: an output that is cancelled is off in the next image, and a reset never reaches another output than the one in the image.
+//! Claims, resets and cancels are the same as for handlers: an output that is cancelled is off in the next image, and a
+//! reset never reaches another output than the one in the image.
 //!
 //! ```
 //! use std::time::Duration;
@@ -41,7 +45,8 @@
 //! # }
 //! ```
 //!
-//! Write a flag of the machine like an output of a PLC: in every scan, with the value that it shall have. It is sent only when it differs.
+//! Write a flag of the machine like an output of a PLC: in every scan, with the value that it shall have. It is sent
+//! only when it differs.
 //!
 //! ```
 //! use plc_api::scan::{Image, Reads, ScanProgram};
@@ -124,7 +129,8 @@ impl<F: FnMut(&mut Image) + Send + 'static> ScanProgram for F {
 }
 
 impl<Scope> SequenceProgram<Scope> {
-    /// Adds a program in scan style for these M codes, see [`scan`](crate::scan). They are on in its image only for the coordinate systems of this scope. The list may be empty, `[]`. The period is at least 1 ms.
+    /// Adds a program in scan style for these M codes, see [`scan`](crate::scan). They are on in its image only for the
+    /// coordinate systems of this scope. The list may be empty, `[]`. The period is at least 1 ms.
     #[must_use]
     pub fn scan(mut self, codes: impl MCodes, period: Duration, program: impl ScanProgram) -> Self {
         let flags = Flags::default();

@@ -59,7 +59,8 @@ impl CoordinateSystem {
         Variables::new(self.plc().clone(), VariableArea::CoordinateSystem(self.number()))
     }
 
-    /// The last run of the previous start of the runtime, as it was when that ended; `None`: there was none. A run that [is under way](LastRun::is_under_way) was cut short, and does not continue by itself.
+    /// The last run of the previous start of the runtime, as it was when that ended; `None`: there was none. A run that
+    /// [is under way](LastRun::is_under_way) was cut short, and does not continue by itself.
     ///
     /// # Errors
     /// There is no such coordinate system, or the transport does not carry this (MQTT).
@@ -76,7 +77,8 @@ impl CoordinateSystem {
         Ok(table.work_offsets)
     }
 
-    /// Sets axes of a work offset, `G54` to `G59`; other axes are unchanged. It takes effect with the next of these codes that is interpreted (D16), and is on disk when this returns.
+    /// Sets axes of a work offset, `G54` to `G59`; other axes are unchanged. It takes effect with the next of these
+    /// codes that is interpreted (D16), and is on disk when this returns.
     ///
     /// ```
     /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
@@ -87,7 +89,8 @@ impl CoordinateSystem {
     /// ```
     ///
     /// # Errors
-    /// No such work offset, axis or coordinate system, a value is not a number, or the disk cannot be written; nothing has changed.
+    /// No such work offset, axis or coordinate system, a value is not a number, or the disk cannot be written; nothing
+    /// has changed.
     pub async fn set_work_offset(
         &self,
         name: &str,

@@ -1,6 +1,7 @@
 //! Connections between a sequence program and a machine.
 //!
-//! In the runtime's process a program uses the port of the runtime ([`Plc::in_process`](crate::Plc::in_process)). Each other transport implements [`Port`](crate::port::Port).
+//! In the runtime's process a program uses the port of the runtime ([`Plc::in_process`](crate::Plc::in_process)). Each
+//! other transport implements [`Port`](crate::port::Port).
 
 pub mod backoff;
 #[cfg(any(feature = "mqtt", feature = "rest"))]

@@ -9,7 +9,9 @@ use crate::types::request::typed::{ReadVariables, WriteVariables};
 /// The P variables of a machine ([`Plc::variables`]) or the Q variables of a coordinate system
 /// ([`CoordinateSystem::variables`](crate::CoordinateSystem::variables)).
 ///
-/// A program reads a variable when its block is interpreted, ahead of the motion (D16): the block after an `after_motion` M code sees what its handler wrote before the reset. Values persist; they are on disk at most 100 ms after they were set.
+/// A program reads a variable when its block is interpreted, ahead of the motion (D16): the block after an
+/// `after_motion` M code sees what its handler wrote before the reset. Values persist; they are on disk at most 100 ms
+/// after they were set.
 ///
 /// ```
 /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
@@ -67,7 +69,8 @@ impl Variables {
     /// Writes variables from `from` on, 1 to 1024 of them: all between two blocks of any program, or none.
     ///
     /// # Errors
-    /// A variable of the range does not exist, there are more than 1024, or the machine cannot be reached. Nothing was written then, except that this is unknown if the connection broke.
+    /// A variable of the range does not exist, there are more than 1024, or the machine cannot be reached. Nothing was
+    /// written then, except that this is unknown if the connection broke.
     pub async fn write(&self, from: u32, values: &[f64]) -> Result<()> {
         let request = WriteVariables {
             area: self.area,

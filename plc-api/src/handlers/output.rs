@@ -9,6 +9,7 @@ use tokio::sync::{Mutex, MutexGuard, watch};
 use crate::claim::OutputId;
 use crate::error::Result;
 use crate::plc::Plc;
+use crate::presence::Presence;
 use crate::types::CoordinateSystemNumber;
 use crate::types::output::{CancelReason, OutputNotice, Params, ProgressReport};
 use crate::types::request::typed::Progress;
@@ -18,7 +19,8 @@ tokio::task_local! {
     static AT_WORK: AuxOutput;
 }
 
-/// An auxiliary function output, that is an M code with its parameters, which a handler works on. Clones are handles to the same output.
+/// An auxiliary function output, that is an M code with its parameters, which a handler works on. Clones are handles to
+/// the same output.
 #[derive(Debug, Clone)]
 pub struct AuxOutput {
     inner: Arc<Inner>,
@@ -40,26 +42,24 @@ struct Inner {
 
 impl AuxOutput {
     pub(super) fn new(
-        plc: &Plc,
-        handler_id: &Arc<str>,
+        presence: &Presence,
         id: OutputId,
         notice: &OutputNotice,
         verify: bool,
-        cancellation: Cancellation,
-    ) -> Self {
+    ) -> (Self, Cancel) {
+        let (cancel, state) = watch::channel(CancelState::default());
         let inner = Inner {
-            plc: plc.clone(),
-            handler_id: Arc::clone(handler_id),
+            plc: presence.plc.clone(),
+            handler_id: Arc::clone(&presence.handler_id),
             id,
             notice: notice.clone(),
             verify,
-            cancellation,
+            cancellation: Cancellation { state },
             is_answering: AtomicBool::new(false),
             question: Mutex::default(),
         };
-        Self {
-            inner: Arc::new(inner),
-        }
+        let inner = Arc::new(inner);
+        (Self { inner }, Cancel(cancel))
     }
 
     /// The output of the handler that calls this from its own task.
@@ -132,12 +132,14 @@ impl AuxOutput {
         &self.inner.notice.run_id
     }
 
-    /// True if the work may have been started before, and `verify` was chosen: check the machine first. False on the first delivery, and if `redo` was chosen.
+    /// True if the work may have been started before, and `verify` was chosen: check the machine first. False on the
+    /// first delivery, and if `redo` was chosen.
     pub fn redelivered(&self) -> bool {
         self.inner.verify
     }
 
-    /// Reports progress, which panels show while the program waits. `text` has at most 200 characters, `percent` is 0 to 100 or `None`. No effect if the output is no longer this handler's.
+    /// Reports progress, which panels show while the program waits. `text` has at most 200 characters, `percent` is 0
+    /// to 100 or `None`. No effect if the output is no longer this handler's.
     ///
     /// # Errors
     /// The machine cannot be reached.
@@ -153,7 +155,8 @@ impl AuxOutput {
         self.inner.plc.request(request).await.map(|_| ())
     }
 
-    /// Tells whether, when and why this output is cancelled, for destructors and for work in other tasks. The handler's own future is dropped then.
+    /// Tells whether, when and why this output is cancelled, for destructors and for work in other tasks. The handler's
+    /// own future is dropped then.
     pub fn cancellation(&self) -> Cancellation {
         self.inner.cancellation.clone()
     }
@@ -166,17 +169,12 @@ pub struct Cancellation {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(super) struct CancelState {
+struct CancelState {
     cancelled: bool,
     reason: Option<CancelReason>,
 }
 
 impl Cancellation {
-    pub(super) fn new() -> (watch::Sender<CancelState>, Self) {
-        let (sender, state) = watch::channel(CancelState::default());
-        (sender, Self { state })
-    }
-
     /// True once the output is cancelled.
     pub fn is_cancelled(&self) -> bool {
         self.state.borrow().cancelled
@@ -203,9 +201,12 @@ impl Cancellation {
     }
 }
 
-pub(super) fn cancel(sender: &watch::Sender<CancelState>, reason: Option<CancelReason>) {
-    sender.send_replace(CancelState {
-        cancelled: true,
-        reason,
-    });
+/// Cancels an output.
+pub(super) struct Cancel(watch::Sender<CancelState>);
+
+impl Cancel {
+    pub(super) fn cancel(&self, reason: Option<CancelReason>) {
+        let cancelled = true;
+        self.0.send_replace(CancelState { cancelled, reason });
+    }
 }

@@ -5,12 +5,12 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::Pin;
 use std::sync::Arc;
 
-use futures_util::StreamExt;
 use futures_util::future::{AbortHandle, Abortable};
 use futures_util::stream::FuturesUnordered;
-use tokio::sync::watch;
+use futures_util::{FutureExt, StreamExt};
 
-use crate::claim::{OutputId, taken_up};
+use crate::alarm::Alarm;
+use crate::claim::{OutputId, taken_up, until_answered};
 use crate::error::Result;
 use crate::plc::Plc;
 use crate::port::BoxFuture;
@@ -18,19 +18,18 @@ use crate::presence::{Change, Event, Presence, shown};
 use crate::text::panic_text;
 use crate::types::CoordinateSystemNumber;
 use crate::types::message::{Message, Payload};
-use crate::types::output::{CancelReason, OutputState, PendingOutput, Redelivery};
+use crate::types::output::{CancelReason, HandshakeStatus, OutputState, PendingOutput, Redelivery};
 use crate::types::question::{Validate, ValidateResult};
 use crate::types::request::Request;
 use crate::types::topic::{CsTopic, Topic};
 
-use super::output::{AuxOutput, CancelState, Cancellation, cancel};
-use super::table::Table;
-use super::work::work;
+use super::output::{AuxOutput, Cancel};
+use super::table::{Boxed, Table};
 
 struct Running {
     output: AuxOutput,
     abort: AbortHandle,
-    cancel: watch::Sender<CancelState>,
+    cancel: Cancel,
 }
 
 struct Runner {
@@ -176,20 +175,10 @@ impl Runner {
         let Some(verify) = taken_up(pending.lost, pending.how, self.on_redelivery) else {
             return;
         };
-        let (cancel, cancellation) = Cancellation::new();
-        let output = AuxOutput::new(
-            &self.presence.plc,
-            &self.presence.handler_id,
-            id.clone(),
-            &pending.output,
-            verify,
-            cancellation,
-        );
+        let (output, cancel) = AuxOutput::new(&self.presence, id.clone(), &pending.output, verify);
         let (abort, registration) = AbortHandle::new_pair();
-        let work = Box::pin(Abortable::new(
-            work(output.clone(), Arc::clone(handler)),
-            registration,
-        ));
+        let work = work(output.clone(), Arc::clone(handler));
+        let work = Box::pin(Abortable::new(work, registration));
         self.work.push(Box::pin(worked(work, id.clone())));
         let running = Running {
             output,
@@ -202,7 +191,7 @@ impl Runner {
     fn cancel_where(&self, is_meant: impl Fn(&OutputId) -> bool, reason: Option<CancelReason>) {
         for (id, running) in &self.running {
             if is_meant(id) && !running.output.is_answering() && !running.abort.is_aborted() {
-                cancel(&running.cancel, reason);
+                running.cancel.cancel(reason);
                 running.abort.abort();
             }
         }
@@ -224,4 +213,40 @@ async fn worked(mut work: Pin<Box<Abortable<impl Future<Output = ()>>>>, id: Out
         tracing::error!(seq = id.seq, "the clean-up of a handler panicked: {text}");
     }
     id
+}
+
+/// Claims, runs the handler, resets. Returns when nothing is left to do.
+async fn work(output: AuxOutput, handler: Boxed) {
+    let (plc, m, seq) = (output.plc(), output.m(), output.seq());
+    let status = until_answered(plc, output.id().claim(m, output.handler_id())).await;
+    if status != Some(HandshakeStatus::Accepted) {
+        tracing::debug!(m, seq, ?status, "output left to others");
+        return;
+    }
+    let result = call(&output, &handler).await;
+    output.set_answering();
+    let reset = output.id().reset(m, output.handler_id(), result.err());
+    let status = until_answered(plc, reset).await;
+    // a duplicate is this reset itself, sent twice because its answer was late
+    if !matches!(
+        status,
+        Some(HandshakeStatus::Accepted | HandshakeStatus::Duplicate)
+    ) {
+        tracing::warn!(m, seq, ?status, "the reset did not count");
+    }
+}
+
+async fn call(output: &AuxOutput, handler: &Boxed) -> Result<(), Alarm> {
+    let work = output.worked_on(async { handler(output.clone(), output.plc().clone()).await });
+    let panicked = match AssertUnwindSafe(work).catch_unwind().await {
+        Ok(result) => return result,
+        Err(panicked) => panicked,
+    };
+    let text = format!(
+        "the handler of M{} panicked: {}",
+        output.m(),
+        panic_text(&*panicked)
+    );
+    tracing::error!("{text}");
+    Err(Alarm::user(Alarm::CODE_OF_PANIC, text))
 }

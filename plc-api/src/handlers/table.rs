@@ -19,7 +19,8 @@ use super::output::AuxOutput;
 
 /// A handler: an async function or closure of the output, or of the output and the machine.
 ///
-/// `Ok` resets the output, and the program continues. `Err` raises the alarm, which stops it; so does a panic. When the output is cancelled, the future is dropped where it waits.
+/// `Ok` resets the output, and the program continues. `Err` raises the alarm, which stops it; so does a panic. When the
+/// output is cancelled, the future is dropped where it waits.
 pub trait Handler<Arguments>: Send + Sync + 'static {
     /// Starts the work.
     fn call(&self, output: AuxOutput, plc: Plc) -> BoxFuture<'static, Result<(), Alarm>>;
@@ -45,22 +46,8 @@ where
     }
 }
 
-/// A handler with shared state: each call receives a clone of `shared`, such as an `Arc`.
-///
-/// ```
-/// # use std::sync::{Arc, Mutex};
-/// # use plc_api::{Alarm, AuxOutput, Plc, SequenceProgram, handlers::with};
-/// type Magazine = Arc<Mutex<Vec<u16>>>;
-///
-/// async fn change_tool(output: AuxOutput, plc: Plc, magazine: Magazine) -> Result<(), Alarm> {
-///     // ...
-///     Ok(())
-/// }
-///
-/// let magazine = Magazine::default();
-/// let program = SequenceProgram::new().on(100, with(magazine, change_tool));
-/// # assert_eq!(program.check(), Ok(()));
-/// ```
+/// A handler with shared state: each call receives a clone of `shared`, such as an `Arc`. For an example see
+/// [parameters and shared state](crate#parameters-and-shared-state).
 pub fn with<S, F, Work>(shared: S, handler: F) -> impl Handler<(AuxOutput, Plc)>
 where
     S: Clone + Send + Sync + 'static,

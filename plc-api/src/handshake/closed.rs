@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 
 use crate::types::output::HandshakeStatus;
 
-/// Closed outputs that are remembered. Reason: a message that is this many outputs late has no sender that waits for it. An older output is answered `stale`, which also means that nothing has changed.
+/// Closed outputs that are remembered. Reason: a message that is this many outputs late has no sender that waits for
+/// it. An older output is answered `stale`, which also means that nothing has changed.
 pub const CLOSED_REMEMBERED: usize = 4_096;
 
 /// How an output ended.

@@ -61,12 +61,14 @@ impl RawOutput {
         &self.inner.notice
     }
 
-    /// True if the work may have been started before, and `verify` was chosen: check the machine first. False on the first delivery, and if `redo` was chosen.
+    /// True if the work may have been started before, and `verify` was chosen: check the machine first. False on the
+    /// first delivery, and if `redo` was chosen.
     pub fn redelivered(&self) -> bool {
         self.inner.verify
     }
 
-    /// Claims the output: from now on nobody else can reset it. A claim that was lost with the connection is repeated automatically, unless somebody else has claimed the output.
+    /// Claims the output: from now on nobody else can reset it. A claim that was lost with the connection is repeated
+    /// automatically, unless somebody else has claimed the output.
     ///
     /// # Errors
     /// [`Error::Handshake`](crate::Error::Handshake) if another handler owns it, or it is closed.
@@ -74,9 +76,7 @@ impl RawOutput {
         let Inner {
             owner, id, notice, ..
         } = &*self.inner;
-        self.accepted(id.claim(notice.m, owner.handler_id())).await?;
-        owner.hold(id, true);
-        Ok(())
+        self.send(id.claim(notice.m, owner.handler_id()), true).await
     }
 
     /// Resets the output: the program continues. No claim is needed before.
@@ -99,14 +99,17 @@ impl RawOutput {
         let Inner {
             owner, id, notice, ..
         } = &*self.inner;
-        self.accepted(id.reset(notice.m, owner.handler_id(), alarm))
-            .await?;
-        owner.hold(id, false);
-        Ok(())
+        self.send(id.reset(notice.m, owner.handler_id(), alarm), false)
+            .await
     }
 
-    async fn accepted(&self, request: impl TypedRequest<Answer = HandshakeResult>) -> Result<()> {
-        let answer = self.inner.owner.plc().request(request).await?;
-        accepted(self.inner.notice.m, self.inner.notice.seq, Some(answer))
+    async fn send(&self, request: impl TypedRequest<Answer = HandshakeResult>, claims: bool) -> Result<()> {
+        let Inner {
+            owner, id, notice, ..
+        } = &*self.inner;
+        let answer = owner.plc().request(request).await?;
+        accepted(notice.m, notice.seq, Some(answer))?;
+        owner.hold(id, claims);
+        Ok(())
     }
 }

@@ -62,7 +62,8 @@ impl Reads {
     }
 }
 
-/// The machine for one scan, and the writes of that scan. Values that are read do not change during a scan; writes are carried out after it and can be read in a later one.
+/// The machine for one scan, and the writes of that scan. Values that are read do not change during a scan; writes are
+/// carried out after it and can be read in a later one.
 ///
 /// For a coordinate system that does not exist everything is off, and writes are refused ([`Image::refusals`]).
 #[derive(Debug, Default)]
@@ -225,7 +226,8 @@ impl Image {
     }
 }
 
-/// Values to write. A flag of the machine keeps its value, even if others write it, as long as every scan writes it; other flags are left to others. Commands and variables are carried out each time that they are written.
+/// Values to write. A flag of the machine keeps its value, even if others write it, as long as every scan writes it;
+/// other flags are left to others. Commands and variables are carried out each time that they are written.
 impl Image {
     /// Resets an M code: its program continues. No effect while it is off, so it may be written in every scan.
     pub fn reset(&mut self, cs: CoordinateSystemNumber, m: u16) {

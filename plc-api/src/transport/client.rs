@@ -1,4 +1,5 @@
-//! What every client has in common: a [`Hub`] with what the machine says, filled by one connection, and a [`Port`] over it.
+//! What every client has in common: a [`Hub`] with what the machine says, filled by one connection, and a [`Port`] over
+//! it.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

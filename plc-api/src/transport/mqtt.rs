@@ -1,6 +1,8 @@
 //! A machine over MQTT 3.1.1.
 //!
-//! A request is a message that is sent until it is answered: by the `result` of a claim or reset, the `reply` of a command, else by the broker's acknowledgement. Unanswered ones are sent again on each new connection; receiving one twice does no harm.
+//! A request is a message that is sent until it is answered: by the `result` of a claim or reset, the `reply` of a
+//! command, else by the broker's acknowledgement. Unanswered ones are sent again on each new connection; receiving one
+//! twice does no harm.
 
 mod address;
 mod outbox;
@@ -51,7 +53,8 @@ impl std::fmt::Debug for MqttOptions {
     }
 }
 
-/// Connects to the machine at `mqtt://[user[:password]@]host[:port]/[prefix/]machine`, with TLS `mqtts://...`, and waits until it is present. The second value is the user name.
+/// Connects to the machine at `mqtt://[user[:password]@]host[:port]/[prefix/]machine`, with TLS `mqtts://...`, and
+/// waits until it is present. The second value is the user name.
 ///
 /// # Errors
 /// The address or a TLS file is wrong, or the runtime is not online there within [`CONNECT_TIMEOUT`].

@@ -1,6 +1,8 @@
 //! A machine over REST and WebSocket.
 //!
-//! The WebSocket carries messages of the machine, and presence and validations of handlers; all other requests are HTTP. A request whose answer is lost is sent again, and receiving it twice does no harm: a command has an `Idempotency-Key`, a claim or reset `boot_id` and `seq`, and an input is a value, not a toggle.
+//! The WebSocket carries messages of the machine, and presence and validations of handlers; all other requests are
+//! HTTP. A request whose answer is lost is sent again, and receiving it twice does no harm: a command has an
+//! `Idempotency-Key`, a claim or reset `boot_id` and `seq`, and an input is a value, not a toggle.
 
 mod address;
 mod session;
@@ -40,7 +42,8 @@ pub const COMMAND_DONE_TIMEOUT: Duration = Duration::from_secs(65);
 /// Pause before a request is sent again.
 const AGAIN_AFTER: Duration = Duration::from_millis(200);
 
-/// Connects to the machine at `http://[[user:]token@]host[:port]`, and waits until it is present. The second value is the user name.
+/// Connects to the machine at `http://[[user:]token@]host[:port]`, and waits until it is present. The second value is
+/// the user name.
 ///
 /// # Errors
 /// The address is wrong, or no runtime answers there within [`CONNECT_TIMEOUT`].

@@ -1,4 +1,5 @@
-//! Messages that are not known to have arrived. The client library forgets them with its connection; here each stays until it is answered, and is sent again on every new connection, in order.
+//! Messages that are not known to have arrived. The client library forgets them with its connection; here each stays
+//! until it is answered, and is sent again on every new connection, in order.
 
 use std::collections::{HashMap, VecDeque};
 
@@ -12,7 +13,8 @@ use crate::types::topic::{CsTopic, Topic};
 
 use crate::wire::mqtt::{Outgoing, Until};
 
-/// Pending messages; more requests are refused. Reason: twice a claim or reset of 64 open outputs in each of 8 coordinate systems.
+/// Pending messages; more requests are refused. Reason: twice a claim or reset of 64 open outputs in each of 8
+/// coordinate systems.
 pub(super) const OUTBOX_MAX: usize = 1_024;
 
 pub(super) type Outcome = Result<Answer, Refusal>;
@@ -95,7 +97,8 @@ impl Outbox {
         }
     }
 
-    /// Ends the requests that a message of the machine answers. `is_open`: the output is still in `pending`, which is published before its result.
+    /// Ends the requests that a message of the machine answers. `is_open`: the output is still in `pending`, which is
+    /// published before its result.
     pub(super) fn hear(&mut self, message: &Message, is_open: impl Fn(u64) -> bool) {
         match (&message.topic, &message.payload) {
             (Topic::CoordinateSystem(heard_cs, CsTopic::Result(heard_m)), Payload::Result(result)) => {
