@@ -168,8 +168,8 @@
 //!
 //! # Testing
 //! [`fake::FakePort`] is a scripted machine: the test puts out outputs and advances the time, as in the example of
-//! [`SequenceProgram`]. `tandem_runtime::test`, a dev-dependency, is a whole runtime that runs NC programs with motion in
-//! simulated time.
+//! [`SequenceProgram`]. `tandem_runtime::test`, a dev-dependency, is a whole runtime that runs NC programs with motion
+//! in simulated time.
 //!
 //! # Layers
 //! [`port::Port`] is the whole interface as one trait; [`types`] are all messages and requests; [`handshake`] is the
