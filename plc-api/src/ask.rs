@@ -67,8 +67,8 @@ impl AuxOutput {
         }
         ask.check()?;
         let _turn = self.turn_to_ask().await;
-        let question = Asked { output: self, ask };
-        question.answered().await
+        let question = PendingQuestion { output: self, ask };
+        question.answer().await
     }
 }
 
@@ -96,13 +96,13 @@ impl Plc {
 }
 
 /// A pending question; dropping it withdraws the question.
-struct Asked<'a> {
+struct PendingQuestion<'a> {
     output: &'a AuxOutput,
     ask: Ask,
 }
 
-impl Asked<'_> {
-    async fn answered(self) -> Result<String> {
+impl PendingQuestion<'_> {
+    async fn answer(self) -> Result<String> {
         let plc = self.output.plc();
         let topic = Topic::cs(self.output.coordinate_system(), CsTopic::Pending);
         let mut pending = plc.port().subscribe(Filter::Topics(vec![topic]));
@@ -168,7 +168,7 @@ impl Asked<'_> {
     }
 }
 
-impl Drop for Asked<'_> {
+impl Drop for PendingQuestion<'_> {
     fn drop(&mut self) {
         let back = Ask {
             text: String::new(),

@@ -34,7 +34,6 @@ impl OutputId {
         }
     }
 
-    /// The claim of a handler.
     pub(crate) fn claim(&self, m: u16, handler_id: &str) -> typed::Claim {
         let claim = Claim {
             boot_id: self.boot_id.clone(),
@@ -44,7 +43,6 @@ impl OutputId {
         typed::Claim(self.cs, Some(m), claim)
     }
 
-    /// The reset that reports how a handler has ended.
     pub(crate) fn reset(&self, m: u16, handler_id: &str, alarm: Option<Alarm>) -> typed::Reset {
         let reset = reset_of(&self.boot_id, self.seq, handler_id, alarm);
         typed::Reset(self.cs, Some(m), reset)

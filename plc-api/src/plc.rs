@@ -223,7 +223,6 @@ impl Plc {
         self.port.now_s()
     }
 
-    /// The user of its connection.
     pub(crate) fn user(&self) -> Option<&str> {
         self.user.as_deref()
     }

@@ -28,12 +28,12 @@ pub(crate) type ServedCode = (Option<CoordinateSystemNumber>, u16);
 
 /// Tells the machine when dropped that the handler is offline (`HandlerPresence::default()`).
 #[derive(Debug)]
-pub(crate) struct Gone {
+pub(crate) struct Offline {
     pub(crate) plc: Plc,
     pub(crate) handler_id: Arc<str>,
 }
 
-impl Drop for Gone {
+impl Drop for Offline {
     fn drop(&mut self) {
         let request = Request::Handler(self.handler_id.to_string(), HandlerPresence::default());
         let what_if_not = "the machine was not told that the handlers have gone";
@@ -80,7 +80,6 @@ impl OpenOutputs {
         all.filter(|(_, message)| self.online.as_ref() == Some(&message.boot_id))
     }
 
-    /// All open outputs.
     pub(crate) fn outputs(&self) -> impl Iterator<Item = (OutputId, &PendingOutput)> {
         self.all().flat_map(|(cs, message)| {
             let outputs = shown(message).iter();
@@ -102,11 +101,10 @@ pub(crate) fn shown(message: &Message) -> &[PendingOutput] {
     }
 }
 
-/// Event for the owner of a presence.
 #[derive(Debug)]
 pub(crate) enum Event {
     /// A message of the machine, and what it changed.
-    Said(Arc<Message>, Option<Change>),
+    Message(Arc<Message>, Option<Change>),
     /// The machine knows the handler.
     Announced,
     /// A claim was repeated; true if it was accepted.
@@ -115,11 +113,11 @@ pub(crate) enum Event {
 
 /// State of the announcement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Telling {
-    NotYet,
-    Busy,
-    BusyAndThenAgain,
-    Told,
+enum Announcement {
+    Never,
+    Pending,
+    PendingAgain,
+    Done,
 }
 
 /// A handler that announces itself.
@@ -130,11 +128,11 @@ pub(crate) struct Presence {
     codes: BTreeSet<ServedCode>,
     // the handler checks parameters at program load
     validates: bool,
-    said: Subscription,
+    messages: Subscription,
     systems: Vec<CoordinateSystemNumber>,
-    telling: Telling,
+    announced: Announcement,
     reclaiming: BTreeSet<OutputId>,
-    under_way: FuturesUnordered<BoxFuture<'static, Result<Option<Event>, Refusal>>>,
+    requests: FuturesUnordered<BoxFuture<'static, Result<Option<Event>, Refusal>>>,
 }
 
 impl Presence {
@@ -144,18 +142,18 @@ impl Presence {
             handler_id,
             codes,
             validates,
-            said: plc.port().subscribe(Filter::Handshake),
+            messages: plc.port().subscribe(Filter::Handshake),
             open: OpenOutputs::default(),
             systems: Vec::new(),
-            telling: Telling::NotYet,
+            announced: Announcement::Never,
             reclaiming: BTreeSet::new(),
-            under_way: FuturesUnordered::new(),
+            requests: FuturesUnordered::new(),
         }
     }
 
     /// A guard that takes the handler offline.
-    pub(crate) fn gone(&self) -> Gone {
-        Gone {
+    pub(crate) fn offline_on_drop(&self) -> Offline {
+        Offline {
             plc: self.plc.clone(),
             handler_id: Arc::clone(&self.handler_id),
         }
@@ -170,8 +168,8 @@ impl Presence {
             tokio::select! {
                 // messages first: a cancel reaches a handler before it is polled again
                 biased;
-                message = self.said.next() => return Ok(message.map(|message| self.on_message(message))),
-                Some(done) = self.under_way.next() => {
+                message = self.messages.next() => return Ok(message.map(|message| self.on_message(message))),
+                Some(done) = self.requests.next() => {
                     if let Some(event) = done? {
                         self.on_done(&event);
                         return Ok(Some(event));
@@ -183,7 +181,7 @@ impl Presence {
 
     fn on_message(&mut self, message: Arc<Message>) -> Event {
         let change = self.open.on_message(&message);
-        let must_tell = match (&message.topic, &message.payload) {
+        let must_announce = match (&message.topic, &message.payload) {
             (_, Payload::Presence(_)) => change.is_some(),
             (_, Payload::Birth(birth)) => {
                 let systems: Vec<_> = birth.coordinate_systems.iter().map(|cs| cs.number).collect();
@@ -192,21 +190,21 @@ impl Presence {
             }
             // the last will of an earlier connection arrived after the announcement
             (Topic::HandlerPresence(id), Payload::HandlerPresence(presence)) => {
-                self.telling != Telling::NotYet && **id == *self.handler_id && !presence.online
+                self.announced != Announcement::Never && **id == *self.handler_id && !presence.online
             }
             _ => false,
         };
-        if must_tell {
+        if must_announce {
             self.announce();
         }
-        Event::Said(message, change)
+        Event::Message(message, change)
     }
 
     fn on_done(&mut self, event: &Event) {
         match event {
-            Event::Said(..) => {}
+            Event::Message(..) => {}
             Event::Announced => {
-                if replace(&mut self.telling, Telling::Told) == Telling::BusyAndThenAgain {
+                if replace(&mut self.announced, Announcement::Done) == Announcement::PendingAgain {
                     self.announce();
                 }
             }
@@ -234,19 +232,19 @@ impl Presence {
         if self.systems.is_empty() || self.open.online.is_none() {
             return;
         }
-        if matches!(self.telling, Telling::Busy | Telling::BusyAndThenAgain) {
-            self.telling = Telling::BusyAndThenAgain;
+        if matches!(self.announced, Announcement::Pending | Announcement::PendingAgain) {
+            self.announced = Announcement::PendingAgain;
             return;
         }
         // first releases claims of an earlier program of the same name whose end was not noticed
-        let is_first = replace(&mut self.telling, Telling::Busy) == Telling::NotYet;
+        let is_first = replace(&mut self.announced, Announcement::Pending) == Announcement::Never;
         let online = self.announcement();
         let (plc, id) = (self.plc.clone(), self.handler_id.to_string());
-        self.under_way.push(Box::pin(async move {
+        self.requests.push(Box::pin(async move {
             if is_first {
-                tell(&plc, &id, HandlerPresence::default()).await?;
+                send_presence(&plc, &id, HandlerPresence::default()).await?;
             }
-            tell(&plc, &id, online).await?;
+            send_presence(&plc, &id, online).await?;
             Ok(Some(Event::Announced))
         }));
     }
@@ -264,7 +262,7 @@ impl Presence {
             return;
         }
         let (plc, claim) = (self.plc.clone(), id.claim(m, &self.handler_id));
-        self.under_way.push(Box::pin(async move {
+        self.requests.push(Box::pin(async move {
             let status = until_answered(&plc, claim).await;
             let is_ours = status == Some(HandshakeStatus::Accepted);
             Ok(Some(Event::Reclaimed(id, is_ours)))
@@ -274,7 +272,7 @@ impl Presence {
     /// Sends a request without waiting for its answer.
     pub(crate) fn send(&mut self, request: Request, what_if_not: &'static str) {
         let plc = self.plc.clone();
-        self.under_way.push(Box::pin(async move {
+        self.requests.push(Box::pin(async move {
             if let Err(refusal) = plc.port().request(request).await {
                 tracing::warn!(%refusal, "{what_if_not}");
             }
@@ -287,7 +285,7 @@ impl Presence {
 ///
 /// # Errors
 /// The machine or the connection refuses it for good.
-async fn tell(plc: &Plc, id: &str, presence: HandlerPresence) -> Result<(), Refusal> {
+async fn send_presence(plc: &Plc, id: &str, presence: HandlerPresence) -> Result<(), Refusal> {
     let mut tries = 0;
     loop {
         let request = Request::Handler(id.to_owned(), presence.clone());

@@ -51,7 +51,7 @@ impl FakePort {
 
     /// # Errors
     /// There is no such coordinate system, or code or text is out of its limits.
-    pub(super) fn asked_to_raise(&self, raise: &AlarmRaise) -> Result<(), Refusal> {
+    pub(super) fn on_raise(&self, raise: &AlarmRaise) -> Result<(), Refusal> {
         let alarm = raise.alarm()?;
         let mut inner = lock(&self.inner);
         if let Some(cs) = raise.cs {

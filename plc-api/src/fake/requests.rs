@@ -60,7 +60,7 @@ impl FakePort {
                 Ok(Answer::Done)
             }
             MachineRequest::Handlers => Ok(Answer::Handlers(self.handlers())),
-            MachineRequest::RaiseAlarm(raise) => self.asked_to_raise(&raise).map(|()| Answer::Done),
+            MachineRequest::RaiseAlarm(raise) => self.on_raise(&raise).map(|()| Answer::Done),
             MachineRequest::AlarmHistory => Ok(Answer::Alarms(lock(&self.inner).alarms.clone())),
             MachineRequest::SkipInput(..) => Ok(Answer::Done),
             MachineRequest::ReadVariables {
@@ -82,7 +82,6 @@ impl FakePort {
         }
     }
 
-    /// Asks the ledger of a coordinate system.
     fn ledger<T>(
         &self,
         cs: CoordinateSystemNumber,

@@ -14,7 +14,6 @@ use crate::types::topic::CsTopic;
 
 use super::{OPEN_OUTPUTS_MAX, boot_id};
 
-/// State word and reason.
 type Word = (Execution, Option<Reason>);
 
 /// One coordinate system, without motion.
@@ -85,7 +84,6 @@ impl System {
         }
     }
 
-    /// Ends the run with this state word.
     pub(super) fn end(&mut self, word: Word) {
         self.run = None;
         self.idle = word;

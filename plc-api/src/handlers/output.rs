@@ -67,8 +67,7 @@ impl AuxOutput {
         AT_WORK.try_with(Clone::clone).ok()
     }
 
-    /// Runs the work of its handler.
-    pub(super) fn worked_on<T>(&self, work: impl Future<Output = T>) -> impl Future<Output = T> {
+    pub(super) fn at_work_on<T>(&self, work: impl Future<Output = T>) -> impl Future<Output = T> {
         AT_WORK.scope(self.clone(), work)
     }
 
@@ -201,7 +200,6 @@ impl Cancellation {
     }
 }
 
-/// Cancels an output.
 pub(super) struct Cancel(watch::Sender<CancelState>);
 
 impl Cancel {

@@ -50,7 +50,7 @@ pub(super) async fn run(
 ) -> Result<()> {
     let presence = Presence::new(plc, handler_id, table.codes(), table.validates());
     // dropped after the runner, thus after the handlers
-    let _gone = presence.gone();
+    let _offline = presence.offline_on_drop();
     let mut runner = Runner {
         table,
         on_redelivery,
@@ -81,14 +81,14 @@ impl Drop for Runner {
 impl Runner {
     fn on_event(&mut self, event: Event) {
         match event {
-            Event::Said(_, Some(Change::Boot)) => {
+            Event::Message(_, Some(Change::Boot)) => {
                 if let Some(boot) = &self.presence.open.online {
                     self.cancel_where(|other| other.boot_id != *boot, Some(CancelReason::Shutdown));
                 }
                 self.look_at_all();
             }
-            Event::Said(_, Some(Change::Pending(cs))) => self.look_at(cs),
-            Event::Said(message, None) => self.on_message(&message),
+            Event::Message(_, Some(Change::Pending(cs))) => self.look_at(cs),
+            Event::Message(message, None) => self.on_message(&message),
             Event::Announced => {
                 if !std::mem::replace(&mut self.is_known, true) {
                     self.look_at_all();
@@ -179,7 +179,7 @@ impl Runner {
         let (abort, registration) = AbortHandle::new_pair();
         let work = work(output.clone(), Arc::clone(handler));
         let work = Box::pin(Abortable::new(work, registration));
-        self.work.push(Box::pin(worked(work, id.clone())));
+        self.work.push(Box::pin(run_to_end(work, id.clone())));
         let running = Running {
             output,
             abort,
@@ -206,7 +206,7 @@ impl Runner {
 }
 
 /// Drops the future, and with it the handler, before its end is reported; a panic in its destructors ends no other.
-async fn worked(mut work: Pin<Box<Abortable<impl Future<Output = ()>>>>, id: OutputId) -> OutputId {
+async fn run_to_end(mut work: Pin<Box<Abortable<impl Future<Output = ()>>>>, id: OutputId) -> OutputId {
     let _aborted = (&mut work).await;
     if let Err(panicked) = catch_unwind(AssertUnwindSafe(|| drop(work))) {
         let text = panic_text(&*panicked);
@@ -237,7 +237,7 @@ async fn work(output: AuxOutput, handler: Boxed) {
 }
 
 async fn call(output: &AuxOutput, handler: &Boxed) -> Result<(), Alarm> {
-    let work = output.worked_on(async { handler(output.clone(), output.plc().clone()).await });
+    let work = output.at_work_on(async { handler(output.clone(), output.plc().clone()).await });
     let panicked = match AssertUnwindSafe(work).catch_unwind().await {
         Ok(result) => return result,
         Err(panicked) => panicked,

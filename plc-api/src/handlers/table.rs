@@ -57,7 +57,6 @@ where
     move |output: AuxOutput, plc: Plc| handler(output, plc, shared.clone())
 }
 
-/// A check of parameters at program load.
 pub(super) type Check = Arc<dyn Fn(&Params) -> Result<(), Alarm> + Send + Sync>;
 
 pub(super) type Boxed = Arc<dyn Fn(AuxOutput, Plc) -> BoxFuture<'static, Result<(), Alarm>> + Send + Sync>;
@@ -137,7 +136,6 @@ impl Table {
         self.mistakes.iter().cloned().chain(idle).collect()
     }
 
-    /// True if parameters of any code are checked.
     pub(super) fn validates(&self) -> bool {
         !self.checks.is_empty()
     }
@@ -164,7 +162,6 @@ impl Table {
         self.handlers.get(&(Some(cs), m)).or_else(of_all)
     }
 
-    /// All codes that have a handler.
     pub(super) fn codes(&self) -> BTreeSet<ServedCode> {
         self.handlers.keys().copied().collect()
     }

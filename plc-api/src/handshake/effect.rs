@@ -1,4 +1,4 @@
-//! Inputs of the ledger, and the effects that it asks for.
+//! Inputs and effects of the ledger.
 
 use std::time::SystemTime;
 

@@ -10,7 +10,7 @@ use crate::claim::OutputId;
 use crate::error::{Error, Result};
 use crate::lock::lock;
 use crate::plc::Plc;
-use crate::presence::{Event, Gone, Presence};
+use crate::presence::{Event, Offline, Presence};
 use crate::types::request::Refusal;
 
 /// Outputs in use; true while one is claimed and not answered.
@@ -22,7 +22,7 @@ pub(super) struct Owner {
     held: Held,
     known: watch::Receiver<Option<std::result::Result<(), Refusal>>>,
     presence: JoinHandle<()>,
-    gone: Gone,
+    offline: Offline,
 }
 
 impl Drop for Owner {
@@ -32,19 +32,17 @@ impl Drop for Owner {
 }
 
 impl Owner {
-    /// Spawns the task that announces the handler.
     pub(super) fn start(presence: Presence) -> Self {
         let (known, is_known) = watch::channel(None);
         let held = Held::default();
         Self {
             held: Arc::clone(&held),
             known: is_known,
-            gone: presence.gone(),
+            offline: presence.offline_on_drop(),
             presence: tokio::spawn(keep(presence, held, known)),
         }
     }
 
-    /// Waits until the machine knows the handler.
     pub(super) async fn known(&self) -> Result<()> {
         let mut known = self.known.clone();
         let told = known.wait_for(Option::is_some).await;
@@ -53,11 +51,11 @@ impl Owner {
     }
 
     pub(super) fn plc(&self) -> &Plc {
-        &self.gone.plc
+        &self.offline.plc
     }
 
     pub(super) fn handler_id(&self) -> &str {
-        &self.gone.handler_id
+        &self.offline.handler_id
     }
 
     pub(super) fn hold(&self, id: &OutputId, claimed: bool) {
@@ -86,7 +84,7 @@ async fn keep(
             Ok(Some(Event::Announced)) => {
                 known.send_replace(Some(Ok(())));
             }
-            Ok(Some(Event::Said(..))) => {
+            Ok(Some(Event::Message(..))) => {
                 for (id, m) in presence.lost() {
                     if lock(&held).get(&id) == Some(&true) {
                         presence.reclaim(id, m);

@@ -333,7 +333,6 @@ impl Image {
     }
 }
 
-/// The last value of each state topic.
 type States = BTreeMap<Topic, Arc<Message>>;
 
 /// Makes images of the latest messages and of what is requested from the machine.
@@ -368,8 +367,8 @@ impl Camera {
             ..Image::default()
         };
         // requests first, so that the rest is as new as possible
-        self.ask(&mut image).await;
-        self.hear();
+        self.request_reads(&mut image).await;
+        self.take_messages();
         image.states = Arc::clone(&self.states);
         image.time_s = self.plc.now_s();
         for output in flags.outputs() {
@@ -381,7 +380,7 @@ impl Camera {
     }
 
     /// Takes messages since the image before.
-    fn hear(&mut self) {
+    fn take_messages(&mut self) {
         // the image before has been dropped, so this copies nothing
         let states = Arc::make_mut(&mut self.states);
         while let Some(message) = self.subscription.try_next() {
@@ -391,7 +390,7 @@ impl Camera {
         }
     }
 
-    async fn ask(&self, image: &mut Image) {
+    async fn request_reads(&self, image: &mut Image) {
         let port = self.plc.port();
         let variables = self.reads.variables.iter();
         let variables = variables.map(|&(area, from, count)| {

@@ -20,7 +20,6 @@ pub(super) struct Writer {
 }
 
 impl Writer {
-    /// Refusals since the last call.
     pub(super) fn take_refusals(&mut self) -> Vec<Refusal> {
         take(&mut self.refusals)
     }

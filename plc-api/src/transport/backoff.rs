@@ -32,7 +32,6 @@ impl Backoff {
         wait
     }
 
-    /// Waits before the next attempt.
     #[cfg(any(feature = "mqtt", feature = "rest"))]
     pub(super) async fn wait(&mut self) {
         tokio::time::sleep(self.next_wait()).await;

@@ -1,4 +1,4 @@
-//! What every client has in common: a [`Hub`] with what the machine says, filled by one connection, and a [`Port`] over
+//! Common part of all clients: a [`Hub`] that a connection fills with messages of the machine, and a [`Port`] over
 //! it.
 
 use std::sync::Arc;

@@ -86,7 +86,7 @@ struct ConnectionState {
     /// Handlers of this process, announced on every new connection.
     handlers: BTreeMap<String, HandlerPresence>,
     /// Handlers whose presence is to be sent on this connection.
-    unsaid: Vec<String>,
+    unsent: Vec<String>,
     /// Handlers that the machine has refused, and why.
     refused: BTreeMap<String, String>,
     /// Results of validations to send on this connection.
@@ -132,7 +132,7 @@ impl Shared {
     async fn ask(&self, request: Request) -> Result<Answer, Refusal> {
         let request = match request {
             Request::Handler(id, presence) => return self.announce(id, presence).await,
-            Request::ValidateResult(cs, Some(m), result) => return self.validated(cs, m, result),
+            Request::ValidateResult(cs, Some(m), result) => return self.send_validation(cs, m, result),
             other => other,
         };
         let patience = match &request {
@@ -140,11 +140,12 @@ impl Shared {
             _ => ANSWER_TIMEOUT,
         };
         let exchange = encode(request)?;
-        self.link.within(patience, self.exchanged(&exchange)).await
+        self.link
+            .within(patience, self.repeat_until_answered(&exchange))
+            .await
     }
 
-    /// Sends it until there is an answer.
-    async fn exchanged(&self, exchange: &Exchange) -> Result<Answer, Refusal> {
+    async fn repeat_until_answered(&self, exchange: &Exchange) -> Result<Answer, Refusal> {
         loop {
             match self.send(exchange).await {
                 Ok((status, body)) => return exchange.answer.decode(status, &body),
@@ -175,7 +176,7 @@ impl Shared {
     }
 
     /// Passes the result of a validation to the connection. The machine does not answer it.
-    fn validated(
+    fn send_validation(
         &self,
         cs: CoordinateSystemNumber,
         m: u16,
@@ -203,7 +204,7 @@ impl Shared {
     /// Announces a handler on this connection, and waits until the machine shows it.
     async fn announce(&self, id: String, presence: HandlerPresence) -> Result<Answer, Refusal> {
         let topic = Topic::HandlerPresence(id.clone());
-        let mut said = self.link.hub.subscribe(Filter::Topics(vec![topic.clone()]));
+        let mut messages = self.link.hub.subscribe(Filter::Topics(vec![topic.clone()]));
         {
             let mut state = lock(&self.state);
             state.refused.remove(&id);
@@ -212,7 +213,7 @@ impl Shared {
             } else {
                 state.handlers.remove(&id);
             }
-            state.unsaid.push(id.clone());
+            state.unsent.push(id.clone());
         }
         self.link.wake.notify_one();
         let is_so = || match self
@@ -232,7 +233,7 @@ impl Shared {
                     return Err(Refusal::new(RefusalCode::Invalid, text));
                 }
                 tokio::select! {
-                    _ = said.next() => {}
+                    _ = messages.next() => {}
                     () = refused => {}
                 }
             }

@@ -59,7 +59,6 @@ impl Outbox {
         self.entries.retain(|entry| !entry.done.is_closed());
     }
 
-    /// Marks all messages as not sent.
     pub(super) fn new_connection(&mut self) {
         self.unnumbered.clear();
         self.by_packet.clear();
@@ -81,14 +80,13 @@ impl Outbox {
     }
 
     /// The library has assigned a packet id to the oldest message without one.
-    pub(super) fn numbered(&mut self, packet: u16) {
+    pub(super) fn on_packet_id(&mut self, packet: u16) {
         if let Some(id) = self.unnumbered.pop_front() {
             self.by_packet.insert(packet, id);
         }
     }
 
-    /// The broker has received a message.
-    pub(super) fn acknowledged(&mut self, packet: u16) {
+    pub(super) fn on_acknowledgement(&mut self, packet: u16) {
         if let Some(id) = self.by_packet.remove(&packet) {
             self.end(
                 |entry| entry.id == id && entry.outgoing.until == Until::Acknowledged,
@@ -99,9 +97,9 @@ impl Outbox {
 
     /// Ends the requests that a message of the machine answers. `is_open`: the output is still in `pending`, which is
     /// published before its result.
-    pub(super) fn hear(&mut self, message: &Message, is_open: impl Fn(u64) -> bool) {
+    pub(super) fn on_message(&mut self, message: &Message, is_open: impl Fn(u64) -> bool) {
         match (&message.topic, &message.payload) {
-            (Topic::CoordinateSystem(heard_cs, CsTopic::Result(heard_m)), Payload::Result(result)) => {
+            (Topic::CoordinateSystem(result_cs, CsTopic::Result(result_m)), Payload::Result(result)) => {
                 // the output is open, so this is not the answer to a reset but a late one to a claim
                 let of_claim = result.status == HandshakeStatus::Accepted && is_open(result.seq);
                 let is_its = |entry: &Entry| match &entry.outgoing.until {
@@ -112,7 +110,7 @@ impl Outbox {
                         handler_id,
                         is_reset,
                     } => {
-                        (cs, m, *seq) == (heard_cs, heard_m, result.seq)
+                        (cs, m, *seq) == (result_cs, result_m, result.seq)
                             && *handler_id == result.handler_id
                             && !(*is_reset && of_claim)
                     }
@@ -208,16 +206,16 @@ mod tests {
         let mut reset = outbox.put(outgoing("reset", handshake(true))).unwrap();
         assert_eq!(sent(&mut outbox), ["tool", "reset"]);
         assert!(sent(&mut outbox).is_empty());
-        outbox.numbered(1);
-        outbox.numbered(2);
-        outbox.acknowledged(2);
+        outbox.on_packet_id(1);
+        outbox.on_packet_id(2);
+        outbox.on_acknowledgement(2);
         outbox.new_connection();
         assert_eq!(sent(&mut outbox), ["tool", "reset"]);
-        outbox.numbered(1);
-        outbox.acknowledged(1);
+        outbox.on_packet_id(1);
+        outbox.on_acknowledgement(1);
         assert_eq!(tool.try_recv().unwrap(), Ok(Answer::Done));
         assert!(reset.try_recv().is_err());
-        outbox.hear(&accepted(), |_| false);
+        outbox.on_message(&accepted(), |_| false);
         assert!(reset.try_recv().unwrap().is_ok());
     }
 
@@ -225,9 +223,9 @@ mod tests {
     fn the_late_answer_to_a_claim_is_not_taken_for_that_to_the_reset() {
         let mut outbox = Outbox::default();
         let mut reset = outbox.put(outgoing("reset", handshake(true))).unwrap();
-        outbox.hear(&accepted(), |_| true);
+        outbox.on_message(&accepted(), |_| true);
         assert!(reset.try_recv().is_err());
-        outbox.hear(&accepted(), |_| false);
+        outbox.on_message(&accepted(), |_| false);
         assert!(reset.try_recv().unwrap().is_ok());
     }
 

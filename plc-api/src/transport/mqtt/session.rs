@@ -41,7 +41,6 @@ const FILTERS: [&str; 16] = [
     "cs/+/lease/state",
 ];
 
-/// Keeps a connection until the port is dropped.
 pub(super) async fn keep_connected(shared: std::sync::Arc<Shared>) {
     let mut backoff = Backoff::default();
     while !shared.link.is_closed() {
@@ -86,7 +85,6 @@ fn options(shared: &Shared) -> MqttOptions {
     options
 }
 
-/// Receives until the connection ends.
 async fn receive(shared: &Shared, client: &AsyncClient, events: &mut EventLoop, connected: &mut bool) {
     loop {
         match events.poll().await {
@@ -103,14 +101,16 @@ async fn receive(shared: &Shared, client: &AsyncClient, events: &mut EventLoop, 
                 shared.link.wake.notify_one();
                 tracing::info!(address = %shared.link.address, "connected");
             }
-            Ok(Event::Incoming(Packet::Publish(publish))) => hear(shared, &publish.topic, &publish.payload),
+            Ok(Event::Incoming(Packet::Publish(publish))) => {
+                on_publish(shared, &publish.topic, &publish.payload);
+            }
             Ok(Event::Incoming(Packet::PubAck(ack))) => {
-                lock(&shared.state).outbox.acknowledged(ack.pkid);
+                lock(&shared.state).outbox.on_acknowledgement(ack.pkid);
                 // the library may take more now
                 shared.link.wake.notify_one();
             }
             Ok(Event::Outgoing(Sent::Publish(packet))) => {
-                lock(&shared.state).outbox.numbered(packet);
+                lock(&shared.state).outbox.on_packet_id(packet);
                 shared.link.wake.notify_one();
             }
             Ok(Event::Outgoing(Sent::Disconnect)) => return,
@@ -142,7 +142,7 @@ async fn send(shared: &Shared, client: &AsyncClient) {
             if client.try_disconnect().is_err() {
                 return;
             }
-            // receiving ends once the broker has been told
+            // `receive` ends once the disconnect has been sent
             std::future::pending::<()>().await;
         }
         let mut state = lock(&shared.state);
@@ -161,7 +161,7 @@ async fn send(shared: &Shared, client: &AsyncClient) {
 }
 
 /// Passes a message to the hub and to the requests that wait for it.
-fn hear(shared: &Shared, path: &str, payload: &[u8]) {
+fn on_publish(shared: &Shared, path: &str, payload: &[u8]) {
     let Some(topic) = path
         .strip_prefix(&shared.address.root)
         .and_then(|path| path.strip_prefix('/'))
@@ -191,7 +191,7 @@ fn hear(shared: &Shared, path: &str, payload: &[u8]) {
         Some(Payload::Pending(pending)) => pending.outputs.iter().any(|output| output.output.seq == seq),
         _ => false,
     };
-    lock(&shared.state).outbox.hear(&message, is_open);
+    lock(&shared.state).outbox.on_message(&message, is_open);
 }
 
 #[cfg(test)]

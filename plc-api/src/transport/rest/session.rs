@@ -14,7 +14,6 @@ use tokio_tungstenite::{MaybeTlsStream, WebSocketStream};
 
 use crate::lock::lock;
 use crate::types::message::{Message, Payload};
-use crate::types::output::HandlerPresence;
 use crate::types::topic::Topic;
 
 use super::super::backoff::Backoff;
@@ -25,7 +24,6 @@ const SILENCE_MAX: Duration = Duration::from_secs(45);
 
 type Socket = WebSocketStream<MaybeTlsStream<TcpStream>>;
 
-/// Keeps a connection until the port is dropped.
 pub(super) async fn keep_connected(shared: Arc<Shared>) {
     let mut backoff = Backoff::default();
     while !shared.link.is_closed() {
@@ -37,7 +35,7 @@ pub(super) async fn keep_connected(shared: Arc<Shared>) {
                     tracing::warn!(%error, address = %shared.link.address, "connection lost");
                     lock(&shared.state).trouble = Some(error.to_string());
                 }
-                gone(&shared);
+                set_offline(&shared);
             }
             Err(error) => lock(&shared.state).trouble = Some(error.to_string()),
         }
@@ -59,7 +57,7 @@ async fn open(shared: &Shared) -> tungstenite::Result<Socket> {
     socket.send(Frame::text(subscribe.to_string())).await?;
     let mut state = lock(&shared.state);
     state.trouble = None;
-    state.unsaid = state.handlers.keys().cloned().collect();
+    state.unsent = state.handlers.keys().cloned().collect();
     // the machine no longer waits for answers to questions of the last connection
     state.validated.clear();
     drop(state);
@@ -72,7 +70,7 @@ async fn serve(shared: &Shared, socket: &mut Socket) -> tungstenite::Result<()> 
     loop {
         tokio::select! {
             frame = tokio::time::timeout(SILENCE_MAX, socket.next()) => match frame {
-                Ok(Some(Ok(Frame::Text(text)))) => hear(shared, &text),
+                Ok(Some(Ok(Frame::Text(text)))) => on_text(shared, &text),
                 Ok(Some(Ok(Frame::Close(_))) | None) => return Err(tungstenite::Error::ConnectionClosed),
                 Ok(Some(Ok(_))) => {}
                 Ok(Some(Err(error))) => return Err(error),
@@ -83,8 +81,8 @@ async fn serve(shared: &Shared, socket: &mut Socket) -> tungstenite::Result<()> 
                     // so the machine notices at once that the handlers are offline
                     return socket.close(None).await;
                 }
-                for said in unsaid(shared) {
-                    socket.send(Frame::text(said.to_string())).await?;
+                for frame in unsent(shared) {
+                    socket.send(Frame::text(frame.to_string())).await?;
                 }
             }
         }
@@ -92,24 +90,21 @@ async fn serve(shared: &Shared, socket: &mut Socket) -> tungstenite::Result<()> 
 }
 
 /// The frames to send: presence of handlers first, then results of validations.
-fn unsaid(shared: &Shared) -> Vec<Value> {
+fn unsent(shared: &Shared) -> Vec<Value> {
     let mut state = lock(&shared.state);
-    let unsaid = std::mem::take(&mut state.unsaid);
+    let unsent = std::mem::take(&mut state.unsent);
     let presence = |id: &String| {
-        let HandlerPresence {
-            online,
-            handles,
-            validates,
-        } = state.handlers.get(id).cloned().unwrap_or_default();
-        json!({ "handler": { "id": id, "online": online, "handles": handles, "validates": validates } })
+        let mut handler = json!(state.handlers.get(id).cloned().unwrap_or_default());
+        handler["id"] = json!(id);
+        json!({ "handler": handler })
     };
-    let mut frames: Vec<_> = unsaid.iter().map(presence).collect();
+    let mut frames: Vec<_> = unsent.iter().map(presence).collect();
     frames.append(&mut state.validated);
     frames
 }
 
 /// Until the next connection the machine counts as offline: `pending` may be out of date.
-fn gone(shared: &Shared) {
+fn set_offline(shared: &Shared) {
     let Some(last) = shared.link.hub.read(&Topic::Presence) else {
         return;
     };
@@ -124,7 +119,7 @@ fn gone(shared: &Shared) {
 }
 
 /// Passes a message to the hub.
-fn hear(shared: &Shared, text: &str) {
+fn on_text(shared: &Shared, text: &str) {
     #[derive(Deserialize)]
     struct Named {
         topic: String,
@@ -132,7 +127,7 @@ fn hear(shared: &Shared, text: &str) {
     let Ok(Named { topic }) = serde_json::from_str(text) else {
         let text = shown(text);
         tracing::warn!(%text, "the machine refuses");
-        refused(shared, text);
+        on_error(shared, text);
         return;
     };
     let Some(topic) = Topic::parse(&topic) else {
@@ -145,7 +140,7 @@ fn hear(shared: &Shared, text: &str) {
 }
 
 /// Refuses the announcement of the handler that an error frame names.
-fn refused(shared: &Shared, text: String) {
+fn on_error(shared: &Shared, text: String) {
     let mut state = lock(&shared.state);
     let is_named = |id: &&String| text.contains(&Topic::HandlerPresence((*id).clone()).path());
     let Some(id) = state.handlers.keys().find(is_named).cloned() else {
