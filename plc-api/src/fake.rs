@@ -80,7 +80,6 @@ struct Inner {
     boot: u32,
     now_s: f64,
     systems: BTreeMap<CoordinateSystemNumber, System>,
-    handlers: BTreeMap<String, HandlerPresence>,
     requests: Vec<Request>,
     validated: Vec<ValidateResult>,
     alarms: Vec<AlarmRecord>,
@@ -186,7 +185,7 @@ impl FakePort {
 
     /// Handlers that have announced themselves, by id.
     pub fn handlers(&self) -> BTreeMap<String, HandlerPresence> {
-        lock(&self.inner).handlers.clone()
+        self.hub.handlers()
     }
 
     /// Has the handlers of an M code check parameters, as a program load does. `Err` is the text of the handler that

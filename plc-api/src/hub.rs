@@ -12,7 +12,8 @@ use tokio::sync::Notify;
 
 use crate::lock::lock;
 use crate::queue::Queue;
-use crate::types::message::Message;
+use crate::types::message::{Message, Payload};
+use crate::types::output::HandlerPresence;
 use crate::types::topic::{CsTopic, Topic};
 
 /// The topics of a subscription.
@@ -108,6 +109,18 @@ impl Hub {
         lock(&self.inner).states.values().cloned().collect()
     }
 
+    /// Handlers that have announced themselves, by id.
+    pub(crate) fn handlers(&self) -> BTreeMap<String, HandlerPresence> {
+        let states = self.states();
+        let presence = |message: &Arc<Message>| match (&message.topic, &message.payload) {
+            (Topic::HandlerPresence(id), Payload::HandlerPresence(presence)) => {
+                Some((id.clone(), presence.clone()))
+            }
+            _ => None,
+        };
+        states.iter().filter_map(presence).collect()
+    }
+
     /// Forgets the value of a state topic.
     pub fn forget(&self, topic: &Topic) {
         lock(&self.inner).states.remove(topic);
@@ -188,7 +201,6 @@ impl Subscription {
 mod tests {
     use super::*;
     use crate::queue::EVENTS_MAX;
-    use crate::types::message::Payload;
     use crate::types::output::{Cancel, CancelReason};
     use crate::types::state::Switch;
     use crate::types::{BootId, Timestamp};

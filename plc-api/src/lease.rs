@@ -9,7 +9,7 @@ use tokio::task::JoinHandle;
 use crate::coordinate_system::CoordinateSystem;
 use crate::error::{Error, Result};
 use crate::plc::Plc;
-use crate::types::lease::{Lease as Granted, LeaseRelease, LeaseRequest, LeaseTake};
+use crate::types::lease::{LeaseRelease, LeaseRequest, LeaseTake};
 use crate::types::refusal::{Refusal, RefusalCode};
 use crate::types::request::typed;
 
@@ -32,11 +32,9 @@ const RENEWALS: u32 = 3;
 #[derive(Debug)]
 pub struct Lease {
     coordinate_system: CoordinateSystem,
-    granted: Granted,
+    fence: u64,
     lost: Arc<AtomicBool>,
     renewal: JoinHandle<()>,
-    /// True if there is nothing left to release.
-    released: bool,
 }
 
 impl CoordinateSystem {
@@ -76,9 +74,8 @@ impl CoordinateSystem {
         Ok(Lease {
             coordinate_system: self.under_lease(granted.fence),
             renewal: tokio::spawn(renew(self.clone(), take, ttl / RENEWALS, Arc::clone(&lost))),
-            granted,
+            fence: granted.fence,
             lost,
-            released: false,
         })
     }
 
@@ -120,7 +117,7 @@ impl Lease {
 
     /// Its number; each lease of the coordinate system gets a higher one.
     pub fn fence(&self) -> u64 {
-        self.granted.fence
+        self.fence
     }
 
     /// True once the machine has answered that it ended: it was broken, the runtime was restarted, or no renewal
@@ -133,9 +130,10 @@ impl Lease {
     ///
     /// # Errors
     /// `lease_lost` when it had ended before, or the machine cannot be reached.
-    pub async fn release(mut self) -> Result<()> {
-        self.released = true;
+    pub async fn release(self) -> Result<()> {
         self.renewal.abort();
+        // so that dropping it does not release it again
+        self.lost.store(true, Ordering::Relaxed);
         self.coordinate_system
             .plc()
             .request(self.ask_release())
@@ -153,7 +151,7 @@ impl Lease {
 impl Drop for Lease {
     fn drop(&mut self) {
         self.renewal.abort();
-        if !self.released && !self.is_lost() {
+        if !self.is_lost() {
             let unsent = "the control lease could not be released; it ends by its time";
             self.coordinate_system
                 .plc()

@@ -153,7 +153,6 @@ impl FakePort {
 
     fn handler(&self, id: &str, presence: &HandlerPresence) {
         let mut inner = lock(&self.inner);
-        inner.handlers.insert(id.to_owned(), presence.clone());
         let topic = Topic::HandlerPresence(id.to_owned());
         self.publish(&mut inner, topic, Payload::HandlerPresence(presence.clone()));
         drop(inner);

@@ -76,12 +76,14 @@ impl System {
         self.shown.program.unwrap_or(1)
     }
 
-    /// Starts a run if there is none.
+    /// The run, which starts if there is none.
+    fn run(&mut self) -> &mut Run {
+        self.runs += u32::from(self.run.is_none());
+        self.run.get_or_insert_default()
+    }
+
     pub(super) fn begin(&mut self) {
-        if self.run.is_none() {
-            self.runs += 1;
-            self.run = Some(Run::default());
-        }
+        self.run();
     }
 
     pub(super) fn end(&mut self, word: Word) {
@@ -91,10 +93,7 @@ impl System {
 
     /// Puts the end of the program.
     pub(super) fn put_end(&mut self) {
-        self.begin();
-        if let Some(run) = &mut self.run {
-            run.at_end = true;
-        }
+        self.run().at_end = true;
     }
 
     pub(super) fn is_paused(&self) -> bool {
@@ -108,15 +107,8 @@ impl System {
         self.shown.program = state.program.or(self.shown.program);
         match state.execution {
             Ready | Stopped | ProgramCompleted => self.end(word),
-            Execution::Active | Execution::Wait => self.pause(None),
-            _ => self.pause(Some(word)),
-        }
-    }
-
-    fn pause(&mut self, word: Option<Word>) {
-        self.begin();
-        if let Some(run) = &mut self.run {
-            run.paused = word;
+            Execution::Active | Execution::Wait => self.run().paused = None,
+            _ => self.run().paused = Some(word),
         }
     }
 
@@ -170,7 +162,7 @@ impl System {
             }
             Command::Start => self.begin(),
             Command::Hold => self.hold((Execution::FeedHold, None)),
-            Command::Resume => self.pause(None),
+            Command::Resume => self.run().paused = None,
             Command::Stop if self.run.is_some() => return Ok(Some(CancelReason::Stop)),
             Command::Abort if self.run.is_some() => return Ok(Some(CancelReason::Abort)),
             Command::Reset => return Ok(Some(CancelReason::Reset)),

@@ -1,6 +1,6 @@
 //! M codes that are on for a scan program.
 
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, MutexGuard};
 
 use tokio::sync::oneshot;
 
@@ -18,18 +18,6 @@ struct Flag {
     answer: oneshot::Sender<std::result::Result<(), Alarm>>,
 }
 
-/// Removes a flag when its output has ended in any way.
-struct Down {
-    flags: Flags,
-    key: (CoordinateSystemNumber, u64),
-}
-
-impl Drop for Down {
-    fn drop(&mut self) {
-        lock(&self.flags.0).retain(|flag| key(&flag.output) != self.key);
-    }
-}
-
 fn key(output: &AuxOutput) -> (CoordinateSystemNumber, u64) {
     (output.coordinate_system(), output.seq())
 }
@@ -38,10 +26,6 @@ impl Flags {
     /// The handler of every output of a scan program: it is on until a scan answers.
     pub(crate) async fn on(self, output: AuxOutput) -> std::result::Result<(), Alarm> {
         let (answer, answered) = oneshot::channel();
-        let _down = Down {
-            key: key(&output),
-            flags: self.clone(),
-        };
         lock(&self.0).push(Flag { output, answer });
         match answered.await {
             Ok(answer) => answer,
@@ -52,15 +36,22 @@ impl Flags {
 
     /// The outputs that are on, oldest first.
     pub(super) fn outputs(&self) -> Vec<AuxOutput> {
-        lock(&self.0).iter().map(|flag| flag.output.clone()).collect()
+        self.on_now().iter().map(|flag| flag.output.clone()).collect()
     }
 
     /// Answers an output of the image, and no other.
     pub(super) fn answer(&self, output: &AuxOutput, how: std::result::Result<(), Alarm>) {
-        let mut flags = lock(&self.0);
+        let mut flags = self.on_now();
         if let Some(place) = flags.iter().position(|flag| key(&flag.output) == key(output)) {
-            // the receiver is gone if the output was cancelled meanwhile
+            // the receiver is dropped if the output is cancelled meanwhile
             let _cancelled = flags.remove(place).answer.send(how);
         }
+    }
+
+    /// The flags without those whose handler has ended.
+    fn on_now(&self) -> MutexGuard<'_, Vec<Flag>> {
+        let mut flags = lock(&self.0);
+        flags.retain(|flag| !flag.answer.is_closed());
+        flags
     }
 }

@@ -15,7 +15,7 @@ use crate::types::message::{Message, Payload};
 use crate::types::request::{Answer, Refusal, RefusalCode, Request};
 use crate::types::topic::Topic;
 
-/// How long [`connect`] waits for the runtime.
+/// How long connecting waits for the runtime.
 pub const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// How long a request waits for its end; then it is refused as `unavailable`, and may have counted or not.

@@ -19,7 +19,7 @@ use crate::names::unique_name;
 use crate::port::{BoxFuture, Port};
 use crate::transport::client::{Client, Link};
 use crate::transport::tls::TlsFiles;
-use crate::types::message::{Message, Payload};
+use crate::types::message::Payload;
 use crate::types::request::{Answer, Refusal, RefusalCode, Request};
 use crate::types::topic::{CsTopic, Topic};
 use crate::wire::mqtt::{Until, encode};
@@ -156,7 +156,7 @@ impl Shared {
 
     async fn ask(&self, request: Request) -> Result<Answer, Refusal> {
         if let Request::Handlers = request {
-            return Ok(self.handlers());
+            return Ok(Answer::Handlers(self.link.hub.handlers()));
         }
         let m_of = |cs, seq| match &self.link.hub.read(&Topic::cs(cs, CsTopic::Pending))?.payload {
             Payload::Pending(pending) => {
@@ -181,16 +181,5 @@ impl Shared {
         self.link.wake.notify_one();
         let answer = async { end.await.unwrap_or_else(|_| Err(self.link.unanswered(patience))) };
         self.link.within(patience, answer).await
-    }
-
-    fn handlers(&self) -> Answer {
-        let states = self.link.hub.states();
-        let presence = |message: &Arc<Message>| match (&message.topic, &message.payload) {
-            (Topic::HandlerPresence(id), Payload::HandlerPresence(presence)) => {
-                Some((id.clone(), presence.clone()))
-            }
-            _ => None,
-        };
-        Answer::Handlers(states.iter().filter_map(presence).collect())
     }
 }
