@@ -3,34 +3,34 @@
 use crate::types::machine::AlarmRaise;
 use crate::types::refusal::{Refusal, RefusalCode};
 
-/// First alarm number of handlers (H6): the number is this plus the handler's code.
+/// First alarm number of handlers (H6): a number is this plus the handler's code.
 pub const USER_ALARM_BASE: u16 = 10_000;
 
 /// Highest code of a handler's alarm.
 pub const USER_CODE_MAX: u16 = 9_999;
 
-/// Characters of an alarm's text. A longer text is cut there: it is shown on a panel, and kept in every history.
+/// Characters of an alarm's text; a longer one is cut. Reason: panels show it, and histories keep it.
 pub const ALARM_TEXT_MAX: usize = 1_000;
 
-/// Why an output failed: number and text of the alarm that stops the NC program.
+/// An alarm that stops the NC program: number and text.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("alarm {number}: {text}")]
 pub struct Alarm {
-    /// 1 to 9999: the runtime's own table; 10000 + code: a handler's.
+    /// 1 to 9999: an alarm of the runtime; 10000 + code: one of a handler.
     pub number: u16,
-    /// What happened, in the words of the machine builder.
+    /// What happened, in the machine builder's words.
     pub text: String,
 }
 
 impl Alarm {
-    /// Code of an alarm made of an [`Error`](crate::Error) or a refusal by `?` in a handler.
+    /// Code of an alarm that `?` in a handler makes of an [`Error`](crate::Error) or a refusal.
     pub const CODE_OF_ERROR: u16 = 9_999;
     /// Code of the alarm of a handler that panicked.
     pub const CODE_OF_PANIC: u16 = 9_998;
 
     /// A handler's alarm. It appears with number 10000 + `code` and this text, unchanged.
     ///
-    /// `code` is 0 to 9999; a larger one counts as 9999. Of the text the first [`ALARM_TEXT_MAX`] characters count.
+    /// `code` is 0 to 9999; a larger one becomes 9999. The text is cut after [`ALARM_TEXT_MAX`] characters.
     pub fn user(code: u16, text: impl Into<String>) -> Self {
         let mut text = text.into();
         crate::text::cut(&mut text, ALARM_TEXT_MAX);
@@ -40,7 +40,7 @@ impl Alarm {
         }
     }
 
-    /// The code of a handler's alarm; `None` for one of the runtime's own table.
+    /// The code of a handler's alarm; `None` for one of the runtime.
     pub fn user_code(&self) -> Option<u16> {
         self.number.checked_sub(USER_ALARM_BASE)
     }
@@ -56,7 +56,7 @@ impl AlarmRaise {
     /// The alarm that it raises.
     ///
     /// # Errors
-    /// Code or text is out of its limits.
+    /// Code or text is out of range.
     pub fn alarm(&self) -> Result<Alarm, Refusal> {
         let is_text = (1..=ALARM_TEXT_MAX).contains(&self.text.chars().count());
         if self.code > USER_CODE_MAX || !is_text {

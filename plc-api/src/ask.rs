@@ -1,4 +1,4 @@
-//! Questions to the operator: asked by a handler, shown on panels with its output, answered by anyone who may operate.
+//! Questions to the operator: a handler asks, panels show the question with its output, and any operator answers.
 
 use std::sync::Arc;
 
@@ -19,10 +19,10 @@ use crate::types::request::typed::{self, AnswerQuestion};
 use crate::types::topic::{CsTopic, Topic};
 
 impl AuxOutput {
-    /// Asks the operator, and waits for one of the choices. The question is shown with the output and ends with it. Of
-    /// several at a time the first is shown first; a future that is dropped takes its question back.
+    /// Asks the operator, and waits for one of the choices. The question is shown with the output and ends with it.
+    /// Several questions are asked one after the other. Dropping the future withdraws the question.
     ///
-    /// `text` has 1 to 200 characters; there are 1 to 8 choices of 1 to 40 characters, each once.
+    /// `text` has 1 to 200 characters; there are 1 to 8 different choices of 1 to 40 characters.
     ///
     /// ```
     /// # use plc_api::{Alarm, AuxOutput, Params, SequenceProgram, fake::FakePort, handshake::Closed};
@@ -37,7 +37,7 @@ impl AuxOutput {
     /// # let plc = fake.plc();
     /// # tokio::spawn(async move { SequenceProgram::new().on(80, measure).run(&plc).await });
     /// # let seq = fake.put_out(1, 80, Params::default());
-    /// // a panel, or a test
+    /// // in a panel or a test
     /// let mill = fake.plc().coordinate_system(1);
     /// let asked = mill.question().await?;
     /// assert_eq!(asked.question.text, "Is the part clean?");
@@ -48,7 +48,7 @@ impl AuxOutput {
     /// ```
     ///
     /// # Errors
-    /// Text or choices are out of their limits, or the output is no longer the handler's.
+    /// Text or choices are out of range, or the output is no longer the handler's.
     pub async fn ask<C: Into<String>>(
         &self,
         text: impl Into<String>,
@@ -67,16 +67,16 @@ impl AuxOutput {
         }
         ask.check()?;
         let _turn = self.turn_to_ask().await;
-        let question = Asked { output: self, ask };
-        question.answered().await
+        let question = PendingQuestion { output: self, ask };
+        question.answer().await
     }
 }
 
 impl Plc {
-    /// Asks the operator about the output whose handler calls this: [`AuxOutput::ask`].
+    /// Asks about the output of the calling handler: [`AuxOutput::ask`].
     ///
     /// # Errors
-    /// As [`AuxOutput::ask`]; no handler calls it, but a task that a handler has spawned, or a program without one.
+    /// As [`AuxOutput::ask`]; the caller is not a handler, but a task that a handler has spawned, or other code.
     #[deprecated(
         since = "0.2.0",
         note = "a question belongs to an output: call `ask` of the `AuxOutput` that the handler was given"
@@ -95,14 +95,14 @@ impl Plc {
     }
 }
 
-/// A question under way; dropped before its end it is taken back.
-struct Asked<'a> {
+/// A pending question; dropping it withdraws the question.
+struct PendingQuestion<'a> {
     output: &'a AuxOutput,
     ask: Ask,
 }
 
-impl Asked<'_> {
-    async fn answered(self) -> Result<String> {
+impl PendingQuestion<'_> {
+    async fn answer(self) -> Result<String> {
         let plc = self.output.plc();
         let topic = Topic::cs(self.output.coordinate_system(), CsTopic::Pending);
         let mut pending = plc.port().subscribe(Filter::Topics(vec![topic]));
@@ -111,7 +111,7 @@ impl Asked<'_> {
             if !seen {
                 match plc.request(self.request(self.ask.clone())).await {
                     Ok(answer) => match accepted(self.output.m(), self.output.seq(), answer) {
-                        // the connection was lost and the claim given back: `pending` tells how it goes on
+                        // the claim was lost with the connection: `pending` shows what follows
                         Ok(())
                         | Err(Error::Handshake {
                             status: HandshakeStatus::NotOwner,
@@ -141,7 +141,7 @@ impl Asked<'_> {
         }
     }
 
-    /// The output is no longer the handler's. Who drops the handler for that says why first.
+    /// The error of an output that is no longer the handler's, after its cancellation has a reason.
     async fn ended(&self) -> Error {
         self.output.cancellation().ended().await;
         Error::Handshake {
@@ -155,7 +155,7 @@ impl Asked<'_> {
         typed::Ask(self.output.coordinate_system(), Some(self.output.m()), ask)
     }
 
-    /// The output as `pending` shows it; `None` when it is no longer open, or another's.
+    /// The output in `pending`; `None` if it is no longer open, or another handler's.
     fn shown_in<'m>(&self, message: &'m Message) -> Option<&'m PendingOutput> {
         let mut outputs = shown(message).iter();
         let open = outputs.find(|output| output.output.seq == self.output.seq());
@@ -168,7 +168,7 @@ impl Asked<'_> {
     }
 }
 
-impl Drop for Asked<'_> {
+impl Drop for PendingQuestion<'_> {
     fn drop(&mut self) {
         let back = Ask {
             text: String::new(),
@@ -181,21 +181,21 @@ impl Drop for Asked<'_> {
     }
 }
 
-/// A question that waits for its answer, and the output that it belongs to.
+/// A pending question with its output.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct OpenQuestion {
-    /// Boot that made the output.
+    /// Boot that put the output out.
     pub boot_id: BootId,
     /// M number.
     pub m: u16,
     /// Sequence number of the output.
     pub seq: u64,
-    /// What is asked.
+    /// The question.
     pub question: Question,
 }
 
 impl CoordinateSystem {
-    /// Questions without an answer, in the order of their outputs.
+    /// Pending questions, in the order of their outputs.
     ///
     /// # Errors
     /// There is no such coordinate system.
@@ -204,10 +204,10 @@ impl CoordinateSystem {
         Ok(open_questions(&boot_id, &self.pending().await?.outputs))
     }
 
-    /// Waits until a question is asked, and gives the first.
+    /// Waits until there is a pending question, and returns the first.
     ///
     /// # Errors
-    /// The machine's side ended.
+    /// The machine has ended the connection.
     pub async fn question(&self) -> Result<OpenQuestion> {
         let topic = Topic::cs(self.number(), CsTopic::Pending);
         let mut pending = self.plc().port().subscribe(Filter::Topics(vec![topic]));
@@ -220,11 +220,11 @@ impl CoordinateSystem {
         Err(Error::Closed)
     }
 
-    /// Answers a question by one of its choices.
+    /// Answers a question with one of its choices.
     ///
     /// # Errors
-    /// The choice is none of them, the question has an answer, or it is not asked any more. Over MQTT only a choice
-    /// that is none of them is known here.
+    /// The choice is none of them, or the question has been answered or withdrawn. Over MQTT only the first is
+    /// reported.
     pub async fn answer(&self, asked: &OpenQuestion, choice: impl Into<String>) -> Result<()> {
         let choice = choice.into();
         if !asked.question.choices.contains(&choice) {

@@ -1,4 +1,4 @@
-//! Claims and resets of an output: each is sent again until the machine has answered, and the answer is judged here.
+//! Claims and resets of an output, each repeated until the machine has answered.
 
 use std::time::Duration;
 
@@ -13,10 +13,10 @@ use crate::types::refusal::RefusalCode;
 use crate::types::request::{TypedRequest, typed};
 use crate::types::{BootId, CoordinateSystemNumber};
 
-/// How long after a claim, reset, presence or question that could not be delivered it is sent again.
+/// Pause before a claim, reset, presence or question that could not be delivered is sent again.
 pub(crate) const RETRY: Duration = Duration::from_secs(1);
 
-/// An output across boots.
+/// Identifies an output across boots.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(crate) struct OutputId {
     pub(crate) boot_id: BootId,
@@ -25,7 +25,7 @@ pub(crate) struct OutputId {
 }
 
 impl OutputId {
-    /// An output of a coordinate system, as a message shows it.
+    /// An output in a `pending` message of a coordinate system.
     pub(crate) fn of(message: &Message, cs: CoordinateSystemNumber, output: &PendingOutput) -> Self {
         Self {
             boot_id: message.boot_id.clone(),
@@ -34,7 +34,6 @@ impl OutputId {
         }
     }
 
-    /// The handler takes the output, with this M number.
     pub(crate) fn claim(&self, m: u16, handler_id: &str) -> typed::Claim {
         let claim = Claim {
             boot_id: self.boot_id.clone(),
@@ -44,14 +43,13 @@ impl OutputId {
         typed::Claim(self.cs, Some(m), claim)
     }
 
-    /// How the handler has ended.
     pub(crate) fn reset(&self, m: u16, handler_id: &str, alarm: Option<Alarm>) -> typed::Reset {
         let reset = reset_of(&self.boot_id, self.seq, handler_id, alarm);
         typed::Reset(self.cs, Some(m), reset)
     }
 }
 
-/// The reset that says how a handler has ended.
+/// The reset that reports how a handler has ended.
 pub(crate) fn reset_of(boot_id: &BootId, seq: u64, handler_id: &str, alarm: Option<Alarm>) -> Reset {
     let (result, code, text) = match alarm {
         None => (ResetResult::Ok, None, None),
@@ -72,7 +70,7 @@ pub(crate) fn reset_of(boot_id: &BootId, seq: u64, handler_id: &str, alarm: Opti
     }
 }
 
-/// Whether the machine has accepted what was said of an output, as far as its answer tells.
+/// Checks the answer to a claim or reset; `None`, no answer, passes.
 pub(crate) fn accepted(m: u16, seq: u64, answer: Option<HandshakeResult>) -> Result<()> {
     match answer.map(|result| result.status) {
         None | Some(HandshakeStatus::Accepted) => Ok(()),
@@ -80,7 +78,7 @@ pub(crate) fn accepted(m: u16, seq: u64, answer: Option<HandshakeResult>) -> Res
     }
 }
 
-/// Sends a claim or reset until it is answered; `None` when the machine refuses it for good.
+/// Repeats a claim or reset until it is answered; `None` if the machine refuses it for good.
 pub(crate) async fn until_answered(
     plc: &Plc,
     request: impl TypedRequest<Answer = HandshakeResult> + Clone,
@@ -100,7 +98,8 @@ pub(crate) async fn until_answered(
     }
 }
 
-/// What becomes of an output: `None` leaves it to an operator, else whether the machine must be looked at first.
+/// Whether the handler starts on an output, and then whether it must check the machine first; `None` leaves it to an
+/// operator.
 pub(crate) fn taken_up(lost: bool, told: Option<Redelivery>, on_redelivery: Redelivery) -> Option<bool> {
     match (lost, told) {
         (_, Some(Redelivery::Redo)) | (false, _) => Some(false),

@@ -1,4 +1,4 @@
-//! One coordinate system as a sequence program sees it: commands, inputs and readings.
+//! One coordinate system, from the point of view of a sequence program: commands, inputs and readings.
 
 use std::collections::BTreeMap;
 
@@ -20,12 +20,12 @@ use crate::types::state::{
 };
 use crate::types::topic::{CsTopic, Topic};
 
-/// One CNC coordinate system of a machine. Each command is answered when its effect has been reached.
+/// One CNC coordinate system of a machine. Each command returns when it has had its effect.
 #[derive(Debug, Clone)]
 pub struct CoordinateSystem {
     plc: Plc,
     number: CoordinateSystemNumber,
-    /// Of the control lease under which it commands.
+    /// Fence of the control lease under which it commands.
     fence: Option<u64>,
 }
 
@@ -36,7 +36,7 @@ macro_rules! readings {
                 $(#[$doc])*
                 ///
                 /// # Errors
-                /// There is no such coordinate system, or it has not said this yet.
+                /// There is no such coordinate system, or it has not published this yet.
                 pub async fn $name(&self) -> Result<$type> {
                     let topic = Topic::cs(self.number, CsTopic::$topic);
                     match self.plc.port().read(&topic).await.as_deref().map(|message| &message.payload) {
@@ -50,11 +50,11 @@ macro_rules! readings {
 }
 
 readings! {
-    /// State word, reason, and what is waited for.
+    /// State word, reason, and the output that the program waits for.
     state: State as State -> State;
-    /// Program, call stack and line that run.
+    /// Running program, call stack and line.
     program: Program as Program -> ProgramPlace;
-    /// Positions of the last servo cycle, over MQTT of the last tenth of a second; mm or degrees, feedrate mm/min.
+    /// Positions of the last servo cycle, over MQTT at most 0.1 s old; mm or degrees, feedrate mm/min.
     position: Position as Position -> Position;
     /// Modal G codes by group, F in mm/min, S in r/min, ta, td and ts in ms.
     modal: Modal as Modal -> Modal;
@@ -64,11 +64,11 @@ readings! {
     spindle: Spindle as Spindle -> Spindle;
     /// Tool in the spindle.
     tool: Tool as Tool -> Tool;
-    /// Who holds the control lease, if anybody does.
+    /// Holder of the control lease, if there is one.
     lease: Lease as Lease -> LeaseState;
     /// Overrides, percent.
     overrides: Override as Override -> Overrides;
-    /// Optional block skip inputs, and which of them the interpreter reads now.
+    /// Optional block skip inputs, and those that the interpreter uses now.
     optional_skip: OptionalSkip as OptionalSkip -> OptionalSkip;
     /// The interlock input and why it is on.
     interlock: Interlock as Lock -> Lock;
@@ -78,8 +78,99 @@ readings! {
     pending: Pending as Pending -> Pending;
 }
 
+/// Commands and inputs: name and arguments, what is sent, and errors beyond those of all.
+macro_rules! calls {
+    ($(
+        $(#[$doc:meta])*
+        $name:ident($($argument:ident: $type:ty),*) => $call:ident($value:expr) $(, $errors:literal)?;
+    )*) => {
+        impl CoordinateSystem {
+            $(
+                $(#[$doc])*
+                ///
+                /// # Errors
+                #[doc = concat!($($errors, " ",)? "No such coordinate system, or the machine cannot be reached.")]
+                pub async fn $name(&self, $($argument: $type),*) -> Result<()> {
+                    self.$call($value).await
+                }
+            )*
+        }
+    };
+}
+
+calls! {
+    /// Loads a program of the store by its number, 1 to 9999: READY. Allowed in READY, `PROGRAM_COMPLETED` and STOPPED
+    /// without an alarm.
+    load(program: u16) => command(Command::Load { program }),
+        "Not allowed now, no such program, or the program has errors.";
+
+    /// Starts the loaded program from its beginning: ACTIVE.
+    start() => command(Command::Start), "Not allowed now, or a start lock is on.";
+
+    /// Feed hold: `FEED_HOLD` once the axes are at rest. No effect if the program is paused or nothing runs.
+    hold() => command(Command::Hold);
+
+    /// Continues after a pause.
+    resume() => command(Command::Resume), "Nothing is paused.";
+
+    /// In a feed hold with G500: moves back along the path (`true`) as far as it is known, or forward again (`false`)
+    /// as [`resume`](Self::resume) does. Outputs and dwells are not repeated.
+    back_trace(on: bool) => command(Command::BackTrace { on }),
+        "Not held, or no path to move back on; `false`: back trace is not on.";
+
+    /// Decelerates on the path and ends the run; open outputs are cancelled.
+    stop() => command(Command::Stop);
+
+    /// Brakes each motor at its highest deceleration and ends the run; open outputs are cancelled.
+    abort() => command(Command::Abort);
+
+    /// Ends the run, cancels open outputs, and clears alarms of this coordinate system and of the whole machine.
+    reset() => command(Command::Reset), "The program is ACTIVE.";
+
+    /// Manual data input: runs lines of NC text to their end, then READY. The next input continues with their modal
+    /// state, until a program, homing, a stop, an alarm or a reset.
+    mdi(text: impl Into<String>) => command(Command::Mdi { text: text.into() }),
+        "Not allowed now, the text has errors, or it was ended early.";
+
+    /// Moves axes to their first reference points, then READY; an empty list means all axes.
+    home(axes: &[char]) => command(Command::Home { axes: axes.to_vec() }),
+        "Not allowed now, there is no such axis, or it was ended early.";
+
+    /// Jogs one axis as long as it is called again with the same `refresh_id` at least every 200 ms. The first call
+    /// returns when the jog has ended, the others at once. The sign of `velocity`, mm/min or deg/min, is the direction;
+    /// `distance`, mm or degrees, is the longest way.
+    jog(axis: char, velocity: f64, distance: Option<f64>, refresh_id: impl Into<String>) =>
+        command(Command::Jog { axis, velocity, distance, refresh_id: refresh_id.into() }),
+        "Not allowed now, no such axis, a value out of range, the axis is at its soft limit, or the jog has ended.";
+
+    /// Records that an alarm of [`Plc::alarms`] has been seen, and by whom; it stays active until a reset.
+    acknowledge_alarm(id: u64) => command(Command::AlarmAcknowledge { id }), "No active alarm has this id.";
+
+    /// Sets one optional block skip input, 1 to 31.
+    set_optional_skip(number: u8, value: bool) => set(Input::OptionalSkip(BTreeMap::from([(number, value)]))),
+        "A number out of this range.";
+
+    /// Sets the optional stop input (M01).
+    set_optional_stop(value: bool) => set(Input::OptionalStop(value));
+
+    /// Sets single block: after each block the axes stop, INTERRUPTED, until a resume.
+    set_single_block(value: bool) => set(Input::SingleBlock(value)), "Within cutter compensation or a tapping cycle.";
+
+    /// Sets dry run: blocks interpreted from now on move at the dry run feedrate instead of F, except threads.
+    set_dry_run(value: bool) => set(Input::DryRun(value));
+
+    /// Sets the interlock: while it is on, motion is held and none starts; `text` is the reason.
+    set_interlock(value: bool, text: impl Into<String>) => set(Input::Interlock(Lock { value, text: text.into() }));
+
+    /// Sets the start lock: while it is on, no program starts; `text` is the reason.
+    set_start_lock(value: bool, text: impl Into<String>) => set(Input::StartLock(Lock { value, text: text.into() }));
+
+    /// Sets overrides, percent: feed and spindle 0 to 200, rapid 0 to 100; `None` leaves one unchanged.
+    set_overrides(change: OverrideChange) => set(Input::Override(change)), "A value out of range.";
+}
+
 impl Plc {
-    /// One CNC coordinate system, by its number from 1. A number that does not exist is an error of each call on it.
+    /// A CNC coordinate system by its number, from 1. If there is none, each call on it is an error.
     pub fn coordinate_system(&self, number: CoordinateSystemNumber) -> CoordinateSystem {
         CoordinateSystem {
             plc: self.clone(),
@@ -90,7 +181,7 @@ impl Plc {
 }
 
 impl CoordinateSystem {
-    /// The same, commanding under a control lease.
+    /// The same coordinate system, commanded under a control lease.
     pub(crate) fn under_lease(&self, fence: u64) -> Self {
         Self {
             fence: Some(fence),
@@ -107,120 +198,8 @@ impl CoordinateSystem {
         self.number
     }
 
-    /// Takes a program of the store by its number, 1 to 9999: READY. Allowed in READY, `PROGRAM_COMPLETED` and STOPPED without an alarm.
-    ///
-    /// # Errors
-    /// Not allowed now, no such program, or the program has errors.
-    pub async fn load(&self, program: u16) -> Result<()> {
-        self.command(Command::Load { program }).await
-    }
-
-    /// Starts the loaded program from its head: ACTIVE.
-    ///
-    /// # Errors
-    /// Not allowed now, or a start lock is on.
-    pub async fn start(&self) -> Result<()> {
-        self.command(Command::Start).await
-    }
-
-    /// Feed hold: `FEED_HOLD` once at rest. Without effect on a paused program and without a run.
-    ///
-    /// # Errors
-    /// No such coordinate system, or the machine cannot be reached.
-    pub async fn hold(&self) -> Result<()> {
-        self.command(Command::Hold).await
-    }
-
-    /// Goes on after a pause.
-    ///
-    /// # Errors
-    /// Nothing is paused.
-    pub async fn resume(&self) -> Result<()> {
-        self.command(Command::Resume).await
-    }
-
-    /// In a feed hold with G500: back along the passed path (`true`), as far as there is a way back; or forward again
-    /// (`false`), as [`resume`](Self::resume) does. No output is made again, and no dwell waited again.
-    ///
-    /// # Errors
-    /// Not held, or there is no way back from here; `false`: back trace is not on.
-    pub async fn back_trace(&self, on: bool) -> Result<()> {
-        self.command(Command::BackTrace { on }).await
-    }
-
-    /// Decelerates on the path and ends the run; open outputs are cancelled.
-    ///
-    /// # Errors
-    /// No such coordinate system, or the machine cannot be reached.
-    pub async fn stop(&self) -> Result<()> {
-        self.command(Command::Stop).await
-    }
-
-    /// Brakes each motor at its highest deceleration and ends the run; open outputs are cancelled.
-    ///
-    /// # Errors
-    /// No such coordinate system, or the machine cannot be reached.
-    pub async fn abort(&self) -> Result<()> {
-        self.command(Command::Abort).await
-    }
-
-    /// Ends the run, cancels open outputs, clears alarms of this coordinate system and of the whole machine.
-    ///
-    /// # Errors
-    /// The program is ACTIVE.
-    pub async fn reset(&self) -> Result<()> {
-        self.command(Command::Reset).await
-    }
-
-    /// Manual data input: runs one or several lines of NC text to their end, then READY. The modal state of an input
-    /// stays for the next one, until a program, homing, a stop, an alarm or a reset.
-    ///
-    /// # Errors
-    /// Not allowed now, the text has errors, or it was ended before its end.
-    pub async fn mdi(&self, text: impl Into<String>) -> Result<()> {
-        self.command(Command::Mdi { text: text.into() }).await
-    }
-
-    /// Moves axes to their first reference points, then READY; without axes, all of them.
-    ///
-    /// # Errors
-    /// Not allowed now, there is no such axis, or it was ended before its end.
-    pub async fn home(&self, axes: &[char]) -> Result<()> {
-        self.command(Command::Home { axes: axes.to_vec() }).await
-    }
-
-    /// Moves one axis by hand while it is called again with the same `refresh_id` at least every 200 ms; a call that
-    /// refreshes returns at once, the one that began the jog when it has ended. `velocity` in mm/min or deg/min, its
-    /// sign is the direction; `distance` at the most, in mm or degrees.
-    ///
-    /// # Errors
-    /// Not allowed now, no such axis, a value out of its range, the axis is at its soft limit, or the jog has ended.
-    pub async fn jog(
-        &self,
-        axis: char,
-        velocity: f64,
-        distance: Option<f64>,
-        refresh_id: impl Into<String>,
-    ) -> Result<()> {
-        self.command(Command::Jog {
-            axis,
-            velocity,
-            distance,
-            refresh_id: refresh_id.into(),
-        })
-        .await
-    }
-
-    /// Notes that an alarm of [`Plc::alarms`] has been seen, and by whom; it stands until a reset.
-    ///
-    /// # Errors
-    /// No alarm of this id stands, or as [`CoordinateSystem::command`].
-    pub async fn acknowledge_alarm(&self, id: u64) -> Result<()> {
-        self.command(Command::AlarmAcknowledge { id }).await
-    }
-
-    /// Raises an alarm that stops this coordinate system and cancels its open outputs; it stands until a reset.
-    /// [`Plc::raise_alarm`] stops all.
+    /// Raises an alarm that stops this coordinate system and cancels its open outputs, until a reset.
+    /// [`Plc::raise_alarm`] stops all of them.
     ///
     /// # Errors
     /// No such coordinate system, or as [`Plc::raise_alarm`].
@@ -228,10 +207,10 @@ impl CoordinateSystem {
         self.plc.raise(Some(self.number), alarm).await
     }
 
-    /// Carries out a command, and returns when its effect has been reached.
+    /// Carries out a command, and returns when it has had its effect.
     ///
     /// # Errors
-    /// [`Error::Refused`] when nothing has changed, [`Error::CommandFailed`] when something prevented its effect.
+    /// [`Error::Refused`] if nothing has changed, [`Error::CommandFailed`] if something prevented its effect.
     pub async fn command(&self, command: Command) -> Result<()> {
         let verb = command.verb();
         let request = typed::Command {
@@ -256,19 +235,19 @@ impl CoordinateSystem {
         }
     }
 
-    /// Waits until the state word is `execution`, and gives the state of then.
+    /// Waits until the state word is `execution`, and returns that state.
     ///
     /// # Errors
-    /// The machine's side ended.
+    /// The machine has ended the connection.
     pub async fn wait_until(&self, execution: Execution) -> Result<State> {
         self.wait_for(|state| state.execution == execution).await
     }
 
-    /// Waits until the state is as `is_it` says, and gives that state. Each state is looked at in order; of states
-    /// that follow each other faster than this program reads them, the latest.
+    /// Waits for a state for which `is_it` is true, and returns it. States are examined in order; if they change faster
+    /// than they are read, only the latest is.
     ///
     /// # Errors
-    /// The machine's side ended.
+    /// The machine has ended the connection.
     pub async fn wait_for(&self, is_it: impl Fn(&State) -> bool) -> Result<State> {
         let topic = Topic::cs(self.number, CsTopic::State);
         let mut states = self.plc.port().subscribe(Filter::Topics(vec![topic]));
@@ -282,8 +261,8 @@ impl CoordinateSystem {
         Err(Error::Closed)
     }
 
-    /// Tells which tool is in the spindle, by its number in the [tool table](Plc::tools); 0: none. G41 to G44 that are
-    /// interpreted from now on take its measures (D17); a number that the table does not have is taken, too.
+    /// Reports the tool in the spindle, by its number in the [tool table](Plc::tools); 0: none. G41 to G44 interpreted
+    /// from now on use its dimensions (D17). The number need not be in the table.
     ///
     /// # Errors
     /// No such coordinate system, or the machine cannot be reached.
@@ -291,72 +270,13 @@ impl CoordinateSystem {
         self.plc.request(typed::Tool(self.number, id)).await
     }
 
-    /// Commands the spindle; `rpm` counts for `Cw` and `Ccw`.
+    /// Commands the spindle; `rpm` is used by `Cw` and `Ccw`.
     ///
     /// # Errors
     /// There is no spindle, or the speed is out of its range.
     pub async fn set_spindle(&self, direction: SpindleDirection, rpm: f64) -> Result<()> {
         let command = SpindleCommand { direction, rpm };
         self.plc.request(typed::Spindle(self.number, command)).await
-    }
-
-    /// Sets one optional block skip input, 1 to 31.
-    ///
-    /// # Errors
-    /// A number out of this range, or no such coordinate system.
-    pub async fn set_optional_skip(&self, number: u8, value: bool) -> Result<()> {
-        let skip = BTreeMap::from([(number, value)]);
-        self.set(Input::OptionalSkip(skip)).await
-    }
-
-    /// Sets the optional stop input (M01).
-    ///
-    /// # Errors
-    /// No such coordinate system, or the machine cannot be reached.
-    pub async fn set_optional_stop(&self, value: bool) -> Result<()> {
-        self.set(Input::OptionalStop(value)).await
-    }
-
-    /// Sets single block: each block ends at rest, INTERRUPTED, until it is resumed.
-    ///
-    /// # Errors
-    /// Within cutter compensation or a tapping cycle, or no such coordinate system.
-    pub async fn set_single_block(&self, value: bool) -> Result<()> {
-        self.set(Input::SingleBlock(value)).await
-    }
-
-    /// Sets dry run: blocks read from now on move at the feedrate of dry run in place of F; threads keep theirs.
-    ///
-    /// # Errors
-    /// No such coordinate system, or the machine cannot be reached.
-    pub async fn set_dry_run(&self, value: bool) -> Result<()> {
-        self.set(Input::DryRun(value)).await
-    }
-
-    /// Sets the interlock: while it is on, motion is held and nothing that moves begins; `text` says why.
-    ///
-    /// # Errors
-    /// No such coordinate system, or the machine cannot be reached.
-    pub async fn set_interlock(&self, value: bool, text: impl Into<String>) -> Result<()> {
-        let text = text.into();
-        self.set(Input::Interlock(Lock { value, text })).await
-    }
-
-    /// Sets the start lock: while it is on, no program begins; `text` says why.
-    ///
-    /// # Errors
-    /// No such coordinate system, or the machine cannot be reached.
-    pub async fn set_start_lock(&self, value: bool, text: impl Into<String>) -> Result<()> {
-        let text = text.into();
-        self.set(Input::StartLock(Lock { value, text })).await
-    }
-
-    /// Sets overrides, percent: feed and spindle 0 to 200, rapid 0 to 100; those that are `None` stay.
-    ///
-    /// # Errors
-    /// A value out of its range, or no such coordinate system.
-    pub async fn set_overrides(&self, change: OverrideChange) -> Result<()> {
-        self.set(Input::Override(change)).await
     }
 
     async fn set(&self, input: Input) -> Result<()> {

@@ -3,7 +3,7 @@
 use crate::alarm::Alarm;
 use crate::types::request::Refusal;
 
-/// What can go wrong between a sequence program and a machine.
+/// An error between a sequence program and a machine.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -18,7 +18,7 @@ pub enum Error {
     /// The machine cannot be reached.
     #[error("no connection to {address}: {reason}")]
     Connect {
-        /// Where it was looked for, without a password.
+        /// The address, without a password.
         address: String,
         /// What happened.
         reason: String,
@@ -26,32 +26,32 @@ pub enum Error {
     /// The machine refused a request; nothing has changed.
     #[error(transparent)]
     Refused(#[from] Refusal),
-    /// A command was accepted, and then something prevented its effect.
+    /// A command was accepted, but something prevented its effect.
     #[error("{verb} in coordinate system {cs} failed: {text}")]
     CommandFailed {
         /// The command.
         verb: String,
-        /// To whom.
+        /// The coordinate system.
         cs: u8,
         /// Machine-readable reason.
         code: String,
         /// What prevented it.
         text: String,
     },
-    /// A sequence program is built wrongly, such as with two handlers for one M code.
+    /// A sequence program has a mistake, such as two handlers for one M code.
     #[error("{0}")]
     SequenceProgram(String),
-    /// The machine's side has ended for good.
+    /// The machine has ended the connection for good.
     #[error("the machine has ended the connection")]
     Closed,
-    /// A claim or reset did not count.
+    /// A claim or reset was not accepted.
     #[error("M{m} (output {seq}) is {status:?} for this handler")]
     Handshake {
         /// M number.
         m: u16,
         /// Sequence number.
         seq: u64,
-        /// What became of it.
+        /// The answer.
         status: crate::types::output::HandshakeStatus,
     },
 }

@@ -1,18 +1,18 @@
-//! The command table: what is allowed in which state. Pure; the runtime judges by it, and so does
+//! The command table: which command is allowed in which state, for the runtime and for
 //! [`FakePort`](crate::fake::FakePort).
 
 use crate::types::command::Verb;
 use crate::types::request::{Refusal, RefusalCode};
 use crate::types::state::Execution;
 
-/// What a command is judged by.
+/// The state on which it depends whether a command is allowed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Situation {
     /// The state word of the coordinate system.
     pub execution: Execution,
-    /// True when a program has been loaded.
+    /// True if a program has been loaded.
     pub program_loaded: bool,
-    /// True while an alarm of the coordinate system, or of all, is active.
+    /// True while an alarm of the coordinate system, or of the whole machine, is active.
     pub alarm_active: bool,
 }
 
@@ -32,7 +32,7 @@ const VERBS: [Verb; 12] = [
 ];
 
 impl Situation {
-    /// True when the command table of the interface allows the verb here.
+    /// True if the command is allowed.
     pub fn allows(self, verb: Verb) -> bool {
         use Execution::{
             Active, FeedHold, Interrupted, OptionalStop, ProgramCompleted, ProgramStopped, Ready, Stopped,
@@ -55,15 +55,15 @@ impl Situation {
         }
     }
 
-    /// The verbs allowed here.
+    /// The allowed commands.
     pub fn allowed(self) -> Vec<Verb> {
         VERBS.into_iter().filter(|verb| self.allows(*verb)).collect()
     }
 
-    /// Refuses what is not allowed, and says what is.
+    /// Refuses a command that is not allowed.
     ///
     /// # Errors
-    /// `not_allowed`, with the state and the verbs allowed in it.
+    /// `not_allowed`, with the state and the commands allowed in it.
     pub fn judge(self, verb: Verb) -> Result<(), Refusal> {
         if self.allows(verb) {
             return Ok(());
@@ -92,7 +92,7 @@ impl Situation {
     }
 }
 
-/// The word that stands in messages for a value without fields, such as `FEED_HOLD`; empty for any other value.
+/// The word in messages for a value without fields, such as `FEED_HOLD`; empty for any other value.
 pub fn word(value: &impl serde::Serialize) -> String {
     match serde_json::to_value(value) {
         Ok(serde_json::Value::String(word)) => word,

@@ -1,13 +1,13 @@
-//! A scripted machine for unit tests of handlers: a [`Port`] over the ledger, with its own clock.
+//! A scripted machine for unit tests of handlers: a [`Port`] with the real handshake and its own clock.
 //!
-//! It makes outputs when told ([`FakePort::put_out`]), remembers how each ended ([`FakePort::closed`]) and what else
-//! was asked ([`FakePort::requests`]). Time stands still until [`FakePort::advance`]. Made for current-thread tokio
-//! runtimes, the default of `#[tokio::test]`, where each run is the same.
+//! The test puts out outputs ([`FakePort::put_out`]), and looks at how each ended ([`FakePort::closed`]) and at other
+//! requests ([`FakePort::requests`]). Time stands still until [`FakePort::advance`]. In a current-thread tokio runtime,
+//! the default of `#[tokio::test]`, each run is the same.
 //!
 //! The state follows: READY with program 1 at first, WAIT while an output is open, ACTIVE after its reset, STOPPED with
-//! the alarm when it fails, `PROGRAM_COMPLETED` after [`FakePort::put_end`]. Commands are judged by the same
-//! [table](crate::execution) as on a machine, and have their effect at once; inputs, tool and spindle are read back as
-//! they were set.
+//! an alarm if it fails, `PROGRAM_COMPLETED` after [`FakePort::put_end`]. Commands are allowed by the same
+//! [table](crate::execution) as on a machine, and have their effect at once. Inputs, tool and spindle read back as they
+//! were set.
 //!
 //! ```
 //! # use plc_api::{Execution, Params, fake::FakePort, types::request::Refusal};
@@ -26,8 +26,8 @@
 //! ```
 //!
 //! It has no motion and reads no NC program: positions, captured positions, modal codes, and what depends on them (M00,
-//! M01, single block, `with_motion` outputs) are there only as a test says them by [`FakePort::say`]. Whoever needs them
-//! tests with `tandem_runtime::test`.
+//! M01, single block, `with_motion` outputs) exist only if a test publishes them by [`FakePort::say`]. To test with
+//! them use `tandem_runtime::test`.
 
 mod alarms;
 mod data;
@@ -61,30 +61,27 @@ use crate::types::{BootId, CoordinateSystemNumber, Timestamp};
 
 use system::System;
 
-/// Outputs that may be open at a time in one coordinate system.
+/// Open outputs of one coordinate system.
 const OPEN_OUTPUTS_MAX: usize = 64;
 
-/// Turns that [`FakePort::settle`] gives to other tasks. Reason: more than any chain of wake-ups between an output and
-/// its reset.
+/// Turns that [`FakePort::settle`] yields to other tasks. Reason: more than the wake-ups between an output and its
+/// reset.
 const SETTLE_TURNS: usize = 128;
 
-/// A scripted machine. Cloning gives another handle to the same one.
+/// A scripted machine. Clones are handles to the same machine.
 #[derive(Debug, Clone)]
 pub struct FakePort {
     inner: Arc<Mutex<Inner>>,
     hub: Hub,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct Inner {
     boot: u32,
     now_s: f64,
-    ledgers: BTreeMap<CoordinateSystemNumber, Ledger>,
-    closed: BTreeMap<(CoordinateSystemNumber, u64), Closed>,
-    handlers: BTreeMap<String, HandlerPresence>,
+    systems: BTreeMap<CoordinateSystemNumber, System>,
     requests: Vec<Request>,
     validated: Vec<ValidateResult>,
-    systems: BTreeMap<CoordinateSystemNumber, System>,
     alarms: Vec<AlarmRecord>,
     rev: u64,
     leases: u64,
@@ -95,48 +92,35 @@ struct Inner {
 impl FakePort {
     /// A machine with these coordinate systems, online.
     pub fn new(coordinate_systems: impl IntoIterator<Item = CoordinateSystemNumber>) -> Self {
-        let ledgers: BTreeMap<_, _> = coordinate_systems
-            .into_iter()
-            .map(|cs| (cs, Ledger::new(boot_id(1), OPEN_OUTPUTS_MAX)))
-            .collect();
-        let systems = ledgers.keys().map(|cs| (*cs, System::new())).collect();
+        let systems = coordinate_systems.into_iter().map(|cs| (cs, System::new(1)));
+        let inner = Inner {
+            boot: 1,
+            systems: systems.collect(),
+            ..Inner::default()
+        };
         let fake = Self {
-            inner: Arc::new(Mutex::new(Inner {
-                boot: 1,
-                now_s: 0.0,
-                ledgers,
-                systems,
-                alarms: Vec::new(),
-                closed: BTreeMap::new(),
-                handlers: BTreeMap::new(),
-                requests: Vec::new(),
-                validated: Vec::new(),
-                rev: 0,
-                leases: 0,
-                data: data::Data::default(),
-                sleepers: Vec::new(),
-            })),
+            inner: Arc::new(Mutex::new(inner)),
             hub: Hub::new(),
         };
         fake.publish_birth(&mut lock(&fake.inner));
         fake
     }
 
-    /// The machine as a sequence program sees it.
+    /// The machine for a sequence program.
     pub fn plc(&self) -> Plc {
         Plc::in_process(Arc::new(self.clone()))
     }
 
-    /// Makes an output without a time limit, and gives its `seq`: the program waits for it. A run begins where there
-    /// is none; under a hold the output is made at the resume.
+    /// Puts out an output without a time limit, for which the program waits, and returns its `seq`. Starts a run if
+    /// there is none; in a hold the output is put out at the resume.
     ///
     /// # Panics
-    /// There is no such coordinate system, or 64 outputs are open there: mistakes of the test.
+    /// There is no such coordinate system, or 64 outputs are open in it: mistakes of the test.
     pub fn put_out(&self, cs: CoordinateSystemNumber, m: u16, params: Params) -> u64 {
         self.put_out_within(cs, m, params, None)
     }
 
-    /// Makes an output with a time limit, and gives its `seq`.
+    /// Puts out an output with a time limit, and returns its `seq`.
     ///
     /// # Panics
     /// As [`FakePort::put_out`].
@@ -151,13 +135,13 @@ impl FakePort {
         let mut inner = lock(&self.inner);
         let system = inner.systems.get_mut(&cs).expect("no such coordinate system");
         system.begin();
-        let (is_held, run_id, program) = (system.is_paused(), system.run_id(), system.program());
+        let is_held = system.is_paused();
         let spec = OutputSpec {
-            run_id,
+            run_id: system.run_id(),
             m,
             params,
             timing: Timing::AfterMotion,
-            program,
+            program: system.program(),
             line: 1,
             timeout_s: timeout.map(|timeout| timeout.as_secs_f64()),
         };
@@ -171,7 +155,7 @@ impl FakePort {
         .expect("no such coordinate system")
     }
 
-    /// The program comes to its end (M30): `PROGRAM_COMPLETED` once no output is open and nothing holds it.
+    /// Ends the program (M30): `PROGRAM_COMPLETED` once no output is open and nothing holds it.
     pub fn put_end(&self, cs: CoordinateSystemNumber) {
         let mut inner = lock(&self.inner);
         if let Some(system) = inner.systems.get_mut(&cs) {
@@ -182,33 +166,50 @@ impl FakePort {
 
     /// How an output ended; `None` while it is open.
     pub fn closed(&self, cs: CoordinateSystemNumber, seq: u64) -> Option<Closed> {
-        lock(&self.inner).closed.get(&(cs, seq)).cloned()
+        lock(&self.inner).systems.get(&cs)?.closed.get(&seq).cloned()
     }
 
     /// Open outputs of a coordinate system, ascending.
     pub fn pending(&self, cs: CoordinateSystemNumber) -> Vec<PendingOutput> {
         let inner = lock(&self.inner);
-        let ledger = inner.ledgers.get(&cs);
-        ledger.map(|ledger| ledger.pending().outputs).unwrap_or_default()
+        let system = inner.systems.get(&cs);
+        system
+            .map(|system| system.ledger.pending().outputs)
+            .unwrap_or_default()
     }
 
-    /// What was asked so far, other than claims, resets and presence of handlers.
+    /// All requests so far other than those of the handshake, such as claims, resets and presence of handlers.
     pub fn requests(&self) -> Vec<Request> {
         lock(&self.inner).requests.clone()
     }
 
-    /// Handlers that have told of themselves, by id.
+    /// Handlers that have announced themselves, by id.
     pub fn handlers(&self) -> BTreeMap<String, HandlerPresence> {
-        lock(&self.inner).handlers.clone()
+        self.hub.handlers()
     }
 
-    /// Asks the handlers of an M code whether they take these parameters, as a program load does. `Err` has the text
-    /// of the handler that refuses; handlers that do not validate take everything.
+    /// Has the handlers of an M code check parameters, as a program load does. `Err` is the text of the handler that
+    /// refuses; handlers without a check accept everything.
     ///
     /// # Errors
     /// A handler refuses.
     pub async fn validate(&self, cs: CoordinateSystemNumber, m: u16, params: Params) -> Result<(), String> {
-        let request_id = self.ask_to_validate(Topic::cs(cs, CsTopic::Validate(m)), params);
+        let request_id = {
+            let mut inner = lock(&self.inner);
+            let request_id = format!("validate-{}", inner.rev);
+            let asked = Validate {
+                request_id: request_id.clone(),
+                program: 1,
+                line: 1,
+                params,
+            };
+            self.publish(
+                &mut inner,
+                Topic::cs(cs, CsTopic::Validate(m)),
+                Payload::Validate(asked),
+            );
+            request_id
+        };
         self.settle().await;
         let inner = lock(&self.inner);
         let mut results = inner
@@ -221,66 +222,46 @@ impl FakePort {
         }
     }
 
-    fn ask_to_validate(&self, topic: Topic, params: Params) -> String {
-        let mut inner = lock(&self.inner);
-        let request_id = format!("validate-{}", inner.rev);
-        let asked = Validate {
-            request_id: request_id.clone(),
-            program: 1,
-            line: 1,
-            params,
-        };
-        self.publish(&mut inner, topic, Payload::Validate(asked));
-        request_id
-    }
-
-    /// Cancels all open outputs and ends the run, as a stop, a reset or an alarm does; with
-    /// [`CancelReason::Operator`] the run goes on.
+    /// Cancels all open outputs and ends the run, as a stop, a reset or an alarm does; with [`CancelReason::Operator`]
+    /// the run continues.
     pub fn cancel(&self, cs: CoordinateSystemNumber, reason: CancelReason) {
         let mut inner = lock(&self.inner);
         self.end_run(&mut inner, cs, reason);
         self.publish_system(&mut inner, cs);
     }
 
-    /// An alarm of a coordinate system: STOPPED, and all open outputs are cancelled.
+    /// Raises an alarm of a coordinate system: STOPPED, and all open outputs are cancelled.
     pub fn raise(&self, cs: CoordinateSystemNumber, alarm: Alarm) {
         self.raise_alarm(&mut lock(&self.inner), Some(cs), alarm);
     }
 
-    /// The connection of a handler breaks: its claims are given back.
+    /// Breaks the connection of a handler: its claims are released.
     pub fn lose_handler(&self, handler_id: &str) {
-        let systems: Vec<_> = lock(&self.inner).ledgers.keys().copied().collect();
-        for cs in systems {
-            let _none = self.with(cs, |ledger, now| ledger.handler_lost(now, handler_id));
-        }
+        self.use_all_ledgers(|_, ledger, now| ledger.handler_lost(now, handler_id));
     }
 
-    /// An operator decides about an output whose handler was lost.
+    /// Decides as the operator about an output whose handler was lost.
     pub fn redeliver(&self, cs: CoordinateSystemNumber, seq: u64, how: Redelivery) {
         let boot_id = self.boot_id();
         let redeliver = Redeliver { boot_id, seq, how };
         let _status = self.with(cs, |ledger, now| ledger.redeliver(now, None, &redeliver));
     }
 
-    /// The runtime starts again: another boot, nothing open.
+    /// Restarts the runtime: a new boot without open outputs.
     pub fn restart(&self) {
         let mut inner = lock(&self.inner);
         inner.boot += 1;
-        let boot_id = boot_id(inner.boot);
-        for ledger in inner.ledgers.values_mut() {
-            *ledger = Ledger::new(boot_id.clone(), OPEN_OUTPUTS_MAX);
-        }
+        let boot = inner.boot;
         for system in inner.systems.values_mut() {
-            system.restart();
+            *system = System::restarted(boot);
         }
-        inner.closed.clear();
         inner.alarms.clear();
         self.publish_birth(&mut inner);
     }
 
-    /// The machine says something of a coordinate system, such as its state or captured positions: subscribers get it,
-    /// and whoever reads the topic gets it until something else is said. The payload is one of the topic. A state that
-    /// is said is taken over: commands are judged by it, and it changes as they and the outputs say.
+    /// Publishes a message of a coordinate system, such as its state or captured positions. The payload must be of the
+    /// topic's type. A state also becomes the state of this machine: commands are allowed by it, and it changes with
+    /// them and with outputs.
     ///
     /// ```
     /// use plc_api::types::message::Payload;
@@ -307,14 +288,14 @@ impl FakePort {
         self.publish(&mut inner, Topic::cs(cs, topic), payload);
     }
 
-    /// Lets every task do what it can do without time going on.
+    /// Lets all tasks run as far as they can without the time advancing.
     pub async fn settle(&self) {
         for _ in 0..SETTLE_TURNS {
             tokio::task::yield_now().await;
         }
     }
 
-    /// Lets time go on: sleepers wake in order, outputs past their time limit end, and every task does what it can.
+    /// Advances the time: sleepers wake in order, outputs time out, and all tasks run.
     pub async fn advance(&self, by: Duration) {
         self.settle().await;
         let end_s = self.now_s() + by.as_secs_f64();
@@ -323,11 +304,12 @@ impl FakePort {
         }
     }
 
-    /// To the next event not after `end_s`; false when there is none, at `end_s` then.
+    /// Advances to the next event up to `end_s`; false if there is none, then at `end_s`.
     fn step(&self, end_s: f64) -> bool {
         let mut inner = lock(&self.inner);
         let sleepers = inner.sleepers.iter().map(|(until_s, _)| *until_s);
-        let deadlines = inner.ledgers.values().filter_map(Ledger::next_deadline_s);
+        let ledgers = inner.systems.values().map(|system| &system.ledger);
+        let deadlines = ledgers.filter_map(Ledger::next_deadline_s);
         let next_s = sleepers
             .chain(deadlines)
             .filter(|next_s| *next_s <= end_s)
@@ -341,11 +323,8 @@ impl FakePort {
         for (_, wake) in woken {
             let _sleeper_gone = wake.send(());
         }
-        let systems: Vec<_> = inner.ledgers.keys().copied().collect();
         drop(inner);
-        for cs in systems {
-            let _none = self.with(cs, Ledger::expire);
-        }
+        self.use_all_ledgers(|_, ledger, now| ledger.expire(now));
         next_s.is_some()
     }
 
@@ -353,7 +332,14 @@ impl FakePort {
         self.use_ledger(&mut lock(&self.inner), cs, use_it)
     }
 
-    /// Uses a ledger and publishes what comes of it.
+    fn use_all_ledgers(&self, use_it: impl Fn(CoordinateSystemNumber, &mut Ledger, Now)) {
+        let mut inner = lock(&self.inner);
+        for cs in inner.numbers() {
+            self.use_ledger(&mut inner, cs, |ledger, now| use_it(cs, ledger, now));
+        }
+    }
+
+    /// Uses a ledger and carries out its effects.
     fn use_ledger<T>(
         &self,
         inner: &mut Inner,
@@ -361,7 +347,7 @@ impl FakePort {
         use_it: impl FnOnce(&mut Ledger, Now) -> T,
     ) -> Option<T> {
         let now = inner.now();
-        let ledger = inner.ledgers.get_mut(&cs)?;
+        let ledger = &mut inner.systems.get_mut(&cs)?.ledger;
         let result = use_it(ledger, now);
         let mut failed = None;
         for effect in ledger.take_effects() {
@@ -377,7 +363,7 @@ impl FakePort {
         Some(result)
     }
 
-    /// Cancels what is open; the run ends where the reason ends it.
+    /// Cancels open outputs; ends the run if the reason does.
     fn end_run(&self, inner: &mut Inner, cs: CoordinateSystemNumber, reason: CancelReason) {
         if let (Some(word), Some(system)) = (system::word_of(reason), inner.systems.get_mut(&cs)) {
             system.end(word);
@@ -386,16 +372,16 @@ impl FakePort {
     }
 
     fn carry_out(&self, inner: &mut Inner, cs: CoordinateSystemNumber, effect: Effect) {
+        let Some(system) = inner.systems.get_mut(&cs) else {
+            return;
+        };
         let (topic, payload) = match effect {
-            Effect::PendingChanged => {
-                let pending = inner.ledgers.get(&cs).map(Ledger::pending).unwrap_or_default();
-                (CsTopic::Pending, Payload::Pending(pending))
-            }
+            Effect::PendingChanged => (CsTopic::Pending, Payload::Pending(system.ledger.pending())),
             Effect::Output(notice) => (CsTopic::Output(notice.m), Payload::Output(notice)),
             Effect::Result { m, result } => (CsTopic::Result(m), Payload::Result(result)),
             Effect::Cancel { m, cancel } => (CsTopic::Cancel(m), Payload::Cancel(cancel)),
             Effect::Closed { seq, how, .. } => {
-                inner.closed.insert((cs, seq), how);
+                system.closed.insert(seq, how);
                 return;
             }
         };
@@ -408,7 +394,7 @@ impl FakePort {
             started_at: Timestamp::from_system_time(inner.now().time),
             version: env!("CARGO_PKG_VERSION").to_owned(),
         };
-        let systems = inner.ledgers.keys().map(|&number| CoordinateSystemInfo {
+        let systems = inner.systems.keys().map(|&number| CoordinateSystemInfo {
             number,
             ..CoordinateSystemInfo::default()
         });
@@ -420,8 +406,7 @@ impl FakePort {
         self.publish(inner, Topic::Presence, Payload::Presence(presence));
         self.publish(inner, Topic::Birth, Payload::Birth(birth));
         self.publish_alarms(inner);
-        let systems: Vec<_> = inner.ledgers.keys().copied().collect();
-        for cs in systems {
+        for cs in inner.numbers() {
             self.carry_out(inner, cs, Effect::PendingChanged);
             self.publish(
                 inner,
@@ -437,19 +422,13 @@ impl FakePort {
     /// Publishes state and inputs where they have changed.
     fn publish_system(&self, inner: &mut Inner, cs: CoordinateSystemNumber) {
         let alarm_count = inner.alarm_count(cs);
-        let Inner { systems, ledgers, .. } = inner;
-        let (Some(system), Some(ledger)) = (systems.get_mut(&cs), ledgers.get(&cs)) else {
+        let Some(system) = inner.systems.get_mut(&cs) else {
             return;
         };
-        system.follow(ledger);
-        let state = (CsTopic::State, Payload::State(system.state(ledger, alarm_count)));
-        let said = [state].into_iter().chain(system.inputs());
-        for (topic, payload) in said {
+        for (topic, payload) in system.follow(alarm_count) {
             let topic = Topic::cs(cs, topic);
             let last = self.hub.read(&topic);
-            let is_news =
-                last.is_none_or(|last| last.payload != payload || last.boot_id != boot_id(inner.boot));
-            if is_news {
+            if last.is_none_or(|last| last.payload != payload || last.boot_id != boot_id(inner.boot)) {
                 self.publish(inner, topic, payload);
             }
         }
@@ -468,6 +447,10 @@ impl FakePort {
 }
 
 impl Inner {
+    fn numbers(&self) -> Vec<CoordinateSystemNumber> {
+        self.systems.keys().copied().collect()
+    }
+
     /// Active alarms that count for a coordinate system.
     fn alarm_count(&self, cs: CoordinateSystemNumber) -> u32 {
         let active = self.alarms.iter().filter(|alarm| alarm.cleared_at.is_none());

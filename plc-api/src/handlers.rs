@@ -1,14 +1,13 @@
 //! Sequence programs made of handlers: one async function for each M code.
 //!
-//! A handler gets the output and the machine, does its work, and returns: `Ok` resets the output, `Err` raises an alarm
-//! with its text. Several open outputs run their handlers at the same time, all within [`SequenceProgram::run`].
+//! A handler receives the output and the machine, does its work, and returns: `Ok` resets the output, `Err` raises an
+//! alarm with its text. Handlers of several open outputs run concurrently, all within [`SequenceProgram::run`].
 
 mod output;
 mod run;
 mod table;
 #[cfg(test)]
 mod tests;
-mod work;
 
 pub use output::{AuxOutput, Cancellation};
 pub use table::{Handler, with};
@@ -43,7 +42,7 @@ pub struct OneCoordinateSystem;
 /// Handlers of one coordinate system, within [`SequenceProgram::in_coordinate_system`].
 pub type InCoordinateSystem = SequenceProgram<OneCoordinateSystem>;
 
-/// What runs beside the handlers, as long as they are served.
+/// A task that runs as long as the handlers do.
 type Companion = Arc<dyn Fn(Plc) -> BoxFuture<'static, Result<()>> + Send + Sync>;
 
 /// A sequence program: handlers by M code.
@@ -77,7 +76,7 @@ pub struct SequenceProgram<Scope = Everywhere> {
     companions: Vec<Companion>,
     on_redelivery: Redelivery,
     handler_id: Option<String>,
-    // the coordinate system of what is added next; none means all
+    // the coordinate system of the handlers added next; none means all
     cs: Option<CoordinateSystemNumber>,
     scope: PhantomData<Scope>,
 }
@@ -98,12 +97,12 @@ impl Default for SequenceProgram {
     }
 }
 
-/// What is served, in the coordinate systems of the scope.
+/// Handlers for the coordinate systems of the scope.
 impl<Scope> SequenceProgram<Scope> {
-    /// A handler for an M code or a range of them. What it shares with others it owns: a closure that clones an `Arc`.
+    /// Adds a handler for one or several M codes. For state shared with other handlers see [`with`].
     ///
-    /// A second handler for the same code, a code above 191, and one that the runtime handles itself (M00, M01, M02,
-    /// M30, M98, M99) are errors of [`SequenceProgram::run`].
+    /// [`SequenceProgram::run`] refuses a second handler for a code, a code above 191, and those that the runtime
+    /// handles itself: M00, M01, M02, M30, M98, M99.
     #[must_use]
     pub fn on<A>(mut self, codes: impl MCodes, handler: impl Handler<A>) -> Self {
         self.serve(&codes.m_codes(), handler);
@@ -114,9 +113,9 @@ impl<Scope> SequenceProgram<Scope> {
         self.table.add(self.cs, codes, handler);
     }
 
-    /// Checks the parameters of an M code when a program is loaded, before anything moves: a program with parameters
-    /// that are refused is not loaded, and the refusal names their lines. Parameters that the program takes from
-    /// variables are known only when the block runs; so a handler checks them itself, by the same function.
+    /// Checks the parameters of an M code when a program is loaded, before anything moves: a program with wrong
+    /// parameters is not loaded, and the refusal names their lines. Parameters that come from variables are known only
+    /// when the block runs, so the handler calls the same function again.
     ///
     /// ```
     /// # use plc_api::{Alarm, AuxOutput, Params, SequenceProgram};
@@ -138,8 +137,8 @@ impl<Scope> SequenceProgram<Scope> {
     /// # assert_eq!(program.check(), Ok(()));
     /// ```
     ///
-    /// The check answers at once and within two seconds; a later answer is a warning, and the program is loaded. Two
-    /// checks of one code, and a check of a code without a handler, are errors of [`SequenceProgram::run`].
+    /// The check must not block: if the answer takes more than two seconds, the program is loaded with a warning.
+    /// [`SequenceProgram::run`] refuses two checks of one code, and a check of a code without a handler.
     #[must_use]
     pub fn validate<T>(
         mut self,
@@ -151,7 +150,7 @@ impl<Scope> SequenceProgram<Scope> {
         self
     }
 
-    /// Runs beside the handlers; its end is theirs.
+    /// Adds a task that runs with the handlers; when it ends, they end.
     pub(crate) fn beside(
         mut self,
         companion: impl Fn(Plc) -> BoxFuture<'static, Result<()>> + Send + Sync + 'static,
@@ -160,7 +159,7 @@ impl<Scope> SequenceProgram<Scope> {
         self
     }
 
-    /// Notes what [`SequenceProgram::run`] will refuse.
+    /// Records what [`SequenceProgram::run`] will refuse.
     pub(crate) fn mistake(&mut self, mistake: String) {
         self.table.mistakes.push(mistake);
     }
@@ -190,7 +189,7 @@ impl SequenceProgram {
         }
     }
 
-    /// Handlers for one coordinate system only. There they come before those for all.
+    /// Adds handlers for one coordinate system only. There they take precedence over those for all.
     #[must_use]
     pub fn in_coordinate_system(
         self,
@@ -200,23 +199,23 @@ impl SequenceProgram {
         build(self.within(Some(number))).within(None)
     }
 
-    /// What happens with an output that a handler had claimed and then left without an answer, because its process died
-    /// or its connection was lost. Default [`Redelivery::Ask`]: nothing, until an operator decides.
+    /// What happens with an output whose handler died or lost its connection before the reset. Default
+    /// [`Redelivery::Ask`]: nothing, until an operator decides.
     #[must_use]
     pub fn on_redelivery(mut self, on_redelivery: Redelivery) -> Self {
         self.on_redelivery = on_redelivery;
         self
     }
 
-    /// Name of this sequence program on the machine: 1 to 64 characters without `/ + #`, one program at a time by each
-    /// name. Default: the user's name where it connects with one, else a random one.
+    /// Name of this sequence program on the machine: 1 to 64 characters without `/ + #`, used by one program at a time.
+    /// Default: the user name of the connection, else a random name.
     #[must_use]
     pub fn handler_id(mut self, handler_id: impl Into<String>) -> Self {
         self.handler_id = Some(handler_id.into());
         self
     }
 
-    /// What would be refused by [`SequenceProgram::run`].
+    /// Checks what [`SequenceProgram::run`] would refuse.
     ///
     /// # Errors
     /// [`Error::SequenceProgram`] names every mistake.
@@ -229,14 +228,15 @@ impl SequenceProgram {
         Err(Error::SequenceProgram(mistakes.join("; ")))
     }
 
-    /// Serves the machine: tells it what is handled here, claims outputs, runs their handlers, resets. Ends when the
-    /// machine's side ends; over MQTT it goes on through every loss of the connection.
+    /// Serves the machine: announces the handled M codes, claims outputs, runs their handlers and resets them. It
+    /// continues after every loss of the connection, and ends when the machine's side ends.
     ///
-    /// When this future is dropped, handlers are dropped where they wait, and the machine is told that they have gone.
+    /// When this future is dropped, handlers are dropped where they wait, and the machine is told that they are
+    /// offline.
     ///
     /// # Errors
-    /// What [`SequenceProgram::check`] finds; a scan program that panics; the machine does not take the name, or over MQTT
-    /// the connection serves another sequence program: connect once for each.
+    /// What [`SequenceProgram::check`] finds; a scan program panics; the machine refuses the name; over MQTT, the
+    /// connection serves another sequence program: use one connection for each.
     pub async fn run(self, plc: &Plc) -> Result<()> {
         self.check()?;
         let handler_id = self.handler_id.unwrap_or_else(|| plc.default_handler_id());

@@ -1,7 +1,7 @@
-//! The ledger of outputs and resets of one coordinate system.
+//! The ledger: a state machine for the outputs of one coordinate system and their resets.
 //!
-//! A pure state machine: no I/O, no clock, no task. The coordinator calls it with the time as a parameter and carries
-//! out the [`Effect`]s. Every transport goes through it, so that its [`rules`] hold for all:
+//! It has no I/O, no clock and no task: the runtime calls it with the time as a parameter, and carries out the
+//! [`Effect`]s. All transports use it, so its [`rules`] hold for all:
 //!
 //! ```text
 //! QUEUED -> OUTPUT -> CLAIMED -> reset
@@ -9,7 +9,7 @@
 //!    '--------+-------------'----> cancelled | failed | timed out
 //! ```
 //!
-//! It does some ten million operations a second on one core, however many outputs are open (`cargo bench -p plc-api`).
+//! It does about ten million operations a second on one core, however many outputs are open (`cargo bench -p plc-api`).
 
 mod closed;
 mod effect;
@@ -31,10 +31,10 @@ use crate::types::{BootId, Timestamp};
 
 use closed::{ClosedOutputs, Fate};
 
-/// Characters of a progress text; a longer one is cut there: it is one line of a panel.
+/// Characters of a progress text; a longer one is cut. Reason: it is one line of a panel.
 pub const PROGRESS_TEXT_MAX: usize = 200;
 
-/// Outputs of one coordinate system, from QUEUED to their end.
+/// The outputs of one coordinate system.
 #[derive(Debug)]
 pub struct Ledger {
     boot_id: BootId,
@@ -59,10 +59,10 @@ impl Ledger {
         }
     }
 
-    /// Takes an output as QUEUED, and gives its `seq`, greater than all before.
+    /// Adds an output as QUEUED, and returns its `seq`, greater than all before.
     ///
     /// # Errors
-    /// [`Full`] when `open_outputs_max` outputs are open: the caller waits and asks again; nothing is dropped.
+    /// [`Full`] if `open_outputs_max` outputs are open: the caller waits and tries again; nothing is dropped.
     pub fn enqueue(&mut self, now: Now, spec: OutputSpec) -> Result<u64, Full> {
         if self.open.len() >= self.open_outputs_max {
             return Err(Full);
@@ -95,7 +95,7 @@ impl Ledger {
         Ok(seq)
     }
 
-    /// QUEUED to OUTPUT: publishes it, and starts its time limit. Without effect in any other state.
+    /// QUEUED to OUTPUT: publishes it, and starts its time limit. No effect in any other state.
     pub fn put_out(&mut self, now: Now, seq: u64) {
         let Some(place) = self.place(seq) else { return };
         let output = &mut self.open[place];
@@ -111,10 +111,10 @@ impl Ledger {
         self.effects.push(Effect::Output(notice));
     }
 
-    /// Carries out what is said of an output. `m` is the M number that the transport names, if it does.
+    /// Carries out a request about an output. `m` is the M number of the request, if it has one.
     ///
     /// # Errors
-    /// Text or choices of a question are out of their limits.
+    /// Text or choices of a question are out of range.
     pub fn carry_out(
         &mut self,
         now: Now,
@@ -136,20 +136,28 @@ impl Ledger {
         })
     }
 
-    /// A handler takes an output (H4).
+    /// A handler claims an output (H4).
     ///
-    /// `m` is the M number that the transport names, if it does: another than the output's is `unknown` (H3).
+    /// `m` is the M number of the request, if it has one; if it is not the output's, the answer is `unknown` (H3).
     pub fn claim(&mut self, now: Now, m: Option<u16>, claim: &Claim) -> HandshakeResult {
-        let found = self.find(&claim.boot_id, claim.seq, m);
-        let status = match found {
-            Err(status) => status,
-            Ok(_) if !is_client_id(&claim.handler_id) => HandshakeStatus::NotOwner,
-            Ok(place) => self.claim_open(now, place, &claim.handler_id),
-        };
+        let status = self.change(&claim.boot_id, claim.seq, m, |output| {
+            if !is_client_id(&claim.handler_id) {
+                return Err(HandshakeStatus::NotOwner);
+            }
+            if output.handler_id.is_some() {
+                return output.check_owner(&claim.handler_id).map(|()| false);
+            }
+            output.state = OutputState::Claimed;
+            output.handler_id = Some(claim.handler_id.clone());
+            output.since = now.time;
+            output.lost = false;
+            output.how = None;
+            Ok(true)
+        });
         self.answer(m, claim.seq, &claim.handler_id, status)
     }
 
-    /// A handler or an operator answers an output (H5, H6).
+    /// A handler or an operator resets an output (H5, H6).
     pub fn reset(&mut self, _now: Now, m: Option<u16>, reset: &Reset) -> HandshakeResult {
         let place = match self.find(&reset.boot_id, reset.seq, m) {
             Ok(place) => place,
@@ -170,7 +178,7 @@ impl Ledger {
         };
         let cancel = foreign.then_some(CancelReason::Operator);
         self.close(place, how, cancel);
-        // the answer follows the pending topic that no longer shows the output, and the end of the output itself
+        // the answer comes after `pending` without the output, and after the end of the output
         self.answer(
             m.or(Some(output_m)),
             reset.seq,
@@ -179,107 +187,84 @@ impl Ledger {
         )
     }
 
-    /// The owner tells how far it is (H13). `not_owner` from anyone else, also while nobody owns the output.
+    /// The owner reports progress (H13). `not_owner` for anyone else, also while nobody owns the output.
     pub fn progress(&mut self, _now: Now, m: Option<u16>, report: &ProgressReport) -> HandshakeStatus {
-        let place = match self.find(&report.boot_id, report.seq, m) {
-            Ok(place) => place,
-            Err(status) => return status,
-        };
-        let output = &mut self.open[place];
-        if output.handler_id.as_deref() != Some(report.handler_id.as_str()) {
-            return HandshakeStatus::NotOwner;
-        }
-        let mut text = report.text.clone();
-        cut(&mut text, PROGRESS_TEXT_MAX);
-        let percent = report.percent.filter(|percent| percent.is_finite());
-        output.progress = Some(Progress {
-            text,
-            percent: percent.map(|percent| percent.clamp(0.0, 100.0)),
-        });
-        self.pending_changed();
-        HandshakeStatus::Accepted
+        self.change(&report.boot_id, report.seq, m, |output| {
+            output.check_owner(&report.handler_id)?;
+            let mut text = report.text.clone();
+            cut(&mut text, PROGRESS_TEXT_MAX);
+            let percent = report.percent.filter(|percent| percent.is_finite());
+            output.progress = Some(Progress {
+                text,
+                percent: percent.map(|percent| percent.clamp(0.0, 100.0)),
+            });
+            Ok(true)
+        })
     }
 
-    /// The owner asks the operator, in place of the question before, or without choices takes its question back. Asked
-    /// again with the same id it is the same question. `not_owner` from anyone else (H14).
+    /// The owner asks the operator, which replaces an earlier question, or without choices withdraws its question. The
+    /// same id is the same question. `not_owner` for anyone else (H14).
     ///
     /// # Errors
-    /// Text or choices are out of their limits.
+    /// Text or choices are out of range.
     pub fn ask(&mut self, now: Now, m: Option<u16>, ask: &Ask) -> Result<HandshakeStatus, Refusal> {
         ask.check()?;
-        let place = match self.find(&ask.boot_id, ask.seq, m) {
-            Ok(place) => place,
-            Err(status) => return Ok(status),
-        };
-        let output = &mut self.open[place];
-        if output.handler_id.as_deref() != Some(ask.handler_id.as_str()) {
-            return Ok(HandshakeStatus::NotOwner);
-        }
-        let is_asked = output
-            .question
-            .as_ref()
-            .is_some_and(|question| question.id == ask.question_id);
-        if is_asked == ask.choices.is_empty() {
-            output.question = (!is_asked).then(|| Question {
-                id: ask.question_id.clone(),
-                text: ask.text.clone(),
-                choices: ask.choices.clone(),
-                since: Timestamp::from_system_time(now.time),
-                answer: None,
-            });
-            self.pending_changed();
-        }
-        Ok(HandshakeStatus::Accepted)
+        Ok(self.change(&ask.boot_id, ask.seq, m, |output| {
+            output.check_owner(&ask.handler_id)?;
+            let asked = output.question.as_ref();
+            let is_asked = asked.is_some_and(|question| question.id == ask.question_id);
+            let is_new = is_asked == ask.choices.is_empty();
+            if is_new {
+                output.question = (!is_asked).then(|| Question {
+                    id: ask.question_id.clone(),
+                    text: ask.text.clone(),
+                    choices: ask.choices.clone(),
+                    since: Timestamp::from_system_time(now.time),
+                    answer: None,
+                });
+            }
+            Ok(is_new)
+        }))
     }
 
-    /// An operator answers. `unknown` when there is no such question or choice, `duplicate` when it has an answer.
+    /// An operator answers. `unknown` if there is no such question or choice, `duplicate` if it has an answer.
     pub fn answer_question(&mut self, _now: Now, m: Option<u16>, answer: &OperatorAnswer) -> HandshakeStatus {
-        let place = match self.find(&answer.boot_id, answer.seq, m) {
-            Ok(place) => place,
-            Err(status) => return status,
-        };
-        let asked = self.open[place].question.as_mut();
-        let Some(question) = asked.filter(|question| {
-            question.id == answer.question_id && question.choices.contains(&answer.choice)
-        }) else {
-            return HandshakeStatus::Unknown;
-        };
-        if question.answer.is_some() {
-            return HandshakeStatus::Duplicate;
-        }
-        question.answer = Some(answer.choice.clone());
-        self.pending_changed();
-        HandshakeStatus::Accepted
+        self.change(&answer.boot_id, answer.seq, m, |output| {
+            let asked = output.question.as_mut();
+            let question = asked
+                .filter(|question| question.id == answer.question_id)
+                .filter(|question| question.choices.contains(&answer.choice))
+                .ok_or(HandshakeStatus::Unknown)?;
+            if question.answer.is_some() {
+                return Err(HandshakeStatus::Duplicate);
+            }
+            question.answer = Some(answer.choice.clone());
+            Ok(true)
+        })
     }
 
-    /// An operator decides about an output that nobody owns: it is published again with `how`, and `ask` takes an
-    /// earlier decision back. `not_owner` while a handler owns it.
+    /// An operator decides about an output that nobody owns: it is published again with `how`; `ask` withdraws an
+    /// earlier decision. `not_owner` while a handler owns it.
     pub fn redeliver(&mut self, _now: Now, m: Option<u16>, redeliver: &Redeliver) -> HandshakeStatus {
-        let place = match self.find(&redeliver.boot_id, redeliver.seq, m) {
-            Ok(place) => place,
-            Err(status) => return status,
-        };
-        let output = &mut self.open[place];
-        if output.state == OutputState::Claimed {
-            return HandshakeStatus::NotOwner;
-        }
-        if redeliver.how == Redelivery::Ask {
-            output.how = None;
-            self.pending_changed();
-        } else {
-            output.how = Some(redeliver.how);
+        let how = Some(redeliver.how).filter(|how| *how != Redelivery::Ask);
+        let status = self.change(&redeliver.boot_id, redeliver.seq, m, |output| {
+            if output.state == OutputState::Claimed {
+                return Err(HandshakeStatus::NotOwner);
+            }
+            output.how = how;
+            Ok(true)
+        });
+        if status == HandshakeStatus::Accepted && how.is_some() {
             self.publish_again(|output| output.notice.seq == redeliver.seq);
         }
-        HandshakeStatus::Accepted
+        status
     }
 
-    /// A handler has gone: each output that it owns is OUTPUT again, `redelivered` and `lost` (H11).
+    /// A handler was lost: each output that it owns is OUTPUT again, `redelivered` and `lost` (H11).
     pub fn handler_lost(&mut self, now: Now, handler_id: &str) {
+        let open = self.open.iter_mut();
         let mut any = false;
-        for output in &mut self.open {
-            if output.handler_id.as_deref() != Some(handler_id) {
-                continue;
-            }
+        for output in open.filter(|output| output.handler_id.as_deref() == Some(handler_id)) {
             output.state = OutputState::Output;
             output.handler_id = None;
             output.since = now.time;
@@ -295,13 +280,13 @@ impl Ledger {
         }
     }
 
-    /// Publishes the unclaimed outputs whose M number `handles` names again, as `redelivered` with `attempt` one
-    /// higher: a handler for them came online, or the connection to the broker was made anew.
+    /// Publishes again the unclaimed outputs whose M number is in `handles`, as `redelivered` with `attempt` one
+    /// higher: a handler for them came online, or the connection to the broker is new.
     pub fn republish(&mut self, _now: Now, handles: impl Fn(u16) -> bool) {
         self.publish_again(|output| handles(output.notice.m));
     }
 
-    /// The runtime fails an output, such as one that nobody handles; its owner is told.
+    /// The runtime fails an output, such as one without a handler; an owner is notified.
     pub fn fail(&mut self, _now: Now, seq: u64, alarm: Alarm) {
         if let Some(place) = self.place(seq) {
             let cancel = self.made(place).then_some(CancelReason::Alarm);
@@ -316,9 +301,7 @@ impl Ledger {
         }
         let open = std::mem::take(&mut self.open);
         for output in open.iter().filter(|output| output.state != OutputState::Queued) {
-            let (seq, m) = (output.notice.seq, output.notice.m);
-            let cancel = Cancel { seq, reason };
-            self.effects.push(Effect::Cancel { m, cancel });
+            self.cancel(output, reason);
         }
         self.pending_changed();
         for output in open {
@@ -338,7 +321,7 @@ impl Ledger {
         }
     }
 
-    /// When [`Ledger::expire`] has something to do next, seconds on the monotonic clock.
+    /// The next time limit for [`Ledger::expire`], seconds on the monotonic clock.
     pub fn next_deadline_s(&self) -> Option<f64> {
         self.open
             .iter()
@@ -373,12 +356,12 @@ impl Ledger {
         self.open.is_empty()
     }
 
-    /// True while the output waits after its owner has gone (`HANDLER_LOST`).
+    /// True while the output waits because its owner was lost (`HANDLER_LOST`).
     pub fn is_lost(&self, seq: u64) -> bool {
         self.get(seq).is_some_and(|output| output.lost)
     }
 
-    /// What is to be published or done since the last call, in order. To be taken after each call that changes.
+    /// The effects since the last call, in order. Take them after each call that changes something.
     pub fn take_effects(&mut self) -> impl Iterator<Item = Effect> + use<> {
         std::mem::take(&mut self.effects).into_iter()
     }
@@ -391,12 +374,12 @@ impl Ledger {
             .ok()
     }
 
-    /// True when the output has been shown to handlers.
+    /// True if the output has been published to handlers.
     fn made(&self, place: usize) -> bool {
         self.open[place].state != OutputState::Queued
     }
 
-    /// The open output of these names, or why there is none.
+    /// The place of an open output, or why there is none.
     fn find(&self, boot_id: &BootId, seq: u64, m: Option<u16>) -> Result<usize, HandshakeStatus> {
         if *boot_id != self.boot_id {
             return Err(HandshakeStatus::Stale);
@@ -414,20 +397,24 @@ impl Ledger {
         Ok(place)
     }
 
-    fn claim_open(&mut self, now: Now, place: usize, handler_id: &str) -> HandshakeStatus {
-        let output = &mut self.open[place];
-        match output.handler_id.as_deref() {
-            Some(owner) if owner == handler_id => return HandshakeStatus::Accepted,
-            Some(_) => return HandshakeStatus::NotOwner,
-            None => {}
+    /// Changes an open output; `change` returns whether `pending` shows the change.
+    fn change(
+        &mut self,
+        boot_id: &BootId,
+        seq: u64,
+        m: Option<u16>,
+        change: impl FnOnce(&mut OpenOutput) -> Result<bool, HandshakeStatus>,
+    ) -> HandshakeStatus {
+        let found = self.find(boot_id, seq, m);
+        match found.and_then(|place| change(&mut self.open[place])) {
+            Ok(is_shown) => {
+                if is_shown {
+                    self.pending_changed();
+                }
+                HandshakeStatus::Accepted
+            }
+            Err(status) => status,
         }
-        output.state = OutputState::Claimed;
-        output.handler_id = Some(handler_id.to_owned());
-        output.since = now.time;
-        output.lost = false;
-        output.how = None;
-        self.pending_changed();
-        HandshakeStatus::Accepted
     }
 
     fn publish_again(&mut self, which: impl Fn(&OpenOutput) -> bool) {
@@ -448,12 +435,16 @@ impl Ledger {
     fn close(&mut self, place: usize, how: Closed, cancel: Option<CancelReason>) {
         let output = self.open.remove(place);
         if let Some(reason) = cancel {
-            let (seq, m) = (output.notice.seq, output.notice.m);
-            let cancel = Cancel { seq, reason };
-            self.effects.push(Effect::Cancel { m, cancel });
+            self.cancel(&output, reason);
         }
         self.pending_changed();
         self.end(&output, how);
+    }
+
+    fn cancel(&mut self, output: &OpenOutput, reason: CancelReason) {
+        let (seq, m) = (output.notice.seq, output.notice.m);
+        let cancel = Cancel { seq, reason };
+        self.effects.push(Effect::Cancel { m, cancel });
     }
 
     fn end(&mut self, output: &OpenOutput, how: Closed) {
@@ -481,11 +472,8 @@ impl Ledger {
             handler_id,
             status,
         };
-        let known = || {
-            self.get(seq)
-                .map(|output| output.notice.m)
-                .or_else(|| self.closed.m(seq))
-        };
+        let open = self.get(seq).map(|output| output.notice.m);
+        let known = || open.or_else(|| self.closed.m(seq));
         if let Some(m) = m.or_else(known) {
             let result = result.clone();
             self.effects.push(Effect::Result { m, result });

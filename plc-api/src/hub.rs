@@ -1,9 +1,9 @@
 //! The hub: the latest value of each state topic, and bounded subscriptions to all topics.
 //!
-//! Publishing never waits for a subscriber. A slow subscriber gets the latest value of each state topic. It gets all
+//! Publishing never waits for a subscriber. A slow subscriber receives the latest value of each state topic, and all
 //! events up to a limit; beyond it the oldest are dropped and counted by [`Subscription::lost`] (see
-//! [`queue`](crate::queue)). Whatever must not be lost is therefore also a state: open outputs in `m_code/pending`,
-//! alarms in `alarm/active`.
+//! [`queue`](crate::queue)). What must not be lost is therefore also a state: open outputs in `m_code/pending`, alarms
+//! in `alarm/active`.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, Weak};
@@ -12,10 +12,11 @@ use tokio::sync::Notify;
 
 use crate::lock::lock;
 use crate::queue::Queue;
-use crate::types::message::Message;
+use crate::types::message::{Message, Payload};
+use crate::types::output::HandlerPresence;
 use crate::types::topic::{CsTopic, Topic};
 
-/// Which topics a subscription is for.
+/// The topics of a subscription.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub enum Filter {
     /// Every topic.
@@ -23,8 +24,8 @@ pub enum Filter {
     All,
     /// These topics.
     Topics(Vec<Topic>),
-    /// What a handler needs: presence, birth, presence of handlers, and pending, output, result, cancel and validate of every
-    /// coordinate system.
+    /// Topics for a handler: presence, birth, presence of handlers, and pending, output, result, cancel and validate of
+    /// every coordinate system.
     Handshake,
 }
 
@@ -49,7 +50,7 @@ impl Filter {
     }
 }
 
-/// Last values and subscribers. Cloning gives another handle to the same hub.
+/// Last values and subscribers. Clones are handles to the same hub.
 #[derive(Debug, Clone, Default)]
 pub struct Hub {
     inner: Arc<Mutex<HubInner>>,
@@ -80,7 +81,7 @@ impl Hub {
         Self::default()
     }
 
-    /// Keeps the message if its topic is a state, and hands it to every subscriber of its topic.
+    /// Stores the message if its topic is a state, and passes it to the subscribers of its topic.
     pub fn publish(&self, message: Message) {
         let message = Arc::new(message);
         let mut inner = lock(&self.inner);
@@ -108,12 +109,24 @@ impl Hub {
         lock(&self.inner).states.values().cloned().collect()
     }
 
+    /// Handlers that have announced themselves, by id.
+    pub(crate) fn handlers(&self) -> BTreeMap<String, HandlerPresence> {
+        let states = self.states();
+        let presence = |message: &Arc<Message>| match (&message.topic, &message.payload) {
+            (Topic::HandlerPresence(id), Payload::HandlerPresence(presence)) => {
+                Some((id.clone(), presence.clone()))
+            }
+            _ => None,
+        };
+        states.iter().filter_map(presence).collect()
+    }
+
     /// Forgets the value of a state topic.
     pub fn forget(&self, topic: &Topic) {
         lock(&self.inner).states.remove(topic);
     }
 
-    /// A subscription; it starts with the values of now.
+    /// A subscription; it starts with the current values.
     pub fn subscribe(&self, filter: Filter) -> Subscription {
         let mut inner = lock(&self.inner);
         let mut waiting = Waiting::default();
@@ -131,7 +144,7 @@ impl Hub {
         Subscription { subscriber }
     }
 
-    /// Ends all subscriptions once they have been read to their end.
+    /// Ends all subscriptions after their last message.
     pub fn close(&self) {
         for subscriber in lock(&self.inner)
             .subscribers
@@ -153,14 +166,14 @@ impl Subscriber {
     }
 }
 
-/// What one subscriber still has to read.
+/// A subscription with its unread messages.
 #[derive(Debug)]
 pub struct Subscription {
     subscriber: Arc<Subscriber>,
 }
 
 impl Subscription {
-    /// The next message; `None` when the other side has closed. Safe to drop while it waits.
+    /// The next message; `None` when the hub is closed. Cancellation safe.
     pub async fn next(&mut self) -> Option<Arc<Message>> {
         loop {
             if let Some(message) = self.try_next() {
@@ -173,12 +186,12 @@ impl Subscription {
         }
     }
 
-    /// The next message if one is there.
+    /// The next message, if there is one.
     pub fn try_next(&mut self) -> Option<Arc<Message>> {
         lock(&self.subscriber.waiting).queue.take()
     }
 
-    /// Events dropped so far because this subscriber did not read them.
+    /// Events dropped so far because they were not read in time.
     pub fn lost(&self) -> u64 {
         lock(&self.subscriber.waiting).queue.lost()
     }
@@ -188,7 +201,6 @@ impl Subscription {
 mod tests {
     use super::*;
     use crate::queue::EVENTS_MAX;
-    use crate::types::message::Payload;
     use crate::types::output::{Cancel, CancelReason};
     use crate::types::state::Switch;
     use crate::types::{BootId, Timestamp};

@@ -1,4 +1,4 @@
-//! The control lease as a client holds it.
+//! The control lease, held by a client.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -9,16 +9,16 @@ use tokio::task::JoinHandle;
 use crate::coordinate_system::CoordinateSystem;
 use crate::error::{Error, Result};
 use crate::plc::Plc;
-use crate::types::lease::{Lease as Granted, LeaseRelease, LeaseRequest, LeaseTake};
+use crate::types::lease::{LeaseRelease, LeaseRequest, LeaseTake};
 use crate::types::refusal::{Refusal, RefusalCode};
 use crate::types::request::typed;
 
-/// Renewals within the time of a lease: two may be lost on the way.
+/// Renewals within the time of a lease, so that two may be lost.
 const RENEWALS: u32 = 3;
 
-/// The control lease of a coordinate system: while it is held, load, start, resume, mdi, jog and home of others are
-/// refused as `busy`; hold, stop, abort and reset never are. It renews itself in the background, and ends when it is
-/// released or dropped.
+/// The control lease of a coordinate system: while it is held, load, start, resume, mdi, jog and home from others are
+/// refused as `busy`; hold, stop, abort and reset never are. It is renewed in the background until it is released or
+/// dropped.
 ///
 /// ```no_run
 /// # use std::time::Duration;
@@ -32,23 +32,21 @@ const RENEWALS: u32 = 3;
 #[derive(Debug)]
 pub struct Lease {
     coordinate_system: CoordinateSystem,
-    granted: Granted,
+    fence: u64,
     lost: Arc<AtomicBool>,
     renewal: JoinHandle<()>,
-    /// True when nothing is left to be released.
-    released: bool,
 }
 
 impl CoordinateSystem {
-    /// Takes the control lease for `ttl`, 1 s to 10 min, under the name of this program's user or connection.
+    /// Takes the control lease for `ttl`, 1 s to 10 min, in the name of this program's user or connection.
     ///
     /// # Errors
-    /// `busy` while another holds it; `ttl` is out of its range.
+    /// `busy` while somebody else holds it; `ttl` is out of range.
     pub async fn take_lease(&self, ttl: Duration) -> Result<Lease> {
         self.take(None, ttl).await
     }
 
-    /// The same under a name of its own, 1 to 64 characters: what panels and refusals show.
+    /// Takes it in a name of 1 to 64 characters, which panels and refusals show.
     ///
     /// # Errors
     /// As [`CoordinateSystem::take_lease`]; the name is too long.
@@ -76,9 +74,8 @@ impl CoordinateSystem {
         Ok(Lease {
             coordinate_system: self.under_lease(granted.fence),
             renewal: tokio::spawn(renew(self.clone(), take, ttl / RENEWALS, Arc::clone(&lost))),
-            granted,
+            fence: granted.fence,
             lost,
-            released: false,
         })
     }
 
@@ -91,7 +88,7 @@ impl CoordinateSystem {
     }
 }
 
-/// Renews until the machine says that the lease has ended; a renewal that does not arrive is tried again.
+/// Renews until the machine answers that the lease has ended; a renewal that fails otherwise is repeated.
 async fn renew(
     coordinate_system: CoordinateSystem,
     take: LeaseTake,
@@ -113,29 +110,30 @@ async fn renew(
 }
 
 impl Lease {
-    /// The coordinate system, with commands under this lease.
+    /// The coordinate system, commanded under this lease.
     pub fn coordinate_system(&self) -> &CoordinateSystem {
         &self.coordinate_system
     }
 
-    /// Its number, which grows with each lease of the coordinate system.
+    /// Its number; each lease of the coordinate system gets a higher one.
     pub fn fence(&self) -> u64 {
-        self.granted.fence
+        self.fence
     }
 
-    /// True once the machine has said that it ended: it was broken, the runtime was started again, or no renewal
+    /// True once the machine has answered that it ended: it was broken, the runtime was restarted, or no renewal
     /// arrived in time. Commands under it are then refused as `lease_lost`.
     pub fn is_lost(&self) -> bool {
         self.lost.load(Ordering::Relaxed)
     }
 
-    /// Gives it back.
+    /// Releases it.
     ///
     /// # Errors
     /// `lease_lost` when it had ended before, or the machine cannot be reached.
-    pub async fn release(mut self) -> Result<()> {
-        self.released = true;
+    pub async fn release(self) -> Result<()> {
         self.renewal.abort();
+        // so that dropping it does not release it again
+        self.lost.store(true, Ordering::Relaxed);
         self.coordinate_system
             .plc()
             .request(self.ask_release())
@@ -153,7 +151,7 @@ impl Lease {
 impl Drop for Lease {
     fn drop(&mut self) {
         self.renewal.abort();
-        if !self.released && !self.is_lost() {
+        if !self.is_lost() {
             let unsent = "the control lease could not be released; it ends by its time";
             self.coordinate_system
                 .plc()

@@ -1,13 +1,15 @@
 //! Sequence-control API of the Tandem runtime: the PLC side of an NC machine, in Rust.
 //!
-//! An NC program puts out M codes with parameters (`M100 VA3`), and waits until each is reset. A *sequence program* is
-//! what works on them: one async function for each M code. It runs in the runtime's own process
-//! ([`Plc::in_process`]), in another process over MQTT or REST ([`Plc::connect`]) and in a unit test ([`fake::FakePort`]),
-//! unchanged.
+//! An NC program commands the machine by M codes with parameters, such as `M100 VA3`. Each M code is an *output* of the
+//! NC program to the PLC: the program waits until the PLC has done the work and sends the *reset* of that output. A
+//! *sequence program* does this work: one async function, a *handler*, for each M code. The same sequence program runs
+//! in the runtime's process ([`Plc::in_process`]), in another process over MQTT or REST ([`Plc::connect`]), and in a
+//! unit test ([`fake::FakePort`]).
 //!
 //! # A sequence program
-//! `tandem init DIR` writes a machine with such a program and a test, ready to run; by hand it takes `plc-api` and
-//! `tokio` (features `macros`, `rt-multi-thread`). `tandem` alone runs the demo machine that this address names.
+//! `tandem init DIR` creates a project with a sequence program and a test. Without it, depend on `plc-api` and `tokio`
+//! (features `macros`, `rt-multi-thread`). The address below is that of the demo machine, which `tandem` without
+//! arguments starts.
 //! ```no_run
 //! use plc_api::{Alarm, AuxOutput, Plc, SequenceProgram};
 //!
@@ -32,14 +34,14 @@
 //! # async fn eject(_: AuxOutput) -> Result<(), Alarm> { Ok(()) }
 //! ```
 //!
-//! `Ok` resets the output, and the NC program goes on. `Err` raises alarm 10000 + code with its text and stops the
-//! program; a panic does the same. Several open outputs run their handlers at the same time.
+//! `Ok` resets the output, and the NC program continues. `Err` stops the program with alarm 10000 + code and its text;
+//! so does a panic. The handlers of several open outputs run concurrently.
 //!
 //! # Parameters and shared state
-//! [`Params`] holds VA to VH; what is not programmed is `None`. Which parameters a handler takes it may say beforehand:
-//! with [`validate`](SequenceProgram::validate) a program with wrong ones is refused when it is loaded. What a handler
-//! shares with others it gets by [`handlers::with`]. Axes, tools and inputs are behind
-//! [`Plc::coordinate_system`], variables behind [`Plc::variables`], alarms behind [`Plc::alarms`].
+//! [`Params`] holds VA to VH; a parameter that is not programmed is `None`. With
+//! [`validate`](SequenceProgram::validate) a program with wrong parameters is refused when it is loaded. Handlers share
+//! state by [`handlers::with`]. Axes, tools and inputs are behind [`Plc::coordinate_system`], variables behind
+//! [`Plc::variables`], alarms behind [`Plc::alarms`].
 //! ```
 //! use std::sync::{Arc, Mutex};
 //! use plc_api::{Alarm, AuxOutput, Params, Plc, SequenceProgram, handlers::with};
@@ -75,9 +77,9 @@
 //! assert_eq!(program.check(), Ok(()));
 //! ```
 //!
-//! # While the program waits
-//! [`AuxOutput::progress`] says how far the work is. [`AuxOutput::ask`] asks the operator and waits for one of the choices;
-//! panels show the question with the M code, and [`CoordinateSystem::answer`] answers it.
+//! # Progress and questions
+//! While the NC program waits, [`AuxOutput::progress`] reports how far the work is, and [`AuxOutput::ask`] asks the
+//! operator and waits for one of the choices. Panels show both; [`CoordinateSystem::answer`] answers a question.
 //! ```
 //! # use plc_api::{Alarm, AuxOutput};
 //! async fn inspect(output: AuxOutput) -> Result<(), Alarm> {
@@ -89,20 +91,20 @@
 //! }
 //! ```
 //!
-//! # Cancel
-//! A stop, a reset or an alarm cancels open outputs: the handler's future is dropped where it waits, and what it
-//! started elsewhere sees it by [`AuxOutput::cancellation`]. Handlers sleep by [`Plc::sleep`], never by another clock.
-//! What must be undone then stands in a destructor.
+//! # Cancellation
+//! A stop, a reset of the coordinate system or an alarm cancels open outputs: the handler's future is dropped where it
+//! waits. Put what must be undone into a destructor. Work in other tasks watches [`AuxOutput::cancellation`]. Handlers
+//! sleep by [`Plc::sleep`] only, which is simulated time in a simulation.
 //! ```
 //! use std::time::Duration;
 //! use plc_api::{Alarm, AuxOutput, CancelReason, Cancellation, Params, Plc, SequenceProgram, fake::FakePort};
 //!
-//! /// The pump runs as long as this is there, however its handler ends.
+//! /// The pump runs while this exists, however its handler ends.
 //! struct Pump(Cancellation);
 //!
 //! impl Drop for Pump {
 //!     fn drop(&mut self) {
-//!         // the output of the pump goes off here
+//!         // switch the pump off here
 //!         if self.0.is_cancelled() {
 //!             println!("the pump stops: {:?}", self.0.reason());
 //!         }
@@ -127,10 +129,10 @@
 //! ```
 //!
 //! # Redelivery
-//! A handler whose process dies gives its output back: the program waits, with reason `HANDLER_LOST`. Nothing is done
-//! twice without being asked: what happens when the sequence program is there again is its
-//! [`on_redelivery`](SequenceProgram::on_redelivery), by default to wait for an operator. With
-//! [`Redelivery::Verify`] the handler runs again with [`AuxOutput::redelivered`] true, and looks at the machine first.
+//! When the process of a handler dies, its output is open again, and the NC program waits with reason `HANDLER_LOST`.
+//! Nothing is done twice by itself: [`on_redelivery`](SequenceProgram::on_redelivery) says what the restarted sequence
+//! program does; by default it waits for an operator. With [`Redelivery::Verify`] the handler runs again with
+//! [`AuxOutput::redelivered`] true, and checks the machine first.
 //! ```
 //! use plc_api::{Alarm, AuxOutput, Redelivery, SequenceProgram};
 //!
@@ -145,85 +147,38 @@
 //!
 //! let program = SequenceProgram::new()
 //!     .on(40, close_door)
-//!     .handler_id("door") // by its name the machine knows it again
+//!     .handler_id("door") // the machine recognises it by this name
 //!     .on_redelivery(Redelivery::Verify);
 //! assert_eq!(program.check(), Ok(()));
 //! ```
 //!
-//! # Two commanders
-//! A program that starts and stops a machine which others command, too, takes its control lease first
-//! ([`CoordinateSystem::take_lease`]): until that is released or dropped, nobody else starts motion there.
+//! # Several commanding programs
+//! A program that starts and stops a machine which others command as well takes its control lease first
+//! ([`CoordinateSystem::take_lease`]): until the lease is released or dropped, nobody else can start motion there.
 //!
 //! # Scan style
-//! If you think in PLC scans, write a [`scan::ScanProgram`]: at a fixed period it sees M codes as flags with parameters
-//! beside states, inputs and variables, and writes resets, inputs and commands as flags. [`SequenceProgram::scan`] serves
-//! it beside handlers.
-//! ```
-//! use std::time::Duration;
-//! use plc_api::{SequenceProgram, scan::Image};
-//!
-//! let program = SequenceProgram::new().scan(50..=51, Duration::from_millis(10), |image: &mut Image| {
-//!     let coolant_is_on = image.is_on(1, 50);
-//!     // ... the output of the coolant pump is as the flag ...
-//!     image.reset(1, 50);
-//!     image.reset(1, 51);
-//!     image.set_start_lock(1, !coolant_is_on && tank_is_empty(), "the coolant tank is empty");
-//! });
-//! # fn tank_is_empty() -> bool { false }
-//! # assert_eq!(program.check(), Ok(()));
-//! ```
+//! If you think in PLC scans, write a [`scan::ScanProgram`]: at a fixed period it reads M codes, states, inputs and
+//! variables as flags, and writes resets, inputs and commands as flags. [`SequenceProgram::scan`] runs it together with
+//! handlers.
 //!
 //! # Without handlers
-//! A program with a loop of its own takes outputs from the raw queue ([`Plc::outputs`]), claims and resets them by hand; a
-//! claim is given back when the queue is gone. What a panel does, too, is open to every program: commands and inputs are
-//! methods of [`CoordinateSystem`], questions are answered by [`CoordinateSystem::answer`].
-//! ```
-//! use plc_api::{Alarm, Plc};
-//!
-//! async fn serve(plc: Plc) -> plc_api::Result<()> {
-//!     let mut outputs = plc.outputs().on(70..=79);
-//!     loop {
-//!         let output = outputs.next().await?;
-//!         output.claim().await?;
-//!         match output.notice().params.a() {
-//!             Some(_station) => output.reset().await?, // ... the work is done before ...
-//!             None => output.fail(Alarm::user(70, "VA: the station")).await?,
-//!         }
-//!     }
-//! }
-//! ```
+//! A program with its own loop takes outputs from the raw queue, [`Plc::outputs`], and claims and resets them itself;
+//! dropping the queue releases its claims. Every program may also do what a panel does: commands and inputs are methods
+//! of [`CoordinateSystem`].
 //!
 //! # Testing
-//! [`fake::FakePort`] is a scripted machine: outputs are made by hand, time goes on by hand, and its state follows. A
-//! whole runtime that runs NC programs in simulated time, with motion, is `tandem_runtime::test`, a dev-dependency.
-//! ```
-//! use std::time::Duration;
-//! use plc_api::{Alarm, AuxOutput, Params, Plc, SequenceProgram, fake::FakePort, handshake::Closed};
-//!
-//! async fn drill(_output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
-//!     plc.sleep(Duration::from_secs(600)).await;
-//!     Ok(())
-//! }
-//!
-//! # #[tokio::main(flavor = "current_thread")] async fn main() {
-//! let fake = FakePort::new([1]);
-//! let plc = fake.plc();
-//! tokio::spawn(async move { SequenceProgram::new().on(20, drill).run(&plc).await });
-//! let seq = fake.put_out(1, 20, Params::default());
-//! fake.advance(Duration::from_secs(599)).await;
-//! assert_eq!(fake.closed(1, seq), None);
-//! fake.advance(Duration::from_secs(1)).await;
-//! assert_eq!(fake.closed(1, seq), Some(Closed::Reset));
-//! # }
-//! ```
+//! [`fake::FakePort`] is a scripted machine: the test puts out outputs and advances the time, as in the example of
+//! [`SequenceProgram`]. `tandem_runtime::test`, a dev-dependency, is a whole runtime that runs NC programs with motion
+//! in simulated time.
 //!
 //! # Layers
-//! [`port::Port`] is the whole interface as one trait; [`types`] is all that crosses a wire; [`handshake`] is the state
-//! machine of outputs and resets that every transport goes through; [`execution`] says which command is allowed when;
-//! [`hub`] hands messages out. Numbers such as D16 name rules by which the runtime reads the NC language; what they say
-//! stands where they are named.
-//! Features: `mqtt` (default) is the MQTT client, with TLS; `rest` is the client of REST and WebSocket; `schema` derives
-//! JSON Schemas of the types. Without them it depends on tokio, serde and little more.
+//! [`port::Port`] is the whole interface as one trait; [`types`] are all messages and requests; [`handshake`] is the
+//! state machine of outputs and resets, the same for every transport; [`execution`] says which command is allowed in
+//! which state; [`hub`] distributes messages. Numbers such as D16 are decisions of the runtime on how it reads the NC
+//! language, H4 rules of the [handshake](handshake::rules).
+//!
+//! Features: `mqtt` (default) is the MQTT client, with TLS; `rest` the client of REST and WebSocket; `schema` derives
+//! JSON Schemas of the types. Without them the crate depends on tokio, serde and little more.
 
 pub mod alarm;
 mod ask;

@@ -5,12 +5,12 @@ use std::ops::{Range, RangeInclusive};
 /// Highest M number.
 pub const M_CODE_MAX: u16 = 191;
 
-/// M codes that the runtime handles itself (D35); no handler ever sees them.
+/// M codes that the runtime handles itself (D35); they never reach a handler.
 pub const RUNTIME_M_CODES: [u16; 6] = [0, 1, 2, 30, 98, 99];
 
 /// M codes that a handler serves: one, a range, or several.
 pub trait MCodes {
-    /// Ranges of first and last; an empty range is refused when the program is built.
+    /// Ranges from first to last; a sequence program refuses an empty range.
     fn m_codes(self) -> Vec<RangeInclusive<u16>>;
 }
 

@@ -5,7 +5,7 @@ mod raw;
 
 pub use raw::RawOutput;
 
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use futures_util::FutureExt;
@@ -16,22 +16,21 @@ use crate::hub::{Filter, Subscription};
 use crate::m_codes::{M_CODE_MAX, MCodes};
 use crate::names::mistake_in_id;
 use crate::plc::Plc;
-use crate::presence::{Change, OpenOutputs, Presence, shown};
-use crate::types::CoordinateSystemNumber;
+use crate::presence::{OpenOutputs, Presence};
 use crate::types::message::Message;
 use crate::types::output::{OutputState, PendingOutput, Redelivery};
 
 use owner::Owner;
 
-/// Unclaimed outputs of all coordinate systems, in order of each coordinate system.
+/// The raw queue: unclaimed outputs of all coordinate systems, those of each coordinate system in order.
 ///
-/// The queue is a handler: from the first [`Outputs::next`] the machine knows that it is there, and when the queue and
-/// all outputs taken from it are dropped, when their process dies or its connection breaks, what they have claimed is
-/// given back, and the program waits with reason `HANDLER_LOST`. As long as the queue is there, an output dropped
-/// without an answer stays claimed, until its time limit, an operator, a stop or a reset ends it.
+/// To the machine, the queue is a handler from the first [`Outputs::next`] on. When the queue and all outputs taken
+/// from it are dropped, their process dies or the connection breaks, its claims are released, and the program waits
+/// with reason `HANDLER_LOST`. While the queue exists, a claimed output that is dropped without an answer stays claimed
+/// until its time limit, an operator, a stop or a reset ends it.
 ///
-/// It needs a tokio runtime. Over MQTT each connection has one handler: connect once for this queue, and once for a
-/// [`SequenceProgram`](crate::SequenceProgram) beside it.
+/// It needs a tokio runtime. Over MQTT each connection has one handler: use another connection for a
+/// [`SequenceProgram`](crate::SequenceProgram).
 ///
 /// ```
 /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
@@ -49,20 +48,19 @@ use owner::Owner;
 pub struct Outputs {
     plc: Plc,
     handler_id: Option<String>,
-    // all where nothing was chosen
+    // `None`: all codes
     codes: Option<BTreeSet<u16>>,
     on_redelivery: Redelivery,
     owner: Option<Arc<Owner>>,
     subscription: Subscription,
     open: OpenOutputs,
-    // the attempt that was given out last
-    given: BTreeMap<(CoordinateSystemNumber, u64), u32>,
-    ready: VecDeque<RawOutput>,
+    // last attempt that was given out
+    given: BTreeMap<OutputId, u32>,
 }
 
 impl Plc {
-    /// The raw queue of auxiliary function outputs of all coordinate systems, for programs that are not made of
-    /// handlers. [`SequenceProgram`](crate::SequenceProgram) is the usual way.
+    /// The raw queue of the outputs of all coordinate systems, for programs with a loop of their own. The usual way is
+    /// a [`SequenceProgram`](crate::SequenceProgram).
     pub fn outputs(&self) -> Outputs {
         Outputs::new(self)
     }
@@ -79,12 +77,11 @@ impl Outputs {
             owner: None,
             open: OpenOutputs::default(),
             given: BTreeMap::new(),
-            ready: VecDeque::new(),
         }
     }
 
-    /// Gives out these M codes only, and tells the machine that they are handled. Without it the queue gives out all
-    /// that nobody owns, and the machine does not know for which it is there: their `unhandled` setting must be `wait`.
+    /// Takes these M codes only, and tells the machine that they are handled. Otherwise the queue takes all that nobody
+    /// owns, and the machine knows no handler for them: their `unhandled` setting must be `wait`.
     #[must_use]
     pub fn on(mut self, codes: impl MCodes) -> Self {
         let within = codes.m_codes().into_iter().flatten();
@@ -93,42 +90,41 @@ impl Outputs {
         self
     }
 
-    /// Claims and resets by this name: 1 to 64 characters without `/ + #`, one queue or program at a time by each.
-    /// Default: the user's name where it connects with one, else a random one.
+    /// Name for claims and resets: 1 to 64 characters without `/ + #`, used by one queue or program at a time. Default:
+    /// the user name of the connection, else a random name.
     #[must_use]
     pub fn handler_id(mut self, handler_id: impl Into<String>) -> Self {
         self.handler_id = Some(handler_id.into());
         self
     }
 
-    /// What happens with an output whose handler has gone without an answer. Default [`Redelivery::Ask`]: it is not
-    /// given out until an operator decides.
+    /// What happens with an output whose handler was lost before the reset. Default [`Redelivery::Ask`]: the queue does
+    /// not return it until an operator decides.
     #[must_use]
     pub fn on_redelivery(mut self, on_redelivery: Redelivery) -> Self {
         self.on_redelivery = on_redelivery;
         self
     }
 
-    /// The next output that nobody owns; one that was dropped without a claim comes again when it is published again.
-    /// Safe to drop while it waits.
+    /// The next output that nobody owns. One that was dropped without a claim is returned again when it is published
+    /// again. Cancellation safe.
     ///
     /// # Errors
-    /// [`Error::Closed`] when the machine's side has ended; [`Error::SequenceProgram`] when the name is none;
-    /// [`Error::Refused`] when the machine does not take it, or the connection serves another sequence program.
+    /// [`Error::Closed`] if the machine's side has ended; [`Error::SequenceProgram`] if the name is invalid;
+    /// [`Error::Refused`] if the machine refuses it, or the connection serves another sequence program.
     pub async fn next(&mut self) -> Result<RawOutput> {
         let owner = self.owner()?;
         owner.known().await?;
         loop {
-            // what the machine has said since may have ended what is ready
+            // an output that was cancelled meanwhile is not given out
             while let Some(message) = self.subscription.next().now_or_never() {
-                let message = message.ok_or(Error::Closed)?;
-                self.on_message(&owner, &message);
+                self.on_message(&message.ok_or(Error::Closed)?);
             }
-            if let Some(output) = self.ready.pop_front() {
+            if let Some(output) = self.take_next(&owner) {
                 return Ok(output);
             }
             let message = self.subscription.next().await.ok_or(Error::Closed)?;
-            self.on_message(&owner, &message);
+            self.on_message(&message);
         }
     }
 
@@ -147,38 +143,27 @@ impl Outputs {
         Ok(Arc::clone(self.owner.insert(owner)))
     }
 
-    fn on_message(&mut self, owner: &Arc<Owner>, message: &Arc<Message>) {
-        let Some(change) = self.open.on_message(message) else {
-            return;
-        };
-        if change == Change::Boot {
-            self.given.clear();
-            self.ready.clear();
-        }
-        for (cs, message) in self.open.all() {
-            let outputs = shown(message);
-            let find = |seq: u64| outputs.iter().find(|output| output.output.seq == seq);
-            self.given
-                .retain(|(given_cs, seq), _| *given_cs != cs || find(*seq).is_some());
-            self.ready.retain(|raw| {
-                raw.coordinate_system() != cs
-                    || find(raw.notice().seq).is_some_and(|output| output.state == OutputState::Output)
-            });
-            for output in outputs {
-                let id = OutputId::of(message, cs, output);
-                let Some(verify) = self.gives(output).filter(|_| !owner.holds(&id)) else {
-                    continue;
-                };
-                let attempt = output.output.attempt;
-                if self.given.insert((cs, output.output.seq), attempt) != Some(attempt) {
-                    let raw = RawOutput::new(owner, id, output.output.clone(), verify);
-                    self.ready.push_back(raw);
-                }
-            }
+    fn on_message(&mut self, message: &Arc<Message>) {
+        if self.open.on_message(message).is_some() {
+            let open: BTreeSet<_> = self.open.outputs().map(|(id, _)| id).collect();
+            self.given.retain(|id, _| open.contains(id));
         }
     }
 
-    /// Whether it gives an output out, and then whether the machine must be looked at first.
+    fn take_next(&mut self, owner: &Arc<Owner>) -> Option<RawOutput> {
+        let Self { open, given, .. } = &*self;
+        let is_new = |id: &OutputId, output: &PendingOutput| {
+            given.get(id) != Some(&output.output.attempt) && !owner.holds(id)
+        };
+        let (id, output, verify) = open.outputs().find_map(|(id, output)| {
+            let verify = self.gives(output).filter(|_| is_new(&id, output))?;
+            Some((id, output.output.clone(), verify))
+        })?;
+        self.given.insert(id.clone(), output.attempt);
+        Some(RawOutput::new(owner, id, output, verify))
+    }
+
+    /// Whether the queue returns an output, and then whether the machine must be checked first.
     fn gives(&self, output: &PendingOutput) -> Option<bool> {
         let m = output.output.m;
         let is_ours = self.codes.as_ref().is_none_or(|codes| codes.contains(&m));

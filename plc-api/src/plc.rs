@@ -1,4 +1,4 @@
-//! A machine as a sequence program sees it.
+//! The machine, from the point of view of a sequence program.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -37,7 +37,7 @@ pub struct Plc {
     client_id: Arc<str>,
     user: Option<Arc<str>>,
     commands: Arc<AtomicU64>,
-    /// Where its connection lives.
+    /// The runtime that drives its connection.
     runtime: Option<tokio::runtime::Handle>,
 }
 
@@ -61,7 +61,7 @@ impl Plc {
         }
     }
 
-    /// A machine behind a connection that this tokio runtime keeps.
+    /// A machine behind a connection that the current tokio runtime drives.
     #[cfg(any(feature = "mqtt", feature = "rest"))]
     fn connected(port: Arc<dyn Port>, user: Option<String>) -> Self {
         Self {
@@ -71,16 +71,14 @@ impl Plc {
         }
     }
 
-    /// A machine at an address. Over MQTT (feature `mqtt`): `mqtt://host:port/machine`, with a topic prefix
-    /// `mqtt://host:port/prefix/machine`, with a user `mqtt://user:password@host:port/machine`, with TLS
-    /// `mqtts://host:port/machine`; the port is 1883, or 8883 with TLS, where none is named. Over REST and WebSocket
-    /// (feature `rest`): `http://host:port`, with a user `http://user:token@host:port`, or with the token alone; the port is
-    /// 80 where none is named. A handler's token speaks in the name of its user only: a program without a
-    /// [`handler_id`](crate::SequenceProgram::handler_id) takes the user's name where the address has it.
-    /// Waits up to 10 s until the runtime is present there; after that the connection is made again by itself for ever.
+    /// A machine at an address. Over MQTT (feature `mqtt`): `mqtt://[user:password@]host[:port]/[prefix/]machine`, with
+    /// TLS `mqtts://...`; the default port is 1883, with TLS 8883. Over REST and WebSocket (feature `rest`):
+    /// `http://[[user:]token@]host[:port]`; the default port is 80. The token of a handler is valid for its user's name
+    /// only: a program without a [`handler_id`](crate::SequenceProgram::handler_id) takes the user's name if the
+    /// address has one. Waits up to 10 s for the runtime; later it reconnects by itself, without limit.
     ///
     /// # Errors
-    /// The address is not one, no broker answers there, it refuses the user, or no runtime is online under that name.
+    /// The address is wrong, no broker answers, it refuses the user, or no runtime is online under that name.
     #[cfg_attr(
         not(any(feature = "mqtt", feature = "rest")),
         expect(clippy::unused_async, reason = "only transports wait")
@@ -107,28 +105,28 @@ impl Plc {
         }
     }
 
-    /// The same with what an address should not hold: user and password, and the files of TLS.
+    /// [`Plc::connect`] with user, password and TLS files, which an address should not contain.
     ///
     /// # Errors
-    /// As [`Plc::connect`]; a file of TLS that cannot be used is named.
+    /// As [`Plc::connect`]; a TLS file cannot be used, and is named.
     #[cfg(feature = "mqtt")]
     pub async fn connect_with(address: &str, options: MqttOptions) -> Result<Self> {
         let (port, user) = crate::transport::mqtt::connect(address, options).await?;
         Ok(Self::connected(port, user))
     }
 
-    /// Name of a sequence program that chose none: that of its user, since a token speaks in its own name only.
+    /// Default name of a sequence program: its user, since a token is valid for that name only.
     pub(crate) fn default_handler_id(&self) -> String {
         let user = self.user.as_deref().map(ToOwned::to_owned);
         user.unwrap_or_else(|| unique_name("handler"))
     }
 
-    /// The port under this machine, for requests that have no method here.
+    /// The port of this machine, for requests that have no method here.
     pub fn port(&self) -> &Arc<dyn Port> {
         &self.port
     }
 
-    /// Programs of the store, ascending.
+    /// Programs in the store, ascending.
     ///
     /// # Errors
     /// A refusal, such as over a transport that does not carry programs.
@@ -136,9 +134,10 @@ impl Plc {
         self.request(Programs).await
     }
 
-    /// Alarms and warnings that stand, in the order in which they were raised. A reset of its coordinate system clears
-    /// an alarm, a reset of any coordinate system one of the whole machine (`cs` is `None`);
-    /// [`CoordinateSystem::acknowledge_alarm`](crate::CoordinateSystem::acknowledge_alarm) notes that somebody has seen it.
+    /// Active alarms and warnings, in the order in which they were raised. A reset of its coordinate system clears an
+    /// alarm; a reset of any coordinate system clears one of the whole machine (`cs` is `None`).
+    /// [`CoordinateSystem::acknowledge_alarm`](crate::CoordinateSystem::acknowledge_alarm) records that somebody has
+    /// seen it.
     ///
     /// ```
     /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
@@ -153,7 +152,7 @@ impl Plc {
     /// ```
     ///
     /// # Errors
-    /// The machine has not said it yet.
+    /// The machine has not published its alarms yet.
     pub async fn alarms(&self) -> Result<Vec<AlarmRecord>> {
         let said = self.port.read(&Topic::AlarmActive).await;
         match said.as_deref().map(|message| &message.payload) {
@@ -163,8 +162,9 @@ impl Plc {
     }
 
     /// Raises an alarm of the whole machine: every coordinate system stops, and its open outputs are cancelled. It
-    /// stands until a coordinate system is reset; each of them stays STOPPED until its own reset. One coordinate system
-    /// alone is stopped by [`CoordinateSystem::raise_alarm`](crate::CoordinateSystem::raise_alarm), the program of an output by the `Err` of its handler.
+    /// stays active until a coordinate system is reset; each of them stays STOPPED until its own reset.
+    /// [`CoordinateSystem::raise_alarm`](crate::CoordinateSystem::raise_alarm) stops one coordinate system, the `Err`
+    /// of a handler the program of its output.
     ///
     /// ```
     /// # use plc_api::{Alarm, Execution};
@@ -177,7 +177,7 @@ impl Plc {
     /// ```
     ///
     /// # Errors
-    /// The alarm is not one of [`Alarm::user`] or has no text, or the machine cannot be reached.
+    /// The alarm was not made by [`Alarm::user`] or has no text, or the machine cannot be reached.
     pub async fn raise_alarm(&self, alarm: Alarm) -> Result<()> {
         self.raise(None, alarm).await
     }
@@ -194,18 +194,18 @@ impl Plc {
         self.request(RaiseAlarm(AlarmRaise { cs, code, text })).await
     }
 
-    /// The newest `count` lines of the journal, 1 to 1000, but for the `from` newest, in the order of time: JSON objects
-    /// with `ts`, `t_s` (seconds since the start of the runtime), `cs`, `event`, and what belongs to the event. In
-    /// process and over REST.
+    /// Lines of the journal in the order of time: the newest `count`, 1 to 1000, after skipping the `from` newest. Each
+    /// is a JSON object with `ts`, `t_s` (seconds since the start of the runtime), `cs`, `event`, and the fields of the
+    /// event. Available in process and over REST.
     ///
     /// # Errors
-    /// A count out of its range; the machine keeps no journal, or cannot read it; over MQTT.
+    /// `count` is out of its range; the machine keeps no journal, or cannot read it; the transport is MQTT.
     pub async fn journal(&self, from: u32, count: u32) -> Result<Vec<serde_json::Value>> {
         self.request(Journal { from, count }).await
     }
 
-    /// Sets the skip input of a motor, by its CNC motor number; it keeps the value until it is set again. Not real time:
-    /// what G31 captures is where the motor is when the servo hears of it.
+    /// Sets the skip input of a motor, by its CNC motor number. This is not real time: G31 captures the position at
+    /// which the servo receives the input.
     ///
     /// # Errors
     /// No axis has such a motor, or the machine cannot be reached.
@@ -213,7 +213,7 @@ impl Plc {
         self.request(SkipInput(motor, value)).await
     }
 
-    /// Sleeps on the machine's clock: simulated time in a simulation. Handlers sleep by this and nothing else.
+    /// Sleeps on the machine's clock: simulated time in a simulation. Handlers use no other sleep.
     pub async fn sleep(&self, duration: Duration) {
         self.port.sleep(duration).await;
     }
@@ -223,7 +223,6 @@ impl Plc {
         self.port.now_s()
     }
 
-    /// The user of its connection.
     pub(crate) fn user(&self) -> Option<&str> {
         self.user.as_deref()
     }
@@ -236,7 +235,7 @@ impl Plc {
         Ok(self.port.ask(request).await?)
     }
 
-    /// A fresh command id, and whose command it is.
+    /// Identifies a new command and its client.
     pub(crate) fn command_meta(&self) -> CommandMeta {
         let number = self.commands.fetch_add(1, Ordering::Relaxed);
         CommandMeta {
@@ -246,8 +245,8 @@ impl Plc {
         }
     }
 
-    /// Sends a request from a destructor: at once where the machine takes it at once, else from a task. Without a tokio
-    /// runtime around it, such as behind its end, only the connection's own runtime could still send it.
+    /// Sends a request from a destructor: directly if the machine answers without waiting, else in a task. Outside of a
+    /// tokio runtime, or after its end, only the connection's own runtime can still send it.
     pub(crate) fn send_without_waiting(&self, request: impl Into<Request>, what_if_not: &'static str) {
         let here = tokio::runtime::Handle::try_current().ok();
         let (port, request) = (Arc::clone(&self.port), request.into());

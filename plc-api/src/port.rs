@@ -1,7 +1,7 @@
 //! The port: the whole sequence-control interface as one trait.
 //!
-//! The coordinator implements it, each client transport implements it, and each server end serves any of it. So a
-//! sequence program runs unchanged inside the runtime's process, in another process and in a test.
+//! The runtime and each client transport implement it, and servers serve any implementation. So a sequence program runs
+//! unchanged in the runtime's process, in another process and in a test.
 
 use std::future::Future;
 use std::pin::Pin;
@@ -15,21 +15,22 @@ use crate::types::refusal::{Refusal, RefusalCode};
 use crate::types::request::{Answer, Request, TypedRequest};
 use crate::types::topic::Topic;
 
-/// A boxed future, so that [`Port`] can stand behind a pointer.
+/// A boxed future, so that [`Port`] is dyn compatible.
 pub type BoxFuture<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;
 
 /// The sequence-control interface of one machine.
 pub trait Port: Send + Sync + 'static {
-    /// The boot that this port speaks for now.
+    /// The current boot of the runtime.
     fn boot_id(&self) -> BootId;
 
-    /// The value of a state topic now; for positions that of the last servo cycle. `None`: the topic has no value.
+    /// The current value of a state topic; positions are those of the last servo cycle. `None`: no value.
     fn read<'a>(&'a self, topic: &'a Topic) -> BoxFuture<'a, Option<Arc<Message>>>;
 
-    /// What is said on the topics of the filter: first the value of each state topic now, then every change.
+    /// Messages of the topics of the filter: first the current value of each state topic, then every change.
     fn subscribe(&self, filter: Filter) -> Subscription;
 
-    /// Asks for something. A refusal means that nothing has changed. [`ask`](trait.Port.html#method.ask) gives the answer its type.
+    /// Sends a request. A refusal means that nothing has changed. [`ask`](trait.Port.html#method.ask) returns a typed
+    /// answer.
     fn request(&self, request: Request) -> BoxFuture<'_, Result<Answer, Refusal>>;
 
     /// Sleeps on the port's clock, which is simulated time in a simulation.
@@ -40,7 +41,7 @@ pub trait Port: Send + Sync + 'static {
 }
 
 impl dyn Port {
-    /// Asks for something, and gives the answer that belongs to it. A refusal means that nothing has changed.
+    /// Sends a request, and returns its typed answer. A refusal means that nothing has changed.
     ///
     /// ```
     /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
@@ -51,7 +52,7 @@ impl dyn Port {
     /// ```
     ///
     /// # Errors
-    /// The refusal; `invalid` where the port answers something else than what was asked, which is a fault of the port.
+    /// The refusal; `invalid` if the answer is of the wrong type, which is a defect of the port.
     pub async fn ask<R: TypedRequest>(&self, request: R) -> Result<R::Answer, Refusal> {
         let answer = self.request(request.into()).await?;
         R::Answer::try_from(answer).map_err(|other| {

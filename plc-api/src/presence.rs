@@ -1,7 +1,7 @@
-//! The presence of a named handler at the machine, shared by the raw queue and by handlers of M codes.
+//! Presence and claims of a named handler, for the raw queue and for sequence programs.
 //!
-//! The handler is announced at each boot, and again after a last will that arrived late. Claims that a lost connection
-//! gave away are taken back. When the handler leaves, everything that it has claimed is given back.
+//! The handler is announced at each boot of the runtime, and again after a late last will of an earlier connection.
+//! Claims that were lost with the connection are repeated. When the handler leaves, the machine releases its claims.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::mem::replace;
@@ -20,21 +20,20 @@ use crate::types::request::{Refusal, RefusalCode, Request};
 use crate::types::topic::{CsTopic, Topic};
 use crate::types::{BootId, CoordinateSystemNumber};
 
-/// How often a presence that is refused is said again. Reason: a program before this one on the same connection may just
-/// be ending.
+/// How often an announcement may be refused. Reason: an earlier program on the same connection may just be ending.
 const TRIES: u32 = 5;
 
 /// An M code of one coordinate system, or of all.
 pub(crate) type ServedCode = (Option<CoordinateSystemNumber>, u16);
 
-/// Tells the machine that the handler has gone (`HandlerPresence::default()`), however its work ends.
+/// Tells the machine when dropped that the handler is offline (`HandlerPresence::default()`).
 #[derive(Debug)]
-pub(crate) struct Gone {
+pub(crate) struct Offline {
     pub(crate) plc: Plc,
     pub(crate) handler_id: Arc<str>,
 }
 
-impl Drop for Gone {
+impl Drop for Offline {
     fn drop(&mut self) {
         let request = Request::Handler(self.handler_id.to_string(), HandlerPresence::default());
         let what_if_not = "the machine was not told that the handlers have gone";
@@ -42,15 +41,15 @@ impl Drop for Gone {
     }
 }
 
-/// Which boot is online, and which outputs are open in it.
+/// The boot that is online, and its open outputs.
 #[derive(Debug, Default)]
 pub(crate) struct OpenOutputs {
     pub(crate) online: Option<BootId>,
-    // the last `pending` of each coordinate system, of whatever boot
+    // the last `pending` of each coordinate system, of any boot
     pending: BTreeMap<CoordinateSystemNumber, Arc<Message>>,
 }
 
-/// What a message has changed.
+/// Change caused by a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Change {
     /// Another boot is online, or none.
@@ -75,19 +74,26 @@ impl OpenOutputs {
         }
     }
 
-    /// The `pending` of each coordinate system, of the boot that is online.
+    /// `pending` of each coordinate system of the boot that is online.
     pub(crate) fn all(&self) -> impl Iterator<Item = (CoordinateSystemNumber, &Arc<Message>)> {
         let all = self.pending.iter().map(|(&cs, message)| (cs, message));
         all.filter(|(_, message)| self.online.as_ref() == Some(&message.boot_id))
     }
 
-    /// The same of one coordinate system.
+    pub(crate) fn outputs(&self) -> impl Iterator<Item = (OutputId, &PendingOutput)> {
+        self.all().flat_map(|(cs, message)| {
+            let outputs = shown(message).iter();
+            outputs.map(move |output| (OutputId::of(message, cs, output), output))
+        })
+    }
+
+    /// `pending` of one coordinate system.
     pub(crate) fn of(&self, cs: CoordinateSystemNumber) -> Option<&Arc<Message>> {
         self.all().find(|(of, _)| *of == cs).map(|(_, message)| message)
     }
 }
 
-/// The outputs that a message shows open.
+/// The open outputs in a `pending` message.
 pub(crate) fn shown(message: &Message) -> &[PendingOutput] {
     match &message.payload {
         Payload::Pending(pending) => &pending.outputs,
@@ -95,39 +101,38 @@ pub(crate) fn shown(message: &Message) -> &[PendingOutput] {
     }
 }
 
-/// What the owner of a presence has to do with.
 #[derive(Debug)]
 pub(crate) enum Event {
-    /// The machine has said something, and what it changed.
-    Said(Arc<Message>, Option<Change>),
-    /// The machine knows of the handler, in this boot or again.
+    /// A message of the machine, and what it changed.
+    Message(Arc<Message>, Option<Change>),
+    /// The machine knows the handler.
     Announced,
-    /// The claim of an output was made again, and whether it is this handler's again.
+    /// A claim was repeated; true if it was accepted.
     Reclaimed(OutputId, bool),
 }
 
-/// Whether the machine was told of the handler.
+/// State of the announcement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Telling {
-    NotYet,
-    Busy,
-    BusyAndThenAgain,
-    Told,
+enum Announcement {
+    Never,
+    Pending,
+    PendingAgain,
+    Done,
 }
 
-/// The handler, from its first announcement on.
+/// A handler that announces itself.
 pub(crate) struct Presence {
     pub(crate) plc: Plc,
     pub(crate) handler_id: Arc<str>,
     pub(crate) open: OpenOutputs,
     codes: BTreeSet<ServedCode>,
-    // it checks parameters at program load
+    // the handler checks parameters at program load
     validates: bool,
-    said: Subscription,
+    messages: Subscription,
     systems: Vec<CoordinateSystemNumber>,
-    telling: Telling,
+    announced: Announcement,
     reclaiming: BTreeSet<OutputId>,
-    under_way: FuturesUnordered<BoxFuture<'static, Result<Option<Event>, Refusal>>>,
+    requests: FuturesUnordered<BoxFuture<'static, Result<Option<Event>, Refusal>>>,
 }
 
 impl Presence {
@@ -137,34 +142,34 @@ impl Presence {
             handler_id,
             codes,
             validates,
-            said: plc.port().subscribe(Filter::Handshake),
+            messages: plc.port().subscribe(Filter::Handshake),
             open: OpenOutputs::default(),
             systems: Vec::new(),
-            telling: Telling::NotYet,
+            announced: Announcement::Never,
             reclaiming: BTreeSet::new(),
-            under_way: FuturesUnordered::new(),
+            requests: FuturesUnordered::new(),
         }
     }
 
-    /// Tells the machine that the handler has gone, when it is dropped.
-    pub(crate) fn gone(&self) -> Gone {
-        Gone {
+    /// A guard that takes the handler offline.
+    pub(crate) fn offline_on_drop(&self) -> Offline {
+        Offline {
             plc: self.plc.clone(),
             handler_id: Arc::clone(&self.handler_id),
         }
     }
 
-    /// What happens next; `None` when the machine's side has ended. Safe to drop while it waits.
+    /// The next event; `None` when the machine's side has ended. Cancellation safe.
     ///
     /// # Errors
-    /// The machine, or the connection to it, does not take the handler.
+    /// The machine or the connection refuses the handler.
     pub(crate) async fn next(&mut self) -> Result<Option<Event>, Refusal> {
         loop {
             tokio::select! {
-                // first what the machine says: a cancel reaches a handler before its work goes on
+                // messages first: a cancel reaches a handler before it is polled again
                 biased;
-                message = self.said.next() => return Ok(message.map(|message| self.on_message(message))),
-                Some(done) = self.under_way.next() => {
+                message = self.messages.next() => return Ok(message.map(|message| self.on_message(message))),
+                Some(done) = self.requests.next() => {
                     if let Some(event) = done? {
                         self.on_done(&event);
                         return Ok(Some(event));
@@ -176,30 +181,30 @@ impl Presence {
 
     fn on_message(&mut self, message: Arc<Message>) -> Event {
         let change = self.open.on_message(&message);
-        let must_tell = match (&message.topic, &message.payload) {
+        let must_announce = match (&message.topic, &message.payload) {
             (_, Payload::Presence(_)) => change.is_some(),
             (_, Payload::Birth(birth)) => {
                 let systems: Vec<_> = birth.coordinate_systems.iter().map(|cs| cs.number).collect();
                 let before = replace(&mut self.systems, systems);
                 before != self.systems
             }
-            // the last will of a connection that is no more came after the handler was announced
+            // the last will of an earlier connection arrived after the announcement
             (Topic::HandlerPresence(id), Payload::HandlerPresence(presence)) => {
-                self.telling != Telling::NotYet && **id == *self.handler_id && !presence.online
+                self.announced != Announcement::Never && **id == *self.handler_id && !presence.online
             }
             _ => false,
         };
-        if must_tell {
+        if must_announce {
             self.announce();
         }
-        Event::Said(message, change)
+        Event::Message(message, change)
     }
 
     fn on_done(&mut self, event: &Event) {
         match event {
-            Event::Said(..) => {}
+            Event::Message(..) => {}
             Event::Announced => {
-                if replace(&mut self.telling, Telling::Told) == Telling::BusyAndThenAgain {
+                if replace(&mut self.announced, Announcement::Done) == Announcement::PendingAgain {
                     self.announce();
                 }
             }
@@ -209,7 +214,7 @@ impl Presence {
         }
     }
 
-    /// What the machine is told of it.
+    /// The announcement for the coordinate systems that exist.
     fn announcement(&self) -> HandlerPresence {
         let codes = self.codes.iter().flat_map(|(cs, m)| {
             let systems = cs.as_ref().map_or(&*self.systems, std::slice::from_ref);
@@ -227,51 +232,47 @@ impl Presence {
         if self.systems.is_empty() || self.open.online.is_none() {
             return;
         }
-        if matches!(self.telling, Telling::Busy | Telling::BusyAndThenAgain) {
-            self.telling = Telling::BusyAndThenAgain;
+        if matches!(self.announced, Announcement::Pending | Announcement::PendingAgain) {
+            self.announced = Announcement::PendingAgain;
             return;
         }
-        // claims of an earlier program of the same name that died unseen are given back first
-        let is_first = replace(&mut self.telling, Telling::Busy) == Telling::NotYet;
+        // first releases claims of an earlier program of the same name whose end was not noticed
+        let is_first = replace(&mut self.announced, Announcement::Pending) == Announcement::Never;
         let online = self.announcement();
         let (plc, id) = (self.plc.clone(), self.handler_id.to_string());
-        self.under_way.push(Box::pin(async move {
+        self.requests.push(Box::pin(async move {
             if is_first {
-                tell(&plc, &id, HandlerPresence::default()).await?;
+                send_presence(&plc, &id, HandlerPresence::default()).await?;
             }
-            tell(&plc, &id, online).await?;
+            send_presence(&plc, &id, online).await?;
             Ok(Some(Event::Announced))
         }));
     }
 
-    /// Outputs whose handler was lost, by their M numbers.
+    /// Outputs whose handler was lost, with their M numbers.
     pub(crate) fn lost(&self) -> Vec<(OutputId, u16)> {
-        let outputs = self.open.all().flat_map(|(cs, message)| {
-            let lost = shown(message)
-                .iter()
-                .filter(|output| output.lost && output.state == OutputState::Output);
-            lost.map(move |output| (OutputId::of(message, cs, output), output.output.m))
-        });
-        outputs.collect()
+        let outputs = self.open.outputs();
+        let lost = outputs.filter(|(_, output)| output.lost && output.state == OutputState::Output);
+        lost.map(|(id, output)| (id, output.output.m)).collect()
     }
 
-    /// This side is still at work on an output, and only its connection was lost: takes its claim back.
+    /// Repeats the claim of an output that this side still works on: only its connection was lost.
     pub(crate) fn reclaim(&mut self, id: OutputId, m: u16) {
         if !self.reclaiming.insert(id.clone()) {
             return;
         }
         let (plc, claim) = (self.plc.clone(), id.claim(m, &self.handler_id));
-        self.under_way.push(Box::pin(async move {
+        self.requests.push(Box::pin(async move {
             let status = until_answered(&plc, claim).await;
             let is_ours = status == Some(HandshakeStatus::Accepted);
             Ok(Some(Event::Reclaimed(id, is_ours)))
         }));
     }
 
-    /// Sends what nobody waits for.
+    /// Sends a request without waiting for its answer.
     pub(crate) fn send(&mut self, request: Request, what_if_not: &'static str) {
         let plc = self.plc.clone();
-        self.under_way.push(Box::pin(async move {
+        self.requests.push(Box::pin(async move {
             if let Err(refusal) = plc.port().request(request).await {
                 tracing::warn!(%refusal, "{what_if_not}");
             }
@@ -280,11 +281,11 @@ impl Presence {
     }
 }
 
-/// Says it until the machine has heard of it.
+/// Announces a presence until the machine has accepted it.
 ///
 /// # Errors
-/// The machine, or the connection to it, refuses it for good.
-async fn tell(plc: &Plc, id: &str, presence: HandlerPresence) -> Result<(), Refusal> {
+/// The machine or the connection refuses it for good.
+async fn send_presence(plc: &Plc, id: &str, presence: HandlerPresence) -> Result<(), Refusal> {
     let mut tries = 0;
     loop {
         let request = Request::Handler(id.to_owned(), presence.clone());

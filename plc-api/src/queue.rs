@@ -1,8 +1,8 @@
-//! Messages that wait for a slow reader: of each state the latest value, of events all in order, up to a limit.
+//! Messages for a slow reader: the latest value of each state, and all events in order, up to a limit.
 //!
-//! The latest value of a state replaces the one that waits, so `m_code/pending` comes before the output that it
-//! announces. It never overtakes an event that explains it ([`Topic::explains`]): the cancel of an output comes before
-//! the `pending` that no longer shows it.
+//! The latest value of a state replaces an unread one, so `m_code/pending` comes before the output that it announces.
+//! It never overtakes an event that explains it ([`Topic::explains`]): the cancel of an output comes before the
+//! `pending` that no longer shows it.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -10,11 +10,11 @@ use std::sync::Arc;
 use crate::types::message::Message;
 use crate::types::topic::Topic;
 
-/// Events that wait for one reader. Reason: 64 open outputs, each with a notice, a result and a cancel, in each
-/// of 8 coordinate systems fit twice over.
+/// Unread events of one reader. Reason: twice 64 open outputs, each with a notice, a result and a cancel, in each of 8
+/// coordinate systems.
 pub const EVENTS_MAX: usize = 4096;
 
-/// What can wait in a [`Queue`].
+/// An entry of a [`Queue`].
 pub trait Entry {
     /// Its topic; without one it is an event.
     fn topic(&self) -> Option<&Topic>;
@@ -26,10 +26,10 @@ impl Entry for Arc<Message> {
     }
 }
 
-/// Entries in the order in which they are to be read.
+/// Unread entries in order.
 #[derive(Debug)]
 pub struct Queue<T> {
-    // of a state with events that explain it, also one value before each of them
+    // also one value of a state before each event that explains it
     entries: VecDeque<T>,
     events: usize,
     lost: u64,
@@ -46,9 +46,8 @@ impl<T> Default for Queue<T> {
 }
 
 impl<T: Entry> Queue<T> {
-    /// Puts an entry behind the others; the value of a state in the place of one that waits, unless an event that explains
-    /// it stands behind that one. Beyond [`EVENTS_MAX`] the oldest event is dropped. False when nothing more waits than
-    /// before.
+    /// Appends an entry. The value of a state replaces an unread one instead, unless an event that explains it follows.
+    /// Beyond [`EVENTS_MAX`] the oldest event is dropped. False if an entry was replaced.
     pub fn put(&mut self, entry: T) -> bool {
         if is_state(&entry) {
             if let Some(place) = self.place_of(entry.topic()) {
@@ -64,12 +63,12 @@ impl<T: Entry> Queue<T> {
         true
     }
 
-    /// What is to be read next.
+    /// The next entry.
     pub fn front(&self) -> Option<&T> {
         self.entries.front()
     }
 
-    /// Takes what is to be read next.
+    /// Takes the next entry.
     pub fn take(&mut self) -> Option<T> {
         let entry = self.entries.pop_front()?;
         self.events -= usize::from(!is_state(&entry));
@@ -82,12 +81,12 @@ impl<T: Entry> Queue<T> {
         std::mem::take(&mut self.entries)
     }
 
-    /// Events dropped so far because they were not read.
+    /// Events dropped so far because they were not read in time.
     pub fn lost(&self) -> u64 {
         self.lost
     }
 
-    /// Where a new value of this state goes, if a value waits behind the last event that explains it.
+    /// The unread value of this state behind the last event that explains it.
     fn place_of(&mut self, state: Option<&Topic>) -> Option<&mut T> {
         let newest_first = self.entries.iter_mut().rev();
         newest_first
@@ -101,7 +100,7 @@ impl<T: Entry> Queue<T> {
         };
         let event = self.entries.remove(place);
         self.lost += 1;
-        // of a state that it explains the value before it is not needed any more when there is one after it
+        // the value before it of a state that it explains is obsolete if there is one after it
         let Some(state) = event.as_ref().and_then(explained_by) else {
             return;
         };

@@ -1,12 +1,12 @@
-//! The scan-cycle style: a program that is run over and over at a fixed period, as in a PLC.
+//! Scan style: a program that runs cyclically at a fixed period, as in a PLC.
 //!
-//! Before each scan the state of the machine is copied into an [`Image`]: outputs of the NC program as flags with their
-//! parameters, and state words, inputs, overrides and captured positions. The scan reads flags and writes flags: a
-//! reset, a failure, an interlock, an override, a command. Its writes are carried out after the scan. Within a scan
-//! nothing in the image changes. Positions and variables are in the image where [`ScanProgram::reads`] asks for them.
+//! Before each scan the state of the machine is copied into an [`Image`]: M codes as flags with their parameters, state
+//! words, inputs, overrides, captured positions, and the positions and variables that [`ScanProgram::reads`] requests.
+//! The scan reads this image, which does not change meanwhile, and writes resets, failures, inputs, overrides and
+//! commands into it. They are carried out after the scan.
 //!
-//! Underneath are the same handshake, claims and cancels as for handlers: an output that is cancelled is off in the next
-//! image, and a reset never reaches another output than the one that the image shows.
+//! Claims, resets and cancels are the same as for handlers: an output that is cancelled is off in the next image, and a
+//! reset never reaches another output than the one in the image.
 //!
 //! ```
 //! use std::time::Duration;
@@ -45,8 +45,8 @@
 //! # }
 //! ```
 //!
-//! A flag of the machine is written like the output of a PLC, in every scan with the value that it shall have; it is
-//! sent when it differs.
+//! Write a flag of the machine like an output of a PLC: in every scan, with the value that it shall have. It is sent
+//! only when it differs.
 //!
 //! ```
 //! use plc_api::scan::{Image, Reads, ScanProgram};
@@ -54,7 +54,7 @@
 //! # use std::time::Duration;
 //! # use plc_api::{SequenceProgram, fake::FakePort};
 //!
-//! /// An open door holds the motion, and P100 is the feed override that the setter allows.
+//! /// An open door holds the motion, and P100 is the highest feed override.
 //! struct Guard;
 //!
 //! impl ScanProgram for Guard {
@@ -106,19 +106,19 @@ use image::Camera;
 pub use image::{Image, Reads};
 use writer::Writer;
 
-/// Shortest period of a scan. Reason: the clocks that it sleeps on count milliseconds.
+/// Shortest period of a scan. Reason: the clocks have a resolution of 1 ms.
 pub const SCAN_PERIOD_MIN: Duration = Duration::from_millis(1);
 
-/// A program in the scan-cycle style. It must not wait: what takes time is a state that a later scan looks at.
+/// A program in scan style. It must not block: work that takes time is state for later scans.
 ///
-/// A closure `FnMut(&mut Image)` is one, too.
+/// A closure `FnMut(&mut Image)` is one as well.
 pub trait ScanProgram: Send + 'static {
-    /// What is read before each scan beside what stands in every image. Asked once, before the first scan.
+    /// Positions and variables to read before each scan. Called once, before the first scan.
     fn reads(&self) -> Reads {
         Reads::default()
     }
 
-    /// One scan: reads the image and writes into it.
+    /// One scan: reads and writes the image.
     fn scan(&mut self, image: &mut Image);
 }
 
@@ -129,8 +129,8 @@ impl<F: FnMut(&mut Image) + Send + 'static> ScanProgram for F {
 }
 
 impl<Scope> SequenceProgram<Scope> {
-    /// A program in the scan-cycle style for these M codes: see [`scan`](crate::scan). Only in the coordinate systems that
-    /// it serves they are on in its image. One that only looks after inputs serves none, `[]`. The period is at least 1 ms.
+    /// Adds a program in scan style for these M codes, see [`scan`](crate::scan). They are on in its image only for the
+    /// coordinate systems of this scope. The list may be empty, `[]`. The period is at least 1 ms.
     #[must_use]
     pub fn scan(mut self, codes: impl MCodes, period: Duration, program: impl ScanProgram) -> Self {
         let flags = Flags::default();
@@ -151,7 +151,7 @@ impl<Scope> SequenceProgram<Scope> {
     }
 }
 
-/// A scan program and what it works on.
+/// A scan program with its flags.
 #[derive(Clone)]
 struct Scan {
     flags: Flags,
@@ -160,7 +160,7 @@ struct Scan {
 }
 
 impl Scan {
-    /// Scans at the period for ever.
+    /// Scans forever.
     ///
     /// # Errors
     /// The scan program panicked.
@@ -188,7 +188,7 @@ impl Scan {
     }
 }
 
-/// A panic of the scan program is the end of its sequence program, and not of the process.
+/// A panic of the scan program ends its sequence program, not the process.
 fn guarded<T>(use_it: impl FnOnce() -> T) -> Result<T> {
     std::panic::catch_unwind(AssertUnwindSafe(use_it)).map_err(|panicked| {
         Error::SequenceProgram(format!("the scan program panicked: {}", panic_text(&*panicked)))

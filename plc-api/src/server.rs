@@ -1,48 +1,48 @@
-//! Messages between a server end and the machine that it serves, beyond the interface. No client sends any of them.
+//! Messages between a server (MQTT, REST) and its machine that are not part of the interface; no client sends them.
 
 use crate::port::Port;
 
-/// The port of a machine that server ends serve.
+/// The port of a machine for its servers.
 pub trait ServedPort: Port {
-    /// Hears of what happened at a server end. It does not wait.
+    /// Receives an event of a server; does not block.
     fn notice(&self, notice: ServerNotice);
 
-    /// How punctual the servo thread is; `None` in simulated time, which has none.
+    /// Timing of the servo thread; `None` in simulated time, which has none.
     fn servo_timing(&self) -> Option<ServoTiming>;
 }
 
-/// What happened at a server end.
+/// An event of a server.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum ServerNotice {
-    /// Whether it has its connection to the MQTT broker. True is taken for granted until it says otherwise.
+    /// State of its connection to the MQTT broker, which counts as connected until the first such event.
     BusLink {
-        /// It has.
+        /// True while it is connected.
         connected: bool,
     },
-    /// It has connected again, and notices may be lost: outputs that nobody has claimed are published again.
+    /// It has reconnected, and notices may be lost: unclaimed outputs are published again.
     Reconnected,
-    /// It refused something that an operator should know; raised as a warning. At most 500 characters.
+    /// It refused something, which is raised as a warning for the operator. At most 500 characters.
     Warning(String),
 }
 
-/// How punctual the servo thread has been since its start.
+/// Timing of the servo thread since its start.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ServoTiming {
     /// Servo period, s.
     pub period_s: f64,
     /// Servo cycles that were not finished when the next one was due.
     pub overruns: u64,
-    /// How late after its time each cycle began.
+    /// Delay of the start of each cycle.
     pub lateness: Durations,
-    /// How long each cycle took.
+    /// Computing time of each cycle.
     pub computing: Durations,
 }
 
-/// Durations that were measured, by size.
+/// A histogram of durations.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Durations {
-    /// Upper bound of each bucket, s, ascending, and how many are in it and not in one before. The last bound is
-    /// infinite.
+    /// Upper bound of each bucket, s, ascending, with its count, which does not include lower buckets. The last bound
+    /// is infinite.
     pub buckets: Vec<(f64, u64)>,
     /// Sum of all, s.
     pub sum_s: f64,

@@ -1,4 +1,4 @@
-//! Tool table and work offsets as a sequence program sees them.
+//! Tool table and work offsets, from the point of view of a sequence program.
 
 use std::collections::BTreeMap;
 
@@ -23,8 +23,7 @@ impl Plc {
         Ok(self.request(Tools).await?.tools)
     }
 
-    /// Sets a tool, a new one or one that is there; the others stay. G41 to G44 that are interpreted from now on take it
-    /// (D16). It is on disk when this returns.
+    /// Adds or replaces a tool. G41 to G44 interpreted from now on use it (D16). It is on disk when this returns.
     ///
     /// ```
     /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
@@ -36,7 +35,7 @@ impl Plc {
     /// ```
     ///
     /// # Errors
-    /// A number or measure out of its range, a full table, a disk that refuses: nothing has changed.
+    /// A number or dimension is out of range, the table is full, or the disk cannot be written; nothing has changed.
     pub async fn set_tool(&self, tool: ToolData) -> Result<()> {
         let change = ToolChange {
             tools: vec![tool],
@@ -45,7 +44,7 @@ impl Plc {
         self.change_tools(change).await
     }
 
-    /// Changes several tools, all or none.
+    /// Changes several tools: all or none.
     ///
     /// # Errors
     /// As [`Plc::set_tool`].
@@ -60,8 +59,8 @@ impl CoordinateSystem {
         Variables::new(self.plc().clone(), VariableArea::CoordinateSystem(self.number()))
     }
 
-    /// How the last run stood when an earlier start of the runtime ended; `None`: there was none. One that
-    /// [is under way](LastRun::is_under_way) was cut short: nothing of it goes on by itself.
+    /// The last run of the previous start of the runtime, as it was when that ended; `None`: there was none. A run that
+    /// [is under way](LastRun::is_under_way) was cut short, and does not continue by itself.
     ///
     /// # Errors
     /// There is no such coordinate system, or the transport does not carry this (MQTT).
@@ -78,8 +77,8 @@ impl CoordinateSystem {
         Ok(table.work_offsets)
     }
 
-    /// Sets axes of a work offset, `G54` to `G59`; axes that are not named stay. It counts from the next of these codes
-    /// that is interpreted (D16), and is on disk when this returns.
+    /// Sets axes of a work offset, `G54` to `G59`; other axes are unchanged. It takes effect with the next of these
+    /// codes that is interpreted (D16), and is on disk when this returns.
     ///
     /// ```
     /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
@@ -90,8 +89,8 @@ impl CoordinateSystem {
     /// ```
     ///
     /// # Errors
-    /// No such work offset, axis or coordinate system, a value that is no number, a disk that refuses: nothing has
-    /// changed.
+    /// No such work offset, axis or coordinate system, a value is not a number, or the disk cannot be written; nothing
+    /// has changed.
     pub async fn set_work_offset(
         &self,
         name: &str,

@@ -1,4 +1,4 @@
-//! Checks of texts that come from outside.
+//! Texts.
 
 use std::any::Any;
 
@@ -9,7 +9,7 @@ pub(crate) fn cut(text: &mut String, chars_max: usize) {
     }
 }
 
-/// What a panic said.
+/// The message of a panic.
 pub(crate) fn panic_text(panicked: &(dyn Any + Send)) -> &str {
     panicked
         .downcast_ref::<&str>()

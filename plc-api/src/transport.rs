@@ -1,9 +1,11 @@
-//! How a sequence program reaches a machine.
+//! Connections between a sequence program and a machine.
 //!
-//! In the runtime's own process it is given the coordinator's port as it is
-//! ([`Plc::in_process`](crate::Plc::in_process)). Any other transport is a [`Port`](crate::port::Port) in a file here.
+//! In the runtime's process a program uses the port of the runtime ([`Plc::in_process`](crate::Plc::in_process)). Each
+//! other transport implements [`Port`](crate::port::Port).
 
 pub mod backoff;
+#[cfg(any(feature = "mqtt", feature = "rest"))]
+mod client;
 #[cfg(feature = "mqtt")]
 pub mod mqtt;
 #[cfg(feature = "rest")]

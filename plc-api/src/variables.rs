@@ -1,4 +1,4 @@
-//! P and Q variables as a sequence program sees them.
+//! P and Q variables, from the point of view of a sequence program.
 
 use crate::error::Result;
 use crate::plc::Plc;
@@ -9,9 +9,9 @@ use crate::types::request::typed::{ReadVariables, WriteVariables};
 /// The P variables of a machine ([`Plc::variables`]) or the Q variables of a coordinate system
 /// ([`CoordinateSystem::variables`](crate::CoordinateSystem::variables)).
 ///
-/// A program reads a variable when its block is interpreted, ahead of the motion (D16): what a handler writes before it
-/// resets an `after_motion` M code is seen by the next block. Values outlive the runtime; they are on disk at most
-/// 100 ms after they were set.
+/// A program reads a variable when its block is interpreted, ahead of the motion (D16): the block after an
+/// `after_motion` M code sees what its handler wrote before the reset. Values persist; they are on disk at most 100 ms
+/// after they were set.
 ///
 /// ```
 /// # #[tokio::main(flavor = "current_thread")] async fn main() -> plc_api::Result<()> {
@@ -34,7 +34,7 @@ impl Variables {
         Self { plc, area }
     }
 
-    /// The value of one variable. It may be infinite or not a number, since calculations of programs may (D07).
+    /// The value of one variable. It may be infinite or NaN, as results of NC programs may (D07).
     ///
     /// # Errors
     /// There is no such variable or coordinate system, or the machine cannot be reached.
@@ -52,8 +52,7 @@ impl Variables {
         self.write(number, &[value]).await
     }
 
-    /// Values of `count` variables from `from` on, 1 to 1024 of them, as they are at one moment: no other write to them
-    /// lies in between.
+    /// Values of `count` variables from `from` on, 1 to 1024 of them, read at one moment: no write happens in between.
     ///
     /// # Errors
     /// A variable of the range does not exist, or there are more than 1024; or the machine cannot be reached.
@@ -67,11 +66,11 @@ impl Variables {
         self.plc.request(request).await
     }
 
-    /// Writes variables from `from` on, 1 to 1024 of them, all between two blocks of any program, or none.
+    /// Writes variables from `from` on, 1 to 1024 of them: all between two blocks of any program, or none.
     ///
     /// # Errors
-    /// A variable of the range does not exist, or there are more than 1024; or the machine cannot be reached. Nothing
-    /// was written then, but for a connection that broke.
+    /// A variable of the range does not exist, there are more than 1024, or the machine cannot be reached. Nothing was
+    /// written then, except that this is unknown if the connection broke.
     pub async fn write(&self, from: u32, values: &[f64]) -> Result<()> {
         let request = WriteVariables {
             area: self.area,

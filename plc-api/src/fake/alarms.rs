@@ -1,6 +1,5 @@
 //! Alarms of the scripted machine.
 
-use super::requests::missing;
 use super::{FakePort, Inner};
 use crate::alarm::Alarm;
 use crate::handshake::Closed;
@@ -12,10 +11,10 @@ use crate::types::request::{Refusal, RefusalCode};
 use crate::types::topic::Topic;
 use crate::types::{CoordinateSystemNumber, Timestamp};
 
-/// Number of the alarm of an output that was not reset in its time, as a machine has it (D36).
+/// Number of the alarm of an output that timed out, as on a machine (D36).
 const TIMED_OUT: u16 = 301;
 
-/// The alarm of an output that ended so, if it is one.
+/// The alarm of an output that failed or timed out.
 pub(super) fn of(m: u16, how: &Closed) -> Option<Alarm> {
     match how {
         Closed::Failed { alarm } => Some(alarm.clone()),
@@ -28,7 +27,7 @@ pub(super) fn of(m: u16, how: &Closed) -> Option<Alarm> {
 }
 
 impl FakePort {
-    /// Raises an alarm, which ends the run of its coordinate system, or of all.
+    /// Raises an alarm, which ends the run of its coordinate system, or all runs.
     pub(super) fn raise_alarm(&self, inner: &mut Inner, cs: Option<CoordinateSystemNumber>, alarm: Alarm) {
         let record = AlarmRecord {
             id: inner.alarms.len() as u64 + 1,
@@ -42,12 +41,8 @@ impl FakePort {
         inner.alarms.push(record.clone());
         self.publish(inner, Topic::AlarmEvent, Payload::AlarmEvent(record));
         self.publish_alarms(inner);
-        let stopped: Vec<_> = inner
-            .systems
-            .keys()
-            .copied()
-            .filter(|of| cs.is_none_or(|cs| cs == *of))
-            .collect();
+        let mut stopped = inner.numbers();
+        stopped.retain(|of| cs.is_none_or(|cs| cs == *of));
         for cs in stopped {
             self.end_run(inner, cs, CancelReason::Alarm);
             self.publish_system(inner, cs);
@@ -56,13 +51,11 @@ impl FakePort {
 
     /// # Errors
     /// There is no such coordinate system, or code or text is out of its limits.
-    pub(super) fn asked_to_raise(&self, raise: &AlarmRaise) -> Result<(), Refusal> {
+    pub(super) fn on_raise(&self, raise: &AlarmRaise) -> Result<(), Refusal> {
         let alarm = raise.alarm()?;
         let mut inner = lock(&self.inner);
-        if let Some(cs) = raise.cs
-            && !inner.systems.contains_key(&cs)
-        {
-            return Err(missing(cs));
+        if let Some(cs) = raise.cs {
+            inner.system(cs)?;
         }
         self.raise_alarm(&mut inner, raise.cs, alarm);
         Ok(())
@@ -70,14 +63,12 @@ impl FakePort {
 
     pub(super) fn clear_alarms(&self, inner: &mut Inner, cs: CoordinateSystemNumber) {
         let cleared_at = Timestamp::from_system_time(inner.now().time);
-        let active = inner
-            .alarms
-            .iter_mut()
-            .filter(|alarm| alarm.cs.is_none_or(|of| of == cs));
         let mut cleared = Vec::new();
-        for alarm in active.filter(|alarm| alarm.cleared_at.is_none()) {
-            alarm.cleared_at = Some(cleared_at.clone());
-            cleared.push(alarm.clone());
+        for alarm in &mut inner.alarms {
+            if alarm.cleared_at.is_none() && alarm.cs.is_none_or(|of| of == cs) {
+                alarm.cleared_at = Some(cleared_at.clone());
+                cleared.push(alarm.clone());
+            }
         }
         if cleared.is_empty() {
             return;
@@ -86,7 +77,7 @@ impl FakePort {
             self.publish(inner, Topic::AlarmEvent, Payload::AlarmEvent(alarm));
         }
         self.publish_alarms(inner);
-        for cs in inner.systems.keys().copied().collect::<Vec<_>>() {
+        for cs in inner.numbers() {
             self.publish_system(inner, cs);
         }
     }

@@ -8,7 +8,7 @@ use crate::types::data::{
 };
 use crate::types::request::{Answer, Refusal, RefusalCode};
 
-/// What was set; variables not set are zero.
+/// Values that were set; other variables are zero.
 #[derive(Debug, Default)]
 pub(super) struct Data {
     variables: BTreeMap<(VariableArea, u32), f64>,

@@ -9,7 +9,7 @@ use crate::lock::lock;
 use crate::types::command::{Command, CommandMeta, CommandReply, CommandStatus};
 use crate::types::lease::{LEASE_TTL_DEFAULT_MS, Lease, LeaseRequest};
 use crate::types::message::Payload;
-use crate::types::output::{HandlerPresence, OutputState};
+use crate::types::output::{HandledCode, HandlerPresence, OutputState};
 use crate::types::request::{
     Answer, CoordinateSystemRequest, Destination, Input, MachineRequest, Refusal, RefusalCode, Request,
     SpindleCommand,
@@ -43,14 +43,10 @@ impl FakePort {
             }
             CoordinateSystemRequest::Command { command, meta, .. } => self.command(cs, &command, meta),
             CoordinateSystemRequest::Lease { request, meta } => Ok(lock(&self.inner).lease(request, meta)),
-            CoordinateSystemRequest::Input(input) => self.set(cs, || self.input(cs, input)),
-            CoordinateSystemRequest::Tool(id) => {
-                self.set(cs, || self.say(cs, CsTopic::Tool, Payload::Tool(Tool { id })))
-            }
-            CoordinateSystemRequest::Spindle(command) => {
-                self.set(cs, || self.say(cs, CsTopic::Spindle, spindle(command)))
-            }
-            // of the machine: each coordinate system hears of it there
+            CoordinateSystemRequest::Input(input) => self.input(cs, input),
+            CoordinateSystemRequest::Tool(id) => self.set(cs, CsTopic::Tool, Payload::Tool(Tool { id })),
+            CoordinateSystemRequest::Spindle(command) => self.set(cs, CsTopic::Spindle, spindle(command)),
+            // arrive as requests to the machine
             CoordinateSystemRequest::Handler(..)
             | CoordinateSystemRequest::RaiseAlarm(_)
             | CoordinateSystemRequest::SkipInput(..) => Ok(Answer::Done),
@@ -64,7 +60,7 @@ impl FakePort {
                 Ok(Answer::Done)
             }
             MachineRequest::Handlers => Ok(Answer::Handlers(self.handlers())),
-            MachineRequest::RaiseAlarm(raise) => self.asked_to_raise(&raise).map(|()| Answer::Done),
+            MachineRequest::RaiseAlarm(raise) => self.on_raise(&raise).map(|()| Answer::Done),
             MachineRequest::AlarmHistory => Ok(Answer::Alarms(lock(&self.inner).alarms.clone())),
             MachineRequest::SkipInput(..) => Ok(Answer::Done),
             MachineRequest::ReadVariables {
@@ -86,7 +82,6 @@ impl FakePort {
         }
     }
 
-    /// What the ledger of a coordinate system says.
     fn ledger<T>(
         &self,
         cs: CoordinateSystemNumber,
@@ -95,24 +90,20 @@ impl FakePort {
         self.with(cs, ask).ok_or_else(|| missing(cs))
     }
 
-    /// A coordinate system says what has changed.
-    fn set(&self, cs: CoordinateSystemNumber, say: impl FnOnce()) -> Result<Answer, Refusal> {
-        if !lock(&self.inner).systems.contains_key(&cs) {
-            return Err(missing(cs));
-        }
-        say();
+    fn set(&self, cs: CoordinateSystemNumber, topic: CsTopic, payload: Payload) -> Result<Answer, Refusal> {
+        lock(&self.inner).system(cs)?;
+        self.say(cs, topic, payload);
         Ok(Answer::Done)
     }
 
-    fn input(&self, cs: CoordinateSystemNumber, input: Input) {
+    fn input(&self, cs: CoordinateSystemNumber, input: Input) -> Result<Answer, Refusal> {
         let mut inner = lock(&self.inner);
-        if let Some(system) = inner.systems.get_mut(&cs) {
-            system.set_input(input);
-        }
+        inner.system(cs)?.set_input(input);
         self.publish_system(&mut inner, cs);
+        Ok(Answer::Done)
     }
 
-    /// Judges a command, and carries it out as far as a machine without motion can: what takes time is done at once.
+    /// Carries out a command at once, as far as a machine without motion can.
     fn command(
         &self,
         cs: CoordinateSystemNumber,
@@ -121,21 +112,13 @@ impl FakePort {
     ) -> Result<Answer, Refusal> {
         let mut inner = lock(&self.inner);
         let alarm_active = inner.alarm_count(cs) > 0;
-        let cancel = {
-            let Inner { systems, ledgers, .. } = &mut *inner;
-            match (systems.get_mut(&cs), ledgers.get(&cs)) {
-                (Some(system), Some(ledger)) => system.command(command, ledger, alarm_active)?,
-                _ => return Err(missing(cs)),
-            }
-        };
+        let cancel = inner.system(cs)?.command(command, alarm_active)?;
         match command {
             Command::Reset => self.clear_alarms(&mut inner, cs),
             Command::AlarmAcknowledge { id } => self.acknowledge(&mut inner, *id, &meta.client_id)?,
             _ => {}
         }
-        if let Some(system) = inner.systems.get_mut(&cs) {
-            system.last_command_id = Some(meta.command_id.clone());
-        }
+        inner.system(cs)?.set_last_command(&meta.command_id);
         match cancel {
             Some(reason) => self.end_run(&mut inner, cs, reason),
             None => self.put_out_queued(&mut inner, cs),
@@ -144,19 +127,17 @@ impl FakePort {
         Ok(Answer::Command(inner.done(meta)))
     }
 
-    /// What was held back by a pause is made when it ends (D18).
+    /// Puts out what a pause has held back (D18).
     fn put_out_queued(&self, inner: &mut Inner, cs: CoordinateSystemNumber) {
-        if inner.systems.get(&cs).is_some_and(System::is_paused) {
-            return;
-        }
-        let open = inner.ledgers.get(&cs).map(Ledger::open).unwrap_or_default();
+        let system = inner.systems.get(&cs).filter(|system| !system.is_paused());
+        let open = system.map(|system| system.ledger.open()).unwrap_or_default();
         let queued = open.iter().filter(|output| output.state == OutputState::Queued);
         for seq in queued.map(|output| output.notice.seq).collect::<Vec<_>>() {
             self.use_ledger(inner, cs, |ledger, now| ledger.put_out(now, seq));
         }
     }
 
-    /// What tests look at: all but the handshake itself.
+    /// Records requests other than those of the handshake.
     fn remember(&self, request: &Request) {
         let is_handshake = matches!(
             Destination::from(request.clone()),
@@ -172,26 +153,26 @@ impl FakePort {
 
     fn handler(&self, id: &str, presence: &HandlerPresence) {
         let mut inner = lock(&self.inner);
-        inner.handlers.insert(id.to_owned(), presence.clone());
-        let (topic, payload) = (
-            Topic::HandlerPresence(id.to_owned()),
-            Payload::HandlerPresence(presence.clone()),
-        );
-        self.publish(&mut inner, topic, payload);
+        let topic = Topic::HandlerPresence(id.to_owned());
+        self.publish(&mut inner, topic, Payload::HandlerPresence(presence.clone()));
         drop(inner);
         if !presence.online {
             self.lose_handler(id);
             return;
         }
-        let systems: Vec<_> = lock(&self.inner).ledgers.keys().copied().collect();
-        for cs in systems {
-            let handles = |m| presence.handles.iter().any(|code| code.cs == cs && code.m == m);
-            let _none = self.with(cs, |ledger, now| ledger.republish(now, handles));
-        }
+        self.use_all_ledgers(|cs, ledger, now| {
+            ledger.republish(now, |m| presence.handles.contains(&HandledCode { cs, m }));
+        });
     }
 }
 
 impl Inner {
+    /// # Errors
+    /// There is no such coordinate system.
+    pub(super) fn system(&mut self, cs: CoordinateSystemNumber) -> Result<&mut System, Refusal> {
+        self.systems.get_mut(&cs).ok_or_else(|| missing(cs))
+    }
+
     fn done(&self, meta: CommandMeta) -> CommandReply {
         CommandReply {
             command_id: meta.command_id,
@@ -211,7 +192,7 @@ impl Inner {
         })
     }
 
-    /// Every lease is granted, each with a fence of its own.
+    /// Grants every lease, each with its own fence.
     fn granted(&mut self, request: LeaseRequest, meta: &CommandMeta) -> Option<Lease> {
         let LeaseRequest::Take(take) = request else {
             return None;
@@ -241,7 +222,7 @@ fn spindle(command: SpindleCommand) -> Payload {
     })
 }
 
-pub(super) fn missing(cs: CoordinateSystemNumber) -> Refusal {
+fn missing(cs: CoordinateSystemNumber) -> Refusal {
     let text = format!("coordinate system {cs} does not exist");
     Refusal::new(RefusalCode::NotFound, text)
 }

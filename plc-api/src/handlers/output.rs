@@ -1,4 +1,4 @@
-//! One output in the hands of its handler.
+//! One output, as its handler uses it.
 
 use std::future::Future;
 use std::sync::Arc;
@@ -9,16 +9,18 @@ use tokio::sync::{Mutex, MutexGuard, watch};
 use crate::claim::OutputId;
 use crate::error::Result;
 use crate::plc::Plc;
+use crate::presence::Presence;
 use crate::types::CoordinateSystemNumber;
 use crate::types::output::{CancelReason, OutputNotice, Params, ProgressReport};
 use crate::types::request::typed::Progress;
 
 tokio::task_local! {
-    /// The output whose handler is at work.
+    /// The output whose handler runs in this task.
     static AT_WORK: AuxOutput;
 }
 
-/// An auxiliary function output that a handler works on. Cloning gives another handle to the same output.
+/// An auxiliary function output, that is an M code with its parameters, which a handler works on. Clones are handles to
+/// the same output.
 #[derive(Debug, Clone)]
 pub struct AuxOutput {
     inner: Arc<Inner>,
@@ -32,43 +34,40 @@ struct Inner {
     notice: OutputNotice,
     verify: bool,
     cancellation: Cancellation,
-    /// True once the handler has ended and its answer is on the way: then nothing is left to cancel.
+    /// True once the handler has ended and the reset is being sent: nothing is left to cancel.
     is_answering: AtomicBool,
-    /// An output asks one question at a time; the next one waits here.
+    /// An output asks one question at a time; others wait for this lock.
     question: Mutex<()>,
 }
 
 impl AuxOutput {
     pub(super) fn new(
-        plc: &Plc,
-        handler_id: &Arc<str>,
+        presence: &Presence,
         id: OutputId,
         notice: &OutputNotice,
         verify: bool,
-        cancellation: Cancellation,
-    ) -> Self {
+    ) -> (Self, Cancel) {
+        let (cancel, state) = watch::channel(CancelState::default());
         let inner = Inner {
-            plc: plc.clone(),
-            handler_id: Arc::clone(handler_id),
+            plc: presence.plc.clone(),
+            handler_id: Arc::clone(&presence.handler_id),
             id,
             notice: notice.clone(),
             verify,
-            cancellation,
+            cancellation: Cancellation { state },
             is_answering: AtomicBool::new(false),
             question: Mutex::default(),
         };
-        Self {
-            inner: Arc::new(inner),
-        }
+        let inner = Arc::new(inner);
+        (Self { inner }, Cancel(cancel))
     }
 
-    /// The output of the handler that calls this, directly and not from another task.
+    /// The output of the handler that calls this from its own task.
     pub(crate) fn at_work() -> Option<Self> {
         AT_WORK.try_with(Clone::clone).ok()
     }
 
-    /// The work of a handler on it.
-    pub(super) fn worked_on<T>(&self, work: impl Future<Output = T>) -> impl Future<Output = T> {
+    pub(super) fn at_work_on<T>(&self, work: impl Future<Output = T>) -> impl Future<Output = T> {
         AT_WORK.scope(self.clone(), work)
     }
 
@@ -80,7 +79,7 @@ impl AuxOutput {
         self.inner.is_answering.store(true, Ordering::Relaxed);
     }
 
-    /// Waits until no other question of this output is asked.
+    /// Waits until this output has no other question.
     pub(crate) async fn turn_to_ask(&self) -> MutexGuard<'_, ()> {
         self.inner.question.lock().await
     }
@@ -102,7 +101,7 @@ impl AuxOutput {
         self.inner.notice.m
     }
 
-    /// Sequence number: names this output within the boot and the coordinate system.
+    /// Sequence number: identifies this output within boot and coordinate system.
     pub fn seq(&self) -> u64 {
         self.inner.id.seq
     }
@@ -112,12 +111,12 @@ impl AuxOutput {
         &self.inner.notice.params
     }
 
-    /// Coordinate system that made it.
+    /// Coordinate system that put it out.
     pub fn coordinate_system(&self) -> CoordinateSystemNumber {
         self.inner.id.cs
     }
 
-    /// Number of the program that it stands in.
+    /// Number of its program.
     pub fn program(&self) -> u16 {
         self.inner.notice.program
     }
@@ -127,19 +126,19 @@ impl AuxOutput {
         self.inner.notice.line
     }
 
-    /// The program run that made it.
+    /// The program run that put it out.
     pub fn run_id(&self) -> &str {
         &self.inner.notice.run_id
     }
 
-    /// True when another handler, or this one before it died, may already have done part of the work and `verify` was
-    /// chosen: look at the machine first. False on the first delivery, and when `redo` was chosen.
+    /// True if the work may have been started before, and `verify` was chosen: check the machine first. False on the
+    /// first delivery, and if `redo` was chosen.
     pub fn redelivered(&self) -> bool {
         self.inner.verify
     }
 
-    /// Tells how far the work is; shown on panels while the program waits. `text` has at most 200 characters,
-    /// `percent` is 0 to 100 or `None`. It shows nothing when the output is no longer this handler's.
+    /// Reports progress, which panels show while the program waits. `text` has at most 200 characters, `percent` is 0
+    /// to 100 or `None`. No effect if the output is no longer this handler's.
     ///
     /// # Errors
     /// The machine cannot be reached.
@@ -155,48 +154,43 @@ impl AuxOutput {
         self.inner.plc.request(request).await.map(|_| ())
     }
 
-    /// Tells when and why this output is cancelled. The handler's future is dropped then; what it has started
-    /// elsewhere, and what its destructors do, can look here.
+    /// Tells whether, when and why this output is cancelled, for destructors and for work in other tasks. The handler's
+    /// own future is dropped then.
     pub fn cancellation(&self) -> Cancellation {
         self.inner.cancellation.clone()
     }
 }
 
-/// Tells that an output has been cancelled. Cloning gives another handle.
+/// Tells whether an output has been cancelled. Clones watch the same output.
 #[derive(Debug, Clone)]
 pub struct Cancellation {
     state: watch::Receiver<CancelState>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(super) struct CancelState {
+struct CancelState {
     cancelled: bool,
     reason: Option<CancelReason>,
 }
 
 impl Cancellation {
-    pub(super) fn new() -> (watch::Sender<CancelState>, Self) {
-        let (sender, state) = watch::channel(CancelState::default());
-        (sender, Self { state })
-    }
-
     /// True once the output is cancelled.
     pub fn is_cancelled(&self) -> bool {
         self.state.borrow().cancelled
     }
 
-    /// Why it was cancelled; `None` while it is not, and when the reason was lost with a connection.
+    /// Why it was cancelled; `None` if it is not, or if the reason was lost with a connection.
     pub fn reason(&self) -> Option<CancelReason> {
         self.state.borrow().reason
     }
 
-    /// Waits until the output is cancelled or has ended otherwise.
+    /// Waits until the output is cancelled or has ended in another way.
     pub(crate) async fn ended(&self) {
         let mut state = self.state.clone();
         let _closed = state.wait_for(|state| state.cancelled).await.is_err();
     }
 
-    /// Waits until the output is cancelled; for ever when it ends otherwise.
+    /// Waits until the output is cancelled; forever if it ends in another way.
     pub async fn cancelled(&self) -> Option<CancelReason> {
         let mut state = self.state.clone();
         if let Ok(state) = state.wait_for(|state| state.cancelled).await {
@@ -206,9 +200,11 @@ impl Cancellation {
     }
 }
 
-pub(super) fn cancel(sender: &watch::Sender<CancelState>, reason: Option<CancelReason>) {
-    sender.send_replace(CancelState {
-        cancelled: true,
-        reason,
-    });
+pub(super) struct Cancel(watch::Sender<CancelState>);
+
+impl Cancel {
+    pub(super) fn cancel(&self, reason: Option<CancelReason>) {
+        let cancelled = true;
+        self.0.send_replace(CancelState { cancelled, reason });
+    }
 }

@@ -1,16 +1,16 @@
-//! The loop of a sequence program: it listens to the machine and starts the work on outputs.
+//! The loop of a sequence program: it reads messages of the machine and starts handlers.
 
 use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::pin::Pin;
 use std::sync::Arc;
 
-use futures_util::StreamExt;
 use futures_util::future::{AbortHandle, Abortable};
 use futures_util::stream::FuturesUnordered;
-use tokio::sync::watch;
+use futures_util::{FutureExt, StreamExt};
 
-use crate::claim::{OutputId, taken_up};
+use crate::alarm::Alarm;
+use crate::claim::{OutputId, taken_up, until_answered};
 use crate::error::Result;
 use crate::plc::Plc;
 use crate::port::BoxFuture;
@@ -18,19 +18,18 @@ use crate::presence::{Change, Event, Presence, shown};
 use crate::text::panic_text;
 use crate::types::CoordinateSystemNumber;
 use crate::types::message::{Message, Payload};
-use crate::types::output::{CancelReason, OutputState, PendingOutput, Redelivery};
+use crate::types::output::{CancelReason, HandshakeStatus, OutputState, PendingOutput, Redelivery};
 use crate::types::question::{Validate, ValidateResult};
 use crate::types::request::Request;
 use crate::types::topic::{CsTopic, Topic};
 
-use super::output::{AuxOutput, CancelState, Cancellation, cancel};
-use super::table::Table;
-use super::work::work;
+use super::output::{AuxOutput, Cancel};
+use super::table::{Boxed, Table};
 
 struct Running {
     output: AuxOutput,
     abort: AbortHandle,
-    cancel: watch::Sender<CancelState>,
+    cancel: Cancel,
 }
 
 struct Runner {
@@ -39,7 +38,7 @@ struct Runner {
     running: HashMap<OutputId, Running>,
     work: FuturesUnordered<BoxFuture<'static, OutputId>>,
     presence: Presence,
-    // the machine knows of these handlers; outputs are taken up from now on
+    // the machine knows these handlers; outputs are claimed from now on
     is_known: bool,
 }
 
@@ -50,8 +49,8 @@ pub(super) async fn run(
     handler_id: Arc<str>,
 ) -> Result<()> {
     let presence = Presence::new(plc, handler_id, table.codes(), table.validates());
-    // dropped after the runner, and with it after the handlers
-    let _gone = presence.gone();
+    // dropped after the runner, thus after the handlers
+    let _offline = presence.offline_on_drop();
     let mut runner = Runner {
         table,
         on_redelivery,
@@ -62,7 +61,7 @@ pub(super) async fn run(
     };
     loop {
         tokio::select! {
-            // first what the machine says: a cancel reaches a handler before it is polled again
+            // messages first: a cancel reaches a handler before it is polled again
             biased;
             event = runner.presence.next() => match event? {
                 Some(event) => runner.on_event(event),
@@ -82,14 +81,14 @@ impl Drop for Runner {
 impl Runner {
     fn on_event(&mut self, event: Event) {
         match event {
-            Event::Said(_, Some(Change::Boot)) => {
+            Event::Message(_, Some(Change::Boot)) => {
                 if let Some(boot) = &self.presence.open.online {
                     self.cancel_where(|other| other.boot_id != *boot, Some(CancelReason::Shutdown));
                 }
                 self.look_at_all();
             }
-            Event::Said(_, Some(Change::Pending(cs))) => self.look_at(cs),
-            Event::Said(message, None) => self.on_message(&message),
+            Event::Message(_, Some(Change::Pending(cs))) => self.look_at(cs),
+            Event::Message(message, None) => self.on_message(&message),
             Event::Announced => {
                 if !std::mem::replace(&mut self.is_known, true) {
                     self.look_at_all();
@@ -114,7 +113,7 @@ impl Runner {
         }
     }
 
-    /// A program is being loaded that puts out this M code.
+    /// A program with this M code is being loaded.
     fn on_validate(&mut self, cs: CoordinateSystemNumber, m: u16, asked: &Validate) {
         if !self.table.validates() || self.table.find(cs, m).is_none() {
             return;
@@ -138,7 +137,7 @@ impl Runner {
         }
     }
 
-    /// Ends what is no longer open or another's, takes up what is open.
+    /// Ends handlers whose output is no longer open or is another handler's, and starts handlers of open outputs.
     fn look_at(&mut self, cs: CoordinateSystemNumber) {
         let Some(message) = self.presence.open.of(cs).filter(|_| self.is_known) else {
             return;
@@ -164,7 +163,7 @@ impl Runner {
 
     fn take_up(&mut self, id: OutputId, pending: &PendingOutput) {
         if let Some(running) = self.running.get(&id) {
-            // only the connection was lost
+            // the handler still runs: only the connection was lost
             if pending.lost && !running.abort.is_aborted() && !running.output.is_answering() {
                 self.presence.reclaim(id, pending.output.m);
             }
@@ -176,21 +175,11 @@ impl Runner {
         let Some(verify) = taken_up(pending.lost, pending.how, self.on_redelivery) else {
             return;
         };
-        let (cancel, cancellation) = Cancellation::new();
-        let output = AuxOutput::new(
-            &self.presence.plc,
-            &self.presence.handler_id,
-            id.clone(),
-            &pending.output,
-            verify,
-            cancellation,
-        );
+        let (output, cancel) = AuxOutput::new(&self.presence, id.clone(), &pending.output, verify);
         let (abort, registration) = AbortHandle::new_pair();
-        let work = Box::pin(Abortable::new(
-            work(output.clone(), Arc::clone(handler)),
-            registration,
-        ));
-        self.work.push(Box::pin(worked(work, id.clone())));
+        let work = work(output.clone(), Arc::clone(handler));
+        let work = Box::pin(Abortable::new(work, registration));
+        self.work.push(Box::pin(run_to_end(work, id.clone())));
         let running = Running {
             output,
             abort,
@@ -202,7 +191,7 @@ impl Runner {
     fn cancel_where(&self, is_meant: impl Fn(&OutputId) -> bool, reason: Option<CancelReason>) {
         for (id, running) in &self.running {
             if is_meant(id) && !running.output.is_answering() && !running.abort.is_aborted() {
-                cancel(&running.cancel, reason);
+                running.cancel.cancel(reason);
                 running.abort.abort();
             }
         }
@@ -216,12 +205,48 @@ impl Runner {
     }
 }
 
-/// The future, and with it the handler, is dropped before the end is known; its clean-up ends no other.
-async fn worked(mut work: Pin<Box<Abortable<impl Future<Output = ()>>>>, id: OutputId) -> OutputId {
+/// Drops the future, and with it the handler, before its end is reported; a panic in its destructors ends no other.
+async fn run_to_end(mut work: Pin<Box<Abortable<impl Future<Output = ()>>>>, id: OutputId) -> OutputId {
     let _aborted = (&mut work).await;
     if let Err(panicked) = catch_unwind(AssertUnwindSafe(|| drop(work))) {
         let text = panic_text(&*panicked);
         tracing::error!(seq = id.seq, "the clean-up of a handler panicked: {text}");
     }
     id
+}
+
+/// Claims, runs the handler, resets. Returns when nothing is left to do.
+async fn work(output: AuxOutput, handler: Boxed) {
+    let (plc, m, seq) = (output.plc(), output.m(), output.seq());
+    let status = until_answered(plc, output.id().claim(m, output.handler_id())).await;
+    if status != Some(HandshakeStatus::Accepted) {
+        tracing::debug!(m, seq, ?status, "output left to others");
+        return;
+    }
+    let result = call(&output, &handler).await;
+    output.set_answering();
+    let reset = output.id().reset(m, output.handler_id(), result.err());
+    let status = until_answered(plc, reset).await;
+    // a duplicate is this reset itself, sent twice because its answer was late
+    if !matches!(
+        status,
+        Some(HandshakeStatus::Accepted | HandshakeStatus::Duplicate)
+    ) {
+        tracing::warn!(m, seq, ?status, "the reset did not count");
+    }
+}
+
+async fn call(output: &AuxOutput, handler: &Boxed) -> Result<(), Alarm> {
+    let work = output.at_work_on(async { handler(output.clone(), output.plc().clone()).await });
+    let panicked = match AssertUnwindSafe(work).catch_unwind().await {
+        Ok(result) => return result,
+        Err(panicked) => panicked,
+    };
+    let text = format!(
+        "the handler of M{} panicked: {}",
+        output.m(),
+        panic_text(&*panicked)
+    );
+    tracing::error!("{text}");
+    Err(Alarm::user(Alarm::CODE_OF_PANIC, text))
 }

@@ -1,4 +1,4 @@
-//! Which handler serves which M code.
+//! The table of handlers by M code.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::future::Future;
@@ -17,9 +17,9 @@ use crate::types::output::Params;
 
 use super::output::AuxOutput;
 
-/// A function that works on an output: an async function or closure of the output, or of the output and the machine.
+/// A handler: an async function or closure of the output, or of the output and the machine.
 ///
-/// `Ok` resets the output, and the program goes on. `Err` raises the alarm and stops it; so does a panic. When the
+/// `Ok` resets the output, and the program continues. `Err` raises the alarm, which stops it; so does a panic. When the
 /// output is cancelled, the future is dropped where it waits.
 pub trait Handler<Arguments>: Send + Sync + 'static {
     /// Starts the work.
@@ -46,23 +46,8 @@ where
     }
 }
 
-/// A handler that needs something beside the output and the machine: each call gets a clone of `shared`, such as an
-/// `Arc` of what several handlers work with.
-///
-/// ```
-/// # use std::sync::{Arc, Mutex};
-/// # use plc_api::{Alarm, AuxOutput, Plc, SequenceProgram, handlers::with};
-/// type Magazine = Arc<Mutex<Vec<u16>>>;
-///
-/// async fn change_tool(output: AuxOutput, plc: Plc, magazine: Magazine) -> Result<(), Alarm> {
-///     // ...
-///     Ok(())
-/// }
-///
-/// let magazine = Magazine::default();
-/// let program = SequenceProgram::new().on(100, with(magazine, change_tool));
-/// # assert_eq!(program.check(), Ok(()));
-/// ```
+/// A handler with shared state: each call receives a clone of `shared`, such as an `Arc`. For an example see
+/// [parameters and shared state](crate#parameters-and-shared-state).
 pub fn with<S, F, Work>(shared: S, handler: F) -> impl Handler<(AuxOutput, Plc)>
 where
     S: Clone + Send + Sync + 'static,
@@ -72,12 +57,11 @@ where
     move |output: AuxOutput, plc: Plc| handler(output, plc, shared.clone())
 }
 
-/// A check of parameters at program load.
 pub(super) type Check = Arc<dyn Fn(&Params) -> Result<(), Alarm> + Send + Sync>;
 
 pub(super) type Boxed = Arc<dyn Fn(AuxOutput, Plc) -> BoxFuture<'static, Result<(), Alarm>> + Send + Sync>;
 
-/// The codes of a range, and of those above the highest only the first.
+/// The codes of a range, of those above the highest only the first.
 fn within_limits(codes: RangeInclusive<u16>) -> impl Iterator<Item = u16> {
     let first_above = (M_CODE_MAX + 1).max(*codes.start());
     codes.take_while(move |m| *m <= first_above)
@@ -92,7 +76,7 @@ fn place(cs: Option<CoordinateSystemNumber>) -> String {
 pub(super) struct Table {
     handlers: BTreeMap<ServedCode, Boxed>,
     checks: BTreeMap<ServedCode, Check>,
-    // of single calls, in words
+    // of single calls
     pub(super) mistakes: Vec<String>,
 }
 
@@ -141,7 +125,7 @@ impl Table {
         }
     }
 
-    /// What is wrong in the calls so far and between them, in words.
+    /// All mistakes in the calls so far, as texts.
     pub(super) fn all_mistakes(&self) -> Vec<String> {
         let is_handled = |cs: Option<CoordinateSystemNumber>, m| match cs {
             None => self.handlers.keys().any(|(_, handled)| *handled == m),
@@ -152,12 +136,11 @@ impl Table {
         self.mistakes.iter().cloned().chain(idle).collect()
     }
 
-    /// True when parameters of any code are checked.
     pub(super) fn validates(&self) -> bool {
         !self.checks.is_empty()
     }
 
-    /// Whether the handler of an M code takes these parameters. A check that panics refuses.
+    /// Checks parameters of an M code. A check that panics refuses them.
     pub(super) fn validate(&self, cs: CoordinateSystemNumber, m: u16, params: &Params) -> Result<(), Alarm> {
         let everywhere = || {
             self.checks
@@ -173,13 +156,12 @@ impl Table {
         })
     }
 
-    /// The handler of an M code there: that of the coordinate system before that of all.
+    /// The handler of an M code: one for the coordinate system, else one for all.
     pub(super) fn find(&self, cs: CoordinateSystemNumber, m: u16) -> Option<&Boxed> {
         let of_all = || self.handlers.get(&(None, m));
         self.handlers.get(&(Some(cs), m)).or_else(of_all)
     }
 
-    /// All codes that are served.
     pub(super) fn codes(&self) -> BTreeSet<ServedCode> {
         self.handlers.keys().copied().collect()
     }

@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 
 use crate::types::output::HandshakeStatus;
 
-/// Closed outputs remembered one by one. Reason: a message that is this many outputs late has no reader any more.
-/// An older output is answered `stale`, whatever became of it: that also says that nothing has changed.
+/// Closed outputs that are remembered. Reason: a message that is this many outputs late has no sender that waits for
+/// it. An older output is answered `stale`, which also means that nothing has changed.
 pub const CLOSED_REMEMBERED: usize = 4_096;
 
-/// What became of an output.
+/// How an output ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Fate {
     Reset,

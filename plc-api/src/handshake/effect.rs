@@ -1,16 +1,16 @@
-//! Inputs of the ledger, and the effects that it asks for.
+//! Inputs and effects of the ledger.
 
 use std::time::SystemTime;
 
 use crate::alarm::Alarm;
 use crate::types::Timestamp;
 use crate::types::output::{
-    Cancel, CancelReason, HandshakeResult, OutputNotice, OutputState, Params, PendingOutput, Progress,
-    Redelivery, Timing,
+    Cancel, CancelReason, HandshakeResult, HandshakeStatus, OutputNotice, OutputState, Params, PendingOutput,
+    Progress, Redelivery, Timing,
 };
 use crate::types::question::Question;
 
-/// The time of a call, on both clocks.
+/// The time of a call.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Now {
     /// Seconds since the start, for time limits; simulated time in a simulation.
@@ -19,10 +19,10 @@ pub struct Now {
     pub time: SystemTime,
 }
 
-/// An output to be made.
+/// An output to be put out.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OutputSpec {
-    /// The program run that makes it.
+    /// The program run.
     pub run_id: String,
     /// M number, 0 to 191.
     pub m: u16,
@@ -46,21 +46,21 @@ pub struct Full;
 /// An output that is queued, made or claimed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OpenOutput {
-    /// What is told to handlers.
+    /// What handlers receive.
     pub notice: OutputNotice,
-    /// Where it stands.
+    /// Its state.
     pub state: OutputState,
     /// Its owner once claimed.
     pub handler_id: Option<String>,
     /// Since when it is in this state.
     pub since: SystemTime,
-    /// True while it waits after its owner has gone (`HANDLER_LOST`).
+    /// True while it waits because its owner was lost (`HANDLER_LOST`).
     pub lost: bool,
-    /// How an operator asked for it to be taken up again.
+    /// The decision of an operator on how to continue.
     pub how: Option<Redelivery>,
-    /// What its owner last said.
+    /// The last progress of its owner.
     pub progress: Option<Progress>,
-    /// What its owner asks the operator.
+    /// The question of its owner to the operator.
     pub question: Option<Question>,
     /// When it times out, seconds on the monotonic clock; none while queued.
     pub deadline_s: Option<f64>,
@@ -68,7 +68,12 @@ pub struct OpenOutput {
 }
 
 impl OpenOutput {
-    /// As `m_code/pending` shows it.
+    pub(super) fn check_owner(&self, handler_id: &str) -> Result<(), HandshakeStatus> {
+        let is_owner = self.handler_id.as_deref() == Some(handler_id);
+        is_owner.then_some(()).ok_or(HandshakeStatus::NotOwner)
+    }
+
+    /// Its entry in `m_code/pending`.
     pub fn to_pending(&self) -> PendingOutput {
         PendingOutput {
             output: self.notice.clone(),
@@ -83,16 +88,16 @@ impl OpenOutput {
     }
 }
 
-/// What is to be published or done, in this order.
+/// What the caller publishes or does, in this order.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Effect {
-    /// Publish [`Ledger::pending`](super::Ledger::pending). Comes before the output that it is about.
+    /// Publish [`Ledger::pending`](super::Ledger::pending). Comes before the output that it shows.
     PendingChanged,
     /// Publish on `m_code/{m}/output`.
     Output(OutputNotice),
     /// Publish on `m_code/{m}/result`: the answer to a claim or a reset.
     Result {
-        /// M number of the topic: the one that the sender named, else the output's.
+        /// M number of the topic: that of the request, else the output's.
         m: u16,
         /// The answer.
         result: HandshakeResult,
@@ -118,7 +123,7 @@ pub enum Effect {
 /// How an output ended.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Closed {
-    /// Reset: the program may go on.
+    /// Reset: the program may continue.
     Reset,
     /// Failed: the alarm stops the coordinate system.
     Failed {

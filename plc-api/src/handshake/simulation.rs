@@ -1,5 +1,6 @@
 //! The ledger under random schedules: messages lost, doubled, late and out of order, handlers that die and come back,
-//! questions asked, answered and taken back, cancels at every point. Each run follows from its seed. The model beside the ledger is the plain list of outputs.
+//! questions asked, answered and taken back, cancels at every point. Each run follows from its seed. The model beside
+//! the ledger is the plain list of outputs.
 
 use std::collections::BTreeMap;
 use std::time::SystemTime;

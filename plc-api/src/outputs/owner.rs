@@ -1,4 +1,4 @@
-//! The owner of the outputs of a raw queue: a named handler that the machine knows.
+//! The named handler that owns the outputs of a raw queue.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
@@ -10,19 +10,19 @@ use crate::claim::OutputId;
 use crate::error::{Error, Result};
 use crate::lock::lock;
 use crate::plc::Plc;
-use crate::presence::{Event, Gone, Presence};
+use crate::presence::{Event, Offline, Presence};
 use crate::types::request::Refusal;
 
-/// What was given out and is not dropped yet; true while it is claimed and not answered.
+/// Outputs in use; true while one is claimed and not answered.
 type Held = Arc<Mutex<BTreeMap<OutputId, bool>>>;
 
-/// What the queue and its outputs share; the machine is told that they have gone with the last of them.
+/// Shared by the queue and its outputs; the machine is told that the handler is offline when the last is dropped.
 #[derive(Debug)]
 pub(super) struct Owner {
     held: Held,
     known: watch::Receiver<Option<std::result::Result<(), Refusal>>>,
     presence: JoinHandle<()>,
-    gone: Gone,
+    offline: Offline,
 }
 
 impl Drop for Owner {
@@ -32,19 +32,17 @@ impl Drop for Owner {
 }
 
 impl Owner {
-    /// The machine is told of it, and again whenever it must be told, from a task.
     pub(super) fn start(presence: Presence) -> Self {
         let (known, is_known) = watch::channel(None);
         let held = Held::default();
         Self {
             held: Arc::clone(&held),
             known: is_known,
-            gone: presence.gone(),
+            offline: presence.offline_on_drop(),
             presence: tokio::spawn(keep(presence, held, known)),
         }
     }
 
-    /// Waits until the machine knows of it.
     pub(super) async fn known(&self) -> Result<()> {
         let mut known = self.known.clone();
         let told = known.wait_for(Option::is_some).await;
@@ -53,18 +51,18 @@ impl Owner {
     }
 
     pub(super) fn plc(&self) -> &Plc {
-        &self.gone.plc
+        &self.offline.plc
     }
 
     pub(super) fn handler_id(&self) -> &str {
-        &self.gone.handler_id
+        &self.offline.handler_id
     }
 
     pub(super) fn hold(&self, id: &OutputId, claimed: bool) {
         lock(&self.held).insert(id.clone(), claimed);
     }
 
-    /// Forgets an output; true when it was claimed and not answered.
+    /// Forgets an output; true if it was claimed and not answered.
     pub(super) fn forget(&self, id: &OutputId) -> bool {
         lock(&self.held).remove(id).unwrap_or(false)
     }
@@ -74,7 +72,7 @@ impl Owner {
     }
 }
 
-/// Keeps the machine informed that the queue is there, until it ends or does not take it.
+/// Announces the handler and repeats lost claims, until the machine ends the connection or refuses it.
 async fn keep(
     mut presence: Presence,
     held: Held,
@@ -86,7 +84,7 @@ async fn keep(
             Ok(Some(Event::Announced)) => {
                 known.send_replace(Some(Ok(())));
             }
-            Ok(Some(Event::Said(..))) => {
+            Ok(Some(Event::Message(..))) => {
                 for (id, m) in presence.lost() {
                     if lock(&held).get(&id) == Some(&true) {
                         presence.reclaim(id, m);

@@ -11,7 +11,7 @@ use crate::types::request::TypedRequest;
 
 use super::owner::Owner;
 
-/// An output taken from the raw queue. Cloning gives another handle to the same output.
+/// An output taken from the raw queue. Clones are handles to the same output.
 #[derive(Debug, Clone)]
 pub struct RawOutput {
     inner: Arc<Inner>,
@@ -51,7 +51,7 @@ impl RawOutput {
         }
     }
 
-    /// Coordinate system that made it.
+    /// Coordinate system that put it out.
     pub fn coordinate_system(&self) -> CoordinateSystemNumber {
         self.inner.id.cs
     }
@@ -61,30 +61,28 @@ impl RawOutput {
         &self.inner.notice
     }
 
-    /// True when another handler, or this one before it died, may already have done part of the work and `verify` was
-    /// chosen: look at the machine first. False on the first delivery, and when `redo` was chosen.
+    /// True if the work may have been started before, and `verify` was chosen: check the machine first. False on the
+    /// first delivery, and if `redo` was chosen.
     pub fn redelivered(&self) -> bool {
         self.inner.verify
     }
 
-    /// Takes the output: nobody else resets it from now on. A claim that a lost connection has given back is made
-    /// again by itself where nobody else has taken the output.
+    /// Claims the output: from now on nobody else can reset it. A claim that was lost with the connection is repeated
+    /// automatically, unless somebody else has claimed the output.
     ///
     /// # Errors
-    /// [`Error::Handshake`](crate::Error::Handshake) when it is not to be had: another handler owns it, or it is closed.
+    /// [`Error::Handshake`](crate::Error::Handshake) if another handler owns it, or it is closed.
     pub async fn claim(&self) -> Result<()> {
         let Inner {
             owner, id, notice, ..
         } = &*self.inner;
-        self.accepted(id.claim(notice.m, owner.handler_id())).await?;
-        owner.hold(id, true);
-        Ok(())
+        self.send(id.claim(notice.m, owner.handler_id()), true).await
     }
 
-    /// Resets the output: the program goes on. Claims it first if nobody has.
+    /// Resets the output: the program continues. No claim is needed before.
     ///
     /// # Errors
-    /// [`Error::Handshake`](crate::Error::Handshake) when the reset does not count.
+    /// [`Error::Handshake`](crate::Error::Handshake) if the reset is not accepted.
     pub async fn reset(&self) -> Result<()> {
         self.answer(None).await
     }
@@ -92,7 +90,7 @@ impl RawOutput {
     /// Fails the output: the alarm stops the program.
     ///
     /// # Errors
-    /// [`Error::Handshake`](crate::Error::Handshake) when it does not count.
+    /// [`Error::Handshake`](crate::Error::Handshake) if it is not accepted.
     pub async fn fail(&self, alarm: Alarm) -> Result<()> {
         self.answer(Some(alarm)).await
     }
@@ -101,14 +99,17 @@ impl RawOutput {
         let Inner {
             owner, id, notice, ..
         } = &*self.inner;
-        self.accepted(id.reset(notice.m, owner.handler_id(), alarm))
-            .await?;
-        owner.hold(id, false);
-        Ok(())
+        self.send(id.reset(notice.m, owner.handler_id(), alarm), false)
+            .await
     }
 
-    async fn accepted(&self, request: impl TypedRequest<Answer = HandshakeResult>) -> Result<()> {
-        let answer = self.inner.owner.plc().request(request).await?;
-        accepted(self.inner.notice.m, self.inner.notice.seq, Some(answer))
+    async fn send(&self, request: impl TypedRequest<Answer = HandshakeResult>, claims: bool) -> Result<()> {
+        let Inner {
+            owner, id, notice, ..
+        } = &*self.inner;
+        let answer = owner.plc().request(request).await?;
+        accepted(notice.m, notice.seq, Some(answer))?;
+        owner.hold(id, claims);
+        Ok(())
     }
 }

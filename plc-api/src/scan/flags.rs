@@ -1,6 +1,6 @@
-//! Outputs whose flags are on while a scan program works on them.
+//! M codes that are on for a scan program.
 
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, MutexGuard};
 
 use tokio::sync::oneshot;
 
@@ -9,7 +9,7 @@ use crate::handlers::AuxOutput;
 use crate::lock::lock;
 use crate::types::CoordinateSystemNumber;
 
-/// Outputs that are on, and where their answers go.
+/// Outputs that are on, with the receivers of their answers.
 #[derive(Clone, Default)]
 pub(crate) struct Flags(Arc<Mutex<Vec<Flag>>>);
 
@@ -18,49 +18,40 @@ struct Flag {
     answer: oneshot::Sender<std::result::Result<(), Alarm>>,
 }
 
-/// Takes a flag down when its output has ended, however it ended.
-struct Down {
-    flags: Flags,
-    key: (CoordinateSystemNumber, u64),
-}
-
-impl Drop for Down {
-    fn drop(&mut self) {
-        lock(&self.flags.0).retain(|flag| key(&flag.output) != self.key);
-    }
-}
-
 fn key(output: &AuxOutput) -> (CoordinateSystemNumber, u64) {
     (output.coordinate_system(), output.seq())
 }
 
 impl Flags {
-    /// The handler of every output of a scan program: on, until a scan answers.
+    /// The handler of every output of a scan program: it is on until a scan answers.
     pub(crate) async fn on(self, output: AuxOutput) -> std::result::Result<(), Alarm> {
         let (answer, answered) = oneshot::channel();
-        let _down = Down {
-            key: key(&output),
-            flags: self.clone(),
-        };
         lock(&self.0).push(Flag { output, answer });
         match answered.await {
             Ok(answer) => answer,
-            // the program has ended, and this future ends with it
+            // the scan program has ended, and this future will be dropped
             Err(_) => std::future::pending().await,
         }
     }
 
-    /// The outputs that are on, in the order in which they were made.
+    /// The outputs that are on, oldest first.
     pub(super) fn outputs(&self) -> Vec<AuxOutput> {
-        lock(&self.0).iter().map(|flag| flag.output.clone()).collect()
+        self.on_now().iter().map(|flag| flag.output.clone()).collect()
     }
 
-    /// Gives an answer to the output that the image showed, and to no other.
+    /// Answers an output of the image, and no other.
     pub(super) fn answer(&self, output: &AuxOutput, how: std::result::Result<(), Alarm>) {
-        let mut flags = lock(&self.0);
+        let mut flags = self.on_now();
         if let Some(place) = flags.iter().position(|flag| key(&flag.output) == key(output)) {
-            // cancelled meanwhile: nobody waits for the answer
+            // the receiver is dropped if the output is cancelled meanwhile
             let _cancelled = flags.remove(place).answer.send(how);
         }
+    }
+
+    /// The flags without those whose handler has ended.
+    fn on_now(&self) -> MutexGuard<'_, Vec<Flag>> {
+        let mut flags = lock(&self.0);
+        flags.retain(|flag| !flag.answer.is_closed());
+        flags
     }
 }

@@ -1,4 +1,4 @@
-//! The image of the machine that one scan reads.
+//! The image of the machine for one scan.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -6,7 +6,7 @@ use std::sync::Arc;
 use futures_util::future::{join, join_all};
 
 use super::flags::Flags;
-use super::writes::{Level, Writes};
+use super::writes::{Writes, put};
 use crate::alarm::Alarm;
 use crate::handlers::AuxOutput;
 use crate::hub::{Filter, Subscription};
@@ -18,15 +18,15 @@ use crate::types::machine::AlarmRecord;
 use crate::types::message::{Message, Payload};
 use crate::types::output::Params;
 use crate::types::request::typed::ReadVariables;
-use crate::types::request::{Input, OverrideChange, Refusal, SpindleCommand};
+use crate::types::request::{Input, OverrideChange, Refusal, Request, SpindleCommand};
 use crate::types::state::{
     Captured, Execution, Lock, Modal, OptionalSkip, Overrides, Position, Spindle, SpindleDirection, State,
 };
 use crate::types::topic::{CsTopic, Topic};
 
-/// What a scan program reads beside what stands in every image: [`ScanProgram::reads`](super::ScanProgram::reads).
+/// Positions and variables that a scan program reads: [`ScanProgram::reads`](super::ScanProgram::reads).
 ///
-/// Each is asked of the machine before each scan, so a short period has few of them.
+/// Each is requested from the machine before each scan, so use few of them with a short period.
 ///
 /// ```
 /// use plc_api::scan::Reads;
@@ -46,14 +46,14 @@ impl Reads {
         self
     }
 
-    /// `count` P variables from `from` on, 1 to 1024, as they are at one moment.
+    /// `count` P variables from `from` on, 1 to 1024, read at one moment.
     #[must_use]
     pub fn p(mut self, from: u32, count: u32) -> Self {
         self.variables.push((VariableArea::Global, from, count));
         self
     }
 
-    /// `count` Q variables of a coordinate system from `from` on, 1 to 1024, as they are at one moment.
+    /// `count` Q variables of a coordinate system from `from` on, 1 to 1024, read at one moment.
     #[must_use]
     pub fn q(mut self, cs: CoordinateSystemNumber, from: u32, count: u32) -> Self {
         self.variables
@@ -62,18 +62,17 @@ impl Reads {
     }
 }
 
-/// The machine as one scan sees it, and what the scan writes. Nothing in it changes during a scan; what the scan writes
-/// is carried out after it, and read back in a later one.
+/// The machine for one scan, and the writes of that scan. Values that are read do not change during a scan; writes are
+/// carried out after it and can be read in a later one.
 ///
-/// Coordinate systems are named by number; of one that does not exist everything is off, and what is written to it is
-/// refused ([`Image::refusals`]).
+/// For a coordinate system that does not exist everything is off, and writes are refused ([`Image::refusals`]).
 #[derive(Debug, Default)]
 pub struct Image {
     time_s: f64,
     scans: u64,
     overruns: u64,
     on: BTreeMap<(CoordinateSystemNumber, u16), AuxOutput>,
-    said: Arc<Said>,
+    states: Arc<States>,
     positions: BTreeMap<CoordinateSystemNumber, Arc<Message>>,
     variables: BTreeMap<(VariableArea, u32), f64>,
     refusals: Vec<Refusal>,
@@ -86,7 +85,7 @@ macro_rules! values {
             $(
                 $(#[$doc])*
                 pub fn $name(&self, cs: CoordinateSystemNumber) -> Option<&$type> {
-                    match self.said.get(&Topic::cs(cs, CsTopic::$topic))? {
+                    match self.payload(cs, CsTopic::$topic)? {
                         Payload::$payload(value) => Some(value),
                         _ => None,
                     }
@@ -103,46 +102,46 @@ values! {
     modal: Modal as Modal -> Modal;
     /// Positions latched by the last G31; `None` before the first.
     captured: Captured as Captured -> Captured;
-    /// Spindle as commanded, r/min, and whether it is oriented; its speed of now is that of [`Image::position`].
+    /// Commanded spindle, r/min, and whether it is oriented; for its actual speed see [`Image::position`].
     spindle: Spindle as Spindle -> Spindle;
     /// Overrides, percent.
     overrides: Override as Override -> Overrides;
-    /// Optional block skip inputs, and which of them the interpreter reads now.
+    /// Optional block skip inputs, and those that the interpreter uses now.
     optional_skip: OptionalSkip as OptionalSkip -> OptionalSkip;
-    /// The interlock input and why it is on.
+    /// Interlock input and its reason.
     interlock: Interlock as Lock -> Lock;
-    /// The start lock input and why it is on.
+    /// Start lock input and its reason.
     start_lock: StartLock as Lock -> Lock;
 }
 
-/// What is read.
+/// Values to read.
 impl Image {
-    /// Seconds on the machine's clock when the image was made.
+    /// Time of the image, seconds on the machine's clock.
     pub fn time_s(&self) -> f64 {
         self.time_s
     }
 
-    /// Scans before this one; 0 in the first.
+    /// Number of scans before this one.
     pub fn scans(&self) -> u64 {
         self.scans
     }
 
-    /// Periods that passed without a scan because the one before took too long.
+    /// Periods without a scan because the one before took too long.
     pub fn overruns(&self) -> u64 {
         self.overruns
     }
 
-    /// What the machine refused of what the scan before has written, and of what this one reads.
+    /// Refusals of writes of the scan before, and of reads for this one.
     pub fn refusals(&self) -> &[Refusal] {
         &self.refusals
     }
 
-    /// True while an M code is put out and not answered. Only codes that were given to the scan program are ever on.
+    /// True while an M code is put out and not answered. Only codes of this scan program are ever on.
     pub fn is_on(&self, cs: CoordinateSystemNumber, m: u16) -> bool {
         self.output(cs, m).is_some()
     }
 
-    /// The output of an M code that is on, with program, line, and whether it was delivered before.
+    /// The output of an M code that is on, with program, line and redelivery.
     pub fn output(&self, cs: CoordinateSystemNumber, m: u16) -> Option<&AuxOutput> {
         self.on.get(&(cs, m))
     }
@@ -152,7 +151,7 @@ impl Image {
         self.output(cs, m).map(AuxOutput::params)
     }
 
-    /// State word of a coordinate system; STOPPED where there is none.
+    /// State word; STOPPED if there is no such coordinate system.
     pub fn execution(&self, cs: CoordinateSystemNumber) -> Execution {
         self.state(cs).map(|state| state.execution).unwrap_or_default()
     }
@@ -180,13 +179,13 @@ impl Image {
 
     /// Number of the tool in the spindle; 0: none.
     pub fn tool(&self, cs: CoordinateSystemNumber) -> Option<u16> {
-        match self.said.get(&Topic::cs(cs, CsTopic::Tool))? {
+        match self.payload(cs, CsTopic::Tool)? {
             Payload::Tool(tool) => Some(tool.id),
             _ => None,
         }
     }
 
-    /// Positions, mm or degrees, feedrate and spindle speed; of the coordinate systems that [`Reads::position`] names.
+    /// Positions, mm or degrees, feedrate and spindle speed, if requested by [`Reads::position`].
     pub fn position(&self, cs: CoordinateSystemNumber) -> Option<&Position> {
         match &self.positions.get(&cs)?.payload {
             Payload::Position(position) => Some(position),
@@ -196,45 +195,51 @@ impl Image {
 
     /// Active alarms of the machine, ascending by id.
     pub fn alarms(&self) -> &[AlarmRecord] {
-        match self.said.get(&Topic::AlarmActive) {
+        match self
+            .states
+            .get(&Topic::AlarmActive)
+            .map(|message| &message.payload)
+        {
             Some(Payload::AlarmActive(active)) => &active.alarms,
             _ => &[],
         }
     }
 
-    /// A P variable of a range that [`Reads::p`] names.
+    /// A P variable, if requested by [`Reads::p`].
     pub fn p(&self, number: u32) -> Option<f64> {
         self.variables.get(&(VariableArea::Global, number)).copied()
     }
 
-    /// A Q variable of a range that [`Reads::q`] names.
+    /// A Q variable, if requested by [`Reads::q`].
     pub fn q(&self, cs: CoordinateSystemNumber, number: u32) -> Option<f64> {
         let area = VariableArea::CoordinateSystem(cs);
         self.variables.get(&(area, number)).copied()
     }
 
     fn is_switch_on(&self, cs: CoordinateSystemNumber, topic: CsTopic) -> bool {
-        let said = self.said.get(&Topic::cs(cs, topic));
-        matches!(said, Some(Payload::Switch(switch)) if switch.value)
+        matches!(self.payload(cs, topic), Some(Payload::Switch(switch)) if switch.value)
+    }
+
+    fn payload(&self, cs: CoordinateSystemNumber, topic: CsTopic) -> Option<&Payload> {
+        let message = self.states.get(&Topic::cs(cs, topic))?;
+        Some(&message.payload)
     }
 }
 
-/// What is written. A flag of the machine stays as it is written, also when others write it, as long as every scan
-/// writes it; a flag that the scan does not write is left to others. Commands and variables are carried out each time
-/// that they are written.
+/// Values to write. A flag of the machine keeps its value, even if others write it, as long as every scan writes it;
+/// other flags are left to others. Commands and variables are carried out each time that they are written.
 impl Image {
-    /// Writes the reset flag of an M code: its program goes on. Without effect while it is off, so that it may be
-    /// written in every scan.
+    /// Resets an M code: its program continues. No effect while it is off, so it may be written in every scan.
     pub fn reset(&mut self, cs: CoordinateSystemNumber, m: u16) {
         self.answer(cs, m, Ok(()));
     }
 
-    /// Fails an M code: the alarm stops its program. Without effect while it is off.
+    /// Fails an M code: the alarm stops its program. No effect while it is off.
     pub fn fail(&mut self, cs: CoordinateSystemNumber, m: u16, alarm: Alarm) {
         self.answer(cs, m, Err(alarm));
     }
 
-    /// Tells how far the work on an M code is: [`AuxOutput::progress`]. Without effect while it is off.
+    /// Reports progress of an M code: [`AuxOutput::progress`]. No effect while it is off.
     pub fn progress(
         &mut self,
         cs: CoordinateSystemNumber,
@@ -248,21 +253,19 @@ impl Image {
         }
     }
 
-    /// Commands a coordinate system, so it is written in one scan and not in each. Whether it had its effect the state
-    /// tells.
+    /// Commands a coordinate system; write it in one scan only. The state shows whether it had its effect.
     pub fn command(&mut self, cs: CoordinateSystemNumber, command: Command) {
         self.writes.commands.push((cs, command));
     }
 
-    /// Which tool is in the spindle; 0: none.
+    /// Sets the tool in the spindle; 0: none.
     pub fn select_tool(&mut self, cs: CoordinateSystemNumber, id: u16) {
-        self.writes.set(Level::Tool(cs, id));
+        self.set(Request::Tool(cs, id));
     }
 
-    /// Commands the spindle; `rpm` counts for `Cw` and `Ccw`.
+    /// Commands the spindle; `rpm` is used by `Cw` and `Ccw`.
     pub fn set_spindle(&mut self, cs: CoordinateSystemNumber, direction: SpindleDirection, rpm: f64) {
-        let command = SpindleCommand { direction, rpm };
-        self.writes.set(Level::Spindle(cs, command));
+        self.set(Request::Spindle(cs, SpindleCommand { direction, rpm }));
     }
 
     /// Sets one optional block skip input, 1 to 31.
@@ -275,35 +278,34 @@ impl Image {
         self.set_input(cs, Input::OptionalStop(value));
     }
 
-    /// Sets single block: each block ends at rest, INTERRUPTED, until it is resumed.
+    /// Sets single block: after each block the axes stop, INTERRUPTED, until a resume.
     pub fn set_single_block(&mut self, cs: CoordinateSystemNumber, value: bool) {
         self.set_input(cs, Input::SingleBlock(value));
     }
 
-    /// Sets the interlock: while it is on, motion is held and nothing that moves begins; `text` says why.
+    /// Sets the interlock: while it is on, motion is held and none starts; `text` is the reason.
     pub fn set_interlock(&mut self, cs: CoordinateSystemNumber, value: bool, text: impl Into<String>) {
         let text = text.into();
         self.set_input(cs, Input::Interlock(Lock { value, text }));
     }
 
-    /// Sets the start lock: while it is on, no program begins; `text` says why.
+    /// Sets the start lock: while it is on, no program starts; `text` is the reason.
     pub fn set_start_lock(&mut self, cs: CoordinateSystemNumber, value: bool, text: impl Into<String>) {
         let text = text.into();
         self.set_input(cs, Input::StartLock(Lock { value, text }));
     }
 
-    /// Sets overrides, percent; those that are `None` stay.
+    /// Sets overrides, percent; `None` leaves one unchanged.
     pub fn set_overrides(&mut self, cs: CoordinateSystemNumber, change: OverrideChange) {
         self.set_input(cs, Input::Override(change));
     }
 
     /// Sets the skip input of a motor, by its CNC motor number: [`Plc::set_skip_input`].
     pub fn set_skip_input(&mut self, motor: u16, value: bool) {
-        self.writes.set(Level::SkipInput(motor, value));
+        self.set(Request::SkipInput(motor, value));
     }
 
-    /// Sets a P variable. Neighbours written in one scan, up to 1024, change at one moment, between two blocks of any
-    /// program.
+    /// Sets a P variable. Up to 1024 consecutive ones of one scan change together, between two blocks of any program.
     pub fn set_p(&mut self, number: u32, value: f64) {
         self.writes
             .variables
@@ -317,7 +319,11 @@ impl Image {
     }
 
     fn set_input(&mut self, cs: CoordinateSystemNumber, input: Input) {
-        self.writes.set(Level::Input(cs, input));
+        self.set(Request::Input(cs, input));
+    }
+
+    fn set(&mut self, flag: Request) {
+        put(&mut self.writes.flags, flag);
     }
 
     fn answer(&mut self, cs: CoordinateSystemNumber, m: u16, how: Result<(), Alarm>) {
@@ -327,23 +333,15 @@ impl Image {
     }
 }
 
-/// The last value of each state topic.
-#[derive(Debug, Clone, Default)]
-struct Said(BTreeMap<Topic, Arc<Message>>);
+type States = BTreeMap<Topic, Arc<Message>>;
 
-impl Said {
-    fn get(&self, topic: &Topic) -> Option<&Payload> {
-        self.0.get(topic).map(|message| &message.payload)
-    }
-}
-
-/// Makes images, each of what the machine has said until then and of what is asked of it.
+/// Makes images of the latest messages and of what is requested from the machine.
 #[derive(Debug)]
 pub(super) struct Camera {
     plc: Plc,
     reads: Reads,
     subscription: Subscription,
-    said: Arc<Said>,
+    states: Arc<States>,
 }
 
 impl Camera {
@@ -352,7 +350,7 @@ impl Camera {
             plc: plc.clone(),
             reads,
             subscription: plc.port().subscribe(Filter::All),
-            said: Arc::default(),
+            states: Arc::default(),
         }
     }
 
@@ -368,31 +366,31 @@ impl Camera {
             refusals,
             ..Image::default()
         };
-        // what has to be asked comes first, so that nothing else is older than need be
-        self.ask(&mut image).await;
-        self.hear();
-        image.said = Arc::clone(&self.said);
+        // requests first, so that the rest is as new as possible
+        self.request_reads(&mut image).await;
+        self.take_messages();
+        image.states = Arc::clone(&self.states);
         image.time_s = self.plc.now_s();
         for output in flags.outputs() {
             let place = (output.coordinate_system(), output.m());
-            // of several with the same number the first is answered first
+            // of several outputs with the same M number the oldest is answered first
             image.on.entry(place).or_insert(output);
         }
         image
     }
 
-    /// Takes what was said since the image before.
-    fn hear(&mut self) {
-        // no image is left, so that nothing is copied
-        let said = Arc::make_mut(&mut self.said);
+    /// Takes messages since the image before.
+    fn take_messages(&mut self) {
+        // the image before has been dropped, so this copies nothing
+        let states = Arc::make_mut(&mut self.states);
         while let Some(message) = self.subscription.try_next() {
             if message.topic.is_state() {
-                said.0.insert(message.topic.clone(), message);
+                states.insert(message.topic.clone(), message);
             }
         }
     }
 
-    async fn ask(&self, image: &mut Image) {
+    async fn request_reads(&self, image: &mut Image) {
         let port = self.plc.port();
         let variables = self.reads.variables.iter();
         let variables = variables.map(|&(area, from, count)| {

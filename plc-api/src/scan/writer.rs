@@ -1,32 +1,30 @@
-//! Carries out after a scan what the scan has written.
+//! Carries out the writes of a scan.
 
 use std::collections::BTreeMap;
 use std::mem::take;
 
 use super::flags::Flags;
 use super::image::Image;
-use super::writes::{Level, put};
+use super::writes::put;
 use crate::plc::Plc;
 use crate::types::data::{VARIABLES_AT_ONCE_MAX, VariableArea};
 use crate::types::request::{Input, Refusal, Request};
 
-/// Carries out what scans write, one after the other.
+/// Carries out writes of one scan after the other.
 #[derive(Debug, Default)]
 pub(super) struct Writer {
-    /// What was written last and taken by the machine, one for each flag.
-    written: Vec<Level>,
-    /// What was refused after the scan before.
+    /// The last value of each flag that the machine accepted.
+    written: Vec<Request>,
+    /// Refusals after the scan before.
     refusals: Vec<Refusal>,
 }
 
 impl Writer {
-    /// What was refused since this was last called.
     pub(super) fn take_refusals(&mut self) -> Vec<Refusal> {
         take(&mut self.refusals)
     }
 
-    /// Carries out what a scan has written: variables, flags and commands, then the answers, so that the next block
-    /// sees what was written before its program went on.
+    /// Carries out variables, flags and commands, then answers, so that the block after an M code sees all writes.
     pub(super) async fn carry_out(&mut self, plc: &Plc, flags: &Flags, mut image: Image) {
         let writes = take(&mut image.writes);
         for (output, text, percent) in writes.progress {
@@ -37,12 +35,12 @@ impl Writer {
         for request in variable_requests(&writes.variables) {
             self.request(plc, request, &image).await;
         }
-        for level in writes.levels {
-            if self.written.contains(&level) && is_so(&level, &image) {
+        for flag in writes.flags {
+            if self.written.contains(&flag) && is_so(&flag, &image) {
                 continue;
             }
-            if self.request(plc, level.request(), &image).await {
-                put(&mut self.written, level);
+            if self.request(plc, flag.clone(), &image).await {
+                put(&mut self.written, flag);
             }
         }
         for (cs, command) in writes.commands {
@@ -59,52 +57,49 @@ impl Writer {
         }
     }
 
-    /// True when the machine has taken it. A refusal is told to the next scan, and to the log when it is a new one.
+    /// True if the machine has accepted it. A refusal is passed to the next scan, and logged if it is new.
     async fn request(&mut self, plc: &Plc, request: Request, image: &Image) -> bool {
         let Err(refusal) = plc.port().request(request).await else {
             return true;
         };
-        self.refused(refusal, image);
-        false
-    }
-
-    fn refused(&mut self, refusal: Refusal, image: &Image) {
         if !image.refusals().contains(&refusal) {
             tracing::warn!(%refusal, "a scan program was refused");
         }
         self.refusals.push(refusal);
+        false
     }
 }
 
-/// True when the machine says that it is as written; of skip inputs it says nothing.
-fn is_so(level: &Level, image: &Image) -> bool {
-    match level {
-        Level::Input(cs, Input::OptionalSkip(inputs)) => {
-            let mut inputs = inputs.iter();
-            inputs.all(|(number, value)| image.is_optional_skip(*cs, *number) == *value)
-        }
-        Level::Input(cs, Input::OptionalStop(value)) => image.is_optional_stop(*cs) == *value,
-        Level::Input(cs, Input::SingleBlock(value)) => image.is_single_block(*cs) == *value,
-        Level::Input(cs, Input::DryRun(value)) => image.is_dry_run(*cs) == *value,
-        Level::Input(cs, Input::Interlock(lock)) => image.interlock(*cs) == Some(lock),
-        Level::Input(cs, Input::StartLock(lock)) => image.start_lock(*cs) == Some(lock),
-        Level::Input(cs, Input::Override(change)) => image.overrides(*cs).is_some_and(|now| {
-            let is_so =
-                |wanted: Option<f64>, now: f64| wanted.is_none_or(|wanted| wanted.total_cmp(&now).is_eq());
-            is_so(change.feed, now.feed)
-                && is_so(change.rapid, now.rapid)
-                && is_so(change.spindle, now.spindle)
-        }),
-        Level::Spindle(cs, wanted) => image.spindle(*cs).is_some_and(|now| {
-            let (wanted_rpm, now_rpm) = (wanted.rpm, now.rpm);
-            wanted.direction == now.direction && wanted_rpm.total_cmp(&now_rpm).is_eq()
-        }),
-        Level::Tool(cs, id) => image.tool(*cs) == Some(*id),
-        Level::SkipInput(..) => true,
+/// True if the machine shows the written value; skip inputs are not shown.
+fn is_so(flag: &Request, image: &Image) -> bool {
+    let is_same = |wanted: f64, now: f64| wanted.total_cmp(&now).is_eq();
+    match flag {
+        Request::Input(cs, input) => match input {
+            Input::OptionalSkip(inputs) => {
+                let mut inputs = inputs.iter();
+                inputs.all(|(number, value)| image.is_optional_skip(*cs, *number) == *value)
+            }
+            Input::OptionalStop(value) => image.is_optional_stop(*cs) == *value,
+            Input::SingleBlock(value) => image.is_single_block(*cs) == *value,
+            Input::DryRun(value) => image.is_dry_run(*cs) == *value,
+            Input::Interlock(lock) => image.interlock(*cs) == Some(lock),
+            Input::StartLock(lock) => image.start_lock(*cs) == Some(lock),
+            Input::Override(change) => image.overrides(*cs).is_some_and(|now| {
+                let is_so = |wanted: Option<f64>, now| wanted.is_none_or(|wanted| is_same(wanted, now));
+                is_so(change.feed, now.feed)
+                    && is_so(change.rapid, now.rapid)
+                    && is_so(change.spindle, now.spindle)
+            }),
+        },
+        Request::Spindle(cs, wanted) => image
+            .spindle(*cs)
+            .is_some_and(|now| wanted.direction == now.direction && is_same(wanted.rpm, now.rpm)),
+        Request::Tool(cs, id) => image.tool(*cs) == Some(*id),
+        _ => true,
     }
 }
 
-/// Neighbours are written together, at one moment.
+/// Consecutive variables are written by one request.
 fn variable_requests(variables: &BTreeMap<(VariableArea, u32), f64>) -> Vec<Request> {
     let mut ranges: Vec<(VariableArea, u32, Vec<f64>)> = Vec::new();
     for (&(area, number), &value) in variables {

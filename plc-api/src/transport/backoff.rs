@@ -3,11 +3,11 @@
 use std::hash::{BuildHasher, RandomState};
 use std::time::Duration;
 
-/// First and longest wait; it doubles in between.
+/// First and longest wait; each wait doubles the last one.
 const FIRST: Duration = Duration::from_millis(100);
 const MAX: Duration = Duration::from_secs(5);
 
-/// How long the next wait is.
+/// The next wait.
 #[derive(Debug)]
 pub struct Backoff {
     next: Duration,
@@ -20,26 +20,25 @@ impl Default for Backoff {
 }
 
 impl Backoff {
-    /// The connection was there: the next wait is the first one again.
+    /// After a connection: starts again with the first wait.
     pub fn reset(&mut self) {
         self.next = FIRST;
     }
 
-    /// How long to wait before the next try: half to the whole of 100 ms, of the double each time, and at most of 5 s.
+    /// The wait before the next attempt: 50 to 100 percent of 100 ms, doubled each time up to 5 s.
     pub fn next_wait(&mut self) -> Duration {
         let wait = jittered(self.next);
         self.next = (self.next * 2).min(MAX);
         wait
     }
 
-    /// Waits before the next try.
     #[cfg(any(feature = "mqtt", feature = "rest"))]
     pub(super) async fn wait(&mut self) {
         tokio::time::sleep(self.next_wait()).await;
     }
 }
 
-/// Half to the whole of it, so that not all come back at once to a machine or broker that comes back.
+/// 50 to 100 percent, so that not all clients reconnect at the same time.
 fn jittered(wait: Duration) -> Duration {
     let random = RandomState::new().hash_one(0_u8) % 1000;
     wait.mul_f64(0.5 + random as f64 / 2000.0)

@@ -1,29 +1,25 @@
 //! A machine over MQTT 3.1.1.
 //!
-//! What the machine says goes into a [`Hub`]; requests are messages that are sent until their end is known: the
-//! `result` of a claim or reset, the `reply` of a command, the broker's acknowledgement of anything else. Everything
-//! open is sent again on each new connection; the machine takes each of them twice without harm.
+//! A request is a message that is sent until it is answered: by the `result` of a claim or reset, the `reply` of a
+//! command, else by the broker's acknowledgement. Unanswered ones are sent again on each new connection; receiving one
+//! twice does no harm.
 
 mod address;
 mod outbox;
 mod session;
 
-use std::collections::BTreeMap;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use rumqttc::Transport;
-use tokio::sync::Notify;
 
 use crate::error::Error;
-use crate::hub::{Filter, Hub, Subscription};
 use crate::lock::lock;
 use crate::names::unique_name;
 use crate::port::{BoxFuture, Port};
+use crate::transport::client::{Client, Link};
 use crate::transport::tls::TlsFiles;
-use crate::types::BootId;
-use crate::types::message::{Message, Payload};
+use crate::types::message::Payload;
 use crate::types::request::{Answer, Refusal, RefusalCode, Request};
 use crate::types::topic::{CsTopic, Topic};
 use crate::wire::mqtt::{Until, encode};
@@ -31,23 +27,19 @@ use crate::wire::mqtt::{Until, encode};
 use address::Address;
 use outbox::Outbox;
 
-/// How long [`connect`] waits for the runtime.
-pub const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
+pub use crate::transport::client::{ANSWER_TIMEOUT, CONNECT_TIMEOUT};
 
-/// How long a request waits for its end; then it is refused as `unavailable`, and may have counted or not.
-pub const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
-
-/// How long a command waits until it is done: the longest is a hold in a long deceleration or a load of a large program.
+/// How long a command may take: the longest are a hold in a long deceleration and the load of a large program.
 pub const COMMAND_DONE_TIMEOUT: Duration = Duration::from_mins(1);
 
-/// What an address does not say, or should not: a command line is read by others.
+/// Options that are not in an address, or should not be, since others may see a command line.
 #[derive(Clone, Default)]
 pub struct MqttOptions {
-    /// User name; goes before one in the address.
+    /// User name; takes precedence over one in the address.
     pub username: Option<String>,
     /// The user's password, such as a token.
     pub password: Option<String>,
-    /// For `mqtts://`: whom to trust, and who we are.
+    /// For `mqtts://`: certificates and key.
     pub tls: TlsFiles,
 }
 
@@ -62,7 +54,7 @@ impl std::fmt::Debug for MqttOptions {
 }
 
 /// Connects to the machine at `mqtt://[user[:password]@]host[:port]/[prefix/]machine`, with TLS `mqtts://...`, and
-/// waits until it is present. The second value is the user's name.
+/// waits until it is present. The second value is the user name.
 ///
 /// # Errors
 /// The address or a TLS file is wrong, or the runtime is not online there within [`CONNECT_TIMEOUT`].
@@ -80,44 +72,23 @@ pub async fn connect(address: &str, options: MqttOptions) -> Result<(Arc<dyn Por
     } else {
         Transport::tcp()
     };
-    let shared = Arc::new(Shared {
+    let port = crate::transport::client::connect(Shared {
+        link: Link::new(address.shown.clone()),
         address,
         transport,
         client_id: unique_name("plc"),
-        hub: Hub::new(),
-        started: Instant::now(),
         state: Mutex::default(),
-        wake: Notify::new(),
-        closed: AtomicBool::new(false),
     });
-    let port = MqttPort {
-        shared: Arc::clone(&shared),
-    };
-    tokio::spawn(session::keep_connected(Arc::clone(&shared)));
-    match tokio::time::timeout(CONNECT_TIMEOUT, shared.until_present()).await {
-        Ok(()) => Ok((Arc::new(port), user)),
-        Err(_) => Err(shared.not_present()),
-    }
+    Ok((port.await?, user))
 }
 
-/// What the port and its connection share.
+/// The client, shared by the port and its connection.
 struct Shared {
+    link: Link,
     address: Address,
     transport: Transport,
     client_id: String,
-    hub: Hub,
-    started: Instant,
     state: Mutex<ConnectionState>,
-    wake: Notify,
-    closed: AtomicBool,
-}
-
-impl std::fmt::Debug for Shared {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Shared")
-            .field("address", &self.address)
-            .finish_non_exhaustive()
-    }
 }
 
 #[derive(Debug, Default)]
@@ -126,57 +97,42 @@ struct ConnectionState {
     connected: bool,
     /// Why there is no connection.
     trouble: Option<String>,
-    /// Handler whose absence the broker tells when this connection breaks.
+    /// Handler that the broker reports offline when this connection breaks.
     will: Option<String>,
-    /// True while that handler is there.
+    /// True while that handler is online.
     online: bool,
-    /// The will has changed: it counts from the next connection on.
+    /// The will has changed: it takes effect with the next connection.
     reconnect: bool,
 }
 
-impl ConnectionState {
-    fn take_reconnect(&mut self) -> bool {
-        std::mem::take(&mut self.reconnect)
-    }
-}
-
-impl Shared {
-    fn is_closed(&self) -> bool {
-        self.closed.load(Ordering::Relaxed)
+impl Client for Shared {
+    fn link(&self) -> &Link {
+        &self.link
     }
 
-    async fn until_present(&self) {
-        let mut said = self
-            .hub
-            .subscribe(Filter::Topics(vec![Topic::Presence, Topic::Birth]));
-        loop {
-            let online = self.hub.read(&Topic::Presence).is_some_and(
-                |message| matches!(&message.payload, Payload::Presence(presence) if presence.online),
-            );
-            if online && self.hub.read(&Topic::Birth).is_some() {
-                return;
-            }
-            said.next().await;
-        }
+    fn keep_connected(self: Arc<Self>) -> BoxFuture<'static, ()> {
+        Box::pin(session::keep_connected(self))
     }
 
-    fn not_present(&self) -> Error {
+    fn trouble(&self) -> String {
         let state = lock(&self.state);
-        let reason = match &state.trouble {
+        match &state.trouble {
             Some(trouble) => trouble.clone(),
             None if state.connected => format!(
                 "the broker answers, but no runtime is online under {}/",
                 self.address.root
             ),
             None => "the broker does not answer".to_owned(),
-        };
-        Error::Connect {
-            address: self.address.shown.clone(),
-            reason,
         }
     }
 
-    /// The connection's last will shall speak for this handler.
+    fn request(&self, request: Request) -> BoxFuture<'_, Result<Answer, Refusal>> {
+        Box::pin(self.ask(request))
+    }
+}
+
+impl Shared {
+    /// Makes the last will of the connection that of this handler.
     fn announce(&self, handler_id: &str, online: bool) -> Result<(), Refusal> {
         let mut state = lock(&self.state);
         let is_new = state.will.as_deref() != Some(handler_id);
@@ -193,16 +149,16 @@ impl Shared {
             state.will = Some(handler_id.to_owned());
             state.reconnect = true;
             drop(state);
-            self.wake.notify_one();
+            self.link.wake.notify_one();
         }
         Ok(())
     }
 
     async fn ask(&self, request: Request) -> Result<Answer, Refusal> {
         if let Request::Handlers = request {
-            return Ok(Answer::Handlers(self.handlers()));
+            return Ok(Answer::Handlers(self.link.hub.handlers()));
         }
-        let m_of = |cs, seq| match &self.hub.read(&Topic::cs(cs, CsTopic::Pending))?.payload {
+        let m_of = |cs, seq| match &self.link.hub.read(&Topic::cs(cs, CsTopic::Pending))?.payload {
             Payload::Pending(pending) => {
                 let open = pending.outputs.iter().find(|output| output.output.seq == seq)?;
                 Some(open.output.m)
@@ -221,81 +177,9 @@ impl Shared {
             Until::Reply { done: true, .. } => COMMAND_DONE_TIMEOUT,
             _ => ANSWER_TIMEOUT,
         };
-        let (id, end) = lock(&self.state).outbox.put(outgoing)?;
-        let _entry = Forget { shared: self, id };
-        self.wake.notify_one();
-        if let Ok(Ok(outcome)) = tokio::time::timeout(patience, end).await {
-            return outcome;
-        }
-        let text = format!("{} did not answer within {patience:?}", self.address.shown);
-        Err(Refusal::new(RefusalCode::Unavailable, text))
-    }
-
-    fn handlers(&self) -> BTreeMap<String, crate::types::output::HandlerPresence> {
-        let states = self.hub.states();
-        let handlers = states
-            .iter()
-            .filter_map(|message| match (&message.topic, &message.payload) {
-                (Topic::HandlerPresence(id), Payload::HandlerPresence(presence)) => {
-                    Some((id.clone(), presence.clone()))
-                }
-                _ => None,
-            });
-        handlers.collect()
-    }
-}
-
-/// Takes a message out of the outbox when nobody waits for its end any more.
-struct Forget<'a> {
-    shared: &'a Shared,
-    id: u64,
-}
-
-impl Drop for Forget<'_> {
-    fn drop(&mut self) {
-        lock(&self.shared.state).outbox.forget(self.id);
-    }
-}
-
-/// The port over a connection; the connection ends with it.
-#[derive(Debug)]
-struct MqttPort {
-    shared: Arc<Shared>,
-}
-
-impl Drop for MqttPort {
-    fn drop(&mut self) {
-        self.shared.closed.store(true, Ordering::Relaxed);
-        self.shared.wake.notify_one();
-        self.shared.hub.close();
-    }
-}
-
-impl Port for MqttPort {
-    fn boot_id(&self) -> BootId {
-        let presence = self.shared.hub.read(&Topic::Presence);
-        presence
-            .map(|message| message.boot_id.clone())
-            .unwrap_or_default()
-    }
-
-    fn read<'a>(&'a self, topic: &'a Topic) -> BoxFuture<'a, Option<Arc<Message>>> {
-        Box::pin(std::future::ready(self.shared.hub.read(topic)))
-    }
-
-    fn subscribe(&self, filter: Filter) -> Subscription {
-        self.shared.hub.subscribe(filter)
-    }
-
-    fn request(&self, request: Request) -> BoxFuture<'_, Result<Answer, Refusal>> {
-        Box::pin(self.shared.ask(request))
-    }
-
-    fn sleep(&self, duration: Duration) -> BoxFuture<'_, ()> {
-        Box::pin(tokio::time::sleep(duration))
-    }
-
-    fn now_s(&self) -> f64 {
-        self.shared.started.elapsed().as_secs_f64()
+        let end = lock(&self.state).outbox.put(outgoing)?;
+        self.link.wake.notify_one();
+        let answer = async { end.await.unwrap_or_else(|_| Err(self.link.unanswered(patience))) };
+        self.link.within(patience, answer).await
     }
 }

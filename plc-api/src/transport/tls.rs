@@ -1,4 +1,4 @@
-//! TLS of the connection to a broker: which certificate authorities are trusted, and our own certificate.
+//! TLS of the connection to a broker: trusted certificate authorities and our own certificate.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -14,7 +14,7 @@ use rustls::{ClientConfig, RootCertStore};
 pub struct TlsFiles {
     /// Certificates of the authorities to trust. `None`: those of the system.
     pub ca_file: Option<PathBuf>,
-    /// Our certificate, and those between it and its authority. With `client_key_file`, or neither.
+    /// Our certificate, with any intermediate ones. Requires `client_key_file`.
     pub client_cert_file: Option<PathBuf>,
     /// Private key of our certificate.
     pub client_key_file: Option<PathBuf>,
@@ -24,7 +24,7 @@ impl TlsFiles {
     /// The transport of a client. TLS 1.2 and 1.3; the broker's certificate must be valid for the host's name.
     ///
     /// # Errors
-    /// A file cannot be read or used, one of certificate and key is missing, or the system trusts no authority.
+    /// A file cannot be read or used, certificate or key is missing, or the system trusts no authority.
     pub fn transport(&self) -> Result<Transport, String> {
         let roots = self.roots()?;
         let builder = ClientConfig::builder_with_provider(Arc::new(ring::default_provider()))

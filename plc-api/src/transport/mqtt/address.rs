@@ -2,13 +2,13 @@
 
 use crate::error::Error;
 
-/// Port of a broker where the address names none.
+/// Default port of a broker.
 const PORT_DEFAULT: u16 = 1883;
 
-/// The same with TLS.
+/// Default port of a broker with TLS.
 const TLS_PORT_DEFAULT: u16 = 8883;
 
-/// `mqtt://[user[:password]@]host[:port]/[prefix/]machine`, taken apart; `mqtts://` with TLS.
+/// `mqtt://[user[:password]@]host[:port]/[prefix/]machine`, parsed; `mqtts://` with TLS.
 #[derive(Clone, PartialEq, Eq)]
 pub(super) struct Address {
     pub(super) host: String,
@@ -32,10 +32,8 @@ impl Address {
         let (scheme, rest) = text.split_once("://").unwrap_or(("mqtt", text));
         let tls = scheme == "mqtts";
         let (authority, path) = rest.split_once('/').unwrap_or((rest, ""));
-        let (user, host) = match authority.rsplit_once('@') {
-            Some((user, host)) => (Some(user), host),
-            None => (None, authority),
-        };
+        let with_user = authority.rsplit_once('@');
+        let (user, host) = with_user.map_or((None, authority), |(user, host)| (Some(user), host));
         let shown = format!("{scheme}://{host}/{path}");
         let wrong = |reason: String| Error::Address {
             address: shown.clone(),
@@ -79,10 +77,9 @@ fn host_and_port(text: &str, default: u16) -> Result<(String, u16), String> {
                 .ok_or("the ] of its IPv6 address is missing")?;
             (host, port.strip_prefix(':'))
         }
-        None => match text.split_once(':') {
-            Some((host, port)) => (host, Some(port)),
-            None => (text, None),
-        },
+        None => text
+            .split_once(':')
+            .map_or((text, None), |(host, port)| (host, Some(port))),
     };
     if host.is_empty() {
         return Err("it names no host; write mqtt://host:port/machine".to_owned());
@@ -96,7 +93,7 @@ fn host_and_port(text: &str, default: u16) -> Result<(String, u16), String> {
     Ok((host.to_owned(), port))
 }
 
-/// `%40` as `@`, and so on; anything else stays as it is.
+/// Decodes `%40` to `@`, and so on.
 fn percent_decoded(text: &str) -> String {
     percent_encoding::percent_decode_str(text)
         .decode_utf8_lossy()

@@ -1,5 +1,5 @@
-//! What is to be sent and not yet known to have arrived. The client library forgets it with its connection; this does
-//! not: each message stays until its end is known, and is sent again on every new connection, in order.
+//! Messages that are not known to have arrived. The client library forgets them with its connection; here each stays
+//! until it is answered, and is sent again on every new connection, in order.
 
 use std::collections::{HashMap, VecDeque};
 
@@ -13,8 +13,8 @@ use crate::types::topic::{CsTopic, Topic};
 
 use crate::wire::mqtt::{Outgoing, Until};
 
-/// Messages that wait at a time; a request beyond is refused. Reason: 64 open outputs in each of 8 coordinate systems
-/// with a claim or reset each, twice.
+/// Pending messages; more requests are refused. Reason: twice a claim or reset of 64 open outputs in each of 8
+/// coordinate systems.
 pub(super) const OUTBOX_MAX: usize = 1_024;
 
 pub(super) type Outcome = Result<Answer, Refusal>;
@@ -31,14 +31,15 @@ struct Entry {
 pub(super) struct Outbox {
     next_id: u64,
     entries: VecDeque<Entry>,
-    // given to the library, in order, before it has told their packet ids
+    // passed to the library, which has not reported their packet ids yet; in order
     unnumbered: VecDeque<u64>,
     by_packet: HashMap<u16, u64>,
 }
 
 impl Outbox {
-    /// Takes a message; gives its id and its end.
-    pub(super) fn put(&mut self, outgoing: Outgoing) -> Result<(u64, oneshot::Receiver<Outcome>), Refusal> {
+    /// Takes a message and gives its outcome. A message whose receiver is dropped is forgotten.
+    pub(super) fn put(&mut self, outgoing: Outgoing) -> Result<oneshot::Receiver<Outcome>, Refusal> {
+        self.forget_abandoned();
         if self.entries.len() >= OUTBOX_MAX {
             let text = format!("{OUTBOX_MAX} messages wait for the broker");
             return Err(Refusal::new(RefusalCode::Unavailable, text));
@@ -51,15 +52,13 @@ impl Outbox {
             sent: false,
             done,
         });
-        Ok((self.next_id, end))
+        Ok(end)
     }
 
-    /// Forgets a message whose end nobody waits for any more.
-    pub(super) fn forget(&mut self, id: u64) {
-        self.entries.retain(|entry| entry.id != id);
+    fn forget_abandoned(&mut self) {
+        self.entries.retain(|entry| !entry.done.is_closed());
     }
 
-    /// On a new connection nothing has been sent.
     pub(super) fn new_connection(&mut self) {
         self.unnumbered.clear();
         self.by_packet.clear();
@@ -68,12 +67,10 @@ impl Outbox {
         }
     }
 
-    /// Gives what has not been sent to `send`, in order, until that cannot take more.
+    /// Passes unsent messages to `send`, in order, until it returns false.
     pub(super) fn send(&mut self, mut send: impl FnMut(&Outgoing) -> bool) {
-        for entry in &mut self.entries {
-            if entry.sent {
-                continue;
-            }
+        self.forget_abandoned();
+        for entry in self.entries.iter_mut().filter(|entry| !entry.sent) {
             if !send(&entry.outgoing) {
                 return;
             }
@@ -82,15 +79,14 @@ impl Outbox {
         }
     }
 
-    /// The library has given a packet id to the oldest message without one.
-    pub(super) fn numbered(&mut self, packet: u16) {
+    /// The library has assigned a packet id to the oldest message without one.
+    pub(super) fn on_packet_id(&mut self, packet: u16) {
         if let Some(id) = self.unnumbered.pop_front() {
             self.by_packet.insert(packet, id);
         }
     }
 
-    /// The broker has a message.
-    pub(super) fn acknowledged(&mut self, packet: u16) {
+    pub(super) fn on_acknowledgement(&mut self, packet: u16) {
         if let Some(id) = self.by_packet.remove(&packet) {
             self.end(
                 |entry| entry.id == id && entry.outgoing.until == Until::Acknowledged,
@@ -99,12 +95,12 @@ impl Outbox {
         }
     }
 
-    /// Looks whether a message of the machine ends a request. `is_open` tells whether the output still stands in
-    /// `pending`, which is published before its result.
-    pub(super) fn hear(&mut self, message: &Message, is_open: impl Fn(u64) -> bool) {
+    /// Ends the requests that a message of the machine answers. `is_open`: the output is still in `pending`, which is
+    /// published before its result.
+    pub(super) fn on_message(&mut self, message: &Message, is_open: impl Fn(u64) -> bool) {
         match (&message.topic, &message.payload) {
-            (Topic::CoordinateSystem(heard_cs, CsTopic::Result(heard_m)), Payload::Result(result)) => {
-                // an open output was not reset: that is the late answer to a claim of it
+            (Topic::CoordinateSystem(result_cs, CsTopic::Result(result_m)), Payload::Result(result)) => {
+                // the output is open, so this is not the answer to a reset but a late one to a claim
                 let of_claim = result.status == HandshakeStatus::Accepted && is_open(result.seq);
                 let is_its = |entry: &Entry| match &entry.outgoing.until {
                     Until::Result {
@@ -114,7 +110,7 @@ impl Outbox {
                         handler_id,
                         is_reset,
                     } => {
-                        (cs, m, *seq) == (heard_cs, heard_m, result.seq)
+                        (cs, m, *seq) == (result_cs, result_m, result.seq)
                             && *handler_id == result.handler_id
                             && !(*is_reset && of_claim)
                     }
@@ -206,40 +202,40 @@ mod tests {
     #[test]
     fn what_is_not_known_to_have_arrived_is_sent_again_on_a_new_connection() {
         let mut outbox = Outbox::default();
-        let (_, mut tool) = outbox.put(outgoing("tool", Until::Acknowledged)).unwrap();
-        let (_, mut reset) = outbox.put(outgoing("reset", handshake(true))).unwrap();
+        let mut tool = outbox.put(outgoing("tool", Until::Acknowledged)).unwrap();
+        let mut reset = outbox.put(outgoing("reset", handshake(true))).unwrap();
         assert_eq!(sent(&mut outbox), ["tool", "reset"]);
         assert!(sent(&mut outbox).is_empty());
-        outbox.numbered(1);
-        outbox.numbered(2);
-        outbox.acknowledged(2);
+        outbox.on_packet_id(1);
+        outbox.on_packet_id(2);
+        outbox.on_acknowledgement(2);
         outbox.new_connection();
         assert_eq!(sent(&mut outbox), ["tool", "reset"]);
-        outbox.numbered(1);
-        outbox.acknowledged(1);
+        outbox.on_packet_id(1);
+        outbox.on_acknowledgement(1);
         assert_eq!(tool.try_recv().unwrap(), Ok(Answer::Done));
         assert!(reset.try_recv().is_err());
-        outbox.hear(&accepted(), |_| false);
+        outbox.on_message(&accepted(), |_| false);
         assert!(reset.try_recv().unwrap().is_ok());
     }
 
     #[test]
     fn the_late_answer_to_a_claim_is_not_taken_for_that_to_the_reset() {
         let mut outbox = Outbox::default();
-        let (_, mut reset) = outbox.put(outgoing("reset", handshake(true))).unwrap();
-        outbox.hear(&accepted(), |_| true);
+        let mut reset = outbox.put(outgoing("reset", handshake(true))).unwrap();
+        outbox.on_message(&accepted(), |_| true);
         assert!(reset.try_recv().is_err());
-        outbox.hear(&accepted(), |_| false);
+        outbox.on_message(&accepted(), |_| false);
         assert!(reset.try_recv().unwrap().is_ok());
     }
 
     #[test]
     fn a_full_outbox_refuses() {
         let mut outbox = Outbox::default();
-        for _ in 0..OUTBOX_MAX {
-            outbox.put(outgoing("x", Until::Acknowledged)).unwrap();
-        }
-        let refusal = outbox.put(outgoing("x", Until::Acknowledged)).unwrap_err();
-        assert_eq!(refusal.code, RefusalCode::Unavailable);
+        let put = |outbox: &mut Outbox| outbox.put(outgoing("x", Until::Acknowledged));
+        let waiting: Vec<_> = (0..OUTBOX_MAX).map(|_| put(&mut outbox).unwrap()).collect();
+        assert_eq!(put(&mut outbox).unwrap_err().code, RefusalCode::Unavailable);
+        drop(waiting);
+        assert!(put(&mut outbox).is_ok(), "nobody waits for them any more");
     }
 }

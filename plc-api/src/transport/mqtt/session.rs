@@ -1,4 +1,4 @@
-//! The connection to the broker: made, kept, and made again for ever.
+//! The connection to the broker, with reconnection.
 
 use std::time::Duration;
 
@@ -16,12 +16,12 @@ use super::Shared;
 /// Bytes of one packet either way. Reason: 64 open outputs with long texts fit many times.
 const PACKET_MAX: usize = 1 << 20;
 
-/// Messages that the library holds; more wait in our own outbox.
+/// Messages in the library; more wait in our outbox.
 const LIBRARY_QUEUE: usize = 64;
 
 const KEEP_ALIVE: Duration = Duration::from_secs(5);
 
-/// What a machine says, below its root; `reply` comes beside it.
+/// Topics of a machine below its root, other than `reply`.
 const FILTERS: [&str; 16] = [
     "presence",
     "birth",
@@ -41,10 +41,9 @@ const FILTERS: [&str; 16] = [
     "cs/+/lease/state",
 ];
 
-/// Keeps a connection until the port is dropped.
 pub(super) async fn keep_connected(shared: std::sync::Arc<Shared>) {
     let mut backoff = Backoff::default();
-    while !shared.is_closed() {
+    while !shared.link.is_closed() {
         let (client, mut events) = AsyncClient::new(options(&shared), LIBRARY_QUEUE);
         events.network_options.set_tcp_nodelay(true);
         lock(&shared.state).outbox.new_connection();
@@ -53,14 +52,17 @@ pub(super) async fn keep_connected(shared: std::sync::Arc<Shared>) {
             () = receive(&shared, &client, &mut events, &mut connected) => {}
             () = send(&shared, &client) => {}
         }
-        lock(&shared.state).connected = false;
-        if lock(&shared.state).take_reconnect() {
-            continue;
-        }
+        let must_reconnect = {
+            let mut state = lock(&shared.state);
+            state.connected = false;
+            std::mem::take(&mut state.reconnect)
+        };
         if connected {
             backoff.reset();
         }
-        backoff.wait().await;
+        if !must_reconnect {
+            backoff.wait().await;
+        }
     }
 }
 
@@ -83,7 +85,6 @@ fn options(shared: &Shared) -> MqttOptions {
     options
 }
 
-/// Reads until the connection ends.
 async fn receive(shared: &Shared, client: &AsyncClient, events: &mut EventLoop, connected: &mut bool) {
     loop {
         match events.poll().await {
@@ -97,24 +98,26 @@ async fn receive(shared: &Shared, client: &AsyncClient, events: &mut EventLoop, 
                 state.connected = true;
                 state.trouble = None;
                 drop(state);
-                shared.wake.notify_one();
-                tracing::info!(address = %shared.address.shown, "connected");
+                shared.link.wake.notify_one();
+                tracing::info!(address = %shared.link.address, "connected");
             }
-            Ok(Event::Incoming(Packet::Publish(publish))) => hear(shared, &publish.topic, &publish.payload),
+            Ok(Event::Incoming(Packet::Publish(publish))) => {
+                on_publish(shared, &publish.topic, &publish.payload);
+            }
             Ok(Event::Incoming(Packet::PubAck(ack))) => {
-                lock(&shared.state).outbox.acknowledged(ack.pkid);
+                lock(&shared.state).outbox.on_acknowledgement(ack.pkid);
                 // the library may take more now
-                shared.wake.notify_one();
+                shared.link.wake.notify_one();
             }
             Ok(Event::Outgoing(Sent::Publish(packet))) => {
-                lock(&shared.state).outbox.numbered(packet);
-                shared.wake.notify_one();
+                lock(&shared.state).outbox.on_packet_id(packet);
+                shared.link.wake.notify_one();
             }
             Ok(Event::Outgoing(Sent::Disconnect)) => return,
             Ok(_) => {}
             Err(error) => {
                 if *connected {
-                    tracing::warn!(%error, address = %shared.address.shown, "connection lost");
+                    tracing::warn!(%error, address = %shared.link.address, "connection lost");
                 }
                 lock(&shared.state).trouble = Some(error.to_string());
                 return;
@@ -131,15 +134,15 @@ fn subscribe(shared: &Shared, client: &AsyncClient) -> Result<(), rumqttc::Clien
     client.try_subscribe_many(all.map(|path| SubscribeFilter::new(path, QoS::AtLeastOnce)))
 }
 
-/// Gives the outbox to the library as long as the connection stands.
+/// Passes the outbox to the library while there is a connection.
 async fn send(shared: &Shared, client: &AsyncClient) {
     loop {
-        shared.wake.notified().await;
-        if lock(&shared.state).reconnect || shared.is_closed() {
+        shared.link.wake.notified().await;
+        if lock(&shared.state).reconnect || shared.link.is_closed() {
             if client.try_disconnect().is_err() {
                 return;
             }
-            // receiving ends once the broker has been told
+            // `receive` ends once the disconnect has been sent
             std::future::pending::<()>().await;
         }
         let mut state = lock(&shared.state);
@@ -157,8 +160,8 @@ async fn send(shared: &Shared, client: &AsyncClient) {
     }
 }
 
-/// Hands a message to the hub and to the requests that wait for it.
-fn hear(shared: &Shared, path: &str, payload: &[u8]) {
+/// Passes a message to the hub and to the requests that wait for it.
+fn on_publish(shared: &Shared, path: &str, payload: &[u8]) {
     let Some(topic) = path
         .strip_prefix(&shared.address.root)
         .and_then(|path| path.strip_prefix('/'))
@@ -167,8 +170,8 @@ fn hear(shared: &Shared, path: &str, payload: &[u8]) {
         return;
     };
     if payload.is_empty() {
-        // a retained value that was cleared
-        shared.hub.forget(&topic);
+        // a cleared retained value
+        shared.link.hub.forget(&topic);
         return;
     }
     let message = match Message::from_json(topic, payload) {
@@ -178,17 +181,17 @@ fn hear(shared: &Shared, path: &str, payload: &[u8]) {
             return;
         }
     };
-    shared.hub.publish(message.clone());
+    shared.link.hub.publish(message.clone());
     let cs = match &message.topic {
         Topic::CoordinateSystem(cs, _) => *cs,
         _ => 0,
     };
-    let pending = shared.hub.read(&Topic::cs(cs, CsTopic::Pending));
+    let pending = shared.link.hub.read(&Topic::cs(cs, CsTopic::Pending));
     let is_open = |seq| match pending.as_deref().map(|message| &message.payload) {
         Some(Payload::Pending(pending)) => pending.outputs.iter().any(|output| output.output.seq == seq),
         _ => false,
     };
-    lock(&shared.state).outbox.hear(&message, is_open);
+    lock(&shared.state).outbox.on_message(&message, is_open);
 }
 
 #[cfg(test)]

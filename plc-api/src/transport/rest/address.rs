@@ -8,14 +8,14 @@ use crate::error::Error;
 /// Path of the interface below the server.
 const API: &str = "/api/v1";
 
-/// `http://[[user:]token@]host[:port]`, taken apart.
+/// `http://[[user:]token@]host[:port]`, parsed.
 #[derive(Clone, PartialEq, Eq)]
 pub(super) struct Address {
-    /// Of the interface, without a slash at the end.
+    /// URL of the interface, without a slash at the end.
     pub(super) http: String,
-    /// Of its WebSocket.
+    /// URL of its WebSocket.
     pub(super) websocket: String,
-    /// Whose token it is.
+    /// User of the token.
     pub(super) user: Option<String>,
     /// Sent as `Authorization: Bearer`.
     pub(super) token: Option<String>,
@@ -32,10 +32,8 @@ impl std::fmt::Debug for Address {
 impl Address {
     pub(super) fn parse(text: &str) -> Result<Self, Error> {
         let rest = text.strip_prefix("http://").unwrap_or(text);
-        let (credentials, host) = match rest.rsplit_once('@') {
-            Some((credentials, host)) => (Some(credentials), host),
-            None => (None, rest),
-        };
+        let with_user = rest.rsplit_once('@');
+        let (credentials, host) = with_user.map_or((None, rest), |(user, host)| (Some(user), host));
         let (user, token) = match credentials.and_then(|both| both.split_once(':')) {
             Some((user, token)) => (Some(user), Some(token)),
             None => (None, credentials),

@@ -1,4 +1,4 @@
-//! The WebSocket: what the machine says, which handlers this process serves, and what they say of programs to be loaded.
+//! The WebSocket: messages of the machine, and presence and validations of handlers.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -14,34 +14,32 @@ use tokio_tungstenite::{MaybeTlsStream, WebSocketStream};
 
 use crate::lock::lock;
 use crate::types::message::{Message, Payload};
-use crate::types::output::HandlerPresence;
 use crate::types::topic::Topic;
 
 use super::super::backoff::Backoff;
 use super::Shared;
 
-/// The machine pings every 15 s; silence for this long means that the connection is gone.
+/// The machine pings every 15 s; after this silence the connection counts as lost.
 const SILENCE_MAX: Duration = Duration::from_secs(45);
 
 type Socket = WebSocketStream<MaybeTlsStream<TcpStream>>;
 
-/// Keeps a connection until the port is dropped.
 pub(super) async fn keep_connected(shared: Arc<Shared>) {
     let mut backoff = Backoff::default();
-    while !shared.is_closed() {
+    while !shared.link.is_closed() {
         match open(&shared).await {
             Ok(mut socket) => {
-                tracing::info!(address = %shared.address.shown, "connected");
+                tracing::info!(address = %shared.link.address, "connected");
                 backoff.reset();
                 if let Err(error) = serve(&shared, &mut socket).await {
-                    tracing::warn!(%error, address = %shared.address.shown, "connection lost");
+                    tracing::warn!(%error, address = %shared.link.address, "connection lost");
                     lock(&shared.state).trouble = Some(error.to_string());
                 }
-                gone(&shared);
+                set_offline(&shared);
             }
             Err(error) => lock(&shared.state).trouble = Some(error.to_string()),
         }
-        if !shared.is_closed() {
+        if !shared.link.is_closed() {
             backoff.wait().await;
         }
     }
@@ -59,76 +57,69 @@ async fn open(shared: &Shared) -> tungstenite::Result<Socket> {
     socket.send(Frame::text(subscribe.to_string())).await?;
     let mut state = lock(&shared.state);
     state.trouble = None;
-    state.unsaid = state.handlers.keys().cloned().collect();
-    // What was asked over the last connection is not waited for any more.
+    state.unsent = state.handlers.keys().cloned().collect();
+    // the machine no longer waits for answers to questions of the last connection
     state.validated.clear();
     drop(state);
-    shared.wake.notify_one();
+    shared.link.wake.notify_one();
     Ok(socket)
 }
 
-/// Until the connection ends, or the port is dropped.
+/// Receives and sends until the connection ends, or the port is dropped.
 async fn serve(shared: &Shared, socket: &mut Socket) -> tungstenite::Result<()> {
     loop {
         tokio::select! {
             frame = tokio::time::timeout(SILENCE_MAX, socket.next()) => match frame {
-                Ok(Some(Ok(Frame::Text(text)))) => hear(shared, &text),
+                Ok(Some(Ok(Frame::Text(text)))) => on_text(shared, &text),
                 Ok(Some(Ok(Frame::Close(_))) | None) => return Err(tungstenite::Error::ConnectionClosed),
                 Ok(Some(Ok(_))) => {}
                 Ok(Some(Err(error))) => return Err(error),
                 Err(_) => return Err(tungstenite::Error::Io(std::io::ErrorKind::TimedOut.into())),
             },
-            () = shared.wake.notified() => {
-                if shared.is_closed() {
-                    // The machine notices at once that the handlers have gone.
+            () = shared.link.wake.notified() => {
+                if shared.link.is_closed() {
+                    // so the machine notices at once that the handlers are offline
                     return socket.close(None).await;
                 }
-                for said in unsaid(shared) {
-                    socket.send(Frame::text(said.to_string())).await?;
+                for frame in unsent(shared) {
+                    socket.send(Frame::text(frame.to_string())).await?;
                 }
             }
         }
     }
 }
 
-/// The frames that are still to be said: presences of handlers first, then what they have validated.
-fn unsaid(shared: &Shared) -> Vec<Value> {
+/// The frames to send: presence of handlers first, then results of validations.
+fn unsent(shared: &Shared) -> Vec<Value> {
     let mut state = lock(&shared.state);
-    let unsaid = std::mem::take(&mut state.unsaid);
+    let unsent = std::mem::take(&mut state.unsent);
     let presence = |id: &String| {
-        let HandlerPresence {
-            online,
-            handles,
-            validates,
-        } = state.handlers.get(id).cloned().unwrap_or(HandlerPresence {
-            online: false,
-            handles: Vec::new(),
-            validates: false,
-        });
-        json!({ "handler": { "id": id, "online": online, "handles": handles, "validates": validates } })
+        let mut handler = json!(state.handlers.get(id).cloned().unwrap_or_default());
+        handler["id"] = json!(id);
+        json!({ "handler": handler })
     };
-    let mut frames: Vec<_> = unsaid.iter().map(presence).collect();
+    let mut frames: Vec<_> = unsent.iter().map(presence).collect();
     frames.append(&mut state.validated);
     frames
 }
 
-/// Until the next connection the machine counts as absent: what is pending may be out of date.
-fn gone(shared: &Shared) {
-    let Some(last) = shared.hub.read(&Topic::Presence) else {
+/// Until the next connection the machine counts as offline: `pending` may be out of date.
+fn set_offline(shared: &Shared) {
+    let Some(last) = shared.link.hub.read(&Topic::Presence) else {
         return;
     };
     if let Payload::Presence(presence) = &last.payload {
         let mut absent = presence.clone();
         absent.online = false;
-        shared.hub.publish(Message {
+        shared.link.hub.publish(Message {
             payload: Payload::Presence(absent),
             ..(*last).clone()
         });
     }
 }
 
-/// Hands a message to the hub.
-fn hear(shared: &Shared, text: &str) {
+/// Passes a message to the hub.
+fn on_text(shared: &Shared, text: &str) {
     #[derive(Deserialize)]
     struct Named {
         topic: String,
@@ -136,20 +127,20 @@ fn hear(shared: &Shared, text: &str) {
     let Ok(Named { topic }) = serde_json::from_str(text) else {
         let text = shown(text);
         tracing::warn!(%text, "the machine refuses");
-        refused(shared, text);
+        on_error(shared, text);
         return;
     };
     let Some(topic) = Topic::parse(&topic) else {
         return;
     };
     match Message::from_json(topic, text.as_bytes()) {
-        Ok(message) => shared.hub.publish(message),
+        Ok(message) => shared.link.hub.publish(message),
         Err(error) => tracing::warn!(%error, "a message that is not of its topic's form"),
     }
 }
 
-/// Tells who waits for the handler that an error frame names.
-fn refused(shared: &Shared, text: String) {
+/// Refuses the announcement of the handler that an error frame names.
+fn on_error(shared: &Shared, text: String) {
     let mut state = lock(&shared.state);
     let is_named = |id: &&String| text.contains(&Topic::HandlerPresence((*id).clone()).path());
     let Some(id) = state.handlers.keys().find(is_named).cloned() else {
@@ -161,7 +152,7 @@ fn refused(shared: &Shared, text: String) {
     shared.refused.notify_waiters();
 }
 
-/// What an error frame says; at most 200 characters of anything else.
+/// The text of an error frame; at most 200 characters of any other frame.
 fn shown(text: &str) -> String {
     let error = serde_json::from_str::<Value>(text)
         .ok()
