@@ -1,7 +1,10 @@
 //! The journal: every event, in order. It goes to the log and to `data_dir` when serving, to a file or a list in a
 //! simulation.
 
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{SyncSender, TrySendError};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Instant, SystemTime};
 
 use plc_api::handshake::Now;
 use plc_api::types::command::Verb;
@@ -12,8 +15,6 @@ use plc_api::types::state::{Captured, Execution, Reason};
 use plc_api::types::{BootId, CoordinateSystemNumber};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
-
-use crate::persistence::journal_file::JournalWriter;
 
 /// Takes each line of the journal. True when that has woken a task: it runs before simulated time goes on.
 pub type Sink = Arc<Mutex<dyn FnMut(&Line) -> bool + Send>>;
@@ -276,6 +277,33 @@ impl RunEnd {
 #[expect(clippy::trivially_copy_pass_by_ref)]
 fn is_false(value: &bool) -> bool {
     !value
+}
+
+/// What the thread that writes to disk is sent.
+#[derive(Debug)]
+pub(crate) enum Message {
+    /// A line, its time of day, and when it was handed over.
+    Line(Line, SystemTime, Instant),
+    /// Writes what waits, and ends.
+    Close,
+}
+
+/// The way to the thread that writes to disk. Cloning gives another handle to the same journal.
+#[derive(Debug, Clone)]
+pub(crate) struct JournalWriter {
+    pub lines: SyncSender<Message>,
+    /// Lines that found no room.
+    pub lost: Arc<AtomicU64>,
+}
+
+impl JournalWriter {
+    /// Hands a line over, without waiting.
+    pub fn write(&self, line: Line, time: SystemTime) {
+        let message = Message::Line(line, time, Instant::now());
+        if let Err(TrySendError::Full(_)) = self.lines.try_send(message) {
+            self.lost.fetch_add(1, Ordering::Relaxed);
+        }
+    }
 }
 
 /// Where lines go.

@@ -104,7 +104,6 @@ impl StoredProgram {
             m_codes: checked.m_codes,
             programs: checked.programs,
         };
-        let title = title(text);
         Self {
             number,
             tree: Arc::new(tree),
@@ -113,7 +112,7 @@ impl StoredProgram {
             dialect,
             goes_on,
             here: Mutex::default(),
-            title,
+            title: title(text),
             line_starts: line_starts(text),
         }
     }
@@ -166,25 +165,17 @@ impl StoredProgram {
 
     /// Text of a line, from 1; empty past the end.
     pub fn line(&self, line: u32) -> &str {
-        let text = self.text();
-        let Some(index) = (line as usize).checked_sub(1) else {
-            return "";
-        };
-        let Some(start) = self.line_starts.get(index) else {
-            return "";
-        };
-        let rest = text.get(*start as usize..).unwrap_or("");
-        rest.lines().next().unwrap_or("")
+        let index = (line as usize).checked_sub(1);
+        let start = index.and_then(|index| self.line_starts.get(index));
+        let rest = start.and_then(|start| self.text().get(*start as usize..));
+        rest.and_then(|rest| rest.lines().next()).unwrap_or_default()
     }
 
     fn info(&self) -> ProgramInfo {
         let count = |severity| {
-            let found = self
-                .check
-                .diagnostics
-                .iter()
-                .filter(|found| found.severity == severity);
-            u32::try_from(found.count()).unwrap_or(u32::MAX)
+            let found = self.check.diagnostics.iter();
+            let count = found.filter(|found| found.severity == severity).count();
+            u32::try_from(count).unwrap_or(u32::MAX)
         };
         ProgramInfo {
             number: self.number,
@@ -230,21 +221,10 @@ fn line_starts(text: &str) -> Vec<u32> {
 }
 
 fn title(text: &str) -> String {
-    let first = text
-        .lines()
-        .find(|line| !line.trim().is_empty())
-        .unwrap_or("")
-        .trim();
-    let comment = first
-        .strip_prefix("//")
-        .or_else(|| first.strip_prefix("/*"))
-        .unwrap_or("");
-    comment
-        .trim_end_matches("*/")
-        .trim()
-        .chars()
-        .take(TITLE_MAX)
-        .collect()
+    let first = text.trim_start().lines().next().unwrap_or_default().trim();
+    let comment = first.strip_prefix("//").or_else(|| first.strip_prefix("/*"));
+    let title = comment.unwrap_or_default().trim_end_matches("*/").trim();
+    title.chars().take(TITLE_MAX).collect()
 }
 
 /// All programs of a machine.
@@ -311,9 +291,7 @@ impl ProgramStore {
 
     /// When the program's file was last written; `None` without one.
     pub fn written_at(&self, number: u16) -> Option<std::time::SystemTime> {
-        fs::metadata(self.path(number)?)
-            .and_then(|metadata| metadata.modified())
-            .ok()
+        fs::metadata(self.path(number)?).ok()?.modified().ok()
     }
 
     /// Writes a program; with a folder it is on disk when this returns. True in the answer's `created`: it is new.
@@ -381,9 +359,7 @@ impl ProgramStore {
     }
 
     fn path(&self, number: u16) -> Option<PathBuf> {
-        self.folder
-            .as_ref()
-            .map(|folder| folder.join(format!("{number}.nc")))
+        Some(self.folder.as_ref()?.join(format!("{number}.nc")))
     }
 }
 
@@ -434,13 +410,9 @@ pub fn program_number(path: &Path) -> Option<u16> {
 pub(crate) fn called_by(all: &BTreeMap<u16, Arc<StoredProgram>>, main: u16) -> BTreeSet<u16> {
     let (mut called, mut left) = (BTreeSet::from([main]), vec![main]);
     while let Some(number) = left.pop() {
-        let calls = all.get(&number).map(|program| program.check.programs.iter());
-        left.extend(
-            calls
-                .into_iter()
-                .flatten()
-                .filter(|number| called.insert(**number)),
-        );
+        let program = all.get(&number).into_iter();
+        let calls = program.flat_map(|program| program.check.programs.iter().copied());
+        left.extend(calls.filter(|number| called.insert(*number)));
     }
     called
 }

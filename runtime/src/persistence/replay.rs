@@ -12,7 +12,7 @@ use serde_json::Value;
 
 use super::image::{Image, LastRuns};
 use crate::journal::{Event, Line};
-use crate::tables::value_key;
+use crate::tables::{keep, value_key};
 
 /// Newest lines of the journal that are read. Reason: eight coordinate systems of 200 M codes a second write fewer in the
 /// time by which what is kept may be behind.
@@ -30,7 +30,7 @@ pub(crate) fn replay_last_runs(
             continue;
         };
         if last_runs.get(&cs) != Some(&run) {
-            change.insert(value_key("last_run", cs), &run);
+            keep(&mut change.values, value_key("last_run", cs), &run);
             last_runs.insert(cs, run);
         }
     }
