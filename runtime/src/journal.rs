@@ -1,7 +1,10 @@
 //! The journal: every event, in order. It goes to the log and to `data_dir` when serving, to a file or a list in a
 //! simulation.
 
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{SyncSender, TrySendError};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Instant, SystemTime};
 
 use plc_api::handshake::Now;
 use plc_api::types::command::Verb;
@@ -13,9 +16,7 @@ use plc_api::types::{BootId, CoordinateSystemNumber};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use crate::persistence::journal_file::JournalWriter;
-
-/// Takes each line of the journal. True when that has woken a task: it runs before simulated time goes on.
+/// Takes each line of the journal. True when that has woken a task, which must run before simulated time advances.
 pub type Sink = Arc<Mutex<dyn FnMut(&Line) -> bool + Send>>;
 
 /// One line of the journal.
@@ -30,7 +31,7 @@ pub struct Line {
 }
 
 impl Line {
-    /// The line as one JSON object: the event's fields beside `event`, `cs` and `t_s`.
+    /// The line as one JSON object: `event`, `cs`, `t_s` and the fields of the event.
     pub fn to_json(&self) -> Value {
         let mut object = serde_json::to_value(&self.event).unwrap_or_default();
         object["t_s"] = json!(self.t_s);
@@ -48,7 +49,7 @@ impl Line {
     }
 }
 
-/// What happened in a coordinate system. In JSON its word is `event`, and its fields stand beside it.
+/// What happened in a coordinate system. In JSON one object: its name under `event`, and its fields.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum Event {
@@ -77,7 +78,7 @@ pub enum Event {
         /// Names the run.
         run_id: String,
     },
-    /// The motion of a block begins: too many for a disk, and what follows from it is said by others.
+    /// The motion of a block begins. Not written to disk: too many, and other events show what follows from them.
     Block {
         /// Program number.
         program: u16,
@@ -104,8 +105,8 @@ pub enum Event {
         /// Done, or failed.
         #[serde(flatten)]
         outcome: ResetOutcome,
-        /// True: an operator's, whoever owned the output.
-        #[serde(default, skip_serializing_if = "is_false")]
+        /// True: an operator's, regardless of the owner of the output.
+        #[serde(default, skip_serializing_if = "std::ops::Not::not")]
         force: bool,
     },
     /// The owner of an output asks the operator.
@@ -150,7 +151,7 @@ pub enum Event {
         /// Its sequence number.
         seq: u64,
     },
-    /// The run goes on.
+    /// The run continues.
     Resume,
     /// Back trace begins or ends.
     BackTrace {
@@ -183,7 +184,7 @@ pub enum Event {
         holder: String,
         /// Its fence.
         fence: u64,
-        /// Who asked for that; `None`: its time was over.
+        /// The client that changed it; `None`: it expired.
         client_id: Option<String>,
     },
     /// The run has ended.
@@ -272,10 +273,31 @@ impl RunEnd {
     }
 }
 
-// The form that serde calls.
-#[expect(clippy::trivially_copy_pass_by_ref)]
-fn is_false(value: &bool) -> bool {
-    !value
+/// What the thread that writes to disk is sent.
+#[derive(Debug)]
+pub(crate) enum Message {
+    /// A line, its time of day, and when it was handed over.
+    Line(Line, SystemTime, Instant),
+    /// Writes what waits, and ends.
+    Close,
+}
+
+/// The way to the thread that writes to disk. Cloning gives another handle to the same journal.
+#[derive(Debug, Clone)]
+pub(crate) struct JournalWriter {
+    pub lines: SyncSender<Message>,
+    /// Lines that found no room.
+    pub lost: Arc<AtomicU64>,
+}
+
+impl JournalWriter {
+    /// Hands a line over, without waiting.
+    pub fn write(&self, line: Line, time: SystemTime) {
+        let message = Message::Line(line, time, Instant::now());
+        if let Err(TrySendError::Full(_)) = self.lines.try_send(message) {
+            self.lost.fetch_add(1, Ordering::Relaxed);
+        }
+    }
 }
 
 /// Where lines go.
@@ -327,7 +349,7 @@ impl Journal {
             None if is_block => tracing::debug!(target: "journal", "{}", line.to_json()),
             None => tracing::info!(target: "journal", "{}", line.to_json()),
         }
-        // its text is made on the journal's thread: a handshake does not wait for it
+        // Its text is made on the journal's thread: a handshake does not wait for it.
         if let Some(disk) = self.disk.as_ref().filter(|_| !is_block) {
             disk.write(line, now.time);
         }

@@ -1,7 +1,7 @@
 //! The program store: NC programs by number, parsed and checked when they are written.
 //!
-//! With a folder, each program is a file `<number>.nc` in it, written under another name first and then renamed, and on
-//! disk before the write is answered.
+//! With a folder, each program is a file `<number>.nc` in it. It is written under a temporary name and renamed, and is on
+//! disk before the write returns.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -35,12 +35,12 @@ pub fn header(number: u16) -> Header {
     }
 }
 
-/// By what a program is checked alone, for no coordinate system in particular.
+/// The rules for checking a program for no coordinate system in particular.
 #[derive(Debug, Clone, Copy)]
 pub struct TextRules {
     /// NC dialect.
     pub dialect: &'static Dialect,
-    /// A radius may be smaller than half the chord by so much, mm (D26): the most that a coordinate system allows.
+    /// How much a radius may fall short of half the chord, mm (D26): the most that a coordinate system allows.
     pub arc_radius_tolerance_mm: f64,
 }
 
@@ -57,9 +57,9 @@ pub struct StoredProgram {
     pub check: ProgramCheck,
     /// The dialect that it is written in.
     pub dialect: &'static Dialect,
-    /// It begins in what is in force, not in the start-up modal state.
+    /// It begins in the current modal state, not in that of the start-up.
     goes_on: bool,
-    /// What checking says of it in a coordinate system, by the number of that; filled when it is first asked for.
+    /// The check for each coordinate system, by its number; made when first needed.
     here: Mutex<BTreeMap<u8, Arc<CheckHere>>>,
     title: String,
     /// Byte offset of each line.
@@ -81,7 +81,7 @@ impl StoredProgram {
         Self::checked(number, text, rules, false)
     }
 
-    /// A text without a number, which begins in the start-up modal state or goes on in what is in force.
+    /// A text without a number, which begins in the modal state of the start-up or, with `goes_on`, in the current one.
     pub(crate) fn manual(text: &str, rules: TextRules, goes_on: bool) -> Self {
         Self::checked(0, text, rules, goes_on)
     }
@@ -104,7 +104,6 @@ impl StoredProgram {
             m_codes: checked.m_codes,
             programs: checked.programs,
         };
-        let title = title(text);
         Self {
             number,
             tree: Arc::new(tree),
@@ -113,7 +112,7 @@ impl StoredProgram {
             dialect,
             goes_on,
             here: Mutex::default(),
-            title,
+            title: title(text),
             line_starts: line_starts(text),
         }
     }
@@ -166,25 +165,17 @@ impl StoredProgram {
 
     /// Text of a line, from 1; empty past the end.
     pub fn line(&self, line: u32) -> &str {
-        let text = self.text();
-        let Some(index) = (line as usize).checked_sub(1) else {
-            return "";
-        };
-        let Some(start) = self.line_starts.get(index) else {
-            return "";
-        };
-        let rest = text.get(*start as usize..).unwrap_or("");
-        rest.lines().next().unwrap_or("")
+        let index = (line as usize).checked_sub(1);
+        let start = index.and_then(|index| self.line_starts.get(index));
+        let rest = start.and_then(|start| self.text().get(*start as usize..));
+        rest.and_then(|rest| rest.lines().next()).unwrap_or_default()
     }
 
     fn info(&self) -> ProgramInfo {
         let count = |severity| {
-            let found = self
-                .check
-                .diagnostics
-                .iter()
-                .filter(|found| found.severity == severity);
-            u32::try_from(found.count()).unwrap_or(u32::MAX)
+            let found = self.check.diagnostics.iter();
+            let count = found.filter(|found| found.severity == severity).count();
+            u32::try_from(count).unwrap_or(u32::MAX)
         };
         ProgramInfo {
             number: self.number,
@@ -230,21 +221,10 @@ fn line_starts(text: &str) -> Vec<u32> {
 }
 
 fn title(text: &str) -> String {
-    let first = text
-        .lines()
-        .find(|line| !line.trim().is_empty())
-        .unwrap_or("")
-        .trim();
-    let comment = first
-        .strip_prefix("//")
-        .or_else(|| first.strip_prefix("/*"))
-        .unwrap_or("");
-    comment
-        .trim_end_matches("*/")
-        .trim()
-        .chars()
-        .take(TITLE_MAX)
-        .collect()
+    let first = text.trim_start().lines().next().unwrap_or_default().trim();
+    let comment = first.strip_prefix("//").or_else(|| first.strip_prefix("/*"));
+    let title = comment.unwrap_or_default().trim_end_matches("*/").trim();
+    title.chars().take(TITLE_MAX).collect()
 }
 
 /// All programs of a machine.
@@ -253,7 +233,7 @@ pub struct ProgramStore {
     rules: TextRules,
     programs: RwLock<Arc<BTreeMap<u16, Arc<StoredProgram>>>>,
     folder: Option<PathBuf>,
-    /// Held while a file is written: the one beside it has one name.
+    /// Held while a file is written: the temporary file always has the same name.
     writing: Mutex<()>,
 }
 
@@ -311,9 +291,7 @@ impl ProgramStore {
 
     /// When the program's file was last written; `None` without one.
     pub fn written_at(&self, number: u16) -> Option<std::time::SystemTime> {
-        fs::metadata(self.path(number)?)
-            .and_then(|metadata| metadata.modified())
-            .ok()
+        fs::metadata(self.path(number)?).ok()?.modified().ok()
     }
 
     /// Writes a program; with a folder it is on disk when this returns. True in the answer's `created`: it is new.
@@ -331,19 +309,15 @@ impl ProgramStore {
     pub fn put(&self, program: StoredProgram) -> io::Result<ProgramCheck> {
         let number = program.number;
         if !(1..=PROGRAM_NUMBER_MAX).contains(&number) {
-            return Err(io::Error::new(
-                io::ErrorKind::InvalidInput,
-                format!("{number} is not a program number; write 1 to {PROGRAM_NUMBER_MAX}"),
-            ));
+            let text = format!("{number} is not a program number; write 1 to {PROGRAM_NUMBER_MAX}");
+            return Err(io::Error::new(io::ErrorKind::InvalidInput, text));
         }
         let _one_at_a_time = self.writing.lock();
         let all = self.all();
         let created = !all.contains_key(&number);
         if created && all.len() >= PROGRAMS_MAX {
-            return Err(io::Error::new(
-                io::ErrorKind::StorageFull,
-                format!("the store holds {PROGRAMS_MAX} programs; delete one first"),
-            ));
+            let text = format!("the store holds {PROGRAMS_MAX} programs; delete one first");
+            return Err(io::Error::new(io::ErrorKind::StorageFull, text));
         }
         if let (Some(folder), Some(path)) = (&self.folder, self.path(number)) {
             write_and_rename(folder, &path, program.text().as_bytes())?;
@@ -381,9 +355,7 @@ impl ProgramStore {
     }
 
     fn path(&self, number: u16) -> Option<PathBuf> {
-        self.folder
-            .as_ref()
-            .map(|folder| folder.join(format!("{number}.nc")))
+        Some(self.folder.as_ref()?.join(format!("{number}.nc")))
     }
 }
 
@@ -434,23 +406,19 @@ pub fn program_number(path: &Path) -> Option<u16> {
 pub(crate) fn called_by(all: &BTreeMap<u16, Arc<StoredProgram>>, main: u16) -> BTreeSet<u16> {
     let (mut called, mut left) = (BTreeSet::from([main]), vec![main]);
     while let Some(number) = left.pop() {
-        let calls = all.get(&number).map(|program| program.check.programs.iter());
-        left.extend(
-            calls
-                .into_iter()
-                .flatten()
-                .filter(|number| called.insert(**number)),
-        );
+        let program = all.get(&number).into_iter();
+        let calls = program.flat_map(|program| program.check.programs.iter().copied());
+        left.extend(calls.filter(|number| called.insert(*number)));
     }
     called
 }
 
 fn write_and_rename(folder: &Path, path: &Path, bytes: &[u8]) -> io::Result<()> {
-    let beside = path.with_extension("nc.new");
-    let mut file = fs::File::create(&beside)?;
+    let temporary = path.with_extension("nc.new");
+    let mut file = fs::File::create(&temporary)?;
     file.write_all(bytes)?;
     file.sync_all()?;
-    fs::rename(&beside, path)?;
+    fs::rename(&temporary, path)?;
     fs::File::open(folder)?.sync_all()
 }
 

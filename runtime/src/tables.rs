@@ -1,7 +1,7 @@
 //! What programs and sequence programs both read and write: variables, tools, work offsets.
 //!
-//! One lock orders them: a block is interpreted under its read side, whoever sets a range, a tool or an offset takes
-//! its write side. So each block sees all of a change or nothing of it, and blocks never wait for one another.
+//! One lock orders them: a block is interpreted under its read side; a change of a range, a tool or an offset takes its
+//! write side. So each block sees all of a change or nothing of it, and blocks never wait for one another.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -33,6 +33,14 @@ pub(crate) fn value_key(what: &str, cs: CoordinateSystemNumber) -> String {
     format!("{what}/{cs}")
 }
 
+/// Adds a value by its name.
+pub(crate) fn keep(values: &mut KeptValues, key: String, value: &impl Serialize) {
+    // Numbers, words and lists of them always have a JSON form.
+    if let Ok(bytes) = serde_json::to_vec(value) {
+        values.insert(key, bytes);
+    }
+}
+
 /// A table as it is kept.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Kept<T> {
@@ -51,11 +59,11 @@ pub(crate) struct Tables {
     values: RwLock<Values>,
     /// What the configuration says.
     configured: Values,
-    /// Held from the look at the old values until the new ones are in force.
+    /// Held from reading the old values until the new ones are in effect.
     changing: Mutex<()>,
 }
 
-/// What stands in the tables; variables stand in arrays of their own, ordered by the same lock.
+/// The content of the tables. Variables have arrays of their own, ordered by the same lock.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(crate) struct Values {
     pub tools: BTreeMap<u16, Tool>,
@@ -74,28 +82,25 @@ impl Values {
     }
 
     fn tool_table(&self) -> ToolTable {
-        let tools = self.tools.iter().map(|(id, tool)| ToolData {
-            id: *id,
-            radius: tool.radius,
-            length: tool.length,
-        });
+        let data = |(id, tool): (&u16, &Tool)| {
+            let (id, Tool { length, radius }) = (*id, *tool);
+            ToolData { id, radius, length }
+        };
         ToolTable {
-            tools: tools.collect(),
+            tools: self.tools.iter().map(data).collect(),
         }
     }
 
     fn work_offset_table(&self, cs: CoordinateSystemNumber, axes: AxisSet) -> WorkOffsetTable {
-        let offsets = self.work_offsets(cs);
-        let by_letter = |place: usize| {
-            let offset = &offsets.0[place];
+        let named = WORK_OFFSETS.iter().zip(&self.work_offsets(cs).0);
+        let by_letter = |offset: &AxisVector| {
             axes.iter()
                 .map(|axis| (axis.letter().to_string(), offset[axis]))
                 .collect()
         };
-        let named = WORK_OFFSETS.iter().enumerate();
         WorkOffsetTable {
             work_offsets: named
-                .map(|(place, name)| ((*name).to_owned(), by_letter(place)))
+                .map(|(name, offset)| ((*name).to_owned(), by_letter(offset)))
                 .collect(),
         }
     }
@@ -153,11 +158,9 @@ impl Tables {
     /// Values of a range as they are between two writes of ranges.
     pub fn read_variables(&self, area: VariableArea, from: u32, count: u32) -> Result<Vec<f64>, Refusal> {
         let array = self.range(area, from, count as usize)?;
-        let first = from as usize;
         let _no_range_is_written = self.read();
-        Ok((first..first + count as usize)
-            .filter_map(|number| array.get(number))
-            .collect())
+        let numbers = (from as usize..).take(count as usize);
+        Ok(numbers.filter_map(|number| array.get(number)).collect())
     }
 
     /// Writes a range between two blocks, all of it or nothing.
@@ -237,11 +240,8 @@ impl Tables {
             if !named.insert(*id) {
                 return Err(invalid(format!("tool {id} is named twice; nothing was changed")));
             }
-            let tool = Tool {
-                length: *length,
-                radius: *radius,
-            };
-            values.tools.insert(*id, tool);
+            let (length, radius) = (*length, *radius);
+            values.tools.insert(*id, Tool { length, radius });
         }
         if values.tools.len() > TOOLS_MAX {
             let text = format!("the table holds {TOOLS_MAX} tools; take some out first");
@@ -272,9 +272,7 @@ impl Tables {
         let mut tables = self.write();
         let offsets = tables.work_offsets.entry(cs).or_default();
         for (name, letter, value) in values {
-            let place = WORK_OFFSETS.iter().position(|known| *known == name);
-            let axis = axis_of(letter).filter(|axis| axes.contains(*axis));
-            if let (Some(place), Some(axis)) = (place, axis) {
+            if let (Some(place), Some(axis)) = (place_of(name), axis_of(letter, axes)) {
                 offsets.0[place][axis] = value;
             }
         }
@@ -287,19 +285,13 @@ impl Tables {
             configured: self.configured.tool_table(),
             now: values.tool_table(),
         };
-        // Tables of numbers always have a JSON form.
-        kept.extend(
-            serde_json::to_vec(&tools)
-                .ok()
-                .map(|bytes| ("tools".to_owned(), bytes)),
-        );
+        keep(&mut kept, "tools".to_owned(), &tools);
         for (cs, axes) in &self.axes {
             let offsets = Kept {
                 configured: self.configured.work_offset_table(*cs, *axes),
                 now: values.work_offset_table(*cs, *axes),
             };
-            let bytes = serde_json::to_vec(&offsets).ok();
-            kept.extend(bytes.map(|bytes| (value_key("work_offsets", *cs), bytes)));
+            keep(&mut kept, value_key("work_offsets", *cs), &offsets);
         }
         kept
     }
@@ -314,16 +306,12 @@ impl Tables {
         let mut values = self.read().clone();
         let offsets = values.work_offsets.entry(cs).or_default();
         for (name, named) in &change.work_offsets {
-            let Some(place) = WORK_OFFSETS.iter().position(|known| known == name) else {
-                return Err(invalid(format!(
-                    "there is no work offset {name:.16}; write {} to {}",
-                    WORK_OFFSETS[0],
-                    WORK_OFFSETS[WORK_OFFSETS.len() - 1],
-                )));
-            };
+            let place = place_of(name).ok_or_else(|| {
+                let [first, .., last] = WORK_OFFSETS;
+                invalid(format!("there is no work offset {name:.16}; write {first} to {last}"))
+            })?;
             for (letter, value) in named {
-                let axis = axis_of(letter).filter(|axis| axes.contains(*axis));
-                let Some(axis) = axis.filter(|_| value.is_finite()) else {
+                let Some(axis) = axis_of(letter, axes).filter(|_| value.is_finite()) else {
                     return Err(invalid(format!(
                         "{name} {letter:.16} = {value}: write a number for an axis of coordinate system {cs}"
                     )));
@@ -348,10 +336,14 @@ impl Tables {
     }
 }
 
-fn axis_of(letter: &str) -> Option<Axis> {
-    Axis::ALL
-        .into_iter()
-        .find(|axis| letter.chars().eq([axis.letter()]))
+/// The place of a work offset in a table.
+fn place_of(name: &str) -> Option<usize> {
+    WORK_OFFSETS.iter().position(|known| *known == name)
+}
+
+/// The axis of these that a letter names.
+fn axis_of(letter: &str, axes: AxisSet) -> Option<Axis> {
+    axes.iter().find(|axis| letter.chars().eq([axis.letter()]))
 }
 
 fn invalid(text: String) -> Refusal {

@@ -8,10 +8,10 @@ use clap::Args;
 use codespan_reporting::diagnostic::{Diagnostic as Rendered, Label};
 use codespan_reporting::files::SimpleFile;
 use codespan_reporting::term;
-use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::program::ProgramDiagnostic;
 use serde_json::json;
 use tandem_interp::{Check, CheckContext, Dialect, check, check_source, dialects};
+use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::{Diagnostic, Severity};
 use tandem_runtime::Machine;
 use tandem_runtime::program_store::{StoredProgram, locate};
@@ -19,7 +19,7 @@ use tandem_syntax::{NcProgram, parse};
 
 use super::server_ends::Servable;
 use super::{
-    EXIT_FOUND, EXIT_OK, EXIT_UNREADABLE, complain, find_subprogram, read_config, read_program, say,
+    EXIT_FOUND, EXIT_OK, EXIT_UNREADABLE, Ran, complain, find_subprogram, read_config, read_program, say,
 };
 
 #[derive(Args)]
@@ -44,35 +44,25 @@ enum Format {
     Json,
 }
 
-pub(super) fn run(arguments: &Arguments) -> u8 {
+pub(super) fn run(arguments: &Arguments) -> Ran {
     let machine = match &arguments.config {
-        None => Ok(None),
+        None => None,
         Some(path) if arguments.files.is_empty() => {
-            Servable::read(Some(path)).map(|servable| Some(servable.machine))
-        }
-        Some(path) => read_config(Some(path)).map(|(_, machine)| Some(machine)),
-    };
-    let machine = match machine {
-        Ok(machine) => machine,
-        Err(text) => {
-            complain(text);
-            return EXIT_UNREADABLE;
-        }
-    };
-    if let (Some(path), []) = (&arguments.config, &arguments.files[..]) {
-        let good = format!("{}: the configuration is good", path.display());
-        let notes = machine.iter().flat_map(Machine::notes);
-        let notes = notes.map(|note| format!("\n  note: {note}"));
-        let text: String = std::iter::once(good).chain(notes).collect();
-        match arguments.format {
-            Format::Text => say(&text),
-            Format::Json => {
-                say(&json!({"files": []}).to_string());
-                complain(text);
+            let mut lines = vec![format!("{}: the configuration is good", path.display())];
+            let notes = Servable::read(Some(path))?.machine.notes().into_iter();
+            lines.extend(notes.map(|note| format!("  note: {note}")));
+            let text = lines.join("\n");
+            match arguments.format {
+                Format::Text => say(text),
+                Format::Json => {
+                    say(json!({"files": []}));
+                    complain(text);
+                }
             }
+            return Ok(EXIT_OK);
         }
-        return EXIT_OK;
-    }
+        Some(path) => Some(read_config(Some(path))?.1),
+    };
     let of_machine = || machine.as_ref().map_or_else(dialects::nj, Machine::dialect);
     let dialect = arguments.dialect.unwrap_or_else(of_machine);
     let mut files = Vec::new();
@@ -87,22 +77,20 @@ pub(super) fn run(arguments: &Arguments) -> u8 {
                 }
                 files.push(checked.to_json());
             }
-            Err(text) => {
-                complain(text);
+            Err(error) => {
+                complain(format!("{error:#}"));
                 unreadable = true;
             }
         }
     }
     if arguments.format == Format::Json {
-        say(&json!({"files": files}).to_string());
+        say(json!({"files": files}));
     }
-    if unreadable {
-        EXIT_UNREADABLE
-    } else if errors {
-        EXIT_FOUND
-    } else {
-        EXIT_OK
-    }
+    Ok(match (unreadable, errors) {
+        (true, _) => EXIT_UNREADABLE,
+        (false, true) => EXIT_FOUND,
+        (false, false) => EXIT_OK,
+    })
 }
 
 /// One NC program and what was found in it.
@@ -117,7 +105,9 @@ impl<'a> CheckedFile<'a> {
     fn new(path: &'a Path, text: String, dialect: &'static Dialect, machine: Option<&Machine>) -> Self {
         let (tree, parsed) = parse(text, (dialect.grammar)());
         let called = check(&tree, dialect, &CheckContext::default()).programs;
-        Self::of_tree(path, (Arc::new(tree), parsed), &called, dialect, machine, None)
+        let first = machine.and_then(|machine| machine.coordinate_systems.first());
+        let of = machine.zip(first.map(|system| &system.settings));
+        Self::of_tree(path, (Arc::new(tree), parsed), &called, dialect, of)
     }
 
     /// Checks a program that is parsed, against a coordinate system of a machine.
@@ -125,11 +115,11 @@ impl<'a> CheckedFile<'a> {
         path: &'a Path,
         program: &StoredProgram,
         machine: &Machine,
-        cs: CoordinateSystemNumber,
+        settings: &CoordinateSystemSettings,
     ) -> Self {
         let parsed = (Arc::clone(&program.tree), program.parsed.clone());
         let called = &program.check.programs;
-        Self::of_tree(path, parsed, called, machine.dialect(), Some(machine), Some(cs))
+        Self::of_tree(path, parsed, called, machine.dialect(), Some((machine, settings)))
     }
 
     fn of_tree(
@@ -137,32 +127,22 @@ impl<'a> CheckedFile<'a> {
         (tree, parsed): (Arc<NcProgram>, Vec<Diagnostic>),
         called: &[u16],
         dialect: &'static Dialect,
-        machine: Option<&Machine>,
-        cs: Option<CoordinateSystemNumber>,
+        of: Option<(&Machine, &CoordinateSystemSettings)>,
     ) -> Self {
-        let data_dir = machine.and_then(|machine| machine.data_dir.as_deref());
-        let programs: BTreeSet<u16> = called
-            .iter()
-            .copied()
-            .filter(|n| find_subprogram(*n, path, data_dir).is_some())
-            .collect();
-        let m_codes: Option<BTreeSet<u16>> = machine.map(|machine| machine.m_codes.keys().copied().collect());
-        let settings = machine
-            .and_then(|machine| {
-                let mut systems = machine.coordinate_systems.iter();
-                systems.find(|system| cs.is_none_or(|cs| system.settings.number == cs))
-            })
-            .map(|system| &system.settings);
+        let data_dir = of.and_then(|(machine, _)| machine.data_dir.as_deref());
+        let there = |number: &u16| find_subprogram(*number, path, data_dir).is_some();
+        let programs: BTreeSet<u16> = called.iter().copied().filter(there).collect();
+        let m_codes: Option<BTreeSet<u16>> = of.map(|(machine, _)| machine.m_codes.keys().copied().collect());
         let context = CheckContext {
             programs: Some(&programs),
             m_codes_with_settings: m_codes.as_ref(),
-            ..settings.map_or_else(CheckContext::default, CheckContext::of)
+            ..of.map_or_else(CheckContext::default, |(_, settings)| CheckContext::of(settings))
         };
         let mut check = check(&tree, dialect, &context);
         check.diagnostics.extend(parsed);
         check
             .diagnostics
-            .sort_by_key(|diagnostic| (diagnostic.span.start, diagnostic.span.end));
+            .sort_by_key(|found| (found.span.start, found.span.end));
         Self { path, tree, check }
     }
 
@@ -178,10 +158,7 @@ impl<'a> CheckedFile<'a> {
     }
 
     pub fn has_errors(&self) -> bool {
-        self.check
-            .diagnostics
-            .iter()
-            .any(tandem_model::Diagnostic::is_error)
+        self.check.diagnostics.iter().any(Diagnostic::is_error)
     }
 
     /// The findings with lines and columns.
@@ -200,9 +177,6 @@ impl<'a> CheckedFile<'a> {
 
     /// The findings with source line and underline.
     pub fn findings(&self) -> String {
-        if self.check.diagnostics.is_empty() {
-            return String::new();
-        }
         let file = SimpleFile::new(self.path.display().to_string(), self.tree.source().as_ref());
         let config = term::Config::default();
         let mut text = String::new();
@@ -227,34 +201,23 @@ impl<'a> CheckedFile<'a> {
 
     /// The findings, and what the program uses.
     pub fn print(&self) {
-        let findings = self.findings();
-        if !findings.is_empty() {
-            say(findings.strip_suffix('\n').unwrap_or(&findings));
+        if let Some(findings) = self.findings().strip_suffix('\n') {
+            say(findings);
         }
-        let errors = self
-            .check
-            .diagnostics
-            .iter()
-            .filter(|found| found.is_error())
-            .count();
-        let warnings = self.check.diagnostics.len() - errors;
+        let found = &self.check.diagnostics;
+        let errors = found.iter().filter(|found| found.is_error()).count();
+        let warnings = found.len() - errors;
         let m_codes: Vec<_> = self.check.m_codes.iter().map(|m| format!("M{m:02}")).collect();
         let programs: Vec<_> = self.check.programs.iter().map(u16::to_string).collect();
-        let or_none = |list: Vec<String>| {
-            if list.is_empty() {
-                "none".into()
-            } else {
-                list.join(" ")
-            }
+        let or_none = |list: Vec<String>| match list.join(" ") {
+            none if none.is_empty() => "none".to_owned(),
+            list => list,
         };
-        say(&format!(
-            "{}: {}, {}",
+        say(format!(
+            "{}: {}, {}\n  M codes: {}; programs called: {}",
             self.path.display(),
             counted(errors, "error"),
-            counted(warnings, "warning")
-        ));
-        say(&format!(
-            "  M codes: {}; programs called: {}",
+            counted(warnings, "warning"),
             or_none(m_codes),
             or_none(programs)
         ));

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use anyhow::{Context, bail};
 use clap::Args;
 use tandem_interp::dialects;
 use tandem_model::limits::PROGRAM_NUMBER_MAX;
@@ -10,7 +11,7 @@ use tandem_runtime::program_store::{header, program_number};
 use tandem_syntax::Header;
 
 use super::check::CheckedFile;
-use super::{EXIT_FOUND, EXIT_OK, EXIT_UNREADABLE, complain, read_program};
+use super::{EXIT_FOUND, EXIT_OK, EXIT_UNREADABLE, Ran, complain, read_program};
 
 #[derive(Args)]
 pub struct Arguments {
@@ -28,54 +29,39 @@ pub struct Arguments {
     subprogram: Option<u16>,
 }
 
-pub(super) fn run(arguments: &Arguments) -> u8 {
-    if let Err(text) = arguments.check() {
-        complain(text);
-        return EXIT_UNREADABLE;
-    }
+pub(super) fn run(arguments: &Arguments) -> Ran {
+    arguments.check()?;
     let mut code = EXIT_OK;
     for path in &arguments.files {
-        code = code.max(compile(path, arguments));
+        code = code.max(compile(path, arguments).unwrap_or_else(|error| {
+            complain(format!("{error:#}"));
+            EXIT_UNREADABLE
+        }));
     }
-    code
+    Ok(code)
 }
 
-fn compile(path: &Path, arguments: &Arguments) -> u8 {
-    let text = match read_program(path) {
-        Ok(text) => text,
-        Err(text) => {
-            complain(text);
-            return EXIT_UNREADABLE;
-        }
-    };
-    let checked = CheckedFile::alone(path, text);
+fn compile(path: &Path, arguments: &Arguments) -> Ran {
+    let checked = CheckedFile::alone(path, read_program(path)?);
     if checked.has_errors() {
         complain(checked.findings());
         complain(format!(
             "{}: not compiled; correct the errors first",
             path.display()
         ));
-        return EXIT_FOUND;
+        return Ok(EXIT_FOUND);
     }
     let code = tandem_syntax::compile(checked.tree(), arguments.header(path), dialects::nj());
-    match write(path, arguments.out_dir.as_deref(), &code) {
-        Ok(()) => EXIT_OK,
-        Err(text) => {
-            complain(text);
-            EXIT_UNREADABLE
+    match &arguments.out_dir {
+        None => super::say(code.trim_end_matches('\n')),
+        Some(folder) => {
+            let file = result(path, folder);
+            std::fs::create_dir_all(folder)
+                .and_then(|()| std::fs::write(&file, code))
+                .with_context(|| format!("cannot write {}", file.display()))?;
         }
     }
-}
-
-fn write(path: &Path, out_dir: Option<&Path>, code: &str) -> Result<(), String> {
-    let Some(folder) = out_dir else {
-        super::say(code.trim_end_matches('\n'));
-        return Ok(());
-    };
-    let file = result(path, folder);
-    std::fs::create_dir_all(folder)
-        .and_then(|()| std::fs::write(&file, code))
-        .map_err(|error| format!("cannot write {}: {error}", file.display()))
+    Ok(EXIT_OK)
 }
 
 /// Where the code of a program goes.
@@ -91,16 +77,14 @@ fn is_same_file(one: &Path, other: &Path) -> bool {
 
 impl Arguments {
     /// What cannot be carried out, seen before anything is written.
-    fn check(&self) -> Result<(), String> {
+    fn check(&self) -> anyhow::Result<()> {
         if self.files.len() > 1 {
             if self.out_dir.is_none() {
-                return Err("several programs need --out-dir".into());
+                bail!("several programs need --out-dir");
             }
             let header = [("--main", self.main), ("--subprogram", self.subprogram)];
             if let Some((flag, _)) = header.iter().find(|(_, number)| number.is_some()) {
-                return Err(format!(
-                    "{flag} is the header of one program; compile one at a time with it"
-                ));
+                bail!("{flag} is the header of one program; compile one at a time with it");
             }
         }
         let Some(folder) = &self.out_dir else {
@@ -111,14 +95,14 @@ impl Arguments {
             let result = result(path, folder);
             let shown = result.display();
             if is_same_file(&result, path) {
-                return Err(format!("{shown} is the program itself; name another --out-dir"));
+                bail!("{shown} is the program itself; name another --out-dir");
             }
             if let Some(other) = results.insert(result.clone(), path) {
-                return Err(format!(
+                bail!(
                     "{} and {} would both become {shown}; compile them into two folders",
                     other.display(),
                     path.display()
-                ));
+                );
             }
         }
         Ok(())

@@ -4,7 +4,7 @@ use clap::Args;
 use tandem_runtime::{Config, ConfigKey};
 use tandem_syntax::{DIAGNOSTICS, DiagnosticEntry};
 
-use super::{EXIT_OK, EXIT_UNREADABLE, complain, say};
+use super::{EXIT_OK, Ran, say};
 
 #[derive(Args)]
 pub struct Arguments {
@@ -20,12 +20,12 @@ const RULES: [&[(&str, &str)]; 3] = [
     plc_api::handshake::rules::RULES,
 ];
 
-pub(super) fn run(arguments: &Arguments) -> u8 {
+pub(super) fn run(arguments: &Arguments) -> Ran {
     let Some(code) = &arguments.code else {
         for entry in DIAGNOSTICS {
-            say(&format!("{}  {}", entry.code, entry.title));
+            say(format!("{}  {}", entry.code, entry.title));
         }
-        return EXIT_OK;
+        return Ok(EXIT_OK);
     };
     let keys = Config::keys();
     let pages: Vec<String> = match DiagnosticEntry::find(&code.to_uppercase()) {
@@ -35,14 +35,13 @@ pub(super) fn run(arguments: &Arguments) -> u8 {
             .collect(),
     };
     if pages.is_empty() {
-        complain(format!(
+        anyhow::bail!(
             "there is no diagnostic, key or rule {code}; did you mean {}? tandem explain lists all diagnostics",
             nearest(code, &keys)
-        ));
-        return EXIT_UNREADABLE;
+        );
     }
-    say(&pages.join("\n\n"));
-    EXIT_OK
+    say(pages.join("\n\n"));
+    Ok(EXIT_OK)
 }
 
 fn diagnostic(entry: &DiagnosticEntry) -> String {
@@ -77,18 +76,12 @@ fn of_key(key: &ConfigKey) -> String {
         "" => "may be left out".to_owned(),
         default => format!("default {default}"),
     };
-    let facts = [&key.kind, &key.unit, &key.range_text(), &value];
-    let facts: Vec<&str> = facts
-        .map(String::as_str)
-        .into_iter()
-        .filter(|fact| !fact.is_empty())
-        .collect();
-    let words = key
-        .words
-        .iter()
-        .map(|word| format!("\n    \"{}\"  {}", word.word, word.text));
-    let words: String = words.collect();
-    format!("{}: {}\n\n{}{words}", key.path, facts.join(", "), key.text)
+    let mut facts = vec![key.kind.clone(), key.unit.clone(), key.range_text(), value];
+    facts.retain(|fact| !fact.is_empty());
+    let mut lines = vec![format!("{}: {}\n\n{}", key.path, facts.join(", "), key.text)];
+    let words = key.words.iter();
+    lines.extend(words.map(|word| format!("    \"{}\"  {}", word.word, word.text)));
+    lines.join("\n")
 }
 
 /// What a name that is none comes nearest to.

@@ -1,12 +1,12 @@
 //! `tandem init`: a folder with a configuration, an NC program and handlers with a test, which build and pass as they are.
 
-use std::fmt::Write;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use anyhow::{Context, bail};
 use clap::Args;
 
-use super::{EXIT_OK, EXIT_UNREADABLE, complain, say};
+use super::{EXIT_OK, Ran, say};
 
 /// The files, by their place in the folder. `{{...}}` is filled in.
 const FILES: [(&str, &str); 7] = [
@@ -25,6 +25,17 @@ const NAME: &str = "my-machine";
 /// Characters of a name: that of an MQTT topic level.
 const NAME_MAX: usize = 32;
 
+/// What is where in the folder.
+const CONTENT: &str = "  \
+  tandem.toml       motors, axes, M codes
+  nc/1.nc           an NC program
+  src/lib.rs        handlers of M codes
+  tests/program.rs  the whole of it in a unit test
+";
+
+/// What to do next.
+const NEXT: &str = "There: cargo test; then tandem serve --config tandem.toml, and cargo run beside it.";
+
 #[derive(Args)]
 pub struct Arguments {
     /// Folder to write; it must be new or empty
@@ -35,33 +46,17 @@ pub struct Arguments {
     checkout: Option<PathBuf>,
 }
 
-pub(super) fn run(arguments: &Arguments) -> u8 {
-    match write_project(arguments) {
-        Ok(said) => {
-            say(said.trim_end());
-            EXIT_OK
-        }
-        Err(error) => {
-            complain(error);
-            EXIT_UNREADABLE
-        }
-    }
-}
-
-fn write_project(arguments: &Arguments) -> Result<String, String> {
+pub(super) fn run(arguments: &Arguments) -> Ran {
     let dir = &arguments.dir;
-    let cannot = |what: &Path| {
-        let what = what.display().to_string();
-        move |error: io::Error| format!("cannot write {what}: {error}")
-    };
+    let cannot = |what: &Path| format!("cannot write {}", what.display());
     let checkout = find_checkout(arguments.checkout.as_deref())?;
     let is_empty = match std::fs::read_dir(dir) {
         Ok(mut entries) => entries.next().is_none(),
         Err(error) if error.kind() == io::ErrorKind::NotFound => true,
-        Err(error) => return Err(cannot(dir)(error)),
+        Err(error) => return Err(error).with_context(|| cannot(dir)),
     };
     if !is_empty {
-        return Err(format!("{} is not empty; name a new folder", dir.display()));
+        bail!("{} is not empty; name a new folder", dir.display());
     }
     let name = name_of(dir);
     let dependency = |folder: &str| match &checkout {
@@ -79,52 +74,36 @@ fn write_project(arguments: &Arguments) -> Result<String, String> {
             .replace("{{tandem-runtime}}", &dependency("runtime"));
         let path = dir.join(place);
         if let Some(folder) = path.parent() {
-            std::fs::create_dir_all(folder).map_err(cannot(folder))?;
+            std::fs::create_dir_all(folder).with_context(|| cannot(folder))?;
         }
-        std::fs::write(&path, text).map_err(cannot(&path))?;
+        std::fs::write(&path, text).with_context(|| cannot(&path))?;
     }
     if let Some(checkout) = &checkout {
         // the versions that the checkout is tested with
         let lock = dir.join("Cargo.lock");
-        std::fs::copy(checkout.join("Cargo.lock"), &lock).map_err(cannot(&lock))?;
+        std::fs::copy(checkout.join("Cargo.lock"), &lock).with_context(|| cannot(&lock))?;
     }
-    Ok(what_next(dir, checkout.as_deref()))
-}
-
-fn what_next(dir: &Path, checkout: Option<&Path>) -> String {
-    let mut said = format!("{} holds a machine:\n", dir.display());
-    for (place, what) in [
-        ("tandem.toml", "motors, axes, M codes"),
-        ("nc/1.nc", "an NC program"),
-        ("src/lib.rs", "handlers of M codes"),
-        ("tests/program.rs", "the whole of it in a unit test"),
-    ] {
-        // Writing into a String never fails.
-        let _ = writeln!(said, "  {place:<18}{what}");
-    }
-    let _ = match checkout {
-        Some(checkout) => writeln!(
-            said,
-            "It uses plc-api and tandem-runtime of {}.",
-            checkout.display()
-        ),
-        None => writeln!(
-            said,
+    let crates = match &checkout {
+        Some(checkout) => format!("It uses plc-api and tandem-runtime of {}.", checkout.display()),
+        None => format!(
             "It asks for plc-api and tandem-runtime {} of crates.io. Where they are not published, name a checkout: \
              tandem init DIR --checkout PATH",
             env!("CARGO_PKG_VERSION")
         ),
     };
-    said += "There: cargo test; then tandem serve --config tandem.toml, and cargo run beside it.";
-    said
+    say(format!(
+        "{} holds a machine:\n{CONTENT}{crates}\n{NEXT}",
+        dir.display()
+    ));
+    Ok(EXIT_OK)
 }
 
 /// The checkout to depend on: the one that is named, else the one around this folder, else the one around this command.
-fn find_checkout(named: Option<&Path>) -> Result<Option<PathBuf>, String> {
+fn find_checkout(named: Option<&Path>) -> anyhow::Result<Option<PathBuf>> {
     if let Some(named) = named {
-        let is_there = named.canonicalize().ok().filter(|path| is_checkout(path));
+        let there = named.canonicalize().ok().filter(|path| is_checkout(path));
         let missing = || format!("{} is not a checkout of Tandem", named.display());
-        return is_there.map(Some).ok_or_else(missing);
+        return there.with_context(missing).map(Some);
     }
     let around = [std::env::current_dir().ok(), std::env::current_exe().ok()];
     let mut folders = around.iter().flatten().flat_map(|path| path.ancestors());
@@ -140,26 +119,15 @@ fn is_checkout(folder: &Path) -> bool {
 /// The folder's name as a name of a package and of a machine: `[a-z0-9-]`, a letter first.
 fn name_of(dir: &Path) -> String {
     let absolute = std::path::absolute(dir).unwrap_or_else(|_| dir.to_owned());
-    let file_name = absolute
-        .file_name()
-        .unwrap_or_default()
-        .to_string_lossy()
-        .to_lowercase();
-    let known = |letter: char| {
-        if letter.is_ascii_alphanumeric() {
-            letter
-        } else {
-            '-'
-        }
-    };
-    let name: String = file_name.chars().map(known).collect();
+    let file_name = absolute.file_name().unwrap_or_default().to_string_lossy();
+    let name = file_name.to_lowercase();
+    let name = name.replace(|letter: char| !letter.is_ascii_alphanumeric(), "-");
     let name = name.trim_start_matches(|letter: char| !letter.is_ascii_lowercase());
     let name: String = name.chars().take(NAME_MAX).collect();
     let name = name.trim_end_matches('-');
-    if name.is_empty() || name == "test" {
-        NAME.to_owned()
-    } else {
-        name.to_owned()
+    match name {
+        "" | "test" => NAME.to_owned(),
+        name => name.to_owned(),
     }
 }
 

@@ -1,9 +1,10 @@
 //! `tandem man`: the manual pages, in the language of `man`.
 
+use anyhow::Context;
 use clap::{Args, CommandFactory};
 use clap_mangen::Man;
 
-use super::{Cli, EXIT_OK, EXIT_UNREADABLE, complain, say};
+use super::{Cli, EXIT_OK, Ran, say};
 
 #[derive(Args)]
 pub struct Arguments {
@@ -11,7 +12,7 @@ pub struct Arguments {
     command: Option<String>,
 }
 
-pub(super) fn run(arguments: &Arguments) -> u8 {
+pub(super) fn run(arguments: &Arguments) -> Ran {
     let mut tandem = Cli::command();
     tandem.build();
     let named = match &arguments.command {
@@ -19,11 +20,8 @@ pub(super) fn run(arguments: &Arguments) -> u8 {
         Some(name) => tandem.find_subcommand(name),
     };
     let mut page = Vec::new();
-    let rendered = named.is_some_and(|command| Man::new(command.clone()).render(&mut page).is_ok());
-    if !rendered {
-        complain("there is no such command; tandem -h lists all of them");
-        return EXIT_UNREADABLE;
-    }
+    let command = named.context("there is no such command; tandem -h lists all of them")?;
+    Man::new(command.clone()).render(&mut page)?;
     say(String::from_utf8_lossy(&page).trim_end());
-    EXIT_OK
+    Ok(EXIT_OK)
 }

@@ -17,16 +17,20 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use anyhow::Context;
 use clap::{Parser, Subcommand};
 use tandem_runtime::program_store::read_text;
-use tandem_runtime::{Config, Machine};
+use tandem_runtime::{Config, ConfigError, Machine};
 
 /// Clean, completed, or stopped in order.
 const EXIT_OK: u8 = 0;
 /// Errors were found, or an alarm ended the program.
 const EXIT_FOUND: u8 = 1;
-/// Something could not be read, or was asked for in a way that cannot be carried out.
+/// Something could not be read, or the arguments cannot be carried out.
 const EXIT_UNREADABLE: u8 = 2;
+
+/// The exit code of a command; an error is printed, and the code is [`EXIT_UNREADABLE`].
+type Ran = anyhow::Result<u8>;
 
 #[derive(Parser)]
 #[command(
@@ -71,25 +75,27 @@ enum Command {
 /// Runs the command of this process's arguments.
 pub fn run() -> ExitCode {
     let cli = Cli::parse();
-    let code = match cli.command {
-        None => serve::run(&cli.serve),
-        Some(Command::Serve(arguments)) => serve::run(&arguments),
-        Some(Command::Check(arguments)) => check::run(&arguments),
-        Some(Command::Compile(arguments)) => compile::run(&arguments),
-        Some(Command::Explain(arguments)) => explain::run(&arguments),
-        Some(Command::Init(arguments)) => init::run(&arguments),
-        Some(Command::Plot(arguments)) => plot::run(&arguments),
-        Some(Command::Simulate(arguments)) => simulate::run(&arguments),
-        Some(Command::Token(arguments)) => token::run(&arguments),
-        Some(Command::MqttAcl(arguments)) => mqtt_acl::run(&arguments),
-        Some(Command::Completions(arguments)) => completions::run(&arguments),
-        Some(Command::Man(arguments)) => man::run(&arguments),
+    let ran = match cli.command.unwrap_or(Command::Serve(cli.serve)) {
+        Command::Serve(arguments) => serve::run(&arguments),
+        Command::Check(arguments) => check::run(&arguments),
+        Command::Compile(arguments) => compile::run(&arguments),
+        Command::Explain(arguments) => explain::run(&arguments),
+        Command::Init(arguments) => init::run(&arguments),
+        Command::Plot(arguments) => plot::run(&arguments),
+        Command::Simulate(arguments) => simulate::run(&arguments),
+        Command::Token(arguments) => token::run(&arguments),
+        Command::MqttAcl(arguments) => mqtt_acl::run(&arguments),
+        Command::Completions(arguments) => Ok(completions::run(&arguments)),
+        Command::Man(arguments) => man::run(&arguments),
     };
-    ExitCode::from(code)
+    ExitCode::from(ran.unwrap_or_else(|error| {
+        complain(format!("{error:#}"));
+        EXIT_UNREADABLE
+    }))
 }
 
 /// A line on standard output. A reader that has gone is no reason to fail.
-fn say(line: &str) {
+fn say(line: impl std::fmt::Display) {
     let _ = writeln!(std::io::stdout().lock(), "{line}");
 }
 
@@ -99,32 +105,34 @@ fn complain(line: impl std::fmt::Display) {
 }
 
 /// The configuration of a file, or the demo machine.
-fn read_config(path: Option<&Path>) -> Result<(Config, Machine), String> {
-    let config = match path {
-        Some(path) => Config::read(path).map_err(|error| error.to_string())?,
-        None => Config::demo(),
+fn read_config(path: Option<&Path>) -> anyhow::Result<(Config, Machine)> {
+    let Some(path) = path else {
+        let config = Config::demo();
+        let machine = config.resolve()?;
+        return Ok((config, machine));
     };
-    let machine = config.resolve().map_err(|error| match path {
-        Some(path) => format!("{}: {error}", path.display()),
-        None => error.to_string(),
-    })?;
-    Ok((config, machine))
+    let read = || {
+        let config = Config::read(path)?;
+        let machine = config.resolve()?;
+        Ok((config, machine))
+    };
+    read().map_err(|error| match error {
+        ConfigError::Values(_) => anyhow::Error::from(error).context(path.display().to_string()),
+        named => named.into(),
+    })
 }
 
 /// The text of an NC program.
-fn read_program(path: &Path) -> Result<String, String> {
-    read_text(path).map_err(|error| format!("cannot read {}: {error}", path.display()))
+fn read_program(path: &Path) -> anyhow::Result<String> {
+    read_text(path).with_context(|| format!("cannot read {}", path.display()))
 }
 
-/// Where a subprogram of a file may be: beside it, then in the store's folder.
-fn find_subprogram(number: u16, beside: &Path, data_dir: Option<&Path>) -> Option<PathBuf> {
-    let folder = beside.parent().unwrap_or(Path::new(""));
+/// The file of a subprogram: in the folder of the program that calls it, else in the store's folder.
+fn find_subprogram(number: u16, caller: &Path, data_dir: Option<&Path>) -> Option<PathBuf> {
+    let folder = caller.parent().unwrap_or(Path::new("")).to_owned();
     let store = data_dir.map(|folder| folder.join("programs"));
-    let folders = [Some(folder.to_owned()), store];
     let names = [format!("{number}.nc"), format!("O{number}.nc")];
-    let places = folders
-        .into_iter()
-        .flatten()
-        .flat_map(|folder| names.clone().map(|name| folder.join(name)));
-    places.into_iter().find(|path| path.is_file())
+    let folders = std::iter::once(folder).chain(store);
+    let mut files = folders.flat_map(|folder| names.clone().map(|name| folder.join(name)));
+    files.find(|path| path.is_file())
 }

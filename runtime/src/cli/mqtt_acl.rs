@@ -2,11 +2,12 @@
 
 use std::path::PathBuf;
 
+use anyhow::{Context, ensure};
 use clap::Args;
 use tandem_gateway::mosquitto_acl;
 
 use super::server_ends::settings;
-use super::{EXIT_OK, EXIT_UNREADABLE, complain, read_config, say};
+use super::{EXIT_OK, Ran, read_config, say};
 
 #[derive(Args)]
 pub struct Arguments {
@@ -15,26 +16,14 @@ pub struct Arguments {
     config: PathBuf,
 }
 
-pub(super) fn run(arguments: &Arguments) -> u8 {
-    let made = read_config(Some(&arguments.config)).and_then(|(config, _)| {
-        let (settings, problems) = settings(&config);
-        if !problems.is_empty() {
-            return Err(problems.join("\n"));
-        }
-        let tokens = settings.tokens.as_ref().ok_or(
-            "[http] token_file is not set: there are no users; make one with tandem token NAME --role ROLE --file FILE",
-        )?;
-        let root = settings.mqtt.root(&settings.machine);
-        Ok(mosquitto_acl(&root, settings.mqtt.username.as_deref(), tokens))
-    });
-    match made {
-        Ok(text) => {
-            say(text.trim_end());
-            EXIT_OK
-        }
-        Err(text) => {
-            complain(text);
-            EXIT_UNREADABLE
-        }
-    }
+pub(super) fn run(arguments: &Arguments) -> Ran {
+    let (config, _) = read_config(Some(&arguments.config))?;
+    let (settings, problems) = settings(&config);
+    ensure!(problems.is_empty(), problems.join("\n"));
+    let tokens = settings.tokens.as_ref().context(
+        "[http] token_file is not set: there are no users; make one with tandem token NAME --role ROLE --file FILE",
+    )?;
+    let root = settings.mqtt.root(&settings.machine);
+    say(mosquitto_acl(&root, settings.mqtt.username.as_deref(), tokens).trim_end());
+    Ok(EXIT_OK)
 }

@@ -13,8 +13,8 @@ use tandem_model::profile::TimeBase;
 use tandem_model::{Axis, AxisVector};
 use tandem_runtime::simulation::OnCycle;
 
-use super::simulate::{Outcome, Plan, Refused, SimulationArguments};
-use super::{EXIT_FOUND, EXIT_OK, EXIT_UNREADABLE, complain};
+use super::simulate::{Plan, SimulationArguments};
+use super::{EXIT_FOUND, EXIT_OK, Ran, complain};
 use drawing::Drawing;
 use polyline::{Point, Polyline};
 
@@ -44,19 +44,14 @@ enum View {
 }
 
 impl View {
-    /// Where a machine position stands in the picture, mm: to the right and up.
+    /// The place of a machine position in the picture, mm: to the right and up.
     fn project(self, at: AxisVector) -> Point {
+        if let Some(axes) = self.axes() {
+            return Point(axes.map(|axis| at[axis]));
+        }
         let [x, y, z] = [Axis::X, Axis::Y, Axis::Z].map(|axis| at[axis]);
-        let place = match self {
-            Self::Xy => [x, y],
-            Self::Xz => [x, z],
-            Self::Yz => [y, z],
-            Self::Iso => {
-                let (sin, cos) = 30_f64.to_radians().sin_cos();
-                [(x - y) * cos, (x + y) * sin + z]
-            }
-        };
-        Point(place)
+        let (sin, cos) = 30_f64.to_radians().sin_cos();
+        Point([(x - y) * cos, (x + y) * sin + z])
     }
 
     /// Axes to the right and up; none where they are no axes of the machine.
@@ -70,63 +65,43 @@ impl View {
     }
 }
 
-pub(super) fn run(arguments: &Arguments) -> u8 {
-    let plan = match Plan::read(&arguments.simulation, false) {
-        Ok(plan) => plan,
-        Err(Refused::Unreadable(text)) => {
-            complain(text);
-            return EXIT_UNREADABLE;
-        }
-        Err(Refused::Errors(_)) => return EXIT_FOUND,
+pub(super) fn run(arguments: &Arguments) -> Ran {
+    let Ok(plan) = Plan::read(&arguments.simulation, false)? else {
+        return Ok(EXIT_FOUND);
     };
-    match draw(arguments, plan) {
-        Ok(outcome) if outcome.is_completed() => EXIT_OK,
-        Ok(outcome) => {
-            complain(outcome.alarm_text());
-            EXIT_FOUND
-        }
-        Err(error) => {
-            complain(format!("{error:#}"));
-            EXIT_UNREADABLE
-        }
-    }
-}
-
-fn draw(arguments: &Arguments, plan: Plan) -> anyhow::Result<Outcome> {
     let sketch = Arc::new(Mutex::new(Sketch::new(arguments.plane)));
-    let on_cycle = watch(&sketch, plan.watched().0);
+    let (watched, index) = (Arc::clone(&sketch), plan.first_system().0);
+    let on_cycle: OnCycle = Box::new(move |servo| {
+        let channel = servo.channel(index);
+        let rapid = channel.time_base() == Some(TimeBase::Rapid);
+        watched.lock().push(channel.setpoint(), rapid);
+    });
     let outcome = plan.simulate(None, Some(on_cycle))?;
     let lines = sketch.lock().take_lines();
     let name = arguments.simulation.file.file_name().unwrap_or_default();
     let drawing = Drawing {
-        title: name.to_string_lossy().into_owned(),
+        title: &name.to_string_lossy(),
         cycle_time_s: outcome.cycle_time_s(),
         axes: arguments.plane.axes(),
         lines: &lines,
     };
     let path = &arguments.output;
     std::fs::write(path, drawing.to_svg()).with_context(|| format!("cannot write {}", path.display()))?;
-    Ok(outcome)
+    if outcome.is_completed() {
+        return Ok(EXIT_OK);
+    }
+    complain(outcome.alarm_text());
+    Ok(EXIT_FOUND)
 }
 
-fn watch(sketch: &Arc<Mutex<Sketch>>, index: usize) -> OnCycle {
-    let sketch = Arc::clone(sketch);
-    Box::new(move |servo| {
-        let channel = servo.channel(index);
-        let mut sketch = sketch.lock();
-        let rapid = channel.time_base() == Some(TimeBase::Rapid);
-        sketch.take(channel.setpoint(), rapid);
-    })
-}
-
-/// A part of the way that is rapid throughout, or feed throughout.
+/// A part of the toolpath that is rapid throughout, or feed throughout.
 #[derive(Debug, PartialEq)]
 struct Line {
     rapid: bool,
     points: Vec<Point>,
 }
 
-/// The way so far.
+/// The toolpath so far.
 struct Sketch {
     view: View,
     rapid: bool,
@@ -144,7 +119,7 @@ impl Sketch {
         }
     }
 
-    fn take(&mut self, setpoint: AxisVector, rapid: bool) {
+    fn push(&mut self, setpoint: AxisVector, rapid: bool) {
         let point = self.view.project(setpoint);
         if rapid != self.rapid && point != self.line.end() {
             let from = self.line.end();
@@ -190,7 +165,7 @@ mod tests {
             (2.0, 0.0, false),
             (2.0, 3.0, false),
         ] {
-            sketch.take(at(x, y), rapid);
+            sketch.push(at(x, y), rapid);
         }
         let expected = [
             Line {

@@ -11,7 +11,7 @@ use tokio::signal::unix::{Signal, SignalKind, signal};
 use tracing_subscriber::EnvFilter;
 
 use super::server_ends::Servable;
-use super::{EXIT_OK, EXIT_UNREADABLE, complain, say};
+use super::{EXIT_OK, Ran, say};
 
 #[derive(Args)]
 pub struct Arguments {
@@ -20,7 +20,7 @@ pub struct Arguments {
     config: Option<PathBuf>,
 }
 
-pub(super) fn run(arguments: &Arguments) -> u8 {
+pub(super) fn run(arguments: &Arguments) -> Ran {
     let filter =
         EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("warn,journal=info,mqtt5=error"));
     tracing_subscriber::fmt()
@@ -28,25 +28,14 @@ pub(super) fn run(arguments: &Arguments) -> u8 {
         .with_ansi(std::io::stderr().is_terminal())
         .with_writer(std::io::stderr)
         .init();
-    let servable = match Servable::read(arguments.config.as_deref()) {
-        Ok(servable) => servable,
-        Err(text) => {
-            complain(text);
-            return EXIT_UNREADABLE;
-        }
-    };
-    let served = tokio::runtime::Builder::new_multi_thread()
+    let servable = Servable::read(arguments.config.as_deref())?;
+    tokio::runtime::Builder::new_multi_thread()
         .enable_all()
         .build()
         .map_err(anyhow::Error::from)
-        .and_then(|executor| executor.block_on(serve(servable)));
-    match served {
-        Ok(()) => EXIT_OK,
-        Err(error) => {
-            complain(format!("tandem does not start: {error}"));
-            EXIT_UNREADABLE
-        }
-    }
+        .and_then(|executor| executor.block_on(serve(servable)))
+        .map_err(|error| anyhow::anyhow!("tandem does not start: {error}"))?;
+    Ok(EXIT_OK)
 }
 
 async fn serve(servable: Servable) -> anyhow::Result<()> {
@@ -97,26 +86,15 @@ fn announce(settings: &GatewaySettings, gateway: &Gateway, is_demo: bool) {
         prefix => format!("{prefix}/"),
     };
     let machine = &settings.machine;
-    say(&format!(
-        "Tandem {} runs machine {machine}.",
+    say(format!(
+        "Tandem {} runs machine {machine}.\n  HMI    http://{http}/\n  REST   http://{http}/api/v1/machine\n  MQTT   {broker}  topics {prefix}tandem/v1/{machine}/#",
         env!("CARGO_PKG_VERSION")
     ));
-    say(&format!("  HMI    http://{http}/"));
-    say(&format!("  REST   http://{http}/api/v1/machine"));
-    say(&format!(
-        "  MQTT   {broker}  topics {prefix}tandem/v1/{machine}/#"
-    ));
     if is_demo {
-        let post = |what: &str| format!("  curl -X POST http://{http}/api/v1/cs/1/{what}");
-        say("");
-        say("Try it: open the HMI, load program 1 and press Start. Or:");
-        say(&format!(
-            "{} -H 'Content-Type: application/json' -d '{{\"program\": 1}}'",
-            post("load")
+        let system = format!("http://{http}/api/v1/cs/1");
+        say(format!(
+            "\nTry it: open the HMI, load program 1 and press Start. Or:\n  curl -X POST {system}/load -H 'Content-Type: application/json' -d '{{\"program\": 1}}'\n  curl -X POST {system}/start\n  curl {system}/state\nFor the part transfer load 3 in coordinate system 1 and 20 in 2, and start both."
         ));
-        say(&post("start"));
-        say(&format!("  curl http://{http}/api/v1/cs/1/state"));
-        say("For the part transfer load 3 in coordinate system 1 and 20 in 2, and start both.");
     }
     say("Ctrl-C stops it.");
 }

@@ -26,7 +26,7 @@ impl Servable {
     ///
     /// # Errors
     /// All that is wrong, as text for people.
-    pub(super) fn read(path: Option<&Path>) -> Result<Self, String> {
+    pub(super) fn read(path: Option<&Path>) -> anyhow::Result<Self> {
         let (config, machine) = read_config(path)?;
         let (settings, mut problems) = settings(&config);
         if let Some(folder) = &machine.data_dir
@@ -41,18 +41,16 @@ impl Servable {
         }
         let programs = machine.unreadable_programs();
         problems.extend(programs.iter().map(ToString::to_string));
-        if problems.is_empty() {
-            return Ok(Self {
-                config,
-                machine,
-                settings,
-            });
+        if !problems.is_empty() {
+            let place = path.map_or_else(String::new, |path| format!("{}: ", path.display()));
+            let problems = problems.join("\n  ");
+            anyhow::bail!("{place}the configuration cannot be served:\n  {problems}");
         }
-        let place = path.map_or_else(String::new, |path| format!("{}: ", path.display()));
-        let problems = problems.join("\n  ");
-        Err(format!(
-            "{place}the configuration cannot be served:\n  {problems}"
-        ))
+        Ok(Self {
+            config,
+            machine,
+            settings,
+        })
     }
 }
 

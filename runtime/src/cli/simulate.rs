@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use anyhow::{Context, bail, ensure};
 use clap::Args;
 use futures_util::FutureExt;
 use parking_lot::Mutex;
@@ -20,7 +21,6 @@ use plc_api::types::request::{Input, OverrideChange, Request};
 use plc_api::types::state::{Execution, State};
 use plc_api::types::topic::{CsTopic, Topic};
 use serde_json::json;
-use tandem_model::Axis;
 use tandem_model::alarm::{AlarmEntry, SIMULATION_LIMIT, SIMULATION_STALLED};
 use tandem_model::limits::PROGRAM_NUMBER_MAX;
 use tandem_model::settings::CoordinateSystemSettings;
@@ -30,9 +30,7 @@ use tandem_runtime::simulation::{self, OnCycle, SimulationOptions};
 use tandem_runtime::{Machine, Runtime, Unhandled};
 
 use super::check::CheckedFile;
-use super::{
-    EXIT_FOUND, EXIT_OK, EXIT_UNREADABLE, complain, find_subprogram, read_config, read_program, say,
-};
+use super::{EXIT_FOUND, EXIT_OK, Ran, find_subprogram, read_config, read_program, say};
 use recorder::{Recorder, Trace};
 pub(super) use report::Outcome;
 
@@ -58,7 +56,7 @@ pub struct Arguments {
 }
 
 /// What is simulated, and how.
-#[derive(Args)]
+#[derive(Args, Clone)]
 pub(super) struct SimulationArguments {
     /// NC program; its subprograms are looked for beside it, then in the data folder's programs
     pub file: PathBuf,
@@ -101,57 +99,41 @@ struct Job {
 
 /// What is to be simulated, read and checked.
 pub(super) struct Plan {
+    arguments: SimulationArguments,
     machine: Machine,
     jobs: Vec<Job>,
     programs: BTreeMap<u16, StoredProgram>,
-    skip: Vec<u8>,
-    optional_stop: bool,
-    feed_override: f64,
-    max_time_s: f64,
 }
 
-pub(super) fn run(arguments: &Arguments) -> u8 {
-    let plan = match Plan::read(&arguments.simulation, arguments.json) {
+pub(super) fn run(arguments: &Arguments) -> Ran {
+    let plan = match Plan::read(&arguments.simulation, arguments.json)? {
         Ok(plan) => plan,
-        Err(Refused::Unreadable(text)) => {
-            complain(text);
-            return EXIT_UNREADABLE;
-        }
-        Err(Refused::Errors(diagnostics)) => {
+        Err(diagnostics) => {
             if arguments.json {
-                say(&json!({"outcome": "errors", "diagnostics": diagnostics}).to_string());
+                say(json!({"outcome": "errors", "diagnostics": diagnostics}));
             }
-            return EXIT_FOUND;
+            return Ok(EXIT_FOUND);
         }
     };
-    match traced(arguments, plan) {
-        Ok(outcome) => {
-            if arguments.json {
-                say(&outcome.to_json().to_string());
-            } else {
-                outcome.print();
-            }
-            if outcome.is_completed() {
-                EXIT_OK
-            } else {
-                EXIT_FOUND
-            }
-        }
-        Err(error) => {
-            complain(format!("{error:#}"));
-            EXIT_UNREADABLE
-        }
+    let outcome = traced(arguments, plan)?;
+    if arguments.json {
+        say(json!(outcome));
+    } else {
+        outcome.print();
     }
+    Ok(if outcome.is_completed() {
+        EXIT_OK
+    } else {
+        EXIT_FOUND
+    })
 }
 
 fn traced(arguments: &Arguments, plan: Plan) -> anyhow::Result<Outcome> {
     if arguments.trace.is_some() && arguments.trace == arguments.events {
-        anyhow::bail!("--trace and --events name the same file");
+        bail!("--trace and --events name the same file");
     }
-    if arguments.trace_spindle && !plan.has_spindle() {
-        anyhow::bail!(
-            "--trace-spindle: the coordinate system has no spindle; give it one in the configuration"
-        );
+    if arguments.trace_spindle && plan.first_system().1.spindle.is_none() {
+        bail!("--trace-spindle: the coordinate system has no spindle; give it one in the configuration");
     }
     let trace = Trace::new(arguments.trace.as_deref(), arguments.trace_spindle, &plan)?;
     let outcome = plan.simulate(arguments.events.as_deref(), trace.on_cycle())?;
@@ -159,17 +141,13 @@ fn traced(arguments: &Arguments, plan: Plan) -> anyhow::Result<Outcome> {
     Ok(outcome)
 }
 
-/// Why nothing is simulated.
-pub(super) enum Refused {
-    Unreadable(String),
-    Errors(Vec<ProgramDiagnostic>),
-}
-
 impl Plan {
     /// Reads the configuration and the programs. With `json`, what is wrong with a program is only returned.
-    pub fn read(arguments: &SimulationArguments, json: bool) -> Result<Self, Refused> {
-        let unreadable = |text: String| Refused::Unreadable(text);
-        let (config, mut machine) = read_config(arguments.config.as_deref()).map_err(unreadable)?;
+    pub fn read(
+        arguments: &SimulationArguments,
+        json: bool,
+    ) -> anyhow::Result<Result<Self, Vec<ProgramDiagnostic>>> {
+        let (config, mut machine) = read_config(arguments.config.as_deref())?;
         machine.unhandled = Unhandled::AutoReset;
         if config.is_demo {
             for system in &mut machine.coordinate_systems {
@@ -177,33 +155,25 @@ impl Plan {
             }
         }
         if !(0.0..=200.0).contains(&arguments.feed_override) {
-            return Err(unreadable(format!(
-                "--feed-override {}: write 0 to 200",
-                arguments.feed_override
-            )));
+            bail!("--feed-override {}: write 0 to 200", arguments.feed_override);
         }
-        if arguments.max_time_s.is_nan() || arguments.max_time_s <= 0.0 {
-            return Err(unreadable("--max-time-s: write a time above 0".into()));
-        }
+        ensure!(arguments.max_time_s > 0.0, "--max-time-s: write a time above 0");
         let mut plan = Self {
+            arguments: arguments.clone(),
             machine,
             jobs: Vec::new(),
             programs: BTreeMap::new(),
-            skip: arguments.skip.clone(),
-            optional_stop: arguments.optional_stop,
-            feed_override: arguments.feed_override,
-            max_time_s: arguments.max_time_s,
         };
         let mut diagnostics = Vec::new();
         let first = (arguments.cs, arguments.file.clone());
         for (cs, file) in std::iter::once(&first).chain(&arguments.with) {
             plan.add(*cs, file, json, &mut diagnostics)?;
         }
-        if diagnostics.is_empty() {
+        Ok(if diagnostics.is_empty() {
             Ok(plan)
         } else {
-            Err(Refused::Errors(diagnostics))
-        }
+            Err(diagnostics)
+        })
     }
 
     /// Runs it to its end, alarm or time limit. `events` takes what happens, one JSON object a line.
@@ -212,38 +182,17 @@ impl Plan {
     /// A file that cannot be written, a command that is refused.
     pub fn simulate(self, events: Option<&Path>, on_cycle: Option<OnCycle>) -> anyhow::Result<Outcome> {
         let cs = self.jobs.iter().map(|job| job.cs);
-        let recorder = Recorder::new(cs, events)?;
-        simulation::run(simulate(self, Arc::new(Mutex::new(recorder)), on_cycle))?
+        let recorder = Arc::new(Mutex::new(Recorder::new(cs, events)?));
+        simulation::run(simulate(self, recorder, on_cycle))?
     }
 
-    /// Place of the first job's coordinate system in the servo, and its axes.
-    pub fn watched(&self) -> (usize, Vec<Axis>) {
-        self.first_system()
-            .map(|(index, settings)| (index, settings.axes().iter().collect()))
-            .unwrap_or_default()
-    }
-
-    /// True when the first job's coordinate system has a spindle.
-    fn has_spindle(&self) -> bool {
-        self.first_system()
-            .is_some_and(|(_, settings)| settings.spindle.is_some())
-    }
-
-    fn first_system(&self) -> Option<(usize, &CoordinateSystemSettings)> {
-        let first = self.jobs.first().map(|job| job.cs);
-        let systems = self
-            .machine
-            .coordinate_systems
-            .iter()
-            .map(|system| &system.settings);
-        systems
-            .enumerate()
-            .find(|(_, settings)| Some(settings.number) == first)
-    }
-
-    /// Program number of the first job.
-    pub fn program(&self) -> u16 {
-        self.jobs.first().map_or(MAIN_PROGRAM, |job| job.program)
+    /// Place of the first job's coordinate system in the servo, and its settings.
+    pub fn first_system(&self) -> (usize, &CoordinateSystemSettings) {
+        let number = self.jobs[0].cs;
+        let mut systems = self.machine.coordinate_systems.iter();
+        let index = systems.position(|system| system.settings.number == number);
+        let index = index.unwrap_or_default();
+        (index, &self.machine.coordinate_systems[index].settings)
     }
 
     fn add(
@@ -252,43 +201,37 @@ impl Plan {
         file: &Path,
         json: bool,
         diagnostics: &mut Vec<ProgramDiagnostic>,
-    ) -> Result<(), Refused> {
+    ) -> anyhow::Result<()> {
         let mut systems = self.machine.coordinate_systems.iter();
-        let Some(system) = systems.find(|system| system.settings.number == cs) else {
-            return Err(Refused::Unreadable(format!(
-                "the machine has no coordinate system {cs}"
-            )));
-        };
+        let system = systems
+            .find(|system| system.settings.number == cs)
+            .with_context(|| format!("the machine has no coordinate system {cs}"))?;
         if self.jobs.iter().any(|job| job.cs == cs) {
-            return Err(Refused::Unreadable(format!(
-                "coordinate system {cs} can run one program at a time"
-            )));
+            bail!("coordinate system {cs} can run one program at a time");
         }
         let wanted = program_number(file).unwrap_or(MAIN_PROGRAM);
-        let mut numbers = (wanted..=PROGRAM_NUMBER_MAX).chain(1..wanted);
-        let Some(number) = numbers.find(|number| !self.programs.contains_key(number)) else {
-            return Err(Refused::Unreadable("there is no program number left".into()));
-        };
+        let number = (wanted..=PROGRAM_NUMBER_MAX)
+            .chain(1..wanted)
+            .find(|number| !self.programs.contains_key(number))
+            .context("there is no program number left")?;
         self.jobs.push(Job { cs, program: number });
         let mut left = vec![(number, file.to_owned())];
         while let Some((number, path)) = left.pop() {
-            let text = read_program(&path).map_err(Refused::Unreadable)?;
+            let text = read_program(&path)?;
             match self.programs.get(&number) {
                 None => {}
                 Some(known) if known.text() == text => continue,
-                Some(_) => {
-                    return Err(Refused::Unreadable(format!(
-                        "{}: program {number} is another file already; all programs that run at the same time share their numbers",
-                        path.display()
-                    )));
-                }
+                Some(_) => bail!(
+                    "{}: program {number} is another file already; all programs that run at the same time share their numbers",
+                    path.display()
+                ),
             }
             let program = StoredProgram::new(number, &text, self.machine.text_rules());
-            // The load asks for this check, too; beyond it only a call can be wrong.
+            // Loading checks the same; beyond that only a call can be wrong.
             let here = program.check_in(&system.settings);
             let called = &program.check.programs;
             if !here.errors.is_empty() || !called.is_empty() {
-                let checked = CheckedFile::of_stored(&path, &program, &self.machine, cs);
+                let checked = CheckedFile::of_stored(&path, &program, &self.machine, &system.settings);
                 if checked.has_errors() {
                     if !json {
                         checked.print();
@@ -311,11 +254,11 @@ async fn simulate(
 ) -> anyhow::Result<Outcome> {
     let sink = Arc::clone(&recorder);
     let journal = Journal::to_sink(Arc::new(std::sync::Mutex::new(move |line: &_| {
-        recorder::record(&sink, line);
+        sink.lock().on_line(line);
         false
     })));
     let options = SimulationOptions {
-        max_time_s: plan.max_time_s,
+        max_time_s: plan.arguments.max_time_s,
         on_cycle,
         hardware: None,
     };
@@ -324,18 +267,17 @@ async fn simulate(
         runtime.store().put(program)?;
     }
     let port = runtime.port();
-    let skip: BTreeMap<u8, bool> = plan.skip.iter().map(|number| (*number, true)).collect();
-    let feed = Some(plan.feed_override);
+    let overrides = OverrideChange {
+        feed: Some(plan.arguments.feed_override),
+        ..OverrideChange::default()
+    };
     for job in &plan.jobs {
-        let inputs = [
-            Input::OptionalSkip(skip.clone()),
-            Input::OptionalStop(plan.optional_stop),
-            Input::Override(OverrideChange {
-                feed,
-                ..OverrideChange::default()
-            }),
-        ];
-        for input in inputs {
+        let skip = plan.arguments.skip.iter().map(|number| (*number, true));
+        for input in [
+            Input::OptionalSkip(skip.collect()),
+            Input::OptionalStop(plan.arguments.optional_stop),
+            Input::Override(overrides),
+        ] {
             port.request(Request::Input(job.cs, input)).await?;
         }
     }
@@ -345,9 +287,9 @@ async fn simulate(
     for job in &plan.jobs {
         command(port.as_ref(), job.cs, Command::Start).await?;
     }
-    let ended = run_to_end(&runtime, &plan.jobs).await?;
-    let outcome = Outcome::new(&runtime, &plan.jobs, &recorder, ended).await;
-    recorder::finish(&recorder)?;
+    let ended_by = run_to_end(&runtime, &plan.jobs).await?;
+    let records = recorder.lock().finish()?;
+    let outcome = Outcome::new(&runtime, records, plan.jobs[0].cs, ended_by).await;
     runtime.shutdown().await;
     Ok(outcome)
 }

@@ -1,4 +1,4 @@
-//! Faults of a configuration, in words for the person who wrote it.
+//! Problems of a configuration, in words for its author.
 
 use std::path::{Path, PathBuf};
 
@@ -13,7 +13,7 @@ pub enum ConfigError {
         /// Why.
         error: std::io::Error,
     },
-    /// The text is not a configuration.
+    /// One thing is wrong with the text.
     #[error("{place}: {message}")]
     Text {
         /// File, line and column, as far as known.
@@ -21,25 +21,13 @@ pub enum ConfigError {
         /// What is wrong and what to write instead.
         message: String,
     },
-    /// Values that do not fit together.
+    /// Values that do not fit together, and all else that is wrong when that is more than one thing: each with its line and
+    /// column where they are known.
     #[error("the configuration does not fit together:\n  {}", .0.join("\n  "))]
     Values(Vec<String>),
 }
 
 impl ConfigError {
-    pub(super) fn text(text: &str, error: &toml::de::Error) -> Self {
-        let before = error.span().and_then(|span| text.get(..span.start));
-        let place = before.map_or_else(String::new, |before| {
-            let line = before.matches('\n').count() + 1;
-            let column = before.rsplit('\n').next().unwrap_or("").chars().count() + 1;
-            format!("line {line}, column {column}")
-        });
-        Self::Text {
-            place,
-            message: explain(before.unwrap_or_default(), error.message()),
-        }
-    }
-
     pub(super) fn in_file(self, path: &Path) -> Self {
         match self {
             Self::Text { place, message } => Self::Text {
@@ -51,12 +39,11 @@ impl ConfigError {
     }
 }
 
-// serde names an unknown key and all known ones; people want the nearest. Of a wrong word they want to know which key it is of.
-fn explain(before: &str, message: &str) -> String {
-    let mut quoted = message.split('`').skip(1).step_by(2);
-    let found = quoted.next().unwrap_or_default();
+// serde names an unknown key and all known ones; people want the nearest. Of a wrong word they want to know its key.
+pub(super) fn explain(before: &str, message: &str) -> String {
+    let found = quoted(message).next().unwrap_or_default();
     if message.starts_with("unknown variant `") {
-        let words: Vec<String> = quoted.map(|word| format!("\"{word}\"")).collect();
+        let words: Vec<String> = known(message).map(|word| format!("\"{word}\"")).collect();
         let words = match words.as_slice() {
             [many @ .., last] if !many.is_empty() => format!("{} or {last}", many.join(", ")),
             all => all.concat(),
@@ -68,10 +55,21 @@ fn explain(before: &str, message: &str) -> String {
     if !message.starts_with("unknown field `") {
         return message.to_owned();
     }
-    match nearest(found, quoted.filter(|known| !known.trim().is_empty())) {
+    match nearest(found, known(message)) {
         Some(known) => format!("unknown key `{found}`; did you mean `{known}`?"),
         None => format!("unknown key `{found}`"),
     }
+}
+
+/// What a message of serde quotes: first what was found.
+pub(super) fn quoted(message: &str) -> impl Iterator<Item = &str> {
+    message.split('`').skip(1).step_by(2)
+}
+
+/// The keys or words that a message of serde expects.
+pub(super) fn known(message: &str) -> impl Iterator<Item = &str> {
+    let expected = message.rsplit_once("expected");
+    quoted(expected.map_or("", |(_, known)| known))
 }
 
 /// The known word that is nearest to `word`.
@@ -94,7 +92,9 @@ mod tests {
 
     #[test]
     fn a_key_that_nothing_reads_is_named_with_its_place_and_the_nearest_known_one() {
-        let text = refusal("[machine]\nname = \"m\"\nservo_periode_us = 1000\n");
+        let text = "[machine]\nname = \"m\"\nservo_periode_us = 1000\n[[motor]]\nnumber = 1\nkind = \"linear\"\n\
+                    max_velocity = 5\nmax_acceleration = 5\n[[coordinate_system]]\nnumber = 1\naxes = { X = 1 }\n";
+        let text = refusal(text);
         assert_eq!(
             text,
             "line 3, column 1: unknown key `servo_periode_us`; did you mean `servo_period_us`?"
@@ -104,6 +104,62 @@ mod tests {
     #[test]
     fn an_unknown_table_is_named_with_the_nearest_known_one() {
         assert!(refusal("[htttp]\nlisten = \"x\"\n").contains("`htttp`; did you mean `http`?"));
+    }
+
+    #[test]
+    fn wrong_words_and_keys_are_named_together_with_what_does_not_fit_in_the_order_of_the_text() {
+        let text = "[machine]\nspeed = 5\n[[motor]]\nnumber = 1\nkind = \"line\"\nmax_velocity = 0\nmax_acceleration = 5\n\
+                    [[coordinate_system]]\nnumber = 1\naxes = { X = 1, Y = 7 }\nunits = \"cm\"\nspindle = 9\n";
+        let refusal = refusal(text);
+        let lines: Vec<&str> = refusal.lines().map(str::trim).collect();
+        let expected = [
+            "the configuration does not fit together:",
+            "line 2, column 1: unknown key `speed`; did you mean `name`?",
+            "line 5, column 8: kind = \"line\": write \"linear\", \"rotary\" or \"spindle\"",
+            "line 6, column 1: [[motor]] number = 1: max_velocity = 0: write 0.000000001 to 1000000000000",
+            "line 10, column 17: [[coordinate_system]] number = 1: axes: Y = 7: there is no [[motor]] 7",
+            "line 11, column 9: units = \"cm\": write \"mm\" or \"inch\"",
+            "line 12, column 1: [[coordinate_system]] number = 1: spindle = 9: there is no [[motor]] 9 of kind spindle",
+        ];
+        assert_eq!(lines, expected);
+    }
+
+    #[test]
+    fn what_follows_from_a_value_that_is_missing_or_cannot_be_read_is_not_told() {
+        let text = "[[motor]]\nnumber = \"one\"\nkind = \"linear\"\nmax_velocity = 5\nmax_acceleration = 5\n\
+                    [[motor]]\nnumber = 2\nkind = \"linear\"\n[[coordinate_system]]\nnumber = 1\naxes = { X = 1, Y = 2 }\n\
+                    hold_slew_ms = [\"a\"]\n";
+        let refusal = refusal(text);
+        let lines: Vec<&str> = refusal.lines().map(str::trim).collect();
+        let begins = [
+            "the configuration does not fit together:",
+            "line 2, column 10: invalid type: string \"one\"",
+            "line 6, column 1: missing field `max_velocity`",
+            "line 12, column 16: invalid type",
+        ];
+        let all_told = lines
+            .iter()
+            .zip(begins)
+            .all(|(line, begin)| line.starts_with(begin));
+        assert!(all_told && lines.len() == begins.len(), "{refusal}");
+    }
+
+    #[test]
+    fn a_word_with_quotes_of_its_own_is_one_problem() {
+        let text = "[mqtt]\non_bus_loss = \"a`b`c\"\n";
+        assert_eq!(
+            refusal(text)
+                .matches("write \"continue\" or \"hold_at_wait\"")
+                .count(),
+            1
+        );
+        assert_eq!(refusal(text).matches("on_bus_loss").count(), 1);
+    }
+
+    #[test]
+    fn problems_of_a_text_are_looked_for_up_to_a_limit() {
+        let keys: Vec<String> = (0..150).map(|number| format!("key_{number} = 1\n")).collect();
+        assert_eq!(refusal(&keys.concat()).matches("unknown key").count(), 100);
     }
 
     #[test]

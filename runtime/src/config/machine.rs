@@ -52,7 +52,7 @@ pub struct CoordinateSystem {
 }
 
 impl CoordinateSystem {
-    /// By what a text is checked that is for this coordinate system.
+    /// The rules for checking a text for this coordinate system.
     pub fn text_rules(&self) -> TextRules {
         TextRules {
             dialect: self.dialect,
@@ -109,7 +109,7 @@ pub enum Stock {
 }
 
 impl Machine {
-    /// What the settings of the motors do not do, though one might think so: text for people, one a setting.
+    /// Notes on settings of motors that do less than one might expect, as text for people.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = Vec::new();
         for motor in &self.motors {
@@ -122,27 +122,13 @@ impl Machine {
                     "{place}: max_jerk = {jerk} bounds G00, G28, G30, G31 and, with G500, long lines and arcs and the ramps between them; elsewhere F has the jerk of ta, td and ts, or steps within max_acceleration"
                 ));
             }
-            let above = [
-                (
-                    "rapid_velocity",
-                    motor.rapid_velocity,
-                    "max_velocity",
-                    motor.max_velocity,
-                ),
-                (
-                    "skip_velocity",
-                    motor.skip_velocity,
-                    "max_velocity",
-                    motor.max_velocity,
-                ),
-                (
-                    "rapid_acceleration",
-                    motor.rapid_acceleration,
-                    "max_acceleration",
-                    motor.max_acceleration,
-                ),
-            ];
-            for (key, value, limit, most) in above {
+            let velocity = ("max_velocity", motor.max_velocity);
+            let acceleration = ("max_acceleration", motor.max_acceleration);
+            for (key, value, (limit, most)) in [
+                ("rapid_velocity", motor.rapid_velocity, velocity),
+                ("skip_velocity", motor.skip_velocity, velocity),
+                ("rapid_acceleration", motor.rapid_acceleration, acceleration),
+            ] {
                 if value > most {
                     notes.push(format!(
                         "{place}: {key} = {value} is above {limit} = {most}, which bounds blocks with F alone"
@@ -153,7 +139,7 @@ impl Machine {
         notes
     }
 
-    /// By what programs are checked before a coordinate system is known.
+    /// The rules for checking programs before their coordinate system is known.
     pub fn text_rules(&self) -> TextRules {
         let tolerances = self
             .coordinate_systems
@@ -168,12 +154,8 @@ impl Machine {
     /// True for a motor that is an axis or the spindle of a coordinate system.
     fn moves(&self, motor: u16) -> bool {
         let systems = self.coordinate_systems.iter().map(|system| &system.settings);
-        let mut motors = systems.flat_map(|settings| settings.motors.iter().chain([&settings.spindle]));
-        motors.any(|of_system| {
-            of_system
-                .as_ref()
-                .is_some_and(|of_system| of_system.number == motor)
-        })
+        let motors = systems.flat_map(|settings| settings.motors.iter().chain([&settings.spindle]));
+        motors.flatten().any(|of_system| of_system.number == motor)
     }
 
     /// NC dialect of the programs.

@@ -9,14 +9,15 @@ mod error;
 mod machine;
 mod reference;
 mod resolve;
+mod text;
 mod words;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
-use serde::Deserialize;
 use serde::de::{Deserializer, Error as _};
+use serde::{Deserialize, Serialize};
 use tandem_interp::{Dialect, dialects};
 use tandem_model::settings::{CompensationFeed, MotorKind, Overcut, ShortBlock, Unit};
 
@@ -76,6 +77,8 @@ pub struct Config {
     /// True for the built-in demo machine, which brings its own sequence program.
     #[serde(skip)]
     pub is_demo: bool,
+    #[serde(skip)]
+    places: text::Places,
 }
 
 /// `[machine]`
@@ -102,7 +105,7 @@ impl Default for MachineConfig {
 }
 
 /// `[[motor]]`
-#[derive(Debug, Clone, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MotorConfig {
     /// CNC motor number.
@@ -195,14 +198,14 @@ fn hundredth() -> f64 {
 }
 
 /// `[[coordinate_system]]`
-#[derive(Debug, Clone, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CoordinateSystemConfig {
     /// Number of the coordinate system.
     #[schemars(range(min = 1))]
     pub number: u8,
     /// NC dialect.
-    #[serde(default = "dialects::nj", deserialize_with = "dialect")]
+    #[serde(default = "dialects::nj", deserialize_with = "dialect", skip_serializing)]
     #[schemars(schema_with = "dialect_schema")]
     pub dialect: &'static Dialect,
     /// Axis letter to motor number.
@@ -292,7 +295,7 @@ fn dialect_schema(_: &mut SchemaGenerator) -> Schema {
 }
 
 /// `[[tool]]`
-#[derive(Debug, Clone, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ToolConfig {
     /// Tool number.
@@ -309,7 +312,7 @@ pub struct ToolConfig {
 }
 
 /// `[m_code.N]`
-#[derive(Debug, Clone, Default, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Default, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MCodeConfig {
     /// When it is put out.
@@ -403,10 +406,10 @@ impl Config {
     /// Reads a configuration text; relative paths in it start from `base_dir`.
     ///
     /// # Errors
-    /// The text is not TOML, a key is unknown (the nearest known one is named), or a value is of the wrong type.
+    /// The text is not TOML, a key is unknown (the nearest known one is named) or missing, or a value is of the wrong type; then also
+    /// what [`Config::resolve`] refuses, as far as it does not follow from that.
     pub fn from_toml(text: &str, base_dir: impl Into<PathBuf>) -> Result<Config, ConfigError> {
-        let mut config: Config = toml::from_str(text).map_err(|error| ConfigError::text(text, &error))?;
-        config.base_dir = base_dir.into();
-        Ok(config)
+        let base_dir = base_dir.into();
+        text::read(text).map(|config| Config { base_dir, ..config })
     }
 }

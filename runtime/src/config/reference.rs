@@ -1,9 +1,14 @@
 //! The reference of the configuration: each key as its type declares it.
 
 use schemars::generate::SchemaSettings;
-use serde_json::{Map, Value};
+use serde::de::DeserializeOwned;
+use serde_json::Value;
 
-use super::Config;
+use super::error::known;
+use super::{
+    Config, CoordinateSystemConfig, HttpConfig, MCodeConfig, MachineConfig, MotorConfig, MqttConfig,
+    SimulatedSkipConfig, ToolConfig,
+};
 
 /// A key of the configuration.
 #[derive(Debug, Clone, PartialEq)]
@@ -73,27 +78,43 @@ impl ConfigKey {
 }
 
 impl Config {
-    /// All keys, table by table; within a table those first that cannot be left out.
+    /// All keys, table by table in the order of their types; within a table those first that cannot be left out.
     pub fn keys() -> Vec<ConfigKey> {
         let settings = SchemaSettings::draft2020_12().with(|settings| settings.inline_subschemas = true);
         let config = settings.into_generator().into_root_schema_for::<Self>();
+        let tables = [
+            ("machine", order_of::<MachineConfig>()),
+            ("motor", order_of::<MotorConfig>()),
+            ("coordinate_system", order_of::<CoordinateSystemConfig>()),
+            ("tool", order_of::<ToolConfig>()),
+            ("m_code", order_of::<MCodeConfig>()),
+            ("simulated_skip", order_of::<SimulatedSkipConfig>()),
+            ("mqtt", order_of::<MqttConfig>()),
+            ("http", order_of::<HttpConfig>()),
+        ];
         let mut keys = Vec::new();
-        for (name, schema) in properties(config.as_value()) {
+        for (name, order) in tables {
+            let schema = &config.as_value()["properties"][name];
             let of_many = [&schema["items"], &schema["additionalProperties"]];
-            let table = of_many
-                .into_iter()
-                .find(|table| table.is_object())
-                .unwrap_or(schema);
+            let table = of_many.into_iter().find(|table| table.is_object());
+            let table = table.unwrap_or(schema);
             let needed = table["required"].as_array().map_or(&[][..], Vec::as_slice);
             let of_table = keys.len();
-            for (key, of_key) in properties(table) {
+            keys.extend(order.iter().map(|key| {
                 let is_needed = needed.iter().any(|needed| needed == key);
-                keys.push(ConfigKey::new(text(schema), name, key, of_key, is_needed));
-            }
+                ConfigKey::new(text(schema), name, key, &table["properties"][key], is_needed)
+            }));
             keys[of_table..].sort_by_key(|key| !key.is_needed);
         }
         keys
     }
+}
+
+/// The keys of a table in the order of its type: serde names them so where it refuses another one.
+fn order_of<T: DeserializeOwned>() -> Vec<String> {
+    let refused = toml::from_str::<T>("'' = 0").err();
+    let message = refused.as_ref().map_or("", toml::de::Error::message);
+    known(message).map(str::to_owned).collect()
 }
 
 /// Lowest and highest value of a number, or of each number of a list; infinite where that is open.
@@ -105,10 +126,6 @@ pub(super) fn range(schema: &Value) -> (f64, f64) {
     )
 }
 
-fn properties(schema: &Value) -> impl Iterator<Item = (&String, &Value)> {
-    schema["properties"].as_object().into_iter().flat_map(Map::iter)
-}
-
 fn text(schema: &Value) -> &str {
     schema["description"].as_str().unwrap_or_default()
 }
@@ -116,11 +133,8 @@ fn text(schema: &Value) -> &str {
 /// The words of all forms that a value has, each with its meaning.
 fn collect_words(schema: &Value, words: &mut Vec<ConfigWord>) {
     let of_value = |value: &Value, text: &str| {
-        let word = value.as_str()?.to_owned();
-        Some(ConfigWord {
-            word,
-            text: text.to_owned(),
-        })
+        let (word, text) = (value.as_str()?.to_owned(), text.to_owned());
+        Some(ConfigWord { word, text })
     };
     words.extend(of_value(&schema["const"], text(schema)));
     let list = |name: &str| schema[name].as_array().into_iter().flatten();
@@ -131,19 +145,15 @@ fn collect_words(schema: &Value, words: &mut Vec<ConfigWord>) {
 }
 
 fn kind(schema: &Value, is_word: bool) -> String {
-    let first = &schema["type"][0];
-    let of_one = match schema["type"].as_str().or(first.as_str()) {
+    let word = match schema["type"].as_str().or(schema["type"][0].as_str()) {
         _ if is_word => "word",
         Some("integer") => "whole number",
         Some("string") => "text",
         Some("object") => "table",
-        Some("array") => {
-            return format!("{} numbers", schema["minItems"]);
-        }
-        Some(other) => other,
-        None => "",
+        Some("array") => return format!("{} numbers", schema["minItems"]),
+        other => other.unwrap_or_default(),
     };
-    of_one.to_owned()
+    word.to_owned()
 }
 
 #[cfg(test)]
@@ -213,6 +223,24 @@ mod tests {
             }
         }
         assert!(seen > 35, "only {seen} ranges");
+    }
+
+    #[test]
+    fn keys_come_in_the_order_of_their_types_and_none_is_left_out() {
+        let keys: Vec<String> = Config::keys().into_iter().map(|key| key.path).collect();
+        let at = |path: &str| keys.iter().position(|key| key == path).unwrap();
+        assert_eq!(at("machine.name"), 0);
+        assert!(at("motor.kind") < at("motor.max_jerk") && at("motor.max_jerk") < at("motor.rapid_velocity"));
+        assert!(
+            at("motor.lag_ms") < at("coordinate_system.number") && at("m_code.timing") < at("http.listen")
+        );
+        let config = schemars::schema_for!(Config);
+        for table in config.as_value()["properties"].as_object().unwrap().keys() {
+            assert!(
+                keys.iter().any(|key| key.starts_with(&format!("{table}."))),
+                "{table}"
+            );
+        }
     }
 
     #[test]

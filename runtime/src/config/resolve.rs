@@ -4,33 +4,80 @@ mod coordinate_system;
 mod motor;
 mod mqtt;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
+use std::fmt::Display;
 
 use plc_api::handlers::RUNTIME_M_CODES;
 use schemars::{JsonSchema, Schema, schema_for};
+use serde::Serialize;
 use tandem_model::limits::{COORDINATE_SYSTEMS_MAX, M_CODE_MAX, PROGRAM_NUMBER_MAX};
 use tandem_model::settings::{MotorSettings, Tool};
 
 use super::machine::{CoordinateSystem, MCodeSettings, Machine, ProgramSource, Unhandled};
 use super::reference::range;
-use super::{Config, ConfigError, CoordinateSystemConfig, MCodeConfig, MachineConfig, OnBusLoss, ToolConfig};
+use super::text::Problems;
+use super::{Config, ConfigError, CoordinateSystemConfig, MachineConfig, OnBusLoss, ToolConfig};
 use crate::tables::TOOLS_MAX;
 
 /// Characters of a `wait_state`.
 const WAIT_STATE_MAX: usize = 64;
 
-/// The ranges of the numbers of a table.
-struct Ranges(Schema);
+/// A table of the configuration, and what is wrong with it.
+struct Checked<'a, 'b> {
+    problems: &'a mut Problems<'b>,
+    /// Its path, such as `motor.0`.
+    path: String,
+    /// What its problems begin with.
+    name: String,
+}
 
-impl Ranges {
-    fn of<T: JsonSchema>() -> Self {
-        Self(schema_for!(T))
+impl Checked<'_, '_> {
+    /// Notes a problem of a key.
+    fn problem(&mut self, key: &str, text: impl Display) {
+        let path = format!("{}.{key}", self.path);
+        self.problems.add(&path, format!("{}{text}", self.name));
     }
 
-    /// What to write where a value of a key is not a number of its range; `None`: it is.
-    fn problem(&self, (key, value): (&str, f64)) -> Option<String> {
-        let (low, high) = range(self.0.get("properties")?.get(key)?);
-        (!(low..=high).contains(&value)).then(|| format!("{key} = {value}: write {low} to {high}"))
+    /// Notes all numbers that are out of the ranges of their keys, except for keys that are checked elsewhere.
+    fn check_ranges<T: JsonSchema + Serialize>(&mut self, table: &T, elsewhere: &[&str]) {
+        let schema = schema_for!(T);
+        let keys = toml::Table::try_from(table).unwrap_or_else(|error| {
+            self.problem("", error);
+            toml::Table::new()
+        });
+        for (key, value) in keys.iter().filter(|(key, _)| !elsewhere.contains(&key.as_str())) {
+            let values = value
+                .as_array()
+                .map_or(std::slice::from_ref(value), Vec::as_slice);
+            for value in values {
+                if let Some(number) = value
+                    .as_float()
+                    .or(value.as_integer().map(|number| number as f64))
+                {
+                    self.check_range(&schema, key, number);
+                }
+            }
+        }
+    }
+
+    fn check_range(&mut self, schema: &Schema, key: &str, number: f64) {
+        let of_key = schema
+            .get("properties")
+            .and_then(|properties| properties.get(key));
+        let (low, high) = of_key.map_or((f64::NEG_INFINITY, f64::INFINITY), range);
+        if !(low..=high).contains(&number) {
+            self.problem(key, format!("{key} = {number}: write {low} to {high}"));
+        }
+    }
+}
+
+impl<'b> Problems<'b> {
+    fn of(&mut self, path: impl Into<String>, name: impl Into<String>) -> Checked<'_, 'b> {
+        Checked {
+            problems: self,
+            path: path.into(),
+            name: name.into(),
+        }
     }
 }
 
@@ -40,108 +87,89 @@ impl Config {
     /// # Errors
     /// All values that do not fit together, at once.
     pub fn resolve(&self) -> Result<Machine, ConfigError> {
-        let mut problems = Vec::new();
-        self.check_machine(&mut problems);
-        self.mqtt.check(&mut problems);
-        self.check_tools(&mut problems);
-        let motors = self.motors(&mut problems);
-        let m_codes = self.m_codes(&mut problems);
-        let coordinate_systems = self.coordinate_systems(&motors, &mut problems);
-        if !problems.is_empty() {
-            return Err(ConfigError::Values(problems));
+        let mut problems = Problems::new(&self.places);
+        let machine = self.resolve_into(&mut problems);
+        if problems.is_empty() {
+            Ok(machine)
+        } else {
+            Err(problems.into_error())
         }
-        Ok(Machine {
+    }
+
+    /// The machine, which counts where there are no problems.
+    pub(super) fn resolve_into(&self, problems: &mut Problems<'_>) -> Machine {
+        self.machine.check(&mut problems.of("machine", "[machine] "));
+        self.mqtt.check(&mut problems.of("mqtt", "[mqtt] "));
+        let tools = self.tools(problems);
+        let motors = self.motors(problems);
+        let m_codes = self.m_codes(problems);
+        let coordinate_systems = self.coordinate_systems(&motors, problems);
+        Machine {
             name: self.machine.name.clone(),
             servo_period_us: self.machine.servo_period_us,
             data_dir: Some(self.base_dir.join(&self.machine.data_dir)),
             motors: motors.into_values().collect(),
             coordinate_systems,
-            tools: self.tools(),
+            tools,
             m_codes,
             unhandled: Unhandled::Alarm,
             hold_on_bus_loss: self.mqtt.on_bus_loss == OnBusLoss::HoldAtWait,
-        })
-    }
-
-    fn tools(&self) -> BTreeMap<u16, Tool> {
-        let of = |tool: &ToolConfig| {
-            (
-                tool.id,
-                Tool {
-                    length: tool.length,
-                    radius: tool.radius,
-                },
-            )
-        };
-        self.tool.iter().map(of).collect()
-    }
-
-    fn check_machine(&self, problems: &mut Vec<String>) {
-        let name = &self.machine.name;
-        let good = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
-        if name.is_empty() || name.len() > 32 || !name.chars().all(good) {
-            problems.push(format!(
-                "[machine] name = \"{name}\": write 1 to 32 lower-case letters, digits and hyphens"
-            ));
-        }
-        let period = ("servo_period_us", self.machine.servo_period_us as f64);
-        if let Some(text) = Ranges::of::<MachineConfig>().problem(period) {
-            problems.push(format!("[machine] {text}"));
-        }
-        if self.machine.data_dir.as_os_str().is_empty() {
-            problems.push("[machine] data_dir = \"\": write the name of a folder".into());
         }
     }
 
-    fn check_tools(&self, problems: &mut Vec<String>) {
-        let ranges = Ranges::of::<ToolConfig>();
-        let mut ids = BTreeSet::new();
-        for tool in &self.tool {
-            let mut problem = |text: String| problems.push(format!("[[tool]] id = {}: {text}", tool.id));
-            if tool.id == 0 {
-                problem("tools count from 1".into());
+    fn tools(&self, problems: &mut Problems<'_>) -> BTreeMap<u16, Tool> {
+        let mut tools = BTreeMap::new();
+        for (index, config) in self.tool.iter().enumerate() {
+            let ToolConfig { id, radius, length } = *config;
+            let mut checked = problems.of(format!("tool.{index}"), format!("[[tool]] id = {id}: "));
+            if id == 0 {
+                checked.problem("id", "tools count from 1");
             }
-            if !ids.insert(tool.id) {
-                problem("the id stands twice".into());
+            if tools.insert(id, Tool { length, radius }).is_some() {
+                checked.problem("id", "the id stands twice");
             }
-            [("radius", tool.radius), ("length", tool.length)]
-                .into_iter()
-                .filter_map(|number| ranges.problem(number))
-                .for_each(problem);
+            checked.check_ranges(config, &["id"]);
         }
         if self.tool.len() > TOOLS_MAX {
-            problems.push(format!("[[tool]]: the table holds {TOOLS_MAX} tools"));
+            problems.add("tool", format!("[[tool]]: the table holds {TOOLS_MAX} tools"));
         }
+        tools
     }
 
-    fn m_codes(&self, problems: &mut Vec<String>) -> BTreeMap<u16, MCodeSettings> {
+    fn m_codes(&self, problems: &mut Problems<'_>) -> BTreeMap<u16, MCodeSettings> {
         let mut m_codes = BTreeMap::new();
         for (key, config) in &self.m_code {
-            let mut problem = |text: String| problems.push(format!("[m_code.{key}]{text}"));
+            let path = format!("m_code.{key}");
+            let mut of_table = problems.of(path.as_str(), format!("[m_code.{key}]: "));
             let Some(m) = key.parse::<u16>().ok().filter(|m| *m <= M_CODE_MAX) else {
-                problem(format!(": write an M code, 0 to {M_CODE_MAX}"));
+                of_table.problem("", format!("write an M code, 0 to {M_CODE_MAX}"));
                 continue;
             };
             if m.to_string() != *key {
-                problem(format!(": write [m_code.{m}]"));
+                of_table.problem("", format!("write [m_code.{m}]"));
             }
             if RUNTIME_M_CODES.contains(&m) {
-                problem(format!(
-                    ": the runtime handles M{m:02} itself, and nothing reads this table; take it out"
-                ));
+                let text =
+                    format!("the runtime handles M{m:02} itself, and nothing reads this table; take it out");
+                of_table.problem("", text);
             }
-            config.check(&mut problem);
-            m_codes.insert(
-                m,
-                MCodeSettings {
-                    timing: config.timing,
-                    unhandled: config.unhandled,
-                    timeout_ms: config.timeout_ms,
-                    wait_state: config.wait_state.clone(),
-                    stock: config.stock,
-                    simulated_s: config.simulated_ms / 1000.0,
-                },
-            );
+            let mut checked = problems.of(path, format!("[m_code.{key}] "));
+            checked.check_ranges(config, &[]);
+            if let Some(word) = &config.wait_state
+                && (!(1..=WAIT_STATE_MAX).contains(&word.chars().count()) || word.contains(char::is_control))
+            {
+                let text = format!("wait_state: write a word of 1 to {WAIT_STATE_MAX} characters");
+                checked.problem("wait_state", text);
+            }
+            let settings = MCodeSettings {
+                timing: config.timing,
+                unhandled: config.unhandled,
+                timeout_ms: config.timeout_ms,
+                wait_state: config.wait_state.clone(),
+                stock: config.stock,
+                simulated_s: config.simulated_ms / 1000.0,
+            };
+            m_codes.insert(m, settings);
         }
         m_codes
     }
@@ -149,42 +177,44 @@ impl Config {
     fn coordinate_systems(
         &self,
         motors: &BTreeMap<u16, MotorSettings>,
-        problems: &mut Vec<String>,
+        problems: &mut Problems<'_>,
     ) -> Vec<CoordinateSystem> {
         if self.coordinate_system.is_empty() || self.coordinate_system.len() > COORDINATE_SYSTEMS_MAX {
-            problems.push(format!(
-                "write 1 to {COORDINATE_SYSTEMS_MAX} [[coordinate_system]] tables"
-            ));
+            let text = format!("write 1 to {COORDINATE_SYSTEMS_MAX} [[coordinate_system]] tables");
+            problems.add("coordinate_system", text);
         }
         let skips = self.simulated_skips(motors, problems);
         let mut taken = BTreeMap::new();
         let mut systems = BTreeMap::new();
         let first = self.coordinate_system.first().map(|config| config.dialect.name);
-        for config in &self.coordinate_system {
-            let place = format!("[[coordinate_system]] number = {}", config.number);
-            let mut problem = |text: String| problems.push(format!("{place}: {text}"));
-            config.check(&mut problem);
-            if first.is_some_and(|first| first != config.dialect.name) {
-                problem("dialect: coordinate systems share the programs; write the same in all".into());
+        for (index, config) in self.coordinate_system.iter().enumerate() {
+            let path = format!("coordinate_system.{index}");
+            let name = format!("[[coordinate_system]] number = {}: ", config.number);
+            let mut checked = problems.of(path, name);
+            if config.number == 0 {
+                checked.problem("number", "coordinate systems count from 1");
             }
-            let all = config.axes.values().copied().chain(config.spindle);
-            for motor in all {
+            checked.check_ranges(config, &["number"]);
+            if first.is_some_and(|first| first != config.dialect.name) {
+                let text = "dialect: coordinate systems share the programs; write the same in all";
+                checked.problem("dialect", text);
+            }
+            for motor in config.axes.values().copied().chain(config.spindle) {
                 if let Some(other) = taken.insert(motor, config.number) {
-                    problem(format!(
-                        "motor {motor} already belongs to coordinate system {other}"
-                    ));
+                    let text = format!("motor {motor} already belongs to coordinate system {other}");
+                    checked.problem("axes", text);
                 }
             }
             let system = CoordinateSystem {
-                settings: config.settings(motors, self.machine.servo_period_us, &skips, &mut problem),
+                settings: config.settings(motors, self.machine.servo_period_us, &skips, &mut checked),
                 dialect: config.dialect,
-                work_offsets: config.work_offsets(&mut problem),
-                programs: self.programs(config, &mut problem),
+                work_offsets: config.work_offsets(&mut checked),
+                programs: self.programs(config, &mut checked),
                 pre_read_blocks: config.pre_read_blocks,
                 open_outputs_max: config.open_outputs_max,
             };
             if systems.insert(config.number, system).is_some() {
-                problem("the number stands twice".into());
+                checked.problem("number", "the number stands twice");
             }
         }
         systems.into_values().collect()
@@ -193,28 +223,29 @@ impl Config {
     fn programs(
         &self,
         config: &CoordinateSystemConfig,
-        problem: &mut impl FnMut(String),
+        checked: &mut Checked<'_, '_>,
     ) -> BTreeMap<u16, ProgramSource> {
         let mut programs = BTreeMap::new();
         for (key, path) in &config.programs {
+            let mut problem =
+                |text: String| checked.problem(&format!("programs.{key}"), format!("programs: {key}{text}"));
             let number = key.parse::<u16>().ok();
             let Some(number) = number.filter(|n| (1..=PROGRAM_NUMBER_MAX).contains(n)) else {
                 problem(format!(
-                    "programs: {key} is not a program number; write 1 to {PROGRAM_NUMBER_MAX}"
+                    " is not a program number; write 1 to {PROGRAM_NUMBER_MAX}"
                 ));
                 continue;
             };
             if number.to_string() != *key {
-                problem(format!("programs: {key}: write {number}"));
+                problem(format!(": write {number}"));
             }
-            let others = self
-                .coordinate_system
-                .iter()
-                .take_while(|other| other.number != config.number);
-            let mut elsewhere = others.filter_map(|other| other.programs.get(key));
+            let others = self.coordinate_system.iter();
+            let mut elsewhere = others
+                .take_while(|other| other.number != config.number)
+                .filter_map(|other| other.programs.get(key));
             if let Some(other) = elsewhere.find(|other| *other != path) {
                 problem(format!(
-                    "programs: {key} = \"{path}\": coordinate systems share the programs, and {key} is \"{other}\" in another one"
+                    " = \"{path}\": coordinate systems share the programs, and {key} is \"{other}\" in another one"
                 ));
             }
             let source = match self.embedded_programs.get(path.as_str()) {
@@ -227,21 +258,17 @@ impl Config {
     }
 }
 
-impl MCodeConfig {
-    fn check(&self, problem: &mut impl FnMut(String)) {
-        let timeout = self.timeout_ms.map(|ms| ("timeout_ms", ms as f64));
-        let ranges = Ranges::of::<Self>();
-        [("simulated_ms", self.simulated_ms)]
-            .into_iter()
-            .chain(timeout)
-            .filter_map(|number| ranges.problem(number))
-            .for_each(|text| problem(format!(" {text}")));
-        if let Some(word) = &self.wait_state
-            && (!(1..=WAIT_STATE_MAX).contains(&word.chars().count()) || word.contains(char::is_control))
-        {
-            problem(format!(
-                " wait_state: write a word of 1 to {WAIT_STATE_MAX} characters"
-            ));
+impl MachineConfig {
+    fn check(&self, checked: &mut Checked<'_, '_>) {
+        let name = &self.name;
+        let good = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
+        if name.is_empty() || name.len() > 32 || !name.chars().all(good) {
+            let text = format!("name = \"{name}\": write 1 to 32 lower-case letters, digits and hyphens");
+            checked.problem("name", text);
+        }
+        checked.check_range(&schema_for!(Self), "servo_period_us", self.servo_period_us as f64);
+        if self.data_dir.as_os_str().is_empty() {
+            checked.problem("data_dir", "data_dir = \"\": write the name of a folder");
         }
     }
 }

@@ -1,10 +1,11 @@
 //! The report to the operator about a run that was cut short by the end of an earlier start of the runtime.
 
+use plc_api::execution::word;
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::data::LastRun;
 use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
 use plc_api::types::output::PendingOutput;
-use serde_json::{Value, json};
+use serde_json::json;
 use tandem_model::alarm::RESTARTED_IN_RUN;
 
 /// The warning of a run that was cut short, with the M codes that were open.
@@ -22,21 +23,17 @@ pub(crate) fn cut_short(cs: CoordinateSystemNumber, last_run: &LastRun) -> Alarm
 
 /// `run 1-3 was in WAIT; open: M100 VA3 (line 7, CLAIMED by gripper)`.
 fn what_was_open(last_run: &LastRun) -> String {
-    let word = |value: Value| value.as_str().unwrap_or_default().to_owned();
     let one = |open: &PendingOutput| {
         let output = &open.output;
-        let params = serde_json::to_value(output.params).unwrap_or_default();
+        let params = json!(output.params);
         let params = params.as_object().into_iter().flatten();
         let params: Vec<String> = params
             .map(|(letter, value)| format!(" V{letter}{value}"))
             .collect();
         let params = params.concat();
-        let state = word(json!(open.state));
-        let owner = open
-            .handler_id
-            .as_ref()
-            .map_or(String::new(), |id| format!(" by {id}"));
-        format!("M{:02}{params} (line {}, {state}{owner})", output.m, output.line)
+        let owner = open.handler_id.as_ref().map(|id| format!(" by {id}"));
+        let state = word(&open.state) + &owner.unwrap_or_default();
+        format!("M{:02}{params} (line {}, {state})", output.m, output.line)
     };
     let open: Vec<String> = last_run.outputs.iter().map(one).collect();
     let open = if open.is_empty() {
@@ -44,6 +41,6 @@ fn what_was_open(last_run: &LastRun) -> String {
     } else {
         format!("open: {}", open.join(", "))
     };
-    let execution = word(json!(last_run.execution));
+    let execution = word(&last_run.execution);
     format!("run {} was in {execution}; {open}", last_run.run_id)
 }

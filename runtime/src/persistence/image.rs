@@ -5,7 +5,6 @@ use std::io;
 
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::data::LastRun;
-use serde::Serialize;
 use tandem_model::variables::VariableArray;
 
 use crate::tables::KeptValues;
@@ -73,14 +72,6 @@ impl Image {
         self.values
             .retain(|key, value| kept.values.get(key) != Some(value));
         self
-    }
-
-    /// Adds a value by its name.
-    pub fn insert(&mut self, key: String, value: &impl Serialize) {
-        // Numbers, words and lists of them always have a JSON form.
-        if let Ok(bytes) = serde_json::to_vec(value) {
-            self.values.insert(key, bytes);
-        }
     }
 
     /// Takes a change over.

@@ -8,14 +8,14 @@ use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::sync::mpsc::{Receiver, sync_channel};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, SystemTime};
 
 use plc_api::types::Timestamp;
 use serde_json::{Value, json};
 
-use crate::journal::Line;
+use crate::journal::{JournalWriter, Line, Message};
 
 /// Its folder in `data_dir`.
 pub(crate) const JOURNAL_FOLDER: &str = "journal";
@@ -33,34 +33,11 @@ const WAITING_MAX: usize = 10_000;
 /// behind; the rest is the disk's.
 const GATHER: Duration = Duration::from_millis(10);
 
-enum Message {
-    /// A line, its time of day, and when it was handed over.
-    Line(Line, SystemTime, Instant),
-    Close,
-}
-
 /// The text of a line, with its end.
 fn text(line: &Line, time: SystemTime) -> String {
     let mut json = line.to_json();
     json["ts"] = json!(Timestamp::from_system_time(time));
     format!("{json}\n")
-}
-
-/// How others write lines. Cloning gives another handle to the same journal.
-#[derive(Debug, Clone)]
-pub(crate) struct JournalWriter {
-    lines: SyncSender<Message>,
-    lost: Arc<AtomicU64>,
-}
-
-impl JournalWriter {
-    /// Hands a line over, without waiting.
-    pub fn write(&self, line: Line, time: SystemTime) {
-        let message = Message::Line(line, time, Instant::now());
-        if let Err(TrySendError::Full(_)) = self.lines.try_send(message) {
-            self.lost.fetch_add(1, Ordering::Relaxed);
-        }
-    }
 }
 
 /// The thread. Dropping it writes what waits and ends it.
@@ -92,7 +69,7 @@ impl JournalThread {
         })
     }
 
-    /// A handle for those who write.
+    /// A handle for callers.
     pub fn writer(&self) -> JournalWriter {
         self.writer.clone()
     }
@@ -151,8 +128,8 @@ fn gather(inbox: &Receiver<Message>, lost: &AtomicU64) -> Option<(String, bool)>
     }
     let lost = lost.swap(0, Ordering::Relaxed);
     if lost > 0 {
-        let told = format!("{{\"event\":\"lost\",\"lines\":{lost}}}\n");
-        batch += &told;
+        let line = format!("{{\"event\":\"lost\",\"lines\":{lost}}}\n");
+        batch += &line;
     }
     Some((batch, true))
 }
@@ -162,32 +139,22 @@ fn gather(inbox: &Receiver<Message>, lost: &AtomicU64) -> Option<(String, bool)>
 /// # Errors
 /// A file cannot be read.
 pub(crate) fn newest(folder: &Path, from: usize, count: usize) -> io::Result<Vec<Value>> {
-    let mut found = Vec::new();
-    let mut left_out = from;
+    let (mut found, wanted) = (Vec::new(), from.saturating_add(count));
     for age in 0..FILES_MAX {
+        if found.len() == wanted {
+            break;
+        }
         let text = match fs::read_to_string(place(folder, age)) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => break,
             text => text?,
         };
-        // the last line may be on its way to the disk
+        // The last line may not be written in full yet.
         let whole = text.rfind('\n').map_or("", |end| &text[..end]);
-        for line in whole
-            .lines()
-            .rev()
-            .filter_map(|line| serde_json::from_str(line).ok())
-        {
-            if left_out > 0 {
-                left_out -= 1;
-            } else if found.len() < count {
-                found.push(line);
-            } else {
-                break;
-            }
-        }
-        if found.len() == count {
-            break;
-        }
+        let lines = whole.lines().rev();
+        let lines = lines.filter_map(|line| serde_json::from_str(line).ok());
+        found.extend(lines.take(wanted - found.len()));
     }
+    found.drain(..from.min(found.len()));
     found.reverse();
     Ok(found)
 }
@@ -219,7 +186,7 @@ impl Files {
             self.begin_anew()?;
         }
         if let Err(error) = self.newest.write_all(lines.as_bytes()) {
-            // A part of a line must not stand before the next one.
+            // The next line must not follow a part of this one.
             self.newest.set_len(self.bytes)?;
             return Err(error);
         }
@@ -259,10 +226,8 @@ fn open_whole(path: &Path) -> io::Result<(File, u64)> {
     file.seek(SeekFrom::Start(length - tail))?;
     let mut text = Vec::new();
     file.read_to_end(&mut text)?;
-    let whole = text
-        .iter()
-        .rposition(|byte| *byte == b'\n')
-        .map_or(0, |end| end + 1);
+    let end = text.iter().rposition(|byte| *byte == b'\n');
+    let whole = end.map_or(0, |end| end + 1);
     let length = length - tail + whole as u64;
     file.set_len(length)?;
     Ok((file, length))

@@ -1,4 +1,4 @@
-//! The thread that stores changes: it looks every [`INTERVAL`], and at once when somebody waits for it.
+//! The thread that stores changes: it looks for them every [`INTERVAL`], and at once for a caller that waits.
 
 use std::io;
 use std::path::PathBuf;
@@ -16,24 +16,24 @@ use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::types::{BootId, CoordinateSystemNumber, Timestamp};
 use tandem_model::alarm::STORE_FAILED;
 use tandem_model::variables::VariableArray;
-use tokio::sync::oneshot;
+use tokio::sync::oneshot::{self, error::RecvError};
 
 use super::image::{Image, LastRuns, Page, pages};
 use super::store::Store;
 use crate::clock::Clock;
 use crate::coordinate_system::View;
-use crate::tables::{KeptValues, Tables, value_key};
+use crate::tables::{KeptValues, Tables, keep, value_key};
 
 /// Time between two looks. Reason: half of the 100 ms that what is kept may be behind; the rest is the disk's.
 const INTERVAL: Duration = Duration::from_millis(50);
 
-/// A commit that ends later than this after the look before it is told in the log.
+/// A commit that ends later than this after the previous look is logged.
 const BEHIND_MAX_S: f64 = 0.1;
 
 type Done = oneshot::Sender<Result<(), String>>;
 
 enum Message {
-    /// Values to be written with all that has changed, and who waits for it.
+    /// Values to be written with all that has changed, and the caller that waits for it.
     Write(KeptValues, Done),
     Close,
 }
@@ -50,10 +50,7 @@ impl StateWriter {
     /// # Errors
     /// The disk refuses, in words.
     pub fn write(&self, values: KeptValues) -> Result<(), String> {
-        let (done, written) = oneshot::channel();
-        // A closed thread drops the message, and with it `done`.
-        let _ = self.messages.send(Message::Write(values, done));
-        written.blocking_recv().unwrap_or_else(|_| Err(gone()))
+        self.send(values).blocking_recv().unwrap_or_else(stopping)
     }
 
     /// Waits until all that has changed before is on disk.
@@ -61,14 +58,19 @@ impl StateWriter {
     /// # Errors
     /// The disk refuses, in words.
     pub async fn flush(&self) -> Result<(), String> {
+        self.send(KeptValues::new()).await.unwrap_or_else(stopping)
+    }
+
+    fn send(&self, values: KeptValues) -> oneshot::Receiver<Result<(), String>> {
         let (done, written) = oneshot::channel();
-        let _ = self.messages.send(Message::Write(KeptValues::new(), done));
-        written.await.unwrap_or_else(|_| Err(gone()))
+        // A closed thread drops the message, and with it `done`.
+        let _ = self.messages.send(Message::Write(values, done));
+        written
     }
 }
 
-fn gone() -> String {
-    "the runtime is stopping".to_owned()
+fn stopping(_: RecvError) -> Result<(), String> {
+    Err("the runtime is stopping".to_owned())
 }
 
 /// The thread. Dropping it writes what is left and ends it.
@@ -103,7 +105,7 @@ impl StateWriterThread {
         })
     }
 
-    /// A handle for those who write.
+    /// A handle for callers.
     pub fn writer(&self) -> StateWriter {
         self.writer.clone()
     }
@@ -147,11 +149,11 @@ impl Source {
         }
         for (cs, view) in &self.views {
             if let Some(last_run) = self.last_run(*cs, view, last_runs.get(cs)) {
-                change.insert(value_key("last_run", *cs), &last_run);
+                keep(&mut change.values, value_key("last_run", *cs), &last_run);
                 last_runs.insert(*cs, last_run);
             }
             if let Some(Payload::Tool(tool)) = self.payload(*cs, CsTopic::Tool) {
-                change.insert(value_key("tool", *cs), &tool.id);
+                keep(&mut change.values, value_key("tool", *cs), &tool.id);
             }
         }
         change
@@ -162,9 +164,9 @@ impl Source {
         Some(message.payload.clone())
     }
 
-    /// How a run of this boot stands, when that has changed.
+    /// The state of the run of this boot, when it has changed.
     fn last_run(&self, cs: CoordinateSystemNumber, view: &View, before: Option<&LastRun>) -> Option<LastRun> {
-        // of before the look: what the journal says from then on may be missing in it
+        // The time before the look: what the journal records from then on may be missing here.
         let at = Timestamp::from_system_time(self.clock.wall());
         let Some(Payload::State(state)) = self.payload(cs, CsTopic::State) else {
             return None;
@@ -195,7 +197,7 @@ impl Source {
     }
 }
 
-/// A run that an earlier end of the runtime cut short: once an operator has loaded or reset it is told no more.
+/// A run that an earlier end of the runtime cut short, once an operator has loaded or reset: it is no longer reported.
 fn taken_over(before: &LastRun, reason: Option<Reason>) -> Option<LastRun> {
     let is_new = before.is_under_way() && reason != Some(Reason::Restarted);
     is_new.then(|| LastRun {
@@ -230,7 +232,7 @@ impl Pace {
     }
 
     /// Notes a look whose commit has ended; gives how old its oldest change may be, seconds.
-    fn committed(&mut self, looked_s: f64, ended_s: f64) -> f64 {
+    fn on_commit(&mut self, looked_s: f64, ended_s: f64) -> f64 {
         let before_s = self.looked_s.replace(looked_s).unwrap_or(looked_s);
         ended_s - before_s
     }
@@ -252,10 +254,10 @@ impl Work {
         loop {
             let (mut values, mut waiting, mut open) = (KeptValues::new(), Vec::new(), true);
             let now_s = self.source.clock.now_s();
-            let mut next = inbox.recv_timeout(self.pace.wait(now_s));
-            // who waits meanwhile is served by the same commit
-            loop {
-                match next {
+            let mut patience = self.pace.wait(now_s);
+            // All that has come meanwhile is written by the same commit.
+            while open {
+                match inbox.recv_timeout(std::mem::take(&mut patience)) {
                     Ok(Message::Write(more, done)) => {
                         values.extend(more);
                         waiting.push(done);
@@ -263,14 +265,10 @@ impl Work {
                     Ok(Message::Close) | Err(RecvTimeoutError::Disconnected) => open = false,
                     Err(RecvTimeoutError::Timeout) => break,
                 }
-                if !open {
-                    break;
-                }
-                next = inbox.recv_timeout(Duration::ZERO);
             }
             let written = self.turn(values);
             for done in waiting {
-                // Who waits may have gone.
+                // A caller may have gone.
                 let _ = done.send(written.clone());
             }
             if !open {
@@ -286,27 +284,22 @@ impl Work {
         let mut change = self.source.changes(&self.kept, &mut last_runs);
         change.values.extend(values);
         let change = change.beyond(&self.kept);
-        let written = if change.is_empty() {
-            Ok(())
-        } else {
-            self.commit(&change)
-        };
-        let behind_s = self.pace.committed(looked_s, self.source.clock.now_s());
-        match written {
-            Ok(()) => {
-                self.kept.take_over(change);
-                self.last_runs = last_runs;
-                self.failing = false;
-                if behind_s > BEHIND_MAX_S {
-                    tracing::warn!("the disk is slow: what is kept was {behind_s:.3} s behind");
-                }
-                Ok(())
-            }
-            Err(error) => Err(self.failed(&error)),
+        let written = self.commit(&change);
+        let behind_s = self.pace.on_commit(looked_s, self.source.clock.now_s());
+        written.map_err(|error| self.on_failure(&error))?;
+        self.kept.take_over(change);
+        self.last_runs = last_runs;
+        self.failing = false;
+        if behind_s > BEHIND_MAX_S {
+            tracing::warn!("the disk is slow: what is kept was {behind_s:.3} s behind");
         }
+        Ok(())
     }
 
     fn commit(&mut self, change: &Image) -> io::Result<()> {
+        if change.is_empty() {
+            return Ok(());
+        }
         let store = match self.store.take() {
             Some(store) => store,
             None => Store::open(&self.path)?,
@@ -316,7 +309,7 @@ impl Work {
         Ok(())
     }
 
-    fn failed(&mut self, error: &io::Error) -> String {
+    fn on_failure(&mut self, error: &io::Error) -> String {
         let text = format!("{}: {error}", self.path.display());
         if !self.failing {
             self.failing = true;
@@ -342,7 +335,7 @@ mod tests {
         for round in 0..500_u32 {
             let looked_s = now_s;
             now_s += f64::from(round * 7 % 51) / 1000.0;
-            longest_s = longest_s.max(pace.committed(looked_s, now_s));
+            longest_s = longest_s.max(pace.on_commit(looked_s, now_s));
             now_s += pace.wait(now_s).as_secs_f64();
         }
         assert!(longest_s > 0.09, "{longest_s}");

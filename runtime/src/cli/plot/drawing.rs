@@ -1,11 +1,10 @@
 //! The picture of a path: SVG in mm, with a grid to read distances from.
 
-use std::fmt::Write as _;
+use std::fmt::{self, Write as _};
 
 use tandem_model::Axis;
 
 use super::Line;
-use super::polyline::Point;
 
 /// Longer side of the picture, in the unit of its text.
 const SIDE: f64 = 1000.0;
@@ -17,72 +16,72 @@ const GRID_LINES: f64 = 10.0;
 /// What is drawn.
 pub struct Drawing<'a> {
     /// Name of the program.
-    pub title: String,
+    pub title: &'a str,
     /// Cycle time, s.
     pub cycle_time_s: f64,
     /// Axes to the right and up; `None`: no grid, since no distance can be read off.
     pub axes: Option<[Axis; 2]>,
-    /// The way.
+    /// The toolpath.
     pub lines: &'a [Line],
 }
 
 impl Drawing<'_> {
     /// The picture as text.
     pub fn to_svg(&self) -> String {
-        let frame = Frame::around(self.lines);
-        let [width, height] = frame.size();
-        let mut svg = format!(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width:.0} {height:.0}\" font-family=\"sans-serif\" \
-             font-size=\"14\">\n<style>\n{STYLE}</style>\n<title>{title}</title>\n\
-             <rect class=\"paper\" width=\"100%\" height=\"100%\"/>\n",
-            title = escaped(&self.title),
-        );
-        if let Some(axes) = self.axes {
-            grid(&mut svg, &frame, axes);
-        }
-        for line in self.lines {
-            let class = if line.rapid { "rapid" } else { "feed" };
-            let points: Vec<String> = line.points.iter().map(|point| frame.place(*point)).collect();
-            push(
-                &mut svg,
-                format_args!("<polyline class=\"{class}\" points=\"{}\"/>", points.join(" ")),
-            );
-        }
-        let ends = [
-            ("start", self.lines.first().and_then(|line| line.points.first())),
-            ("end", self.lines.last().and_then(|line| line.points.last())),
-        ];
-        for (class, point) in ends {
-            if let Some(point) = point {
-                let [x, y] = frame.at(point.0);
-                push(
-                    &mut svg,
-                    format_args!(
-                        "<circle class=\"{class}\" cx=\"{x:.2}\" cy=\"{y:.2}\" r=\"5\"><title>{class}</title></circle>"
-                    ),
-                );
-            }
-        }
-        self.legend(&mut svg, height);
-        svg.push_str("</svg>\n");
+        let mut svg = String::new();
+        // Writing into a String never fails.
+        let _ = self.write(&mut svg);
         svg
     }
 
-    fn legend(&self, svg: &mut String, height: f64) {
-        let y = height - 14.0;
-        push(
+    fn write(&self, svg: &mut String) -> fmt::Result {
+        let frame = Frame::around(self.lines);
+        let [width, height] = frame.size();
+        let title = self
+            .title
+            .replace('&', "&amp;")
+            .replace('<', "&lt;")
+            .replace('>', "&gt;");
+        writeln!(
             svg,
-            format_args!(
-                "<text x=\"14\" y=\"24\">{}, {:.3} s, mm</text>\n\
-                 <path class=\"feed\" d=\"M14 {line} h30\"/><text x=\"50\" y=\"{y}\">feed</text>\n\
-                 <path class=\"rapid\" d=\"M100 {line} h30\"/><text x=\"136\" y=\"{y}\">rapid</text>\n\
-                 <circle class=\"start\" cx=\"196\" cy=\"{line}\" r=\"5\"/><text x=\"208\" y=\"{y}\">start</text>\n\
-                 <circle class=\"end\" cx=\"262\" cy=\"{line}\" r=\"5\"/><text x=\"274\" y=\"{y}\">end</text>",
-                escaped(&self.title),
-                self.cycle_time_s,
-                line = y - 5.0,
-            ),
-        );
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width:.0} {height:.0}\" font-family=\"sans-serif\" \
+             font-size=\"14\">\n<style>\n{STYLE}</style>\n<title>{title}</title>\n\
+             <rect class=\"paper\" width=\"100%\" height=\"100%\"/>"
+        )?;
+        if let Some(axes) = self.axes {
+            frame.write_grid(svg, axes)?;
+        }
+        for line in self.lines {
+            let class = if line.rapid { "rapid" } else { "feed" };
+            let points = line.points.iter().map(|point| frame.at(point.0));
+            let points: Vec<String> = points.map(|[x, y]| format!("{x:.2},{y:.2}")).collect();
+            let points = points.join(" ");
+            writeln!(svg, "<polyline class=\"{class}\" points=\"{points}\"/>")?;
+        }
+        let start = self.lines.first().and_then(|line| line.points.first());
+        let end = self.lines.last().and_then(|line| line.points.last());
+        for (class, point) in start
+            .map(|start| ("start", start))
+            .into_iter()
+            .chain(end.map(|end| ("end", end)))
+        {
+            let [x, y] = frame.at(point.0);
+            writeln!(
+                svg,
+                "<circle class=\"{class}\" cx=\"{x:.2}\" cy=\"{y:.2}\" r=\"5\"><title>{class}</title></circle>"
+            )?;
+        }
+        let y = height - 14.0;
+        writeln!(
+            svg,
+            "<text x=\"14\" y=\"24\">{title}, {:.3} s, mm</text>\n\
+             <path class=\"feed\" d=\"M14 {line} h30\"/><text x=\"50\" y=\"{y}\">feed</text>\n\
+             <path class=\"rapid\" d=\"M100 {line} h30\"/><text x=\"136\" y=\"{y}\">rapid</text>\n\
+             <circle class=\"start\" cx=\"196\" cy=\"{line}\" r=\"5\"/><text x=\"208\" y=\"{y}\">start</text>\n\
+             <circle class=\"end\" cx=\"262\" cy=\"{line}\" r=\"5\"/><text x=\"274\" y=\"{y}\">end</text>\n</svg>",
+            self.cycle_time_s,
+            line = y - 5.0,
+        )
     }
 }
 
@@ -97,7 +96,7 @@ const STYLE: &str = "\
 text { fill: #38414c }
 ";
 
-/// Where machine positions stand in the picture.
+/// The places of machine positions in the picture.
 struct Frame {
     lowest: [f64; 2],
     highest: [f64; 2],
@@ -107,19 +106,12 @@ struct Frame {
 
 impl Frame {
     fn around(lines: &[Line]) -> Self {
-        let mut lowest = [f64::INFINITY; 2];
-        let mut highest = [f64::NEG_INFINITY; 2];
-        for point in lines.iter().flat_map(|line| &line.points) {
-            for ((low, high), value) in lowest.iter_mut().zip(&mut highest).zip(point.0) {
-                *low = low.min(value);
-                *high = high.max(value);
-            }
-        }
-        if lines.is_empty() {
-            (lowest, highest) = ([0.0; 2], [0.0; 2]);
-        }
+        let points = || lines.iter().flat_map(|line| &line.points);
+        let values = |axis: usize| points().map(move |point| point.0[axis]);
+        let lowest = [0, 1].map(|axis| values(axis).reduce(f64::min).unwrap_or_default());
+        let highest = [0, 1].map(|axis| values(axis).reduce(f64::max).unwrap_or_default());
         let longer = (highest[0] - lowest[0]).max(highest[1] - lowest[1]);
-        // A path of one point stands in the middle of 1 mm.
+        // A path of one point is drawn as if it were 1 mm long.
         let longer = if longer > 0.0 { longer } else { 1.0 };
         Self {
             lowest,
@@ -142,11 +134,6 @@ impl Frame {
         ]
     }
 
-    fn place(&self, point: Point) -> String {
-        let [x, y] = self.at(point.0);
-        format!("{x:.2},{y:.2}")
-    }
-
     /// Distance of the grid lines, mm: 1, 2 or 5 times a power of ten.
     fn step(&self) -> f64 {
         let wished = SIDE / self.scale / GRID_LINES;
@@ -156,70 +143,56 @@ impl Frame {
             .find(|factor| factor * power >= wished);
         factor.unwrap_or(10.0) * power
     }
-}
 
-fn grid(svg: &mut String, frame: &Frame, axes: [Axis; 2]) {
-    let step = frame.step();
-    let digits = if step >= 1.0 { 0 } else { 3 };
-    let [low, high] = [frame.lowest, frame.highest];
-    for (index, axis) in axes.into_iter().enumerate() {
-        let mut value = (low[index] / step).ceil() * step;
-        while value <= high[index] {
-            // The sum takes the sign off a negative zero.
-            let shown = value + 0.0;
-            let class = if value.abs() < step / 2.0 { "zero" } else { "grid" };
-            let (ends, label) = if index == 0 {
-                (
-                    [[value, low[1]], [value, high[1]]],
-                    "dy=\"18\" text-anchor=\"middle\"",
-                )
-            } else {
-                (
-                    [[low[0], value], [high[0], value]],
-                    "dx=\"-6\" dy=\"5\" text-anchor=\"end\"",
-                )
-            };
-            let [[x1, y1], [x2, y2]] = ends.map(|point| frame.at(point));
-            push(
-                svg,
-                format_args!(
+    fn write_grid(&self, svg: &mut String, axes: [Axis; 2]) -> fmt::Result {
+        let step = self.step();
+        let digits = if step >= 1.0 { 0 } else { 3 };
+        let [low, high] = [self.lowest, self.highest];
+        // Of the axis to the right and of the axis up: place of the labels of its values, and of its letter.
+        let places = [
+            (
+                "dy=\"18\" text-anchor=\"middle\"",
+                [high[0], low[1]],
+                "dx=\"24\" dy=\"18\"",
+            ),
+            (
+                "dx=\"-6\" dy=\"5\" text-anchor=\"end\"",
+                [low[0], high[1]],
+                "dx=\"-12\" dy=\"-16\"",
+            ),
+        ];
+        for (index, (axis, (label, letter_at, letter_place))) in axes.into_iter().zip(places).enumerate() {
+            let mut value = (low[index] / step).ceil() * step;
+            while value <= high[index] {
+                let class = if value.abs() < step / 2.0 { "zero" } else { "grid" };
+                let ends = [low, high].map(|mut end| {
+                    end[index] = value;
+                    self.at(end)
+                });
+                let [[x1, y1], [x2, y2]] = ends;
+                // The sum takes the sign off a negative zero.
+                let shown = value + 0.0;
+                writeln!(
+                    svg,
                     "<line class=\"{class}\" x1=\"{x1:.2}\" y1=\"{y1:.2}\" x2=\"{x2:.2}\" y2=\"{y2:.2}\"/>\n\
                      <text x=\"{x1:.2}\" y=\"{y1:.2}\" {label}>{shown:.digits$}</text>"
-                ),
-            );
-            value += step;
+                )?;
+                value += step;
+            }
+            let [x, y] = self.at(letter_at);
+            let letter = axis.letter();
+            writeln!(
+                svg,
+                "<text x=\"{x:.2}\" y=\"{y:.2}\" {letter_place} font-weight=\"bold\">{letter}</text>"
+            )?;
         }
-        let [x, y] = if index == 0 {
-            frame.at([high[0], low[1]])
-        } else {
-            frame.at([low[0], high[1]])
-        };
-        let place = if index == 0 {
-            "dx=\"24\" dy=\"18\""
-        } else {
-            "dx=\"-12\" dy=\"-16\""
-        };
-        let letter = axis.letter();
-        push(
-            svg,
-            format_args!("<text x=\"{x:.2}\" y=\"{y:.2}\" {place} font-weight=\"bold\">{letter}</text>"),
-        );
+        Ok(())
     }
-}
-
-/// One more line. Writing into a String never fails.
-fn push(svg: &mut String, line: std::fmt::Arguments<'_>) {
-    let _ = writeln!(svg, "{line}");
-}
-
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::polyline::Point;
     use super::*;
 
     fn picture(points: &[[f64; 2]], rapid: bool) -> String {
@@ -228,7 +201,7 @@ mod tests {
             points: points.iter().copied().map(Point).collect(),
         }];
         let drawing = Drawing {
-            title: "a<b.nc".into(),
+            title: "a<b.nc",
             cycle_time_s: 1.5,
             axes: Some([Axis::X, Axis::Y]),
             lines: &lines,
@@ -271,7 +244,7 @@ mod tests {
     #[test]
     fn a_program_that_does_not_move_is_a_picture_too() {
         let drawing = Drawing {
-            title: String::new(),
+            title: "",
             cycle_time_s: 0.0,
             axes: Some([Axis::X, Axis::Y]),
             lines: &[],

@@ -1,9 +1,9 @@
-//! What is written down while a simulation runs: the journal's lines and the trace of positions.
+//! Records a simulation: the journal's lines and the trace of positions.
 
 use std::collections::BTreeMap;
-use std::fmt::Write as _;
+use std::fmt::{Display, Write as _};
 use std::fs::File;
-use std::io::{BufWriter, IsTerminal, Write};
+use std::io::{self, BufWriter, IsTerminal, Write};
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 use anyhow::Context;
 use parking_lot::Mutex;
 use plc_api::types::CoordinateSystemNumber;
+use serde::Serialize;
 use serde_json::{Value, json};
 use tandem_model::Axis;
 use tandem_runtime::journal::{Event, Line, RaisedAlarm};
@@ -18,10 +19,37 @@ use tandem_runtime::simulation::OnCycle;
 
 use super::Plan;
 
+/// A file of lines. What cannot be written is reported at the end: a servo cycle and the journal do not fail.
+struct Lines {
+    file: BufWriter<File>,
+    failed: Option<io::Error>,
+}
+
+impl Lines {
+    fn create(path: &Path) -> io::Result<Self> {
+        let file = BufWriter::new(File::create(path)?);
+        Ok(Self { file, failed: None })
+    }
+
+    fn write(&mut self, line: impl Display) {
+        if let Err(error) = writeln!(self.file, "{line}") {
+            self.failed.get_or_insert(error);
+        }
+    }
+
+    /// Everything is in the file when this returns.
+    fn finish(&mut self) -> io::Result<()> {
+        self.failed.take().map_or(Ok(()), Err)?;
+        self.file.flush()
+    }
+}
+
 /// What happened in one coordinate system.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize)]
 pub(super) struct Record {
+    #[serde(skip)]
     pub start_s: f64,
+    #[serde(skip)]
     pub end_s: f64,
     pub blocks: u64,
     /// In the order of their outputs; `reset_s` is null until the reset.
@@ -34,8 +62,7 @@ pub(super) struct Record {
 /// The journal of a simulation.
 pub(super) struct Recorder {
     records: BTreeMap<CoordinateSystemNumber, Record>,
-    events: Option<BufWriter<File>>,
-    failed: Option<std::io::Error>,
+    events: Option<Lines>,
 }
 
 impl Recorder {
@@ -43,40 +70,38 @@ impl Recorder {
         cs: impl Iterator<Item = CoordinateSystemNumber>,
         events: Option<&Path>,
     ) -> anyhow::Result<Self> {
-        let open = |path: &Path| {
-            let file = File::create(path).with_context(|| format!("cannot write {}", path.display()));
-            file.map(BufWriter::new)
-        };
-        let events = events.map(open).transpose()?;
+        let create =
+            |path: &Path| Lines::create(path).with_context(|| format!("cannot write {}", path.display()));
         Ok(Self {
             records: cs.map(|cs| (cs, Record::default())).collect(),
-            events,
-            failed: None,
+            events: events.map(create).transpose()?,
         })
     }
 
-    pub fn record(&self, cs: CoordinateSystemNumber) -> Record {
-        self.records.get(&cs).cloned().unwrap_or_default()
-    }
-
-    fn take(&mut self, line: &Line) {
+    pub fn on_line(&mut self, line: &Line) {
         // Commands are the simulation's own.
         if matches!(line.event, Event::Command { .. }) {
             return;
         }
-        if let Some(events) = &mut self.events
-            && let Err(error) = writeln!(events, "{}", line.to_json())
-        {
-            self.failed.get_or_insert(error);
+        if let Some(events) = &mut self.events {
+            events.write(line.to_json());
         }
         if let Some(record) = self.records.get_mut(&line.cs) {
-            record.take(line);
+            record.on_line(line);
         }
+    }
+
+    /// What happened in each coordinate system. Everything is in the file when this returns.
+    pub fn finish(&mut self) -> anyhow::Result<BTreeMap<CoordinateSystemNumber, Record>> {
+        if let Some(events) = &mut self.events {
+            events.finish().context("--events")?;
+        }
+        Ok(std::mem::take(&mut self.records))
     }
 }
 
 impl Record {
-    fn take(&mut self, line: &Line) {
+    fn on_line(&mut self, line: &Line) {
         let at_s = line.t_s - self.start_s;
         match &line.event {
             Event::Start { .. } => self.start_s = line.t_s,
@@ -112,30 +137,11 @@ impl Record {
     }
 }
 
-pub(super) fn record(recorder: &Arc<Mutex<Recorder>>, line: &Line) {
-    recorder.lock().take(line);
-}
-
-/// Everything is in the file when this returns.
-pub(super) fn finish(recorder: &Arc<Mutex<Recorder>>) -> anyhow::Result<()> {
-    let mut recorder = recorder.lock();
-    if let Some(error) = recorder.failed.take() {
-        return Err(error).context("--events");
-    }
-    recorder
-        .events
-        .as_mut()
-        .map_or(Ok(()), Write::flush)
-        .context("--events")
-}
-
 /// Positions of each servo period as CSV, and a sign of life on a terminal.
-#[derive(Clone)]
-pub(super) struct Trace(Arc<Mutex<TraceFile>>);
+pub(super) struct Trace(Arc<Mutex<Traced>>);
 
-struct TraceFile {
-    file: Option<BufWriter<File>>,
-    failed: Option<std::io::Error>,
+struct Traced {
+    file: Option<Lines>,
     index: usize,
     axes: Vec<Axis>,
     with_spindle: bool,
@@ -148,38 +154,34 @@ struct TraceFile {
 
 impl Trace {
     pub fn new(path: Option<&Path>, with_spindle: bool, plan: &Plan) -> anyhow::Result<Self> {
-        let (index, axes) = plan.watched();
-        let mut trace = TraceFile {
-            file: None,
-            failed: None,
+        let (index, settings) = plan.first_system();
+        let create = |path: &Path| Lines::create(path).with_context(|| format!("--trace {}", path.display()));
+        let mut trace = Traced {
+            file: path.map(create).transpose()?,
             index,
-            axes,
+            axes: settings.axes().iter().collect(),
             with_spindle,
-            program: plan.program(),
+            program: plan.jobs[0].program,
             line: 0,
             cycles: 0,
             started: Instant::now(),
             shown: None,
         };
-        if let Some(path) = path {
-            let file = File::create(path).with_context(|| format!("--trace {}", path.display()))?;
-            let mut file = BufWriter::new(file);
+        if let Some(file) = &mut trace.file {
             let letters: String = trace.axes.iter().flat_map(|axis| [',', axis.letter()]).collect();
             let spindle = if with_spindle { ",spindle_deg" } else { "" };
-            writeln!(file, "time_s,program,line{letters}{spindle}")?;
-            trace.file = Some(file);
-            trace.write(0.0, &[0.0; tandem_model::AXES_MAX], 0.0);
+            file.write(format_args!("time_s,program,line{letters}{spindle}"));
         }
+        trace.write(0.0, &[0.0; tandem_model::AXES_MAX], 0.0);
         Ok(Self(Arc::new(Mutex::new(trace))))
     }
 
     /// What the simulation calls after each servo cycle; `None`: nothing has to be written or shown.
     pub fn on_cycle(&self) -> Option<OnCycle> {
-        let trace = Arc::clone(&self.0);
-        let wanted = trace.lock().file.is_some();
-        if !wanted && !std::io::stderr().is_terminal() {
+        if self.0.lock().file.is_none() && !io::stderr().is_terminal() {
             return None;
         }
+        let trace = Arc::clone(&self.0);
         Some(Box::new(move |servo| {
             let mut trace = trace.lock();
             let channel = servo.channel(trace.index);
@@ -195,34 +197,25 @@ impl Trace {
     pub fn finish(&self) -> anyhow::Result<()> {
         let mut trace = self.0.lock();
         if trace.shown.is_some() {
-            super::complain("");
+            crate::cli::complain("");
         }
-        if let Some(error) = trace.failed.take() {
-            return Err(error).context("--trace");
-        }
-        trace
-            .file
-            .as_mut()
-            .map_or(Ok(()), Write::flush)
-            .context("--trace")
+        let file = trace.file.as_mut();
+        file.map_or(Ok(()), Lines::finish).context("--trace")
     }
 }
 
-impl TraceFile {
+impl Traced {
     fn write(&mut self, time_s: f64, position: &[f64], spindle_deg: f64) {
         let Some(file) = &mut self.file else { return };
         let mut line = format!("{time_s:.6},{},{}", self.program, self.line);
         for axis in &self.axes {
-            // The sum takes the sign off a negative zero.
-            // Writing into a String never fails.
+            // The sum takes the sign off a negative zero. Writing into a String never fails.
             let _ = write!(line, ",{:.9}", position[axis.index()] + 0.0);
         }
         if self.with_spindle {
             let _ = write!(line, ",{spindle_deg:.9}");
         }
-        if let Err(error) = writeln!(file, "{line}") {
-            self.failed.get_or_insert(error);
-        }
+        file.write(line);
     }
 
     /// After a second, five times a second, on a terminal.
@@ -232,16 +225,14 @@ impl TraceFile {
             return;
         }
         let now = Instant::now();
-        let since_shown = self.shown.map_or(now - self.started, |shown| now - shown);
-        let pause = if self.shown.is_some() {
-            Duration::from_millis(200)
-        } else {
-            Duration::from_secs(1)
+        let (last, pause) = match self.shown {
+            Some(shown) => (shown, Duration::from_millis(200)),
+            None => (self.started, Duration::from_secs(1)),
         };
-        if since_shown >= pause {
+        if now - last >= pause {
             self.shown = Some(now);
             let (program, line) = (self.program, self.line);
-            let mut stderr = std::io::stderr().lock();
+            let mut stderr = io::stderr().lock();
             // A terminal that has gone is no reason to fail.
             let _ = write!(
                 stderr,

@@ -1,29 +1,34 @@
 //! What a simulation found, as text and as JSON.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
-use parking_lot::Mutex;
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::message::Payload;
 use plc_api::types::topic::{CsTopic, Topic};
+use serde::Serialize;
 use serde_json::{Map, Value, json};
 use tandem_model::alarm::AlarmEntry;
 use tandem_model::variables::VariableArray;
 use tandem_runtime::Runtime;
 
 use super::super::say;
-use super::Job;
-use super::recorder::{Record, Recorder};
+use super::recorder::Record;
 
 /// What a simulation found: the first coordinate system's part, and those of the others.
+#[derive(Serialize)]
 pub(in crate::cli) struct Outcome {
+    #[serde(flatten)]
     first: Part,
+    #[serde(rename = "with", skip_serializing_if = "BTreeMap::is_empty")]
     others: BTreeMap<CoordinateSystemNumber, Part>,
 }
 
 /// One coordinate system's part.
+#[derive(Serialize)]
 struct Part {
+    outcome: &'static str,
+    cycle_time_s: f64,
+    #[serde(flatten)]
     record: Record,
     machine: BTreeMap<String, f64>,
     work: BTreeMap<String, f64>,
@@ -32,19 +37,20 @@ struct Part {
 }
 
 impl Outcome {
+    /// Of what was recorded of each coordinate system, and what the runtime shows at the end.
     pub(super) async fn new(
         runtime: &Runtime,
-        jobs: &[Job],
-        recorder: &Arc<Mutex<Recorder>>,
+        mut records: BTreeMap<CoordinateSystemNumber, Record>,
+        first: CoordinateSystemNumber,
         ended_by: Option<&AlarmEntry>,
     ) -> Self {
-        let mut parts = BTreeMap::new();
-        for job in jobs {
-            let record = recorder.lock().record(job.cs);
-            parts.insert(job.cs, Part::new(runtime, job, record, ended_by).await);
+        let record = records.remove(&first).unwrap_or_default();
+        let first = Part::new(runtime, first, record, ended_by).await;
+        let mut others = BTreeMap::new();
+        for (cs, record) in records {
+            others.insert(cs, Part::new(runtime, cs, record, ended_by).await);
         }
-        let first = parts.remove(&jobs[0].cs).unwrap_or_else(Part::empty);
-        Self { first, others: parts }
+        Self { first, others }
     }
 
     pub fn is_completed(&self) -> bool {
@@ -53,7 +59,7 @@ impl Outcome {
 
     /// From the first program's start to its end, s.
     pub fn cycle_time_s(&self) -> f64 {
-        self.first.cycle_time_s()
+        self.first.cycle_time_s
     }
 
     /// What ended the first program that did not complete, in a sentence; empty when all completed.
@@ -63,18 +69,6 @@ impl Outcome {
 
     fn parts(&self) -> impl Iterator<Item = &Part> {
         std::iter::once(&self.first).chain(self.others.values())
-    }
-
-    pub fn to_json(&self) -> Value {
-        let mut object = self.first.to_json();
-        if !self.others.is_empty() {
-            let others = self
-                .others
-                .iter()
-                .map(|(cs, part)| (cs.to_string(), Value::Object(part.to_json())));
-            object.insert("with".into(), Value::Object(others.collect()));
-        }
-        Value::Object(object)
     }
 
     pub fn print(&self) {
@@ -87,69 +81,51 @@ impl Outcome {
 }
 
 impl Part {
-    fn empty() -> Self {
-        Self {
-            record: Record::default(),
-            machine: BTreeMap::new(),
-            work: BTreeMap::new(),
-            captured: Vec::new(),
-            variables: json!({"P": {}, "Q": {}}),
-        }
-    }
-
-    async fn new(runtime: &Runtime, job: &Job, mut record: Record, ended_by: Option<&AlarmEntry>) -> Self {
+    async fn new(
+        runtime: &Runtime,
+        cs: CoordinateSystemNumber,
+        mut record: Record,
+        ended_by: Option<&AlarmEntry>,
+    ) -> Self {
         let port = runtime.port();
-        let read = async |topic| port.read(&Topic::cs(job.cs, topic)).await;
-        let mut part = Self::empty();
-        if let Some(message) = read(CsTopic::Position).await
-            && let Payload::Position(position) = &message.payload
-        {
-            part.machine.clone_from(&position.machine);
-            part.work.clone_from(&position.work);
-        }
-        if let Some(message) = read(CsTopic::Captured).await
-            && let Payload::Captured(captured) = &message.payload
-        {
-            let each = captured
-                .motors
-                .iter()
-                .zip(&captured.positions)
-                .zip(&captured.captured);
-            part.captured = each
+        let read = async |topic| Some(port.read(&Topic::cs(cs, topic)).await?.payload.clone());
+        let (machine, work) = match read(CsTopic::Position).await {
+            Some(Payload::Position(position)) => (position.machine, position.work),
+            _ => Default::default(),
+        };
+        let captured = match read(CsTopic::Captured).await {
+            Some(Payload::Captured(of)) => (of.motors.iter().zip(&of.positions).zip(&of.captured))
                 .map(|((motor, position), captured)| {
                     json!({"motor": motor, "position": position, "captured": captured})
                 })
-                .collect();
-        }
-        if let Some(variables) = runtime.variables(job.cs) {
-            let (p, q) = (
-                non_zero(&variables.global),
-                non_zero(&variables.coordinate_system),
-            );
-            part.variables = json!({"P": p, "Q": q});
-        }
+                .collect(),
+            _ => Vec::new(),
+        };
+        let variables = runtime.variables(cs);
+        let of_cs = variables.map(|of| (non_zero(&of.global), non_zero(&of.coordinate_system)));
+        let (p, q) = of_cs.unwrap_or_default();
         if record.end_s == 0.0 {
             record.end_s = port.now_s();
         }
-        if let Some(entry) = ended_by
-            && record.alarm.is_null()
-        {
-            let place = read(CsTopic::Program).await;
-            let place = place.as_ref().and_then(|message| match &message.payload {
-                Payload::Program(place) => Some((place.number, place.line)),
-                _ => None,
-            });
-            let (program, line) = place.unwrap_or_default();
+        if let Some(entry) = ended_by.filter(|_| record.alarm.is_null()) {
+            let (program, line) = match read(CsTopic::Program).await {
+                Some(Payload::Program(place)) => (place.number, place.line),
+                _ => Default::default(),
+            };
             let text = format!("{}. {}", entry.title, entry.remedy);
             record.alarm =
                 json!({"number": entry.number, "text": text, "program": program, "line": line, "column": 1});
         }
-        part.record = record;
-        part
-    }
-
-    fn cycle_time_s(&self) -> f64 {
-        self.record.end_s - self.record.start_s
+        let is_completed = record.alarm.is_null();
+        Self {
+            outcome: if is_completed { "completed" } else { "alarm" },
+            cycle_time_s: record.end_s - record.start_s,
+            record,
+            machine,
+            work,
+            captured,
+            variables: json!({"P": p, "Q": q}),
+        }
     }
 
     fn alarm_text(&self) -> Option<String> {
@@ -161,47 +137,17 @@ impl Part {
         ))
     }
 
-    fn outcome(&self) -> &'static str {
-        if self.record.alarm.is_null() {
-            "completed"
-        } else {
-            "alarm"
-        }
-    }
-
-    fn to_json(&self) -> Map<String, Value> {
-        let object = json!({
-            "outcome": self.outcome(),
-            "cycle_time_s": self.cycle_time_s(),
-            "blocks": self.record.blocks,
-            "machine": self.machine,
-            "work": self.work,
-            "m_codes": self.record.m_codes,
-            "stops": self.record.stops,
-            "captured": self.captured,
-            "variables": self.variables,
-            "warnings": self.record.warnings,
-            "alarm": self.record.alarm,
-        });
-        match object {
-            Value::Object(object) => object,
-            _ => Map::new(),
-        }
-    }
-
     fn print(&self, heading: &str) {
-        let seconds = self.cycle_time_s();
-        say(&format!(
-            "{heading}{} after {seconds:.3} s, {} blocks",
-            self.outcome(),
-            self.record.blocks
+        say(format!(
+            "{heading}{} after {:.3} s, {} blocks",
+            self.outcome, self.cycle_time_s, self.record.blocks
         ));
         for (name, position) in [("machine", &self.machine), ("work", &self.work)] {
             let axes: Vec<_> = position
                 .iter()
                 .map(|(letter, value)| format!("{letter} {:.4}", without_rounding(*value)))
                 .collect();
-            say(&format!("  {name:8} {}", axes.join("  ")));
+            say(format!("  {name:8} {}", axes.join("  ")));
         }
         for output in &self.record.m_codes {
             let params: Vec<_> = (output["params"].as_object().into_iter().flatten())
@@ -214,45 +160,44 @@ impl Part {
             };
             let at_s = output["output_s"].as_f64().unwrap_or_default();
             let line = &output["line"];
-            say(&format!(
+            say(format!(
                 "  M{m:02}{} in line {line}: output at {at_s:.3} s, {reset}",
                 params.concat()
             ));
         }
         for stop in &self.record.stops {
             let at_s = stop["at_s"].as_f64().unwrap_or_default();
-            say(&format!(
+            say(format!(
                 "  M{:02} in line {}: program stop at {at_s:.3} s",
                 stop["m"].as_u64().unwrap_or_default(),
                 stop["line"]
             ));
         }
         for warning in &self.record.warnings {
-            say(&format!(
+            say(format!(
                 "  warning in line {}: {}",
                 warning["line"],
                 warning["text"].as_str().unwrap_or_default()
             ));
         }
         if let Some(text) = self.alarm_text() {
-            say(&format!("  {text}"));
+            say(format!("  {text}"));
         }
     }
 }
 
 /// Variables that are not zero, by number; what is no number is a string.
 fn non_zero(variables: &VariableArray) -> Map<String, Value> {
-    let value = |value: f64| {
-        if value.is_finite() {
-            json!(value)
-        } else {
-            json!(value.to_string())
-        }
-    };
     (0..variables.len())
         .filter_map(|index| Some((index, variables.get(index)?)))
-        .filter(|(_, v)| *v != 0.0)
-        .map(|(index, v)| (index.to_string(), value(v)))
+        .filter(|(_, value)| *value != 0.0)
+        .map(|(index, value)| {
+            let number = value.is_finite().then_some(value);
+            (
+                index.to_string(),
+                number.map_or_else(|| json!(value.to_string()), |number| json!(number)),
+            )
+        })
         .collect()
 }
 

@@ -4,20 +4,27 @@ use std::collections::BTreeMap;
 
 use tandem_model::settings::{MotorKind, MotorSettings, SimulatedSkip};
 
+use super::super::text::Problems;
 use super::super::{Config, MotorConfig, POSITION_MAX};
-use super::Ranges;
 
 impl Config {
     /// The motors by number.
-    pub(super) fn motors(&self, problems: &mut Vec<String>) -> BTreeMap<u16, MotorSettings> {
+    pub(super) fn motors(&self, problems: &mut Problems<'_>) -> BTreeMap<u16, MotorSettings> {
         let mut motors = BTreeMap::new();
-        for motor in &self.motor {
-            motor.check(problems);
+        for (index, motor) in self.motor.iter().enumerate() {
+            let name = format!("[[motor]] number = {}: ", motor.number);
+            let mut checked = problems.of(format!("motor.{index}"), name);
+            checked.check_ranges(motor, &["soft_limits"]);
+            if let Some([low, high]) = motor.soft_limits
+                && !(-POSITION_MAX <= low && low < high && high <= POSITION_MAX)
+            {
+                let text = format!(
+                    "soft_limits = [{low}, {high}]: write [lowest, highest], within {POSITION_MAX} of 0"
+                );
+                checked.problem("soft_limits", text);
+            }
             if motors.insert(motor.number, motor.settings()).is_some() {
-                problems.push(format!(
-                    "[[motor]] number = {}: the number stands twice",
-                    motor.number
-                ));
+                checked.problem("number", "the number stands twice");
             }
         }
         motors
@@ -27,30 +34,27 @@ impl Config {
     pub(super) fn simulated_skips(
         &self,
         motors: &BTreeMap<u16, MotorSettings>,
-        problems: &mut Vec<String>,
+        problems: &mut Problems<'_>,
     ) -> BTreeMap<u16, SimulatedSkip> {
         let mut skips = BTreeMap::new();
-        for config in &self.simulated_skip {
-            let place = format!("[[simulated_skip]] motor = {}", config.motor);
-            let is_axis = motors
-                .get(&config.motor)
-                .is_some_and(|motor| motor.kind != MotorKind::Spindle);
-            if !is_axis {
-                problems.push(format!(
-                    "{place}: there is no [[motor]] {} of an axis",
-                    config.motor
-                ));
+        for (index, config) in self.simulated_skip.iter().enumerate() {
+            let number = config.motor;
+            let name = format!("[[simulated_skip]] motor = {number}: ");
+            let mut checked = problems.of(format!("simulated_skip.{index}"), name);
+            let motor = motors.get(&number);
+            if motor.is_none_or(|motor| motor.kind == MotorKind::Spindle) {
+                checked.problem("motor", format!("there is no [[motor]] {number} of an axis"));
             }
             let skip = match (config.below, config.above) {
                 (Some(below), None) if below.abs() <= POSITION_MAX => SimulatedSkip::Below(below),
                 (None, Some(above)) if above.abs() <= POSITION_MAX => SimulatedSkip::Above(above),
                 _ => {
-                    problems.push(format!("{place}: write a position for either below or above"));
+                    checked.problem("", "write a position for either below or above");
                     continue;
                 }
             };
-            if skips.insert(config.motor, skip).is_some() {
-                problems.push(format!("{place}: the motor stands twice"));
+            if skips.insert(number, skip).is_some() {
+                checked.problem("motor", "the motor stands twice");
             }
         }
         skips
@@ -58,42 +62,6 @@ impl Config {
 }
 
 impl MotorConfig {
-    fn check(&self, problems: &mut Vec<String>) {
-        let mut problem = |text: String| problems.push(format!("[[motor]] number = {}: {text}", self.number));
-        let optional = [
-            ("max_jerk", self.max_jerk),
-            ("rapid_velocity", self.rapid_velocity),
-            ("rapid_acceleration", self.rapid_acceleration),
-            ("skip_velocity", self.skip_velocity),
-        ];
-        let optional = optional
-            .into_iter()
-            .filter_map(|(key, value)| Some((key, value?)));
-        let points = self.reference_points.map(|point| ("reference_points", point));
-        let ranges = Ranges::of::<Self>();
-        [
-            ("max_velocity", self.max_velocity),
-            ("max_acceleration", self.max_acceleration),
-            ("orientation_velocity", self.orientation_velocity),
-            ("in_position", self.in_position),
-            ("in_position_timeout_ms", self.in_position_timeout_ms),
-            ("lag_ms", self.lag_ms),
-            ("orientation_position", self.orientation_position),
-        ]
-        .into_iter()
-        .chain(optional)
-        .chain(points)
-        .filter_map(|number| ranges.problem(number))
-        .for_each(&mut problem);
-        if let Some([low, high]) = self.soft_limits
-            && !(-POSITION_MAX <= low && low < high && high <= POSITION_MAX)
-        {
-            problem(format!(
-                "soft_limits = [{low}, {high}]: write [lowest, highest], within {POSITION_MAX} of 0"
-            ));
-        }
-    }
-
     fn settings(&self) -> MotorSettings {
         MotorSettings {
             number: self.number,

@@ -1,40 +1,55 @@
 //! `[mqtt]`.
 
 use super::super::{Broker, MqttConfig};
+use super::Checked;
 
 impl MqttConfig {
-    /// Values, and keys that nothing reads beside this broker. What they name is looked at when it is used.
-    pub(super) fn check(&self, problems: &mut Vec<String>) {
-        let mut problem = |text: String| problems.push(format!("[mqtt] {text}"));
-        let is_tls = matches!(&self.broker, Broker::External(broker) if broker.tls);
+    /// Values, and keys that nothing reads with this broker. The files are looked at when they are used.
+    pub(super) fn check(&self, checked: &mut Checked<'_, '_>) {
+        let users = [
+            ("username", self.username.is_some()),
+            ("password_file", self.password_file.is_some()),
+        ];
+        let files = [
+            ("ca_file", self.ca_file.is_some()),
+            ("client_cert_file", self.client_cert_file.is_some()),
+            ("client_key_file", self.client_key_file.is_some()),
+        ];
         match &self.broker {
             Broker::Embedded => {
-                let unread = [
-                    ("username", self.username.is_some()),
-                    ("password_file", self.password_file.is_some()),
-                ];
-                for (key, _) in unread.iter().filter(|(_, is_there)| *is_there) {
-                    problem(format!(
+                for (key, _) in users.into_iter().filter(|(_, is_there)| *is_there) {
+                    let text = format!(
                         "{key} is for an external broker; the users of broker = \"embedded\" are those of [http] token_file"
-                    ));
+                    );
+                    checked.problem(key, text);
                 }
             }
             Broker::External(_) if self.listen.is_some() => {
-                problem("listen is for broker = \"embedded\"; an external one listens by itself".into());
+                checked.problem(
+                    "listen",
+                    "listen is for broker = \"embedded\"; an external one listens by itself",
+                );
             }
             Broker::External(_) => {}
         }
         if self.password_file.is_some() && self.username.is_none() {
-            problem("password_file needs username".into());
+            checked.problem("password_file", "password_file needs username");
         }
-        let files = [&self.ca_file, &self.client_cert_file, &self.client_key_file];
-        if !is_tls && files.iter().any(|file| file.is_some()) {
-            problem(
-                "ca_file, client_cert_file and client_key_file are for broker = \"mqtts://host:port\"".into(),
-            );
+        let is_tls = matches!(&self.broker, Broker::External(broker) if broker.tls);
+        if let Some((key, _)) = files.into_iter().find(|(_, is_there)| *is_there && !is_tls) {
+            let text = "ca_file, client_cert_file and client_key_file are for broker = \"mqtts://host:port\"";
+            checked.problem(key, text);
         }
-        if self.client_cert_file.is_some() != self.client_key_file.is_some() {
-            problem("client_cert_file and client_key_file need each other".into());
+        match (&self.client_cert_file, &self.client_key_file) {
+            (Some(_), Some(_)) | (None, None) => {}
+            (cert, _) => {
+                let key = if cert.is_some() {
+                    "client_cert_file"
+                } else {
+                    "client_key_file"
+                };
+                checked.problem(key, "client_cert_file and client_key_file need each other");
+            }
         }
     }
 }
