@@ -308,7 +308,9 @@ impl Tables {
         for (name, named) in &change.work_offsets {
             let place = place_of(name).ok_or_else(|| {
                 let [first, .., last] = WORK_OFFSETS;
-                invalid(format!("there is no work offset {name:.16}; write {first} to {last}"))
+                invalid(format!(
+                    "there is no work offset {name:.16}; write {first} to {last}"
+                ))
             })?;
             for (letter, value) in named {
                 let Some(axis) = axis_of(letter, axes).filter(|_| value.is_finite()) else {

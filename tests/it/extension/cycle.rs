@@ -162,7 +162,7 @@ fn a_cycle_is_named_by_its_module_and_by_its_row_in_a_dialect_alone() {
     let files = rows.map(|row| PathBuf::from("runtime/interp/src").join(row));
     assert_eq!(found, files);
     assert_eq!(
-        costs("a fixed cycle of steps that there are"),
+        costs("a fixed cycle of existing steps"),
         ["runtime/interp/src/codes", rows[0], rows[1]]
     );
 }

@@ -98,7 +98,7 @@ fn a_g_code_is_named_by_its_module_and_by_its_row_in_a_dialect_alone() {
         assert_eq!(naming(file), rows, "{file}");
     }
     assert_eq!(
-        costs("a G code that uses what the stages can do"),
+        costs("a G code that needs no new kind of motion"),
         [codes, "codes/mod.rs", "dialects/nj.rs"]
     );
 }
