@@ -1,5 +1,7 @@
 //! The alarm table. An alarm stops its coordinate system; it carries a number and says what happened, where and why.
 
+use std::fmt::Display;
+
 use crate::span::Origin;
 
 /// An alarm raised by the runtime itself.
@@ -50,6 +52,17 @@ impl Alarm {
         self.origin = Some(origin);
         self
     }
+}
+
+/// Checks a value; `name` begins the alarm's text: "The feedrate".
+///
+/// # Errors
+/// `VALUE_NOT_FINITE` when it is not a finite number.
+pub fn check_finite(name: impl Display, value: f64) -> Result<(), Alarm> {
+    if value.is_finite() {
+        return Ok(());
+    }
+    Err(Alarm::new(&VALUE_NOT_FINITE, format!("{name} is {value}")))
 }
 
 macro_rules! alarms {

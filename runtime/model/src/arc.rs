@@ -3,6 +3,7 @@
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use crate::axis::{Axis, AxisVector};
+use crate::bisect;
 use crate::plane::{Plane, Turn};
 
 mod slope;
@@ -61,11 +62,6 @@ impl ArcPath {
         } else {
             angle
         };
-        let way = to.minus(from);
-        let height = [Axis::X, Axis::Y, Axis::Z]
-            .into_iter()
-            .find(|&axis| axis != first && axis != second)
-            .map_or(0.0, |axis| way[axis].abs());
         let mut path = Self {
             from,
             to,
@@ -75,7 +71,7 @@ impl ArcPath {
             growth: end_radius - start_radius,
             start_angle: start[1].atan2(start[0]),
             sweep: sense * sweep,
-            height,
+            height: (to[plane.normal()] - from[plane.normal()]).abs(),
             length: 0.0,
         };
         path.length = path.length_to(1.0);
@@ -131,16 +127,12 @@ impl ArcPath {
     /// Lowest and highest value of an axis at the end and at its turning points; the start does not count.
     pub fn reach(&self, axis: Axis) -> [f64; 2] {
         let mut reach = [self.to[axis]; 2];
-        let Some(place) = self
-            .plane
-            .axes()
-            .into_iter()
-            .position(|in_plane| in_plane == axis)
-        else {
-            return reach;
-        };
         // The first axis turns where the direction of travel is a quarter turn off it, the second where it is level.
-        let offset = if place == 0 { FRAC_PI_2 } else { 0.0 };
+        let offset = match self.plane.axes() {
+            [first, _] if first == axis => FRAC_PI_2,
+            [_, second] if second == axis => 0.0,
+            _ => return reach,
+        };
         let (a, b) = (self.travel_angle(0.0) - offset, self.travel_angle(1.0) - offset);
         let (low, high) = (a.min(b), a.max(b));
         let mut half_turns = (low / PI).ceil();
@@ -150,16 +142,6 @@ impl ArcPath {
             half_turns += 1.0;
         }
         reach
-    }
-
-    /// Angle that the path sweeps, always positive, rad.
-    pub fn swept(&self) -> f64 {
-        self.sweep.abs()
-    }
-
-    /// Distance from the start at a share of the angle, 0 to 1.
-    pub fn distance_at(&self, share: f64) -> f64 {
-        self.length_to(share)
     }
 
     /// First and second derivative of the point by the distance, at a distance from the start.
@@ -315,15 +297,8 @@ impl ArcPath {
         if self.is_circle() {
             return ((angle - self.travel_angle(0.0)) / self.sweep).clamp(0.0, 1.0);
         }
-        let (mut low, mut high) = (0.0, 1.0);
-        for _ in 0..HALVINGS {
-            let share = f64::midpoint(low, high);
-            if (self.travel_angle(share) - angle) * self.sweep > 0.0 {
-                high = share;
-            } else {
-                low = share;
-            }
-        }
+        let before = |share: f64| (self.travel_angle(share) - angle) * self.sweep <= 0.0;
+        let [low, high] = bisect([0.0, 1.0], HALVINGS, before);
         f64::midpoint(low, high)
     }
 }

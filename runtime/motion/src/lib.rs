@@ -13,14 +13,13 @@
 
 mod block;
 mod chain;
+mod limit;
 mod look_ahead;
-mod planned;
 mod planner;
 mod ramped;
 mod rapid;
 mod record;
 mod replan;
-mod reserve;
 pub mod rules;
 mod tapping;
 

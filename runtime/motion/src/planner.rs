@@ -4,18 +4,20 @@ use std::collections::VecDeque;
 
 use tandem_model::Alarm;
 use tandem_model::alarm::{VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
-use tandem_model::flow::{MultiBlock, Segment, SegmentEnd, SegmentMotion};
-use tandem_model::profile::{Law, PathPlace, Profile, Stretch, TimeBase};
+use tandem_model::flow::{MultiBlock, Path, Segment, SegmentEnd, SegmentMotion};
+use tandem_model::profile::{Law, PathPlace, Profile, Stretch};
 use tandem_model::settings::CoordinateSystemSettings;
 
 use crate::block::RampedBlock;
 use crate::chain::{Block, Chain};
 use crate::look_ahead::LookAhead;
-use crate::planned::{DURATION_MAX_S, Planned};
+use crate::ramped::{self, Alone};
 use crate::record::{Entry, Record};
 use crate::replan::Replan;
-use crate::tapping::{self, Thread};
-use crate::{ramped, rapid};
+use crate::{rapid, tapping};
+
+/// The longest profile, s: about 31 years. A longer one is an alarm, so that counting servo periods stays exact.
+const DURATION_MAX_S: f64 = 1e9;
 
 /// The motion stage of one coordinate system.
 #[derive(Debug, Clone)]
@@ -128,19 +130,10 @@ impl Planner {
     }
 
     fn take(&mut self, segment: &Segment, out: &mut VecDeque<Profile>) -> Result<(), Alarm> {
-        let Planned {
-            law,
-            duration_s,
-            time_base,
-        } = match &segment.motion {
+        let (law, duration_s) = match &segment.motion {
             SegmentMotion::Feed { path, feed } => {
-                let block = Block {
-                    segment: self.last_segment + 1,
-                    origin: segment.origin,
-                    path,
-                    alone: ramped::plan(&self.settings, path, *feed, segment.multi_block)?,
-                };
-                return self.blend(block, segment.multi_block, out);
+                let alone = ramped::plan(&self.settings, path, *feed, segment.multi_block)?;
+                return self.blend(segment, path, alone, out);
             }
             SegmentMotion::Rapid { from, to } => rapid::plan(&self.settings, *from, *to)?,
             SegmentMotion::Skip { from, to } => rapid::plan_skip(&self.settings, *from, *to)?,
@@ -150,39 +143,25 @@ impl Planner {
                 feed,
                 revolutions,
                 leg,
-            } => {
-                let thread = Thread {
-                    from: *from,
-                    to: *to,
-                    feed: *feed,
-                    revolutions: *revolutions,
-                    leg: *leg,
-                };
-                tapping::plan(&self.settings, &thread)?
+            } => tapping::plan(&self.settings, [*from, *to], *feed, *revolutions, *leg)?,
+            SegmentMotion::Dwell { at, dwell_s } => {
+                let stretch = Stretch::whole(*dwell_s);
+                (Law::Rest { at: *at, stretch }, *dwell_s)
             }
-            SegmentMotion::Dwell { at, dwell_s } => Planned {
-                law: Law::Rest {
-                    at: *at,
-                    stretch: Stretch::whole(*dwell_s),
-                },
-                duration_s: *dwell_s,
-                time_base: TimeBase::Fixed,
-            },
         };
         check_duration(duration_s)?;
         self.finish_chain(out);
         self.last_segment += 1;
-        let is_either_way =
-            segment.multi_block == MultiBlock::On && matches!(law, Law::Motors { .. } | Law::Rest { .. });
         let profile = Profile {
             segment: self.last_segment,
             epoch: self.epoch,
             origin: segment.origin,
             law,
             duration_s,
-            time_base,
             exact_stop: true,
         };
+        let is_either_way = segment.multi_block == MultiBlock::On
+            && matches!(profile.law, Law::Motors { .. } | Law::Rest { .. });
         let recorded = Box::new(profile.clone());
         self.record.push(if is_either_way {
             Entry::Alone(recorded)
@@ -195,26 +174,32 @@ impl Planner {
 
     fn blend(
         &mut self,
-        block: Block<'_>,
-        multi_block: MultiBlock,
+        segment: &Segment,
+        path: &Path,
+        alone: Alone,
         out: &mut VecDeque<Profile>,
     ) -> Result<(), Alarm> {
-        check_duration(block.alone.duration_s_max(block.path.length()))?;
-        if multi_block != self.multi_block {
+        check_duration(alone.duration_s_max(path.length()))?;
+        if segment.multi_block != self.multi_block {
             self.finish_chain(out);
-            self.multi_block = multi_block;
+            self.multi_block = segment.multi_block;
         }
-        self.last_segment = block.segment;
-        let rule = self.settings.motion.short_block;
-        let onward = onward(multi_block, &mut self.look_ahead, &mut self.record, out);
-        self.chain.push(rule, block, self.epoch, onward);
+        self.last_segment += 1;
+        let block = Block {
+            segment: self.last_segment,
+            epoch: self.epoch,
+            origin: segment.origin,
+            path: path.clone(),
+            alone,
+        };
+        let onward = onward(self.multi_block, &mut self.look_ahead, &mut self.record, out);
+        self.chain.push(self.settings.motion.short_block, block, onward);
         Ok(())
     }
 
     fn finish_chain(&mut self, out: &mut VecDeque<Profile>) {
-        let rule = self.settings.motion.short_block;
         let onward = onward(self.multi_block, &mut self.look_ahead, &mut self.record, out);
-        self.chain.finish(rule, self.epoch, onward);
+        self.chain.finish(self.settings.motion.short_block, onward);
     }
 
     /// The settings that it plans with.

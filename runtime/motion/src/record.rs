@@ -56,7 +56,7 @@ impl Entry {
     /// Plan time at its end, s.
     pub(crate) fn plan_s(&self) -> f64 {
         match self {
-            Entry::Paced(block) | Entry::Ramped(block) => block.plan_s,
+            Entry::Paced(block) | Entry::Ramped(block) => block.ramped.plan_s,
             Entry::Alone(profile) | Entry::OneWay(profile) => profile.duration_s,
         }
     }

@@ -60,9 +60,9 @@ pub(super) fn from_rest(way: &Way<'_>, motors: &Motors) -> f64 {
     if !motors.has_jerk || !way.begins_at_rest() {
         return f64::INFINITY;
     }
-    let gone = way.speed * way.start.duration_s() / 2.0;
-    let own = Side::new(way.path, way.slopes[0], way.speed, [0.0, gone]);
-    largest_square(way.start, [Side::default(), own], motors)
+    let gone = way.block.speed * way.block.start.duration_s() / 2.0;
+    let own = Side::new(&way.block.path, way.slopes[0], way.block.speed, [0.0, gone]);
+    largest_square(way.block.start, [Side::default(), own], motors)
 }
 
 /// The largest square of the rate on the ramp at the end of a block; infinite: without a limit.
@@ -70,14 +70,14 @@ pub(super) fn at_end(way: &Way<'_>, motors: &Motors) -> f64 {
     if !motors.has_jerk {
         return f64::INFINITY;
     }
-    let half_s = way.stop.duration_s() / 2.0;
-    let length = way.path.length();
-    let own = [length, length - way.speed * half_s];
-    let own = Side::new(way.path, way.slopes[0], way.speed, own);
-    let next = way.lead.map_or(Side::default(), |(path, speed)| {
-        Side::new(path, way.slopes[1], speed, [0.0, speed * half_s])
+    let half_s = way.block.stop.duration_s() / 2.0;
+    let length = way.block.path.length();
+    let own = [length, length - way.block.speed * half_s];
+    let own = Side::new(&way.block.path, way.slopes[0], way.block.speed, own);
+    let next = way.block.next.as_ref().map_or(Side::default(), |next| {
+        Side::new(&next.path, way.slopes[1], next.speed, [0.0, next.speed * half_s])
     });
-    largest_square(way.stop, [own, next], motors)
+    largest_square(way.block.stop, [own, next], motors)
 }
 
 fn largest_square(ramp: UnitRamp, [own, next]: [Side; 2], motors: &Motors) -> f64 {

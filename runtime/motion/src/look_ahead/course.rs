@@ -67,18 +67,21 @@ impl Way<'_> {
         let stop_begins_s = self.stop_begins_s();
         let ends = [from_s, to_s].map(|t_s| {
             if self.passage.is_backward {
-                self.plan_s - t_s
+                self.block.plan_s - t_s
             } else {
                 t_s
             }
         });
         let within_s = f64::midpoint(ends[0], ends[1]);
-        if within_s <= stop_begins_s || within_s >= self.plan_s {
+        if within_s <= stop_begins_s || within_s >= self.block.plan_s {
             return None;
         }
         let [begin, end] = ends.map(|t_s| {
-            let [slope, bend] = self.stop.slopes(t_s - stop_begins_s, within_s - stop_begins_s);
-            let share = self.stop.speed(t_s - stop_begins_s);
+            let [slope, bend] = self
+                .block
+                .stop
+                .slopes(t_s - stop_begins_s, within_s - stop_begins_s);
+            let share = self.block.stop.speed(t_s - stop_begins_s);
             Place {
                 t_s,
                 share,
@@ -108,7 +111,7 @@ impl Way<'_> {
     }
 
     fn motion_by_distance(&self, ramp: &Ramp, places: [Place; 2], length_s: f64) -> Option<Motion> {
-        let [own, next] = [self.path, self.lead?.0];
+        let [own, next] = [&self.block.path, &self.block.next.as_ref()?.path];
         let within_s = f64::midpoint(places[0].t_s, places[1].t_s);
         let alongs = places.map(|place| ramp.along(&place, self.along(place.t_s, within_s)));
         let mut turn = AxisVector::ZERO;

@@ -23,7 +23,7 @@ pub(super) fn straightened(way: &Way<'_>, arc: &ArcPath, bounds: Bounds<'_>) -> 
     if !motors.has_jerk || opens_wide(arc) {
         return None;
     }
-    let v = way.speed;
+    let v = way.block.speed;
     let [second, third] = way::bends(arc, [0.0, arc.length()]);
     let each = Axis::ALL.map(|axis| {
         let by_speed = [

@@ -62,7 +62,7 @@ pub(super) fn cut(way: &Way<'_>, bounds: Bounds<'_>, pieces: &mut VecDeque<Piece
             Part::Between => BETWEEN_MIN,
             Part::Start | Part::Stop => RAMP_MIN,
         };
-        if phase.to_s - phase.from_s.max(at_s) <= least * way.plan_s {
+        if phase.to_s - phase.from_s.max(at_s) <= least * way.block.plan_s {
             continue;
         }
         let phase = Phase {
@@ -76,7 +76,7 @@ pub(super) fn cut(way: &Way<'_>, bounds: Bounds<'_>, pieces: &mut VecDeque<Piece
             Part::Stop => at_end,
         };
         let mut cutter = Cutter::new(way, bounds, [phase.from_s, phase.to_s], pieces);
-        match (phase.part, way.path) {
+        match (phase.part, &way.block.path) {
             (Part::Between, Path::Line { .. }) => {
                 let (straight, cap) = on_line(way, bounds);
                 cutter.pieces.push_back(Piece::straight(straight, cap, phase));
@@ -86,18 +86,18 @@ pub(super) fn cut(way: &Way<'_>, bounds: Bounds<'_>, pieces: &mut VecDeque<Piece
                     cutter.pieces.push_back(Piece::straight(straight, cap, phase));
                     continue;
                 }
-                let swept = arc.swept() * way.speed * (phase.to_s - phase.from_s) / arc.length();
+                let swept = arc.sweep().abs() * way.block.speed * (phase.to_s - phase.from_s) / arc.length();
                 cutter.whole((swept / TURN_MAX).ceil().clamp(1.0, PIECES_MAX), false);
             }
             (Part::Start | Part::Stop, _) => cutter.whole(1.0, false),
         }
     }
-    if pieces.len() == before && way.plan_s > begin_s {
-        Cutter::new(way, bounds, [begin_s, way.plan_s], pieces).whole(1.0, true);
+    if pieces.len() == before && way.block.plan_s > begin_s {
+        Cutter::new(way, bounds, [begin_s, way.block.plan_s], pieces).whole(1.0, true);
     }
     // What was left out as rounding belongs to the last piece.
     if let Some(last) = pieces.back_mut().filter(|_| at_s > begin_s) {
-        last.to_s = way.plan_s;
+        last.to_s = way.block.plan_s;
     }
     pieces.len() - before
 }
@@ -115,20 +115,20 @@ pub(super) fn cut_finer(way: &Way<'_>, bounds: Bounds<'_>, piece: &Piece, pieces
 fn on_line(way: &Way<'_>, bounds: Bounds<'_>) -> (Straight, f64) {
     let most = |inverse: &[f64; AXES_MAX]| {
         Axis::ALL.into_iter().fold(0.0, |most: f64, axis| {
-            most.max(way.path.steepest(axis) * inverse[axis.index()])
+            most.max(way.block.path.steepest(axis) * inverse[axis.index()])
         })
     };
     let straight = Straight {
-        change: 2.0 / (most(&bounds.motors.inverse) * way.speed),
+        change: 2.0 / (most(&bounds.motors.inverse) * way.block.speed),
         jerk: if bounds.motors.has_jerk {
-            1.0 / (most(&bounds.motors.inverse_jerks) * way.speed)
+            1.0 / (most(&bounds.motors.inverse_jerks) * way.block.speed)
         } else {
             f64::INFINITY
         },
     };
     (
         straight,
-        bounds.cap_at(|axis| way.path.steepest(axis) * way.speed),
+        bounds.cap_at(|axis| way.block.path.steepest(axis) * way.block.speed),
     )
 }
 
@@ -139,16 +139,6 @@ struct Cutter<'a> {
     from_s: f64,
     to_s: f64,
     pieces: &'a mut VecDeque<Piece>,
-}
-
-/// What decides whether a piece is cut.
-struct Measure {
-    /// Change of the velocity between the ends against the slower one, over the largest that is left whole.
-    uneven: f64,
-    /// The velocity does not change its direction.
-    one_way: bool,
-    /// What lies between the ends against the limit, over the largest that is left whole.
-    bent: f64,
 }
 
 impl<'a> Cutter<'a> {
@@ -230,39 +220,26 @@ impl<'a> Cutter<'a> {
         if !finer && !self.way.bends() {
             return None;
         }
-        let Measure {
-            uneven,
-            one_way,
-            bent,
-        } = self.measure(course);
+        let (motion, h_s) = (&course.motion, course.length_s);
+        let spread = Spread::new(motion, &self.bounds.motors.inverse);
+        // Change of the velocity between the ends against the slower one, over the largest that is left whole.
+        let uneven = spread.change_s.max(h_s / 4.0) / (CHANGE_MAX * spread.slower_s);
         if finer && uneven > 1.0 && depth < HALVINGS_MAX {
-            return Some(if one_way {
+            let keeps_direction = spread.change_s < spread.slower_s;
+            return Some(if keeps_direction {
                 (uneven.min(PARTS_MAX).ceil(), HALVINGS_MAX)
             } else {
                 (2.0, depth + 1)
             });
         }
+        // What lies between the ends, over the largest that is left whole, at the limit for the largest rate.
+        let most = 1.0 / self.bounds.cap.max(1.0);
+        let left_out = h_s * h_s * spread.bend / 8.0;
+        let least = (BEND_MAX * spread.used.max(most)).max(LEFT_MAX * (most - spread.used));
+        let bent = (left_out / least).max(course.excess / EXCESS_MAX);
         // Little of the limit is left for what lies between the ends of an arc, at the rate that the limit allows. It
         // falls with the square of the length at least.
         let is_bent = bent > 1.0 && depth < 2 * HALVINGS_MAX;
         is_bent.then(|| (bent.sqrt().ceil().min(PARTS_MAX), depth + 1))
-    }
-
-    fn measure(&self, course: &Course) -> Measure {
-        let Course {
-            motion,
-            length_s: h_s,
-            ..
-        } = course;
-        let spread = Spread::new(motion, &self.bounds.motors.inverse);
-        // The limit at the largest rate.
-        let most = 1.0 / self.bounds.cap.max(1.0);
-        let left_out = h_s * h_s * spread.bend / 8.0;
-        let least = (BEND_MAX * spread.used.max(most)).max(LEFT_MAX * (most - spread.used));
-        Measure {
-            uneven: spread.change_s.max(h_s / 4.0) / (CHANGE_MAX * spread.slower_s),
-            one_way: spread.change_s < spread.slower_s,
-            bent: (left_out / least).max(course.excess / EXCESS_MAX),
-        }
     }
 }

@@ -22,7 +22,7 @@ impl Held {
     /// What bounds its pieces, within these of the motors.
     pub(super) fn limits<'a>(&'a self, motors: &'a Motors, planes: &'a mut Vec<HalfPlane>) -> Limits<'a> {
         Limits {
-            way: Way::new(&self.block, self.passage),
+            way: Way::new(&self.block.ramped, self.passage),
             bounds: Bounds {
                 motors,
                 cap: self.cap,

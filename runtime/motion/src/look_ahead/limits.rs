@@ -12,7 +12,7 @@ use tandem_model::{AXES_MAX, Axis};
 
 use super::course::Course;
 use super::way::Motion;
-use crate::reserve::ACCELERATION_RESERVE;
+use crate::limit::ACCELERATION_RESERVE;
 
 /// Smallest square of the rate: a millionth of the rate without look-ahead. Nothing is ever slower, so every block ends.
 pub(super) const SQUARE_MIN: f64 = 1e-12;
@@ -55,11 +55,7 @@ struct Row {
 
 /// The rows of one motor.
 fn rows(course: &Course, axis: Axis, inverse: f64) -> [Row; 2] {
-    let Course {
-        motion,
-        length_s: h_s,
-        ..
-    } = course;
+    let (motion, h_s) = (&course.motion, course.length_s);
     let [q1, r1] = [motion.velocity[0][axis], motion.velocity[1][axis]].map(|v| v * inverse / (2.0 * h_s));
     let [q2, r2] = [motion.acceleration[0][axis], motion.acceleration[1][axis]].map(|a| a * inverse);
     let level = motion.fourth[axis] * inverse * h_s * h_s / 16.0;
@@ -291,11 +287,7 @@ pub(super) fn fastest_end(planes: &[HalfPlane], start: f64, end: f64) -> f64 {
 
 /// What the motors leave to overrides and feed hold while the piece is passed from x0 to x1.
 pub(super) fn room(course: &Course, inverse: &[f64; AXES_MAX], [start, end]: [f64; 2]) -> SlewRoom {
-    let Course {
-        motion,
-        length_s: h_s,
-        ..
-    } = course;
+    let (motion, h_s) = (&course.motion, course.length_s);
     let end = end * course.scale;
     let mut room = SlewRoom::default();
     let fastest = start.max(end).sqrt();

@@ -13,7 +13,7 @@ pub(super) fn profiles(held: &Held, steps: &[Step], free_to: u64, out: &mut VecD
     let sign = if held.passage.is_backward { -1.0 } else { 1.0 };
     let plan_time = |way_s: f64| {
         if held.passage.is_backward {
-            block.plan_s - way_s
+            block.ramped.plan_s - way_s
         } else {
             way_s
         }
@@ -41,6 +41,6 @@ pub(super) fn profiles(held: &Held, steps: &[Step], free_to: u64, out: &mut VecD
             }
         });
         let pace = Pace::new(pieces, ends_s, held.feed_override, free_to);
-        out.push_back(block.paced(&pace, duration_s, held.is_last && n == last));
+        out.push_back(block.paced(pace, duration_s, held.is_last && n == last));
     }
 }

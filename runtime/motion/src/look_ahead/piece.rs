@@ -2,7 +2,7 @@
 
 use tandem_model::profile::SlewRoom;
 
-use super::straight::{Extent, Straight};
+use super::straight::Straight;
 use super::way::Phase;
 
 /// A piece, in plan time.
@@ -40,14 +40,6 @@ pub(super) enum Shape {
 impl Piece {
     pub(super) fn length_s(&self) -> f64 {
         self.to_s - self.from_s
-    }
-
-    pub(super) fn extent(&self) -> Extent {
-        Extent {
-            from_s: self.from_s,
-            to_s: self.to_s,
-            cap: self.cap,
-        }
     }
 
     /// True when both were cut from one.

@@ -4,7 +4,7 @@
 
 use std::collections::VecDeque;
 
-use tandem_model::profile::{SlewRoom, SpeedGrowth};
+use tandem_model::profile::SlewRoom;
 
 use super::course::Course;
 use super::grid;
@@ -212,7 +212,8 @@ impl Limits<'_> {
                 let after = limit
                     .min(before + straight.change * piece.length_s())
                     .max(SQUARE_MIN);
-                straight.pass(piece.extent(), [before, after], self.is_even, steps);
+                let span_s = [piece.from_s, piece.to_s];
+                straight.pass(span_s, piece.cap, [before, after], self.is_even, steps);
                 after
             }
             Shape::Whole { .. } => {
@@ -274,8 +275,8 @@ impl Limits<'_> {
             end: after,
             growth: course.growth,
             rate_change: (after * course.scale - before) / (2.0 * course.length_s),
-            rate_jerk: 0.0,
             room,
+            ..Step::default()
         }
     }
 }
@@ -297,9 +298,7 @@ fn at_cap(piece: &Piece, room: SlewRoom) -> Step {
         to_s: piece.to_s,
         start: piece.cap,
         end: piece.cap,
-        growth: SpeedGrowth::default(),
-        rate_change: 0.0,
-        rate_jerk: 0.0,
         room,
+        ..Step::default()
     }
 }

@@ -2,7 +2,7 @@
 
 use tandem_model::profile::{SlewRoom, SpeedGrowth};
 
-use crate::reserve::ACCELERATION_RESERVE;
+use crate::limit::ACCELERATION_RESERVE;
 
 /// Squares of rates are one when they differ by less than this share: rounding.
 const SAME_RATE: f64 = 1e-12;
@@ -14,7 +14,7 @@ const SHARE_MIN: f64 = 1e-12;
 const KEPT_APART: f64 = 0.5;
 
 /// A part of a block on which the square of the rate goes linearly from `start` to `end`.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Step {
     pub(super) from_s: f64,
     pub(super) to_s: f64,
@@ -96,14 +96,9 @@ mod tests {
             to_s,
             start: 0.25,
             end,
-            growth: SpeedGrowth::default(),
             rate_change,
             rate_jerk,
-            room: SlewRoom {
-                slope: f64::INFINITY,
-                braking: 0.0,
-                driving: 0.0,
-            },
+            ..Step::default()
         };
         let mut steps = Vec::new();
         // A way down of rounding, longer than what is left out.

@@ -4,26 +4,13 @@
 //! beyond which the rate is constant; at any other end the acceleration is that of the adjacent ramp, because there the
 //! motion turns into another direction.
 
-use tandem_model::profile::{SlewRoom, SpeedGrowth};
+use tandem_model::bisect;
+use tandem_model::profile::SlewRoom;
 
 use super::step::{self, Step};
 
-/// The peak is found in so many halvings of what it may be: to the last bits that count.
+/// Halvings of the range of the peak: to the last significant bits.
 const HALVINGS: u32 = 60;
-
-/// The interval of plan time that is passed, and the largest square of the rate on it.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Extent {
-    pub(super) from_s: f64,
-    pub(super) to_s: f64,
-    pub(super) cap: f64,
-}
-
-impl Extent {
-    fn length_s(self) -> f64 {
-        self.to_s - self.from_s
-    }
-}
 
 /// What the motors allow where the rate may change by as much all over a piece.
 #[derive(Debug, Clone, Copy)]
@@ -54,10 +41,10 @@ impl FlankPart {
             to_s,
             start: self.squares[0],
             end: self.squares[1],
-            growth: SpeedGrowth::default(),
             rate_change: self.rate_changes[0],
             rate_jerk: self.rate_jerk,
             room,
+            ..Step::default()
         }
     }
 
@@ -73,35 +60,39 @@ impl FlankPart {
     }
 }
 
-/// The way from a rate up to the peak: with the jerk up to an acceleration, along at that, and with the jerk down.
-struct Flank([FlankPart; 3]);
-
-impl Flank {
-    fn plan_s(&self) -> f64 {
-        self.0.iter().map(|part| part.plan_s).sum()
-    }
+/// Plan time of the way from a rate up to the peak: at the maximum jerk up to an acceleration, at that, and at the jerk
+/// down.
+fn plan_s(flank: &[FlankPart; 3]) -> f64 {
+    flank.iter().map(|part| part.plan_s).sum()
 }
 
 impl Straight {
     /// Adds the steps between these squares of the rate at both ends; `is_even` tells where the rate is constant beyond them.
-    pub(super) fn pass(self, piece: Extent, ends: [f64; 2], is_even: [bool; 2], steps: &mut Vec<Step>) {
-        let peak = |is_even| Some((self.peak(piece, ends, is_even)?, is_even));
+    pub(super) fn pass(
+        self,
+        [from_s, to_s]: [f64; 2],
+        cap: f64,
+        ends: [f64; 2],
+        is_even: [bool; 2],
+        steps: &mut Vec<Step>,
+    ) {
+        let h_s = to_s - from_s;
+        let peak = |is_even| Some((self.peak(h_s, cap, ends, is_even)?, is_even));
         // Between two even ramps the smallest acceleration is the smallest step.
         let with_steps = || peak([false; 2]).filter(|_| is_even != [true; 2]);
         let Some((peak, is_even)) = peak(is_even).or_else(with_steps) else {
-            return self.pass_evenly(piece, ends, steps);
+            return self.pass_evenly([from_s, to_s], ends, steps);
         };
-        let h_s = piece.length_s();
         let [driving, braking, none] = [[0.0, 1.0], [1.0, 0.0], [0.0, 0.0]].map(|room| self.room(peak, room));
         let [up, down] = [0, 1].map(|k| self.flank(ends[k], peak, is_even[k]));
-        let mut at_s = piece.from_s;
-        for part in &up.0 {
-            let to_s = at_s + part.plan_s;
-            step::push(steps, part.step(at_s, to_s, driving), h_s);
-            at_s = to_s;
+        let mut at_s = from_s;
+        for part in &up {
+            let next_s = at_s + part.plan_s;
+            step::push(steps, part.step(at_s, next_s, driving), h_s);
+            at_s = next_s;
         }
-        let [rise, steady, bend] = down.0.map(|part| part.reversed());
-        let steady_to_s = (piece.to_s - rise.plan_s).max(at_s);
+        let [rise, steady, bend] = down.map(|part| part.reversed());
+        let steady_to_s = (to_s - rise.plan_s).max(at_s);
         let bend_to_s = (steady_to_s - steady.plan_s).max(at_s);
         let even_to_s = (bend_to_s - bend.plan_s).max(at_s);
         let even = FlankPart {
@@ -114,25 +105,24 @@ impl Straight {
             even.step(at_s, even_to_s, none),
             bend.step(even_to_s, bend_to_s, braking),
             steady.step(bend_to_s, steady_to_s, braking),
-            rise.step(steady_to_s, piece.to_s, braking),
+            rise.step(steady_to_s, to_s, braking),
         ] {
             step::push(steps, step, h_s);
         }
     }
 
     /// In one step, with one acceleration: there is no room for a peak.
-    fn pass_evenly(self, piece: Extent, [before, after]: [f64; 2], steps: &mut Vec<Step>) {
-        let h_s = piece.length_s();
+    fn pass_evenly(self, [from_s, to_s]: [f64; 2], [before, after]: [f64; 2], steps: &mut Vec<Step>) {
+        let h_s = to_s - from_s;
         let share = (after - before) / (self.change * h_s);
         let step = Step {
-            from_s: piece.from_s,
-            to_s: piece.to_s,
+            from_s,
+            to_s,
             start: before,
             end: after,
-            growth: SpeedGrowth::default(),
             rate_change: (after - before) / (2.0 * h_s),
-            rate_jerk: 0.0,
             room: self.room(before.max(after), [(-share).max(0.0), share.max(0.0)]),
+            ..Step::default()
         };
         step::push(steps, step, h_s);
     }
@@ -148,39 +138,28 @@ impl Straight {
     }
 
     /// Largest square of the rate; `None`: not even the larger end can be one.
-    fn peak(self, piece: Extent, [before, after]: [f64; 2], is_even: [bool; 2]) -> Option<f64> {
-        let h_s = piece.length_s();
+    fn peak(self, h_s: f64, cap: f64, [before, after]: [f64; 2], is_even: [bool; 2]) -> Option<f64> {
         let least = before.max(after);
         let most = f64::midpoint(before + after, self.change * h_s)
-            .min(piece.cap)
+            .min(cap)
             .max(least);
         if self.jerk.is_infinite() {
             return Some(most);
         }
-        let fits = |peak: &f64| {
-            let [up, down] = [(before, is_even[0]), (after, is_even[1])];
-            self.flank(up.0, *peak, up.1).plan_s() + self.flank(down.0, *peak, down.1).plan_s() <= h_s
+        let fits = |peak: f64| {
+            let up_s = plan_s(&self.flank(before, peak, is_even[0]));
+            up_s + plan_s(&self.flank(after, peak, is_even[1])) <= h_s
         };
-        if fits(&most) {
+        if fits(most) {
             return Some(most);
         }
-        let mut low = Some(least).filter(fits)?;
-        let mut high = most;
-        for _ in 0..HALVINGS {
-            let middle = f64::midpoint(low, high);
-            if fits(&middle) {
-                low = middle;
-            } else {
-                high = middle;
-            }
-        }
-        Some(low)
+        fits(least).then(|| bisect([least, most], HALVINGS, fits)[0])
     }
 
     /// From the rate w up to the peak `w_p`. An acceleration c comes and goes with the maximum jerk j in the time c/j
     /// and gains `c^2/(2 j)` each time; c is the largest one, or what the gain leaves. Where the rate does not come evenly,
     /// it begins with c.
-    fn flank(self, square: f64, peak: f64, is_even: bool) -> Flank {
+    fn flank(self, square: f64, peak: f64, is_even: bool) -> [FlankPart; 3] {
         let steepest = self.change / 2.0;
         let [rate, top] = [square.sqrt(), peak.sqrt()];
         let bends = if is_even { 1.0 } else { 2.0 };
@@ -208,7 +187,7 @@ impl Straight {
             rate_jerk,
             plan_s,
         };
-        Flank([
+        [
             part([square, begin], [0.0, rate_change], self.jerk, rise_s),
             part(
                 [begin, knee],
@@ -222,6 +201,6 @@ impl Straight {
                 -self.jerk,
                 time_s * (top - gain / 3.0),
             ),
-        ])
+        ]
     }
 }

@@ -1,10 +1,9 @@
 //! A blended block as planned: velocity and acceleration of each axis by plan time, with bounds between the samples.
 
 use tandem_model::flow::Path;
+use tandem_model::profile::{Lead, Ramped};
 use tandem_model::ramp::UnitRamp;
 use tandem_model::{ArcPath, Axis, AxisVector};
-
-use crate::block::RampedBlock;
 
 /// Speeds that differ by less than this share are one.
 const SAME_SPEED: f64 = 1e-3;
@@ -15,17 +14,11 @@ const RATIO_MAX: f64 = 1e4;
 /// The motion of one block in plan time: its block between its ramps, and the begin of the next block.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Way<'a> {
-    pub(super) path: &'a Path,
-    pub(super) speed: f64,
-    pub(super) lead: Option<(&'a Path, f64)>,
+    pub(super) block: &'a Ramped,
     /// Of its own block and the next one.
     pub(super) slopes: [AxisVector; 2],
     /// Speeds of both where they differ.
     pub(super) uneven: Option<[f64; 2]>,
-    pub(super) start: UnitRamp,
-    pub(super) stop: UnitRamp,
-    begun_s: f64,
-    pub(super) plan_s: f64,
     pub(super) passage: Passage,
 }
 
@@ -96,38 +89,33 @@ pub(super) struct Along {
 }
 
 impl<'a> Way<'a> {
-    pub(super) fn new(block: &'a RampedBlock, passage: Passage) -> Self {
-        let lead = block.next.as_ref().map(|next| (&next.path, next.speed));
+    pub(super) fn new(block: &'a Ramped, passage: Passage) -> Self {
+        let next = block.next.as_ref();
         Self {
-            path: &block.path,
-            speed: block.speed,
-            lead,
+            block,
             slopes: [
                 slopes(&block.path),
-                lead.map_or(AxisVector::ZERO, |(path, _)| slopes(path)),
+                next.map_or(AxisVector::ZERO, |next| slopes(&next.path)),
             ],
-            uneven: lead.map(|(_, next)| [block.speed, next]).filter(differ),
-            start: block.start,
-            stop: block.stop,
-            begun_s: block.begun_s,
-            plan_s: block.plan_s,
+            uneven: next.map(|next| [block.speed, next.speed]).filter(differ),
             passage,
         }
     }
 
     /// True when its path begins at rest.
     pub(super) fn begins_at_rest(&self) -> bool {
-        self.begun_s == 0.0
+        self.block.begun_s == 0.0
     }
 
     /// True when one of its blocks is an arc.
     pub(super) fn bends(&self) -> bool {
         let is_arc = |path: &Path| matches!(path, Path::Arc(_));
-        is_arc(self.path) || self.lead.is_some_and(|(path, _)| is_arc(path))
+        let next = self.block.next.as_ref();
+        is_arc(&self.block.path) || next.is_some_and(|next| is_arc(&next.path))
     }
 
     pub(super) fn stop_begins_s(&self) -> f64 {
-        self.plan_s - self.stop.duration_s()
+        self.block.plan_s - self.block.stop.duration_s()
     }
 
     /// Its phases in order, each of smooth motion.
@@ -139,9 +127,9 @@ impl<'a> Way<'a> {
                 part,
             })
         };
-        let [a, b, c] = ramp(self.start, -self.begun_s, Part::Start);
-        let [e, f, mut g] = ramp(self.stop, self.stop_begins_s(), Part::Stop);
-        g.to_s = self.plan_s;
+        let [a, b, c] = ramp(self.block.start, -self.block.begun_s, Part::Start);
+        let [e, f, mut g] = ramp(self.block.stop, self.stop_begins_s(), Part::Stop);
+        g.to_s = self.block.plan_s;
         let between = Phase {
             from_s: c.to_s.max(0.0),
             to_s: e.from_s,
@@ -150,8 +138,8 @@ impl<'a> Way<'a> {
         let phases = [a, b, c, between, e, f, g];
         if self.passage.is_backward {
             let [a, b, c, d, e, f, g] = phases.map(|phase| Phase {
-                from_s: self.plan_s - phase.to_s,
-                to_s: (self.plan_s - phase.from_s).min(self.plan_s),
+                from_s: self.block.plan_s - phase.to_s,
+                to_s: (self.block.plan_s - phase.from_s).min(self.block.plan_s),
                 ..phase
             });
             return [g, f, e, d, c, b, a];
@@ -162,18 +150,18 @@ impl<'a> Way<'a> {
     /// Its own block and the next one, `within_s` telling the phase.
     pub(super) fn along(&self, t_s: f64, within_s: f64) -> [Along; 2] {
         let stopping_s = self.stop_begins_s();
-        let [begun, within] = [t_s + self.begun_s, within_s + self.begun_s];
-        let [s1, s2] = self.start.slopes(begun, within);
-        let [p1, p2] = self.stop.slopes(t_s - stopping_s, within_s - stopping_s);
-        let stopped = self.stop.speed(t_s - stopping_s);
-        let stopped_s = self.stop.distance(t_s - stopping_s);
+        let [begun, within] = [t_s + self.block.begun_s, within_s + self.block.begun_s];
+        let [s1, s2] = self.block.start.slopes(begun, within);
+        let [p1, p2] = self.block.stop.slopes(t_s - stopping_s, within_s - stopping_s);
+        let stopped = self.block.stop.speed(t_s - stopping_s);
+        let stopped_s = self.block.stop.distance(t_s - stopping_s);
         let own = Along {
-            distance: self.speed * (self.start.distance(begun) - stopped_s),
-            speed: self.speed * (self.start.speed(begun) - stopped).max(0.0),
-            acceleration: self.speed * (s1 - p1),
-            jerk: self.speed * (s2 - p2),
+            distance: self.block.speed * (self.block.start.distance(begun) - stopped_s),
+            speed: self.block.speed * (self.block.start.speed(begun) - stopped).max(0.0),
+            acceleration: self.block.speed * (s1 - p1),
+            jerk: self.block.speed * (s2 - p2),
         };
-        let speed = self.lead.map_or(0.0, |(_, speed)| speed);
+        let speed = self.block.next.as_ref().map_or(0.0, |next| next.speed);
         let next = Along {
             distance: speed * stopped_s,
             speed: speed * stopped,
@@ -186,7 +174,7 @@ impl<'a> Way<'a> {
     /// One end of a piece, `within_s` telling its phase.
     pub(super) fn end(&self, t_s: f64, within_s: f64) -> End {
         if self.passage.is_backward {
-            let end = self.forward_end(self.plan_s - t_s, self.plan_s - within_s);
+            let end = self.forward_end(self.block.plan_s - t_s, self.block.plan_s - within_s);
             return End {
                 t_s,
                 ..end.reversed()
@@ -198,8 +186,10 @@ impl<'a> Way<'a> {
     fn forward_end(&self, t_s: f64, within_s: f64) -> End {
         let [own, next] = self.along(t_s, within_s);
         let mut end = End::at(t_s, [own, next]);
-        end.add(self.path, self.slopes[0], own);
-        if let Some((path, _)) = self.lead.filter(|_| !next.rests()) {
+        end.add(&self.block.path, self.slopes[0], own);
+        if let Some(Lead { path, .. }) = &self.block.next
+            && !next.rests()
+        {
             end.add(path, self.slopes[1], next);
         }
         end
@@ -208,9 +198,11 @@ impl<'a> Way<'a> {
     /// The motion over a piece between two ends of one phase.
     pub(super) fn between(&self, from: &End, to: &End) -> Motion {
         let mut motion = Motion::of(from, to);
-        motion.bound(self.path, self.slopes[0], [from.along[0], to.along[0]]);
+        motion.bound(&self.block.path, self.slopes[0], [from.along[0], to.along[0]]);
         let along = [from.along[1], to.along[1]];
-        if let Some((path, _)) = self.lead.filter(|_| !along.iter().all(Along::rests)) {
+        if let Some(Lead { path, .. }) = &self.block.next
+            && !along.iter().all(Along::rests)
+        {
             motion.bound(path, self.slopes[1], along);
         }
         motion
