@@ -115,18 +115,15 @@ impl Planner {
     pub fn push(&mut self, segment: &Segment, out: &mut VecDeque<Profile>) -> Result<(), Alarm> {
         let pushed = self.take(segment, out);
         if pushed.is_err() || segment.end == SegmentEnd::ExactStop {
-            self.finish_chain(out);
+            self.flush(out);
         }
         pushed.map_err(|alarm| alarm.at(segment.origin))
     }
 
     /// Puts out what is held back, ending at rest.
-    ///
-    /// # Errors
-    /// None so far: each alarm is raised by the segment's own [`Planner::push`].
-    pub fn flush(&mut self, out: &mut VecDeque<Profile>) -> Result<(), Alarm> {
-        self.finish_chain(out);
-        Ok(())
+    pub fn flush(&mut self, out: &mut VecDeque<Profile>) {
+        let onward = onward(self.multi_block, &mut self.look_ahead, &mut self.record, out);
+        self.chain.finish(self.settings.motion.short_block, onward);
     }
 
     fn take(&mut self, segment: &Segment, out: &mut VecDeque<Profile>) -> Result<(), Alarm> {
@@ -150,7 +147,7 @@ impl Planner {
             }
         };
         check_duration(duration_s)?;
-        self.finish_chain(out);
+        self.flush(out);
         self.last_segment += 1;
         let profile = Profile {
             segment: self.last_segment,
@@ -181,7 +178,7 @@ impl Planner {
     ) -> Result<(), Alarm> {
         check_duration(alone.duration_s_max(path.length()))?;
         if segment.multi_block != self.multi_block {
-            self.finish_chain(out);
+            self.flush(out);
             self.multi_block = segment.multi_block;
         }
         self.last_segment += 1;
@@ -195,11 +192,6 @@ impl Planner {
         let onward = onward(self.multi_block, &mut self.look_ahead, &mut self.record, out);
         self.chain.push(self.settings.motion.short_block, block, onward);
         Ok(())
-    }
-
-    fn finish_chain(&mut self, out: &mut VecDeque<Profile>) {
-        let onward = onward(self.multi_block, &mut self.look_ahead, &mut self.record, out);
-        self.chain.finish(self.settings.motion.short_block, onward);
     }
 
     /// The settings that it plans with.

@@ -60,11 +60,7 @@ impl PathStage {
         let ramp_s = ramp_s(f).max(ramp_s(g));
         let zones = [zone(first, f, ramp_s), zone(second, g, ramp_s)];
         let joint = second.start();
-        let limited = self
-            .axes
-            .iter()
-            .filter(|axis| self.soft_limits[axis.index()].is_some());
-        for axis in limited {
+        for axis in self.limited_axes() {
             let steep = |slope: fn(&Path, Axis) -> f64| {
                 [zones[0] * slope(first, axis), zones[1] * slope(second, axis)]
             };

@@ -1,6 +1,6 @@
 //! The shortest length that is a motion, and the straight line between two places.
 
-use tandem_model::alarm::VALUE_NOT_FINITE;
+use tandem_model::alarm::check_finite;
 use tandem_model::flow::Path;
 use tandem_model::{Alarm, AxisVector};
 
@@ -23,10 +23,7 @@ pub(crate) fn line_between(from: AxisVector, to: AxisVector) -> Result<Option<Pa
     } else {
         orthogonal
     };
-    if !length.is_finite() {
-        let text = format!("The length of the block is {length}");
-        return Err(Alarm::new(&VALUE_NOT_FINITE, text));
-    }
+    check_finite("The length of the block", length)?;
     Ok(Some(Path::Line { from, to, length }))
 }
 

@@ -1,6 +1,6 @@
 //! Blocks in, segments out.
 
-use tandem_model::alarm::{COMPENSATION_REFUSED, FEEDRATE_MISSING, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
+use tandem_model::alarm::{COMPENSATION_REFUSED, FEEDRATE_MISSING, VALUE_OUT_OF_RANGE, check_finite};
 use tandem_model::flow::{
     Action, AxisWords, Block, Compensation, Feed, MultiBlock, Path, PathControl, Segment, SegmentEnd,
     SegmentMotion, Transform,
@@ -15,20 +15,8 @@ use crate::transform::{self, finite};
 /// The path stage of one coordinate system.
 #[derive(Debug, Clone)]
 pub struct PathStage {
+    pub(crate) settings: CoordinateSystemSettings,
     pub(crate) axes: AxisSet,
-    pub(crate) soft_limits: [Option<[f64; 2]>; tandem_model::AXES_MAX],
-    /// First to fourth, machine positions.
-    reference_points: [AxisVector; 4],
-    pub(crate) arc_radius_tolerance_mm: f64,
-    /// 0: any difference of the radii makes a spiral.
-    pub(crate) spiral_tolerance_mm: f64,
-    default_feedrate_mm_min: f64,
-    rotary_feedrate_deg_min: f64,
-    max_feedrate_mm_min: f64,
-    /// The most that Z alone can go.
-    pub(crate) max_z_feedrate_mm_min: f64,
-    /// Of dry run.
-    dry_run_feedrate_mm_min: f64,
     dry_run: bool,
     pub(crate) transform: Transform,
     /// Where the last block ends as programmed; with cutter compensation the tool's centre is elsewhere.
@@ -48,31 +36,9 @@ pub struct PathStage {
 impl PathStage {
     /// A stage at a machine position, with the identity transform.
     pub fn new(settings: &CoordinateSystemSettings, at: MachinePosition) -> Self {
-        let max_z_velocity = (settings.motors[Axis::Z.index()].as_ref()).map(|motor| motor.max_velocity);
         Self {
+            settings: settings.clone(),
             axes: settings.axes(),
-            soft_limits: std::array::from_fn(|i| {
-                settings.motors[i].as_ref().and_then(|motor| motor.soft_limits)
-            }),
-            reference_points: std::array::from_fn(|point| {
-                AxisVector(std::array::from_fn(|i| {
-                    settings.motors[i]
-                        .as_ref()
-                        .map_or(0.0, |motor| motor.reference_points[point])
-                }))
-            }),
-            arc_radius_tolerance_mm: settings.motion.arc_radius_tolerance_mm,
-            spiral_tolerance_mm: settings.motion.spiral_tolerance_mm,
-            default_feedrate_mm_min: settings.default_feedrate_mm_min,
-            rotary_feedrate_deg_min: settings.rotary_feedrate_deg_min,
-            max_feedrate_mm_min: settings.max_feedrate_mm_min,
-            max_z_feedrate_mm_min: max_z_velocity.map_or(settings.max_feedrate_mm_min, |velocity| {
-                settings.max_feedrate_mm_min.min(velocity * 60.0)
-            }),
-            dry_run_feedrate_mm_min: match settings.motion.dry_run_feedrate_mm_min {
-                configured if configured > 0.0 => configured,
-                _ => settings.max_feedrate_mm_min,
-            },
             dry_run: false,
             transform: Transform::default(),
             at: at.0,
@@ -107,7 +73,7 @@ impl PathStage {
     ///
     /// With cutter compensation also `COMPENSATION_REFUSED`, `COMPENSATION_LEAD_SHORT`, `COMPENSATION_ARC_SMALL`,
     /// `COMPENSATION_CORNER`, `COMPENSATION_SPIRAL`, `COMPENSATION_LOOK_AHEAD` and `OVERCUT`, at the first block that
-    /// cannot be gone. What is certain before it has been put out (the block just before it is not: the refused one
+    /// cannot be moved. What is certain before it has been put out (the block just before it is not: the refused one
     /// decides where it ends), and the compensation is over.
     ///
     /// [`LOOK_AHEAD_MAX`]: crate::LOOK_AHEAD_MAX
@@ -125,13 +91,9 @@ impl PathStage {
     }
 
     /// The program waits and continues later: puts out what is certain, ending in an exact stop. With cutter
-    /// compensation blocks stay held back until those behind them show that no overcut comes.
-    ///
-    /// # Errors
-    /// None so far: each alarm is raised by the block's own [`PathStage::push`].
-    pub fn flush(&mut self, out: &mut Vec<Segment>) -> Result<(), Alarm> {
+    /// compensation blocks stay held back until the next ones show that there is no overcut.
+    pub fn flush(&mut self, out: &mut Vec<Segment>) {
         self.release(SegmentEnd::ExactStop, out);
-        Ok(())
     }
 
     /// The program ends here, well or with an alarm: puts out what is certain, ending in an exact stop, and forgets
@@ -225,12 +187,7 @@ impl PathStage {
     }
 
     fn dwell(&mut self, block: &Block, dwell_s: f64, out: &mut Vec<Segment>) -> Result<(), Alarm> {
-        if !dwell_s.is_finite() {
-            return Err(Alarm::new(
-                &VALUE_NOT_FINITE,
-                format!("The dwell time is {dwell_s}"),
-            ));
-        }
+        check_finite("The dwell time", dwell_s)?;
         if dwell_s < 0.0 {
             let text = format!("The dwell time {dwell_s} s is below 0");
             return Err(Alarm::new(&VALUE_OUT_OF_RANGE, text));
@@ -279,12 +236,6 @@ impl PathStage {
         self.is_skipping = false;
     }
 
-    fn rapid_to(&mut self, block: &Block, to: AxisVector, out: &mut Vec<Segment>) {
-        if moves(self.at, to) {
-            self.go_to_rest(block, SegmentMotion::Rapid { from: self.at, to }, to, out);
-        }
-    }
-
     /// Puts out a motion that ends at rest here, whatever comes behind.
     pub(crate) fn go_to_rest(
         &mut self,
@@ -312,13 +263,10 @@ impl PathStage {
         out: &mut Vec<Segment>,
     ) -> Result<(), Alarm> {
         self.without_offsets(block, "A move to a reference point")?;
-        let reference = usize::from(point)
-            .checked_sub(1)
-            .and_then(|i| self.reference_points.get(i).copied());
-        let Some(reference) = reference else {
+        if !(1..=4).contains(&point) {
             let text = format!("The reference point {point} is not 1 to 4");
             return Err(Alarm::new(&VALUE_OUT_OF_RANGE, text));
-        };
+        }
         let (middle, named) = if words.named.is_empty() {
             (self.at, self.axes)
         } else {
@@ -326,14 +274,18 @@ impl PathStage {
         };
         let mut to = middle;
         for axis in named.iter() {
-            to[axis] = reference[axis];
+            let motor = self.settings.motors[axis.index()].as_ref();
+            to[axis] = motor.map_or(0.0, |motor| motor.reference_points[usize::from(point) - 1]);
         }
         finite(to, "reference point")?;
         self.within_all_soft_limits(self.at, middle)?;
         self.within_all_soft_limits(middle, to)?;
         self.release(SegmentEnd::ExactStop, out);
-        self.rapid_to(block, middle, out);
-        self.rapid_to(block, to, out);
+        for to in [middle, to] {
+            if moves(self.at, to) {
+                self.go_to_rest(block, SegmentMotion::Rapid { from: self.at, to }, to, out);
+            }
+        }
         if words.named.is_empty() {
             self.tool_shift = 0.0;
         } else {
@@ -456,12 +408,7 @@ impl PathStage {
             Compensation::Left { radius, plane } => (radius, plane, true),
             Compensation::Right { radius, plane } => (radius, plane, false),
         };
-        if !radius.is_finite() {
-            return Err(Alarm::new(
-                &VALUE_NOT_FINITE,
-                format!("The tool's radius is {radius}"),
-            ));
-        }
+        check_finite("The tool's radius", radius)?;
         if radius < 0.0 {
             let text = format!("The tool's radius {radius} mm is below 0");
             return Err(Alarm::new(&VALUE_OUT_OF_RANGE, text));
@@ -479,9 +426,12 @@ impl PathStage {
         };
         let mut feed = self.feed_in_force(block, rotary_only)?;
         if self.dry_run {
-            feed.feedrate_mm_min = self.dry_run_feedrate_mm_min;
+            feed.feedrate_mm_min = match self.settings.motion.dry_run_feedrate_mm_min {
+                configured if configured > 0.0 => configured,
+                _ => self.settings.max_feedrate_mm_min,
+            };
         }
-        feed.feedrate_mm_min = feed.feedrate_mm_min.min(self.max_feedrate_mm_min);
+        feed.feedrate_mm_min = feed.feedrate_mm_min.min(self.settings.max_feedrate_mm_min);
         Ok(feed)
     }
 
@@ -498,23 +448,17 @@ impl PathStage {
         } else {
             feedrate_mm_min
         };
-        let feedrate = if rotary_only && self.rotary_feedrate_deg_min > 0.0 {
-            self.rotary_feedrate_deg_min
+        let feedrate = if rotary_only && self.settings.rotary_feedrate_deg_min > 0.0 {
+            self.settings.rotary_feedrate_deg_min
         } else if programmed == 0.0 {
-            self.default_feedrate_mm_min
+            self.settings.default_feedrate_mm_min
         } else {
             programmed
         };
-        for (name, value) in [
-            ("feedrate", feedrate),
-            ("ta", ta_ms),
-            ("td", td_ms),
-            ("ts", ts_ms),
-        ] {
-            if !value.is_finite() {
-                return Err(Alarm::new(&VALUE_NOT_FINITE, format!("The {name} is {value}")));
-            }
-        }
+        check_finite("The feedrate", feedrate)?;
+        check_finite("The ta", ta_ms)?;
+        check_finite("The td", td_ms)?;
+        check_finite("The ts", ts_ms)?;
         if feedrate <= 0.0 {
             let text = format!("The feedrate is {feedrate}");
             return Err(Alarm::new(&FEEDRATE_MISSING, text));

@@ -10,15 +10,6 @@ use tandem_model::{Alarm, Axis, AxisVector};
 use crate::length::LENGTH_MIN;
 use crate::stage::PathStage;
 
-/// A way in the thread as it will be cut.
-#[derive(Debug, Clone, Copy)]
-struct Thread {
-    to: AxisVector,
-    feed: Feed,
-    /// Without sign; 0: no spindle is locked to it.
-    revolutions: f64,
-}
-
 impl PathStage {
     /// Refuses what would be found only on the way to a hole or in front of it. The first and the last hole bound all,
     /// since the transforms are linear.
@@ -53,11 +44,7 @@ impl PathStage {
 
     /// Takes a way in the thread.
     pub(crate) fn tap(&mut self, block: &Block, tap: &Tap, out: &mut Vec<Segment>) -> Result<(), Alarm> {
-        let Thread {
-            to,
-            feed,
-            revolutions,
-        } = self.thread(block, tap)?;
+        let (to, feed, revolutions) = self.thread(block, tap)?;
         self.release(SegmentEnd::ExactStop, out);
         if (to[Axis::Z] - self.at[Axis::Z]).abs() >= LENGTH_MIN {
             let motion = SegmentMotion::Tap {
@@ -76,8 +63,9 @@ impl PathStage {
         Ok(())
     }
 
-    /// A way in the thread from here. Its revolutions are the machine's Z travel times S / F, whatever the transforms.
-    fn thread(&self, block: &Block, tap: &Tap) -> Result<Thread, Alarm> {
+    /// The end of a move in the thread from here, its feedrate, and its revolutions without sign; 0: no spindle is locked to
+    /// it. They are the machine's Z travel times S / F, whatever the transforms.
+    fn thread(&self, block: &Block, tap: &Tap) -> Result<(AxisVector, Feed, f64), Alarm> {
         let to = self.target(block, &tap.target)?;
         let aside = Axis::ALL
             .into_iter()
@@ -100,17 +88,15 @@ impl PathStage {
                 return Err(Alarm::new(&SPINDLE_SPEED_MISSING, text).of_words("S"));
             }
         };
-        Ok(Thread {
-            to,
-            feed,
-            revolutions,
-        })
+        Ok((to, feed, revolutions))
     }
 
     /// Where no spindle of the coordinate system is locked to Z, nothing slows the spindle with it: the pitch is right
     /// only at F itself.
     fn as_fast_as_f(&self, feedrate: f64) -> Result<(), Alarm> {
-        let most = self.max_z_feedrate_mm_min;
+        let z = self.settings.motors[Axis::Z.index()].as_ref();
+        let velocity = z.map_or(f64::INFINITY, |motor| motor.max_velocity);
+        let most = self.settings.max_feedrate_mm_min.min(velocity * 60.0);
         if feedrate <= most {
             return Ok(());
         }

@@ -125,21 +125,22 @@ impl PathStage {
     /// An arc stays within the limits of its axes from its start on, turning points included.
     fn arc_within_soft_limits(&self, arc: &ArcPath) -> Result<(), Alarm> {
         let from = arc.start();
-        let limited = self
-            .axes
-            .iter()
-            .filter(|axis| self.soft_limits[axis.index()].is_some());
-        for axis in limited {
-            let [lowest, highest] = arc.reach(axis);
-            let moves = [lowest, highest]
-                .into_iter()
-                .any(|value| (value - from[axis]).abs() >= LENGTH_MIN);
-            if moves {
-                self.within_soft_limits(axis, lowest)?;
-                self.within_soft_limits(axis, highest)?;
+        for axis in self.limited_axes() {
+            let reach = arc.reach(axis);
+            if reach.iter().any(|value| (value - from[axis]).abs() >= LENGTH_MIN) {
+                (reach.iter()).try_for_each(|value| self.within_soft_limits(axis, *value))?;
             }
         }
         Ok(())
+    }
+
+    fn soft_limits(&self, axis: Axis) -> Option<[f64; 2]> {
+        self.settings.motors[axis.index()].as_ref()?.soft_limits
+    }
+
+    /// The axes with soft limits.
+    pub(crate) fn limited_axes(&self) -> impl Iterator<Item = Axis> {
+        (self.axes.iter()).filter(|axis| self.soft_limits(*axis).is_some())
     }
 
     fn within_soft_limits(&self, axis: Axis, value: f64) -> Result<(), Alarm> {
@@ -154,7 +155,7 @@ impl PathStage {
 
     /// The soft limit beyond which a value lies: which, and where it is.
     pub(crate) fn limit_passed(&self, axis: Axis, value: f64) -> Option<(&'static str, f64)> {
-        let [lowest, highest] = self.soft_limits[axis.index()]?;
+        let [lowest, highest] = self.soft_limits(axis)?;
         if value < lowest - LENGTH_MIN {
             Some(("lower", lowest))
         } else if value > highest + LENGTH_MIN {

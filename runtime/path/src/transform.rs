@@ -1,6 +1,6 @@
 //! Requirements of the transforms (D20) on words, arcs and numbers.
 
-use tandem_model::alarm::{VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
+use tandem_model::alarm::{VALUE_OUT_OF_RANGE, check_finite};
 use tandem_model::flow::Transform;
 use tandem_model::plane::Plane;
 use tandem_model::{Alarm, Axis, AxisVector};
@@ -78,21 +78,16 @@ pub(crate) fn check(transform: &Transform) -> Result<(), Alarm> {
         finite(rotation.centre, "centre of rotation")?;
         numbers.push(("angle of rotation", rotation.angle_deg));
     }
-    match numbers.iter().find(|(_, value)| !value.is_finite()) {
-        Some((name, value)) => Err(Alarm::new(&VALUE_NOT_FINITE, format!("The {name} is {value}"))),
-        None => Ok(()),
-    }
+    numbers
+        .into_iter()
+        .try_for_each(|(name, value)| check_finite(format_args!("The {name}"), value))
 }
 
 /// # Errors
 /// `VALUE_NOT_FINITE`, with the name of the first axis whose value is not a number.
 pub(crate) fn finite(vector: AxisVector, name: &str) -> Result<(), Alarm> {
-    let not_finite = Axis::ALL.into_iter().find(|&axis| !vector[axis].is_finite());
-    match not_finite {
-        None => Ok(()),
-        Some(axis) => {
-            let text = format!("The {name} of axis {} is {}", axis.letter(), vector[axis]);
-            Err(Alarm::new(&VALUE_NOT_FINITE, text))
-        }
-    }
+    Axis::ALL.into_iter().try_for_each(|axis| {
+        let name = format_args!("The {name} of axis {}", axis.letter());
+        check_finite(name, vector[axis])
+    })
 }

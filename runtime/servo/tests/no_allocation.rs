@@ -169,7 +169,7 @@ fn paced() -> Vec<Profile> {
         };
         planner.push(&segment, &mut out).unwrap();
     }
-    planner.flush(&mut out).unwrap();
+    planner.flush(&mut out);
     out.into()
 }
 
@@ -527,7 +527,7 @@ fn either_way(planner: &mut Planner) -> VecDeque<Profile> {
         };
         planner.push(&segment, &mut planned).unwrap();
     }
-    planner.flush(&mut planned).unwrap();
+    planner.flush(&mut planned);
     planned
 }
 

@@ -37,7 +37,7 @@ fn planned(settings: &CoordinateSystemSettings, segments: &[Segment]) -> (Planne
     for segment in segments {
         planner.push(segment, &mut out).unwrap();
     }
-    planner.flush(&mut out).unwrap();
+    planner.flush(&mut out);
     (planner, out)
 }
 

@@ -128,7 +128,7 @@ impl Chain {
         for segment in &self.segments {
             planner.push(segment, &mut out).unwrap();
         }
-        planner.flush(&mut out).unwrap();
+        planner.flush(&mut out);
         out.into()
     }
 

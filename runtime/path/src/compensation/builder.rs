@@ -4,7 +4,7 @@
 use tandem_model::flow::{Feed, Path, Segment, SegmentMotion};
 use tandem_model::plane::{Plane, Turn};
 use tandem_model::settings::CompensationFeed;
-use tandem_model::{Alarm, ArcPath, Axis, AxisVector};
+use tandem_model::{Alarm, ArcPath, AxisVector};
 
 use super::curve::{Curve, Vec2};
 use super::piece::{Leg, Piece, Way};
@@ -78,17 +78,15 @@ impl Builder {
     fn along(&mut self, piece: &Piece, way: &Way, path: &Path, out: &mut Vec<Leg>) -> Result<(), Alarm> {
         let segment = &piece.leg.segment;
         let (start, end) = (path.start(), path.end());
-        if let Some(head) = &way.head {
+        let [head, curve, tail] = &way.parts;
+        if let Some(head) = head {
             self.cut(segment, head, start, self.feed, out)?;
         }
-        if let Some(curve) = &way.curve {
+        if let Some(curve) = curve {
             let feed = self.curve_feed(&piece.wall, curve, end.minus(start));
             self.cut(segment, curve, end, feed, out)?;
         }
-        if let Some(tail) = &way.tail {
-            self.cut(segment, tail, end, self.feed, out)?;
-        }
-        Ok(())
+        (tail.iter()).try_for_each(|tail| self.cut(segment, tail, end, self.feed, out))
     }
 
     /// A lead-out with G00; an arc that it needs is cut at the feedrate before it.
@@ -99,7 +97,7 @@ impl Builder {
         to: AxisVector,
         out: &mut Vec<Leg>,
     ) -> Result<(), Alarm> {
-        if let Some(head) = &way.head {
+        if let Some(head) = &way.parts[0] {
             self.cut(segment, head, self.at, self.feed, out)?;
         }
         let motion = SegmentMotion::Rapid { from: self.at, to };
@@ -184,11 +182,7 @@ impl Builder {
         else {
             return self.feed;
         };
-        let [first, second] = self.plane.axes();
-        let height = [Axis::X, Axis::Y, Axis::Z]
-            .into_iter()
-            .find(|axis| *axis != first && *axis != second)
-            .map_or(0.0, |axis| way[axis]);
+        let height = way[self.plane.normal()];
         let mean = |radii: [f64; 2]| f64::midpoint(radii[0], radii[1]);
         let rate = |radius: f64| (radius * centre.sweep).hypot(height);
         let programmed = self.feed.feedrate_mm_min;

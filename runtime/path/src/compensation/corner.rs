@@ -9,7 +9,8 @@
 
 use std::f64::consts::PI;
 
-use super::curve::{Arc, Curve, Line, Vec2};
+use super::curve::{Arc, Curve, Vec2};
+use super::distance::Chord;
 use crate::length::LENGTH_MIN;
 
 /// Deflections below this are rounding, radians: for a tool of 100 mm the corner is off the curves by less than
@@ -103,10 +104,17 @@ pub(super) fn between(before: &Curve, after: &Curve, corner: Vec2, tool: f64) ->
         }
         return (joint, true);
     }
+    // The intersection on the side of the chord's middle where the programmed corner lies: it moved there from the corner
+    // as the tool's radius grew from zero.
+    let on_line_and_circle =
+        |line, arc: &Arc, radius| Chord::on_line(line, arc.centre, radius).end_towards(corner - arc.centre);
     let meet = match (before, after) {
-        (Curve::Line(line), Curve::Arc(arc)) => on_line_and_circle(line, arc, arc.radii[0], corner),
-        (Curve::Arc(arc), Curve::Line(line)) => on_line_and_circle(line, arc, arc.radii[1], corner),
-        (Curve::Arc(a), Curve::Arc(b)) => on_both_circles(a, b, corner),
+        (Curve::Line(line), Curve::Arc(arc)) => on_line_and_circle(line, arc, arc.radii[0]),
+        (Curve::Arc(arc), Curve::Line(line)) => on_line_and_circle(line, arc, arc.radii[1]),
+        (Curve::Arc(a), Curve::Arc(b)) => {
+            let chord = Chord::of_circles([a.centre, b.centre], [a.radii[1], b.radii[0]]);
+            chord.and_then(|chord| chord.end_towards(corner - a.centre))
+        }
         (Curve::Line(_), Curve::Line(_)) => None,
     };
     let feet = Joint {
@@ -144,35 +152,4 @@ pub(super) fn leading_out(before: &Curve, direction: Vec2, corner: Vec2, tool: f
 fn needs_arc(turn: f64, cos: f64, tool: f64) -> bool {
     let reversal = PI - turn.abs() <= REVERSAL;
     tool.abs() >= LENGTH_MIN && (reversal || (turn * tool < 0.0 && cos < RIGHT_ANGLE))
-}
-
-/// The intersection on the side of the line's foot on which the programmed corner lies: there it came from as the
-/// tool's radius grew from zero.
-fn on_line_and_circle(line: &Line, arc: &Arc, radius: f64, corner: Vec2) -> Option<Vec2> {
-    let foot = line.from + line.along * (arc.centre - line.from).dot(line.along);
-    let distance = (foot - arc.centre).length();
-    let half_chord = half_chord(radius, distance)?;
-    let side = (corner - arc.centre).dot(line.along).signum();
-    Some(foot + line.along * (side * half_chord))
-}
-
-/// The same for two circles and the line through their centres.
-fn on_both_circles(a: &Arc, b: &Arc, corner: Vec2) -> Option<Vec2> {
-    let way = b.centre - a.centre;
-    let distance = way.length();
-    if distance < LENGTH_MIN {
-        return None;
-    }
-    let along = way * (1.0 / distance);
-    let (first, second) = (a.radii[1], b.radii[0]);
-    let foot = f64::midpoint(distance, (first - second) * (first + second) / distance);
-    let half_chord = half_chord(first, foot.abs())?;
-    let side = along.cross(corner - a.centre).signum();
-    Some(a.centre + along * foot + along.left() * (side * half_chord))
-}
-
-/// Half the chord of a circle at this distance from its centre. A line that misses it by rounding touches it.
-fn half_chord(radius: f64, distance: f64) -> Option<f64> {
-    let square = (radius - distance) * (radius + distance);
-    (distance <= radius + LENGTH_MIN).then(|| square.max(0.0).sqrt())
 }

@@ -44,7 +44,8 @@ pub(super) fn with_earlier(queue: &VecDeque<Piece>, place: usize, radius: f64) -
         if !measured {
             continue;
         }
-        let distance = of_piece(piece, other, radius).or_else(|| of_piece(other, piece, radius));
+        let to_wall = |piece: &Piece, other| to_wall(piece.way.as_ref()?, other, radius);
+        let distance = to_wall(piece, other).or_else(|| to_wall(other, piece));
         if let Some(distance) = distance {
             found = Some(Overcut { earlier, distance });
         }
@@ -55,7 +56,7 @@ pub(super) fn with_earlier(queue: &VecDeque<Piece>, place: usize, radius: f64) -
 /// The same for an arc added before the lead-out, which follows the pieces in the queue and leaves the last one's
 /// corner: it belongs to no block of the contour, and its tool cuts all the same. The lead-out itself is not measured.
 pub(super) fn of_last_arc(queue: &VecDeque<Piece>, arc: Curve, radius: f64) -> Option<Overcut> {
-    let way = Way::of(Some(arc), None, None)?;
+    let way = Way::of([Some(arc), None, None])?;
     let mut found = None;
     for (earlier, other) in queue.iter().enumerate().rev() {
         if other.role != Role::Contour || other.lifts() {
@@ -66,11 +67,6 @@ pub(super) fn of_last_arc(queue: &VecDeque<Piece>, arc: Curve, radius: f64) -> O
         }
     }
     found
-}
-
-/// The same for a piece and what is programmed on another one.
-fn of_piece(piece: &Piece, other: &Piece, radius: f64) -> Option<f64> {
-    to_wall(piece.way.as_ref()?, other, radius)
 }
 
 /// How close the centre comes to what is programmed on a piece, when that is too close.

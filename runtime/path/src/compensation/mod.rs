@@ -158,15 +158,11 @@ impl Compensator {
         wanted: Option<Side>,
         out: &mut Vec<Leg>,
     ) -> Result<(), Alarm> {
-        let origin = leg.segment.origin;
         let taken = self.take_compensated(leg, side, wanted, out);
-        taken.map_err(|alarm| {
+        if taken.is_err() {
             self.abandon(out);
-            match alarm.origin {
-                Some(_) => alarm,
-                None => alarm.at(origin),
-            }
-        })
+        }
+        taken
     }
 
     fn take_compensated(

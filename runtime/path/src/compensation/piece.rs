@@ -22,31 +22,25 @@ pub(super) enum Role {
     LeadOut,
 }
 
-/// The tool centre's way: from where it meets the block before to the block's own offset curve, that curve, and from
-/// there to where it meets the next block.
+/// The path of the tool centre on a block.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Way {
-    pub head: Option<Curve>,
-    pub curve: Option<Curve>,
-    pub tail: Option<Curve>,
+    /// From where it meets the block before to the block's own offset curve, that curve, and from there to where it meets
+    /// the next block.
+    pub parts: [Option<Curve>; 3],
     pub bounds: Bounds,
 }
 
 impl Way {
     /// `None` without any part.
-    pub fn of(head: Option<Curve>, curve: Option<Curve>, tail: Option<Curve>) -> Option<Self> {
-        let parts = [&head, &curve, &tail].into_iter().flatten();
-        let bounds = parts.map(Bounds::of).reduce(|all, part| all.with(&part))?;
-        Some(Self {
-            head,
-            curve,
-            tail,
-            bounds,
-        })
+    pub fn of(parts: [Option<Curve>; 3]) -> Option<Self> {
+        let all = parts.iter().flatten().map(Bounds::of);
+        let bounds = all.reduce(|all, part| all.with(&part))?;
+        Some(Self { parts, bounds })
     }
 
     pub fn parts(&self) -> impl Iterator<Item = &Curve> {
-        [&self.head, &self.curve, &self.tail].into_iter().flatten()
+        self.parts.iter().flatten()
     }
 }
 
@@ -85,7 +79,7 @@ impl Piece {
             Role::Contour => self.offset.between(joint.start, next.end),
         }?;
         let head = joint.arc.or_else(|| Curve::line(joint.meet, joint.start));
-        Way::of(head, Some(curve), Curve::line(next.end, next.meet))
+        Way::of([head, Some(curve), Curve::line(next.end, next.meet)])
     }
 
     /// True when the tool moves along another axis before the next piece.
