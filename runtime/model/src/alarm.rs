@@ -1,4 +1,4 @@
-//! The alarm table. An alarm stops its coordinate system; it carries a number and says what happened, where and why.
+//! The alarm table. An alarm stops its coordinate system; it has a number, and says what happened, where and why.
 
 use std::fmt::Display;
 
@@ -22,7 +22,7 @@ pub struct Alarm {
 pub struct AlarmEntry {
     /// 1 to 9999.
     pub number: u16,
-    /// What it is called.
+    /// Its name.
     pub title: &'static str,
     /// What to do.
     pub remedy: &'static str,

@@ -21,8 +21,8 @@ const NEWTON_STEPS_MAX: u32 = 16;
 /// Steps of halving: one for each bit of a share.
 const HALVINGS: u32 = 60;
 
-/// A path whose plane axes turn about a centre with a radius linear in the angle, while all other axes go on
-/// linearly in the angle.
+/// A path whose plane axes turn about a centre with a radius linear in the angle, while all other axes move linearly in
+/// the angle.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ArcPath {
     from: AxisVector,
@@ -41,8 +41,8 @@ pub struct ArcPath {
 }
 
 impl ArcPath {
-    /// The path from here to there about a centre, given as the values of the plane's two axes. Neither end may lie
-    /// on the centre. Equal directions of start and end give a full turn.
+    /// The path between two points about a centre, given as the values of the plane's two axes. Neither end may lie on the
+    /// centre. Equal directions of start and end give a full turn.
     pub fn new(from: AxisVector, to: AxisVector, plane: Plane, centre: [f64; 2], turn: Turn) -> Self {
         let [first, second] = plane.axes();
         let start = [from[first] - centre[0], from[second] - centre[1]];
@@ -124,7 +124,7 @@ impl ArcPath {
         }
     }
 
-    /// Lowest and highest value of an axis at the end and at its turning points; the start does not count.
+    /// Lowest and highest value of an axis at the end and at its turning points, without the start.
     pub fn reach(&self, axis: Axis) -> [f64; 2] {
         let mut reach = [self.to[axis]; 2];
         // The first axis turns where the direction of travel is a quarter turn off it, the second where it is level.
@@ -176,7 +176,7 @@ impl ArcPath {
     }
 
     /// Bounds of the first to fourth derivative by the distance, between two distances from the start: of an axis in
-    /// the plane, and of any other one per unit of its way from start to end.
+    /// the plane, and of any other axis per unit of its distance from start to end.
     ///
     /// With the share u of the angle and `l = ds/du`, `|l'| <= e = |A g|`, so `|u''| <= e/l^3`, `|u'''| <= 4 e^2/l^5`,
     /// `|u''''| <= 28 e^3/l^7`; in the plane the n-th derivative by u is at most `|A|^(n-1) hypot(n g, A r)`.

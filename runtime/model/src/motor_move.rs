@@ -3,8 +3,8 @@
 use crate::pace::SlewRoom;
 use crate::ramp::UnitRamp;
 
-/// The shortest way of one motor over a distance with limited speed, acceleration and jerk, from rest to rest; all
-/// zero: it stays.
+/// The fastest move of one motor over a distance with limited speed, acceleration and jerk, from rest to rest; all zero:
+/// it does not move.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct MotorMove {
     /// Signed peak velocity, units per second.
@@ -55,8 +55,8 @@ impl MotorMove {
         self.velocity * ramp.speed(t_s).min(ramp.speed(left))
     }
 
-    /// What a motor of this maximum acceleration leaves to overrides and feed hold from one time of the move to another
-    /// (M1i). A move that needs more than the maximum by itself counts as needing all of it.
+    /// The room that a motor of this maximum acceleration leaves to overrides and feed hold between two times of the move
+    /// (M1i). A move that exceeds the maximum by itself counts as using all of it.
     pub fn room(&self, max_acceleration: f64, from_s: f64, to_s: f64) -> SlewRoom {
         let brakes_s = self.ramp_s + self.cruise_s;
         if self.velocity == 0.0 || to_s <= 0.0 || from_s >= self.duration_s() {

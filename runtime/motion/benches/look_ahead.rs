@@ -143,7 +143,7 @@ impl Stages {
     fn finish(mut self) {
         self.path.flush(&mut self.segments);
         self.plan();
-        assert!(self.planner.flush(&mut self.profiles).is_ok());
+        self.planner.flush(&mut self.profiles);
         let planned = self.planned + self.profiles.len();
         assert!(planned >= BLOCKS - 2, "{planned} profiles");
     }

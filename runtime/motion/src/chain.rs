@@ -53,7 +53,7 @@ impl Chain {
         self.place = None;
     }
 
-    /// Adds a block, and puts out what is final.
+    /// Adds a block, and puts out those that are final.
     pub(crate) fn push(&mut self, rule: ShortBlock, block: Block, out: impl FnMut(RampedBlock)) {
         let mut link = Link {
             speed: block.alone.limit,

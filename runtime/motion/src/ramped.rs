@@ -74,7 +74,7 @@ impl Alone {
         }
     }
 
-    /// The most that [`Alone::rest_to_rest`] takes, s.
+    /// Upper bound of the duration of [`Alone::rest_to_rest`], s.
     pub(crate) fn duration_s_max(&self, length: f64) -> f64 {
         stop_to_stop(length, self.limit, self.ramps(self.limit)).1
     }

@@ -7,7 +7,7 @@ use tandem_model::{AXES_MAX, Alarm, Axis, AxisVector};
 
 use crate::limit;
 
-/// The motion of a G00 block and its duration. It ends with the slowest motor.
+/// The motion of a G00 block and its duration, which is that of the slowest motor.
 pub(crate) fn plan(
     settings: &CoordinateSystemSettings,
     from: AxisVector,

@@ -10,7 +10,7 @@ use crate::stage::PathStage;
 use crate::transform;
 
 impl PathStage {
-    /// The path of an arc; `None` when R0 leads nowhere.
+    /// The path of an arc; `None` for R0 without a distance.
     pub(crate) fn arc(&self, block: &Block, arc: &Arc) -> Result<Option<Path>, Alarm> {
         let plane = arc.plane.axes();
         if let Some(axis) = plane.into_iter().find(|axis| !self.axes.contains(*axis)) {
@@ -94,7 +94,7 @@ impl PathStage {
     }
 }
 
-/// What an arc of this plane meets in a transform that would not leave it an arc.
+/// The parts of a transform that distort an arc of this plane.
 fn distortion(transform: &Transform, plane: Plane) -> String {
     let scaling = transform.scaling.map(|Scaling { factors, .. }| {
         let [x, y, z] = factors;

@@ -21,15 +21,15 @@ pub struct PathStage {
     pub(crate) transform: Transform,
     /// Where the last block ends as programmed; with cutter compensation the tool's centre is elsewhere.
     pub(crate) at: AxisVector,
-    /// Change of the tool length that no motion block has made good yet (D22), mm.
+    /// Change of the tool length that no motion block has applied yet (D22), mm.
     pub(crate) tool_shift: f64,
     /// Between blocks and segments: G41 and G42.
     pub(crate) compensator: Compensator,
-    /// What came out of it for one block; kept for its memory.
+    /// Its output for one block; kept to reuse the memory.
     legs: Vec<Leg>,
-    /// The last segment, while it is open whether it ends in a stop.
+    /// The last segment, until it is known whether it ends in a stop.
     held_back: Option<Segment>,
-    /// The last segment is a G31 of which it is open where it ends.
+    /// The last segment is a G31 whose end is not known yet.
     is_skipping: bool,
 }
 
@@ -50,8 +50,8 @@ impl PathStage {
         }
     }
 
-    /// Dry run: cutting blocks to come move at the feedrate of dry run in place of F. A thread keeps its pitch, so F and S
-    /// stay there.
+    /// Dry run: further cutting blocks move at the feedrate of dry run in place of F. A thread keeps F and S, and so its
+    /// pitch.
     pub fn set_dry_run(&mut self, on: bool) {
         self.dry_run = on;
     }
@@ -61,27 +61,27 @@ impl PathStage {
         self.dry_run
     }
 
-    /// Takes a block; what is certain of the way comes out. The last block of a chain is held back until the next
-    /// one decides whether it stops there: see [`PathStage::flush`]. With cutter compensation up to [`LOOK_AHEAD_MAX`]
-    /// blocks are held back.
+    /// Takes a block, and puts out the segments that are final. The last block of a chain is held back until the next one
+    /// decides whether it stops there: see [`PathStage::flush`]. With cutter compensation up to [`LOOK_AHEAD_MAX`] blocks
+    /// are held back.
     ///
     /// # Errors
-    /// An alarm at the block's origin when it cannot run; the stage is as before the block then, and nothing was
-    /// put out for it: `VALUE_NOT_FINITE`, `VALUE_OUT_OF_RANGE` (negative dwell, scale factor 0, reference point not
+    /// An alarm at the block's origin when it cannot run; the stage is then as before the block, which puts out
+    /// nothing: `VALUE_NOT_FINITE`, `VALUE_OUT_OF_RANGE` (negative dwell, scale factor 0, reference point not
     /// 1 to 4), `AXIS_MISSING`, `SOFT_LIMIT`, `FEEDRATE_MISSING`, `OFFSET_IN_FORCE` (D23), `ARC_IMPOSSIBLE`,
     /// `ARC_DISTORTED` (D21), `SPINDLE_SPEED_MISSING`, `TAP_OFF_AXIS`.
     ///
     /// With cutter compensation also `COMPENSATION_REFUSED`, `COMPENSATION_LEAD_SHORT`, `COMPENSATION_ARC_SMALL`,
     /// `COMPENSATION_CORNER`, `COMPENSATION_SPIRAL`, `COMPENSATION_LOOK_AHEAD` and `OVERCUT`, at the first block that
-    /// cannot be moved. What is certain before it has been put out (the block just before it is not: the refused one
-    /// decides where it ends), and the compensation is over.
+    /// cannot move. The final segments before it have been put out (without the block just before it, whose end depends on
+    /// the refused one), and the compensation has ended.
     ///
     /// [`LOOK_AHEAD_MAX`]: crate::LOOK_AHEAD_MAX
     pub fn push(&mut self, block: &Block, out: &mut Vec<Segment>) -> Result<(), Alarm> {
         let taken = self.take(block, out);
         taken.map_err(|alarm| {
             self.compensator.abandon(&mut self.legs);
-            // A leg beyond a soft limit ends the way as well: the alarm that is there already came first.
+            // A leg beyond a soft limit ends the path as well, but the first alarm counts.
             let _ = self.join_legs(out);
             match alarm.origin {
                 Some(_) => alarm,
@@ -90,14 +90,14 @@ impl PathStage {
         })
     }
 
-    /// The program waits and continues later: puts out what is certain, ending in an exact stop. With cutter
+    /// The program waits and continues later: puts out the segments that are final, ending in an exact stop. With cutter
     /// compensation blocks stay held back until the next ones show that there is no overcut.
     pub fn flush(&mut self, out: &mut Vec<Segment>) {
         self.release(SegmentEnd::ExactStop, out);
     }
 
-    /// The program ends here, well or with an alarm: puts out what is certain, ending in an exact stop, and forgets
-    /// the rest. Within cutter compensation the last block is among the rest, since where it ends is open.
+    /// The program ends here, with or without an alarm: puts out the segments that are final, ending in an exact stop, and
+    /// drops the others. Within cutter compensation the last block is dropped, since its end is not known.
     ///
     /// # Errors
     /// `SOFT_LIMIT` of a block that was held back.
@@ -128,8 +128,7 @@ impl PathStage {
         &self.transform
     }
 
-    /// Segments that are still to come of the blocks pushed so far; fewer come when some are left out to prevent an
-    /// overcut.
+    /// Upper bound of the segments still to come of the blocks pushed so far; some may be left out to prevent an overcut.
     pub fn held_back(&self) -> usize {
         usize::from(self.held_back.is_some()) + self.compensator.pending()
     }
@@ -140,8 +139,8 @@ impl PathStage {
         MachinePosition(self.at)
     }
 
-    /// Where the next block counts from: the last block's end, with a change of tool length that no motion block has
-    /// made good yet (D22).
+    /// The position from which the next block counts: the last block's end, with a change of tool length that no motion block
+    /// has applied yet (D22).
     pub fn counts_from(&self) -> MachinePosition {
         let mut from = self.at;
         from[Axis::Z] += self.tool_shift;
@@ -236,7 +235,7 @@ impl PathStage {
         self.is_skipping = false;
     }
 
-    /// Puts out a motion that ends at rest here, whatever comes behind.
+    /// Puts out a motion that ends at rest in any case.
     pub(crate) fn go_to_rest(
         &mut self,
         block: &Block,
@@ -326,7 +325,7 @@ impl PathStage {
         Ok(())
     }
 
-    /// Lets a block's motion through the compensation, and puts out what comes of it.
+    /// Passes a block's motion through the compensation, and puts out the result.
     fn advance(
         &mut self,
         block: &Block,
@@ -345,7 +344,7 @@ impl PathStage {
             multi_block: block.multi_block,
         };
         let wanted = self.side(block)?;
-        let Some(side) = self.compensator.side().or(wanted) else {
+        let Some(side) = self.compensator.side.or(wanted) else {
             return self.join(segment, stop_before, out);
         };
         let leg = Leg {
@@ -369,7 +368,7 @@ impl PathStage {
         joined
     }
 
-    /// The next piece of the way: now it is known how the one before ends.
+    /// Takes the next segment, which decides how the one before ends.
     fn join(&mut self, segment: Segment, stop_before: bool, out: &mut Vec<Segment>) -> Result<(), Alarm> {
         self.segment_within_soft_limits(&segment.motion)
             .map_err(|alarm| alarm.at(segment.origin))?;
@@ -392,7 +391,7 @@ impl PathStage {
         Ok(())
     }
 
-    /// The machine rests between the blocks so far and those to come.
+    /// The machine rests between the blocks so far and the next one.
     fn stop(&mut self, out: &mut Vec<Segment>) {
         if self.compensator.is_on() {
             self.compensator.stop();
@@ -435,7 +434,7 @@ impl PathStage {
         Ok(feed)
     }
 
-    /// Feedrate as programmed and ramp times; the feedrate of its own for a block of rotary axes only.
+    /// Feedrate as programmed and ramp times; a block of rotary axes only has its own feedrate.
     pub(crate) fn feed_in_force(&self, block: &Block, rotary_only: bool) -> Result<Feed, Alarm> {
         let Feed {
             feedrate_mm_min,

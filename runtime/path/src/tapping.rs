@@ -11,8 +11,8 @@ use crate::length::LENGTH_MIN;
 use crate::stage::PathStage;
 
 impl PathStage {
-    /// Refuses what would be found only on the way to a hole or in front of it. The first and the last hole bound all,
-    /// since the transforms are linear.
+    /// Raises the alarms of all holes of a cycle before it moves. The first and the last hole bound all, since the transforms
+    /// are linear.
     pub(crate) fn thread_ahead(&mut self, block: &Block, ahead: &ThreadAhead) -> Result<(), Alarm> {
         let before = (self.at, self.tool_shift);
         [1, ahead.repetitions].into_iter().try_for_each(|count| {
@@ -22,19 +22,19 @@ impl PathStage {
         })
     }
 
-    /// Goes in mind to a hole of a cycle, counted from 1, into it, and back to the initial level.
+    /// Checks the moves to a hole of a cycle, counted from 1, into it, and back to the initial level.
     fn hole(&mut self, block: &Block, ahead: &ThreadAhead, count: u16) -> Result<(), Alarm> {
         let mut position = ahead.position;
         if position.distance == Distance::Incremental {
             position.values = position.values.scaled(f64::from(count));
         }
-        self.go_in_mind(block, &position)?;
-        self.go_in_mind(block, &ahead.r_point)?;
+        self.check_move(block, &position)?;
+        self.check_move(block, &ahead.r_point)?;
         self.thread(block, &ahead.tap)?;
-        (ahead.initial.iter()).try_for_each(|level| self.go_in_mind(block, level))
+        (ahead.initial.iter()).try_for_each(|level| self.check_move(block, level))
     }
 
-    fn go_in_mind(&mut self, block: &Block, words: &AxisWords) -> Result<(), Alarm> {
+    fn check_move(&mut self, block: &Block, words: &AxisWords) -> Result<(), Alarm> {
         let to = self.target(block, words)?;
         self.within_all_soft_limits(self.at, to)?;
         self.at = to;
@@ -42,7 +42,7 @@ impl PathStage {
         Ok(())
     }
 
-    /// Takes a way in the thread.
+    /// Takes a move in the thread.
     pub(crate) fn tap(&mut self, block: &Block, tap: &Tap, out: &mut Vec<Segment>) -> Result<(), Alarm> {
         let (to, feed, revolutions) = self.thread(block, tap)?;
         self.release(SegmentEnd::ExactStop, out);
@@ -91,8 +91,7 @@ impl PathStage {
         Ok((to, feed, revolutions))
     }
 
-    /// Where no spindle of the coordinate system is locked to Z, nothing slows the spindle with it: the pitch is right
-    /// only at F itself.
+    /// Without a spindle locked to Z nothing slows the spindle down with it: the pitch is right only at F itself.
     fn as_fast_as_f(&self, feedrate: f64) -> Result<(), Alarm> {
         let z = self.settings.motors[Axis::Z.index()].as_ref();
         let velocity = z.map_or(f64::INFINITY, |motor| motor.max_velocity);

@@ -5,14 +5,14 @@ use tandem_model::flow::Transform;
 use tandem_model::plane::Plane;
 use tandem_model::{Alarm, Axis, AxisVector};
 
-/// True when a word of one of these axes may move the other: the rotation's plane.
+/// The axes of the rotation's plane when this is one of them: a word of one moves both.
 pub(crate) fn couples(transform: &Transform, axis: Axis) -> Option<[Axis; 2]> {
     let axes = transform.rotation.as_ref()?.plane.axes();
     axes.contains(&axis).then_some(axes)
 }
 
-/// What an arc of this plane becomes: `None` when it is no arc of this plane any more (D21), else its scale and
-/// whether its sense of turning changes.
+/// The scale of an arc of this plane, and whether its sense of turning changes; `None` when the result is no arc of this
+/// plane (D21).
 pub(crate) fn arc_scale(transform: &Transform, plane: Plane) -> Option<(f64, bool)> {
     let rotated_out = transform
         .rotation
@@ -40,8 +40,8 @@ pub(crate) fn arc_scale(transform: &Transform, plane: Plane) -> Option<(f64, boo
     equal.then_some((first.abs(), first * second < 0.0))
 }
 
-/// True when left of the programmed path is right of the machine's: when the images of the plane's axes turn the other
-/// way round.
+/// True when left of the programmed path is right of the machine's path: when the images of the plane's axes turn in the
+/// opposite sense.
 pub(crate) fn swaps_sides(transform: &Transform, plane: Plane) -> bool {
     if transform.mirror.is_none() && transform.scaling.is_none() && transform.rotation.is_none() {
         return false;

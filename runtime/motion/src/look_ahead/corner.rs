@@ -1,5 +1,4 @@
-//! A ramp where a motor has a maximum jerk: it is passed at a single rate at which no motor exceeds its limits anywhere
-//! on it.
+//! A ramp where a motor has a maximum jerk is passed at a single rate, at which no motor exceeds its limits.
 //!
 //! Let dv be the change of a motor's velocity over a ramp of `ta` and `ts`. At the rate w its acceleration is at most
 //! `|dv|/ta w^2` and its jerk `|dv|/(ta ts) w^3` (M1b); a changing rate would add steps of acceleration. A ramp without
@@ -21,17 +20,17 @@ use super::way::{self, Way};
 /// Rounding of an acceleration, relative to its limit.
 const ROUNDING: f64 = 1e-9;
 
-/// What a block has at the rate 1; nothing of one at rest.
+/// The motion of a block at the rate 1; zero at rest.
 #[derive(Debug, Clone, Copy, Default)]
 struct Side {
-    /// Where the blocks meet.
+    /// At the joint.
     velocity: AxisVector,
-    /// The most of the second and third derivative that its bending gives.
+    /// Bounds of the second and third derivative by its curvature.
     bends: [AxisVector; 2],
 }
 
 impl Side {
-    /// Of a block, between these distances along it, the first of which is where the blocks meet.
+    /// Of a block between these distances along it, the first of which is at the joint.
     fn new(path: &Path, slopes: AxisVector, speed: f64, [at, to]: [f64; 2]) -> Self {
         match path {
             Path::Line { .. } => Self {
@@ -39,7 +38,7 @@ impl Side {
                 ..Self::default()
             },
             Path::Arc(arc) => {
-                // As between the ramps (`curve`), so that the rate need not fall behind the ramp.
+                // As between the ramps (`curve`), so that the rate need not fall after the ramp.
                 let within = if curve::opens_wide(arc) {
                     [at.min(to), at.max(to)]
                 } else {
@@ -55,7 +54,7 @@ impl Side {
     }
 }
 
-/// The largest square of the rate on the ramp from rest at the begin of a block; infinite: without a limit.
+/// The largest square of the rate on the ramp from rest at the begin of a block; infinite without a limit.
 pub(super) fn from_rest(way: &Way<'_>, motors: &Motors) -> f64 {
     if !motors.has_jerk || !way.begins_at_rest() {
         return f64::INFINITY;
@@ -65,7 +64,7 @@ pub(super) fn from_rest(way: &Way<'_>, motors: &Motors) -> f64 {
     largest_square(way.block.start, [Side::default(), own], motors)
 }
 
-/// The largest square of the rate on the ramp at the end of a block; infinite: without a limit.
+/// The same on the ramp at the end of a block.
 pub(super) fn at_end(way: &Way<'_>, motors: &Motors) -> f64 {
     if !motors.has_jerk {
         return f64::INFINITY;

@@ -11,8 +11,8 @@
 //! A piece on which the velocity would change at a constant rate, or at whose end the rate could be higher than at its
 //! begin, is halved while that gains time. On a ramp between blocks of different speeds the rate is measured by the
 //! distance along both instead of by plan time ([`course`]) where that is faster. The backward pass does not know how
-//! fast the motion can arrive, and may cut a corner into thousands of pieces for a rate that never occurs: the forward
-//! pass joins pieces where one is as fast.
+//! fast the motion can arrive, and may cut a corner into thousands of pieces for a rate that never occurs; the forward
+//! pass joins pieces where a single step is as fast.
 //!
 //! Maximum velocities hold because the rate is at most 1, or what the velocities of a block allow.
 //!
@@ -61,40 +61,40 @@ pub(crate) const FEED_OVERRIDE_MAX: f64 = 2.0;
 /// No limit of the square of the rate.
 const SQUARE_MAX: f64 = FEED_OVERRIDE_MAX * FEED_OVERRIDE_MAX;
 
-/// The most blocks that look-ahead holds back. When their way is too short to come to rest in, the first half is slowed
-/// to what the rest allows.
+/// The most blocks held back. Where they are too short to come to rest in, the first half is slowed to what the rest
+/// allows.
 pub(crate) const BLOCKS_MAX: usize = 16_384;
 
-/// The most pieces of blocks that look-ahead holds back, about 60 MB: where blocks need so many, their first half is slowed
-/// to what the rest allows.
+/// The most pieces of blocks held back, about 60 MB. Where blocks need more, their first half is slowed to what the rest
+/// allows.
 const HELD_PIECES_MAX: usize = 500_000;
 
-/// The fewest new blocks that are planned at a time.
+/// The fewest new blocks planned at a time.
 const BLOCKS_MIN: usize = 128;
 
-/// So many blocks that follow each other, with what they take at least in servo periods: 128 blocks pass in one. Where
-/// they would take less, the rate is lowered to that.
+/// This many consecutive blocks take at least this many servo periods, so at most 128 blocks pass in one; the rate is
+/// lowered where they would take less.
 const IN_A_ROW: usize = 64;
 const IN_A_ROW_PERIODS: f64 = 0.5;
 
-/// Limits of x that differ by this share count as met: 0.05 percent of the rate.
+/// Limits of x that differ by less than this share count as equal: 0.05 percent of the rate.
 const MET: f64 = 1e-3;
 
 /// The blocks of a chain that are not final.
 #[derive(Debug, Clone)]
 pub(crate) struct LookAhead {
     motors: Motors,
-    /// From 1 on, of blocks still to come.
+    /// For further blocks; 1 or more.
     feed_override: f64,
     blocks: VecDeque<Held>,
     pieces: VecDeque<Piece>,
     /// Plan times of the chain's last blocks, s.
     in_a_row: VecDeque<f64>,
-    /// Blocks that an earlier pass back has seen.
+    /// Blocks that an earlier backward pass has seen.
     seen: usize,
-    /// Square of the rate where the first block begins; `None`: as large as its limit, the motion resting there.
+    /// Square of the rate where the first block begins; `None`: up to its limit, since the path is at rest there.
     square: Option<f64>,
-    /// The rate stays where the first block begins.
+    /// The rate is constant where the first block begins.
     is_even: bool,
     braking: Braking,
     planes: Vec<HalfPlane>,
@@ -140,7 +140,7 @@ impl LookAhead {
         self.is_even = false;
     }
 
-    /// Blocks still to come are planned for this override; below 1 the servo scales the time of the plan.
+    /// Plans further blocks for this override; below 1 the servo scales the time of the plan.
     pub(crate) fn set_feed_override(&mut self, factor: f64) {
         self.feed_override = factor.clamp(1.0, FEED_OVERRIDE_MAX);
     }
@@ -150,20 +150,20 @@ impl LookAhead {
         self.blocks.iter().map(|held| &held.block)
     }
 
-    /// The chain begins at rest on its path with the next block, of this segment.
+    /// The chain begins with the next block, of this segment, at rest where the path as planned is moving.
     pub(crate) fn begin_at_rest(&mut self, segment: u64, is_backward: bool) {
         self.square = Some(SQUARE_MIN);
         self.is_even = false;
         self.braking.begin(segment, is_backward);
     }
 
-    /// Takes the next block of a chain, and puts out what is final; one that ends at rest ends the chain.
+    /// Takes the next block of a chain, and puts out the blocks that are final; one that ends at rest ends the chain.
     pub(crate) fn push(&mut self, block: RampedBlock, record: &mut Record, out: &mut VecDeque<Profile>) {
         let is_last = block.ends_at_rest();
         self.pass(block, Passage::default(), is_last, record, out);
     }
 
-    /// Takes the next block of a chain to be passed in this way; the last one ends at rest even where its path continues.
+    /// Takes the next block of a chain with its passage; the last one ends at rest even where its path continues.
     pub(crate) fn pass(
         &mut self,
         block: RampedBlock,
@@ -220,12 +220,12 @@ impl LookAhead {
         (whole_s / least_s).min(most).powi(2)
     }
 
-    /// True when no more is held back.
+    /// True when no more blocks are held back.
     fn is_full(&self) -> bool {
         self.blocks.len() >= BLOCKS_MAX || self.pieces.len() >= HELD_PIECES_MAX
     }
 
-    /// Puts out what is final. `end` is the largest square of the rate at the end of the chain; `None`: more blocks follow.
+    /// Puts out the blocks that are final. `end` is the largest square of the rate at the end of the chain; `None`: more blocks follow.
     fn plan(&mut self, end: Option<f64>, record: &mut Record, out: &mut VecDeque<Profile>) {
         let mut finals = self.pass_back(end);
         let half = self.blocks.len() / 2;
@@ -241,7 +241,7 @@ impl LookAhead {
         }
         record.extend(self.blocks.drain(..finals).map(|held| Entry::Paced(held.block)));
         self.seen = self.blocks.len();
-        // Only with the last profile all of them are known.
+        // With the last profile all of them are known.
         if let Some(last) = out.range_mut(first..).next_back()
             && let Law::Paced { pace, .. } = &mut last.law
         {
@@ -250,7 +250,7 @@ impl LookAhead {
             } else {
                 self.braking.free(self.motors.period_s);
             }
-            pace.free_to = self.braking.free_to();
+            pace.free_to = self.braking.free_to;
         }
     }
 
@@ -295,7 +295,7 @@ impl LookAhead {
         finals.unwrap_or(0)
     }
 
-    /// Passes a block forward as fast as its limits allow; the pieces of those before it are gone.
+    /// Passes a block forward as fast as its limits allow; the pieces of earlier blocks are gone.
     fn put_out(&mut self, block: usize, end: f64, out: &mut VecDeque<Profile>) {
         let Some(held) = self.blocks.get(block) else {
             return;
@@ -319,7 +319,7 @@ impl LookAhead {
             self.square = Some(task.pass_cut(&self.cut, before, limit, &mut self.steps));
             self.is_even = self.steps.last().map_or(self.is_even, Step::is_even);
         }
-        paced::profiles(held, &self.steps, self.braking.free_to(), out);
+        paced::profiles(held, &self.steps, self.braking.free_to, out);
         let steps = self.steps.iter().map(|step| (step.duration_s(), step.room));
         self.braking.add(held.block.segment, steps, self.motors.period_s);
     }

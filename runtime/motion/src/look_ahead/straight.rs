@@ -1,8 +1,8 @@
-//! A piece of a block at one speed, passed as fast as possible: up to a peak, along it, and down.
+//! A piece of a block at one speed, passed as fast as possible: up to a peak rate, along it, and down.
 //!
-//! Where a motor has a maximum jerk, the acceleration enters and leaves the peak with it. The same holds at an end
-//! beyond which the rate is constant; at any other end the acceleration is that of the adjacent ramp, because there the
-//! motion turns into another direction.
+//! Where a motor has a maximum jerk, it limits the acceleration on either side of the peak, and at an end beyond which
+//! the rate is constant. At any other end the acceleration is that of the adjacent ramp, where the motion turns into
+//! another direction.
 
 use tandem_model::bisect;
 use tandem_model::profile::SlewRoom;
@@ -12,16 +12,16 @@ use super::step::{self, Step};
 /// Halvings of the range of the peak: to the last significant bits.
 const HALVINGS: u32 = 60;
 
-/// What the motors allow where the rate may change by as much all over a piece.
+/// The limits of the rate where they are the same all over a piece.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Straight {
-    /// The square of the rate changes by at most this per second of plan time.
+    /// Largest change of the square of the rate per second of plan time.
     pub(super) change: f64,
-    /// The change of the rate changes by at most this per second; infinite: without a limit.
+    /// Largest second derivative of the rate by time; infinite without a limit.
     pub(super) jerk: f64,
 }
 
-/// A part of the way from a rate up to the peak.
+/// A part of the flank from a rate up to the peak.
 #[derive(Debug, Clone, Copy)]
 struct FlankPart {
     /// Squares of the rate at its ends.
@@ -48,7 +48,7 @@ impl FlankPart {
         }
     }
 
-    /// The same part of the way down.
+    /// The same part of the flank down.
     fn reversed(&self) -> Self {
         let [low, high] = self.squares;
         let [before, after] = self.rate_changes;
@@ -60,14 +60,14 @@ impl FlankPart {
     }
 }
 
-/// Plan time of the way from a rate up to the peak: at the maximum jerk up to an acceleration, at that, and at the jerk
-/// down.
+/// Plan time of a flank: at the maximum jerk up to an acceleration, at that acceleration, and at the jerk down.
 fn plan_s(flank: &[FlankPart; 3]) -> f64 {
     flank.iter().map(|part| part.plan_s).sum()
 }
 
 impl Straight {
-    /// Adds the steps between these squares of the rate at both ends; `is_even` tells where the rate is constant beyond them.
+    /// Adds the steps between these squares of the rate at both ends, up to the square `cap`; `is_even`: the rate is constant
+    /// beyond that end.
     pub(super) fn pass(
         self,
         [from_s, to_s]: [f64; 2],
@@ -78,7 +78,7 @@ impl Straight {
     ) {
         let h_s = to_s - from_s;
         let peak = |is_even| Some((self.peak(h_s, cap, ends, is_even)?, is_even));
-        // Between two even ramps the smallest acceleration is the smallest step.
+        // Between two ramps at constant rates the smallest acceleration makes the smallest step.
         let with_steps = || peak([false; 2]).filter(|_| is_even != [true; 2]);
         let Some((peak, is_even)) = peak(is_even).or_else(with_steps) else {
             return self.pass_evenly([from_s, to_s], ends, steps);
@@ -111,7 +111,7 @@ impl Straight {
         }
     }
 
-    /// In one step, with one acceleration: there is no room for a peak.
+    /// In one step at a constant acceleration: there is no room for a peak.
     fn pass_evenly(self, [from_s, to_s]: [f64; 2], [before, after]: [f64; 2], steps: &mut Vec<Step>) {
         let h_s = to_s - from_s;
         let share = (after - before) / (self.change * h_s);
@@ -127,17 +127,17 @@ impl Straight {
         step::push(steps, step, h_s);
     }
 
-    /// What is left with these shares of the maximum acceleration taken, where the square of the rate is this at most.
+    /// Left by the motors with these shares of the maximum acceleration used, up to this square of the rate.
     pub(super) fn room(self, peak: f64, [braking, driving]: [f64; 2]) -> SlewRoom {
         SlewRoom {
-            // At the rate w the velocity of the motor that limits is w times 2 a/change.
+            // At the rate w the velocity of the limiting motor is w times 2 a/change.
             slope: self.change / (2.0 * peak.sqrt()),
             braking,
             driving,
         }
     }
 
-    /// Largest square of the rate; `None`: not even the larger end can be one.
+    /// The square of the peak rate; `None`: not even the larger end is possible.
     fn peak(self, h_s: f64, cap: f64, [before, after]: [f64; 2], is_even: [bool; 2]) -> Option<f64> {
         let least = before.max(after);
         let most = f64::midpoint(before + after, self.change * h_s)
@@ -156,9 +156,9 @@ impl Straight {
         fits(least).then(|| bisect([least, most], HALVINGS, fits)[0])
     }
 
-    /// From the rate w up to the peak `w_p`. An acceleration c comes and goes with the maximum jerk j in the time c/j
-    /// and gains `c^2/(2 j)` each time; c is the largest one, or what the gain leaves. Where the rate does not come evenly,
-    /// it begins with c.
+    /// From the rate w up to the peak `w_p`. At the maximum jerk j an acceleration c rises and falls in the time c/j each,
+    /// and gains `c^2/(2 j)` each time; c is the largest one, or that of the gain needed. Where the rate is not constant
+    /// before, it begins with c.
     fn flank(self, square: f64, peak: f64, is_even: bool) -> [FlankPart; 3] {
         let steepest = self.change / 2.0;
         let [rate, top] = [square.sqrt(), peak.sqrt()];

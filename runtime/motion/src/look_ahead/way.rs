@@ -5,17 +5,17 @@ use tandem_model::profile::{Lead, Ramped};
 use tandem_model::ramp::UnitRamp;
 use tandem_model::{ArcPath, Axis, AxisVector};
 
-/// Speeds that differ by less than this share are one.
+/// Speeds that differ by less than this share count as equal.
 const SAME_SPEED: f64 = 1e-3;
 
-/// From this ratio on two speeds have no distance in common: the square of it is lost in digits of plan time.
+/// From this ratio on two speeds are not measured by distance: its square is lost in the digits of plan time.
 const RATIO_MAX: f64 = 1e4;
 
-/// The motion of one block in plan time: its block between its ramps, and the begin of the next block.
+/// The motion of a block and the begin of the next one in plan time.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Way<'a> {
     pub(super) block: &'a Ramped,
-    /// Of its own block and the next one.
+    /// Change of each axis per unit of length, of the block and the next one.
     pub(super) slopes: [AxisVector; 2],
     /// Speeds of both where they differ.
     pub(super) uneven: Option<[f64; 2]>,
@@ -25,9 +25,9 @@ pub(super) struct Way<'a> {
 /// How a block is passed.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Passage {
-    /// Where it begins, s from the end that comes first.
+    /// Where it begins, s from the end that it passes first.
     pub(crate) from_s: f64,
-    /// From its end to its begin: plan time counts from its end then.
+    /// From its end to its begin; plan time then counts from its end.
     pub(crate) is_backward: bool,
 }
 
@@ -39,7 +39,7 @@ pub(super) struct Phase {
     pub(super) part: Part,
 }
 
-/// What a phase is a part of.
+/// The part of a block that a phase belongs to.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Part {
     /// The ramp at the begin of its block.
@@ -60,8 +60,7 @@ pub(super) struct End {
     acceleration: AxisVector,
 }
 
-/// The most that a block's share in the motion has over a piece, by plan time or by what it goes by: derivatives of the
-/// distance along it.
+/// Bounds of the derivatives of the distance along a block over a piece, by plan time or by distance along both blocks.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Most {
     pub(super) speed: f64,
@@ -147,7 +146,7 @@ impl<'a> Way<'a> {
         phases
     }
 
-    /// Its own block and the next one, `within_s` telling the phase.
+    /// Its own block and the next one; `within_s` lies in the phase whose formula counts.
     pub(super) fn along(&self, t_s: f64, within_s: f64) -> [Along; 2] {
         let stopping_s = self.stop_begins_s();
         let [begun, within] = [t_s + self.block.begun_s, within_s + self.block.begun_s];
@@ -171,7 +170,7 @@ impl<'a> Way<'a> {
         [own, next]
     }
 
-    /// One end of a piece, `within_s` telling its phase.
+    /// One end of a piece, likewise.
     pub(super) fn end(&self, t_s: f64, within_s: f64) -> End {
         if self.passage.is_backward {
             let end = self.forward_end(self.block.plan_s - t_s, self.block.plan_s - within_s);
@@ -207,12 +206,6 @@ impl<'a> Way<'a> {
         }
         motion
     }
-
-    /// The motion over a piece within one phase.
-    pub(super) fn motion(&self, from_s: f64, to_s: f64) -> Motion {
-        let within_s = f64::midpoint(from_s, to_s);
-        self.between(&self.end(from_s, within_s), &self.end(to_s, within_s))
-    }
 }
 
 /// Change of each axis per unit of a line's length; 0 for an arc.
@@ -224,14 +217,14 @@ fn slopes(path: &Path) -> AxisVector {
 }
 
 impl Along {
-    /// True when it has no share in the motion.
+    /// True when it does not move.
     fn rests(&self) -> bool {
         self.speed == 0.0 && self.acceleration == 0.0 && self.jerk == 0.0
     }
 }
 
 impl End {
-    /// Without a share of any block yet.
+    /// Without the motion of any block yet.
     pub(super) fn at(t_s: f64, along: [Along; 2]) -> Self {
         Self {
             t_s,
@@ -249,7 +242,7 @@ impl End {
         }
     }
 
-    /// Adds a block's share; with `p(s)` the path and `s` the distance along it, by the chain rule. Gives `dp/ds`.
+    /// Adds the motion of a block, with `p(s)` the path and `s` the distance along it, by the chain rule; returns `dp/ds`.
     pub(super) fn add(&mut self, path: &Path, slopes: AxisVector, along: Along) -> AxisVector {
         let (first, second) = match path {
             Path::Line { .. } => (slopes, AxisVector::ZERO),
@@ -283,7 +276,7 @@ impl Motion {
         }
     }
 
-    /// Adds a block's share of the bounds, by plan time.
+    /// Adds the bounds of a block by plan time.
     fn bound(&mut self, path: &Path, slopes: AxisVector, [from, to]: [Along; 2]) {
         let jerk = from.jerk.abs();
         match path {
@@ -304,7 +297,7 @@ impl Motion {
         }
     }
 
-    /// Adds the share of an arc with this jerk along it.
+    /// Adds the bounds of an arc with this jerk along it.
     pub(super) fn bend(&mut self, arc: &ArcPath, [from, to]: [f64; 2], most: Most, along: f64) {
         let Most {
             speed: v,
@@ -352,7 +345,7 @@ pub(super) fn bends(arc: &ArcPath, [from, to]: [f64; 2]) -> [AxisVector; 2] {
     })
 }
 
-/// True where two speeds are not one but for rounding, and not so unlike that powers of them overflow.
+/// True for speeds that differ by more than rounding, and not so much that powers of them overflow.
 fn differ([one, other]: &[f64; 2]) -> bool {
     let ratio = one.max(*other) / one.min(*other);
     (1.0 + SAME_SPEED..RATIO_MAX).contains(&ratio)

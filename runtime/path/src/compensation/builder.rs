@@ -19,7 +19,7 @@ pub(super) struct Builder {
     basis: CompensationFeed,
     max_feedrate_mm_min: f64,
     plane: Plane,
-    /// Where what has been built ends.
+    /// End of the last segment.
     at: AxisVector,
     /// Of the block built last.
     feed: Feed,
@@ -51,7 +51,7 @@ impl Builder {
         (self.plane, self.at, self.stop) = (plane, at, false);
     }
 
-    /// Puts out a piece and what follows it without moving in the plane.
+    /// Puts out a piece and the blocks after it that do not move in the plane.
     ///
     /// # Errors
     /// `VALUE_NOT_FINITE` for a length that is not a number, at the block.
@@ -89,7 +89,7 @@ impl Builder {
         (tail.iter()).try_for_each(|tail| self.cut(segment, tail, end, self.feed, out))
     }
 
-    /// A lead-out with G00; an arc that it needs is cut at the feedrate before it.
+    /// A lead-out with G00; an arc added to it is cut at the last feedrate.
     fn rapid(
         &mut self,
         segment: &Segment,
@@ -105,7 +105,7 @@ impl Builder {
         Ok(())
     }
 
-    /// Along a curve; the axes outside the plane go to their values in `others`.
+    /// Along a curve; the axes outside the plane move to their values in `others`.
     fn cut(
         &mut self,
         segment: &Segment,
@@ -134,7 +134,7 @@ impl Builder {
         Ok(())
     }
 
-    /// What moves no axis of the plane happens where the centre is.
+    /// A block that moves no axis of the plane, at the position of the centre.
     fn still(&mut self, leg: &Leg, out: &mut Vec<Leg>) -> Result<(), Alarm> {
         self.stop |= leg.stop_before;
         let (segment, centre) = (&leg.segment, Vec2::of(self.at, self.plane));

@@ -17,15 +17,14 @@ use crate::length::LENGTH_MIN;
 /// 1e-10 mm.
 const TANGENT: f64 = 1e-6;
 
-/// Blocks that go back this close to where they came from are a reversal: 1 degree.
+/// Blocks within this angle of the opposite direction are a reversal: 1 degree.
 const REVERSAL: f64 = PI / 180.0;
 
 /// A corner of 90 degrees is still extended when rounding lets its deflection seem larger: its cosine.
 const RIGHT_ANGLE: f64 = -1e-9;
 
-/// How the tool's centre goes from one block to the next: along the first one's curve to `end`, straight on to
-/// `meet`, there an exact stop is made if one is asked for, then along `arc` or straight to `start`, where the next
-/// one's curve begins.
+/// The path of the tool's centre from one block to the next: along the first one's curve to `end`, straight to `meet`,
+/// where a programmed exact stop is made, then along `arc` or straight to `start`, where the next one's curve begins.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Joint {
     pub end: Vec2,
@@ -37,12 +36,8 @@ pub(super) struct Joint {
 }
 
 impl Joint {
-    /// Where the first piece begins.
-    pub fn begin(point: Vec2) -> Self {
-        Self::at(point, 0.0)
-    }
-
-    fn at(point: Vec2, turn: f64) -> Self {
+    /// Both curves meet in this point.
+    pub fn at(point: Vec2, turn: f64) -> Self {
         Self {
             end: point,
             meet: point,

@@ -11,18 +11,18 @@ use super::curve::Curve;
 use super::distance::distance;
 use super::piece::{Piece, Role, Way};
 
-/// A tool that comes closer than its radius by less than this cuts nothing over, mm: the rounding of programs.
+/// Overcuts by less than this are the rounding of programs, mm.
 pub(super) const OVERCUT_MIN: f64 = 1e-3;
 
 /// Directions within this angle count as within half a turn, radians.
 const HALF_TURN: f64 = 3.1;
 
-/// Two pieces of which one is in the tool's way on the other.
+/// A piece that the tool on another one would cut into.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Overcut {
     /// Place in the queue.
     pub earlier: usize,
-    /// How close the centre comes, mm.
+    /// Distance of the tool's centre from it, mm.
     pub distance: f64,
 }
 
@@ -69,7 +69,7 @@ pub(super) fn of_last_arc(queue: &VecDeque<Piece>, arc: Curve, radius: f64) -> O
     found
 }
 
-/// How close the centre comes to what is programmed on a piece, when that is too close.
+/// The distance of the tool's centre from the programmed curve of a piece, when that is too small.
 pub(super) fn to_wall(way: &Way, other: &Piece, radius: f64) -> Option<f64> {
     let allowed = radius - OVERCUT_MIN;
     if !way.bounds.is_near(&other.wall_bounds, allowed) {

@@ -14,7 +14,7 @@ pub(crate) struct Leg {
     pub is_exact: bool,
 }
 
-/// What a piece is for.
+/// The purpose of a piece.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Role {
     LeadIn,
@@ -51,22 +51,22 @@ pub(super) struct Piece {
     pub role: Role,
     /// Counts pieces since the lead-in.
     pub id: u64,
-    /// What is programmed, in the plane.
+    /// The programmed curve in the plane.
     pub wall: Curve,
     pub wall_bounds: Bounds,
     /// The same moved by the tool's radius.
     pub offset: Curve,
     /// Joint with the piece before.
     pub joint: Joint,
-    /// Direction at the end, counted from the lead-in's without jumps, radians.
+    /// Direction at the end, continuous from that of the lead-in, radians.
     pub heading: f64,
-    /// Lowest and highest direction on the way, an added arc before it counted in.
+    /// Lowest and highest direction, including an arc added before it.
     pub directions: [f64; 2],
     /// `None` until the next block decides where it ends, and where nothing is left of it.
     pub way: Option<Way>,
     /// Left out to prevent an overcut.
     pub dropped: bool,
-    /// What moves no axis of the plane between this piece and the next one.
+    /// The blocks that move no axis of the plane between this piece and the next one.
     pub stills: Vec<Leg>,
 }
 

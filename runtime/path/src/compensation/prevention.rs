@@ -7,8 +7,8 @@ use super::interference::to_wall;
 use super::piece::{Piece, Role, Way};
 
 /// Tries to join the piece at `place` with an earlier one so that the pieces from `first` on, except these two, are
-/// left out. False when there is no such way without an overcut; nothing has changed then. Pieces with something
-/// between them that does not move in the plane are not left out.
+/// left out. False, without any change, when each such way has an overcut. Pieces followed by blocks that do not move in
+/// the plane are not left out.
 pub(super) fn prevent(queue: &mut VecDeque<Piece>, place: usize, first: u64, radius: f64) -> bool {
     for earlier in (0..place).rev() {
         let Some(piece) = queue.get(earlier) else {
@@ -45,7 +45,7 @@ fn is_free(
     radius: f64,
 ) -> bool {
     let hits = |way: &Way, piece: &Piece| to_wall(way, piece, radius).is_some();
-    // What was passed over while there was no way is measured here for the first time.
+    // Pieces that were skipped while they had no way are measured here for the first time.
     let shortened_hits = |piece: &Piece| hits(before, piece) || hits(after, piece);
     if queue.range(earlier..=place).any(shortened_hits) {
         return false;
@@ -77,7 +77,7 @@ fn apply(queue: &mut VecDeque<Piece>, earlier: usize, place: usize, [before, aft
     }
 }
 
-/// Joins two ways where they meet first and leaves out what is between. `None` when they do not meet.
+/// Joins two ways where they meet first, without the parts between. `None` when they do not meet.
 fn join(earlier: &Way, later: &Way) -> Option<[Way; 2]> {
     for (i, part) in earlier.parts.iter().enumerate() {
         let Some(part) = part else { continue };
