@@ -244,7 +244,7 @@ pub enum Compensation {
 }
 
 /// Feedrate and ramp times of a cutting block.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Feed {
     /// F: mm/min over X, Y, Z (deg/min for a block of rotary axes only). 0: never programmed.
     pub feedrate_mm_min: f64,

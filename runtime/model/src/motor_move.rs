@@ -78,21 +78,16 @@ impl MotorMove {
 
     /// Distance from the start after `t_s` seconds.
     pub fn distance(&self, t_s: f64) -> f64 {
-        let Self {
-            velocity,
-            ramp_s,
-            jerk_s,
-            cruise_s,
-        } = *self;
-        if ramp_s <= 0.0 || t_s <= 0.0 {
+        if self.ramp_s <= 0.0 || t_s <= 0.0 {
             return 0.0;
         }
-        let ramp = UnitRamp::new(ramp_s - jerk_s, jerk_s);
-        if t_s <= ramp_s + cruise_s {
-            velocity * ramp.distance(t_s)
+        let ramp = UnitRamp::new(self.ramp_s - self.jerk_s, self.jerk_s);
+        let brakes_s = self.ramp_s + self.cruise_s;
+        if t_s <= brakes_s {
+            self.velocity * ramp.distance(t_s)
         } else {
             let left = (self.duration_s() - t_s).max(0.0);
-            velocity * (ramp_s + cruise_s - ramp.distance(left))
+            self.velocity * (brakes_s - ramp.distance(left))
         }
     }
 }

@@ -159,12 +159,12 @@ impl Planner {
         };
         let is_either_way = segment.multi_block == MultiBlock::On
             && matches!(profile.law, Law::Motors { .. } | Law::Rest { .. });
-        let recorded = Box::new(profile.clone());
-        self.record.push(if is_either_way {
-            Entry::Alone(recorded)
+        let entry = if is_either_way {
+            Entry::Alone
         } else {
-            Entry::OneWay(recorded)
-        });
+            Entry::OneWay
+        };
+        self.record.push(entry(Box::new(profile.clone())));
         out.push_back(profile);
         Ok(())
     }

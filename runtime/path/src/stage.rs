@@ -376,17 +376,15 @@ impl PathStage {
             self.blend_within_soft_limits(&before.motion, &segment.motion)
                 .map_err(|alarm| alarm.at(segment.origin))?;
         }
-        if segment.end == SegmentEnd::ExactStop {
-            self.release(SegmentEnd::ExactStop, out);
-            out.push(segment);
+        let end = if stop_before {
+            SegmentEnd::ExactStop
         } else {
-            let end = if stop_before {
-                SegmentEnd::ExactStop
-            } else {
-                SegmentEnd::Continuous
-            };
-            self.release(end, out);
-            self.held_back = Some(segment);
+            segment.end
+        };
+        self.release(end, out);
+        match segment.end {
+            SegmentEnd::ExactStop => out.push(segment),
+            SegmentEnd::Continuous => self.held_back = Some(segment),
         }
         Ok(())
     }
@@ -436,16 +434,10 @@ impl PathStage {
 
     /// Feedrate as programmed and ramp times; a block of rotary axes only has its own feedrate.
     pub(crate) fn feed_in_force(&self, block: &Block, rotary_only: bool) -> Result<Feed, Alarm> {
-        let Feed {
-            feedrate_mm_min,
-            ta_ms,
-            td_ms,
-            ts_ms,
-        } = block.feed;
         let programmed = if rotary_only {
             block.feedrate_deg_min
         } else {
-            feedrate_mm_min
+            block.feed.feedrate_mm_min
         };
         let feedrate = if rotary_only && self.settings.rotary_feedrate_deg_min > 0.0 {
             self.settings.rotary_feedrate_deg_min
@@ -455,9 +447,9 @@ impl PathStage {
             programmed
         };
         check_finite("The feedrate", feedrate)?;
-        check_finite("The ta", ta_ms)?;
-        check_finite("The td", td_ms)?;
-        check_finite("The ts", ts_ms)?;
+        check_finite("The ta", block.feed.ta_ms)?;
+        check_finite("The td", block.feed.td_ms)?;
+        check_finite("The ts", block.feed.ts_ms)?;
         if feedrate <= 0.0 {
             let text = format!("The feedrate is {feedrate}");
             return Err(Alarm::new(&FEEDRATE_MISSING, text));

@@ -332,46 +332,28 @@ fn chain_and_skip() -> [(Law, f64); 4] {
         length: 1.0,
     };
     let (back, moves) = (y_alone(-2.5), y_alone(1.0));
+    let ramped = |path: &Path, begun_s, next: Option<&Path>, plan_s, ends_s| Law::Ramped {
+        block: Ramped {
+            path: path.clone(),
+            speed,
+            start: ramp,
+            stop: ramp,
+            begun_s,
+            next: next.map(|path| Lead {
+                path: path.clone(),
+                speed,
+            }),
+            plan_s,
+        },
+        place: ChainPlace {
+            first_segment: 1,
+            ends_s,
+        },
+    };
+    let arc_s = arc.length() / speed;
     [
-        (
-            Law::Ramped {
-                block: Ramped {
-                    path: line,
-                    speed,
-                    start: ramp,
-                    stop: ramp,
-                    begun_s: 0.0,
-                    next: Some(Lead {
-                        path: arc.clone(),
-                        speed,
-                    }),
-                    plan_s: 0.03 + 0.02,
-                },
-                place: ChainPlace {
-                    first_segment: 1,
-                    ends_s: 0.05,
-                },
-            },
-            0.03 + 0.02,
-        ),
-        (
-            Law::Ramped {
-                block: Ramped {
-                    path: arc.clone(),
-                    speed,
-                    start: ramp,
-                    stop: ramp,
-                    begun_s: 0.02,
-                    next: None,
-                    plan_s: arc.length() / speed,
-                },
-                place: ChainPlace {
-                    first_segment: 1,
-                    ends_s: 0.05 + arc.length() / speed,
-                },
-            },
-            arc.length() / speed,
-        ),
+        (ramped(&line, 0.0, Some(&arc), 0.05, 0.05), 0.05),
+        (ramped(&arc, 0.02, None, arc_s, 0.05 + arc_s), arc_s),
         (
             Law::Motors {
                 from: end,

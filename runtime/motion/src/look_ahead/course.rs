@@ -59,7 +59,7 @@ impl Way<'_> {
     /// A piece within one phase by plan time.
     pub(super) fn by_plan_time(&self, from_s: f64, to_s: f64) -> Course {
         let within_s = f64::midpoint(from_s, to_s);
-        let [from, to] = [from_s, to_s].map(|t_s| self.end(t_s, within_s));
+        let (from, to) = (self.end(from_s, within_s), self.end(to_s, within_s));
         Course::by_plan_time(&self.between(&from, &to), to_s - from_s)
     }
 

@@ -181,26 +181,26 @@ impl Straight {
         } else {
             (square, 0.0)
         };
-        let part = |squares: [f64; 2], rate_changes: [f64; 2], rate_jerk, plan_s| FlankPart {
-            squares,
-            rate_changes,
-            rate_jerk,
-            plan_s,
-        };
         [
-            part([square, begin], [0.0, rate_change], self.jerk, rise_s),
-            part(
+            ([square, begin], [0.0, rate_change], self.jerk, rise_s),
+            (
                 [begin, knee],
                 [rate_change; 2],
                 0.0,
                 (knee - begin).max(0.0) / self.change,
             ),
-            part(
+            (
                 [knee, peak],
                 [rate_change, 0.0],
                 -self.jerk,
                 time_s * (top - gain / 3.0),
             ),
         ]
+        .map(|(squares, rate_changes, rate_jerk, plan_s)| FlankPart {
+            squares,
+            rate_changes,
+            rate_jerk,
+            plan_s,
+        })
     }
 }

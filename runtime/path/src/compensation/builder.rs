@@ -36,12 +36,7 @@ impl Builder {
             max_feedrate_mm_min,
             plane: Plane::Xy,
             at: AxisVector::ZERO,
-            feed: Feed {
-                feedrate_mm_min: 0.0,
-                ta_ms: 0.0,
-                td_ms: 0.0,
-                ts_ms: 0.0,
-            },
+            feed: Feed::default(),
             stop: false,
             is_exact: false,
         }
