@@ -1,4 +1,6 @@
-//! The alarm table. An alarm stops its coordinate system; it carries a number and says what happened, where and why.
+//! The alarm table. An alarm stops its coordinate system; it has a number, and says what happened, where and why.
+
+use std::fmt::Display;
 
 use crate::span::Origin;
 
@@ -20,7 +22,7 @@ pub struct Alarm {
 pub struct AlarmEntry {
     /// 1 to 9999.
     pub number: u16,
-    /// What it is called.
+    /// Its name.
     pub title: &'static str,
     /// What to do.
     pub remedy: &'static str,
@@ -50,6 +52,17 @@ impl Alarm {
         self.origin = Some(origin);
         self
     }
+}
+
+/// Checks a value; `name` begins the alarm's text: "The feedrate".
+///
+/// # Errors
+/// `VALUE_NOT_FINITE` when it is not a finite number.
+pub fn check_finite(name: impl Display, value: f64) -> Result<(), Alarm> {
+    if value.is_finite() {
+        return Ok(());
+    }
+    Err(Alarm::new(&VALUE_NOT_FINITE, format!("{name} is {value}")))
 }
 
 macro_rules! alarms {

@@ -3,6 +3,7 @@
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use crate::axis::{Axis, AxisVector};
+use crate::bisect;
 use crate::plane::{Plane, Turn};
 
 mod slope;
@@ -20,8 +21,8 @@ const NEWTON_STEPS_MAX: u32 = 16;
 /// Steps of halving: one for each bit of a share.
 const HALVINGS: u32 = 60;
 
-/// A path whose plane axes turn about a centre with a radius linear in the angle, while all other axes go on
-/// linearly in the angle.
+/// A path whose plane axes turn about a centre with a radius linear in the angle, while all other axes move linearly in
+/// the angle.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ArcPath {
     from: AxisVector,
@@ -40,8 +41,8 @@ pub struct ArcPath {
 }
 
 impl ArcPath {
-    /// The path from here to there about a centre, given as the values of the plane's two axes. Neither end may lie
-    /// on the centre. Equal directions of start and end give a full turn.
+    /// The path between two points about a centre, given as the values of the plane's two axes. Neither end may lie on the
+    /// centre. Equal directions of start and end give a full turn.
     pub fn new(from: AxisVector, to: AxisVector, plane: Plane, centre: [f64; 2], turn: Turn) -> Self {
         let [first, second] = plane.axes();
         let start = [from[first] - centre[0], from[second] - centre[1]];
@@ -61,11 +62,6 @@ impl ArcPath {
         } else {
             angle
         };
-        let way = to.minus(from);
-        let height = [Axis::X, Axis::Y, Axis::Z]
-            .into_iter()
-            .find(|&axis| axis != first && axis != second)
-            .map_or(0.0, |axis| way[axis].abs());
         let mut path = Self {
             from,
             to,
@@ -75,7 +71,7 @@ impl ArcPath {
             growth: end_radius - start_radius,
             start_angle: start[1].atan2(start[0]),
             sweep: sense * sweep,
-            height,
+            height: (to[plane.normal()] - from[plane.normal()]).abs(),
             length: 0.0,
         };
         path.length = path.length_to(1.0);
@@ -128,19 +124,15 @@ impl ArcPath {
         }
     }
 
-    /// Lowest and highest value of an axis at the end and at its turning points; the start does not count.
+    /// Lowest and highest value of an axis at the end and at its turning points, without the start.
     pub fn reach(&self, axis: Axis) -> [f64; 2] {
         let mut reach = [self.to[axis]; 2];
-        let Some(place) = self
-            .plane
-            .axes()
-            .into_iter()
-            .position(|in_plane| in_plane == axis)
-        else {
-            return reach;
-        };
         // The first axis turns where the direction of travel is a quarter turn off it, the second where it is level.
-        let offset = if place == 0 { FRAC_PI_2 } else { 0.0 };
+        let offset = match self.plane.axes() {
+            [first, _] if first == axis => FRAC_PI_2,
+            [_, second] if second == axis => 0.0,
+            _ => return reach,
+        };
         let (a, b) = (self.travel_angle(0.0) - offset, self.travel_angle(1.0) - offset);
         let (low, high) = (a.min(b), a.max(b));
         let mut half_turns = (low / PI).ceil();
@@ -150,16 +142,6 @@ impl ArcPath {
             half_turns += 1.0;
         }
         reach
-    }
-
-    /// Angle that the path sweeps, always positive, rad.
-    pub fn swept(&self) -> f64 {
-        self.sweep.abs()
-    }
-
-    /// Distance from the start at a share of the angle, 0 to 1.
-    pub fn distance_at(&self, share: f64) -> f64 {
-        self.length_to(share)
     }
 
     /// First and second derivative of the point by the distance, at a distance from the start.
@@ -194,7 +176,7 @@ impl ArcPath {
     }
 
     /// Bounds of the first to fourth derivative by the distance, between two distances from the start: of an axis in
-    /// the plane, and of any other one per unit of its way from start to end.
+    /// the plane, and of any other axis per unit of its distance from start to end.
     ///
     /// With the share u of the angle and `l = ds/du`, `|l'| <= e = |A g|`, so `|u''| <= e/l^3`, `|u'''| <= 4 e^2/l^5`,
     /// `|u''''| <= 28 e^3/l^7`; in the plane the n-th derivative by u is at most `|A|^(n-1) hypot(n g, A r)`.
@@ -315,15 +297,8 @@ impl ArcPath {
         if self.is_circle() {
             return ((angle - self.travel_angle(0.0)) / self.sweep).clamp(0.0, 1.0);
         }
-        let (mut low, mut high) = (0.0, 1.0);
-        for _ in 0..HALVINGS {
-            let share = f64::midpoint(low, high);
-            if (self.travel_angle(share) - angle) * self.sweep > 0.0 {
-                high = share;
-            } else {
-                low = share;
-            }
-        }
+        let before = |share: f64| (self.travel_angle(share) - angle) * self.sweep <= 0.0;
+        let [low, high] = bisect([0.0, 1.0], HALVINGS, before);
         f64::midpoint(low, high)
     }
 }

@@ -43,6 +43,9 @@ impl Axis {
         Axis::V,
     ];
 
+    /// Those whose vector length F counts (manual: the feedrate is that of X, Y, Z).
+    pub const ORTHOGONAL: [Axis; 3] = [Axis::X, Axis::Y, Axis::Z];
+
     /// Place in an [`AxisVector`], 0 to 7.
     pub const fn index(self) -> usize {
         self as usize
@@ -60,7 +63,7 @@ impl Axis {
             .find(|axis| axis.letter() == letter.to_ascii_uppercase())
     }
 
-    /// True for X, Y and Z, whose vector length F counts (manual: the feedrate is that of X, Y, Z).
+    /// True for X, Y and Z.
     pub const fn is_orthogonal(self) -> bool {
         matches!(self, Axis::X | Axis::Y | Axis::Z)
     }
@@ -180,7 +183,3 @@ pub struct MachinePosition(pub AxisVector);
 /// A position in the work coordinates in force: what an operator reads next to the machine position.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct WorkPosition(pub AxisVector);
-
-/// A point as the program names it, before any transform (D20).
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct ProgrammedPosition(pub AxisVector);

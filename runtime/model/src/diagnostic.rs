@@ -1,5 +1,4 @@
-//! Findings of the checker, made before anything moves. A finding never ends the check: all findings of a file are
-//! reported together.
+//! Findings of the checker, before anything moves. All findings of a file are reported together.
 
 use crate::span::Span;
 

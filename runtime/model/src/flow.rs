@@ -6,16 +6,16 @@ use crate::plane::{Plane, Turn};
 use crate::span::Origin;
 pub use crate::transform::{Mirror, Rotation, Scaling, Transform};
 
-/// What the interpreter answers when asked for the next thing.
+/// The next item of the interpreter.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Item {
     /// A block for the path stage.
     Block(Block),
     /// An auxiliary function for the sequence program.
     Output(Output),
-    /// M00 or M01: acts when motion has come to it (D14).
+    /// M00 or M01: acts when the motion reaches it (D14).
     Stop(ProgramStop),
-    /// The interpreter cannot go on before all motion given so far is at rest; ask again then.
+    /// The interpreter cannot continue before all motion so far is at rest; call it again then.
     NeedsStandstill(Origin),
     /// Something worth an event; the program continues.
     Warning(Origin, String),
@@ -46,7 +46,7 @@ impl Output {
 pub struct ProgramStop {
     /// Its place in the program.
     pub origin: Origin,
-    /// True for M01: stops only with the optional stop input on, read when motion has come to it (D14).
+    /// True for M01: stops only with the optional stop input on, read when the motion reaches it (D14).
     pub optional: bool,
 }
 
@@ -93,10 +93,10 @@ pub enum Action {
         /// 1 to 4.
         point: u8,
     },
-    /// G74 or G84 begins: refused here when a hole is out of reach or its thread cannot be cut, before anything moves;
-    /// moves nothing itself.
+    /// G74 or G84 begins: refused before anything moves when a hole is out of reach or its thread cannot be cut; no motion
+    /// of its own.
     ThreadAhead(Box<ThreadAhead>),
-    /// A way of G74 or G84 in the thread, into the hole or out of it; with a spindle locked to it.
+    /// A move of G74 or G84 in the thread, into the hole or out of it, with a spindle locked to it.
     Tap(Box<Tap>),
     /// G04.
     Dwell {
@@ -130,26 +130,26 @@ pub enum ArcShape {
     Radius(f64),
 }
 
-/// A way of a tapping cycle in the thread: revolutions are Z travel times S / F (M1h).
+/// A move of a tapping cycle in the thread: revolutions are Z travel times S / F (M1h).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tap {
     /// Where it ends: the Z point, or the R point on the way out.
     pub target: AxisWords,
     /// Into the hole, or out of it.
     pub leg: TapLeg,
-    /// How the spindle turns on this way.
+    /// Direction of the spindle on this move.
     pub turn: Turn,
     /// S, r/min; `None`: the coordinate system has no spindle, the sequence program turns it.
     pub spindle_speed_r_min: Option<f64>,
 }
 
-/// What a block of a tapping cycle is going to do: as many holes, each the rapid to its position and to the R point, the
-/// thread, and the way back.
+/// The moves of a block of a tapping cycle, for each hole: the rapids to its position and to the R point, the thread, and the
+/// way back.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ThreadAhead {
-    /// Where the hole is, or how far on from the last one; Z is not named.
+    /// Position of the hole, or its distance from the last one; Z is not named.
     pub position: AxisWords,
-    /// How many holes, 1 or more.
+    /// Number of holes, 1 or more.
     pub repetitions: u16,
     /// The R point, from where the thread begins.
     pub r_point: AxisWords,
@@ -159,7 +159,7 @@ pub struct ThreadAhead {
     pub initial: Option<AxisWords>,
 }
 
-/// Which way of a thread.
+/// Which move in a thread.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TapLeg {
     /// From the R point to the Z point.
@@ -244,7 +244,7 @@ pub enum Compensation {
 }
 
 /// Feedrate and ramp times of a cutting block.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Feed {
     /// F: mm/min over X, Y, Z (deg/min for a block of rotary axes only). 0: never programmed.
     pub feedrate_mm_min: f64,
@@ -265,7 +265,7 @@ pub struct Segment {
     pub motion: SegmentMotion,
     /// How it ends.
     pub end: SegmentEnd,
-    /// What is in force: with G500 a cutting block keeps the motors' maximum acceleration, and there is a way back.
+    /// With G500 a cutting block respects the motors' maximum acceleration, and back trace can pass it.
     pub multi_block: MultiBlock,
 }
 
@@ -286,14 +286,14 @@ pub enum SegmentMotion {
         /// Target, machine coordinates.
         to: AxisVector,
     },
-    /// G31: each motor alone at its skip velocity; one whose skip input comes turns back to where it came.
+    /// G31: each motor alone at its skip velocity; one whose skip input comes returns to the captured position.
     Skip {
         /// Start, machine coordinates.
         from: AxisVector,
         /// Target, machine coordinates.
         to: AxisVector,
     },
-    /// A way in a thread, from rest to rest: no override acts on it, and feed hold waits until the tool is out.
+    /// A move in a thread, from rest to rest: no override acts on it, and feed hold waits until the tool is out.
     Tap {
         /// Start, machine coordinates.
         from: AxisVector,
@@ -301,7 +301,7 @@ pub enum SegmentMotion {
         to: AxisVector,
         /// F as it is written, perhaps above the maximum feedrate, and ramp times.
         feed: Feed,
-        /// Revolutions of the spindle from start to end, clockwise positive; 0: no spindle is locked to the way.
+        /// Revolutions of the spindle from start to end, clockwise positive; 0: no spindle is locked to the move.
         revolutions: f64,
         /// Into the hole, or out of it.
         leg: TapLeg,

@@ -7,6 +7,7 @@
 pub mod alarm;
 pub mod arc;
 pub mod axis;
+mod bisect;
 pub mod diagnostic;
 pub mod flow;
 pub mod limits;
@@ -23,7 +24,8 @@ pub mod variables;
 
 pub use alarm::Alarm;
 pub use arc::ArcPath;
-pub use axis::{AXES_MAX, Axis, AxisSet, AxisVector, MachinePosition, ProgrammedPosition, WorkPosition};
+pub use axis::{AXES_MAX, Axis, AxisSet, AxisVector, MachinePosition, WorkPosition};
+pub use bisect::bisect;
 pub use diagnostic::{Diagnostic, Severity};
 pub use span::{Origin, Span};
 pub use variables::Variables;

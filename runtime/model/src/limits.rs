@@ -1,4 +1,4 @@
-//! Limits of every configuration, each with its reason and with what happens when it is reached.
+//! Limits of every configuration, with their reasons and effects.
 
 /// Subprogram call depth, counted from 1 (manual, M98). A deeper call is not made; a warning event says so (D12).
 pub const CALL_DEPTH_MAX: usize = 8;

@@ -3,8 +3,8 @@
 use crate::pace::SlewRoom;
 use crate::ramp::UnitRamp;
 
-/// The shortest way of one motor over a distance with limited speed, acceleration and jerk, from rest to rest; all
-/// zero: it stays.
+/// The fastest move of one motor over a distance with limited speed, acceleration and jerk, from rest to rest; all zero:
+/// it does not move.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct MotorMove {
     /// Signed peak velocity, units per second.
@@ -55,8 +55,8 @@ impl MotorMove {
         self.velocity * ramp.speed(t_s).min(ramp.speed(left))
     }
 
-    /// What a motor of this maximum acceleration leaves to overrides and feed hold from one time of the move to another
-    /// (M1i). A move that needs more than the maximum by itself counts as needing all of it.
+    /// The room that a motor of this maximum acceleration leaves to overrides and feed hold between two times of the move
+    /// (M1i). A move that exceeds the maximum by itself counts as using all of it.
     pub fn room(&self, max_acceleration: f64, from_s: f64, to_s: f64) -> SlewRoom {
         let brakes_s = self.ramp_s + self.cruise_s;
         if self.velocity == 0.0 || to_s <= 0.0 || from_s >= self.duration_s() {
@@ -78,21 +78,16 @@ impl MotorMove {
 
     /// Distance from the start after `t_s` seconds.
     pub fn distance(&self, t_s: f64) -> f64 {
-        let Self {
-            velocity,
-            ramp_s,
-            jerk_s,
-            cruise_s,
-        } = *self;
-        if ramp_s <= 0.0 || t_s <= 0.0 {
+        if self.ramp_s <= 0.0 || t_s <= 0.0 {
             return 0.0;
         }
-        let ramp = UnitRamp::new(ramp_s - jerk_s, jerk_s);
-        if t_s <= ramp_s + cruise_s {
-            velocity * ramp.distance(t_s)
+        let ramp = UnitRamp::new(self.ramp_s - self.jerk_s, self.jerk_s);
+        let brakes_s = self.ramp_s + self.cruise_s;
+        if t_s <= brakes_s {
+            self.velocity * ramp.distance(t_s)
         } else {
             let left = (self.duration_s() - t_s).max(0.0);
-            velocity * (ramp_s + cruise_s - ramp.distance(left))
+            self.velocity * (brakes_s - ramp.distance(left))
         }
     }
 }

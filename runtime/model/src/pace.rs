@@ -1,10 +1,10 @@
-//! The pace of a profile: with G500 a profile is run through more slowly than planned wherever a motor would otherwise
-//! exceed its maximum acceleration (M1d).
+//! The pace of a profile: with G500 it runs slower than planned wherever a motor would otherwise exceed its maximum
+//! acceleration (M1d).
 //!
 //! Plan time is the time of the motion without look-ahead; the rate is plan time per second. On each piece the square
-//! of the rate is linear in plan time. In real time the rate is then linear and plan time quadratic, both in closed
-//! form. On a piece with a [`SpeedGrowth`] the same holds with distance in place of plan time. Where the acceleration
-//! changes with a limited jerk, the rate is quadratic in time.
+//! of the rate is linear in plan time, so in real time the rate is linear and plan time quadratic. On a piece with a
+//! [`SpeedGrowth`] the same holds with distance in place of plan time. Where the jerk is limited, the rate is quadratic
+//! in time.
 
 use crate::speed_growth::SpeedGrowth;
 
@@ -16,11 +16,11 @@ pub const PACE_PIECES_MAX: usize = 2;
 pub struct PathPlace {
     /// Number of the segment.
     pub segment: u64,
-    /// Plan time within its block, s; behind it at its end, or infinite.
+    /// Plan time within its block, s; at its end any later time, also infinite.
     pub plan_s: f64,
 }
 
-/// The part of the plan time of a block that a profile passes, at the rate of its time: backward where that falls.
+/// The part of a block's plan time that a profile passes at the rate 1, or -1 when it falls.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stretch {
     /// Plan time at its begin, s.
@@ -43,7 +43,7 @@ impl Stretch {
         self.to_s < self.from_s
     }
 
-    /// Time that it takes, s.
+    /// Its duration, s.
     pub fn duration_s(self) -> f64 {
         (self.to_s - self.from_s).abs()
     }
@@ -60,17 +60,17 @@ impl Stretch {
     }
 }
 
-/// Plan time as a function of time, over one profile. Backward it falls, its rates being negative.
+/// Plan time as a function of time over one profile. Backward the rates are negative.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pace {
     pieces: [PacePiece; PACE_PIECES_MAX],
     count: usize,
     /// Plan time at the end of the profile, s.
     pub ends_s: f64,
-    /// The feed override that it was planned for, from 1 on: at its full rate it runs with that.
+    /// The feed override that its full rate was planned for; 1 or more.
     pub feed_override: f64,
-    /// Once this profile is known, the motion may go on to the end of this segment, backward to its begin: from there it
-    /// can still come to rest within what is known then.
+    /// Once this profile is known, the motion may continue to the end of this segment, backward to its begin: from there it
+    /// can still come to rest within the known profiles.
     pub free_to: u64,
 }
 
@@ -83,13 +83,13 @@ pub struct PacePiece {
     pub plan_s: f64,
     /// Plan time per time at its begin; 1: as planned without look-ahead, negative: backward.
     pub rate: f64,
-    /// Change of the rate per second, of that of the distance where the speed grows.
+    /// Change of the rate per second; with a growth, of the rate of the distance.
     pub rate_change: f64,
     /// Change of `rate_change` per second.
     pub rate_jerk: f64,
-    /// How the programmed speed grows over it, where that matters.
+    /// Growth of the programmed speed over it, where the rate counts distance.
     pub growth: SpeedGrowth,
-    /// What the motors leave to overrides and feed hold.
+    /// Room that the motors leave to overrides and feed hold.
     pub room: SlewRoom,
 }
 
@@ -101,7 +101,7 @@ impl PacePiece {
         self.plan_s + self.growth.plan_s(distance_s)
     }
 
-    /// Time within the profile at which plan time is this, s, and the rate there; `None`: it rests.
+    /// Time within the profile at this plan time, s, and the rate there; `None` at rest.
     fn when(&self, plan_s: f64) -> Option<(f64, f64)> {
         let past_s = plan_s - self.plan_s;
         let distance_s = self.growth.distance_s(past_s);
@@ -131,9 +131,9 @@ impl PacePiece {
 pub struct SlewRoom {
     /// Smallest a/|V|, per second.
     pub slope: f64,
-    /// Largest share of a that a motor brakes with, 0 to 1.
+    /// Largest share of a with which a motor brakes, 0 to 1.
     pub braking: f64,
-    /// Largest share of a that a motor speeds up with, 0 to 1.
+    /// Largest share of a with which a motor speeds up, 0 to 1.
     pub driving: f64,
 }
 
@@ -148,7 +148,7 @@ impl Default for SlewRoom {
 }
 
 impl SlewRoom {
-    /// What both leave.
+    /// The room that both leave.
     #[must_use]
     pub fn worst(self, other: SlewRoom) -> Self {
         Self {
@@ -173,7 +173,7 @@ impl SlewRoom {
         self.slope * (1.0 - self.braking * factor * factor).max(0.0)
     }
 
-    /// Square of the factor `time_s` before it is `square`, falling as fast as this and `slope` per second let it.
+    /// Square of the factor `time_s` before it is `square`, falling as fast as this room and `slope` per second allow.
     pub fn square_before(&self, square: f64, slope: f64, time_s: f64) -> f64 {
         let by_room = if self.slope.is_finite() {
             let gained = 2.0 * self.slope * time_s;
@@ -193,7 +193,7 @@ impl SlewRoom {
 }
 
 impl Pace {
-    /// A pace of these pieces, in order; those beyond [`PACE_PIECES_MAX`] are left out.
+    /// A pace of these pieces, in order; those beyond [`PACE_PIECES_MAX`] are dropped.
     pub fn new(
         pieces: impl IntoIterator<Item = PacePiece>,
         ends_s: f64,
@@ -224,7 +224,7 @@ impl Pace {
         self.ends_s < self.begins_s()
     }
 
-    /// True when the motion may go on through this segment once this profile is known.
+    /// True when the motion may continue through this segment once this profile is known.
     pub fn frees(&self, segment: u64) -> bool {
         if self.is_backward() {
             segment >= self.free_to
@@ -233,7 +233,7 @@ impl Pace {
         }
     }
 
-    /// Where plan time is this, as time within the profile, s, and the rate there; `None`: not in this profile.
+    /// Time within the profile at this plan time, s, and the rate there; `None` outside of this profile.
     pub fn when(&self, plan_s: f64) -> Option<(f64, f64)> {
         let way_s = |to_s: f64| if self.is_backward() { -to_s } else { to_s };
         if way_s(plan_s) < way_s(self.begins_s()) || way_s(plan_s) >= way_s(self.ends_s) {
@@ -265,7 +265,7 @@ impl Pace {
         }
     }
 
-    /// What the motors leave from one time of the profile to another.
+    /// The room that the motors leave between two times of the profile.
     pub fn room(&self, from_s: f64, to_s: f64) -> SlewRoom {
         let pieces = self.pieces();
         let first = pieces

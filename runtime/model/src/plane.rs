@@ -45,6 +45,15 @@ impl Plane {
             Plane::Yz => [Axis::Y, Axis::Z],
         }
     }
+
+    /// The one of X, Y and Z that is not in the plane.
+    pub const fn normal(self) -> Axis {
+        match self {
+            Plane::Xy => Axis::Z,
+            Plane::Zx => Axis::Y,
+            Plane::Yz => Axis::X,
+        }
+    }
 }
 
 impl fmt::Display for Plane {

@@ -13,7 +13,7 @@ pub use crate::speed_growth::SpeedGrowth;
 pub struct Profile {
     /// Number of the segment in its run, from 1, strictly increasing.
     pub segment: u64,
-    /// Run of the servo queue that it belongs to; a flush raises it, and what is older is thrown away.
+    /// Run of the servo queue that it belongs to; a flush raises it, and older profiles are dropped.
     pub epoch: u32,
     /// Where it comes from.
     pub origin: Origin,
@@ -21,8 +21,6 @@ pub struct Profile {
     pub law: Law,
     /// Time from start to end at 100 percent, s.
     pub duration_s: f64,
-    /// Which override scales its time.
-    pub time_base: TimeBase,
     /// True when it ends at rest with an in-position check.
     pub exact_stop: bool,
 }
@@ -47,41 +45,17 @@ pub enum TimeBase {
 )]
 #[derive(Debug, Clone, PartialEq)]
 pub enum Law {
-    /// One speed along a path, a ramp at each end: from rest to rest, or blended with its neighbours. A blended
-    /// block's profile begins where the ramp from the block before is over, and ends with the ramp to the next one.
+    /// A block at feedrate as planned: from rest to rest, or blended with its neighbours.
     Ramped {
-        /// The geometry.
-        path: Path,
-        /// Speed between the ramps, path units per second.
-        speed: f64,
-        /// From rest to speed.
-        start: UnitRamp,
-        /// From speed to rest, or over to the speed of the next block.
-        stop: UnitRamp,
-        /// How far the start ramp has come when the profile begins, s: 0 from rest; all of it when the block began
-        /// within the profile before.
-        begun_s: f64,
-        /// The block that begins along the stop ramp; `None`: this one ends at rest.
-        next: Option<Lead>,
-        /// Where its chain is with it.
+        /// The block.
+        block: Ramped,
+        /// Its place in its chain.
         place: ChainPlace,
     },
     /// As `Ramped`, in plan time, which advances at a pace that respects the motors' limits (M1d).
     Paced {
-        /// The geometry.
-        path: Path,
-        /// Speed between the ramps, path units per second of plan time.
-        speed: f64,
-        /// From rest to speed.
-        start: UnitRamp,
-        /// From speed to rest, or over to the speed of the next block.
-        stop: UnitRamp,
-        /// How far the start ramp has come at plan time 0, s.
-        begun_s: f64,
-        /// The block that begins along the stop ramp; `None`: this one ends at rest.
-        next: Option<Lead>,
-        /// Plan time at the end of the block, s; its pace may end before it when several profiles follow each other.
-        plan_s: f64,
+        /// The block; the pace may end before it when several profiles follow each other.
+        block: Ramped,
         /// Plan time as a function of time.
         pace: Pace,
     },
@@ -93,10 +67,10 @@ pub enum Law {
         to: AxisVector,
         /// One law for each axis.
         moves: [MotorMove; AXES_MAX],
-        /// The part of the motion that is passed, either way.
+        /// The part of the motion that is passed, forward or backward.
         stretch: Stretch,
     },
-    /// As `Motors`, until a motor's skip input comes: then the servo cycle takes that motor back to where it came.
+    /// As `Motors`, until a motor's skip input comes: the servo cycle then returns that motor to the captured position.
     Skip {
         /// Start, machine coordinates.
         from: AxisVector,
@@ -105,19 +79,19 @@ pub enum Law {
         /// One law for each axis, to the target.
         moves: [MotorMove; AXES_MAX],
     },
-    /// A way in a thread from rest to rest, as `Ramped`; the spindle turns in proportion to it (M1h).
+    /// A move in a thread from rest to rest, as `Ramped`; the spindle turns in proportion to it (M1h).
     Tap {
         /// Start, machine coordinates.
         from: AxisVector,
         /// End, machine coordinates.
         to: AxisVector,
-        /// Share of the way covered between the ramps, per second.
+        /// Share of the distance covered between the ramps, per second.
         rate: f64,
         /// From rest to speed.
         start: UnitRamp,
         /// From speed to rest.
         stop: UnitRamp,
-        /// Revolutions of the spindle over the way, clockwise positive; 0: it is not locked to it.
+        /// Revolutions of the spindle from start to end, clockwise positive; 0: it is not locked to the move.
         revolutions: f64,
         /// Into the hole, or out of it.
         leg: TapLeg,
@@ -126,9 +100,59 @@ pub enum Law {
     Rest {
         /// Where, machine coordinates.
         at: AxisVector,
-        /// The part of its time that is waited; backward none.
+        /// The part of its time that is waited; none when passed backward.
         stretch: Stretch,
     },
+}
+
+/// A block along its path at one speed with a ramp at each end. A blended block begins where the ramp from the block
+/// before is over, and ends with the ramp to the next one.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Ramped {
+    /// The geometry.
+    pub path: Path,
+    /// Speed between the ramps, path units per second.
+    pub speed: f64,
+    /// From rest to speed.
+    pub start: UnitRamp,
+    /// From speed to rest, or to the speed of the next block.
+    pub stop: UnitRamp,
+    /// Progress of the start ramp at plan time 0, s: 0 from rest; all of it when the block began within the profile
+    /// before.
+    pub begun_s: f64,
+    /// The block that begins along the stop ramp; `None`: this one ends at rest.
+    pub next: Option<Lead>,
+    /// Plan time at its end, s.
+    pub plan_s: f64,
+}
+
+/// The begin of the next block within the profile of the one before it (M1b).
+#[derive(Debug, Clone, PartialEq)]
+pub struct Lead {
+    /// The next block's geometry.
+    pub path: Path,
+    /// Its speed after the ramp, path units per second.
+    pub speed: f64,
+}
+
+/// Progress of a chain of blocks between two stops (M1b).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ChainPlace {
+    /// Number of the segment that the chain begins with.
+    pub first_segment: u64,
+    /// Time from the begin of the chain to the end of the profile at 100 percent, s.
+    pub ends_s: f64,
+}
+
+impl Law {
+    /// Which override scales its time.
+    pub fn time_base(&self) -> TimeBase {
+        match self {
+            Law::Ramped { .. } | Law::Paced { .. } => TimeBase::Feed,
+            Law::Motors { .. } | Law::Skip { .. } => TimeBase::Rapid,
+            Law::Tap { .. } | Law::Rest { .. } => TimeBase::Fixed,
+        }
+    }
 }
 
 /// Position `t_s` seconds after the start of motors that move alone; exact at the ends of each.
@@ -142,62 +166,29 @@ fn alone([from, to]: [&AxisVector; 2], moves: &[MotorMove; AXES_MAX], t_s: f64) 
     }))
 }
 
-/// How far a chain of blocks between two stops has come with one of them (M1b).
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ChainPlace {
-    /// Number of the segment that the chain begins with.
-    pub first_segment: u64,
-    /// Time from the begin of the chain to the end of the profile at 100 percent, s.
-    pub ends_s: f64,
-}
-
-/// The begin of the next block within the profile of the one before it (M1b).
-#[derive(Debug, Clone, PartialEq)]
-pub struct Lead {
-    /// The next block's geometry.
-    pub path: Path,
-    /// Its speed after the ramp, path units per second.
-    pub speed: f64,
-}
-
-impl Lead {
-    /// How far the machine is from the joint because of the next block, `ramped_s` being P of the common ramp.
-    fn offset(&self, ramped_s: f64) -> AxisVector {
-        self.path.point_at(self.speed * ramped_s).minus(self.path.start())
-    }
-}
-
-/// A block along its path with a ramp at each end, in its own time.
-struct Ramps<'a> {
-    path: &'a Path,
-    speed: f64,
-    start: UnitRamp,
-    stop: UnitRamp,
-    begun_s: f64,
-    next: Option<&'a Lead>,
-    duration_s: f64,
-}
-
-impl Ramps<'_> {
-    fn position(&self, t_s: f64) -> AxisVector {
-        if t_s >= self.duration_s {
+impl Ramped {
+    /// Machine position at a plan time; exact at the end.
+    pub fn position(&self, plan_s: f64) -> AxisVector {
+        if plan_s >= self.plan_s {
             return self.end();
         }
         let stopped_s = self
             .stop
-            .distance(t_s - (self.duration_s - self.stop.duration_s()));
-        let gone = self.speed * (self.start.distance(t_s + self.begun_s) - stopped_s);
-        let own = self.path.point_at(gone);
-        match self.next {
-            Some(next) => own.plus(next.offset(stopped_s)),
-            None => own,
-        }
+            .distance(plan_s - (self.plan_s - self.stop.duration_s()));
+        let gone = self.speed * (self.start.distance(plan_s + self.begun_s) - stopped_s);
+        self.beyond(self.path.point_at(gone), stopped_s)
     }
 
-    fn end(&self) -> AxisVector {
-        match self.next {
-            Some(next) => self.path.end().plus(next.offset(self.stop.duration_s() / 2.0)),
-            None => self.path.end(),
+    /// Machine position at its end: that of its path, and what the next block has covered by then.
+    pub fn end(&self) -> AxisVector {
+        self.beyond(self.path.end(), self.stop.duration_s() / 2.0)
+    }
+
+    /// A point of its own path, moved by what the next block has covered, `ramped_s` being P of the common ramp.
+    fn beyond(&self, own: AxisVector, ramped_s: f64) -> AxisVector {
+        match &self.next {
+            Some(Lead { path, speed }) => own.plus(path.point_at(speed * ramped_s).minus(path.start())),
+            None => own,
         }
     }
 }
@@ -206,19 +197,19 @@ impl Profile {
     /// Where the block ends as programmed, machine coordinates; backward, where it begins.
     pub fn target(&self) -> AxisVector {
         match &self.law {
-            Law::Paced { path, pace, .. } if pace.is_backward() => path.start(),
+            Law::Paced { block, pace } if pace.is_backward() => block.path.start(),
             Law::Motors { from, stretch, .. } if stretch.is_backward() => *from,
-            Law::Ramped { path, .. } | Law::Paced { path, .. } => path.end(),
+            Law::Ramped { block, .. } | Law::Paced { block, .. } => block.path.end(),
             Law::Motors { to, .. } | Law::Skip { to, .. } | Law::Tap { to, .. } => *to,
             Law::Rest { at, .. } => *at,
         }
     }
 
-    /// Last position of the profile, machine coordinates: its target, and what the next block has gone by then.
+    /// Last position of the profile, machine coordinates: its target, and what the next block has covered by then.
     pub fn end(&self) -> AxisVector {
-        match (&self.law, self.ramps()) {
-            (Law::Paced { pace, .. }, Some(ramps)) => ramps.position(pace.ends_s),
-            (_, Some(ramps)) => ramps.end(),
+        match &self.law {
+            Law::Ramped { block, .. } => block.end(),
+            Law::Paced { block, pace } => block.position(pace.ends_s),
             _ => self.target(),
         }
     }
@@ -229,21 +220,18 @@ impl Profile {
         if t_s >= self.duration_s {
             return self.end();
         }
-        match (&self.law, self.ramps()) {
-            (Law::Paced { pace, .. }, Some(ramps)) => ramps.position(pace.plan_time(t_s)),
-            (_, Some(ramps)) => ramps.position(t_s),
-            (
-                Law::Motors {
-                    from,
-                    to,
-                    moves,
-                    stretch,
-                },
-                _,
-            ) => alone([from, to], moves, stretch.plan_time(t_s)),
-            (Law::Skip { from, to, moves }, _) => alone([from, to], moves, t_s),
-            (Law::Tap { from, to, .. }, _) => from.plus(to.minus(*from).scaled(self.tap_share(t_s))),
-            _ => self.target(),
+        match &self.law {
+            Law::Ramped { block, .. } => block.position(t_s),
+            Law::Paced { block, pace } => block.position(pace.plan_time(t_s)),
+            Law::Motors {
+                from,
+                to,
+                moves,
+                stretch,
+            } => alone([from, to], moves, stretch.plan_time(t_s)),
+            Law::Skip { from, to, moves } => alone([from, to], moves, t_s),
+            Law::Tap { from, to, .. } => from.plus(to.minus(*from).scaled(self.tap_share(t_s))),
+            Law::Rest { at, .. } => *at,
         }
     }
 
@@ -266,7 +254,7 @@ impl Profile {
         }
     }
 
-    /// The same motion over another stretch of its plan time, when it is one of motors alone or rest; any other as it is.
+    /// The same motion over another stretch of its plan time, if it is a rapid or rest; any other unchanged.
     #[must_use]
     pub fn over(&self, passed: Stretch) -> Self {
         let mut profile = self.clone();
@@ -278,7 +266,7 @@ impl Profile {
     }
 
     /// Revolutions that the spindle has turned `t_s` seconds after the start, clockwise positive; `None`: the spindle
-    /// is not locked to this profile. At any time in proportion to the way, exact at both ends.
+    /// is not locked to this profile. At any time in proportion to the distance, exact at both ends.
     pub fn spindle_revolutions(&self, t_s: f64) -> Option<f64> {
         match self.law {
             Law::Tap { revolutions, .. } if revolutions != 0.0 => Some(revolutions * self.tap_share(t_s)),
@@ -286,7 +274,7 @@ impl Profile {
         }
     }
 
-    /// Share of a way in a thread, 0 to 1; 0 for another law.
+    /// Share of a move in a thread, 0 to 1; 0 for another law.
     fn tap_share(&self, t_s: f64) -> f64 {
         let Law::Tap {
             rate, start, stop, ..
@@ -299,40 +287,5 @@ impl Profile {
         }
         let stop_begins_s = self.duration_s - stop.duration_s();
         rate * (start.distance(t_s) - stop.distance(t_s - stop_begins_s))
-    }
-
-    /// The block along a path; `None` for any other law.
-    fn ramps(&self) -> Option<Ramps<'_>> {
-        let (path, speed, start, stop, begun_s, next, duration_s) = match &self.law {
-            Law::Ramped {
-                path,
-                speed,
-                start,
-                stop,
-                begun_s,
-                next,
-                ..
-            } => (path, speed, start, stop, begun_s, next, self.duration_s),
-            Law::Paced {
-                path,
-                speed,
-                start,
-                stop,
-                begun_s,
-                next,
-                plan_s,
-                ..
-            } => (path, speed, start, stop, begun_s, next, *plan_s),
-            _ => return None,
-        };
-        Some(Ramps {
-            path,
-            speed: *speed,
-            start: *start,
-            stop: *stop,
-            begun_s: *begun_s,
-            next: next.as_ref(),
-            duration_s,
-        })
     }
 }

@@ -31,8 +31,8 @@ impl UnitRamp {
         }
     }
 
-    /// The shortest ramp with times no shorter than these that keeps its slope `dS/dt` to `slope` per second, and the
-    /// change of that to `change` per second squared.
+    /// The shortest ramp with at least these times whose slope `dS/dt` is at most `slope` per second, and whose change of
+    /// slope at most `change` per second squared.
     #[must_use]
     pub fn within(self, slope: f64, change: f64) -> Self {
         let ta_s = self.ta_s.max(1.0 / slope);
@@ -104,7 +104,7 @@ impl UnitRamp {
         [[0.0, ts], [ts, ta], [ta, ta + ts]]
     }
 
-    /// Slope of S at `t_s` and of that slope, by the formula of the phase that holds `within_s`; 0 outside the ramp.
+    /// First and second derivative of S at `t_s`, by the formula of the phase that contains `within_s`; 0 outside the ramp.
     #[inline]
     pub fn slopes(self, t_s: f64, within_s: f64) -> [f64; 2] {
         let Self { ta_s: ta, ts_s: ts } = self;

@@ -1,4 +1,4 @@
-//! What the stages need to know about the machine: its motors and coordinate systems.
+//! The machine as the stages see it: its motors and coordinate systems.
 
 use crate::axis::{AXES_MAX, Axis, AxisSet, AxisVector};
 
@@ -31,7 +31,7 @@ pub struct CoordinateSystemSettings {
     pub hold_slew_ms: f64,
     /// Servo period, s.
     pub servo_period_s: f64,
-    /// Rules of path and motion that have a usual value.
+    /// Rules of path and motion with a default.
     pub motion: MotionOptions,
 }
 
@@ -45,10 +45,10 @@ pub enum Unit {
     Inch,
 }
 
-/// Usual value of [`MotionOptions::arc_radius_tolerance_mm`].
+/// Default of [`MotionOptions::arc_radius_tolerance_mm`].
 pub const ARC_RADIUS_TOLERANCE_MM: f64 = 0.01;
 
-/// Rules of path and motion that have a usual value.
+/// Rules of path and motion with a default.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MotionOptions {
     /// R form of an arc: how much the radius may fall short of half the chord, mm (D26).
@@ -59,7 +59,7 @@ pub struct MotionOptions {
     pub dry_run_feedrate_mm_min: f64,
     /// Where F counts with cutter compensation.
     pub compensation_feed: CompensationFeed,
-    /// What is done about an overcut with cutter compensation.
+    /// The reaction to an overcut with cutter compensation.
     pub overcut: Overcut,
     /// What gives way in a chain of blended blocks that are too short for their ramps (M1b).
     pub short_block: ShortBlock,
@@ -77,7 +77,7 @@ pub enum SimulatedSkip {
 }
 
 impl SimulatedSkip {
-    /// The position at which it comes.
+    /// The position at which it turns on.
     pub fn threshold(self) -> f64 {
         match self {
             SimulatedSkip::Below(threshold) | SimulatedSkip::Above(threshold) => threshold,
@@ -103,7 +103,7 @@ pub enum CompensationFeed {
     Edge,
 }
 
-/// What is done about an overcut with cutter compensation.
+/// The reaction to an overcut with cutter compensation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Overcut {
     /// An alarm before the first block that it concerns moves.
@@ -138,7 +138,7 @@ impl Default for MotionOptions {
 }
 
 impl Default for CoordinateSystemSettings {
-    /// Coordinate system 1 without motors, and the values that a configuration has where it says nothing.
+    /// Coordinate system 1 without motors, and the defaults of a configuration.
     fn default() -> Self {
         Self {
             number: 1,
@@ -207,9 +207,9 @@ pub struct MotorSettings {
 }
 
 impl MotorSettings {
-    /// A motor of these limits without jerk limit, soft limits and lag, and otherwise with the values that a configuration
-    /// has where it says nothing: rapid at the limits, G31 at a tenth of the velocity, in position within 0.01 in 2 s,
-    /// oriented at 100 r/min to 0 degrees.
+    /// A motor of these limits without jerk limit, soft limits and lag, and otherwise with the defaults of a configuration:
+    /// rapid at the limits, G31 at a tenth of the velocity, in position within 0.01 in 2 s, oriented at 100 r/min to 0
+    /// degrees.
     pub fn new(number: u16, kind: MotorKind, max_velocity: f64, max_acceleration: f64) -> Self {
         Self {
             number,

@@ -1,20 +1,20 @@
 //! The programmed speed as a function of plan time on a ramp between two feedrates, and the distance covered so far.
 //!
-//! Where a block passes into one with another feedrate, the speed along both changes with plan time: `U = v_1 (1 - S) +
-//! v_2 S`. Measured by distance, which is the integral of U, a ramp between two blocks of one direction is a straight
-//! line, whatever the ramp times are.
+//! At a joint of different feedrates the speed along both blocks changes with plan time: `U = v_1 (1 - S) + v_2 S`.
+//! Measured by distance, the integral of U, a ramp between two blocks of one direction is a straight line for any ramp
+//! times.
 
-/// Newton steps at most.
+/// Most Newton steps.
 const STEPS_MAX: u32 = 16;
 
-/// Newton begins at most so many times as far as the third power alone would go; no piece of a falling speed is longer.
+/// Newton begins at most at this multiple of the solution for the third power alone; no piece of a falling speed is longer.
 const THIRD_POWERS: f64 = 4.0;
 
 /// A step shorter than this share of the plan time is rounding.
 const ROUNDING: f64 = 1e-16;
 
-/// The speed against that at the begin of the piece, a polynomial of second degree in the plan time since then, above
-/// zero all over the piece. Without growth it is 1.
+/// The speed relative to that at the begin of the piece: a polynomial of second degree in the plan time since then, above
+/// zero on the whole piece. Without growth it is 1.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct SpeedGrowth {
     /// First derivative at the begin, per second.
@@ -24,12 +24,12 @@ pub struct SpeedGrowth {
 }
 
 impl SpeedGrowth {
-    /// True when the speed stays.
+    /// True when the speed is constant.
     pub fn is_none(self) -> bool {
         self.first == 0.0 && self.second == 0.0
     }
 
-    /// The same counted the other way: plan time falls with it.
+    /// The same with falling plan time.
     #[must_use]
     pub fn reversed(self) -> Self {
         Self {
@@ -38,7 +38,7 @@ impl SpeedGrowth {
         }
     }
 
-    /// The speed `plan_s` seconds of plan time after the begin, by that at the begin.
+    /// The speed `plan_s` seconds of plan time after the begin, relative to that at the begin.
     pub fn speed(self, plan_s: f64) -> f64 {
         1.0 + plan_s * (self.first + plan_s * self.second / 2.0)
     }
@@ -60,7 +60,7 @@ impl SpeedGrowth {
             return plan_s;
         }
         if self.second > 0.0 {
-            // Where the speed comes from a slope near zero the third power decides, and Newton would be long in coming down.
+            // With a slope near zero the third power dominates, and Newton would converge slowly from far above.
             let by_third_power = (6.0 * distance_s.abs() / self.second).cbrt();
             plan_s = plan_s.abs().min(THIRD_POWERS * by_third_power).copysign(plan_s);
         }

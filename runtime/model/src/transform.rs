@@ -52,38 +52,26 @@ pub struct Rotation {
 impl Transform {
     /// The machine position of a programmed point: mirror, scaling, rotation, local, work offset, tool length.
     pub fn forward(&self, point: AxisVector) -> AxisVector {
-        let mut point = point;
-        if let Some(mirror) = &self.mirror {
-            for axis in mirror.axes.iter() {
-                point[axis] = 2.0 * mirror.centre[axis] - point[axis];
-            }
-        }
+        let mut point = self.mirrored(point);
         if let Some(scaling) = &self.scaling {
-            for (axis, factor) in SCALED.into_iter().zip(scaling.factors) {
+            for (axis, factor) in Axis::ORTHOGONAL.into_iter().zip(scaling.factors) {
                 point[axis] = scaling.centre[axis] + (point[axis] - scaling.centre[axis]) * factor;
             }
         }
-        if let Some(rotation) = &self.rotation {
-            let from_centre = turned(rotation, point.minus(rotation.centre), 1.0);
-            for axis in rotation.plane.axes() {
-                point[axis] = rotation.centre[axis] + from_centre[axis];
-            }
-        }
-        let mut point = point.plus(self.local).plus(self.work_offset);
+        let mut point = self.rotated(point, 1.0).plus(self.local).plus(self.work_offset);
         point[Axis::Z] += self.tool_length;
         point
     }
 
     /// The machine distance of a programmed distance: [`forward`](Self::forward) without centres and offsets.
-    pub fn linear(&self, distance: AxisVector) -> AxisVector {
-        let mut distance = distance;
+    pub fn linear(&self, mut distance: AxisVector) -> AxisVector {
         if let Some(mirror) = &self.mirror {
             for axis in mirror.axes.iter() {
                 distance[axis] = -distance[axis];
             }
         }
         if let Some(scaling) = &self.scaling {
-            for (axis, factor) in SCALED.into_iter().zip(scaling.factors) {
+            for (axis, factor) in Axis::ORTHOGONAL.into_iter().zip(scaling.factors) {
                 distance[axis] *= factor;
             }
         }
@@ -94,21 +82,19 @@ impl Transform {
     }
 
     /// The programmed point of a machine position. Scale factors must not be zero.
-    pub fn inverse(&self, machine: AxisVector) -> AxisVector {
-        let mut point = machine;
+    pub fn inverse(&self, mut point: AxisVector) -> AxisVector {
         point[Axis::Z] -= self.tool_length;
-        let mut point = point.minus(self.work_offset).minus(self.local);
-        if let Some(rotation) = &self.rotation {
-            let from_centre = turned(rotation, point.minus(rotation.centre), -1.0);
-            for axis in rotation.plane.axes() {
-                point[axis] = rotation.centre[axis] + from_centre[axis];
-            }
-        }
+        let mut point = self.rotated(point.minus(self.work_offset).minus(self.local), -1.0);
         if let Some(scaling) = &self.scaling {
-            for (axis, factor) in SCALED.into_iter().zip(scaling.factors) {
+            for (axis, factor) in Axis::ORTHOGONAL.into_iter().zip(scaling.factors) {
                 point[axis] = scaling.centre[axis] + (point[axis] - scaling.centre[axis]) / factor;
             }
         }
+        self.mirrored(point)
+    }
+
+    /// Mirrored about the centre; its own inverse.
+    fn mirrored(&self, mut point: AxisVector) -> AxisVector {
         if let Some(mirror) = &self.mirror {
             for axis in mirror.axes.iter() {
                 point[axis] = 2.0 * mirror.centre[axis] - point[axis];
@@ -117,28 +103,36 @@ impl Transform {
         point
     }
 
+    /// Rotated about the centre, forth (`sense` 1) or back (-1).
+    fn rotated(&self, mut point: AxisVector, sense: f64) -> AxisVector {
+        if let Some(rotation) = &self.rotation {
+            let from_centre = turned(rotation, point.minus(rotation.centre), sense);
+            for axis in rotation.plane.axes() {
+                point[axis] = rotation.centre[axis] + from_centre[axis];
+            }
+        }
+        point
+    }
+
     /// The position of a tool at this machine position in the coordinates that G51 scales.
     pub fn before_scaling(&self, machine: AxisVector) -> AxisVector {
-        let later = Self {
+        Self {
             mirror: None,
             scaling: None,
             ..*self
-        };
-        later.inverse(machine)
+        }
+        .inverse(machine)
     }
 
     /// The position of a tool at this machine position in the coordinates that G68 turns.
     pub fn before_rotation(&self, machine: AxisVector) -> AxisVector {
-        let later = Self {
+        Self {
             rotation: None,
             ..*self
-        };
-        later.before_scaling(machine)
+        }
+        .before_scaling(machine)
     }
 }
-
-/// Axes that G51 scales.
-const SCALED: [Axis; 3] = [Axis::X, Axis::Y, Axis::Z];
 
 /// The vector turned in the rotation's plane, forth (`sense` 1) or back (-1).
 fn turned(rotation: &Rotation, vector: AxisVector, sense: f64) -> AxisVector {
@@ -160,11 +154,8 @@ fn sine_and_cosine(angle_deg: f64) -> (f64, f64) {
         (180.0, (0.0, -1.0)),
         (270.0, (-1.0, 0.0)),
     ];
-    match quarters
+    let exact = quarters
         .into_iter()
-        .find(|(angle, _)| (angle - within).abs() == 0.0)
-    {
-        Some((_, exact)) => exact,
-        None => within.to_radians().sin_cos(),
-    }
+        .find(|(angle, _)| (angle - within).abs() == 0.0);
+    exact.map_or_else(|| within.to_radians().sin_cos(), |(_, exact)| exact)
 }

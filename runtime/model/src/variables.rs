@@ -12,13 +12,13 @@ pub const COORDINATE_SYSTEM_VARIABLES: usize = 4096;
 /// L0 to L255.
 pub const LOCAL_VARIABLES: usize = 256;
 
-/// An array of 64-bit floating point variables. Each is atomic by itself, in no promised order to the others; a clone is
-/// another handle of the same array. Zero at first.
+/// An array of 64-bit floating point variables, initially zero. Each is atomic by itself, without any order among them; a
+/// clone is another handle of the same array.
 #[derive(Debug, Clone)]
 pub struct VariableArray(Arc<[AtomicU64]>);
 
 impl VariableArray {
-    /// An array of so many variables.
+    /// An array of `count` variables.
     pub fn new(count: usize) -> Self {
         Self((0..count).map(|_| AtomicU64::new(0)).collect())
     }
@@ -38,7 +38,7 @@ impl VariableArray {
         true
     }
 
-    /// How many variables there are.
+    /// Number of variables.
     pub fn len(&self) -> usize {
         self.0.len()
     }
@@ -49,7 +49,7 @@ impl VariableArray {
     }
 }
 
-/// The variables that a program of one coordinate system reaches, but for its own L.
+/// The variables of the programs of one coordinate system, except for L.
 #[derive(Debug, Clone)]
 pub struct Variables {
     /// P: the same array for all coordinate systems.

@@ -8,190 +8,164 @@ use std::collections::VecDeque;
 
 use tandem_model::Origin;
 use tandem_model::flow::Path;
-use tandem_model::profile::{ChainPlace, Lead};
+use tandem_model::profile::{ChainPlace, Lead, Ramped};
 use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::ShortBlock;
 
 use crate::block::RampedBlock;
-use crate::ramped::{Alone, RestToRest};
+use crate::ramped::Alone;
 
 /// The blocks of the chain that are not planned to their end.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Chain {
-    blocks: VecDeque<Link>,
-    /// Of the block put out last; `None`: the first one is still to come.
+    links: VecDeque<Link>,
+    /// Of the block put out last; `None`: none yet.
     place: Option<ChainPlace>,
 }
 
-/// A block of a chain.
+/// A segment as a chain takes it.
+#[derive(Debug, Clone)]
+pub(crate) struct Block {
+    pub(crate) segment: u64,
+    pub(crate) epoch: u32,
+    pub(crate) origin: Origin,
+    pub(crate) path: Path,
+    /// From rest to rest.
+    pub(crate) alone: Alone,
+}
+
+/// A block within its chain.
 #[derive(Debug, Clone)]
 struct Link {
-    segment: u64,
-    origin: Origin,
-    path: Path,
-    length: f64,
+    block: Block,
     /// Path units per second; final once the stop ramp is known, with [`ShortBlock::Shrink`] from the beginning.
     speed: f64,
     is_first: bool,
-    /// As programmed for the first block until the second is there.
+    /// As programmed for the first block until the second is known.
     start: UnitRamp,
     /// To the next block, or to rest; `None`: not known yet.
     stop: Option<UnitRamp>,
-    /// The block alone, from rest to rest.
-    alone: Alone,
 }
 
 impl Chain {
     pub(crate) fn clear(&mut self) {
-        self.blocks.clear();
+        self.links.clear();
         self.place = None;
     }
 
-    /// Adds a block, and puts out what is final.
-    pub(crate) fn push(
-        &mut self,
-        rule: ShortBlock,
-        block: Block<'_>,
-        epoch: u32,
-        out: impl FnMut(RampedBlock),
-    ) {
-        let Block {
-            segment,
-            origin,
-            path,
-            alone,
-        } = block;
+    /// Adds a block, and puts out those that are final.
+    pub(crate) fn push(&mut self, rule: ShortBlock, block: Block, out: impl FnMut(RampedBlock)) {
         let mut link = Link {
-            segment,
-            origin,
-            path: path.clone(),
-            length: path.length(),
-            speed: alone.limit,
-            is_first: self.blocks.is_empty(),
-            start: alone.start,
+            speed: block.alone.limit,
+            is_first: self.links.is_empty(),
+            start: block.alone.start,
             stop: None,
-            alone,
+            block,
         };
-        if let Some(before) = self.blocks.back_mut() {
+        if let Some(before) = self.links.back_mut() {
             if rule == ShortBlock::Shrink {
                 if before.is_first {
-                    before.start = before.alone.start_from_rest(before.block_s());
+                    before.start = before.block.alone.start_from_rest(before.block_s());
                 }
                 link.start = link.start.at_most(before.block_s().min(link.block_s()));
             }
             before.end_with(link.start, rule);
         }
-        self.blocks.push_back(link);
-        self.put_out(rule, epoch, out);
+        self.links.push_back(link);
+        self.put_out(rule, out);
     }
 
     /// Ends the chain at rest and puts out all of it.
-    pub(crate) fn finish(&mut self, rule: ShortBlock, epoch: u32, mut out: impl FnMut(RampedBlock)) {
-        if let Some(last) = self.blocks.back_mut()
+    pub(crate) fn finish(&mut self, rule: ShortBlock, mut out: impl FnMut(RampedBlock)) {
+        if let Some(last) = self.links.back_mut()
             && !last.is_first
         {
             let ramp = match rule {
-                ShortBlock::Shrink => last.alone.stop_to_rest(last.block_s()),
-                // The ramps decide on the speed, and that on the path: they are as programmed.
-                ShortBlock::Extend => last.alone.stop,
+                ShortBlock::Shrink => last.block.alone.stop_to_rest(last.block_s()),
+                // The ramps determine the speed, and that the path: they are as programmed.
+                ShortBlock::Extend => last.block.alone.stop,
             };
             last.end_with(ramp, rule);
         }
-        self.put_out(rule, epoch, &mut out);
-        if let Some(last) = self.blocks.pop_front() {
-            out(self.planned(&last, epoch));
+        self.put_out(rule, &mut out);
+        if let Some(last) = self.links.pop_front() {
+            out(self.planned(last));
         }
         self.clear();
     }
 
-    fn put_out(&mut self, rule: ShortBlock, epoch: u32, mut out: impl FnMut(RampedBlock)) {
-        while let Some(next) = self.blocks.get(1) {
+    fn put_out(&mut self, rule: ShortBlock, mut out: impl FnMut(RampedBlock)) {
+        while let Some(next) = self.links.get(1) {
             if rule == ShortBlock::Extend && next.stop.is_none() {
                 return;
             }
-            if let Some(first) = self.blocks.pop_front() {
-                out(self.planned(&first, epoch));
+            if let Some(first) = self.links.pop_front() {
+                out(self.planned(first));
             }
         }
     }
 
-    /// As planned, going over to the first of the blocks that are left, with its place in the chain.
-    fn planned(&mut self, link: &Link, epoch: u32) -> RampedBlock {
+    /// As planned, blended into the first of the links that are left, with its place in the chain; alone in its chain,
+    /// it is the block from rest to rest.
+    fn planned(&mut self, link: Link) -> RampedBlock {
+        let length = link.block.path.length();
+        let (speed, [start, stop], begun_s, plan_s) = match link.stop {
+            None => {
+                let (speed, ramps, duration_s) = link.block.alone.rest_to_rest(length);
+                (speed, ramps, 0.0, duration_s)
+            }
+            Some(stop) => {
+                let (begun_s, ramp_in_s) = if link.is_first {
+                    (0.0, link.start.duration_s() / 2.0)
+                } else {
+                    (link.start.duration_s(), -link.start.duration_s() / 2.0)
+                };
+                let plan_s = link.block_s() + ramp_in_s + stop.duration_s() / 2.0;
+                (link.speed, [link.start, stop], begun_s, plan_s)
+            }
+        };
         let before = self.place.unwrap_or(ChainPlace {
-            first_segment: link.segment,
+            first_segment: link.block.segment,
             ends_s: 0.0,
         });
-        let block = link.planned(self.blocks.front(), before, epoch);
-        self.place = Some(block.place);
-        block
+        let place = ChainPlace {
+            ends_s: before.ends_s + plan_s,
+            ..before
+        };
+        self.place = Some(place);
+        RampedBlock {
+            segment: link.block.segment,
+            epoch: link.block.epoch,
+            origin: link.block.origin,
+            ramped: Ramped {
+                path: link.block.path,
+                speed,
+                start,
+                stop,
+                begun_s,
+                next: self.links.front().map(|next| Lead {
+                    path: next.block.path.clone(),
+                    speed: next.speed,
+                }),
+                plan_s,
+            },
+            place,
+        }
     }
-}
-
-/// What a chain takes of a segment.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Block<'a> {
-    pub(crate) segment: u64,
-    pub(crate) origin: Origin,
-    pub(crate) path: &'a Path,
-    pub(crate) alone: Alone,
 }
 
 impl Link {
     /// Time of the block at its speed, s.
     fn block_s(&self) -> f64 {
-        self.length / self.speed
+        self.block.path.length() / self.speed
     }
 
     fn end_with(&mut self, stop: UnitRamp, rule: ShortBlock) {
         if rule == ShortBlock::Extend {
             // Both half ramps must have room: the block takes at least their time.
             let ramps_s = f64::midpoint(self.start.duration_s(), stop.duration_s());
-            self.speed = self.speed.min(self.length / ramps_s);
+            self.speed = self.speed.min(self.block.path.length() / ramps_s);
         }
         self.stop = Some(stop);
-    }
-
-    /// As planned, going over to the next one, where the block before has come to; alone in its chain, it is the block
-    /// from rest to rest.
-    fn planned(&self, next: Option<&Link>, before: ChainPlace, epoch: u32) -> RampedBlock {
-        let (speed, start, stop, begun_s, plan_s) = match self.stop {
-            None => {
-                let RestToRest {
-                    speed,
-                    start,
-                    stop,
-                    duration_s,
-                } = self.alone.rest_to_rest(self.length);
-                (speed, start, stop, 0.0, duration_s)
-            }
-            Some(stop) => {
-                let (begun_s, ramp_in_s) = if self.is_first {
-                    (0.0, self.start.duration_s() / 2.0)
-                } else {
-                    (self.start.duration_s(), -self.start.duration_s() / 2.0)
-                };
-                let plan_s = self.length / self.speed + ramp_in_s + stop.duration_s() / 2.0;
-                (self.speed, self.start, stop, begun_s, plan_s)
-            }
-        };
-        RampedBlock {
-            segment: self.segment,
-            epoch,
-            origin: self.origin,
-            path: self.path.clone(),
-            speed,
-            start,
-            stop,
-            begun_s,
-            next: next.map(|next| Lead {
-                path: next.path.clone(),
-                speed: next.speed,
-            }),
-            plan_s,
-            place: ChainPlace {
-                ends_s: before.ends_s + plan_s,
-                ..before
-            },
-        }
     }
 }

@@ -1,26 +1,24 @@
 //! From path segments to motion profiles: ramps, limits, look-ahead.
 //!
 //! [`Planner`] is pure: the same segments give the same profiles. A profile is position as a function of time in closed
-//! form ([`Law`](tandem_model::profile::Law)); the servo cycle evaluates it and scales its time.
+//! form ([`Law`](tandem_model::profile::Law)), which the servo cycle evaluates while it scales its time.
 //!
 //! Segments that may blend ([`SegmentEnd::Continuous`](tandem_model::flow::SegmentEnd::Continuous)) form a chain with
 //! superposed ramps (M1b, G501). With G500 the chain keeps its path and slows down before a motor would exceed its
 //! maximum acceleration (M1d, `look_ahead`).
 //!
-//! Our decisions: the rapid limits of a motor apply as configured, even where they are above its maxima. G01 respects
-//! `max_velocity` but not `max_acceleration` (the manual does not check it in G501). With G500 the speed along the path
-//! respects both.
+//! Our decisions: the rapid limits of a motor apply as configured, even above its maxima. With G501 a block at feedrate
+//! respects `max_velocity` but not `max_acceleration`, which the manual does not check there; with G500 it respects both.
 
 mod block;
 mod chain;
+mod limit;
 mod look_ahead;
-mod planned;
 mod planner;
 mod ramped;
 mod rapid;
 mod record;
 mod replan;
-mod reserve;
 pub mod rules;
 mod tapping;
 

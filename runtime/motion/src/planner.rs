@@ -4,18 +4,20 @@ use std::collections::VecDeque;
 
 use tandem_model::Alarm;
 use tandem_model::alarm::{VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
-use tandem_model::flow::{MultiBlock, Segment, SegmentEnd, SegmentMotion};
-use tandem_model::profile::{Law, PathPlace, Profile, Stretch, TimeBase};
+use tandem_model::flow::{MultiBlock, Path, Segment, SegmentEnd, SegmentMotion};
+use tandem_model::profile::{Law, PathPlace, Profile, Stretch};
 use tandem_model::settings::CoordinateSystemSettings;
 
 use crate::block::RampedBlock;
 use crate::chain::{Block, Chain};
 use crate::look_ahead::LookAhead;
-use crate::planned::{DURATION_MAX_S, Planned};
+use crate::ramped::{self, Alone};
 use crate::record::{Entry, Record};
 use crate::replan::Replan;
-use crate::tapping::{self, Thread};
-use crate::{ramped, rapid};
+use crate::{rapid, tapping};
+
+/// The longest profile, s: about 31 years. A longer one is an alarm, so that counting servo periods stays exact.
+const DURATION_MAX_S: f64 = 1e9;
 
 /// The motion stage of one coordinate system.
 #[derive(Debug, Clone)]
@@ -24,7 +26,7 @@ pub struct Planner {
     epoch: u32,
     last_segment: u64,
     chain: Chain,
-    /// Of the chain's blocks.
+    /// In force for the blocks of the chain.
     multi_block: MultiBlock,
     look_ahead: LookAhead,
     record: Record,
@@ -44,7 +46,7 @@ impl Planner {
         }
     }
 
-    /// Forgets what it holds back; profiles carry this epoch from here on. Segment numbers go on.
+    /// Drops the blocks held back; profiles carry this epoch from now on. Segment numbers continue.
     pub fn restart(&mut self, epoch: u32) {
         self.epoch = epoch;
         self.chain.clear();
@@ -52,13 +54,13 @@ impl Planner {
         self.record.clear();
     }
 
-    /// G500 blocks still to come are planned for this feed override, 1.0 being 100 percent, at most 2.0; one of 100
-    /// percent or less leaves the plan as it is, since the servo scales its time.
+    /// Plans further G500 blocks for this feed override, 1.0 being 100 percent, at most 2.0. Up to 100 percent the plan is
+    /// the same, since the servo scales its time.
     pub fn set_feed_override(&mut self, factor: f64) {
         self.look_ahead.set_feed_override(factor);
     }
 
-    /// The motion has passed this segment: the last 10,000 passed ones are kept, and fewer than 128 more.
+    /// The motion has passed this segment: the last 10,000 passed segments are kept, and fewer than 128 more.
     pub fn passed(&mut self, segment: u64) {
         self.record.passed(segment);
     }
@@ -68,19 +70,19 @@ impl Planner {
         self.record.bar(self.last_segment);
     }
 
-    /// A place within a G500 block that has been put out, plan time `ahead_s` or more beyond this one: where a
-    /// [`Planner::replan`] may begin while the machine moves. `None`: there is none.
+    /// A place within a G500 block already put out, at least `ahead_s` of plan time beyond this one, where a
+    /// [`Planner::replan`] may begin while the machine moves; `None`: there is none.
     pub fn place_ahead(&self, from: PathPlace, ahead_s: f64) -> Option<PathPlace> {
         self.record.place_ahead(from, ahead_s)
     }
 
-    /// Plans what has been put out anew from a place on, for the feed override in force: from rest there, or for a motion
-    /// that comes by no faster than it allows. Nothing changes before [`Planner::adopt`].
+    /// Plans the profiles already put out anew from a place on, for the feed override in force: from rest there, or for a
+    /// motion that arrives no faster than the new plan allows. Nothing changes before [`Planner::adopt`].
     pub fn replan(&self, from: PathPlace, at_rest: bool) -> Replan {
         Replan::forward(&self.record, &self.look_ahead, from, at_rest)
     }
 
-    /// Goes on from a new plan; nothing may have been pushed since it was made.
+    /// Continues with a new plan; nothing may have been pushed since it was made.
     pub fn adopt(&mut self, new: Replan) {
         self.look_ahead = new.look_ahead;
         self.record.replace(new.from, new.record);
@@ -91,9 +93,9 @@ impl Planner {
         self.record.has_way_back(from)
     }
 
-    /// The way back from a place at rest, along what moved with G500, to rest: to a block with G501, a thread, a G31, a
-    /// bar, or the oldest block that is kept. Nothing is waited on it, and what a dwell has waited before this place is not
-    /// waited again by a [`Planner::replan`]. Empty: there is no way back.
+    /// The way back from a place at rest, along the blocks that moved with G500, to rest: up to a block with G501, a thread,
+    /// a G31, a bar, or the oldest block kept. Dwells are skipped, and a later [`Planner::replan`] does not repeat the part
+    /// of a dwell waited before this place. Empty: there is no way back.
     pub fn retrace(&mut self, from: PathPlace) -> VecDeque<Profile> {
         let back = Replan::backward(&self.record, &self.look_ahead, from);
         if !back.profiles.is_empty() {
@@ -103,44 +105,32 @@ impl Planner {
     }
 
     /// Plans a segment. One that may blend is held back until the next one, or [`Planner::flush`], decides how it ends;
-    /// with G500 until nothing to come can change its speed. A chain ends at rest where G500 changes to G501 or back.
-    /// Segment numbers are given in the order of the segments all the same.
+    /// with G500 until no later block can change its speed. A chain ends at rest where G500 changes to G501 or back.
+    /// Segment numbers follow the order of the segments in any case.
     ///
     /// # Errors
-    /// An alarm at the segment's origin, and nothing put out for it; what was held back is put out, ending at rest:
-    /// `LIMIT_ZERO` when a motor that moves has a limit that is not above zero, `VALUE_NOT_FINITE`,
-    /// `VALUE_OUT_OF_RANGE` for a negative time, a feedrate that is not above zero, or a duration above 1e9 s.
+    /// An alarm at the segment's origin; the segment puts out nothing, and those held back end at rest: `LIMIT_ZERO` when a
+    /// motor that moves has a limit that is not above zero, `VALUE_NOT_FINITE`, `VALUE_OUT_OF_RANGE` for a negative time, a
+    /// feedrate that is not above zero, or a duration above 1e9 s.
     pub fn push(&mut self, segment: &Segment, out: &mut VecDeque<Profile>) -> Result<(), Alarm> {
         let pushed = self.take(segment, out);
         if pushed.is_err() || segment.end == SegmentEnd::ExactStop {
-            self.finish_chain(out);
+            self.flush(out);
         }
         pushed.map_err(|alarm| alarm.at(segment.origin))
     }
 
-    /// Puts out what is held back, ending at rest.
-    ///
-    /// # Errors
-    /// None so far: each alarm is raised by the segment's own [`Planner::push`].
-    pub fn flush(&mut self, out: &mut VecDeque<Profile>) -> Result<(), Alarm> {
-        self.finish_chain(out);
-        Ok(())
+    /// Puts out the blocks held back, ending at rest.
+    pub fn flush(&mut self, out: &mut VecDeque<Profile>) {
+        let onward = onward(self.multi_block, &mut self.look_ahead, &mut self.record, out);
+        self.chain.finish(self.settings.motion.short_block, onward);
     }
 
     fn take(&mut self, segment: &Segment, out: &mut VecDeque<Profile>) -> Result<(), Alarm> {
-        let Planned {
-            law,
-            duration_s,
-            time_base,
-        } = match &segment.motion {
+        let (law, duration_s) = match &segment.motion {
             SegmentMotion::Feed { path, feed } => {
-                let block = Block {
-                    segment: self.last_segment + 1,
-                    origin: segment.origin,
-                    path,
-                    alone: ramped::plan(&self.settings, path, *feed, segment.multi_block)?,
-                };
-                return self.blend(block, segment.multi_block, out);
+                let alone = ramped::plan(&self.settings, path, *feed, segment.multi_block)?;
+                return self.blend(segment, path, alone, out);
             }
             SegmentMotion::Rapid { from, to } => rapid::plan(&self.settings, *from, *to)?,
             SegmentMotion::Skip { from, to } => rapid::plan_skip(&self.settings, *from, *to)?,
@@ -150,74 +140,61 @@ impl Planner {
                 feed,
                 revolutions,
                 leg,
-            } => {
-                let thread = Thread {
-                    from: *from,
-                    to: *to,
-                    feed: *feed,
-                    revolutions: *revolutions,
-                    leg: *leg,
-                };
-                tapping::plan(&self.settings, &thread)?
+            } => tapping::plan(&self.settings, [*from, *to], *feed, *revolutions, *leg)?,
+            SegmentMotion::Dwell { at, dwell_s } => {
+                let stretch = Stretch::whole(*dwell_s);
+                (Law::Rest { at: *at, stretch }, *dwell_s)
             }
-            SegmentMotion::Dwell { at, dwell_s } => Planned {
-                law: Law::Rest {
-                    at: *at,
-                    stretch: Stretch::whole(*dwell_s),
-                },
-                duration_s: *dwell_s,
-                time_base: TimeBase::Fixed,
-            },
         };
         check_duration(duration_s)?;
-        self.finish_chain(out);
+        self.flush(out);
         self.last_segment += 1;
-        let is_either_way =
-            segment.multi_block == MultiBlock::On && matches!(law, Law::Motors { .. } | Law::Rest { .. });
         let profile = Profile {
             segment: self.last_segment,
             epoch: self.epoch,
             origin: segment.origin,
             law,
             duration_s,
-            time_base,
             exact_stop: true,
         };
-        let recorded = Box::new(profile.clone());
-        self.record.push(if is_either_way {
-            Entry::Alone(recorded)
+        let is_either_way = segment.multi_block == MultiBlock::On
+            && matches!(profile.law, Law::Motors { .. } | Law::Rest { .. });
+        let entry = if is_either_way {
+            Entry::Alone
         } else {
-            Entry::OneWay(recorded)
-        });
+            Entry::OneWay
+        };
+        self.record.push(entry(Box::new(profile.clone())));
         out.push_back(profile);
         Ok(())
     }
 
     fn blend(
         &mut self,
-        block: Block<'_>,
-        multi_block: MultiBlock,
+        segment: &Segment,
+        path: &Path,
+        alone: Alone,
         out: &mut VecDeque<Profile>,
     ) -> Result<(), Alarm> {
-        check_duration(block.alone.duration_s_max(block.path.length()))?;
-        if multi_block != self.multi_block {
-            self.finish_chain(out);
-            self.multi_block = multi_block;
+        check_duration(alone.duration_s_max(path.length()))?;
+        if segment.multi_block != self.multi_block {
+            self.flush(out);
+            self.multi_block = segment.multi_block;
         }
-        self.last_segment = block.segment;
-        let rule = self.settings.motion.short_block;
-        let onward = onward(multi_block, &mut self.look_ahead, &mut self.record, out);
-        self.chain.push(rule, block, self.epoch, onward);
+        self.last_segment += 1;
+        let block = Block {
+            segment: self.last_segment,
+            epoch: self.epoch,
+            origin: segment.origin,
+            path: path.clone(),
+            alone,
+        };
+        let onward = onward(self.multi_block, &mut self.look_ahead, &mut self.record, out);
+        self.chain.push(self.settings.motion.short_block, block, onward);
         Ok(())
     }
 
-    fn finish_chain(&mut self, out: &mut VecDeque<Profile>) {
-        let rule = self.settings.motion.short_block;
-        let onward = onward(self.multi_block, &mut self.look_ahead, &mut self.record, out);
-        self.chain.finish(rule, self.epoch, onward);
-    }
-
-    /// The settings that it plans with.
+    /// The settings in use.
     pub fn settings(&self) -> &CoordinateSystemSettings {
         &self.settings
     }
@@ -227,13 +204,13 @@ impl Planner {
         self.settings = settings.clone();
     }
 
-    /// Number of the last segment taken; 0 before the first.
+    /// Number of the last segment pushed; 0 before the first.
     pub fn last_segment(&self) -> u64 {
         self.last_segment
     }
 }
 
-/// Where the blocks of a chain go.
+/// The consumer of a chain's blocks.
 fn onward(
     multi_block: MultiBlock,
     look_ahead: &mut LookAhead,

@@ -1,33 +1,33 @@
 //! G01 along a path: from rest to rest (M1a), and the parts of it that a chain uses.
 
-use tandem_model::alarm::{LIMIT_ZERO, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
+use tandem_model::alarm::{VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE, check_finite};
 use tandem_model::flow::{Feed, MultiBlock, Path};
 use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::CoordinateSystemSettings;
-use tandem_model::{Alarm, Axis};
+use tandem_model::{Alarm, Axis, bisect};
 
-use crate::reserve::ACCELERATION_RESERVE;
+use crate::limit::{self, ACCELERATION_RESERVE};
 
-/// A peak speed is found in so many halvings of what it may be: to the last bits that count.
+/// Halvings of the range of a peak speed: to the last significant bits.
 const HALVINGS: u32 = 60;
 
-/// Less than look-ahead leaves, so that rounding does not make it slow a ramp down.
+/// Below the reserve of look-ahead, so that rounding does not make it slow a ramp down.
 const ROUNDING: f64 = 2e-9;
 
-/// A block on its own: what a chain takes of it.
+/// A block from rest to rest, outside of any chain.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Alone {
-    /// F within its limits, path units per second: what it reaches when it is long enough.
+    /// F within its limits, path units per second: the speed of a block that is long enough.
     pub(crate) limit: f64,
     /// With ta, as programmed.
     pub(crate) start: UnitRamp,
     /// With td, as programmed.
     pub(crate) stop: UnitRamp,
-    /// What ramps from rest and to rest keep to; `None`: they are as programmed.
+    /// Limits of the ramps from rest and to rest; `None`: they are as programmed.
     soft: Option<Soft>,
 }
 
-/// What the motors allow along a line.
+/// The limits of the motors along a line.
 #[derive(Debug, Clone, Copy)]
 struct Soft {
     /// Path units per second squared.
@@ -36,17 +36,12 @@ struct Soft {
     jerk: f64,
 }
 
-/// A block from rest to rest.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct RestToRest {
-    /// Between the ramps, path units per second.
-    pub(crate) speed: f64,
-    pub(crate) start: UnitRamp,
-    pub(crate) stop: UnitRamp,
-    pub(crate) duration_s: f64,
-}
-
 impl Alone {
+    /// The ramps from rest to this speed and back.
+    fn ramps(&self, speed: f64) -> [UnitRamp; 2] {
+        [self.start_to(speed), self.stop_from(speed)]
+    }
+
     /// The ramp from rest to this speed.
     fn start_to(&self, speed: f64) -> UnitRamp {
         self.soft.map_or(self.start, |soft| soft.ramp(self.start, speed))
@@ -57,14 +52,14 @@ impl Alone {
         self.soft.map_or(self.stop, |soft| soft.ramp(self.stop, speed))
     }
 
-    /// The ramp with which a chain begins, where its first block takes this time; where that is too short for what the
-    /// motors need, it is the one of the smallest jerk, which look-ahead slows down, or else the programmed one gives way
-    /// (rule `shrink`).
+    /// The ramp at the begin of a chain whose first block takes this time. Where that is too short for the limits of the
+    /// motors, it is the ramp of the smallest jerk, which look-ahead slows down; without a jerk limit the programmed ramp
+    /// gives way (rule `shrink`).
     pub(crate) fn start_from_rest(&self, block_s: f64) -> UnitRamp {
         self.within(self.start_to(self.limit), self.start, block_s)
     }
 
-    /// The ramp with which a chain ends, likewise.
+    /// The ramp at the end of a chain, likewise.
     pub(crate) fn stop_to_rest(&self, block_s: f64) -> UnitRamp {
         self.within(self.stop_from(self.limit), self.stop, block_s)
     }
@@ -79,50 +74,35 @@ impl Alone {
         }
     }
 
-    /// The most that [`Alone::rest_to_rest`] takes, s.
+    /// Upper bound of the duration of [`Alone::rest_to_rest`], s.
     pub(crate) fn duration_s_max(&self, length: f64) -> f64 {
-        let [start, stop] = [self.start_to(self.limit), self.stop_from(self.limit)];
-        stop_to_stop(length, self.limit, start, stop).1
+        stop_to_stop(length, self.limit, self.ramps(self.limit)).1
     }
 
-    /// The motion over this length, from rest to rest: `t_end = L/v + (Ta + Td)/2`, or, when it is too short to reach
-    /// v, the peak at which the ramps fill it. Ramps as programmed keep their time (rule `extend`); those within limits of
-    /// the motors are shorter for a lower peak.
-    pub(crate) fn rest_to_rest(&self, length: f64) -> RestToRest {
-        let ramps = |speed: f64| [self.start_to(speed), self.stop_from(speed)];
+    /// Speed between the ramps, the ramps and the duration over this length, from rest to rest: `t_end = L/v + (Ta +
+    /// Td)/2`, or, when it is too short to reach v, the peak at which the ramps fill it. Ramps as programmed keep their time
+    /// (rule `extend`); those within limits of the motors are shorter for a lower peak.
+    pub(crate) fn rest_to_rest(&self, length: f64) -> (f64, [UnitRamp; 2], f64) {
         let fits = |speed: f64| {
-            let [start, stop] = ramps(speed);
+            let [start, stop] = self.ramps(speed);
             speed * f64::midpoint(start.duration_s(), stop.duration_s()) <= length
         };
-        let mut ramps_at = self.limit;
-        if self.soft.is_some() && !fits(self.limit) {
-            let mut low = 0.0;
-            for _ in 0..HALVINGS {
-                let middle = f64::midpoint(low, ramps_at);
-                if fits(middle) {
-                    low = middle;
-                } else {
-                    ramps_at = middle;
-                }
-            }
-        }
-        let [start, stop] = ramps(ramps_at);
-        let (speed, duration_s) = stop_to_stop(length, ramps_at, start, stop);
-        RestToRest {
-            speed,
-            start,
-            stop,
-            duration_s,
-        }
+        let ramps_at = if self.soft.is_some() && !fits(self.limit) {
+            bisect([0.0, self.limit], HALVINGS, fits)[1]
+        } else {
+            self.limit
+        };
+        let ramps = self.ramps(ramps_at);
+        let (speed, duration_s) = stop_to_stop(length, ramps_at, ramps);
+        (speed, ramps, duration_s)
     }
 }
 
 impl Soft {
-    /// Along a line on which a motor with a maximum jerk moves.
+    /// Along a line; `None` unless a motor with a maximum jerk moves.
     fn along(settings: &CoordinateSystemSettings, path: &Path) -> Result<Option<Self>, Alarm> {
         let mut motors = settings.motors.iter().flatten();
-        let has_jerk = motors.any(|motor| motor.max_jerk.is_some());
-        if !has_jerk {
+        if motors.all(|motor| motor.max_jerk.is_none()) {
             return Ok(None);
         }
         let mut soft = Self {
@@ -136,11 +116,7 @@ impl Soft {
             };
             soft.acceleration = soft.acceleration.min(motor.max_acceleration / steepest);
             if let Some(jerk) = motor.max_jerk {
-                if !(jerk > 0.0 && jerk.is_finite()) {
-                    let text = format!("max_jerk of axis {} is {jerk}", axis.letter());
-                    return Err(Alarm::new(&LIMIT_ZERO, text));
-                }
-                soft.jerk = soft.jerk.min(jerk / steepest);
+                soft.jerk = soft.jerk.min(limit::of_axis(axis, "max_jerk", jerk)? / steepest);
             }
         }
         soft.jerk *= 1.0 - ROUNDING;
@@ -155,9 +131,9 @@ impl Soft {
     }
 }
 
-/// The speed of a block along a path and its ramps. With G500, where a motor that moves on a line has a maximum jerk, those
-/// from rest and to rest keep that and the maximum accelerations: over a line between two stops that is the profile of
-/// 7 segments of M1d.
+/// The speed of a block along a path and its ramps. With G500, where a motor that moves on a line has a maximum jerk, the
+/// ramps from rest and to rest respect it and the maximum accelerations: a line between two stops then has the 7 segments
+/// of M1d.
 pub(crate) fn plan(
     settings: &CoordinateSystemSettings,
     path: &Path,
@@ -166,10 +142,8 @@ pub(crate) fn plan(
 ) -> Result<Alone, Alarm> {
     let length = path.length();
     if !length.is_finite() || !path.start().is_finite() || !path.end().is_finite() {
-        return Err(Alarm::new(
-            &VALUE_NOT_FINITE,
-            format!("The length of the block is {length}"),
-        ));
+        let text = format!("The length of the block is {length}");
+        return Err(Alarm::new(&VALUE_NOT_FINITE, text));
     }
     let start = ramp(settings, "ta", feed.ta_ms, feed.ts_ms)?;
     let stop = ramp(settings, "td", feed.td_ms, feed.ts_ms)?;
@@ -189,9 +163,9 @@ pub(crate) fn plan(
     })
 }
 
-/// Speed and duration from rest to rest: the limit where the length is enough for both ramps, else the peak that they
-/// leave.
-pub(crate) fn stop_to_stop(length: f64, limit: f64, start: UnitRamp, stop: UnitRamp) -> (f64, f64) {
+/// Speed and duration from rest to rest: the limit where the length is enough for both ramps, else the peak at which they
+/// fill it.
+pub(crate) fn stop_to_stop(length: f64, limit: f64, [start, stop]: [UnitRamp; 2]) -> (f64, f64) {
     let ramps_s = start.duration_s() + stop.duration_s();
     if length / limit >= ramps_s / 2.0 {
         (limit, length / limit + ramps_s / 2.0)
@@ -208,12 +182,7 @@ pub(crate) fn speed_limit(
     feed: Feed,
 ) -> Result<f64, Alarm> {
     let feedrate = feed.feedrate_mm_min;
-    if !feedrate.is_finite() {
-        return Err(Alarm::new(
-            &VALUE_NOT_FINITE,
-            format!("The feedrate is {feedrate}"),
-        ));
-    }
+    check_finite("The feedrate", feedrate)?;
     let maximum = settings.max_feedrate_mm_min;
     if feedrate <= 0.0 || maximum.is_nan() || maximum <= 0.0 {
         let text = format!("The feedrate {feedrate} and its maximum {maximum} must be above 0");
@@ -231,11 +200,7 @@ pub(crate) fn speed_limit(
         if steepest == 0.0 {
             continue;
         }
-        if !(max_velocity > 0.0 && max_velocity.is_finite()) {
-            let text = format!("max_velocity of axis {} is {max_velocity}", axis.letter());
-            return Err(Alarm::new(&LIMIT_ZERO, text));
-        }
-        speed = speed.min(max_velocity / steepest);
+        speed = speed.min(limit::of_axis(axis, "max_velocity", max_velocity)? / steepest);
     }
     if speed > 0.0 {
         Ok(speed)
@@ -249,10 +214,9 @@ pub(crate) fn speed_limit(
 fn check_acceleration(settings: &CoordinateSystemSettings, path: &Path) -> Result<(), Alarm> {
     for axis in Axis::ALL {
         let motor = settings.motors[axis.index()].as_ref();
-        let most = motor.map_or(0.0, |motor| motor.max_acceleration);
-        if !(most > 0.0 && most.is_finite()) && path.steepest(axis) > 0.0 {
-            let text = format!("max_acceleration of axis {} is {most}", axis.letter());
-            return Err(Alarm::new(&LIMIT_ZERO, text));
+        let limit = motor.map_or(0.0, |motor| motor.max_acceleration);
+        if !limit::is_valid(limit) && path.steepest(axis) > 0.0 {
+            limit::of_axis(axis, "max_acceleration", limit)?;
         }
     }
     Ok(())

@@ -1,30 +1,28 @@
 //! G00 and G31: each motor moves alone, in its shortest time (M1e).
 
-use tandem_model::alarm::{LIMIT_ZERO, VALUE_NOT_FINITE};
-use tandem_model::profile::{Law, MotorLimits, MotorMove, Stretch, TimeBase};
+use tandem_model::alarm::VALUE_NOT_FINITE;
+use tandem_model::profile::{Law, MotorLimits, MotorMove, Stretch};
 use tandem_model::settings::{CoordinateSystemSettings, MotorSettings};
 use tandem_model::{AXES_MAX, Alarm, Axis, AxisVector};
 
-use crate::planned::Planned;
+use crate::limit;
 
-/// The motion of a G00 block. It ends with the slowest motor.
+/// The motion of a G00 block and its duration, which is that of the slowest motor.
 pub(crate) fn plan(
     settings: &CoordinateSystemSettings,
     from: AxisVector,
     to: AxisVector,
-) -> Result<Planned, Alarm> {
-    let velocity = |motor: &MotorSettings| motor.rapid_velocity;
-    let (moves, duration_s) = moves(settings, from, to, ("rapid_velocity", velocity))?;
-    Ok(Planned {
-        law: Law::Motors {
-            from,
-            to,
-            moves,
-            stretch: Stretch::whole(duration_s),
-        },
-        duration_s,
-        time_base: TimeBase::Rapid,
-    })
+) -> Result<(Law, f64), Alarm> {
+    let (moves, duration_s) = moves(settings, [from, to], "rapid_velocity", |motor| {
+        motor.rapid_velocity
+    })?;
+    let law = Law::Motors {
+        from,
+        to,
+        moves,
+        stretch: Stretch::whole(duration_s),
+    };
+    Ok((law, duration_s))
 }
 
 /// The motion of a G31 block while no skip input comes: as G00, at the skip velocities.
@@ -32,25 +30,17 @@ pub(crate) fn plan_skip(
     settings: &CoordinateSystemSettings,
     from: AxisVector,
     to: AxisVector,
-) -> Result<Planned, Alarm> {
-    let velocity = |motor: &MotorSettings| motor.skip_velocity;
-    let (moves, duration_s) = moves(settings, from, to, ("skip_velocity", velocity))?;
-    Ok(Planned {
-        law: Law::Skip { from, to, moves },
-        duration_s,
-        time_base: TimeBase::Rapid,
-    })
+) -> Result<(Law, f64), Alarm> {
+    let (moves, duration_s) = moves(settings, [from, to], "skip_velocity", |motor| motor.skip_velocity)?;
+    Ok((Law::Skip { from, to, moves }, duration_s))
 }
 
-/// A velocity of a motor, with its name.
-type Velocity = (&'static str, fn(&MotorSettings) -> f64);
-
-/// The shortest move of each motor, and the time of the slowest.
+/// The shortest move of each motor at a velocity of this name, and the time of the slowest.
 fn moves(
     settings: &CoordinateSystemSettings,
-    from: AxisVector,
-    to: AxisVector,
-    (name, velocity): Velocity,
+    [from, to]: [AxisVector; 2],
+    name: &str,
+    velocity: fn(&MotorSettings) -> f64,
 ) -> Result<([MotorMove; AXES_MAX], f64), Alarm> {
     let mut moves = [MotorMove::default(); AXES_MAX];
     let mut duration_s = 0.0_f64;
@@ -64,30 +54,18 @@ fn moves(
             continue;
         }
         let motor = settings.motors[axis.index()].as_ref();
+        let acceleration = motor.map_or(0.0, |motor| motor.rapid_acceleration);
+        let jerk = motor.and_then(|motor| motor.max_jerk);
         let limits = MotorLimits {
-            velocity: limit(axis, name, motor.map_or(0.0, velocity))?,
-            acceleration: limit(
-                axis,
-                "rapid_acceleration",
-                motor.map_or(0.0, |motor| motor.rapid_acceleration),
-            )?,
-            jerk: match motor.and_then(|motor| motor.max_jerk) {
-                Some(jerk) => Some(limit(axis, "max_jerk", jerk)?),
-                None => None,
-            },
+            velocity: limit::of_axis(axis, name, motor.map_or(0.0, velocity))?,
+            acceleration: limit::of_axis(axis, "rapid_acceleration", acceleration)?,
+            jerk: jerk
+                .map(|jerk| limit::of_axis(axis, "max_jerk", jerk))
+                .transpose()?,
         };
         let motor_move = MotorMove::shortest(distance, limits);
         duration_s = duration_s.max(motor_move.duration_s());
         moves[axis.index()] = motor_move;
     }
     Ok((moves, duration_s))
-}
-
-fn limit(axis: Axis, name: &str, value: f64) -> Result<f64, Alarm> {
-    if value > 0.0 && value.is_finite() {
-        Ok(value)
-    } else {
-        let text = format!("{name} of axis {} is {value}", axis.letter());
-        Err(Alarm::new(&LIMIT_ZERO, text))
-    }
 }

@@ -6,25 +6,25 @@ use tandem_model::profile::{Law, PathPlace, Profile};
 
 use crate::block::RampedBlock;
 
-/// Segments kept behind the motion: how far back trace goes.
+/// Segments kept behind the motion: the reach of back trace.
 pub(crate) const PASSED_MAX: usize = 10_000;
 
-/// Segments farther behind are forgotten so many at a time. Reason: one by one each is fetched from memory for that.
+/// Older segments are dropped this many at a time: dropping them one by one costs a cache miss each.
 const FORGOTTEN_AT_ONCE: usize = 128;
 
-/// Room is made for so many segments at a time. Reason: twice the room each time is memory that nothing needs.
+/// The record grows by this many segments at a time: doubling it would waste memory.
 const ROOM: usize = 2048;
 
-/// Segments kept at all; the oldest are forgotten.
+/// Most segments kept; the oldest are dropped.
 const SEGMENTS_MAX: usize = 65_536;
 
 /// Segments put out, in order; those of a G500 chain as they were before look-ahead.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Record {
     entries: VecDeque<Entry>,
-    /// There is no way back into this segment and those before it.
+    /// There is no way back into this segment or an earlier one.
     barrier: u64,
-    /// The farthest place where a way back has begun: what was waited before it is not waited again.
+    /// The farthest place where a way back has begun: dwells before it are not repeated.
     turned_at: Option<PathPlace>,
 }
 
@@ -41,7 +41,7 @@ pub(crate) enum Entry {
     Alone(Box<Profile>),
     /// A block of a G501 chain.
     Ramped(RampedBlock),
-    /// What else is in no chain.
+    /// Any other segment outside of chains.
     OneWay(Box<Profile>),
 }
 
@@ -56,7 +56,7 @@ impl Entry {
     /// Plan time at its end, s.
     pub(crate) fn plan_s(&self) -> f64 {
         match self {
-            Entry::Paced(block) | Entry::Ramped(block) => block.plan_s,
+            Entry::Paced(block) | Entry::Ramped(block) => block.ramped.plan_s,
             Entry::Alone(profile) | Entry::OneWay(profile) => profile.duration_s,
         }
     }
@@ -112,7 +112,7 @@ impl Record {
         self.barrier = segment;
     }
 
-    /// Index of the segment that holds a place or comes behind it, and plan time within it, s.
+    /// Index of the segment at a place or after it, and plan time within it, s.
     fn find(&self, place: PathPlace) -> (usize, f64) {
         let at = self
             .entries
@@ -129,7 +129,7 @@ impl Record {
         }
     }
 
-    /// A place within a block of a G500 chain, plan time `ahead_s` or more beyond this one; `None`: there is none.
+    /// See [`Planner::place_ahead`](crate::Planner::place_ahead).
     pub(crate) fn place_ahead(&self, from: PathPlace, ahead_s: f64) -> Option<PathPlace> {
         let (first, at_s) = self.find(from);
         let mut left_s = at_s + ahead_s;
@@ -138,7 +138,7 @@ impl Record {
             if let Entry::Paced(block) = entry
                 && left_s < whole_s
             {
-                // Never at its very ends: there the block is another one.
+                // Never at its very ends, where the block changes.
                 let plan_s = left_s.max(0.5 * whole_s.min(ahead_s));
                 return Some(PathPlace {
                     segment: block.segment,
@@ -150,20 +150,20 @@ impl Record {
         None
     }
 
-    /// Forgets what begins in the segment of this place or behind it, and continues with another record.
+    /// Replaces everything from the segment of this place on by another record.
     pub(crate) fn replace(&mut self, from: PathPlace, by: Record) {
         let (first, _) = self.find(from);
         self.entries.truncate(first);
         self.extend(by.entries.into_iter());
     }
 
-    /// What follows a place, and plan time within the first, s.
+    /// The entries after a place, and plan time within the first, s.
     pub(crate) fn ahead(&self, from: PathPlace) -> (impl Iterator<Item = &Entry>, f64) {
         let (first, from_s) = self.find(from);
         (self.entries.range(first.min(self.entries.len())..), from_s)
     }
 
-    /// How much of an entry has been waited, s: a dwell is waited once in all.
+    /// The part of a dwell that has been waited, s: in total it is waited once.
     pub(crate) fn waited_s(&self, entry: &Entry) -> f64 {
         match self.turned_at {
             Some(at) if entry.is_dwell() && entry.segment() < at.segment => entry.plan_s(),
@@ -172,7 +172,7 @@ impl Record {
         }
     }
 
-    /// What lies behind a place as far as there is a way back, from there on, and plan time within the first, s.
+    /// The entries before a place, in reverse, as far as there is a way back, and plan time within the first, s.
     pub(crate) fn behind(&self, from: PathPlace) -> (impl Iterator<Item = &Entry>, f64) {
         let (at, plan_s) = self.find(from);
         let end = (at + usize::from(plan_s > 0.0)).min(self.entries.len());

@@ -1,5 +1,4 @@
-//! A new plan for profiles that were put out, from the current place on: with another override, or backwards (back
-//! trace).
+//! A new plan, from the current place on, for profiles already put out: with another override, or backwards (back trace).
 
 use std::collections::VecDeque;
 
@@ -12,11 +11,11 @@ use crate::record::{Entry, Record};
 #[derive(Debug)]
 pub struct Replan {
     pub(crate) from: PathPlace,
-    /// The last segment that lies behind that place.
+    /// The last segment before that place.
     pub passed: u64,
     pub(crate) look_ahead: LookAhead,
     pub(crate) record: Record,
-    /// What follows that place.
+    /// The new profiles from that place on.
     pub profiles: VecDeque<Profile>,
 }
 
@@ -31,7 +30,7 @@ impl Replan {
         }
     }
 
-    /// Plans what follows a place, and then the blocks that look-ahead holds.
+    /// Plans the entries after a place, and then the blocks that look-ahead holds.
     pub(crate) fn forward(record: &Record, held: &LookAhead, from: PathPlace, at_rest: bool) -> Self {
         let (entries, from_s) = record.ahead(from);
         let mut entries = entries.cloned().peekable();
@@ -47,7 +46,7 @@ impl Replan {
         new
     }
 
-    /// Plans the way back from a place at rest, as far as there is one; no profiles: there is none.
+    /// Plans the way back from a place at rest; no profiles: there is none.
     pub(crate) fn backward(record: &Record, held: &LookAhead, from: PathPlace) -> Self {
         let mut new = Self::empty(from, held);
         if !record.has_way_back(from) {
@@ -64,7 +63,7 @@ impl Replan {
         new
     }
 
-    /// True when the motion may go on at its place: it can come to rest again within the new plan.
+    /// True when the motion may continue from its place: it can come to rest again within the new plan.
     pub fn can_begin(&self) -> bool {
         self.profiles.back().is_some_and(|last| match &last.law {
             Law::Paced { pace, .. } => pace.free_to >= self.from.segment,
@@ -72,8 +71,8 @@ impl Replan {
         })
     }
 
-    /// Plans entries to be passed one after another, the first one in this way, the others whole. Backward the last of
-    /// them ends at rest even where its path continues; forward more may follow.
+    /// Plans entries one after another, the first from its passage on, the others whole. Backward the last of them ends at
+    /// rest even where its path continues; forward more may follow.
     fn pass_all(
         &mut self,
         record: &Record,
@@ -113,7 +112,7 @@ impl Replan {
     }
 }
 
-/// True when the path rests by itself at the end of an entry that a passage leads to.
+/// True when the path is at rest where a passage leaves an entry.
 fn passes_to_rest(entry: &Entry, passage: Passage) -> bool {
     match entry {
         Entry::Paced(block) if passage.is_backward => block.begins_at_rest(0.0),
@@ -122,7 +121,7 @@ fn passes_to_rest(entry: &Entry, passage: Passage) -> bool {
     }
 }
 
-/// True when the motion begins at rest on a path that does not rest there by itself.
+/// True when the motion begins at rest where the path as planned is moving.
 fn is_begun_within(entry: &Entry, passage: Passage) -> bool {
     match entry {
         Entry::Paced(block) if passage.is_backward => passage.from_s > 0.0 || !block.ends_at_rest(),
@@ -131,7 +130,7 @@ fn is_begun_within(entry: &Entry, passage: Passage) -> bool {
     }
 }
 
-/// Plan time of an entry that is no block of a chain. On the way back nothing is waited.
+/// The stretch of an entry outside of chains. On the way back dwells are skipped.
 fn stretch(record: &Record, entry: &Entry, passage: Passage) -> Stretch {
     let whole_s = entry.plan_s();
     if passage.is_backward {

@@ -2,8 +2,8 @@
 
 /// Number and text in Markdown, ascending: a group (`M1b`) with its title, then its rules (`M1b.1`).
 ///
-/// They are about the whole way from the block to the motors: parts of them are carried out in the crates of the path
-/// and of the servo cycle.
+/// They cover everything from the block to the motors: the crates of the path and of the servo cycle implement parts of
+/// them.
 #[rustfmt::skip] // one row a line
 pub static RULES: &[(&str, &str)] = &[
     ("M1a", "A block at feedrate, from rest to rest"),

@@ -1,6 +1,6 @@
 //! G02 and G03: from the words to the circle in machine coordinates (M1f, D21, D26).
 
-use tandem_model::alarm::{ARC_DISTORTED, ARC_IMPOSSIBLE, VALUE_NOT_FINITE};
+use tandem_model::alarm::{ARC_DISTORTED, ARC_IMPOSSIBLE, VALUE_NOT_FINITE, check_finite};
 use tandem_model::flow::{Arc, ArcShape, Block, Frame, Path, Rotation, Scaling, Transform};
 use tandem_model::plane::{Plane, Turn};
 use tandem_model::{Alarm, ArcPath, Axis, AxisVector};
@@ -10,7 +10,7 @@ use crate::stage::PathStage;
 use crate::transform;
 
 impl PathStage {
-    /// The path of an arc; `None` when R0 leads nowhere.
+    /// The path of an arc; `None` for R0 without a distance.
     pub(crate) fn arc(&self, block: &Block, arc: &Arc) -> Result<Option<Path>, Alarm> {
         let plane = arc.plane.axes();
         if let Some(axis) = plane.into_iter().find(|axis| !self.axes.contains(*axis)) {
@@ -24,10 +24,7 @@ impl PathStage {
         let Some((scale, flips)) = transform::arc_scale(&transform, arc.plane) else {
             return Err(Alarm::new(&ARC_DISTORTED, distortion(&transform, arc.plane)));
         };
-        let turn = match (arc.turn, flips) {
-            (Turn::Clockwise, false) | (Turn::CounterClockwise, true) => Turn::Clockwise,
-            (Turn::CounterClockwise, false) | (Turn::Clockwise, true) => Turn::CounterClockwise,
-        };
+        let turn = if flips { arc.turn.reversed() } else { arc.turn };
         let chord = plane.map(|axis| to[axis] - self.at[axis]);
         let closed = chord[0].hypot(chord[1]) < LENGTH_MIN;
         let from_start = match arc.shape {
@@ -51,7 +48,12 @@ impl PathStage {
                     );
                     return Err(Alarm::new(&ARC_IMPOSSIBLE, text).of_words("R"));
                 }
-                centre_from_radius(chord, radius * scale, turn, self.arc_radius_tolerance_mm)?
+                centre_from_radius(
+                    chord,
+                    radius * scale,
+                    turn,
+                    self.settings.motion.arc_radius_tolerance_mm,
+                )?
             }
         };
         self.around(from_start, to, arc, turn).map(Path::Arc).map(Some)
@@ -79,7 +81,7 @@ impl PathStage {
                 return Err(Alarm::new(&ARC_IMPOSSIBLE, text).of_words(centre_words(arc.plane)));
             }
         }
-        let tolerance = self.spiral_tolerance_mm;
+        let tolerance = self.settings.motion.spiral_tolerance_mm;
         if tolerance > 0.0 && (end_radius - start_radius).abs() > tolerance {
             let text = format!(
                 "The radius is {start_radius:.6} mm at the start, {end_radius:.6} mm at the end, and spiral_tolerance \
@@ -88,16 +90,11 @@ impl PathStage {
             return Err(Alarm::new(&ARC_IMPOSSIBLE, text).of_words(centre_words(arc.plane)));
         }
         let path = ArcPath::new(self.at, to, arc.plane, centre, turn);
-        if path.length().is_finite() {
-            Ok(path)
-        } else {
-            let text = format!("The length of the arc is {}", path.length());
-            Err(Alarm::new(&VALUE_NOT_FINITE, text))
-        }
+        check_finite("The length of the arc", path.length()).map(|()| path)
     }
 }
 
-/// What an arc of this plane meets in a transform that would not leave it an arc.
+/// The parts of a transform that distort an arc of this plane.
 fn distortion(transform: &Transform, plane: Plane) -> String {
     let scaling = transform.scaling.map(|Scaling { factors, .. }| {
         let [x, y, z] = factors;
@@ -128,9 +125,7 @@ fn centre_from_radius(
     tolerance_mm: f64,
 ) -> Result<[f64; 2], Alarm> {
     let length = chord[0].hypot(chord[1]);
-    if !radius.is_finite() {
-        return Err(Alarm::new(&VALUE_NOT_FINITE, format!("R is {radius}")));
-    }
+    check_finite("R", radius)?;
     if length < LENGTH_MIN {
         let text = format!("R {radius:.6} mm: the target is the start point in the arc's plane");
         return Err(Alarm::new(&ARC_IMPOSSIBLE, text).of_words("R"));

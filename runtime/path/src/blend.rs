@@ -8,12 +8,12 @@ use tandem_model::{Alarm, Axis};
 use crate::length::LENGTH_MIN;
 use crate::stage::PathStage;
 
-/// How far a path goes away from the joint in one direction of an axis.
+/// The distance of a path from the joint in one direction of an axis.
 #[derive(Debug, Clone, Copy)]
 struct Side {
-    /// What it comes to at the most.
+    /// Its maximum.
     height: f64,
-    /// What it comes to at the other end of the blend, were it as steep everywhere as it is anywhere.
+    /// Its bound at the other end of the blend by the steepest slope of the path.
     steep: f64,
 }
 
@@ -34,11 +34,11 @@ impl Side {
 }
 
 impl PathStage {
-    /// Where two blocks are blended they stay within the soft limits together.
+    /// Checks that the blend of two blocks stays within the soft limits.
     ///
-    /// The blend starts `v T/2` before the joint and ends as far behind it. In it the point is that of the one block, plus
-    /// that of the other, less the joint; at the share u of its time the one has `(1 - u)^2` of its part left at the most
-    /// and the other has gone `u^2` of its own. Lines stay within their hull.
+    /// The blend begins `v T/2` before the joint and ends as far after it. Its points are those of the one block plus those
+    /// of the other minus the joint; at the share u of its time at most `(1 - u)^2` of the first part is left, and at most
+    /// `u^2` of the second one is covered. Lines stay within their hull.
     pub(crate) fn blend_within_soft_limits(
         &self,
         before: &SegmentMotion,
@@ -60,11 +60,7 @@ impl PathStage {
         let ramp_s = ramp_s(f).max(ramp_s(g));
         let zones = [zone(first, f, ramp_s), zone(second, g, ramp_s)];
         let joint = second.start();
-        let limited = self
-            .axes
-            .iter()
-            .filter(|axis| self.soft_limits[axis.index()].is_some());
-        for axis in limited {
+        for axis in self.limited_axes() {
             let steep = |slope: fn(&Path, Axis) -> f64| {
                 [zones[0] * slope(first, axis), zones[1] * slope(second, axis)]
             };
@@ -99,8 +95,7 @@ impl PathStage {
     }
 }
 
-/// The farthest that both together come to. Between the shares at which one of them becomes as high as it comes the sum is
-/// a convex function.
+/// The largest distance of both together. Between the shares at which one of them reaches its maximum the sum is convex.
 fn farthest([first, second]: [Side; 2]) -> f64 {
     [0.0, 1.0 - first.full(), second.full(), 1.0]
         .into_iter()
@@ -108,17 +103,17 @@ fn farthest([first, second]: [Side; 2]) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// Duration of a blend at the most, s.
+/// Upper bound of the duration of a blend, s.
 fn ramp_s(feed: &Feed) -> f64 {
     (feed.ta_ms.max(feed.td_ms).max(feed.ts_ms) + feed.ts_ms) / 1000.0
 }
 
-/// Length of a block's part in a blend at the most: short blocks have shorter ramps.
+/// Upper bound of the length of a block's part in a blend: short blocks have shorter ramps.
 fn zone(path: &Path, feed: &Feed, ramp_s: f64) -> f64 {
     (feed.feedrate_mm_min / 60.0 * ramp_s / 2.0).min(path.length() / 2.0)
 }
 
-/// A bound of the slope that costs nothing on arcs: X, Y and Z never go farther than the path.
+/// A bound of the slope that is cheap on arcs: X, Y and Z never move farther than the path.
 fn steepest_at_most(path: &Path, axis: Axis) -> f64 {
     if axis.is_orthogonal() {
         1.0

@@ -1,17 +1,16 @@
 //! The shortest length that is a motion, and the straight line between two places.
 
-use tandem_model::alarm::VALUE_NOT_FINITE;
+use tandem_model::alarm::check_finite;
 use tandem_model::flow::Path;
 use tandem_model::{Alarm, AxisVector};
 
 /// Distances below this are rounding, not motion: mm or degrees. It is also the tolerance of the soft limits.
 ///
-/// Reason: sums of incremental words and work offsets err by about 1e-12 of the position; a millionth of a
-/// micrometre is below what any motor resolves. Without it a block of rotary axes whose X is off by a rounding
-/// error would count F over that error.
+/// Reason: sums of incremental words and work offsets err by about 1e-12 of the position, and no motor resolves a
+/// millionth of a micrometre. Without it F of a block of rotary axes would count along a rounding error of X.
 pub const LENGTH_MIN: f64 = 1e-9;
 
-/// The straight line between two machine positions; `None` when that is no move.
+/// The straight line between two machine positions; `None` when they are equal but for rounding.
 pub(crate) fn line_between(from: AxisVector, to: AxisVector) -> Result<Option<Path>, Alarm> {
     if !moves(from, to) {
         return Ok(None);
@@ -23,14 +22,11 @@ pub(crate) fn line_between(from: AxisVector, to: AxisVector) -> Result<Option<Pa
     } else {
         orthogonal
     };
-    if !length.is_finite() {
-        let text = format!("The length of the block is {length}");
-        return Err(Alarm::new(&VALUE_NOT_FINITE, text));
-    }
+    check_finite("The length of the block", length)?;
     Ok(Some(Path::Line { from, to, length }))
 }
 
-/// True where the two places are not the same but for rounding.
+/// True for positions that differ by more than rounding.
 pub(crate) fn moves(from: AxisVector, to: AxisVector) -> bool {
     to.minus(from)
         .0

@@ -1,6 +1,6 @@
 //! Blocks in, segments out.
 
-use tandem_model::alarm::{COMPENSATION_REFUSED, FEEDRATE_MISSING, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
+use tandem_model::alarm::{COMPENSATION_REFUSED, FEEDRATE_MISSING, VALUE_OUT_OF_RANGE, check_finite};
 use tandem_model::flow::{
     Action, AxisWords, Block, Compensation, Feed, MultiBlock, Path, PathControl, Segment, SegmentEnd,
     SegmentMotion, Transform,
@@ -15,64 +15,30 @@ use crate::transform::{self, finite};
 /// The path stage of one coordinate system.
 #[derive(Debug, Clone)]
 pub struct PathStage {
+    pub(crate) settings: CoordinateSystemSettings,
     pub(crate) axes: AxisSet,
-    pub(crate) soft_limits: [Option<[f64; 2]>; tandem_model::AXES_MAX],
-    /// First to fourth, machine positions.
-    reference_points: [AxisVector; 4],
-    pub(crate) arc_radius_tolerance_mm: f64,
-    /// 0: any difference of the radii makes a spiral.
-    pub(crate) spiral_tolerance_mm: f64,
-    default_feedrate_mm_min: f64,
-    rotary_feedrate_deg_min: f64,
-    max_feedrate_mm_min: f64,
-    /// The most that Z alone can go.
-    pub(crate) max_z_feedrate_mm_min: f64,
-    /// Of dry run.
-    dry_run_feedrate_mm_min: f64,
     dry_run: bool,
     pub(crate) transform: Transform,
     /// Where the last block ends as programmed; with cutter compensation the tool's centre is elsewhere.
     pub(crate) at: AxisVector,
-    /// Change of the tool length that no motion block has made good yet (D22), mm.
+    /// Change of the tool length that no motion block has applied yet (D22), mm.
     pub(crate) tool_shift: f64,
     /// Between blocks and segments: G41 and G42.
     pub(crate) compensator: Compensator,
-    /// What came out of it for one block; kept for its memory.
+    /// Its output for one block; kept to reuse the memory.
     legs: Vec<Leg>,
-    /// The last segment, while it is open whether it ends in a stop.
+    /// The last segment, until it is known whether it ends in a stop.
     held_back: Option<Segment>,
-    /// The last segment is a G31 of which it is open where it ends.
+    /// The last segment is a G31 whose end is not known yet.
     is_skipping: bool,
 }
 
 impl PathStage {
     /// A stage at a machine position, with the identity transform.
     pub fn new(settings: &CoordinateSystemSettings, at: MachinePosition) -> Self {
-        let max_z_velocity = (settings.motors[Axis::Z.index()].as_ref()).map(|motor| motor.max_velocity);
         Self {
+            settings: settings.clone(),
             axes: settings.axes(),
-            soft_limits: std::array::from_fn(|i| {
-                settings.motors[i].as_ref().and_then(|motor| motor.soft_limits)
-            }),
-            reference_points: std::array::from_fn(|point| {
-                AxisVector(std::array::from_fn(|i| {
-                    settings.motors[i]
-                        .as_ref()
-                        .map_or(0.0, |motor| motor.reference_points[point])
-                }))
-            }),
-            arc_radius_tolerance_mm: settings.motion.arc_radius_tolerance_mm,
-            spiral_tolerance_mm: settings.motion.spiral_tolerance_mm,
-            default_feedrate_mm_min: settings.default_feedrate_mm_min,
-            rotary_feedrate_deg_min: settings.rotary_feedrate_deg_min,
-            max_feedrate_mm_min: settings.max_feedrate_mm_min,
-            max_z_feedrate_mm_min: max_z_velocity.map_or(settings.max_feedrate_mm_min, |velocity| {
-                settings.max_feedrate_mm_min.min(velocity * 60.0)
-            }),
-            dry_run_feedrate_mm_min: match settings.motion.dry_run_feedrate_mm_min {
-                configured if configured > 0.0 => configured,
-                _ => settings.max_feedrate_mm_min,
-            },
             dry_run: false,
             transform: Transform::default(),
             at: at.0,
@@ -84,8 +50,8 @@ impl PathStage {
         }
     }
 
-    /// Dry run: cutting blocks to come move at the feedrate of dry run in place of F. A thread keeps its pitch, so F and S
-    /// stay there.
+    /// Dry run: further cutting blocks move at the feedrate of dry run in place of F. A thread keeps F and S, and so its
+    /// pitch.
     pub fn set_dry_run(&mut self, on: bool) {
         self.dry_run = on;
     }
@@ -95,27 +61,27 @@ impl PathStage {
         self.dry_run
     }
 
-    /// Takes a block; what is certain of the way comes out. The last block of a chain is held back until the next
-    /// one decides whether it stops there: see [`PathStage::flush`]. With cutter compensation up to [`LOOK_AHEAD_MAX`]
-    /// blocks are held back.
+    /// Takes a block, and puts out the segments that are final. The last block of a chain is held back until the next one
+    /// decides whether it stops there: see [`PathStage::flush`]. With cutter compensation up to [`LOOK_AHEAD_MAX`] blocks
+    /// are held back.
     ///
     /// # Errors
-    /// An alarm at the block's origin when it cannot run; the stage is as before the block then, and nothing was
-    /// put out for it: `VALUE_NOT_FINITE`, `VALUE_OUT_OF_RANGE` (negative dwell, scale factor 0, reference point not
+    /// An alarm at the block's origin when it cannot run; the stage is then as before the block, which puts out
+    /// nothing: `VALUE_NOT_FINITE`, `VALUE_OUT_OF_RANGE` (negative dwell, scale factor 0, reference point not
     /// 1 to 4), `AXIS_MISSING`, `SOFT_LIMIT`, `FEEDRATE_MISSING`, `OFFSET_IN_FORCE` (D23), `ARC_IMPOSSIBLE`,
     /// `ARC_DISTORTED` (D21), `SPINDLE_SPEED_MISSING`, `TAP_OFF_AXIS`.
     ///
     /// With cutter compensation also `COMPENSATION_REFUSED`, `COMPENSATION_LEAD_SHORT`, `COMPENSATION_ARC_SMALL`,
     /// `COMPENSATION_CORNER`, `COMPENSATION_SPIRAL`, `COMPENSATION_LOOK_AHEAD` and `OVERCUT`, at the first block that
-    /// cannot be gone. What is certain before it has been put out (the block just before it is not: the refused one
-    /// decides where it ends), and the compensation is over.
+    /// cannot move. The final segments before it have been put out (without the block just before it, whose end depends on
+    /// the refused one), and the compensation has ended.
     ///
     /// [`LOOK_AHEAD_MAX`]: crate::LOOK_AHEAD_MAX
     pub fn push(&mut self, block: &Block, out: &mut Vec<Segment>) -> Result<(), Alarm> {
         let taken = self.take(block, out);
         taken.map_err(|alarm| {
             self.compensator.abandon(&mut self.legs);
-            // A leg beyond a soft limit ends the way as well: the alarm that is there already came first.
+            // A leg beyond a soft limit ends the path as well, but the first alarm counts.
             let _ = self.join_legs(out);
             match alarm.origin {
                 Some(_) => alarm,
@@ -124,18 +90,14 @@ impl PathStage {
         })
     }
 
-    /// The program waits and continues later: puts out what is certain, ending in an exact stop. With cutter
-    /// compensation blocks stay held back until those behind them show that no overcut comes.
-    ///
-    /// # Errors
-    /// None so far: each alarm is raised by the block's own [`PathStage::push`].
-    pub fn flush(&mut self, out: &mut Vec<Segment>) -> Result<(), Alarm> {
+    /// The program waits and continues later: puts out the segments that are final, ending in an exact stop. With cutter
+    /// compensation blocks stay held back until the next ones show that there is no overcut.
+    pub fn flush(&mut self, out: &mut Vec<Segment>) {
         self.release(SegmentEnd::ExactStop, out);
-        Ok(())
     }
 
-    /// The program ends here, well or with an alarm: puts out what is certain, ending in an exact stop, and forgets
-    /// the rest. Within cutter compensation the last block is among the rest, since where it ends is open.
+    /// The program ends here, with or without an alarm: puts out the segments that are final, ending in an exact stop, and
+    /// drops the others. Within cutter compensation the last block is dropped, since its end is not known.
     ///
     /// # Errors
     /// `SOFT_LIMIT` of a block that was held back.
@@ -166,8 +128,7 @@ impl PathStage {
         &self.transform
     }
 
-    /// Segments that are still to come of the blocks pushed so far; fewer come when some are left out to prevent an
-    /// overcut.
+    /// Upper bound of the segments still to come of the blocks pushed so far; some may be left out to prevent an overcut.
     pub fn held_back(&self) -> usize {
         usize::from(self.held_back.is_some()) + self.compensator.pending()
     }
@@ -178,8 +139,8 @@ impl PathStage {
         MachinePosition(self.at)
     }
 
-    /// Where the next block counts from: the last block's end, with a change of tool length that no motion block has
-    /// made good yet (D22).
+    /// The position from which the next block counts: the last block's end, with a change of tool length that no motion block
+    /// has applied yet (D22).
     pub fn counts_from(&self) -> MachinePosition {
         let mut from = self.at;
         from[Axis::Z] += self.tool_shift;
@@ -225,12 +186,7 @@ impl PathStage {
     }
 
     fn dwell(&mut self, block: &Block, dwell_s: f64, out: &mut Vec<Segment>) -> Result<(), Alarm> {
-        if !dwell_s.is_finite() {
-            return Err(Alarm::new(
-                &VALUE_NOT_FINITE,
-                format!("The dwell time is {dwell_s}"),
-            ));
-        }
+        check_finite("The dwell time", dwell_s)?;
         if dwell_s < 0.0 {
             let text = format!("The dwell time {dwell_s} s is below 0");
             return Err(Alarm::new(&VALUE_OUT_OF_RANGE, text));
@@ -279,13 +235,7 @@ impl PathStage {
         self.is_skipping = false;
     }
 
-    fn rapid_to(&mut self, block: &Block, to: AxisVector, out: &mut Vec<Segment>) {
-        if moves(self.at, to) {
-            self.go_to_rest(block, SegmentMotion::Rapid { from: self.at, to }, to, out);
-        }
-    }
-
-    /// Puts out a motion that ends at rest here, whatever comes behind.
+    /// Puts out a motion that ends at rest in any case.
     pub(crate) fn go_to_rest(
         &mut self,
         block: &Block,
@@ -312,13 +262,10 @@ impl PathStage {
         out: &mut Vec<Segment>,
     ) -> Result<(), Alarm> {
         self.without_offsets(block, "A move to a reference point")?;
-        let reference = usize::from(point)
-            .checked_sub(1)
-            .and_then(|i| self.reference_points.get(i).copied());
-        let Some(reference) = reference else {
+        if !(1..=4).contains(&point) {
             let text = format!("The reference point {point} is not 1 to 4");
             return Err(Alarm::new(&VALUE_OUT_OF_RANGE, text));
-        };
+        }
         let (middle, named) = if words.named.is_empty() {
             (self.at, self.axes)
         } else {
@@ -326,14 +273,18 @@ impl PathStage {
         };
         let mut to = middle;
         for axis in named.iter() {
-            to[axis] = reference[axis];
+            let motor = self.settings.motors[axis.index()].as_ref();
+            to[axis] = motor.map_or(0.0, |motor| motor.reference_points[usize::from(point) - 1]);
         }
         finite(to, "reference point")?;
         self.within_all_soft_limits(self.at, middle)?;
         self.within_all_soft_limits(middle, to)?;
         self.release(SegmentEnd::ExactStop, out);
-        self.rapid_to(block, middle, out);
-        self.rapid_to(block, to, out);
+        for to in [middle, to] {
+            if moves(self.at, to) {
+                self.go_to_rest(block, SegmentMotion::Rapid { from: self.at, to }, to, out);
+            }
+        }
         if words.named.is_empty() {
             self.tool_shift = 0.0;
         } else {
@@ -374,7 +325,7 @@ impl PathStage {
         Ok(())
     }
 
-    /// Lets a block's motion through the compensation, and puts out what comes of it.
+    /// Passes a block's motion through the compensation, and puts out the result.
     fn advance(
         &mut self,
         block: &Block,
@@ -393,7 +344,7 @@ impl PathStage {
             multi_block: block.multi_block,
         };
         let wanted = self.side(block)?;
-        let Some(side) = self.compensator.side().or(wanted) else {
+        let Some(side) = self.compensator.side.or(wanted) else {
             return self.join(segment, stop_before, out);
         };
         let leg = Leg {
@@ -417,7 +368,7 @@ impl PathStage {
         joined
     }
 
-    /// The next piece of the way: now it is known how the one before ends.
+    /// Takes the next segment, which decides how the one before ends.
     fn join(&mut self, segment: Segment, stop_before: bool, out: &mut Vec<Segment>) -> Result<(), Alarm> {
         self.segment_within_soft_limits(&segment.motion)
             .map_err(|alarm| alarm.at(segment.origin))?;
@@ -425,22 +376,20 @@ impl PathStage {
             self.blend_within_soft_limits(&before.motion, &segment.motion)
                 .map_err(|alarm| alarm.at(segment.origin))?;
         }
-        if segment.end == SegmentEnd::ExactStop {
-            self.release(SegmentEnd::ExactStop, out);
-            out.push(segment);
+        let end = if stop_before {
+            SegmentEnd::ExactStop
         } else {
-            let end = if stop_before {
-                SegmentEnd::ExactStop
-            } else {
-                SegmentEnd::Continuous
-            };
-            self.release(end, out);
-            self.held_back = Some(segment);
+            segment.end
+        };
+        self.release(end, out);
+        match segment.end {
+            SegmentEnd::ExactStop => out.push(segment),
+            SegmentEnd::Continuous => self.held_back = Some(segment),
         }
         Ok(())
     }
 
-    /// The machine rests between the blocks so far and those to come.
+    /// The machine rests between the blocks so far and the next one.
     fn stop(&mut self, out: &mut Vec<Segment>) {
         if self.compensator.is_on() {
             self.compensator.stop();
@@ -456,12 +405,7 @@ impl PathStage {
             Compensation::Left { radius, plane } => (radius, plane, true),
             Compensation::Right { radius, plane } => (radius, plane, false),
         };
-        if !radius.is_finite() {
-            return Err(Alarm::new(
-                &VALUE_NOT_FINITE,
-                format!("The tool's radius is {radius}"),
-            ));
-        }
+        check_finite("The tool's radius", radius)?;
         if radius < 0.0 {
             let text = format!("The tool's radius {radius} mm is below 0");
             return Err(Alarm::new(&VALUE_OUT_OF_RANGE, text));
@@ -479,42 +423,33 @@ impl PathStage {
         };
         let mut feed = self.feed_in_force(block, rotary_only)?;
         if self.dry_run {
-            feed.feedrate_mm_min = self.dry_run_feedrate_mm_min;
+            feed.feedrate_mm_min = match self.settings.motion.dry_run_feedrate_mm_min {
+                configured if configured > 0.0 => configured,
+                _ => self.settings.max_feedrate_mm_min,
+            };
         }
-        feed.feedrate_mm_min = feed.feedrate_mm_min.min(self.max_feedrate_mm_min);
+        feed.feedrate_mm_min = feed.feedrate_mm_min.min(self.settings.max_feedrate_mm_min);
         Ok(feed)
     }
 
-    /// Feedrate as programmed and ramp times; the feedrate of its own for a block of rotary axes only.
+    /// Feedrate as programmed and ramp times; a block of rotary axes only has its own feedrate.
     pub(crate) fn feed_in_force(&self, block: &Block, rotary_only: bool) -> Result<Feed, Alarm> {
-        let Feed {
-            feedrate_mm_min,
-            ta_ms,
-            td_ms,
-            ts_ms,
-        } = block.feed;
         let programmed = if rotary_only {
             block.feedrate_deg_min
         } else {
-            feedrate_mm_min
+            block.feed.feedrate_mm_min
         };
-        let feedrate = if rotary_only && self.rotary_feedrate_deg_min > 0.0 {
-            self.rotary_feedrate_deg_min
+        let feedrate = if rotary_only && self.settings.rotary_feedrate_deg_min > 0.0 {
+            self.settings.rotary_feedrate_deg_min
         } else if programmed == 0.0 {
-            self.default_feedrate_mm_min
+            self.settings.default_feedrate_mm_min
         } else {
             programmed
         };
-        for (name, value) in [
-            ("feedrate", feedrate),
-            ("ta", ta_ms),
-            ("td", td_ms),
-            ("ts", ts_ms),
-        ] {
-            if !value.is_finite() {
-                return Err(Alarm::new(&VALUE_NOT_FINITE, format!("The {name} is {value}")));
-            }
-        }
+        check_finite("The feedrate", feedrate)?;
+        check_finite("The ta", block.feed.ta_ms)?;
+        check_finite("The td", block.feed.td_ms)?;
+        check_finite("The ts", block.feed.ts_ms)?;
         if feedrate <= 0.0 {
             let text = format!("The feedrate is {feedrate}");
             return Err(Alarm::new(&FEEDRATE_MISSING, text));

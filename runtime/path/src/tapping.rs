@@ -10,18 +10,9 @@ use tandem_model::{Alarm, Axis, AxisVector};
 use crate::length::LENGTH_MIN;
 use crate::stage::PathStage;
 
-/// A way in the thread as it will be cut.
-#[derive(Debug, Clone, Copy)]
-struct Thread {
-    to: AxisVector,
-    feed: Feed,
-    /// Without sign; 0: no spindle is locked to it.
-    revolutions: f64,
-}
-
 impl PathStage {
-    /// Refuses what would be found only on the way to a hole or in front of it. The first and the last hole bound all,
-    /// since the transforms are linear.
+    /// Raises the alarms of all holes of a cycle before it moves. The first and the last hole bound all, since the transforms
+    /// are linear.
     pub(crate) fn thread_ahead(&mut self, block: &Block, ahead: &ThreadAhead) -> Result<(), Alarm> {
         let before = (self.at, self.tool_shift);
         [1, ahead.repetitions].into_iter().try_for_each(|count| {
@@ -31,19 +22,19 @@ impl PathStage {
         })
     }
 
-    /// Goes in mind to a hole of a cycle, counted from 1, into it, and back to the initial level.
+    /// Checks the moves to a hole of a cycle, counted from 1, into it, and back to the initial level.
     fn hole(&mut self, block: &Block, ahead: &ThreadAhead, count: u16) -> Result<(), Alarm> {
         let mut position = ahead.position;
         if position.distance == Distance::Incremental {
             position.values = position.values.scaled(f64::from(count));
         }
-        self.go_in_mind(block, &position)?;
-        self.go_in_mind(block, &ahead.r_point)?;
+        self.check_move(block, &position)?;
+        self.check_move(block, &ahead.r_point)?;
         self.thread(block, &ahead.tap)?;
-        (ahead.initial.iter()).try_for_each(|level| self.go_in_mind(block, level))
+        (ahead.initial.iter()).try_for_each(|level| self.check_move(block, level))
     }
 
-    fn go_in_mind(&mut self, block: &Block, words: &AxisWords) -> Result<(), Alarm> {
+    fn check_move(&mut self, block: &Block, words: &AxisWords) -> Result<(), Alarm> {
         let to = self.target(block, words)?;
         self.within_all_soft_limits(self.at, to)?;
         self.at = to;
@@ -51,13 +42,9 @@ impl PathStage {
         Ok(())
     }
 
-    /// Takes a way in the thread.
+    /// Takes a move in the thread.
     pub(crate) fn tap(&mut self, block: &Block, tap: &Tap, out: &mut Vec<Segment>) -> Result<(), Alarm> {
-        let Thread {
-            to,
-            feed,
-            revolutions,
-        } = self.thread(block, tap)?;
+        let (to, feed, revolutions) = self.thread(block, tap)?;
         self.release(SegmentEnd::ExactStop, out);
         if (to[Axis::Z] - self.at[Axis::Z]).abs() >= LENGTH_MIN {
             let motion = SegmentMotion::Tap {
@@ -76,8 +63,9 @@ impl PathStage {
         Ok(())
     }
 
-    /// A way in the thread from here. Its revolutions are the machine's Z travel times S / F, whatever the transforms.
-    fn thread(&self, block: &Block, tap: &Tap) -> Result<Thread, Alarm> {
+    /// The end of a move in the thread from here, its feedrate, and its revolutions without sign; 0: no spindle is locked to
+    /// it. They are the machine's Z travel times S / F, whatever the transforms.
+    fn thread(&self, block: &Block, tap: &Tap) -> Result<(AxisVector, Feed, f64), Alarm> {
         let to = self.target(block, &tap.target)?;
         let aside = Axis::ALL
             .into_iter()
@@ -100,17 +88,14 @@ impl PathStage {
                 return Err(Alarm::new(&SPINDLE_SPEED_MISSING, text).of_words("S"));
             }
         };
-        Ok(Thread {
-            to,
-            feed,
-            revolutions,
-        })
+        Ok((to, feed, revolutions))
     }
 
-    /// Where no spindle of the coordinate system is locked to Z, nothing slows the spindle with it: the pitch is right
-    /// only at F itself.
+    /// Without a spindle locked to Z nothing slows the spindle down with it: the pitch is right only at F itself.
     fn as_fast_as_f(&self, feedrate: f64) -> Result<(), Alarm> {
-        let most = self.max_z_feedrate_mm_min;
+        let z = self.settings.motors[Axis::Z.index()].as_ref();
+        let velocity = z.map_or(f64::INFINITY, |motor| motor.max_velocity);
+        let most = self.settings.max_feedrate_mm_min.min(velocity * 60.0);
         if feedrate <= most {
             return Ok(());
         }

@@ -43,7 +43,7 @@ impl PathStage {
         Alarm::new(&AXIS_MISSING, format!("The block moves axis {}", axis.letter())).of_words(axis.letter())
     }
 
-    /// The target in the coordinates in force. Axes that no word moves stay as they are to the last bit.
+    /// The target in the coordinates in force. Axes that no word moves keep their position to the last bit.
     fn work_target(&self, words: &AxisWords, moves: bool) -> AxisVector {
         let transform = &self.transform;
         let mut from = self.at;
@@ -76,7 +76,7 @@ impl PathStage {
         to
     }
 
-    /// After a motion block: Z is where the tool length in force asks for it (D22), or where G53 has put it.
+    /// After a motion block: Z is at the position for the tool length in force (D22), or at that of G53.
     pub(crate) fn arrived(&mut self, block: &Block, words: &AxisWords) {
         let reached = match words.frame {
             Frame::Work => is_motion(block, words),
@@ -100,7 +100,7 @@ impl PathStage {
         Err(Alarm::new(&OFFSET_IN_FORCE, text))
     }
 
-    /// The axes that move from here to there end within their limits.
+    /// Checks that the axes that move end within their limits.
     pub(crate) fn within_all_soft_limits(&self, from: AxisVector, to: AxisVector) -> Result<(), Alarm> {
         Axis::ALL
             .into_iter()
@@ -108,7 +108,7 @@ impl PathStage {
             .try_for_each(|axis| self.within_soft_limits(axis, to[axis]))
     }
 
-    /// What a segment moves stays within its limits.
+    /// Checks that the axes that a segment moves stay within their limits.
     pub(crate) fn segment_within_soft_limits(&self, motion: &SegmentMotion) -> Result<(), Alarm> {
         match motion {
             SegmentMotion::Feed { path, .. } => match path {
@@ -122,24 +122,25 @@ impl PathStage {
         }
     }
 
-    /// An arc stays within the limits of its axes from its start on, turning points included.
+    /// Checks that an arc stays within the limits of its axes, turning points included.
     fn arc_within_soft_limits(&self, arc: &ArcPath) -> Result<(), Alarm> {
         let from = arc.start();
-        let limited = self
-            .axes
-            .iter()
-            .filter(|axis| self.soft_limits[axis.index()].is_some());
-        for axis in limited {
-            let [lowest, highest] = arc.reach(axis);
-            let moves = [lowest, highest]
-                .into_iter()
-                .any(|value| (value - from[axis]).abs() >= LENGTH_MIN);
-            if moves {
-                self.within_soft_limits(axis, lowest)?;
-                self.within_soft_limits(axis, highest)?;
+        for axis in self.limited_axes() {
+            let reach = arc.reach(axis);
+            if reach.iter().any(|value| (value - from[axis]).abs() >= LENGTH_MIN) {
+                (reach.iter()).try_for_each(|value| self.within_soft_limits(axis, *value))?;
             }
         }
         Ok(())
+    }
+
+    fn soft_limits(&self, axis: Axis) -> Option<[f64; 2]> {
+        self.settings.motors[axis.index()].as_ref()?.soft_limits
+    }
+
+    /// The axes with soft limits.
+    pub(crate) fn limited_axes(&self) -> impl Iterator<Item = Axis> {
+        (self.axes.iter()).filter(|axis| self.soft_limits(*axis).is_some())
     }
 
     fn within_soft_limits(&self, axis: Axis, value: f64) -> Result<(), Alarm> {
@@ -152,9 +153,9 @@ impl PathStage {
         Err(Alarm::new(&SOFT_LIMIT, text).of_words(letter))
     }
 
-    /// The soft limit beyond which a value lies: which, and where it is.
+    /// Name and position of the soft limit that a value exceeds.
     pub(crate) fn limit_passed(&self, axis: Axis, value: f64) -> Option<(&'static str, f64)> {
-        let [lowest, highest] = self.soft_limits[axis.index()]?;
+        let [lowest, highest] = self.soft_limits(axis)?;
         if value < lowest - LENGTH_MIN {
             Some(("lower", lowest))
         } else if value > highest + LENGTH_MIN {
@@ -165,7 +166,7 @@ impl PathStage {
     }
 }
 
-/// True for a block that moves: G02 and G03 do so without axis words, too.
+/// True for a block that moves: G02 and G03 also do so without axis words.
 fn is_motion(block: &Block, words: &AxisWords) -> bool {
     !words.named.is_empty() || matches!(block.action, Action::Arc(_))
 }

@@ -1,18 +1,18 @@
 //! Requirements of the transforms (D20) on words, arcs and numbers.
 
-use tandem_model::alarm::{VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE};
+use tandem_model::alarm::{VALUE_OUT_OF_RANGE, check_finite};
 use tandem_model::flow::Transform;
 use tandem_model::plane::Plane;
 use tandem_model::{Alarm, Axis, AxisVector};
 
-/// True when a word of one of these axes may move the other: the rotation's plane.
+/// The axes of the rotation's plane when this is one of them: a word of one moves both.
 pub(crate) fn couples(transform: &Transform, axis: Axis) -> Option<[Axis; 2]> {
     let axes = transform.rotation.as_ref()?.plane.axes();
     axes.contains(&axis).then_some(axes)
 }
 
-/// What an arc of this plane becomes: `None` when it is no arc of this plane any more (D21), else its scale and
-/// whether its sense of turning changes.
+/// The scale of an arc of this plane, and whether its sense of turning changes; `None` when the result is no arc of this
+/// plane (D21).
 pub(crate) fn arc_scale(transform: &Transform, plane: Plane) -> Option<(f64, bool)> {
     let rotated_out = transform
         .rotation
@@ -40,8 +40,8 @@ pub(crate) fn arc_scale(transform: &Transform, plane: Plane) -> Option<(f64, boo
     equal.then_some((first.abs(), first * second < 0.0))
 }
 
-/// True when left of the programmed path is right of the machine's: when the images of the plane's axes turn the other
-/// way round.
+/// True when left of the programmed path is right of the machine's path: when the images of the plane's axes turn in the
+/// opposite sense.
 pub(crate) fn swaps_sides(transform: &Transform, plane: Plane) -> bool {
     if transform.mirror.is_none() && transform.scaling.is_none() && transform.rotation.is_none() {
         return false;
@@ -78,21 +78,16 @@ pub(crate) fn check(transform: &Transform) -> Result<(), Alarm> {
         finite(rotation.centre, "centre of rotation")?;
         numbers.push(("angle of rotation", rotation.angle_deg));
     }
-    match numbers.iter().find(|(_, value)| !value.is_finite()) {
-        Some((name, value)) => Err(Alarm::new(&VALUE_NOT_FINITE, format!("The {name} is {value}"))),
-        None => Ok(()),
-    }
+    numbers
+        .into_iter()
+        .try_for_each(|(name, value)| check_finite(format_args!("The {name}"), value))
 }
 
 /// # Errors
 /// `VALUE_NOT_FINITE`, with the name of the first axis whose value is not a number.
 pub(crate) fn finite(vector: AxisVector, name: &str) -> Result<(), Alarm> {
-    let not_finite = Axis::ALL.into_iter().find(|&axis| !vector[axis].is_finite());
-    match not_finite {
-        None => Ok(()),
-        Some(axis) => {
-            let text = format!("The {name} of axis {} is {}", axis.letter(), vector[axis]);
-            Err(Alarm::new(&VALUE_NOT_FINITE, text))
-        }
-    }
+    Axis::ALL.into_iter().try_for_each(|axis| {
+        let name = format_args!("The {name} of axis {}", axis.letter());
+        check_finite(name, vector[axis])
+    })
 }

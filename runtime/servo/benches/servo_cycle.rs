@@ -15,7 +15,7 @@ use std::hint::black_box;
 use divan::Bencher;
 use tandem_model::flow::Path;
 use tandem_model::profile::{
-    ChainPlace, Law, MotorMove, Pace, PacePiece, Profile, SlewRoom, SpeedGrowth, Stretch, TimeBase,
+    ChainPlace, Law, MotorMove, Pace, PacePiece, Profile, Ramped, SlewRoom, SpeedGrowth, Stretch,
 };
 use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
@@ -52,7 +52,7 @@ fn servo(settings: &CoordinateSystemSettings, channels: usize) -> (Servo, Vec<Ch
 }
 
 /// A slow way of all axes that lasts as long as the bench.
-fn law(rapid: bool) -> (Law, TimeBase) {
+fn law(rapid: bool) -> Law {
     let from = AxisVector::ZERO;
     let to = AxisVector([1000.0; AXES_MAX]);
     if rapid {
@@ -64,30 +64,30 @@ fn law(rapid: bool) -> (Law, TimeBase) {
         };
         let moves = [slow; AXES_MAX];
         let stretch = Stretch::whole(DURATION_S);
-        let law = Law::Motors {
+        Law::Motors {
             from,
             to,
             moves,
             stretch,
-        };
-        (law, TimeBase::Rapid)
+        }
     } else {
         let length = to.orthogonal_length();
         let ramp = UnitRamp::new(DURATION_S / 4.0, DURATION_S / 4.0);
         let path = Path::Line { from, to, length };
-        let law = Law::Ramped {
+        let block = Ramped {
             path,
             speed: 2.0 * length / DURATION_S,
             start: ramp,
             stop: ramp,
             begun_s: 0.0,
             next: None,
-            place: ChainPlace {
-                first_segment: 1,
-                ends_s: DURATION_S,
-            },
+            plan_s: DURATION_S,
         };
-        (law, TimeBase::Feed)
+        let place = ChainPlace {
+            first_segment: 1,
+            ends_s: DURATION_S,
+        };
+        Law::Ramped { block, place }
     }
 }
 
@@ -95,14 +95,12 @@ fn moving(channels: usize, axes: usize, rapid: bool) -> (Servo, Vec<ChannelHandl
     let settings = settings(axes);
     let (mut servo, mut handles) = servo(&settings, channels);
     for handle in &mut handles {
-        let (law, time_base) = law(rapid);
         let profile = Profile {
             segment: 1,
             epoch: 0,
             origin: Origin::default(),
-            law,
+            law: law(rapid),
             duration_s: DURATION_S,
-            time_base,
             exact_stop: true,
         };
         assert!(handle.profiles.push(profile).is_ok());
@@ -168,17 +166,18 @@ fn paced() -> Profile {
         epoch: 0,
         origin: Origin::default(),
         law: Law::Paced {
-            path: Path::Line { from, to, length },
-            speed: 2.0 * length / DURATION_S,
-            start: ramp,
-            stop: ramp,
-            begun_s: 0.0,
-            next: None,
-            plan_s: DURATION_S,
+            block: Ramped {
+                path: Path::Line { from, to, length },
+                speed: 2.0 * length / DURATION_S,
+                start: ramp,
+                stop: ramp,
+                begun_s: 0.0,
+                next: None,
+                plan_s: DURATION_S,
+            },
             pace: Pace::new(pieces, DURATION_S, 1.0, 1),
         },
         duration_s: DURATION_S,
-        time_base: TimeBase::Feed,
         exact_stop: true,
     }
 }

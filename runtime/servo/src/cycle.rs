@@ -59,7 +59,7 @@ impl Channel {
             self.start_from_rest(time_s);
         }
         self.executing = self.current.as_ref().map(|profile| profile.origin);
-        self.time_base = self.current.as_ref().map(|profile| profile.time_base);
+        self.time_base = self.current.as_ref().map(|profile| profile.law.time_base());
         self.velocity = self.setpoint.minus(before).scaled(1.0 / self.period_s);
         self.turn_spindle();
     }
@@ -417,8 +417,8 @@ impl Channel {
 
     /// As a share of what a pace was planned for: that is the fastest that the motors allow.
     pub(crate) fn override_of(&self, profile: &Profile) -> f64 {
-        match (profile.time_base, &profile.law) {
-            (TimeBase::Feed, Law::Paced { pace, .. }) => {
+        match (profile.law.time_base(), &profile.law) {
+            (_, Law::Paced { pace, .. }) => {
                 let share = (self.feed_override / pace.feed_override).min(1.0);
                 if self.splice.is_some() {
                     share * APPROACH

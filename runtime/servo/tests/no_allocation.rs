@@ -10,7 +10,7 @@ use rtrb::RingBuffer;
 use tandem_model::flow::{Feed, MultiBlock, Path, Segment, SegmentEnd, SegmentMotion, TapLeg};
 use tandem_model::plane::{Plane, Turn};
 use tandem_model::profile::{
-    ChainPlace, Law, Lead, MotorLimits, MotorMove, PathPlace, Profile, Stretch, TimeBase,
+    ChainPlace, Law, Lead, MotorLimits, MotorMove, PathPlace, Profile, Ramped, Stretch,
 };
 use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings, SimulatedSkip};
@@ -84,9 +84,9 @@ fn servo<const N: usize>(systems: [(&CoordinateSystemSettings, usize); N]) -> (S
 fn profile(n: u64) -> Profile {
     let (from, to) = (AxisVector::ZERO, AxisVector([1.0; AXES_MAX]));
     let ramp = UnitRamp::new(0.01, 0.01);
-    let (law, time_base) = match n % 3 {
-        0 => (
-            Law::Ramped {
+    let law = match n % 3 {
+        0 => Law::Ramped {
+            block: Ramped {
                 path: Path::Line {
                     from,
                     to,
@@ -97,16 +97,16 @@ fn profile(n: u64) -> Profile {
                 stop: ramp,
                 begun_s: 0.0,
                 next: None,
-                place: ChainPlace {
-                    first_segment: n + 1,
-                    ends_s: 0.05,
-                },
+                plan_s: 0.05,
             },
-            TimeBase::Feed,
-        ),
+            place: ChainPlace {
+                first_segment: n + 1,
+                ends_s: 0.05,
+            },
+        },
         1 => {
             let stretch = Stretch::whole(0.05);
-            (Law::Rest { at: to, stretch }, TimeBase::Fixed)
+            Law::Rest { at: to, stretch }
         }
         _ => {
             let back = MotorMove {
@@ -115,13 +115,12 @@ fn profile(n: u64) -> Profile {
                 jerk_s: 0.005,
                 cruise_s: 0.01,
             };
-            let law = Law::Motors {
+            Law::Motors {
                 from: to,
                 to: from,
                 moves: [back; AXES_MAX],
                 stretch: Stretch::whole(0.05),
-            };
-            (law, TimeBase::Rapid)
+            }
         }
     };
     Profile {
@@ -130,7 +129,6 @@ fn profile(n: u64) -> Profile {
         origin: Origin::default(),
         law,
         duration_s: 0.05,
-        time_base,
         exact_stop: n % 3 != 1,
     }
 }
@@ -171,7 +169,7 @@ fn paced() -> Vec<Profile> {
         };
         planner.push(&segment, &mut out).unwrap();
     }
-    planner.flush(&mut out).unwrap();
+    planner.flush(&mut out);
     out.into()
 }
 
@@ -334,40 +332,28 @@ fn chain_and_skip() -> [(Law, f64); 4] {
         length: 1.0,
     };
     let (back, moves) = (y_alone(-2.5), y_alone(1.0));
+    let ramped = |path: &Path, begun_s, next: Option<&Path>, plan_s, ends_s| Law::Ramped {
+        block: Ramped {
+            path: path.clone(),
+            speed,
+            start: ramp,
+            stop: ramp,
+            begun_s,
+            next: next.map(|path| Lead {
+                path: path.clone(),
+                speed,
+            }),
+            plan_s,
+        },
+        place: ChainPlace {
+            first_segment: 1,
+            ends_s,
+        },
+    };
+    let arc_s = arc.length() / speed;
     [
-        (
-            Law::Ramped {
-                path: line,
-                speed,
-                start: ramp,
-                stop: ramp,
-                begun_s: 0.0,
-                next: Some(Lead {
-                    path: arc.clone(),
-                    speed,
-                }),
-                place: ChainPlace {
-                    first_segment: 1,
-                    ends_s: 0.05,
-                },
-            },
-            0.03 + 0.02,
-        ),
-        (
-            Law::Ramped {
-                path: arc.clone(),
-                speed,
-                start: ramp,
-                stop: ramp,
-                begun_s: 0.02,
-                next: None,
-                place: ChainPlace {
-                    first_segment: 1,
-                    ends_s: 0.05 + arc.length() / speed,
-                },
-            },
-            arc.length() / speed,
-        ),
+        (ramped(&line, 0.0, Some(&arc), 0.05, 0.05), 0.05),
+        (ramped(&arc, 0.02, None, arc_s, 0.05 + arc_s), arc_s),
         (
             Law::Motors {
                 from: end,
@@ -400,7 +386,6 @@ fn blended_blocks_arcs_and_skip_inputs_neither_allocate_nor_free() {
             origin: Origin::default(),
             law,
             duration_s,
-            time_base: TimeBase::Feed,
             exact_stop: segment != 1,
         };
         handle.profiles.push(profile).unwrap();
@@ -448,7 +433,6 @@ fn a_thread_neither_allocates_nor_frees() {
             origin: Origin::default(),
             law,
             duration_s: 0.05,
-            time_base: TimeBase::Fixed,
             exact_stop: true,
         };
         handle.profiles.push(profile).unwrap();
@@ -525,7 +509,7 @@ fn either_way(planner: &mut Planner) -> VecDeque<Profile> {
         };
         planner.push(&segment, &mut planned).unwrap();
     }
-    planner.flush(&mut planned).unwrap();
+    planner.flush(&mut planned);
     planned
 }
 

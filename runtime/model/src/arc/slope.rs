@@ -4,6 +4,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use super::ArcPath;
 use crate::axis::Axis;
+use crate::bisect;
 
 /// Halvings of the share of the angle. Around its highest place the slope falls with the square of the distance, so
 /// 2^-40 of the arc leaves nothing but rounding.
@@ -12,21 +13,20 @@ const HALVINGS: u32 = 40;
 impl ArcPath {
     /// Largest change of an axis per mm of the path, but for rounding.
     pub fn steepest(&self, axis: Axis) -> f64 {
-        let place = self
-            .plane
-            .axes()
-            .into_iter()
-            .position(|in_plane| in_plane == axis);
-        let Some(place) = place else {
-            let way = (self.to[axis] - self.from[axis]).abs();
-            if way == 0.0 {
-                return 0.0;
-            }
-            let [start, end] = self.radii();
-            return way / self.length_rate(start.min(end));
-        };
         // The first axis is steepest where the direction of travel is level, the second where it is a quarter turn off.
-        let offset = if place == 0 { 0.0 } else { FRAC_PI_2 };
+        let offset = match self.plane.axes() {
+            [first, _] if first == axis => 0.0,
+            [_, second] if second == axis => FRAC_PI_2,
+            _ => {
+                let way = (self.to[axis] - self.from[axis]).abs();
+                let [start, end] = self.radii();
+                return if way == 0.0 {
+                    0.0
+                } else {
+                    way / self.length_rate(start.min(end))
+                };
+            }
+        };
         let ends = self.slope(0.0, offset).max(self.slope(1.0, offset));
         self.steepest_between(offset)
             .map_or(ends, |share| ends.max(self.slope(share, offset)))
@@ -69,15 +69,7 @@ impl ArcPath {
         if !(first..=last).contains(&wanted) {
             return None;
         }
-        let (mut low, mut high) = (0.0, 1.0);
-        for _ in 0..HALVINGS {
-            let share = f64::midpoint(low, high);
-            if angle(share) > wanted {
-                high = share;
-            } else {
-                low = share;
-            }
-        }
+        let [low, high] = bisect([0.0, 1.0], HALVINGS, |share| angle(share) <= wanted);
         Some(f64::midpoint(low, high))
     }
 }

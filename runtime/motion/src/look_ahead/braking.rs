@@ -1,5 +1,5 @@
-//! How far the motion may continue on what is known: from any point it must be able to come to rest on its path by the
-//! override factor alone and within the limits of the motors.
+//! How far the motion may continue on the known profiles: from any point it must be able to come to rest on its path by
+//! the override factor alone and within the limits of the motors.
 
 use std::collections::VecDeque;
 
@@ -8,16 +8,17 @@ use tandem_model::profile::SlewRoom;
 /// Servo periods that the servo may be late with slowing.
 const LATE_PERIODS: f64 = 3.0;
 
-/// What is planned to its end, and not yet free to be passed.
+/// The planned motion that is not yet free to be passed.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Braking {
     parts: VecDeque<Part>,
-    free_to: u64,
+    /// The last segment through which the motion may continue.
+    pub(super) free_to: u64,
     /// Segments fall.
     is_backward: bool,
 }
 
-/// A long piece keeps its ends apart from its middle, which no neighbour touches within a servo cycle.
+/// Splits a long piece into its ends and its middle, which no servo cycle shares with a neighbour.
 fn ends_apart(whole_s: f64, period_s: f64) -> [f64; 3] {
     if whole_s > 4.0 * period_s {
         [period_s, whole_s - 2.0 * period_s, period_s]
@@ -35,7 +36,7 @@ struct Part {
 }
 
 impl Braking {
-    /// A chain begins with this segment: all before it ends in rest.
+    /// A chain begins with this segment: everything before it ends at rest.
     pub(super) fn begin(&mut self, segment: u64, is_backward: bool) {
         self.parts.clear();
         self.is_backward = is_backward;
@@ -51,14 +52,10 @@ impl Braking {
         }
     }
 
-    /// The chain ends in rest with this segment.
+    /// The chain ends at rest with this segment.
     pub(super) fn end(&mut self, segment: u64) {
         self.parts.clear();
         self.free_to = segment;
-    }
-
-    pub(super) fn free_to(&self) -> u64 {
-        self.free_to
     }
 
     /// Adds a segment by its pieces: duration and room of each.
@@ -80,10 +77,10 @@ impl Braking {
         }
     }
 
-    /// Frees the segments from whose ends on the factor can still go from 1 to 0 within the parts, as steeply as the motors
-    /// can: slower, as under feed hold, it may while more becomes known. Within a part of duration d the square of the
-    /// factor falls by `2 s d`, where s is the least fall that this part and its neighbours leave: a servo cycle may touch
-    /// two.
+    /// Frees the segments from whose ends the factor can still fall from 1 to 0 within the parts, as steeply as the motors
+    /// allow; a feed hold may be slower, because more parts become known meanwhile. Within a part of duration d the square
+    /// of the factor falls by `2 s d`, where s is the least fall allowed by this part and its neighbours, since a servo cycle
+    /// may touch two.
     pub(super) fn free(&mut self, period_s: f64) {
         let mut square = 0.0_f64;
         let mut late_s = LATE_PERIODS * period_s;

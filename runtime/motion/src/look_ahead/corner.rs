@@ -1,5 +1,4 @@
-//! A ramp where a motor has a maximum jerk: it is passed at a single rate at which no motor exceeds its limits anywhere
-//! on it.
+//! A ramp where a motor has a maximum jerk is passed at a single rate, at which no motor exceeds its limits.
 //!
 //! Let dv be the change of a motor's velocity over a ramp of `ta` and `ts`. At the rate w its acceleration is at most
 //! `|dv|/ta w^2` and its jerk `|dv|/(ta ts) w^3` (M1b); a changing rate would add steps of acceleration. A ramp without
@@ -21,17 +20,17 @@ use super::way::{self, Way};
 /// Rounding of an acceleration, relative to its limit.
 const ROUNDING: f64 = 1e-9;
 
-/// What a block has at the rate 1; nothing of one at rest.
+/// The motion of a block at the rate 1; zero at rest.
 #[derive(Debug, Clone, Copy, Default)]
 struct Side {
-    /// Where the blocks meet.
+    /// At the joint.
     velocity: AxisVector,
-    /// The most of the second and third derivative that its bending gives.
+    /// Bounds of the second and third derivative by its curvature.
     bends: [AxisVector; 2],
 }
 
 impl Side {
-    /// Of a block, between these distances along it, the first of which is where the blocks meet.
+    /// Of a block between these distances along it, the first of which is at the joint.
     fn new(path: &Path, slopes: AxisVector, speed: f64, [at, to]: [f64; 2]) -> Self {
         match path {
             Path::Line { .. } => Self {
@@ -39,7 +38,7 @@ impl Side {
                 ..Self::default()
             },
             Path::Arc(arc) => {
-                // As between the ramps (`curve`), so that the rate need not fall behind the ramp.
+                // As between the ramps (`curve`), so that the rate need not fall after the ramp.
                 let within = if curve::opens_wide(arc) {
                     [at.min(to), at.max(to)]
                 } else {
@@ -55,29 +54,29 @@ impl Side {
     }
 }
 
-/// The largest square of the rate on the ramp from rest at the begin of a block; infinite: without a limit.
+/// The largest square of the rate on the ramp from rest at the begin of a block; infinite without a limit.
 pub(super) fn from_rest(way: &Way<'_>, motors: &Motors) -> f64 {
     if !motors.has_jerk || !way.begins_at_rest() {
         return f64::INFINITY;
     }
-    let gone = way.speed * way.start.duration_s() / 2.0;
-    let own = Side::new(way.path, way.slopes[0], way.speed, [0.0, gone]);
-    largest_square(way.start, [Side::default(), own], motors)
+    let gone = way.block.speed * way.block.start.duration_s() / 2.0;
+    let own = Side::new(&way.block.path, way.slopes[0], way.block.speed, [0.0, gone]);
+    largest_square(way.block.start, [Side::default(), own], motors)
 }
 
-/// The largest square of the rate on the ramp at the end of a block; infinite: without a limit.
+/// The same on the ramp at the end of a block.
 pub(super) fn at_end(way: &Way<'_>, motors: &Motors) -> f64 {
     if !motors.has_jerk {
         return f64::INFINITY;
     }
-    let half_s = way.stop.duration_s() / 2.0;
-    let length = way.path.length();
-    let own = [length, length - way.speed * half_s];
-    let own = Side::new(way.path, way.slopes[0], way.speed, own);
-    let next = way.lead.map_or(Side::default(), |(path, speed)| {
-        Side::new(path, way.slopes[1], speed, [0.0, speed * half_s])
+    let half_s = way.block.stop.duration_s() / 2.0;
+    let length = way.block.path.length();
+    let own = [length, length - way.block.speed * half_s];
+    let own = Side::new(&way.block.path, way.slopes[0], way.block.speed, own);
+    let next = way.block.next.as_ref().map_or(Side::default(), |next| {
+        Side::new(&next.path, way.slopes[1], next.speed, [0.0, next.speed * half_s])
     });
-    largest_square(way.stop, [own, next], motors)
+    largest_square(way.block.stop, [own, next], motors)
 }
 
 fn largest_square(ramp: UnitRamp, [own, next]: [Side; 2], motors: &Motors) -> f64 {

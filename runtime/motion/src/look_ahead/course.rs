@@ -1,10 +1,10 @@
-//! The measure by which the rate passes a piece: plan time, or, on a ramp between blocks of different speeds, the
-//! distance along both of them.
+//! The rate on a piece is measured by plan time or, on a ramp between blocks of different speeds, by the distance along
+//! both of them.
 //!
 //! On such a ramp the velocity changes with plan time however slowly the machine moves, so a rate whose square is
 //! linear in plan time cannot keep a constant speed; measured by distance, a ramp between two blocks of one direction
-//! is a straight line. With the speeds v1 and v2, `U = v1 (1 - S) + v2 S`, and the distance u in seconds at the speed
-//! `U_0` at which the piece begins, `r = U/U_0`:
+//! is a straight line. With the speeds v1 and v2, `U = v1 (1 - S) + v2 S`, and the distance u in seconds at the initial
+//! speed `U_0` of the piece, `r = U/U_0`:
 //!
 //! * `ds_2/du = v2 S/r` and `ds_1/du = v1 (1 - S)/r`;
 //! * the second to fourth derivatives of `s_2` are `k S'/r^3`, `k (S''/r^4 - 3 p S'^2/r^5)` and `k (15 p^2 S'^3/r^7 -
@@ -17,18 +17,18 @@ use tandem_model::{Axis, AxisVector};
 
 use super::way::{self, Along, End, Most, Motion, Way};
 
-/// A piece by what its rate counts.
+/// A piece in the measure of its rate: plan time or distance.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Course {
     pub(super) motion: Motion,
-    /// Plan time, or distance at the speed of its begin, s.
+    /// Plan time, or distance at its initial speed, s.
     pub(super) length_s: f64,
     /// None by plan time.
     pub(super) growth: SpeedGrowth,
-    /// Square of the speed at its end by that at its begin: the square of the rate by distance is the one by plan time
-    /// times this there.
+    /// Square of the speed at its end over that at its begin: the square of the rate by distance over that by plan time at
+    /// its end.
     pub(super) scale: f64,
-    /// Share by which the square of the rate by plan time may be above those at both ends between them.
+    /// Share by which the square of the rate by plan time may exceed both ends between them.
     pub(super) excess: f64,
 }
 
@@ -58,27 +58,32 @@ struct Place {
 impl Way<'_> {
     /// A piece within one phase by plan time.
     pub(super) fn by_plan_time(&self, from_s: f64, to_s: f64) -> Course {
-        Course::by_plan_time(&self.motion(from_s, to_s), to_s - from_s)
+        let within_s = f64::midpoint(from_s, to_s);
+        let (from, to) = (self.end(from_s, within_s), self.end(to_s, within_s));
+        Course::by_plan_time(&self.between(&from, &to), to_s - from_s)
     }
 
-    /// A piece within one phase by distance; `None`: it does not lie on a ramp between different speeds.
+    /// A piece within one phase by distance; `None` outside of ramps between different speeds.
     pub(super) fn by_distance(&self, from_s: f64, to_s: f64) -> Option<Course> {
         let speeds = self.uneven?;
         let stop_begins_s = self.stop_begins_s();
         let ends = [from_s, to_s].map(|t_s| {
             if self.passage.is_backward {
-                self.plan_s - t_s
+                self.block.plan_s - t_s
             } else {
                 t_s
             }
         });
         let within_s = f64::midpoint(ends[0], ends[1]);
-        if within_s <= stop_begins_s || within_s >= self.plan_s {
+        if within_s <= stop_begins_s || within_s >= self.block.plan_s {
             return None;
         }
         let [begin, end] = ends.map(|t_s| {
-            let [slope, bend] = self.stop.slopes(t_s - stop_begins_s, within_s - stop_begins_s);
-            let share = self.stop.speed(t_s - stop_begins_s);
+            let [slope, bend] = self
+                .block
+                .stop
+                .slopes(t_s - stop_begins_s, within_s - stop_begins_s);
+            let share = self.block.stop.speed(t_s - stop_begins_s);
             Place {
                 t_s,
                 share,
@@ -94,7 +99,7 @@ impl Way<'_> {
             forward
         };
         let length_s = growth.distance_s(to_s - from_s);
-        // As the pace will count it, so that rounding in plan time makes no step of the rate.
+        // Computed as in the pace, so that rounding in plan time makes no step of the rate.
         let grown = growth.speed(to_s - from_s);
         let least = grown.min(1.0);
         let convex = (ramp.change * begin.bend).max(0.0);
@@ -108,7 +113,7 @@ impl Way<'_> {
     }
 
     fn motion_by_distance(&self, ramp: &Ramp, places: [Place; 2], length_s: f64) -> Option<Motion> {
-        let [own, next] = [self.path, self.lead?.0];
+        let [own, next] = [&self.block.path, &self.block.next.as_ref()?.path];
         let within_s = f64::midpoint(places[0].t_s, places[1].t_s);
         let alongs = places.map(|place| ramp.along(&place, self.along(place.t_s, within_s)));
         let mut turn = AxisVector::ZERO;
@@ -136,7 +141,7 @@ impl Way<'_> {
                 };
                 let distances = [from.distance, to.distance];
                 motion.bend(arc, distances, most, 0.0);
-                // The direction changes along the piece, too.
+                // The direction changes along the piece as well.
                 turn = turn.zip(way::bends(arc, distances)[0], |turn, bent| {
                     turn + bent * most.speed * length_s / 2.0
                 });
@@ -150,7 +155,7 @@ impl Way<'_> {
     }
 }
 
-/// A ramp between two speeds, all of it by the speed at the begin of a piece.
+/// A ramp between two speeds, relative to the initial speed of a piece.
 #[derive(Debug, Clone, Copy)]
 struct Ramp {
     speeds: [f64; 2],
@@ -173,7 +178,7 @@ impl Ramp {
         }
     }
 
-    /// U by that at the begin.
+    /// U over that at the begin.
     fn speed(&self, place: &Place) -> f64 {
         self.own + self.change * place.share
     }
@@ -185,7 +190,7 @@ impl Ramp {
         }
     }
 
-    /// Its own block and the next one by distance, from what they are by plan time.
+    /// Its own block and the next one by distance, from those by plan time.
     fn along(&self, place: &Place, by_plan_time: [Along; 2]) -> [Along; 2] {
         let r = self.speed(place);
         let [own, next] = self.speeds;

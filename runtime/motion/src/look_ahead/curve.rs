@@ -1,5 +1,5 @@
 //! An arc between its ramps where a motor has a maximum jerk: its rate changes as on a line, within the acceleration
-//! and jerk that the curvature leaves at the largest rate.
+//! and jerk left by the curvature at the largest rate.
 //!
 //! With the derivatives p' to p''' by distance and the speed v, at the rate w the acceleration is `p'' v^2 w^2 + p' v
 //! w'`, the jerk `p''' v^3 w^3 + 3 p'' v^2 w w' + p' v w''`.
@@ -10,20 +10,20 @@ use super::limits::{Bounds, SQUARE_MIN};
 use super::straight::Straight;
 use super::way::{self, Way};
 
-/// The largest share of a limit that the bending takes. What is left changes the rate.
+/// The largest share of a limit for the curvature; the rest changes the rate.
 const SHARE: f64 = 0.75;
 
-/// The largest radius of a spiral over its smallest one up to which its bending is that at its narrowest.
+/// The largest ratio of the radii of a spiral whose curvature counts everywhere as that at its narrowest.
 const SPIRAL_MAX: f64 = 1.5;
 
-/// How the rate may change on an arc, and its largest square; `None`: no motor of it has a maximum jerk, or it is a spiral
-/// that opens wide.
+/// How the rate may change on an arc, and its largest square; `None` unless a motor that it moves has a maximum jerk, and
+/// for a spiral that opens wide.
 pub(super) fn straightened(way: &Way<'_>, arc: &ArcPath, bounds: Bounds<'_>) -> Option<(Straight, f64)> {
     let motors = bounds.motors;
     if !motors.has_jerk || opens_wide(arc) {
         return None;
     }
-    let v = way.speed;
+    let v = way.block.speed;
     let [second, third] = way::bends(arc, [0.0, arc.length()]);
     let each = Axis::ALL.map(|axis| {
         let by_speed = [
@@ -48,7 +48,7 @@ pub(super) fn straightened(way: &Way<'_>, arc: &ArcPath, bounds: Bounds<'_>) -> 
     let [mut change, mut jerk] = [f64::INFINITY; 2];
     for ([first, second, third], inverse, inverse_jerk) in &each {
         let left = |taken: f64| (1.0 - taken).max(1.0 - SHARE);
-        // Half of it for each of both.
+        // Half for each of both terms.
         let left_of_jerk = left(third * square * rate * inverse_jerk) / 2.0;
         change = change
             .min(left(second * square * inverse) / (first * inverse))
@@ -59,7 +59,7 @@ pub(super) fn straightened(way: &Way<'_>, arc: &ArcPath, bounds: Bounds<'_>) -> 
     Some((Straight { change, jerk }, square))
 }
 
-/// True for a spiral whose bending at its narrowest is not that of all of it.
+/// True for a spiral whose curvature at its narrowest is far above the rest of it.
 pub(super) fn opens_wide(arc: &ArcPath) -> bool {
     let [start, end] = arc.radii();
     start.max(end) > SPIRAL_MAX * start.min(end)

@@ -15,29 +15,29 @@ use super::{corner, curve};
 /// The largest change of a velocity on one piece of a ramp, as a share of it.
 const CHANGE_MAX: f64 = 0.25;
 
-/// The largest share of a limit left for what lies between the ends of a piece before it is halved for its rate.
+/// The largest share of a limit for the deviation between the ends of a piece before it is halved.
 const BEND_MAX: f64 = 0.04;
 
-/// The same, as a share of what the motion at the ends leaves of a limit.
+/// The same, as a share of the part of a limit that the motion at the ends does not use.
 const LEFT_MAX: f64 = 0.25;
 
-/// The largest share by which the square of the rate may be above those at the ends of a piece.
+/// The largest share by which the square of the rate may exceed those at the ends of a piece.
 const EXCESS_MAX: f64 = 0.1;
 
-/// A ramp is halved so often at most.
+/// Most halvings of a ramp.
 const HALVINGS_MAX: u32 = 4;
 
-/// As many parts as that.
+/// The same as a number of parts.
 const PARTS_MAX: f64 = 16.0;
 
-/// The largest turn of an arc on one piece, rad: 0.6 percent of the centripetal acceleration is left for what lies
+/// The largest turn of an arc on one piece, rad: it reserves 0.6 percent of the centripetal acceleration for the deviation
 /// between the ends.
 const TURN_MAX: f64 = 0.4;
 
-/// A piece is cut into so many at most where the rate needs it.
+/// Most parts of a piece that is halved for its rate.
 const LEAST: f64 = 256.0;
 
-/// Pieces of one phase at most.
+/// Most pieces of one phase.
 const PIECES_MAX: f64 = 512.0;
 
 /// A ramp shorter than this share of its block's plan time is rounding.
@@ -46,7 +46,7 @@ const RAMP_MIN: f64 = 1e-14;
 /// A way between ramps shorter than this share of its block's plan time is rounding.
 const BETWEEN_MIN: f64 = 1e-8;
 
-/// Adds the pieces of a way, and gives how many.
+/// Adds the pieces of a block, and returns their number.
 pub(super) fn cut(way: &Way<'_>, bounds: Bounds<'_>, pieces: &mut VecDeque<Piece>) -> usize {
     let before = pieces.len();
     let begin_s = way.passage.from_s;
@@ -62,7 +62,7 @@ pub(super) fn cut(way: &Way<'_>, bounds: Bounds<'_>, pieces: &mut VecDeque<Piece
             Part::Between => BETWEEN_MIN,
             Part::Start | Part::Stop => RAMP_MIN,
         };
-        if phase.to_s - phase.from_s.max(at_s) <= least * way.plan_s {
+        if phase.to_s - phase.from_s.max(at_s) <= least * way.block.plan_s {
             continue;
         }
         let phase = Phase {
@@ -76,7 +76,7 @@ pub(super) fn cut(way: &Way<'_>, bounds: Bounds<'_>, pieces: &mut VecDeque<Piece
             Part::Stop => at_end,
         };
         let mut cutter = Cutter::new(way, bounds, [phase.from_s, phase.to_s], pieces);
-        match (phase.part, way.path) {
+        match (phase.part, &way.block.path) {
             (Part::Between, Path::Line { .. }) => {
                 let (straight, cap) = on_line(way, bounds);
                 cutter.pieces.push_back(Piece::straight(straight, cap, phase));
@@ -86,23 +86,23 @@ pub(super) fn cut(way: &Way<'_>, bounds: Bounds<'_>, pieces: &mut VecDeque<Piece
                     cutter.pieces.push_back(Piece::straight(straight, cap, phase));
                     continue;
                 }
-                let swept = arc.swept() * way.speed * (phase.to_s - phase.from_s) / arc.length();
+                let swept = arc.sweep().abs() * way.block.speed * (phase.to_s - phase.from_s) / arc.length();
                 cutter.whole((swept / TURN_MAX).ceil().clamp(1.0, PIECES_MAX), false);
             }
             (Part::Start | Part::Stop, _) => cutter.whole(1.0, false),
         }
     }
-    if pieces.len() == before && way.plan_s > begin_s {
-        Cutter::new(way, bounds, [begin_s, way.plan_s], pieces).whole(1.0, true);
+    if pieces.len() == before && way.block.plan_s > begin_s {
+        Cutter::new(way, bounds, [begin_s, way.block.plan_s], pieces).whole(1.0, true);
     }
-    // What was left out as rounding belongs to the last piece.
+    // Parts left out as rounding belong to the last piece.
     if let Some(last) = pieces.back_mut().filter(|_| at_s > begin_s) {
-        last.to_s = way.plan_s;
+        last.to_s = way.block.plan_s;
     }
     pieces.len() - before
 }
 
-/// Adds the pieces that a piece, planned as a whole, is cut into where the rate changes.
+/// Cuts a piece that was planned as a whole, because its rate changes.
 pub(super) fn cut_finer(way: &Way<'_>, bounds: Bounds<'_>, piece: &Piece, pieces: &mut VecDeque<Piece>) {
     let bounds = Bounds {
         cap: piece.cap,
@@ -115,40 +115,30 @@ pub(super) fn cut_finer(way: &Way<'_>, bounds: Bounds<'_>, piece: &Piece, pieces
 fn on_line(way: &Way<'_>, bounds: Bounds<'_>) -> (Straight, f64) {
     let most = |inverse: &[f64; AXES_MAX]| {
         Axis::ALL.into_iter().fold(0.0, |most: f64, axis| {
-            most.max(way.path.steepest(axis) * inverse[axis.index()])
+            most.max(way.block.path.steepest(axis) * inverse[axis.index()])
         })
     };
     let straight = Straight {
-        change: 2.0 / (most(&bounds.motors.inverse) * way.speed),
+        change: 2.0 / (most(&bounds.motors.inverse) * way.block.speed),
         jerk: if bounds.motors.has_jerk {
-            1.0 / (most(&bounds.motors.inverse_jerks) * way.speed)
+            1.0 / (most(&bounds.motors.inverse_jerks) * way.block.speed)
         } else {
             f64::INFINITY
         },
     };
     (
         straight,
-        bounds.cap_at(|axis| way.path.steepest(axis) * way.speed),
+        bounds.cap_at(|axis| way.block.path.steepest(axis) * way.block.speed),
     )
 }
 
-/// Cuts what lies within one phase.
+/// Cuts an interval within one phase.
 struct Cutter<'a> {
     way: &'a Way<'a>,
     bounds: Bounds<'a>,
     from_s: f64,
     to_s: f64,
     pieces: &'a mut VecDeque<Piece>,
-}
-
-/// What decides whether a piece is cut.
-struct Measure {
-    /// Change of the velocity between the ends against the slower one, over the largest that is left whole.
-    uneven: f64,
-    /// The velocity does not change its direction.
-    one_way: bool,
-    /// What lies between the ends against the limit, over the largest that is left whole.
-    bent: f64,
 }
 
 impl<'a> Cutter<'a> {
@@ -172,13 +162,13 @@ impl<'a> Cutter<'a> {
         self.way.end(t_s, f64::midpoint(self.from_s, self.to_s))
     }
 
-    /// All of it in n parts. `finer`: for a rate that changes.
+    /// Cuts all of it into n parts. `finer`: for a rate that changes.
     fn whole(&mut self, n: f64, finer: bool) {
         let (from, to) = (self.end(self.from_s), self.end(self.to_s));
         self.even([&from, &to], n, 0, finer);
     }
 
-    /// Cuts into n parts of one length, and each further where it must.
+    /// Cuts into n parts of equal length, and each further where needed.
     fn even(&mut self, [from, to]: [&End; 2], n: f64, depth: u32, finer: bool) {
         let mut middle = None;
         let mut k = 1.0;
@@ -191,9 +181,9 @@ impl<'a> Cutter<'a> {
         self.part([middle.as_ref().unwrap_or(from), to], depth, finer);
     }
 
-    /// Cuts until an arc bends little. What exceeds no limit at the block's largest rate is left so; else each piece is
-    /// cut until its velocity changes little against the slower end, too: evenly where its direction stays, else in
-    /// halves.
+    /// Cuts until an arc bends little. A piece on which no motor exceeds its limit at the block's largest rate stays whole;
+    /// any other is also cut until its velocity changes little against the slower end: evenly where its direction stays,
+    /// else in halves.
     fn part(&mut self, ends: [&End; 2], depth: u32, finer: bool) {
         let [from, to] = ends;
         let h_s = to.t_s - from.t_s;
@@ -230,39 +220,25 @@ impl<'a> Cutter<'a> {
         if !finer && !self.way.bends() {
             return None;
         }
-        let Measure {
-            uneven,
-            one_way,
-            bent,
-        } = self.measure(course);
+        let (motion, h_s) = (&course.motion, course.length_s);
+        let spread = Spread::new(motion, &self.bounds.motors.inverse);
+        // Change of the velocity between the ends against the slower one, over the largest allowed.
+        let uneven = spread.change_s.max(h_s / 4.0) / (CHANGE_MAX * spread.slower_s);
         if finer && uneven > 1.0 && depth < HALVINGS_MAX {
-            return Some(if one_way {
+            let keeps_direction = spread.change_s < spread.slower_s;
+            return Some(if keeps_direction {
                 (uneven.min(PARTS_MAX).ceil(), HALVINGS_MAX)
             } else {
                 (2.0, depth + 1)
             });
         }
-        // Little of the limit is left for what lies between the ends of an arc, at the rate that the limit allows. It
-        // falls with the square of the length at least.
-        let is_bent = bent > 1.0 && depth < 2 * HALVINGS_MAX;
-        is_bent.then(|| (bent.sqrt().ceil().min(PARTS_MAX), depth + 1))
-    }
-
-    fn measure(&self, course: &Course) -> Measure {
-        let Course {
-            motion,
-            length_s: h_s,
-            ..
-        } = course;
-        let spread = Spread::new(motion, &self.bounds.motors.inverse);
-        // The limit at the largest rate.
+        // Deviation between the ends over the largest allowed, at the limit for the largest rate.
         let most = 1.0 / self.bounds.cap.max(1.0);
         let left_out = h_s * h_s * spread.bend / 8.0;
         let least = (BEND_MAX * spread.used.max(most)).max(LEFT_MAX * (most - spread.used));
-        Measure {
-            uneven: spread.change_s.max(h_s / 4.0) / (CHANGE_MAX * spread.slower_s),
-            one_way: spread.change_s < spread.slower_s,
-            bent: (left_out / least).max(course.excess / EXCESS_MAX),
-        }
+        let bent = (left_out / least).max(course.excess / EXCESS_MAX);
+        // The deviation falls at least with the square of the length.
+        let is_bent = bent > 1.0 && depth < 2 * HALVINGS_MAX;
+        is_bent.then(|| (bent.sqrt().ceil().min(PARTS_MAX), depth + 1))
     }
 }

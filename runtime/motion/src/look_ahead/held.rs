@@ -10,19 +10,19 @@ use crate::block::RampedBlock;
 pub(super) struct Held {
     pub(super) block: RampedBlock,
     pub(super) passage: Passage,
-    /// The chain ends with it.
+    /// It is the last block of its chain.
     pub(super) is_last: bool,
     pub(super) feed_override: f64,
     pub(super) pieces: usize,
-    /// Largest x in it for the override and the servo period.
+    /// Largest square of the rate in it for the override and the servo period.
     pub(super) cap: f64,
 }
 
 impl Held {
-    /// What bounds its pieces, within these of the motors.
+    /// The limits of its pieces.
     pub(super) fn limits<'a>(&'a self, motors: &'a Motors, planes: &'a mut Vec<HalfPlane>) -> Limits<'a> {
         Limits {
-            way: Way::new(&self.block, self.passage),
+            way: Way::new(&self.block.ramped, self.passage),
             bounds: Bounds {
                 motors,
                 cap: self.cap,

@@ -12,20 +12,19 @@ use tandem_model::{AXES_MAX, Axis};
 
 use super::course::Course;
 use super::way::Motion;
-use crate::reserve::ACCELERATION_RESERVE;
+use crate::limit::ACCELERATION_RESERVE;
 
-/// Smallest square of the rate: a millionth of the rate without look-ahead. Nothing is ever slower, so every block ends.
+/// Smallest square of the rate: a millionth of the rate without look-ahead. The rate is never lower, so every block ends.
 pub(super) const SQUARE_MIN: f64 = 1e-12;
 
 /// Rounding of the constraints, relative to a limit.
 const ROUNDING: f64 = 1e-12;
 
-/// Far more than rounding, far less than what is left of a maximum acceleration: what rounding makes of two borders that
-/// are one must not cut the rate off, and a start on a border that hardly depends on the end must not lower it.
+/// Far above rounding, far below the reserve of the acceleration: two borders that differ only by rounding must not cut the
+/// rate off, and a start on a border that hardly depends on the end must not lower it.
 const SLACK: f64 = 1e-9;
 
-/// The same by the larger one of two factors, where a limit is a small difference of large values; never more than
-/// [`SLACK_MAX`].
+/// The same per unit of the larger factor, where a limit is a small difference of large values; at most [`SLACK_MAX`].
 const SLACK_OF_FACTORS: f64 = 32.0 * f64::EPSILON;
 const SLACK_MAX: f64 = 1e-6;
 
@@ -37,40 +36,36 @@ pub(super) struct HalfPlane {
 }
 
 impl HalfPlane {
-    /// What its sum may be above 1 by rounding.
+    /// Rounding of its sum above 1.
     fn slack(self) -> f64 {
         (self.left.abs().max(self.right.abs()) * SLACK_OF_FACTORS).clamp(SLACK, SLACK_MAX)
     }
 }
 
-/// Two-sided limit of a motor at one end of a piece, in shares of its maximum acceleration.
-#[derive(Debug, Clone, Copy)]
-struct Row {
-    left: f64,
-    right: f64,
-    /// Bound of what lies between the ends: `level (x0 + x1) + change |x1 - x0|`.
+/// The acceleration of a motor at both ends of a piece as factors of x0 and x1, in shares of its maximum, and the bound of
+/// its deviation between the ends: `level (x0 + x1) + change |x1 - x0|`.
+struct Rows {
+    ends: [[f64; 2]; 2],
     level: f64,
     change: f64,
 }
 
-/// The rows of one motor.
-fn rows(course: &Course, axis: Axis, inverse: f64) -> [Row; 2] {
-    let Course {
-        motion,
-        length_s: h_s,
-        ..
-    } = course;
-    let [q1, r1] = [motion.velocity[0][axis], motion.velocity[1][axis]].map(|v| v * inverse / (2.0 * h_s));
-    let [q2, r2] = [motion.acceleration[0][axis], motion.acceleration[1][axis]].map(|a| a * inverse);
-    let level = motion.fourth[axis] * inverse * h_s * h_s / 16.0;
-    let change = level + motion.third[axis] * inverse * h_s * (2.5 / 8.0);
-    let row = |left, right| Row {
-        left,
-        right,
-        level,
-        change,
-    };
-    [row(q2 - q1, q1), row(-r1, r2 + r1)]
+impl Rows {
+    fn new(course: &Course, axis: Axis, inverse: f64) -> Self {
+        let (motion, h_s) = (&course.motion, course.length_s);
+        let [q1, r1] = motion
+            .velocity
+            .map(|velocity| velocity[axis] * inverse / (2.0 * h_s));
+        let [q2, r2] = motion
+            .acceleration
+            .map(|acceleration| acceleration[axis] * inverse);
+        let level = motion.fourth[axis] * inverse * h_s * h_s / 16.0;
+        Self {
+            ends: [[q2 - q1, q1], [-r1, r2 + r1]],
+            level,
+            change: level + motion.third[axis] * inverse * h_s * (2.5 / 8.0),
+        }
+    }
 }
 
 /// The limits of the motors.
@@ -89,7 +84,7 @@ pub(super) struct Motors {
 }
 
 impl Motors {
-    /// Less what is left to feed hold.
+    /// Without the reserve for feed hold.
     pub(super) fn new(settings: &CoordinateSystemSettings) -> Self {
         let of_each = |value: fn(&MotorSettings) -> f64| {
             settings
@@ -118,8 +113,7 @@ pub(super) struct Bounds<'a> {
 }
 
 impl Bounds<'_> {
-    /// The largest square of the rate where no axis is faster than this at a rate of 1: without look-ahead the maximum
-    /// velocities hold at 1.
+    /// The largest square of the rate for axes at most this fast at a rate of 1, where the maximum velocities hold.
     pub(super) fn cap_at(self, fastest: impl Fn(Axis) -> f64) -> f64 {
         if self.cap <= 1.0 {
             return self.cap;
@@ -150,18 +144,19 @@ pub(super) fn half_planes(course: &Course, bounds: Bounds<'_>, planes: &mut Vec<
         if inverse == 0.0 {
             continue;
         }
-        for row in rows(course, axis, inverse) {
-            for [left, right] in [[row.left, row.right], [-row.left, -row.right]] {
-                add(left + row.level - row.change, right + row.level + row.change);
-                if row.change > 0.0 {
-                    add(left + row.level + row.change, right + row.level - row.change);
+        let Rows { ends, level, change } = Rows::new(course, axis, inverse);
+        for end in ends {
+            for [left, right] in [end, end.map(|factor| -factor)] {
+                add(left + level - change, right + level + change);
+                if change > 0.0 {
+                    add(left + level + change, right + level - change);
                 }
             }
         }
     }
 }
 
-/// What the ends of a piece differ in, in shares of the maximum accelerations: of each the largest of all motors.
+/// The differences between the ends of a piece in shares of the maximum accelerations, each the largest of all motors.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Spread {
     /// Change of the velocity, s.
@@ -199,9 +194,9 @@ impl Spread {
         spread
     }
 
-    /// How unlike the rates are that keep the velocity at both ends: the change of the velocity as a share of the slower
-    /// one, times the acceleration. With a square x of the rate linear over the piece, about x times that is left as
-    /// acceleration where the velocity would be kept.
+    /// How much the rates differ that keep the velocity at both ends: the change of the velocity as a share of the slower
+    /// one, times the acceleration. With a square x of the rate linear over the piece, about x times that remains as
+    /// acceleration where the velocity would be constant.
     pub(super) fn sway(&self) -> f64 {
         if self.slower_s > 0.0 {
             self.swing + self.change_s / self.slower_s * self.used
@@ -211,8 +206,8 @@ impl Spread {
     }
 }
 
-/// The largest x0 up to `cap` from which some x1 up to `end` is within the limits, and that x1: a linear program in two variables,
-/// solved one half plane after the other. (0, 0) is always within.
+/// The largest x0 up to `cap` for which some x1 up to `end` is within the limits, and that x1: a linear program in two
+/// variables, solved one half plane after the other. (0, 0) is always within.
 pub(super) fn fastest_start(planes: &[HalfPlane], cap: f64, end: f64) -> [f64; 2] {
     let (mut x, mut y) = (cap, end);
     for (i, plane) in planes.iter().enumerate() {
@@ -228,7 +223,7 @@ pub(super) fn fastest_start(planes: &[HalfPlane], cap: f64, end: f64) -> [f64; 2
     [x, y]
 }
 
-/// The point of largest x, then y, on a half plane's border within these limits; `None`: none, by rounding.
+/// The point of largest x, then y, on a half plane's border within these limits; `None`: none but for rounding.
 fn on_border(border: HalfPlane, within: &[HalfPlane], cap: f64, end: f64) -> Option<(f64, f64)> {
     let HalfPlane { left, right } = border;
     // The coordinate u runs along the border, the other one is w = base + slope u.
@@ -289,13 +284,9 @@ pub(super) fn fastest_end(planes: &[HalfPlane], start: f64, end: f64) -> f64 {
     most.max(0.0)
 }
 
-/// What the motors leave to overrides and feed hold while the piece is passed from x0 to x1.
+/// The room that the motors leave to overrides and feed hold while the piece is passed from x0 to x1.
 pub(super) fn room(course: &Course, inverse: &[f64; AXES_MAX], [start, end]: [f64; 2]) -> SlewRoom {
-    let Course {
-        motion,
-        length_s: h_s,
-        ..
-    } = course;
+    let (motion, h_s) = (&course.motion, course.length_s);
     let end = end * course.scale;
     let mut room = SlewRoom::default();
     let fastest = start.max(end).sqrt();
@@ -312,9 +303,8 @@ pub(super) fn room(course: &Course, inverse: &[f64; AXES_MAX], [start, end]: [f6
             continue;
         }
         room.slope = room.slope.min(1.0 / (largest * fastest * inverse));
-        let rows = rows(course, axis, inverse);
-        let [a, b] = rows.map(|row| row.left * start + row.right * end);
-        let [Row { level, change, .. }, _] = rows;
+        let Rows { ends, level, change } = Rows::new(course, axis, inverse);
+        let [a, b] = ends.map(|[left, right]| left * start + right * end);
         let between = level * (start + end) + change * (end - start).abs();
         let (low, high) = (a.min(b) - between, a.max(b) + between);
         let (braking, driving) = if velocity[0].min(velocity[1]) - off_chord >= 0.0 {

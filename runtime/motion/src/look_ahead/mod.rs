@@ -11,8 +11,8 @@
 //! A piece on which the velocity would change at a constant rate, or at whose end the rate could be higher than at its
 //! begin, is halved while that gains time. On a ramp between blocks of different speeds the rate is measured by the
 //! distance along both instead of by plan time ([`course`]) where that is faster. The backward pass does not know how
-//! fast the motion can arrive, and may cut a corner into thousands of pieces for a rate that never occurs: the forward
-//! pass joins pieces where one is as fast.
+//! fast the motion can arrive, and may cut a corner into thousands of pieces for a rate that never occurs; the forward
+//! pass joins pieces where a single step is as fast.
 //!
 //! Maximum velocities hold because the rate is at most 1, or what the velocities of a block allow.
 //!
@@ -61,44 +61,41 @@ pub(crate) const FEED_OVERRIDE_MAX: f64 = 2.0;
 /// No limit of the square of the rate.
 const SQUARE_MAX: f64 = FEED_OVERRIDE_MAX * FEED_OVERRIDE_MAX;
 
-/// The most blocks that look-ahead holds back. When their way is too short to come to rest in, the first half is slowed
-/// to what the rest allows.
+/// The most blocks held back. Where they are too short to come to rest in, the first half is slowed to what the rest
+/// allows.
 pub(crate) const BLOCKS_MAX: usize = 16_384;
 
-/// The most pieces of blocks that look-ahead holds back, about 60 MB: where blocks need so many, their first half is slowed
-/// to what the rest allows.
+/// The most pieces of blocks held back, about 60 MB. Where blocks need more, their first half is slowed to what the rest
+/// allows.
 const HELD_PIECES_MAX: usize = 500_000;
 
-/// The fewest new blocks that are planned at a time.
+/// The fewest new blocks planned at a time.
 const BLOCKS_MIN: usize = 128;
 
-/// So many blocks that follow each other, with what they take at least in servo periods: 128 blocks pass in one. Where
-/// they would take less, the rate is lowered to that.
+/// This many consecutive blocks take at least this many servo periods, so at most 128 blocks pass in one; the rate is
+/// lowered where they would take less.
 const IN_A_ROW: usize = 64;
 const IN_A_ROW_PERIODS: f64 = 0.5;
 
-/// Limits of x that differ by this share count as met: 0.05 percent of the rate.
+/// Limits of x that differ by less than this share count as equal: 0.05 percent of the rate.
 const MET: f64 = 1e-3;
 
 /// The blocks of a chain that are not final.
 #[derive(Debug, Clone)]
 pub(crate) struct LookAhead {
     motors: Motors,
-    period_s: f64,
-    /// From 1 on, of blocks still to come.
+    /// For further blocks; 1 or more.
     feed_override: f64,
     blocks: VecDeque<Held>,
     pieces: VecDeque<Piece>,
     /// Plan times of the chain's last blocks, s.
     in_a_row: VecDeque<f64>,
-    /// Blocks that an earlier pass back has seen.
+    /// Blocks that an earlier backward pass has seen.
     seen: usize,
-    /// Square of the rate where the first block begins; `None`: as large as its limit, the motion resting there.
+    /// Square of the rate where the first block begins; `None`: up to its limit, since the path is at rest there.
     square: Option<f64>,
-    /// The rate stays where the first block begins.
+    /// The rate is constant where the first block begins.
     is_even: bool,
-    /// Largest square of the rate at the end of a chain.
-    end_square: f64,
     braking: Braking,
     planes: Vec<HalfPlane>,
     renewed: Vec<Piece>,
@@ -108,17 +105,24 @@ pub(crate) struct LookAhead {
 
 impl LookAhead {
     pub(crate) fn new(settings: &CoordinateSystemSettings) -> Self {
+        Self::empty(Motors::new(settings), 1.0)
+    }
+
+    /// Without blocks, with the same limits.
+    pub(crate) fn emptied(&self) -> Self {
+        Self::empty(self.motors, self.feed_override)
+    }
+
+    fn empty(motors: Motors, feed_override: f64) -> Self {
         Self {
-            motors: Motors::new(settings),
-            period_s: settings.servo_period_s,
-            feed_override: 1.0,
+            motors,
+            feed_override,
             blocks: VecDeque::new(),
             pieces: VecDeque::new(),
             in_a_row: VecDeque::new(),
             seen: 0,
             square: None,
             is_even: false,
-            end_square: SQUARE_MAX,
             braking: Braking::default(),
             planes: Vec::new(),
             renewed: Vec::new(),
@@ -136,27 +140,9 @@ impl LookAhead {
         self.is_even = false;
     }
 
-    /// Blocks still to come are planned for this override; below 1 the servo scales the time of the plan.
+    /// Plans further blocks for this override; below 1 the servo scales the time of the plan.
     pub(crate) fn set_feed_override(&mut self, factor: f64) {
         self.feed_override = factor.clamp(1.0, FEED_OVERRIDE_MAX);
-    }
-
-    /// An empty one with the same settings.
-    pub(crate) fn emptied(&self) -> Self {
-        Self {
-            blocks: VecDeque::new(),
-            pieces: VecDeque::new(),
-            in_a_row: VecDeque::new(),
-            seen: 0,
-            square: None,
-            is_even: false,
-            braking: Braking::default(),
-            planes: Vec::new(),
-            renewed: Vec::new(),
-            cut: Vec::new(),
-            steps: Vec::new(),
-            ..*self
-        }
     }
 
     /// The blocks that are not final.
@@ -164,20 +150,20 @@ impl LookAhead {
         self.blocks.iter().map(|held| &held.block)
     }
 
-    /// The chain begins at rest on its path with the next block, of this segment.
+    /// The chain begins with the next block, of this segment, at rest where the path as planned is moving.
     pub(crate) fn begin_at_rest(&mut self, segment: u64, is_backward: bool) {
         self.square = Some(SQUARE_MIN);
         self.is_even = false;
         self.braking.begin(segment, is_backward);
     }
 
-    /// Takes the next block of a chain, and puts out what is final; one that ends at rest ends the chain.
+    /// Takes the next block of a chain, and puts out the blocks that are final; one that ends at rest ends the chain.
     pub(crate) fn push(&mut self, block: RampedBlock, record: &mut Record, out: &mut VecDeque<Profile>) {
         let is_last = block.ends_at_rest();
         self.pass(block, Passage::default(), is_last, record, out);
     }
 
-    /// Takes the next block of a chain to be passed in this way; the last one ends at rest even where its path continues.
+    /// Takes the next block of a chain with its passage; the last one ends at rest even where its path continues.
     pub(crate) fn pass(
         &mut self,
         block: RampedBlock,
@@ -186,11 +172,11 @@ impl LookAhead {
         record: &mut Record,
         out: &mut VecDeque<Profile>,
     ) {
-        let way = Way::new(&block, passage);
+        let way = Way::new(&block.ramped, passage);
         if self.blocks.is_empty() && self.square.is_none() {
             self.braking.begin(block.segment, passage.is_backward);
         }
-        let cap = self.cap(way.plan_s);
+        let cap = self.cap(way.block.plan_s);
         let bounds = Bounds {
             motors: &self.motors,
             cap,
@@ -211,12 +197,10 @@ impl LookAhead {
         });
         let new = self.blocks.len() - self.seen;
         if is_last {
-            self.end_square = if rests { SQUARE_MAX } else { 0.0 };
-            self.plan(true, record, out);
-            self.end_square = SQUARE_MAX;
+            self.plan(Some(if rests { SQUARE_MAX } else { 0.0 }), record, out);
             self.clear();
         } else if new >= self.seen.max(BLOCKS_MIN) || self.is_full() {
-            self.plan(false, record, out);
+            self.plan(None, record, out);
         }
     }
 
@@ -226,7 +210,7 @@ impl LookAhead {
             self.in_a_row.pop_front();
         }
         self.in_a_row.push_back(plan_s);
-        let least_s = IN_A_ROW_PERIODS * self.period_s;
+        let least_s = IN_A_ROW_PERIODS * self.motors.period_s;
         let alone = plan_s * IN_A_ROW as f64 / least_s;
         let most = self.feed_override;
         if alone >= most || self.in_a_row.len() < IN_A_ROW {
@@ -236,46 +220,43 @@ impl LookAhead {
         (whole_s / least_s).min(most).powi(2)
     }
 
-    /// True when no more is held back.
+    /// True when no more blocks are held back.
     fn is_full(&self) -> bool {
         self.blocks.len() >= BLOCKS_MAX || self.pieces.len() >= HELD_PIECES_MAX
     }
 
-    fn plan(&mut self, ended: bool, record: &mut Record, out: &mut VecDeque<Profile>) {
-        let mut finals = self.pass_back(ended);
+    /// Puts out the blocks that are final. `end` is the largest square of the rate at the end of the chain; `None`: more blocks follow.
+    fn plan(&mut self, end: Option<f64>, record: &mut Record, out: &mut VecDeque<Profile>) {
+        let mut finals = self.pass_back(end);
         let half = self.blocks.len() / 2;
         if self.blocks.len() - finals >= BLOCKS_MAX || self.pieces.len() >= HELD_PIECES_MAX {
             finals = finals.max(half);
         }
         let first = out.len();
         for block in 0..finals {
-            self.put_out(block, out);
+            self.put_out(block, end.unwrap_or(SQUARE_MAX), out);
             if block % BLOCKS_MIN == 0 {
-                self.braking.free(self.period_s);
+                self.braking.free(self.motors.period_s);
             }
         }
         record.extend(self.blocks.drain(..finals).map(|held| Entry::Paced(held.block)));
         self.seen = self.blocks.len();
-        // Only with the last profile all of them are known.
+        // With the last profile all of them are known.
         if let Some(last) = out.range_mut(first..).next_back()
             && let Law::Paced { pace, .. } = &mut last.law
         {
-            if ended {
+            if end.is_some() {
                 self.braking.end(last.segment);
             } else {
-                self.braking.free(self.period_s);
+                self.braking.free(self.motors.period_s);
             }
-            pace.free_to = self.braking.free_to();
+            pace.free_to = self.braking.free_to;
         }
     }
 
-    /// The limits of x from the end backwards; gives how many blocks from the first on are final.
-    fn pass_back(&mut self, ended: bool) -> usize {
-        let (mut to_rest, mut open) = if ended {
-            (self.end_square, self.end_square)
-        } else {
-            (0.0, SQUARE_MAX)
-        };
+    /// Finds the limits of x from the end backwards; returns the number of blocks, from the first on, that are final.
+    fn pass_back(&mut self, end: Option<f64>) -> usize {
+        let [mut to_rest, mut open] = end.map_or([0.0, SQUARE_MAX], |end| [end; 2]);
         let mut finals = None;
         let mut i = self.pieces.len();
         self.renewed.clear();
@@ -314,8 +295,8 @@ impl LookAhead {
         finals.unwrap_or(0)
     }
 
-    /// Passes a block forward as fast as its limits allow; the pieces of those before it are gone.
-    fn put_out(&mut self, block: usize, out: &mut VecDeque<Profile>) {
+    /// Passes a block forward as fast as its limits allow; the pieces of earlier blocks are gone.
+    fn put_out(&mut self, block: usize, end: f64, out: &mut VecDeque<Profile>) {
         let Some(held) = self.blocks.get(block) else {
             return;
         };
@@ -329,7 +310,7 @@ impl LookAhead {
             left -= count;
             self.cut.clear();
             self.cut.extend(self.pieces.drain(..count));
-            let limit_at = |k: usize| self.pieces.get(k).map_or(self.end_square, |next| next.limit);
+            let limit_at = |k: usize| self.pieces.get(k).map_or(end, |next| next.limit);
             if self.motors.has_jerk {
                 let goes_evenly = self.pieces.front().is_some_and(|next| next.is_even(limit_at(1)));
                 task.is_even = [self.is_even, goes_evenly];
@@ -338,9 +319,9 @@ impl LookAhead {
             self.square = Some(task.pass_cut(&self.cut, before, limit, &mut self.steps));
             self.is_even = self.steps.last().map_or(self.is_even, Step::is_even);
         }
-        paced::profiles(held, &self.steps, self.braking.free_to(), out);
+        paced::profiles(held, &self.steps, self.braking.free_to, out);
         let steps = self.steps.iter().map(|step| (step.duration_s(), step.room));
-        self.braking.add(held.block.segment, steps, self.period_s);
+        self.braking.add(held.block.segment, steps, self.motors.period_s);
     }
 }
 
@@ -394,16 +375,17 @@ mod tests {
             };
             let block = Block {
                 segment: u64::from(turn) + 1,
+                epoch: 0,
                 origin: Origin::default(),
-                path: &path,
                 alone: ramped::plan(&settings, &path, feed, MultiBlock::On).unwrap(),
+                path,
             };
             let push = |block| look_ahead.push(block, &mut record, &mut out);
-            chain.push(ShortBlock::Shrink, block, 0, push);
+            chain.push(ShortBlock::Shrink, block, push);
             after_each(&look_ahead);
         }
         let push = |block| look_ahead.push(block, &mut record, &mut out);
-        chain.finish(ShortBlock::Shrink, 0, push);
+        chain.finish(ShortBlock::Shrink, push);
         out
     }
 

@@ -7,13 +7,14 @@ use tandem_model::profile::{PACE_PIECES_MAX, Pace, PacePiece, Profile};
 use super::held::Held;
 use super::step::Step;
 
-/// The profiles of a block with these steps, as many as its pieces need.
+/// Puts out a block with these steps, in as many profiles as they need.
 pub(super) fn profiles(held: &Held, steps: &[Step], free_to: u64, out: &mut VecDeque<Profile>) {
     let block = &held.block;
-    let sign = if held.passage.is_backward { -1.0 } else { 1.0 };
+    let is_backward = held.passage.is_backward;
+    let sign = if is_backward { -1.0 } else { 1.0 };
     let plan_time = |way_s: f64| {
-        if held.passage.is_backward {
-            block.plan_s - way_s
+        if is_backward {
+            block.ramped.plan_s - way_s
         } else {
             way_s
         }
@@ -32,7 +33,7 @@ pub(super) fn profiles(held: &Held, steps: &[Step], free_to: u64, out: &mut VecD
                 rate: sign * step.start.sqrt(),
                 rate_change: sign * step.rate_change,
                 rate_jerk: sign * step.rate_jerk,
-                growth: if held.passage.is_backward {
+                growth: if is_backward {
                     step.growth.reversed()
                 } else {
                     step.growth
@@ -41,6 +42,6 @@ pub(super) fn profiles(held: &Held, steps: &[Step], free_to: u64, out: &mut VecD
             }
         });
         let pace = Pace::new(pieces, ends_s, held.feed_override, free_to);
-        out.push_back(block.paced(&pace, duration_s, held.is_last && n == last));
+        out.push_back(block.paced(pace, duration_s, held.is_last && n == last));
     }
 }

@@ -2,7 +2,7 @@
 
 use tandem_model::profile::SlewRoom;
 
-use super::straight::{Extent, Straight};
+use super::straight::Straight;
 use super::way::Phase;
 
 /// A piece, in plan time.
@@ -11,28 +11,29 @@ pub(super) struct Piece {
     pub(super) from_s: f64,
     pub(super) to_s: f64,
     pub(super) shape: Shape,
-    /// Where what it was cut from ends, within its phase, s.
+    /// End of the piece that it was cut from, within its phase, s.
     pub(super) whole_to_s: f64,
-    /// It is not halved below this, s.
+    /// It is not halved below this length, s.
     pub(super) least_s: f64,
     /// Largest square of the rate in it.
     pub(super) cap: f64,
-    /// Largest square of the rate at its begin from which the motion can end in rest; not a number before it is known.
+    /// Largest square of the rate at its begin from which the motion can come to rest; NaN before it is known.
     pub(super) limit: f64,
 }
 
-/// What a piece is like.
+/// How the rate may change on a piece.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Shape {
-    /// At one speed; the rate may change by as much anywhere in it.
+    /// At one speed: by the same anywhere in it.
     Straight(Straight),
-    /// Nothing exceeds its limit at the largest rate; it is cut finer where the rate changes.
+    /// No motor exceeds its limit at the largest rate; it is cut finer where the rate changes.
     Whole {
-        /// What is left at the largest rate.
+        /// Left by the motors at the largest rate.
         room: SlewRoom,
     },
+    /// By the half planes of its motors.
     Bent {
-        /// What is left at the largest rate, when nothing exceeds its limit at that.
+        /// Left by the motors at the largest rate, when none exceeds its limit at that.
         planned: Option<SlewRoom>,
     },
 }
@@ -42,26 +43,18 @@ impl Piece {
         self.to_s - self.from_s
     }
 
-    pub(super) fn extent(&self) -> Extent {
-        Extent {
-            from_s: self.from_s,
-            to_s: self.to_s,
-            cap: self.cap,
-        }
-    }
-
-    /// True when both were cut from one.
+    /// True when both were cut from the same piece.
     pub(super) fn is_cut_with(&self, other: &Piece) -> bool {
         let is_bent = |piece: &Piece| matches!(piece.shape, Shape::Bent { .. });
         is_bent(self) && is_bent(other) && self.whole_to_s.to_bits() == other.whole_to_s.to_bits()
     }
 
-    /// True when its rate is its largest one from begin to end, where this is the limit behind it.
+    /// True when its rate is its largest one from begin to end, `limit` being that of the next piece.
     pub(super) fn is_even(&self, limit: f64) -> bool {
         self.room_at_cap().is_some() && self.limit >= self.cap && limit >= self.cap
     }
 
-    /// What is left at its largest rate, when nothing exceeds its limit at that.
+    /// Left by the motors at its largest rate, when none exceeds its limit at that.
     pub(super) fn room_at_cap(&self) -> Option<SlewRoom> {
         match self.shape {
             Shape::Straight(straight) => Some(straight.room(self.cap, [0.0; 2])),
@@ -70,7 +63,7 @@ impl Piece {
         }
     }
 
-    /// A piece of a phase at one speed, not to be halved.
+    /// A phase at one speed, which is not halved.
     pub(super) fn straight(straight: Straight, cap: f64, phase: Phase) -> Self {
         Self {
             from_s: phase.from_s,
@@ -83,7 +76,7 @@ impl Piece {
         }
     }
 
-    /// Pieces that were cut from one as one again.
+    /// Joins pieces cut from the same one.
     pub(super) fn joined(first: &Piece, others: &[Piece]) -> Piece {
         others.iter().fold(*first, |joined, piece| Piece {
             to_s: piece.to_s,
@@ -93,7 +86,7 @@ impl Piece {
         })
     }
 
-    /// Both halves, if it may be cut.
+    /// Both halves; `None` when it may not be cut.
     pub(super) fn halves(&self) -> Option<[Piece; 2]> {
         if self.length_s() < 2.0 * self.least_s {
             return None;

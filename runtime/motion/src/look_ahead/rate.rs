@@ -4,7 +4,7 @@
 
 use std::collections::VecDeque;
 
-use tandem_model::profile::{SlewRoom, SpeedGrowth};
+use tandem_model::profile::SlewRoom;
 
 use super::course::Course;
 use super::grid;
@@ -20,28 +20,28 @@ const GAIN: f64 = 7e-4;
 /// With less change of the square of the rate a piece is not halved.
 const CHANGE_MIN: f64 = 0.02;
 
-/// A piece of another velocity at its ends is halved while the acceleration that an even rate would leave between them
-/// is more than this share of the limit.
+/// A piece with different velocities at its ends is halved while a constant rate would cause more than this share of the
+/// limit as acceleration between them.
 const SWAY_MAX: f64 = 0.1;
 
-/// So many pieces that were cut from one are passed in one step where that is as fast. Reason: they are as many as the
-/// way back from the fastest motion behind them needs, and the motion may come by much slower.
+/// From this number on, pieces cut from the same one are passed in one step where that is as fast. Reason: the backward
+/// pass cuts as finely as the fastest possible motion needs, and the actual motion may be much slower.
 const JOINED_FROM: usize = 16;
 
-/// Rounding of a share of a limit; less than what is left of a maximum acceleration.
+/// Rounding of a share of a limit; below the reserve of the acceleration.
 const WITHIN: f64 = 1e-8;
 
-/// One block, with what its limits are made of.
+/// The limits of one block.
 pub(super) struct Limits<'a> {
     pub(super) way: Way<'a>,
     pub(super) bounds: Bounds<'a>,
     pub(super) planes: &'a mut Vec<HalfPlane>,
     pub(super) bent: Bent,
-    /// The rate stays on the ramps before and behind a straight piece.
+    /// The rate is constant on the ramps before and after a straight piece.
     pub(super) is_even: [bool; 2],
 }
 
-/// Of the piece bent last, in addition to its half planes.
+/// The bent piece in `planes`, in addition to its half planes.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Bent {
     /// [`Spread::sway`].
@@ -66,7 +66,7 @@ impl Limits<'_> {
         };
     }
 
-    /// The largest square of the rate at the begin of a piece, `end` being the largest one behind it.
+    /// The largest square of the rate at the begin of a piece, `end` being the largest one after it.
     pub(super) fn start(&mut self, piece: &Piece, end: f64) -> f64 {
         self.start_and_end(piece, end)[0]
     }
@@ -86,8 +86,8 @@ impl Limits<'_> {
         }
     }
 
-    /// A bent piece by plan time or by distance, whichever gives the larger value: both keep the limits. Its half planes
-    /// stand ready then.
+    /// A bent piece by plan time or by distance, whichever gives the larger value: both respect the limits. Leaves its half
+    /// planes in `planes`.
     fn better(&mut self, piece: &Piece, value: impl Fn(&Self) -> f64) -> Course {
         let by_plan_time = self.way.by_plan_time(piece.from_s, piece.to_s);
         self.take(&by_plan_time, piece);
@@ -103,18 +103,18 @@ impl Limits<'_> {
         by_plan_time
     }
 
-    /// The largest square of the rate at the begin of the piece bent last, and the one at its end that it leads to.
+    /// The largest square of the rate at the begin of the piece in `planes`, and the one at its end that it leads to.
     fn bent_start(&self, end: f64) -> [f64; 2] {
         let cap = self.bent.cap;
         limits::fastest_start(self.planes, cap, end.min(cap)).map(|square| square.max(0.0))
     }
 
-    /// The largest square of the rate at the end of the piece bent last.
+    /// The largest square of the rate at the end of the piece in `planes`.
     fn bent_end(&self, before: f64, limit: f64) -> f64 {
         limits::fastest_end(self.planes, before, limit.min(self.bent.cap)).max(SQUARE_MIN)
     }
 
-    /// Adds a piece with its new limit, in as many pieces as it takes, the last one first.
+    /// Adds a piece with its new limit, in as many pieces as needed, the last one first.
     pub(super) fn renew(&mut self, piece: &Piece, end: f64, renewed: &mut Vec<Piece>) -> f64 {
         if let Shape::Whole { .. } = piece.shape
             && end < piece.cap
@@ -147,7 +147,7 @@ impl Limits<'_> {
             .fold(end, |end, piece| self.renew(piece, end, renewed))
     }
 
-    /// Passes pieces that were cut from one; many of them in one step where that is as fast.
+    /// Passes pieces cut from the same one; many of them in one step where that is as fast.
     pub(super) fn pass_cut(
         &mut self,
         pieces: &[Piece],
@@ -187,17 +187,17 @@ impl Limits<'_> {
         at
     }
 
-    /// True when halves are faster than a step over both of them; the limits are those behind each half.
+    /// True when halves are faster than a step over both of them; the limits are those after each half.
     fn gains(&mut self, whole: &Step, [first, second]: [&Piece; 2], most: f64, limit: f64) -> bool {
         let one = self.fastest(first, whole.start, most);
         let two = self.fastest(second, one.end, limit);
         let is_faster = one.duration_s() + two.duration_s() < whole.duration_s() * (1.0 - GAIN)
             || two.end > whole.end * (1.0 + GAIN);
-        // What is left for between the ends is not the same for halves, so they may allow less.
+        // Halves have another bound of the deviation between their ends, so they may allow less.
         is_faster && is_within(&one) && is_within(&two)
     }
 
-    /// Passes a piece from this square of the rate on, as fast as the limit behind it allows; gives the one at its end.
+    /// Passes a piece from this square of the rate on, as fast as the limit after it allows; returns the one at its end.
     pub(super) fn pass(&mut self, piece: &Piece, before: f64, limit: f64, steps: &mut Vec<Step>) -> f64 {
         let limit = limit.min(piece.cap);
         if before >= piece.cap
@@ -212,13 +212,14 @@ impl Limits<'_> {
                 let after = limit
                     .min(before + straight.change * piece.length_s())
                     .max(SQUARE_MIN);
-                straight.pass(piece.extent(), [before, after], self.is_even, steps);
+                let span_s = [piece.from_s, piece.to_s];
+                straight.pass(span_s, piece.cap, [before, after], self.is_even, steps);
                 after
             }
             Shape::Whole { .. } => {
                 let mut finer = Vec::new();
                 if self.renew_finer(piece, limit, &mut finer) < before {
-                    // What is left for between the ends is not the same for parts, so they may allow less.
+                    // Parts have another bound of the deviation between their ends, so they may allow less.
                     let whole = self.fastest(piece, before, limit);
                     step::push(steps, whole, piece.length_s());
                     return whole.end;
@@ -243,13 +244,13 @@ impl Limits<'_> {
         }
     }
 
-    /// True when halves of the piece bent last may be faster: its rate changes, or its velocity would at an even rate.
+    /// True when halves of the piece in `planes` may be faster: its rate changes, or its velocity would at a constant rate.
     fn is_uneven(&self, before: f64, after: f64) -> bool {
         let after = after * self.bent.scale;
         changes(before, after) || self.bent.sway * before.max(after) > SWAY_MAX
     }
 
-    /// True when the rate would change if nothing after the piece bent last limited it, so that it may rise and fall within it.
+    /// True when the rate would change without a limit after the piece in `planes`, so that it may rise and fall within it.
     fn could_rise(&self, before: f64) -> bool {
         let open = limits::fastest_end(self.planes, before, self.bent.cap);
         changes(before, open * self.bent.scale)
@@ -274,8 +275,8 @@ impl Limits<'_> {
             end: after,
             growth: course.growth,
             rate_change: (after * course.scale - before) / (2.0 * course.length_s),
-            rate_jerk: 0.0,
             room,
+            ..Step::default()
         }
     }
 }
@@ -297,9 +298,7 @@ fn at_cap(piece: &Piece, room: SlewRoom) -> Step {
         to_s: piece.to_s,
         start: piece.cap,
         end: piece.cap,
-        growth: SpeedGrowth::default(),
-        rate_change: 0.0,
-        rate_jerk: 0.0,
         room,
+        ..Step::default()
     }
 }

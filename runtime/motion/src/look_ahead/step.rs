@@ -2,27 +2,27 @@
 
 use tandem_model::profile::{SlewRoom, SpeedGrowth};
 
-use crate::reserve::ACCELERATION_RESERVE;
+use crate::limit::ACCELERATION_RESERVE;
 
-/// Squares of rates are one when they differ by less than this share: rounding.
+/// Squares of rates that differ by less than this share are equal but for rounding.
 const SAME_RATE: f64 = 1e-12;
 
 /// A step shorter than this share of its piece is rounding.
 const SHARE_MIN: f64 = 1e-12;
 
-/// Pieces with more of a motor's acceleration taken are kept apart, so that slewing on others need not wait for them.
+/// Steps that use more of a motor's acceleration are not joined with others, which would slow down slewing on those.
 const KEPT_APART: f64 = 0.5;
 
 /// A part of a block on which the square of the rate goes linearly from `start` to `end`.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Step {
     pub(super) from_s: f64,
     pub(super) to_s: f64,
     pub(super) start: f64,
     pub(super) end: f64,
-    /// How the speed grows from its begin on, where the rate counts distance.
+    /// Growth of the speed from its begin on, where the rate counts distance.
     pub(super) growth: SpeedGrowth,
-    /// Change of the rate per second, by what it counts.
+    /// Change of the rate per second, in plan time or distance as the rate itself.
     pub(super) rate_change: f64,
     /// Change of that per second.
     pub(super) rate_jerk: f64,
@@ -34,8 +34,8 @@ impl Step {
         (self.start - square).abs() < SAME_RATE * square && (self.end - square).abs() < SAME_RATE * square
     }
 
-    /// Time that it takes: what the rate counts over the mean rate. With the rate linear in time that is the mean of its
-    /// ends w0 and w1; of second degree, with the change c at its begin, it is `(2 w0 + w1)/3 + c t/6` after the time t.
+    /// Duration, s: plan time or distance over the mean rate. For a rate linear in time that is the mean of its ends w0 and
+    /// w1; of second degree, with the change c at its begin, it is `(2 w0 + w1)/3 + c t/6` after the time t.
     pub(super) fn duration_s(&self) -> f64 {
         let plan_s = self.to_s - self.from_s;
         if self.rate_jerk != 0.0 {
@@ -49,7 +49,7 @@ impl Step {
         2.0 * self.growth.distance_s(plan_s) / (self.start.sqrt() + end)
     }
 
-    /// True when the rate stays.
+    /// True when the rate is constant.
     pub(super) fn is_even(&self) -> bool {
         self.growth.is_none() && self.rate_change == 0.0 && self.rate_jerk == 0.0
     }
@@ -66,7 +66,7 @@ pub(super) fn push(steps: &mut Vec<Step>, step: Step, piece_s: f64) {
     if step.to_s - step.from_s <= SHARE_MIN * piece_s {
         return;
     }
-    // Planned in shares of what is not left.
+    // Planned in shares of the acceleration without its reserve.
     let room = SlewRoom {
         braking: step.room.braking * (1.0 - ACCELERATION_RESERVE),
         driving: step.room.driving * (1.0 - ACCELERATION_RESERVE),
@@ -96,14 +96,9 @@ mod tests {
             to_s,
             start: 0.25,
             end,
-            growth: SpeedGrowth::default(),
             rate_change,
             rate_jerk,
-            room: SlewRoom {
-                slope: f64::INFINITY,
-                braking: 0.0,
-                driving: 0.0,
-            },
+            ..Step::default()
         };
         let mut steps = Vec::new();
         // A way down of rounding, longer than what is left out.

@@ -1,40 +1,27 @@
-//! A piece of a block at one speed, passed as fast as possible: up to a peak, along it, and down.
+//! A piece of a block at one speed, passed as fast as possible: up to a peak rate, along it, and down.
 //!
-//! Where a motor has a maximum jerk, the acceleration enters and leaves the peak with it. The same holds at an end
-//! beyond which the rate is constant; at any other end the acceleration is that of the adjacent ramp, because there the
-//! motion turns into another direction.
+//! Where a motor has a maximum jerk, it limits the acceleration on either side of the peak, and at an end beyond which
+//! the rate is constant. At any other end the acceleration is that of the adjacent ramp, where the motion turns into
+//! another direction.
 
-use tandem_model::profile::{SlewRoom, SpeedGrowth};
+use tandem_model::bisect;
+use tandem_model::profile::SlewRoom;
 
 use super::step::{self, Step};
 
-/// The peak is found in so many halvings of what it may be: to the last bits that count.
+/// Halvings of the range of the peak: to the last significant bits.
 const HALVINGS: u32 = 60;
 
-/// The interval of plan time that is passed, and the largest square of the rate on it.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Extent {
-    pub(super) from_s: f64,
-    pub(super) to_s: f64,
-    pub(super) cap: f64,
-}
-
-impl Extent {
-    fn length_s(self) -> f64 {
-        self.to_s - self.from_s
-    }
-}
-
-/// What the motors allow where the rate may change by as much all over a piece.
+/// The limits of the rate where they are the same all over a piece.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Straight {
-    /// The square of the rate changes by at most this per second of plan time.
+    /// Largest change of the square of the rate per second of plan time.
     pub(super) change: f64,
-    /// The change of the rate changes by at most this per second; infinite: without a limit.
+    /// Largest second derivative of the rate by time; infinite without a limit.
     pub(super) jerk: f64,
 }
 
-/// A part of the way from a rate up to the peak.
+/// A part of the flank from a rate up to the peak.
 #[derive(Debug, Clone, Copy)]
 struct FlankPart {
     /// Squares of the rate at its ends.
@@ -54,14 +41,14 @@ impl FlankPart {
             to_s,
             start: self.squares[0],
             end: self.squares[1],
-            growth: SpeedGrowth::default(),
             rate_change: self.rate_changes[0],
             rate_jerk: self.rate_jerk,
             room,
+            ..Step::default()
         }
     }
 
-    /// The same part of the way down.
+    /// The same part of the flank down.
     fn reversed(&self) -> Self {
         let [low, high] = self.squares;
         let [before, after] = self.rate_changes;
@@ -73,35 +60,39 @@ impl FlankPart {
     }
 }
 
-/// The way from a rate up to the peak: with the jerk up to an acceleration, along at that, and with the jerk down.
-struct Flank([FlankPart; 3]);
-
-impl Flank {
-    fn plan_s(&self) -> f64 {
-        self.0.iter().map(|part| part.plan_s).sum()
-    }
+/// Plan time of a flank: at the maximum jerk up to an acceleration, at that acceleration, and at the jerk down.
+fn plan_s(flank: &[FlankPart; 3]) -> f64 {
+    flank.iter().map(|part| part.plan_s).sum()
 }
 
 impl Straight {
-    /// Adds the steps between these squares of the rate at both ends; `is_even` tells where the rate is constant beyond them.
-    pub(super) fn pass(self, piece: Extent, ends: [f64; 2], is_even: [bool; 2], steps: &mut Vec<Step>) {
-        let peak = |is_even| Some((self.peak(piece, ends, is_even)?, is_even));
-        // Between two even ramps the smallest acceleration is the smallest step.
+    /// Adds the steps between these squares of the rate at both ends, up to the square `cap`; `is_even`: the rate is constant
+    /// beyond that end.
+    pub(super) fn pass(
+        self,
+        [from_s, to_s]: [f64; 2],
+        cap: f64,
+        ends: [f64; 2],
+        is_even: [bool; 2],
+        steps: &mut Vec<Step>,
+    ) {
+        let h_s = to_s - from_s;
+        let peak = |is_even| Some((self.peak(h_s, cap, ends, is_even)?, is_even));
+        // Between two ramps at constant rates the smallest acceleration makes the smallest step.
         let with_steps = || peak([false; 2]).filter(|_| is_even != [true; 2]);
         let Some((peak, is_even)) = peak(is_even).or_else(with_steps) else {
-            return self.pass_evenly(piece, ends, steps);
+            return self.pass_evenly([from_s, to_s], ends, steps);
         };
-        let h_s = piece.length_s();
         let [driving, braking, none] = [[0.0, 1.0], [1.0, 0.0], [0.0, 0.0]].map(|room| self.room(peak, room));
         let [up, down] = [0, 1].map(|k| self.flank(ends[k], peak, is_even[k]));
-        let mut at_s = piece.from_s;
-        for part in &up.0 {
-            let to_s = at_s + part.plan_s;
-            step::push(steps, part.step(at_s, to_s, driving), h_s);
-            at_s = to_s;
+        let mut at_s = from_s;
+        for part in &up {
+            let next_s = at_s + part.plan_s;
+            step::push(steps, part.step(at_s, next_s, driving), h_s);
+            at_s = next_s;
         }
-        let [rise, steady, bend] = down.0.map(|part| part.reversed());
-        let steady_to_s = (piece.to_s - rise.plan_s).max(at_s);
+        let [rise, steady, bend] = down.map(|part| part.reversed());
+        let steady_to_s = (to_s - rise.plan_s).max(at_s);
         let bend_to_s = (steady_to_s - steady.plan_s).max(at_s);
         let even_to_s = (bend_to_s - bend.plan_s).max(at_s);
         let even = FlankPart {
@@ -114,73 +105,61 @@ impl Straight {
             even.step(at_s, even_to_s, none),
             bend.step(even_to_s, bend_to_s, braking),
             steady.step(bend_to_s, steady_to_s, braking),
-            rise.step(steady_to_s, piece.to_s, braking),
+            rise.step(steady_to_s, to_s, braking),
         ] {
             step::push(steps, step, h_s);
         }
     }
 
-    /// In one step, with one acceleration: there is no room for a peak.
-    fn pass_evenly(self, piece: Extent, [before, after]: [f64; 2], steps: &mut Vec<Step>) {
-        let h_s = piece.length_s();
+    /// In one step at a constant acceleration: there is no room for a peak.
+    fn pass_evenly(self, [from_s, to_s]: [f64; 2], [before, after]: [f64; 2], steps: &mut Vec<Step>) {
+        let h_s = to_s - from_s;
         let share = (after - before) / (self.change * h_s);
         let step = Step {
-            from_s: piece.from_s,
-            to_s: piece.to_s,
+            from_s,
+            to_s,
             start: before,
             end: after,
-            growth: SpeedGrowth::default(),
             rate_change: (after - before) / (2.0 * h_s),
-            rate_jerk: 0.0,
             room: self.room(before.max(after), [(-share).max(0.0), share.max(0.0)]),
+            ..Step::default()
         };
         step::push(steps, step, h_s);
     }
 
-    /// What is left with these shares of the maximum acceleration taken, where the square of the rate is this at most.
+    /// Left by the motors with these shares of the maximum acceleration used, up to this square of the rate.
     pub(super) fn room(self, peak: f64, [braking, driving]: [f64; 2]) -> SlewRoom {
         SlewRoom {
-            // At the rate w the velocity of the motor that limits is w times 2 a/change.
+            // At the rate w the velocity of the limiting motor is w times 2 a/change.
             slope: self.change / (2.0 * peak.sqrt()),
             braking,
             driving,
         }
     }
 
-    /// Largest square of the rate; `None`: not even the larger end can be one.
-    fn peak(self, piece: Extent, [before, after]: [f64; 2], is_even: [bool; 2]) -> Option<f64> {
-        let h_s = piece.length_s();
+    /// The square of the peak rate; `None`: not even the larger end is possible.
+    fn peak(self, h_s: f64, cap: f64, [before, after]: [f64; 2], is_even: [bool; 2]) -> Option<f64> {
         let least = before.max(after);
         let most = f64::midpoint(before + after, self.change * h_s)
-            .min(piece.cap)
+            .min(cap)
             .max(least);
         if self.jerk.is_infinite() {
             return Some(most);
         }
-        let fits = |peak: &f64| {
-            let [up, down] = [(before, is_even[0]), (after, is_even[1])];
-            self.flank(up.0, *peak, up.1).plan_s() + self.flank(down.0, *peak, down.1).plan_s() <= h_s
+        let fits = |peak: f64| {
+            let up_s = plan_s(&self.flank(before, peak, is_even[0]));
+            up_s + plan_s(&self.flank(after, peak, is_even[1])) <= h_s
         };
-        if fits(&most) {
+        if fits(most) {
             return Some(most);
         }
-        let mut low = Some(least).filter(fits)?;
-        let mut high = most;
-        for _ in 0..HALVINGS {
-            let middle = f64::midpoint(low, high);
-            if fits(&middle) {
-                low = middle;
-            } else {
-                high = middle;
-            }
-        }
-        Some(low)
+        fits(least).then(|| bisect([least, most], HALVINGS, fits)[0])
     }
 
-    /// From the rate w up to the peak `w_p`. An acceleration c comes and goes with the maximum jerk j in the time c/j
-    /// and gains `c^2/(2 j)` each time; c is the largest one, or what the gain leaves. Where the rate does not come evenly,
-    /// it begins with c.
-    fn flank(self, square: f64, peak: f64, is_even: bool) -> Flank {
+    /// From the rate w up to the peak `w_p`. At the maximum jerk j an acceleration c rises and falls in the time c/j each,
+    /// and gains `c^2/(2 j)` each time; c is the largest one, or that of the gain needed. Where the rate is not constant
+    /// before, it begins with c.
+    fn flank(self, square: f64, peak: f64, is_even: bool) -> [FlankPart; 3] {
         let steepest = self.change / 2.0;
         let [rate, top] = [square.sqrt(), peak.sqrt()];
         let bends = if is_even { 1.0 } else { 2.0 };
@@ -202,26 +181,26 @@ impl Straight {
         } else {
             (square, 0.0)
         };
-        let part = |squares: [f64; 2], rate_changes: [f64; 2], rate_jerk, plan_s| FlankPart {
-            squares,
-            rate_changes,
-            rate_jerk,
-            plan_s,
-        };
-        Flank([
-            part([square, begin], [0.0, rate_change], self.jerk, rise_s),
-            part(
+        [
+            ([square, begin], [0.0, rate_change], self.jerk, rise_s),
+            (
                 [begin, knee],
                 [rate_change; 2],
                 0.0,
                 (knee - begin).max(0.0) / self.change,
             ),
-            part(
+            (
                 [knee, peak],
                 [rate_change, 0.0],
                 -self.jerk,
                 time_s * (top - gain / 3.0),
             ),
-        ])
+        ]
+        .map(|(squares, rate_changes, rate_jerk, plan_s)| FlankPart {
+            squares,
+            rate_changes,
+            rate_jerk,
+            plan_s,
+        })
     }
 }

@@ -1,40 +1,33 @@
 //! A blended block as planned: velocity and acceleration of each axis by plan time, with bounds between the samples.
 
 use tandem_model::flow::Path;
+use tandem_model::profile::{Lead, Ramped};
 use tandem_model::ramp::UnitRamp;
 use tandem_model::{ArcPath, Axis, AxisVector};
 
-use crate::block::RampedBlock;
-
-/// Speeds that differ by less than this share are one.
+/// Speeds that differ by less than this share count as equal.
 const SAME_SPEED: f64 = 1e-3;
 
-/// From this ratio on two speeds have no distance in common: the square of it is lost in digits of plan time.
+/// From this ratio on two speeds are not measured by distance: its square is lost in the digits of plan time.
 const RATIO_MAX: f64 = 1e4;
 
-/// The motion of one block in plan time: its block between its ramps, and the begin of the next block.
+/// The motion of a block and the begin of the next one in plan time.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Way<'a> {
-    pub(super) path: &'a Path,
-    pub(super) speed: f64,
-    pub(super) lead: Option<(&'a Path, f64)>,
-    /// Of its own block and the next one.
+    pub(super) block: &'a Ramped,
+    /// Change of each axis per unit of length, of the block and the next one.
     pub(super) slopes: [AxisVector; 2],
     /// Speeds of both where they differ.
     pub(super) uneven: Option<[f64; 2]>,
-    pub(super) start: UnitRamp,
-    pub(super) stop: UnitRamp,
-    begun_s: f64,
-    pub(super) plan_s: f64,
     pub(super) passage: Passage,
 }
 
 /// How a block is passed.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Passage {
-    /// Where it begins, s from the end that comes first.
+    /// Where it begins, s from the end that it passes first.
     pub(crate) from_s: f64,
-    /// From its end to its begin: plan time counts from its end then.
+    /// From its end to its begin; plan time then counts from its end.
     pub(crate) is_backward: bool,
 }
 
@@ -46,7 +39,7 @@ pub(super) struct Phase {
     pub(super) part: Part,
 }
 
-/// What a phase is a part of.
+/// The part of a block that a phase belongs to.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Part {
     /// The ramp at the begin of its block.
@@ -67,8 +60,7 @@ pub(super) struct End {
     acceleration: AxisVector,
 }
 
-/// The most that a block's share in the motion has over a piece, by plan time or by what it goes by: derivatives of the
-/// distance along it.
+/// Bounds of the derivatives of the distance along a block over a piece, by plan time or by distance along both blocks.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Most {
     pub(super) speed: f64,
@@ -96,38 +88,33 @@ pub(super) struct Along {
 }
 
 impl<'a> Way<'a> {
-    pub(super) fn new(block: &'a RampedBlock, passage: Passage) -> Self {
-        let lead = block.next.as_ref().map(|next| (&next.path, next.speed));
+    pub(super) fn new(block: &'a Ramped, passage: Passage) -> Self {
+        let next = block.next.as_ref();
         Self {
-            path: &block.path,
-            speed: block.speed,
-            lead,
+            block,
             slopes: [
                 slopes(&block.path),
-                lead.map_or(AxisVector::ZERO, |(path, _)| slopes(path)),
+                next.map_or(AxisVector::ZERO, |next| slopes(&next.path)),
             ],
-            uneven: lead.map(|(_, next)| [block.speed, next]).filter(differ),
-            start: block.start,
-            stop: block.stop,
-            begun_s: block.begun_s,
-            plan_s: block.plan_s,
+            uneven: next.map(|next| [block.speed, next.speed]).filter(differ),
             passage,
         }
     }
 
     /// True when its path begins at rest.
     pub(super) fn begins_at_rest(&self) -> bool {
-        self.begun_s == 0.0
+        self.block.begun_s == 0.0
     }
 
     /// True when one of its blocks is an arc.
     pub(super) fn bends(&self) -> bool {
         let is_arc = |path: &Path| matches!(path, Path::Arc(_));
-        is_arc(self.path) || self.lead.is_some_and(|(path, _)| is_arc(path))
+        let next = self.block.next.as_ref();
+        is_arc(&self.block.path) || next.is_some_and(|next| is_arc(&next.path))
     }
 
     pub(super) fn stop_begins_s(&self) -> f64 {
-        self.plan_s - self.stop.duration_s()
+        self.block.plan_s - self.block.stop.duration_s()
     }
 
     /// Its phases in order, each of smooth motion.
@@ -139,9 +126,9 @@ impl<'a> Way<'a> {
                 part,
             })
         };
-        let [a, b, c] = ramp(self.start, -self.begun_s, Part::Start);
-        let [e, f, mut g] = ramp(self.stop, self.stop_begins_s(), Part::Stop);
-        g.to_s = self.plan_s;
+        let [a, b, c] = ramp(self.block.start, -self.block.begun_s, Part::Start);
+        let [e, f, mut g] = ramp(self.block.stop, self.stop_begins_s(), Part::Stop);
+        g.to_s = self.block.plan_s;
         let between = Phase {
             from_s: c.to_s.max(0.0),
             to_s: e.from_s,
@@ -150,8 +137,8 @@ impl<'a> Way<'a> {
         let phases = [a, b, c, between, e, f, g];
         if self.passage.is_backward {
             let [a, b, c, d, e, f, g] = phases.map(|phase| Phase {
-                from_s: self.plan_s - phase.to_s,
-                to_s: (self.plan_s - phase.from_s).min(self.plan_s),
+                from_s: self.block.plan_s - phase.to_s,
+                to_s: (self.block.plan_s - phase.from_s).min(self.block.plan_s),
                 ..phase
             });
             return [g, f, e, d, c, b, a];
@@ -159,21 +146,21 @@ impl<'a> Way<'a> {
         phases
     }
 
-    /// Its own block and the next one, `within_s` telling the phase.
+    /// Its own block and the next one; `within_s` lies in the phase whose formula counts.
     pub(super) fn along(&self, t_s: f64, within_s: f64) -> [Along; 2] {
         let stopping_s = self.stop_begins_s();
-        let [begun, within] = [t_s + self.begun_s, within_s + self.begun_s];
-        let [s1, s2] = self.start.slopes(begun, within);
-        let [p1, p2] = self.stop.slopes(t_s - stopping_s, within_s - stopping_s);
-        let stopped = self.stop.speed(t_s - stopping_s);
-        let stopped_s = self.stop.distance(t_s - stopping_s);
+        let [begun, within] = [t_s + self.block.begun_s, within_s + self.block.begun_s];
+        let [s1, s2] = self.block.start.slopes(begun, within);
+        let [p1, p2] = self.block.stop.slopes(t_s - stopping_s, within_s - stopping_s);
+        let stopped = self.block.stop.speed(t_s - stopping_s);
+        let stopped_s = self.block.stop.distance(t_s - stopping_s);
         let own = Along {
-            distance: self.speed * (self.start.distance(begun) - stopped_s),
-            speed: self.speed * (self.start.speed(begun) - stopped).max(0.0),
-            acceleration: self.speed * (s1 - p1),
-            jerk: self.speed * (s2 - p2),
+            distance: self.block.speed * (self.block.start.distance(begun) - stopped_s),
+            speed: self.block.speed * (self.block.start.speed(begun) - stopped).max(0.0),
+            acceleration: self.block.speed * (s1 - p1),
+            jerk: self.block.speed * (s2 - p2),
         };
-        let speed = self.lead.map_or(0.0, |(_, speed)| speed);
+        let speed = self.block.next.as_ref().map_or(0.0, |next| next.speed);
         let next = Along {
             distance: speed * stopped_s,
             speed: speed * stopped,
@@ -183,10 +170,10 @@ impl<'a> Way<'a> {
         [own, next]
     }
 
-    /// One end of a piece, `within_s` telling its phase.
+    /// One end of a piece, likewise.
     pub(super) fn end(&self, t_s: f64, within_s: f64) -> End {
         if self.passage.is_backward {
-            let end = self.forward_end(self.plan_s - t_s, self.plan_s - within_s);
+            let end = self.forward_end(self.block.plan_s - t_s, self.block.plan_s - within_s);
             return End {
                 t_s,
                 ..end.reversed()
@@ -198,8 +185,10 @@ impl<'a> Way<'a> {
     fn forward_end(&self, t_s: f64, within_s: f64) -> End {
         let [own, next] = self.along(t_s, within_s);
         let mut end = End::at(t_s, [own, next]);
-        end.add(self.path, self.slopes[0], own);
-        if let Some((path, _)) = self.lead.filter(|_| !next.rests()) {
+        end.add(&self.block.path, self.slopes[0], own);
+        if let Some(Lead { path, .. }) = &self.block.next
+            && !next.rests()
+        {
             end.add(path, self.slopes[1], next);
         }
         end
@@ -208,18 +197,14 @@ impl<'a> Way<'a> {
     /// The motion over a piece between two ends of one phase.
     pub(super) fn between(&self, from: &End, to: &End) -> Motion {
         let mut motion = Motion::of(from, to);
-        motion.bound(self.path, self.slopes[0], [from.along[0], to.along[0]]);
+        motion.bound(&self.block.path, self.slopes[0], [from.along[0], to.along[0]]);
         let along = [from.along[1], to.along[1]];
-        if let Some((path, _)) = self.lead.filter(|_| !along.iter().all(Along::rests)) {
+        if let Some(Lead { path, .. }) = &self.block.next
+            && !along.iter().all(Along::rests)
+        {
             motion.bound(path, self.slopes[1], along);
         }
         motion
-    }
-
-    /// The motion over a piece within one phase.
-    pub(super) fn motion(&self, from_s: f64, to_s: f64) -> Motion {
-        let within_s = f64::midpoint(from_s, to_s);
-        self.between(&self.end(from_s, within_s), &self.end(to_s, within_s))
     }
 }
 
@@ -232,14 +217,14 @@ fn slopes(path: &Path) -> AxisVector {
 }
 
 impl Along {
-    /// True when it has no share in the motion.
+    /// True when it does not move.
     fn rests(&self) -> bool {
         self.speed == 0.0 && self.acceleration == 0.0 && self.jerk == 0.0
     }
 }
 
 impl End {
-    /// Without a share of any block yet.
+    /// Without the motion of any block yet.
     pub(super) fn at(t_s: f64, along: [Along; 2]) -> Self {
         Self {
             t_s,
@@ -257,7 +242,7 @@ impl End {
         }
     }
 
-    /// Adds a block's share; with `p(s)` the path and `s` the distance along it, by the chain rule. Gives `dp/ds`.
+    /// Adds the motion of a block, with `p(s)` the path and `s` the distance along it, by the chain rule; returns `dp/ds`.
     pub(super) fn add(&mut self, path: &Path, slopes: AxisVector, along: Along) -> AxisVector {
         let (first, second) = match path {
             Path::Line { .. } => (slopes, AxisVector::ZERO),
@@ -291,7 +276,7 @@ impl Motion {
         }
     }
 
-    /// Adds a block's share of the bounds, by plan time.
+    /// Adds the bounds of a block by plan time.
     fn bound(&mut self, path: &Path, slopes: AxisVector, [from, to]: [Along; 2]) {
         let jerk = from.jerk.abs();
         match path {
@@ -312,7 +297,7 @@ impl Motion {
         }
     }
 
-    /// Adds the share of an arc with this jerk along it.
+    /// Adds the bounds of an arc with this jerk along it.
     pub(super) fn bend(&mut self, arc: &ArcPath, [from, to]: [f64; 2], most: Most, along: f64) {
         let Most {
             speed: v,
@@ -360,7 +345,7 @@ pub(super) fn bends(arc: &ArcPath, [from, to]: [f64; 2]) -> [AxisVector; 2] {
     })
 }
 
-/// True where two speeds are not one but for rounding, and not so unlike that powers of them overflow.
+/// True for speeds that differ by more than rounding, and not so much that powers of them overflow.
 fn differ([one, other]: &[f64; 2]) -> bool {
     let ratio = one.max(*other) / one.min(*other);
     (1.0 + SAME_SPEED..RATIO_MAX).contains(&ratio)

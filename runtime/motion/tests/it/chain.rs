@@ -141,7 +141,7 @@ fn chain(settings: &CoordinateSystemSettings, segments: &[Segment]) -> Vec<Profi
         };
         planner.push(&segment, &mut out).unwrap();
     }
-    planner.flush(&mut out).unwrap();
+    planner.flush(&mut out);
     out.into()
 }
 
@@ -346,8 +346,8 @@ fn a_block_is_held_back_until_the_next_one_tells_how_it_ends() {
         [(0, 1), (1, 2), (2, 3)],
         "numbers count what is held back, too"
     );
-    planner.flush(&mut out).unwrap();
-    planner.flush(&mut out).unwrap();
+    planner.flush(&mut out);
+    planner.flush(&mut out);
     let numbers: Vec<_> = out
         .iter()
         .map(|profile| (profile.segment, profile.exact_stop))

@@ -179,10 +179,10 @@ fn m1d_blocks_come_out_when_nothing_to_come_can_change_them_and_flush_ends_at_re
         assert_eq!(early.segment, late.segment);
         assert!((early.duration_s - late.duration_s).abs() <= 2e-3 * late.duration_s);
     }
-    planner.flush(&mut out).unwrap();
+    planner.flush(&mut out);
     assert!(out[out.len() - 1].exact_stop);
     assert_eq!(out[out.len() - 1].segment, 200);
-    planner.flush(&mut out).unwrap();
+    planner.flush(&mut out);
     assert_eq!(out.iter().filter(|profile| profile.exact_stop).count(), 1);
 }
 

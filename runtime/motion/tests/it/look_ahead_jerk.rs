@@ -37,7 +37,7 @@ fn planned(settings: &CoordinateSystemSettings, segments: &[Segment]) -> (Planne
     for segment in segments {
         planner.push(segment, &mut out).unwrap();
     }
-    planner.flush(&mut out).unwrap();
+    planner.flush(&mut out);
     (planner, out)
 }
 
@@ -105,7 +105,7 @@ impl Motion {
         let at = |k: i32| self.position(from + h * f64::from(k))[axis];
         // Positions are made of distances along the path, on an arc with its radius.
         let lengths = self.0.iter().map(|profile| match &profile.law {
-            Law::Paced { path, .. } => path.length(),
+            Law::Paced { block, .. } => block.path.length(),
             other => panic!("not paced: {other:?}"),
         });
         let places = [from, to].into_iter().flat_map(|t| self.position(t).0);
@@ -511,7 +511,7 @@ fn m1d_with_the_rule_extend_and_with_g501_ramps_between_blocks_are_as_programmed
     let [soft, stiff] = [Some(1e4), None].map(|jerk| {
         let motion = Motion::new(&machine(ShortBlock::Extend, jerk), &extend);
         let ramps = motion.0.iter().map(|profile| match &profile.law {
-            Law::Paced { start, stop, .. } => [*start, *stop],
+            Law::Paced { block, .. } => [block.start, block.stop],
             other => panic!("not paced: {other:?}"),
         });
         let mut ramps: Vec<_> = ramps.collect();

@@ -107,7 +107,9 @@ impl Chain {
             [steady[1], jerk_phase[1]]
         };
         let ends = match [&profiles[0].law, &profiles[profiles.len() - 1].law] {
-            [Law::Paced { start, .. }, Law::Paced { stop, .. }] => [times(*start), times(*stop)],
+            [Law::Paced { block: first, .. }, Law::Paced { block: last, .. }] => {
+                [times(first.start), times(last.stop)]
+            }
             other => panic!("not paced: {other:?}"),
         };
         chain.formula = chain.formula.with_ends(ends);
@@ -126,7 +128,7 @@ impl Chain {
         for segment in &self.segments {
             planner.push(segment, &mut out).unwrap();
         }
-        planner.flush(&mut out).unwrap();
+        planner.flush(&mut out);
         out.into()
     }
 

@@ -91,7 +91,7 @@ pub fn plan(settings: &CoordinateSystemSettings, segment: &Segment) -> Profile {
     let mut planner = Planner::new(settings);
     let mut out = VecDeque::new();
     planner.push(segment, &mut out).unwrap();
-    planner.flush(&mut out).unwrap();
+    planner.flush(&mut out);
     assert_eq!(out.len(), 1);
     out.pop_front().unwrap()
 }

@@ -36,7 +36,7 @@ fn m1h_z_and_spindle_follow_one_formula_at_every_instant() {
     let (v, ta, td, ts) = (100.0 / 60.0, 0.1, 0.08, 0.05);
     let end_s = 5.0 / v + f64::midpoint(ta + ts, td + ts);
     close(profile.duration_s, end_s);
-    assert_eq!(profile.time_base, TimeBase::Fixed);
+    assert_eq!(profile.law.time_base(), TimeBase::Fixed);
     assert!(profile.exact_stop);
     for k in 0..=3200 {
         let t = f64::from(k) * 0.001;

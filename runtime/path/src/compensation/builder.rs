@@ -4,7 +4,7 @@
 use tandem_model::flow::{Feed, Path, Segment, SegmentMotion};
 use tandem_model::plane::{Plane, Turn};
 use tandem_model::settings::CompensationFeed;
-use tandem_model::{Alarm, ArcPath, Axis, AxisVector};
+use tandem_model::{Alarm, ArcPath, AxisVector};
 
 use super::curve::{Curve, Vec2};
 use super::piece::{Leg, Piece, Way};
@@ -19,7 +19,7 @@ pub(super) struct Builder {
     basis: CompensationFeed,
     max_feedrate_mm_min: f64,
     plane: Plane,
-    /// Where what has been built ends.
+    /// End of the last segment.
     at: AxisVector,
     /// Of the block built last.
     feed: Feed,
@@ -36,12 +36,7 @@ impl Builder {
             max_feedrate_mm_min,
             plane: Plane::Xy,
             at: AxisVector::ZERO,
-            feed: Feed {
-                feedrate_mm_min: 0.0,
-                ta_ms: 0.0,
-                td_ms: 0.0,
-                ts_ms: 0.0,
-            },
+            feed: Feed::default(),
             stop: false,
             is_exact: false,
         }
@@ -51,7 +46,7 @@ impl Builder {
         (self.plane, self.at, self.stop) = (plane, at, false);
     }
 
-    /// Puts out a piece and what follows it without moving in the plane.
+    /// Puts out a piece and the blocks after it that do not move in the plane.
     ///
     /// # Errors
     /// `VALUE_NOT_FINITE` for a length that is not a number, at the block.
@@ -78,20 +73,18 @@ impl Builder {
     fn along(&mut self, piece: &Piece, way: &Way, path: &Path, out: &mut Vec<Leg>) -> Result<(), Alarm> {
         let segment = &piece.leg.segment;
         let (start, end) = (path.start(), path.end());
-        if let Some(head) = &way.head {
+        let [head, curve, tail] = &way.parts;
+        if let Some(head) = head {
             self.cut(segment, head, start, self.feed, out)?;
         }
-        if let Some(curve) = &way.curve {
+        if let Some(curve) = curve {
             let feed = self.curve_feed(&piece.wall, curve, end.minus(start));
             self.cut(segment, curve, end, feed, out)?;
         }
-        if let Some(tail) = &way.tail {
-            self.cut(segment, tail, end, self.feed, out)?;
-        }
-        Ok(())
+        (tail.iter()).try_for_each(|tail| self.cut(segment, tail, end, self.feed, out))
     }
 
-    /// A lead-out with G00; an arc that it needs is cut at the feedrate before it.
+    /// A lead-out with G00; an arc added to it is cut at the last feedrate.
     fn rapid(
         &mut self,
         segment: &Segment,
@@ -99,7 +92,7 @@ impl Builder {
         to: AxisVector,
         out: &mut Vec<Leg>,
     ) -> Result<(), Alarm> {
-        if let Some(head) = &way.head {
+        if let Some(head) = &way.parts[0] {
             self.cut(segment, head, self.at, self.feed, out)?;
         }
         let motion = SegmentMotion::Rapid { from: self.at, to };
@@ -107,7 +100,7 @@ impl Builder {
         Ok(())
     }
 
-    /// Along a curve; the axes outside the plane go to their values in `others`.
+    /// Along a curve; the axes outside the plane move to their values in `others`.
     fn cut(
         &mut self,
         segment: &Segment,
@@ -136,7 +129,7 @@ impl Builder {
         Ok(())
     }
 
-    /// What moves no axis of the plane happens where the centre is.
+    /// A block that moves no axis of the plane, at the position of the centre.
     fn still(&mut self, leg: &Leg, out: &mut Vec<Leg>) -> Result<(), Alarm> {
         self.stop |= leg.stop_before;
         let (segment, centre) = (&leg.segment, Vec2::of(self.at, self.plane));
@@ -184,11 +177,7 @@ impl Builder {
         else {
             return self.feed;
         };
-        let [first, second] = self.plane.axes();
-        let height = [Axis::X, Axis::Y, Axis::Z]
-            .into_iter()
-            .find(|axis| *axis != first && *axis != second)
-            .map_or(0.0, |axis| way[axis]);
+        let height = way[self.plane.normal()];
         let mean = |radii: [f64; 2]| f64::midpoint(radii[0], radii[1]);
         let rate = |radius: f64| (radius * centre.sweep).hypot(height);
         let programmed = self.feed.feedrate_mm_min;

@@ -9,22 +9,22 @@
 
 use std::f64::consts::PI;
 
-use super::curve::{Arc, Curve, Line, Vec2};
+use super::curve::{Arc, Curve, Vec2};
+use super::distance::Chord;
 use crate::length::LENGTH_MIN;
 
 /// Deflections below this are rounding, radians: for a tool of 100 mm the corner is off the curves by less than
 /// 1e-10 mm.
 const TANGENT: f64 = 1e-6;
 
-/// Blocks that go back this close to where they came from are a reversal: 1 degree.
+/// Blocks within this angle of the opposite direction are a reversal: 1 degree.
 const REVERSAL: f64 = PI / 180.0;
 
 /// A corner of 90 degrees is still extended when rounding lets its deflection seem larger: its cosine.
 const RIGHT_ANGLE: f64 = -1e-9;
 
-/// How the tool's centre goes from one block to the next: along the first one's curve to `end`, straight on to
-/// `meet`, there an exact stop is made if one is asked for, then along `arc` or straight to `start`, where the next
-/// one's curve begins.
+/// The path of the tool's centre from one block to the next: along the first one's curve to `end`, straight to `meet`,
+/// where a programmed exact stop is made, then along `arc` or straight to `start`, where the next one's curve begins.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Joint {
     pub end: Vec2,
@@ -36,12 +36,8 @@ pub(super) struct Joint {
 }
 
 impl Joint {
-    /// Where the first piece begins.
-    pub fn begin(point: Vec2) -> Self {
-        Self::at(point, 0.0)
-    }
-
-    fn at(point: Vec2, turn: f64) -> Self {
+    /// Both curves meet in this point.
+    pub fn at(point: Vec2, turn: f64) -> Self {
         Self {
             end: point,
             meet: point,
@@ -103,10 +99,17 @@ pub(super) fn between(before: &Curve, after: &Curve, corner: Vec2, tool: f64) ->
         }
         return (joint, true);
     }
+    // The intersection on the side of the chord's middle where the programmed corner lies: it moved there from the corner
+    // as the tool's radius grew from zero.
+    let on_line_and_circle =
+        |line, arc: &Arc, radius| Chord::on_line(line, arc.centre, radius).end_towards(corner - arc.centre);
     let meet = match (before, after) {
-        (Curve::Line(line), Curve::Arc(arc)) => on_line_and_circle(line, arc, arc.radii[0], corner),
-        (Curve::Arc(arc), Curve::Line(line)) => on_line_and_circle(line, arc, arc.radii[1], corner),
-        (Curve::Arc(a), Curve::Arc(b)) => on_both_circles(a, b, corner),
+        (Curve::Line(line), Curve::Arc(arc)) => on_line_and_circle(line, arc, arc.radii[0]),
+        (Curve::Arc(arc), Curve::Line(line)) => on_line_and_circle(line, arc, arc.radii[1]),
+        (Curve::Arc(a), Curve::Arc(b)) => {
+            let chord = Chord::of_circles([a.centre, b.centre], [a.radii[1], b.radii[0]]);
+            chord.and_then(|chord| chord.end_towards(corner - a.centre))
+        }
         (Curve::Line(_), Curve::Line(_)) => None,
     };
     let feet = Joint {
@@ -144,35 +147,4 @@ pub(super) fn leading_out(before: &Curve, direction: Vec2, corner: Vec2, tool: f
 fn needs_arc(turn: f64, cos: f64, tool: f64) -> bool {
     let reversal = PI - turn.abs() <= REVERSAL;
     tool.abs() >= LENGTH_MIN && (reversal || (turn * tool < 0.0 && cos < RIGHT_ANGLE))
-}
-
-/// The intersection on the side of the line's foot on which the programmed corner lies: there it came from as the
-/// tool's radius grew from zero.
-fn on_line_and_circle(line: &Line, arc: &Arc, radius: f64, corner: Vec2) -> Option<Vec2> {
-    let foot = line.from + line.along * (arc.centre - line.from).dot(line.along);
-    let distance = (foot - arc.centre).length();
-    let half_chord = half_chord(radius, distance)?;
-    let side = (corner - arc.centre).dot(line.along).signum();
-    Some(foot + line.along * (side * half_chord))
-}
-
-/// The same for two circles and the line through their centres.
-fn on_both_circles(a: &Arc, b: &Arc, corner: Vec2) -> Option<Vec2> {
-    let way = b.centre - a.centre;
-    let distance = way.length();
-    if distance < LENGTH_MIN {
-        return None;
-    }
-    let along = way * (1.0 / distance);
-    let (first, second) = (a.radii[1], b.radii[0]);
-    let foot = f64::midpoint(distance, (first - second) * (first + second) / distance);
-    let half_chord = half_chord(first, foot.abs())?;
-    let side = along.cross(corner - a.centre).signum();
-    Some(a.centre + along * foot + along.left() * (side * half_chord))
-}
-
-/// Half the chord of a circle at this distance from its centre. A line that misses it by rounding touches it.
-fn half_chord(radius: f64, distance: f64) -> Option<f64> {
-    let square = (radius - distance) * (radius + distance);
-    (distance <= radius + LENGTH_MIN).then(|| square.max(0.0).sqrt())
 }

@@ -102,7 +102,7 @@ pub(super) struct Arc {
 }
 
 impl Curve {
-    /// What a path is in the plane; `None` when it does not move there.
+    /// The projection of a path to the plane; `None` when it does not move there.
     pub fn of(path: &Path, plane: Plane) -> Option<Self> {
         let (from, to) = (Vec2::of(path.start(), plane), Vec2::of(path.end(), plane));
         match path {
@@ -117,7 +117,7 @@ impl Curve {
         }
     }
 
-    /// The straight line; `None` when it leads nowhere.
+    /// The straight line; `None` without a length.
     pub fn line(from: Vec2, to: Vec2) -> Option<Self> {
         let way = to - from;
         let length = way.length();
@@ -191,8 +191,7 @@ impl Curve {
         }
     }
 
-    /// The part between two points of the curve; beyond its ends a line is extended. `None` when it would lead
-    /// against the curve's direction.
+    /// The part between two points of the curve; a line is extended beyond its ends. `None` against the curve's direction.
     pub fn between(&self, from: Vec2, to: Vec2) -> Option<Self> {
         match *self {
             Self::Line(line) => {

@@ -5,7 +5,7 @@ use crate::length::LENGTH_MIN;
 
 /// The smallest distance between two curves; 0 when they cross.
 pub(super) fn distance(a: &Curve, b: &Curve) -> f64 {
-    if !intersections(a, b).is_empty() {
+    if intersections(a, b).iter().any(Option::is_some) {
         return 0.0;
     }
     let ends = to_point(b, a.from())
@@ -61,94 +61,106 @@ fn to_point(curve: &Curve, point: Vec2) -> f64 {
     }
 }
 
-/// A few points.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Points {
-    points: [Option<Vec2>; 2],
-}
+/// At most two points.
+type Points = [Option<Vec2>; 2];
 
-impl Points {
-    pub fn is_empty(&self) -> bool {
-        self.points.iter().all(Option::is_none)
-    }
-
-    fn one(point: Vec2) -> Self {
-        Self {
-            points: [Some(point), None],
-        }
-    }
-
-    /// The one that the curve comes to first.
-    pub fn first_on(&self, curve: &Curve) -> Option<Vec2> {
-        let place = |point: &Vec2| match curve {
-            Curve::Line(line) => (*point - line.from).dot(line.along),
-            Curve::Arc(arc) => arc.share(*point - arc.centre).unwrap_or_default(),
-        };
-        self.points
-            .into_iter()
-            .flatten()
-            .min_by(|a, b| place(a).total_cmp(&place(b)))
-    }
-}
-
-/// Where two curves meet. Of two lines upon each other: where both begin to be.
-pub(super) fn intersections(a: &Curve, b: &Curve) -> Points {
-    let candidates = match (a, b) {
-        (Curve::Line(first), Curve::Line(second)) => of_lines(first, second),
-        (Curve::Line(line), Curve::Arc(arc)) | (Curve::Arc(arc), Curve::Line(line)) => {
-            let foot = line.from + line.along * (arc.centre - line.from).dot(line.along);
-            let radius = f64::midpoint(arc.radii[0], arc.radii[1]);
-            either_side(foot, line.along, radius, (foot - arc.centre).length())
-        }
-        (Curve::Arc(first), Curve::Arc(second)) => of_circles(first, second),
+/// The point that the curve reaches first.
+pub(super) fn first_on(curve: &Curve, points: Points) -> Option<Vec2> {
+    let place = |point: &Vec2| match curve {
+        Curve::Line(line) => (*point - line.from).dot(line.along),
+        Curve::Arc(arc) => arc.share(*point - arc.centre).unwrap_or_default(),
     };
-    Points {
-        points: candidates
-            .points
-            .map(|point| point.filter(|point| is_on(a, *point) && is_on(b, *point))),
-    }
+    points
+        .into_iter()
+        .flatten()
+        .min_by(|a, b| place(a).total_cmp(&place(b)))
 }
 
-fn of_lines(a: &Line, b: &Line) -> Points {
+/// Where two curves meet. Two lines on each other meet where the overlap begins.
+pub(super) fn intersections(a: &Curve, b: &Curve) -> Points {
+    let mean = |arc: &Arc| f64::midpoint(arc.radii[0], arc.radii[1]);
+    let candidates = match (a, b) {
+        (Curve::Line(first), Curve::Line(second)) => [of_lines(first, second), None],
+        (Curve::Line(line), Curve::Arc(arc)) | (Curve::Arc(arc), Curve::Line(line)) => {
+            Chord::on_line(line, arc.centre, mean(arc)).ends()
+        }
+        (Curve::Arc(first), Curve::Arc(second)) => {
+            let radii = [mean(first), mean(second)];
+            Chord::of_circles([first.centre, second.centre], radii).map_or([None; 2], Chord::ends)
+        }
+    };
+    candidates.map(|point| point.filter(|point| is_on(a, *point) && is_on(b, *point)))
+}
+
+fn of_lines(a: &Line, b: &Line) -> Option<Vec2> {
     let (sin, between) = (a.along.cross(b.along), b.from - a.from);
     if sin.abs() > LENGTH_MIN {
-        return Points::one(a.from + a.along * (between.cross(b.along) / sin));
+        return Some(a.from + a.along * (between.cross(b.along) / sin));
     }
     let same_line = a.along.cross(between).abs() < LENGTH_MIN && a.along.dot(b.along) > 0.0;
-    if !same_line {
-        return Points::default();
-    }
-    Points::one(if a.along.dot(between) > 0.0 {
+    let first = if a.along.dot(between) > 0.0 {
         b.from
     } else {
         a.from
-    })
+    };
+    same_line.then_some(first)
 }
 
-fn of_circles(a: &Arc, b: &Arc) -> Points {
-    let way = b.centre - a.centre;
-    let distance = way.length();
-    if distance < LENGTH_MIN {
-        return Points::default();
-    }
-    let along = way * (1.0 / distance);
-    let radius = |arc: &Arc| f64::midpoint(arc.radii[0], arc.radii[1]);
-    let (first, second) = (radius(a), radius(b));
-    let foot = f64::midpoint(distance, (first - second) * (first + second) / distance);
-    either_side(a.centre + along * foot, along.left(), first, foot.abs())
+/// The chord that a line, or another circle, cuts off a circle.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Chord {
+    middle: Vec2,
+    /// Unit vector.
+    along: Vec2,
+    radius: f64,
+    /// Of the middle from the circle's centre; above the radius: they do not meet.
+    distance: f64,
 }
 
-/// Both ends of the chord of a circle, from the middle of the chord.
-fn either_side(middle: Vec2, along: Vec2, radius: f64, distance: f64) -> Points {
-    if distance > radius {
-        return Points::default();
+impl Chord {
+    pub fn on_line(line: &Line, centre: Vec2, radius: f64) -> Self {
+        let middle = line.from + line.along * (centre - line.from).dot(line.along);
+        Self {
+            middle,
+            along: line.along,
+            radius,
+            distance: (middle - centre).length(),
+        }
     }
-    let half_chord = ((radius - distance) * (radius + distance)).sqrt();
-    Points {
-        points: [
-            Some(middle - along * half_chord),
-            Some(middle + along * half_chord),
-        ],
+
+    /// `None` for circles about one centre.
+    pub fn of_circles([a, b]: [Vec2; 2], [first, second]: [f64; 2]) -> Option<Self> {
+        let way = b - a;
+        let distance = way.length();
+        if distance < LENGTH_MIN {
+            return None;
+        }
+        let along = way * (1.0 / distance);
+        let foot = f64::midpoint(distance, (first - second) * (first + second) / distance);
+        Some(Self {
+            middle: a + along * foot,
+            along: along.left(),
+            radius: first,
+            distance: foot.abs(),
+        })
+    }
+
+    fn half_length(self) -> f64 {
+        ((self.radius - self.distance) * (self.radius + self.distance))
+            .max(0.0)
+            .sqrt()
+    }
+
+    fn ends(self) -> Points {
+        let half = self.half_length();
+        [-half, half].map(|half| (self.distance <= self.radius).then(|| self.middle + self.along * half))
+    }
+
+    /// The end in this direction from the circle's centre. A line that misses the circle by rounding touches it.
+    pub fn end_towards(self, direction: Vec2) -> Option<Vec2> {
+        let side = direction.dot(self.along).signum();
+        let meets = self.distance <= self.radius + LENGTH_MIN;
+        meets.then(|| self.middle + self.along * (side * self.half_length()))
     }
 }
 

@@ -11,18 +11,18 @@ use super::curve::Curve;
 use super::distance::distance;
 use super::piece::{Piece, Role, Way};
 
-/// A tool that comes closer than its radius by less than this cuts nothing over, mm: the rounding of programs.
+/// Overcuts by less than this are the rounding of programs, mm.
 pub(super) const OVERCUT_MIN: f64 = 1e-3;
 
 /// Directions within this angle count as within half a turn, radians.
 const HALF_TURN: f64 = 3.1;
 
-/// Two pieces of which one is in the tool's way on the other.
+/// A piece that the tool on another one would cut into.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Overcut {
     /// Place in the queue.
     pub earlier: usize,
-    /// How close the centre comes, mm.
+    /// Distance of the tool's centre from it, mm.
     pub distance: f64,
 }
 
@@ -44,7 +44,8 @@ pub(super) fn with_earlier(queue: &VecDeque<Piece>, place: usize, radius: f64) -
         if !measured {
             continue;
         }
-        let distance = of_piece(piece, other, radius).or_else(|| of_piece(other, piece, radius));
+        let to_wall = |piece: &Piece, other| to_wall(piece.way.as_ref()?, other, radius);
+        let distance = to_wall(piece, other).or_else(|| to_wall(other, piece));
         if let Some(distance) = distance {
             found = Some(Overcut { earlier, distance });
         }
@@ -55,7 +56,7 @@ pub(super) fn with_earlier(queue: &VecDeque<Piece>, place: usize, radius: f64) -
 /// The same for an arc added before the lead-out, which follows the pieces in the queue and leaves the last one's
 /// corner: it belongs to no block of the contour, and its tool cuts all the same. The lead-out itself is not measured.
 pub(super) fn of_last_arc(queue: &VecDeque<Piece>, arc: Curve, radius: f64) -> Option<Overcut> {
-    let way = Way::of(Some(arc), None, None)?;
+    let way = Way::of([Some(arc), None, None])?;
     let mut found = None;
     for (earlier, other) in queue.iter().enumerate().rev() {
         if other.role != Role::Contour || other.lifts() {
@@ -68,12 +69,7 @@ pub(super) fn of_last_arc(queue: &VecDeque<Piece>, arc: Curve, radius: f64) -> O
     found
 }
 
-/// The same for a piece and what is programmed on another one.
-fn of_piece(piece: &Piece, other: &Piece, radius: f64) -> Option<f64> {
-    to_wall(piece.way.as_ref()?, other, radius)
-}
-
-/// How close the centre comes to what is programmed on a piece, when that is too close.
+/// The distance of the tool's centre from the programmed curve of a piece, when that is too small.
 pub(super) fn to_wall(way: &Way, other: &Piece, radius: f64) -> Option<f64> {
     let allowed = radius - OVERCUT_MIN;
     if !way.bounds.is_near(&other.wall_bounds, allowed) {

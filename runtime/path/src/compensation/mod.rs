@@ -46,8 +46,8 @@ pub(crate) use self::piece::Leg;
 use self::piece::{Piece, Role};
 use crate::length::LENGTH_MIN;
 
-/// Blocks that are kept back to look for overcuts, and blocks without a move in the plane between two with one. An
-/// overcut between blocks farther apart is not found; more blocks without a move in the plane are an alarm.
+/// Blocks held back to look for overcuts, and blocks without a move in the plane between two with one. An overcut between
+/// blocks farther apart is not found; more blocks without a move in the plane are an alarm.
 pub const LOOK_AHEAD_MAX: usize = 64;
 
 /// The compensation in force.
@@ -58,12 +58,12 @@ pub(crate) struct Side {
     pub tool: f64,
 }
 
-/// Pieces that cannot all go as they are.
+/// Pieces that cannot all stay as they are.
 #[derive(Debug, Clone)]
 struct Conflict {
-    /// The first one, which must not move before it is solved.
+    /// The first one, which must not move before the conflict is solved.
     first: u64,
-    /// The last one known of.
+    /// The last one known.
     last: u64,
     alarm: Alarm,
 }
@@ -73,8 +73,8 @@ struct Conflict {
 pub(crate) struct Compensator {
     overcut: Overcut,
     spiral_min_mm: f64,
-    /// From lead-in to lead-out.
-    side: Option<Side>,
+    /// In force from the lead-in to the lead-out.
+    pub side: Option<Side>,
     queue: VecDeque<Piece>,
     builder: Builder,
     /// Pieces since the lead-in.
@@ -103,12 +103,7 @@ impl Compensator {
         self.side.is_some()
     }
 
-    /// What is in force from the lead-in to the lead-out.
-    pub fn side(&self) -> Option<Side> {
-        self.side
-    }
-
-    /// Segments that the blocks kept back will give; fewer when some are left out to prevent an overcut.
+    /// Segments of the blocks held back; fewer when some are left out to prevent an overcut.
     pub fn pending(&self) -> usize {
         let last = self.queue.len().saturating_sub(1);
         let of = |(i, piece): (usize, &Piece)| {
@@ -122,12 +117,12 @@ impl Compensator {
         self.queue.iter().enumerate().map(of).sum()
     }
 
-    /// The machine is to rest between what has been taken and what comes.
+    /// The machine rests between the legs taken so far and the next one.
     pub fn stop(&mut self) {
         self.stop_next = true;
     }
 
-    /// Forgets everything.
+    /// Drops everything held back.
     pub fn clear(&mut self) {
         self.side = None;
         self.queue.clear();
@@ -135,7 +130,7 @@ impl Compensator {
         self.stop_next = false;
     }
 
-    /// Puts out what does not depend on what comes, and forgets the rest.
+    /// Puts out the pieces that do not depend on later blocks, and drops the others.
     pub fn abandon(&mut self, out: &mut Vec<Leg>) {
         let end = self.conflict.as_ref().map_or(u64::MAX, |conflict| conflict.first);
         while let Some(piece) = self.queue.pop_front() {
@@ -150,7 +145,7 @@ impl Compensator {
     /// Takes a segment of a block, `side` being in force or wanted; with `wanted` `None` it leads out.
     ///
     /// # Errors
-    /// The alarms of `PathStage::push`. What comes before the block that the alarm names has been put out.
+    /// The alarms of `PathStage::push`. The pieces before the block that the alarm names have been put out.
     pub fn take(
         &mut self,
         leg: Leg,
@@ -158,15 +153,11 @@ impl Compensator {
         wanted: Option<Side>,
         out: &mut Vec<Leg>,
     ) -> Result<(), Alarm> {
-        let origin = leg.segment.origin;
         let taken = self.take_compensated(leg, side, wanted, out);
-        taken.map_err(|alarm| {
+        if taken.is_err() {
             self.abandon(out);
-            match alarm.origin {
-                Some(_) => alarm,
-                None => alarm.at(origin),
-            }
-        })
+        }
+        taken
     }
 
     fn take_compensated(
@@ -223,7 +214,7 @@ impl Compensator {
             self.builder.begin(side.plane, path.start());
         }
         (self.side, self.count) = (Some(side), 0);
-        let joint = Joint::begin(lead.from());
+        let joint = Joint::at(lead.from(), 0.0);
         self.append(leg, lead, lead, joint, Role::LeadIn);
         Ok(())
     }
@@ -271,7 +262,7 @@ impl Compensator {
         if let Some(conflict) = &self.conflict {
             return Err(conflict.alarm.clone());
         }
-        let end = Joint::begin(lead.to());
+        let end = Joint::at(lead.to(), 0.0);
         if let Some(last) = self.queue.back_mut() {
             last.way = last.up_to(&end);
         }
@@ -282,7 +273,7 @@ impl Compensator {
         Ok(())
     }
 
-    /// Notes what the arc before the lead-out, the last piece, would cut into, unless something else is in the way.
+    /// Notes the overcut of the arc before the lead-out, the last piece, unless there is another conflict.
     fn cut_by_last_arc(&mut self, overcut: interference::Overcut, radius: f64) {
         let (Some(earlier), Some(lead)) = (self.queue.get(overcut.earlier), self.queue.back()) else {
             return;
@@ -318,7 +309,7 @@ impl Compensator {
         })
     }
 
-    /// Appends a piece; with its joint it is known where the piece before ends.
+    /// Appends a piece, whose joint determines where the piece before ends.
     fn append(&mut self, leg: Leg, wall: Curve, offset: Curve, joint: Joint, role: Role) {
         let mut before = 0.0;
         if let Some(last) = self.queue.back_mut() {
@@ -345,7 +336,7 @@ impl Compensator {
         self.count += 1;
     }
 
-    /// Looks whether the piece before the last one, whose end is known now, can go as it is.
+    /// Checks whether the piece before the last one, whose end is now known, can stay as it is.
     fn judge(&mut self, unsolved: Option<Alarm>, radius: f64) -> Result<(), Alarm> {
         let Some(place) = self.queue.len().checked_sub(2) else {
             return Ok(());
@@ -396,7 +387,7 @@ impl Compensator {
     }
 }
 
-/// What a segment does in the plane; `None` when it does not move there.
+/// The curve of a segment in the plane; `None` when it does not move there.
 fn way_in_plane(motion: &SegmentMotion, plane: Plane) -> Result<Option<Curve>, Alarm> {
     match motion {
         SegmentMotion::Feed { path, .. } => {

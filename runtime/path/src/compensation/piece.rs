@@ -14,7 +14,7 @@ pub(crate) struct Leg {
     pub is_exact: bool,
 }
 
-/// What a piece is for.
+/// The purpose of a piece.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Role {
     LeadIn,
@@ -22,31 +22,25 @@ pub(super) enum Role {
     LeadOut,
 }
 
-/// The tool centre's way: from where it meets the block before to the block's own offset curve, that curve, and from
-/// there to where it meets the next block.
+/// The path of the tool centre on a block.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Way {
-    pub head: Option<Curve>,
-    pub curve: Option<Curve>,
-    pub tail: Option<Curve>,
+    /// From where it meets the block before to the block's own offset curve, that curve, and from there to where it meets
+    /// the next block.
+    pub parts: [Option<Curve>; 3],
     pub bounds: Bounds,
 }
 
 impl Way {
     /// `None` without any part.
-    pub fn of(head: Option<Curve>, curve: Option<Curve>, tail: Option<Curve>) -> Option<Self> {
-        let parts = [&head, &curve, &tail].into_iter().flatten();
-        let bounds = parts.map(Bounds::of).reduce(|all, part| all.with(&part))?;
-        Some(Self {
-            head,
-            curve,
-            tail,
-            bounds,
-        })
+    pub fn of(parts: [Option<Curve>; 3]) -> Option<Self> {
+        let all = parts.iter().flatten().map(Bounds::of);
+        let bounds = all.reduce(|all, part| all.with(&part))?;
+        Some(Self { parts, bounds })
     }
 
     pub fn parts(&self) -> impl Iterator<Item = &Curve> {
-        [&self.head, &self.curve, &self.tail].into_iter().flatten()
+        self.parts.iter().flatten()
     }
 }
 
@@ -57,22 +51,22 @@ pub(super) struct Piece {
     pub role: Role,
     /// Counts pieces since the lead-in.
     pub id: u64,
-    /// What is programmed, in the plane.
+    /// The programmed curve in the plane.
     pub wall: Curve,
     pub wall_bounds: Bounds,
     /// The same moved by the tool's radius.
     pub offset: Curve,
     /// Joint with the piece before.
     pub joint: Joint,
-    /// Direction at the end, counted from the lead-in's without jumps, radians.
+    /// Direction at the end, continuous from that of the lead-in, radians.
     pub heading: f64,
-    /// Lowest and highest direction on the way, an added arc before it counted in.
+    /// Lowest and highest direction, including an arc added before it.
     pub directions: [f64; 2],
     /// `None` until the next block decides where it ends, and where nothing is left of it.
     pub way: Option<Way>,
     /// Left out to prevent an overcut.
     pub dropped: bool,
-    /// What moves no axis of the plane between this piece and the next one.
+    /// The blocks that move no axis of the plane between this piece and the next one.
     pub stills: Vec<Leg>,
 }
 
@@ -85,7 +79,7 @@ impl Piece {
             Role::Contour => self.offset.between(joint.start, next.end),
         }?;
         let head = joint.arc.or_else(|| Curve::line(joint.meet, joint.start));
-        Way::of(head, Some(curve), Curve::line(next.end, next.meet))
+        Way::of([head, Some(curve), Curve::line(next.end, next.meet)])
     }
 
     /// True when the tool moves along another axis before the next piece.

@@ -2,14 +2,13 @@
 
 use std::collections::VecDeque;
 
-use super::curve::Curve;
-use super::distance::intersections;
+use super::distance::{first_on, intersections};
 use super::interference::to_wall;
 use super::piece::{Piece, Role, Way};
 
 /// Tries to join the piece at `place` with an earlier one so that the pieces from `first` on, except these two, are
-/// left out. False when there is no such way without an overcut; nothing has changed then. Pieces with something
-/// between them that does not move in the plane are not left out.
+/// left out. False, without any change, when each such way has an overcut. Pieces followed by blocks that do not move in
+/// the plane are not left out.
 pub(super) fn prevent(queue: &mut VecDeque<Piece>, place: usize, first: u64, radius: f64) -> bool {
     for earlier in (0..place).rev() {
         let Some(piece) = queue.get(earlier) else {
@@ -46,7 +45,7 @@ fn is_free(
     radius: f64,
 ) -> bool {
     let hits = |way: &Way, piece: &Piece| to_wall(way, piece, radius).is_some();
-    // What was passed over while there was no way is measured here for the first time.
+    // Pieces that were skipped while they had no way are measured here for the first time.
     let shortened_hits = |piece: &Piece| hits(before, piece) || hits(after, piece);
     if queue.range(earlier..=place).any(shortened_hits) {
         return false;
@@ -78,40 +77,22 @@ fn apply(queue: &mut VecDeque<Piece>, earlier: usize, place: usize, [before, aft
     }
 }
 
-/// Joins two ways where they meet first and leaves out what is between. `None` when they do not meet.
+/// Joins two ways where they meet first, without the parts between. `None` when they do not meet.
 fn join(earlier: &Way, later: &Way) -> Option<[Way; 2]> {
-    for (i, part) in [&earlier.head, &earlier.curve, &earlier.tail]
-        .into_iter()
-        .enumerate()
-    {
+    for (i, part) in earlier.parts.iter().enumerate() {
         let Some(part) = part else { continue };
-        for (k, other) in [&later.head, &later.curve, &later.tail].into_iter().enumerate() {
+        for (k, other) in later.parts.iter().enumerate() {
             let Some(other) = other else { continue };
-            let Some(meet) = intersections(part, other).first_on(part) else {
+            let Some(meet) = first_on(part, intersections(part, other)) else {
                 continue;
             };
-            let before = ending(earlier, i, part.between(part.from(), meet)?)?;
-            let after = beginning(later, k, other.between(meet, other.to())?)?;
-            return Some([before, after]);
+            let [mut before, mut after] = [earlier.parts, later.parts];
+            before[i] = Some(part.between(part.from(), meet)?);
+            before[i + 1..].fill(None);
+            after[..k].fill(None);
+            after[k] = Some(other.between(meet, other.to())?);
+            return Some([Way::of(before)?, Way::of(after)?]);
         }
     }
     None
-}
-
-/// The way up to a part of it, 0 to 2, that is cut to `last`.
-fn ending(way: &Way, part: usize, last: Curve) -> Option<Way> {
-    match part {
-        0 => Way::of(Some(last), None, None),
-        1 => Way::of(way.head, Some(last), None),
-        _ => Way::of(way.head, way.curve, Some(last)),
-    }
-}
-
-/// The way from a part of it on that is cut to `first`.
-fn beginning(way: &Way, part: usize, first: Curve) -> Option<Way> {
-    match part {
-        0 => Way::of(Some(first), way.curve, way.tail),
-        1 => Way::of(None, Some(first), way.tail),
-        _ => Way::of(None, None, Some(first)),
-    }
 }

@@ -492,7 +492,7 @@ fn any_numbers_give_a_finite_arc_or_an_alarm() {
                     if stage.push(&block, &mut out).is_err() {
                         continue;
                     }
-                    stage.flush(&mut out).unwrap();
+                    stage.flush(&mut out);
                     for segment in &out {
                         let path = path(segment);
                         for share in [0.0, 1e-9, 0.25, 0.5, 0.999, 1.0] {

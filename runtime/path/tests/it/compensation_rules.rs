@@ -246,14 +246,14 @@ fn blocks_are_held_back_for_the_look_ahead_and_counted() {
         assert!(stage.held_back() <= LOOK_AHEAD_MAX + 1);
         // Waiting brings out nothing that is not sure yet, and forgets nothing.
         if i % 7 == 0 {
-            stage.flush(&mut out).unwrap();
+            stage.flush(&mut out);
             assert_eq!(out.len() + stage.held_back(), usize::try_from(i).unwrap() + 1);
         }
     }
     assert!(stage.is_compensating());
     stage.push(&g01(201, &[(X, 150.0)]), &mut out).unwrap();
     assert!(!stage.is_compensating());
-    stage.flush(&mut out).unwrap();
+    stage.flush(&mut out);
     assert_eq!(out.len(), 201);
     assert_eq!(stage.held_back(), 0);
 }

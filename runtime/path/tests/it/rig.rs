@@ -93,7 +93,7 @@ pub fn run(blocks: &[Block]) -> Vec<Segment> {
     for block in blocks {
         stage.push(block, &mut out).unwrap();
     }
-    stage.flush(&mut out).unwrap();
+    stage.flush(&mut out);
     out
 }
 
@@ -134,7 +134,7 @@ pub fn refused(block: &Block, entry: &'static AlarmEntry) -> String {
     let alarm = stage.push(block, &mut out).unwrap_err();
     assert_eq!(alarm.entry, entry);
     assert_eq!(alarm.origin, Some(block.origin));
-    stage.flush(&mut out).unwrap();
+    stage.flush(&mut out);
     assert!(out.is_empty());
     assert_eq!(stage.position(), MachinePosition::default());
     alarm.text

@@ -91,7 +91,7 @@ fn s1a_f_counts_the_vector_length_of_rotary_axes_when_only_they_move() {
     let mut out = Vec::new();
     stage.push(&block, &mut out).unwrap();
     stage.push(&g01(2, &[(X, 1.0), (A, 0.0)]), &mut out).unwrap();
-    stage.flush(&mut out).unwrap();
+    stage.flush(&mut out);
     assert!((length_and_feed(&out[0]).1 - 3600.0).abs() < 1e-12);
     assert!(
         (length_and_feed(&out[1]).1 - 600.0).abs() < 1e-12,
@@ -121,7 +121,7 @@ fn d25_what_a_block_moves_says_which_f_counts() {
     // Z makes the tool length good (D22).
     stage.push(&crate::rig::transform(4, longer), &mut out).unwrap();
     stage.push(&in_inches(g01(5, &[(A, 0.0)])), &mut out).unwrap();
-    stage.flush(&mut out).unwrap();
+    stage.flush(&mut out);
     let expected = [(30.0, 10.0), (30.0, 10.0), (1.0, 254.0), (8.0, 254.0)];
     assert_eq!(out.len(), expected.len());
     for (segment, (length, feedrate)) in out.iter().zip(expected) {
@@ -140,7 +140,7 @@ fn in_dry_run_cutting_blocks_take_its_feedrate_in_place_of_f_and_threads_keep_th
         stage.set_dry_run(true);
         let mut out = Vec::new();
         stage.push(block, &mut out).unwrap();
-        stage.flush(&mut out).unwrap();
+        stage.flush(&mut out);
         match out[0].motion {
             SegmentMotion::Feed { feed, .. } | SegmentMotion::Tap { feed, .. } => feed.feedrate_mm_min,
             _ => panic!("{out:?}"),
@@ -237,7 +237,7 @@ fn a_missing_feedrate_is_an_alarm_only_for_a_block_that_moves() {
     let mut stage = PathStage::new(&settings, MachinePosition::default());
     let mut out = Vec::new();
     stage.push(&without_f(g01(1, &[(X, 1.0)])), &mut out).unwrap();
-    stage.flush(&mut out).unwrap();
+    stage.flush(&mut out);
     assert!((length_and_feed(&out[0]).1 - 1000.0).abs() < 1e-12);
 }
 
@@ -291,12 +291,12 @@ fn s1c_the_last_block_is_held_back_until_the_next_one_or_a_flush() {
     assert!(out.is_empty());
     stage.push(&g01(2, &[(X, 2.0)]), &mut out).unwrap();
     assert_eq!(ends(&out), [(1, Continuous)]);
-    stage.flush(&mut out).unwrap();
-    stage.flush(&mut out).unwrap();
+    stage.flush(&mut out);
+    stage.flush(&mut out);
     assert_eq!(ends(&out), [(1, Continuous), (2, ExactStop)]);
     stage.push(&g01(3, &[(X, 3.0)]), &mut out).unwrap();
     stage.restart(MachinePosition::default());
-    stage.flush(&mut out).unwrap();
+    stage.flush(&mut out);
     assert_eq!(out.len(), 2, "a restart forgets what is held back");
 }
 

@@ -95,7 +95,7 @@ fn running(settings: &CoordinateSystemSettings, segments: &[Segment]) -> Machine
     for segment in segments {
         planner.push(segment, &mut out).unwrap();
     }
-    planner.flush(&mut out).unwrap();
+    planner.flush(&mut out);
     Machine::of(settings, planner, out)
 }
 

@@ -53,7 +53,7 @@ fn chain() -> Vec<Profile> {
         };
         planner.push(&segment, &mut out).unwrap();
     }
-    planner.flush(&mut out).unwrap();
+    planner.flush(&mut out);
     out.into()
 }
 

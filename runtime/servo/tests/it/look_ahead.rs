@@ -99,7 +99,7 @@ pub fn push(planner: &mut Planner, ways: &[Way], feeds: impl Into<Feeds>, out: &
         planner.push(&segment, out).unwrap();
         at = to;
     }
-    planner.flush(out).unwrap();
+    planner.flush(out);
 }
 
 /// Watches the samples.

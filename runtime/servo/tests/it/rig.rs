@@ -1,7 +1,7 @@
 //! One channel with its handle, and profiles made by hand.
 
 use tandem_model::flow::Path;
-use tandem_model::profile::{ChainPlace, Law, MotorMove, Profile, Stretch, TimeBase};
+use tandem_model::profile::{ChainPlace, Law, MotorMove, Profile, Ramped, Stretch};
 use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
 use tandem_model::{AXES_MAX, AxisVector, Origin};
@@ -44,14 +44,13 @@ pub fn origin(segment: u64) -> Origin {
     }
 }
 
-fn profile(segment: u64, law: Law, duration_s: f64, time_base: TimeBase) -> Profile {
+fn profile(segment: u64, law: Law, duration_s: f64) -> Profile {
     Profile {
         segment,
         epoch: 0,
         origin: origin(segment),
         law,
         duration_s,
-        time_base,
         exact_stop: true,
     }
 }
@@ -60,19 +59,23 @@ fn profile(segment: u64, law: Law, duration_s: f64, time_base: TimeBase) -> Prof
 pub fn line(segment: u64, from: AxisVector, to: AxisVector, speed: f64, ta_s: f64) -> Profile {
     let length = to.minus(from).orthogonal_length();
     let ramp = UnitRamp::new(ta_s, 0.0);
+    let duration_s = length / speed + ta_s;
     let law = Law::Ramped {
-        path: Path::Line { from, to, length },
-        speed,
-        start: ramp,
-        stop: ramp,
-        begun_s: 0.0,
-        next: None,
+        block: Ramped {
+            path: Path::Line { from, to, length },
+            speed,
+            start: ramp,
+            stop: ramp,
+            begun_s: 0.0,
+            next: None,
+            plan_s: duration_s,
+        },
         place: ChainPlace {
             first_segment: segment,
-            ends_s: length / speed + ta_s,
+            ends_s: duration_s,
         },
     };
-    profile(segment, law, length / speed + ta_s, TimeBase::Feed)
+    profile(segment, law, duration_s)
 }
 
 /// A rapid of X alone with velocity 100 and ramps of 0.1 s.
@@ -90,12 +93,12 @@ pub fn rapid(segment: u64, from_x: f64, to_x: f64) -> Profile {
         moves,
         stretch: Stretch::whole(moves[0].duration_s()),
     };
-    profile(segment, law, moves[0].duration_s(), TimeBase::Rapid)
+    profile(segment, law, moves[0].duration_s())
 }
 
 pub fn dwell(segment: u64, at: AxisVector, dwell_s: f64) -> Profile {
     let stretch = Stretch::whole(dwell_s);
-    profile(segment, Law::Rest { at, stretch }, dwell_s, TimeBase::Fixed)
+    profile(segment, Law::Rest { at, stretch }, dwell_s)
 }
 
 /// A servo of one channel.

@@ -99,7 +99,7 @@ fn with_g501(settings: &CoordinateSystemSettings, ways: &[Way], feed: Feed) -> V
         planner.push(&segment, &mut out).unwrap();
         from = to;
     }
-    planner.flush(&mut out).unwrap();
+    planner.flush(&mut out);
     out.into()
 }
 

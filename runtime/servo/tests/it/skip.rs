@@ -1,7 +1,7 @@
 //! G31 (M1e, D40, D41): each motor turns back to where its skip input came.
 
 use proptest::prelude::*;
-use tandem_model::profile::{Law, MotorLimits, MotorMove, Profile, TimeBase};
+use tandem_model::profile::{Law, MotorLimits, MotorMove, Profile};
 use tandem_model::settings::{CoordinateSystemSettings, SimulatedSkip};
 use tandem_model::{AXES_MAX, Axis, AxisSet};
 use tandem_servo::{Control, Event};
@@ -38,7 +38,6 @@ fn skip(segment: u64, from: &[f64], to: &[f64]) -> Profile {
         origin: origin(segment),
         law: Law::Skip { from, to, moves },
         duration_s: moves.iter().map(MotorMove::duration_s).fold(0.0, f64::max),
-        time_base: TimeBase::Rapid,
         exact_stop: true,
     }
 }

@@ -2,7 +2,7 @@
 
 use tandem_model::AxisVector;
 use tandem_model::flow::TapLeg;
-use tandem_model::profile::{Law, Profile, TimeBase};
+use tandem_model::profile::{Law, Profile};
 use tandem_model::ramp::UnitRamp;
 use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings};
 use tandem_servo::{Control, Event, Fault, SpindleDirection};
@@ -50,7 +50,6 @@ fn leg(segment: u64, from: f64, to: f64, revolutions: f64, leg: TapLeg) -> Profi
             leg,
         },
         duration_s: WAY_S,
-        time_base: TimeBase::Fixed,
         exact_stop: true,
     }
 }

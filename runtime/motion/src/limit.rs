@@ -1,0 +1,35 @@
+//! Limits of motors.
+
+use std::fmt::Display;
+
+use tandem_model::alarm::LIMIT_ZERO;
+use tandem_model::{Alarm, Axis};
+
+/// The share of the maximum acceleration reserved for feed hold and rounding, so that a hold acts at any time. It costs
+/// a thousandth of the time.
+pub(crate) const ACCELERATION_RESERVE: f64 = 2e-3;
+
+/// A limit of the motor of an axis.
+///
+/// # Errors
+/// `LIMIT_ZERO` unless it is a number above zero.
+pub(crate) fn of_axis(axis: Axis, name: &str, limit: f64) -> Result<f64, Alarm> {
+    of(format_args!("axis {}", axis.letter()), name, limit)
+}
+
+/// A limit of a motor.
+///
+/// # Errors
+/// `LIMIT_ZERO` unless it is a number above zero.
+pub(crate) fn of(motor: impl Display, name: &str, limit: f64) -> Result<f64, Alarm> {
+    if is_valid(limit) {
+        return Ok(limit);
+    }
+    let text = format!("{name} of {motor} is {limit}");
+    Err(Alarm::new(&LIMIT_ZERO, text))
+}
+
+/// True for a number above zero.
+pub(crate) fn is_valid(limit: f64) -> bool {
+    limit > 0.0 && limit.is_finite()
+}
