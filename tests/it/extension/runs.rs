@@ -88,7 +88,7 @@ pub fn profiles(text: &str, dialect: &'static Dialect) -> Vec<Profile> {
     for segment in &segments {
         planner.push(segment, &mut profiles).unwrap();
     }
-    planner.flush(&mut profiles).unwrap();
+    planner.flush(&mut profiles);
     profiles.into()
 }
 
