@@ -130,8 +130,8 @@
 //!
 //! # Redelivery
 //! When the process of a handler dies, its output is open again, and the NC program waits with reason `HANDLER_LOST`.
-//! Nothing is done twice by itself: [`on_redelivery`](SequenceProgram::on_redelivery) says what the restarted sequence
-//! program does; by default it waits for an operator. With [`Redelivery::Verify`] the handler runs again with
+//! Nothing is done twice by itself: [`on_redelivery`](SequenceProgram::on_redelivery) defines what the restarted
+//! sequence program does; by default it waits for an operator. With [`Redelivery::Verify`] the handler runs again with
 //! [`AuxOutput::redelivered`] true, and checks the machine first.
 //! ```
 //! use plc_api::{Alarm, AuxOutput, Redelivery, SequenceProgram};

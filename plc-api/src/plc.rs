@@ -204,8 +204,8 @@ impl Plc {
         self.request(Journal { from, count }).await
     }
 
-    /// Sets the skip input of a motor, by its CNC motor number. This is not real time: G31 captures the position at
-    /// which the servo receives the input.
+    /// Sets the skip input of a motor, by its CNC motor number; it keeps its value until it is set again. This is not
+    /// real time: G31 captures the position at which the servo receives the input.
     ///
     /// # Errors
     /// No axis has such a motor, or the machine cannot be reached.
