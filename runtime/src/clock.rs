@@ -23,7 +23,7 @@ enum Kind {
     Simulated(Arc<SimulatedTime>),
 }
 
-/// What each servo cycle asks for stands beside the lock.
+/// What each servo cycle reads is outside the lock.
 #[derive(Debug)]
 struct SimulatedTime {
     now_ns: AtomicU64,
@@ -142,7 +142,7 @@ impl Clock {
         }
     }
 
-    /// Simulated time only: wakes every sleeper whose time has come. True when there was one.
+    /// Simulated time only: wakes every sleeper that is due. True when there was one.
     pub(crate) fn wake_due(&self) -> bool {
         let Kind::Simulated(time) = &self.0 else {
             return false;
@@ -192,7 +192,7 @@ impl Future for Sleep {
             });
             timers.by_time.insert((*deadline_ns, id), context.waker().clone());
         });
-        // The time may have come to it before the timer was laid down.
+        // The deadline may have passed before the timer was registered.
         if time.now_ns() >= *deadline_ns {
             return Poll::Ready(());
         }

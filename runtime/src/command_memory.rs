@@ -95,7 +95,7 @@ impl CommandMemory {
     }
 
     /// Keeps the last reply to a command.
-    pub fn answered(&mut self, reply: &CommandReply, now: SystemTime) {
+    pub fn on_reply(&mut self, reply: &CommandReply, now: SystemTime) {
         if let Some(known) = self.known.get_mut(&reply.command_id) {
             (known.at, known.reply) = (now, Some(reply.clone()));
         }
@@ -167,10 +167,10 @@ mod tests {
             variables: None,
             lease: None,
         };
-        memory.answered(&reply, SystemTime::UNIX_EPOCH);
+        memory.on_reply(&reply, SystemTime::UNIX_EPOCH);
         assert_eq!(memory.reply("a"), None);
         start(&mut memory, "a", 0);
-        memory.answered(&reply, SystemTime::UNIX_EPOCH);
+        memory.on_reply(&reply, SystemTime::UNIX_EPOCH);
         assert_eq!(memory.reply("a"), Some(&reply));
     }
 }

@@ -16,7 +16,7 @@ use plc_api::types::{BootId, CoordinateSystemNumber};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-/// Takes each line of the journal. True when that has woken a task: it runs before simulated time goes on.
+/// Takes each line of the journal. True when that has woken a task, which must run before simulated time advances.
 pub type Sink = Arc<Mutex<dyn FnMut(&Line) -> bool + Send>>;
 
 /// One line of the journal.
@@ -31,7 +31,7 @@ pub struct Line {
 }
 
 impl Line {
-    /// The line as one JSON object: the event's fields beside `event`, `cs` and `t_s`.
+    /// The line as one JSON object: `event`, `cs`, `t_s` and the fields of the event.
     pub fn to_json(&self) -> Value {
         let mut object = serde_json::to_value(&self.event).unwrap_or_default();
         object["t_s"] = json!(self.t_s);
@@ -49,7 +49,7 @@ impl Line {
     }
 }
 
-/// What happened in a coordinate system. In JSON its word is `event`, and its fields stand beside it.
+/// What happened in a coordinate system. In JSON one object: its name under `event`, and its fields.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum Event {
@@ -78,7 +78,7 @@ pub enum Event {
         /// Names the run.
         run_id: String,
     },
-    /// The motion of a block begins: too many for a disk, and what follows from it is said by others.
+    /// The motion of a block begins. Not written to disk: too many, and other events show what follows from them.
     Block {
         /// Program number.
         program: u16,
@@ -105,8 +105,8 @@ pub enum Event {
         /// Done, or failed.
         #[serde(flatten)]
         outcome: ResetOutcome,
-        /// True: an operator's, whoever owned the output.
-        #[serde(default, skip_serializing_if = "is_false")]
+        /// True: an operator's, regardless of the owner of the output.
+        #[serde(default, skip_serializing_if = "std::ops::Not::not")]
         force: bool,
     },
     /// The owner of an output asks the operator.
@@ -151,7 +151,7 @@ pub enum Event {
         /// Its sequence number.
         seq: u64,
     },
-    /// The run goes on.
+    /// The run continues.
     Resume,
     /// Back trace begins or ends.
     BackTrace {
@@ -184,7 +184,7 @@ pub enum Event {
         holder: String,
         /// Its fence.
         fence: u64,
-        /// Who asked for that; `None`: its time was over.
+        /// The client that changed it; `None`: it expired.
         client_id: Option<String>,
     },
     /// The run has ended.
@@ -273,12 +273,6 @@ impl RunEnd {
     }
 }
 
-// The form that serde calls.
-#[expect(clippy::trivially_copy_pass_by_ref)]
-fn is_false(value: &bool) -> bool {
-    !value
-}
-
 /// What the thread that writes to disk is sent.
 #[derive(Debug)]
 pub(crate) enum Message {
@@ -355,7 +349,7 @@ impl Journal {
             None if is_block => tracing::debug!(target: "journal", "{}", line.to_json()),
             None => tracing::info!(target: "journal", "{}", line.to_json()),
         }
-        // its text is made on the journal's thread: a handshake does not wait for it
+        // Its text is made on the journal's thread: a handshake does not wait for it.
         if let Some(disk) = self.disk.as_ref().filter(|_| !is_block) {
             disk.write(line, now.time);
         }

@@ -1,7 +1,7 @@
 //! The program store: NC programs by number, parsed and checked when they are written.
 //!
-//! With a folder, each program is a file `<number>.nc` in it, written under another name first and then renamed, and on
-//! disk before the write is answered.
+//! With a folder, each program is a file `<number>.nc` in it. It is written under a temporary name and renamed, and is on
+//! disk before the write returns.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -35,12 +35,12 @@ pub fn header(number: u16) -> Header {
     }
 }
 
-/// By what a program is checked alone, for no coordinate system in particular.
+/// The rules for checking a program for no coordinate system in particular.
 #[derive(Debug, Clone, Copy)]
 pub struct TextRules {
     /// NC dialect.
     pub dialect: &'static Dialect,
-    /// A radius may be smaller than half the chord by so much, mm (D26): the most that a coordinate system allows.
+    /// How much a radius may fall short of half the chord, mm (D26): the most that a coordinate system allows.
     pub arc_radius_tolerance_mm: f64,
 }
 
@@ -57,9 +57,9 @@ pub struct StoredProgram {
     pub check: ProgramCheck,
     /// The dialect that it is written in.
     pub dialect: &'static Dialect,
-    /// It begins in what is in force, not in the start-up modal state.
+    /// It begins in the current modal state, not in that of the start-up.
     goes_on: bool,
-    /// What checking says of it in a coordinate system, by the number of that; filled when it is first asked for.
+    /// The check for each coordinate system, by its number; made when first needed.
     here: Mutex<BTreeMap<u8, Arc<CheckHere>>>,
     title: String,
     /// Byte offset of each line.
@@ -81,7 +81,7 @@ impl StoredProgram {
         Self::checked(number, text, rules, false)
     }
 
-    /// A text without a number, which begins in the start-up modal state or goes on in what is in force.
+    /// A text without a number, which begins in the modal state of the start-up or, with `goes_on`, in the current one.
     pub(crate) fn manual(text: &str, rules: TextRules, goes_on: bool) -> Self {
         Self::checked(0, text, rules, goes_on)
     }
@@ -233,7 +233,7 @@ pub struct ProgramStore {
     rules: TextRules,
     programs: RwLock<Arc<BTreeMap<u16, Arc<StoredProgram>>>>,
     folder: Option<PathBuf>,
-    /// Held while a file is written: the one beside it has one name.
+    /// Held while a file is written: the temporary file always has the same name.
     writing: Mutex<()>,
 }
 
@@ -309,19 +309,15 @@ impl ProgramStore {
     pub fn put(&self, program: StoredProgram) -> io::Result<ProgramCheck> {
         let number = program.number;
         if !(1..=PROGRAM_NUMBER_MAX).contains(&number) {
-            return Err(io::Error::new(
-                io::ErrorKind::InvalidInput,
-                format!("{number} is not a program number; write 1 to {PROGRAM_NUMBER_MAX}"),
-            ));
+            let text = format!("{number} is not a program number; write 1 to {PROGRAM_NUMBER_MAX}");
+            return Err(io::Error::new(io::ErrorKind::InvalidInput, text));
         }
         let _one_at_a_time = self.writing.lock();
         let all = self.all();
         let created = !all.contains_key(&number);
         if created && all.len() >= PROGRAMS_MAX {
-            return Err(io::Error::new(
-                io::ErrorKind::StorageFull,
-                format!("the store holds {PROGRAMS_MAX} programs; delete one first"),
-            ));
+            let text = format!("the store holds {PROGRAMS_MAX} programs; delete one first");
+            return Err(io::Error::new(io::ErrorKind::StorageFull, text));
         }
         if let (Some(folder), Some(path)) = (&self.folder, self.path(number)) {
             write_and_rename(folder, &path, program.text().as_bytes())?;
@@ -418,11 +414,11 @@ pub(crate) fn called_by(all: &BTreeMap<u16, Arc<StoredProgram>>, main: u16) -> B
 }
 
 fn write_and_rename(folder: &Path, path: &Path, bytes: &[u8]) -> io::Result<()> {
-    let beside = path.with_extension("nc.new");
-    let mut file = fs::File::create(&beside)?;
+    let temporary = path.with_extension("nc.new");
+    let mut file = fs::File::create(&temporary)?;
     file.write_all(bytes)?;
     file.sync_all()?;
-    fs::rename(&beside, path)?;
+    fs::rename(&temporary, path)?;
     fs::File::open(folder)?.sync_all()
 }
 

@@ -233,7 +233,7 @@ impl Shared {
 
     /// Keeps and publishes a reply.
     pub fn reply(&self, client_id: &str, reply: CommandReply) {
-        self.commands.lock().answered(&reply, self.clock.wall());
+        self.commands.lock().on_reply(&reply, self.clock.wall());
         self.publish(Topic::Reply(client_id.to_owned()), Payload::Reply(reply));
     }
 

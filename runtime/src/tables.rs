@@ -1,7 +1,7 @@
 //! What programs and sequence programs both read and write: variables, tools, work offsets.
 //!
-//! One lock orders them: a block is interpreted under its read side, whoever sets a range, a tool or an offset takes
-//! its write side. So each block sees all of a change or nothing of it, and blocks never wait for one another.
+//! One lock orders them: a block is interpreted under its read side; a change of a range, a tool or an offset takes its
+//! write side. So each block sees all of a change or nothing of it, and blocks never wait for one another.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -59,11 +59,11 @@ pub(crate) struct Tables {
     values: RwLock<Values>,
     /// What the configuration says.
     configured: Values,
-    /// Held from the look at the old values until the new ones are in force.
+    /// Held from reading the old values until the new ones are in effect.
     changing: Mutex<()>,
 }
 
-/// What stands in the tables; variables stand in arrays of their own, ordered by the same lock.
+/// The content of the tables. Variables have arrays of their own, ordered by the same lock.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(crate) struct Values {
     pub tools: BTreeMap<u16, Tool>,
@@ -308,7 +308,9 @@ impl Tables {
         for (name, named) in &change.work_offsets {
             let place = place_of(name).ok_or_else(|| {
                 let [first, .., last] = WORK_OFFSETS;
-                invalid(format!("there is no work offset {name:.16}; write {first} to {last}"))
+                invalid(format!(
+                    "there is no work offset {name:.16}; write {first} to {last}"
+                ))
             })?;
             for (letter, value) in named {
                 let Some(axis) = axis_of(letter, axes).filter(|_| value.is_finite()) else {

@@ -26,7 +26,7 @@ use tandem_runtime::{Config, ConfigError, Machine};
 const EXIT_OK: u8 = 0;
 /// Errors were found, or an alarm ended the program.
 const EXIT_FOUND: u8 = 1;
-/// Something could not be read, or was asked for in a way that cannot be carried out.
+/// Something could not be read, or the arguments cannot be carried out.
 const EXIT_UNREADABLE: u8 = 2;
 
 /// The exit code of a command; an error is printed, and the code is [`EXIT_UNREADABLE`].

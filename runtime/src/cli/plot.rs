@@ -44,19 +44,14 @@ enum View {
 }
 
 impl View {
-    /// Where a machine position stands in the picture, mm: to the right and up.
+    /// The place of a machine position in the picture, mm: to the right and up.
     fn project(self, at: AxisVector) -> Point {
+        if let Some(axes) = self.axes() {
+            return Point(axes.map(|axis| at[axis]));
+        }
         let [x, y, z] = [Axis::X, Axis::Y, Axis::Z].map(|axis| at[axis]);
-        let place = match self {
-            Self::Xy => [x, y],
-            Self::Xz => [x, z],
-            Self::Yz => [y, z],
-            Self::Iso => {
-                let (sin, cos) = 30_f64.to_radians().sin_cos();
-                [(x - y) * cos, (x + y) * sin + z]
-            }
-        };
-        Point(place)
+        let (sin, cos) = 30_f64.to_radians().sin_cos();
+        Point([(x - y) * cos, (x + y) * sin + z])
     }
 
     /// Axes to the right and up; none where they are no axes of the machine.

@@ -5,7 +5,7 @@ use std::net::Ipv6Addr;
 
 use serde::{Deserialize, Serialize};
 
-/// The value that stands for the broker of the runtime itself.
+/// The value for the runtime's own broker.
 const EMBEDDED: &str = "embedded";
 
 /// Port of a broker where the address names none.
@@ -57,7 +57,7 @@ impl From<Broker> for String {
 }
 
 impl TryFrom<String> for Broker {
-    /// What is wrong with the address and what to write, without a user or password that stands in it.
+    /// What is wrong with the address and what to write, without the user and password that it may contain.
     type Error = String;
 
     fn try_from(text: String) -> Result<Self, String> {

@@ -1,4 +1,4 @@
-//! Faults of a configuration, in words for the person who wrote it.
+//! Problems of a configuration, in words for its author.
 
 use std::path::{Path, PathBuf};
 
@@ -39,12 +39,11 @@ impl ConfigError {
     }
 }
 
-// serde names an unknown key and all known ones; people want the nearest. Of a wrong word they want to know which key it is of.
+// serde names an unknown key and all known ones; people want the nearest. Of a wrong word they want to know its key.
 pub(super) fn explain(before: &str, message: &str) -> String {
-    let mut quoted = quoted(message);
-    let found = quoted.next().unwrap_or_default();
+    let found = quoted(message).next().unwrap_or_default();
     if message.starts_with("unknown variant `") {
-        let words: Vec<String> = quoted.map(|word| format!("\"{word}\"")).collect();
+        let words: Vec<String> = known(message).map(|word| format!("\"{word}\"")).collect();
         let words = match words.as_slice() {
             [many @ .., last] if !many.is_empty() => format!("{} or {last}", many.join(", ")),
             all => all.concat(),
@@ -56,15 +55,21 @@ pub(super) fn explain(before: &str, message: &str) -> String {
     if !message.starts_with("unknown field `") {
         return message.to_owned();
     }
-    match nearest(found, quoted.filter(|known| !known.trim().is_empty())) {
+    match nearest(found, known(message)) {
         Some(known) => format!("unknown key `{found}`; did you mean `{known}`?"),
         None => format!("unknown key `{found}`"),
     }
 }
 
-/// What a message of serde quotes: the word that was found, and those that are known.
+/// What a message of serde quotes: first what was found.
 pub(super) fn quoted(message: &str) -> impl Iterator<Item = &str> {
     message.split('`').skip(1).step_by(2)
+}
+
+/// The keys or words that a message of serde expects.
+pub(super) fn known(message: &str) -> impl Iterator<Item = &str> {
+    let expected = message.rsplit_once("expected");
+    quoted(expected.map_or("", |(_, known)| known))
 }
 
 /// The known word that is nearest to `word`.
@@ -137,6 +142,18 @@ mod tests {
             .zip(begins)
             .all(|(line, begin)| line.starts_with(begin));
         assert!(all_told && lines.len() == begins.len(), "{refusal}");
+    }
+
+    #[test]
+    fn a_word_with_quotes_of_its_own_is_one_problem() {
+        let text = "[mqtt]\non_bus_loss = \"a`b`c\"\n";
+        assert_eq!(
+            refusal(text)
+                .matches("write \"continue\" or \"hold_at_wait\"")
+                .count(),
+            1
+        );
+        assert_eq!(refusal(text).matches("on_bus_loss").count(), 1);
     }
 
     #[test]

@@ -52,7 +52,7 @@ pub struct CoordinateSystem {
 }
 
 impl CoordinateSystem {
-    /// By what a text is checked that is for this coordinate system.
+    /// The rules for checking a text for this coordinate system.
     pub fn text_rules(&self) -> TextRules {
         TextRules {
             dialect: self.dialect,
@@ -109,7 +109,7 @@ pub enum Stock {
 }
 
 impl Machine {
-    /// What the settings of the motors do not do, though one might think so: text for people, one a setting.
+    /// Notes on settings of motors that do less than one might expect, as text for people.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = Vec::new();
         for motor in &self.motors {
@@ -139,7 +139,7 @@ impl Machine {
         notes
     }
 
-    /// By what programs are checked before a coordinate system is known.
+    /// The rules for checking programs before their coordinate system is known.
     pub fn text_rules(&self) -> TextRules {
         let tolerances = self
             .coordinate_systems

@@ -4,7 +4,7 @@ use schemars::generate::SchemaSettings;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-use super::error::quoted;
+use super::error::known;
 use super::{
     Config, CoordinateSystemConfig, HttpConfig, MCodeConfig, MachineConfig, MotorConfig, MqttConfig,
     SimulatedSkipConfig, ToolConfig,
@@ -114,7 +114,7 @@ impl Config {
 fn order_of<T: DeserializeOwned>() -> Vec<String> {
     let refused = toml::from_str::<T>("'' = 0").err();
     let message = refused.as_ref().map_or("", toml::de::Error::message);
-    quoted(message).skip(1).map(str::to_owned).collect()
+    known(message).map(str::to_owned).collect()
 }
 
 /// Lowest and highest value of a number, or of each number of a list; infinite where that is open.

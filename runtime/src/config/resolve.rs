@@ -38,7 +38,7 @@ impl Checked<'_, '_> {
         self.problems.add(&path, format!("{}{text}", self.name));
     }
 
-    /// Notes all numbers that are out of the ranges of their keys, but for keys whose checks stand elsewhere.
+    /// Notes all numbers that are out of the ranges of their keys, except for keys that are checked elsewhere.
     fn check_ranges<T: JsonSchema + Serialize>(&mut self, table: &T, elsewhere: &[&str]) {
         let schema = schema_for!(T);
         let keys = toml::Table::try_from(table).unwrap_or_else(|error| {

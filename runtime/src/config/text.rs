@@ -1,5 +1,5 @@
-//! From the text of a configuration to its tables. All that is wrong is found, not only the first of it: each problem is noted and
-//! mended, and the tables are read again.
+//! From the text of a configuration to its tables. All problems are found, not only the first: each is noted and mended, and the
+//! tables are read again.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -9,7 +9,7 @@ use tandem_syntax::LineIndex;
 use toml::Spanned;
 use toml::de::{DeArray, DeTable, DeValue, Error, ValueDeserializer};
 
-use super::error::{explain, quoted};
+use super::error::{explain, known, quoted};
 use super::{Config, ConfigError};
 
 /// Problems of one configuration that are looked for. Reason: each costs one more reading.
@@ -59,7 +59,7 @@ fn words((line, column): (u32, u32)) -> String {
 /// Reads a text.
 ///
 /// # Errors
-/// All that is wrong with it. What may follow from a value that is missing or cannot be read is not looked for.
+/// All problems, except those that may only follow from a value that is missing or cannot be read.
 pub(super) fn read(text: &str) -> Result<Config, ConfigError> {
     let index = LineIndex::new(text);
     let locate = |offset: usize| index.locate(u32::try_from(offset).unwrap_or(u32::MAX));
@@ -84,12 +84,16 @@ pub(super) fn read(text: &str) -> Result<Config, ConfigError> {
             Err(error) => error,
         };
         let (message, span) = (error.message(), error.span().unwrap_or_default());
-        let mut quoted = quoted(message);
-        let key = (span.clone(), quoted.next().unwrap_or_default().to_owned());
+        let key = (
+            span.clone(),
+            quoted(message).next().unwrap_or_default().to_owned(),
+        );
         if !(message.starts_with("missing field") && taken_out.contains(&key)) {
             problems.found.push(note(&error));
         }
-        let word = quoted.next().filter(|_| message.starts_with("unknown variant"));
+        let word = known(message)
+            .next()
+            .filter(|_| message.starts_with("unknown variant"));
         is_whole &= word.is_some() || message.starts_with("unknown field");
         match mend(&mut tables, &span, word) {
             Some(key) if problems.found.len() < PROBLEMS_MAX => taken_out.push(key),
@@ -138,8 +142,8 @@ fn collect_places(
     }
 }
 
-/// Puts a word in the place of a value, or takes out the key, the value with its key, or the table that a span is of. Gives the
-/// span of the table that held it, and its key.
+/// Replaces the value at a span by a word; without a word, removes the key, the value with its key, or the table at that span.
+/// Gives the span of the table that held it, and its key.
 fn mend(
     within: &mut Spanned<DeValue<'_>>,
     span: &Range<usize>,

@@ -69,7 +69,7 @@ impl JournalThread {
         })
     }
 
-    /// A handle for those who write.
+    /// A handle for callers.
     pub fn writer(&self) -> JournalWriter {
         self.writer.clone()
     }
@@ -128,8 +128,8 @@ fn gather(inbox: &Receiver<Message>, lost: &AtomicU64) -> Option<(String, bool)>
     }
     let lost = lost.swap(0, Ordering::Relaxed);
     if lost > 0 {
-        let said = format!("{{\"event\":\"lost\",\"lines\":{lost}}}\n");
-        batch += &said;
+        let line = format!("{{\"event\":\"lost\",\"lines\":{lost}}}\n");
+        batch += &line;
     }
     Some((batch, true))
 }
@@ -148,7 +148,7 @@ pub(crate) fn newest(folder: &Path, from: usize, count: usize) -> io::Result<Vec
             Err(error) if error.kind() == io::ErrorKind::NotFound => break,
             text => text?,
         };
-        // the last line may be on its way to the disk
+        // The last line may not be written in full yet.
         let whole = text.rfind('\n').map_or("", |end| &text[..end]);
         let lines = whole.lines().rev();
         let lines = lines.filter_map(|line| serde_json::from_str(line).ok());
@@ -186,7 +186,7 @@ impl Files {
             self.begin_anew()?;
         }
         if let Err(error) = self.newest.write_all(lines.as_bytes()) {
-            // A part of a line must not stand before the next one.
+            // The next line must not follow a part of this one.
             self.newest.set_len(self.bytes)?;
             return Err(error);
         }

@@ -43,7 +43,7 @@ fn replay(cs: CoordinateSystemNumber, kept: Option<&LastRun>, journal: &[Value])
     let mut run = kept.cloned();
     let kept_at = kept.and_then(|kept| kept.at.to_system_time());
     for written in journal {
-        // what is no line that this version knows tells nothing
+        // Lines that this version does not know are left out.
         let of_cs = Line::from_json(written).filter(|line| line.cs == cs);
         let (Some(line), Ok(ts)) = (of_cs, Timestamp::deserialize(&written["ts"])) else {
             continue;
@@ -53,11 +53,18 @@ fn replay(cs: CoordinateSystemNumber, kept: Option<&LastRun>, journal: &[Value])
         }
         match line.event {
             Event::Boot { boot_id: of, .. } => boot_id = Some(of),
-            Event::Start { program, run_id } => run = started(program, run_id, boot_id.clone(), ts, run),
+            Event::Start { program, run_id } => {
+                let is_this = |run: &LastRun| Some(&run.boot_id) == boot_id.as_ref() && run.run_id == run_id;
+                if let Some(boot_id) = boot_id.clone()
+                    && !run.as_ref().is_some_and(is_this)
+                {
+                    run = Some(begun(boot_id, run_id, program, ts));
+                }
+            }
             event => {
                 let of_boot = run.as_mut().filter(|run| Some(&run.boot_id) == boot_id.as_ref());
                 if let Some(run) = of_boot {
-                    went_on(run, event, ts);
+                    on_event(run, event, ts);
                 }
             }
         }
@@ -65,7 +72,7 @@ fn replay(cs: CoordinateSystemNumber, kept: Option<&LastRun>, journal: &[Value])
     run.map(waiting)
 }
 
-/// The run, in WAIT where it waits for an output: the state may have been looked at a moment before it said so.
+/// The run, in WAIT where it waits for an output: its state may have been stored a moment before that.
 fn waiting(mut run: LastRun) -> LastRun {
     let awaited = |open: &&PendingOutput| open.output.timing == Timing::AfterMotion;
     if run.execution == Execution::Active
@@ -77,21 +84,9 @@ fn waiting(mut run: LastRun) -> LastRun {
     run
 }
 
-/// The run that a line begins, unless it is known already.
-fn started(
-    program: u16,
-    run_id: String,
-    boot_id: Option<BootId>,
-    at: Timestamp,
-    known: Option<LastRun>,
-) -> Option<LastRun> {
-    let Some(boot_id) = boot_id else {
-        return known;
-    };
-    if (known.as_ref()).is_some_and(|run| run.boot_id == boot_id && run.run_id == run_id) {
-        return known;
-    }
-    Some(LastRun {
+/// A run at its start.
+fn begun(boot_id: BootId, run_id: String, program: u16, at: Timestamp) -> LastRun {
+    LastRun {
         boot_id,
         run_id,
         program: Some(program),
@@ -100,10 +95,10 @@ fn started(
         execution: Execution::Active,
         outputs: Vec::new(),
         at,
-    })
+    }
 }
 
-fn went_on(run: &mut LastRun, event: Event, at: Timestamp) {
+fn on_event(run: &mut LastRun, event: Event, at: Timestamp) {
     match event {
         Event::Output(output) => {
             if output.run_id != run.run_id || run.outputs.iter().any(|open| open.output.seq == output.seq) {

@@ -1,7 +1,7 @@
 //! The stored values are merged with the configuration when the runtime starts.
 //!
 //! Variables and the tool in the spindle are restored as stored. Of tools and work offsets the newer value counts, one
-//! by one: next to each table the store keeps what the configuration said when it was written. A value that differs in
+//! by one: with each table the store keeps what was configured when it was written. A value that differs in
 //! today's configuration was edited there since, and the configuration counts; every other value is restored.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -14,7 +14,7 @@ use serde::de::DeserializeOwned;
 use super::image::{Image, LastRuns, Page};
 use crate::tables::{Kept, Tables, value_key};
 
-/// What was kept and stands in no table.
+/// What was kept and belongs to no table.
 #[derive(Debug, Default)]
 pub(crate) struct Restored {
     /// Tool in the spindle by coordinate system.
@@ -23,7 +23,7 @@ pub(crate) struct Restored {
     pub last_runs: LastRuns,
 }
 
-/// Fills the tables, which stand as configured, with what was kept.
+/// Fills the tables, which hold the configured values, with what was kept.
 ///
 /// # Errors
 /// A value is of a form that this version does not know.

@@ -1,4 +1,4 @@
-//! The thread that stores changes: it looks every [`INTERVAL`], and at once when somebody waits for it.
+//! The thread that stores changes: it looks for them every [`INTERVAL`], and at once for a caller that waits.
 
 use std::io;
 use std::path::PathBuf;
@@ -27,13 +27,13 @@ use crate::tables::{KeptValues, Tables, keep, value_key};
 /// Time between two looks. Reason: half of the 100 ms that what is kept may be behind; the rest is the disk's.
 const INTERVAL: Duration = Duration::from_millis(50);
 
-/// A commit that ends later than this after the look before it is told in the log.
+/// A commit that ends later than this after the previous look is logged.
 const BEHIND_MAX_S: f64 = 0.1;
 
 type Done = oneshot::Sender<Result<(), String>>;
 
 enum Message {
-    /// Values to be written with all that has changed, and who waits for it.
+    /// Values to be written with all that has changed, and the caller that waits for it.
     Write(KeptValues, Done),
     Close,
 }
@@ -105,7 +105,7 @@ impl StateWriterThread {
         })
     }
 
-    /// A handle for those who write.
+    /// A handle for callers.
     pub fn writer(&self) -> StateWriter {
         self.writer.clone()
     }
@@ -164,9 +164,9 @@ impl Source {
         Some(message.payload.clone())
     }
 
-    /// How a run of this boot stands, when that has changed.
+    /// The state of the run of this boot, when it has changed.
     fn last_run(&self, cs: CoordinateSystemNumber, view: &View, before: Option<&LastRun>) -> Option<LastRun> {
-        // of before the look: what the journal says from then on may be missing in it
+        // The time before the look: what the journal records from then on may be missing here.
         let at = Timestamp::from_system_time(self.clock.wall());
         let Some(Payload::State(state)) = self.payload(cs, CsTopic::State) else {
             return None;
@@ -197,7 +197,7 @@ impl Source {
     }
 }
 
-/// A run that an earlier end of the runtime cut short: once an operator has loaded or reset it is told no more.
+/// A run that an earlier end of the runtime cut short, once an operator has loaded or reset: it is no longer reported.
 fn taken_over(before: &LastRun, reason: Option<Reason>) -> Option<LastRun> {
     let is_new = before.is_under_way() && reason != Some(Reason::Restarted);
     is_new.then(|| LastRun {
@@ -232,7 +232,7 @@ impl Pace {
     }
 
     /// Notes a look whose commit has ended; gives how old its oldest change may be, seconds.
-    fn committed(&mut self, looked_s: f64, ended_s: f64) -> f64 {
+    fn on_commit(&mut self, looked_s: f64, ended_s: f64) -> f64 {
         let before_s = self.looked_s.replace(looked_s).unwrap_or(looked_s);
         ended_s - before_s
     }
@@ -285,7 +285,7 @@ impl Work {
         change.values.extend(values);
         let change = change.beyond(&self.kept);
         let written = self.commit(&change);
-        let behind_s = self.pace.committed(looked_s, self.source.clock.now_s());
+        let behind_s = self.pace.on_commit(looked_s, self.source.clock.now_s());
         written.map_err(|error| self.on_failure(&error))?;
         self.kept.take_over(change);
         self.last_runs = last_runs;
@@ -335,7 +335,7 @@ mod tests {
         for round in 0..500_u32 {
             let looked_s = now_s;
             now_s += f64::from(round * 7 % 51) / 1000.0;
-            longest_s = longest_s.max(pace.committed(looked_s, now_s));
+            longest_s = longest_s.max(pace.on_commit(looked_s, now_s));
             now_s += pace.wait(now_s).as_secs_f64();
         }
         assert!(longest_s > 0.09, "{longest_s}");

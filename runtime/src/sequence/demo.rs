@@ -90,14 +90,14 @@ async fn release(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
     Ok(())
 }
 
-/// M08, M09: coolant on and off, while the machine goes on moving.
+/// M08, M09: coolant on and off, while the machine keeps moving.
 async fn coolant(_output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
     plc.sleep(Duration::from_millis(200)).await;
     Ok(())
 }
 
-/// Where two coordinate systems meet: whoever comes first leaves a signal for the other. A handler that is cancelled
-/// while it waits drops its end, so that nobody meets a ghost.
+/// Where two coordinate systems meet: the first to arrive leaves a signal for the other. A handler that is cancelled
+/// while it waits drops its end, so that the other does not meet one that is gone.
 #[derive(Debug, Default)]
 struct Meeting(Mutex<Option<oneshot::Sender<()>>>);
 

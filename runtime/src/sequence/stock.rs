@@ -17,7 +17,7 @@ pub enum StockAction {
     SelectTool(u16),
 }
 
-/// The stock sequence program's action; `None`: the M code is none of its own. `Err`: why it cannot do it.
+/// The stock sequence program's action; `None`: it does not handle this M code. `Err`: why it cannot.
 pub fn action(
     output: &OutputNotice,
     settings: &MCodeSettings,

@@ -96,7 +96,7 @@ const STYLE: &str = "\
 text { fill: #38414c }
 ";
 
-/// Where machine positions stand in the picture.
+/// The places of machine positions in the picture.
 struct Frame {
     lowest: [f64; 2],
     highest: [f64; 2],
@@ -111,7 +111,7 @@ impl Frame {
         let lowest = [0, 1].map(|axis| values(axis).reduce(f64::min).unwrap_or_default());
         let highest = [0, 1].map(|axis| values(axis).reduce(f64::max).unwrap_or_default());
         let longer = (highest[0] - lowest[0]).max(highest[1] - lowest[1]);
-        // A path of one point stands in the middle of 1 mm.
+        // A path of one point is drawn as if it were 1 mm long.
         let longer = if longer > 0.0 { longer } else { 1.0 };
         Self {
             lowest,
@@ -148,7 +148,7 @@ impl Frame {
         let step = self.step();
         let digits = if step >= 1.0 { 0 } else { 3 };
         let [low, high] = [self.lowest, self.highest];
-        // of the axis to the right and of the axis up: where a value's label and the letter stand
+        // Of the axis to the right and of the axis up: place of the labels of its values, and of its letter.
         let places = [
             (
                 "dy=\"18\" text-anchor=\"middle\"",

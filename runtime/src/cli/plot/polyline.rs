@@ -12,13 +12,13 @@ const TOLERANCE_MM: f64 = 0.001;
 /// (the sleeve algorithm of Zhao and Saalfeld).
 #[derive(Debug)]
 pub struct Polyline {
+    /// At least one point.
     kept: Vec<Point>,
-    anchor: Point,
     end: Point,
     cone: Option<Cone>,
 }
 
-/// Directions from the anchor that pass each point since, in radians about `middle`, and the way to the farthest.
+/// Directions from the last kept point that pass each point since, in radians about `middle`, and the distance of the farthest.
 #[derive(Debug, Clone, Copy)]
 struct Cone {
     middle: f64,
@@ -32,7 +32,6 @@ impl Polyline {
     pub fn new(start: Point) -> Self {
         Self {
             kept: vec![start],
-            anchor: start,
             end: start,
             cone: None,
         }
@@ -43,26 +42,29 @@ impl Polyline {
         self.end
     }
 
-    /// Goes on to a point.
+    /// Continues to a point.
     pub fn push(&mut self, point: Point) {
         if point == self.end {
             return;
         }
-        self.cone = match self.cone {
-            None => Some(Cone::to(self.anchor, point)),
-            Some(cone) => cone.narrowed(self.anchor, point),
-        };
+        let anchor = self.anchor();
+        let narrowed = self.cone.map(|cone| cone.narrowed(anchor, point));
+        self.cone = narrowed.unwrap_or_else(|| Some(Cone::to(anchor, point)));
         if self.cone.is_none() {
-            self.anchor = self.end;
-            self.kept.push(self.anchor);
-            self.cone = Some(Cone::to(self.anchor, point));
+            self.kept.push(self.end);
+            self.cone = Some(Cone::to(self.end, point));
         }
         self.end = point;
     }
 
-    /// The points that are left; one only, when there was no way.
+    /// The last point kept.
+    fn anchor(&self) -> Point {
+        self.kept[self.kept.len() - 1]
+    }
+
+    /// The points that are left; only one, when nothing moved.
     pub fn into_points(mut self) -> Vec<Point> {
-        if self.end != self.anchor {
+        if self.end != self.anchor() {
             self.kept.push(self.end);
         }
         self.kept
@@ -81,7 +83,7 @@ impl Cone {
         }
     }
 
-    /// With one more point; `None` when no straight line passes all of them, or when the way turns back.
+    /// With one more point; `None` when no straight line passes all of them, or when the path turns back.
     fn narrowed(self, anchor: Point, point: Point) -> Option<Self> {
         let (direction, reach) = polar(anchor, point);
         let off = (direction - self.middle + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU)

@@ -1,4 +1,4 @@
-//! What is written down while a simulation runs: the journal's lines and the trace of positions.
+//! Records a simulation: the journal's lines and the trace of positions.
 
 use std::collections::BTreeMap;
 use std::fmt::{Display, Write as _};
