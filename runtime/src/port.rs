@@ -27,7 +27,7 @@ use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::types::{BootId, CoordinateSystemNumber};
 use tandem_model::alarm::REQUEST_REFUSED;
 
-use crate::coordinate_system::Handle;
+use crate::coordinate_system::Mailbox;
 use crate::handlers::TooMany;
 use crate::persistence::{LastRuns, StateWriter};
 use crate::shared::Shared;
@@ -41,47 +41,28 @@ const WARNING_TEXT_MAX: usize = 500;
 /// The port of a running machine.
 #[derive(Debug)]
 pub(crate) struct RuntimePort {
-    shared: Arc<Shared>,
-    handles: Vec<Handle>,
+    pub shared: Arc<Shared>,
+    pub mailboxes: Vec<Arc<Mailbox>>,
     /// Writes what is kept; `None` in simulated time and without a data folder.
-    writer: Option<StateWriter>,
+    pub writer: Option<StateWriter>,
     /// Of an earlier start of the runtime.
-    last_runs: LastRuns,
+    pub last_runs: LastRuns,
 }
 
 impl RuntimePort {
-    pub fn new(
-        shared: Arc<Shared>,
-        handles: Vec<Handle>,
-        writer: Option<StateWriter>,
-        last_runs: LastRuns,
-    ) -> Self {
-        Self {
-            shared,
-            handles,
-            writer,
-            last_runs,
-        }
-    }
-
-    pub fn handles(&self) -> &[Handle] {
-        &self.handles
-    }
-
     /// Stops every coordinate system that runs.
     pub async fn stop_all(&self) {
-        for handle in self
-            .handles
-            .iter()
-            .filter(|handle| self.running(handle.number).is_some())
-        {
+        for mailbox in &self.mailboxes {
+            if self.running(mailbox.number).is_none() {
+                continue;
+            }
             let meta = CommandMeta {
-                command_id: format!("shutdown-{}", handle.number),
+                command_id: format!("shutdown-{}", mailbox.number),
                 client_id: "runtime".into(),
                 ..CommandMeta::default()
             };
             let stop = Request::Command {
-                cs: handle.number,
+                cs: mailbox.number,
                 command: Command::Stop,
                 meta,
                 wait: true,
@@ -91,22 +72,15 @@ impl RuntimePort {
         }
     }
 
-    fn handle(&self, cs: CoordinateSystemNumber) -> Result<&Handle, Refusal> {
-        self.handles
-            .iter()
-            .find(|handle| handle.number == cs)
-            .ok_or_else(|| {
-                let numbers: Vec<_> = self
-                    .handles
-                    .iter()
-                    .map(|handle| handle.number.to_string())
-                    .collect();
-                let text = format!(
-                    "there is no coordinate system {cs}; there are {}",
-                    numbers.join(", ")
-                );
-                Refusal::new(RefusalCode::NotFound, text)
-            })
+    fn mailbox(&self, cs: CoordinateSystemNumber) -> Result<&Mailbox, Refusal> {
+        let mut mailboxes = self.mailboxes.iter();
+        let found = mailboxes.find(|mailbox| mailbox.number == cs);
+        found.map(Arc::as_ref).ok_or_else(|| {
+            let numbers = self.mailboxes.iter().map(|mailbox| mailbox.number.to_string());
+            let numbers = numbers.collect::<Vec<_>>().join(", ");
+            let text = format!("there is no coordinate system {cs}; there are {numbers}");
+            Refusal::new(RefusalCode::NotFound, text)
+        })
     }
 
     async fn handler(&self, id: String, presence: HandlerPresence) -> Result<Answer, Refusal> {
@@ -118,9 +92,9 @@ impl RuntimePort {
         self.shared
             .set_handler(&id, presence.clone())
             .map_err(|TooMany| Refusal::new(RefusalCode::Unavailable, "too many handlers are connected"))?;
-        for handle in &self.handles {
+        for mailbox in &self.mailboxes {
             let request = CoordinateSystemRequest::Handler(id.clone(), presence.clone());
-            handle.mailbox.ask(request, false).await?;
+            mailbox.ask(request, false).await?;
         }
         Ok(Answer::Done)
     }
@@ -132,7 +106,7 @@ impl RuntimePort {
             let mut motors = system.settings.motors.iter().flatten();
             if motors.any(|axis| axis.number == motor) {
                 found = true;
-                let mailbox = &self.handle(system.settings.number)?.mailbox;
+                let mailbox = self.mailbox(system.settings.number)?;
                 mailbox
                     .ask(CoordinateSystemRequest::SkipInput(motor, value), false)
                     .await?;
@@ -187,7 +161,7 @@ impl RuntimePort {
         let Topic::CoordinateSystem(cs, topic) = topic else {
             return None;
         };
-        let view = &self.handle(*cs).ok()?.view;
+        let view = &self.mailbox(*cs).ok()?.view;
         match topic {
             CsTopic::Position => Some(Payload::Position(view.position())),
             CsTopic::Program => Some(Payload::Program(view.program(&self.shared.store))),
@@ -207,13 +181,12 @@ impl RuntimePort {
         }
     }
 
-    /// An alarm of all is one alarm, which each coordinate system is told of.
+    /// An alarm of the whole machine is one alarm, and stops each coordinate system.
     async fn raise_alarm(&self, raise: AlarmRaise) -> Result<Answer, Refusal> {
         let alarm = raise.alarm()?;
         if let Some(cs) = raise.cs {
             return self
-                .handle(cs)?
-                .mailbox
+                .mailbox(cs)?
                 .ask(CoordinateSystemRequest::RaiseAlarm(raise), true)
                 .await;
         }
@@ -224,9 +197,8 @@ impl RuntimePort {
         });
         // each is stopped, also behind one that refuses
         let mut answer = Ok(Answer::Done);
-        for handle in &self.handles {
-            let stopped = handle
-                .mailbox
+        for mailbox in &self.mailboxes {
+            let stopped = mailbox
                 .ask(CoordinateSystemRequest::RaiseAlarm(raise.clone()), true)
                 .await;
             answer = answer.and(stopped);
@@ -297,7 +269,7 @@ impl RuntimePort {
             }
             CoordinateSystemRequest::Lease { request, meta } => self.lease(cs, request, meta).await,
             CoordinateSystemRequest::Tool(id) => self.tool(cs, id).await,
-            request => self.handle(cs)?.mailbox.ask(request, false).await,
+            request => self.mailbox(cs)?.ask(request, false).await,
         }
     }
 }
@@ -356,9 +328,7 @@ impl ServedPort for RuntimePort {
                 return;
             }
         }
-        for handle in &self.handles {
-            handle.mailbox.wake_task();
-        }
+        self.shared.wake_all();
     }
 
     fn servo_timing(&self) -> Option<ServoTiming> {

@@ -11,7 +11,6 @@ use std::time::{Duration, Instant};
 
 use plc_api::server::{Durations, ServoTiming};
 use tandem_servo::Servo;
-use tokio::sync::Notify;
 
 /// Real-time priority of the servo thread, 0 to 99: above what a desktop or server runs, below the kernel's own work.
 const PRIORITY: u8 = 80;
@@ -103,14 +102,14 @@ pub struct ServoThread {
 }
 
 impl ServoThread {
-    /// Starts the thread, which counts into `statistics`. `wake` are the tasks' signals, one for each coordinate system.
+    /// Starts the thread, which counts into `statistics`. `wake` wakes the tasks of all coordinate systems.
     ///
     /// # Errors
     /// The operating system gives no thread.
     pub fn start(
         mut servo: Servo,
         period: Duration,
-        wake: Vec<Arc<Notify>>,
+        wake: impl Fn() + Send + 'static,
         statistics: Arc<ServoStatistics>,
     ) -> std::io::Result<Self> {
         let stop = Arc::new(AtomicBool::new(false));
@@ -120,9 +119,7 @@ impl ServoThread {
             .spawn(move || {
                 while !relay_stop.load(Ordering::Acquire) {
                     std::thread::park();
-                    for notify in &wake {
-                        notify.notify_one();
-                    }
+                    wake();
                 }
             })?;
         let relay_thread = relay.thread().clone();

@@ -5,13 +5,15 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use parking_lot::Mutex;
+use plc_api::execution::word;
 use plc_api::handshake::Now;
 use plc_api::hub::Hub;
-use plc_api::types::command::CommandReply;
+use plc_api::types::command::{CommandMeta, CommandReply, CommandStatus};
 use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::output::HandlerPresence;
-use plc_api::types::topic::Topic;
+use plc_api::types::request::Refusal;
+use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::types::{BootId, CoordinateSystemNumber, Timestamp};
 use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
@@ -49,7 +51,7 @@ pub(crate) struct Shared {
     commands: Mutex<CommandMemory>,
     /// Wakes the task of each coordinate system.
     wakes: Mutex<Vec<Arc<Notify>>>,
-    told: AtomicU64,
+    sent: AtomicU64,
 }
 
 impl Shared {
@@ -77,22 +79,29 @@ impl Shared {
             handlers: Mutex::default(),
             commands: Mutex::default(),
             wakes: Mutex::default(),
-            told: AtomicU64::new(0),
+            sent: AtomicU64::new(0),
         }
     }
 
-    /// From now on what concerns all coordinate systems wakes this task, too.
+    /// From now on [`Shared::wake_all`] wakes this task, too.
     pub fn wakes(&self, task: Arc<Notify>) {
         self.wakes.lock().push(task);
     }
 
-    /// Counts what was said to others, and may have woken a task.
-    pub fn told(&self) -> u64 {
-        self.told.load(Ordering::Relaxed)
+    /// Wakes the task of each coordinate system.
+    pub fn wake_all(&self) {
+        for wake in self.wakes.lock().iter() {
+            wake.notify_one();
+        }
     }
 
-    fn tell(&self, message: Message) {
-        self.told.fetch_add(1, Ordering::Relaxed);
+    /// Counts the messages and journal lines that may have woken a task.
+    pub fn sent(&self) -> u64 {
+        self.sent.load(Ordering::Relaxed)
+    }
+
+    fn send(&self, message: Message) {
+        self.sent.fetch_add(1, Ordering::Relaxed);
         self.hub.publish(message);
     }
 
@@ -121,7 +130,7 @@ impl Shared {
     /// Publishes an event, or a state that has changed; gives the topic's revision.
     pub fn publish(&self, topic: Topic, payload: Payload) -> u64 {
         if !topic.is_state() {
-            self.tell(self.message(topic, None, payload));
+            self.send(self.message(topic, None, payload));
             return 0;
         }
         let last = self.hub.read(&topic);
@@ -129,14 +138,14 @@ impl Shared {
         if last.is_some_and(|message| message.payload == payload) {
             return last_rev;
         }
-        self.tell(self.message(topic, Some(last_rev + 1), payload));
+        self.send(self.message(topic, Some(last_rev + 1), payload));
         last_rev + 1
     }
 
     /// Writes a line of the journal.
     pub fn record(&self, cs: CoordinateSystemNumber, event: Event) {
         if self.journal.record(self.now(), cs, event) {
-            self.told.fetch_add(1, Ordering::Relaxed);
+            self.sent.fetch_add(1, Ordering::Relaxed);
         }
     }
 
@@ -163,14 +172,12 @@ impl Shared {
         }
     }
 
-    /// Clears the alarms of a coordinate system, and those of the whole machine; of these all tasks are woken to tell.
+    /// Clears the alarms of a coordinate system, and those of the whole machine; of these all tasks are woken to publish it.
     pub fn clear_alarms(&self, cs: CoordinateSystemNumber) {
         let mut alarms = self.alarms.lock();
         let cleared = alarms.clear(cs, &self.timestamp());
         if cleared.iter().any(|alarm| alarm.cs.is_none()) {
-            for wake in self.wakes.lock().iter() {
-                wake.notify_one();
-            }
+            self.wake_all();
         }
         for record in cleared {
             self.publish_alarms(&alarms, &record);
@@ -231,10 +238,60 @@ impl Shared {
         self.commands.lock().recall(command_id, asked, self.clock.wall())
     }
 
+    /// Revision of a coordinate system's state; 0 for none.
+    pub fn state_rev(&self, cs: Option<CoordinateSystemNumber>) -> u64 {
+        cs.and_then(|cs| self.hub.read(&Topic::cs(cs, CsTopic::State)))
+            .and_then(|state| state.rev)
+            .unwrap_or(0)
+    }
+
+    /// A reply to a command; `cs` is the coordinate system whose state revision it has.
+    pub fn reply_to(
+        &self,
+        cs: Option<CoordinateSystemNumber>,
+        meta: &CommandMeta,
+        status: CommandStatus,
+        code: &str,
+        text: &str,
+    ) -> CommandReply {
+        CommandReply {
+            command_id: meta.command_id.clone(),
+            status,
+            code: code.to_owned(),
+            text: text.to_owned(),
+            state_rev: self.state_rev(cs),
+            variables: None,
+            lease: None,
+        }
+    }
+
+    /// A refusal as the reply to a command.
+    pub fn rejection(
+        &self,
+        cs: Option<CoordinateSystemNumber>,
+        meta: &CommandMeta,
+        refusal: &Refusal,
+    ) -> CommandReply {
+        let code = word(&refusal.code);
+        self.reply_to(cs, meta, CommandStatus::Rejected, &code, &refusal.text)
+    }
+
+    /// Keeps and publishes a refusal as the reply to a command.
+    pub fn reject(
+        &self,
+        cs: Option<CoordinateSystemNumber>,
+        meta: &CommandMeta,
+        refusal: Refusal,
+    ) -> Refusal {
+        self.reply(&meta.client_id, self.rejection(cs, meta, &refusal));
+        refusal
+    }
+
     /// Keeps and publishes a reply.
-    pub fn reply(&self, client_id: &str, reply: CommandReply) {
+    pub fn reply(&self, client_id: &str, reply: CommandReply) -> CommandReply {
         self.commands.lock().answered(&reply, self.clock.wall());
-        self.publish(Topic::Reply(client_id.to_owned()), Payload::Reply(reply));
+        self.publish(Topic::Reply(client_id.to_owned()), Payload::Reply(reply.clone()));
+        reply
     }
 
     /// The last reply to a command.

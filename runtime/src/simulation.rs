@@ -1,7 +1,7 @@
 //! Simulated time: servo cycles are counted as fast as the computer can, and only when no task is ready to run.
 //!
 //! All tasks run on one thread, so a run repeats byte for byte. Most events of a cycle concern one coordinate system
-//! only, such as the start of the next block: that coordinate system has its turn here, and no task is woken.
+//! only, such as the start of the next block: that coordinate system works here, and no task is woken.
 
 use std::future::Future;
 use std::sync::{Arc, OnceLock};
@@ -14,7 +14,7 @@ use tokio::sync::Notify;
 use crate::clock::Clock;
 use crate::coordinate_system::Mailbox;
 
-/// Real time after which simulated time that stands is reported.
+/// Real time without progress of simulated time, after which that is reported.
 const STANDSTILL_REPORT: Duration = Duration::from_secs(5);
 
 /// Turns taken before all tasks have one, those that wait for what is outside included.
@@ -119,8 +119,7 @@ impl Simulation {
         }
     }
 
-    /// Each coordinate system that the servo has told something looks at it. False when tasks must run before time goes
-    /// on.
+    /// Each coordinate system with servo events handles them. False when tasks must run before time advances.
     fn turn_alone(&self, servo: &Servo) -> bool {
         let mailboxes = self.mailboxes.iter().zip(servo.channels());
         let told = mailboxes.filter(|(_, channel)| channel.has_told());
@@ -178,7 +177,11 @@ pub(crate) fn slot() -> Option<Slot> {
 /// # Errors
 /// The operating system gives no event queue.
 pub fn run<T>(main: impl Future<Output = T>) -> std::io::Result<T> {
-    let slot = Slot::default();
+    run_in(Slot::default(), main)
+}
+
+/// The same; the simulation of the runtime is found in the slot.
+pub(crate) fn run_in<T>(slot: Slot, main: impl Future<Output = T>) -> std::io::Result<T> {
     let stepper = Arc::clone(&slot);
     let executor = tokio::runtime::Builder::new_current_thread()
         .enable_all()
@@ -199,7 +202,7 @@ pub fn run<T>(main: impl Future<Output = T>) -> std::io::Result<T> {
     Ok(executor.block_on(SLOT.scope(slot, watched)))
 }
 
-/// Reports a clock that stands: every task waits for something that simulated time does not bring.
+/// Reports that simulated time has stopped: every task waits for something else.
 async fn report_standstill(slot: Slot) -> std::convert::Infallible {
     let mut last = None;
     loop {

@@ -44,7 +44,7 @@
 //! # }
 //! ```
 //!
-//! # Things that happen meanwhile
+//! # Scripted events
 //! Operators, inputs and faults are scripted: [`Bench::at_s`], [`Bench::at_line`], [`Bench::at_output`] and
 //! [`Bench::at_state`] run an async closure at that moment. It gets a [`Scene`]: the machine with every command and
 //! input, and its handlers, which it can kill.
@@ -73,8 +73,8 @@
 //! ```
 //!
 //! Handlers sleep by [`Plc::sleep`](plc_api::Plc::sleep): ten minutes of them take milliseconds, and so do ten minutes
-//! of long lines and dwells, where the motors have no `lag_ms`: what takes time is what happens, such as blocks. One that waits for
-//! anything else ends the run, and [`Run::completed`] tells what the program waited for.
+//! of long lines and dwells, where the motors have no `lag_ms`: only what happens, such as blocks, takes time to compute. One that waits for
+//! anything else ends the run, and [`Run::completed`] says what the program waited for.
 
 mod perform;
 mod record;
@@ -90,8 +90,12 @@ use plc_api::port::BoxFuture;
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::{Execution, SequenceProgram};
 
+use tandem_servo::{HardwareFactory, Servo};
+
 use crate::config::{Config, Machine};
+use crate::journal::Journal;
 use crate::program_store::program_number;
+use crate::simulation::SimulationOptions;
 
 pub use perform::Scene;
 pub use record::{Ended, OutputRecord, Run, StateChange, Stopped, SystemEnd};
@@ -103,7 +107,7 @@ const MAIN_PROGRAM: u16 = 1;
 /// Simulated time after which a run that does not end is ended, s: [`Bench::max_time_s`] sets another.
 const MAX_TIME_S: f64 = 3600.0;
 
-/// Why a test cannot be carried out, or did not go as it says: text for people. `Debug` shows it, too, so that a test
+/// Why a test cannot be carried out, or did not go as expected: text for people. `Debug` shows it, too, so that a test
 /// may return it.
 #[derive(Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
@@ -161,8 +165,9 @@ pub struct Bench {
     beside: Vec<(CoordinateSystemNumber, u16)>,
     sequence_programs: Vec<SequenceProgram>,
     script: Vec<(Cue, Action)>,
-    max_time_s: f64,
     trace_every_s: Option<f64>,
+    options: SimulationOptions,
+    journal: Journal,
 }
 
 impl std::fmt::Debug for Bench {
@@ -217,9 +222,31 @@ impl Bench {
             beside: Vec::new(),
             sequence_programs: Vec::new(),
             script: Vec::new(),
-            max_time_s: MAX_TIME_S,
             trace_every_s: None,
+            options: SimulationOptions {
+                max_time_s: MAX_TIME_S,
+                ..SimulationOptions::default()
+            },
+            journal: Journal::to_log(),
         }
+    }
+
+    /// On this hardware; without it the hardware is simulated.
+    pub fn hardware(mut self, hardware: HardwareFactory) -> Self {
+        self.options.hardware = Some(hardware);
+        self
+    }
+
+    /// Called after each servo cycle of [`Bench::play`].
+    pub fn on_cycle(mut self, on_cycle: impl FnMut(&Servo) + Send + 'static) -> Self {
+        self.options.on_cycle = Some(Box::new(on_cycle));
+        self
+    }
+
+    /// Where the journal of [`Bench::play`] goes; to the log without this.
+    pub fn journal(mut self, journal: Journal) -> Self {
+        self.journal = journal;
+        self
     }
 
     /// Serves the machine with a sequence program; its handlers are known before the NC program is loaded.
@@ -279,7 +306,7 @@ impl Bench {
 
     /// Ends a run that does not end by itself, simulated seconds; 3600 where this is not called.
     pub fn max_time_s(mut self, max_time_s: f64) -> Self {
-        self.max_time_s = max_time_s;
+        self.options.max_time_s = max_time_s;
         self
     }
 
@@ -324,14 +351,6 @@ impl Bench {
         self.subprogram(number, text).run_program(number)
     }
 
-    /// Runs a program of the configuration, or one given by [`Bench::subprogram`].
-    ///
-    /// # Errors
-    /// As [`Bench::run`].
-    pub fn run_program(self, number: u16) -> Result<Run, TestError> {
-        perform::on_a_thread_of_its_own(self, number)
-    }
-
     fn at<F, Work>(mut self, cue: Cue, action: F) -> Self
     where
         F: FnOnce(Scene) -> Work + Send + 'static,
@@ -341,4 +360,21 @@ impl Bench {
             .push((cue, Box::new(move |scene| Box::pin(action(scene)))));
         self
     }
+}
+
+/// A journal, and the lines that it was given.
+#[cfg(test)]
+pub(crate) fn kept_journal() -> (
+    Journal,
+    std::sync::Arc<std::sync::Mutex<Vec<crate::journal::Line>>>,
+) {
+    use std::sync::{Arc, Mutex};
+
+    let lines = Arc::<Mutex<Vec<_>>>::default();
+    let kept = Arc::clone(&lines);
+    let sink = move |line: &crate::journal::Line| {
+        kept.lock().unwrap().push(line.clone());
+        false
+    };
+    (Journal::to_sink(Arc::new(Mutex::new(sink))), lines)
 }

@@ -6,15 +6,13 @@ use std::time::Duration;
 
 use plc_api::types::state::Reason;
 use plc_api::{Execution, Plc};
-use tandem_runtime::journal::Journal;
-use tandem_runtime::simulation::SimulationOptions;
-use tandem_runtime::{Config, Runtime, demo_sequence_program};
+use tandem_runtime::test::Bench;
+use tandem_runtime::{Config, demo_sequence_program};
 
 use crate::support::binary::{example, root};
 use crate::support::machine::Machine;
 use crate::support::served::{FREE_PORTS, Process, Served};
 use crate::support::simulated::run;
-use crate::support::wait::simulate;
 
 /// Examples that serve until they are stopped, and take the address of a machine.
 const HANDLERS: [&str; 1] = ["04_mqtt_handler"];
@@ -163,14 +161,10 @@ fn tandem_alone_takes_no_arguments_and_names_its_commands() {
 
 /// Runs programs of the demo machine with its own sequence program, in simulated time. M80 is reset by an operator.
 fn demo(programs: &'static [(u8, u16)]) -> Vec<(Execution, Option<Reason>)> {
-    simulate(move || async move {
-        let machine = Config::demo().resolve().expect("the demo machine");
-        let options = SimulationOptions::default();
-        let runtime = Runtime::start_simulated(machine, Journal::to_log(), options).expect("a runtime");
-        let plc = Plc::in_process(runtime.port());
-        let serving = plc.clone();
-        let handlers = tokio::spawn(async move { demo_sequence_program().run(&serving).await });
-        plc.sleep(Duration::from_millis(10)).await;
+    let machine = Config::demo().resolve().expect("the demo machine");
+    let bench = Bench::on_machine(machine).serve(demo_sequence_program());
+    let played = bench.play(async move |scene, _| {
+        let plc = scene.plc();
         for (cs, program) in programs {
             plc.coordinate_system(*cs).load(*program).await.expect("load");
         }
@@ -179,12 +173,11 @@ fn demo(programs: &'static [(u8, u16)]) -> Vec<(Execution, Option<Reason>)> {
         }
         let mut ends = Vec::new();
         for (cs, _) in programs {
-            ends.push(end(&plc, *cs).await);
+            ends.push(end(plc, *cs).await);
         }
-        handlers.abort();
-        runtime.shutdown().await;
         ends
-    })
+    });
+    played.expect("the runs end")
 }
 
 async fn end(plc: &Plc, cs: u8) -> (Execution, Option<Reason>) {

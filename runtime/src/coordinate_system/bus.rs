@@ -27,32 +27,32 @@ impl CoordinateSystem {
     /// What the server end for MQTT has said since the last turn.
     pub(super) fn look_at_bus(&mut self, now: Now) {
         let reconnections = self.context.shared.bus_reconnections.load(Ordering::Relaxed);
-        if replace(&mut self.bus.reconnections, reconnections) != reconnections {
+        if replace(&mut self.inputs.bus.reconnections, reconnections) != reconnections {
             self.outputs.ledger.republish(now, |_| true);
         }
         let connected = self.context.shared.bus_connected.load(Ordering::Relaxed);
-        if connected != self.bus.is_lost {
+        if connected != self.inputs.bus.is_lost {
             return;
         }
-        self.bus.is_lost = !connected;
-        self.bus.held_at = None;
+        self.inputs.bus.is_lost = !connected;
+        self.inputs.bus.held_at = None;
         self.context.record(Event::Bus { connected });
     }
 
     /// Holds a run that waits for an output at rest.
     pub(super) fn hold_without_bus(&mut self) {
-        if !self.bus.is_lost || !self.context.shared.machine.hold_on_bus_loss {
+        if !self.inputs.bus.is_lost || !self.context.shared.machine.hold_on_bus_loss {
             return;
         }
         let awaited = self.state.awaited().map(|awaited| awaited.seq);
-        let Some(seq) = awaited.filter(|seq| self.bus.held_at != Some(*seq)) else {
+        let Some(seq) = awaited.filter(|seq| self.inputs.bus.held_at != Some(*seq)) else {
             return;
         };
         // A way in a thread is not interrupted.
-        if !self.state.is_running() || self.is_moving() || self.pipeline.in_thread() {
+        if !self.state.is_running() || self.is_moving() || self.pipeline.in_thread {
             return;
         }
-        self.bus.held_at = Some(seq);
+        self.inputs.bus.held_at = Some(seq);
         self.hold(Cause::BusLoss);
         let event = Event::Hold {
             reason: Reason::BusLost,
@@ -65,8 +65,6 @@ impl CoordinateSystem {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::{Arc, Mutex};
-
     use plc_api::server::ServedPort;
     use plc_api::server::ServerNotice::{self, BusLink};
     use plc_api::types::output::{Reset, ResetResult};
@@ -74,36 +72,29 @@ mod tests {
     use plc_api::types::state::{Reason, State};
     use plc_api::{Execution, Plc};
 
+    use crate::Config;
     use crate::config::Unhandled;
-    use crate::journal::{Event, Journal, Line};
-    use crate::simulation::{self, SimulationOptions};
-    use crate::{Config, Runtime};
+    use crate::journal::{Event, Line};
+    use crate::test::{Bench, kept_journal};
 
     /// Runs a test on a machine that holds at WAIT, with this program started; gives what the journal says.
     fn with_run(
         text: &str,
         hold_on_bus_loss: bool,
-        test: impl AsyncFnOnce(&Plc, &dyn ServedPort),
+        test: impl AsyncFnOnce(&Plc, &dyn ServedPort) + Send + 'static,
     ) -> Vec<Line> {
-        let lines: Arc<Mutex<Vec<Line>>> = Arc::default();
-        let said = Arc::clone(&lines);
-        let sink = move |line: &Line| {
-            said.lock().unwrap().push(line.clone());
-            false
-        };
-        simulation::run(async {
-            let mut machine = Config::demo().resolve().unwrap();
-            machine.hold_on_bus_loss = hold_on_bus_loss;
-            machine.unhandled = Unhandled::Wait;
-            let journal = Journal::to_sink(Arc::new(Mutex::new(sink)));
-            let runtime = Runtime::start_simulated(machine, journal, SimulationOptions::default()).unwrap();
-            runtime.store().write(50, text).unwrap();
-            let plc = Plc::in_process(runtime.port());
-            plc.coordinate_system(1).load(50).await.unwrap();
-            plc.coordinate_system(1).start().await.unwrap();
-            test(&plc, &*runtime.served_port()).await;
-        })
-        .unwrap();
+        let mut machine = Config::demo().resolve().unwrap();
+        machine.hold_on_bus_loss = hold_on_bus_loss;
+        machine.unhandled = Unhandled::Wait;
+        let (journal, lines) = kept_journal();
+        let bench = Bench::on_machine(machine).journal(journal).subprogram(50, text);
+        bench
+            .play(async move |scene, runtime| {
+                scene.cs(1).load(50).await.unwrap();
+                scene.cs(1).start().await.unwrap();
+                test(scene.plc(), &*runtime.served_port()).await;
+            })
+            .unwrap();
         let lines = lines.lock().unwrap();
         lines.iter().filter(|line| line.cs == 1).cloned().collect()
     }

@@ -8,7 +8,7 @@ use plc_api::types::state::{Execution, Reason};
 use tandem_servo::Control;
 
 use super::CoordinateSystem;
-use super::pending_commands::{Awaiting, Deferred, reject};
+use super::pending_commands::{Awaiting, Deferred};
 use super::run::{Kind, Run};
 use super::run_state::{Cause, End, Phase, RunEvent};
 use crate::journal::Event;
@@ -19,12 +19,12 @@ impl CoordinateSystem {
         let verb = command.command.verb();
         if verb.is_urgent() {
             if matches!(verb, Verb::Stop | Verb::Abort) {
-                self.commands.note_stop(command.order);
+                self.commands.stopped_at = command.order;
             }
             self.carry_out_command(command);
         } else if let Err(command) = self.commands.defer(command) {
             let refusal = Refusal::new(RefusalCode::Unavailable, "too many commands wait; try again");
-            reject(&self.context, &command.meta, refusal, command.reply);
+            command.refuse(&self.context, refusal);
         } else {
             self.carry_out_deferred();
         }
@@ -34,20 +34,20 @@ impl CoordinateSystem {
     /// Each command is judged against the state that those before it have left.
     pub(super) fn carry_out_deferred(&mut self) {
         while !self.is_in_transition() {
-            let Some(command) = self.commands.next() else {
+            let Some(command) = self.commands.deferred.pop_front() else {
                 return;
             };
             self.carry_out_command(command);
         }
     }
 
-    /// True when a command waits, and no longer for a transition.
-    pub(super) fn may_go_on_with_commands(&self) -> bool {
-        !self.commands.is_empty() && !self.is_in_transition()
+    /// True when a command is pending, and no transition delays it.
+    pub(super) fn has_command_to_judge(&self) -> bool {
+        !self.commands.deferred.is_empty() && !self.is_in_transition()
     }
 
     fn is_in_transition(&self) -> bool {
-        self.state.transition().is_some() || self.validations.is_pending()
+        self.state.transition().is_some() || self.commands.validation.is_some()
     }
 
     fn carry_out_command(&mut self, command: Deferred) {
@@ -55,8 +55,8 @@ impl CoordinateSystem {
         let said = self.context.shared.replied(&command.meta.command_id);
         if let Some(said) = said.filter(|_| !command.command.verb().is_urgent()) {
             if command.wait && self.commands.awaits(&command.meta.command_id) {
-                // sent twice, and both senders wait until it is done
-                self.commands.await_effect(Awaiting {
+                // sent twice, and both callers wait until it is done
+                self.commands.awaiting.push(Awaiting {
                     verb: command.command.verb(),
                     meta: command.meta,
                     note: said.text.clone(),
@@ -68,38 +68,37 @@ impl CoordinateSystem {
             return;
         }
         if let Some(command) = self.validate_first(command) {
-            self.accept_command(command, &[]);
+            self.accept_command(command, Vec::new());
         }
     }
 
     /// Judges a command, and carries it out if nothing speaks against it. `notes` are worth knowing and refuse nothing.
-    pub(super) fn accept_command(&mut self, command: Deferred, notes: &[String]) {
+    pub(super) fn accept_command(&mut self, command: Deferred, notes: Vec<String>) {
+        let verb = command.command.verb();
+        if self.judge_lease(verb, &command.meta).is_ok() && self.refresh_jog(&command.command) {
+            let done = self.context.reply(&command.meta, CommandStatus::Done, "ok", "");
+            let _ = command.reply.send(Ok(Answer::Command(done)));
+            return;
+        }
+        let judged = (self.commands.judge_order(verb, command.order))
+            .and_then(|()| self.judge(verb, &command.meta))
+            .and_then(|()| self.prepare_command(&command.command));
+        let (text, run) = match judged {
+            Ok(prepared) => prepared,
+            Err(refusal) => {
+                let refusal = self.in_situation(refusal, &command.meta);
+                return command.refuse(&self.context, refusal);
+            }
+        };
         let Deferred {
-            order,
             command,
             meta,
             wait,
             reply,
+            ..
         } = command;
-        let verb = command.verb();
-        if self.judge_lease(verb, &meta).is_ok() && self.refresh_jog(&command) {
-            let done = self.context.reply(&meta, CommandStatus::Done, "ok", "");
-            let _ = reply.send(Ok(Answer::Command(done)));
-            return;
-        }
-        let judged = self
-            .commands
-            .judge_order(verb, order)
-            .and_then(|()| self.judge(verb, &meta))
-            .and_then(|()| self.prepare_command(&command));
-        let (text, start) = match judged {
-            Ok(prepared) => prepared,
-            Err(refusal) => {
-                let refusal = self.in_situation(refusal, &meta);
-                return reject(&self.context, &meta, refusal, reply);
-            }
-        };
-        let text = notes.iter().fold(text, |text, note| join(&text, note));
+        let texts = [text].into_iter().chain(notes).filter(|text| !text.is_empty());
+        let note = texts.collect::<Vec<_>>().join("; ");
         self.commands.last_id = Some(meta.command_id.clone());
         let event = Event::Command {
             verb,
@@ -107,19 +106,19 @@ impl CoordinateSystem {
             client_id: meta.client_id.clone(),
         };
         self.context.record(event);
-        let accepted = self.context.reply(&meta, CommandStatus::Accepted, "ok", &text);
+        let accepted = self.context.reply(&meta, CommandStatus::Accepted, "ok", &note);
         let mut reply = Some(reply);
         if !wait && let Some(reply) = reply.take() {
-            // The asker may have gone; the command is carried out all the same.
+            // The caller may be gone; the command is carried out all the same.
             let _ = reply.send(Ok(Answer::Command(accepted)));
         }
-        self.commands.await_effect(Awaiting {
+        self.commands.awaiting.push(Awaiting {
             meta,
             verb,
-            note: text,
+            note,
             reply,
         });
-        if self.take_effect(&command, start) {
+        if self.take_effect(&command, run) {
             self.complete(&|awaiting| awaiting.verb == verb);
         }
     }
@@ -127,14 +126,15 @@ impl CoordinateSystem {
     pub(super) fn judge(&self, verb: Verb, meta: &CommandMeta) -> Result<(), Refusal> {
         let failed = |text: String| Err(Refusal::new(RefusalCode::PreconditionFailed, text));
         if let Some(expect) = &meta.expect {
+            let boot_id = &self.context.shared.boot_id;
             if expect
                 .boot_id
                 .as_ref()
-                .is_some_and(|boot_id| *boot_id != self.context.shared.boot_id)
+                .is_some_and(|expected| expected != boot_id)
             {
                 return failed("the runtime was started again since; read its state".into());
             }
-            let rev = self.context.state_rev();
+            let rev = self.context.shared.state_rev(Some(self.context.number));
             if expect.state_rev.is_some_and(|expected| expected != rev) {
                 return failed(format!("the state has changed since; its rev is {rev} now"));
             }
@@ -159,7 +159,7 @@ impl CoordinateSystem {
         Ok(())
     }
 
-    /// A refusal that comes from how things stand says how, and what would not be refused now.
+    /// A refusal because of the state names the state, and the commands that would be accepted now.
     fn in_situation(&self, refusal: Refusal, meta: &CommandMeta) -> Refusal {
         if !refusal.code.is_of_state() {
             return refusal;
@@ -199,22 +199,27 @@ impl CoordinateSystem {
                 Ok((String::new(), Some(self.new_run(Kind::Program, main))))
             }
             Command::BackTrace { on } => self.judge_back_trace(*on).map(|()| (String::new(), None)),
-            Command::Mdi { text } => self.prepare_manual(text).map(with_run),
-            Command::Home { axes } => self.prepare_home(axes).map(with_run),
+            Command::Mdi { text } => self.prepare_manual(text),
+            Command::Home { axes } => self.prepare_home(axes),
             Command::Jog {
                 axis,
                 velocity,
                 distance,
                 refresh_id,
-            } => self
-                .prepare_jog(*axis, *velocity, *distance, refresh_id)
-                .map(with_run),
+            } => {
+                let run = self.prepare_jog(*axis, *velocity, *distance, refresh_id)?;
+                Ok((String::new(), Some(run)))
+            }
             _ => Ok((String::new(), None)),
         }
     }
 
     /// Carries a command out. True when its effect is reached at once.
-    fn take_effect(&mut self, command: &Command, start: Option<Run>) -> bool {
+    fn take_effect(&mut self, command: &Command, run: Option<Run>) -> bool {
+        if let Some(run) = run {
+            self.start(run);
+            return matches!(command, Command::Start);
+        }
         match command {
             Command::Load { program } => {
                 self.commands.program = Some(*program);
@@ -222,19 +227,6 @@ impl CoordinateSystem {
                 self.drive(RunEvent::Loaded);
                 self.go_to_head();
                 true
-            }
-            Command::Start => {
-                if let Some(run) = start {
-                    self.commands.texts = self.context.texts_of(run.main.number);
-                    self.start(run);
-                }
-                true
-            }
-            Command::Mdi { .. } | Command::Home { .. } | Command::Jog { .. } => {
-                if let Some(run) = start {
-                    self.start(run);
-                }
-                false
             }
             Command::Hold => self.hold(Cause::Operator),
             Command::Resume | Command::BackTrace { on: false } => {
@@ -256,7 +248,7 @@ impl CoordinateSystem {
                 self.go_to_head();
                 is_done
             }
-            Command::AlarmAcknowledge { .. } => true,
+            _ => true,
         }
     }
 
@@ -269,6 +261,9 @@ impl CoordinateSystem {
     fn start(&mut self, run: Run) {
         let number = run.main.number;
         let mut phase = Phase::Interpret;
+        if matches!(run.kind, Kind::Program) {
+            self.commands.texts = self.context.texts_of(number);
+        }
         if let Kind::Jog(jog) = &run.kind {
             phase = self.start_jog(jog);
         } else {
@@ -292,15 +287,15 @@ impl CoordinateSystem {
         self.drive(RunEvent::Started(phase));
     }
 
-    /// Tells those commands whose effect has been reached.
+    /// Answers the commands whose effect has been reached.
     pub(super) fn complete(&mut self, is_done: &dyn Fn(&Awaiting) -> bool) {
         self.publish_changes();
         self.commands
             .answer(&self.context, is_done, CommandStatus::Done, "ok", "");
     }
 
-    /// Tells those who began a run by hand that it was ended before its end; of a jog that is what they wait for.
-    pub(super) fn run_given_up(&mut self, run: &Run, into: (Execution, Option<Reason>)) {
+    /// Answers the commands that began a run by hand, which was ended early. A jog normally ends so.
+    pub(super) fn on_run_given_up(&mut self, run: &Run, into: (Execution, Option<Reason>)) {
         if matches!(run.kind, Kind::Jog(_)) && into.0 == Execution::Ready {
             return;
         }
@@ -314,13 +309,4 @@ impl CoordinateSystem {
             &text,
         );
     }
-}
-
-fn with_run((text, run): (String, Run)) -> (String, Option<Run>) {
-    (text, Some(run))
-}
-
-fn join(text: &str, note: &str) -> String {
-    let mark = if text.is_empty() { "" } else { "; " };
-    format!("{text}{mark}{note}")
 }

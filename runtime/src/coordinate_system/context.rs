@@ -1,4 +1,5 @@
-//! What each part of a coordinate system needs: which one it is, what it shares with the others, and what is said of it.
+//! What each part of a coordinate system needs: its number and settings, what it shares with the others, and how it
+//! publishes, replies and warns.
 
 use std::sync::Arc;
 
@@ -7,6 +8,7 @@ use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::command::{CommandMeta, CommandReply, CommandStatus};
 use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
 use plc_api::types::message::Payload;
+use plc_api::types::request::Refusal;
 use plc_api::types::topic::{CsTopic, Topic};
 use tandem_model::alarm::AlarmEntry;
 use tandem_model::{Origin, Variables};
@@ -16,7 +18,7 @@ use crate::config::{CoordinateSystem as Configured, MCodeSettings};
 use crate::journal::Event;
 use crate::shared::Shared;
 
-/// A coordinate system to those who speak for it.
+/// A coordinate system's number, settings and shared state.
 pub(super) struct Context {
     pub number: CoordinateSystemNumber,
     pub configured: Configured,
@@ -55,12 +57,6 @@ impl Context {
         self.shared.alarm_count(self.number)
     }
 
-    /// Revision of the state that was published last.
-    pub fn state_rev(&self) -> u64 {
-        let state = self.shared.hub.read(&Topic::cs(self.number, CsTopic::State));
-        state.and_then(|message| message.rev).unwrap_or(0)
-    }
-
     /// A reply to a command.
     pub fn reply_to(
         &self,
@@ -69,22 +65,18 @@ impl Context {
         code: &str,
         text: &str,
     ) -> CommandReply {
-        CommandReply {
-            command_id: meta.command_id.clone(),
-            status,
-            code: code.to_owned(),
-            text: text.to_owned(),
-            state_rev: self.state_rev(),
-            variables: None,
-            lease: None,
-        }
+        self.shared.reply_to(Some(self.number), meta, status, code, text)
     }
 
     /// Publishes a reply to a command, and keeps it.
     pub fn reply(&self, meta: &CommandMeta, status: CommandStatus, code: &str, text: &str) -> CommandReply {
         let reply = self.reply_to(meta, status, code, text);
-        self.shared.reply(&meta.client_id, reply.clone());
-        reply
+        self.shared.reply(&meta.client_id, reply)
+    }
+
+    /// Refuses a command.
+    pub fn reject(&self, meta: &CommandMeta, refusal: Refusal) -> Refusal {
+        self.shared.reject(Some(self.number), meta, refusal)
     }
 
     /// A warning of the alarm table.

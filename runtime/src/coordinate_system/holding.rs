@@ -1,4 +1,4 @@
-//! What interrupts a run and lets it go on: feed hold, the interlock, single block, a lost broker (`bus`).
+//! What interrupts a run and lets it continue: feed hold, the interlock, single block, a lost broker (`bus`).
 //!
 //! Single block ends each block with its own stop. Blocks that were planned ahead when it is switched on keep their
 //! path: each is passed and held at its end point where it stops there, else right behind its joint, on the path.
@@ -20,7 +20,7 @@ impl CoordinateSystem {
         self.state.transition() != Some(Transition::Holding)
     }
 
-    /// The run goes on after a hold: what it kept back is done.
+    /// The run continues after a hold: what the hold kept back is done.
     pub(super) fn go_on(&mut self) {
         self.put_out_queued();
         self.hold_after_planned_block();
@@ -91,7 +91,7 @@ impl CoordinateSystem {
         if let Some(run) = &mut self.run
             && moves
         {
-            run.steps.planned_ahead = self.pipeline.last_segment();
+            run.steps.planned_ahead = self.pipeline.planner.last_segment();
             run.steps.in_block = !self.pipeline.interpreter.is_between_blocks();
             if self.state.is_running() {
                 self.hold_after_planned_block();
@@ -104,7 +104,7 @@ impl CoordinateSystem {
         if let Some(run) = &mut self.run
             && self.inputs.single_block
         {
-            run.steps.planned_ahead = self.pipeline.last_segment();
+            run.steps.planned_ahead = self.pipeline.planner.last_segment();
         }
     }
 
@@ -118,12 +118,12 @@ impl CoordinateSystem {
 
     /// True while something that was planned has not been moved to its end.
     pub(super) fn is_moving(&self) -> bool {
-        !self.pipeline.ready.is_empty() || self.servo.finished_segment < self.pipeline.last_segment()
+        !self.pipeline.ready.is_empty() || self.servo.finished_segment < self.pipeline.planner.last_segment()
     }
 
-    /// At a standstill: the block that was to be held behind has ended, whatever the servo has told so far. True when
+    /// At a standstill: the block that was to be held behind has ended, whatever the servo has reported so far. True when
     /// the run is interrupted by that.
-    pub(super) fn planned_block_ended(&mut self) -> bool {
+    pub(super) fn end_planned_block(&mut self) -> bool {
         let Some(run) = &mut self.run else { return false };
         if !std::mem::take(&mut run.steps.armed) {
             return false;

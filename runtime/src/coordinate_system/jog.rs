@@ -27,7 +27,7 @@ impl CoordinateSystem {
         velocity: f64,
         distance: Option<f64>,
         refresh_id: &str,
-    ) -> Result<(String, Run), Refusal> {
+    ) -> Result<Run, Refusal> {
         let axis = self.axis_of(axis)?;
         let wrong = |text: String| Err(Refusal::new(RefusalCode::Invalid, text));
         if !velocity.is_finite() || velocity == 0.0 {
@@ -50,7 +50,7 @@ impl CoordinateSystem {
         motor.rapid_velocity = (velocity.abs() / 60.0).min(motor.max_velocity);
         motor.rapid_acceleration = motor.rapid_acceleration.min(motor.max_acceleration);
         let limits = motor.soft_limits;
-        let from = self.pipeline.position().0;
+        let from = self.pipeline.path.position().0;
         let way = distance.unwrap_or(DISTANCE_MAX).copysign(velocity);
         let wanted = from[axis] + way;
         let end = match limits {
@@ -75,7 +75,7 @@ impl CoordinateSystem {
             self.context.configured.text_rules(),
             false,
         ));
-        Ok((String::new(), self.new_run(Kind::Jog(jog), nothing)))
+        Ok(self.new_run(Kind::Jog(jog), nothing))
     }
 
     /// The motion of a jog that begins.
@@ -89,18 +89,14 @@ impl CoordinateSystem {
     /// True when the command refreshes the jog that runs.
     pub(super) fn refresh_jog(&mut self, command: &Command) -> bool {
         let until_s = self.context.now_s() + REFRESH_S;
-        match (command, &mut self.run) {
-            (
-                Command::Jog { refresh_id, .. },
-                Some(Run {
-                    kind: Kind::Jog(jog), ..
-                }),
-            ) if jog.refresh_id == *refresh_id => {
-                jog.until_s = until_s;
-                true
-            }
-            _ => false,
+        let running = self.run.as_mut().map(|run| &mut run.kind);
+        if let (Command::Jog { refresh_id, .. }, Some(Kind::Jog(jog))) = (command, running)
+            && jog.refresh_id == *refresh_id
+        {
+            jog.until_s = until_s;
+            return true;
         }
+        false
     }
 
     /// When the jog that runs stops.

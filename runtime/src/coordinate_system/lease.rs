@@ -1,6 +1,6 @@
 //! The control lease: while somebody holds it, only commands with its fence start motion. Nobody needs to hold it.
 //!
-//! It orders those who command and proves nothing about them: whoever may operate may read the fence. A run goes on when
+//! It puts commanders in an order and proves nothing about them: every operator may read the fence. A run continues when
 //! the lease changes hands; hold, stop, abort and reset are for everyone.
 
 use plc_api::execution::word;
@@ -87,13 +87,10 @@ impl ControlLease {
         Ok(())
     }
 
-    /// True when its time is over: then nobody holds it.
-    pub fn expire(&mut self, now_s: f64) -> bool {
-        let over = self.until_s().is_some_and(|until_s| until_s <= now_s + 1e-9);
-        if over {
-            self.held = None;
-        }
-        over
+    /// Gives the lease whose time is over: nobody holds it then.
+    fn expire(&mut self, now_s: f64) -> Option<Lease> {
+        let held = self.held.take_if(|held| held.until_s <= now_s + 1e-9)?;
+        Some(held.lease)
     }
 
     /// Refuses what does not come from the holder, and what comes under a lease that has ended.
@@ -153,50 +150,42 @@ impl CoordinateSystem {
             return Ok(Answer::Command(said));
         }
         let before = self.lease.held().cloned();
-        let done = match request {
-            LeaseRequest::Take(take) => self
-                .lease
-                .take(self.context.now(), take, &meta.client_id)
-                .map(|lease| (take.fence.is_none().then_some(LeaseChange::Taken), Some(lease))),
-            LeaseRequest::Release(release) => {
-                let released = self.lease.release(release.fence);
-                released.map(|()| (Some(LeaseChange::Released), None))
-            }
-            LeaseRequest::Break => {
-                let broken = self.lease.held.take().map(|_| LeaseChange::Broken);
-                Ok((broken, None))
-            }
+        let (what, lease) = self
+            .change_lease(request, &meta.client_id)
+            .map_err(|refusal| self.context.reject(meta, refusal))?;
+        if let (Some(what), Some(of)) = (what, lease.as_ref().or(before.as_ref())) {
+            self.record_lease(what, of, Some(&meta.client_id));
+        }
+        self.publish_lease();
+        let reply = CommandReply {
+            lease,
+            ..self.context.reply_to(meta, CommandStatus::Done, "ok", "")
         };
-        match done {
-            Ok((what, lease)) => {
-                if let (Some(what), Some(of)) = (what, lease.as_ref().or(before.as_ref())) {
-                    self.record_lease(what, of, Some(&meta.client_id));
-                }
-                self.publish_lease();
-                let reply = CommandReply {
-                    lease,
-                    ..self.context.reply_to(meta, CommandStatus::Done, "ok", "")
-                };
-                self.context.shared.reply(&meta.client_id, reply.clone());
-                Ok(Answer::Command(reply))
+        Ok(Answer::Command(self.context.shared.reply(&meta.client_id, reply)))
+    }
+
+    /// What became of it, and the lease that is held then.
+    fn change_lease(
+        &mut self,
+        request: &LeaseRequest,
+        client_id: &str,
+    ) -> Result<(Option<LeaseChange>, Option<Lease>), Refusal> {
+        match request {
+            LeaseRequest::Take(take) => {
+                let lease = self.lease.take(self.context.now(), take, client_id)?;
+                Ok((take.fence.is_none().then_some(LeaseChange::Taken), Some(lease)))
             }
-            Err(refusal) => {
-                let code = word(&refusal.code);
-                let reply = self
-                    .context
-                    .reply_to(meta, CommandStatus::Rejected, &code, &refusal.text);
-                self.context.shared.reply(&meta.client_id, reply);
-                Err(refusal)
+            LeaseRequest::Release(release) => {
+                self.lease.release(release.fence)?;
+                Ok((Some(LeaseChange::Released), None))
             }
+            LeaseRequest::Break => Ok((self.lease.held.take().map(|_| LeaseChange::Broken), None)),
         }
     }
 
     pub(super) fn expire_lease(&mut self, now_s: f64) {
-        let before = self.lease.held().cloned();
-        if self.lease.expire(now_s) {
-            if let Some(lease) = before {
-                self.record_lease(LeaseChange::Expired, &lease, None);
-            }
+        if let Some(lease) = self.lease.expire(now_s) {
+            self.record_lease(LeaseChange::Expired, &lease, None);
             self.publish_lease();
         }
     }
@@ -222,6 +211,7 @@ mod tests {
     use std::time::{Duration, UNIX_EPOCH};
 
     use super::*;
+    use crate::test::{Bench, kept_journal};
 
     fn at(s: f64) -> Now {
         Now {
@@ -287,7 +277,7 @@ mod tests {
         let mut lease = ControlLease::new(1, at(0.0));
         lease.take(at(0.0), &take(None, None), "a").unwrap();
         assert_eq!(lease.until_s(), Some(30.0), "30 s where none is named");
-        assert!(!lease.expire(29.999));
+        assert_eq!(lease.expire(29.999), None);
         let refusal = lease.take(at(29.0), &take(None, None), "b").unwrap_err();
         assert_eq!(refusal.code, RefusalCode::Busy);
         assert!(
@@ -295,7 +285,7 @@ mod tests {
             "{}",
             refusal.text
         );
-        assert!(lease.expire(30.0));
+        assert_eq!(lease.expire(30.0).unwrap().holder, "a");
         assert!(lease.take(at(30.0), &take(None, None), "b").is_ok());
     }
 
@@ -322,23 +312,9 @@ mod tests {
 
     #[test]
     fn a_lease_that_nobody_renews_ends_by_its_time_and_the_journal_tells() {
-        use std::sync::{Arc, Mutex};
-
-        use crate::journal::{Journal, Line};
-        use crate::simulation::{self, SimulationOptions};
-        use crate::{Config, Runtime};
-
-        let lines: Arc<Mutex<Vec<Line>>> = Arc::default();
-        let said = Arc::clone(&lines);
-        let sink = move |line: &Line| {
-            said.lock().unwrap().push(line.clone());
-            false
-        };
-        simulation::run(async {
-            let machine = Config::demo().resolve().unwrap();
-            let journal = Journal::to_sink(Arc::new(Mutex::new(sink)));
-            let runtime = Runtime::start_simulated(machine, journal, SimulationOptions::default()).unwrap();
-            let plc = plc_api::Plc::in_process(runtime.port());
+        let (journal, lines) = kept_journal();
+        let play = Bench::new().journal(journal).play(async |scene, _| {
+            let plc = scene.plc();
             let ask = plc_api::types::request::Request::Lease {
                 cs: 1,
                 request: LeaseRequest::Take(LeaseTake {
@@ -362,8 +338,8 @@ mod tests {
             system.home(&[]).await.unwrap();
             // another coordinate system has a lease of its own
             assert_eq!(plc.coordinate_system(2).lease().await.unwrap().holder, None);
-        })
-        .unwrap();
+        });
+        play.unwrap();
         let lines = lines.lock().unwrap();
         let told = lines.iter().filter_map(|line| match &line.event {
             Event::Lease { what, holder, .. } => Some((*what, holder.as_str())),
@@ -374,15 +350,8 @@ mod tests {
 
     #[test]
     fn a_jog_ends_when_another_takes_the_lease() {
-        use crate::journal::Journal;
-        use crate::simulation::{self, SimulationOptions};
-        use crate::{Config, Runtime};
-
-        simulation::run(async {
-            let machine = Config::demo().resolve().unwrap();
-            let runtime =
-                Runtime::start_simulated(machine, Journal::to_log(), SimulationOptions::default()).unwrap();
-            let plc = plc_api::Plc::in_process(runtime.port());
+        let play = Bench::new().play(async |scene, _| {
+            let plc = scene.plc();
             let (jogger, system) = (plc.coordinate_system(1), plc.coordinate_system(1));
             let jog = tokio::spawn(async move { jogger.jog('X', 600.0, None, "j").await });
             plc.sleep(Duration::from_millis(100)).await;
@@ -398,7 +367,7 @@ mod tests {
                 "it stops 200 ms after the last refresh that counts: {x}"
             );
             lease.release().await.unwrap();
-        })
-        .unwrap();
+        });
+        play.unwrap();
     }
 }

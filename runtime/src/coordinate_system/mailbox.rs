@@ -1,9 +1,9 @@
-//! Where requests to a coordinate system are put, and the coordinate system itself.
+//! The queues of requests to a coordinate system, and the coordinate system itself.
 //!
-//! Whoever puts a request there works on it at once, in its own thread, if nobody else is at work there: an answer then
-//! needs no other thread, and a handler in process no wake. Else it leaves the request to the task, which does all the
-//! rest: commands, which may take long, since a load checks whole programs; what the servo reports, what is due by its
-//! time, and what there is more to prepare.
+//! A caller works on its request at once, in its own thread, if no other thread is working there: the answer then needs
+//! no other thread, and a handler in process no wake. Otherwise it leaves the request to the task, which does all the
+//! rest: commands, which may take long since a load checks whole programs; what the servo reports; what is due; and
+//! further preparation.
 
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -17,8 +17,8 @@ use plc_api::types::request::{Answer, CoordinateSystemRequest, Refusal, RefusalC
 use tandem_model::alarm::RUNTIME_FAULT;
 use tokio::sync::{Notify, Semaphore, TryAcquireError, oneshot};
 
-use super::CoordinateSystem;
 use super::preparation::Share;
+use super::{CoordinateSystem, View};
 use crate::shared::Shared;
 
 /// Requests that wait for one coordinate system; a sender waits for room. Hold, stop and abort have as much of their own.
@@ -40,11 +40,11 @@ impl Envelope {
 
 /// A coordinate system and what it is asked for.
 pub(crate) struct Mailbox {
-    number: CoordinateSystemNumber,
+    pub number: CoordinateSystemNumber,
+    pub view: Arc<View>,
     shared: Arc<Shared>,
-    /// Hold, stop and abort pass all others.
-    urgent: Queue,
-    requests: Queue,
+    /// Hold, stop and abort, which pass all others; and these.
+    queues: [Queue; 2],
     count: AtomicU64,
     work: Mutex<Work>,
     /// Wakes the task.
@@ -67,14 +67,16 @@ impl std::fmt::Debug for Mailbox {
 }
 
 impl Mailbox {
-    /// Publishes the state of the coordinate system; [`Mailbox::run`] is its task. `wake` wakes that.
-    pub fn new(shared: Arc<Shared>, mut system: CoordinateSystem, wake: Arc<Notify>) -> Self {
+    /// Publishes the state of the coordinate system; [`Mailbox::run`] is its task.
+    pub fn new(shared: Arc<Shared>, mut system: CoordinateSystem) -> Self {
         system.publish_all();
+        let wake = Arc::default();
+        shared.wakes(Arc::clone(&wake));
         Self {
             number: system.context.number,
+            view: Arc::clone(&system.context.view),
             shared,
-            urgent: Queue::new(),
-            requests: Queue::new(),
+            queues: [Queue::new(), Queue::new()],
             count: AtomicU64::new(0),
             work: Mutex::new(Work {
                 system: Some(system),
@@ -94,7 +96,7 @@ impl Mailbox {
             return Err(gone());
         }
         let (reply, answer) = oneshot::channel();
-        let queue = if urgent { &self.urgent } else { &self.requests };
+        let queue = &self.queues[usize::from(!urgent)];
         let order = self.count.fetch_add(1, Ordering::Relaxed);
         let envelope = Envelope {
             order,
@@ -102,13 +104,13 @@ impl Mailbox {
             reply,
         };
         queue.put(envelope).await;
-        self.work_if_free(Share::OF_ASKER);
+        self.work_if_free(Share::OF_CALLER);
         answer.await.unwrap_or_else(|_| Err(gone()))
     }
 
     /// Publishes the spindle's state where it has changed: its speed follows the command in its own time. Left to the
-    /// next call while somebody is at work.
-    pub fn tell_spindle(&self) {
+    /// next call while another thread is at work.
+    pub fn publish_spindle(&self) {
         if let Some(work) = self.work.try_lock()
             && let Some(system) = &work.system
         {
@@ -121,14 +123,14 @@ impl Mailbox {
         self.wake.notify_one();
     }
 
-    /// A turn of simulated time, while every task waits. True when it concerned nobody else: time may go on at once.
+    /// A turn of simulated time, while every task waits. True when no other task has to run before time advances.
     pub fn turn_alone(&self) -> bool {
-        let told = self.shared.told();
-        self.work_if_free(Share::OF_TASK) && self.shared.told() == told
+        let sent = self.shared.sent();
+        self.work_if_free(Share::OF_TASK) && self.shared.sent() == sent
     }
 
-    /// Wakes the task when it has something to do, and gives false then. Who is at work may just have looked for requests
-    /// for the last time, so the task is woken for this one.
+    /// Wakes the task when it has something to do, and gives false then. The thread at work may just have looked for
+    /// requests for the last time, so the task is woken for this one.
     fn work_if_free(&self, share: Share) -> bool {
         let work = self.work.try_lock();
         let is_done = work.is_some_and(|work| self.work_beside_task(work, share));
@@ -140,7 +142,7 @@ impl Mailbox {
 
     /// False when something is left to the task.
     fn work_beside_task(&self, mut work: MutexGuard<'_, Work>, share: Share) -> bool {
-        if self.urgent.begins_with_command() || self.requests.begins_with_command() {
+        if self.queues.iter().any(Queue::begins_with_command) {
             return false;
         }
         let left = self.work(&mut work, share);
@@ -176,14 +178,14 @@ impl Mailbox {
         left
     }
 
-    /// The next request, and a turn. One coordinate system's panic must not stop the others, nor who asks: it becomes an
-    /// alarm.
+    /// The next request, and a turn. A panic of one coordinate system must stop neither the others nor the caller: it
+    /// becomes an alarm.
     fn work(&self, work: &mut Work, share: Share) -> Left {
         let Some(system) = &mut work.system else {
             return Left::default();
         };
         let worked = catch_unwind(AssertUnwindSafe(|| {
-            if let Some(envelope) = self.urgent.take(share).or_else(|| self.requests.take(share)) {
+            if let Some(envelope) = self.queues.iter().find_map(|queue| queue.take(share)) {
                 system.handle(envelope);
             }
             Left {
@@ -203,14 +205,13 @@ impl Mailbox {
             return Left::default();
         };
         Left {
-            busy: left.busy || !self.urgent.is_empty() || !self.requests.is_empty(),
+            busy: left.busy || !self.queues.iter().all(Queue::is_empty),
             ..left
         }
     }
 
     fn close(&self) {
-        self.urgent.close();
-        self.requests.close();
+        self.queues.iter().for_each(Queue::close);
     }
 }
 
@@ -289,7 +290,6 @@ impl Queue {
     }
 }
 
-// A poisoned lock means a panic elsewhere while a value was being stored; the values themselves are whole.
 #[cfg(test)]
 mod tests {
     use futures_util::FutureExt;
@@ -336,7 +336,7 @@ mod tests {
             (Execution::Ready, None),
             0,
         );
-        (Arc::new(Mailbox::new(shared, system, Arc::default())), servo)
+        (Arc::new(Mailbox::new(shared, system)), servo)
     }
 
     fn optional_stop(on: bool) -> CoordinateSystemRequest {

@@ -17,7 +17,7 @@ use crate::program_store::StoredProgram;
 
 impl CoordinateSystem {
     /// A run of manual data input; one or several lines.
-    pub(super) fn prepare_manual(&self, text: &str) -> Result<(String, Run), Refusal> {
+    pub(super) fn prepare_manual(&self, text: &str) -> Result<(String, Option<Run>), Refusal> {
         if text.len() > MDI_BYTES_MAX {
             let text = format!(
                 "the text has {} bytes; at most {MDI_BYTES_MAX} are read",
@@ -26,36 +26,28 @@ impl CoordinateSystem {
             return Err(Refusal::new(RefusalCode::TooLarge, text));
         }
         // An input needs no end of its own.
-        let program = Arc::new(StoredProgram::manual(
-            &format!("{text}\n{}\n", self.end_of_program()),
-            self.context.configured.text_rules(),
-            self.past.manual_goes_on,
-        ));
+        self.prepare_text(Kind::Manual, text, self.past.manual_goes_on)
+    }
+
+    /// A run of a text, to which the end of the program is added.
+    fn prepare_text(&self, kind: Kind, text: &str, in_modal: bool) -> Result<(String, Option<Run>), Refusal> {
+        let end = self.context.configured.dialect.m_code(Role::End);
+        let text = format!("{text}\n{}\n", end.map_or("", |code| code.code));
+        let program = StoredProgram::manual(&text, self.context.configured.text_rules(), in_modal);
+        let program = Arc::new(program);
         let warning = self.context.check_called(&program)?;
-        Ok((warning, self.new_run(Kind::Manual, program)))
+        Ok((warning, Some(self.new_run(kind, program))))
     }
 
     /// A run that takes motors to their first reference points: all motors at once, each alone.
-    pub(super) fn prepare_home(&self, axes: &[char]) -> Result<(String, Run), Refusal> {
+    pub(super) fn prepare_home(&self, axes: &[char]) -> Result<(String, Option<Run>), Refusal> {
         let words: Vec<String> = axes
             .iter()
             .map(|axis| Ok(format!("{}0", self.axis_of(*axis)?.letter())))
             .collect::<Result<_, Refusal>>()?;
         // The middle point is where the machine is: 0 further.
-        let home = self.context.configured.dialect.home;
-        let text = format!("{home} {}\n{}\n", words.join(" "), self.end_of_program());
-        let program = Arc::new(StoredProgram::manual(
-            &text,
-            self.context.configured.text_rules(),
-            false,
-        ));
-        let warning = self.context.check_called(&program)?;
-        Ok((warning, self.new_run(Kind::Home, program)))
-    }
-
-    fn end_of_program(&self) -> &'static str {
-        let end = self.context.configured.dialect.m_code(Role::End);
-        end.map_or("", |code| code.code)
+        let text = format!("{} {}", self.context.configured.dialect.home, words.join(" "));
+        self.prepare_text(Kind::Home, &text, false)
     }
 
     pub(super) fn axis_of(&self, letter: char) -> Result<Axis, Refusal> {

@@ -3,7 +3,7 @@
 //! It pulls the stages ahead of the motion into the servo's queue (`preparation`), keeps the ledger of outputs and resets
 //! (`outputs`), carries out commands one after another (`commands`) and publishes what changed (`publish`). What its run
 //! does next follows from one state (`run_state`). The servo answers by events only; nothing calls back into a stage. One
-//! at a time works on it: its task, or who asks (`mailbox`).
+//! thread at a time works on it: its task's, or a caller's (`mailbox`).
 
 mod bus;
 mod commands;
@@ -30,13 +30,12 @@ mod view;
 use std::sync::Arc;
 
 use plc_api::handshake::Ledger;
-use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::machine::AlarmRaise;
 use plc_api::types::output::CancelReason;
 use plc_api::types::request::{Answer, CoordinateSystemRequest, Input, Refusal, RefusalCode};
 use plc_api::types::state::{Execution, Lock, Overrides, Reason, SpindleDirection};
+use tandem_model::MachinePosition;
 use tandem_model::flow::Transform;
-use tandem_model::{MachinePosition, Variables};
 use tandem_servo::{ChannelHandle, Control, Event};
 
 use crate::config::CoordinateSystem as Configured;
@@ -56,17 +55,7 @@ use replanning::Replanning;
 use run::{Kind, PastRuns, Run};
 use run_state::{End, RunAction, RunEvent, RunState};
 use servo_link::ServoLink;
-use validation::Validations;
 pub(crate) use view::View;
-
-/// How the port reaches a coordinate system.
-#[derive(Debug, Clone)]
-pub(crate) struct Handle {
-    pub number: CoordinateSystemNumber,
-    pub mailbox: Arc<Mailbox>,
-    pub view: Arc<View>,
-    pub variables: Variables,
-}
 
 /// Its whole state.
 pub(crate) struct CoordinateSystem {
@@ -81,14 +70,14 @@ pub(crate) struct CoordinateSystem {
     inputs: InputValues,
     outputs: Outputs,
     commands: Commands,
-    validations: Validations,
     published: Published,
     lease: ControlLease,
-    bus: Bus,
 }
 
+/// What comes from outside.
 #[derive(Debug, Default)]
 struct InputValues {
+    bus: Bus,
     optional_skip: u32,
     /// What the interpreter has read last, and the first line read with it.
     effective_skip: u32,
@@ -144,18 +133,8 @@ impl CoordinateSystem {
             },
             outputs: Outputs::new(ledger),
             commands: Commands::default(),
-            validations: Validations::default(),
             published: Published::default(),
-            bus: Bus::default(),
         }
-    }
-
-    pub fn variables(&self) -> Variables {
-        self.context.variables.clone()
-    }
-
-    pub fn view(&self) -> Arc<View> {
-        Arc::clone(&self.context.view)
     }
 
     /// The runtime closes.
@@ -183,7 +162,7 @@ impl CoordinateSystem {
             self.carry_out_deferred();
         }
         self.follow_override();
-        let busy = self.prepare(share) || self.may_go_on_with_commands();
+        let busy = self.prepare(share) || self.has_command_to_judge();
         self.hold_without_bus();
         self.publish_changes();
         busy
@@ -199,7 +178,7 @@ impl CoordinateSystem {
             .chain(retry)
             .chain(goes_on_s)
             .chain(self.jog_until_s())
-            .chain(self.validations.deadline_s())
+            .chain(self.commands.validation.as_ref().map(|asked| asked.deadline_s))
             .chain(self.lease.until_s())
             .min_by(f64::total_cmp)
     }
@@ -219,7 +198,7 @@ impl CoordinateSystem {
             }
             Event::Finished { segment, .. } => {
                 self.servo.finished_segment = segment;
-                self.pipeline.passed(segment);
+                self.pipeline.planner.passed(segment);
                 self.drive(RunEvent::Passed { segment });
             }
             Event::Spliced { taken } => self.on_spliced(taken),
@@ -233,7 +212,7 @@ impl CoordinateSystem {
             Event::Captured {
                 position, captured, ..
             } => {
-                self.pipeline.skipped_to(position);
+                self.pipeline.path.skipped_to(position);
                 self.publish_captured(position, captured);
             }
             Event::Fault(fault) => {
@@ -247,7 +226,7 @@ impl CoordinateSystem {
 
     /// What was in force ahead of the motion is in force now.
     fn follow_changes(&mut self, segment: u64) {
-        let mut speed = self.pipeline.in_force().spindle_speed_r_min;
+        let mut speed = self.pipeline.in_force.modal.spindle_speed_r_min;
         while let Some(change) = self.pipeline.changed_before(segment) {
             self.publish_modal(&change.modal);
             let before = std::mem::replace(&mut speed, change.modal.spindle_speed_r_min);
@@ -308,11 +287,11 @@ impl CoordinateSystem {
             .as_ref()
             .is_some_and(|run| matches!(run.kind, Kind::Jog(_)));
         if let Some(run) = self.run.take() {
-            let (outcome, reason) = why.into();
+            let (outcome, reason) = why.at_rest();
             let end = RunEnd::CutShort { outcome, reason };
             self.context.record(Happened::End(end));
-            self.past.jogs.remember(&run);
-            self.run_given_up(&run, why.into());
+            self.past.jogs.remember(&run.kind);
+            self.on_run_given_up(&run, why.at_rest());
         }
         self.carry_out_effects();
     }
@@ -320,7 +299,7 @@ impl CoordinateSystem {
     fn on_servo_stopped(&mut self, epoch: u32, position: MachinePosition) {
         self.pipeline
             .restart(self.servo.epoch(), position, self.past.manual_goes_on);
-        self.servo.finished_segment = self.pipeline.last_segment();
+        self.servo.finished_segment = self.pipeline.planner.last_segment();
         self.drive(RunEvent::AtRest { epoch });
     }
 
@@ -410,7 +389,7 @@ impl CoordinateSystem {
             }
             CoordinateSystemRequest::Tool(id) => {
                 self.inputs.tool = id;
-                self.pipeline.bar_way_back();
+                self.pipeline.planner.bar_way_back();
                 self.publish_tool();
                 Ok(Answer::Done)
             }
@@ -430,11 +409,8 @@ impl CoordinateSystem {
                 }
                 for (number, on) in set {
                     let bit = 1 << (number - 1);
-                    self.inputs.optional_skip = if on {
-                        self.inputs.optional_skip | bit
-                    } else {
-                        self.inputs.optional_skip & !bit
-                    };
+                    self.inputs.optional_skip &= !bit;
+                    self.inputs.optional_skip |= bit * u32::from(on);
                 }
                 if self.run.is_none() {
                     self.inputs.take_over_skip(1);
@@ -444,7 +420,7 @@ impl CoordinateSystem {
             Input::StartLock(lock) => self.inputs.start_lock = lock,
             Input::Override(change) => self.set_overrides(change)?,
             Input::SingleBlock(on) => self.set_single_block(on)?,
-            Input::DryRun(on) => self.pipeline.set_dry_run(on),
+            Input::DryRun(on) => self.pipeline.path.set_dry_run(on),
             Input::Interlock(lock) => self.set_interlock(lock),
         }
         self.publish_inputs();

@@ -1,4 +1,4 @@
-//! Open outputs, and what is said about them: claim, reset, progress, questions, redelivery.
+//! Open outputs, and requests about them: claim, reset, progress, questions, redelivery.
 
 use std::collections::BTreeMap;
 
@@ -18,10 +18,10 @@ use crate::journal::{Event, ResetOutcome};
 #[derive(Debug)]
 pub(super) struct Outputs {
     pub ledger: Ledger,
-    /// What each open output said, for alarms and the journal.
-    notices: BTreeMap<u64, OutputNotice>,
+    /// M number and block of each open output that was made, by `seq`, for alarms and the journal.
+    pub made: BTreeMap<u64, (u16, Origin)>,
     /// What the stock sequence program works on.
-    stock: Vec<StockWork>,
+    pub stock: Vec<StockWork>,
 }
 
 /// An output that the stock sequence program works on.
@@ -36,7 +36,7 @@ impl Outputs {
     pub fn new(ledger: Ledger) -> Self {
         Self {
             ledger,
-            notices: BTreeMap::new(),
+            made: BTreeMap::new(),
             stock: Vec::new(),
         }
     }
@@ -59,21 +59,11 @@ impl Outputs {
         })
     }
 
-    /// Those that a hold kept back.
+    /// The outputs that a hold kept back.
     pub fn queued(&self) -> Vec<u64> {
         let open = self.ledger.open().iter();
         let queued = open.filter(|open| open.state == OutputState::Queued);
         queued.map(|open| open.notice.seq).collect()
-    }
-
-    /// Notes what an output said. True for its first notice.
-    pub fn note(&mut self, notice: &OutputNotice) -> bool {
-        self.notices.insert(notice.seq, notice.clone()).is_none()
-    }
-
-    /// What a closed output had said.
-    pub fn forget(&mut self, seq: u64) -> Option<OutputNotice> {
-        self.notices.remove(&seq)
     }
 
     /// When the ledger or the stock sequence program has something to do, seconds since the start.
@@ -83,12 +73,7 @@ impl Outputs {
         stock.chain(ledger).min_by(f64::total_cmp)
     }
 
-    /// The stock sequence program begins to work on an output.
-    pub fn begin_stock_work(&mut self, work: StockWork) {
-        self.stock.push(work);
-    }
-
-    /// Takes the work that is done.
+    /// Takes the stock work that is done.
     pub fn take_stock_work(&mut self, is_done: impl Fn(&StockWork) -> bool) -> Vec<StockWork> {
         self.stock.extract_if(.., |work| is_done(work)).collect()
     }
@@ -124,7 +109,7 @@ impl Outputs {
             },
             OutputRequest::Reset(reset) => Event::Reset {
                 seq: reset.seq,
-                m: self.notices.get(&reset.seq).map(|notice| notice.m),
+                m: self.made.get(&reset.seq).map(|(m, _)| *m),
                 handler_id: reset.handler_id,
                 outcome: match reset.result {
                     ResetResult::Ok => ResetOutcome::Ok,
@@ -152,12 +137,9 @@ impl Outputs {
     pub fn on_handler_changed(&mut self, context: &Context, id: &str, presence: &HandlerPresence) {
         let now = context.now();
         if presence.online {
-            let number = context.number;
             let handles = |m| {
-                presence
-                    .handles
-                    .iter()
-                    .any(|code| code.cs == number && code.m == m)
+                let mut codes = presence.handles.iter();
+                codes.any(|code| (code.cs, code.m) == (context.number, m))
             };
             self.ledger.republish(now, handles);
         } else {
@@ -271,7 +253,7 @@ mod tests {
     fn stock_work_is_taken_once_when_it_is_due() {
         let mut outputs = open(&[]);
         for (seq, due_s) in [(1, Some(2.0)), (2, None), (3, Some(1.0))] {
-            outputs.begin_stock_work(StockWork { seq, due_s });
+            outputs.stock.push(StockWork { seq, due_s });
         }
         assert_eq!(outputs.next_deadline_s(), Some(1.0));
         let due = |work: &StockWork| work.due_s.is_some_and(|due_s| due_s <= 2.0);

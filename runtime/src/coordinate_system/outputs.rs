@@ -1,4 +1,5 @@
-//! Outputs and resets: from the interpreter to the ledger, and from the ledger to whoever listens.
+//! Outputs (M codes passed to the sequence program) and their resets: from the interpreter to the ledger, and from the
+//! ledger to the subscribers.
 
 use plc_api::handshake::{Closed, Effect, Now, OutputSpec};
 use plc_api::types::message::Payload;
@@ -7,7 +8,6 @@ use plc_api::types::request::OutputRequest;
 use plc_api::types::request::{Refusal, RefusalCode};
 use plc_api::types::state::SpindleDirection;
 use plc_api::types::topic::CsTopic;
-use tandem_model::Alarm;
 use tandem_model::alarm::{M_CODE_TIMEOUT, M_CODE_UNHANDLED};
 use tandem_model::flow::Output;
 use tandem_servo::Control;
@@ -19,7 +19,7 @@ use crate::config::Unhandled;
 use crate::journal::Event;
 use crate::sequence::stock::{self, StockAction};
 
-/// Who resets what the stock sequence program does.
+/// The handler id of the stock sequence program.
 const STOCK_HANDLER: &str = "stock";
 
 impl CoordinateSystem {
@@ -54,7 +54,7 @@ impl CoordinateSystem {
             return false;
         };
         // D18: while held no output is made; it stays QUEUED until the resume.
-        if self.state.is_running() || self.pipeline.in_thread() {
+        if self.state.is_running() || self.pipeline.in_thread {
             self.outputs.ledger.put_out(self.context.now(), seq);
         }
         self.carry_out_effects();
@@ -78,9 +78,9 @@ impl CoordinateSystem {
         self.carry_out_effects();
     }
 
-    /// Tells the run which output it waits for, as the ledger has it.
+    /// Updates which output the run waits for, by the ledger.
     pub(super) fn look_at_outputs(&mut self) {
-        let is_at_rest = self.servo.finished_segment >= self.pipeline.last_segment();
+        let is_at_rest = self.servo.finished_segment >= self.pipeline.planner.last_segment();
         let phase = self.state.phase();
         let awaited = phase.and_then(|phase| self.outputs.awaited(phase, is_at_rest));
         if awaited != self.state.awaited() {
@@ -139,17 +139,19 @@ impl CoordinateSystem {
             Effect::Cancel { m, cancel } => {
                 self.context.publish(CsTopic::Cancel(m), Payload::Cancel(cancel));
             }
-            Effect::Closed { seq, how, .. } => self.on_closed(seq, how),
+            Effect::Closed { seq, m, how } => self.on_closed(seq, m, how),
         }
     }
 
     fn on_output(&mut self, notice: &OutputNotice) {
         self.context
             .publish(CsTopic::Output(notice.m), Payload::Output(notice.clone()));
-        if notice.attempt == 1 {
-            self.context.record(Event::Output(Box::new(notice.clone())));
+        if notice.attempt > 1 {
+            return;
         }
-        if self.outputs.note(notice) && !self.context.shared.is_handled(self.context.number, notice.m) {
+        self.context.record(Event::Output(Box::new(notice.clone())));
+        self.outputs.made.insert(notice.seq, (notice.m, origin(notice)));
+        if !self.context.shared.is_handled(self.context.number, notice.m) {
             self.without_handler(notice);
         }
     }
@@ -160,7 +162,7 @@ impl CoordinateSystem {
         let has_spindle = self.context.configured.settings.spindle.is_some();
         match stock::action(notice, &settings, has_spindle) {
             Some(Ok(action)) => self.start_stock_work(notice.seq, action, settings.simulated_s),
-            Some(Err(text)) => self.fail_unhandled(notice, text),
+            Some(Err(text)) => self.fail_unhandled(notice, &text),
             None => match settings
                 .unhandled
                 .unwrap_or(self.context.shared.machine.unhandled)
@@ -170,24 +172,18 @@ impl CoordinateSystem {
                     self.start_stock_work(notice.seq, StockAction::Nothing, settings.simulated_s);
                 }
                 Unhandled::Alarm => {
-                    let text = format!("M{:02} has no handler", notice.m);
-                    self.fail_unhandled(notice, text);
+                    self.fail_unhandled(notice, &format!("M{:02} has no handler", notice.m));
                 }
             },
         }
     }
 
-    fn fail_unhandled(&mut self, notice: &OutputNotice, text: String) {
-        let origin = origin(notice);
-        let alarm = Alarm::new(&M_CODE_UNHANDLED, text).at(origin);
-        self.outputs.ledger.fail(
-            self.context.now(),
-            notice.seq,
-            plc_api::Alarm {
-                number: alarm.entry.number,
-                text: format!("{}: {}", alarm.entry.title, alarm.text),
-            },
-        );
+    fn fail_unhandled(&mut self, notice: &OutputNotice, text: &str) {
+        let alarm = plc_api::Alarm {
+            number: M_CODE_UNHANDLED.number,
+            text: format!("{}: {text}", M_CODE_UNHANDLED.title),
+        };
+        self.outputs.ledger.fail(self.context.now(), notice.seq, alarm);
     }
 
     fn start_stock_work(&mut self, seq: u64, action: StockAction, simulated_s: f64) {
@@ -212,7 +208,7 @@ impl CoordinateSystem {
                 due_s
             }
         };
-        self.outputs.begin_stock_work(StockWork { seq, due_s });
+        self.outputs.stock.push(StockWork { seq, due_s });
     }
 
     pub(super) fn do_stock_work(&mut self, now: Now) {
@@ -243,14 +239,12 @@ impl CoordinateSystem {
         }
     }
 
-    fn on_closed(&mut self, seq: u64, how: Closed) {
-        let notice = self.outputs.forget(seq);
-        let origin = notice.as_ref().map(origin);
+    fn on_closed(&mut self, seq: u64, m: u16, how: Closed) {
+        let origin = self.outputs.made.remove(&seq).map(|(_, origin)| origin);
         match how {
             Closed::Reset | Closed::Cancelled(_) => {}
             Closed::Failed { alarm } => self.raise(alarm.number, alarm.text, origin),
             Closed::TimedOut => {
-                let m = notice.map_or(0, |notice| notice.m);
                 let timeout_ms = (self.context.m_code(m))
                     .and_then(|settings| settings.timeout_ms)
                     .unwrap_or_default();
@@ -280,8 +274,8 @@ impl CoordinateSystem {
         self.send_spindle();
     }
 
-    /// S has changed with the block before this segment, which has its turn: at once the speed of a spindle that the
-    /// stock sequence program turns by M03 or M04 (manual, S function). Else whoever turns it sees to that (D35).
+    /// The segment begins, and the block before it has changed S: a spindle that the stock sequence program turns by M03
+    /// or M04 takes that speed at once (manual, S function). Any other sequence program does so itself (D35).
     pub(super) fn follow_spindle_speed(&mut self, segment: u64, rpm: f64) {
         if self.inputs.spindle_at_s_from.is_some_and(|from| segment >= from) {
             self.inputs.spindle.1 = rpm;

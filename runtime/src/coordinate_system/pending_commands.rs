@@ -1,17 +1,26 @@
-//! Commands that wait: to be judged, and for their effect.
+//! Pending commands: those to be judged, those whose parameters handlers check, and those whose effect is awaited.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 
-use plc_api::execution::word;
 use plc_api::types::command::{Command, CommandMeta, CommandStatus, Verb};
+use plc_api::types::program::{DiagnosticSeverity, ProgramDiagnostic};
+use plc_api::types::question::{Validate, ValidateResult};
 use plc_api::types::request::{Answer, Refusal, RefusalCode};
+use tandem_model::Origin;
+use tandem_syntax::diagnostics::HANDLER_REFUSES;
 use tokio::sync::oneshot;
 
 use super::context::Context;
-use super::programs::Texts;
+use super::programs::{Texts, place_of};
 
 /// Commands that wait for a transition to end. A further one is refused.
 const DEFERRED_MAX: usize = 256;
+
+/// How long handlers may take to answer; then the program is loaded with a warning.
+pub(super) const PATIENCE_S: f64 = 2.0;
+
+/// Characters of a handler's refusal; a longer one is cut.
+const TEXT_MAX: usize = 200;
 
 pub(super) type Reply = oneshot::Sender<Result<Answer, Refusal>>;
 
@@ -23,6 +32,14 @@ pub(super) struct Deferred {
     pub meta: CommandMeta,
     pub wait: bool,
     pub reply: Reply,
+}
+
+impl Deferred {
+    /// Refuses it.
+    pub fn refuse(self, context: &Context, refusal: Refusal) {
+        // The caller may be gone; the reply is published, too.
+        let _ = self.reply.send(Err(context.reject(&self.meta, refusal)));
+    }
 }
 
 /// A command that was accepted and whose effect is still to come.
@@ -51,13 +68,99 @@ impl Awaiting {
     }
 }
 
+/// A load or start that waits for the answers of handlers.
+pub(super) struct Validation {
+    pub command: Deferred,
+    pub main: u16,
+    pub texts: Texts,
+    /// When the wait for answers ends, seconds since the start.
+    pub deadline_s: f64,
+    pub asked: Vec<Asked>,
+    pub refusals: Vec<ProgramDiagnostic>,
+    pub not_asked: usize,
+}
+
+/// One M code with its parameters.
+pub(super) struct Asked {
+    pub m: u16,
+    pub request: Validate,
+    /// Handlers that have not answered.
+    pub by: BTreeSet<String>,
+}
+
+impl Validation {
+    /// A handler has answered.
+    pub fn take(&mut self, result: &ValidateResult) {
+        let mut asked = self.asked.iter_mut();
+        let Some(asked) = asked.find(|asked| asked.request.request_id == result.request_id) else {
+            return;
+        };
+        if !asked.by.remove(&result.handler_id) || result.ok {
+            return;
+        }
+        let why = result.text.as_deref().unwrap_or("it gives no reason");
+        let why: String = why.chars().take(TEXT_MAX).collect();
+        let (m, line) = (asked.m, asked.request.line);
+        let place = place_of(asked.request.program, self.main);
+        self.refusals.push(ProgramDiagnostic {
+            code: HANDLER_REFUSES.code.to_owned(),
+            severity: DiagnosticSeverity::Error,
+            line,
+            column: 1,
+            end_line: line,
+            end_column: 1,
+            message: format!("{place}M{m:02}: {why}"),
+            help: format!(
+                "Handler {} refuses the parameters; correct them.",
+                result.handler_id
+            ),
+        });
+    }
+
+    pub fn is_answered(&self) -> bool {
+        self.asked.iter().all(|asked| asked.by.is_empty())
+    }
+
+    /// Who has not answered, at the first line of each, and how many codes were not asked about.
+    pub fn notes(&self) -> Vec<(Origin, String)> {
+        let at = |program, line| Origin {
+            program,
+            line,
+            column: 1,
+        };
+        let mut notes = Vec::new();
+        let mut named = BTreeSet::new();
+        for asked in &self.asked {
+            for handler in asked.by.iter().filter(|handler| named.insert(handler.as_str())) {
+                let Validate { program, line, .. } = asked.request;
+                let note = format!(
+                    "handler {handler} did not answer within {PATIENCE_S} s whether it takes M{:02} of line {line}",
+                    asked.m
+                );
+                notes.push((at(program, line), note));
+            }
+        }
+        if self.not_asked > 0 {
+            let count = self.not_asked;
+            let note = format!("the parameters of {count} more M codes were not checked by their handlers");
+            notes.push((at(self.main, 1), note));
+        }
+        notes
+    }
+}
+
 /// Commands to one coordinate system, and the program that they have loaded.
 #[derive(Default)]
 pub(super) struct Commands {
-    deferred: VecDeque<Deferred>,
-    awaiting: Vec<Awaiting>,
-    /// Order of the last stop or abort.
-    stopped_at: u64,
+    /// To be judged, in order.
+    pub deferred: VecDeque<Deferred>,
+    pub awaiting: Vec<Awaiting>,
+    /// Order of the last stop or abort, which has passed those that wait.
+    pub stopped_at: u64,
+    /// A load or start whose parameters handlers check.
+    pub validation: Option<Validation>,
+    /// What handlers were asked so far.
+    pub validations: u64,
     /// The command that was accepted last.
     pub last_id: Option<String>,
     /// The program loaded.
@@ -79,21 +182,6 @@ impl Commands {
         Ok(())
     }
 
-    /// The command that is judged next.
-    pub fn next(&mut self) -> Option<Deferred> {
-        self.deferred.pop_front()
-    }
-
-    /// True when none waits to be judged.
-    pub fn is_empty(&self) -> bool {
-        self.deferred.is_empty()
-    }
-
-    /// A stop or an abort passes those that wait.
-    pub fn note_stop(&mut self, order: u64) {
-        self.stopped_at = order;
-    }
-
     /// Refuses what was to move before a stop or abort that has passed it.
     pub fn judge_order(&self, verb: Verb, order: u64) -> Result<(), Refusal> {
         if verb.moves() && order < self.stopped_at {
@@ -109,11 +197,6 @@ impl Commands {
         awaiting.any(|awaiting| awaiting.meta.command_id == command_id)
     }
 
-    /// A command was accepted.
-    pub fn await_effect(&mut self, awaiting: Awaiting) {
-        self.awaiting.push(awaiting);
-    }
-
     /// Tells those commands what has become of them; with `done` each its own note instead of the text.
     pub fn answer(
         &mut self,
@@ -123,33 +206,20 @@ impl Commands {
         code: &str,
         text: &str,
     ) {
-        let (answered, left): (Vec<_>, Vec<_>) = self.awaiting.drain(..).partition(is_it);
-        self.awaiting = left;
-        for Awaiting {
-            meta, note, reply, ..
-        } in answered
-        {
-            // who waits for the end only must hear of it, too
+        let answered = self.awaiting.extract_if(.., |awaiting| is_it(awaiting));
+        for awaiting in answered {
             let text = if status == CommandStatus::Done {
-                &note
+                &awaiting.note
             } else {
                 text
             };
-            let said = context.reply(&meta, status, code, text);
-            if let Some(reply) = reply {
-                // The asker may have gone; the reply is published, too.
+            let said = context.reply(&awaiting.meta, status, code, text);
+            if let Some(reply) = awaiting.reply {
+                // The caller may be gone; the reply is published, too.
                 let _ = reply.send(Ok(Answer::Command(said)));
             }
         }
     }
-}
-
-/// Refuses a command.
-pub(super) fn reject(context: &Context, meta: &CommandMeta, refusal: Refusal, reply: Reply) {
-    let code = word(&refusal.code);
-    context.reply(meta, CommandStatus::Rejected, &code, &refusal.text);
-    // The asker may have gone; the reply is published, too.
-    let _ = reply.send(Err(refusal));
 }
 
 #[cfg(test)]
@@ -173,16 +243,15 @@ mod tests {
             assert!(commands.defer(command(order)).is_ok());
         }
         assert_eq!(commands.defer(command(999)).unwrap_err().order, 999);
-        let orders = std::iter::from_fn(|| commands.next()).map(|command| command.order);
+        let orders = commands.deferred.iter().map(|command| command.order);
         assert!(orders.eq(0..DEFERRED_MAX as u64));
-        assert!(commands.is_empty());
     }
 
     #[test]
     fn what_was_to_move_before_a_stop_that_has_passed_it_is_refused() {
         let mut commands = Commands::default();
         assert_eq!(commands.judge_order(Verb::Start, 4), Ok(()));
-        commands.note_stop(5);
+        commands.stopped_at = 5;
         let refusal = commands.judge_order(Verb::Start, 4).unwrap_err();
         assert_eq!(refusal.code, RefusalCode::NotAllowed);
         assert_eq!(commands.judge_order(Verb::Reset, 4), Ok(()), "it moves nothing");

@@ -8,7 +8,7 @@ use tandem_interp::{Dialect, Inputs, Interpreter, Modal};
 use tandem_model::flow::{
     Action, Block, Compensation, Item, MultiBlock, Segment, SegmentEnd, SegmentMotion, TapLeg, Transform,
 };
-use tandem_model::profile::{PathPlace, Profile};
+use tandem_model::profile::Profile;
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::{Alarm, AxisVector, MachinePosition, Origin};
 use tandem_motion::{Planner, Replan};
@@ -19,24 +19,25 @@ use tandem_syntax::NcProgram;
 #[derive(Debug)]
 pub(super) struct Pipeline {
     pub interpreter: Interpreter,
-    path: PathStage,
-    /// What the interpreter has given while it is open where a G31 ends, in order.
-    set_aside: VecDeque<SetAside>,
-    planner: Planner,
+    pub path: PathStage,
+    /// Items interpreted while the end point of a G31 is unknown, in order.
+    pub set_aside: VecDeque<SetAside>,
+    pub planner: Planner,
     segments: Vec<Segment>,
     /// Planned, and not yet in the servo's queue.
     pub ready: VecDeque<Profile>,
-    /// What changes after which segment, for those who watch; in order.
+    /// What changes after which segment, to be published; in order.
     changes: VecDeque<Change>,
     /// What was noted last.
     last: Change,
-    /// What is so of the motion that runs.
-    in_force: Change,
+    /// In force for the motion that runs.
+    pub in_force: Change,
     /// First segment of each programmed block that has not begun, ascending.
     blocks: VecDeque<u64>,
     /// The programmed block noted last, by the interpreter's count.
     noted_step: Option<u64>,
-    in_thread: bool,
+    /// The tool is in a thread when all that has been given out so far has run.
+    pub in_thread: bool,
 }
 
 /// What is in force from the segment after `after_segment` on.
@@ -48,9 +49,9 @@ pub(super) struct Change {
     pub stack: Arc<[CallSite]>,
 }
 
-/// An item that the path stage has not heard of yet.
+/// An item that the path stage has not been given yet.
 #[derive(Debug)]
-struct SetAside {
+pub(super) struct SetAside {
     block: Option<Block>,
     modal: Modal,
     stack: Arc<[CallSite]>,
@@ -110,14 +111,9 @@ impl Pipeline {
         Ok(())
     }
 
-    /// True while it is open where the next block begins: a G31 runs, or what stands behind it is not planned yet.
+    /// True while the start point of the next block is unknown: a G31 runs, or blocks behind it are not planned yet.
     pub fn is_behind_skip(&self) -> bool {
         self.path.is_skipping() || !self.set_aside.is_empty()
-    }
-
-    /// How many items are set aside.
-    pub fn set_aside_count(&self) -> usize {
-        self.set_aside.len()
     }
 
     fn set_aside(&mut self, item: &Item) {
@@ -139,8 +135,8 @@ impl Pipeline {
         });
     }
 
-    /// Once the G31 has ended, the first item that was set aside has its turn; its block has gone on to the planner when
-    /// this returns. An alarm ends what stands behind, too. `None`: there is nothing, or the G31 still runs.
+    /// Once the G31 has ended, takes the first item that was set aside and hands its block to the planner. An alarm
+    /// discards the items behind it. `None`: there is none, or the G31 still runs.
     pub fn next_set_aside(&mut self) -> Option<Result<(), Alarm>> {
         if self.path.is_skipping() {
             return None;
@@ -167,14 +163,14 @@ impl Pipeline {
         self.plan(result)
     }
 
-    /// Brings out what is certain, ending at rest: the program waits, and goes on later.
+    /// Hands out what is certain, ending at rest: the program waits, and continues later.
     pub fn flush(&mut self) -> Result<(), Alarm> {
         let result = self.path.flush(&mut self.segments);
         self.plan(result)?;
         self.planner.flush(&mut self.ready)
     }
 
-    /// The same where nothing goes on from here; what cutter compensation keeps back is forgotten.
+    /// The same where the program ends; what cutter compensation keeps back is discarded.
     pub fn finish(&mut self) -> Result<(), Alarm> {
         let result = self.path.finish(&mut self.segments);
         let planned = self.plan(result);
@@ -258,12 +254,7 @@ impl Pipeline {
         Some(change)
     }
 
-    /// The modal state of the motion that runs.
-    pub fn in_force(&self) -> &Modal {
-        &self.in_force.modal
-    }
-
-    /// What is so of the motion that runs, of the next block, or of what is prepared.
+    /// The first match in the modal states of the running motion, the next block and all that is prepared.
     pub fn anywhere<T>(&self, pick: impl Fn(&Modal) -> Option<T>) -> Option<T> {
         let near = [&self.in_force.modal, self.interpreter.modal()].into_iter();
         let ahead = self.changes.iter().map(|change| &change.modal);
@@ -271,24 +262,9 @@ impl Pipeline {
         near.chain(ahead).chain(aside).find_map(pick)
     }
 
-    /// After G31: the machine rests here, perhaps short of the target.
-    pub fn skipped_to(&mut self, at: MachinePosition) {
-        self.path.skipped_to(at);
-    }
-
-    /// Where the next block counts from; `None` while that is open.
+    /// Where the next block starts from; `None` while that is unknown.
     pub fn counts_from(&self) -> Option<MachinePosition> {
         (!self.is_behind_skip()).then(|| self.path.counts_from())
-    }
-
-    /// True while the tool is in a thread when all that has been given out so far has run.
-    pub fn in_thread(&self) -> bool {
-        self.in_thread
-    }
-
-    /// The segment given out last; the servo reports it when it is finished.
-    pub fn last_segment(&self) -> u64 {
-        self.planner.last_segment()
     }
 
     /// Begins a program at its head, where the machine rests: in the start-up modal state, or in the one that is in
@@ -305,7 +281,7 @@ impl Pipeline {
     }
 
     /// Throws away what is prepared: the machine rests at `at`, and profiles carry `epoch` from here on. The transform
-    /// ends, or goes on.
+    /// ends, or is kept.
     pub fn restart(&mut self, epoch: u32, at: MachinePosition, goes_on: bool) {
         self.ready.clear();
         self.set_aside.clear();
@@ -323,60 +299,10 @@ impl Pipeline {
         }
     }
 
-    /// Blocks to come move at the feedrate of dry run, or at F.
-    pub fn set_dry_run(&mut self, on: bool) {
-        self.path.set_dry_run(on);
-    }
-
-    /// True when blocks to come move at the feedrate of dry run.
-    pub fn is_dry_run(&self) -> bool {
-        self.path.is_dry_run()
-    }
-
-    /// G500 blocks still to come are planned for this feed override, 1.0 being 100 percent.
-    pub fn set_feed_override(&mut self, factor: f64) {
-        self.planner.set_feed_override(factor);
-    }
-
-    /// The motion has passed this segment.
-    pub fn passed(&mut self, segment: u64) {
-        self.planner.passed(segment);
-    }
-
-    /// There is no way back past what has been given out so far.
-    pub fn bar_way_back(&mut self) {
-        self.planner.bar_way_back();
-    }
-
-    /// True when back trace can leave this place.
-    pub fn has_way_back(&self, from: PathPlace) -> bool {
-        self.planner.has_way_back(from)
-    }
-
-    /// The way back from a place at rest.
-    pub fn retrace(&mut self, from: PathPlace) -> VecDeque<Profile> {
-        self.planner.retrace(from)
-    }
-
-    /// A place within what has been given out, plan time `ahead_s` or more beyond this one.
-    pub fn place_ahead(&self, from: PathPlace, ahead_s: f64) -> Option<PathPlace> {
-        self.planner.place_ahead(from, ahead_s)
-    }
-
-    /// A new plan of what has been given out, from a place on.
-    pub fn replan(&self, from: PathPlace, at_rest: bool) -> Replan {
-        self.planner.replan(from, at_rest)
-    }
-
     /// Goes on from a new plan; nothing may have been given out since it was made.
     pub fn adopt(&mut self, mut new: Replan) {
         self.ready = std::mem::take(&mut new.profiles);
         self.planner.adopt(new);
-    }
-
-    /// Where the last block ends, machine position.
-    pub fn position(&self) -> MachinePosition {
-        self.path.position()
     }
 
     /// A motion by hand: each motor alone to a machine position, with the rapid limits of these settings.
@@ -398,7 +324,7 @@ impl Pipeline {
     }
 }
 
-/// Where the programs of the nesting stand that have called another.
+/// The calls of the nesting: in which program and line each was made.
 fn callers(interpreter: &Interpreter) -> impl Iterator<Item = CallSite> {
     let depth = interpreter.call_stack().count();
     interpreter
@@ -495,7 +421,7 @@ mod tests {
                 assert_eq!(feedrates.collect::<Vec<_>>(), [3000.0]);
                 let (program, _) = parse("G90 G01 X10 F3000\nM30\n", Grammar::nj());
                 pipeline.start(Arc::new(program), 1, 1, false);
-                assert!(pipeline.in_force().feedrate_mm_min < 3000.0);
+                assert!(pipeline.in_force.modal.feedrate_mm_min < 3000.0);
             }
         });
     }

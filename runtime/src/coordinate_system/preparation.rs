@@ -17,7 +17,7 @@ use crate::journal::{Event, RunEnd};
 /// How much is done in one turn.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Share {
-    /// Commands are carried out. Reason: a load checks whole programs, for which who asks must not wait.
+    /// Commands are carried out. Reason: a load checks whole programs, and a caller must not wait for that.
     pub commands: bool,
     /// Steps of the run: items taken from the interpreter, and what follows from each.
     items: usize,
@@ -33,8 +33,8 @@ impl Share {
         blocks: 2 * STEPS_IN_CHAIN_MAX as u64,
     };
 
-    /// What follows from an answer at once; who asks has other work to do. Reason: an output takes 4 items.
-    pub const OF_ASKER: Share = Share {
+    /// What follows from a request at once; the caller has other work to do. Reason: an output takes 4 items.
+    pub const OF_CALLER: Share = Share {
         commands: false,
         items: 16,
         blocks: 64,
@@ -42,8 +42,8 @@ impl Share {
 }
 
 impl Then {
-    /// The alarm that it is within cutter compensation, where the machine cannot come to rest at a block's end: where
-    /// that is the next block decides (manual, restrictions of G41).
+    /// The alarm of a stop within cutter compensation: there the next block decides where a block ends, so the machine
+    /// cannot come to rest at its end (manual, restrictions of G41).
     fn refused_in_compensation(&self) -> Option<Alarm> {
         let (origin, text) = match self {
             Then::Interpret | Then::BlockEnd | Then::Alarm(_) => return None,
@@ -88,7 +88,7 @@ impl CoordinateSystem {
         }
         let Some(run) = &mut self.run else { return false };
         // In a thread feed hold waits, so what the way out needs is not kept back.
-        let held = !self.state.is_running() && !self.pipeline.in_thread();
+        let held = !self.state.is_running() && !self.pipeline.in_thread;
         let single_block = self.inputs.single_block;
         let waits = run.at_rest.until_s(&self.context.shared.clock).is_some();
         let Some(phase) = self.state.phase() else {
@@ -97,7 +97,7 @@ impl CoordinateSystem {
         match phase {
             Phase::Interpret => {
                 let is_full = !self.pipeline.ready.is_empty()
-                    || self.pipeline.set_aside_count() >= self.context.configured.pre_read_blocks;
+                    || self.pipeline.set_aside.len() >= self.context.configured.pre_read_blocks;
                 if is_full || waits || single_block && held {
                     return false;
                 }
@@ -110,7 +110,7 @@ impl CoordinateSystem {
                 true
             }
             Phase::Standstill(_) => {
-                if held || self.is_moving() || self.planned_block_ended() {
+                if held || self.is_moving() || self.end_planned_block() {
                     return false;
                 }
                 let then = self.state.take_then();
@@ -137,7 +137,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// Plans what was interpreted while it was open where a G31 ends. False when there is nothing, or it has to wait.
+    /// Plans what was interpreted while the end point of a G31 was unknown. False when there is nothing, or it has to wait.
     fn plan_set_aside(&mut self) -> bool {
         if self.run.is_none() || !self.pipeline.ready.is_empty() {
             return false;
@@ -174,7 +174,7 @@ impl CoordinateSystem {
         drop(tables);
         run.steps.in_block |= matches!(item, Ok(Item::Block(_) | Item::Stop(_)));
         run.at_rest.count(
-            self.pipeline.last_segment(),
+            self.pipeline.planner.last_segment(),
             &self.context.shared.clock,
             self.context.configured.settings.servo_period_s,
         );
@@ -236,7 +236,7 @@ impl CoordinateSystem {
             Then::Interpret => {}
             Then::BlockEnd => self.on_block_ended(),
             Then::Output(output) => {
-                self.pipeline.bar_way_back();
+                self.pipeline.planner.bar_way_back();
                 return self.put_out_after_motion(output);
             }
             Then::Stop(stop) if stop.optional && !self.inputs.optional_stop => {}
@@ -285,7 +285,7 @@ impl CoordinateSystem {
             Kind::Manual | Kind::Home | Kind::Jog(_) => Execution::Ready,
         };
         self.drive(RunEvent::Completed(into));
-        self.past.jogs.remember(&run);
+        self.past.jogs.remember(&run.kind);
         self.past.manual_goes_on |= matches!(run.kind, Kind::Manual);
         let end = RunEnd::Completed { outcome: into };
         self.context.record(Event::End(end));

@@ -21,7 +21,7 @@ impl Context {
         })
     }
 
-    /// Refuses a program that has errors, its subprograms included; says what is worth knowing.
+    /// Refuses a program that has errors, its subprograms included; otherwise gives what the operator should know, or nothing.
     pub fn check_called(&self, main: &Arc<StoredProgram>) -> Result<String, Refusal> {
         let all = self.shared.store.all();
         let number = main.number;
@@ -31,22 +31,11 @@ impl Context {
         while let Some(program) = left.pop() {
             let here = program.check_in(&self.configured.settings);
             m_codes.extend(here.m_codes.iter().copied());
-            errors.extend(
-                here.errors
-                    .iter()
-                    .cloned()
-                    .map(|diagnostic| match program.number {
-                        main if main == number => diagnostic,
-                        called => {
-                            let message =
-                                format!("in program {called}, which is called: {}", diagnostic.message);
-                            ProgramDiagnostic {
-                                message,
-                                ..diagnostic
-                            }
-                        }
-                    }),
-            );
+            let place = place_of(program.number, number);
+            errors.extend(here.errors.iter().map(|found| ProgramDiagnostic {
+                message: format!("{place}{}", found.message),
+                ..found.clone()
+            }));
             let called = program.check.programs.iter().filter_map(|called| all.get(called));
             left.extend(called.filter(|called| seen.insert(called.number)).cloned());
         }
@@ -80,7 +69,7 @@ impl Context {
         stock.is_some() || has_spindle && stock::is_spindle_code(m) || self.shared.is_handled(self.number, m)
     }
 
-    /// A program and those that it calls, as they stand in the store.
+    /// A program and those that it calls, as the store has them.
     pub fn texts_of(&self, main: u16) -> Texts {
         let all = self.shared.store.all();
         let called = called_by(&all, main).into_iter();
@@ -98,4 +87,12 @@ impl Context {
                 .zip(then)
                 .all(|((a, now), (b, then))| a == b && Arc::ptr_eq(now, then))
     }
+}
+
+/// Where something is, to the reader of a main program: said of the programs that it calls.
+pub(super) fn place_of(number: u16, main: u16) -> String {
+    if number == main {
+        return String::new();
+    }
+    format!("in program {number}, which is called: ")
 }

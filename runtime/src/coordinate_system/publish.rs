@@ -1,4 +1,4 @@
-//! What others see: the state and what belongs to it, published when it has changed.
+//! The state topics of a coordinate system, published when they have changed.
 
 use plc_api::types::Timestamp;
 use plc_api::types::message::Payload;
@@ -49,7 +49,7 @@ impl CoordinateSystem {
             program: self.commands.program,
             run_id: self.past.last_id.clone(),
             single_block: self.inputs.single_block,
-            dry_run: self.pipeline.is_dry_run(),
+            dry_run: self.pipeline.path.is_dry_run(),
             optional_stop: self.inputs.optional_stop,
             optional_skip: skip_numbers(self.inputs.optional_skip),
             alarm_count: self.context.alarm_count(),
@@ -57,7 +57,8 @@ impl CoordinateSystem {
         }
     }
 
-    /// True when this is the state, nothing being waited for. Compared before a state is made: most turns change nothing.
+    /// True when this is still the state, and no output is awaited. Compared before a state is made: most turns change
+    /// nothing.
     fn is_in(&self, state: &State) -> bool {
         let State {
             execution,
@@ -80,7 +81,7 @@ impl CoordinateSystem {
             && *transition == self.state.transition()
             && (*program, run_id) == (self.commands.program, &self.past.last_id)
             && *single_block == self.inputs.single_block
-            && *dry_run == self.pipeline.is_dry_run()
+            && *dry_run == self.pipeline.path.is_dry_run()
             && *optional_stop == self.inputs.optional_stop
             && self.inputs.optional_skip == skip_bits(optional_skip)
             && *alarm_count == self.context.alarm_count()
@@ -133,7 +134,7 @@ impl CoordinateSystem {
     pub(super) fn publish_captured(&mut self, position: MachinePosition, captured: AxisSet) {
         let captured = Captured {
             run_id: self.run.as_ref().map(|run| run.id.clone()),
-            line: self.context.view.executing_line(),
+            line: self.context.view.executing().line,
             ..self.captured_of(position, captured)
         };
         for (value, position) in self.published.captured.iter_mut().zip(&captured.positions) {
@@ -169,7 +170,7 @@ impl CoordinateSystem {
         let switches = [
             (CsTopic::OptionalStop, self.inputs.optional_stop),
             (CsTopic::SingleBlock, self.inputs.single_block),
-            (CsTopic::DryRun, self.pipeline.is_dry_run()),
+            (CsTopic::DryRun, self.pipeline.path.is_dry_run()),
         ];
         for (topic, value) in switches {
             self.context.publish(topic, Payload::Switch(Switch { value }));

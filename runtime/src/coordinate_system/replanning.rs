@@ -1,7 +1,7 @@
 //! What is planned is planned anew while it runs: for a feed override above 100 percent (G500), and for back trace.
 //!
-//! The servo goes over to the new plan at a place that is still to come, or where it rests. Until it has said what has
-//! become of that, nothing more is prepared: both plans must go on from the same block.
+//! The servo changes to the new plan at a place ahead of the motion, or where it rests. Until it has reported whether it
+//! did, nothing more is prepared: both plans must continue with the same block.
 
 use std::collections::VecDeque;
 
@@ -64,11 +64,11 @@ impl CoordinateSystem {
         if factor.total_cmp(&before).is_eq() || self.is_replanning() {
             return;
         }
-        self.pipeline.set_feed_override(factor);
+        self.pipeline.planner.set_feed_override(factor);
         let slew_s = self.context.configured.settings.override_slew_ms / 1000.0 * (before - factor).max(0.0);
         let ahead_s = self.replanning.ahead_s * before + slew_s * f64::midpoint(before, factor);
         let place = self.run.as_ref().and(self.servo.place(ahead_s, &self.pipeline));
-        let new = place.map(|place| (place, self.pipeline.replan(place, false)));
+        let new = place.map(|place| (place, self.pipeline.planner.replan(place, false)));
         match new.filter(|(_, new)| new.can_begin()) {
             Some((place, mut new)) => {
                 self.servo.splice(Some(place), &mut new.profiles);
@@ -82,7 +82,7 @@ impl CoordinateSystem {
         }
     }
 
-    /// True while nothing may be prepared: both plans must go on from one block.
+    /// True while nothing may be prepared: both plans must continue with the same block.
     pub(super) fn is_replanning(&self) -> bool {
         !self.replanning.splices.is_empty() || self.state.retraces() || self.state.is_ending()
     }
@@ -95,16 +95,16 @@ impl CoordinateSystem {
         }
     }
 
-    /// The servo has gone over to another plan, or refused it.
+    /// The servo has changed to another plan, or refused it.
     pub(super) fn on_spliced(&mut self, taken: bool) {
-        self.servo.spliced(taken);
+        self.servo.on_spliced(taken);
         match self.replanning.splices.pop_front() {
             Some(Splicing::Override { new, factor }) if taken => {
                 self.replanning.ahead_s = AHEAD_S;
                 self.replanning.planned_for = factor;
                 if self.run.is_some() {
                     self.pipeline.adopt(*new);
-                    self.pipeline.set_feed_override(self.planned_override());
+                    self.pipeline.planner.set_feed_override(self.planned_override());
                 }
             }
             Some(Splicing::Override { .. }) => {
@@ -139,7 +139,7 @@ impl CoordinateSystem {
         let has_way_back = self
             .replanning
             .held_at
-            .is_some_and(|at| self.pipeline.has_way_back(at));
+            .is_some_and(|at| self.pipeline.planner.has_way_back(at));
         if !has_way_back {
             return refused(
                 "there is no way back from here: back trace goes along what moved with G500, and not past an M code that \
@@ -152,7 +152,7 @@ impl CoordinateSystem {
     /// Back along the passed path.
     pub(super) fn go_back(&mut self) {
         let Some(at) = self.replanning.held_at else { return };
-        let back = self.pipeline.retrace(at);
+        let back = self.pipeline.planner.retrace(at);
         let Some(last) = back.back().map(|last| last.segment) else {
             return;
         };
@@ -162,12 +162,12 @@ impl CoordinateSystem {
         self.context.record(Event::BackTrace { on: true });
     }
 
-    /// After a back trace: the program goes on from where the motion is.
+    /// After a back trace: the program continues from where the motion is.
     pub(super) fn go_forward(&mut self) {
         let Some(at) = self.replanning.held_at else { return };
-        self.pipeline.set_feed_override(self.planned_override());
+        self.pipeline.planner.set_feed_override(self.planned_override());
         self.replanning.planned_for = self.planned_override();
-        let new = self.pipeline.replan(at, true);
+        let new = self.pipeline.planner.replan(at, true);
         self.servo.finished_segment = new.passed;
         self.pipeline.adopt(new);
         self.turn_round();

@@ -1,4 +1,4 @@
-//! What a run has beside its state: what it runs, and what it counts.
+//! A run's programs and counters; its state is in `run_state`.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -28,7 +28,7 @@ pub(super) struct PastRuns {
     pub count: u64,
     /// The one started last.
     pub last_id: Option<String>,
-    /// The next manual data input goes on in the modal state of the last one.
+    /// The next manual data input continues in the modal state of the last one.
     pub manual_goes_on: bool,
     pub jogs: Jogs,
 }
@@ -42,8 +42,8 @@ pub(super) struct Jogs(VecDeque<String>);
 
 impl Jogs {
     /// A jog that has ended is not begun again by a refresh that comes late.
-    pub fn remember(&mut self, run: &Run) {
-        if let Kind::Jog(jog) = &run.kind {
+    pub fn remember(&mut self, ended: &Kind) {
+        if let Kind::Jog(jog) = ended {
             self.0.push_back(jog.refresh_id.clone());
             if self.0.len() > ENDED_JOGS_MAX {
                 self.0.pop_front();
@@ -85,7 +85,7 @@ pub(super) struct Steps {
     pub in_block: bool,
     /// Segments up to this one were planned before single block was switched on.
     pub planned_ahead: u64,
-    /// The servo is told to hold behind the running block, and has not said that it does.
+    /// The servo has been told to hold behind the running block, and does not hold yet.
     pub armed: bool,
 }
 
@@ -122,9 +122,59 @@ impl AtRest {
         }
     }
 
-    /// When the run goes on, if that is still to come.
+    /// When the run continues, if that is still to come.
     pub fn until_s(&self, clock: &Clock) -> Option<f64> {
         let is_to_come = self.until_s > 0.0 && self.until_s > clock.now_s() + 1e-9;
         is_to_come.then_some(self.until_s)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn jog(refresh_id: &str) -> Kind {
+        let machine = crate::Config::demo().resolve().unwrap();
+        Kind::Jog(Jog {
+            refresh_id: refresh_id.to_owned(),
+            until_s: 0.2,
+            to: AxisVector::ZERO,
+            settings: Arc::new(machine.coordinate_systems[0].settings.clone()),
+        })
+    }
+
+    #[test]
+    fn a_jog_that_has_ended_is_known_until_as_many_others_have_ended_as_are_kept() {
+        let numbered = |count: usize| (1..=count).map(|n| n.to_string()).collect::<Vec<_>>();
+        for (ended, asked, is_known) in [
+            (0, "1", false),
+            (1, "1", true),
+            (1, "2", false),
+            (2, "1", true),
+            (ENDED_JOGS_MAX, "1", true),
+            (ENDED_JOGS_MAX + 1, "1", false),
+            (ENDED_JOGS_MAX + 1, "2", true),
+            (ENDED_JOGS_MAX + 1, "17", true),
+        ] {
+            let mut jogs = Jogs::default();
+            for refresh_id in numbered(ended) {
+                jogs.remember(&jog(&refresh_id));
+            }
+            assert_eq!(jogs.has_ended(asked), is_known, "{asked} of {ended}");
+        }
+    }
+
+    #[test]
+    fn only_the_end_of_a_jog_is_remembered() {
+        for (ended, is_known) in [
+            (Kind::Program, false),
+            (Kind::Manual, false),
+            (Kind::Home, false),
+            (jog(""), true),
+        ] {
+            let mut jogs = Jogs::default();
+            jogs.remember(&ended);
+            assert_eq!(jogs.has_ended(""), is_known, "{ended:?}");
+        }
     }
 }

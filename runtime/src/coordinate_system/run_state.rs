@@ -14,14 +14,27 @@ pub(super) type StateWord = (Execution, Option<Reason>);
 pub(super) enum RunState {
     /// There is no run.
     Idle(StateWord),
-    /// A run goes on by itself, or waits for an output or at a program stop.
-    Running(Progress),
-    /// The motion of a run decelerates on the path.
-    Holding(Cause, Progress),
-    /// A run rests under a hold.
-    Held(Cause, Progress),
+    /// There is one.
+    Run(Hold, Progress),
     /// A run has been ended, and the machine comes to rest.
-    Ending(Ending),
+    Ending {
+        /// The servo's epoch that begins at rest.
+        epoch: u32,
+        why: End,
+        /// State word and reason until then.
+        from: StateWord,
+    },
+}
+
+/// Whether something holds a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Hold {
+    /// The run proceeds by itself, or waits for an output or at a program stop.
+    Off,
+    /// The motion decelerates on the path.
+    Begun(Cause),
+    /// The motion rests.
+    AtRest(Cause),
 }
 
 /// How far a run is.
@@ -59,7 +72,7 @@ pub(super) enum Phase {
     LastOutputs,
 }
 
-/// What follows a standstill.
+/// What is done at a standstill.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Then {
     Interpret,
@@ -84,16 +97,6 @@ pub(super) enum Cause {
     WayBackEnded,
 }
 
-/// A run that is being ended.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Ending {
-    /// The servo's epoch that begins at rest.
-    epoch: u32,
-    why: End,
-    /// State word and reason until then.
-    from: StateWord,
-}
-
 /// Why a run is ended before its end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum End {
@@ -112,7 +115,7 @@ pub(super) enum End {
 }
 
 impl End {
-    /// What the outputs are told.
+    /// Why its outputs are cancelled.
     pub fn cancel_reason(self) -> CancelReason {
         match self {
             End::Stop => CancelReason::Stop,
@@ -123,7 +126,7 @@ impl End {
     }
 
     /// State word and reason at rest.
-    pub fn into(self) -> StateWord {
+    pub fn at_rest(self) -> StateWord {
         match self {
             End::Stop => (Execution::Stopped, Some(Reason::Stop)),
             End::Abort => (Execution::Stopped, Some(Reason::Aborted)),
@@ -153,7 +156,7 @@ pub(super) enum RunEvent {
     Loaded,
     /// A run begins.
     Started(Phase),
-    /// It is to rest, by a command or another cause.
+    /// The motion is to come to rest.
     Hold(Cause),
     /// The resume command, or the end of back trace by command.
     Resume,
@@ -167,7 +170,7 @@ pub(super) enum RunEvent {
     Awaited(Option<Awaited>),
     /// The servo has passed the end of a segment.
     Passed { segment: u64 },
-    /// The servo rests under a hold; `behind_block`: that it was told to make behind a block, for single block.
+    /// The servo rests under a hold; `behind_block`: one that was armed for the end of a block, for single block.
     ServoHeld { behind_block: bool },
     /// Single block: a block has ended at rest.
     BlockEnded,
@@ -182,7 +185,7 @@ pub(super) enum RunEvent {
 pub(super) enum RunAction {
     /// The servo holds on the path.
     HoldServo,
-    /// The servo goes on.
+    /// The servo continues.
     ResumeServo,
     /// The motion turns round: forward again, from where it is.
     GoForward,
@@ -218,7 +221,7 @@ impl Progress {
         }
     }
 
-    /// `ACTIVE`, `BACK_TRACE` while it goes back.
+    /// The reason while it goes back.
     fn back(&self) -> Option<Reason> {
         self.back_to.map(|_| Reason::BackTrace)
     }
@@ -250,47 +253,36 @@ impl RunState {
     pub fn word(&self) -> StateWord {
         match self {
             RunState::Idle(word) => *word,
-            RunState::Running(progress) | RunState::Holding(_, progress) => progress.word(),
-            RunState::Held(cause, progress) => {
+            RunState::Run(Hold::AtRest(cause), progress) => {
                 let (execution, reason) = cause.word();
                 (execution, reason.or(progress.back()))
             }
-            RunState::Ending(ending) => ending.from,
+            RunState::Run(_, progress) => progress.word(),
+            RunState::Ending { from, .. } => *from,
         }
     }
 
     /// State word and reason by which commands are judged: of a run that is being ended those at rest.
     pub fn word_at_rest(&self) -> StateWord {
         match self {
-            RunState::Ending(ending) => ending.why.into(),
+            RunState::Ending { why, .. } => why.at_rest(),
             _ => self.word(),
         }
     }
 
-    /// What it is on its way to, if it is not where its word says for good.
+    /// The transition under way, if there is one.
     pub fn transition(&self) -> Option<Transition> {
         match self {
-            RunState::Holding(..) => Some(Transition::Holding),
-            RunState::Ending(ending) => Some(ending.why.transition()),
-            RunState::Idle(_) | RunState::Running(_) | RunState::Held(..) => None,
+            RunState::Run(Hold::Begun(_), _) => Some(Transition::Holding),
+            RunState::Ending { why, .. } => Some(why.transition()),
+            _ => None,
         }
     }
 
     fn progress(&self) -> Option<&Progress> {
         match self {
-            RunState::Running(progress) | RunState::Holding(_, progress) | RunState::Held(_, progress) => {
-                Some(progress)
-            }
-            RunState::Idle(_) | RunState::Ending(_) => None,
-        }
-    }
-
-    fn progress_mut(&mut self) -> Option<&mut Progress> {
-        match self {
-            RunState::Running(progress) | RunState::Holding(_, progress) | RunState::Held(_, progress) => {
-                Some(progress)
-            }
-            RunState::Idle(_) | RunState::Ending(_) => None,
+            RunState::Run(_, progress) => Some(progress),
+            _ => None,
         }
     }
 
@@ -316,126 +308,117 @@ impl RunState {
 
     /// True while a run is being ended.
     pub fn is_ending(&self) -> bool {
-        matches!(self, RunState::Ending(_))
+        matches!(self, RunState::Ending { .. })
     }
 
     /// True while nothing keeps the run from going on by itself.
     pub fn is_running(&self) -> bool {
-        matches!(self, RunState::Running(_))
+        matches!(self, RunState::Run(Hold::Off, _))
     }
 
-    /// What follows a standstill that the run has come to; from here on it interprets.
+    /// Takes what follows a standstill that the run has reached; after that it interprets.
     pub fn take_then(&mut self) -> Option<Then> {
-        let progress = self.progress_mut()?;
-        let Phase::Standstill(then) = &progress.phase else {
+        let RunState::Run(_, Progress { phase, .. }) = self else {
             return None;
         };
-        let then = then.clone();
-        progress.phase = Phase::Interpret;
-        Some(then)
+        match std::mem::replace(phase, Phase::Interpret) {
+            Phase::Standstill(then) => Some(then),
+            other => {
+                *phase = other;
+                None
+            }
+        }
     }
 
     /// The state after an event, and what is to be done.
     pub fn on(self, event: RunEvent) -> (Self, Vec<RunAction>) {
-        let unchanged = |state| (state, Vec::new());
-        match (self, event) {
-            (RunState::Idle(_), RunEvent::Loaded) => unchanged(RunState::Idle((Execution::Ready, None))),
-            (RunState::Idle(_), RunEvent::Started(phase)) => {
-                unchanged(RunState::Running(Progress::new(phase)))
+        let state = match (self, event) {
+            (RunState::Idle(_), RunEvent::Loaded) => RunState::Idle((Execution::Ready, None)),
+            (RunState::Idle(_), RunEvent::Started(phase)) => RunState::Run(Hold::Off, Progress::new(phase)),
+            (RunState::Ending { epoch, why, .. }, RunEvent::AtRest { epoch: at }) if epoch == at => {
+                return (RunState::Idle(why.at_rest()), vec![RunAction::Ended(why)]);
             }
-            (RunState::Ending(ending), RunEvent::AtRest { epoch }) if ending.epoch == epoch => {
-                let state = RunState::Idle(ending.why.into());
-                (state, vec![RunAction::Ended(ending.why)])
-            }
-            (state, RunEvent::End { why, epoch }) => state.end(why, epoch),
-            (RunState::Running(progress), event) => progress.on_while_running(event),
-            (RunState::Holding(cause, progress), RunEvent::ServoHeld { .. }) => {
-                unchanged(RunState::Held(cause, progress))
-            }
-            (RunState::Held(_, mut progress), RunEvent::Resume) => {
-                let turns = progress.back_to.take().map(|_| RunAction::GoForward);
-                let begins = progress.end_pause();
-                let goes_on = [RunAction::ResumeServo, RunAction::GoOn];
-                let actions = turns.into_iter().chain(begins).chain(goes_on);
-                (RunState::Running(progress), actions.collect())
-            }
-            (RunState::Held(_, mut progress), RunEvent::BackTrace { to }) => {
-                progress.back_to = Some(to);
-                (RunState::Running(progress), vec![RunAction::ResumeServo])
-            }
-            (RunState::Holding(_, progress) | RunState::Held(_, progress), RunEvent::BlockEnded) => {
-                unchanged(RunState::Held(Cause::SingleBlock, progress))
-            }
-            (RunState::Holding(..) | RunState::Held(..), RunEvent::Completed(into)) => {
-                unchanged(RunState::Idle((into, None)))
-            }
-            (mut state, event) => {
-                if let Some(progress) = state.progress_mut() {
-                    progress.follow(event);
-                }
-                unchanged(state)
-            }
-        }
-    }
-
-    fn end(self, why: End, epoch: u32) -> (Self, Vec<RunAction>) {
-        let is_without_effect = match (&self, why) {
             // without a run there is nothing to stop; a stop under way is not begun anew
-            (RunState::Idle(_), End::Stop | End::Abort | End::JogExpired)
-            | (RunState::Ending(_), End::Stop | End::JogExpired) => true,
-            _ => false,
+            (
+                state @ RunState::Idle(_),
+                RunEvent::End {
+                    why: End::Stop | End::Abort | End::JogExpired,
+                    ..
+                },
+            )
+            | (
+                state @ RunState::Ending { .. },
+                RunEvent::End {
+                    why: End::Stop | End::JogExpired,
+                    ..
+                },
+            ) => state,
+            (state, RunEvent::End { why, epoch }) => {
+                let from = state.word();
+                let ending = RunState::Ending { epoch, why, from };
+                return (ending, vec![RunAction::End { why, epoch }]);
+            }
+            (RunState::Run(hold, progress), event) => return progress.on(hold, event),
+            (state, _) => state,
         };
-        if is_without_effect {
-            return (self, Vec::new());
-        }
-        let from = self.word();
-        let ending = Ending { epoch, why, from };
-        (RunState::Ending(ending), vec![RunAction::End { why, epoch }])
+        (state, Vec::new())
     }
 }
 
 impl Progress {
-    fn on_while_running(mut self, event: RunEvent) -> (RunState, Vec<RunAction>) {
-        match event {
-            RunEvent::Hold(cause) if !self.is_paused() => {
-                (RunState::Holding(cause, self), vec![RunAction::HoldServo])
+    fn on(mut self, hold: Hold, event: RunEvent) -> (RunState, Vec<RunAction>) {
+        let mut actions = Vec::new();
+        let is_paused = self.is_paused();
+        let hold = match (hold, event) {
+            (Hold::Off, RunEvent::Hold(cause)) if !is_paused => {
+                actions.push(RunAction::HoldServo);
+                Hold::Begun(cause)
             }
-            RunEvent::Passed { segment } if self.back_to == Some(segment) => {
-                self.on_while_running(RunEvent::Hold(Cause::WayBackEnded))
+            (Hold::Off, RunEvent::Passed { segment }) if !is_paused && self.back_to == Some(segment) => {
+                actions.push(RunAction::HoldServo);
+                Hold::Begun(Cause::WayBackEnded)
             }
-            RunEvent::Resume => {
-                let actions = self.end_pause().into_iter().collect();
-                (RunState::Running(self), actions)
-            }
-            RunEvent::ServoHeld { behind_block: true } | RunEvent::BlockEnded if !self.is_paused() => {
-                (RunState::Held(Cause::SingleBlock, self), Vec::new())
+            (Hold::Off, RunEvent::ServoHeld { behind_block: true } | RunEvent::BlockEnded) if !is_paused => {
+                Hold::AtRest(Cause::SingleBlock)
             }
             // Single block was switched off when the hold behind the block had begun.
-            RunEvent::ServoHeld { .. } => (RunState::Running(self), vec![RunAction::ResumeServo]),
-            RunEvent::Completed(into) => (RunState::Idle((into, None)), Vec::new()),
-            event => {
-                self.follow(event);
-                (RunState::Running(self), Vec::new())
+            (Hold::Off, RunEvent::ServoHeld { .. }) => {
+                actions.push(RunAction::ResumeServo);
+                Hold::Off
             }
-        }
-    }
-
-    /// Goes on behind M00 or M01.
-    fn end_pause(&mut self) -> Option<RunAction> {
-        if !self.is_paused() {
-            return None;
-        }
-        self.phase = Phase::Interpret;
-        Some(RunAction::BeginBlock)
-    }
-
-    /// What is the same whether the run is held or not.
-    fn follow(&mut self, event: RunEvent) {
-        match event {
-            RunEvent::Phase(phase) => (self.phase, self.awaited) = (phase, None),
-            RunEvent::Awaited(awaited) => self.awaited = awaited,
-            _ => {}
-        }
+            (Hold::Begun(cause), RunEvent::ServoHeld { .. }) => Hold::AtRest(cause),
+            (Hold::Begun(_) | Hold::AtRest(_), RunEvent::BlockEnded) => Hold::AtRest(Cause::SingleBlock),
+            (Hold::AtRest(_), RunEvent::BackTrace { to }) => {
+                self.back_to = Some(to);
+                actions.push(RunAction::ResumeServo);
+                Hold::Off
+            }
+            (Hold::Off | Hold::AtRest(_), RunEvent::Resume) => {
+                if self.back_to.is_some() && hold != Hold::Off {
+                    self.back_to = None;
+                    actions.push(RunAction::GoForward);
+                }
+                if is_paused {
+                    self.phase = Phase::Interpret;
+                    actions.push(RunAction::BeginBlock);
+                }
+                if hold != Hold::Off {
+                    actions.extend([RunAction::ResumeServo, RunAction::GoOn]);
+                }
+                Hold::Off
+            }
+            (_, RunEvent::Completed(into)) => return (RunState::Idle((into, None)), actions),
+            (hold, RunEvent::Phase(phase)) => {
+                (self.phase, self.awaited) = (phase, None);
+                hold
+            }
+            (hold, RunEvent::Awaited(awaited)) => {
+                self.awaited = awaited;
+                hold
+            }
+            (hold, _) => hold,
+        };
+        (RunState::Run(hold, self), actions)
     }
 }
 

@@ -86,7 +86,7 @@ impl ServoLink {
             segment: reading.segment,
             plan_s: reading.plan_s,
         };
-        pipeline.place_ahead(from, ahead_s)
+        pipeline.planner.place_ahead(from, ahead_s)
     }
 
     /// Profiles that are to run in place of those handed over, from a place on, or where the machine rests: as many as
@@ -105,7 +105,7 @@ impl ServoLink {
     }
 
     /// The servo reads the new profiles from now on, or never.
-    pub fn spliced(&mut self, taken: bool) {
+    pub fn on_spliced(&mut self, taken: bool) {
         if let Some(producer) = self.spliced.pop_front()
             && taken
         {

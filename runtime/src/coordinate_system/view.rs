@@ -1,4 +1,4 @@
-//! What others may see of a coordinate system at any time, without asking its task.
+//! What any thread may read of a coordinate system at any time, without its task.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -64,11 +64,6 @@ impl View {
     /// Place of the block that is executed.
     pub fn executing(&self) -> Origin {
         self.place().executing
-    }
-
-    /// Line of the block that is executed.
-    pub(super) fn executing_line(&self) -> u32 {
-        self.place().executing.line
     }
 
     /// Actual spindle speed, r/min, and whether it is oriented.

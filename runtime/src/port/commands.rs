@@ -2,14 +2,13 @@
 
 use std::time::Duration;
 
-use plc_api::execution::word;
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::command::{Command, CommandMeta, CommandReply, CommandStatus};
 use plc_api::types::ids::check_command;
 use plc_api::types::lease::LeaseRequest;
 use plc_api::types::message::Payload;
 use plc_api::types::request::{Answer, CoordinateSystemRequest, Refusal, RefusalCode};
-use plc_api::types::topic::{CsTopic, Topic};
+use plc_api::types::topic::Topic;
 
 use super::RuntimePort;
 use crate::command_memory::{Asked, Recalled};
@@ -22,15 +21,14 @@ impl RuntimePort {
         meta: CommandMeta,
         wait: bool,
     ) -> Result<Answer, Refusal> {
-        check_command(&meta.client_id, &meta.command_id)?;
         let asked = Asked::command(cs, &command, &meta.client_id);
         if let Some(reply) = self.replied_again(&meta, Some(cs), asked)?
             && !(wait && reply.status == CommandStatus::Accepted)
         {
             return Ok(Answer::Command(reply));
         }
-        let reject = |refusal| self.reject(&meta, Some(cs), refusal);
-        let handle = self.handle(cs).map_err(reject)?;
+        let reject = |refusal| self.shared.reject(Some(cs), &meta, refusal);
+        let mailbox = self.mailbox(cs).map_err(reject)?;
         self.check_age(&meta).map_err(reject)?;
         if let Command::AlarmAcknowledge { id } = command
             && !self.shared.acknowledge_alarm(id, &meta.client_id)
@@ -40,7 +38,7 @@ impl RuntimePort {
         }
         let urgent = command.verb().is_urgent();
         let request = CoordinateSystemRequest::Command { command, meta, wait };
-        handle.mailbox.ask(request, urgent).await
+        mailbox.ask(request, urgent).await
     }
 
     pub(super) async fn lease(
@@ -49,28 +47,28 @@ impl RuntimePort {
         request: LeaseRequest,
         meta: CommandMeta,
     ) -> Result<Answer, Refusal> {
-        check_command(&meta.client_id, &meta.command_id)?;
         let asked = Asked::new(format!("the lease of coordinate system {cs}"), &(cs, &request));
         if let Some(reply) = self.replied_again(&meta, Some(cs), asked)? {
             return Ok(Answer::Command(reply));
         }
-        let handle = self
-            .handle(cs)
-            .map_err(|refusal| self.reject(&meta, Some(cs), refusal))?;
+        let mailbox = self
+            .mailbox(cs)
+            .map_err(|refusal| self.shared.reject(Some(cs), &meta, refusal))?;
         let request = CoordinateSystemRequest::Lease { request, meta };
-        handle.mailbox.ask(request, false).await
+        mailbox.ask(request, false).await
     }
 
-    /// The reply to a command that came before; published again, since who asks again has not heard it.
+    /// The reply to a command that came before; published again, since a caller that repeats a command has not got it.
     ///
     /// # Errors
-    /// Another command came before under its id, whose reply stays.
+    /// The names are refused, or another command came before under its id, whose reply stays.
     pub(super) fn replied_again(
         &self,
         meta: &CommandMeta,
         cs: Option<CoordinateSystemNumber>,
         asked: Asked,
     ) -> Result<Option<CommandReply>, Refusal> {
+        check_command(&meta.client_id, &meta.command_id)?;
         let (reply, answer) = match self.shared.recall(&meta.command_id, asked) {
             Recalled::New | Recalled::Again(None) => return Ok(None),
             Recalled::Again(Some(reply)) => (reply.clone(), Ok(Some(reply))),
@@ -80,7 +78,7 @@ impl RuntimePort {
                     meta.command_id
                 );
                 let refusal = Refusal::new(RefusalCode::CommandIdReused, text);
-                (self.rejection(meta, cs, &refusal), Err(refusal))
+                (self.shared.rejection(cs, meta, &refusal), Err(refusal))
             }
         };
         let topic = Topic::Reply(meta.client_id.clone());
@@ -114,41 +112,5 @@ impl RuntimePort {
             return Err(Refusal::new(RefusalCode::Expired, text));
         }
         Ok(())
-    }
-
-    /// Says a refusal as the reply to a command; `cs` is the coordinate system whose state it tells.
-    pub(super) fn reject(
-        &self,
-        meta: &CommandMeta,
-        cs: Option<CoordinateSystemNumber>,
-        refusal: Refusal,
-    ) -> Refusal {
-        let reply = self.rejection(meta, cs, &refusal);
-        self.shared.reply(&meta.client_id, reply);
-        refusal
-    }
-
-    fn rejection(
-        &self,
-        meta: &CommandMeta,
-        cs: Option<CoordinateSystemNumber>,
-        refusal: &Refusal,
-    ) -> CommandReply {
-        CommandReply {
-            command_id: meta.command_id.clone(),
-            status: CommandStatus::Rejected,
-            code: word(&refusal.code),
-            text: refusal.text.clone(),
-            state_rev: self.state_rev(cs),
-            variables: None,
-            lease: None,
-        }
-    }
-
-    /// Revision of a coordinate system's state; 0 for none.
-    pub(super) fn state_rev(&self, cs: Option<CoordinateSystemNumber>) -> u64 {
-        cs.and_then(|cs| self.shared.hub.read(&Topic::cs(cs, CsTopic::State)))
-            .and_then(|state| state.rev)
-            .unwrap_or(0)
     }
 }

@@ -16,7 +16,7 @@ use crate::tables::{Tables, Values};
 
 impl RuntimePort {
     pub(super) fn last_run(&self, cs: CoordinateSystemNumber) -> Result<Answer, Refusal> {
-        self.handle(cs)?;
+        self.mailbox(cs)?;
         Ok(Answer::LastRun(self.last_runs.get(&cs).cloned()))
     }
 
@@ -56,8 +56,7 @@ impl RuntimePort {
     /// Which tool is in the spindle, on disk before it is answered.
     pub(super) async fn tool(&self, cs: CoordinateSystemNumber, id: u16) -> Result<Answer, Refusal> {
         let answer = self
-            .handle(cs)?
-            .mailbox
+            .mailbox(cs)?
             .ask(CoordinateSystemRequest::Tool(id), false)
             .await?;
         if let Some(writer) = &self.writer {
@@ -81,9 +80,12 @@ impl RuntimePort {
         let values = self
             .check_age(&meta)
             .and_then(|()| read())
-            .map_err(|refusal| self.reject(&meta, of(area), refusal))?;
+            .map_err(|refusal| self.shared.reject(of(area), &meta, refusal))?;
         let said = VariableValues::new(area.kind(), from, values.iter().copied());
-        let reply = self.done(&meta, area, Some(said));
+        let reply = CommandReply {
+            variables: Some(said),
+            ..(self.shared).reply_to(of(area), &meta, CommandStatus::Done, "ok", "")
+        };
         self.shared
             .publish(Topic::Reply(meta.client_id), Payload::Reply(reply));
         Ok(Answer::Variables(values))
@@ -100,34 +102,15 @@ impl RuntimePort {
         let Some(meta) = meta else {
             return write().map(|()| Answer::Done);
         };
-        check_command(&meta.client_id, &meta.command_id)?;
         let asked = Asked::new("variable/set".to_owned(), &(area, from, values));
         if let Some(reply) = self.replied_again(&meta, of(area), asked)? {
             return Ok(Answer::Command(reply));
         }
         self.check_age(&meta)
             .and_then(|()| write())
-            .map_err(|refusal| self.reject(&meta, of(area), refusal))?;
-        let reply = self.done(&meta, area, None);
-        self.shared.reply(&meta.client_id, reply.clone());
-        Ok(Answer::Command(reply))
-    }
-
-    fn done(
-        &self,
-        meta: &CommandMeta,
-        area: VariableArea,
-        variables: Option<VariableValues>,
-    ) -> CommandReply {
-        CommandReply {
-            command_id: meta.command_id.clone(),
-            status: CommandStatus::Done,
-            code: "ok".to_owned(),
-            text: String::new(),
-            state_rev: self.state_rev(of(area)),
-            variables,
-            lease: None,
-        }
+            .map_err(|refusal| self.shared.reject(of(area), &meta, refusal))?;
+        let reply = (self.shared).reply_to(of(area), &meta, CommandStatus::Done, "ok", "");
+        Ok(Answer::Command(self.shared.reply(&meta.client_id, reply)))
     }
 }
 

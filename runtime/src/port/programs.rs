@@ -44,12 +44,12 @@ impl RuntimePort {
     }
 
     fn refuse_while_running(&self, number: u16) -> Result<(), Refusal> {
-        for handle in &self.handles {
-            let main = self.running_program(handle.number);
+        for mailbox in &self.mailboxes {
+            let main = self.running_program(mailbox.number);
             if main.is_some_and(|main| self.called_by(main).contains(&number)) {
                 let text = format!(
                     "program {number} runs in coordinate system {}; stop it first",
-                    handle.number
+                    mailbox.number
                 );
                 return Err(Refusal::new(RefusalCode::ProgramRuns, text));
             }

@@ -8,9 +8,8 @@ use plc_api::types::request::{Input, typed};
 use plc_api::types::state::{Lock, ProgramPlace};
 
 use super::*;
-use crate::journal::Journal;
-use crate::simulation::{self, SimulationOptions};
-use crate::{Config, Runtime};
+use crate::Config;
+use crate::test::Bench;
 
 fn start(command_id: &str) -> typed::Command {
     let meta = CommandMeta {
@@ -27,26 +26,25 @@ fn start(command_id: &str) -> typed::Command {
 }
 
 /// Runs a test against the demo machine in simulated time, with a program loaded that waits for 1000 s.
-fn with_machine<T>(test: impl AsyncFnOnce(Arc<dyn Port>) -> T) -> T {
-    simulation::run(async {
-        let machine = Config::demo().resolve().unwrap();
-        let options = SimulationOptions::default();
-        let runtime = Runtime::start_simulated(machine, Journal::to_log(), options).unwrap();
-        runtime.store().write(50, "G04 X1000\nM30\n").unwrap();
-        let port = runtime.port();
-        let typed::Command { meta, .. } = start("load");
-        let command = Command::Load { program: 50 };
-        port.ask(typed::Command {
-            cs: 1,
-            command,
-            meta,
-            wait: true,
+fn with_machine<T: Send + 'static>(test: impl AsyncFnOnce(Arc<dyn Port>) -> T + Send + 'static) -> T {
+    let machine = Config::demo().resolve().unwrap();
+    let bench = Bench::on_machine(machine).subprogram(50, "G04 X1000\nM30\n");
+    bench
+        .play(async move |_, runtime| {
+            let port = runtime.port();
+            let typed::Command { meta, .. } = start("load");
+            let command = Command::Load { program: 50 };
+            port.ask(typed::Command {
+                cs: 1,
+                command,
+                meta,
+                wait: true,
+            })
+            .await
+            .unwrap();
+            test(port).await
         })
-        .await
-        .unwrap();
-        test(port).await
-    })
-    .unwrap()
+        .unwrap()
 }
 
 fn status(answer: &Result<CommandReply, Refusal>) -> Option<CommandStatus> {
@@ -55,7 +53,7 @@ fn status(answer: &Result<CommandReply, Refusal>) -> Option<CommandStatus> {
 
 #[test]
 fn a_command_that_comes_twice_at_once_is_carried_out_once() {
-    with_machine(async |port| {
+    with_machine(async move |port| {
         let both = futures_util::future::join(port.ask(start("s1")), port.ask(start("s1")));
         let (first, second) = both.await;
         assert_eq!(status(&first), Some(CommandStatus::Accepted));
@@ -86,7 +84,7 @@ fn command(command: Command, command_id: &str, client_id: &str) -> typed::Comman
 
 #[test]
 fn an_id_of_another_command_is_refused_and_keeps_its_reply() {
-    with_machine(async |port| {
+    with_machine(async move |port| {
         port.ask(start("1")).await.unwrap();
         let mut replies = port.subscribe(Filter::Topics(vec![Topic::Reply("hmi".into())]));
         for other in [Command::Reset, Command::Load { program: 50 }] {
@@ -120,7 +118,7 @@ async fn execution(port: &Arc<dyn Port>) -> Execution {
 #[test]
 fn what_was_commanded_before_a_stop_or_abort_does_not_move_behind_it() {
     for passing in [Command::Stop, Command::Abort] {
-        with_machine(async |port| {
+        with_machine(async move |port| {
             // a handler that keeps the load waiting, and with it what is commanded behind
             let silent = HandlerPresence {
                 online: true,
@@ -163,7 +161,7 @@ fn what_was_commanded_before_a_stop_or_abort_does_not_move_behind_it() {
 
 #[test]
 fn a_refusal_that_comes_from_a_lock_says_the_state_and_what_it_leaves_allowed() {
-    with_machine(async |port| {
+    with_machine(async move |port| {
         let interlock = Lock {
             value: true,
             text: "the door is open".into(),
@@ -182,7 +180,7 @@ fn a_refusal_that_comes_from_a_lock_says_the_state_and_what_it_leaves_allowed() 
 
 #[test]
 fn hold_and_stop_are_carried_out_whatever_their_id_was_used_for() {
-    with_machine(async |port| {
+    with_machine(async move |port| {
         let execution = || execution(&port);
         port.ask(start("1")).await.unwrap();
         port.ask(command(Command::Hold, "1", "test")).await.unwrap();
@@ -205,7 +203,7 @@ fn hold_and_stop_are_carried_out_whatever_their_id_was_used_for() {
 
 #[test]
 fn a_command_past_its_ttl_or_for_another_boot_is_refused_and_the_reply_is_published() {
-    with_machine(async |port| {
+    with_machine(async move |port| {
         let typed::Command { mut meta, .. } = start("old");
         (meta.ttl_ms, meta.issued_at) = (Some(500), Some(Timestamp("1999-12-31T23:59:59Z".into())));
         let mut replies = port.subscribe(Filter::Topics(vec![Topic::Reply("test".into())]));
@@ -239,7 +237,7 @@ fn a_command_past_its_ttl_or_for_another_boot_is_refused_and_the_reply_is_publis
 
 #[test]
 fn a_skip_input_needs_a_motor_of_an_axis_and_simulated_time_has_no_servo_thread() {
-    with_machine(async |port| {
+    with_machine(async move |port| {
         // motor 4 of the demo is the spindle
         assert_eq!(port.ask(typed::SkipInput(3, true)).await, Ok(()));
         for motor in [4, 77] {
@@ -251,7 +249,7 @@ fn a_skip_input_needs_a_motor_of_an_axis_and_simulated_time_has_no_servo_thread(
 
 #[test]
 fn a_program_cannot_be_written_while_it_runs() {
-    with_machine(async |port| {
+    with_machine(async move |port| {
         port.ask(start("s1")).await.unwrap();
         let write = port.ask(typed::WriteProgram(50, "M30\n".into())).await;
         assert_eq!(write.unwrap_err().code, RefusalCode::ProgramRuns);
@@ -283,7 +281,7 @@ async fn answer_validation(
 
 #[test]
 fn handlers_are_asked_again_for_a_program_that_was_written_anew_since_it_was_loaded() {
-    with_machine(async |port| {
+    with_machine(async move |port| {
         let picky = HandlerPresence {
             online: true,
             handles: vec![HandledCode { cs: 1, m: 60 }],
@@ -335,7 +333,7 @@ fn handlers_are_asked_again_for_a_program_that_was_written_anew_since_it_was_loa
 
 #[test]
 fn the_program_place_is_the_head_of_what_is_loaded_after_a_load_and_a_reset() {
-    with_machine(async |port| {
+    with_machine(async move |port| {
         let place = async || {
             let message = port.read(&Topic::cs(1, CsTopic::Program)).await.unwrap();
             match &message.payload {
@@ -365,7 +363,7 @@ fn the_program_place_is_the_head_of_what_is_loaded_after_a_load_and_a_reset() {
 
 #[test]
 fn an_alarm_that_stands_is_not_raised_again_and_the_oldest_24_stand() {
-    with_machine(async |port| {
+    with_machine(async move |port| {
         let raise = |code: u16| {
             port.ask(typed::RaiseAlarm(AlarmRaise {
                 cs: Some(1),

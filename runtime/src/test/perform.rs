@@ -1,8 +1,8 @@
 //! Runs a test: the machine, its handlers and the script in simulated time, on a thread of their own.
 
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::collections::BTreeSet;
+use std::sync::Arc;
 use std::sync::mpsc as std_mpsc;
-use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 use futures_util::FutureExt;
@@ -16,57 +16,23 @@ use plc_api::types::state::State;
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::{Alarm, CoordinateSystem, Error, Execution, Params, Plc, SequenceProgram};
 use tandem_model::variables::VariableArray;
-use tokio::sync::Notify;
+use tokio::sync::mpsc;
 use tokio::task::{AbortHandle, JoinError, JoinSet};
 
 use super::record::{Ended, NonZero, OutputRecord, Run, StateChange, Stopped, SystemEnd};
-use super::trace::{Samples, Tracer};
+use super::trace::Tracer;
 use super::{Action, Bench, Cue, TestError};
 use crate::coordinator::Runtime;
 use crate::journal::{Event, Journal, Line, ResetOutcome};
-use crate::simulation::{self, Simulation, SimulationOptions};
+use crate::simulation::{self, Slot};
 
-/// Real time in which simulated time must go on at least once. Reason: a handler that blocks the thread would let the
-/// test stand for ever.
+/// Real time in which simulated time must advance at least once. Reason: a handler that blocks the thread would let the
+/// test wait for ever.
 const STANDSTILL: Duration = Duration::from_secs(if cfg!(test) { 2 } else { 10 });
 
 /// Turns given to all tasks so that handlers are known before the programs are loaded. Reason: more than any chain of
 /// wake-ups from a sequence program's first poll to the answer that the machine knows it.
 const SETTLE_TURNS: usize = 256;
-
-/// Where the watching thread finds the simulation.
-type Watched = Arc<OnceLock<Arc<Simulation>>>;
-
-pub(super) fn on_a_thread_of_its_own(bench: Bench, main: u16) -> Result<Run, TestError> {
-    let (ended, end) = std_mpsc::channel();
-    let watched = Watched::default();
-    let simulation = Arc::clone(&watched);
-    let thread = std::thread::spawn(move || {
-        let run = simulation::run(perform(bench, main, simulation));
-        // Nobody listens any more when it stood for too long.
-        let _ = ended.send(run.map_err(TestError::new).flatten());
-    });
-    let mut cycles = None;
-    loop {
-        match end.recv_timeout(STANDSTILL) {
-            Ok(run) => return run,
-            Err(std_mpsc::RecvTimeoutError::Disconnected) => match thread.join() {
-                Err(panic) => std::panic::resume_unwind(panic),
-                Ok(()) => return Err(TestError::new("the run ended without a result")),
-            },
-            Err(std_mpsc::RecvTimeoutError::Timeout) => {
-                let now = watched.get().map(|simulation| simulation.cycles());
-                if now == std::mem::replace(&mut cycles, now) {
-                    return Err(TestError::new(format!(
-                        "simulated time has stood for {} s: a handler or an action blocks its thread; \
-                         let it sleep by plc.sleep and compute in short steps",
-                        STANDSTILL.as_secs()
-                    )));
-                }
-            }
-        }
-    }
-}
 
 /// The machine and its handlers, as a scripted action sees them.
 #[derive(Debug, Clone)]
@@ -105,108 +71,132 @@ impl Scene {
     }
 }
 
-async fn perform(bench: Bench, main: u16, watched: Watched) -> Result<Run, TestError> {
-    for program in &bench.sequence_programs {
-        program.check()?;
-    }
-    let lines = Arc::new(Lines::default());
-    let sink = Arc::clone(&lines);
-    let waits_for_blocks = bench.script.iter().any(|(cue, _)| matches!(cue, Cue::Line(_)));
-    let journal = Journal::to_sink(Arc::new(std::sync::Mutex::new(move |line: &Line| {
-        sink.put(line.clone());
-        let is_waited_for = waits_for_blocks || !matches!(line.event, Event::Block { .. });
-        if is_waited_for {
-            sink.wake.notify_one();
+impl Bench {
+    /// Does anything with the machine in simulated time, once its handlers are known and its programs are written;
+    /// none of these is loaded. What is scripted does not happen.
+    ///
+    /// ```
+    /// # use plc_api::Execution;
+    /// # use tandem_runtime::test::{Bench, TestError};
+    /// # fn main() -> Result<(), TestError> {
+    /// let x = Bench::new().play(async |scene, _runtime| {
+    ///     scene.cs(1).home(&['X']).await?;
+    ///     scene.cs(1).wait_until(Execution::Ready).await?;
+    ///     Ok::<_, TestError>(scene.cs(1).position().await?.machine["X"])
+    /// })??;
+    /// assert_eq!(x, 0.0);
+    /// # Ok(()) }
+    /// ```
+    ///
+    /// # Errors
+    /// The machine does not start, a sequence program or an NC program is not taken, or a task blocks the thread.
+    ///
+    /// # Panics
+    /// When `act` panics, such as by a failed assertion.
+    pub fn play<T: Send + 'static>(
+        self,
+        act: impl AsyncFnOnce(Scene, &Runtime) -> T + Send + 'static,
+    ) -> Result<T, TestError> {
+        let (ended, end) = std_mpsc::channel();
+        let slot = Slot::default();
+        let watched = Arc::clone(&slot);
+        let thread = std::thread::spawn(move || {
+            let played = simulation::run_in(slot, self.play_here(act));
+            // Nobody listens any more when it took too long.
+            let _ = ended.send(played.map_err(TestError::new).flatten());
+        });
+        let mut cycles = None;
+        loop {
+            match end.recv_timeout(STANDSTILL) {
+                Ok(played) => return played,
+                Err(std_mpsc::RecvTimeoutError::Disconnected) => match thread.join() {
+                    Err(panic) => std::panic::resume_unwind(panic),
+                    Ok(()) => return Err(TestError::new("the run ended without a result")),
+                },
+                Err(std_mpsc::RecvTimeoutError::Timeout) => {
+                    let now = watched.get().map(|simulation| simulation.cycles());
+                    if now == std::mem::replace(&mut cycles, now) {
+                        return Err(TestError::new(format!(
+                            "simulated time has stood for {} s: a handler or an action blocks its thread; \
+                             let it sleep by plc.sleep and compute in short steps",
+                            STANDSTILL.as_secs()
+                        )));
+                    }
+                }
+            }
         }
-        is_waited_for
-    })));
-    let tracer = Tracer::default();
-    let options = SimulationOptions {
-        max_time_s: bench.max_time_s,
-        on_cycle: bench
-            .trace_every_s
-            .map(|interval_s| tracer.on_cycle(&bench.machine, interval_s)),
-        hardware: None,
-    };
-    let runtime = Runtime::start_simulated(bench.machine, journal, options).map_err(TestError::new)?;
-    let simulation = runtime.simulation().ok_or(TestError::new("no simulation"))?;
-    // The slot is empty: it was made for this run.
-    let _ = watched.set(Arc::clone(&simulation));
-    let scene = Scene {
-        plc: Plc::in_process(runtime.port()),
-        handlers: Arc::default(),
-    };
-    for program in bench.sequence_programs {
-        scene.serve(program);
     }
-    for _ in 0..SETTLE_TURNS {
-        tokio::task::yield_now().await;
-    }
-    let mut jobs = vec![(1, main)];
-    jobs.extend(bench.beside);
-    load(&scene, bench.programs, &jobs).await?;
-    let stage = Stage {
-        start_s: scene.plc.now_s(),
-        states: scene.plc.port().subscribe(Filter::All),
-        scene,
-        lines,
-        script: bench.script.into_iter().map(Some).collect(),
-        main,
-        actions: JoinSet::new(),
-        running: jobs.iter().map(|(cs, _)| *cs).collect(),
-        run: Run::begun(&jobs),
-    };
-    let systems: Vec<_> = runtime.machine().coordinate_systems.iter().collect();
-    let systems: Vec<_> = systems.iter().map(|system| system.settings.number).collect();
-    let start_s = stage.start_s;
-    let run = stage.play(&simulation, &jobs, &systems).await;
-    let run = run.and_then(|run| {
-        let samples = tracer.samples(start_s)?;
-        Ok(with_variables(run, &runtime, &systems, samples))
-    });
-    runtime.shutdown().await;
-    run
-}
 
-/// Adds what the machine keeps to what the run has shown.
-fn with_variables(run: Run, runtime: &Runtime, systems: &[CoordinateSystemNumber], samples: Samples) -> Run {
-    let variables = |cs: &CoordinateSystemNumber| Some((*cs, runtime.variables(*cs)?));
-    let variables: Vec<_> = systems.iter().filter_map(variables).collect();
-    let p = variables.first().map(|(_, of_cs)| non_zero(&of_cs.global));
-    let q = variables
-        .iter()
-        .map(|(cs, of_cs)| (*cs, non_zero(&of_cs.coordinate_system)));
-    Run {
-        samples,
-        p: p.unwrap_or_default(),
-        q: q.collect(),
-        ..run
+    async fn play_here<T>(self, act: impl AsyncFnOnce(Scene, &Runtime) -> T) -> Result<T, TestError> {
+        for program in &self.sequence_programs {
+            program.check()?;
+        }
+        let runtime = Runtime::start_simulated(self.machine, self.journal, self.options);
+        let runtime = runtime.map_err(TestError::new)?;
+        let scene = Scene {
+            plc: Plc::in_process(runtime.port()),
+            handlers: Arc::default(),
+        };
+        for program in self.sequence_programs {
+            scene.serve(program);
+        }
+        for _ in 0..SETTLE_TURNS {
+            tokio::task::yield_now().await;
+        }
+        for (number, text) in self.programs {
+            let check = scene.plc.port().ask(WriteProgram(number, text)).await;
+            check
+                .map_err(|refusal| TestError::new(format!("program {number} was not taken: {refusal:?}")))?;
+        }
+        let played = act(scene, &runtime).await;
+        runtime.shutdown().await;
+        Ok(played)
     }
-}
 
-fn non_zero(variables: &VariableArray) -> NonZero {
-    let all =
-        (0..variables.len()).filter_map(|index| Some((u32::try_from(index).ok()?, variables.get(index)?)));
-    all.filter(|(_, value)| *value != 0.0)
-        .map(|(number, value)| (number, value.to_bits()))
-        .collect()
-}
-
-/// Writes the programs, and loads those that are to run.
-async fn load(
-    scene: &Scene,
-    programs: BTreeMap<u16, String>,
-    jobs: &[(CoordinateSystemNumber, u16)],
-) -> Result<(), TestError> {
-    for (number, text) in programs {
-        let check = scene.plc.port().ask(WriteProgram(number, text)).await;
-        check.map_err(|refusal| TestError::new(format!("program {number} was not taken: {refusal:?}")))?;
+    /// Runs a program of the configuration, or one given by [`Bench::subprogram`].
+    ///
+    /// # Errors
+    /// As [`Bench::run`].
+    pub fn run_program(mut self, number: u16) -> Result<Run, TestError> {
+        let (sink, lines) = mpsc::unbounded_channel();
+        let waits_for_blocks = self.script.iter().any(|(cue, _)| matches!(cue, Cue::Line(_)));
+        self.journal = Journal::to_sink(Arc::new(std::sync::Mutex::new(move |line: &Line| {
+            // Nobody listens any more when the run has ended.
+            let _ = sink.send(line.clone());
+            waits_for_blocks || !matches!(line.event, Event::Block { .. })
+        })));
+        let tracer = Tracer::default();
+        let interval_s = self.trace_every_s;
+        self.options.on_cycle = interval_s.map(|interval_s| tracer.on_cycle(&self.machine, interval_s));
+        let mut jobs = vec![(1, number)];
+        jobs.append(&mut self.beside);
+        let script = std::mem::take(&mut self.script);
+        self.play(async move |scene, runtime| {
+            for (cs, program) in &jobs {
+                let loaded = scene.cs(*cs).load(*program).await;
+                loaded.map_err(|error| refused(*program, &error))?;
+            }
+            let stage = Stage {
+                start_s: scene.plc.now_s(),
+                states: scene.plc.port().subscribe(Filter::All),
+                scene,
+                lines,
+                script: script.into_iter().map(Some).collect(),
+                main: number,
+                actions: JoinSet::new(),
+                running: jobs.iter().map(|(cs, _)| *cs).collect(),
+                run: Run {
+                    jobs: jobs.iter().map(|(cs, _)| *cs).collect(),
+                    ..Run::default()
+                },
+            };
+            let start_s = stage.start_s;
+            let run = stage.play(runtime).await?;
+            let samples = tracer.samples(start_s)?;
+            Ok(Run { samples, ..run })
+        })
+        .flatten()
     }
-    for (cs, program) in jobs {
-        let loaded = scene.cs(*cs).load(*program).await;
-        loaded.map_err(|error| refused(*program, &error))?;
-    }
-    Ok(())
 }
 
 /// Why a program was not loaded, with every finding.
@@ -219,38 +209,13 @@ fn refused(program: u16, error: &Error) -> TestError {
     TestError::new(lines.join("\n  "))
 }
 
-/// Lines of the journal that the stage has not taken.
-#[derive(Default)]
-struct Lines {
-    queue: Mutex<VecDeque<Line>>,
-    wake: Notify,
-}
-
-impl Lines {
-    fn put(&self, line: Line) {
-        self.queue.lock().push_back(line);
-    }
-
-    fn take(&self) -> Option<Line> {
-        self.queue.lock().pop_front()
-    }
-
-    async fn next(&self) -> Line {
-        loop {
-            if let Some(line) = self.take() {
-                return line;
-            }
-            self.wake.notified().await;
-        }
-    }
-}
-
 /// A run under way.
 struct Stage {
     scene: Scene,
     start_s: f64,
     states: Subscription,
-    lines: Arc<Lines>,
+    /// Of the journal.
+    lines: mpsc::UnboundedReceiver<Line>,
     script: Vec<Option<(Cue, Action)>>,
     main: u16,
     actions: JoinSet<(Cue, plc_api::Result<()>)>,
@@ -260,17 +225,13 @@ struct Stage {
 }
 
 impl Stage {
-    async fn play(
-        mut self,
-        simulation: &Simulation,
-        jobs: &[(CoordinateSystemNumber, u16)],
-        systems: &[CoordinateSystemNumber],
-    ) -> Result<Run, TestError> {
+    async fn play(mut self, runtime: &Runtime) -> Result<Run, TestError> {
+        let simulation = runtime.simulation().ok_or(TestError::new("no simulation"))?;
         // What came before the start is no part of the run.
         while self.states.try_next().is_some() {}
-        while self.lines.take().is_some() {}
+        while self.lines.try_recv().is_ok() {}
         let _ = simulation.stalled().now_or_never();
-        for (cs, _) in jobs {
+        for cs in &self.run.jobs {
             self.scene.cs(*cs).start().await?;
         }
         self.run.stopped = loop {
@@ -282,9 +243,9 @@ impl Stage {
             let wait_s = (next_s.unwrap_or_default() + self.start_s - plc.now_s()).max(0.0);
             tokio::select! {
                 biased;
-                line = self.lines.next() => self.journalled(&line),
-                Some(message) = self.states.next() => self.said(&message),
-                Some(ended) = self.actions.join_next(), if !self.actions.is_empty() => acted(ended)?,
+                Some(line) = self.lines.recv() => self.on_line(&line),
+                Some(message) = self.states.next() => self.on_message(&message),
+                Some(ended) = self.actions.join_next(), if !self.actions.is_empty() => on_action_end(ended)?,
                 () = plc.sleep(Duration::from_secs_f64(wait_s)), if next_s.is_some() => {
                     self.cue(|cue| matches!(cue, Cue::Time(at_s) if Some(at_s) == next_s));
                 }
@@ -303,9 +264,13 @@ impl Stage {
                 "an action had not ended when nothing could happen any more",
             ));
         }
-        for cs in systems {
-            let end = self.end_of(*cs).await?;
-            self.run.systems.insert(*cs, end);
+        for system in &runtime.machine().coordinate_systems {
+            let cs = system.settings.number;
+            self.run.systems.insert(cs, self.end_of(cs).await?);
+            if let Some(variables) = runtime.variables(cs) {
+                self.run.p = non_zero(&variables.global);
+                self.run.q.insert(cs, non_zero(&variables.coordinate_system));
+            }
         }
         Ok(self.run)
     }
@@ -325,17 +290,15 @@ impl Stage {
     /// Begins the actions whose moment is now.
     fn cue(&mut self, is_now: impl Fn(Cue) -> bool) {
         for place in &mut self.script {
-            if place.as_ref().is_some_and(|(cue, _)| is_now(*cue))
-                && let Some((cue, action)) = place.take()
-            {
+            if let Some((cue, action)) = place.take_if(|(cue, _)| is_now(*cue)) {
                 let work = action(self.scene.clone());
                 self.actions.spawn(async move { (cue, work.await) });
             }
         }
     }
 
-    /// Takes a line of the journal.
-    fn journalled(&mut self, line: &Line) {
+    /// A line of the journal.
+    fn on_line(&mut self, line: &Line) {
         let (cs, at_s) = (line.cs, line.t_s - self.start_s);
         let is_block = matches!(line.event, Event::Block { .. });
         // of what begins: program, line
@@ -347,10 +310,18 @@ impl Stage {
             }
             Event::Output(notice) => {
                 begun = Some((notice.program, notice.line));
-                self.made(cs, notice, at_s)
+                self.on_output(cs, notice, at_s);
+                format!("output M{:02}{}", notice.m, words(&notice.params))
             }
             Event::Reset { seq, m, outcome, .. } => {
-                let word = self.answered(cs, *seq, outcome, at_s);
+                let (ended, word) = match outcome {
+                    ResetOutcome::Ok => (Ended::Reset, "reset"),
+                    ResetOutcome::Fault { code, text } => {
+                        let alarm = Alarm::user(code.unwrap_or_default(), text.clone().unwrap_or_default());
+                        (Ended::Failed(alarm), "fail")
+                    }
+                };
+                self.end_output(cs, *seq, at_s, ended);
                 format!("{word} M{:02}", m.unwrap_or_default())
             }
             Event::Stop { m, program, line, .. } => {
@@ -369,11 +340,8 @@ impl Stage {
             _ => return,
         };
         let mut before = self.run.order.iter().rev();
-        let is_repeated = is_block
-            && before
-                .find(|(of, _)| *of == cs)
-                .is_some_and(|(_, last)| *last == what);
-        if !is_repeated {
+        let last = before.find(|(of, _)| *of == cs);
+        if !(is_block && last.is_some_and(|(_, last)| *last == what)) {
             self.run.order.push((cs, what));
         }
         if let Some((_, line)) = begun.filter(|(program, _)| *program == self.main) {
@@ -384,7 +352,7 @@ impl Stage {
         }
     }
 
-    fn made(&mut self, cs: CoordinateSystemNumber, notice: &OutputNotice, at_s: f64) -> String {
+    fn on_output(&mut self, cs: CoordinateSystemNumber, notice: &OutputNotice, at_s: f64) {
         self.run.outputs.push(OutputRecord {
             cs,
             seq: notice.seq,
@@ -396,25 +364,6 @@ impl Stage {
             ended_s: None,
             ended: Ended::Open,
         });
-        format!("output M{:02}{}", notice.m, words(&notice.params))
-    }
-
-    fn answered(
-        &mut self,
-        cs: CoordinateSystemNumber,
-        seq: u64,
-        outcome: &ResetOutcome,
-        at_s: f64,
-    ) -> &'static str {
-        let (ended, word) = match outcome {
-            ResetOutcome::Ok => (Ended::Reset, "reset"),
-            ResetOutcome::Fault { code, text } => {
-                let text = text.clone().unwrap_or_default();
-                (Ended::Failed(Alarm::user(code.unwrap_or_default(), text)), "fail")
-            }
-        };
-        self.end_output(cs, seq, at_s, ended);
-        word
     }
 
     fn end_output(&mut self, cs: CoordinateSystemNumber, seq: u64, at_s: f64, ended: Ended) {
@@ -427,10 +376,9 @@ impl Stage {
         }
     }
 
-    /// Takes a message of the machine.
-    fn said(&mut self, message: &Message) {
+    fn on_message(&mut self, message: &Message) {
         match (&message.topic, &message.payload) {
-            (Topic::CoordinateSystem(cs, CsTopic::State), Payload::State(state)) => self.state(*cs, state),
+            (Topic::CoordinateSystem(cs, CsTopic::State), Payload::State(state)) => self.on_state(*cs, state),
             (Topic::CoordinateSystem(cs, CsTopic::Cancel(_)), Payload::Cancel(cancel)) => {
                 let at_s = self.now_s();
                 self.end_output(*cs, cancel.seq, at_s, Ended::Cancelled(cancel.reason));
@@ -444,7 +392,7 @@ impl Stage {
         }
     }
 
-    fn state(&mut self, cs: CoordinateSystemNumber, state: &State) {
+    fn on_state(&mut self, cs: CoordinateSystemNumber, state: &State) {
         let is_over = matches!(
             state.execution,
             Execution::ProgramCompleted | Execution::Stopped | Execution::Ready
@@ -485,7 +433,7 @@ impl Stage {
     }
 }
 
-fn acted(ended: Result<(Cue, plc_api::Result<()>), JoinError>) -> Result<(), TestError> {
+fn on_action_end(ended: Result<(Cue, plc_api::Result<()>), JoinError>) -> Result<(), TestError> {
     match ended {
         Ok((_, Ok(()))) => Ok(()),
         Ok((cue, Err(error))) => Err(TestError::new(format!("{cue}: {error}"))),
@@ -494,6 +442,14 @@ fn acted(ended: Result<(Cue, plc_api::Result<()>), JoinError>) -> Result<(), Tes
             Err(error) => Err(TestError::new(error)),
         },
     }
+}
+
+fn non_zero(variables: &VariableArray) -> NonZero {
+    let all =
+        (0..variables.len()).filter_map(|index| Some((u32::try_from(index).ok()?, variables.get(index)?)));
+    all.filter(|(_, value)| *value != 0.0)
+        .map(|(number, value)| (number, value.to_bits()))
+        .collect()
 }
 
 /// ` VA3 VB0.5`.
@@ -508,8 +464,7 @@ fn words(params: &Params) -> String {
         g,
         h,
     } = *params;
-    let letters = ["A", "B", "C", "D", "E", "F", "G", "H"];
-    let given = letters.into_iter().zip([a, b, c, d, e, f, g, h]);
+    let given = ('A'..).zip([a, b, c, d, e, f, g, h]);
     given
         .filter_map(|(letter, value)| Some(format!(" V{letter}{}", value?)))
         .collect()

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::machine::AlarmRecord;
+use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
 use plc_api::types::state::{Captured, Reason};
 use plc_api::{Alarm, CancelReason, Execution, Params};
 
@@ -11,7 +11,7 @@ use super::TestError;
 use super::trace::{Sample, Samples};
 
 /// What a run has shown: plain data, equal for equal tests. Times are seconds from the start of the programs.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Run {
     /// Why the run ended.
     pub stopped: Stopped,
@@ -38,9 +38,10 @@ pub struct Run {
 pub(super) type NonZero = BTreeMap<u32, u64>;
 
 /// Why a run ended.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub enum Stopped {
     /// Every program has ended: at its end, by an alarm or by a command.
+    #[default]
     ProgramsEnded,
     /// Nothing could happen any more: a program was paused, or waited for something that nobody does.
     NothingMoves,
@@ -59,7 +60,7 @@ pub struct OutputRecord {
     pub m: u16,
     /// VA to VH.
     pub params: Params,
-    /// Program that it stands in.
+    /// Program that it is in.
     pub program: u16,
     /// Line of that program, from 1.
     pub line: u32,
@@ -131,24 +132,6 @@ pub struct SystemEnd {
 }
 
 impl Run {
-    /// A run that has shown nothing yet, of programs in these coordinate systems.
-    pub(super) fn begun(jobs: &[(CoordinateSystemNumber, u16)]) -> Self {
-        Self {
-            stopped: Stopped::ProgramsEnded,
-            time_s: 0.0,
-            outputs: Vec::new(),
-            alarms: Vec::new(),
-            captured: Vec::new(),
-            states: Vec::new(),
-            jobs: jobs.iter().map(|(cs, _)| *cs).collect(),
-            systems: BTreeMap::new(),
-            order: Vec::new(),
-            samples: Samples::new(),
-            p: NonZero::new(),
-            q: BTreeMap::new(),
-        }
-    }
-
     /// This run, if every program reached its end.
     ///
     /// # Errors
@@ -168,8 +151,10 @@ impl Run {
     /// # Errors
     /// There is none: the text says how the run ended.
     pub fn alarm(&self) -> Result<&AlarmRecord, TestError> {
-        use plc_api::types::machine::AlarmSeverity::Alarm;
-        let mut alarms = self.alarms.iter().filter(|record| record.severity == Alarm);
+        let mut alarms = self
+            .alarms
+            .iter()
+            .filter(|record| record.severity == AlarmSeverity::Alarm);
         alarms
             .next()
             .ok_or_else(|| TestError::new(format!("no alarm was raised; {}", self.summary())))
@@ -277,7 +262,7 @@ impl Run {
 
 fn word(alarm: &AlarmRecord) -> &'static str {
     match alarm.severity {
-        plc_api::types::machine::AlarmSeverity::Warning => "warning",
-        plc_api::types::machine::AlarmSeverity::Alarm => "alarm",
+        AlarmSeverity::Warning => "warning",
+        AlarmSeverity::Alarm => "alarm",
     }
 }

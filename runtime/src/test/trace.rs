@@ -43,9 +43,7 @@ impl Tracer {
     /// What the simulation calls after each servo cycle.
     pub(super) fn on_cycle(&self, machine: &Machine, interval_s: f64) -> OnCycle {
         let taken = Arc::clone(&self.0);
-        let systems: Vec<_> = machine.coordinate_systems.iter().collect();
-        let systems: Vec<(CoordinateSystemNumber, Vec<Axis>)> = systems
-            .iter()
+        let systems: Vec<(CoordinateSystemNumber, Vec<Axis>)> = (machine.coordinate_systems.iter())
             .map(|system| (system.settings.number, system.settings.axes().iter().collect()))
             .collect();
         Box::new(move |servo| {

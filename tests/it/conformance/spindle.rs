@@ -2,16 +2,10 @@
 
 use std::time::Duration;
 
-use plc_api::Plc;
-use plc_api::types::request::Request;
 use plc_api::types::state::SpindleDirection;
-use tandem_runtime::journal::Journal;
-use tandem_runtime::simulation::SimulationOptions;
-use tandem_runtime::{Config, Runtime};
 
-use crate::support::machine::Machine;
+use crate::support::machine::{Machine, bench};
 use crate::support::simulated::{Simulated, simulate_on};
-use crate::support::wait;
 
 /// Degrees in a servo period of 1 ms at 1 r/min.
 const DEG_PER_RPM: f64 = 0.006;
@@ -94,27 +88,15 @@ fn d32_s_of_a_block_before_an_m03_that_is_put_out_ahead_of_the_motion_comes_too_
 
 #[test]
 fn d35_s_changes_nothing_at_a_spindle_that_a_sequence_program_commands() {
-    let rpm = wait::simulate(|| async {
-        let machine = Machine::new("");
-        let config = Config::read(&machine.config()).unwrap();
-        let options = SimulationOptions::default();
-        let runtime =
-            Runtime::start_simulated(config.resolve().unwrap(), Journal::to_log(), options).unwrap();
-        let plc = Plc::in_process(runtime.port());
-        let program = "M03 S1000\nG04 X1\nS500\nG04 X1\nM30\n".to_owned();
-        plc.port()
-            .request(Request::WriteProgram(500, program))
-            .await
-            .unwrap();
-        let system = plc.coordinate_system(1);
+    let bench = bench("").subprogram(500, "M03 S1000\nG04 X1\nS500\nG04 X1\nM30\n");
+    let rpm = bench.play(async |scene, _| {
+        let (plc, system) = (scene.plc(), scene.cs(1));
         system.load(500).await.unwrap();
         system.start().await.unwrap();
         plc.sleep(Duration::from_millis(500)).await;
         system.set_spindle(SpindleDirection::Cw, 800.0).await.unwrap();
         plc.sleep(Duration::from_secs(1)).await;
-        let spindle = system.spindle().await.unwrap();
-        runtime.shutdown().await;
-        spindle.actual_rpm
+        system.spindle().await.unwrap().actual_rpm
     });
-    assert_eq!(rpm, 800.0);
+    assert_eq!(rpm, Ok(800.0));
 }

@@ -1,15 +1,9 @@
 //! When a program sees what a sequence program writes (D16).
 
-use std::time::Duration;
-
 use plc_api::types::state::Position;
 use plc_api::{Alarm, AuxOutput, Execution, Plc, SequenceProgram};
-use tandem_runtime::journal::Journal;
-use tandem_runtime::simulation::SimulationOptions;
-use tandem_runtime::{Config, Runtime};
 
-use crate::support::machine::Machine;
-use crate::support::wait::simulate;
+use crate::support::machine::bench;
 
 /// Sets Q5, P7 and an axis of G54, and answers.
 async fn measure(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
@@ -26,27 +20,17 @@ async fn measure(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
 
 /// Runs a program whose M150 is answered by [`measure`], to its end.
 fn run(program: &'static str) -> (Position, Vec<f64>) {
-    simulate(move || async move {
-        let machine = Machine::new("");
-        let machine = Config::read(&machine.config()).unwrap().resolve().unwrap();
-        let runtime =
-            Runtime::start_simulated(machine, Journal::to_log(), SimulationOptions::default()).unwrap();
-        runtime.store().write(500, program).unwrap();
-        let plc = Plc::in_process(runtime.port());
-        let serving = plc.clone();
-        let handlers =
-            tokio::spawn(async move { SequenceProgram::new().on(150, measure).run(&serving).await });
-        plc.sleep(Duration::from_millis(10)).await;
-        let system = plc.coordinate_system(1);
+    let bench = bench("").serve(SequenceProgram::new().on(150, measure));
+    let played = bench.subprogram(500, program).play(async |scene, _| {
+        let system = scene.cs(1);
         system.load(500).await.unwrap();
         system.start().await.unwrap();
         system.wait_until(Execution::ProgramCompleted).await.unwrap();
         let position = system.position().await.unwrap();
         let q = system.variables().read(0, 10).await.unwrap();
-        handlers.abort();
-        runtime.shutdown().await;
         (position, q)
-    })
+    });
+    played.unwrap()
 }
 
 #[test]

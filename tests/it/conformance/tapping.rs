@@ -6,14 +6,11 @@ use std::time::Duration;
 use plc_api::types::request::Request;
 use plc_api::types::state::Transition;
 use plc_api::{Execution, Plc};
-use tandem_runtime::journal::Journal;
-use tandem_runtime::simulation::SimulationOptions;
-use tandem_runtime::{Config, Runtime};
+use tandem_runtime::test::Bench;
 
 use crate::support::formula::{Block, LATE_S, assert_samples};
 use crate::support::machine::{COORDINATE_SYSTEMS, MOTORS, Machine};
 use crate::support::simulated::{Simulated, simulate, simulate_on};
-use crate::support::wait;
 
 const Z: usize = 2;
 
@@ -207,35 +204,25 @@ fn run(
     level: f64,
     during: impl AsyncFnOnce(Plc, Samples) + Send + 'static,
 ) -> Vec<(f64, f64)> {
-    wait::simulate(move || async move {
-        let machine = machine();
-        let config = Config::read(&machine.config()).unwrap();
-        let samples = Samples::default();
-        let recorded = Arc::clone(&samples);
-        let options = SimulationOptions {
-            on_cycle: Some(Box::new(move |servo| {
-                let channel = servo.channel(0);
-                let sample = (channel.setpoint().0[Z], channel.spindle_deg());
-                recorded.lock().unwrap().push(sample);
-            })),
-            ..SimulationOptions::default()
-        };
-        let runtime =
-            Runtime::start_simulated(config.resolve().unwrap(), Journal::to_log(), options).unwrap();
-        let plc = Plc::in_process(runtime.port());
-        let write = Request::WriteProgram(500, program.to_owned());
-        plc.port().request(write).await.unwrap();
-        let system = plc.coordinate_system(1);
+    let samples = Samples::default();
+    let recorded = Arc::clone(&samples);
+    let bench = Bench::with_config(machine().config()).unwrap();
+    let bench = bench.subprogram(500, program).on_cycle(move |servo| {
+        let channel = servo.channel(0);
+        let sample = (channel.setpoint().0[Z], channel.spindle_deg());
+        recorded.lock().unwrap().push(sample);
+    });
+    let played = bench.play(async move |scene, _| {
+        let (plc, system) = (scene.plc(), scene.cs(1));
         system.load(500).await.unwrap();
         system.start().await.unwrap();
         while samples.lock().unwrap().last().is_none_or(|(z, _)| *z >= level) {
             plc.sleep(Duration::from_millis(1)).await;
         }
         during(plc.clone(), Arc::clone(&samples)).await;
-        runtime.shutdown().await;
-        let samples = samples.lock().unwrap();
-        samples.clone()
-    })
+        samples.lock().unwrap().clone()
+    });
+    played.unwrap()
 }
 
 /// Revolutions of the spindle in each cycle in which the tool is below a level, from there.

@@ -4,21 +4,16 @@ use std::sync::atomic::{AtomicU16, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use plc_api::Execution;
 use plc_api::types::message::Payload;
-use plc_api::types::request::Request;
 use plc_api::types::state::Reason;
 use plc_api::types::topic::Topic;
-use plc_api::{Execution, Plc};
 use tandem_runtime::hardware::{
     Command, CoordinateSystemSettings, CycleResult, DriveBus, Feedback, Hardware, HardwareFactory,
 };
-use tandem_runtime::journal::Journal;
-use tandem_runtime::simulation::SimulationOptions;
-use tandem_runtime::{Config, Runtime};
 
 use super::costs;
-use crate::support::machine::{COORDINATE_SYSTEMS, MOTORS};
-use crate::support::wait::simulate;
+use crate::support::machine::bench;
 
 const PROGRAM: &str = "G00 X40 Y10\nG01 Z-5 F3000\nG500\nX50 Y20\nX60 Y10\nG02 X70 Y20 I10\nM30\n";
 
@@ -60,24 +55,15 @@ fn standing_at(position: f64) -> HardwareFactory {
 
 /// Runs a program; gives the position before its start and those of each servo cycle from its start on, X, Y, Z.
 fn run(hardware: Option<HardwareFactory>, program: &'static str) -> ([f64; 3], Vec<[f64; 3]>) {
-    simulate(move || async move {
-        let config = format!("[machine]\nname = \"test-1\"\n{MOTORS}{COORDINATE_SYSTEMS}");
-        let machine = Config::from_toml(&config, ".").unwrap().resolve().unwrap();
-        let trace = Arc::new(Mutex::new(Vec::new()));
-        let sink = Arc::clone(&trace);
-        let options = SimulationOptions {
-            on_cycle: Some(Box::new(move |servo| {
-                let [x, y, z, ..] = servo.channel(0).setpoint().0;
-                sink.lock().unwrap().push([x, y, z]);
-            })),
-            hardware,
-            ..SimulationOptions::default()
-        };
-        let runtime = Runtime::start_simulated(machine, Journal::to_log(), options).unwrap();
-        let plc = Plc::in_process(runtime.port());
-        let write = Request::WriteProgram(50, program.to_owned());
-        plc.port().request(write).await.unwrap();
-        let system = plc.coordinate_system(1);
+    let trace = Arc::<Mutex<Vec<_>>>::default();
+    let sink = Arc::clone(&trace);
+    let bench = bench("").hardware(hardware.unwrap_or_else(Hardware::simulated_factory));
+    let bench = bench.subprogram(50, program).on_cycle(move |servo| {
+        let [x, y, z, ..] = servo.channel(0).setpoint().0;
+        sink.lock().unwrap().push([x, y, z]);
+    });
+    let played = bench.play(async move |scene, _| {
+        let system = scene.cs(1);
         system.load(50).await.unwrap();
         let machine = system.position().await.unwrap().machine;
         let before = ["X", "Y", "Z"].map(|axis| machine[axis]);
@@ -85,7 +71,8 @@ fn run(hardware: Option<HardwareFactory>, program: &'static str) -> ([f64; 3], V
         system.wait_until(Execution::ProgramCompleted).await.unwrap();
         let positions = std::mem::take(&mut *trace.lock().unwrap());
         (before, positions)
-    })
+    });
+    played.unwrap()
 }
 
 #[test]
@@ -113,27 +100,19 @@ fn the_machine_stands_where_its_motors_report_and_moves_from_there() {
 
 #[test]
 fn a_drive_fault_stops_the_run_with_its_alarm_and_after_a_reset_it_runs_again() {
-    simulate(|| async {
-        let fault = Arc::<AtomicU16>::default();
-        let of_bus = Arc::clone(&fault);
-        let options = SimulationOptions {
-            hardware: Some(Box::new(move |systems: &[&CoordinateSystemSettings]| {
-                let motors = systems.iter().flat_map(|system| system.motors.iter().flatten());
-                Ok(Hardware {
-                    bus: Box::new(Following { fault: of_bus }),
-                    at_start: motors.map(|_| Feedback::following(0.0)).collect(),
-                    spindles: vec![],
-                })
-            })),
-            ..SimulationOptions::default()
-        };
-        let config = format!("[machine]\nname = \"test-1\"\n{MOTORS}{COORDINATE_SYSTEMS}");
-        let machine = Config::from_toml(&config, ".").unwrap().resolve().unwrap();
-        let runtime = Runtime::start_simulated(machine, Journal::to_log(), options).unwrap();
-        let plc = Plc::in_process(runtime.port());
-        let write = Request::WriteProgram(50, "G01 X60 F600\nM30\n".to_owned());
-        plc.port().request(write).await.unwrap();
-        let system = plc.coordinate_system(1);
+    let fault = Arc::<AtomicU16>::default();
+    let of_bus = Arc::clone(&fault);
+    let bench = bench("").hardware(Box::new(move |systems: &[&CoordinateSystemSettings]| {
+        let motors = systems.iter().flat_map(|system| system.motors.iter().flatten());
+        Ok(Hardware {
+            bus: Box::new(Following { fault: of_bus }),
+            at_start: motors.map(|_| Feedback::following(0.0)).collect(),
+            spindles: vec![],
+        })
+    }));
+    let bench = bench.subprogram(50, "G01 X60 F600\nM30\n");
+    let played = bench.play(async move |scene, _| {
+        let (plc, system) = (scene.plc(), scene.cs(1));
         system.load(50).await.unwrap();
         system.start().await.unwrap();
         plc.sleep(Duration::from_secs(2)).await;
@@ -154,19 +133,14 @@ fn a_drive_fault_stops_the_run_with_its_alarm_and_after_a_reset_it_runs_again() 
         system.wait_until(Execution::ProgramCompleted).await.unwrap();
         assert_eq!(system.position().await.unwrap().machine["X"], 60.0);
     });
+    played.unwrap();
 }
 
 #[test]
 fn hardware_that_does_not_come_up_keeps_the_machine_from_starting() {
-    let error = simulate(|| async {
-        let options = SimulationOptions {
-            hardware: Some(Box::new(|_| Err(std::io::Error::other("no link on port 2")))),
-            ..SimulationOptions::default()
-        };
-        let machine = Config::demo().resolve().unwrap();
-        let started = Runtime::start_simulated(machine, Journal::to_log(), options);
-        started.unwrap_err().to_string()
-    });
+    let factory = Box::new(|_: &[&CoordinateSystemSettings]| Err(std::io::Error::other("no link on port 2")));
+    let played = bench("").hardware(factory).play(async |_, _| ());
+    let error = played.unwrap_err().to_string();
     assert_eq!(error, "the hardware does not start: no link on port 2");
 }
 

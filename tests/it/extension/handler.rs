@@ -2,13 +2,8 @@
 
 use std::time::Duration;
 
-use plc_api::types::request::Request;
 use plc_api::{Alarm, AuxOutput, Execution, Plc, SequenceProgram};
-use tandem_runtime::journal::Journal;
-use tandem_runtime::simulation::SimulationOptions;
-use tandem_runtime::{Config, Runtime};
-
-use crate::support::wait::simulate;
+use tandem_runtime::test::Bench;
 
 /// M150 VA: blows chips away for VA seconds.
 async fn blow(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
@@ -22,19 +17,9 @@ async fn blow(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
 
 /// Runs a program with the handler; gives how it ended, when, and the alarm's text.
 fn run(program: &'static str) -> (Execution, f64, Option<String>) {
-    simulate(move || async move {
-        let machine = Config::demo().resolve().unwrap();
-        let runtime =
-            Runtime::start_simulated(machine, Journal::to_log(), SimulationOptions::default()).unwrap();
-        let plc = Plc::in_process(runtime.port());
-        let serving = plc.clone();
-        let handlers = tokio::spawn(async move { SequenceProgram::new().on(150, blow).run(&serving).await });
-        plc.sleep(Duration::from_millis(10)).await;
-        plc.port()
-            .request(Request::WriteProgram(500, program.to_owned()))
-            .await
-            .unwrap();
-        let system = plc.coordinate_system(1);
+    let bench = Bench::new().serve(SequenceProgram::new().on(150, blow));
+    let played = bench.subprogram(500, program).play(async |scene, _| {
+        let (plc, system) = (scene.plc(), scene.cs(1));
         system.load(500).await.unwrap();
         let started_s = plc.now_s();
         system.start().await.unwrap();
@@ -54,10 +39,9 @@ fn run(program: &'static str) -> (Execution, f64, Option<String>) {
             }
             _ => None,
         };
-        handlers.abort();
-        runtime.shutdown().await;
         (state.execution, took_s, text)
-    })
+    });
+    played.unwrap()
 }
 
 #[test]

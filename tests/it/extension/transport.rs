@@ -12,13 +12,10 @@ use plc_api::types::message::Message;
 use plc_api::types::request::{Answer, Refusal, RefusalCode, Request};
 use plc_api::types::topic::Topic;
 use plc_api::{Alarm, AuxOutput, Execution, Plc, SequenceProgram};
-use tandem_runtime::journal::Journal;
-use tandem_runtime::simulation::SimulationOptions;
-use tandem_runtime::{Config, Runtime};
+use tandem_runtime::test::Bench;
 use tokio::sync::{mpsc, oneshot};
 
 use super::{costs, files_where};
-use crate::support::wait::simulate;
 
 type Asked = (Request, oneshot::Sender<Result<Answer, Refusal>>);
 
@@ -124,21 +121,14 @@ async fn take_tool(output: AuxOutput, plc: Plc) -> Result<(), Alarm> {
 
 #[test]
 fn a_sequence_program_runs_unchanged_over_a_transport_of_ones_own() {
-    simulate(|| async {
-        let machine = Config::demo().resolve().unwrap();
-        let runtime =
-            Runtime::start_simulated(machine, Journal::to_log(), SimulationOptions::default()).unwrap();
+    let program = "G00 X5\nM100 VA9\nG00 X0\nM30\n";
+    let played = Bench::new().subprogram(500, program).play(async |_, runtime| {
         let wire = connect(runtime.port()).await;
         let plc = Plc::in_process(wire);
         let serving = plc.clone();
         let handlers =
             tokio::spawn(async move { SequenceProgram::new().on(100, take_tool).run(&serving).await });
         plc.sleep(Duration::from_millis(10)).await;
-        let program = "G00 X5\nM100 VA9\nG00 X0\nM30\n";
-        plc.port()
-            .request(Request::WriteProgram(500, program.to_owned()))
-            .await
-            .unwrap();
         let system = plc.coordinate_system(1);
         system.load(500).await.unwrap();
         system.start().await.unwrap();
@@ -147,8 +137,8 @@ fn a_sequence_program_runs_unchanged_over_a_transport_of_ones_own() {
         system.wait_until(Execution::ProgramCompleted).await.unwrap();
         assert_eq!(system.tool().await.unwrap().id, 9);
         handlers.abort();
-        runtime.shutdown().await;
     });
+    played.unwrap();
 }
 
 #[test]

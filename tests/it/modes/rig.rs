@@ -8,12 +8,8 @@ use plc_api::types::request::{Refusal, RefusalCode, Request};
 use plc_api::types::state::{Reason, State};
 use plc_api::types::topic::Topic;
 use plc_api::{CoordinateSystem, Error, Execution, Plc};
-use tandem_runtime::journal::Journal;
-use tandem_runtime::simulation::SimulationOptions;
-use tandem_runtime::{Config, Runtime};
 
-use crate::support::machine::{COORDINATE_SYSTEMS, MOTORS};
-use crate::support::wait::simulate;
+use crate::support::machine::bench;
 
 /// X, Y, Z of one servo cycle.
 pub type Point = [f64; 3];
@@ -21,38 +17,30 @@ pub type Point = [f64; 3];
 pub struct Rig {
     pub plc: Plc,
     pub cs: CoordinateSystem,
-    _runtime: Runtime,
     trace: Arc<Mutex<Vec<Point>>>,
 }
 
-/// Runs a test on the machine of [`MOTORS`] and [`COORDINATE_SYSTEMS`] with `more` in its configuration.
+/// Runs a test on the machine of [`bench`] with `more` in its configuration.
 pub fn on_machine<T: Send + 'static, F: Future<Output = T>>(
     more: &str,
     test: impl FnOnce(Rig) -> F + Send + 'static,
 ) -> T {
-    let config = format!("[machine]\nname = \"test-1\"\n{MOTORS}{COORDINATE_SYSTEMS}{more}");
-    simulate(move || async move {
-        let machine = Config::from_toml(&config, ".").unwrap().resolve().unwrap();
-        let trace = Arc::new(Mutex::new(Vec::new()));
-        let sink = Arc::clone(&trace);
-        let options = SimulationOptions {
-            on_cycle: Some(Box::new(move |servo| {
-                let at = servo.channel(0).setpoint().0;
-                sink.lock().unwrap().push([at[0], at[1], at[2]]);
-            })),
-            ..SimulationOptions::default()
-        };
-        let runtime = Runtime::start_simulated(machine, Journal::to_log(), options).unwrap();
-        let plc = Plc::in_process(runtime.port());
+    let trace = Arc::<Mutex<Vec<_>>>::default();
+    let sink = Arc::clone(&trace);
+    let bench = bench(more).on_cycle(move |servo| {
+        let [x, y, z, ..] = servo.channel(0).setpoint().0;
+        sink.lock().unwrap().push([x, y, z]);
+    });
+    let played = bench.play(async move |scene, _| {
         let rig = Rig {
-            cs: plc.coordinate_system(1),
-            plc,
-            _runtime: runtime,
+            cs: scene.cs(1),
+            plc: scene.plc().clone(),
             trace,
         };
         rig.cs.wait_for(|_| true).await.unwrap();
         test(rig).await
-    })
+    });
+    played.unwrap()
 }
 
 impl Rig {

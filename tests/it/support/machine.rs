@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use tandem_runtime::test::Bench;
 use tempfile::TempDir;
 
 /// Three linear axes with limits that differ, a spindle, and a second coordinate system with one axis. Speeds and
@@ -68,6 +69,11 @@ G59 = { X = 15.0 }
 number = 2
 axes = { X = 5 }
 ";
+
+/// The machine of [`MOTORS`] and [`COORDINATE_SYSTEMS`] with `more` in its configuration, in simulated time.
+pub fn bench(more: &str) -> Bench {
+    Bench::with_config(Machine::new(more).config()).expect("a good configuration")
+}
 
 /// A folder with a configuration and programs; gone when it is dropped.
 pub struct Machine {

@@ -79,15 +79,3 @@ impl History {
         words
     }
 }
-
-/// Runs a future in simulated time. A simulation that stands still for ever fails instead.
-pub fn simulate<T: Send + 'static, F: Future<Output = T>>(main: impl FnOnce() -> F + Send + 'static) -> T {
-    let (ended, end) = std::sync::mpsc::channel();
-    std::thread::spawn(move || {
-        let result = tandem_runtime::simulation::run(main()).expect("a simulation");
-        // Nobody listens any more when it took too long.
-        let _ = ended.send(result);
-    });
-    end.recv_timeout(Duration::from_mins(1))
-        .expect("the simulation ends, and ends within a minute")
-}

@@ -213,7 +213,7 @@ fn a_stop_under_way_is_not_begun_anew_and_an_abort_an_alarm_and_a_reset_are() {
         assert_eq!(early, state, "the rest of the stop is not its own");
         assert_eq!(
             after(state, [RunEvent::AtRest { epoch }]),
-            RunState::Idle(why.into())
+            RunState::Idle(why.at_rest())
         );
     }
 }

@@ -273,7 +273,7 @@ fn who_asks_never_takes_a_command_that_came_between() {
         let mut asked = Box::pin(mailbox.ask(command(&id, Command::Stop), urgent));
         let mut at_work = mailbox.work.lock();
         assert_eq!((&mut asked).now_or_never(), None);
-        let left = mailbox.work(&mut at_work, Share::OF_ASKER);
+        let left = mailbox.work(&mut at_work, Share::OF_CALLER);
         assert!(left.busy);
         drop(at_work);
         assert_eq!((&mut asked).now_or_never(), None);
