@@ -25,13 +25,17 @@ pub enum ServerNotice {
     Warning(String),
 }
 
-/// How punctual the servo thread has been since its start.
+/// How punctual the servo thread and the bus to the drives have been since their start.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ServoTiming {
     /// Servo period, s.
     pub period_s: f64,
     /// Servo cycles that were not finished when the next one was due.
     pub overruns: u64,
+    /// Exchanges with the drives that ended late.
+    pub late_exchanges: u64,
+    /// Frames to the drives that were lost.
+    pub lost_frames: u64,
     /// How late after its time each cycle began.
     pub lateness: Durations,
     /// How long each cycle took.

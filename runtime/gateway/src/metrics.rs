@@ -111,14 +111,26 @@ fn put_servo(text: &mut String, servo: &ServoTiming) {
         period,
         servo.period_s,
     );
-    let overruns = "Servo cycles that were not finished when the next one was due.";
-    number(
-        text,
-        "tandem_servo_overruns_total",
-        "counter",
-        overruns,
-        servo.overruns as f64,
-    );
+    for (name, help, count) in [
+        (
+            "overruns",
+            "Servo cycles that were not finished when the next one was due.",
+            servo.overruns,
+        ),
+        (
+            "late_exchanges",
+            "Exchanges with the drives that ended late.",
+            servo.late_exchanges,
+        ),
+        (
+            "lost_frames",
+            "Frames to the drives that were lost.",
+            servo.lost_frames,
+        ),
+    ] {
+        let name = format!("tandem_servo_{name}_total");
+        number(text, &name, "counter", help, count as f64);
+    }
     for (name, what, durations) in [
         (
             "tandem_servo_wakeup_lateness",

@@ -39,7 +39,8 @@ impl Feedback {
     }
 
     pub(crate) fn is_operational(self) -> bool {
-        self.is_enabled && self.is_homed && self.fault == 0
+        // without branches: each motor is asked in each cycle
+        self.is_enabled & self.is_homed & (self.fault == 0)
     }
 }
 

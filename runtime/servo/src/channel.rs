@@ -10,8 +10,9 @@ use tandem_model::{AxisVector, MachinePosition, Origin};
 
 use crate::brake::Brake;
 use crate::control::{Control, Event};
-use crate::motors::{Motors, Power};
+use crate::motors::Motors;
 use crate::path_time::{PathTime, slope};
+use crate::power::Power;
 use crate::readings::{Reading, Readings};
 use crate::skip::SkipRun;
 use crate::spindle::{Orientation, SpindleLink, SpindleState};
@@ -208,7 +209,7 @@ impl Channel {
 
     /// True when further cycles change at most the angle of the spindle.
     pub(crate) fn spindle_is_steady(&self) -> bool {
-        (self.spindle.as_ref()).is_none_or(|spindle| spindle.state().is_steady && self.thread.is_none())
+        (self.spindle.as_ref()).is_none_or(|spindle| spindle.is_steady() && self.thread.is_none())
     }
 
     fn spindle_state(&self) -> SpindleState {
@@ -226,7 +227,7 @@ impl Channel {
             && self.profiles.is_empty()
             && self.controls.is_empty()
             && !self.power.is_enabling()
-            && self.spindle_state().orientation != Orientation::Pending
+            && !self.spindle.as_ref().is_some_and(SpindleLink::is_busy)
     }
 
     /// Where the block comes from that the setpoint of the last cycle belongs to, its end point and the wait for its

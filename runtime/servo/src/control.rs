@@ -163,8 +163,8 @@ pub enum Fault {
     DriveFault {
         /// CNC motor number.
         motor: u16,
-        /// Its axis.
-        axis: Axis,
+        /// Its axis; `None`: the spindle.
+        axis: Option<Axis>,
         /// The drive's own code.
         code: u16,
     },
@@ -173,12 +173,12 @@ pub enum Fault {
         /// How many.
         cycles: u32,
     },
-    /// A drive has no power: it lost it, or did not come to it in time.
+    /// A drive has no power: it lost it, or was not enabled in time.
     NotEnabled {
         /// CNC motor number.
         motor: u16,
-        /// Its axis.
-        axis: Axis,
+        /// Its axis; `None`: the spindle.
+        axis: Option<Axis>,
     },
     /// A motor is to move, and its position does not count from the machine's zero.
     NotHomed {
@@ -195,63 +195,71 @@ pub enum Fault {
 }
 
 impl Fault {
+    /// What keeps a drive from following: a fault, or no power.
+    pub(crate) fn of_drive(motor: u16, axis: Option<Axis>, is_enabled: bool, code: u16) -> Option<Fault> {
+        if code != 0 {
+            Some(Fault::DriveFault { motor, axis, code })
+        } else if !is_enabled {
+            Some(Fault::NotEnabled { motor, axis })
+        } else {
+            None
+        }
+    }
+
     /// The alarm of this fault. Allocates its text: for the coordinator, not for a servo cycle.
     pub fn alarm(self) -> Alarm {
-        match self {
+        let named = |motor: u16, axis: Option<Axis>| match axis {
+            Some(axis) => format!("motor {motor} (axis {})", axis.letter()),
+            None => format!("motor {motor} (spindle)"),
+        };
+        let of_axis = |motor: u16, axis: Axis| format!("Motor {motor} (axis {})", axis.letter());
+        let (entry, text) = match self {
             Fault::InPositionTimeout {
                 motor,
                 axis,
                 following_error,
-            } => Alarm::new(
-                &IN_POSITION_TIMEOUT,
-                format!(
-                    "Motor {motor} (axis {}) is {following_error:.6} away from its command",
-                    axis.letter()
-                ),
-            ),
-            Fault::PositionJump { motor, axis, jump } => Alarm::new(
-                &POSITION_JUMP,
-                format!(
-                    "Motor {motor} (axis {}) would jump by {jump:.6}; the profile was not started",
-                    axis.letter()
-                ),
-            ),
-            Fault::RanOut { segment } => Alarm::new(
+            } => {
+                let motor = of_axis(motor, axis);
+                let text = format!("{motor} is {following_error:.6} away from its command");
+                (&IN_POSITION_TIMEOUT, text)
+            }
+            Fault::PositionJump { motor, axis, jump } => {
+                let motor = of_axis(motor, axis);
+                let text = format!("{motor} would jump by {jump:.6}; the profile was not started");
+                (&POSITION_JUMP, text)
+            }
+            Fault::RanOut { segment } => (
                 &MOTION_RAN_OUT,
                 format!("Nothing followed segment {segment} in time; the motors brake off the path"),
             ),
-            Fault::SpindleMissing => Alarm::new(
+            Fault::SpindleMissing => (
                 &SPINDLE_MISSING,
-                "A spindle command reached a coordinate system without a spindle",
+                "A spindle command reached a coordinate system without a spindle".to_owned(),
             ),
-            Fault::DriveFault { motor, axis, code } => Alarm::new(
-                &DRIVE_FAULT,
-                format!(
-                    "The drive of motor {motor} (axis {}) reports fault {code} (16#{code:04X})",
-                    axis.letter()
-                ),
-            ),
-            Fault::BusLost { cycles } => Alarm::new(
+            Fault::DriveFault { motor, axis, code } => {
+                let motor = named(motor, axis);
+                let text = format!("The drive of {motor} reports fault {code} (16#{code:04X})");
+                (&DRIVE_FAULT, text)
+            }
+            Fault::BusLost { cycles } => (
                 &DRIVE_BUS_LOST,
                 format!(
                     "The bus to the drives has lost {cycles} frames in a row; the motors brake off the path"
                 ),
             ),
-            Fault::NotEnabled { motor, axis } => Alarm::new(
-                &DRIVE_NOT_ENABLED,
-                format!("The drive of motor {motor} (axis {}) has no power", axis.letter()),
-            ),
-            Fault::NotHomed { motor, axis } => Alarm::new(
-                &MOTOR_NOT_HOMED,
-                format!(
-                    "Motor {motor} (axis {}) does not know its position",
-                    axis.letter()
-                ),
-            ),
-            Fault::SpindleTurns { rpm } => Alarm::new(
+            Fault::NotEnabled { motor, axis } => {
+                let motor = named(motor, axis);
+                (&DRIVE_NOT_ENABLED, format!("The drive of {motor} has no power"))
+            }
+            Fault::NotHomed { motor, axis } => {
+                let motor = of_axis(motor, axis);
+                (&MOTOR_NOT_HOMED, format!("{motor} does not know its position"))
+            }
+            Fault::SpindleTurns { rpm } => (
                 &SPINDLE_TURNS,
                 format!("The spindle turns at {rpm:.3} r/min, or is about to turn; the thread was not begun"),
             ),
-        }
+        };
+        Alarm::new(entry, text)
     }
 }

@@ -9,14 +9,13 @@ use tandem_model::flow::TapLeg;
 use tandem_model::profile::{Law, Profile, TimeBase};
 use tandem_model::{Axis, AxisVector, MachinePosition, Origin};
 
-use crate::brake::Brake;
 use crate::bus::{Command, Feedback};
 use crate::channel::{Channel, Hold};
 use crate::control::{Control, Event, Fault};
 use crate::motors::{InPosition, first_jump};
 use crate::rest::{self, Way};
 use crate::skip::SkipRun;
-use crate::spindle::{SpindleLink, ThreadStep};
+use crate::spindle::ThreadStep;
 use crate::splice::APPROACH;
 
 /// Controls taken in one cycle; the rest waits for the next.
@@ -84,21 +83,26 @@ impl Channel {
         self.check_skip_inputs();
         self.check_in_position(time_s);
         self.tell_rest();
-        if self.spindle.as_mut().is_some_and(SpindleLink::cycle) {
-            self.tell(Event::Oriented);
-        }
+        self.cycle_spindle();
         self.publish(time_s);
         self.told
     }
 
-    /// True when the last cycle has left nothing to do but the drives' work: nothing moves, and nobody asks for it.
+    /// True when nothing is left to do but the drives' work: nothing moves, and no motion or control is pending.
     fn stays_at_rest(&self) -> bool {
+        // once at rest it stays there until something comes
+        self.profiles.is_empty()
+            && self.controls.is_empty()
+            && self.motors.has_settled()
+            && (self.rests || self.has_come_to_rest())
+    }
+
+    fn has_come_to_rest(&self) -> bool {
         self.is_idle()
             && !self.told
             && self.executing.is_none()
             && self.hold != Hold::ComingToRest
             && self.velocity == AxisVector::ZERO
-            && self.motors.has_settled()
             && self.spindle_is_steady()
             && self.spindle_rpm() == 0.0
     }
@@ -115,6 +119,15 @@ impl Channel {
         let profile = self.current.as_ref();
         let revolutions = profile.and_then(|profile| profile.spindle_revolutions(t_s));
         spindle.follow(ThreadStep::Turn(revolutions));
+    }
+
+    /// The cycle of the spindle, after that of the motors.
+    pub(crate) fn cycle_spindle(&mut self) {
+        match self.spindle.as_mut().map(|spindle| spindle.cycle(self.period_s)) {
+            Some(Ok(true)) => self.tell(Event::Oriented),
+            Some(Err(fault)) => self.brake_for(fault),
+            _ => {}
+        }
     }
 
     fn take_controls(&mut self) {
@@ -144,8 +157,7 @@ impl Channel {
             Control::Abort { epoch } => {
                 self.stopping = self.stopping.max(Some(epoch));
                 if self.braking.is_none() {
-                    let deceleration = self.motors.deceleration();
-                    self.braking = Some(Brake::new(self.setpoint, self.velocity, deceleration));
+                    self.begin_braking();
                     self.leave_thread(true);
                     self.give_up();
                 }
@@ -192,10 +204,7 @@ impl Channel {
         if self.is_held() || self.faulted || self.stopping.is_some() || self.events.slots() < EVENTS_RESERVE {
             return;
         }
-        if !self.may_begin() || !self.has_next() {
-            return;
-        }
-        if !self.has_power() {
+        if !self.may_begin() || !self.has_next() || !self.has_power() || !self.has_spindle() {
             return;
         }
         let Ok(profile) = self.profiles.pop() else { return };
@@ -229,12 +238,20 @@ impl Channel {
         self.sample(time_s, 0.0);
     }
 
+    /// True when the next profile is no way into a thread, or the spindle's drive has power to follow it.
+    fn has_spindle(&mut self) -> bool {
+        match (self.profiles.peek().map(|next| &next.law), &mut self.spindle) {
+            (Ok(Law::Tap { .. }), Some(spindle)) => spindle.has_power(),
+            _ => true,
+        }
+    }
+
     /// The spindle follows from here on; it must rest where the thread begins.
     fn enter_thread(&mut self, leg: TapLeg) -> Result<(), Fault> {
         if let Some(spindle) = &mut self.spindle {
-            let state = spindle.state();
-            if leg == TapLeg::In && !state.rests {
-                return Err(Fault::SpindleTurns { rpm: state.rpm });
+            if leg == TapLeg::In && !spindle.rests() {
+                let rpm = spindle.state().rpm;
+                return Err(Fault::SpindleTurns { rpm });
             }
             spindle.follow(ThreadStep::Begin);
         }
@@ -399,8 +416,7 @@ impl Channel {
     /// A joint was passed, and there is nothing behind it.
     fn run_out(&mut self, segment: u64, end: AxisVector) {
         self.setpoint = end;
-        let deceleration = self.motors.deceleration();
-        self.braking = Some(Brake::new(end, self.velocity, deceleration));
+        self.begin_braking();
         self.fail(Fault::RanOut { segment });
     }
 

@@ -33,6 +33,7 @@ mod bus;
 mod channel;
 mod control;
 mod cycle;
+mod drives;
 mod hardware;
 mod look_ahead;
 mod motors;

@@ -30,43 +30,15 @@ struct Motor {
 pub(crate) struct Motors {
     axes: [Option<Motor>; AXES_MAX],
     deceleration: [f64; AXES_MAX],
-    /// The axes that have one, in their order; what is left over names any.
-    with_motor: [Axis; AXES_MAX],
-    /// Theirs on the bus.
+    /// The axes with a motor, by its place on the bus, then those without.
+    by_place: [Axis; AXES_MAX],
+    /// On the bus.
     places: Range<usize>,
-    /// The place of each axis among these; beyond them for an axis without a motor.
-    place_of: [usize; AXES_MAX],
     is_ideal: bool,
     actual: AxisVector,
     settled: bool,
     /// What keeps them from following.
     trouble: Option<Fault>,
-}
-
-/// Whether the drives of a channel have power.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Power {
-    /// Not asked for since the start.
-    Off,
-    /// Off behind a fault.
-    Tripped {
-        /// They are to be enabled once the channel rests.
-        resets: bool,
-    },
-    /// Commanded, and not reported by all of them.
-    Enabling {
-        /// Since it was commanded.
-        cycles: u64,
-        /// The faults of the drives are to be cleared.
-        clears: bool,
-    },
-    On,
-}
-
-impl Power {
-    pub(crate) fn is_enabling(self) -> bool {
-        matches!(self, Power::Enabling { .. })
-    }
 }
 
 /// What the in-position check finds.
@@ -106,21 +78,15 @@ impl Motors {
                 .as_ref()
                 .map_or(0.0, |motor| motor.max_acceleration)
         });
-        let (mut with_motor, mut count) = ([Axis::X; AXES_MAX], 0);
-        let mut place_of = [usize::MAX; AXES_MAX];
-        for axis in settings.axes().iter() {
-            with_motor[count] = axis;
-            place_of[axis.index()] = count;
-            count += 1;
-        }
-        let places = first_place..first_place + count;
+        let mut by_place = Axis::ALL;
+        by_place.sort_by_key(|axis| settings.motors[axis.index()].is_none());
+        let places = first_place..first_place + settings.motors.iter().flatten().count();
         let mut motors = Self {
             axes,
-            with_motor,
+            by_place,
             deceleration,
             is_ideal: places.clone().all(|place| bus.is_ideal(place)),
             places,
-            place_of,
             actual: AxisVector::ZERO,
             settled: false,
             trouble: None,
@@ -133,7 +99,7 @@ impl Motors {
     /// Gives each motor its position, and what all of them have in common.
     pub(crate) fn command(&self, setpoint: AxisVector, of_all: Command, commands: &mut [Command]) {
         let commands = commands.get_mut(self.places.clone()).unwrap_or_default();
-        for (command, axis) in commands.iter_mut().zip(&self.with_motor) {
+        for (command, axis) in commands.iter_mut().zip(&self.by_place) {
             *command = Command {
                 position: setpoint[*axis],
                 ..of_all
@@ -144,43 +110,39 @@ impl Motors {
     /// Takes what each motor reports. An axis without a motor is where its command is.
     pub(crate) fn take_feedback(&mut self, setpoint: AxisVector, feedback: &[Feedback]) {
         let feedback = feedback.get(self.places.clone()).unwrap_or_default();
-        let (before, mut operational) = (self.actual, true);
-        for (axis, actual) in self.actual.0.iter_mut().enumerate() {
-            *actual = match feedback.get(self.place_of[axis]) {
-                Some(feedback) => {
-                    operational &= feedback.is_operational();
-                    feedback.position
-                }
-                None => setpoint.0[axis],
-            };
+        let (with_motor, without_motor) = self.by_place.split_at(feedback.len());
+        let (mut changed, mut are_operational) = (0, true);
+        for (axis, feedback) in with_motor.iter().zip(feedback) {
+            let actual = &mut self.actual[*axis];
+            changed |= actual.to_bits() ^ feedback.position.to_bits();
+            *actual = feedback.position;
+            are_operational &= feedback.is_operational();
         }
-        self.settled = self.actual == before;
-        self.trouble = if operational {
-            None
-        } else {
-            self.find_trouble(feedback)
-        };
+        for axis in without_motor {
+            self.actual[*axis] = setpoint[*axis];
+        }
+        self.settled = changed == 0;
+        self.trouble = None;
+        if !are_operational {
+            self.trouble = self.find_trouble(feedback);
+        }
     }
 
     /// A drive with a fault before a motor that is not homed, and that before a drive without power.
     #[cold]
     fn find_trouble(&self, feedback: &[Feedback]) -> Option<Fault> {
-        let fault = |axis: Axis, feedback: &Feedback| {
+        let motors = self.by_place.iter().zip(feedback);
+        let faults = motors.filter_map(|(&axis, feedback)| {
             let motor = self.number(axis);
-            match *feedback {
-                Feedback {
-                    fault: code @ 1.., ..
-                } => (0, Fault::DriveFault { motor, axis, code }),
-                Feedback { is_homed: false, .. } => (1, Fault::NotHomed { motor, axis }),
-                _ => (2, Fault::NotEnabled { motor, axis }),
+            if feedback.fault == 0 && !feedback.is_homed {
+                Some((1, Fault::NotHomed { motor, axis }))
+            } else {
+                let rank = if feedback.fault == 0 { 2 } else { 0 };
+                let fault = Fault::of_drive(motor, Some(axis), feedback.is_enabled, feedback.fault)?;
+                Some((rank, fault))
             }
-        };
-        let motors = self.with_motor.iter().zip(feedback);
-        let troubled = motors.filter(|(_, feedback)| !feedback.is_operational());
-        let worst = troubled
-            .map(|(axis, feedback)| fault(*axis, feedback))
-            .min_by_key(|(rank, _)| *rank);
-        worst.map(|(_, fault)| fault)
+        });
+        faults.min_by_key(|(rank, _)| *rank).map(|(_, fault)| fault)
     }
 
     /// True when every motor is homed and follows.
@@ -188,13 +150,10 @@ impl Motors {
         self.trouble.is_none()
     }
 
-    /// What keeps the motors from following; `enabled`: they were to have power.
-    pub(crate) fn trouble(&self, bus_lost: Option<u32>, enabled: bool) -> Option<Fault> {
-        if let Some(cycles) = bus_lost {
-            return Some(Fault::BusLost { cycles });
-        }
-        self.trouble
-            .filter(|fault| enabled || !matches!(fault, Fault::NotEnabled { .. }))
+    /// What keeps the motors from following.
+    pub(crate) fn trouble(&self, bus_lost: Option<u32>) -> Option<Fault> {
+        let lost = bus_lost.map(|cycles| Fault::BusLost { cycles });
+        lost.or(self.trouble)
     }
 
     /// A motor that is outside its in-position window, which would jump when it is enabled.
@@ -213,7 +172,7 @@ impl Motors {
         }
     }
 
-    /// True when no actual position changed in the last cycle. A drive that follows may rest the last bit beside its
+    /// True when no motor moved in the last cycle. A drive that follows may rest the last bit beside its
     /// command: with the same command again nothing changes any more.
     pub(crate) fn has_settled(&self) -> bool {
         self.settled

@@ -77,11 +77,9 @@ impl Channel {
 
     /// What each motor is to do in the last one of so many cycles; at most as many as [`Channel::cycles_to_pass`] gives.
     pub(crate) fn pass(&mut self, cycles: u64, commands: &mut [Command]) {
-        if let Some(spindle) = &mut self.spindle
-            && spindle.state().rpm != 0.0
-        {
+        if self.spindle_rpm() != 0.0 {
             for _ in 0..cycles {
-                spindle.cycle();
+                self.cycle_spindle();
             }
         }
         if let Some(profile) = &self.current {

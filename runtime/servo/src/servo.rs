@@ -47,7 +47,7 @@ impl Servo {
                 let motors = Motors::new(settings, places, bus.as_ref(), &feedback);
                 places += of_system(settings);
                 let spindle = spindles.next().flatten().zip(settings.spindle.as_ref());
-                let spindle = spindle.map(|(device, motor)| SpindleLink::new(device, motor.max_acceleration));
+                let spindle = spindle.map(|(device, motor)| SpindleLink::new(device, motor));
                 channel(settings, *profiles_max, motors, spindle)
             })
             .unzip();

@@ -187,6 +187,9 @@ impl SimulatedSpindle {
 }
 
 impl Spindle for SimulatedSpindle {
+    /// It always has power.
+    fn power(&mut self, _enable: bool, _clear_fault: bool) {}
+
     fn command(&mut self, direction: SpindleDirection, rpm: f64) {
         if let Some(lock) = &mut self.lock {
             lock.waiting = Some((direction, rpm));
@@ -250,6 +253,8 @@ impl Spindle for SimulatedSpindle {
             },
             rests: self.rpm == 0.0 && self.target_rpm == 0.0 && !orients,
             is_steady: self.is_steady(),
+            is_enabled: true,
+            fault: 0,
         }
     }
 }
