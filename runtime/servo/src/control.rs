@@ -11,7 +11,8 @@ use tandem_model::{Axis, AxisSet, MachinePosition, Origin};
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Control {
     /// Feed hold: the time base comes to 0 with `hold_slew_ms`, then [`Event::Held`]. No profile starts until
-    /// [`Control::Resume`]. While the tool is in a thread it waits until the way out is finished. Ignored while a stop or an abort is under way.
+    /// [`Control::Resume`]. While the tool is in a thread it waits until the way out is finished. A block that reaches its end
+    /// point is finished all the same. Ignored while a stop or an abort is under way.
     Hold,
     /// Ends feed hold: the time base goes to the override with `override_slew_ms`.
     Resume,
@@ -39,14 +40,14 @@ pub enum Control {
         /// Rapid override.
         rapid: f64,
     },
-    /// Behind a fault of a drive or of the bus: the [`Control::Stop`] that follows clears the faults of the drives, enables
-    /// them where the motors stand, and tells where that is. Else it does nothing.
+    /// After a fault of a drive or of the bus: the [`Control::Stop`] that follows clears the faults of the drives, enables
+    /// them at the position where the motors are, and reports it. Otherwise it does nothing.
     ResetDrives,
     /// The next [`Splice`](crate::Splice) is there: from its place on its profiles run. [`Event::Spliced`] tells what has
     /// become of it; a stop and an abort before its place refuse it.
     Splice,
-    /// Sets a motor's skip input, which keeps the value: on is as if its simulated skip input were on. The position that
-    /// G31 captures is the actual one of the cycle that takes this, so it is not exact.
+    /// Sets a motor's skip input, which keeps the value: on is as if its simulated skip input were on. G31 captures the actual
+    /// position of the cycle that takes this, so it is not exact; an input that is on at its start captures there.
     SkipInput {
         /// CNC motor number; one that no axis has changes nothing.
         motor: u16,
@@ -89,8 +90,8 @@ pub enum Event {
         /// Time of the cycle, s.
         time_s: f64,
     },
-    /// A profile gave its end point; with an exact stop, all motors are in position too. The next profile
-    /// starts in the next cycle.
+    /// A profile gave its end point; with an exact stop, all motors are in position too, and the next profile starts in the
+    /// next cycle. A block of a chain is finished when the ramp to the next one is over.
     Finished {
         /// Its segment number.
         segment: u64,

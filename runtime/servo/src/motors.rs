@@ -22,7 +22,7 @@ struct Motor {
     /// As set from outside.
     skip_is_set: bool,
     simulated_skip: Option<SimulatedSkip>,
-    /// Of the way back to a captured position.
+    /// Of the move back to a captured position.
     skip_limits: MotorLimits,
 }
 
@@ -41,16 +41,8 @@ pub(crate) struct Motors {
     trouble: Option<Fault>,
 }
 
-/// What the in-position check finds.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum InPosition {
-    Yes,
-    NotYet,
-    TimedOut(Fault),
-}
-
 impl Motors {
-    /// With places on the bus from this one on, where each motor stands. An axis without a motor stands at 0, follows its
+    /// With places on the bus from `first_place` on, at their reported positions. An axis without a motor is at 0, follows its
     /// command ideally and is not checked.
     pub(crate) fn new(
         settings: &CoordinateSystemSettings,
@@ -128,7 +120,7 @@ impl Motors {
         }
     }
 
-    /// A drive with a fault before a motor that is not homed, and that before a drive without power.
+    /// The gravest first: a fault of a drive, a motor that is not homed, a drive without power.
     #[cold]
     fn find_trouble(&self, feedback: &[Feedback]) -> Option<Fault> {
         let motors = self.by_place.iter().zip(feedback);
@@ -158,22 +150,13 @@ impl Motors {
 
     /// A motor that is outside its in-position window, which would jump when it is enabled.
     pub(crate) fn elsewhere(&self, setpoint: AxisVector) -> Option<Fault> {
-        match self.in_position(setpoint, f64::INFINITY) {
-            InPosition::TimedOut(Fault::InPositionTimeout {
-                motor,
-                axis,
-                following_error,
-            }) => Some(Fault::PositionJump {
-                motor,
-                axis,
-                jump: following_error,
-            }),
-            _ => None,
-        }
+        let (motor, axis, jump) = self.outside(setpoint).next()?;
+        let motor = motor.number;
+        Some(Fault::PositionJump { motor, axis, jump })
     }
 
-    /// True when no motor moved in the last cycle. A drive that follows may rest the last bit beside its
-    /// command: with the same command again nothing changes any more.
+    /// True when no motor moved in the last cycle. A drive may settle the last bit away from its command: with the same command
+    /// nothing changes any more.
     pub(crate) fn has_settled(&self) -> bool {
         self.settled
     }
@@ -199,8 +182,8 @@ impl Motors {
         }
     }
 
-    /// The position at which an axis's skip input is on now: set from outside the actual position, simulated its
-    /// threshold, and with `at_once` the actual position. With the limits of the way back.
+    /// Where an axis's skip input is on now, with the limits of the move back: at the actual position when it was set from
+    /// outside or `at_once`, at its threshold when it is simulated.
     pub(crate) fn skip(&self, axis: Axis, at_once: bool) -> Option<(f64, MotorLimits)> {
         let motor = self.axes[axis.index()].as_ref()?;
         let actual = self.actual[axis];
@@ -217,27 +200,29 @@ impl Motors {
         self.axes[axis.index()].as_ref().map_or(0, |motor| motor.number)
     }
 
-    /// Compares command and actual position of every motor, `waited_s` after the command came to rest.
-    pub(crate) fn in_position(&self, command: AxisVector, waited_s: f64) -> InPosition {
-        let mut found = InPosition::Yes;
-        for axis in Axis::ALL {
-            let Some(motor) = &self.axes[axis.index()] else {
-                continue;
-            };
+    /// The motors outside their in-position windows, with their following errors.
+    fn outside(&self, command: AxisVector) -> impl Iterator<Item = (&Motor, Axis, f64)> {
+        Axis::ALL.into_iter().filter_map(move |axis| {
+            let motor = self.axes[axis.index()].as_ref()?;
             let following_error = command[axis] - self.actual[axis];
-            if following_error.abs() <= motor.in_position {
-                continue;
-            }
-            if waited_s >= motor.timeout_s {
-                return InPosition::TimedOut(Fault::InPositionTimeout {
-                    motor: motor.number,
-                    axis,
-                    following_error,
-                });
-            }
-            found = InPosition::NotYet;
+            let is_inside = following_error.abs() <= motor.in_position;
+            (!is_inside).then_some((motor, axis, following_error))
+        })
+    }
+
+    /// True when every motor is in position, `waited_s` after the command came to rest; an error where one takes too long.
+    pub(crate) fn in_position(&self, command: AxisVector, waited_s: f64) -> Result<bool, Fault> {
+        let late = self
+            .outside(command)
+            .find(|(motor, ..)| waited_s >= motor.timeout_s);
+        match late {
+            Some((motor, axis, following_error)) => Err(Fault::InPositionTimeout {
+                motor: motor.number,
+                axis,
+                following_error,
+            }),
+            None => Ok(self.outside(command).next().is_none()),
         }
-        found
     }
 }
 

@@ -4,6 +4,7 @@ use std::fmt;
 
 use tandem_model::settings::MotorSettings;
 
+use crate::brake::or_unlimited;
 use crate::control::{Fault, SpindleDirection};
 use crate::power::Power;
 
@@ -42,13 +43,12 @@ pub enum Orientation {
 /// A step of a thread, in which the spindle follows the motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ThreadStep {
-    /// A way in the thread begins at the angle of now. Commands that come from here on wait for the end of the thread.
+    /// A pass in the thread, in or out, begins at the current angle. No command comes until the thread ends.
     Begin,
-    /// How far it has turned at the end of this cycle since the way began, revolutions, clockwise positive; `None`: it
+    /// How far it has turned at the end of this cycle since the pass began, revolutions, clockwise positive; `None`: it
     /// stays where it is.
     Turn(Option<f64>),
-    /// The thread is over or given up: the spindle rests, or with `brakes` comes to rest from its speed. Then the command
-    /// that has waited counts.
+    /// The thread is over or given up: the spindle rests, or with `brakes` comes to rest from its speed.
     End {
         /// The thread was broken off while it turned.
         brakes: bool,
@@ -81,8 +81,9 @@ pub(crate) struct SpindleLink {
     device: Box<dyn Spindle>,
     state: SpindleState,
     power: Power,
-    /// A command that waits for power.
+    /// A command that waits for power, or for the end of a thread.
     pending: Option<(SpindleDirection, f64)>,
+    in_thread: bool,
     motor: u16,
     /// r/min per second; infinite: at once.
     acceleration: f64,
@@ -96,12 +97,9 @@ impl SpindleLink {
             device,
             power: Power::Off,
             pending: None,
+            in_thread: false,
             motor: motor.number,
-            acceleration: if motor.max_acceleration > 0.0 {
-                motor.max_acceleration
-            } else {
-                f64::INFINITY
-            },
+            acceleration: or_unlimited(motor.max_acceleration),
         }
     }
 
@@ -119,14 +117,19 @@ impl SpindleLink {
         self.state.is_steady && !self.power.is_enabling()
     }
 
+    /// True when further cycles change nothing.
+    pub(crate) fn is_at_rest(&self) -> bool {
+        self.is_steady() && self.state.rpm == 0.0
+    }
+
     /// True while its drive is being enabled, or an orientation has not ended.
     pub(crate) fn is_busy(&self) -> bool {
         self.power.is_enabling() || self.state.orientation == Orientation::Pending
     }
 
-    /// A command that turns it waits for power.
+    /// A command waits for the end of a thread, and one that turns it for power.
     pub(crate) fn command(&mut self, direction: SpindleDirection, rpm: f64) {
-        let waits = direction != SpindleDirection::Stop && !self.has_power();
+        let waits = self.in_thread || (direction != SpindleDirection::Stop && !self.has_power());
         self.pending = waits.then_some((direction, rpm));
         if !waits {
             self.device.command(direction, rpm);
@@ -137,13 +140,20 @@ impl SpindleLink {
     pub(crate) fn follow(&mut self, step: ThreadStep) {
         self.device.follow(step);
         self.state = self.device.state();
+        self.in_thread = !matches!(step, ThreadStep::End { .. });
+        if !self.in_thread {
+            self.obey_pending();
+        }
+    }
+
+    fn obey_pending(&mut self) {
+        if let Some((direction, rpm)) = self.pending.take() {
+            self.command(direction, rpm);
+        }
     }
 
     /// One cycle; true when a commanded orientation has ended. After an error the spindle has no power.
     pub(crate) fn cycle(&mut self, period_s: f64) -> Result<bool, Fault> {
-        if self.is_steady() && self.state.rpm == 0.0 {
-            return Ok(false);
-        }
         let before = self.state.orientation;
         self.state = self.device.cycle();
         let has_ended = before == Orientation::Pending && self.state.orientation == Orientation::Reached;
@@ -151,14 +161,11 @@ impl SpindleLink {
         let watched = self.power.watch(self.trouble(), period_s);
         if power != self.power {
             if watched.is_err() {
-                self.pending = None;
-                self.device.command(SpindleDirection::Stop, 0.0);
+                self.command(SpindleDirection::Stop, 0.0);
             }
             self.apply_power();
-            if self.power == Power::On
-                && let Some((direction, rpm)) = self.pending.take()
-            {
-                self.command(direction, rpm);
+            if self.power == Power::On {
+                self.obey_pending();
             }
         }
         watched.map(|_| has_ended)
