@@ -25,13 +25,17 @@ pub enum ServerNotice {
     Warning(String),
 }
 
-/// Timing of the servo thread since its start.
+/// Timing of the servo thread and of the bus to the drives since their start.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ServoTiming {
     /// Servo period, s.
     pub period_s: f64,
     /// Servo cycles that were not finished when the next one was due.
     pub overruns: u64,
+    /// Exchanges with the drives that ended late.
+    pub late_exchanges: u64,
+    /// Frames to the drives that were lost.
+    pub lost_frames: u64,
     /// Delay of the start of each cycle.
     pub lateness: Durations,
     /// Computing time of each cycle.

@@ -88,6 +88,8 @@ impl ServoStatistics {
         ServoTiming {
             period_s: period.as_secs_f64(),
             overruns: self.overruns.load(Ordering::Relaxed),
+            late_exchanges: self.late_exchanges.load(Ordering::Relaxed),
+            lost_frames: self.lost_frames.load(Ordering::Relaxed),
             lateness: self.lateness.durations(),
             computing: self.computing.durations(),
         }

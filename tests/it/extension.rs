@@ -12,6 +12,7 @@ mod hmi_card;
 mod policy;
 mod request;
 mod runs;
+mod spindle;
 mod topic;
 mod transport;
 

@@ -106,6 +106,10 @@ impl Text {
         self.number("tandem_servo_period_seconds", "Servo period.", servo.period_s);
         let overruns = "Servo cycles that were not finished when the next one was due.";
         self.number("tandem_servo_overruns_total", overruns, servo.overruns);
+        let late = "Exchanges with the drives that ended late.";
+        self.number("tandem_servo_late_exchanges_total", late, servo.late_exchanges);
+        let lost = "Frames to the drives that were lost.";
+        self.number("tandem_servo_lost_frames_total", lost, servo.lost_frames);
         let late = "How late after its time a servo cycle began";
         self.durations("tandem_servo_wakeup_lateness", late, &servo.lateness);
         let computing = "How long a servo cycle computed";

@@ -15,11 +15,10 @@ pub(crate) struct Brake {
 impl Brake {
     /// Velocities in units per second. A deceleration that is not above 0 stops its motor at once.
     pub(crate) fn new(from: AxisVector, velocity: AxisVector, deceleration: [f64; AXES_MAX]) -> Self {
-        let deceleration = deceleration.map(|limit| if limit > 0.0 { limit } else { f64::INFINITY });
         Self {
             from,
             velocity,
-            deceleration,
+            deceleration: deceleration.map(or_unlimited),
             cycles: 0,
         }
     }
@@ -41,6 +40,11 @@ impl Brake {
         }
         (position, at_rest)
     }
+}
+
+/// A limit that is not above 0 is none.
+pub(crate) fn or_unlimited(limit: f64) -> f64 {
+    if limit > 0.0 { limit } else { f64::INFINITY }
 }
 
 #[cfg(test)]

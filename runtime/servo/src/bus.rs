@@ -7,17 +7,17 @@ use std::fmt;
 pub struct Command {
     /// Position at the end of this cycle, mm or degrees from the machine's zero. Never NaN or infinite.
     pub position: f64,
-    /// The drive is to have power and to follow `position`. Without, `position` is where the motor is expected to stand, and
-    /// the drive must not move to it.
+    /// The drive is to have power and to follow `position`. Otherwise `position` is where the motor is expected to be, and the
+    /// drive must not move to it.
     pub enable: bool,
-    /// The drive is to clear its fault; from a reset on until it reports none, or until it has taken too long.
+    /// The drive is to clear its fault: from a reset on until it reports none or has taken too long.
     pub clear_fault: bool,
 }
 
 /// What a motor reports in one servo cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Feedback {
-    /// Actual position, mm or degrees from the machine's zero; finite. Of a motor that is not homed it means nothing.
+    /// Actual position, mm or degrees from the machine's zero; finite. Without meaning while the motor is not homed.
     pub position: f64,
     /// The drive has power and follows its command.
     pub is_enabled: bool,
@@ -70,14 +70,14 @@ pub trait DriveBus: fmt::Debug + Send {
     /// not allocate, lock, wait or panic.
     fn exchange(&mut self, commands: &[Command], feedback: &mut [Feedback]) -> CycleResult;
 
-    /// Frames that may be lost in a row. One more is a fault: all motors brake and lose power. Asked once, before the first
-    /// cycle; at most what the drives themselves allow before they stop.
+    /// Frames that may be lost in a row; one more is a fault: all motors brake and lose power. At most what the drives
+    /// themselves allow before they stop. Called once, before the first cycle.
     fn lost_in_a_row_max(&self) -> u32 {
         2
     }
 
-    /// True when the feedback of the motor at this place is always the command of the same cycle, whatever came before:
-    /// simulated time may leave out cycles in which such a motor moves. Asked once, before the first cycle.
+    /// True when the feedback of the motor at this place is always the command of the same cycle: simulated time may leave out
+    /// cycles in which such a motor moves. Called once, before the first cycle.
     fn is_ideal(&self, place: usize) -> bool {
         let _ = place;
         false

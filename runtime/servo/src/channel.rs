@@ -10,8 +10,9 @@ use tandem_model::{AxisVector, MachinePosition, Origin};
 
 use crate::brake::Brake;
 use crate::control::{Control, Event};
-use crate::motors::{Motors, Power};
+use crate::motors::Motors;
 use crate::path_time::{PathTime, slope};
+use crate::power::Power;
 use crate::readings::{Reading, Readings};
 use crate::skip::SkipRun;
 use crate::spindle::{Orientation, SpindleLink, SpindleState};
@@ -20,9 +21,9 @@ use crate::splice::{SPLICES_MAX, Splice};
 /// Controls that may wait for one channel; the ring refuses more. A cycle takes at most 16 of them.
 pub const CONTROLS_MAX: usize = 64;
 
-/// Events that may wait to be read. When fewer than 8 places are left, the channel takes no control and starts no
-/// profile from rest until some are read; joints passed without a stop are then not told. So no event of a stop,
-/// a hold or a fault is ever lost.
+/// Events that may wait to be read. When fewer than 8 places are left, the channel takes no control and starts no profile from
+/// rest until some are read, and joints passed without a stop put out no event. So no event of a stop, a hold or a fault is
+/// ever lost.
 pub const EVENTS_MAX: usize = 1024;
 
 /// The servo's end of a coordinate system.
@@ -54,10 +55,10 @@ pub struct Channel {
     /// Older profiles never run.
     pub(crate) epoch: u32,
     pub(crate) hold: Hold,
-    /// The way in a thread that began last, from the start of the way in to the end of the way out, dwell and waits
-    /// between included: feed hold waits, and the spindle follows. `None`: the tool is out.
+    /// The pass in a thread that began last, from the start of the pass in to the end of the pass out, including dwell and
+    /// waits between: feed hold waits, and the spindle follows. `None`: the tool is out.
     pub(crate) thread: Option<TapLeg>,
-    /// The plan to go over to.
+    /// The plan to switch to.
     pub(crate) splice: Option<Splice>,
     pub(crate) faulted: bool,
     pub(crate) power: Power,
@@ -77,7 +78,7 @@ pub struct Channel {
     pub(crate) last_segment: u64,
     /// An event was put out in this cycle.
     pub(crate) told: bool,
-    /// In this cycle nothing moves, and nobody asks for it.
+    /// In this cycle nothing moves, and no motion is pending.
     pub(crate) rests: bool,
 }
 
@@ -89,7 +90,7 @@ pub(crate) enum Hold {
     AfterBlock,
     /// Commanded; [`Event::Held`] is still to come.
     ComingToRest,
-    /// Told.
+    /// [`Event::Held`] was put out.
     AtRest,
 }
 
@@ -191,24 +192,19 @@ impl Channel {
         self.setpoint
     }
 
-    /// The actual position of the last cycle.
-    pub fn actual(&self) -> AxisVector {
-        self.motors.actual()
-    }
-
     /// Angle of the spindle in the last cycle, degrees, 0 to below 360, clockwise positive; 0 without one.
     pub fn spindle_deg(&self) -> f64 {
         self.spindle_state().angle_deg
     }
 
-    /// Speed of the spindle in the last cycle, r/min, clockwise positive; 0 without one.
-    pub(crate) fn spindle_rpm(&self) -> f64 {
-        self.spindle_state().rpm
+    /// True when cycles of the spindle change nothing, or there is none.
+    pub(crate) fn spindle_rests(&self) -> bool {
+        self.spindle.as_ref().is_none_or(SpindleLink::is_at_rest)
     }
 
     /// True when further cycles change at most the angle of the spindle.
     pub(crate) fn spindle_is_steady(&self) -> bool {
-        (self.spindle.as_ref()).is_none_or(|spindle| spindle.state().is_steady && self.thread.is_none())
+        (self.spindle.as_ref()).is_none_or(|spindle| spindle.is_steady() && self.thread.is_none())
     }
 
     fn spindle_state(&self) -> SpindleState {
@@ -217,8 +213,8 @@ impl Channel {
             .map_or(SpindleState::default(), SpindleLink::state)
     }
 
-    /// True when there is nothing to do: no profile or control waits, none runs or waits for its motors, nothing
-    /// brakes, no drive is being enabled, no orientation of the spindle is to be told. A spindle that turns does not count.
+    /// True when there is nothing to do: no profile or control waits, none runs or waits for its motors, nothing brakes, no
+    /// drive is being enabled, the spindle is not being oriented. A spindle that turns does not count.
     pub fn is_idle(&self) -> bool {
         self.current.is_none()
             && self.braking.is_none()
@@ -226,7 +222,7 @@ impl Channel {
             && self.profiles.is_empty()
             && self.controls.is_empty()
             && !self.power.is_enabling()
-            && self.spindle_state().orientation != Orientation::Pending
+            && !self.spindle.as_ref().is_some_and(SpindleLink::is_busy)
     }
 
     /// Where the block comes from that the setpoint of the last cycle belongs to, its end point and the wait for its

@@ -11,7 +11,8 @@ use tandem_model::{Axis, AxisSet, MachinePosition, Origin};
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Control {
     /// Feed hold: the time base comes to 0 with `hold_slew_ms`, then [`Event::Held`]. No profile starts until
-    /// [`Control::Resume`]. While the tool is in a thread it waits until the way out is finished. Ignored while a stop or an abort is under way.
+    /// [`Control::Resume`]. While the tool is in a thread it waits until the way out is finished. A block that reaches its end
+    /// point is finished all the same. Ignored while a stop or an abort is under way.
     Hold,
     /// Ends feed hold: the time base goes to the override with `override_slew_ms`.
     Resume,
@@ -39,14 +40,14 @@ pub enum Control {
         /// Rapid override.
         rapid: f64,
     },
-    /// Behind a fault of a drive or of the bus: the [`Control::Stop`] that follows clears the faults of the drives, enables
-    /// them where the motors stand, and tells where that is. Else it does nothing.
+    /// After a fault of a drive or of the bus: the [`Control::Stop`] that follows clears the faults of the drives, enables
+    /// them at the position where the motors are, and reports it. Otherwise it does nothing.
     ResetDrives,
     /// The next [`Splice`](crate::Splice) is there: from its place on its profiles run. [`Event::Spliced`] tells what has
     /// become of it; a stop and an abort before its place refuse it.
     Splice,
-    /// Sets a motor's skip input, which keeps the value: on is as if its simulated skip input were on. The position that
-    /// G31 captures is the actual one of the cycle that takes this, so it is not exact.
+    /// Sets a motor's skip input, which keeps the value: on is as if its simulated skip input were on. G31 captures the actual
+    /// position of the cycle that takes this, so it is not exact; an input that is on at its start captures there.
     SkipInput {
         /// CNC motor number; one that no axis has changes nothing.
         motor: u16,
@@ -89,8 +90,8 @@ pub enum Event {
         /// Time of the cycle, s.
         time_s: f64,
     },
-    /// A profile gave its end point; with an exact stop, all motors are in position too. The next profile
-    /// starts in the next cycle.
+    /// A profile gave its end point; with an exact stop, all motors are in position too, and the next profile starts in the
+    /// next cycle. A block of a chain is finished when the ramp to the next one is over.
     Finished {
         /// Its segment number.
         segment: u64,
@@ -163,8 +164,8 @@ pub enum Fault {
     DriveFault {
         /// CNC motor number.
         motor: u16,
-        /// Its axis.
-        axis: Axis,
+        /// Its axis; `None`: the spindle.
+        axis: Option<Axis>,
         /// The drive's own code.
         code: u16,
     },
@@ -173,12 +174,12 @@ pub enum Fault {
         /// How many.
         cycles: u32,
     },
-    /// A drive has no power: it lost it, or did not come to it in time.
+    /// A drive has no power: it lost it, or was not enabled in time.
     NotEnabled {
         /// CNC motor number.
         motor: u16,
-        /// Its axis.
-        axis: Axis,
+        /// Its axis; `None`: the spindle.
+        axis: Option<Axis>,
     },
     /// A motor is to move, and its position does not count from the machine's zero.
     NotHomed {
@@ -195,63 +196,71 @@ pub enum Fault {
 }
 
 impl Fault {
+    /// What keeps a drive from following: a fault, or no power.
+    pub(crate) fn of_drive(motor: u16, axis: Option<Axis>, is_enabled: bool, code: u16) -> Option<Fault> {
+        if code != 0 {
+            Some(Fault::DriveFault { motor, axis, code })
+        } else if !is_enabled {
+            Some(Fault::NotEnabled { motor, axis })
+        } else {
+            None
+        }
+    }
+
     /// The alarm of this fault. Allocates its text: for the coordinator, not for a servo cycle.
     pub fn alarm(self) -> Alarm {
-        match self {
+        let named = |motor: u16, axis: Option<Axis>| match axis {
+            Some(axis) => format!("motor {motor} (axis {})", axis.letter()),
+            None => format!("motor {motor} (spindle)"),
+        };
+        let of_axis = |motor: u16, axis: Axis| format!("Motor {motor} (axis {})", axis.letter());
+        let (entry, text) = match self {
             Fault::InPositionTimeout {
                 motor,
                 axis,
                 following_error,
-            } => Alarm::new(
-                &IN_POSITION_TIMEOUT,
-                format!(
-                    "Motor {motor} (axis {}) is {following_error:.6} away from its command",
-                    axis.letter()
-                ),
-            ),
-            Fault::PositionJump { motor, axis, jump } => Alarm::new(
-                &POSITION_JUMP,
-                format!(
-                    "Motor {motor} (axis {}) would jump by {jump:.6}; the profile was not started",
-                    axis.letter()
-                ),
-            ),
-            Fault::RanOut { segment } => Alarm::new(
+            } => {
+                let motor = of_axis(motor, axis);
+                let text = format!("{motor} is {following_error:.6} away from its command");
+                (&IN_POSITION_TIMEOUT, text)
+            }
+            Fault::PositionJump { motor, axis, jump } => {
+                let motor = of_axis(motor, axis);
+                let text = format!("{motor} would jump by {jump:.6}; the profile was not started");
+                (&POSITION_JUMP, text)
+            }
+            Fault::RanOut { segment } => (
                 &MOTION_RAN_OUT,
                 format!("Nothing followed segment {segment} in time; the motors brake off the path"),
             ),
-            Fault::SpindleMissing => Alarm::new(
+            Fault::SpindleMissing => (
                 &SPINDLE_MISSING,
-                "A spindle command reached a coordinate system without a spindle",
+                "A spindle command reached a coordinate system without a spindle".to_owned(),
             ),
-            Fault::DriveFault { motor, axis, code } => Alarm::new(
-                &DRIVE_FAULT,
-                format!(
-                    "The drive of motor {motor} (axis {}) reports fault {code} (16#{code:04X})",
-                    axis.letter()
-                ),
-            ),
-            Fault::BusLost { cycles } => Alarm::new(
+            Fault::DriveFault { motor, axis, code } => {
+                let motor = named(motor, axis);
+                let text = format!("The drive of {motor} reports fault {code} (16#{code:04X})");
+                (&DRIVE_FAULT, text)
+            }
+            Fault::BusLost { cycles } => (
                 &DRIVE_BUS_LOST,
                 format!(
                     "The bus to the drives has lost {cycles} frames in a row; the motors brake off the path"
                 ),
             ),
-            Fault::NotEnabled { motor, axis } => Alarm::new(
-                &DRIVE_NOT_ENABLED,
-                format!("The drive of motor {motor} (axis {}) has no power", axis.letter()),
-            ),
-            Fault::NotHomed { motor, axis } => Alarm::new(
-                &MOTOR_NOT_HOMED,
-                format!(
-                    "Motor {motor} (axis {}) does not know its position",
-                    axis.letter()
-                ),
-            ),
-            Fault::SpindleTurns { rpm } => Alarm::new(
+            Fault::NotEnabled { motor, axis } => {
+                let motor = named(motor, axis);
+                (&DRIVE_NOT_ENABLED, format!("The drive of {motor} has no power"))
+            }
+            Fault::NotHomed { motor, axis } => {
+                let motor = of_axis(motor, axis);
+                (&MOTOR_NOT_HOMED, format!("{motor} does not know its position"))
+            }
+            Fault::SpindleTurns { rpm } => (
                 &SPINDLE_TURNS,
                 format!("The spindle turns at {rpm:.3} r/min, or is about to turn; the thread was not begun"),
             ),
-        }
+        };
+        Alarm::new(entry, text)
     }
 }

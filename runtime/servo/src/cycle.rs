@@ -1,25 +1,23 @@
 //! One servo cycle of one channel: controls, setpoints, feedback, in-position check, events, readings.
 //!
-//! The order within a cycle: controls are taken; the running profile goes on, or the next one gives its start
-//! point; the bus exchanges commands and feedback of all channels; what has come to rest is told. So in one cycle a
-//! profile gives its end point and, with an ideal drive, is found in position; the next one gives its start point in the
-//! cycle after (M1c).
+//! The order within a cycle: controls are taken; the running profile advances, or the next one gives its start point; the bus
+//! exchanges commands and feedback of all channels; events report what has come to rest. So in one cycle a profile gives its
+//! end point and, with an ideal drive, is found in position; the next one gives its start point in the following cycle (M1c).
 
 use tandem_model::flow::TapLeg;
 use tandem_model::profile::{Law, Profile, TimeBase};
 use tandem_model::{Axis, AxisVector, MachinePosition, Origin};
 
-use crate::brake::Brake;
 use crate::bus::{Command, Feedback};
 use crate::channel::{Channel, Hold};
 use crate::control::{Control, Event, Fault};
-use crate::motors::{InPosition, first_jump};
+use crate::motors::first_jump;
 use crate::rest::{self, Way};
 use crate::skip::SkipRun;
-use crate::spindle::{SpindleLink, ThreadStep};
+use crate::spindle::ThreadStep;
 use crate::splice::APPROACH;
 
-/// Controls taken in one cycle; the rest waits for the next.
+/// Controls taken in one cycle; the others wait for the next one.
 const CONTROLS_PER_CYCLE: usize = 16;
 
 /// Profiles of an old epoch thrown away in one cycle: bounds the time of the cycle.
@@ -29,8 +27,8 @@ const DROPS_PER_CYCLE: usize = 64;
 /// Look-ahead plans far less for a period: up to 192 blocks, or some hundred profiles of one steep corner.
 const JOINTS_PER_CYCLE: usize = 4096;
 
-/// Free places that the event ring must have before something that leads to an event is begun: `Started`,
-/// `Finished` or `Fault`, `Held`, `Stopped`, `Spliced` and `Oriented` may all be owed at one time.
+/// Free places that the event ring must have before anything that leads to an event begins: `Started`, `Finished` or
+/// `Fault`, `Held`, `Stopped`, `Spliced` and `Oriented` may all be pending at once.
 const EVENTS_RESERVE: usize = 8;
 
 /// A profile has ended when less than this share of a servo period is left: rounding.
@@ -51,8 +49,12 @@ impl Channel {
         let before = self.setpoint;
         self.take_controls();
         self.drop_older();
-        if self.braking.is_some() {
-            self.brake();
+        if let Some(brake) = &mut self.braking {
+            let (position, at_rest) = brake.cycle(self.period_s);
+            self.setpoint = position;
+            if at_rest {
+                self.braking = None;
+            }
         } else if self.current.is_some() {
             self.go_on(time_s);
         } else {
@@ -84,26 +86,33 @@ impl Channel {
         self.check_skip_inputs();
         self.check_in_position(time_s);
         self.tell_rest();
-        if self.spindle.as_mut().is_some_and(SpindleLink::cycle) {
-            self.tell(Event::Oriented);
+        if !self.spindle_rests() {
+            self.cycle_spindle();
         }
         self.publish(time_s);
         self.told
     }
 
-    /// True when the last cycle has left nothing to do but the drives' work: nothing moves, and nobody asks for it.
+    /// True when nothing is left to do but the drives' work: nothing moves, and no motion or control is pending.
     fn stays_at_rest(&self) -> bool {
+        // once at rest it stays there until something comes
+        self.profiles.is_empty()
+            && self.controls.is_empty()
+            && self.motors.has_settled()
+            && (self.rests || self.has_come_to_rest())
+    }
+
+    fn has_come_to_rest(&self) -> bool {
         self.is_idle()
             && !self.told
             && self.executing.is_none()
             && self.hold != Hold::ComingToRest
             && self.velocity == AxisVector::ZERO
-            && self.motors.has_settled()
-            && self.spindle_is_steady()
-            && self.spindle_rpm() == 0.0
+            && self.spindle_rests()
+            && self.thread.is_none()
     }
 
-    /// While a thread is cut the spindle follows the motion, dwell and deceleration included.
+    /// While a thread is cut the spindle follows the motion, including dwell and deceleration.
     fn turn_spindle(&mut self) {
         let (Some(spindle), Some(_)) = (&mut self.spindle, self.thread) else {
             return;
@@ -115,6 +124,15 @@ impl Channel {
         let profile = self.current.as_ref();
         let revolutions = profile.and_then(|profile| profile.spindle_revolutions(t_s));
         spindle.follow(ThreadStep::Turn(revolutions));
+    }
+
+    /// The cycle of the spindle, after that of the motors.
+    pub(crate) fn cycle_spindle(&mut self) {
+        match self.spindle.as_mut().map(|spindle| spindle.cycle(self.period_s)) {
+            Some(Ok(true)) => self.tell(Event::Oriented),
+            Some(Err(fault)) => self.brake_for(fault),
+            _ => {}
+        }
     }
 
     fn take_controls(&mut self) {
@@ -129,23 +147,15 @@ impl Channel {
 
     fn obey(&mut self, control: Control) {
         match control {
-            Control::Hold => {
-                if self.stopping.is_none() && !self.hold.holds() {
-                    self.hold = Hold::ComingToRest;
-                }
-            }
-            Control::Resume => self.hold = Hold::Off,
-            Control::HoldAfterBlock(on) => {
-                if self.stopping.is_none() && !self.hold.holds() {
-                    self.hold = if on { Hold::AfterBlock } else { Hold::Off };
-                }
-            }
+            Control::Hold | Control::HoldAfterBlock(_) if self.stopping.is_some() || self.hold.holds() => {}
+            Control::Hold => self.hold = Hold::ComingToRest,
+            Control::HoldAfterBlock(true) => self.hold = Hold::AfterBlock,
+            Control::HoldAfterBlock(false) | Control::Resume => self.hold = Hold::Off,
             Control::Stop { epoch } => self.stopping = self.stopping.max(Some(epoch)),
             Control::Abort { epoch } => {
                 self.stopping = self.stopping.max(Some(epoch));
                 if self.braking.is_none() {
-                    let deceleration = self.motors.deceleration();
-                    self.braking = Some(Brake::new(self.setpoint, self.velocity, deceleration));
+                    self.begin_braking();
                     self.leave_thread(true);
                     self.give_up();
                 }
@@ -177,30 +187,16 @@ impl Channel {
         }
     }
 
-    fn brake(&mut self) {
-        if let Some(brake) = &mut self.braking {
-            let (position, at_rest) = brake.cycle(self.period_s);
-            self.setpoint = position;
-            if at_rest {
-                self.braking = None;
-            }
-        }
-    }
-
     /// The next profile gives its start point, at rest, if it may start.
     fn start_from_rest(&mut self, time_s: f64) {
         if self.is_held() || self.faulted || self.stopping.is_some() || self.events.slots() < EVENTS_RESERVE {
             return;
         }
-        if !self.may_begin() || !self.has_next() {
-            return;
-        }
-        if !self.has_power() {
+        if !self.may_begin() || !self.has_next() || !self.has_power() || !self.has_spindle() {
             return;
         }
         let Ok(profile) = self.profiles.pop() else { return };
-        let jump = first_jump(&profile, self.setpoint);
-        if let Some((axis, jump)) = jump {
+        if let Some((axis, jump)) = first_jump(&profile, self.setpoint) {
             let motor = self.motors.number(axis);
             self.fail(Fault::PositionJump { motor, axis, jump });
             return;
@@ -216,7 +212,7 @@ impl Channel {
         let way = Way::new(&profile, 0.0, self.hold_slope, self.period_s);
         let factor = way.target(&mut self.profiles, 0.0, wanted);
         let factor = factor.filter(|_| profile.begins_at_its_rate());
-        self.time.start(factor.unwrap_or(0.0));
+        self.time.begin(factor.unwrap_or(0.0), 0.0);
         self.last_segment = profile.segment;
         self.tell(Event::Started {
             segment: profile.segment,
@@ -229,12 +225,20 @@ impl Channel {
         self.sample(time_s, 0.0);
     }
 
+    /// True when the next profile is no way into a thread, or the spindle's drive has power to follow it.
+    fn has_spindle(&mut self) -> bool {
+        match (self.profiles.peek().map(|next| &next.law), &mut self.spindle) {
+            (Ok(Law::Tap { .. }), Some(spindle)) => spindle.has_power(),
+            _ => true,
+        }
+    }
+
     /// The spindle follows from here on; it must rest where the thread begins.
     fn enter_thread(&mut self, leg: TapLeg) -> Result<(), Fault> {
         if let Some(spindle) = &mut self.spindle {
-            let state = spindle.state();
-            if leg == TapLeg::In && !state.rests {
-                return Err(Fault::SpindleTurns { rpm: state.rpm });
+            if leg == TapLeg::In && !spindle.rests() {
+                let rpm = spindle.state().rpm;
+                return Err(Fault::SpindleTurns { rpm });
             }
             spindle.follow(ThreadStep::Begin);
         }
@@ -242,7 +246,7 @@ impl Channel {
         Ok(())
     }
 
-    /// The spindle goes its own way again: from rest, or braking from its speed.
+    /// The spindle no longer follows: it is at rest, or brakes from its speed.
     pub(crate) fn leave_thread(&mut self, brakes: bool) {
         if self.thread.take().is_some()
             && let Some(spindle) = &mut self.spindle
@@ -251,8 +255,8 @@ impl Channel {
         }
     }
 
-    /// A chain begins when it can come to rest within what is there. With half of the ring full, too: more may not come
-    /// before it moves.
+    /// A chain begins when it can come to rest within the profiles that wait; also with half of the ring full, since no more
+    /// may come before it moves.
     fn may_begin(&mut self) -> bool {
         2 * self.profiles.slots() >= self.profiles.buffer().capacity()
             || rest::is_known(
@@ -270,7 +274,7 @@ impl Channel {
             .is_ok_and(|profile| profile.epoch >= self.epoch)
     }
 
-    /// The next profile is the current one now, where there is one.
+    /// The next profile, if there is one, becomes the current one.
     fn take_next(&mut self) {
         self.current = None;
         // Straight from the ring: a profile is large.
@@ -281,7 +285,7 @@ impl Channel {
         }
     }
 
-    /// The running profile goes on by one period of its time base.
+    /// The running profile advances by one period of its time base.
     fn go_on(&mut self, time_s: f64) {
         if let Some(cycles) = &mut self.ended_cycles {
             *cycles += 1;
@@ -294,11 +298,14 @@ impl Channel {
         let way = Way::new(profile, self.time.now_s(), self.hold_slope, self.period_s);
         let allowed = way.target(&mut self.profiles, rate, wanted);
         if allowed != Some(wanted) {
-            // The coordinator then looks whether there is room for more.
+            // The coordinator then checks whether the ring has room for more.
             self.told = true;
+            // All that waits takes less time than the reserve, and a full ring accepts no more: one block at a time, too
+            // short for any motor to notice.
             if rate == 0.0 && allowed == Some(0.0) && self.has_next() {
-                self.pass_joint_at_rest(time_s);
-                return;
+                let end_s = profile.duration_s;
+                self.time.carry(end_s);
+                return self.sample(time_s, end_s);
             }
         }
         let slows = held || allowed.is_none();
@@ -308,7 +315,7 @@ impl Channel {
             Some(target) => (target, self.override_slope),
         };
         let slope = match &profile.law {
-            // Nothing moves, so there is nothing to slew: a dwell stops and goes on at once.
+            // Nothing moves, so there is nothing to slew: a dwell stops and continues at once.
             Law::Rest { .. } => f64::INFINITY,
             Law::Tap {
                 rate, revolutions, ..
@@ -328,17 +335,7 @@ impl Channel {
         self.sample(time_s, t_s);
     }
 
-    /// All that waits takes less time than is always left over, and a full ring takes no more: a block at a time, each a
-    /// way that no motor notices.
-    fn pass_joint_at_rest(&mut self, time_s: f64) {
-        if let Some(profile) = &self.current {
-            let end_s = profile.duration_s;
-            self.time.carry(end_s);
-            self.sample(time_s, end_s);
-        }
-    }
-
-    /// Feed hold acts: not while the tool is in a thread.
+    /// True when feed hold acts: not while the tool is in a thread.
     fn is_held(&self) -> bool {
         self.hold.holds() && self.thread.is_none()
     }
@@ -373,8 +370,8 @@ impl Channel {
             self.take_next();
             let Some(next) = &self.current else {
                 self.tell_joint(Event::Finished { segment, time_s });
-                self.run_out(segment, end);
-                return;
+                self.setpoint = end;
+                return self.brake_for(Fault::RanOut { segment });
             };
             let (next_segment, origin) = (next.segment, next.origin);
             self.hold_after_block(before, Some(origin));
@@ -394,14 +391,6 @@ impl Channel {
         }
         // The time beyond is given up: made up later it would be a jump.
         self.time.carry(0.0);
-    }
-
-    /// A joint was passed, and there is nothing behind it.
-    fn run_out(&mut self, segment: u64, end: AxisVector) {
-        self.setpoint = end;
-        let deceleration = self.motors.deceleration();
-        self.braking = Some(Brake::new(end, self.velocity, deceleration));
-        self.fail(Fault::RanOut { segment });
     }
 
     /// A position that is not a number is never commanded: the channel rests where it is, with a fault.
@@ -456,40 +445,37 @@ impl Channel {
             return;
         };
         let (segment, origin) = (profile.segment, profile.origin);
-        match self
-            .motors
-            .in_position(self.setpoint, cycles as f64 * self.period_s)
-        {
-            InPosition::Yes => {
-                let is_skip = matches!(profile.law, Law::Skip { .. });
-                if is_skip {
-                    self.tell(Event::Captured {
-                        segment,
-                        position: MachinePosition(self.setpoint),
-                        captured: self.skip.captured(),
-                    });
-                }
-                if self.thread == Some(TapLeg::Out) {
-                    self.leave_thread(false);
-                }
-                self.give_up();
-                self.tell(Event::Finished { segment, time_s });
-                let next = self.profiles.peek().ok().map(|next| next.origin);
-                self.hold_after_block(origin, next);
-            }
-            InPosition::NotYet => {}
-            InPosition::TimedOut(fault) => self.fail(fault),
+        let is_skip = matches!(profile.law, Law::Skip { .. });
+        let waited_s = cycles as f64 * self.period_s;
+        match self.motors.in_position(self.setpoint, waited_s) {
+            Ok(true) => {}
+            Ok(false) => return,
+            Err(fault) => return self.fail(fault),
         }
+        if is_skip {
+            self.tell(Event::Captured {
+                segment,
+                position: MachinePosition(self.setpoint),
+                captured: self.skip.captured(),
+            });
+        }
+        if self.thread == Some(TapLeg::Out) {
+            self.leave_thread(false);
+        }
+        self.give_up();
+        self.tell(Event::Finished { segment, time_s });
+        let next = self.profiles.peek().ok().map(|next| next.origin);
+        self.hold_after_block(origin, next);
     }
 
-    /// Between two profiles: feed hold begins here when it was to begin behind this block.
+    /// Between two profiles: feed hold begins here when it was to begin after this block.
     fn hold_after_block(&mut self, ended: Origin, next: Option<Origin>) {
         if self.hold == Hold::AfterBlock && next != Some(ended) {
             self.hold = Hold::ComingToRest;
         }
     }
 
-    /// Tells that feed hold or a stop has brought the command to rest.
+    /// Reports that feed hold or a stop has brought the command to rest.
     fn tell_rest(&mut self) {
         let resting = self.time.rate() == 0.0 || self.ended_cycles.is_some();
         if self.braking.is_some() || (self.current.is_some() && !resting) {

@@ -1,15 +1,14 @@
-//! Profiles of look-ahead (G500), and those of motors alone, in the servo cycle (M1d, M1e, M1i): how fast the
-//! override factor may change, and how far the motion may go with what is known.
+//! How fast the override factor may change in G500 chains, rapids and G31 (M1d, M1e, M1i).
 
 use rtrb::Consumer;
-use tandem_model::profile::{Law, Pace, Profile, SlewRoom};
+use tandem_model::profile::{Law, Profile, SlewRoom};
 
 use crate::channel::Channel;
 use crate::splice::{Joint, Splice};
 
 impl Channel {
-    /// Largest change of the override factor per second in the coming cycle, towards the target: what the motors leave
-    /// over all that the cycle may touch, the profiles behind the running one included, and those of a new plan.
+    /// Largest change of the override factor per second towards the target in the coming cycle: what the motors allow over
+    /// all profiles that the cycle may touch, including those after the running one and those of a new plan.
     pub(crate) fn room_to(&mut self, target: f64) -> f64 {
         let rate = self.time.rate();
         let Some(profile) = self.current.as_ref() else {
@@ -48,8 +47,8 @@ impl Channel {
     }
 }
 
-/// Where the motion goes over to a new plan, by the time of the running profile, if it does so until `ends_s`: in that
-/// profile, or in one that waits.
+/// Where the motion switches to a new plan, by the time of the running profile, if it does so by `ends_s`: in that profile or
+/// in one that waits.
 fn joint_within(
     splice: &Splice,
     running: &Profile,
@@ -78,7 +77,7 @@ fn joint_within(
     None
 }
 
-/// What the motors leave over this time from the first profile that waits.
+/// What the motors allow over this time from the first waiting profile on.
 fn room_of(waiting: &mut Consumer<Profile>, time_s: f64) -> SlewRoom {
     let mut left_s = time_s;
     let mut room = SlewRoom::default();
@@ -100,15 +99,4 @@ fn room_of(waiting: &mut Consumer<Profile>, time_s: f64) -> SlewRoom {
         }
     }
     room
-}
-
-/// True when the motion can still come to rest within what is known once it has passed a segment: then it may go on in
-/// it as planned.
-pub(crate) fn is_free([first, second]: [&[Profile]; 2], running: &Pace, segment: u64) -> bool {
-    match second.last().or(first.last()).map(|newest| &newest.law) {
-        None => running.frees(segment),
-        Some(Law::Paced { pace, .. }) => pace.frees(segment),
-        // What is not of a G500 chain comes behind the end of one.
-        Some(_) => true,
-    }
 }

@@ -22,7 +22,7 @@ struct Motor {
     /// As set from outside.
     skip_is_set: bool,
     simulated_skip: Option<SimulatedSkip>,
-    /// Of the way back to a captured position.
+    /// Of the move back to a captured position.
     skip_limits: MotorLimits,
 }
 
@@ -30,12 +30,10 @@ struct Motor {
 pub(crate) struct Motors {
     axes: [Option<Motor>; AXES_MAX],
     deceleration: [f64; AXES_MAX],
-    /// The axes that have one, in their order; what is left over names any.
-    with_motor: [Axis; AXES_MAX],
-    /// Theirs on the bus.
+    /// The axes with a motor, by its place on the bus, then those without.
+    by_place: [Axis; AXES_MAX],
+    /// On the bus.
     places: Range<usize>,
-    /// The place of each axis among these; beyond them for an axis without a motor.
-    place_of: [usize; AXES_MAX],
     is_ideal: bool,
     actual: AxisVector,
     settled: bool,
@@ -43,42 +41,8 @@ pub(crate) struct Motors {
     trouble: Option<Fault>,
 }
 
-/// Whether the drives of a channel have power.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Power {
-    /// Not asked for since the start.
-    Off,
-    /// Off behind a fault.
-    Tripped {
-        /// They are to be enabled once the channel rests.
-        resets: bool,
-    },
-    /// Commanded, and not reported by all of them.
-    Enabling {
-        /// Since it was commanded.
-        cycles: u64,
-        /// The faults of the drives are to be cleared.
-        clears: bool,
-    },
-    On,
-}
-
-impl Power {
-    pub(crate) fn is_enabling(self) -> bool {
-        matches!(self, Power::Enabling { .. })
-    }
-}
-
-/// What the in-position check finds.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum InPosition {
-    Yes,
-    NotYet,
-    TimedOut(Fault),
-}
-
 impl Motors {
-    /// With places on the bus from this one on, where each motor stands. An axis without a motor stands at 0, follows its
+    /// With places on the bus from `first_place` on, at their reported positions. An axis without a motor is at 0, follows its
     /// command ideally and is not checked.
     pub(crate) fn new(
         settings: &CoordinateSystemSettings,
@@ -106,21 +70,15 @@ impl Motors {
                 .as_ref()
                 .map_or(0.0, |motor| motor.max_acceleration)
         });
-        let (mut with_motor, mut count) = ([Axis::X; AXES_MAX], 0);
-        let mut place_of = [usize::MAX; AXES_MAX];
-        for axis in settings.axes().iter() {
-            with_motor[count] = axis;
-            place_of[axis.index()] = count;
-            count += 1;
-        }
-        let places = first_place..first_place + count;
+        let mut by_place = Axis::ALL;
+        by_place.sort_by_key(|axis| settings.motors[axis.index()].is_none());
+        let places = first_place..first_place + settings.motors.iter().flatten().count();
         let mut motors = Self {
             axes,
-            with_motor,
+            by_place,
             deceleration,
             is_ideal: places.clone().all(|place| bus.is_ideal(place)),
             places,
-            place_of,
             actual: AxisVector::ZERO,
             settled: false,
             trouble: None,
@@ -133,7 +91,7 @@ impl Motors {
     /// Gives each motor its position, and what all of them have in common.
     pub(crate) fn command(&self, setpoint: AxisVector, of_all: Command, commands: &mut [Command]) {
         let commands = commands.get_mut(self.places.clone()).unwrap_or_default();
-        for (command, axis) in commands.iter_mut().zip(&self.with_motor) {
+        for (command, axis) in commands.iter_mut().zip(&self.by_place) {
             *command = Command {
                 position: setpoint[*axis],
                 ..of_all
@@ -144,43 +102,39 @@ impl Motors {
     /// Takes what each motor reports. An axis without a motor is where its command is.
     pub(crate) fn take_feedback(&mut self, setpoint: AxisVector, feedback: &[Feedback]) {
         let feedback = feedback.get(self.places.clone()).unwrap_or_default();
-        let (before, mut operational) = (self.actual, true);
-        for (axis, actual) in self.actual.0.iter_mut().enumerate() {
-            *actual = match feedback.get(self.place_of[axis]) {
-                Some(feedback) => {
-                    operational &= feedback.is_operational();
-                    feedback.position
-                }
-                None => setpoint.0[axis],
-            };
+        let (with_motor, without_motor) = self.by_place.split_at(feedback.len());
+        let (mut changed, mut are_operational) = (0, true);
+        for (axis, feedback) in with_motor.iter().zip(feedback) {
+            let actual = &mut self.actual[*axis];
+            changed |= actual.to_bits() ^ feedback.position.to_bits();
+            *actual = feedback.position;
+            are_operational &= feedback.is_operational();
         }
-        self.settled = self.actual == before;
-        self.trouble = if operational {
-            None
-        } else {
-            self.find_trouble(feedback)
-        };
+        for axis in without_motor {
+            self.actual[*axis] = setpoint[*axis];
+        }
+        self.settled = changed == 0;
+        self.trouble = None;
+        if !are_operational {
+            self.trouble = self.find_trouble(feedback);
+        }
     }
 
-    /// A drive with a fault before a motor that is not homed, and that before a drive without power.
+    /// The gravest first: a fault of a drive, a motor that is not homed, a drive without power.
     #[cold]
     fn find_trouble(&self, feedback: &[Feedback]) -> Option<Fault> {
-        let fault = |axis: Axis, feedback: &Feedback| {
+        let motors = self.by_place.iter().zip(feedback);
+        let faults = motors.filter_map(|(&axis, feedback)| {
             let motor = self.number(axis);
-            match *feedback {
-                Feedback {
-                    fault: code @ 1.., ..
-                } => (0, Fault::DriveFault { motor, axis, code }),
-                Feedback { is_homed: false, .. } => (1, Fault::NotHomed { motor, axis }),
-                _ => (2, Fault::NotEnabled { motor, axis }),
+            if feedback.fault == 0 && !feedback.is_homed {
+                Some((1, Fault::NotHomed { motor, axis }))
+            } else {
+                let rank = if feedback.fault == 0 { 2 } else { 0 };
+                let fault = Fault::of_drive(motor, Some(axis), feedback.is_enabled, feedback.fault)?;
+                Some((rank, fault))
             }
-        };
-        let motors = self.with_motor.iter().zip(feedback);
-        let troubled = motors.filter(|(_, feedback)| !feedback.is_operational());
-        let worst = troubled
-            .map(|(axis, feedback)| fault(*axis, feedback))
-            .min_by_key(|(rank, _)| *rank);
-        worst.map(|(_, fault)| fault)
+        });
+        faults.min_by_key(|(rank, _)| *rank).map(|(_, fault)| fault)
     }
 
     /// True when every motor is homed and follows.
@@ -188,33 +142,21 @@ impl Motors {
         self.trouble.is_none()
     }
 
-    /// What keeps the motors from following; `enabled`: they were to have power.
-    pub(crate) fn trouble(&self, bus_lost: Option<u32>, enabled: bool) -> Option<Fault> {
-        if let Some(cycles) = bus_lost {
-            return Some(Fault::BusLost { cycles });
-        }
-        self.trouble
-            .filter(|fault| enabled || !matches!(fault, Fault::NotEnabled { .. }))
+    /// What keeps the motors from following.
+    pub(crate) fn trouble(&self, bus_lost: Option<u32>) -> Option<Fault> {
+        let lost = bus_lost.map(|cycles| Fault::BusLost { cycles });
+        lost.or(self.trouble)
     }
 
     /// A motor that is outside its in-position window, which would jump when it is enabled.
     pub(crate) fn elsewhere(&self, setpoint: AxisVector) -> Option<Fault> {
-        match self.in_position(setpoint, f64::INFINITY) {
-            InPosition::TimedOut(Fault::InPositionTimeout {
-                motor,
-                axis,
-                following_error,
-            }) => Some(Fault::PositionJump {
-                motor,
-                axis,
-                jump: following_error,
-            }),
-            _ => None,
-        }
+        let (motor, axis, jump) = self.outside(setpoint).next()?;
+        let motor = motor.number;
+        Some(Fault::PositionJump { motor, axis, jump })
     }
 
-    /// True when no actual position changed in the last cycle. A drive that follows may rest the last bit beside its
-    /// command: with the same command again nothing changes any more.
+    /// True when no motor moved in the last cycle. A drive may settle the last bit away from its command: with the same command
+    /// nothing changes any more.
     pub(crate) fn has_settled(&self) -> bool {
         self.settled
     }
@@ -240,8 +182,8 @@ impl Motors {
         }
     }
 
-    /// The position at which an axis's skip input is on now: set from outside the actual position, simulated its
-    /// threshold, and with `at_once` the actual position. With the limits of the way back.
+    /// Where an axis's skip input is on now, with the limits of the move back: at the actual position when it was set from
+    /// outside or `at_once`, at its threshold when it is simulated.
     pub(crate) fn skip(&self, axis: Axis, at_once: bool) -> Option<(f64, MotorLimits)> {
         let motor = self.axes[axis.index()].as_ref()?;
         let actual = self.actual[axis];
@@ -258,27 +200,29 @@ impl Motors {
         self.axes[axis.index()].as_ref().map_or(0, |motor| motor.number)
     }
 
-    /// Compares command and actual position of every motor, `waited_s` after the command came to rest.
-    pub(crate) fn in_position(&self, command: AxisVector, waited_s: f64) -> InPosition {
-        let mut found = InPosition::Yes;
-        for axis in Axis::ALL {
-            let Some(motor) = &self.axes[axis.index()] else {
-                continue;
-            };
+    /// The motors outside their in-position windows, with their following errors.
+    fn outside(&self, command: AxisVector) -> impl Iterator<Item = (&Motor, Axis, f64)> {
+        Axis::ALL.into_iter().filter_map(move |axis| {
+            let motor = self.axes[axis.index()].as_ref()?;
             let following_error = command[axis] - self.actual[axis];
-            if following_error.abs() <= motor.in_position {
-                continue;
-            }
-            if waited_s >= motor.timeout_s {
-                return InPosition::TimedOut(Fault::InPositionTimeout {
-                    motor: motor.number,
-                    axis,
-                    following_error,
-                });
-            }
-            found = InPosition::NotYet;
+            let is_inside = following_error.abs() <= motor.in_position;
+            (!is_inside).then_some((motor, axis, following_error))
+        })
+    }
+
+    /// True when every motor is in position, `waited_s` after the command came to rest; an error where one takes too long.
+    pub(crate) fn in_position(&self, command: AxisVector, waited_s: f64) -> Result<bool, Fault> {
+        let late = self
+            .outside(command)
+            .find(|(motor, ..)| waited_s >= motor.timeout_s);
+        match late {
+            Some((motor, axis, following_error)) => Err(Fault::InPositionTimeout {
+                motor: motor.number,
+                axis,
+                following_error,
+            }),
+            None => Ok(self.outside(command).next().is_none()),
         }
-        found
     }
 }
 

@@ -1,5 +1,5 @@
-//! Cycles that tell nothing, left out in simulated time. A position is a closed form of the profile time, and profile
-//! time at a constant rate is counted: so what they leave is known without them, to the last bit.
+//! Cycles without an event are left out in simulated time. A position is a closed form of the profile time, and profile time
+//! at a constant rate is counted, so their result is known without them, to the last bit.
 
 use tandem_model::AxisVector;
 use tandem_model::profile::{Law, Profile};
@@ -22,13 +22,11 @@ fn whole(cycles: f64) -> u64 {
 }
 
 impl Channel {
-    /// How many further cycles without a profile or a control tell nothing and change nothing but the time, the angle
-    /// of the spindle, and where the command is on the running profile.
+    /// How many further cycles without a profile or a control put out no event, and change nothing but the time, the angle of
+    /// the spindle, and the place on the running profile.
     pub(crate) fn cycles_to_pass(&mut self) -> u64 {
-        if self.told || !self.controls.is_empty() || self.hold == Hold::ComingToRest {
-            return 0;
-        }
-        if !self.spindle_is_steady() {
+        let is_steady = self.spindle_is_steady() && self.hold != Hold::ComingToRest;
+        if self.told || !self.controls.is_empty() || !is_steady {
             return 0;
         }
         let rests = self.velocity == AxisVector::ZERO && self.motors.has_settled();
@@ -77,11 +75,9 @@ impl Channel {
 
     /// What each motor is to do in the last one of so many cycles; at most as many as [`Channel::cycles_to_pass`] gives.
     pub(crate) fn pass(&mut self, cycles: u64, commands: &mut [Command]) {
-        if let Some(spindle) = &mut self.spindle
-            && spindle.state().rpm != 0.0
-        {
+        if !self.spindle_rests() {
             for _ in 0..cycles {
-                spindle.cycle();
+                self.cycle_spindle();
             }
         }
         if let Some(profile) = &self.current {

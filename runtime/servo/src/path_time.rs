@@ -1,4 +1,4 @@
-//! The time base of a channel (M1i): the time of the running profile goes on at a slew-limited rate.
+//! The time base of a channel (M1i): the time of the running profile advances at a slew-limited rate.
 
 /// A step that ends within this share of a period after the period counts as ending in it: rounding.
 const STEP_TOLERANCE: f64 = 1e-9;
@@ -35,10 +35,10 @@ impl PathTime {
         self.anchor_s + self.cycles as f64 * (self.rate * self.period_s)
     }
 
-    /// A profile starts from rest: at its time 0, and at this rate at once.
-    pub(crate) fn start(&mut self, rate: f64) {
+    /// A profile begins at this rate and at this profile time.
+    pub(crate) fn begin(&mut self, rate: f64, at_s: f64) {
         self.rate = rate;
-        self.carry(0.0);
+        self.carry(at_s);
     }
 
     /// A profile follows another without a stop: at this profile time; the rate stays.
@@ -47,15 +47,9 @@ impl PathTime {
         self.cycles = 0;
     }
 
-    /// So many cycles at the rate of now.
+    /// So many cycles at the current rate.
     pub(crate) fn pass(&mut self, cycles: u64) {
         self.cycles += cycles;
-    }
-
-    /// Another profile goes on at this rate, which is the same velocity there, and at this profile time.
-    pub(crate) fn rescale(&mut self, rate: f64, at_s: f64) {
-        self.rate = rate;
-        self.carry(at_s);
     }
 
     /// One cycle towards a target rate with a change of at most `slope` per second; gives the profile time.
@@ -100,7 +94,7 @@ mod tests {
     #[test]
     fn s1i_at_full_rate_sample_k_is_at_k_periods_after_ten_hours() {
         let mut time = PathTime::new(0.001);
-        time.start(1.0);
+        time.begin(1.0, 0.0);
         time.cycles = 36_000_000 - 1;
         assert_eq!(
             time.advance(1.0, 5.0).to_bits(),
@@ -112,7 +106,7 @@ mod tests {
     fn s1i_a_hold_of_slew_time_h_goes_on_for_half_of_h() {
         for slew_ms in [200.0, 37.3, 0.4] {
             let mut time = PathTime::new(0.001);
-            time.start(1.0);
+            time.begin(1.0, 0.0);
             let mut cycles = 0;
             while time.rate() > 0.0 {
                 time.advance(0.0, slope(slew_ms));
@@ -126,7 +120,7 @@ mod tests {
     #[test]
     fn s1i_a_slew_time_of_zero_changes_the_rate_at_once() {
         let mut time = PathTime::new(0.001);
-        time.start(1.0);
+        time.begin(1.0, 0.0);
         close(time.advance(0.5, slope(0.0)), 0.0005);
         close(time.advance(0.5, slope(0.0)), 0.001);
     }
@@ -135,7 +129,7 @@ mod tests {
     fn s1i_the_rate_passes_within_a_period_to_its_target() {
         // 1.0 to 0.9 at 200 per second takes 0.5 ms of a 1 ms period: 0.95 * 0.5 + 0.9 * 0.5
         let mut time = PathTime::new(0.001);
-        time.start(1.0);
+        time.begin(1.0, 0.0);
         close(time.advance(0.9, 200.0), 0.000_475 + 0.000_45);
     }
 }

@@ -1,39 +1,57 @@
-//! Power of a channel's drives. They are enabled before the first motion. A drive that fails, or a bus that is lost, brings
-//! the channel to rest with a fault and takes the power off all of its drives, until a reset or the next motion enables them.
+//! Whether drives have power: those of a channel's axes together, and that of its spindle. They are enabled before the first
+//! motion. A drive that fails, or a lost bus, takes it away until a reset or the next motion.
 //!
 //! ```text
-//!                  motion                  all report that they follow
+//!                  motion                    all drives follow
 //!   Off, Tripped ----------> Enabling ------------------------------------> On
 //!     Tripped      reset       |                                            |
 //!        ^---------------------+--------------------------------------------+
 //!                 not in time, a drive has a fault, the bus is lost
 //! ```
 
-use crate::brake::Brake;
-use crate::bus::Command;
-use crate::channel::Channel;
 use crate::control::Fault;
-use crate::motors::Power;
 
 /// Time that drives have to be enabled in, their faults cleared included, s.
 const ENABLING_S: f64 = 2.0;
 
-impl Channel {
-    /// True when the drives follow. Else they are enabled, or there is a fault, and motion waits.
-    pub(crate) fn has_power(&mut self) -> bool {
-        if self.power == Power::On {
-            return true;
-        }
-        if self.power.is_enabling() {
-            return false;
-        }
-        let elsewhere = self.motors.elsewhere(self.setpoint);
-        if let Some(fault) = self.motors.trouble(self.bus_lost, false).or(elsewhere) {
-            self.trip(fault);
-            return false;
-        }
-        let is_on = self.motors.are_operational();
-        self.power = if is_on {
+/// Power of drives.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Power {
+    /// Not asked for since the start.
+    Off,
+    /// Off after a fault.
+    Tripped {
+        /// They are to be enabled once the channel is at rest.
+        resets: bool,
+    },
+    /// Commanded, and not yet reported.
+    Enabling {
+        /// Since it was commanded.
+        cycles: u64,
+        /// The faults of the drives are to be cleared.
+        clears: bool,
+    },
+    On,
+}
+
+impl Power {
+    /// True when the drives are to have power.
+    pub(crate) fn is_commanded(self) -> bool {
+        matches!(self, Power::Enabling { .. } | Power::On)
+    }
+
+    pub(crate) fn is_enabling(self) -> bool {
+        matches!(self, Power::Enabling { .. })
+    }
+
+    /// True when the drives are to clear their faults.
+    pub(crate) fn clears_faults(self) -> bool {
+        matches!(self, Power::Enabling { clears: true, .. })
+    }
+
+    /// For motion, where power is not commanded yet; `follows`: the drives have it already.
+    pub(crate) fn ask(&mut self, follows: bool) {
+        *self = if follows {
             Power::On
         } else {
             Power::Enabling {
@@ -41,79 +59,47 @@ impl Channel {
                 clears: false,
             }
         };
-        is_on
     }
 
-    /// A reset: takes effect when the channel rests.
+    /// Takes effect when the channel is at rest.
     pub(crate) fn ask_for_reset(&mut self) {
-        if let Power::Tripped { resets } = &mut self.power {
+        if let Power::Tripped { resets } = self {
             *resets = true;
         }
     }
 
-    /// At rest, behind a reset: clears the faults of the drives and enables them where they stand.
-    pub(crate) fn reset_drives(&mut self) {
-        if self.power == (Power::Tripped { resets: true }) {
-            self.setpoint = self.motors.actual();
-            self.power = Power::Enabling {
+    /// The channel is at rest; true when a reset is pending: faults are cleared, and the drives enabled.
+    pub(crate) fn reset(&mut self) -> bool {
+        let resets = *self == (Power::Tripped { resets: true });
+        if resets {
+            *self = Power::Enabling {
                 cycles: 0,
                 clears: true,
             };
         }
+        resets
     }
 
-    /// What all motors are to do alike. They have power until they have come to rest.
-    pub(crate) fn of_all_drives(&self) -> Command {
-        let is_off = matches!(self.power, Power::Off | Power::Tripped { .. });
-        Command {
-            position: 0.0,
-            enable: !is_off || self.braking.is_some(),
-            clear_fault: matches!(self.power, Power::Enabling { clears: true, .. }),
-        }
-    }
-
-    /// True when the motors report what is expected of them.
-    pub(crate) fn is_as_commanded(&self) -> bool {
-        match self.power {
-            Power::Off | Power::Tripped { .. } => true,
-            Power::Enabling { .. } => false,
-            Power::On => self.motors.are_operational() && self.bus_lost.is_none(),
-        }
-    }
-
-    /// Looks at what the motors report otherwise.
-    pub(crate) fn watch_drives(&mut self) {
-        match &mut self.power {
-            Power::Off | Power::Tripped { .. } => {}
+    /// One cycle, with what keeps the drives from following. True when they have come to follow; an error: they are to have
+    /// no power any more.
+    pub(crate) fn watch(&mut self, trouble: Option<Fault>, period_s: f64) -> Result<bool, Fault> {
+        let (is_late, clears) = match self {
+            Power::Off | Power::Tripped { .. } => return Ok(false),
+            Power::On => (true, false),
             Power::Enabling { cycles, clears } => {
                 *cycles += 1;
-                let is_late = *cycles as f64 * self.period_s >= ENABLING_S;
-                let clears = *clears && !is_late;
-                if self.motors.are_operational() && self.bus_lost.is_none() {
-                    self.power = Power::On;
-                    self.told = true;
-                } else if let Some(fault) = self.motors.trouble(self.bus_lost, is_late)
-                    && !(clears && matches!(fault, Fault::DriveFault { .. }))
-                {
-                    self.trip(fault);
-                }
+                let is_late = *cycles as f64 * period_s >= ENABLING_S;
+                (is_late, *clears && !is_late)
             }
-            Power::On => {
-                if let Some(fault) = self.motors.trouble(self.bus_lost, true) {
-                    self.trip(fault);
-                }
+        };
+        match trouble {
+            None => Ok(std::mem::replace(self, Power::On).is_enabling()),
+            Some(Fault::NotEnabled { .. }) if !is_late => Ok(false),
+            Some(Fault::DriveFault { .. }) if clears => Ok(false),
+            Some(fault) => {
+                *self = Power::Tripped { resets: false };
+                Err(fault)
             }
         }
-    }
-
-    /// The motors brake off the path; at rest they lose power.
-    fn trip(&mut self, fault: Fault) {
-        self.power = Power::Tripped { resets: false };
-        if self.braking.is_none() {
-            let deceleration = self.motors.deceleration();
-            self.braking = Some(Brake::new(self.setpoint, self.velocity, deceleration));
-        }
-        self.leave_thread(true);
-        self.fail(fault);
     }
 }

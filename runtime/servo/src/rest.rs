@@ -1,23 +1,21 @@
-//! How fast the motion may be so that it can come to rest on its path within what is known (M1d): a chain
-//! whose next blocks are late, or have no room in a short ring, slows down, and never runs out.
+//! How fast the motion may be so that it can come to rest on its path within the known profiles (M1d): a chain whose next
+//! blocks are late, or do not fit into a short ring, slows down and never runs out.
 
 use rtrb::Consumer;
 use tandem_model::profile::{Law, Profile, SlewRoom};
 
-use crate::look_ahead;
-
-/// Profiles of a G500 chain looked through in one cycle: bounds the time of the cycle. When more are needed the motion is
-/// slower than it could be.
+/// Profiles of a G500 chain examined in one cycle: bounds the time of the cycle. Where more are needed the motion is slower
+/// than it could be.
 const PACED_MAX: usize = 128;
 
-/// Servo periods that are left over at the end of what is known.
+/// Servo periods kept in reserve at the end of the known profiles.
 const LATE_PERIODS: f64 = 3.0;
 
-/// Share of a servo period that is left over at any factor: more than the rounding with which a profile ends.
+/// Share of a servo period kept in reserve at any factor: more than the rounding with which a profile ends.
 const REST_PERIODS: f64 = 1e-5;
 
-/// Factors tried for a motion that may become faster: the share that each is of the one before, and how many; down to less
-/// than 1e-7. Coarse where each looks through profiles.
+/// Factors tried for a motion that may become faster: each as a share of the one before, and how many; down to less than 1e-7.
+/// Coarse where each try examines profiles.
 const PACED_TRIES: (f64, u32) = (0.5, 24);
 
 /// The same for a chain whose factor falls evenly.
@@ -83,8 +81,12 @@ impl<'a> Way<'a> {
     /// True when the motion may go on with this factor from here, and might have at any time before.
     fn is_free(&self, known: [&[Profile]; 2], factor: f64) -> bool {
         self.running.exact_stop
-            || match &self.running.law {
-                Law::Paced { pace, .. } => look_ahead::is_free(known, pace, self.running.segment),
+            || match (&self.running.law, newest(known).map(|newest| &newest.law)) {
+                (Law::Paced { pace, .. }, None) | (Law::Paced { .. }, Some(Law::Paced { pace, .. })) => {
+                    pace.frees(self.running.segment)
+                }
+                // What is not of a G500 chain comes after the end of one.
+                (Law::Paced { .. }, Some(_)) => true,
                 _ => self.allows_even(known, factor),
             }
     }
@@ -99,7 +101,7 @@ impl<'a> Way<'a> {
         self.now_s + factor * self.period_s
     }
 
-    /// Left over at the end of what is known, s.
+    /// Kept in reserve at the end of the known profiles, s.
     fn left_s(&self, factor: f64) -> f64 {
         (LATE_PERIODS * factor + REST_PERIODS) * self.period_s
     }
@@ -112,10 +114,8 @@ impl<'a> Way<'a> {
     }
 
     /// Time of the running profile's chain that waits, s; infinite when its end is known.
-    fn waiting_s(&self, [first, second]: [&[Profile]; 2]) -> f64 {
-        let Some(newest) = second.last().or(first.last()) else {
-            return 0.0;
-        };
+    fn waiting_s(&self, known: [&[Profile]; 2]) -> f64 {
+        let Some(newest) = newest(known) else { return 0.0 };
         match (&self.running.law, &newest.law) {
             (Law::Ramped { place: running, .. }, Law::Ramped { place: waiting, .. })
                 if waiting.first_segment == running.first_segment && !newest.exact_stop =>
@@ -159,6 +159,11 @@ impl<'a> Way<'a> {
         }
         fall.square() >= factor * factor
     }
+}
+
+/// The profile that came last.
+fn newest([first, second]: [&[Profile]; 2]) -> Option<&Profile> {
+    second.last().or(first.last())
 }
 
 fn with_waiting(waiting: &mut Consumer<Profile>, look: impl FnOnce([&[Profile]; 2]) -> bool) -> bool {

@@ -24,8 +24,8 @@ pub struct Servo {
 }
 
 impl Servo {
-    /// The channels of coordinate systems, in their order, at time 0, and the coordinator's ends of them. A number beside
-    /// each says how many profiles may wait for it.
+    /// The channels of coordinate systems, in their order, at time 0, and the coordinator's ends of them. The number with each
+    /// is how many profiles may wait for it.
     pub fn new(
         systems: &[(&CoordinateSystemSettings, usize)],
         servo_period_s: f64,
@@ -47,7 +47,7 @@ impl Servo {
                 let motors = Motors::new(settings, places, bus.as_ref(), &feedback);
                 places += of_system(settings);
                 let spindle = spindles.next().flatten().zip(settings.spindle.as_ref());
-                let spindle = spindle.map(|(device, motor)| SpindleLink::new(device, motor.max_acceleration));
+                let spindle = spindle.map(|(device, motor)| SpindleLink::new(device, motor));
                 channel(settings, *profiles_max, motors, spindle)
             })
             .unzip();
@@ -78,9 +78,9 @@ impl Servo {
         Self::new(systems, servo_period_s, Hardware::simulated(&settings))
     }
 
-    /// One servo cycle: time goes on by one period, each channel gives its setpoint, and the bus exchanges them for what
-    /// the motors report. True when any channel put out an event, or is slower for want of more profiles. Never
-    /// allocates, locks, waits or panics, as long as the bus does not.
+    /// One servo cycle: time advances by one period, each channel gives its setpoint, and the bus exchanges them for what the
+    /// motors report. True when any channel put out an event, or is slower for want of more profiles. Never allocates, locks,
+    /// waits or panics, as long as the bus and the spindles do not.
     pub fn cycle(&mut self) -> bool {
         self.cycles += 1;
         let time_s = self.time_s();
@@ -116,10 +116,10 @@ impl Servo {
         self.counts
     }
 
-    /// Lets up to `cycles_max` cycles pass at once that would put out no event: every channel rests, dwells, or moves at
-    /// a constant rate of its time base, with motors that follow without lag; its spindle keeps its speed. Gives how
-    /// many have passed; the readings show them after the next [`Servo::cycle`]. For simulated time; a controller that
-    /// is sent nothing meanwhile ends in the same state, to the last bit, as by as many cycles.
+    /// Lets up to `cycles_max` cycles pass at once that would put out no event: every channel rests, dwells, or moves at a
+    /// constant rate of its time base with motors that follow without lag; its spindle keeps its speed. Gives how many have
+    /// passed; the readings show them after the next [`Servo::cycle`]. For simulated time; without anything sent meanwhile the
+    /// state is the same, to the last bit, as after as many cycles.
     pub fn pass(&mut self, cycles_max: u64) -> u64 {
         let each = self.channels.iter_mut().map(Channel::cycles_to_pass);
         let cycles = each.fold(cycles_max, u64::min);

@@ -31,10 +31,7 @@ impl SimulatedBus {
 impl DriveBus for SimulatedBus {
     fn exchange(&mut self, commands: &[Command], feedback: &mut [Feedback]) -> CycleResult {
         for ((drive, command), feedback) in self.drives.iter_mut().zip(commands).zip(feedback) {
-            // a motor at rest on its command stays there
-            if !drive.rests_on(command.position) {
-                feedback.position = drive.cycle(command.position);
-            }
+            feedback.position = drive.cycle(command.position);
         }
         CycleResult::OnTime
     }
@@ -76,12 +73,6 @@ impl SimulatedDrive {
         }
     }
 
-    /// True when it is where its command was, and this is the same one.
-    fn rests_on(&self, command: f64) -> bool {
-        let bits = command.to_bits();
-        self.command.to_bits() == bits && self.actual.to_bits() == bits
-    }
-
     /// Takes the commanded position of this cycle and gives the actual one.
     fn cycle(&mut self, command: f64) -> f64 {
         let step = command - self.command;
@@ -90,11 +81,7 @@ impl SimulatedDrive {
         let before = self.command - self.actual;
         let error = settled + (before - settled) * self.decay;
         self.command = command;
-        self.actual = if self.decay > 0.0 {
-            command - error
-        } else {
-            command
-        };
+        self.actual = command - error;
         self.actual
     }
 }

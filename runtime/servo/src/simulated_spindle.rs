@@ -2,6 +2,7 @@
 
 use tandem_model::settings::MotorSettings;
 
+use crate::brake::or_unlimited;
 use crate::control::SpindleDirection;
 use crate::spindle::{Orientation, Spindle, SpindleState, ThreadStep};
 
@@ -34,14 +35,13 @@ pub struct SimulatedSpindle {
     lock: Option<Lock>,
 }
 
-/// The spindle follows a motion. A command that comes meanwhile waits until it is let go.
+/// The spindle follows a motion.
 #[derive(Debug, Clone, Copy)]
 struct Lock {
-    /// Angle where the way in the thread begins.
+    /// Angle where the motion in the thread begins.
     from_deg: f64,
     /// Revolutions from there, clockwise positive.
     revolutions: f64,
-    waiting: Option<(SpindleDirection, f64)>,
 }
 
 /// The last turn of an orientation: on at orientation speed, then down to rest at the position.
@@ -61,11 +61,7 @@ impl SimulatedSpindle {
         Self {
             period_s,
             max_rpm: motor.max_velocity.max(0.0),
-            acceleration: if motor.max_acceleration > 0.0 {
-                motor.max_acceleration
-            } else {
-                f64::INFINITY
-            },
+            acceleration: or_unlimited(motor.max_acceleration),
             orientation_rpm: motor.orientation_velocity.max(0.0),
             orientation_deg: motor.orientation_position.rem_euclid(360.0),
             direction: SpindleDirection::Stop,
@@ -79,30 +75,12 @@ impl SimulatedSpindle {
         }
     }
 
-    /// A way in a thread begins: from here on the spindle follows it.
-    fn lock(&mut self) {
-        self.lock = Some(Lock {
-            from_deg: self.angle_deg,
-            revolutions: 0.0,
-            waiting: self.lock.and_then(|lock| lock.waiting),
-        });
-    }
-
-    /// How far the spindle has turned on the way in the thread; `None`: it stays where it is.
-    fn turn_to(&mut self, revolutions: Option<f64>) {
-        if let Some(lock) = &mut self.lock {
-            let revolutions = revolutions.unwrap_or(lock.revolutions);
-            let turned = revolutions - lock.revolutions;
-            lock.revolutions = revolutions;
-            self.rpm = turned / self.period_s * 60.0;
-            self.angle_deg = (lock.from_deg + 360.0 * revolutions).rem_euclid(360.0);
-        }
-    }
-
-    /// The thread is over, or was given up: the spindle rests, or brakes from its speed, then what has been commanded
-    /// meanwhile holds. It is oriented again where it has come back to where it began.
+    /// The thread is over, or was given up: the spindle rests, or brakes from its speed. It is oriented again where it has
+    /// returned to where it began.
     fn let_go(&mut self, brakes: bool) {
-        let Some(lock) = self.lock.take() else { return };
+        if self.lock.take().is_none() {
+            return;
+        }
         if !brakes {
             self.rpm = 0.0;
         }
@@ -111,17 +89,6 @@ impl SimulatedSpindle {
         self.target_rpm = 0.0;
         if self.direction != SpindleDirection::Orient || !self.oriented {
             self.direction = SpindleDirection::Stop;
-        }
-        if let Some((direction, rpm)) = lock.waiting {
-            self.command(direction, rpm);
-        }
-    }
-
-    /// True when further cycles change its angle at most: it rests or turns as commanded.
-    fn is_steady(&self) -> bool {
-        match self.direction {
-            SpindleDirection::Orient => self.oriented && !self.orienting,
-            _ => self.rpm.to_bits() == self.target_rpm.to_bits(),
         }
     }
 
@@ -155,8 +122,8 @@ impl SimulatedSpindle {
         });
     }
 
-    /// True when the spindle rests at its position.
-    fn follow(&mut self, approach: &mut Approach) -> bool {
+    /// One cycle of the last turn; true when the spindle rests at its position.
+    fn turn_to_position(&mut self, approach: &mut Approach) -> bool {
         approach.cycles += 1;
         let t_s = approach.cycles as f64 * self.period_s;
         let braked_s = (t_s - approach.cruise_s).max(0.0);
@@ -187,11 +154,10 @@ impl SimulatedSpindle {
 }
 
 impl Spindle for SimulatedSpindle {
+    /// It always has power.
+    fn power(&mut self, _enable: bool, _clear_fault: bool) {}
+
     fn command(&mut self, direction: SpindleDirection, rpm: f64) {
-        if let Some(lock) = &mut self.lock {
-            lock.waiting = Some((direction, rpm));
-            return;
-        }
         let speed = if rpm.is_finite() {
             rpm.abs().min(self.max_rpm)
         } else {
@@ -199,23 +165,33 @@ impl Spindle for SimulatedSpindle {
         };
         self.direction = direction;
         self.orienting = direction == SpindleDirection::Orient;
-        if direction == SpindleDirection::Orient {
-            self.target_rpm = 0.0;
-            return;
-        }
-        self.approach = None;
         self.target_rpm = match direction {
             SpindleDirection::Cw => speed,
             SpindleDirection::Ccw => -speed,
             SpindleDirection::Stop | SpindleDirection::Orient => 0.0,
         };
-        self.oriented &= self.target_rpm == 0.0;
+        if !self.orienting {
+            self.approach = None;
+            self.oriented &= self.target_rpm == 0.0;
+        }
     }
 
     fn follow(&mut self, step: ThreadStep) {
         match step {
-            ThreadStep::Begin => self.lock(),
-            ThreadStep::Turn(revolutions) => self.turn_to(revolutions),
+            ThreadStep::Begin => {
+                self.lock = Some(Lock {
+                    from_deg: self.angle_deg,
+                    revolutions: 0.0,
+                });
+            }
+            ThreadStep::Turn(revolutions) => {
+                let Some(lock) = &mut self.lock else { return };
+                let revolutions = revolutions.unwrap_or(lock.revolutions);
+                let turned = revolutions - lock.revolutions;
+                lock.revolutions = revolutions;
+                self.rpm = turned / self.period_s * 60.0;
+                self.angle_deg = (lock.from_deg + 360.0 * revolutions).rem_euclid(360.0);
+            }
             ThreadStep::End { brakes } => self.let_go(brakes),
         }
     }
@@ -227,7 +203,7 @@ impl Spindle for SimulatedSpindle {
         if self.direction != SpindleDirection::Orient {
             self.slew(self.target_rpm);
         } else if let Some(mut approach) = self.approach.take() {
-            self.oriented = self.follow(&mut approach);
+            self.oriented = self.turn_to_position(&mut approach);
             self.approach = (!self.oriented).then_some(approach);
         } else if !self.oriented {
             self.begin_orientation();
@@ -249,7 +225,12 @@ impl Spindle for SimulatedSpindle {
                 Orientation::Open
             },
             rests: self.rpm == 0.0 && self.target_rpm == 0.0 && !orients,
-            is_steady: self.is_steady(),
+            is_steady: match self.direction {
+                SpindleDirection::Orient => self.oriented && !self.orienting,
+                _ => self.rpm.to_bits() == self.target_rpm.to_bits(),
+            },
+            is_enabled: true,
+            fault: 0,
         }
     }
 }

@@ -1,5 +1,5 @@
-//! G31 in the servo cycle (M1e, D40): a motor whose skip input comes brakes, and goes back to where it
-//! came. And what motors that move alone leave to overrides.
+//! G31 in the servo cycle (M1e, D40): a motor whose skip input comes on brakes without a jerk limit, and returns to the
+//! captured position. Also what single motors leave to overrides.
 
 use tandem_model::profile::{Law, MotorLimits, MotorMove, Profile, SlewRoom};
 use tandem_model::{AXES_MAX, Axis, AxisSet, AxisVector};
@@ -122,7 +122,7 @@ impl SkipRun {
             && self.turned[i].is_none()
     }
 
-    /// The motor's input has come at a profile time: it turns back to `captured`.
+    /// The motor's input has come on at a profile time: it turns back to `captured`.
     pub(crate) fn turn_back(
         &mut self,
         profile: &Profile,

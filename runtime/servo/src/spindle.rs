@@ -2,7 +2,11 @@
 
 use std::fmt;
 
-use crate::control::SpindleDirection;
+use tandem_model::settings::MotorSettings;
+
+use crate::brake::or_unlimited;
+use crate::control::{Fault, SpindleDirection};
+use crate::power::Power;
 
 /// What a spindle reports.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -15,8 +19,13 @@ pub struct SpindleState {
     pub orientation: Orientation,
     /// It neither turns nor is about to, but for a thread.
     pub rests: bool,
-    /// Without a command further cycles change nothing but its angle, and at speed 0 nothing: then it may not be cycled.
+    /// Without a command further cycles change nothing but its angle, and at speed 0 nothing: then cycles may be left out.
+    /// Never true of a drive that may report a fault at any time.
     pub is_steady: bool,
+    /// The drive has power and follows commands.
+    pub is_enabled: bool,
+    /// The drive's own code of what is wrong with it; 0: nothing. With one it does not follow.
+    pub fault: u16,
 }
 
 /// Whether a spindle is oriented.
@@ -34,13 +43,12 @@ pub enum Orientation {
 /// A step of a thread, in which the spindle follows the motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ThreadStep {
-    /// A way in the thread begins at the angle of now. Commands that come from here on wait for the end of the thread.
+    /// A pass in the thread, in or out, begins at the current angle. No command comes until the thread ends.
     Begin,
-    /// How far it has turned at the end of this cycle since the way began, revolutions, clockwise positive; `None`: it
+    /// How far it has turned at the end of this cycle since the pass began, revolutions, clockwise positive; `None`: it
     /// stays where it is.
     Turn(Option<f64>),
-    /// The thread is over or given up: the spindle rests, or with `brakes` comes to rest from its speed. Then the command
-    /// that has waited counts.
+    /// The thread is over or given up: the spindle rests, or with `brakes` comes to rest from its speed.
     End {
         /// The thread was broken off while it turned.
         brakes: bool,
@@ -49,6 +57,10 @@ pub enum ThreadStep {
 
 /// The spindle of a coordinate system. It must not allocate, lock, wait or panic.
 pub trait Spindle: fmt::Debug + Send {
+    /// Whether the drive is to have power from now on, and is to clear its fault. It is enabled before the first command that
+    /// turns it; without power it must not turn.
+    fn power(&mut self, enable: bool, clear_fault: bool);
+
     /// Turn at this speed, stop, or orient. `rpm` counts for `Cw` and `Ccw` only, by its magnitude, up to the maximum of
     /// the spindle; what is not a number is 0.
     fn command(&mut self, direction: SpindleDirection, rpm: f64);
@@ -68,21 +80,26 @@ pub trait Spindle: fmt::Debug + Send {
 pub(crate) struct SpindleLink {
     device: Box<dyn Spindle>,
     state: SpindleState,
+    power: Power,
+    /// A command that waits for power, or for the end of a thread.
+    pending: Option<(SpindleDirection, f64)>,
+    in_thread: bool,
+    motor: u16,
     /// r/min per second; infinite: at once.
     acceleration: f64,
 }
 
 impl SpindleLink {
     /// An acceleration that is not above 0 counts as infinite.
-    pub(crate) fn new(device: Box<dyn Spindle>, max_acceleration: f64) -> Self {
+    pub(crate) fn new(device: Box<dyn Spindle>, motor: &MotorSettings) -> Self {
         Self {
             state: device.state(),
             device,
-            acceleration: if max_acceleration > 0.0 {
-                max_acceleration
-            } else {
-                f64::INFINITY
-            },
+            power: Power::Off,
+            pending: None,
+            in_thread: false,
+            motor: motor.number,
+            acceleration: or_unlimited(motor.max_acceleration),
         }
     }
 
@@ -90,24 +107,99 @@ impl SpindleLink {
         self.state
     }
 
+    /// True when it neither turns nor is about to, but for a thread.
+    pub(crate) fn rests(&self) -> bool {
+        self.state.rests && self.pending.is_none()
+    }
+
+    /// True when further cycles change at most its angle.
+    pub(crate) fn is_steady(&self) -> bool {
+        self.state.is_steady && !self.power.is_enabling()
+    }
+
+    /// True when further cycles change nothing.
+    pub(crate) fn is_at_rest(&self) -> bool {
+        self.is_steady() && self.state.rpm == 0.0
+    }
+
+    /// True while its drive is being enabled, or an orientation has not ended.
+    pub(crate) fn is_busy(&self) -> bool {
+        self.power.is_enabling() || self.state.orientation == Orientation::Pending
+    }
+
+    /// A command waits for the end of a thread, and one that turns it for power.
     pub(crate) fn command(&mut self, direction: SpindleDirection, rpm: f64) {
-        self.device.command(direction, rpm);
+        let waits = self.in_thread || (direction != SpindleDirection::Stop && !self.has_power());
+        self.pending = waits.then_some((direction, rpm));
+        if !waits {
+            self.device.command(direction, rpm);
+        }
         self.state = self.device.state();
     }
 
     pub(crate) fn follow(&mut self, step: ThreadStep) {
         self.device.follow(step);
         self.state = self.device.state();
+        self.in_thread = !matches!(step, ThreadStep::End { .. });
+        if !self.in_thread {
+            self.obey_pending();
+        }
     }
 
-    /// One cycle; true when a commanded orientation has ended.
-    pub(crate) fn cycle(&mut self) -> bool {
-        if self.state.is_steady && self.state.rpm == 0.0 {
-            return false;
+    fn obey_pending(&mut self) {
+        if let Some((direction, rpm)) = self.pending.take() {
+            self.command(direction, rpm);
         }
+    }
+
+    /// One cycle; true when a commanded orientation has ended. After an error the spindle has no power.
+    pub(crate) fn cycle(&mut self, period_s: f64) -> Result<bool, Fault> {
         let before = self.state.orientation;
         self.state = self.device.cycle();
-        before == Orientation::Pending && self.state.orientation == Orientation::Reached
+        let has_ended = before == Orientation::Pending && self.state.orientation == Orientation::Reached;
+        let power = self.power;
+        let watched = self.power.watch(self.trouble(), period_s);
+        if power != self.power {
+            if watched.is_err() {
+                self.command(SpindleDirection::Stop, 0.0);
+            }
+            self.apply_power();
+            if self.power == Power::On {
+                self.obey_pending();
+            }
+        }
+        watched.map(|_| has_ended)
+    }
+
+    /// True when its drive follows; otherwise it is being enabled.
+    pub(crate) fn has_power(&mut self) -> bool {
+        if !self.power.is_commanded() {
+            self.power.ask(self.trouble().is_none());
+            self.apply_power();
+        }
+        self.power == Power::On
+    }
+
+    /// A reset: takes effect when the channel is at rest.
+    pub(crate) fn ask_for_reset(&mut self) {
+        self.power.ask_for_reset();
+    }
+
+    /// At rest: after a reset its fault is cleared, and it is enabled.
+    pub(crate) fn reset(&mut self) {
+        if self.power.reset() {
+            self.apply_power();
+        }
+    }
+
+    fn apply_power(&mut self) {
+        let power = self.power;
+        self.device.power(power.is_commanded(), power.clears_faults());
+        self.state = self.device.state();
+    }
+
+    fn trouble(&self) -> Option<Fault> {
+        Fault::of_drive(self.motor, None, self.state.is_enabled, self.state.fault)
     }
 
     /// The greatest change of a time base per second at which a motion that turns the spindle at this speed at 100

@@ -150,7 +150,7 @@ fn a_drive_that_does_not_come_to_power_in_time_is_a_fault() {
             fault,
             Fault::NotEnabled {
                 motor: 11,
-                axis: Axis::X
+                axis: Some(Axis::X)
             }
         ),
         "{fault:?}"
@@ -218,7 +218,7 @@ fn a_drive_fault_brings_the_channel_to_rest_and_a_reset_enables_where_the_motors
     let [
         fault @ Fault::DriveFault {
             motor: 12,
-            axis: Axis::Y,
+            axis: Some(Axis::Y),
             code: 0x7305,
         },
     ] = faults[..]

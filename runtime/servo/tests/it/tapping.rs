@@ -21,7 +21,7 @@ const WAY_S: f64 = 3.0 + f64::midpoint(0.15, 0.13);
 /// A test that takes longer waits for something that never comes.
 const ENDLESS_S: f64 = 30.0;
 
-fn with_spindle() -> CoordinateSystemSettings {
+pub fn with_spindle() -> CoordinateSystemSettings {
     CoordinateSystemSettings {
         spindle: Some(MotorSettings {
             kind: MotorKind::Spindle,
@@ -54,8 +54,19 @@ fn leg(segment: u64, from: f64, to: f64, revolutions: f64, leg: TapLeg) -> Profi
     }
 }
 
-/// Down to R, in, 0.5 s, out, and a move behind it. The spindle is oriented and the tool at R when this returns.
-fn at_the_hole(settings: &CoordinateSystemSettings, turns: f64) -> Rig {
+/// Down to R, in, 0.5 s, out, and a move behind it. The tool is at R when this returns.
+pub fn at_the_hole(rig: &mut Rig, turns: f64) {
+    rig.push(line(1, AxisVector::ZERO, vector(&[0.0, 0.0, R]), 50.0, 0.05));
+    rig.until(is_finished(1));
+    rig.push(leg(2, R, DEPTH, turns, TapLeg::In));
+    rig.push(dwell(3, vector(&[0.0, 0.0, DEPTH]), 0.5));
+    rig.push(leg(4, DEPTH, R, -turns, TapLeg::Out));
+    let (at, beside) = (vector(&[0.0, 0.0, R]), vector(&[10.0, 0.0, R]));
+    rig.push(line(5, at, beside, 50.0, 0.05));
+}
+
+/// The same, with the spindle oriented before.
+fn oriented_at_the_hole(settings: &CoordinateSystemSettings, turns: f64) -> Rig {
     let mut rig = Rig::new(settings);
     if settings.spindle.is_some() {
         rig.control(Control::Spindle {
@@ -64,13 +75,7 @@ fn at_the_hole(settings: &CoordinateSystemSettings, turns: f64) -> Rig {
         });
         rig.until(|event| *event == Event::Oriented);
     }
-    rig.push(line(1, AxisVector::ZERO, vector(&[0.0, 0.0, R]), 50.0, 0.05));
-    rig.until(is_finished(1));
-    rig.push(leg(2, R, DEPTH, turns, TapLeg::In));
-    rig.push(dwell(3, vector(&[0.0, 0.0, DEPTH]), 0.5));
-    rig.push(leg(4, DEPTH, R, -turns, TapLeg::Out));
-    let (at, beside) = (vector(&[0.0, 0.0, R]), vector(&[10.0, 0.0, R]));
-    rig.push(line(5, at, beside, 50.0, 0.05));
+    at_the_hole(&mut rig, turns);
     rig
 }
 
@@ -122,7 +127,7 @@ fn way(t: f64) -> f64 {
 #[test]
 fn m1h_the_spindle_is_in_phase_with_z_in_every_cycle_ramps_and_dwell_included() {
     for sense in [1.0, -1.0] {
-        let mut rig = at_the_hole(&with_spindle(), 15.0 * sense);
+        let mut rig = oriented_at_the_hole(&with_spindle(), 15.0 * sense);
         let mut turned = Turned::new(&rig);
         let mut events = rig.cycle();
         for k in 0..=3140 {
@@ -159,7 +164,7 @@ fn m1h_the_spindle_is_in_phase_with_z_in_every_cycle_ramps_and_dwell_included() 
 
 #[test]
 fn m1h_overrides_do_not_act_on_a_thread() {
-    let mut rig = at_the_hole(&with_spindle(), 15.0);
+    let mut rig = oriented_at_the_hole(&with_spindle(), 15.0);
     rig.control(Control::Override {
         feed: 0.5,
         rapid: 0.1,
@@ -172,7 +177,7 @@ fn m1h_overrides_do_not_act_on_a_thread() {
 fn m1i_a_hold_in_the_thread_comes_after_the_way_out() {
     // on the way in, in the dwell, and on the way out
     for cycles in [1000, 3300, 5000] {
-        let mut rig = at_the_hole(&with_spindle(), 15.0);
+        let mut rig = oriented_at_the_hole(&with_spindle(), 15.0);
         let mut turned = Turned::new(&rig);
         let mut events = Vec::new();
         let mut step = |rig: &mut Rig, events: &mut Vec<Event>| {
@@ -217,7 +222,7 @@ fn m1i_without_a_spindle_a_hold_waits_through_gaps_in_the_thread() {
 
 #[test]
 fn m1h_a_stop_in_the_thread_decelerates_in_phase() {
-    let mut rig = at_the_hole(&with_spindle(), 15.0);
+    let mut rig = oriented_at_the_hole(&with_spindle(), 15.0);
     let mut turned = Turned::new(&rig);
     for _ in 0..1000 {
         rig.cycle();
@@ -242,7 +247,7 @@ fn m1h_a_stop_in_the_thread_decelerates_in_phase() {
 fn m1h_a_stop_keeps_the_spindles_acceleration() {
     let mut settings = with_spindle();
     settings.hold_slew_ms = 10.0;
-    let mut rig = at_the_hole(&settings, 15.0);
+    let mut rig = oriented_at_the_hole(&settings, 15.0);
     rig.cycles(1000);
     let before = rig.position().0[2];
     rig.control(Control::Stop { epoch: 1 });
@@ -253,7 +258,7 @@ fn m1h_a_stop_keeps_the_spindles_acceleration() {
 
 #[test]
 fn m1h_an_abort_brakes_each_motor_on_its_own() {
-    let mut rig = at_the_hole(&with_spindle(), 15.0);
+    let mut rig = oriented_at_the_hole(&with_spindle(), 15.0);
     rig.cycles(1000);
     close(rig.reading().spindle_rpm, 300.0);
     rig.control(Control::Abort { epoch: 1 });
@@ -268,7 +273,7 @@ fn m1h_an_abort_brakes_each_motor_on_its_own() {
 
 #[test]
 fn a_spindle_command_waits_until_the_tool_is_out() {
-    let mut rig = at_the_hole(&with_spindle(), 15.0);
+    let mut rig = oriented_at_the_hole(&with_spindle(), 15.0);
     rig.cycles(1000);
     let mut turned = Turned::new(&rig);
     turned.revolutions = (R - rig.position().0[2]) * PER_MM;

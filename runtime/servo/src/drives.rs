@@ -1,0 +1,90 @@
+//! The drives of a channel: a fault of one of them, or a lost bus, brings the channel to rest and takes their power off.
+
+use crate::brake::Brake;
+use crate::bus::Command;
+use crate::channel::Channel;
+use crate::control::Fault;
+use crate::power::Power;
+
+impl Channel {
+    /// True when the axes' drives follow. Otherwise they are being enabled, or there is a fault, and motion waits.
+    pub(crate) fn has_power(&mut self) -> bool {
+        if !self.power.is_commanded() {
+            let trouble = self.motors.trouble(self.bus_lost);
+            let lacks_power = matches!(trouble, Some(Fault::NotEnabled { .. }));
+            let fault = trouble.filter(|_| !lacks_power);
+            if let Some(fault) = fault.or_else(|| self.motors.elsewhere(self.setpoint)) {
+                self.trip(fault);
+                return false;
+            }
+            self.power.ask(!lacks_power);
+        }
+        self.power == Power::On
+    }
+
+    /// A reset: takes effect when the channel is at rest.
+    pub(crate) fn ask_for_reset(&mut self) {
+        self.power.ask_for_reset();
+        if let Some(spindle) = &mut self.spindle {
+            spindle.ask_for_reset();
+        }
+    }
+
+    /// At rest: after a reset the motors stay where they are.
+    pub(crate) fn reset_drives(&mut self) {
+        if self.power.reset() {
+            self.setpoint = self.motors.actual();
+        }
+        if let Some(spindle) = &mut self.spindle {
+            spindle.reset();
+        }
+    }
+
+    /// What all motors have in common. They have power until they have come to rest.
+    pub(crate) fn of_all_drives(&self) -> Command {
+        Command {
+            position: 0.0,
+            enable: self.power.is_commanded() || self.braking.is_some(),
+            clear_fault: self.power.clears_faults(),
+        }
+    }
+
+    /// True when the motors report what is expected of them.
+    pub(crate) fn is_as_commanded(&self) -> bool {
+        match self.power {
+            Power::Off | Power::Tripped { .. } => true,
+            Power::Enabling { .. } => false,
+            Power::On => self.motors.are_operational() && self.bus_lost.is_none(),
+        }
+    }
+
+    /// Handles what the motors report otherwise.
+    pub(crate) fn watch_drives(&mut self) {
+        let trouble = self.motors.trouble(self.bus_lost);
+        match self.power.watch(trouble, self.period_s) {
+            Ok(follow) => self.told |= follow,
+            Err(fault) => self.trip(fault),
+        }
+    }
+
+    /// The motors brake; at rest they lose power.
+    fn trip(&mut self, fault: Fault) {
+        self.power = Power::Tripped { resets: false };
+        self.brake_for(fault);
+    }
+
+    /// The motors brake off the path.
+    pub(crate) fn brake_for(&mut self, fault: Fault) {
+        self.begin_braking();
+        self.leave_thread(true);
+        self.fail(fault);
+    }
+
+    /// Each motor brakes on its own, if none does yet.
+    pub(crate) fn begin_braking(&mut self) {
+        if self.braking.is_none() {
+            let deceleration = self.motors.deceleration();
+            self.braking = Some(Brake::new(self.setpoint, self.velocity, deceleration));
+        }
+    }
+}

@@ -1,0 +1,85 @@
+//! A channel switches to another plan: at a place on the path that is still to come, or at once while it is at rest.
+
+use rtrb::Consumer;
+use tandem_model::profile::{Law, PathPlace, Profile};
+
+use crate::channel::{Channel, Hold};
+use crate::control::Event;
+use crate::rest;
+use crate::splice::Joint;
+
+/// Rounding of the override factor.
+const ROUNDING: f64 = 1e-9;
+
+impl Channel {
+    /// Takes the splice that the control announced.
+    pub(crate) fn take_splice(&mut self) {
+        let Ok(splice) = self.splices.pop() else { return };
+        let Some(place) = splice.at else {
+            self.give_up_splice();
+            let rests = self.braking.is_none() && (self.current.is_none() || self.hold == Hold::AtRest);
+            if rests {
+                self.give_up();
+            }
+            return self.settle(splice.profiles, rests);
+        };
+        if self.splice.is_none() && self.stopping.is_none() && self.is_ahead(place) {
+            self.splice = Some(splice);
+        } else {
+            self.settle(splice.profiles, false);
+        }
+    }
+
+    /// True when the motion has not reached this place.
+    fn is_ahead(&self, place: PathPlace) -> bool {
+        if place.segment != self.last_segment {
+            return place.segment > self.last_segment;
+        }
+        match self.current.as_ref().map(|profile| &profile.law) {
+            Some(Law::Paced { pace, .. }) => place.plan_s > pace.plan_time(self.time.now_s()),
+            _ => false,
+        }
+    }
+
+    /// Where this profile leads to the new plan.
+    pub(crate) fn joint(&self, profile: &Profile) -> Option<Joint> {
+        self.splice.as_ref()?.joint(profile)
+    }
+
+    /// Switches at the joint, with the profile time beyond it; false when the new plan is slower there.
+    pub(crate) fn go_over(&mut self, joint: Joint, beyond_s: f64) -> bool {
+        let Some(mut splice) = self.splice.take() else {
+            return false;
+        };
+        let factor = self.time.rate() * joint.ratio;
+        let at_s = beyond_s * joint.ratio;
+        let taken =
+            factor <= 1.0 + ROUNDING && rest::may_go_over(&mut splice.profiles, factor, at_s, self.period_s);
+        // what may be switched to has a first profile
+        if taken && let Ok(first) = splice.profiles.pop() {
+            self.current = Some(first);
+            self.time.begin(factor.min(1.0), at_s);
+        }
+        self.settle(splice.profiles, taken);
+        taken
+    }
+
+    /// The plan is given up.
+    pub(crate) fn give_up_splice(&mut self) {
+        if let Some(splice) = self.splice.take() {
+            self.settle(splice.profiles, false);
+        }
+    }
+
+    /// Reports what has become of a splice, and returns the ring that is not read any more.
+    fn settle(&mut self, profiles: Consumer<Profile>, taken: bool) {
+        let unread = if taken {
+            std::mem::replace(&mut self.profiles, profiles)
+        } else {
+            profiles
+        };
+        // There is room: one splice at a time.
+        let _ = self.unread.push(unread);
+        self.tell(Event::Spliced { taken });
+    }
+}
