@@ -4,21 +4,17 @@ use std::sync::atomic::{AtomicBool, AtomicU16, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use plc_api::Execution;
 use plc_api::types::message::Payload;
-use plc_api::types::request::Request;
 use plc_api::types::state::Reason;
 use plc_api::types::topic::Topic;
-use plc_api::{Execution, Plc};
 use tandem_runtime::hardware::{
     CoordinateSystemSettings, Hardware, HardwareFactory, Orientation, Spindle, SpindleDirection,
     SpindleState, ThreadStep,
 };
-use tandem_runtime::journal::Journal;
-use tandem_runtime::simulation::SimulationOptions;
-use tandem_runtime::{Config, Runtime};
+use tandem_runtime::test::Bench;
 
-use crate::support::machine::{COORDINATE_SYSTEMS, MOTORS};
-use crate::support::wait::simulate;
+use crate::support::machine::bench;
 
 /// What is seen of the drive from outside; of it a fault can be made.
 #[derive(Debug, Default)]
@@ -95,39 +91,30 @@ fn with(drive: Arc<Drive>) -> HardwareFactory {
     })
 }
 
-/// A machine with this program loaded and started.
-async fn started(options: SimulationOptions, program: &str) -> (Runtime, Plc) {
-    let config = format!("[machine]\nname = \"test-1\"\n{MOTORS}{COORDINATE_SYSTEMS}");
-    let machine = Config::from_toml(&config, ".").unwrap().resolve().unwrap();
-    let runtime = Runtime::start_simulated(machine, Journal::to_log(), options).unwrap();
-    let plc = Plc::in_process(runtime.port());
-    let write = Request::WriteProgram(50, program.to_owned());
-    plc.port().request(write).await.unwrap();
-    plc.coordinate_system(1).load(50).await.unwrap();
-    plc.coordinate_system(1).start().await.unwrap();
-    (runtime, plc)
+/// A machine with this spindle and this program.
+fn machine(drive: &Arc<Drive>, program: &str) -> Bench {
+    bench("")
+        .hardware(with(Arc::clone(drive)))
+        .subprogram(50, program)
 }
 
 #[test]
 fn a_spindle_of_ones_own_turns_with_m03_and_follows_the_thread_of_g84() {
-    simulate(|| async {
-        let drive = Arc::<Drive>::default();
-        let (seen, of_cycle) = (Arc::clone(&drive), Arc::new(Mutex::new(Vec::new())));
-        let sink = Arc::clone(&of_cycle);
-        let options = SimulationOptions {
-            hardware: Some(with(Arc::clone(&drive))),
-            on_cycle: Some(Box::new(move |servo| {
-                let [_, _, z, ..] = servo.channel(0).setpoint().0;
-                let number = |bits: &AtomicU64| f64::from_bits(bits.load(Relaxed));
-                let values = [z, number(&seen.rpm), number(&seen.revolutions)];
-                sink.lock().unwrap().push(values);
-            })),
-            ..SimulationOptions::default()
-        };
-        // 300 r/min at F100: 3 revolutions a mm from R at Z -5 to Z -10
-        let program = "S500 M03\nG04 P500\nM05\nF100 S300\nG84 Z-10 R-5\nG80\nM30\n";
-        let (_runtime, plc) = started(options, program).await;
-        let system = plc.coordinate_system(1);
+    let drive = Arc::<Drive>::default();
+    let (seen, of_cycle) = (Arc::clone(&drive), Arc::new(Mutex::new(Vec::new())));
+    let sink = Arc::clone(&of_cycle);
+    // 300 r/min at F100: 3 revolutions a mm from R at Z -5 to Z -10
+    let program = "S500 M03\nG04 P500\nM05\nF100 S300\nG84 Z-10 R-5\nG80\nM30\n";
+    let bench = machine(&drive, program).on_cycle(move |servo| {
+        let [_, _, z, ..] = servo.channel(0).setpoint().0;
+        let number = |bits: &AtomicU64| f64::from_bits(bits.load(Relaxed));
+        let values = [z, number(&seen.rpm), number(&seen.revolutions)];
+        sink.lock().unwrap().push(values);
+    });
+    let played = bench.play(async move |scene, _| {
+        let system = scene.cs(1);
+        system.load(50).await.unwrap();
+        system.start().await.unwrap();
         system.wait_until(Execution::ProgramCompleted).await.unwrap();
         assert!(drive.is_enabled.load(Relaxed));
         let of_cycle = of_cycle.lock().unwrap();
@@ -147,18 +134,16 @@ fn a_spindle_of_ones_own_turns_with_m03_and_follows_the_thread_of_g84() {
             assert_eq!(*rpm, 0.0, "no speed of its own");
         }
     });
+    played.unwrap();
 }
 
 #[test]
 fn a_fault_of_its_drive_stops_the_run_with_its_alarm_and_after_a_reset_it_turns_again() {
-    simulate(|| async {
-        let drive = Arc::<Drive>::default();
-        let options = SimulationOptions {
-            hardware: Some(with(Arc::clone(&drive))),
-            ..SimulationOptions::default()
-        };
-        let (_runtime, plc) = started(options, "S500 M03\nG01 X60 F600\nM30\n").await;
-        let system = plc.coordinate_system(1);
+    let drive = Arc::<Drive>::default();
+    let played = machine(&drive, "S500 M03\nG01 X60 F600\nM30\n").play(async move |scene, _| {
+        let (plc, system) = (scene.plc(), scene.cs(1));
+        system.load(50).await.unwrap();
+        system.start().await.unwrap();
         plc.sleep(Duration::from_secs(2)).await;
         drive.fault.store(0x2310, Relaxed);
         let state = system.wait_until(Execution::Stopped).await.unwrap();
@@ -184,4 +169,5 @@ fn a_fault_of_its_drive_stops_the_run_with_its_alarm_and_after_a_reset_it_turns_
         assert!(drive.is_enabled.load(Relaxed));
         assert_eq!(f64::from_bits(drive.rpm.load(Relaxed)), 500.0);
     });
+    played.unwrap();
 }

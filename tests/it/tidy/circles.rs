@@ -11,22 +11,20 @@ use super::{CRATES, files, read, without_unit_tests};
 type Circle = (&'static str, &'static [&'static str], &'static str);
 
 /// Circles that are meant.
-const MEANT: [Circle; 1] = [
-    (
-        "runtime/interp/src",
-        &[
-            "block_words",
-            "codes",
-            "dialect",
-            "execution",
-            "modal",
-            "restrictions",
-            "text_position",
-        ],
-        "one registry: a code acts on the execution of a block, whose words and modal state are made of codes, and a dialect \
+const MEANT: [Circle; 1] = [(
+    "runtime/interp/src",
+    &[
+        "block_words",
+        "codes",
+        "dialect",
+        "execution",
+        "modal",
+        "restrictions",
+        "text_position",
+    ],
+    "one registry: a code acts on the execution of a block, whose words and modal state are made of codes, and a dialect \
          is a list of them",
-    ),
-];
+)];
 
 /// A file as a module: its path within the crate.
 type Module = Vec<String>;
