@@ -1,5 +1,5 @@
-//! A block's words, sorted: its codes, which code takes which word, and the values. The rules that hold within one
-//! block stand here once; the checker lists what breaks them, the interpreter raises an alarm.
+//! A block's words, sorted: its codes, which code takes which word, and the values. The rules of a single block are
+//! written here once; the checker lists what breaks them, the interpreter raises an alarm.
 
 use tandem_model::limits::M_CODE_MAX;
 use tandem_model::settings::Unit;
@@ -108,6 +108,11 @@ impl BlockWords {
         &self.g_codes[..self.g_count]
     }
 
+    /// The same without places.
+    pub(crate) fn codes(&self) -> impl Iterator<Item = &'static Code> {
+        self.g_codes().iter().map(|(code, _)| *code)
+    }
+
     /// The M code.
     pub fn m_code(&self) -> Option<&'static Code> {
         self.m_code.map(|(code, _)| code)
@@ -126,13 +131,13 @@ impl BlockWords {
     /// The values that G codes of the block set.
     pub(crate) fn sets(&self) -> InForce {
         let mut sets = InForce::default();
-        for value in self.g_codes().iter().filter_map(|(code, _)| code.sets) {
+        for value in self.codes().filter_map(|code| code.sets) {
             sets.set(value);
         }
         sets
     }
 
-    /// Reads a block and hands over what is wrong with it.
+    /// Reads a block and reports each fault to `fault`.
     pub(crate) fn read(
         &mut self,
         program: &NcProgram,
@@ -202,16 +207,13 @@ impl BlockWords {
         fault: &mut dyn FnMut(Diagnostic),
     ) {
         if rivals == Rivals::LastHolds && code.group != ModalGroup::NonModal {
-            let before = self
-                .g_codes()
-                .iter()
-                .position(|(other, _)| other.group == code.group);
+            let before = self.codes().position(|other| other.group == code.group);
             if let Some(before) = before {
                 self.g_codes[before] = (code, place);
                 return;
             }
         }
-        let rival = self.g_codes().iter().map(|(other, _)| *other).find(|other| {
+        let rival = self.codes().find(|other| {
             let exclusive = code.group != ModalGroup::NonModal
                 || *other == code
                 || !(code.words.is_empty() || other.words.is_empty());
@@ -364,12 +366,7 @@ impl BlockWords {
 
     /// What takes axis words: a motion of the block ends a fixed cycle.
     fn taker_in_force(&self, modal: &Modal) -> Option<&'static Code> {
-        let of = |group| {
-            self.g_codes()
-                .iter()
-                .map(|(code, _)| *code)
-                .find(move |code| code.group == group)
-        };
+        let of = |group| self.codes().find(|code| code.group == group);
         of(ModalGroup::Motion).or_else(|| match of(ModalGroup::FixedCycle) {
             Some(cycle) if cycle.motion.is_some() => Some(cycle),
             Some(_) => modal.code(ModalGroup::Motion),
@@ -482,8 +479,7 @@ impl BlockWords {
 
     /// The codes of the block that have words of their own, the motion in force apart.
     fn codes_with_words(&self) -> impl Iterator<Item = &'static Code> {
-        let g_codes = self.g_codes().iter().map(|(code, _)| *code);
-        g_codes.chain(self.m_code()).filter(|code| {
+        self.codes().chain(self.m_code()).filter(|code| {
             !code.words.is_empty() && !matches!(code.group, ModalGroup::Motion | ModalGroup::FixedCycle)
         })
     }

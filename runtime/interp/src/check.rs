@@ -1,4 +1,4 @@
-//! What is wrong with a program, told before anything moves.
+//! Checks a program before anything moves.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -278,7 +278,7 @@ impl Checker<'_> {
         let Some(ModalValue::Cycle(Some(cycle))) = taker.sets else {
             return;
         };
-        let starts = words.g_codes().iter().any(|(code, _)| *code == taker);
+        let starts = words.codes().any(|code| code == taker);
         if starts || !words.taken.is_empty() {
             for m in cycle.outputs(self.context.has_spindle) {
                 self.auxiliary(block, m);
@@ -289,7 +289,7 @@ impl Checker<'_> {
     /// Follows what is in force: a skipped block and a subprogram leave open what follows.
     fn follow(&mut self, block: &Block, words: &BlockWords) {
         restrictions::follow(words, &mut self.modal);
-        for (code, _) in words.g_codes() {
+        for code in words.codes() {
             match code.group {
                 ModalGroup::NonModal => {}
                 ModalGroup::Motion if code.motion.is_some() => {
@@ -353,7 +353,7 @@ impl Checker<'_> {
     /// Checks words against what is known of the coordinate system.
     fn context_of_words(&mut self, block: &Block, words: &BlockWords) {
         if let Some(axes) = self.context.axes {
-            let dwells = words.g_codes().iter().any(|(code, _)| code.role == Role::Dwell);
+            let dwells = words.codes().any(|code| code.role == Role::Dwell);
             let own = if dwells {
                 AddressSet::EMPTY
             } else {
@@ -431,7 +431,7 @@ impl Checker<'_> {
     }
 }
 
-/// Which blocks a run may come to, whatever conditions say; the last entry stands for the place past the last block.
+/// Which blocks a run may come to, whatever conditions say; the last entry is the place past the last block.
 fn reachable(program: &NcProgram, dialect: &Dialect) -> Vec<bool> {
     let blocks = program.blocks();
     let mut reached = vec![false; blocks.len() + 1];

@@ -31,7 +31,7 @@ pub struct Dialect {
     pub home: &'static str,
     /// How it reads what controls read in different ways.
     pub policy: Policy,
-    /// What may not stand where another code is in force; the first that a block breaks is told.
+    /// What is not allowed while another code is in force; only the first restriction that a block breaks is reported.
     pub restrictions: &'static [Restriction],
 }
 
@@ -55,10 +55,10 @@ pub enum Rivals {
     LastHolds,
 }
 
-/// When an M code that stops or puts out acts. What ends or calls a program always does so behind the motion.
+/// When an M code acts that stops the program or makes an output. An end or a call always acts after the motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MCodeTime {
-    /// Behind the motion of its block.
+    /// After the motion of its block.
     BehindMotion,
     /// Before it.
     BeforeMotion,

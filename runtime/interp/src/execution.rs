@@ -38,7 +38,7 @@ impl Limits {
     }
 }
 
-/// How the program goes on after a block.
+/// How the program continues after a block.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Flow {
     /// With the next block.
@@ -75,10 +75,10 @@ pub struct Draft {
     pub(crate) action: Option<Action>,
     /// The transform in force is another one.
     pub(crate) transforms: bool,
-    /// It takes effect behind the motion of the block.
+    /// It takes effect after the motion of the block.
     pub transform_after: bool,
     pub(crate) cycle: Option<Box<Expansion>>,
-    /// Exact stops before the block's motion, and behind it.
+    /// Exact stops before and after the block's motion.
     pub exact_stops: [bool; 2],
     /// How the program continues.
     pub flow: Flow,
@@ -219,7 +219,7 @@ impl Execution<'_> {
         self.draft.alarm.get_or_insert(alarm);
     }
 
-    /// Something worth an event, while the program goes on.
+    /// Publishes an event; the program continues.
     pub fn warn(&mut self, text: String) {
         self.draft.warnings.push(text);
     }

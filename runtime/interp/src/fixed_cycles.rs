@@ -33,7 +33,7 @@ pub struct Steps {
 /// A step of a cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Step {
-    /// The rapid to the position: all axis words but Z. In G91 each repetition goes on by the distance.
+    /// The rapid to the position: all axis words but Z. In G91 each repetition adds the distance.
     Position,
     /// The rapid to the R point; where the cycle ends at the R point, in the first repetition only.
     Approach,
@@ -94,7 +94,7 @@ impl Cycle {
 }
 
 impl Steps {
-    /// Steps before the first repetition, of each repetition, and behind the last one.
+    /// Steps before the first repetition, of each repetition, and after the last one.
     ///
     /// # Panics
     /// With an M code above [`M_CODE_MAX`]; in a `static` that is an error of the compiler.

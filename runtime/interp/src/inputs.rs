@@ -19,7 +19,7 @@ pub struct Inputs<'a> {
     pub work_offsets: &'a WorkOffsets,
     /// P and Q.
     pub variables: &'a Variables,
-    /// The tool that is selected (D17); `None` when none is, or one that is not in the table. G41 to G44 tell so then.
+    /// The tool that is selected (D17); `None` when none is, or one that is not in the table: G41 to G44 then warn.
     pub tool: Option<Tool>,
     /// `_CNC_CapturedPosition<n>` of the last G31, in command units (D41). `None` while a G31 that has been given out is
     /// unfinished: a block that reads one gives `Item::NeedsStandstill` (D15).

@@ -25,7 +25,7 @@ use crate::modal::Modal;
 use crate::text_position::TextPosition;
 use crate::{flow, restrictions};
 
-/// A program of the nesting and where it stands.
+/// A program on the call stack, and its place.
 #[derive(Debug)]
 struct Frame {
     program: Arc<NcProgram>,
@@ -102,7 +102,7 @@ impl Interpreter {
         self.start_in_modal(program, number);
     }
 
-    /// Begins a program at its head, in the modal state that is in force: manual data input goes on from its last line.
+    /// Begins a program at its head, in the modal state that is in force: manual data input continues after its last line.
     /// What the transform is must be told to the path stage.
     pub fn start_in_modal(&mut self, program: Arc<NcProgram>, number: u16) {
         self.forget_program();
@@ -183,7 +183,7 @@ impl Interpreter {
         &self.modal
     }
 
-    /// Where each program of the nesting stands, the main program first: for a caller the calling block, for the
+    /// The place in each program on the call stack, the main program first: for a caller the calling block, for the
     /// last one the block interpreted last. It stays after the end until the next start.
     pub fn call_stack(&self) -> impl Iterator<Item = Origin> {
         self.stack.iter().map(|frame| frame.origin)
@@ -340,7 +340,7 @@ impl Interpreter {
         self.cycle = cycle.map(|cycle| (cycle, origin));
     }
 
-    /// Queues a block with what is in force, and with an exact stop before it and behind it.
+    /// Queues a block with what is in force, and with exact stops before and after it.
     fn queue_action(&mut self, action: Option<Action>, stops: [bool; 2], origin: Origin) {
         let Some(action) = action else { return };
         let [exact_stop_before, exact_stop_after] = stops;
@@ -439,11 +439,10 @@ fn execute(execution: &mut Execution<'_>) {
             .filter(|(code, _)| code.group != ModalGroup::NonModal)
     };
     restrictions::follow(words, execution.modal);
-    // all are in force before the first has its effect: words may stand in any order (D02)
+    // all are in force before the first has its effect: words may be in any order (D02)
     for (code, _) in modal_codes() {
         if code.group == ModalGroup::Motion {
-            let dialect = execution.dialect;
-            execution.modal.end_cycle(dialect);
+            execution.modal.end_cycle(execution.dialect);
         }
         execution.modal.remember(code);
     }
@@ -460,7 +459,7 @@ fn execute(execution: &mut Execution<'_>) {
     }
     let taker = execution.modal.taker();
     let starts_cycle = taker.is_some_and(|taker| {
-        taker.group == ModalGroup::FixedCycle && words.g_codes().iter().any(|(code, _)| *code == taker)
+        taker.group == ModalGroup::FixedCycle && words.codes().any(|code| code == taker)
     });
     if (starts_cycle || !words.taken.is_empty())
         && let Some(motion) = taker.and_then(|taker| taker.motion)

@@ -101,7 +101,7 @@ pub enum Role {
     ToMachine,
     /// It rests; its words are times, whatever their addresses.
     Dwell,
-    /// It changes which positions values stand for.
+    /// It changes which positions values mean.
     Coordinates,
     /// An output to the sequence program.
     Auxiliary,

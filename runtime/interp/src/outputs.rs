@@ -1,4 +1,4 @@
-//! The outputs that stand in a program, as far as its text tells.
+//! The outputs of a program, as far as its text shows them.
 
 use tandem_model::limits::M_CODE_MAX;
 use tandem_syntax::{Address, NcProgram};

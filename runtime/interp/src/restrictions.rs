@@ -1,5 +1,5 @@
-//! What may not stand where another code is in force (D23, D26; manual, restrictions of G41 and G74): a dialect has a
-//! table of it. The checker asks with what the text shows, the interpreter with what is in force.
+//! What is not allowed while another code is in force (D23, D26; manual, restrictions of G41 and G74): a table of the
+//! dialect. The checker asks with what the text shows, the interpreter with what is in force.
 
 mod arc_shape;
 mod usual;
@@ -15,14 +15,14 @@ use crate::modal::Modal;
 
 pub use usual::USUAL;
 
-/// What may not stand in a block, and when.
+/// What is not allowed in a block, and when.
 #[derive(Debug)]
 pub struct Restriction {
     /// When it holds.
     pub during: During,
-    /// What may not stand then.
+    /// What is not allowed then.
     pub what: What,
-    /// Which diagnostic tells.
+    /// The diagnostic that reports it.
     pub entry: &'static DiagnosticEntry,
     /// What is wrong. `{code}` is replaced by what was found, the other marks by codes of the dialect: `{linear}`,
     /// `{cutting}`, `{compensation}`, `{no compensation}`, `{no cycle}`, `{no tool offset}`,
@@ -43,19 +43,19 @@ pub enum During {
     Lead,
     /// Cutter compensation has been on before the block, or its way out is pending, and the block does not change that.
     Compensation,
-    /// Cutter compensation is on behind the block.
+    /// Cutter compensation is on after the block.
     CompensatedBlock,
-    /// Cutter compensation is on behind the block, or its way out is pending.
+    /// Cutter compensation is on after the block, or its way out is pending.
     CompensationOrWayOut,
     /// The same at the end of the block: its own motion is not the way out.
     CompensatedEnd,
-    /// Cutter compensation is on before or behind the block, or a way in or out is pending.
+    /// Cutter compensation is on before or after the block, or a way in or out is pending.
     AnyCompensation,
     /// A tool offset is in force in the block.
     ToolOffset,
 }
 
-/// What may not stand.
+/// What is not allowed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum What {
     /// A block without one of the words that its fixed cycle begins with.
@@ -143,7 +143,7 @@ fn moves_in_plane(words: &BlockWords, modal: &Modal) -> bool {
 
 /// What the block says of cutter compensation.
 fn own_side(words: &BlockWords) -> Option<Side> {
-    let mut values = words.g_codes().iter().filter_map(|(code, _)| code.sets);
+    let mut values = words.codes().filter_map(|code| code.sets);
     values.find_map(|value| match value {
         ModalValue::Side(side) => Some(side),
         _ => None,
@@ -152,11 +152,7 @@ fn own_side(words: &BlockWords) -> Option<Side> {
 
 /// The G code of the block that is so.
 fn g_code(words: &BlockWords, is_so: impl Fn(&Code) -> bool) -> Option<&'static Code> {
-    words
-        .g_codes()
-        .iter()
-        .map(|(code, _)| *code)
-        .find(|code| is_so(code))
+    words.codes().find(|code| is_so(code))
 }
 
 /// True when the motion or cycle in force takes a word of the block.
@@ -238,7 +234,7 @@ fn found(what: What, words: &BlockWords, modal: &Modal) -> Option<(Address, Stri
     }
 }
 
-/// A text with the codes that its marks stand for.
+/// A text with its marks replaced.
 #[cold]
 fn written(text: &str, words: &BlockWords, dialect: &Dialect, found: &str) -> String {
     let names = |last, is_meant: fn(&Code) -> bool| dialect.names(last, is_meant);

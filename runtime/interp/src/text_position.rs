@@ -36,7 +36,7 @@ impl TextPosition {
 
     /// Follows a block that has been found right. `modal` is in force in it.
     pub(crate) fn follow(&mut self, words: &BlockWords, modal: &Modal) {
-        let harmless = words.g_codes().iter().all(|(code, _)| is_harmless(code));
+        let harmless = words.codes().all(is_harmless);
         let named = words.axis_words;
         let moves = words.taker.map(|taker| taker.group);
         if !harmless || (!named.is_empty() && moves != Some(ModalGroup::Motion)) {

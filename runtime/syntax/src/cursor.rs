@@ -16,7 +16,7 @@ const MANTISSA_EXACT_MAX: u64 = 1 << 53;
 /// Why no number could be read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum NumberError {
-    /// Neither sign nor digit stands there.
+    /// There is neither a sign nor a digit.
     Missing,
     /// A sign or a point without a digit.
     Malformed,

@@ -17,14 +17,14 @@ pub struct Grammar {
     pub block_skip: bool,
     /// True when assignments, branches and repetitions are part of the language.
     pub program_codes: bool,
-    /// What stands around the blocks of a program.
+    /// What is around the blocks of a program.
     pub program_form: ProgramForm,
 }
 
-/// What stands around the blocks of a program.
+/// What is around the blocks of a program.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ProgramForm {
-    /// A line that begins with it stands before the program and behind it; what follows the second one is not read.
+    /// Begins a line before the program and one after it; what follows the second one is not read.
     pub mark: Option<u8>,
     /// The letter of the program number, on a line of its own before the first block.
     pub number_letter: Option<u8>,

@@ -36,7 +36,7 @@ pub enum CodeRole {
     Other,
 }
 
-/// What a dialect tells of its codes.
+/// What a dialect says of its codes.
 pub trait Codes {
     /// What the code of this letter, G or M, and number is.
     fn role(&self, letter: Address, number: f64) -> CodeRole;

@@ -4,7 +4,7 @@
 //! is data ([`Grammar`]); what its codes mean is not known here but in `tandem-interp`.
 //!
 //! Decisions where the manual is silent: blanks may stand between an address and its value (`X 10`); a comment
-//! `/* */` is a blank, so that a block goes on after one that holds line feeds; a lone carriage return is a blank.
+//! `/* */` is a blank, so that a block continues after one that holds line feeds; a lone carriage return is a blank.
 
 mod address;
 mod cursor;

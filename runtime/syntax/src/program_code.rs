@@ -23,7 +23,7 @@ pub struct ProgramCode {
 pub enum Statement {
     /// `L12 = P3 + 1`: assigns to the variable.
     Assignment(Variable),
-    /// `if(condition)`: when it is false, jumps past the commands and the `else` behind them.
+    /// `if(condition)`: when it is false, jumps past the commands and the `else` after them.
     If,
     /// `else`, reached from the commands before it: jumps past the commands of the last `else`.
     Else,

@@ -28,7 +28,7 @@ impl NcProgram {
         &self.source
     }
 
-    /// The program number that stands at the head of the text, in dialects that have one there.
+    /// The program number at the head of the text, in dialects that have one there.
     pub fn number(&self) -> Option<u32> {
         self.number
     }
@@ -122,12 +122,12 @@ impl NcProgram {
         word.map_or_else(|| self.span(block), Word::span)
     }
 
-    /// Where a block stands, for a program of the given number (0: none).
+    /// The place of a block, in a program of the given number (0: none).
     pub fn origin(&self, block: &Block, program: u16) -> Origin {
         self.origin_within(block, block.start, program)
     }
 
-    /// Where the first word with one of these letters stands in the block at this place; `None`: there is none.
+    /// The place of the first word with one of these letters in the block at this place; `None`: there is none.
     pub fn origin_of_word(&self, at: Origin, letters: &str) -> Option<Origin> {
         let mut of_line = self.blocks().iter().filter(|block| block.line == at.line);
         let block = of_line.find(|block| self.origin(block, at.program) == at)?;
@@ -170,7 +170,7 @@ pub struct Block {
 }
 
 impl Block {
-    /// Bit of [`Block::flags`] that tells of errors; skip numbers end at 31 and use the bits below.
+    /// Bit of [`Block::flags`] that marks errors; skip numbers end at 31 and use the bits below.
     pub(crate) const HAS_ERRORS: u32 = 1 << 31;
 
     /// The block skip numbers written before the block: bit `n - 1` for number `n` of 1 to 31 (D13).

@@ -66,7 +66,7 @@ pub struct Code {
     pub docs: &'static str,
     /// What its words must fulfil together, beyond their ranges.
     pub check: Option<BlockCheck>,
-    /// What happens when it stands in a block. The modal groups remember it besides.
+    /// What happens when it is in a block, besides being remembered in its modal group.
     pub select: Effect,
     /// What a block with axis words does while the code is in force; for codes of group 01.
     pub motion: Option<Motion>,

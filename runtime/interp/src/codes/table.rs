@@ -31,7 +31,7 @@ impl CodeTable {
         Self { codes, index }
     }
 
-    /// What ten times a number stands for.
+    /// The code whose number, times ten, is this.
     pub fn find(&self, tenths: u16) -> Option<&'static Code> {
         let entry = usize::from(*self.index.get(usize::from(tenths))?);
         self.codes.get(entry.checked_sub(1)?).copied()

@@ -25,7 +25,7 @@ const CUTTING: &str = "only {cutting} move during cutter compensation";
 const WAITS: &str = "the program waits during cutter compensation";
 const WAIT_ELSEWHERE: &str = "Write it before {compensation}, or behind the lead-out.";
 
-/// The first that a block breaks is told.
+/// Only the first that a block breaks is reported.
 pub static USUAL: [Restriction; 13] = [
     Restriction {
         during: During::CycleBegin,

@@ -27,7 +27,7 @@ pub const NESTING_MAX: usize = 64;
 
 /// Parses a text. It always gives a program, and all findings in the order of the text.
 ///
-/// A text of more than [`PROGRAM_BYTES_MAX`] bytes is not read: the program is empty and one error tells.
+/// A text of more than [`PROGRAM_BYTES_MAX`] bytes is not read: the program is empty, with one error.
 pub fn parse(source: impl Into<Arc<str>>, grammar: &Grammar) -> (NcProgram, Vec<Diagnostic>) {
     let source: Arc<str> = source.into();
     let mut parser = Parser::new(&source, grammar);
@@ -140,7 +140,7 @@ impl<'a> Parser<'a> {
         }
     }
 
-    /// Passes what stands before the first block: the mark's line and the program number.
+    /// Passes what is before the first block: the mark's line and the program number.
     fn head(&mut self, form: ProgramForm) {
         self.blank_lines();
         if form.mark.is_some() && self.cursor.peek() == form.mark {

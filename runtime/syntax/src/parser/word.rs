@@ -90,7 +90,7 @@ impl Parser<'_> {
         );
     }
 
-    /// Passes whatever stands as the value of a word that is in error already.
+    /// Passes the value of a word that has been reported already.
     fn pass_value(&mut self) {
         while let Some(b'0'..=b'9' | b'.' | b'-' | b'+') = self.cursor.peek() {
             self.cursor.advance(1);
@@ -143,7 +143,7 @@ impl Parser<'_> {
                 }
             }
             Err(NumberError::Missing) => {
-                // a character that is not part of the language is told of by itself
+                // a character that is not part of the language is reported by itself
                 let missing = matches!(
                     self.cursor.peek(),
                     None | Some(b'\n' | b'\r' | b'/' | b'_' | b'A'..=b'Z' | b'a'..=b'z' | b'{' | b'}')
