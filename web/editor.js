@@ -71,7 +71,7 @@ export function openEditor(app, number, text) {
   });
 }
 
-/** A finding; a press goes to its line. @param {import("./types.d.ts").Diagnostic} one @param {HTMLTextAreaElement} area */
+/** A finding; a press goes to its line. @param {import("./types.d.ts").ProgramDiagnostic} one @param {HTMLTextAreaElement} area */
 function entry(one, area) {
   const item = finding(one);
   const go = h("button", { type: "button", class: "button small", "aria-label": `Go to line ${one.line}` }, "Go to");

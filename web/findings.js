@@ -10,7 +10,7 @@ const SHOWN_MAX = 200;
 
 /**
  * @param {number} program
- * @param {import("./types.d.ts").Diagnostic[]} diagnostics
+ * @param {import("./types.d.ts").ProgramDiagnostic[]} diagnostics
  */
 export function showFindings(program, diagnostics) {
   const errors = diagnostics.filter((one) => one.severity === "error").length;
@@ -30,7 +30,7 @@ export function count(number, word) {
   return number === 0 ? "" : `${number} ${word}${number === 1 ? "" : "s"}`;
 }
 
-/** One of them, as an entry of a list. @param {import("./types.d.ts").Diagnostic} one */
+/** One of them, as an entry of a list. @param {import("./types.d.ts").ProgramDiagnostic} one */
 export function finding({ severity, code, line, column, message, help }) {
   return h(
     "li",

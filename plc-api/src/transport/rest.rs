@@ -16,7 +16,6 @@ use http_body_util::{BodyExt, Limited};
 use hyper_util::client::legacy::Client;
 use hyper_util::client::legacy::connect::HttpConnector;
 use hyper_util::rt::TokioExecutor;
-use serde_json::{Value, json};
 use tokio::sync::Notify;
 use tokio_tungstenite::tungstenite::http;
 
@@ -24,13 +23,13 @@ use crate::error::Error;
 use crate::hub::{Filter, Hub, Subscription};
 use crate::lock::lock;
 use crate::port::{BoxFuture, Port};
+use crate::types::BootId;
 use crate::types::message::{Message, Payload};
 use crate::types::output::HandlerPresence;
-use crate::types::question::ValidateResult;
 use crate::types::request::{Answer, Refusal, RefusalCode, Request};
 use crate::types::topic::{CsTopic, Topic};
-use crate::types::{BootId, CoordinateSystemNumber};
 use crate::wire::rest::{Exchange, encode, read};
+use crate::wire::websocket::{self, ClientFrame};
 
 use address::Address;
 
@@ -107,7 +106,7 @@ struct ConnectionState {
     /// Handlers that the machine does not take, and why.
     refused: BTreeMap<String, String>,
     /// Frames with results of validations, to be said on this connection.
-    validated: Vec<Value>,
+    validated: Vec<ClientFrame>,
 }
 
 impl Shared {
@@ -141,7 +140,7 @@ impl Shared {
     async fn ask(&self, request: Request) -> Result<Answer, Refusal> {
         let request = match request {
             Request::Handler(id, presence) => return self.announce(id, presence).await,
-            Request::ValidateResult(cs, Some(m), result) => return self.validated(cs, m, result),
+            Request::ValidateResult(..) => return self.validated(request),
             other => other,
         };
         let patience = match &request {
@@ -192,26 +191,14 @@ impl Shared {
     }
 
     /// Hands the result of a validation to the connection. The machine waits for it, and does not answer.
-    fn validated(
-        &self,
-        cs: CoordinateSystemNumber,
-        m: u16,
-        result: ValidateResult,
-    ) -> Result<Answer, Refusal> {
-        let ValidateResult {
-            request_id,
-            handler_id,
-            ok,
-            text,
-        } = result;
+    fn validated(&self, result: Request) -> Result<Answer, Refusal> {
+        let frame = websocket::encode(result)?;
         let mut state = lock(&self.state);
         if !self.is_online() || state.validated.len() >= VALIDATED_MAX {
             let text = format!("{} takes no result of a validation now", self.address.shown);
             return Err(Refusal::new(RefusalCode::Unavailable, text));
         }
-        state.validated.push(json!({ "validate_result": {
-            "cs": cs, "m": m, "request_id": request_id, "handler_id": handler_id, "ok": ok, "text": text,
-        } }));
+        state.validated.push(frame);
         drop(state);
         self.wake.notify_one();
         Ok(Answer::Done)

@@ -4,8 +4,6 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use futures_util::{SinkExt, StreamExt};
-use serde::Deserialize;
-use serde_json::{Value, json};
 use tokio::net::TcpStream;
 use tokio_tungstenite::tungstenite::client::IntoClientRequest;
 use tokio_tungstenite::tungstenite::http::HeaderValue;
@@ -14,8 +12,9 @@ use tokio_tungstenite::{MaybeTlsStream, WebSocketStream};
 
 use crate::lock::lock;
 use crate::types::message::{Message, Payload};
-use crate::types::output::HandlerPresence;
+use crate::types::request::Request;
 use crate::types::topic::Topic;
+use crate::wire::websocket::{ClientFrame, ServerFrame, encode};
 
 use super::super::backoff::Backoff;
 use super::Shared;
@@ -55,8 +54,11 @@ async fn open(shared: &Shared) -> tungstenite::Result<Socket> {
         request.headers_mut().insert("authorization", bearer);
     }
     let (mut socket, _) = tokio_tungstenite::connect_async(request).await?;
-    let subscribe = json!({ "subscribe": ["#"] });
-    socket.send(Frame::text(subscribe.to_string())).await?;
+    let subscribe = ClientFrame {
+        subscribe: vec!["#".to_owned()],
+        ..ClientFrame::default()
+    };
+    socket.send(Frame::text(subscribe.to_json())).await?;
     let mut state = lock(&shared.state);
     state.trouble = None;
     state.unsaid = state.handlers.keys().cloned().collect();
@@ -84,7 +86,7 @@ async fn serve(shared: &Shared, socket: &mut Socket) -> tungstenite::Result<()> 
                     return socket.close(None).await;
                 }
                 for said in unsaid(shared) {
-                    socket.send(Frame::text(said.to_string())).await?;
+                    socket.send(Frame::text(said.to_json())).await?;
                 }
             }
         }
@@ -92,22 +94,14 @@ async fn serve(shared: &Shared, socket: &mut Socket) -> tungstenite::Result<()> 
 }
 
 /// The frames that are still to be said: presences of handlers first, then what they have validated.
-fn unsaid(shared: &Shared) -> Vec<Value> {
+fn unsaid(shared: &Shared) -> Vec<ClientFrame> {
     let mut state = lock(&shared.state);
-    let unsaid = std::mem::take(&mut state.unsaid);
-    let presence = |id: &String| {
-        let HandlerPresence {
-            online,
-            handles,
-            validates,
-        } = state.handlers.get(id).cloned().unwrap_or(HandlerPresence {
-            online: false,
-            handles: Vec::new(),
-            validates: false,
-        });
-        json!({ "handler": { "id": id, "online": online, "handles": handles, "validates": validates } })
-    };
-    let mut frames: Vec<_> = unsaid.iter().map(presence).collect();
+    let unsaid = std::mem::take(&mut state.unsaid).into_iter();
+    let frames = unsaid.filter_map(|id| {
+        let presence = state.handlers.get(&id).cloned().unwrap_or_default();
+        encode(Request::Handler(id, presence)).ok()
+    });
+    let mut frames: Vec<_> = frames.collect();
     frames.append(&mut state.validated);
     frames
 }
@@ -129,22 +123,13 @@ fn gone(shared: &Shared) {
 
 /// Hands a message to the hub.
 fn hear(shared: &Shared, text: &str) {
-    #[derive(Deserialize)]
-    struct Named {
-        topic: String,
-    }
-    let Ok(Named { topic }) = serde_json::from_str(text) else {
-        let text = shown(text);
-        tracing::warn!(%text, "the machine refuses");
-        refused(shared, text);
-        return;
-    };
-    let Some(topic) = Topic::parse(&topic) else {
-        return;
-    };
-    match Message::from_json(topic, text.as_bytes()) {
-        Ok(message) => shared.hub.publish(message),
-        Err(error) => tracing::warn!(%error, "a message that is not of its topic's form"),
+    match ServerFrame::read(text) {
+        ServerFrame::Message(message) => shared.hub.publish(message),
+        ServerFrame::Error(text) => {
+            tracing::warn!(%text, "the machine refuses");
+            refused(shared, text);
+        }
+        ServerFrame::Unknown(why) => tracing::debug!(%why, "a message is passed over"),
     }
 }
 
@@ -159,12 +144,4 @@ fn refused(shared: &Shared, text: String) {
     state.refused.insert(id, text);
     drop(state);
     shared.refused.notify_waiters();
-}
-
-/// What an error frame says; at most 200 characters of anything else.
-fn shown(text: &str) -> String {
-    let error = serde_json::from_str::<Value>(text)
-        .ok()
-        .and_then(|frame| Some(frame.get("error")?.as_str()?.to_owned()));
-    error.unwrap_or_else(|| text.chars().take(200).collect())
 }
