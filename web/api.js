@@ -14,7 +14,7 @@ const HOLDER = `HMI ${randomName().slice(0, 4)}`;
 export class Refusal extends Error {
   /**
    * @param {string} text
-   * @param {import("./types.d.ts").Problem} problem
+   * @param {Partial<import("./types.d.ts").Problem>} problem
    */
   constructor(text, problem = {}) {
     super(text);
@@ -110,7 +110,7 @@ export const api = {
     await request("POST", `/cs/${cs}/lease/break`, {});
   },
 
-  /** @param {number} cs @param {"interlock" | "start_lock"} input @param {import("./types.d.ts").Lock} lock */
+  /** @param {number} cs @param {"interlock" | "start_lock"} input @param {{value: boolean, text: string}} lock */
   async setLock(cs, input, lock) {
     await request("PUT", `/cs/${cs}/inputs/${input}`, lock);
   },
@@ -161,7 +161,7 @@ export const api = {
     return (await (await request("GET", "/programs")).json()).programs;
   },
 
-  /** @param {number} number @returns {Promise<import("./types.d.ts").Diagnostic[]>} */
+  /** @param {number} number @returns {Promise<import("./types.d.ts").ProgramDiagnostic[]>} */
   async check(number) {
     return (await (await request("POST", `/programs/${number}/check`)).json()).diagnostics;
   },
@@ -171,7 +171,7 @@ export const api = {
     return (await request("GET", `/programs/${number}`)).text();
   },
 
-  /** Stores a program, also one with errors. @param {number} number @param {string} text @returns {Promise<import("./types.d.ts").Diagnostic[]>} */
+  /** Stores a program, also one with errors. @param {number} number @param {string} text @returns {Promise<import("./types.d.ts").ProgramDiagnostic[]>} */
   async storeProgram(number, text) {
     return (await (await request("PUT", `/programs/${number}`, text)).json()).diagnostics ?? [];
   },

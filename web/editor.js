@@ -68,7 +68,7 @@ export function openEditor(app, number, text) {
   });
 }
 
-/** A finding; a press goes to its line. @param {import("./types.d.ts").Diagnostic} one @param {HTMLTextAreaElement} area */
+/** A finding; a press goes to its line. @param {import("./types.d.ts").ProgramDiagnostic} one @param {HTMLTextAreaElement} area */
 function entry(one, area) {
   const item = finding(one);
   item.append(button({ class: "button small", "aria-label": `Go to line ${one.line}`, onclick: () => select(area, one.line) }, "Go to"));

@@ -10,7 +10,7 @@ const SHOWN_MAX = 200;
 
 /**
  * @param {number} program
- * @param {import("./types.d.ts").Diagnostic[]} diagnostics
+ * @param {import("./types.d.ts").ProgramDiagnostic[]} diagnostics
  */
 export function showFindings(program, diagnostics) {
   const close = button({ autofocus: true, onclick: () => dialog.close() }, "Close");
@@ -34,7 +34,7 @@ export function counts(errors, warnings) {
   return [errors > 0 && text(errors, "error"), warnings > 0 && text(warnings, "warning")].filter(Boolean).join(", ");
 }
 
-/** One of them, as an entry of a list. @param {import("./types.d.ts").Diagnostic} one */
+/** One of them, as an entry of a list. @param {import("./types.d.ts").ProgramDiagnostic} one */
 export function finding({ severity, code, line, column, message, help }) {
   return h(
     "li",

@@ -41,7 +41,7 @@ export function duration(ms) {
 
 /**
  * Parameters of an output: `A=5 B=0.25`.
- * @param {Record<string, number>} params
+ * @param {import("./types.d.ts").Params} params
  */
 export function params(params) {
   return Object.entries(params).map(([name, value]) => `${name}=${plain(value)}`).join("  ");

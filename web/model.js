@@ -25,19 +25,19 @@ const BY_HAND = new Set(["READY", "PROGRAM_COMPLETED", "STOPPED"]);
  * One coordinate system.
  * @typedef {object} CoordinateSystem
  * @property {import("./types.d.ts").CoordinateSystemInfo} info
- * @property {import("./types.d.ts").State | null} state
- * @property {import("./types.d.ts").ProgramPlace | null} place
- * @property {import("./types.d.ts").Position | null} position
- * @property {import("./types.d.ts").Modal | null} modal
- * @property {import("./types.d.ts").Pending | null} pending
- * @property {import("./types.d.ts").OptionalSkip | null} optionalSkip
- * @property {import("./types.d.ts").Switch | null} optionalStop
- * @property {import("./types.d.ts").Switch | null} singleBlock
- * @property {import("./types.d.ts").LockInput | null} interlock
- * @property {import("./types.d.ts").LockInput | null} startLock
+ * @property {import("./types.d.ts").StateMessage | null} state
+ * @property {import("./types.d.ts").ProgramPlaceMessage | null} place
+ * @property {import("./types.d.ts").PositionMessage | null} position
+ * @property {import("./types.d.ts").ModalMessage | null} modal
+ * @property {import("./types.d.ts").PendingMessage | null} pending
+ * @property {import("./types.d.ts").OptionalSkipMessage | null} optionalSkip
+ * @property {import("./types.d.ts").SwitchMessage | null} optionalStop
+ * @property {import("./types.d.ts").SwitchMessage | null} singleBlock
+ * @property {import("./types.d.ts").LockMessage | null} interlock
+ * @property {import("./types.d.ts").LockMessage | null} startLock
  * @property {import("./types.d.ts").LastRun | null} lastRun the last run before this start of the runtime
- * @property {import("./types.d.ts").Overrides | null} overrides
- * @property {import("./types.d.ts").Lease | null} lease
+ * @property {import("./types.d.ts").OverridesMessage | null} overrides
+ * @property {import("./types.d.ts").LeaseStateMessage | null} lease
  * @property {Trail} trail
  */
 
@@ -47,11 +47,11 @@ export class Model {
   retryAt = null;
   /** @type {string | null} */
   bootId = null;
-  /** @type {import("./types.d.ts").Birth | null} */
+  /** @type {import("./types.d.ts").BirthMessage | null} */
   birth = null;
-  /** @type {import("./types.d.ts").Presence | null} */
+  /** @type {import("./types.d.ts").PresenceMessage | null} */
   presence = null;
-  /** @type {import("./types.d.ts").Alarm[]} */
+  /** @type {import("./types.d.ts").AlarmRecord[]} */
   alarms = [];
   /** @type {Map<number, CoordinateSystem>} */
   systems = new Map();
@@ -128,7 +128,7 @@ export class Model {
     if (Number.isFinite(ahead)) this.#clockAheadMs = Math.min(this.#clockAheadMs, ahead);
   }
 
-  /** @param {import("./types.d.ts").Birth} birth */
+  /** @param {import("./types.d.ts").BirthMessage} birth */
   #takeBirth(birth) {
     this.birth = birth;
     const known = this.systems;

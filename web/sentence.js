@@ -11,7 +11,7 @@ import { duration, params, programName } from "./format.js";
 
 /**
  * Tone and icon of a state.
- * @param {import("./types.d.ts").State} state
+ * @param {import("./types.d.ts").StateMessage} state
  * @returns {{tone: Tone, icon: string, word: string}}
  */
 export function look(state) {
@@ -32,7 +32,7 @@ export function look(state) {
   }
 }
 
-/** The open question of a handler. @param {import("./types.d.ts").State} state */
+/** The open question of a handler. @param {import("./types.d.ts").StateMessage} state */
 export function asked(state) {
   const question = state.waiting_on?.question;
   return question?.answer === undefined ? question : undefined;
@@ -63,7 +63,7 @@ const TRANSITIONS = {
 /**
  * The sentence.
  * @param {import("./model.js").CoordinateSystem} system
- * @param {import("./types.d.ts").Alarm[]} alarms active ones of the machine
+ * @param {import("./types.d.ts").AlarmRecord[]} alarms active ones of the machine
  * @param {(timestamp: string) => number} ageMs
  * @returns {string}
  */
@@ -105,7 +105,7 @@ export function sentence(system, alarms, ageMs) {
   }
 }
 
-/** @param {import("./types.d.ts").LockInput | null} interlock */
+/** @param {import("./types.d.ts").LockMessage | null} interlock */
 function interlocked(interlock) {
   if (interlock && !interlock.value) return "The interlock is off again. Press Resume to go on.";
   const why = interlock?.text ? ` (${brief(interlock.text)})` : "";
@@ -149,7 +149,7 @@ function waiting({ state, pending }, ageMs) {
 
 /**
  * @param {import("./model.js").CoordinateSystem} system
- * @param {import("./types.d.ts").Alarm[]} alarms
+ * @param {import("./types.d.ts").AlarmRecord[]} alarms
  */
 function stopped({ state, info, lastRun }, alarms) {
   switch (state?.reason) {
@@ -176,7 +176,7 @@ function stopped({ state, info, lastRun }, alarms) {
 /**
  * The text for a screen reader: it changes with the state and with what the machine waits for, but not every second.
  * @param {import("./model.js").CoordinateSystem} system
- * @param {import("./types.d.ts").Alarm[]} alarms
+ * @param {import("./types.d.ts").AlarmRecord[]} alarms
  */
 export function announcement(system, alarms) {
   if (!system.state) return "";

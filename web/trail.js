@@ -5,7 +5,7 @@ export const POINTS_MAX = 4096;
 /** Points closer than this to the last one are dropped, mm. */
 const NEAR_MM = 0.005;
 
-/** @typedef {{at: import("./types.d.ts").AxisValues, rapid: boolean}} Point */
+/** @typedef {{at: Record<string, number>, rapid: boolean}} Point */
 
 export class Trail {
   /** @type {Point[]} oldest first */
@@ -31,7 +31,7 @@ export class Trail {
 
   /**
    * A step with a rapid at one of its ends counts as rapid: in a tenth of a second a rapid moves far, a feed does not.
-   * @param {import("./types.d.ts").AxisValues} at machine positions
+   * @param {Record<string, number>} at machine positions
    * @param {boolean} isRapid whether G00 is in force now
    */
   add(at, isRapid) {

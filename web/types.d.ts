@@ -1,167 +1,366 @@
-// Shapes of the interface, version 1: the messages of the WebSocket and the answers of REST, as plc-api's types say them.
+// Shapes of the interface, version 1: what the runtime says over WebSocket and REST. Written from the types;
+// TANDEM_UPDATE=1 cargo test -p tandem-gateway contract writes them anew.
 
-export type Execution =
-  | "READY" | "ACTIVE" | "WAIT" | "FEED_HOLD" | "PROGRAM_STOPPED" | "OPTIONAL_STOP" | "INTERRUPTED" | "STOPPED"
-  | "PROGRAM_COMPLETED";
-
-export type Reason =
-  | "HANDLER_LOST" | "SINGLE_BLOCK" | "INTERLOCK" | "BUS_LOST" | "BACK_TRACE" | "BACK_TRACE_END" | "ALARM" | "STOP" | "ABORTED"
-  | "NO_PROGRAM" | "RESTARTED";
-
-export type Verb = "load" | "start" | "hold" | "resume" | "back_trace" | "stop" | "abort" | "reset" | "mdi" | "home";
-
-export interface Envelope { v: number; boot_id: string; ts: string; rev?: number }
-
-export interface Progress { text: string; percent?: number }
-
-/** What a handler asks the operator. */
-export interface Question { id: string; text: string; choices: string[]; since: string; answer?: string }
-
-export interface WaitingOn { m: number; seq: number; since: string; progress?: Progress; question?: Question }
-
-export interface State extends Envelope {
-  execution: Execution;
-  transition: "STARTING" | "HOLDING" | "STOPPING" | "RESUMING" | "RESETTING" | null;
-  reason: Reason | null;
-  wait_state: string | null;
-  waiting_on: WaitingOn | null;
-  program: number | null;
-  run_id: string | null;
-  single_block: boolean;
-  dry_run: boolean;
-  optional_stop: boolean;
-  optional_skip: number[];
-  alarm_count: number;
-  last_command_id: string | null;
+/** Payload of `alarm/active`. */
+export interface ActiveAlarmsMessage {
+  alarms: AlarmRecord[]; boot_id: BootId; rev?: number; ts: string; v: 1;
 }
 
-export interface ProgramPlace extends Envelope {
-  number: number | null;
-  nest_level: number;
-  stack: { program: number; line: number }[];
-  line: number;
-  block: string;
-  interpreted_line: number;
+export interface AlarmHistory {
+  alarms: AlarmRecord[];
 }
 
-/** Axis letter to mm or degrees. */
-export type AxisValues = Record<string, number>;
-
-export interface Position extends Envelope {
-  machine: AxisValues;
-  work: AxisValues;
-  distance_to_go: AxisValues;
-  feedrate: number;
-  spindle_rpm: number;
+/** One alarm: payload of `alarm/event`, and an entry of `alarm/active`. */
+export interface AlarmRecord {
+  acknowledged_by: string | null; cleared_at: Timestamp | null; column?: number; cs: number | null; id: number;
+  line: number | null; number: number; program: number | null; raised_at: Timestamp; remedy?: string;
+  severity: AlarmSeverity; text: string;
 }
 
-export interface Modal extends Envelope {
-  g: Record<string, string>;
-  f: number;
-  s: number;
-  tool: number;
-  work_offset: string | null;
+/** One alarm: payload of `alarm/event`, and an entry of `alarm/active`. */
+export interface AlarmRecordMessage {
+  acknowledged_by: string | null; boot_id: BootId; cleared_at: Timestamp | null; column?: number; cs: number | null;
+  id: number; line: number | null; number: number; program: number | null; raised_at: Timestamp; remedy?: string;
+  rev?: number; severity: AlarmSeverity; text: string; ts: string; v: 1;
 }
 
-export interface PendingOutput {
-  seq: number;
-  run_id: string;
-  m: number;
-  params: Record<string, number>;
-  timing: "after_motion" | "with_motion";
-  program: number;
-  line: number;
-  attempt: number;
-  redelivered: boolean;
-  state: "QUEUED" | "OUTPUT" | "CLAIMED";
-  handler_id: string | null;
-  since: string;
-  /** The handler that had it has gone. */
-  lost: boolean;
-  progress?: Progress;
-  question?: Question;
-  how?: "redo" | "verify";
+/** How much an alarm weighs. */
+export type AlarmSeverity = "warning" | "alarm";
+
+/** Payload of `birth`: what does not change while the runtime runs. */
+export interface BirthMessage {
+  boot_id: BootId; coordinate_systems: CoordinateSystemInfo[]; limits: Limits; m_codes: Record<string, MCodeInfo>;
+  machine: string; motors: MotorInfo[]; rev?: number; servo_period_us: number; ts: string; v: 1;
 }
 
-export interface Pending extends Envelope { outputs: PendingOutput[] }
-export interface Overrides extends Envelope { feed: number; rapid: number; spindle: number }
-/** Who holds the control lease; all null: nobody does. */
-export interface Lease extends Envelope { holder: string | null; fence: number | null; expires_at: string | null }
-export interface Switch extends Envelope { value: boolean }
-export interface Lock { value: boolean; text: string }
-export interface LockInput extends Envelope, Lock {}
-export interface OptionalSkip extends Envelope { requested: number[]; effective: number[]; effective_from_line: number }
-export interface Presence extends Envelope { online: boolean; started_at: string; version: string }
+/** Names one start of the runtime. Outputs, claims and resets of another boot are stale. */
+export type BootId = string;
 
+/** A call in the program stack. */
+export interface CallSite {
+  line: number; program: number;
+}
+
+/** Payload of `m_code/{m}/cancel`. */
+export interface CancelMessage {
+  boot_id: BootId; reason: CancelReason; rev?: number; seq: number; ts: string; v: 1;
+}
+
+/** Why an output was cancelled. */
+export type CancelReason = "reset" | "stop" | "abort" | "alarm" | "timeout" | "operator" | "shutdown";
+
+/** Payload of `captured`. */
+export interface CapturedMessage {
+  boot_id: BootId; captured: boolean[]; line: number; motors: number[]; positions: number[]; rev?: number;
+  run_id: string | null; ts: string; v: 1;
+}
+
+/** A command is accepted. */
+export interface CommandAccepted {
+  command_id: string;
+}
+
+/** Payload of `reply/{client_id}`, and of `GET /commands/{id}`. */
+export interface CommandReply {
+  code: string; command_id: string; lease?: Lease; state_rev: number; status: CommandStatus; text: string;
+  variables?: VariableValues;
+}
+
+/** Payload of `reply/{client_id}`, and of `GET /commands/{id}`. */
+export interface CommandReplyMessage {
+  boot_id: BootId; code: string; command_id: string; lease?: Lease; rev?: number; state_rev: number;
+  status: CommandStatus; text: string; ts: string; v: 1; variables?: VariableValues;
+}
+
+/** How far a command is. */
+export type CommandStatus = "accepted" | "rejected" | "done" | "failed";
+
+/** One coordinate system. */
 export interface CoordinateSystemInfo {
-  number: number;
-  axes: Record<string, number>;
-  spindle: number | null;
-  dialect: string;
-  units: string;
+  axes: Record<string, number>; dialect: string; number: number; spindle: number | null; units: string;
 }
 
-export interface MotorInfo {
-  number: number;
-  kind: "linear" | "rotary" | "spindle";
-  soft_limits: [number, number] | null;
-  max_velocity: number;
+/** All coordinate systems with their states. */
+export interface CoordinateSystems {
+  coordinate_systems: ({ axes: Record<string, number>; dialect: string; number: number; spindle: number | null; state: StateMessage | null; units: string })[];
 }
 
-export interface Birth extends Envelope {
-  machine: string;
-  servo_period_us: number;
-  coordinate_systems: CoordinateSystemInfo[];
-  motors: MotorInfo[];
-  m_codes: Record<string, { timing: string; timeout_ms: number | null; wait_state: string | null }>;
+/** Error or warning. */
+export type DiagnosticSeverity = "error" | "warning";
+
+/** State words, after MTConnect Execution. */
+export type Execution = "READY" | "ACTIVE" | "WAIT" | "FEED_HOLD" | "PROGRAM_STOPPED" | "OPTIONAL_STOP" | "INTERRUPTED" | "STOPPED" | "PROGRAM_COMPLETED";
+
+/** One M code that a handler serves. */
+export interface HandledCode {
+  cs: number; m: number;
 }
 
-export interface Alarm {
-  id: number;
-  severity: "warning" | "alarm";
-  number: number;
-  text: string;
-  remedy?: string | null;
-  cs: number | null;
-  program: number | null;
-  line: number | null;
-  column?: number;
-  raised_at: string;
-  cleared_at: string | null;
-  acknowledged_by: string | null;
+/** Payload of `handler/{id}/presence`. */
+export interface HandlerPresence {
+  handles: HandledCode[]; online: boolean; validates: boolean;
 }
 
-export interface ActiveAlarms extends Envelope { alarms: Alarm[] }
-
-export interface ProgramInfo { number: number; title: string; bytes: number; errors: number; warnings: number }
-
-export interface Diagnostic {
-  code: string;
-  severity: "error" | "warning";
-  line: number;
-  column: number;
-  message: string;
-  help: string;
+export interface Handlers {
+  handlers: Record<string, HandlerPresence>;
 }
 
-/** The last run before this start of the runtime. */
+/** Payload of `m_code/{m}/result`. */
+export interface HandshakeResult {
+  handler_id: string; seq: number; status: HandshakeStatus;
+}
+
+/** Payload of `m_code/{m}/result`. */
+export interface HandshakeResultMessage {
+  boot_id: BootId; handler_id: string; rev?: number; seq: number; status: HandshakeStatus; ts: string; v: 1;
+}
+
+/** What became of a claim or a reset. */
+export type HandshakeStatus = "accepted" | "duplicate" | "stale" | "unknown" | "not_owner";
+
+/** Whether the server answers. */
+export interface Health {
+  status: "ok";
+}
+
+export interface Inputs {
+  dry_run?: SwitchMessage; interlock?: LockMessage; optional_skip?: OptionalSkipMessage; optional_stop?: SwitchMessage;
+  single_block?: SwitchMessage; start_lock?: LockMessage;
+}
+
+export interface JournalAnswer {
+  lines: ({ cs: number | null; event: string; t_s: number | null; ts: string | null; [name: string]: unknown })[];
+}
+
+/** How the last run of a coordinate system stood when an earlier start of the runtime ended, at most 100 ms before that:
+ * of `GET /cs/{n}/last_run`. */
 export interface LastRun {
-  run_id: string;
-  program: number | null;
-  running: number | null;
-  line: number;
-  execution: Execution;
-  outputs: PendingOutput[];
-  at: string;
+  at: Timestamp; boot_id: BootId; execution: Execution; line: number; outputs: PendingOutput[]; program: number | null;
+  run_id: string; running: number | null;
 }
 
-/** A refusal as problem+json (RFC 9457). */
+export interface LastRunAnswer {
+  last_run: LastRun | null;
+}
+
+/** A lease that is held. */
+export interface Lease {
+  expires_at: Timestamp; fence: number; holder: string;
+}
+
+/** Payload of `cs/{cs}/lease/state`: all fields are null while nobody holds the lease. */
+export interface LeaseStateMessage {
+  boot_id: BootId; expires_at: Timestamp | null; fence: number | null; holder: string | null; rev?: number; ts: string;
+  v: 1;
+}
+
+/** Limits of the interface. */
+export interface Limits {
+  open_outputs_max: number; program_bytes_max: number;
+}
+
+/** Payload of an input that says why it is on. */
+export interface LockMessage {
+  boot_id: BootId; rev?: number; text: string; ts: string; v: 1; value: boolean;
+}
+
+/** Settings of one M code. */
+export interface MCodeInfo {
+  timeout_ms: number | null; timing: Timing; wait_state: string | null;
+}
+
+/** Payload of `modal`. */
+export interface ModalMessage {
+  boot_id: BootId; f: number; g: Record<string, string>; rev?: number; s: number; ta: number; td: number; tool: number;
+  ts: string; ts_ms: number; v: 1; work_offset: string | null;
+}
+
+/** One motor. */
+export interface MotorInfo {
+  kind: string; max_velocity: number; number: number; soft_limits: [number, number] | null;
+}
+
+export type Number = number | "NaN" | "inf" | "-inf";
+
+/** Payload of `input/optional_skip/state`. */
+export interface OptionalSkipMessage {
+  boot_id: BootId; effective: number[]; effective_from_line: number; requested: number[]; rev?: number; ts: string;
+  v: 1;
+}
+
+/** One output as `m_code/{m}/output` says it. */
+export interface OutputNoticeMessage {
+  attempt: number; boot_id: BootId; line: number; m: number; params: Params; program: number; redelivered: boolean;
+  rev?: number; run_id: string; seq: number; timing: Timing; ts: string; v: 1;
+}
+
+/** Where an open output stands in its life. */
+export type OutputState = "QUEUED" | "OUTPUT" | "CLAIMED";
+
+/** Payload of `override/state`, percent. */
+export interface OverridesMessage {
+  boot_id: BootId; feed: number; rapid: number; rev?: number; spindle: number; ts: string; v: 1;
+}
+
+/** VA to VH of an output, in JSON `A` to `H`: numbers as the program gives them, without a unit (G20 and G21 do not
+ * change them); `None`: not programmed. */
+export interface Params {
+  A?: number; B?: number; C?: number; D?: number; E?: number; F?: number; G?: number; H?: number;
+}
+
+/** Payload of `m_code/pending`: all open outputs, ascending by `seq`. */
+export interface PendingMessage {
+  boot_id: BootId; outputs: PendingOutput[]; rev?: number; ts: string; v: 1;
+}
+
+/** One open output as `m_code/pending` says it. */
+export interface PendingOutput {
+  attempt: number; handler_id: string | null; how?: Redelivery; line: number; lost: boolean; m: number; params: Params;
+  program: number; progress?: Progress; question?: Question; redelivered: boolean; run_id: string; seq: number;
+  since: Timestamp; state: OutputState; timing: Timing;
+}
+
+/** Payload of `position`. Lengths are mm and angles degrees, whatever G20 or G21 says. */
+export interface PositionMessage {
+  actual: Record<string, number>; boot_id: BootId; distance_to_go: Record<string, number>; feedrate: number;
+  following_error: Record<string, number>; machine: Record<string, number>; rev?: number; spindle_rpm: number;
+  ts: string; v: 1; work: Record<string, number>;
+}
+
+/** Payload of `presence`. */
+export interface PresenceMessage {
+  boot_id: BootId; online: boolean; rev?: number; started_at: Timestamp; ts: string; v: 1; version: string;
+}
+
+/** A refusal as HTTP says it. */
 export interface Problem {
-  title?: string;
-  status?: number;
-  detail?: string;
-  code?: string;
-  state?: Execution;
-  allowed?: string[];
-  diagnostics?: Diagnostic[];
+  allowed?: Verb[]; code: string; detail: string; diagnostics?: ProgramDiagnostic[]; state?: Execution; status: number;
+  title: string; type: string;
+}
+
+/** What checking says of a program. */
+export interface ProgramCheck {
+  diagnostics: ProgramDiagnostic[]; m_codes: number[]; programs: number[];
+}
+
+/** One finding. */
+export interface ProgramDiagnostic {
+  code: string; column: number; end_column: number; end_line: number; help: string; line: number; message: string;
+  severity: DiagnosticSeverity;
+}
+
+/** One program of the store. */
+export interface ProgramInfo {
+  bytes: number; errors: number; number: number; title: string; warnings: number;
+}
+
+/** Payload of `program`. */
+export interface ProgramPlaceMessage {
+  block: string; boot_id: BootId; interpreted_line: number; line: number; nest_level: number; number: number | null;
+  rev?: number; stack: CallSite[]; ts: string; v: 1;
+}
+
+export interface Programs {
+  programs: ProgramInfo[];
+}
+
+/** Progress of a handler, shown while the program waits. */
+export interface Progress {
+  percent?: number; text: string;
+}
+
+/** A question that a handler asks the operator, as it stands with its output in `m_code/pending`, and in `state` while
+ * the program waits for that output and the question has no answer. */
+export interface Question {
+  answer?: string; choices: string[]; id: string; since: Timestamp; text: string;
+}
+
+/** Why a state is as it is. */
+export type Reason = "HANDLER_LOST" | "SINGLE_BLOCK" | "INTERLOCK" | "BUS_LOST" | "BACK_TRACE" | "BACK_TRACE_END" | "ALARM" | "STOP" | "ABORTED" | "NO_PROGRAM" | "RESTARTED";
+
+/** What a handler does with an output that it may already have worked on. */
+export type Redelivery = "ask" | "redo" | "verify";
+
+/** How a spindle turns. */
+export type SpindleDirection = "cw" | "ccw" | "stop" | "orient";
+
+/** Payload of `spindle/state`. */
+export interface SpindleMessage {
+  actual_rpm: number; boot_id: BootId; direction: SpindleDirection; oriented: boolean; rev?: number; rpm: number;
+  ts: string; v: 1;
+}
+
+/** Payload of `state`. */
+export interface StateMessage {
+  alarm_count: number; boot_id: BootId; dry_run: boolean; execution: Execution; last_command_id: string | null;
+  optional_skip: number[]; optional_stop: boolean; program: number | null; reason: Reason | null; rev?: number;
+  run_id: string | null; single_block: boolean; transition: Transition | null; ts: string; v: 1;
+  wait_state: string | null; waiting_on: WaitingOn | null;
+}
+
+/** Payload of an input with one value. */
+export interface SwitchMessage {
+  boot_id: BootId; rev?: number; ts: string; v: 1; value: boolean;
+}
+
+/** A time as RFC 3339 in UTC, such as `2026-01-31T12:00:00.250000Z`. */
+export type Timestamp = string;
+
+/** When an output is made (D30). */
+export type Timing = "after_motion" | "with_motion";
+
+/** A tool of the table: what G41 to G44 take (D17). */
+export interface ToolData {
+  id: number; length: number; radius: number;
+}
+
+/** Payload of `tool/state`. */
+export interface ToolMessage {
+  boot_id: BootId; id: number; rev?: number; ts: string; v: 1;
+}
+
+/** The tool table, ascending by number: of `GET /tools`. */
+export interface ToolTable {
+  tools: ToolData[];
+}
+
+/** On the way to another state. */
+export type Transition = "STARTING" | "HOLDING" | "STOPPING" | "RESUMING" | "RESETTING";
+
+/** Payload of `m_code/{m}/validate`: may this M code be put out with these parameters? Asked when a program is loaded. */
+export interface ValidateMessage {
+  boot_id: BootId; line: number; params: Params; program: number; request_id: string; rev?: number; ts: string; v: 1;
+}
+
+/** Letter of the variables that outlive a program (manual 4-3). */
+export type VariableKind = "P" | "Q";
+
+/** Values of variables in a row, as they were at one moment: in the reply to `variable/get`, and of
+ * `GET /variables/p`. */
+export interface VariableValues {
+  from: number; kind: VariableKind; values: Number[];
+}
+
+/** A verb, for lists of what is allowed. */
+export type Verb = "load" | "start" | "hold" | "resume" | "back_trace" | "stop" | "abort" | "reset" | "alarm_acknowledge" | "mdi" | "jog" | "home";
+
+/** The output that a program waits for. */
+export interface WaitingOn {
+  m: number; progress?: Progress; question?: Question; seq: number; since: Timestamp;
+}
+
+/** An error frame. */
+export interface WebSocketError {
+  error: string;
+}
+
+/** The message of the topic, with its path in front; see the topic's channel for the other fields. */
+export interface WebSocketMessage {
+  boot_id: BootId; rev?: number; topic: string; ts: string; v: 1; [name: string]: unknown;
+}
+
+/** Work offsets of a coordinate system, mm or degrees: of `GET /cs/{n}/work_offsets`. As a change, the body of `PUT`
+ * there, offsets and axes that it does not name stay, and it is carried out as a whole or not at all. */
+export interface WorkOffsetTable {
+  work_offsets: Record<string, Record<string, number>>;
 }

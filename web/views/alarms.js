@@ -25,7 +25,7 @@ export const alarms = {
   },
 };
 
-/** @param {import("../main.js").App} app @param {import("../types.d.ts").Alarm} alarm */
+/** @param {import("../main.js").App} app @param {import("../types.d.ts").AlarmRecord} alarm */
 function entry(app, alarm) {
   const place = alarm.program === null ? "" : `${programName(alarm.program)}${alarm.line === null ? "" : ` line ${alarm.line}`}`;
   const facts = [alarm.cs === null ? "all" : `CS ${alarm.cs}`, place, timeOfDay(alarm.raised_at)].filter((text) => text !== "");

@@ -141,7 +141,7 @@ function row(number, text, running, interpreted) {
   );
 }
 
-/** @param {import("../types.d.ts").ProgramPlace | null} place */
+/** @param {import("../types.d.ts").ProgramPlaceMessage | null} place */
 function callers(place) {
   return (place?.stack ?? []).map((site) => `${programName(site.program)} line ${site.line} › `).join("");
 }

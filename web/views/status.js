@@ -79,7 +79,7 @@ function details({ state, modal, info, interlock, startLock, lease }, programs) 
   return parts.join("  ·  ");
 }
 
-/** @param {string} name @param {import("../types.d.ts").Lock} lock */
+/** @param {string} name @param {{text: string}} lock */
 function lock(name, { text }) {
   return text ? `${name}: ${text}` : name;
 }

@@ -15,7 +15,6 @@ use http_body_util::{BodyExt, Limited};
 use hyper_util::client::legacy::Client;
 use hyper_util::client::legacy::connect::HttpConnector;
 use hyper_util::rt::TokioExecutor;
-use serde_json::{Value, json};
 use tokio::sync::Notify;
 use tokio_tungstenite::tungstenite::http;
 
@@ -24,13 +23,12 @@ use crate::hub::Filter;
 use crate::lock::lock;
 use crate::port::{BoxFuture, Port};
 use crate::transport::client::{Client as TransportClient, Link};
-use crate::types::CoordinateSystemNumber;
 use crate::types::message::{Message, Payload};
 use crate::types::output::HandlerPresence;
-use crate::types::question::ValidateResult;
 use crate::types::request::{Answer, Refusal, RefusalCode, Request};
 use crate::types::topic::{CsTopic, Topic};
 use crate::wire::rest::{Exchange, encode, read};
+use crate::wire::websocket::{self, ClientFrame};
 
 use address::Address;
 
@@ -89,8 +87,8 @@ struct ConnectionState {
     unsent: Vec<String>,
     /// Handlers that the machine has refused, and why.
     refused: BTreeMap<String, String>,
-    /// Results of validations to send on this connection.
-    validated: Vec<Value>,
+    /// Frames with results of validations, to be sent on this connection.
+    validated: Vec<ClientFrame>,
 }
 
 impl TransportClient for Shared {
@@ -132,7 +130,7 @@ impl Shared {
     async fn ask(&self, request: Request) -> Result<Answer, Refusal> {
         let request = match request {
             Request::Handler(id, presence) => return self.announce(id, presence).await,
-            Request::ValidateResult(cs, Some(m), result) => return self.send_validation(cs, m, result),
+            Request::ValidateResult(..) => return self.send_validation(request),
             other => other,
         };
         let patience = match &request {
@@ -176,26 +174,14 @@ impl Shared {
     }
 
     /// Passes the result of a validation to the connection. The machine does not answer it.
-    fn send_validation(
-        &self,
-        cs: CoordinateSystemNumber,
-        m: u16,
-        result: ValidateResult,
-    ) -> Result<Answer, Refusal> {
-        let ValidateResult {
-            request_id,
-            handler_id,
-            ok,
-            text,
-        } = result;
+    fn send_validation(&self, result: Request) -> Result<Answer, Refusal> {
+        let frame = websocket::encode(result)?;
         let mut state = lock(&self.state);
         if !self.link.is_online() || state.validated.len() >= VALIDATED_MAX {
             let text = format!("{} takes no result of a validation now", self.link.address);
             return Err(Refusal::new(RefusalCode::Unavailable, text));
         }
-        state.validated.push(json!({ "validate_result": {
-            "cs": cs, "m": m, "request_id": request_id, "handler_id": handler_id, "ok": ok, "text": text,
-        } }));
+        state.validated.push(frame);
         drop(state);
         self.link.wake.notify_one();
         Ok(Answer::Done)

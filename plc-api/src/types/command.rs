@@ -12,10 +12,13 @@ pub use super::verb::Verb;
 
 /// What can be commanded. Verbs and arguments are those of `command/{verb}` and of the REST routes.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", schemars(rename_all = "snake_case"))]
 pub enum Command {
     /// Takes a program of the store.
     Load {
         /// Main program number.
+        #[cfg_attr(feature = "schema", schemars(range(min = 1, max = 9999)))]
         program: u16,
     },
     /// From the head, as a new run.
@@ -61,6 +64,7 @@ pub enum Command {
     /// Moves axes to their first reference points, each motor alone as G28 does, then READY.
     Home {
         /// Axis letters; empty: all axes.
+        #[cfg_attr(feature = "schema", schemars(default, length(min = 1)))]
         axes: Vec<char>,
     },
 }

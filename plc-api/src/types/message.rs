@@ -1,20 +1,13 @@
 //! A message: topic, envelope and payload.
 
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 
-use super::command::CommandReply;
-use super::lease::LeaseState;
-use super::machine::{ActiveAlarms, AlarmRecord, Birth, Presence};
-use super::output::{Cancel, HandlerPresence, HandshakeResult, OutputNotice, Pending};
-use super::question::Validate;
-use super::state::{
-    Captured, Lock, Modal, OptionalSkip, Overrides, Position, ProgramPlace, Spindle, State, Switch, Tool,
-};
-use super::topic::{CsTopic, Topic, state_topics};
+use super::form::Enveloped;
+use super::topic::Topic;
 use super::{BootId, Timestamp};
 
-/// Version of the interface, `v` in every message.
-pub const INTERFACE_VERSION: u32 = 1;
+pub use super::form::INTERFACE_VERSION;
+pub use super::topic::Payload;
 
 /// What the runtime says on one topic.
 #[derive(Debug, Clone, PartialEq)]
@@ -31,50 +24,6 @@ pub struct Message {
     pub payload: Payload,
 }
 
-/// What a message says, by topic.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-#[serde(untagged)]
-#[allow(
-    missing_docs,
-    reason = "each variant is the payload type of the same name, documented there"
-)]
-pub enum Payload {
-    Presence(Presence),
-    Birth(Birth),
-    AlarmEvent(AlarmRecord),
-    AlarmActive(ActiveAlarms),
-    Reply(CommandReply),
-    HandlerPresence(HandlerPresence),
-    State(State),
-    Program(ProgramPlace),
-    Position(Position),
-    Modal(Modal),
-    Pending(Pending),
-    Output(OutputNotice),
-    Result(HandshakeResult),
-    Cancel(Cancel),
-    Validate(Validate),
-    Captured(Captured),
-    OptionalSkip(OptionalSkip),
-    Switch(Switch),
-    Lock(Lock),
-    Spindle(Spindle),
-    Tool(Tool),
-    Override(Overrides),
-    Lease(LeaseState),
-}
-
-#[derive(Serialize)]
-struct EnvelopeOut<'a> {
-    v: u32,
-    boot_id: &'a BootId,
-    ts: &'a Timestamp,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    rev: Option<u64>,
-    #[serde(flatten)]
-    payload: &'a Payload,
-}
-
 #[derive(Deserialize)]
 struct EnvelopeIn {
     #[serde(default)]
@@ -87,7 +36,7 @@ struct EnvelopeIn {
 impl Message {
     /// The JSON form: envelope and payload in one object.
     pub fn to_json(&self) -> String {
-        let envelope = EnvelopeOut {
+        let envelope = Enveloped {
             v: INTERFACE_VERSION,
             boot_id: &self.boot_id,
             ts: &self.ts,
@@ -103,7 +52,7 @@ impl Message {
     /// The text is not JSON, or not of the topic's form.
     pub fn from_json(topic: Topic, json: &[u8]) -> Result<Message, serde_json::Error> {
         let envelope: EnvelopeIn = serde_json::from_slice(json)?;
-        let payload = Payload::from_json(&topic, json)?;
+        let payload = topic.payload(json)?;
         Ok(Message {
             topic,
             boot_id: envelope.boot_id,
@@ -114,41 +63,11 @@ impl Message {
     }
 }
 
-macro_rules! payloads {
-    ($($name:ident $path:literal $payload:ident($type:ident);)*) => {
-        fn of_coordinate_system(topic: CsTopic, json: &[u8]) -> Result<Payload, serde_json::Error> {
-            use serde_json::from_slice;
-            Ok(match topic {
-                $(CsTopic::$name => Payload::$payload(from_slice::<$type>(json)?),)*
-                CsTopic::Output(_) => Payload::Output(from_slice(json)?),
-                CsTopic::Result(_) => Payload::Result(from_slice(json)?),
-                CsTopic::Cancel(_) => Payload::Cancel(from_slice(json)?),
-                CsTopic::Validate(_) => Payload::Validate(from_slice(json)?),
-            })
-        }
-    };
-}
-
-state_topics!(payloads);
-
-impl Payload {
-    fn from_json(topic: &Topic, json: &[u8]) -> Result<Payload, serde_json::Error> {
-        use serde_json::from_slice;
-        Ok(match topic {
-            Topic::Presence => Payload::Presence(from_slice(json)?),
-            Topic::Birth => Payload::Birth(from_slice(json)?),
-            Topic::AlarmEvent => Payload::AlarmEvent(from_slice(json)?),
-            Topic::AlarmActive => Payload::AlarmActive(from_slice(json)?),
-            Topic::Reply(_) => Payload::Reply(from_slice(json)?),
-            Topic::HandlerPresence(_) => Payload::HandlerPresence(from_slice(json)?),
-            Topic::CoordinateSystem(_, topic) => of_coordinate_system(*topic, json)?,
-        })
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::types::state::Switch;
+    use crate::types::topic::CsTopic;
 
     #[test]
     fn envelope_and_payload_stand_in_one_object() {

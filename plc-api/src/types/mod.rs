@@ -3,6 +3,7 @@
 pub mod command;
 pub mod data;
 pub mod execution;
+pub mod form;
 pub mod ids;
 pub mod lease;
 pub mod machine;

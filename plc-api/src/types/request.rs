@@ -385,16 +385,24 @@ macro_rules! answers {
             $($(#[$doc])* $name($type),)*
         }
 
-        $(impl TryFrom<Answer> for $type {
-            type Error = Answer;
+        $(
+            impl TryFrom<Answer> for $type {
+                type Error = Answer;
 
-            fn try_from(answer: Answer) -> Result<Self, Answer> {
-                match answer {
-                    Answer::$name(said) => Ok(said),
-                    other => Err(other),
+                fn try_from(answer: Answer) -> Result<Self, Answer> {
+                    match answer {
+                        Answer::$name(said) => Ok(said),
+                        other => Err(other),
+                    }
                 }
             }
-        })*
+
+            impl From<$type> for Answer {
+                fn from(said: $type) -> Self {
+                    Answer::$name(said)
+                }
+            }
+        )*
     };
 }
 

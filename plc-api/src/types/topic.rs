@@ -1,6 +1,17 @@
-//! Topics: one table of everything that the runtime says, with its path, retain flag and quality of service.
+//! Topics: one table of everything that the runtime says, with its path, route, payload and explanation.
+
+use serde::Serialize;
 
 use super::CoordinateSystemNumber;
+use super::command::CommandReply;
+use super::form::{Enveloped, Form};
+use super::lease::LeaseState;
+use super::machine::{ActiveAlarms, AlarmRecord, Birth, Presence};
+use super::output::{Cancel, HandlerPresence, HandshakeResult, OutputNotice, Pending};
+use super::question::Validate;
+use super::state::{
+    Captured, Lock, Modal, OptionalSkip, Overrides, Position, ProgramPlace, Spindle, State, Switch, Tool,
+};
 
 /// Names one thing that the runtime says. Paths are relative to `{prefix}/tandem/v1/{machine}/`.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -21,101 +32,164 @@ pub enum Topic {
     CoordinateSystem(CoordinateSystemNumber, CsTopic),
 }
 
-/// Every topic of one coordinate system that says a state: variant, path, and variant and type of its payload.
-macro_rules! state_topics {
-    ($with:ident) => {
-        $with! {
-            State "state" State(State);
-            Program "program" Program(ProgramPlace);
-            Position "position" Position(Position);
-            Modal "modal" Modal(Modal);
-            Pending "m_code/pending" Pending(Pending);
-            Captured "captured" Captured(Captured);
-            OptionalSkip "input/optional_skip/state" OptionalSkip(OptionalSkip);
-            OptionalStop "input/optional_stop/state" Switch(Switch);
-            SingleBlock "input/single_block/state" Switch(Switch);
-            DryRun "input/dry_run/state" Switch(Switch);
-            Interlock "input/interlock/state" Lock(Lock);
-            StartLock "input/start_lock/state" Lock(Lock);
-            Spindle "spindle/state" Spindle(Spindle);
-            Tool "tool/state" Tool(Tool);
-            Override "override/state" Override(Overrides);
-            Lease "lease/state" Lease(LeaseState);
-        }
-    };
+/// What a message says, by topic.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(untagged)]
+#[allow(
+    missing_docs,
+    reason = "each variant is the payload type of the same name, documented there"
+)]
+pub enum Payload {
+    Presence(Presence),
+    Birth(Birth),
+    AlarmEvent(AlarmRecord),
+    AlarmActive(ActiveAlarms),
+    Reply(CommandReply),
+    HandlerPresence(HandlerPresence),
+    State(State),
+    Program(ProgramPlace),
+    Position(Position),
+    Modal(Modal),
+    Pending(Pending),
+    Output(OutputNotice),
+    Result(HandshakeResult),
+    Cancel(Cancel),
+    Validate(Validate),
+    Captured(Captured),
+    OptionalSkip(OptionalSkip),
+    Switch(Switch),
+    Lock(Lock),
+    Spindle(Spindle),
+    Tool(Tool),
+    Override(Overrides),
+    Lease(LeaseState),
 }
-pub(super) use state_topics;
 
-macro_rules! topics {
-    ($($name:ident $path:literal $payload:ident($type:ident);)*) => {
+/// Topics of one coordinate system: each with its path, variant and type of its payload, and what it says. A state has a
+/// REST route besides, and an event the M number of an output.
+macro_rules! cs_topics {
+    (
+        states {$($state:ident $path:literal $route:literal $payload:ident($type:ident) $says:literal;)*}
+        events {$($event:ident $event_path:literal $event_payload:ident($event_type:ident) $event_says:literal;)*}
+    ) => {
         /// A topic of one coordinate system.
         #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
         pub enum CsTopic {
-            $(#[doc = concat!("`", $path, "`")] $name,)*
-            /// `m_code/{m}/output`
-            Output(u16),
-            /// `m_code/{m}/result`
-            Result(u16),
-            /// `m_code/{m}/cancel`
-            Cancel(u16),
-            /// `m_code/{m}/validate`
-            Validate(u16),
+            $(#[doc = concat!("`", $path, "`")] $state,)*
+            $(#[doc = concat!("`m_code/{m}/", $event_path, "`")] $event(u16),)*
         }
 
         impl CsTopic {
             /// Topics whose last value is kept and retained, with their paths.
-            pub const STATES: [(CsTopic, &'static str); 16] = [$((CsTopic::$name, $path),)*];
+            pub const STATES: [(CsTopic, &'static str); 16] = [$((CsTopic::$state, $path),)*];
 
-            /// Path below the coordinate system's, with `{m}` as its M number.
-            fn pattern(self) -> &'static str {
+            /// Path below the coordinate system's.
+            fn path(self) -> String {
                 match self {
-                    $(CsTopic::$name => $path,)*
-                    CsTopic::Output(_) => "m_code/{m}/output",
-                    CsTopic::Result(_) => "m_code/{m}/result",
-                    CsTopic::Cancel(_) => "m_code/{m}/cancel",
-                    CsTopic::Validate(_) => "m_code/{m}/validate",
+                    $(CsTopic::$state => $path.to_owned(),)*
+                    $(CsTopic::$event(m) => format!("m_code/{m}/{}", $event_path),)*
                 }
             }
 
-            /// Name of the type of its payload.
-            pub fn payload_type(self) -> &'static str {
-                match self {
-                    $(CsTopic::$name => stringify!($type),)*
-                    CsTopic::Output(_) => "OutputNotice",
-                    CsTopic::Result(_) => "HandshakeResult",
-                    CsTopic::Cancel(_) => "Cancel",
-                    CsTopic::Validate(_) => "Validate",
+            fn parse(path: &str) -> Option<CsTopic> {
+                if let Some((topic, _)) = Self::STATES.iter().find(|(_, state)| *state == path) {
+                    return Some(*topic);
                 }
+                let (m, what) = path.strip_prefix("m_code/")?.split_once('/')?;
+                let m = m.parse().ok()?;
+                match what {
+                    $($event_path => Some(CsTopic::$event(m)),)*
+                    _ => None,
+                }
+            }
+
+            /// Route of a state, below `/api/v1`.
+            pub fn route(self) -> Option<&'static str> {
+                match self {
+                    $(CsTopic::$state => Some(concat!("/cs/{cs}/", $route)),)*
+                    $(CsTopic::$event(_) => None,)*
+                }
+            }
+
+            /// What the topic says, in one sentence.
+            pub fn summary(self) -> &'static str {
+                match self {
+                    $(CsTopic::$state => $says,)*
+                    $(CsTopic::$event(_) => $event_says,)*
+                }
+            }
+
+            /// The form of its messages.
+            pub fn form(self) -> Form {
+                match self {
+                    $(CsTopic::$state => Form::of::<Enveloped<'static, $type>>(),)*
+                    $(CsTopic::$event(_) => Form::of::<Enveloped<'static, $event_type>>(),)*
+                }
+            }
+
+            /// An event of any M code, for each kind of events.
+            pub fn events(m: u16) -> impl Iterator<Item = CsTopic> {
+                [$(CsTopic::$event(m)),*].into_iter()
+            }
+
+            fn is_event(self) -> bool {
+                matches!(self, $(CsTopic::$event(_))|*)
+            }
+
+            fn payload(self, json: &[u8]) -> Result<Payload, serde_json::Error> {
+                Ok(match self {
+                    $(CsTopic::$state => Payload::$payload(serde_json::from_slice(json)?),)*
+                    $(CsTopic::$event(_) => Payload::$event_payload(serde_json::from_slice(json)?),)*
+                })
             }
         }
     };
 }
 
-state_topics!(topics);
-
-impl CsTopic {
-    fn path(self) -> String {
-        match self {
-            CsTopic::Output(m) | CsTopic::Result(m) | CsTopic::Cancel(m) | CsTopic::Validate(m) => {
-                self.pattern().replace("{m}", &m.to_string())
-            }
-            state => state.pattern().to_owned(),
-        }
+cs_topics! {
+    states {
+        State "state" "state" State(State)
+            "State of a coordinate system: state word, reason, what is waited for, program, inputs; its ETag is the revision for If-Match.";
+        Program "program" "program" Program(ProgramPlace)
+            "Where the program is: line that runs, call stack.";
+        Position "position" "position" Position(Position)
+            "Positions of the last servo cycle, distance to go and feedrate; published 10 times a second, at rest, too.";
+        Modal "modal" "modal" Modal(Modal)
+            "Modal state: G codes, F, S, ta, td; the jerk time is ts_ms, since ts is the time of every message.";
+        Pending "m_code/pending" "m_codes" Pending(Pending)
+            "Auxiliary function outputs that are open, with parameters, state and owner.";
+        Captured "captured" "captured" Captured(Captured)
+            "Positions captured by the last G31.";
+        OptionalSkip "input/optional_skip/state" "inputs/optional_skip" OptionalSkip(OptionalSkip)
+            "Optional block skips.";
+        OptionalStop "input/optional_stop/state" "inputs/optional_stop" Switch(Switch)
+            "The optional stop input.";
+        SingleBlock "input/single_block/state" "inputs/single_block" Switch(Switch)
+            "The single block input.";
+        DryRun "input/dry_run/state" "inputs/dry_run" Switch(Switch)
+            "The dry run input.";
+        Interlock "input/interlock/state" "inputs/interlock" Lock(Lock)
+            "The interlock input.";
+        StartLock "input/start_lock/state" "inputs/start_lock" Lock(Lock)
+            "The start lock input.";
+        Spindle "spindle/state" "spindle" Spindle(Spindle)
+            "The spindle.";
+        Tool "tool/state" "tool" Tool(Tool)
+            "The tool in the spindle.";
+        Override "override/state" "overrides" Override(Overrides)
+            "Overrides, percent.";
+        Lease "lease/state" "lease" Lease(LeaseState)
+            "Who holds the control lease; all null while nobody does.";
     }
-
-    fn parse(path: &str) -> Option<CsTopic> {
-        if let Some((topic, _)) = Self::STATES.iter().find(|(_, state)| *state == path) {
-            return Some(*topic);
-        }
-        let (m, what) = path.strip_prefix("m_code/")?.split_once('/')?;
-        let m = m.parse().ok()?;
-        match what {
-            "output" => Some(CsTopic::Output(m)),
-            "result" => Some(CsTopic::Result(m)),
-            "cancel" => Some(CsTopic::Cancel(m)),
-            "validate" => Some(CsTopic::Validate(m)),
-            _ => None,
-        }
+    events {
+        Output "output" Output(OutputNotice)
+            "An M code is put out, or published again.";
+        Result "result" Result(HandshakeResult)
+            "What became of a claim or reset.";
+        Cancel "cancel" Cancel(Cancel)
+            "An output is cancelled, and why.";
+        Validate "validate" Validate(Validate)
+            "Asks handlers at a load whether the M code may be put out with these parameters.";
     }
 }
 
@@ -123,6 +197,48 @@ impl Topic {
     /// A topic of a coordinate system.
     pub fn cs(cs: CoordinateSystemNumber, topic: CsTopic) -> Self {
         Topic::CoordinateSystem(cs, topic)
+    }
+
+    /// What the topic says, in one sentence.
+    pub fn summary(&self) -> &'static str {
+        match self {
+            Topic::Presence => "Whether the runtime is there, its version and since when it runs.",
+            Topic::Birth => "What the machine is: coordinate systems, axes, motors, M codes, limits.",
+            Topic::AlarmEvent => {
+                "An alarm is raised, with program and line, or it is acknowledged or cleared."
+            }
+            Topic::AlarmActive => "Active alarms.",
+            Topic::Reply(_) => "How far a command is: accepted, done, failed, or rejected with a reason.",
+            Topic::HandlerPresence(_) => "Which M codes a handler serves.",
+            Topic::CoordinateSystem(_, topic) => topic.summary(),
+        }
+    }
+
+    /// The form of its messages.
+    pub fn form(&self) -> Form {
+        match self {
+            Topic::Presence => Form::of::<Enveloped<'static, Presence>>(),
+            Topic::Birth => Form::of::<Enveloped<'static, Birth>>(),
+            Topic::AlarmEvent => Form::of::<Enveloped<'static, AlarmRecord>>(),
+            Topic::AlarmActive => Form::of::<Enveloped<'static, ActiveAlarms>>(),
+            Topic::Reply(_) => Form::of::<Enveloped<'static, CommandReply>>(),
+            Topic::HandlerPresence(_) => Form::of::<Enveloped<'static, HandlerPresence>>(),
+            Topic::CoordinateSystem(_, topic) => topic.form(),
+        }
+    }
+
+    /// Reads what a message of this topic says.
+    pub(super) fn payload(&self, json: &[u8]) -> Result<Payload, serde_json::Error> {
+        use serde_json::from_slice;
+        Ok(match self {
+            Topic::Presence => Payload::Presence(from_slice(json)?),
+            Topic::Birth => Payload::Birth(from_slice(json)?),
+            Topic::AlarmEvent => Payload::AlarmEvent(from_slice(json)?),
+            Topic::AlarmActive => Payload::AlarmActive(from_slice(json)?),
+            Topic::Reply(_) => Payload::Reply(from_slice(json)?),
+            Topic::HandlerPresence(_) => Payload::HandlerPresence(from_slice(json)?),
+            Topic::CoordinateSystem(_, topic) => topic.payload(json)?,
+        })
     }
 
     /// Path below the machine's root.
@@ -166,15 +282,11 @@ impl Topic {
 
     /// True for topics that say a state: the last value stands for all before it. False for events.
     pub fn is_state(&self) -> bool {
-        !matches!(
-            self,
-            Topic::AlarmEvent
-                | Topic::Reply(_)
-                | Topic::CoordinateSystem(
-                    _,
-                    CsTopic::Output(_) | CsTopic::Result(_) | CsTopic::Cancel(_) | CsTopic::Validate(_)
-                )
-        )
+        match self {
+            Topic::AlarmEvent | Topic::Reply(_) => false,
+            Topic::CoordinateSystem(_, topic) => !topic.is_event(),
+            _ => true,
+        }
     }
 
     /// Of an event, the state that it explains: whoever is told of both gets the event before any value of that state
@@ -203,12 +315,8 @@ mod tests {
 
     #[test]
     fn every_topic_is_found_again_by_its_path() {
-        let cs_topics = CsTopic::STATES.map(|(topic, _)| topic).into_iter().chain([
-            CsTopic::Output(100),
-            CsTopic::Result(7),
-            CsTopic::Cancel(0),
-            CsTopic::Validate(100),
-        ]);
+        let cs_topics = CsTopic::STATES.map(|(topic, _)| topic).into_iter();
+        let cs_topics = cs_topics.chain(CsTopic::events(0)).chain(CsTopic::events(100));
         let topics = cs_topics.map(|topic| Topic::cs(2, topic)).chain([
             Topic::Presence,
             Topic::Birth,

@@ -13,40 +13,58 @@ use crate::types::machine::AlarmRecord;
 use crate::types::output::{HandlerPresence, HandshakeResult, HandshakeStatus};
 use crate::types::program::{ProgramCheck, ProgramInfo};
 use crate::types::refusal::{Refusal, RefusalCode};
-use crate::types::request::Answer;
+use crate::types::request::{Answer, Request};
 
 /// How the answer of a request crosses REST.
-#[derive(Debug, Clone, PartialEq)]
-#[allow(missing_docs, reason = "each variant is the answer of the same name")]
+#[derive(Debug, Clone)]
 pub enum AnswerForm {
+    /// Nothing but a status.
     Nothing,
     /// With `wait` the reply of a command that is done, else its id.
     Command {
+        /// Whether the request waits for its effect.
         wait: bool,
     },
+    /// The reply to a request for the control lease.
     Lease,
-    /// How far a command is.
-    Status,
-    /// With what a result names that is none of the machine's.
+    /// The result of a claim or reset, with what it names that the machine does not say itself.
     Handshake {
+        /// Sequence number of the output.
         seq: u64,
+        /// Who claims or resets.
         handler_id: String,
+        /// True: an operator answers a question.
         is_answer: bool,
     },
-    /// With what the request named.
+    /// Values of variables, with what the request names.
     Variables {
+        /// Their letter.
         kind: VariableKind,
+        /// Number of the first.
         from: u32,
     },
-    Tools,
-    WorkOffsets,
-    LastRun,
-    Journal,
-    Programs,
-    ProgramText,
+    /// Text of a program.
+    Text,
+    /// What checking a program says; the status tells whether it is new.
     Check,
-    Handlers,
-    Alarms,
+    /// JSON of the answer's type.
+    Json {
+        /// Writes it; `None` for an answer of another type.
+        encode: fn(Answer) -> Option<Value>,
+        /// Reads it.
+        decode: fn(&str) -> Result<Answer, Refusal>,
+    },
+}
+
+/// For a request that is answered with JSON of this type.
+pub(super) fn json_of<T>(_: &Request) -> AnswerForm
+where
+    T: TryFrom<Answer> + Into<Answer> + Serialize + DeserializeOwned,
+{
+    AnswerForm::Json {
+        encode: |answer| T::try_from(answer).ok().map(|answer| json!(answer)),
+        decode: |body| read::<T>(body).map(Into::into),
+    }
 }
 
 /// An answer as it goes out.
@@ -62,33 +80,62 @@ pub enum Reply {
     Accepted(String),
 }
 
-#[derive(Serialize, Deserialize)]
-struct Programs {
-    programs: Vec<ProgramInfo>,
+/// Answers whose value is in a field of an object.
+macro_rules! in_a_field {
+    ($($name:ident { $field:ident: $type:ty $(, $schema:meta)? })*) => {$(
+        #[derive(Serialize, Deserialize)]
+        #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+        pub(super) struct $name {
+            $(#[cfg_attr(feature = "schema", $schema)])?
+            $field: $type,
+        }
+
+        impl TryFrom<Answer> for $name {
+            type Error = Answer;
+
+            fn try_from(answer: Answer) -> Result<Self, Answer> {
+                Ok(Self { $field: answer.try_into()? })
+            }
+        }
+
+        impl From<$name> for Answer {
+            fn from(answer: $name) -> Self {
+                answer.$field.into()
+            }
+        }
+    )*};
 }
 
-#[derive(Serialize, Deserialize)]
-struct LastRuns {
-    last_run: Option<LastRun>,
+in_a_field! {
+    Programs { programs: Vec<ProgramInfo> }
+    Handlers { handlers: BTreeMap<String, HandlerPresence> }
+    AlarmHistory { alarms: Vec<AlarmRecord> }
+    LastRunAnswer { last_run: Option<LastRun> }
+    JournalAnswer { lines: Vec<Value>, schemars(with = "Vec<JournalLine>") }
 }
 
-#[derive(Serialize, Deserialize)]
-struct Lines {
-    lines: Vec<Value>,
+/// A line of the journal, with what belongs to the event.
+#[cfg(feature = "schema")]
+#[derive(schemars::JsonSchema)]
+#[schemars(inline, extend("additionalProperties" = true))]
+#[allow(dead_code, reason = "the form of what is read as it is")]
+struct JournalLine {
+    /// When it was.
+    #[schemars(extend("format" = "date-time"))]
+    ts: Option<String>,
+    /// Seconds since the start of the runtime.
+    t_s: Option<f64>,
+    /// Coordinate system.
+    cs: Option<u8>,
+    /// What happened.
+    event: String,
 }
 
+/// A command is accepted.
 #[derive(Serialize, Deserialize)]
-struct Handlers {
-    handlers: BTreeMap<String, HandlerPresence>,
-}
-
-#[derive(Serialize, Deserialize)]
-struct Alarms {
-    alarms: Vec<AlarmRecord>,
-}
-
-#[derive(Serialize, Deserialize)]
-struct Accepted {
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", schemars(rename = "CommandAccepted"))]
+pub(super) struct Accepted {
     command_id: String,
 }
 
@@ -109,7 +156,7 @@ impl AnswerForm {
             (AnswerForm::Lease, Answer::Command(reply)) if reply.status == CommandStatus::Rejected => {
                 Err(Problem::of_reply(&reply).into())
             }
-            (AnswerForm::Lease | AnswerForm::Status, Answer::Command(reply)) => json(json!(reply)),
+            (AnswerForm::Lease, Answer::Command(reply)) => json(json!(reply)),
             (AnswerForm::Handshake { is_answer, .. }, Answer::Handshake(result)) => {
                 match handshake_problem(&result, *is_answer) {
                     None => json(json!(result)),
@@ -119,18 +166,14 @@ impl AnswerForm {
             (AnswerForm::Variables { kind, from }, Answer::Variables(values)) => {
                 json(json!(VariableValues::new(*kind, *from, values)))
             }
-            (AnswerForm::Tools, Answer::Tools(table)) => json(json!(table)),
-            (AnswerForm::WorkOffsets, Answer::WorkOffsets(table)) => json(json!(table)),
-            (AnswerForm::LastRun, Answer::LastRun(last_run)) => json(json!(LastRuns { last_run })),
-            (AnswerForm::Journal, Answer::Journal(lines)) => json(json!(Lines { lines })),
-            (AnswerForm::Programs, Answer::Programs(programs)) => json(json!(Programs { programs })),
-            (AnswerForm::ProgramText, Answer::ProgramText(text)) => Ok(Reply::Text(text)),
+            (AnswerForm::Text, Answer::ProgramText(text)) => Ok(Reply::Text(text)),
             (AnswerForm::Check, Answer::Check(check)) => {
                 let status = if check.created { 201 } else { 200 };
                 Ok(Reply::Json(status, json!(check).to_string()))
             }
-            (AnswerForm::Handlers, Answer::Handlers(handlers)) => json(json!(Handlers { handlers })),
-            (AnswerForm::Alarms, Answer::Alarms(alarms)) => json(json!(Alarms { alarms })),
+            (AnswerForm::Json { encode, .. }, answer) => {
+                encode(answer).map_or_else(|| Err(Problem::unexpected().into()), json)
+            }
             _ => Err(Problem::unexpected().into()),
         }
     }
@@ -146,35 +189,24 @@ impl AnswerForm {
         Ok(match self {
             AnswerForm::Nothing => Answer::Done,
             // 200 carries the reply; 202 only the id of a command that has been accepted
-            AnswerForm::Command { .. } if status == 202 => {
-                let Accepted { command_id } = read(body)?;
-                Answer::Command(CommandReply {
-                    command_id,
-                    status: CommandStatus::Accepted,
-                    code: "ok".to_owned(),
-                    text: String::new(),
-                    state_rev: 0,
-                    variables: None,
-                    lease: None,
-                })
-            }
-            AnswerForm::Command { .. } | AnswerForm::Lease | AnswerForm::Status => {
-                Answer::Command(read(body)?)
-            }
+            AnswerForm::Command { .. } if status == 202 => Answer::Command(CommandReply {
+                command_id: read::<Accepted>(body)?.command_id,
+                status: CommandStatus::Accepted,
+                code: "ok".to_owned(),
+                text: String::new(),
+                state_rev: 0,
+                variables: None,
+                lease: None,
+            }),
+            AnswerForm::Command { .. } | AnswerForm::Lease => Answer::Command(read(body)?),
             AnswerForm::Handshake { .. } => Answer::Handshake(read(body)?),
             AnswerForm::Variables { .. } => Answer::Variables(read::<VariableValues>(body)?.numbers()),
-            AnswerForm::Tools => Answer::Tools(read(body)?),
-            AnswerForm::WorkOffsets => Answer::WorkOffsets(read(body)?),
-            AnswerForm::LastRun => Answer::LastRun(read::<LastRuns>(body)?.last_run),
-            AnswerForm::Journal => Answer::Journal(read::<Lines>(body)?.lines),
-            AnswerForm::ProgramText => Answer::ProgramText(body.to_owned()),
+            AnswerForm::Text => Answer::ProgramText(body.to_owned()),
             AnswerForm::Check => Answer::Check(ProgramCheck {
                 created: status == 201,
                 ..read(body)?
             }),
-            AnswerForm::Programs => Answer::Programs(read::<Programs>(body)?.programs),
-            AnswerForm::Handlers => Answer::Handlers(read::<Handlers>(body)?.handlers),
-            AnswerForm::Alarms => Answer::Alarms(read::<Alarms>(body)?.alarms),
+            AnswerForm::Json { decode, .. } => decode(body)?,
         })
     }
 
@@ -197,7 +229,10 @@ impl AnswerForm {
 impl Reply {
     /// The body that a command's id is answered with.
     pub fn accepted_body(command_id: &str) -> String {
-        json!({ "command_id": command_id }).to_string()
+        json!(Accepted {
+            command_id: command_id.to_owned()
+        })
+        .to_string()
     }
 }
 

@@ -3,7 +3,9 @@
 use std::fmt;
 
 use serde::de::value::{BorrowedStrDeserializer, U64Deserializer};
-use serde::de::{DeserializeOwned, DeserializeSeed, Deserializer, MapAccess, Visitor};
+use serde::de::{
+    DeserializeOwned, DeserializeSeed, Deserializer, IgnoredAny, IntoDeserializer, MapAccess, Visitor,
+};
 
 /// Reads a JSON object. Without the check of its first character an array would pass for the fields of one, in their
 /// order.
@@ -11,40 +13,51 @@ use serde::de::{DeserializeOwned, DeserializeSeed, Deserializer, MapAccess, Visi
 /// # Errors
 /// What is wrong with it, for its sender.
 pub fn json_object<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, String> {
-    json_object_with(bytes, None)
+    edited_json_object(bytes, None, &[])
 }
 
-/// Reads a JSON object as if it held one more field, which its path names.
-pub(super) fn json_object_with<T: DeserializeOwned>(
+/// Reads a JSON object as if it held one more field, which its path names, and without fields that are read by
+/// themselves.
+pub(super) fn edited_json_object<T: DeserializeOwned>(
     bytes: &[u8],
-    field: Option<(&'static str, u64)>,
+    added: Option<(&'static str, u64)>,
+    left_out: &[&str],
 ) -> Result<T, String> {
     if bytes.trim_ascii_start().first() != Some(&b'{') {
         return Err("write an object: {...}".to_owned());
     }
     let mut body = serde_json::Deserializer::from_slice(bytes);
-    let read = match field {
-        None => T::deserialize(&mut body),
-        Some(field) => T::deserialize(Joined {
-            field,
-            body: &mut body,
-        }),
+    let edited = Edited {
+        added,
+        left_out,
+        inner: &mut body,
     };
-    read.and_then(|value| body.end().map(|()| value))
+    T::deserialize(edited)
+        .and_then(|value| body.end().map(|()| value))
         .map_err(|error| error.to_string())
 }
 
-struct Joined<B> {
-    field: (&'static str, u64),
-    body: B,
+/// A deserializer, and within it its visitor and its fields.
+struct Edited<'a, D> {
+    added: Option<(&'static str, u64)>,
+    left_out: &'a [&'a str],
+    inner: D,
 }
 
-impl<'de, B: Deserializer<'de>> Deserializer<'de> for Joined<B> {
-    type Error = B::Error;
+impl<'de, D: Deserializer<'de>> Deserializer<'de> for Edited<'_, D> {
+    type Error = D::Error;
 
-    fn deserialize_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, B::Error> {
-        let field = self.field;
-        self.body.deserialize_map(Joined { field, body: visitor })
+    fn deserialize_any<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, D::Error> {
+        let Self {
+            added,
+            left_out,
+            inner,
+        } = self;
+        inner.deserialize_map(Edited {
+            added,
+            left_out,
+            inner: visitor,
+        })
     }
 
     serde::forward_to_deserialize_any! {
@@ -53,36 +66,49 @@ impl<'de, B: Deserializer<'de>> Deserializer<'de> for Joined<B> {
     }
 }
 
-impl<'de, V: Visitor<'de>> Visitor<'de> for Joined<V> {
+impl<'de, V: Visitor<'de>> Visitor<'de> for Edited<'_, V> {
     type Value = V::Value;
 
     fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.body.expecting(formatter)
+        self.inner.expecting(formatter)
     }
 
     fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<V::Value, A::Error> {
-        self.body.visit_map(JoinedMap {
-            name: Some(self.field.0),
-            value: Some(self.field.1),
+        let Self {
+            added,
+            left_out,
+            inner,
+        } = self;
+        inner.visit_map(EditedMap {
+            name: added.map(|(name, _)| name),
+            value: added.map(|(_, value)| value),
+            left_out,
             map,
         })
     }
 }
 
-struct JoinedMap<A> {
+struct EditedMap<'a, A> {
     name: Option<&'static str>,
     value: Option<u64>,
+    left_out: &'a [&'a str],
     map: A,
 }
 
-impl<'de, A: MapAccess<'de>> MapAccess<'de> for JoinedMap<A> {
+impl<'de, A: MapAccess<'de>> MapAccess<'de> for EditedMap<'_, A> {
     type Error = A::Error;
 
     fn next_key_seed<K: DeserializeSeed<'de>>(&mut self, seed: K) -> Result<Option<K::Value>, A::Error> {
-        match self.name.take() {
-            Some(name) => seed.deserialize(BorrowedStrDeserializer::new(name)).map(Some),
-            None => self.map.next_key_seed(seed),
+        if let Some(name) = self.name.take() {
+            return seed.deserialize(BorrowedStrDeserializer::new(name)).map(Some);
         }
+        while let Some(name) = self.map.next_key::<String>()? {
+            if !self.left_out.contains(&name.as_str()) {
+                return seed.deserialize(name.into_deserializer()).map(Some);
+            }
+            self.map.next_value::<IgnoredAny>()?;
+        }
+        Ok(None)
     }
 
     fn next_value_seed<S: DeserializeSeed<'de>>(&mut self, seed: S) -> Result<S::Value, A::Error> {
@@ -108,7 +134,7 @@ mod tests {
 
     #[test]
     fn a_field_of_the_path_is_one_of_the_object_and_may_not_be_there_twice() {
-        let read = |text: &str| json_object_with::<Named>(text.as_bytes(), Some(("seq", 7)));
+        let read = |text: &str| edited_json_object::<Named>(text.as_bytes(), Some(("seq", 7)), &[]);
         let name = "h".to_owned();
         assert_eq!(read(r#"{"name": "h"}"#), Ok(Named { seq: 7, name }));
         assert_eq!(read("{}").unwrap_err(), "missing field `name` at line 1 column 2");

@@ -1,13 +1,15 @@
 //! The wire as tables: every request of the machine with its routes and topics, written and read by the same rows.
 //!
 //! A [`Row`](row::Row) is one request: which right it needs, on which route and topic it goes, what it carries, and how it
-//! is read from there and written to there. Client transports write with [`rest::encode`] and [`mqtt::encode`], server ends
-//! read with the row of their route and with [`mqtt::decode`]. Pure: no sockets, no async.
+//! is read from there and written to there. Client transports write with [`rest::encode`], [`mqtt::encode`] and
+//! [`websocket::encode`], server ends read with the row of their route, with [`mqtt::decode`] and with
+//! [`ClientFrame::requests`](websocket::ClientFrame::requests). Pure: no sockets, no async.
 
 pub mod answer;
 mod json;
 pub mod mqtt;
 mod pattern;
+mod payloads;
 pub mod problem;
 mod requests;
 pub mod rest;
@@ -15,6 +17,7 @@ pub mod right;
 pub mod route;
 pub mod row;
 pub mod states;
+pub mod websocket;
 
 pub use json::json_object;
 pub use pattern::percent_encoded;

@@ -2,23 +2,20 @@
 
 use std::borrow::Cow;
 
-use serde::Deserialize;
-use serde::de::DeserializeOwned;
 use serde_json::{Map, Value, json};
 
 use super::json::json_object;
 use super::pattern::{fill, take_apart};
-use super::requests::ROWS;
-use super::row::{Body, Envelope, Fault, Parts, QueryValues, Received, Row, Topic, number};
+use super::requests::{COMMAND, ROWS};
+use super::row::{Body, Fault, IncomingRequest, QueryValues, RequestParts, Row, Source, Topic, number};
 use crate::names::unique_name;
-use crate::types::command::{Command, CommandMeta, Expect};
-use crate::types::data::{Number, VariableArea, VariableKind};
+use crate::types::CoordinateSystemNumber;
+use crate::types::command::CommandMeta;
+use crate::types::data::VariableArea;
 use crate::types::ids::{COMMAND_ID_MAX, check_command, is_client_id};
-use crate::types::lease::{LeaseRelease, LeaseRequest, LeaseTake};
 use crate::types::output::{Claim, Reset};
 use crate::types::refusal::{Refusal, RefusalCode};
 use crate::types::request::Request;
-use crate::types::{CoordinateSystemNumber, Timestamp};
 
 /// Bytes of one payload; more is refused. Reason: the largest, a fault text, is far below.
 const PAYLOAD_MAX: usize = 64 * 1024;
@@ -100,7 +97,7 @@ pub fn sender(request: &Request) -> Option<(CoordinateSystemNumber, &CommandMeta
     }
 }
 
-/// The message of a request. Replies come to `client_id`, whoever asked. `m_of` finds the M number of an open output
+/// The message of a request. Replies come to `client_id`, whatever the request says. `m_of` finds the M number of an open output
 /// where the request does not name it.
 ///
 /// # Errors
@@ -137,6 +134,13 @@ pub fn encode(
     Err(Refusal::new(RefusalCode::NotSupported, text))
 }
 
+/// Path of the topic of a request, below the machine's root.
+pub fn path_of(request: &Request) -> Option<String> {
+    encode(request.clone(), "", |_, _| None)
+        .ok()
+        .map(|sent| sent.path)
+}
+
 /// Rows with their topics.
 fn topics() -> impl Iterator<Item = (&'static Row, &'static Topic)> {
     ROWS.iter().filter_map(|row| Some((row, row.topic.as_ref()?)))
@@ -145,42 +149,17 @@ fn topics() -> impl Iterator<Item = (&'static Row, &'static Topic)> {
 impl Topic {
     fn message(
         &self,
-        mut parts: Parts,
+        parts: RequestParts,
         meta: Option<CommandMeta>,
         until: Until,
     ) -> Result<Outgoing, Refusal> {
-        let mut payload = match (parts.payload.take(), std::mem::take(&mut parts.body)) {
+        let mut payload = match (parts.payload, parts.body) {
             (Some(Value::Object(payload)), _) | (None, Body::Json(Value::Object(payload))) => payload,
             _ => Map::new(),
         };
-        let meta = meta.unwrap_or_default();
-        match self.envelope {
-            Envelope::Nothing => {}
-            Envelope::Command => {
-                let args = std::mem::take(&mut payload);
-                if let Value::Object(meta) = json!(meta) {
-                    payload = meta;
-                }
-                payload.insert("args".to_owned(), args.into());
-            }
-            Envelope::Lease | Envelope::Variables => {
-                payload.insert("command_id".to_owned(), meta.command_id.into());
-                payload.insert("client_id".to_owned(), meta.client_id.into());
-            }
-        }
-        if matches!(self.envelope, Envelope::Variables) {
-            let of_all = !parts.params.iter().any(|(name, _)| *name == "cs");
-            if of_all {
-                // P variables are the same on the topic of each coordinate system
-                parts = parts.with("cs", 1);
-            }
-            payload.insert("kind".to_owned(), if of_all { "P" } else { "Q" }.into());
-            payload.extend(
-                parts
-                    .query
-                    .iter()
-                    .map(|(name, value)| ((*name).to_owned(), (*value).into())),
-            );
+        if let Value::Object(meta) = json!(meta.unwrap_or_default()) {
+            let envelope = meta.into_iter();
+            payload.extend(envelope.filter(|(name, _)| self.envelope.contains(&name.as_str())));
         }
         match fill(self.pattern, &parts.params, str::to_owned) {
             Some(path) => Ok(Outgoing {
@@ -194,6 +173,27 @@ impl Topic {
                 "its topic names what it does not",
             )),
         }
+    }
+
+    /// Who sends a payload, and under which condition.
+    fn meta(&self, payload: &[u8], retained: bool) -> Result<CommandMeta, Refusal> {
+        let meta: CommandMeta = json_object(payload).map_err(|error| invalid(text_of(Fault::Json(error))))?;
+        check_command(&meta.client_id, &meta.command_id)?;
+        if retained {
+            let what = if self.envelope == COMMAND {
+                "a command"
+            } else {
+                "this"
+            };
+            let text = format!("{what} must not be retained; publish it without the retain flag");
+            return Err(Refusal::new(RefusalCode::Retained, text));
+        }
+        // the request itself may have fields of these names
+        Ok(CommandMeta {
+            ttl_ms: meta.ttl_ms.filter(|_| self.envelope.contains(&"ttl_ms")),
+            fence: meta.fence.filter(|_| self.envelope.contains(&"fence")),
+            ..meta
+        })
     }
 }
 
@@ -245,39 +245,38 @@ impl Row {
         payload: &[u8],
         retained: bool,
     ) -> Result<Inbound, String> {
-        let param = |name: &str| {
-            let mut params = params.iter();
-            params
-                .find(|(known, _)| *known == name)
-                .map_or("", |(_, value)| value)
+        let read = |source| {
+            (self.read)(IncomingRequest {
+                params,
+                body: Cow::Borrowed(payload),
+                query: QueryValues::default(),
+                source,
+            })
         };
-        let read = match topic.envelope {
-            Envelope::Nothing if retained && !topic.retained => {
+        if topic.envelope.is_empty() {
+            if retained && !topic.retained {
                 return Err("it is retained; publish it without the retain flag".to_owned());
             }
-            Envelope::Nothing => {
-                let received = Received {
-                    params,
-                    body: Cow::Borrowed(payload),
-                    query: QueryValues::default(),
-                    sender: None,
-                };
-                let request = (self.read)(received).map_err(text_of)?;
-                let urgent = matches!(request, Request::RaiseAlarm(_));
-                return Ok(Inbound::Ask { request, urgent });
-            }
-            Envelope::Command => command,
-            Envelope::Lease => lease,
-            Envelope::Variables => variables,
+            return read(Source::Message).map(Inbound::of).map_err(text_of);
+        }
+        let mut named = params.iter();
+        let (_, cs) = named.find(|(name, _)| *name == "cs").unwrap_or(&("cs", ""));
+        let cs = number(cs).ok_or_else(|| text_of(Fault::Level((*cs).to_owned())))?;
+        let request = topic.meta(payload, retained).and_then(|meta| {
+            read(Source::Command(meta, topic.envelope)).map_err(|fault| invalid(text_of(fault)))
+        });
+        Ok(request.map_or_else(|refusal| reject(cs, payload, refusal), Inbound::of))
+    }
+}
+
+impl Inbound {
+    fn of(request: Request) -> Self {
+        let urgent = match &request {
+            Request::Command { command, .. } => command.verb().is_urgent(),
+            Request::RaiseAlarm(_) => true,
+            _ => false,
         };
-        let cs = number(param("cs")).ok_or_else(|| text_of(Fault::Level(param("cs").to_owned())))?;
-        Ok(match read(cs, param("verb"), payload, retained) {
-            Ok(request) => Inbound::Ask {
-                urgent: matches!(&request, Request::Command { command, .. } if command.verb().is_urgent()),
-                request,
-            },
-            Err(refusal) => reject(cs, payload, refusal),
-        })
+        Inbound::Ask { request, urgent }
     }
 }
 
@@ -291,148 +290,6 @@ fn text_of(fault: Fault) -> String {
 
 fn invalid(text: impl Into<String>) -> Refusal {
     Refusal::new(RefusalCode::Invalid, text)
-}
-
-/// Reads a payload that says who sends it.
-fn sent<T: DeserializeOwned>(
-    payload: &[u8],
-    retained: Option<&str>,
-    ids: fn(&T) -> (&str, &str),
-) -> Result<T, Refusal> {
-    let sent = json_object(payload).map_err(|error| invalid(text_of(Fault::Json(error))))?;
-    let (client_id, command_id) = ids(&sent);
-    check_command(client_id, command_id)?;
-    match retained {
-        None => Ok(sent),
-        Some(what) => {
-            let text = format!("{what} must not be retained; publish it without the retain flag");
-            Err(Refusal::new(RefusalCode::Retained, text))
-        }
-    }
-}
-
-/// Payload of `command/{verb}`.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct CommandIn {
-    command_id: String,
-    client_id: String,
-    issued_at: Option<Timestamp>,
-    ttl_ms: Option<u64>,
-    expect: Option<Expect>,
-    fence: Option<u64>,
-    #[serde(default)]
-    args: Value,
-}
-
-fn command(
-    cs: CoordinateSystemNumber,
-    verb: &str,
-    payload: &[u8],
-    retained: bool,
-) -> Result<Request, Refusal> {
-    let sent = sent(payload, retained.then_some("a command"), |sent: &CommandIn| {
-        (&sent.client_id, &sent.command_id)
-    })?;
-    Ok(Request::Command {
-        cs,
-        command: Command::parse(verb, &sent.args).map_err(invalid)?,
-        meta: CommandMeta {
-            command_id: sent.command_id,
-            client_id: sent.client_id,
-            issued_at: sent.issued_at,
-            ttl_ms: sent.ttl_ms,
-            expect: sent.expect,
-            fence: sent.fence,
-        },
-        wait: false,
-    })
-}
-
-/// Payload of `lease/take`, `lease/release` and `lease/break`.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct LeaseIn {
-    command_id: String,
-    client_id: String,
-    holder: Option<String>,
-    ttl_ms: Option<u64>,
-    fence: Option<u64>,
-}
-
-fn lease(cs: CoordinateSystemNumber, verb: &str, payload: &[u8], retained: bool) -> Result<Request, Refusal> {
-    let sent = sent(payload, retained.then_some("this"), |sent: &LeaseIn| {
-        (&sent.client_id, &sent.command_id)
-    })?;
-    let request = match (verb, sent.holder, sent.ttl_ms, sent.fence) {
-        ("take", holder, ttl_ms, fence) => LeaseRequest::Take(LeaseTake {
-            holder,
-            ttl_ms,
-            fence,
-        }),
-        ("release", None, None, Some(fence)) => LeaseRequest::Release(LeaseRelease { fence }),
-        ("break", None, None, None) => LeaseRequest::Break,
-        ("release", ..) => return Err(invalid("lease/release takes the fence alone")),
-        _ => return Err(invalid("lease/break takes nothing more")),
-    };
-    let meta = CommandMeta {
-        command_id: sent.command_id,
-        client_id: sent.client_id,
-        ..CommandMeta::default()
-    };
-    Ok(Request::Lease { cs, request, meta })
-}
-
-/// Payload of `variable/get` and `variable/set`.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct VariableIn {
-    command_id: String,
-    client_id: String,
-    issued_at: Option<Timestamp>,
-    ttl_ms: Option<u64>,
-    kind: VariableKind,
-    from: u32,
-    count: Option<u32>,
-    values: Option<Vec<Number>>,
-}
-
-fn variables(
-    cs: CoordinateSystemNumber,
-    verb: &str,
-    payload: &[u8],
-    retained: bool,
-) -> Result<Request, Refusal> {
-    let sent = sent(payload, retained.then_some("this"), |sent: &VariableIn| {
-        (&sent.client_id, &sent.command_id)
-    })?;
-    let (area, from) = (VariableArea::of(sent.kind, cs), sent.from);
-    let meta = Some(CommandMeta {
-        command_id: sent.command_id,
-        client_id: sent.client_id,
-        issued_at: sent.issued_at,
-        ttl_ms: sent.ttl_ms,
-        ..CommandMeta::default()
-    });
-    match (verb, sent.count, sent.values) {
-        ("get", Some(count), None) => Ok(Request::ReadVariables {
-            area,
-            from,
-            count,
-            meta,
-        }),
-        ("set", None, Some(values)) => {
-            let values = values.into_iter().map(|number| number.0).collect();
-            Ok(Request::WriteVariables {
-                area,
-                from,
-                values,
-                meta,
-            })
-        }
-        ("get", ..) => Err(invalid("variable/get takes kind, from and count")),
-        _ => Err(invalid("variable/set takes kind, from and values")),
-    }
 }
 
 /// Tells the sender when it can be read who that is, else the log.

@@ -2,6 +2,8 @@
 //!
 //! `{name}` stands for one level; `{name=value}` is the level `value`, and gives it the name.
 
+use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, utf8_percent_encode};
+
 /// A value by its name.
 pub type Param = (&'static str, String);
 
@@ -87,18 +89,16 @@ pub(super) fn take_apart<'a>(pattern: &'static str, path: &'a str) -> Option<Vec
     levels.next().is_none().then_some(params)
 }
 
+/// All but unreserved characters of a URL.
+const RESERVED: &AsciiSet = &NON_ALPHANUMERIC
+    .remove(b'-')
+    .remove(b'.')
+    .remove(b'_')
+    .remove(b'~');
+
 /// As one level of a path: all but unreserved characters as `%XX`.
 pub fn percent_encoded(text: &str) -> String {
-    use std::fmt::Write as _;
-    text.bytes().fold(String::new(), |mut path, byte| {
-        if byte.is_ascii_alphanumeric() || b"-._~".contains(&byte) {
-            path.push(char::from(byte));
-        } else {
-            // Writing to a String cannot fail.
-            let _ = write!(path, "%{byte:02X}");
-        }
-        path
-    })
+    utf8_percent_encode(text, RESERVED).to_string()
 }
 
 #[cfg(test)]

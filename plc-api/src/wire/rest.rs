@@ -5,7 +5,7 @@ use serde_json::Value;
 use super::answer::AnswerForm;
 use super::pattern::{fill, names, percent_encoded};
 use super::requests::ROWS;
-use super::row::{Body, Parts, Row};
+use super::row::{Body, RequestParts, Row};
 use super::states::STATES;
 use crate::types::refusal::{Refusal, RefusalCode};
 use crate::types::request::{Input, Request};
@@ -59,10 +59,10 @@ pub fn read(topic: &Topic) -> Option<Exchange> {
         Topic::CoordinateSystem(cs, _) => *cs,
         _ => 0,
     };
-    let row = STATES.iter().find(|row| row.of.topic(cs) == *topic)?;
+    let row = STATES.iter().find(|row| row.topic(cs) == *topic)?;
     Some(Exchange {
         method: row.route.method,
-        path: fill(row.route.pattern, &Parts::of(cs).params, percent_encoded)?,
+        path: fill(row.route.pattern, &RequestParts::of(cs).params, percent_encoded)?,
         headers: Vec::new(),
         body: None,
         answer: AnswerForm::Nothing,
@@ -70,7 +70,7 @@ pub fn read(topic: &Topic) -> Option<Exchange> {
 }
 
 impl Row {
-    fn exchange(&self, parts: Parts, answer: AnswerForm) -> Option<Exchange> {
+    fn exchange(&self, parts: RequestParts, answer: AnswerForm) -> Option<Exchange> {
         let mut routes = self.routes.iter();
         let (route, path) =
             routes.find_map(|route| Some((route, fill(route.pattern, &parts.params, percent_encoded)?)))?;

@@ -2,14 +2,15 @@
 
 use super::pattern;
 use super::right::Right;
+use crate::types::form::{Form, HasForm};
 
 /// What a request or an answer carries.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy)]
 pub enum Content {
     /// Nothing: a body is not read.
     Nothing,
-    /// JSON, by name of its schema.
-    Json(&'static str),
+    /// JSON of this form.
+    Json(Form),
     /// Text: an NC program, or metrics.
     Text,
     /// Any JSON object: a document.
@@ -41,15 +42,15 @@ pub enum Headers {
 }
 
 /// One route.
-#[derive(Debug)]
+#[derive(Debug, Clone, Copy)]
 pub struct Route {
     /// HTTP method.
     pub method: &'static str,
     /// Path below `/api/v1`: a pattern with names in braces.
     pub pattern: &'static str,
-    /// What it asks of its caller; `None`: nothing, since it says nothing of the machine.
+    /// The right that its caller needs; `None` where it says nothing of the machine.
     pub right: Option<Right>,
-    /// What it does, for the documents.
+    /// What it does, in one sentence.
     pub summary: &'static str,
     /// What its query says.
     pub query: Query,
@@ -58,24 +59,22 @@ pub struct Route {
     /// What its body holds.
     pub body: Content,
     /// Status of success, and what it carries.
-    pub answers: &'static [(u16, Content)],
+    pub answer: (u16, Content),
+    /// Another status of success.
+    pub other_answer: Option<(u16, Content)>,
     /// Statuses of refusals that do not follow from the rest.
     pub refusals: &'static [u16],
     /// Largest `{number}` of its path.
     pub number_max: u32,
 }
 
-/// Answered without content.
-pub const NO_CONTENT: &[(u16, Content)] = &[(204, Content::Nothing)];
-
 impl Route {
-    /// A route with this method, on which nothing is sent.
+    /// A route without a body, which is answered without content.
     pub const fn new(
         method: &'static str,
         pattern: &'static str,
         right: Option<Right>,
         summary: &'static str,
-        answers: &'static [(u16, Content)],
     ) -> Self {
         Self {
             method,
@@ -85,51 +84,50 @@ impl Route {
             query: Query::Nothing,
             headers: Headers::Nothing,
             body: Content::Nothing,
-            answers,
+            answer: (204, Content::Nothing),
+            other_answer: None,
             refusals: &[],
             number_max: 9999,
         }
     }
 
     /// Reads something of the machine.
-    pub const fn get(
-        pattern: &'static str,
-        summary: &'static str,
-        answers: &'static [(u16, Content)],
-    ) -> Self {
-        Self::new("GET", pattern, Some(Right::Read), summary, answers)
+    pub const fn get(pattern: &'static str, summary: &'static str) -> Self {
+        Self::new("GET", pattern, Some(Right::Read), summary)
     }
 
     /// Sets a value.
-    pub(super) const fn put(
-        pattern: &'static str,
-        right: Right,
-        summary: &'static str,
-        body: &'static str,
-    ) -> Self {
-        Self::new("PUT", pattern, Some(right), summary, NO_CONTENT).json(body)
+    pub(super) const fn put<T: HasForm>(pattern: &'static str, right: Right, summary: &'static str) -> Self {
+        Self::new("PUT", pattern, Some(right), summary).takes(Content::Json(Form::of::<T>()))
     }
 
-    /// Says something.
-    pub(super) const fn post(
-        pattern: &'static str,
-        right: Right,
-        summary: &'static str,
-        body: &'static str,
-        answers: &'static [(u16, Content)],
-    ) -> Self {
-        Self::new("POST", pattern, Some(right), summary, answers).json(body)
+    /// Tells or asks something.
+    pub(super) const fn post<T: HasForm>(pattern: &'static str, right: Right, summary: &'static str) -> Self {
+        Self::new("POST", pattern, Some(right), summary).takes(Content::Json(Form::of::<T>()))
     }
 
-    /// With a JSON body of this schema.
-    pub(super) const fn json(mut self, schema: &'static str) -> Self {
-        self.body = Content::Json(schema);
+    /// With a body.
+    pub(super) const fn takes(mut self, body: Content) -> Self {
+        self.body = body;
         self
     }
 
-    /// With a text as its body.
-    pub(super) const fn text(mut self) -> Self {
-        self.body = Content::Text;
+    /// Answered with JSON of this form.
+    #[must_use]
+    pub const fn gives<T: HasForm>(self) -> Self {
+        self.answered(200, Content::Json(Form::of::<T>()))
+    }
+
+    /// Answered with this status and content.
+    #[must_use]
+    pub const fn answered(mut self, status: u16, content: Content) -> Self {
+        self.answer = (status, content);
+        self
+    }
+
+    /// Or answered with this status and JSON of this form.
+    pub(super) const fn or<T: HasForm>(mut self, status: u16) -> Self {
+        self.other_answer = Some((status, Content::Json(Form::of::<T>())));
         self
     }
 
@@ -159,14 +157,20 @@ impl Route {
     }
 
     /// What its path fixes, by name.
-    pub fn fixed(&self) -> impl Iterator<Item = (&str, &str)> {
+    pub fn fixed(&self) -> impl Iterator<Item = (&'static str, &'static str)> + use<> {
         pattern::fixed(self.pattern)
     }
 
     /// Names in its path that stand for a value of the caller.
-    pub fn names(&self) -> impl Iterator<Item = &'static str> {
-        let names = pattern::names(self.pattern);
-        names.filter(|name| self.fixed().all(|(fixed, _)| fixed != *name))
+    pub fn names(&self) -> impl Iterator<Item = &'static str> + use<> {
+        let pattern = self.pattern;
+        let is_fixed = move |name: &str| pattern::fixed(pattern).any(|(fixed, _)| fixed == name);
+        pattern::names(pattern).filter(move |name| !is_fixed(name))
+    }
+
+    /// Statuses of success, and what they carry.
+    pub fn answers(&self) -> impl Iterator<Item = (u16, Content)> + use<> {
+        [Some(self.answer), self.other_answer].into_iter().flatten()
     }
 
     /// Its path with names in braces.

@@ -8,12 +8,13 @@ use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 
 use super::answer::AnswerForm;
-use super::json::json_object_with;
+use super::json::edited_json_object;
 use super::pattern::{self, Param};
 use super::right::Right;
 use super::route::Route;
 use crate::types::CoordinateSystemNumber;
 use crate::types::command::{CommandMeta, Expect};
+use crate::types::form::{Form, HasForm};
 use crate::types::ids::COMMAND_ID_MAX;
 use crate::types::request::Request;
 
@@ -33,12 +34,31 @@ pub struct Row {
     pub routes: &'static [Route],
     /// Where it comes in over MQTT.
     pub topic: Option<Topic>,
+    /// True where it carries a whole program, in its body or in its answer: a server carries out a few such at a time.
+    pub is_large: bool,
     /// Reads it from a route or from a topic.
-    pub read: fn(Received<'_>) -> Result<Request, Fault>,
+    pub read: fn(IncomingRequest<'_>) -> Result<Request, Fault>,
     /// How it is answered over REST.
     pub answer: fn(&Request) -> AnswerForm,
     /// What a route or topic says of it; another request is given back.
-    pub write: fn(Request) -> Result<Parts, Request>,
+    pub write: fn(Request) -> Result<RequestParts, Request>,
+}
+
+impl Row {
+    /// A row without routes and topic, which is answered without content.
+    pub(super) const fn new(
+        read: fn(IncomingRequest<'_>) -> Result<Request, Fault>,
+        write: fn(Request) -> Result<RequestParts, Request>,
+    ) -> Self {
+        Self {
+            routes: &[],
+            topic: None,
+            is_large: false,
+            read,
+            answer: |_| AnswerForm::Nothing,
+            write,
+        }
+    }
 }
 
 /// A topic that comes in.
@@ -46,29 +66,43 @@ pub struct Row {
 pub struct Topic {
     /// Path below the machine's root: a pattern with names in braces.
     pub pattern: &'static str,
-    /// What it asks of its sender.
+    /// The right that its sender needs.
     pub right: Right,
+    /// What a message does, in one sentence.
+    pub summary: &'static str,
     /// True where the retain flag is right: a state of its sender. A retained command would be carried out again.
     pub retained: bool,
-    /// Form of its payload, by name of the schema.
-    pub schema: &'static str,
-    /// What its payload says besides the request.
-    pub(super) envelope: Envelope,
-}
-
-/// What a payload says besides the request: who sends it, where the request is answered on `reply/{client_id}`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Envelope {
-    Nothing,
-    /// Fields of [`CommandMeta`]; the rest are `args`.
-    Command,
-    /// `command_id` and `client_id`.
-    Lease,
-    /// The same, with the letter of the variables and their range.
-    Variables,
+    /// Form of its payload, without the fields of its envelope.
+    pub form: Form,
+    /// Fields of [`CommandMeta`] in its payload: where there are any, the request is answered on `reply/{client_id}`.
+    pub envelope: &'static [&'static str],
 }
 
 impl Topic {
+    /// A topic whose payload is of this form.
+    pub(super) const fn new<T: HasForm>(pattern: &'static str, right: Right, summary: &'static str) -> Self {
+        Self {
+            pattern,
+            right,
+            summary,
+            retained: false,
+            form: Form::of::<T>(),
+            envelope: &[],
+        }
+    }
+
+    /// With these fields of [`CommandMeta`].
+    pub(super) const fn envelope(mut self, envelope: &'static [&'static str]) -> Self {
+        self.envelope = envelope;
+        self
+    }
+
+    /// With the retain flag.
+    pub(super) const fn retained(mut self) -> Self {
+        self.retained = true;
+        self
+    }
+
     /// Its path with names in braces.
     pub fn path(&self) -> String {
         pattern::shown(self.pattern)
@@ -88,7 +122,7 @@ impl Topic {
 /// Why something that came in is no request.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Fault {
-    /// A level of the path cannot stand there.
+    /// A level of the path is not of its kind.
     Level(String),
     /// There is no such thing.
     NotFound(String),
@@ -98,12 +132,12 @@ pub enum Fault {
     Invalid(String),
 }
 
-/// Who sends over REST: what the head of a request says, and what it is where the head says nothing.
+/// The sender of a request over REST: what the head of the request says, and what counts where it says nothing.
 pub trait Sender {
     /// A header by its name in lower case; empty where it is not ASCII.
     fn header(&self, name: &str) -> Option<&str>;
 
-    /// Who sends.
+    /// Id of the sender.
     fn client_id(&self) -> String;
 
     /// A command id that nobody used in this boot.
@@ -121,16 +155,26 @@ pub struct QueryValues {
     pub wait: Option<String>,
 }
 
+/// How a request came in.
+pub enum Source<'a> {
+    /// On a route of REST.
+    Http(&'a dyn Sender),
+    /// On a topic of MQTT without an envelope.
+    Message,
+    /// On a topic of MQTT with fields of this in its payload, which are named.
+    Command(CommandMeta, &'static [&'static str]),
+}
+
 /// What came in on a route or topic.
-pub struct Received<'a> {
+pub struct IncomingRequest<'a> {
     /// Values of the names in its path.
     pub params: &'a [(&'a str, &'a str)],
     /// Its body; for JSON an object.
     pub body: Cow<'a, [u8]>,
     /// Its query.
     pub query: QueryValues,
-    /// Who sends, over REST.
-    pub sender: Option<&'a dyn Sender>,
+    /// How it came in.
+    pub source: Source<'a>,
 }
 
 /// A number of a path, which is written as such: of `1`, `01` and `+1` only the first names something.
@@ -148,47 +192,68 @@ pub fn check_path(params: &[(&str, &str)]) -> bool {
     })
 }
 
-impl Received<'_> {
-    /// The value of a name of the path, where it names it.
-    pub(super) fn text(&self, name: &str) -> Option<&str> {
+impl IncomingRequest<'_> {
+    /// The value of a name of the path; empty where the path does not name it.
+    pub(super) fn text(&self, name: &str) -> &str {
+        self.find(name).unwrap_or_default()
+    }
+
+    fn find(&self, name: &str) -> Option<&str> {
         let mut params = self.params.iter();
         params.find(|(known, _)| *known == name).map(|(_, value)| *value)
     }
 
     /// The same as a number.
     pub(super) fn number<T: FromStr + ToString>(&self, name: &str) -> Result<T, Fault> {
-        let text = self.text(name).unwrap_or_default();
+        let text = self.text(name);
         number(text).ok_or_else(|| Fault::Level(text.to_owned()))
+    }
+
+    /// A number that not every path of the request names.
+    pub(super) fn optional_number<T: FromStr + ToString>(&self, name: &str) -> Result<Option<T>, Fault> {
+        self.find(name).map(|_| self.number(name)).transpose()
     }
 
     pub(super) fn cs(&self) -> Result<CoordinateSystemNumber, Fault> {
         self.number("cs")
     }
 
-    /// The M number, where the path names it.
-    pub(super) fn m(&self) -> Result<Option<u16>, Fault> {
-        self.text("m").map(|_| self.number("m")).transpose()
-    }
-
     /// The JSON body. What is said of an output is of the same form where the path names the output.
     pub(super) fn json<T: DeserializeOwned>(&self) -> Result<T, Fault> {
-        let seq = self.text("seq").map(|_| self.number("seq")).transpose()?;
-        json_object_with(&self.body, seq.map(|seq| ("seq", seq))).map_err(Fault::Json)
+        let seq = self.optional_number("seq")?;
+        let left_out = match &self.source {
+            Source::Command(_, envelope) => envelope,
+            Source::Http(_) | Source::Message => &[][..],
+        };
+        edited_json_object(&self.body, seq.map(|seq| ("seq", seq)), left_out).map_err(Fault::Json)
     }
 
     /// True over REST.
     pub(super) fn is_rest(&self) -> bool {
-        self.sender.is_some()
+        matches!(self.source, Source::Http(_))
     }
 
     fn header(&self, name: &str) -> Option<&str> {
-        self.sender.and_then(|sender| sender.header(name))
+        match self.source {
+            Source::Http(sender) => sender.header(name),
+            Source::Message | Source::Command(..) => None,
+        }
     }
 
-    /// Identity and condition of a command from `Idempotency-Key`, `If-Match` and `Lease-Fence`.
+    /// Identity and condition of the sender in a payload.
+    pub(super) fn payload_meta(&self) -> Option<CommandMeta> {
+        match &self.source {
+            Source::Command(meta, _) => Some(meta.clone()),
+            Source::Http(_) | Source::Message => None,
+        }
+    }
+
+    /// Identity and condition of a command: from the payload, or from `Idempotency-Key`, `If-Match` and `Lease-Fence`.
     pub(super) fn meta(&self) -> Result<CommandMeta, Fault> {
-        let Some(sender) = self.sender else {
-            return Err(Fault::Invalid("a command comes from somebody".to_owned()));
+        let sender = match &self.source {
+            Source::Http(sender) => sender,
+            Source::Command(meta, _) => return Ok(meta.clone()),
+            Source::Message => return Err(Fault::Invalid("a command names its sender".to_owned())),
         };
         let command_id = match sender.header(IDEMPOTENCY_KEY) {
             None => sender.new_command_id(),
@@ -199,18 +264,14 @@ impl Received<'_> {
                 )));
             }
         };
-        let expect = self
-            .header(IF_MATCH)
-            .map(state_rev)
-            .transpose()?
-            .map(|rev| Expect {
-                boot_id: None,
-                state_rev: Some(rev),
-            });
+        let state_rev = self.header(IF_MATCH).map(state_rev).transpose()?;
         Ok(CommandMeta {
             command_id,
             client_id: sender.client_id(),
-            expect,
+            expect: state_rev.map(|rev| Expect {
+                boot_id: None,
+                state_rev: Some(rev),
+            }),
             fence: self.fence()?,
             ..CommandMeta::default()
         })
@@ -247,7 +308,7 @@ fn state_rev(tag: &str) -> Result<u64, Fault> {
 
 /// A request in parts, of which each route and topic takes what it names.
 #[derive(Debug, Default)]
-pub struct Parts {
+pub struct RequestParts {
     /// Values for the names in a path.
     pub(super) params: Vec<Param>,
     /// Query of a route.
@@ -267,7 +328,7 @@ pub(super) enum Body {
     Text(String),
 }
 
-impl Parts {
+impl RequestParts {
     /// Of a coordinate system.
     pub(super) fn of(cs: CoordinateSystemNumber) -> Self {
         Self::default().with("cs", cs)

@@ -1,83 +1,103 @@
-//! States that can be read: the same messages as on MQTT, with the revision as `ETag`.
+//! States that can be read: the same messages as on MQTT, with the revision as `ETag`; and what a server makes of them.
+
+use std::collections::BTreeMap;
+use std::sync::LazyLock;
+
+use serde::Serialize;
+use serde_json::Value;
 
 use super::route::{Content, Route};
 use crate::types::CoordinateSystemNumber;
+use crate::types::machine::CoordinateSystemInfo;
 use crate::types::topic::{CsTopic, Topic};
-
-/// Whose state it is.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum StateOf {
-    /// The machine's.
-    Machine(Topic),
-    /// A coordinate system's.
-    CoordinateSystem(CsTopic),
-}
-
-impl StateOf {
-    /// The topic of the state; `cs` where it is a coordinate system's.
-    pub fn topic(&self, cs: CoordinateSystemNumber) -> Topic {
-        match self {
-            StateOf::Machine(topic) => topic.clone(),
-            StateOf::CoordinateSystem(topic) => Topic::cs(cs, *topic),
-        }
-    }
-}
 
 /// One state with its route.
 #[derive(Debug)]
 pub struct StateRow {
-    /// Which.
-    pub of: StateOf,
+    topic: Topic,
     /// Where it is read.
     pub route: Route,
 }
 
-const fn machine(
-    topic: Topic,
-    pattern: &'static str,
-    summary: &'static str,
-    answers: &'static [(u16, Content)],
-) -> StateRow {
-    StateRow {
-        of: StateOf::Machine(topic),
-        route: Route::get(pattern, summary, answers),
+impl StateRow {
+    /// The topic of the state; `cs` where it is a coordinate system's.
+    pub fn topic(&self, cs: CoordinateSystemNumber) -> Topic {
+        match &self.topic {
+            Topic::CoordinateSystem(_, topic) => Topic::cs(cs, *topic),
+            machine => machine.clone(),
+        }
+    }
+
+    /// Name of the input whose state it is.
+    pub fn input(&self) -> Option<&'static str> {
+        self.route.pattern.strip_prefix("/cs/{cs}/inputs/")
     }
 }
-
-const fn cs(
-    topic: CsTopic,
-    pattern: &'static str,
-    summary: &'static str,
-    answers: &'static [(u16, Content)],
-) -> StateRow {
-    StateRow {
-        of: StateOf::CoordinateSystem(topic),
-        route: Route::get(pattern, summary, answers),
-    }
-}
-
-const LOCK: &[(u16, Content)] = &[(200, Content::Json("LockMessage"))];
-const SWITCH: &[(u16, Content)] = &[(200, Content::Json("SwitchMessage"))];
 
 /// Every state that has a route.
-#[rustfmt::skip]
-pub static STATES: [StateRow; 18] = [
-    machine(Topic::Birth, "/machine", "What the machine is: coordinate systems, axes, motors, M codes, limits.", &[(200, Content::Json("BirthMessage"))]),
-    machine(Topic::AlarmActive, "/alarms", "Active alarms.", &[(200, Content::Json("ActiveAlarmsMessage"))]),
-    cs(CsTopic::State, "/cs/{cs}/state", "State of a coordinate system; its ETag is the revision for If-Match.", &[(200, Content::Json("StateMessage"))]),
-    cs(CsTopic::Position, "/cs/{cs}/position", "Positions of the last servo cycle.", &[(200, Content::Json("PositionMessage"))]),
-    cs(CsTopic::Program, "/cs/{cs}/program", "Where the program is.", &[(200, Content::Json("ProgramPlaceMessage"))]),
-    cs(CsTopic::Modal, "/cs/{cs}/modal", "Modal state.", &[(200, Content::Json("ModalMessage"))]),
-    cs(CsTopic::Captured, "/cs/{cs}/captured", "Positions captured by the last G31.", &[(200, Content::Json("CapturedMessage"))]),
-    cs(CsTopic::Pending, "/cs/{cs}/m_codes", "Auxiliary function outputs that are open.", &[(200, Content::Json("PendingMessage"))]),
-    cs(CsTopic::Override, "/cs/{cs}/overrides", "Overrides, percent.", &[(200, Content::Json("OverridesMessage"))]),
-    cs(CsTopic::Spindle, "/cs/{cs}/spindle", "The spindle.", &[(200, Content::Json("SpindleMessage"))]),
-    cs(CsTopic::Tool, "/cs/{cs}/tool", "The tool in the spindle.", &[(200, Content::Json("ToolMessage"))]),
-    cs(CsTopic::Lease, "/cs/{cs}/lease", "Who holds the control lease; all null while nobody does.", &[(200, Content::Json("LeaseStateMessage"))]),
-    cs(CsTopic::OptionalSkip, "/cs/{cs}/inputs/optional_skip", "Optional block skips.", &[(200, Content::Json("OptionalSkipMessage"))]),
-    cs(CsTopic::OptionalStop, "/cs/{cs}/inputs/optional_stop", "The optional stop input.", SWITCH),
-    cs(CsTopic::SingleBlock, "/cs/{cs}/inputs/single_block", "The single block input.", SWITCH),
-    cs(CsTopic::DryRun, "/cs/{cs}/inputs/dry_run", "The dry run input.", SWITCH),
-    cs(CsTopic::Interlock, "/cs/{cs}/inputs/interlock", "The interlock input.", LOCK),
-    cs(CsTopic::StartLock, "/cs/{cs}/inputs/start_lock", "The start lock input.", LOCK),
-];
+pub static STATES: LazyLock<Vec<StateRow>> = LazyLock::new(|| {
+    let machine = [(Topic::Birth, "/machine"), (Topic::AlarmActive, "/alarms")];
+    let of_cs = CsTopic::STATES.into_iter();
+    let of_cs = of_cs.filter_map(|(topic, _)| Some((Topic::cs(0, topic), topic.route()?)));
+    let rows = machine.into_iter().chain(of_cs).map(|(topic, pattern)| StateRow {
+        route: Route::get(pattern, topic.summary()).answered(200, Content::Json(topic.form())),
+        topic,
+    });
+    rows.collect()
+});
+
+/// All coordinate systems with their states.
+#[derive(Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct CoordinateSystems {
+    /// Ascending by number.
+    pub coordinate_systems: Vec<WithState>,
+}
+
+/// A coordinate system with its state.
+#[derive(Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", schemars(inline))]
+pub struct WithState {
+    /// Which.
+    #[serde(flatten)]
+    pub info: CoordinateSystemInfo,
+    /// The message of its state.
+    #[cfg_attr(
+        feature = "schema",
+        schemars(with = "Option<crate::types::form::Enveloped<'static, crate::types::state::State>>")
+    )]
+    pub state: Option<Value>,
+}
+
+/// The messages of all inputs of a coordinate system, by name.
+#[derive(Debug, Serialize)]
+pub struct Inputs(pub BTreeMap<&'static str, Value>);
+
+#[cfg(feature = "schema")]
+impl schemars::JsonSchema for Inputs {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        "Inputs".into()
+    }
+
+    fn json_schema(_: &mut schemars::SchemaGenerator) -> schemars::Schema {
+        let inputs = STATES.iter().filter_map(|row| match row.route.answer {
+            (_, Content::Json(form)) => {
+                let message = format!("#/components/schemas/{}", (form.name)());
+                Some((row.input()?, serde_json::json!({ "$ref": message })))
+            }
+            _ => None,
+        });
+        let inputs: BTreeMap<_, _> = inputs.collect();
+        schemars::json_schema!({"type": "object", "properties": inputs, "required": []})
+    }
+}
+
+/// Whether the server answers.
+#[derive(Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct Health {
+    /// Nothing else is ever said.
+    #[cfg_attr(feature = "schema", schemars(extend("const" = "ok")))]
+    pub status: &'static str,
+}

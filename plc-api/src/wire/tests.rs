@@ -6,8 +6,8 @@ use std::collections::BTreeMap;
 use proptest::prelude::*;
 
 use super::pattern::take_apart;
-use super::row::{QueryValues, Received, Sender};
-use super::{ROWS, mqtt, rest};
+use super::row::{IncomingRequest, QueryValues, Sender, Source};
+use super::{ROWS, json_object, mqtt, rest, websocket};
 use crate::types::command::{Command, CommandMeta, Expect};
 use crate::types::data::{ToolChange, ToolData, VariableArea, WorkOffsetTable};
 use crate::types::lease::{LeaseRelease, LeaseRequest, LeaseTake};
@@ -26,8 +26,9 @@ const CLIENT: &str = "plc-1";
 enum Transport {
     Rest,
     Mqtt,
+    WebSocket,
 }
-use Transport::{Mqtt, Rest};
+use Transport::{Mqtt, Rest, WebSocket};
 
 /// Which transports carry a request. Complete, since a request that is missing here does not compile.
 fn carried(request: &Request) -> &'static [Transport] {
@@ -47,8 +48,7 @@ fn carried(request: &Request) -> &'static [Transport] {
         | Request::ReadVariables { .. }
         | Request::WriteVariables { .. }
         | Request::RaiseAlarm(_) => &[Rest, Mqtt],
-        // over REST a frame of the WebSocket carries them
-        Request::ValidateResult(..) | Request::Handler(..) => &[Mqtt],
+        Request::ValidateResult(..) | Request::Handler(..) => &[Mqtt, WebSocket],
         Request::CommandStatus(_)
         | Request::Handlers
         | Request::Tools
@@ -145,7 +145,7 @@ type Output = (u8, Option<u16>, u64, String, String);
 
 fn output(transport: Transport) -> impl Strategy<Value = Output> {
     let output = (1..=255_u8, any::<u16>(), any::<u64>(), text(), text());
-    output.prop_map(move |(cs, m, seq, id, said)| (cs, (transport == Mqtt).then_some(m), seq, id, said))
+    output.prop_map(move |(cs, m, seq, id, said)| (cs, (transport != Rest).then_some(m), seq, id, said))
 }
 
 #[rustfmt::skip]
@@ -332,17 +332,8 @@ impl Sender for Head {
 }
 
 fn decoded(level: &str) -> String {
-    let mut bytes = Vec::new();
-    let mut rest = level.as_bytes();
-    while let [first, others @ ..] = rest {
-        let hex = others
-            .get(..2)
-            .filter(|_| *first == b'%')
-            .and_then(|hex| std::str::from_utf8(hex).ok());
-        bytes.push(hex.map_or(*first, |hex| u8::from_str_radix(hex, 16).unwrap()));
-        rest = if hex.is_some() { &others[2..] } else { others };
-    }
-    String::from_utf8(bytes).unwrap()
+    let level = percent_encoding::percent_decode_str(level);
+    level.decode_utf8().unwrap().into_owned()
 }
 
 /// A request as a server reads it from HTTP. `cs` is what the server knows of an alarm.
@@ -373,7 +364,7 @@ fn read_rest(exchange: rest::Exchange, cs: u8) -> Request {
             .find(|(known, _)| *known == name)
             .map(|(_, value)| value.to_owned())
     };
-    let received = Received {
+    let incoming = IncomingRequest {
         params: &params,
         body: Cow::Owned(exchange.body.unwrap_or_default().into_bytes()),
         query: QueryValues {
@@ -381,9 +372,9 @@ fn read_rest(exchange: rest::Exchange, cs: u8) -> Request {
             count: value("count").map(|count| count.parse().unwrap()),
             wait: value("wait"),
         },
-        sender: Some(&Head(exchange.headers)),
+        source: Source::Http(&Head(exchange.headers)),
     };
-    (row.read)(received).unwrap()
+    (row.read)(incoming).unwrap()
 }
 
 proptest! {
@@ -406,6 +397,18 @@ proptest! {
                 other => prop_assert!(false, "{:?}", other),
             },
             Err(_) => prop_assert!(!carried(&request).contains(&Mqtt), "{:?}", request),
+        }
+    }
+
+    #[test]
+    fn a_request_over_a_websocket_is_read_as_it_was_written(request in any_request(WebSocket)) {
+        match websocket::encode(request.clone()) {
+            Ok(frame) => {
+                let read: websocket::ClientFrame = json_object(frame.to_json().as_bytes()).unwrap();
+                prop_assert_eq!(&read, &frame);
+                prop_assert_eq!(read.requests().collect::<Vec<_>>(), [request]);
+            }
+            Err(_) => prop_assert!(!carried(&request).contains(&WebSocket), "{:?}", request),
         }
     }
 }

@@ -19,8 +19,8 @@ use crate::access::http::Access;
 use crate::metrics::Metrics;
 use crate::problem::Problem;
 
-/// Concurrent uploads of programs; more wait. Reason: each may have 64 MiB.
-const UPLOADS_MAX: usize = 4;
+/// Concurrent requests that carry a whole program; more wait. Reason: each may hold 64 MiB.
+const LARGE_REQUESTS_MAX: usize = 4;
 
 /// Commands over REST without an answer yet; more get 503. They continue when their client disconnects.
 const COMMANDS_MAX: usize = 256;
@@ -35,7 +35,7 @@ pub(crate) struct Shared {
     pub(crate) access: Access,
     pub(crate) metrics: Arc<Metrics>,
     pub(crate) position_interval: Duration,
-    pub(crate) uploads: Semaphore,
+    pub(crate) large_requests: Semaphore,
     pub(crate) websockets: Arc<Semaphore>,
     pub(crate) open_commands: Arc<Semaphore>,
     pub(crate) tasks: TaskTracker,
@@ -57,7 +57,7 @@ impl Shared {
             access,
             metrics: Arc::default(),
             position_interval,
-            uploads: Semaphore::new(UPLOADS_MAX),
+            large_requests: Semaphore::new(LARGE_REQUESTS_MAX),
             websockets: Arc::new(Semaphore::new(WEBSOCKETS_MAX)),
             open_commands: Arc::new(Semaphore::new(COMMANDS_MAX)),
             tasks: TaskTracker::new(),

@@ -20,24 +20,23 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use axum::{Extension, Router};
 use plc_api::hub::Filter;
-use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::message::Message;
-use plc_api::types::output::{HandledCode, HandlerPresence};
-use plc_api::types::question::ValidateResult;
+use plc_api::types::output::HandlerPresence;
 use plc_api::types::request::Request;
 use plc_api::types::topic::Topic;
-use serde::Deserialize;
-use serde_json::json;
+use plc_api::wire::json_object;
+use plc_api::wire::mqtt::path_of;
+use plc_api::wire::websocket::{ClientFrame, error_frame, message_frame};
 use tokio::time::{Instant, MissedTickBehavior};
 
 use crate::access::User;
+use crate::access::check_speaker;
 use crate::access::http::WEBSOCKET_PROTOCOL;
-use crate::access::topics::{may_publish, may_say, may_subscribe};
+use crate::access::topics::{may_publish, may_subscribe};
 use crate::metrics::add;
 use crate::position::Positions;
 use crate::problem::Problem;
 use crate::shared::{Shared, WEBSOCKETS_MAX};
-use plc_api::wire::json_object;
 
 /// Bytes of one message of a client; more ends the connection.
 const CLIENT_MESSAGE_MAX: usize = 64 * 1024;
@@ -95,47 +94,6 @@ async fn upgrade(
         })
 }
 
-/// What a client asks.
-#[derive(Debug, Deserialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
-#[serde(deny_unknown_fields)]
-pub(crate) struct Asked {
-    /// Topics below the machine's root; `+` is one level, a last `#` all below.
-    #[serde(default)]
-    subscribe: Vec<String>,
-    /// The same, as they were subscribed.
-    #[serde(default)]
-    unsubscribe: Vec<String>,
-    handler: Option<AnnouncedHandler>,
-    validate_result: Option<ValidatedCode>,
-}
-
-/// A handler that a client serves as long as it is connected.
-#[derive(Debug, Deserialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
-#[serde(deny_unknown_fields)]
-pub(crate) struct AnnouncedHandler {
-    id: String,
-    online: bool,
-    #[serde(default)]
-    handles: Vec<HandledCode>,
-    #[serde(default)]
-    validates: bool,
-}
-
-/// What a handler says of an M code that a program to be loaded holds.
-#[derive(Debug, Deserialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
-#[serde(deny_unknown_fields)]
-pub(crate) struct ValidatedCode {
-    cs: CoordinateSystemNumber,
-    m: u16,
-    request_id: String,
-    handler_id: String,
-    ok: bool,
-    text: Option<String>,
-}
-
 /// One connection.
 struct Client {
     shared: Arc<Shared>,
@@ -171,13 +129,9 @@ impl Client {
             result = self.serve(&mut socket) => result.ok().map(|()| (close_code::AWAY, "the runtime stops")),
         };
         for id in std::mem::take(&mut self.handlers) {
-            let gone = HandlerPresence {
-                online: false,
-                handles: Vec::new(),
-                validates: false,
-            };
-            // The runtime that stops tells it to nobody.
-            let _ = self.shared.port.request(Request::Handler(id, gone)).await;
+            let gone = Request::Handler(id, HandlerPresence::default());
+            // a runtime that stops refuses it
+            let _ = self.shared.port.request(gone).await;
         }
         if let Some((code, reason)) = close {
             let frame = Frame::Close(Some(CloseFrame {
@@ -206,9 +160,9 @@ impl Client {
                 frame = socket.recv() => {
                     heard = Instant::now();
                     match frame {
-                        Some(Ok(Frame::Text(text))) => self.asked(socket, &text).await?,
+                        Some(Ok(Frame::Text(text))) => self.on_frame(socket, &text).await?,
                         Some(Ok(Frame::Binary(_))) => {
-                            send(socket, error_frame("send JSON as text, not as a binary message")).await?;
+                            send_text(socket, error_frame("send JSON as text, not as a binary message")).await?;
                         }
                         Some(Ok(Frame::Ping(_) | Frame::Pong(_))) => {}
                         Some(Ok(Frame::Close(_)) | Err(_)) | None => return Err(Gone),
@@ -237,24 +191,24 @@ impl Client {
     async fn send_if_wanted(&self, socket: &mut WebSocket, message: &Message) -> Result<(), Gone> {
         let path = message.topic.path();
         if self.patterns.iter().any(|pattern| matches(pattern, &path)) {
-            send(socket, message_frame(&path, message)).await?;
+            send_text(socket, message_frame(&path, message)).await?;
         }
         Ok(())
     }
 
-    async fn asked(&mut self, socket: &mut WebSocket, text: &str) -> Result<(), Gone> {
-        let asked: Asked = match json_object(text.as_bytes()) {
-            Ok(asked) => asked,
+    async fn on_frame(&mut self, socket: &mut WebSocket, text: &str) -> Result<(), Gone> {
+        let mut frame: ClientFrame = match json_object(text.as_bytes()) {
+            Ok(frame) => frame,
             Err(error) => {
                 let text = format!("write {{\"subscribe\": [\"cs/1/state\"]}} or unsubscribe: {error}");
-                return send(socket, error_frame(&text)).await;
+                return send_text(socket, error_frame(&text)).await;
             }
         };
-        for pattern in &asked.unsubscribe {
+        for pattern in &frame.unsubscribe {
             self.patterns.remove(pattern);
         }
         let mut new = Vec::new();
-        for pattern in asked.subscribe {
+        for pattern in std::mem::take(&mut frame.subscribe) {
             let refusal = if !may_subscribe(&self.user) {
                 format!("role {} may not subscribe", self.user.role().word())
             } else if !is_known(&pattern) {
@@ -268,93 +222,48 @@ impl Client {
                 new.push(pattern);
                 continue;
             };
-            send(socket, error_frame(&refusal)).await?;
+            send_text(socket, error_frame(&refusal)).await?;
         }
-        if let Some(handler) = asked.handler {
-            self.announce(socket, handler).await?;
-        }
-        if let Some(validated) = asked.validate_result {
-            self.validated(socket, validated).await?;
+        for request in frame.requests() {
+            if let Err(refusal) = self.carry_out(request).await {
+                send_text(socket, error_frame(&refusal)).await?;
+            }
         }
         for message in self.states.values() {
             let path = message.topic.path();
             if new.iter().any(|pattern| matches(pattern, &path)) {
-                send(socket, message_frame(&path, message)).await?;
+                send_text(socket, message_frame(&path, message)).await?;
             }
         }
         Ok(())
     }
-}
 
-impl Client {
-    /// A handler comes, changes, or goes.
-    async fn announce(&mut self, socket: &mut WebSocket, handler: AnnouncedHandler) -> Result<(), Gone> {
-        let AnnouncedHandler {
-            id,
-            online,
-            handles,
-            validates,
-        } = handler;
-        let path = format!("handler/{id}/presence");
+    /// Carries out a request of a frame, with the right of its topic.
+    async fn carry_out(&mut self, request: Request) -> Result<(), String> {
+        let path = path_of(&request).unwrap_or_default();
         if !may_publish(&self.user, "", &path) {
-            return send(socket, error_frame(&self.not_allowed(&path))).await;
+            let role = self.user.role().word();
+            return Err(format!("role {role} may not say {path} here"));
         }
-        if online && !self.handlers.contains(&id) && self.handlers.len() == HANDLERS_MAX {
-            let text = format!("{HANDLERS_MAX} handlers are the limit of one connection");
-            return send(socket, error_frame(&text)).await;
+        check_speaker(&self.user, &request)?;
+        let handler = match &request {
+            Request::Handler(id, presence) => Some((id.clone(), presence.online)),
+            _ => None,
+        };
+        if let Some((id, true)) = &handler
+            && !self.handlers.contains(id)
+            && self.handlers.len() == HANDLERS_MAX
+        {
+            return Err(format!("{HANDLERS_MAX} handlers are the limit of one connection"));
         }
-        let presence = HandlerPresence {
-            online,
-            handles,
-            validates,
+        let answered = self.shared.port.request(request).await;
+        answered.map_err(|refusal| refusal.text)?;
+        match handler {
+            Some((id, true)) => self.handlers.insert(id),
+            Some((id, false)) => self.handlers.remove(&id),
+            None => false,
         };
-        let request = Request::Handler(id.clone(), presence);
-        match self.shared.port.request(request).await {
-            Ok(_) if online => {
-                self.handlers.insert(id);
-                Ok(())
-            }
-            Ok(_) => {
-                self.handlers.remove(&id);
-                Ok(())
-            }
-            Err(refusal) => send(socket, error_frame(&refusal.text)).await,
-        }
-    }
-
-    /// A handler has validated an M code.
-    async fn validated(&self, socket: &mut WebSocket, validated: ValidatedCode) -> Result<(), Gone> {
-        let ValidatedCode {
-            cs,
-            m,
-            request_id,
-            handler_id,
-            ok,
-            text,
-        } = validated;
-        let path = format!("cs/{cs}/m_code/{m}/validate_result");
-        let result = ValidateResult {
-            request_id,
-            handler_id,
-            ok,
-            text,
-        };
-        let refusal = if !may_publish(&self.user, "", &path) {
-            self.not_allowed(&path)
-        } else if let Err(refusal) = may_say(&self.user, &path, json!(result).to_string().as_bytes()) {
-            refusal
-        } else {
-            let request = Request::ValidateResult(cs, Some(m), result);
-            match self.shared.port.request(request).await {
-                Ok(_) => return Ok(()),
-                Err(refusal) => refusal.text,
-            }
-        };
-        send(socket, error_frame(&refusal)).await
-    }
-
-    fn not_allowed(&self, path: &str) -> String {
-        format!("role {} may not say {path} here", self.user.role().word())
+        Ok(())
     }
 }
 
@@ -376,15 +285,8 @@ async fn send(socket: &mut WebSocket, frame: Frame) -> Result<(), Gone> {
     }
 }
 
-fn error_frame(text: &str) -> Frame {
-    Frame::Text(json!({ "error": text }).to_string().into())
-}
-
-/// The message with its topic in front.
-fn message_frame(path: &str, message: &Message) -> Frame {
-    let json = message.to_json();
-    let rest = json.strip_prefix('{').unwrap_or("}");
-    Frame::Text(format!("{{\"topic\":{},{rest}", json!(path)).into())
+async fn send_text(socket: &mut WebSocket, text: String) -> Result<(), Gone> {
+    send(socket, Frame::Text(text.into())).await
 }
 
 /// True for a topic that the runtime publishes, and for a well-formed pattern with wildcards.

@@ -67,7 +67,7 @@ fn the_page_of_topics_is_that_of_the_contract() {
     let mut page = String::from(
         "# All topics\n\nBelow `tandem/v1/{machine}/`, written from the AsyncAPI document, which has the forms in detail: `/api` of a \
          served machine\nshows them. *In* is what the runtime receives. The right is that of a [role](users.md).\n\n\
-         | topic | direction | right | message | retained |\n| --- | --- | --- | --- | --- |\n",
+         | topic | direction | right | message | retained | says |\n| --- | --- | --- | --- | --- | --- |\n",
     );
     let document = document("asyncapi");
     let mut rows = Vec::new();
@@ -87,10 +87,11 @@ fn the_page_of_topics_is_that_of_the_contract() {
         let messages: Vec<&str> = messages.keys().map(String::as_str).collect();
         let retained = operation["bindings"]["mqtt"]["retain"] == true;
         rows.push(format!(
-            "| `{topic}` | {direction} | {} | {} | {} |\n",
+            "| `{topic}` | {direction} | {} | {} | {} | {} |\n",
             operation["x-right"].as_str().unwrap_or_default(),
             messages.join(", "),
             if retained { "yes" } else { "" },
+            operation["summary"].as_str().unwrap(),
         ));
     }
     rows.sort();

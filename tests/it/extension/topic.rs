@@ -1,5 +1,5 @@
-//! A state topic costs its row, where it is published, and its route: transports and the documents of the interface follow.
-//! A payload of its own is a type and a variant besides.
+//! A state topic costs its row and where it is published: transports, routes and the documents of the interface follow. A
+//! payload of its own is a type besides.
 
 use std::path::PathBuf;
 
@@ -7,9 +7,7 @@ use super::{costs, files_where};
 
 const TOPICS: &str = "plc-api/src/types/topic.rs";
 const PUBLISHED: &str = "runtime/src/coordinate_system/publish.rs";
-const ROUTES: &str = "plc-api/src/wire/states.rs";
 const TYPES: &str = "plc-api/src/types/state.rs";
-const PAYLOADS: &str = "plc-api/src/types/message.rs";
 
 /// Product files of a folder with this code.
 fn with(folder: &str, code: &str) -> Vec<PathBuf> {
@@ -17,18 +15,15 @@ fn with(folder: &str, code: &str) -> Vec<PathBuf> {
 }
 
 #[test]
-fn a_state_topic_is_named_by_its_row_by_its_route_and_where_it_is_published() {
+fn a_state_topic_is_named_by_its_row_by_its_payload_and_where_it_is_published() {
     for (code, file) in [
-        ("Modal \"modal\" Modal(Modal);", TOPICS),
-        ("CsTopic::Modal", ROUTES),
+        ("Modal \"modal\" \"modal\" Modal(Modal)", TOPICS),
+        ("    Modal(Modal),", TOPICS),
         ("pub struct Modal {", TYPES),
-        ("    Modal(Modal),", PAYLOADS),
     ] {
         assert_eq!(with("plc-api", code), [PathBuf::from(file)], "{code}");
     }
+    assert_eq!(with("plc-api", "CsTopic::Modal"), Vec::<PathBuf>::new());
     assert_eq!(with("runtime", "CsTopic::Modal"), [PathBuf::from(PUBLISHED)]);
-    assert_eq!(
-        costs("a state topic"),
-        [TOPICS, PUBLISHED, ROUTES, TYPES, PAYLOADS]
-    );
+    assert_eq!(costs("a state topic"), [TOPICS, PUBLISHED, TYPES]);
 }

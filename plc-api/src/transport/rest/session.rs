@@ -4,8 +4,6 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use futures_util::{SinkExt, StreamExt};
-use serde::Deserialize;
-use serde_json::{Value, json};
 use tokio::net::TcpStream;
 use tokio_tungstenite::tungstenite::client::IntoClientRequest;
 use tokio_tungstenite::tungstenite::http::HeaderValue;
@@ -14,7 +12,9 @@ use tokio_tungstenite::{MaybeTlsStream, WebSocketStream};
 
 use crate::lock::lock;
 use crate::types::message::{Message, Payload};
+use crate::types::request::Request;
 use crate::types::topic::Topic;
+use crate::wire::websocket::{ClientFrame, ServerFrame, encode};
 
 use super::super::backoff::Backoff;
 use super::Shared;
@@ -53,8 +53,11 @@ async fn open(shared: &Shared) -> tungstenite::Result<Socket> {
         request.headers_mut().insert("authorization", bearer);
     }
     let (mut socket, _) = tokio_tungstenite::connect_async(request).await?;
-    let subscribe = json!({ "subscribe": ["#"] });
-    socket.send(Frame::text(subscribe.to_string())).await?;
+    let subscribe = ClientFrame {
+        subscribe: vec!["#".to_owned()],
+        ..ClientFrame::default()
+    };
+    socket.send(Frame::text(subscribe.to_json())).await?;
     let mut state = lock(&shared.state);
     state.trouble = None;
     state.unsent = state.handlers.keys().cloned().collect();
@@ -82,7 +85,7 @@ async fn serve(shared: &Shared, socket: &mut Socket) -> tungstenite::Result<()> 
                     return socket.close(None).await;
                 }
                 for frame in unsent(shared) {
-                    socket.send(Frame::text(frame.to_string())).await?;
+                    socket.send(Frame::text(frame.to_json())).await?;
                 }
             }
         }
@@ -90,15 +93,14 @@ async fn serve(shared: &Shared, socket: &mut Socket) -> tungstenite::Result<()> 
 }
 
 /// The frames to send: presence of handlers first, then results of validations.
-fn unsent(shared: &Shared) -> Vec<Value> {
+fn unsent(shared: &Shared) -> Vec<ClientFrame> {
     let mut state = lock(&shared.state);
-    let unsent = std::mem::take(&mut state.unsent);
-    let presence = |id: &String| {
-        let mut handler = json!(state.handlers.get(id).cloned().unwrap_or_default());
-        handler["id"] = json!(id);
-        json!({ "handler": handler })
-    };
-    let mut frames: Vec<_> = unsent.iter().map(presence).collect();
+    let unsent = std::mem::take(&mut state.unsent).into_iter();
+    let frames = unsent.filter_map(|id| {
+        let presence = state.handlers.get(&id).cloned().unwrap_or_default();
+        encode(Request::Handler(id, presence)).ok()
+    });
+    let mut frames: Vec<_> = frames.collect();
     frames.append(&mut state.validated);
     frames
 }
@@ -120,22 +122,13 @@ fn set_offline(shared: &Shared) {
 
 /// Passes a message to the hub.
 fn on_text(shared: &Shared, text: &str) {
-    #[derive(Deserialize)]
-    struct Named {
-        topic: String,
-    }
-    let Ok(Named { topic }) = serde_json::from_str(text) else {
-        let text = shown(text);
-        tracing::warn!(%text, "the machine refuses");
-        on_error(shared, text);
-        return;
-    };
-    let Some(topic) = Topic::parse(&topic) else {
-        return;
-    };
-    match Message::from_json(topic, text.as_bytes()) {
-        Ok(message) => shared.link.hub.publish(message),
-        Err(error) => tracing::warn!(%error, "a message that is not of its topic's form"),
+    match ServerFrame::read(text) {
+        ServerFrame::Message(message) => shared.link.hub.publish(*message),
+        ServerFrame::Error(text) => {
+            tracing::warn!(%text, "the machine refuses");
+            on_error(shared, text);
+        }
+        ServerFrame::Unknown(why) => tracing::debug!(%why, "a message is passed over"),
     }
 }
 
@@ -150,12 +143,4 @@ fn on_error(shared: &Shared, text: String) {
     state.refused.insert(id, text);
     drop(state);
     shared.refused.notify_waiters();
-}
-
-/// The text of an error frame; at most 200 characters of any other frame.
-fn shown(text: &str) -> String {
-    let error = serde_json::from_str::<Value>(text)
-        .ok()
-        .and_then(|frame| Some(frame.get("error")?.as_str()?.to_owned()));
-    error.unwrap_or_else(|| text.chars().take(200).collect())
 }

@@ -11,6 +11,7 @@ pub(crate) mod topics;
 
 use std::sync::Arc;
 
+use plc_api::types::request::Request;
 use plc_api::wire::right::Right;
 use serde::{Deserialize, Serialize};
 
@@ -112,6 +113,18 @@ impl User {
             return Err("a reset by force needs role operate or admin".to_owned());
         }
         self.speaks_as(handler_id)
+    }
+}
+
+/// Why a user may not send this request, if so: a handler speaks in its own name only.
+pub(crate) fn check_speaker(user: &User, request: &Request) -> Result<(), String> {
+    match request {
+        Request::Claim(_, _, claim) => user.speaks_as(&claim.handler_id),
+        Request::Reset(_, _, reset) => user.resets_as(&reset.handler_id, reset.force.unwrap_or(false)),
+        Request::Progress(_, _, report) => user.speaks_as(&report.handler_id),
+        Request::Ask(_, _, ask) => user.speaks_as(&ask.handler_id),
+        Request::ValidateResult(_, _, result) => user.speaks_as(&result.handler_id),
+        _ => Ok(()),
     }
 }
 

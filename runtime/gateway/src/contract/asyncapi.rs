@@ -4,36 +4,17 @@ use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::wire::right::Right;
 use serde_json::{Map, Value, json};
 
-use super::schemas::{Schemas, reference};
+use super::schemas::{Schemas, payload_of, reference};
 use super::topics::inbound_topics;
 
 /// Numbers that stand for a name in a path.
 const CS: u8 = 251;
 const M: u16 = 60_001;
 
-/// The form of a topic's messages.
-fn schema_of(topic: &Topic) -> String {
-    match topic {
-        Topic::Presence => "PresenceMessage".to_owned(),
-        Topic::Birth => "BirthMessage".to_owned(),
-        Topic::AlarmEvent => "AlarmRecordMessage".to_owned(),
-        Topic::AlarmActive => "ActiveAlarmsMessage".to_owned(),
-        Topic::Reply(_) => "CommandReplyMessage".to_owned(),
-        Topic::HandlerPresence(_) => "HandlerPresence".to_owned(),
-        Topic::CoordinateSystem(_, topic) => format!("{}Message", topic.payload_type()),
-    }
-}
-
 /// Every topic that the runtime publishes.
-fn outbound() -> Vec<Topic> {
-    let events = [
-        CsTopic::Output(M),
-        CsTopic::Result(M),
-        CsTopic::Cancel(M),
-        CsTopic::Validate(M),
-    ];
-    let states = CsTopic::STATES.map(|(topic, _)| topic);
-    let of_cs = states.into_iter().chain(events);
+pub(super) fn outbound() -> Vec<Topic> {
+    let states = CsTopic::STATES.into_iter().map(|(topic, _)| topic);
+    let of_cs = states.chain(CsTopic::events(M));
     let machine = [
         Topic::Presence,
         Topic::Birth,
@@ -53,7 +34,7 @@ fn path_of(topic: &Topic) -> String {
 pub(super) fn document(schemas: &Schemas) -> Value {
     let mut channels = Map::new();
     let mut operations = Map::new();
-    let mut add = |path: &str, action: &str, schema: &str, qos: u8, retain: bool, right: Option<&str>| {
+    let mut add = |path: &str, action: &str, schema: &str, operation: Value| {
         let name = path.replace(['{', '}'], "").replace('/', "_");
         let mut parameters = Map::new();
         parameters.insert("machine".into(), json!({"description": "Name of the machine."}));
@@ -71,35 +52,21 @@ pub(super) fn document(schemas: &Schemas) -> Value {
                 "messages": {schema: {"payload": reference(schema)}},
             }),
         );
-        let mut operation = json!({
-            "action": action,
-            "channel": {"$ref": format!("#/channels/{name}")},
-            "bindings": {"mqtt": {"qos": qos, "retain": retain}},
-        });
-        if let Some(right) = right {
-            operation["x-right"] = right.into();
-        }
+        let mut operation = operation;
+        operation["action"] = action.into();
+        operation["channel"] = json!({"$ref": format!("#/channels/{name}")});
         operations.insert(format!("{action}_{name}"), operation);
     };
     for topic in outbound() {
-        add(
-            &path_of(&topic),
-            "send",
-            &schema_of(&topic),
-            topic.qos(),
-            topic.is_retained(),
-            None,
-        );
+        let bindings = json!({"mqtt": {"qos": topic.qos(), "retain": topic.is_retained()}});
+        let operation = json!({"summary": topic.summary(), "bindings": bindings});
+        add(&path_of(&topic), "send", &(topic.form().name)(), operation);
     }
-    for row in inbound_topics() {
-        add(
-            &row.path(),
-            "receive",
-            row.schema,
-            1,
-            row.retained,
-            Some(row.right.word()),
-        );
+    for topic in inbound_topics() {
+        let bindings = json!({"mqtt": {"qos": 1, "retain": topic.retained}});
+        let operation =
+            json!({"summary": topic.summary, "bindings": bindings, "x-right": topic.right.word()});
+        add(&topic.path(), "receive", &payload_of(topic).0, operation);
     }
     add_websocket(&mut channels, &mut operations);
     json!({

@@ -13,3 +13,5 @@ mod openapi;
 mod schemas;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod typescript;

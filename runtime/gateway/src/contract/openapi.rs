@@ -6,13 +6,13 @@ use plc_api::wire::right::Right;
 use plc_api::wire::route::{Content, Headers, Query, Route};
 
 use super::routes::ROUTES;
-use super::schemas::{Schemas, reference};
+use super::schemas::{Schemas, body_of, reference};
 
 pub(super) fn document(schemas: &Schemas) -> Value {
     let mut paths = Map::new();
     for (path, places) in ROUTES.iter() {
         let of_path = places.iter();
-        let operations = of_path.map(|(route, _)| (route.method.to_lowercase(), operation(route, schemas)));
+        let operations = of_path.map(|(route, _)| (route.method.to_lowercase(), operation(route)));
         paths.insert(path.clone(), operations.collect::<Map<_, _>>().into());
     }
     json!({
@@ -33,7 +33,7 @@ pub(super) fn document(schemas: &Schemas) -> Value {
     })
 }
 
-fn operation(route: &Route, schemas: &Schemas) -> Value {
+fn operation(route: &Route) -> Value {
     let mut operation = json!({
         "operationId": operation_id(route),
         "summary": route.summary,
@@ -45,25 +45,24 @@ fn operation(route: &Route, schemas: &Schemas) -> Value {
     } else {
         operation["security"] = json!([]);
     }
-    match route.body {
-        Content::Nothing => {}
-        Content::Json(name) => {
+    let body = match route.body {
+        Content::Nothing => return operation,
+        Content::Json(form) => {
+            let (name, schema) = body_of(route, form);
             // no body is an empty object, where that is enough
-            let required = schemas[name]["required"]
+            let required = schema["required"]
                 .as_array()
                 .is_some_and(|names| !names.is_empty());
-            operation["requestBody"] =
-                json!({"required": required, "content": {"application/json": {"schema": reference(name)}}});
+            json!({"required": required, "content": {"application/json": {"schema": reference(&name)}}})
         }
         Content::Document => {
-            operation["requestBody"] =
-                json!({"required": true, "content": {"application/json": {"schema": {"type": "object"}}}});
+            json!({"required": true, "content": {"application/json": {"schema": {"type": "object"}}}})
         }
         Content::Text => {
-            operation["requestBody"] =
-                json!({"required": false, "content": {"text/plain": {"schema": {"type": "string"}}}});
+            json!({"required": false, "content": {"text/plain": {"schema": {"type": "string"}}}})
         }
-    }
+    };
+    operation["requestBody"] = body;
     operation
 }
 
@@ -113,10 +112,10 @@ fn parameters(route: &Route) -> Vec<Value> {
 
 fn responses(route: &Route) -> Value {
     let mut responses = Map::new();
-    for (status, content) in route.answers {
+    for (status, content) in route.answers() {
         let content = match content {
             Content::Nothing => None,
-            Content::Json(name) => Some(json!({"application/json": {"schema": reference(name)}})),
+            Content::Json(form) => Some(json!({"application/json": {"schema": reference(&(form.name)())}})),
             Content::Document => Some(json!({"application/json": {"schema": {"type": "object"}}})),
             Content::Text => Some(json!({"text/plain": {"schema": {"type": "string"}}})),
         };
@@ -150,7 +149,7 @@ fn refusals(route: &Route) -> Vec<u16> {
         (true, &[403][..]),
         (route.right.is_some(), &[401, 429, 503]),
         (route.names().next().is_some(), &[404]),
-        (route.body != Content::Nothing, &[400, 408, 413, 415]),
+        (!matches!(route.body, Content::Nothing), &[400, 408, 413, 415]),
         (changes, &[404, 409]),
         // what was answered to the same key before may be a command's answer
         (route.headers != Headers::Nothing, &[400, 412, 422]),

@@ -5,10 +5,9 @@ use std::sync::LazyLock;
 
 use axum::http::Method;
 use plc_api::wire::ROWS;
-use plc_api::wire::route::Content::{Document, Json, Nothing, Text};
 use plc_api::wire::route::{Content, Route};
 use plc_api::wire::row::Row;
-use plc_api::wire::states::{STATES, StateRow};
+use plc_api::wire::states::{CoordinateSystems, Health, Inputs, STATES, StateRow};
 
 /// Path before all routes of the interface.
 pub(crate) const API: &str = "/api/v1";
@@ -22,18 +21,23 @@ pub(crate) enum Serves {
     Own,
 }
 
-const A_DOCUMENT: &[(u16, Content)] = &[(200, Document)];
-
 /// What the server says itself.
-#[rustfmt::skip]
 static OWN: [Route; 7] = [
-    Route::get("/cs", "All coordinate systems with their states.", &[(200, Json("CoordinateSystems"))]),
-    Route::get("/cs/{cs}/inputs", "All inputs.", &[(200, Json("Inputs"))]),
-    Route::new("GET", "/health", None, "Whether the server answers.", &[(200, Json("Health"))]),
-    Route::get("/metrics", "Counters, as Prometheus text.", &[(200, Text)]),
-    Route::new("GET", "/openapi.json", None, "This document.", A_DOCUMENT),
-    Route::new("GET", "/asyncapi.json", None, "The document of the MQTT interface.", A_DOCUMENT),
-    Route::get("/ws", "WebSocket: messages of the topics that the client names.", &[(101, Nothing)]).refusals(&[400, 426]),
+    Route::get("/cs", "All coordinate systems with their states.").gives::<CoordinateSystems>(),
+    Route::get("/cs/{cs}/inputs", "All inputs.").gives::<Inputs>(),
+    Route::new("GET", "/health", None, "Whether the server answers.").gives::<Health>(),
+    Route::get("/metrics", "Counters, as Prometheus text.").answered(200, Content::Text),
+    Route::new("GET", "/openapi.json", None, "This document.").answered(200, Content::Document),
+    Route::new(
+        "GET",
+        "/asyncapi.json",
+        None,
+        "The document of the MQTT interface.",
+    )
+    .answered(200, Content::Document),
+    Route::get("/ws", "WebSocket: messages of the topics that the client names.")
+        .answered(101, Content::Nothing)
+        .refusals(&[400, 426]),
 ];
 
 /// A route and what it serves.

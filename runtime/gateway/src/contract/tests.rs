@@ -2,50 +2,44 @@
 
 use std::path::Path;
 
-use plc_api::wire::route::Content;
 use serde_json::Value;
 
 use super::routes::ROUTES;
-use super::topics::inbound_topics;
-use super::{asyncapi, openapi, schemas};
+use super::{asyncapi, openapi, schemas, typescript};
 
-/// Compares a document with the one that is checked in; with `TANDEM_UPDATE=1` writes it.
-fn is_checked_in(name: &str, document: &Value) {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("api").join(name);
-    let text = serde_json::to_string_pretty(document).unwrap() + "\n";
+/// Compares a text with the file that is checked in; with `TANDEM_UPDATE=1` writes it.
+fn is_checked_in(file: &str, text: &str) {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(file);
     if std::env::var_os("TANDEM_UPDATE").is_some() {
-        std::fs::write(&path, &text).unwrap();
+        std::fs::write(&path, text).unwrap();
     }
     let known = std::fs::read_to_string(&path).unwrap_or_default();
     assert!(
         known == text,
-        "api/{name} is not what the types and tables say; run TANDEM_UPDATE=1 cargo test -p tandem-gateway contract"
+        "{file} is not what the types and tables say; run TANDEM_UPDATE=1 cargo test -p tandem-gateway contract"
     );
+}
+
+fn json_is_checked_in(file: &str, document: &Value) {
+    is_checked_in(file, &(serde_json::to_string_pretty(document).unwrap() + "\n"));
 }
 
 #[test]
 fn the_openapi_document_is_that_of_the_routes() {
-    is_checked_in("openapi.json", &openapi::document(&schemas::all()));
+    json_is_checked_in("api/openapi.json", &openapi::document(&schemas::all()));
 }
 
 #[test]
 fn the_asyncapi_document_is_that_of_the_topics() {
-    is_checked_in("asyncapi.json", &asyncapi::document(&schemas::all()));
+    json_is_checked_in("api/asyncapi.json", &asyncapi::document(&schemas::all()));
 }
 
 #[test]
-fn every_form_that_a_table_names_has_a_schema() {
-    let all = schemas::all();
-    let of_routes = ROUTES.values().flatten().flat_map(|(route, _)| {
-        std::iter::once(route.body).chain(route.answers.iter().map(|(_, content)| *content))
-    });
-    let names = of_routes.filter_map(|content| match content {
-        Content::Json(name) => Some(name),
-        _ => None,
-    });
-    for name in names.chain(inbound_topics().map(|topic| topic.schema)) {
-        assert!(all.contains_key(name), "{name}");
-    }
+fn the_declarations_of_the_hmi_are_those_of_the_types() {
+    is_checked_in(
+        "../../web/types.d.ts",
+        &typescript::declarations(&schemas::outgoing()),
+    );
 }
 
 #[test]

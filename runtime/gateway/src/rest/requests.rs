@@ -16,12 +16,12 @@ use plc_api::types::topic::Topic;
 use plc_api::wire::answer::{AnswerForm, Reply};
 use plc_api::wire::percent_encoded;
 use plc_api::wire::route::{self, Content, Route};
-use plc_api::wire::row::{Fault, QueryValues, Received, Row, Sender, number};
+use plc_api::wire::row::{Fault, IncomingRequest, QueryValues, Row, Sender, Source, number};
 use serde::Deserialize;
 
 use super::{body, json_response, nothing_at, params};
-use crate::access::User;
 use crate::access::http::forbidden;
+use crate::access::{User, check_speaker};
 use crate::contract::routes::API;
 use crate::problem::Problem;
 use crate::shared::{Shared, unexpected};
@@ -43,18 +43,23 @@ pub(super) async fn serve(
     let (mut head, body) = request.into_parts();
     let raw = RawPathParams::from_request_parts(&mut head, &()).await;
     let mut params = params(&raw, &head.uri)?;
-    params.extend(route.fixed());
-    let query = query(route, &head.uri)?;
-    let (mut permit, mut bytes) = (None, Vec::new());
-    match route.body {
-        Content::Text => {
-            body::check_text(&head.headers)?;
-            permit = shared.uploads.acquire().await.ok();
-            bytes = body::read(body, PROGRAM_BYTES_MAX).await?;
-        }
-        Content::Json(_) => bytes = body::json(&head.headers, body).await?,
-        Content::Nothing | Content::Document => {}
+    for fixed in route.fixed() {
+        params.push(fixed);
     }
+    let query = query(route, &head.uri)?;
+    if matches!(route.body, Content::Text) {
+        body::check_text(&head.headers)?;
+    }
+    let permit = if row.is_large {
+        shared.large_requests.acquire().await.ok()
+    } else {
+        None
+    };
+    let bytes = match route.body {
+        Content::Text => body::read(body, PROGRAM_BYTES_MAX).await?,
+        Content::Json(_) => body::json(&head.headers, body).await?,
+        Content::Nothing | Content::Document => Vec::new(),
+    };
     let cs = match params.iter().find(|(name, _)| *name == "id") {
         Some((_, id)) if route.headers == route::Headers::Command => {
             Some(of_alarm(&shared, id, &head.uri).await?)
@@ -68,23 +73,19 @@ pub(super) async fn serve(
         user: &user,
         headers: &head.headers,
     };
-    let received = Received {
+    let incoming = IncomingRequest {
         params: &params,
         body: Cow::Owned(bytes),
         query,
-        sender: Some(&sender),
+        source: Source::Http(&sender),
     };
-    let request = (row.read)(received).map_err(|fault| match fault {
+    let request = (row.read)(incoming).map_err(|fault| match fault {
         Fault::Level(_) => nothing_at(&head.uri),
         Fault::NotFound(text) => Problem::not_found(text),
         Fault::Json(error) => Problem::invalid(format!("the JSON body is not right: {error}")),
         Fault::Invalid(text) => Problem::invalid(text),
     })?;
-    says(&user, &request).map_err(forbidden)?;
-    if matches!(request, Request::IntermediateCode(_)) {
-        // as large as an upload
-        permit = shared.uploads.acquire().await.ok();
-    }
+    check_speaker(&user, &request).map_err(forbidden)?;
     let form = (row.answer)(&request);
     let reply = match request {
         Request::Command { .. } => carry_out(&shared, request, &form).await?,
@@ -142,17 +143,6 @@ impl Sender for HttpSender<'_> {
 
     fn new_command_id(&self) -> String {
         self.shared.next_command_id()
-    }
-}
-
-/// Why this user may not say this, if so: a handler speaks in its own name only.
-fn says(user: &User, request: &Request) -> Result<(), String> {
-    match request {
-        Request::Claim(_, _, claim) => user.speaks_as(&claim.handler_id),
-        Request::Reset(_, _, reset) => user.resets_as(&reset.handler_id, reset.force.unwrap_or(false)),
-        Request::Progress(_, _, report) => user.speaks_as(&report.handler_id),
-        Request::Ask(_, _, ask) => user.speaks_as(&ask.handler_id),
-        _ => Ok(()),
     }
 }
 

@@ -1,5 +1,6 @@
 //! What can be read: the same messages as on MQTT, with the revision as `ETag`.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use axum::Router;
@@ -12,7 +13,7 @@ use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::message::Message;
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::wire::row::number;
-use plc_api::wire::states::{STATES, StateRow};
+use plc_api::wire::states::{CoordinateSystems, Health, Inputs, STATES, StateRow, WithState};
 use serde_json::{Value, json};
 
 use super::{json_response, params};
@@ -45,46 +46,40 @@ pub(super) async fn one(
     params: Params,
     row: &StateRow,
 ) -> Result<Response, Problem> {
-    let message = shared.read(&row.of.topic(cs_of(&params, &uri)?)).await?;
+    let message = shared.read(&row.topic(cs_of(&params, &uri)?)).await?;
     Ok(message_response(&message))
 }
 
-/// `{"coordinate_systems": [{"number", "axes", ..., "state": {...}}]}`.
 async fn coordinate_systems(State(shared): State<Arc<Shared>>) -> Result<Response, Problem> {
-    let mut list = Vec::new();
+    let mut coordinate_systems = Vec::new();
     for info in shared.birth().await?.coordinate_systems {
         let state = shared.read(&Topic::cs(info.number, CsTopic::State)).await.ok();
-        let mut entry = serde_json::to_value(&info).unwrap_or_default();
-        if let Value::Object(entry) = &mut entry {
-            entry.insert(
-                "state".into(),
-                state.map_or(Value::Null, |state| message_value(&state)),
-            );
-        }
-        list.push(entry);
+        let state = state.map(|state| message_value(&state));
+        coordinate_systems.push(WithState { info, state });
     }
-    Ok(json_text(json!({ "coordinate_systems": list }).to_string()))
+    Ok(json_text(
+        json!(CoordinateSystems { coordinate_systems }).to_string(),
+    ))
 }
 
-/// `{"optional_skip": {...}, "optional_stop": {...}, ...}`: the message of each input.
 async fn inputs(State(shared): State<Arc<Shared>>, uri: Uri, params: Params) -> Result<Response, Problem> {
     let cs = cs_of(&params, &uri)?;
-    let mut all = serde_json::Map::new();
-    for row in &STATES {
-        if let Some(name) = row.route.pattern.strip_prefix("/cs/{cs}/inputs/")
-            && let Ok(message) = shared.read(&row.of.topic(cs)).await
+    let mut all = BTreeMap::new();
+    for row in STATES.iter() {
+        if let Some(name) = row.input()
+            && let Ok(message) = shared.read(&row.topic(cs)).await
         {
-            all.insert(name.to_owned(), message_value(&message));
+            all.insert(name, message_value(&message));
         }
     }
     if all.is_empty() {
         return Err(Problem::not_found(format!("this machine has no cs/{cs}/input")));
     }
-    Ok(json_text(Value::Object(all).to_string()))
+    Ok(json_text(json!(Inputs(all)).to_string()))
 }
 
 async fn health() -> Response {
-    json_text(json!({ "status": "ok" }).to_string())
+    json_text(json!(Health { status: "ok" }).to_string())
 }
 
 async fn metrics(State(shared): State<Arc<Shared>>) -> Response {

@@ -1,0 +1,68 @@
+//! The form of some JSON: the type that it is read into or written from.
+
+use serde::Serialize;
+
+use super::{BootId, Timestamp};
+
+/// Version of the interface, `v` in every message.
+pub const INTERFACE_VERSION: u32 = 1;
+
+/// The form of some JSON, named by its type. With the feature `schema` it gives the type's JSON Schema.
+#[derive(Debug, Clone, Copy)]
+pub struct Form {
+    /// Name of the type in the documents of the interface.
+    #[cfg(feature = "schema")]
+    pub name: fn() -> std::borrow::Cow<'static, str>,
+    /// Schema of the type.
+    #[cfg(feature = "schema")]
+    pub schema: fn(&mut schemars::SchemaGenerator) -> schemars::Schema,
+}
+
+/// A type that is the form of some JSON.
+#[cfg(feature = "schema")]
+pub trait HasForm: schemars::JsonSchema {}
+#[cfg(feature = "schema")]
+impl<T: schemars::JsonSchema> HasForm for T {}
+
+/// A type that is the form of some JSON.
+#[cfg(not(feature = "schema"))]
+pub trait HasForm {}
+#[cfg(not(feature = "schema"))]
+impl<T> HasForm for T {}
+
+impl Form {
+    /// The form of this type.
+    pub const fn of<T: HasForm>() -> Self {
+        Self {
+            #[cfg(feature = "schema")]
+            name: T::schema_name,
+            #[cfg(feature = "schema")]
+            schema: T::json_schema,
+        }
+    }
+}
+
+// A payload in the envelope of every message; its description in a document is that of the payload.
+#[allow(
+    missing_docs,
+    reason = "a description of its own would go before that of the payload"
+)]
+#[derive(Debug, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", schemars(rename = "{T}Message"))]
+pub struct Enveloped<'a, T> {
+    /// Version of the interface.
+    #[cfg_attr(feature = "schema", schemars(extend("const" = INTERFACE_VERSION)))]
+    pub v: u32,
+    /// The boot that says it.
+    pub boot_id: &'a BootId,
+    /// When it was said.
+    #[cfg_attr(feature = "schema", schemars(with = "String", extend("format" = "date-time")))]
+    pub ts: &'a Timestamp,
+    /// For state: grows with each change of this topic.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rev: Option<u64>,
+    /// What the message says.
+    #[serde(flatten)]
+    pub payload: &'a T,
+}

@@ -1,0 +1,298 @@
+//! Payloads and bodies that are no type of the interface, and how rows read and write what differs between the transports.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::answer::AnswerForm;
+use super::row::{Fault, IncomingRequest, QueryValues, RequestParts};
+use crate::types::command::Command;
+#[cfg(feature = "schema")]
+use crate::types::data::VARIABLES_AT_ONCE_MAX;
+use crate::types::data::{Number, VariableArea, VariableKind};
+use crate::types::lease::{LeaseRelease, LeaseRequest};
+use crate::types::request::{Input, Request};
+use crate::types::state::{Lock, Switch};
+
+/// Optional block skips: numbers from 1 to this.
+const SKIP_MAX: u8 = 31;
+
+/// Body of a command without arguments; what it holds is passed over.
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub(super) struct NoArgs {}
+
+/// Payload of a command, without its envelope.
+#[derive(Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", schemars(rename = "Command"))]
+#[serde(deny_unknown_fields)]
+pub(super) struct CommandArgs {
+    /// Arguments of the verb.
+    #[serde(default)]
+    #[cfg_attr(feature = "schema", schemars(with = "serde_json::Map<String, Value>"))]
+    pub args: Value,
+}
+
+/// Payload that ends the control lease, without its envelope.
+#[derive(Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub(super) struct LeaseBreak {}
+
+/// Body of an input with one value, with no other field.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Toggle {
+    value: bool,
+}
+
+/// Optional block skips over MQTT.
+#[derive(Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub(super) struct Skips {
+    /// On or off by number, 1 to 31; those not named stay.
+    set: BTreeMap<u8, bool>,
+}
+
+/// Payload that sets an input.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(untagged)]
+pub(super) enum InputSet {
+    Switch(Switch),
+    Lock(Lock),
+    Skips(Skips),
+}
+
+/// Body of a write of variables.
+#[derive(Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub(super) struct VariableWrite {
+    /// Their values, ascending by number.
+    #[cfg_attr(feature = "schema", schemars(length(min = 1, max = VARIABLES_AT_ONCE_MAX)))]
+    pub values: Vec<Number>,
+}
+
+/// Payload that reads variables, without its envelope.
+#[derive(Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub(super) struct VariableGet {
+    /// Their letter.
+    pub kind: VariableKind,
+    /// Number of the first.
+    pub from: u32,
+    /// How many.
+    #[cfg_attr(feature = "schema", schemars(range(min = 1, max = VARIABLES_AT_ONCE_MAX)))]
+    pub count: u32,
+}
+
+/// Payload that sets variables, without its envelope.
+#[derive(Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub(super) struct VariableSet {
+    /// Their letter.
+    pub kind: VariableKind,
+    /// Number of the first.
+    pub from: u32,
+    /// Their values, ascending by number.
+    #[cfg_attr(feature = "schema", schemars(length(min = 1, max = VARIABLES_AT_ONCE_MAX)))]
+    pub values: Vec<Number>,
+}
+
+pub(super) fn command_answer(request: &Request) -> AnswerForm {
+    let wait = matches!(request, Request::Command { wait: true, .. });
+    AnswerForm::Command { wait }
+}
+
+pub(super) fn handshake(request: &Request) -> AnswerForm {
+    let (seq, handler_id) = match request {
+        Request::Claim(_, _, claim) => (claim.seq, claim.handler_id.as_str()),
+        Request::Reset(_, _, reset) => (reset.seq, reset.handler_id.as_str()),
+        Request::Ask(_, _, ask) => (ask.seq, ask.handler_id.as_str()),
+        Request::AnswerQuestion(_, _, answer) => {
+            (answer.seq, answer.client_id.as_deref().unwrap_or_default())
+        }
+        _ => return AnswerForm::Nothing,
+    };
+    AnswerForm::Handshake {
+        seq,
+        handler_id: handler_id.to_owned(),
+        is_answer: matches!(request, Request::AnswerQuestion(..)),
+    }
+}
+
+pub(super) fn variables(request: &Request) -> AnswerForm {
+    match request {
+        Request::ReadVariables { area, from, .. } => AnswerForm::Variables {
+            kind: area.kind(),
+            from: *from,
+        },
+        _ => AnswerForm::Nothing,
+    }
+}
+
+pub(super) fn read_command(incoming: &IncomingRequest<'_>, command: Command) -> Result<Request, Fault> {
+    let (cs, meta, wait) = (incoming.cs()?, incoming.meta()?, incoming.wait()?);
+    Ok(Request::Command {
+        cs,
+        command,
+        meta,
+        wait,
+    })
+}
+
+pub(super) fn lease(
+    incoming: &IncomingRequest<'_>,
+    request: fn(&IncomingRequest<'_>) -> Result<LeaseRequest, Fault>,
+) -> Result<Request, Fault> {
+    let (cs, request, meta) = (incoming.cs()?, request(incoming)?, incoming.meta()?);
+    Ok(Request::Lease { cs, request, meta })
+}
+
+/// Over REST a header names the lease.
+pub(super) fn release(incoming: &IncomingRequest<'_>) -> Result<LeaseRequest, Fault> {
+    if !incoming.is_rest() {
+        return incoming.json().map(LeaseRequest::Release);
+    }
+    let text = "name the lease that is given back by the header Lease-Fence";
+    let fence = incoming.fence()?.ok_or_else(|| Fault::Invalid(text.to_owned()))?;
+    Ok(LeaseRequest::Release(LeaseRelease { fence }))
+}
+
+/// Over REST other fields are passed over.
+pub(super) fn break_lease(incoming: &IncomingRequest<'_>) -> Result<LeaseRequest, Fault> {
+    if incoming.is_rest() {
+        incoming.json::<Value>()?;
+    } else {
+        incoming.json::<LeaseBreak>()?;
+    }
+    Ok(LeaseRequest::Break)
+}
+
+/// Over MQTT other fields are passed over.
+pub(super) fn switch(incoming: &IncomingRequest<'_>) -> Result<bool, Fault> {
+    if incoming.is_rest() {
+        incoming.json().map(|Toggle { value }| value)
+    } else {
+        incoming.json().map(|Switch { value }| value)
+    }
+}
+
+pub(super) fn read_input(incoming: &IncomingRequest<'_>) -> Result<Input, Fault> {
+    Ok(match incoming.text("input") {
+        "optional_skip" => Input::OptionalSkip(skips(incoming)?),
+        "optional_stop" => Input::OptionalStop(switch(incoming)?),
+        "single_block" => Input::SingleBlock(switch(incoming)?),
+        "dry_run" => Input::DryRun(switch(incoming)?),
+        "interlock" => Input::Interlock(incoming.json()?),
+        "start_lock" => Input::StartLock(incoming.json()?),
+        _ => return Err(Fault::Invalid("there is no such input".to_owned())),
+    })
+}
+
+/// Overrides have a row of their own.
+#[allow(
+    clippy::result_large_err,
+    reason = "a request that is not of the row is given back as it is"
+)]
+pub(super) fn write_input(cs: u8, input: Input) -> Result<RequestParts, Request> {
+    let (name, set) = match input {
+        Input::OptionalSkip(set) => ("optional_skip", InputSet::Skips(Skips { set })),
+        Input::OptionalStop(value) => ("optional_stop", InputSet::Switch(Switch { value })),
+        Input::SingleBlock(value) => ("single_block", InputSet::Switch(Switch { value })),
+        Input::DryRun(value) => ("dry_run", InputSet::Switch(Switch { value })),
+        Input::Interlock(lock) => ("interlock", InputSet::Lock(lock)),
+        Input::StartLock(lock) => ("start_lock", InputSet::Lock(lock)),
+        Input::Override(_) => return Err(Request::Input(cs, input)),
+    };
+    let parts = RequestParts::of(cs).with("input", name).json(&set);
+    Ok(match &set {
+        InputSet::Skips(Skips { set: skips }) => match skips.first_key_value() {
+            Some((number, value)) => {
+                let parts = parts.with("number", number).payload(&set);
+                parts.json(&Switch { value: *value })
+            }
+            None => parts,
+        },
+        _ => parts,
+    })
+}
+
+/// Over REST the path names one of them.
+pub(super) fn skips(incoming: &IncomingRequest<'_>) -> Result<BTreeMap<u8, bool>, Fault> {
+    if !incoming.is_rest() {
+        return incoming.json().map(|Skips { set }| set);
+    }
+    let (number, value) = (incoming.number("number")?, switch(incoming)?);
+    if !(1..=SKIP_MAX).contains(&number) {
+        let text = format!("there is no optional block skip {number}; write 1 to {SKIP_MAX}");
+        return Err(Fault::NotFound(text));
+    }
+    Ok([(number, value)].into())
+}
+
+/// P variables are the same on the topic of each coordinate system.
+pub(super) fn of_area(area: VariableArea, verb: &str) -> RequestParts {
+    let (cs, kind) = match area {
+        VariableArea::Global => (1, "p"),
+        VariableArea::CoordinateSystem(cs) => (cs, "q"),
+    };
+    RequestParts::of(cs).with("kind", kind).with("verb", verb)
+}
+
+/// The variables that a route names.
+pub(super) fn area(incoming: &IncomingRequest<'_>) -> Result<VariableArea, Fault> {
+    let cs = incoming.optional_number("cs")?;
+    Ok(cs.map_or(VariableArea::Global, VariableArea::CoordinateSystem))
+}
+
+pub(super) fn read_variables(incoming: IncomingRequest<'_>) -> Result<Request, Fault> {
+    let (area, from, count) = if incoming.is_rest() {
+        let QueryValues { from, count, .. } = incoming.query;
+        (area(&incoming)?, from, count.unwrap_or(1))
+    } else {
+        let VariableGet { kind, from, count } = incoming.json()?;
+        (VariableArea::of(kind, incoming.cs()?), from, count)
+    };
+    Ok(Request::ReadVariables {
+        area,
+        from,
+        count,
+        meta: incoming.payload_meta(),
+    })
+}
+
+pub(super) fn write_variables(incoming: IncomingRequest<'_>) -> Result<Request, Fault> {
+    let (area, from, values) = if incoming.is_rest() {
+        let VariableWrite { values } = incoming.json()?;
+        let QueryValues { from, count, .. } = incoming.query;
+        if let Some(count) = count.filter(|count| *count as usize != values.len()) {
+            let text = format!("count={count}, and the body has {} values", values.len());
+            return Err(Fault::Invalid(text));
+        }
+        (area(&incoming)?, from, values)
+    } else {
+        let VariableSet { kind, from, values } = incoming.json()?;
+        (VariableArea::of(kind, incoming.cs()?), from, values)
+    };
+    Ok(Request::WriteVariables {
+        area,
+        from,
+        values: values.into_iter().map(|number| number.0).collect(),
+        meta: incoming.payload_meta(),
+    })
+}
+
+pub(super) fn text(incoming: IncomingRequest<'_>) -> Result<String, Fault> {
+    String::from_utf8(incoming.body.into_owned()).map_err(|error| {
+        let place = error.utf8_error().valid_up_to();
+        Fault::Invalid(format!(
+            "the text is not UTF-8 at byte {place}; save the program as UTF-8"
+        ))
+    })
+}

@@ -1,0 +1,180 @@
+//! Frames of the WebSocket `/api/v1/ws`, written and read by the client transport and the server end.
+
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+
+use crate::types::CoordinateSystemNumber;
+use crate::types::message::Message;
+use crate::types::output::{HandledCode, HandlerPresence};
+use crate::types::question::ValidateResult;
+use crate::types::refusal::{Refusal, RefusalCode};
+use crate::types::request::Request;
+use crate::types::topic::Topic;
+
+/// What a client sends.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", schemars(rename = "WebSocketRequest"))]
+#[serde(deny_unknown_fields)]
+pub struct ClientFrame {
+    /// Topics below the machine's root; `+` is one level, a last `#` all below.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub subscribe: Vec<String>,
+    /// The same, as they were subscribed.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub unsubscribe: Vec<String>,
+    /// A handler comes, changes what it handles, or goes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub handler: Option<AnnouncedHandler>,
+    /// The answer to a `validate` message.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub validate_result: Option<ValidatedCode>,
+}
+
+/// A handler that a client serves as long as it is connected.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct AnnouncedHandler {
+    id: String,
+    online: bool,
+    #[serde(default)]
+    handles: Vec<HandledCode>,
+    #[serde(default)]
+    validates: bool,
+}
+
+/// What a handler says of an M code that a program to be loaded holds.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct ValidatedCode {
+    cs: CoordinateSystemNumber,
+    m: u16,
+    request_id: String,
+    handler_id: String,
+    ok: bool,
+    text: Option<String>,
+}
+
+/// The frame of a request.
+///
+/// # Errors
+/// `not_supported` for what goes over REST.
+pub fn encode(request: Request) -> Result<ClientFrame, Refusal> {
+    let mut frame = ClientFrame::default();
+    match request {
+        Request::Handler(id, presence) => {
+            frame.handler = Some(AnnouncedHandler {
+                id,
+                online: presence.online,
+                handles: presence.handles,
+                validates: presence.validates,
+            });
+        }
+        Request::ValidateResult(cs, Some(m), result) => {
+            frame.validate_result = Some(ValidatedCode {
+                cs,
+                m,
+                request_id: result.request_id,
+                handler_id: result.handler_id,
+                ok: result.ok,
+                text: result.text,
+            });
+        }
+        _ => {
+            let text = "no frame of the WebSocket carries this request; use REST";
+            return Err(Refusal::new(RefusalCode::NotSupported, text));
+        }
+    }
+    Ok(frame)
+}
+
+impl ClientFrame {
+    /// The requests of a frame.
+    pub fn requests(self) -> impl Iterator<Item = Request> {
+        let handler = self.handler.map(|handler| {
+            let presence = HandlerPresence {
+                online: handler.online,
+                handles: handler.handles,
+                validates: handler.validates,
+            };
+            Request::Handler(handler.id, presence)
+        });
+        let validated = self.validate_result.map(|validated| {
+            let result = ValidateResult {
+                request_id: validated.request_id,
+                handler_id: validated.handler_id,
+                ok: validated.ok,
+                text: validated.text,
+            };
+            Request::ValidateResult(validated.cs, Some(validated.m), result)
+        });
+        handler.into_iter().chain(validated)
+    }
+
+    /// Its JSON.
+    pub fn to_json(&self) -> String {
+        json!(self).to_string()
+    }
+}
+
+/// What a server sends.
+#[derive(Debug)]
+pub enum ServerFrame {
+    /// The message of a topic.
+    Message(Message),
+    /// Why something that the client sent is refused.
+    Error(String),
+    /// A message of a topic that this version does not know, or not of the topic's form.
+    Unknown(String),
+}
+
+/// A topic, in front of its message.
+#[derive(Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", schemars(rename = "WebSocket"))]
+pub struct Named {
+    /// Path below the machine's root, as on MQTT.
+    topic: String,
+}
+
+/// An error frame.
+#[derive(Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", schemars(rename = "WebSocketError"))]
+pub struct ErrorFrame {
+    error: String,
+}
+
+/// The frame of a message: the message with its topic in front.
+pub fn message_frame(path: &str, message: &Message) -> String {
+    let json = message.to_json();
+    let rest = json.strip_prefix('{').unwrap_or("}");
+    format!("{{\"topic\":{},{rest}", json!(path))
+}
+
+/// The frame of a refusal.
+pub fn error_frame(text: &str) -> String {
+    let error = text.to_owned();
+    json!(ErrorFrame { error }).to_string()
+}
+
+impl ServerFrame {
+    /// Reads a frame. What is no frame at all is an error of at most 200 characters.
+    pub fn read(text: &str) -> Self {
+        let Ok(Named { topic: path }) = serde_json::from_str(text) else {
+            return ServerFrame::Error(match serde_json::from_str(text) {
+                Ok(ErrorFrame { error }) => error,
+                Err(_) => text.chars().take(200).collect(),
+            });
+        };
+        let Some(topic) = Topic::parse(&path) else {
+            return ServerFrame::Unknown(format!("there is no topic {path}"));
+        };
+        match Message::from_json(topic, text.as_bytes()) {
+            Ok(message) => ServerFrame::Message(message),
+            Err(error) => ServerFrame::Unknown(format!("{path}: {error}")),
+        }
+    }
+}
