@@ -18,7 +18,7 @@ use crate::types::state::{Lock, Switch};
 /// Optional block skips: numbers from 1 to this.
 const SKIP_MAX: u8 = 31;
 
-/// Body of a command without arguments; what it holds is passed over.
+/// Body of a command without arguments; its members are ignored.
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub(super) struct NoArgs {}
 
@@ -251,10 +251,10 @@ pub(super) fn area(incoming: &IncomingRequest<'_>) -> Result<VariableArea, Fault
     Ok(cs.map_or(VariableArea::Global, VariableArea::CoordinateSystem))
 }
 
-pub(super) fn read_variables(incoming: IncomingRequest<'_>) -> Result<Request, Fault> {
+pub(super) fn read_variables(incoming: &IncomingRequest<'_>) -> Result<Request, Fault> {
     let (area, from, count) = if incoming.is_rest() {
         let QueryValues { from, count, .. } = incoming.query;
-        (area(&incoming)?, from, count.unwrap_or(1))
+        (area(incoming)?, from, count.unwrap_or(1))
     } else {
         let VariableGet { kind, from, count } = incoming.json()?;
         (VariableArea::of(kind, incoming.cs()?), from, count)
@@ -267,7 +267,7 @@ pub(super) fn read_variables(incoming: IncomingRequest<'_>) -> Result<Request, F
     })
 }
 
-pub(super) fn write_variables(incoming: IncomingRequest<'_>) -> Result<Request, Fault> {
+pub(super) fn write_variables(incoming: &IncomingRequest<'_>) -> Result<Request, Fault> {
     let (area, from, values) = if incoming.is_rest() {
         let VariableWrite { values } = incoming.json()?;
         let QueryValues { from, count, .. } = incoming.query;
@@ -275,7 +275,7 @@ pub(super) fn write_variables(incoming: IncomingRequest<'_>) -> Result<Request, 
             let text = format!("count={count}, and the body has {} values", values.len());
             return Err(Fault::Invalid(text));
         }
-        (area(&incoming)?, from, values)
+        (area(incoming)?, from, values)
     } else {
         let VariableSet { kind, from, values } = incoming.json()?;
         (VariableArea::of(kind, incoming.cs()?), from, values)

@@ -345,7 +345,7 @@ pub static ROWS: [Row; 36] = [
             .envelope(IDS_AND_AGE),
         ),
         answer: variables,
-        ..Row::new(read_variables, written!(Request::ReadVariables { area, from, count, .. } => {
+        ..Row::new(|incoming| read_variables(&incoming), written!(Request::ReadVariables { area, from, count, .. } => {
                 let parts = of_area(area, "get").query("from", from).query("count", count);
                 parts.payload(&VariableGet { kind: area.kind(), from, count })
             }))
@@ -365,7 +365,7 @@ pub static ROWS: [Row; 36] = [
             )
             .envelope(IDS_AND_AGE),
         ),
-        ..Row::new(write_variables, written!(Request::WriteVariables { area, from, values, .. } => {
+        ..Row::new(|incoming| write_variables(&incoming), written!(Request::WriteVariables { area, from, values, .. } => {
                 let values: Vec<_> = values.into_iter().map(Number).collect();
                 let parts = of_area(area, "set").query("from", from);
                 let payload = VariableSet { kind: area.kind(), from, values };

@@ -123,7 +123,7 @@ impl ClientFrame {
 #[derive(Debug)]
 pub enum ServerFrame {
     /// The message of a topic.
-    Message(Message),
+    Message(Box<Message>),
     /// Why something that the client sent is refused.
     Error(String),
     /// A message of a topic that this version does not know, or not of the topic's form.
@@ -173,7 +173,7 @@ impl ServerFrame {
             return ServerFrame::Unknown(format!("there is no topic {path}"));
         };
         match Message::from_json(topic, text.as_bytes()) {
-            Ok(message) => ServerFrame::Message(message),
+            Ok(message) => ServerFrame::Message(Box::new(message)),
             Err(error) => ServerFrame::Unknown(format!("{path}: {error}")),
         }
     }

@@ -38,13 +38,13 @@ fn incoming() -> Schemas {
     for (route, _) in ROUTES.values().flatten() {
         if let Content::Json(form) = route.body {
             let (name, schema) = body_of(route, form);
-            put(&mut all, name, schema);
+            put(&mut all, &name, &schema);
             within(&mut all, form, Way::In);
         }
     }
     for topic in inbound_topics() {
         let (name, schema) = payload_of(topic);
-        put(&mut all, name, schema);
+        put(&mut all, &name, &schema);
         within(&mut all, topic.form, Way::In);
         if !topic.envelope.is_empty() {
             within(&mut all, Form::of::<CommandMeta>(), Way::In);
@@ -89,7 +89,7 @@ pub(super) fn body_of(route: &Route, form: Form) -> (String, Value) {
         name = format!("{}Args", camel_case(verb));
     }
     let in_path: Vec<_> = route.names().collect();
-    let Some(properties) = schema["properties"].as_object_mut() else {
+    let Some(properties) = schema.get_mut("properties").and_then(Value::as_object_mut) else {
         return (name, schema);
     };
     let before = properties.len();
@@ -135,13 +135,13 @@ pub(super) fn reference(name: &str) -> Value {
 /// The schema of a form by its name, and those within it.
 fn named(all: &mut Schemas, form: Form, way: Way) {
     let name = (form.name)().into_owned();
-    put(all, name, schema_of(form, way).0);
+    put(all, &name, &schema_of(form, way).0);
     within(all, form, way);
 }
 
 fn within(all: &mut Schemas, form: Form, way: Way) {
     for (name, schema) in schema_of(form, way).1 {
-        put(all, name, schema);
+        put(all, &name, &schema);
     }
 }
 
@@ -161,8 +161,7 @@ fn schema_of(form: Form, way: Way) -> (Value, Schemas) {
 }
 
 /// One name means one thing.
-fn put(all: &mut Schemas, name: String, schema: Value) {
-    if let Some(known) = all.insert(name.clone(), schema.clone()) {
-        assert_eq!(known, schema, "two schemas of the name {name}");
-    }
+fn put(all: &mut Schemas, name: &str, schema: &Value) {
+    let kept = all.entry(name).or_insert_with(|| schema.clone());
+    assert_eq!(kept, schema, "two schemas of the name {name}");
 }
