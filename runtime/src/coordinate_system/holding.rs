@@ -67,11 +67,10 @@ impl CoordinateSystem {
             }
         }
         self.inputs.single_block = on;
-        if on && self.single_block_waits() {
-            return Ok(());
-        }
         if on {
-            self.stop_behind_what_is_planned();
+            if !self.single_block_waits() {
+                self.stop_behind_what_is_planned();
+            }
         } else if let Some(run) = &mut self.run
             && std::mem::take(&mut run.steps.armed)
         {

@@ -4,8 +4,7 @@
 use plc_api::handshake::{Closed, Effect, Now, OutputSpec};
 use plc_api::types::message::Payload;
 use plc_api::types::output::{OutputNotice, Params, Reset, ResetResult, Timing};
-use plc_api::types::request::OutputRequest;
-use plc_api::types::request::{Refusal, RefusalCode};
+use plc_api::types::request::{OutputRequest, Refusal, RefusalCode};
 use plc_api::types::state::SpindleDirection;
 use plc_api::types::topic::CsTopic;
 use tandem_model::alarm::{M_CODE_TIMEOUT, M_CODE_UNHANDLED};
@@ -187,17 +186,16 @@ impl CoordinateSystem {
     }
 
     fn start_stock_work(&mut self, seq: u64, action: StockAction, simulated_s: f64) {
-        let due_s = Some(self.context.now_s() + simulated_s);
-        let due_s = match action {
-            StockAction::Nothing => due_s,
+        let mut due_s = Some(self.context.now_s() + simulated_s);
+        match action {
+            StockAction::Nothing => {}
             StockAction::SelectTool(id) => {
                 self.inputs.tool = id;
                 self.publish_tool();
-                due_s
             }
             StockAction::Spindle(SpindleDirection::Orient) => {
                 self.turn_spindle(SpindleDirection::Orient, 0.0);
-                None
+                due_s = None;
             }
             StockAction::Spindle(direction) => {
                 let rpm = self.pipeline.interpreter.modal().spindle_speed_r_min;
@@ -205,9 +203,8 @@ impl CoordinateSystem {
                 if matches!(direction, SpindleDirection::Cw | SpindleDirection::Ccw) {
                     self.inputs.spindle_at_s_from = Some(self.pipeline.next_segment());
                 }
-                due_s
             }
-        };
+        }
         self.outputs.stock.push(StockWork { seq, due_s });
     }
 

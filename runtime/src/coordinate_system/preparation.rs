@@ -195,16 +195,10 @@ impl CoordinateSystem {
     }
 
     fn note_interpreted(&mut self) {
-        let Some(line) = self
-            .pipeline
-            .interpreter
-            .call_stack()
-            .last()
-            .map(|origin| origin.line)
-        else {
+        let Some(at) = self.pipeline.interpreter.call_stack().last() else {
             return;
         };
-        self.context.view.update(|place| place.interpreted_line = line);
+        self.context.view.update(|place| place.interpreted_line = at.line);
         if self.inputs.effective_skip != self.inputs.optional_skip
             && let Some(began) = self.pipeline.interpreter.began()
         {

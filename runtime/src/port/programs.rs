@@ -1,21 +1,24 @@
 //! Requests for programs; a program that is running is not changed.
 
-use std::collections::BTreeSet;
+use std::sync::Arc;
 
-use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::request::{Answer, Refusal, RefusalCode};
 use tandem_model::limits::{M_CODE_MAX, PROGRAM_BYTES_MAX};
 
 use super::RuntimePort;
-use crate::program_store::called_by;
+use crate::program_store::{StoredProgram, called_by};
 
 // The stages know no interface, and the interface knows no stage: what both state is the same.
 const _: () = assert!(PROGRAM_BYTES_MAX == plc_api::types::program::PROGRAM_BYTES_MAX);
 const _: () = assert!(M_CODE_MAX == plc_api::handlers::M_CODE_MAX);
 
 impl RuntimePort {
+    fn stored(&self, number: u16) -> Result<Arc<StoredProgram>, Refusal> {
+        self.shared.store.get(number).ok_or_else(|| no_program(number))
+    }
+
     pub(super) fn read_program(&self, number: u16) -> Result<Answer, Refusal> {
-        let program = self.shared.store.get(number).ok_or_else(|| no_program(number))?;
+        let program = self.stored(number)?;
         Ok(Answer::ProgramText(program.text().to_owned()))
     }
 
@@ -45,8 +48,8 @@ impl RuntimePort {
 
     fn refuse_while_running(&self, number: u16) -> Result<(), Refusal> {
         for mailbox in &self.mailboxes {
-            let main = self.running_program(mailbox.number);
-            if main.is_some_and(|main| self.called_by(main).contains(&number)) {
+            let main = self.running(mailbox.number).and_then(|state| state.program);
+            if main.is_some_and(|main| called_by(&self.shared.store.all(), main).contains(&number)) {
                 let text = format!(
                     "program {number} runs in coordinate system {}; stop it first",
                     mailbox.number
@@ -57,23 +60,13 @@ impl RuntimePort {
         Ok(())
     }
 
-    /// The main program of a run that has not ended.
-    fn running_program(&self, cs: CoordinateSystemNumber) -> Option<u16> {
-        self.running(cs)?.program
-    }
-
-    /// A program and all that it calls.
-    fn called_by(&self, main: u16) -> BTreeSet<u16> {
-        called_by(&self.shared.store.all(), main)
-    }
-
     pub(super) fn check_program(&self, number: u16) -> Result<Answer, Refusal> {
-        let program = self.shared.store.get(number).ok_or_else(|| no_program(number))?;
+        let program = self.stored(number)?;
         Ok(Answer::Check(program.check.clone()))
     }
 
     pub(super) async fn intermediate_code(&self, number: u16) -> Result<Answer, Refusal> {
-        let program = self.shared.store.get(number).ok_or_else(|| no_program(number))?;
+        let program = self.stored(number)?;
         if program.has_errors() {
             let text = format!("program {number} has errors; correct them first");
             return Err(Refusal {
