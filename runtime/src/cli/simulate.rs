@@ -7,19 +7,16 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use anyhow::{Context, bail, ensure};
+use anyhow::{Context, anyhow, bail, ensure};
 use clap::Args;
 use futures_util::FutureExt;
+use futures_util::future::try_join_all;
 use parking_lot::Mutex;
-use plc_api::hub::Filter;
-use plc_api::port::Port;
 use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::command::{Command, CommandMeta};
-use plc_api::types::message::Payload;
 use plc_api::types::program::ProgramDiagnostic;
-use plc_api::types::request::{Input, OverrideChange, Request};
+use plc_api::types::request::OverrideChange;
 use plc_api::types::state::{Execution, State};
-use plc_api::types::topic::{CsTopic, Topic};
+use plc_api::{CoordinateSystem, Error, Plc};
 use serde_json::json;
 use tandem_model::alarm::{AlarmEntry, SIMULATION_LIMIT, SIMULATION_STALLED};
 use tandem_model::limits::PROGRAM_NUMBER_MAX;
@@ -266,95 +263,91 @@ async fn simulate(
     for program in plan.programs.into_values() {
         runtime.store().put(program)?;
     }
-    let port = runtime.port();
-    let overrides = OverrideChange {
-        feed: Some(plan.arguments.feed_override),
-        ..OverrideChange::default()
-    };
-    for job in &plan.jobs {
-        let skip = plan.arguments.skip.iter().map(|number| (*number, true));
-        for input in [
-            Input::OptionalSkip(skip.collect()),
-            Input::OptionalStop(plan.arguments.optional_stop),
-            Input::Override(overrides),
-        ] {
-            port.request(Request::Input(job.cs, input)).await?;
+    let plc = Plc::in_process(runtime.port());
+    let jobs = plan.jobs.iter();
+    let systems: Vec<_> = jobs.map(|job| plc.coordinate_system(job.cs)).collect();
+    for system in &systems {
+        for number in &plan.arguments.skip {
+            system.set_optional_skip(*number, true).await?;
         }
+        system.set_optional_stop(plan.arguments.optional_stop).await?;
+        let feed = Some(plan.arguments.feed_override);
+        let overrides = OverrideChange {
+            feed,
+            ..OverrideChange::default()
+        };
+        system.set_overrides(overrides).await?;
     }
-    for job in &plan.jobs {
-        command(port.as_ref(), job.cs, Command::Load { program: job.program }).await?;
+    for (system, job) in systems.iter().zip(&plan.jobs) {
+        accepted(system.load(job.program).await)?;
     }
-    for job in &plan.jobs {
-        command(port.as_ref(), job.cs, Command::Start).await?;
+    for system in &systems {
+        accepted(system.start().await)?;
     }
-    let ended_by = run_to_end(&runtime, &plan.jobs).await?;
+    let ended_by = run_to_end(&runtime, &systems).await?;
     let records = recorder.lock().finish()?;
-    let outcome = Outcome::new(&runtime, records, plan.jobs[0].cs, ended_by).await;
+    let outcome = Outcome::new(&runtime, records, &systems, ended_by).await;
     runtime.shutdown().await;
     Ok(outcome)
 }
 
-async fn command(port: &dyn Port, cs: CoordinateSystemNumber, command: Command) -> anyhow::Result<()> {
-    static NEXT: std::sync::atomic::AtomicU64 = std::sync::atomic::AtomicU64::new(1);
-    let number = NEXT.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
-    let meta = CommandMeta {
-        command_id: format!("simulate-{number}"),
-        client_id: "simulate".into(),
-        ..CommandMeta::default()
-    };
-    let request = Request::Command {
-        cs,
-        command,
-        meta,
-        wait: true,
-    };
-    match port.request(request).await {
-        Ok(_) => Ok(()),
-        Err(refusal) => {
-            let first = refusal
-                .diagnostics
-                .first()
-                .map(|found| format!(": {}", found.message));
-            Err(anyhow::anyhow!("{refusal}{}", first.unwrap_or_default()))
+/// A refusal with its first finding. What prevents the effect of an accepted command is in the journal.
+fn accepted(result: plc_api::Result<()>) -> anyhow::Result<()> {
+    match result {
+        Ok(()) | Err(Error::CommandFailed { .. }) => Ok(()),
+        Err(error) => {
+            let text = match &error {
+                Error::Refused(refusal) => refusal.diagnostics.first().map(|found| found.message.clone()),
+                _ => None,
+            };
+            Err(text.map_or_else(|| anyhow!("{error}"), |text| anyhow!("{error}: {text}")))
         }
     }
 }
 
 /// Runs until each program has ended. `Some`: why the simulation was ended before that.
-async fn run_to_end(runtime: &Runtime, jobs: &[Job]) -> anyhow::Result<Option<&'static AlarmEntry>> {
-    let port = runtime.port();
-    let topics = jobs.iter().map(|job| Topic::cs(job.cs, CsTopic::State)).collect();
-    let mut states = port.subscribe(Filter::Topics(topics));
+async fn run_to_end(
+    runtime: &Runtime,
+    systems: &[CoordinateSystem],
+) -> anyhow::Result<Option<&'static AlarmEntry>> {
     let Some(simulation) = runtime.simulation() else {
         return Ok(None);
     };
     // A stall from before the start says nothing about the programs.
     let _ = simulation.stalled().now_or_never();
-    let mut running: Vec<CoordinateSystemNumber> = jobs.iter().map(|job| job.cs).collect();
-    while !running.is_empty() {
-        tokio::select! {
-            biased;
-            message = states.next() => {
-                let Some(message) = message else { return Ok(None) };
-                let (Topic::CoordinateSystem(cs, _), Payload::State(state)) = (&message.topic, &message.payload)
-                else { continue };
-                match state.execution {
-                    Execution::ProgramStopped | Execution::OptionalStop => {
-                        command(port.as_ref(), *cs, Command::Resume).await?;
-                    }
-                    Execution::ProgramCompleted => running.retain(|running| running != cs),
-                    Execution::Stopped if is_over(state) => running.retain(|running| running != cs),
-                    _ => {}
-                }
-            }
-            () = simulation.stalled() => {
-                return Ok(Some(if simulation.is_at_limit() { &SIMULATION_LIMIT } else { &SIMULATION_STALLED }));
-            }
+    tokio::select! {
+        biased;
+        ended = try_join_all(systems.iter().map(resume_to_end)) => ended.map(|_| None),
+        () = simulation.stalled() => {
+            Ok(Some(if simulation.is_at_limit() { &SIMULATION_LIMIT } else { &SIMULATION_STALLED }))
         }
     }
-    Ok(None)
+}
+
+/// Resumes after each program stop, until the program has ended.
+async fn resume_to_end(system: &CoordinateSystem) -> anyhow::Result<()> {
+    loop {
+        let state = system
+            .wait_for(|state| is_paused(state) || is_over(state))
+            .await?;
+        if is_over(&state) {
+            return Ok(());
+        }
+        accepted(system.resume().await)?;
+    }
+}
+
+fn is_paused(state: &State) -> bool {
+    matches!(
+        state.execution,
+        Execution::ProgramStopped | Execution::OptionalStop
+    )
 }
 
 fn is_over(state: &State) -> bool {
-    state.run_id.is_some() && state.transition.is_none()
+    match state.execution {
+        Execution::ProgramCompleted => true,
+        Execution::Stopped => state.run_id.is_some() && state.transition.is_none(),
+        _ => false,
+    }
 }

@@ -2,9 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use plc_api::CoordinateSystem;
 use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::message::Payload;
-use plc_api::types::topic::{CsTopic, Topic};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 use tandem_model::alarm::AlarmEntry;
@@ -41,15 +40,17 @@ impl Outcome {
     pub(super) async fn new(
         runtime: &Runtime,
         mut records: BTreeMap<CoordinateSystemNumber, Record>,
-        first: CoordinateSystemNumber,
+        systems: &[CoordinateSystem],
         ended_by: Option<&AlarmEntry>,
     ) -> Self {
-        let record = records.remove(&first).unwrap_or_default();
-        let first = Part::new(runtime, first, record, ended_by).await;
-        let mut others = BTreeMap::new();
-        for (cs, record) in records {
-            others.insert(cs, Part::new(runtime, cs, record, ended_by).await);
+        let mut parts = Vec::new();
+        for system in systems {
+            let record = records.remove(&system.number()).unwrap_or_default();
+            let part = Part::new(runtime, system, record, ended_by).await;
+            parts.push((system.number(), part));
         }
+        let (_, first) = parts.remove(0);
+        let others = parts.into_iter().collect();
         Self { first, others }
     }
 
@@ -83,46 +84,37 @@ impl Outcome {
 impl Part {
     async fn new(
         runtime: &Runtime,
-        cs: CoordinateSystemNumber,
+        system: &CoordinateSystem,
         mut record: Record,
         ended_by: Option<&AlarmEntry>,
     ) -> Self {
-        let port = runtime.port();
-        let read = async |topic| Some(port.read(&Topic::cs(cs, topic)).await?.payload.clone());
-        let (machine, work) = match read(CsTopic::Position).await {
-            Some(Payload::Position(position)) => (position.machine, position.work),
-            _ => Default::default(),
-        };
-        let captured = match read(CsTopic::Captured).await {
-            Some(Payload::Captured(of)) => (of.motors.iter().zip(&of.positions).zip(&of.captured))
-                .map(|((motor, position), captured)| {
-                    json!({"motor": motor, "position": position, "captured": captured})
-                })
-                .collect(),
-            _ => Vec::new(),
-        };
-        let variables = runtime.variables(cs);
+        let position = system.position().await.unwrap_or_default();
+        let of = system.captured().await.unwrap_or_default();
+        let captured = (of.motors.iter().zip(&of.positions).zip(&of.captured))
+            .map(|((motor, position), captured)| {
+                json!({"motor": motor, "position": position, "captured": captured})
+            })
+            .collect();
+        let variables = runtime.variables(system.number());
         let of_cs = variables.map(|of| (non_zero(&of.global), non_zero(&of.coordinate_system)));
         let (p, q) = of_cs.unwrap_or_default();
         if record.end_s == 0.0 {
-            record.end_s = port.now_s();
+            record.end_s = runtime.port().now_s();
         }
         if let Some(entry) = ended_by.filter(|_| record.alarm.is_null()) {
-            let (program, line) = match read(CsTopic::Program).await {
-                Some(Payload::Program(place)) => (place.number, place.line),
-                _ => Default::default(),
-            };
-            let text = format!("{}. {}", entry.title, entry.remedy);
-            record.alarm =
-                json!({"number": entry.number, "text": text, "program": program, "line": line, "column": 1});
+            let place = system.program().await.unwrap_or_default();
+            record.alarm = json!({
+                "number": entry.number, "text": format!("{}. {}", entry.title, entry.remedy),
+                "program": place.number, "line": place.line, "column": 1,
+            });
         }
         let is_completed = record.alarm.is_null();
         Self {
             outcome: if is_completed { "completed" } else { "alarm" },
             cycle_time_s: record.end_s - record.start_s,
             record,
-            machine,
-            work,
+            machine: position.machine,
+            work: position.work,
             captured,
             variables: json!({"P": p, "Q": q}),
         }
