@@ -22,7 +22,7 @@ export function showFindings(program, diagnostics) {
   ]);
 }
 
-/** Their numbers, such as `1 error, 2 warnings`. @param {import("./types.d.ts").Diagnostic[]} diagnostics */
+/** Their numbers, such as `1 error, 2 warnings`. @param {import("./types.d.ts").ProgramDiagnostic[]} diagnostics */
 export function summary(diagnostics) {
   const errors = diagnostics.filter((one) => one.severity === "error").length;
   return counts(errors, diagnostics.length - errors);
