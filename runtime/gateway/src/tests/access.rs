@@ -497,11 +497,13 @@ async fn a_client_whose_token_is_revoked_is_disconnected_and_its_will_published_
     users.settings.tokens = Some(Arc::new(crate::Tokens::read(file.path()).unwrap()));
     let gateway = start_with(&port(), users.settings).await;
     let address = gateway.mqtt_addr().unwrap();
-    let mut watch = Client::with_options(
-        mqtt_options(&gateway, "watch", "stays", &stays.token),
-        &["handler/+/presence"],
-    )
-    .await;
+    // one for each, since their wills come in any order
+    let mut watches = Vec::new();
+    for path in ["handler/old/presence", "handler/new/presence"] {
+        let id = format!("watch-{}", watches.len());
+        let options = mqtt_options(&gateway, &id, "stays", &stays.token);
+        watches.push((path, Client::with_options(options, &[path]).await));
+    }
     let will = |name: &str| (format!("{ROOT}handler/{name}/presence"), r#"{"online":false}"#);
     let (topic, payload) = will("old");
     let mut options = mqtt_options(&gateway, "old", "old", &old.token);
@@ -523,9 +525,8 @@ async fn a_client_whose_token_is_revoked_is_disconnected_and_its_will_published_
     std::fs::write(&file, &stays.entry).unwrap();
     let closed = async { while events.poll().await.is_ok() {} };
     within(closed).await;
-    for name in ["old", "new"] {
-        let path = format!("handler/{name}/presence");
-        watch.next(&path, |value| value["online"] == false).await;
+    for (path, mut watch) in watches {
+        watch.next(path, |value| value["online"] == false).await;
     }
     gateway.shutdown().await;
 }
