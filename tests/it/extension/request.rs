@@ -38,7 +38,9 @@ fn naming(kind: &str, request: &str) -> Vec<PathBuf> {
     }));
     let on_a_wire =
         |file: &PathBuf| file.starts_with("plc-api/src/wire") || file.starts_with("runtime/gateway");
-    found.extend(files(|code| names(code, &sent)).into_iter().filter(on_a_wire));
+    let row = format!("!({request}(");
+    let of_wire = files(|code| names(code, &sent) || code.contains(&row));
+    found.extend(of_wire.into_iter().filter(on_a_wire));
     found.sort();
     found.dedup();
     found

@@ -104,6 +104,7 @@ fn plc_api_without_its_features_is_tokio_serde_and_little_more() {
     let known = [
         "futures-util",
         "humantime",
+        "percent-encoding",
         "serde",
         "serde_json",
         "thiserror",

@@ -1,30 +1,12 @@
 //! The AsyncAPI 3 document, from the topics that the runtime publishes and the table of those that come in.
 
-use plc_api::types::topic::{CsTopic, Topic};
+use plc_api::types::topic::Topic;
 use plc_api::wire::right::Right;
 use serde_json::{Map, Value, json};
 
+use super::outbound::{CS, M, outbound};
 use super::schemas::{Schemas, payload_of, reference};
 use super::topics::inbound_topics;
-
-/// Numbers that stand for a name in a path.
-const CS: u8 = 251;
-const M: u16 = 60_001;
-
-/// Every topic that the runtime publishes.
-pub(super) fn outbound() -> Vec<Topic> {
-    let states = CsTopic::STATES.into_iter().map(|(topic, _)| topic);
-    let of_cs = states.chain(CsTopic::events(M));
-    let machine = [
-        Topic::Presence,
-        Topic::Birth,
-        Topic::AlarmEvent,
-        Topic::AlarmActive,
-        Topic::Reply("{client_id}".into()),
-    ];
-    let of_cs = of_cs.map(|topic| Topic::cs(CS, topic));
-    machine.into_iter().chain(of_cs).collect()
-}
 
 fn path_of(topic: &Topic) -> String {
     let path = topic.path().replace(&CS.to_string(), "{cs}");

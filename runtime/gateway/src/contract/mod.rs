@@ -10,6 +10,8 @@ mod asyncapi;
 #[cfg(test)]
 mod openapi;
 #[cfg(test)]
+mod outbound;
+#[cfg(test)]
 mod schemas;
 #[cfg(test)]
 mod tests;

@@ -9,7 +9,7 @@ use plc_api::wire::websocket::{ClientFrame, ErrorFrame, Named};
 use schemars::generate::SchemaSettings;
 use serde_json::{Map, Value, json};
 
-use super::asyncapi::outbound;
+use super::outbound::outbound;
 use super::routes::ROUTES;
 use super::topics::inbound_topics;
 

@@ -1,0 +1,22 @@
+//! Topics that the runtime publishes, with numbers in place of the names in their paths.
+
+use plc_api::types::topic::{CsTopic, Topic};
+
+/// Numbers that stand for a name in a path.
+pub(super) const CS: u8 = 251;
+pub(super) const M: u16 = 60_001;
+
+/// Every topic that the runtime publishes.
+pub(super) fn outbound() -> Vec<Topic> {
+    let states = CsTopic::STATES.into_iter().map(|(topic, _)| topic);
+    let of_cs = states.chain(CsTopic::events(M));
+    let machine = [
+        Topic::Presence,
+        Topic::Birth,
+        Topic::AlarmEvent,
+        Topic::AlarmActive,
+        Topic::Reply("{client_id}".into()),
+    ];
+    let of_cs = of_cs.map(|topic| Topic::cs(CS, topic));
+    machine.into_iter().chain(of_cs).collect()
+}
