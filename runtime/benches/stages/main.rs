@@ -25,11 +25,11 @@ fn main() {
     divan::main();
 }
 
-/// Three linear motors of 500 mm/s and 5000 mm/s².
+/// Three linear motors of 500 mm/s and 5000 mm/s². The arcs go a million millimetres in all: the soft limits are beyond.
 fn settings() -> CoordinateSystemSettings {
     let motor = |number| {
         Some(MotorSettings {
-            soft_limits: Some([-2000.0, 2000.0]),
+            soft_limits: Some([-2e6, 2e6]),
             ..MotorSettings::new(number, MotorKind::Linear, 500.0, 5000.0)
         })
     };
