@@ -276,7 +276,7 @@ export interface Question {
 }
 
 /** Why a state is as it is. */
-export type Reason = "HANDLER_LOST" | "SINGLE_BLOCK" | "INTERLOCK" | "BUS_LOST" | "BACK_TRACE" | "BACK_TRACE_END" | "ALARM" | "STOP" | "ABORTED" | "NO_PROGRAM" | "RESTARTED";
+export type Reason = "HANDLER_LOST" | "SINGLE_BLOCK" | "INTERLOCK" | "BUS_LOST" | "SERVO_LATE" | "BACK_TRACE" | "BACK_TRACE_END" | "ALARM" | "STOP" | "ABORTED" | "NO_PROGRAM" | "RESTARTED";
 
 /** What a handler does with an output that it may already have worked on. */
 export type Redelivery = "ask" | "redo" | "verify";

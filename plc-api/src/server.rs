@@ -30,8 +30,10 @@ pub enum ServerNotice {
 pub struct ServoTiming {
     /// Servo period, s.
     pub period_s: f64,
-    /// Servo cycles that were not finished when the next one was due.
+    /// Servo cycles that were not finished when the next one was due; those that were left out are among them.
     pub overruns: u64,
+    /// Servo cycles that were left out, since the servo was late by more than two periods.
+    pub missed: u64,
     /// Exchanges with the drives that ended late.
     pub late_exchanges: u64,
     /// Frames to the drives that were lost.

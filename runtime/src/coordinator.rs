@@ -123,9 +123,10 @@ impl Runtime {
         let kept = data.map(|data| data.keep(&shared, &parts.mailboxes, last_runs.clone()));
         let kept = kept.transpose()?;
         report_last_runs(&shared, &last_runs);
-        let period = Duration::from_micros(shared.machine.servo_period_us);
+        let (period, missed_max) = (shared.machine.servo_period(), shared.machine.missed_cycles_max());
         let (of_servo, statistics) = (Arc::clone(&shared), Arc::clone(&shared.servo));
-        let servo = ServoThread::start(parts.servo, period, move || of_servo.wake_all(), statistics);
+        let wake = move || of_servo.wake_all();
+        let servo = ServoThread::start(parts.servo, period, missed_max, wake, statistics);
         let servo = servo.map_err(StartError::Servo)?;
         let positions = publish_positions(Arc::clone(&shared), parts.mailboxes.clone());
         parts.tasks.spawn(positions);
@@ -167,9 +168,9 @@ impl Runtime {
         let shared = Shared::new(machine, boot_id, clock.clone(), store, journal, tables);
         let shared = Arc::new(shared);
         let parts = Parts::new(&shared, first_state, &Restored::default(), hardware);
-        let period_ns = shared.machine.servo_period_us * 1000;
         let mailboxes = parts.mailboxes.clone();
-        let simulation = Arc::new(Simulation::new(parts.servo, clock, mailboxes, period_ns, options));
+        let simulation = Simulation::new(parts.servo, clock, mailboxes, &shared.machine, options);
+        let simulation = Arc::new(simulation);
         slot.set(Arc::clone(&simulation))
             .map_err(|_| StartError::NotInSimulation)?;
         Ok(Runtime {

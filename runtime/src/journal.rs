@@ -142,14 +142,15 @@ pub enum Event {
         #[serde(default, skip_serializing_if = "Option::is_none")]
         line: Option<u32>,
     },
-    /// The runtime itself holds the run where it waits for an output.
+    /// The runtime itself holds the run.
     Hold {
         /// Why.
         reason: Reason,
-        /// M number of the output.
+        /// M number of the output that the run waits for.
         m: Option<u16>,
         /// Its sequence number.
-        seq: u64,
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        seq: Option<u64>,
     },
     /// The run continues.
     Resume,

@@ -332,7 +332,7 @@ impl ServedPort for RuntimePort {
     }
 
     fn servo_timing(&self) -> Option<ServoTiming> {
-        let period = Duration::from_micros(self.shared.machine.servo_period_us);
+        let period = self.shared.machine.servo_period();
         (!self.shared.clock.is_simulated()).then(|| self.shared.servo.timing(period))
     }
 }

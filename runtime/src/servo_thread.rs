@@ -24,8 +24,10 @@ pub const JITTER_BUCKETS: usize = 16;
 pub struct ServoStatistics {
     /// Servo cycles since the start.
     pub cycles: AtomicU64,
-    /// Cycles that were not finished when the next one was due.
+    /// Cycles that were not finished when the next one was due; those that were left out are among them.
     pub overruns: AtomicU64,
+    /// Cycles that were left out, since the servo was late by more than two periods.
+    pub missed: AtomicU64,
     /// Exchanges with the drives that ended late.
     pub late_exchanges: AtomicU64,
     /// Frames to the drives that were lost.
@@ -74,12 +76,14 @@ impl Measured {
 }
 
 impl ServoStatistics {
-    fn count(&self, late: Duration, computing: Duration, period: Duration) {
+    fn count(&self, begin: Begin, computing: Duration, period: Duration) {
         self.cycles.fetch_add(1, Ordering::Relaxed);
-        self.lateness.count(late);
+        self.lateness.count(begin.late);
         self.computing.count(computing);
-        if late + computing > period {
-            self.overruns.fetch_add(1, Ordering::Relaxed);
+        let overruns = begin.missed + u64::from(begin.late + computing > period);
+        if overruns > 0 {
+            self.overruns.fetch_add(overruns, Ordering::Relaxed);
+            self.missed.fetch_add(begin.missed, Ordering::Relaxed);
         }
     }
 
@@ -88,11 +92,54 @@ impl ServoStatistics {
         ServoTiming {
             period_s: period.as_secs_f64(),
             overruns: self.overruns.load(Ordering::Relaxed),
+            missed: self.missed.load(Ordering::Relaxed),
             late_exchanges: self.late_exchanges.load(Ordering::Relaxed),
             lost_frames: self.lost_frames.load(Ordering::Relaxed),
             lateness: self.lateness.durations(),
             computing: self.computing.durations(),
         }
+    }
+}
+
+/// When cycles are due. Pure: the time is a parameter.
+#[derive(Debug)]
+struct Timetable {
+    period: Duration,
+    /// When the next cycle is due.
+    next: Instant,
+}
+
+/// How a cycle begins.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+struct Begin {
+    /// Time since it was due.
+    late: Duration,
+    /// Cycles that were due before it and are left out.
+    missed: u64,
+}
+
+impl Timetable {
+    /// The cycle that is due begins. One that is a little late is made up for by the next one; after more than two periods
+    /// the cycles that are overdue are left out, since setpoints must not come in a burst.
+    fn begin(&mut self, now: Instant) -> Begin {
+        let late = now.saturating_duration_since(self.next);
+        let mut missed = 0;
+        self.next += self.period;
+        if late > self.period * 2 {
+            let periods = late.as_nanos() / self.period.as_nanos();
+            missed = u64::try_from(periods).unwrap_or(u64::MAX);
+            self.next += Duration::from_nanos_u128(periods * self.period.as_nanos());
+        }
+        Begin { late, missed }
+    }
+}
+
+/// A servo cycle after so many that were left out: above `missed_max` what moves is held.
+pub(crate) fn cycle_after(servo: &mut Servo, missed: u64, missed_max: u64) -> bool {
+    if missed > missed_max {
+        servo.cycle_after_missed(missed)
+    } else {
+        servo.cycle()
     }
 }
 
@@ -104,13 +151,15 @@ pub struct ServoThread {
 }
 
 impl ServoThread {
-    /// Starts the thread, which counts into `statistics`. `wake` wakes the tasks of all coordinate systems.
+    /// Starts the thread, which counts into `statistics`. `wake` wakes the tasks of all coordinate systems. When more than
+    /// `missed_max` cycles in a row are left out, what moves is held.
     ///
     /// # Errors
     /// The operating system gives no thread.
     pub fn start(
         mut servo: Servo,
         period: Duration,
+        missed_max: u64,
         wake: impl Fn() + Send + 'static,
         statistics: Arc<ServoStatistics>,
     ) -> std::io::Result<Self> {
@@ -128,26 +177,24 @@ impl ServoThread {
         let servo_stop = Arc::clone(&stop);
         let cycles = std::thread::Builder::new().name("servo".into()).spawn(move || {
             ask_for_real_time();
-            let mut next = Instant::now() + period;
+            let mut timetable = Timetable {
+                period,
+                next: Instant::now() + period,
+            };
             while !servo_stop.load(Ordering::Acquire) {
                 let now = Instant::now();
-                if now < next {
-                    std::thread::sleep(next - now);
+                if now < timetable.next {
+                    std::thread::sleep(timetable.next - now);
                 }
-                let late = next.elapsed();
                 let begun = Instant::now();
-                let told = servo.cycle();
+                let begin = timetable.begin(begun);
+                let told = cycle_after(&mut servo, begin.missed, missed_max);
                 let counts = servo.bus_counts();
                 statistics.late_exchanges.store(counts.late, Ordering::Relaxed);
                 statistics.lost_frames.store(counts.lost, Ordering::Relaxed);
-                statistics.count(late, begun.elapsed(), period);
+                statistics.count(begin, begun.elapsed(), period);
                 if told {
                     relay_thread.unpark();
-                }
-                next += period;
-                // After a long stall the missed cycles are left out: setpoints must not come in a burst.
-                if late > period * 2 {
-                    next = Instant::now() + period;
                 }
             }
         })?;
@@ -206,10 +253,11 @@ mod tests {
         let statistics = ServoStatistics::default();
         let (us, period) = (Duration::from_micros, Duration::from_millis(1));
         for (late, computing) in [(1, 999), (0, 1001), (600, 500), (70_000, 3)] {
-            statistics.count(us(late), us(computing), period);
+            let late = us(late);
+            statistics.count(Begin { late, missed: 0 }, us(computing), period);
         }
         let timing = statistics.timing(period);
-        assert_eq!(timing.overruns, 3);
+        assert_eq!((timing.overruns, timing.missed), (3, 0));
         assert!((timing.period_s - 0.001).abs() < 1e-12);
         let in_buckets = |durations: &Durations| -> Vec<(f64, u64)> {
             durations
@@ -231,5 +279,40 @@ mod tests {
         assert_eq!(timing.lateness.buckets.len(), JITTER_BUCKETS);
         assert!((timing.lateness.sum_s - 0.070_601).abs() < 1e-12);
         assert!((timing.lateness.max_s - 0.07).abs() < 1e-12);
+    }
+
+    #[test]
+    fn every_cycle_that_is_left_out_is_counted_and_the_next_one_is_on_time() {
+        let (start, period) = (Instant::now(), Duration::from_millis(1));
+        let us = Duration::from_micros;
+        let statistics = ServoStatistics::default();
+        let mut timetable = Timetable { period, next: start };
+        let mut cycles = 0;
+        // on time, made up for by the next one, left out
+        for (at_us, missed) in [
+            (0, 0),
+            (1_400, 0),
+            (3_900, 0),
+            (3_950, 0),
+            (4_000, 0),
+            (30_005_000, 30_000),
+            (30_006_000, 0),
+            (30_009_300, 2),
+            (30_010_000, 0),
+        ] {
+            let begin = timetable.begin(start + us(at_us));
+            assert_eq!(begin.missed, missed, "at {at_us} us");
+            statistics.count(begin, us(3), period);
+            cycles += 1;
+            let due = u64::try_from((timetable.next - start).as_millis()).unwrap();
+            assert_eq!(
+                cycles + statistics.timing(period).missed,
+                due,
+                "each one that was due was computed or counted"
+            );
+        }
+        let timing = statistics.timing(period);
+        assert_eq!((timing.missed, timing.overruns), (30_002, 30_005));
+        assert_eq!(statistics.cycles.load(Ordering::Relaxed), cycles);
     }
 }

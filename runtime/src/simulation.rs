@@ -12,7 +12,9 @@ use tandem_servo::{HardwareFactory, Servo};
 use tokio::sync::Notify;
 
 use crate::clock::Clock;
+use crate::config::Machine;
 use crate::coordinate_system::Mailbox;
+use crate::servo_thread::cycle_after;
 
 /// Real time without progress of simulated time, after which that is reported.
 const STANDSTILL_REPORT: Duration = Duration::from_secs(5);
@@ -30,12 +32,16 @@ pub struct Simulation {
     mailboxes: Vec<Arc<Mailbox>>,
     stalled: Notify,
     period_ns: u64,
+    missed_cycles_max: u64,
     limit_ns: u64,
 }
 
 struct SimulatedServo {
     servo: Servo,
+    /// Cycles, those that were left out included.
     cycles: u64,
+    /// Cycles to be left out before the next one.
+    missed: u64,
     on_cycle: Option<OnCycle>,
 }
 
@@ -50,7 +56,7 @@ impl Simulation {
         servo: Servo,
         clock: Clock,
         mailboxes: Vec<Arc<Mailbox>>,
-        period_ns: u64,
+        machine: &Machine,
         options: SimulationOptions,
     ) -> Self {
         let limit_ns = u64::try_from(Duration::from_secs_f64(options.max_time_s.clamp(0.0, 1e9)).as_nanos())
@@ -58,6 +64,7 @@ impl Simulation {
         let servo = Mutex::new(SimulatedServo {
             servo,
             cycles: 0,
+            missed: 0,
             on_cycle: options.on_cycle,
         });
         Self {
@@ -65,9 +72,17 @@ impl Simulation {
             clock,
             mailboxes,
             stalled: Notify::new(),
-            period_ns,
+            period_ns: machine.servo_period_us * 1000,
+            missed_cycles_max: machine.missed_cycles_max(),
             limit_ns,
         }
+    }
+
+    /// The next servo cycle begins so much too late, as in a process that is suspended: the servo cycles due meanwhile are
+    /// left out, and whoever sleeps until then wakes behind it.
+    pub fn delay_servo(&self, late: Duration) {
+        let late_ns = u64::try_from(late.as_nanos()).unwrap_or(u64::MAX);
+        self.servo.lock().missed += late_ns / self.period_ns;
     }
 
     /// Resolves when nothing can happen any more: no motion, no sleeper, or the time limit is reached.
@@ -99,8 +114,12 @@ impl Simulation {
                 self.stalled.notify_one();
                 return;
             }
-            servo.cycles += self.pass(&mut servo, now_ns) + 1;
-            let events = servo.servo.cycle();
+            let missed = std::mem::take(&mut servo.missed);
+            if missed == 0 {
+                servo.cycles += self.pass(&mut servo, now_ns);
+            }
+            servo.cycles += missed + 1;
+            let events = cycle_after(&mut servo.servo, missed, self.missed_cycles_max);
             self.clock.set_ns(servo.cycles * self.period_ns);
             let SimulatedServo { servo, on_cycle, .. } = &mut *servo;
             if let Some(on_cycle) = on_cycle {
@@ -108,7 +127,7 @@ impl Simulation {
             }
             if events {
                 turns += 1;
-                if !self.turn_alone(servo) || turns == TURNS_MAX {
+                if missed > 0 || !self.turn_alone(servo) || turns == TURNS_MAX {
                     // so that this is called again, also when nobody listened
                     for mailbox in &self.mailboxes {
                         mailbox.wake_task();

@@ -5,6 +5,7 @@ mod conditions;
 mod coordinate_systems;
 mod disk;
 mod kept;
+mod late;
 mod life;
 mod modes;
 mod programs;

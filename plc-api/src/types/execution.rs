@@ -41,6 +41,8 @@ pub enum Reason {
     Interlock,
     /// `FEED_HOLD`: the connection to the MQTT broker was lost while the program waited for an output, or before.
     BusLost,
+    /// `FEED_HOLD`: the servo was late while its motors moved.
+    ServoLate,
     /// ACTIVE, `FEED_HOLD`: on the way back of a back trace.
     BackTrace,
     /// `FEED_HOLD`: back trace has come to the end of its way.

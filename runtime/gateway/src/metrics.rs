@@ -104,8 +104,11 @@ impl Text {
 
     fn servo(&mut self, servo: &ServoTiming) {
         self.number("tandem_servo_period_seconds", "Servo period.", servo.period_s);
-        let overruns = "Servo cycles that were not finished when the next one was due.";
+        let overruns =
+            "Servo cycles that were not finished when the next one was due, those left out included.";
         self.number("tandem_servo_overruns_total", overruns, servo.overruns);
+        let missed = "Servo cycles that were left out because the servo was late.";
+        self.number("tandem_servo_missed_cycles_total", missed, servo.missed);
         let late = "Exchanges with the drives that ended late.";
         self.number("tandem_servo_late_exchanges_total", late, servo.late_exchanges);
         let lost = "Frames to the drives that were lost.";

@@ -114,6 +114,7 @@ alarms! {
     DRIVE_BUS_LOST = 206, "The bus to the drives is lost", "Look at cables, power and the load of the computer; reset enables the drives.";
     DRIVE_NOT_ENABLED = 207, "A drive has no power", "Look at the emergency stop, the drive's supply and its enable input; reset enables the drives.";
     MOTOR_NOT_HOMED = 208, "A motor does not know its position", "Home the motor by the drive's own means before it moves, or use an absolute encoder; then reset.";
+    SERVO_LATE = 209, "The servo was late in motion", "Look at what stopped the runtime or kept the processor busy, and at the machine; then resume.";
     // 300 to 399: sequence control
     M_CODE_UNHANDLED = 300, "No handler is registered for this M code", "Connect a handler, or set unhandled for the M code.";
     M_CODE_TIMEOUT = 301, "The M code was not reset in time", "Look at the handler, or raise timeout_ms.";
@@ -125,6 +126,7 @@ alarms! {
     RUNTIME_FAULT = 400, "The coordinate system's task failed", "Reset; report the log if it happens again.";
     RESTARTED_IN_RUN = 401, "The runtime ended while a program ran", "Look at the machine and at what was open before anything is started; acknowledge or reset.";
     STORE_FAILED = 402, "What is kept cannot be written", "Look at the disk of data_dir; it is tried again by itself.";
+    CLIENT_LOST = 421, "A client that asked to be watched is not heard any more", "Look at the client and at its connection, and at the machine; then resume.";
 }
 
 #[cfg(test)]

@@ -70,6 +70,20 @@ pub trait DriveBus: fmt::Debug + Send {
     /// not allocate, lock, wait or panic.
     fn exchange(&mut self, commands: &[Command], feedback: &mut [Feedback]) -> CycleResult;
 
+    /// The servo is alive: called once in each cycle, before the exchange, with a number that has grown since the last call.
+    /// For an output that a drive or a safety relay watches: one that sees it stand still for longer than it allows brakes by
+    /// itself. Must not allocate, lock, wait or panic.
+    fn heartbeat(&mut self, cycle: u64) {
+        let _ = cycle;
+    }
+
+    /// True when motors keep their speed while no commands come, because their time is counted in exchanges: simulated ones.
+    /// False: a motor without commands comes to rest where it was last commanded to, so a servo that was late does not go on
+    /// at speed. Called once, before the first cycle.
+    fn keeps_speed(&self) -> bool {
+        false
+    }
+
     /// Frames that may be lost in a row; one more is a fault: all motors brake and lose power. At most what the drives
     /// themselves allow before they stop. Called once, before the first cycle.
     fn lost_in_a_row_max(&self) -> u32 {

@@ -112,6 +112,12 @@ pub enum Event {
         /// Where; between two blocks at the end of the one that was passed, backward at its begin.
         at: PathPlace,
     },
+    /// The motion is held as by [`Control::Hold`], because the servo was late while its set points moved; [`Event::Held`]
+    /// follows. Under a hold, a stop or a fault, which bring it to rest anyway, nothing else happens.
+    Late {
+        /// Cycles that were left out.
+        cycles: u64,
+    },
     /// A [`Splice`](crate::Splice) has come about or never will.
     Spliced {
         /// True: its profiles run. False: the plan before goes on; the place was passed, the machine did not rest, or it

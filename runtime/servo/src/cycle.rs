@@ -27,8 +27,8 @@ const DROPS_PER_CYCLE: usize = 64;
 /// Look-ahead plans far less for a period: up to 192 blocks, or some hundred profiles of one steep corner.
 const JOINTS_PER_CYCLE: usize = 4096;
 
-/// Free places that the event ring must have before anything that leads to an event begins: `Started`, `Finished` or
-/// `Fault`, `Held`, `Stopped`, `Spliced` and `Oriented` may all be pending at once.
+/// Free places that the event ring must have before anything that leads to an event begins: `Started`, `Captured`,
+/// `Finished` or `Fault`, `Late`, `Held`, `Stopped`, `Spliced` and `Oriented` may all be pending at once.
 const EVENTS_RESERVE: usize = 8;
 
 /// A profile has ended when less than this share of a servo period is left: rounding.
@@ -308,7 +308,6 @@ impl Channel {
                 return self.sample(time_s, end_s);
             }
         }
-        let slows = held || allowed.is_none();
         let (target, slope) = match allowed {
             None => (0.0, way.slope),
             Some(target) if held => (target, self.hold_slope),
@@ -319,7 +318,7 @@ impl Channel {
             Law::Rest { .. } => f64::INFINITY,
             Law::Tap {
                 rate, revolutions, ..
-            } if slows => {
+            } => {
                 let rpm = rate * revolutions * 60.0;
                 let spindle = self.spindle.as_ref().map(|spindle| spindle.steepest_slope(rpm));
                 slope.min(spindle.unwrap_or(f64::INFINITY))
@@ -329,7 +328,7 @@ impl Channel {
                 slope.min(self.room_to(target))
             }
             Law::Motors { .. } | Law::Skip { .. } => slope.min(self.room_to(target)),
-            _ => slope,
+            Law::Ramped { .. } => slope,
         };
         let t_s = self.time.advance(target, slope);
         self.sample(time_s, t_s);
@@ -519,7 +518,7 @@ impl Channel {
     }
 
     /// At a joint the motion cannot wait: without a place the event is left out.
-    fn tell_joint(&mut self, event: Event) {
+    pub(crate) fn tell_joint(&mut self, event: Event) {
         if self.events.slots() >= EVENTS_RESERVE {
             self.tell(event);
         }

@@ -15,6 +15,7 @@ mod control;
 mod cycle;
 mod drives;
 mod hardware;
+mod late;
 mod look_ahead;
 mod motors;
 mod passing;

@@ -41,6 +41,11 @@ impl PathTime {
         self.carry(at_s);
     }
 
+    /// It stands where it is.
+    pub(crate) fn stand(&mut self) {
+        self.begin(0.0, self.now_s());
+    }
+
     /// A profile follows another without a stop: at this profile time; the rate stays.
     pub(crate) fn carry(&mut self, at_s: f64) {
         self.anchor_s = at_s;

@@ -19,6 +19,7 @@ pub struct Servo {
     counts: BusCounts,
     lost_in_a_row: u32,
     lost_in_a_row_max: u32,
+    keeps_speed: bool,
     period_s: f64,
     cycles: u64,
 }
@@ -59,6 +60,7 @@ impl Servo {
             channels,
             lost_in_a_row: 0,
             lost_in_a_row_max: bus.lost_in_a_row_max(),
+            keeps_speed: bus.keeps_speed(),
             bus,
             commands: at_start.collect(),
             feedback: feedback.into(),
@@ -96,7 +98,19 @@ impl Servo {
         events
     }
 
+    /// The cycle after so many that were left out for longer than is allowed: what moves is held on its path. Set points go on
+    /// from where they stood. Motors that keep their speed brake from it; others have come to rest meanwhile, and so has the
+    /// command. True as of [`Servo::cycle`], and when anything is held.
+    pub fn cycle_after_missed(&mut self, missed: u64) -> bool {
+        let mut events = false;
+        for channel in &mut self.channels {
+            events |= channel.hold_after_missed(missed, self.keeps_speed);
+        }
+        self.cycle() | events
+    }
+
     fn exchange(&mut self) {
+        self.bus.heartbeat(self.cycles);
         let result = self.bus.exchange(&self.commands, &mut self.feedback);
         self.lost_in_a_row = match result {
             CycleResult::OnTime => 0,
@@ -127,11 +141,11 @@ impl Servo {
             for channel in &mut self.channels {
                 channel.pass(cycles, &mut self.commands);
             }
+            self.cycles += cycles;
             self.exchange();
             for channel in &mut self.channels {
                 channel.passed(&self.feedback);
             }
-            self.cycles += cycles;
         }
         cycles
     }

@@ -36,6 +36,10 @@ impl DriveBus for SimulatedBus {
         CycleResult::OnTime
     }
 
+    fn keeps_speed(&self) -> bool {
+        true
+    }
+
     fn is_ideal(&self, place: usize) -> bool {
         self.drives
             .get(place)

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
+use std::time::Duration;
 
 use plc_api::types::output::Timing;
 use schemars::JsonSchema;
@@ -18,6 +19,8 @@ pub struct Machine {
     pub name: String,
     /// Servo period, microseconds.
     pub servo_period_us: u64,
+    /// How late a servo cycle may begin in motion, ms.
+    pub servo_late_ms: u64,
     /// Folder of what is kept; `None`: nothing is kept.
     pub data_dir: Option<PathBuf>,
     /// Motors, ascending by number.
@@ -109,6 +112,16 @@ pub enum Stock {
 }
 
 impl Machine {
+    /// Servo period.
+    pub fn servo_period(&self) -> Duration {
+        Duration::from_micros(self.servo_period_us)
+    }
+
+    /// Servo cycles that may be left out in motion.
+    pub(crate) fn missed_cycles_max(&self) -> u64 {
+        (self.servo_late_ms * 1000).div_ceil(self.servo_period_us) - 1
+    }
+
     /// Notes on settings of motors that do less than one might expect, as text for people.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = Vec::new();

@@ -90,6 +90,10 @@ pub struct MachineConfig {
     /// Servo period.
     #[schemars(range(min = 125, max = 10_000), extend("x-unit" = "us"))]
     pub servo_period_us: u64,
+    /// How late a servo cycle may begin while motors move: one that is so late, or later, holds the motion (`FEED_HOLD`, reason
+    /// `SERVO_LATE`).
+    #[schemars(range(min = 25, max = 60_000), extend("x-unit" = "ms"))]
+    pub servo_late_ms: u64,
     /// Folder of programs and of all else that is kept.
     pub data_dir: PathBuf,
 }
@@ -99,6 +103,7 @@ impl Default for MachineConfig {
         Self {
             name: "mill-1".into(),
             servo_period_us: 1000,
+            servo_late_ms: 100,
             data_dir: "tandem-data".into(),
         }
     }

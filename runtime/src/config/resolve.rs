@@ -107,6 +107,7 @@ impl Config {
         Machine {
             name: self.machine.name.clone(),
             servo_period_us: self.machine.servo_period_us,
+            servo_late_ms: self.machine.servo_late_ms,
             data_dir: Some(self.base_dir.join(&self.machine.data_dir)),
             motors: motors.into_values().collect(),
             coordinate_systems,
@@ -266,7 +267,9 @@ impl MachineConfig {
             let text = format!("name = \"{name}\": write 1 to 32 lower-case letters, digits and hyphens");
             checked.problem("name", text);
         }
-        checked.check_range(&schema_for!(Self), "servo_period_us", self.servo_period_us as f64);
+        let schema = schema_for!(Self);
+        checked.check_range(&schema, "servo_period_us", self.servo_period_us as f64);
+        checked.check_range(&schema, "servo_late_ms", self.servo_late_ms as f64);
         if self.data_dir.as_os_str().is_empty() {
             checked.problem("data_dir", "data_dir = \"\": write the name of a folder");
         }

@@ -53,13 +53,7 @@ impl CoordinateSystem {
             return;
         }
         self.inputs.bus.held_at = Some(seq);
-        self.hold(Cause::BusLoss);
-        let event = Event::Hold {
-            reason: Reason::BusLost,
-            m: self.outputs.ledger.get(seq).map(|open| open.notice.m),
-            seq,
-        };
-        self.context.record(event);
+        self.hold_for(Cause::BusLoss, Reason::BusLost);
     }
 }
 

@@ -84,6 +84,22 @@ impl Context {
         self.warn(entry.number, origin, format!("{}: {text}", entry.title));
     }
 
+    /// A warning that is among the active alarms until a reset.
+    pub fn warn_standing(&self, entry: &AlarmEntry, text: &str) {
+        let record = self.shared.raise_standing(AlarmRecord {
+            severity: AlarmSeverity::Warning,
+            number: entry.number,
+            text: format!("{}: {text}", entry.title),
+            cs: Some(self.number),
+            ..AlarmRecord::default()
+        });
+        self.record(Event::Warning {
+            program: None,
+            line: None,
+            text: record.text,
+        });
+    }
+
     /// An alarm of severity warning, which stops nothing.
     pub fn warn(&self, number: u16, origin: Origin, text: String) {
         let record = self.shared.raise(AlarmRecord {

@@ -1,4 +1,4 @@
-//! What interrupts a run and lets it continue: feed hold, the interlock, single block, a lost broker (`bus`).
+//! What interrupts a run and lets it continue: feed hold, the interlock, single block, a late servo, a lost broker (`bus`).
 //!
 //! Single block ends each block with its own stop. Blocks that were planned ahead when it is switched on keep their
 //! path: each is passed and held at its end point where it stops there, else right behind its joint, on the path.
@@ -6,11 +6,12 @@
 use plc_api::types::request::{Refusal, RefusalCode};
 use plc_api::types::state::{Lock, Reason, Transition};
 use tandem_interp::Modal;
-use tandem_model::alarm::COMPENSATION_REFUSED;
+use tandem_model::alarm::{COMPENSATION_REFUSED, SERVO_LATE};
 use tandem_servo::Control;
 
 use super::CoordinateSystem;
-use super::run_state::{Cause, Phase, RunEvent, Then};
+use super::run::Kind;
+use super::run_state::{Cause, End, Phase, RunEvent, Then};
 use crate::journal::Event;
 
 impl CoordinateSystem {
@@ -18,6 +19,38 @@ impl CoordinateSystem {
     pub(super) fn hold(&mut self, cause: Cause) -> bool {
         self.drive(RunEvent::Hold(cause));
         self.state.transition() != Some(Transition::Holding)
+    }
+
+    /// The runtime itself holds the run, and the journal tells. A jog ends: whoever commands it begins another one.
+    pub(super) fn hold_for(&mut self, cause: Cause, reason: Reason) {
+        let run = self.run.as_ref().filter(|_| self.state.is_running());
+        let Some(kind) = run.map(|run| &run.kind) else {
+            return;
+        };
+        if matches!(kind, Kind::Jog(_)) {
+            self.end_run(End::JogExpired);
+            return;
+        }
+        let seq = self.state.awaited().map(|awaited| awaited.seq);
+        self.hold(cause);
+        // a program stop rests by itself
+        if self.state.is_running() {
+            return;
+        }
+        let open = seq.and_then(|seq| self.outputs.ledger.get(seq));
+        let m = open.map(|open| open.notice.m);
+        self.context.record(Event::Hold { reason, m, seq });
+    }
+
+    /// The servo was late by so many cycles while the motors moved, and holds.
+    pub(super) fn on_servo_late(&mut self, cycles: u64) {
+        let late_s = cycles as f64 * self.context.configured.settings.servo_period_s;
+        let text = format!(
+            "for {late_s:.3} s the motors got no set points ({cycles} servo cycles); the motion is held on its path where \
+             it was"
+        );
+        self.context.warn_standing(&SERVO_LATE, &text);
+        self.hold_for(Cause::ServoLate, Reason::ServoLate);
     }
 
     /// The run continues after a hold: what the hold kept back is done.
@@ -155,5 +188,170 @@ impl CoordinateSystem {
             line: origin.map(|at| at.line),
         };
         self.context.record(event);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
+    use plc_api::types::request::typed;
+    use plc_api::types::state::Reason;
+    use plc_api::types::topic::Topic;
+    use plc_api::{Execution, Plc};
+    use tandem_model::alarm::SERVO_LATE;
+
+    use crate::coordinator::Runtime;
+    use crate::journal::Event;
+    use crate::test::{Bench, kept_journal};
+
+    #[track_caller]
+    fn close(position: f64, expected: f64) {
+        assert!((position - expected).abs() < 1e-9, "{position} is not {expected}");
+    }
+
+    /// The servo of a machine is late.
+    fn delay(runtime: &Runtime, ms: u64) {
+        runtime
+            .simulation()
+            .unwrap()
+            .delay_servo(Duration::from_millis(ms));
+    }
+
+    async fn standing(plc: &Plc) -> Vec<AlarmRecord> {
+        let message = plc.port().read(&Topic::AlarmActive).await.unwrap();
+        match &message.payload {
+            plc_api::types::message::Payload::AlarmActive(active) => active.alarms.clone(),
+            other => panic!("{other:?}"),
+        }
+    }
+
+    async fn x(plc: &Plc) -> f64 {
+        plc.coordinate_system(1).position().await.unwrap().machine["X"]
+    }
+
+    /// A program under way: X at 100 mm/s, for one second.
+    async fn under_way(plc: &Plc) {
+        plc.coordinate_system(1).load(50).await.unwrap();
+        plc.coordinate_system(1).start().await.unwrap();
+        plc.sleep(Duration::from_secs(1)).await;
+    }
+
+    #[test]
+    fn a_servo_that_is_late_in_motion_holds_with_a_standing_warning_and_a_resume_goes_on() {
+        let (journal, lines) = kept_journal();
+        let bench = Bench::new()
+            .journal(journal)
+            .subprogram(50, "G01 X290 Y29 F6000\nM30\n");
+        let play = bench.play(async |scene, runtime| {
+            let (plc, system) = (scene.plc(), scene.cs(1));
+            under_way(plc).await;
+            let stood = x(plc).await;
+            delay(runtime, 2000);
+            let held = system.wait_until(Execution::FeedHold).await.unwrap();
+            assert_eq!(held.reason, Some(Reason::ServoLate));
+            let position = system.position().await.unwrap();
+            let rests = position.machine["X"];
+            assert!(
+                rests > stood && rests < stood + 25.0,
+                "it brakes on: {stood} {rests}"
+            );
+            close(position.machine["Y"], rests / 10.0);
+            let warnings = standing(plc).await;
+            assert_eq!(warnings.len(), 1);
+            let warning = &warnings[0];
+            assert_eq!(
+                (warning.number, warning.severity),
+                (SERVO_LATE.number, AlarmSeverity::Warning)
+            );
+            assert!(
+                warning.text.contains("2.000 s") && warning.text.contains("2000 servo cycles"),
+                "{warning:?}"
+            );
+            assert_eq!(warning.cs, Some(1));
+            plc.sleep(Duration::from_secs(10)).await;
+            close(x(plc).await, rests);
+            system.resume().await.unwrap();
+            system.wait_until(Execution::ProgramCompleted).await.unwrap();
+            close(x(plc).await, 290.0);
+            assert_eq!(standing(plc).await.len(), 1, "until a reset");
+            system.reset().await.unwrap();
+            assert!(standing(plc).await.is_empty());
+            let history = plc.port().ask(typed::AlarmHistory).await.unwrap();
+            assert_eq!(history.len(), 1);
+        });
+        play.unwrap();
+        let lines = lines.lock().unwrap();
+        let hold = lines.iter().find_map(|line| match line.event {
+            Event::Hold { reason, m, seq } => Some((reason, m, seq)),
+            _ => None,
+        });
+        assert_eq!(hold, Some((Reason::ServoLate, None, None)));
+    }
+
+    #[test]
+    fn what_is_allowed_holds_nothing_and_one_cycle_more_holds() {
+        for (ms, execution) in [(99, Execution::Active), (100, Execution::FeedHold)] {
+            let bench = Bench::new().subprogram(50, "G01 X290 F6000\nM30\n");
+            let play = bench.play(async move |scene, runtime| {
+                under_way(scene.plc()).await;
+                delay(runtime, ms);
+                scene.plc().sleep(Duration::from_secs(1)).await;
+                scene.cs(1).state().await.unwrap().execution
+            });
+            assert_eq!(play, Ok(execution), "{ms} ms");
+        }
+    }
+
+    #[test]
+    fn a_servo_that_is_late_at_rest_holds_nothing() {
+        let bench = Bench::new().subprogram(50, "G04 P60\nG01 X10 F6000\nM30\n");
+        let play = bench.play(async |scene, runtime| {
+            delay(runtime, 30_000);
+            scene.plc().sleep(Duration::from_secs(1)).await;
+            under_way(scene.plc()).await;
+            delay(runtime, 30_000);
+            scene.cs(1).wait_until(Execution::ProgramCompleted).await.unwrap();
+            assert!(standing(scene.plc()).await.is_empty());
+        });
+        play.unwrap();
+    }
+
+    #[test]
+    fn a_jog_ends_manual_data_input_and_homing_are_held_when_the_servo_is_late() {
+        let play = Bench::new().play(async |scene, runtime| {
+            let (plc, system) = (scene.plc(), scene.cs(1));
+            let jogger = scene.cs(1);
+            let jog = tokio::spawn(async move { jogger.jog('X', 6000.0, None, "j").await });
+            plc.sleep(Duration::from_millis(150)).await;
+            let stood = x(plc).await;
+            delay(runtime, 120);
+            jog.await.unwrap().unwrap();
+            assert_eq!(system.state().await.unwrap().execution, Execution::Ready);
+            let rests = x(plc).await;
+            assert!(rests < stood + 25.0, "{stood} {rests}");
+            let refused = system.jog('X', 6000.0, None, "j").await;
+            assert!(refused.is_err(), "a refresh does not begin it again");
+            assert_eq!(standing(plc).await.len(), 1);
+            for home in [false, true] {
+                let moving = scene.cs(1);
+                let run = tokio::spawn(async move {
+                    if home {
+                        moving.home(&['X']).await
+                    } else {
+                        moving.mdi("G90 G01 X290 F6000").await
+                    }
+                });
+                plc.sleep(Duration::from_millis(200)).await;
+                delay(runtime, 2000);
+                let held = system.wait_until(Execution::FeedHold).await.unwrap();
+                assert_eq!(held.reason, Some(Reason::ServoLate), "home: {home}");
+                system.resume().await.unwrap();
+                run.await.unwrap().unwrap();
+                close(x(plc).await, if home { 0.0 } else { 290.0 });
+            }
+        });
+        play.unwrap();
     }
 }

@@ -201,6 +201,7 @@ impl CoordinateSystem {
                 self.pipeline.planner.passed(segment);
                 self.drive(RunEvent::Passed { segment });
             }
+            Event::Late { cycles } => self.on_servo_late(cycles),
             Event::Spliced { taken } => self.on_spliced(taken),
             Event::Held { at } => {
                 self.note_held_at(at);

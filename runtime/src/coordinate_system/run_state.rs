@@ -93,6 +93,8 @@ pub(super) enum Cause {
     Interlock,
     /// The connection to the MQTT broker is lost.
     BusLoss,
+    /// The servo was late in motion.
+    ServoLate,
     /// Back trace has come to its end.
     WayBackEnded,
 }
@@ -110,7 +112,7 @@ pub(super) enum End {
         has_program: bool,
     },
     Alarm,
-    /// A jog was not refreshed.
+    /// A jog was not refreshed, or may not go on by itself.
     JogExpired,
 }
 
@@ -206,6 +208,7 @@ impl Cause {
             Cause::Operator => (Execution::FeedHold, None),
             Cause::SingleBlock => (Execution::Interrupted, Some(Reason::SingleBlock)),
             Cause::BusLoss => (Execution::FeedHold, Some(Reason::BusLost)),
+            Cause::ServoLate => (Execution::FeedHold, Some(Reason::ServoLate)),
             Cause::Interlock => (Execution::Interrupted, Some(Reason::Interlock)),
             Cause::WayBackEnded => (Execution::FeedHold, Some(Reason::BackTraceEnd)),
         }

@@ -143,7 +143,7 @@ fn of_runs() -> Vec<(Event, &'static str)> {
             Event::Hold {
                 reason: Reason::BusLost,
                 m: Some(100),
-                seq: 7,
+                seq: Some(7),
             },
             r#""event":"hold","m":100,"reason":"BUS_LOST","seq":7"#,
         ),

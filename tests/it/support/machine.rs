@@ -81,10 +81,11 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// The machine of [`MOTORS`] and [`COORDINATE_SYSTEMS`], with `more` behind them, such as `[m_code.N]` tables.
+    /// The machine of [`MOTORS`] and [`COORDINATE_SYSTEMS`], with `more` behind them, such as `[m_code.N]` tables. Tests run
+    /// side by side: a servo that is late by less than `servo_late_ms` is not what they are about.
     pub fn new(more: &str) -> Self {
         Self::with_config(&format!(
-            "[machine]\nname = \"test-1\"\n{MOTORS}{COORDINATE_SYSTEMS}{more}"
+            "[machine]\nname = \"test-1\"\nservo_late_ms = 1500\n{MOTORS}{COORDINATE_SYSTEMS}{more}"
         ))
     }
 

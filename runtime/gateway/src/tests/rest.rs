@@ -527,6 +527,7 @@ async fn metrics_tell_how_punctual_the_servo_thread_is_as_prometheus_histograms(
     *port.servo_timing.lock().unwrap() = Some(ServoTiming {
         period_s: 0.001,
         overruns: 7,
+        missed: 5,
         late_exchanges: 3,
         lost_frames: 2,
         lateness: durations(0.125),
@@ -543,6 +544,8 @@ async fn metrics_tell_how_punctual_the_servo_thread_is_as_prometheus_histograms(
         "tandem_servo_period_seconds 0.001".to_owned(),
         "# TYPE tandem_servo_overruns_total counter".to_owned(),
         "tandem_servo_overruns_total 7".to_owned(),
+        "# TYPE tandem_servo_missed_cycles_total counter".to_owned(),
+        "tandem_servo_missed_cycles_total 5".to_owned(),
         "# TYPE tandem_servo_late_exchanges_total counter".to_owned(),
         "tandem_servo_late_exchanges_total 3".to_owned(),
         "# TYPE tandem_servo_lost_frames_total counter".to_owned(),

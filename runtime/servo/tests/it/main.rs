@@ -7,6 +7,7 @@ mod chains;
 mod controls;
 mod drives;
 mod faults;
+mod late;
 mod look_ahead;
 mod passing;
 mod planned;

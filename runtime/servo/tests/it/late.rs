@@ -1,0 +1,216 @@
+//! Cycles that come late: what moves is held, from where it stood, within the limits of the motors as they are by then.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+
+use tandem_model::AxisVector;
+use tandem_servo::{Command, Control, CycleResult, DriveBus, Event, Feedback};
+
+use crate::rig::{Rig, T, close, dwell, is_finished, is_stopped, line, rapid, settings, vector};
+use crate::tapping::{at_the_hole, with_spindle};
+
+/// `max_acceleration` of the motors, mm/s^2.
+const A_MAX: f64 = 5000.0;
+
+fn is_held(event: &Event) -> bool {
+    matches!(event, Event::Held { .. })
+}
+
+/// Drives that come to rest when no commands come.
+#[derive(Debug, Default)]
+struct Drives {
+    heard: Arc<AtomicU64>,
+}
+
+impl DriveBus for Drives {
+    fn exchange(&mut self, commands: &[Command], feedback: &mut [Feedback]) -> CycleResult {
+        for (command, feedback) in commands.iter().zip(feedback) {
+            *feedback = Feedback::following(command.position);
+        }
+        CycleResult::OnTime
+    }
+
+    fn heartbeat(&mut self, cycle: u64) {
+        self.heard.store(cycle, Relaxed);
+    }
+}
+
+fn on_drives() -> Rig {
+    Rig::on_bus(&settings(), Drives::default())
+}
+
+/// A cycle behind so many that were left out, and its events.
+fn late(rig: &mut Rig, missed: u64) -> Vec<Event> {
+    let told = rig.servo.cycle_after_missed(missed);
+    let events: Vec<Event> = std::iter::from_fn(|| rig.handle.events.pop().ok()).collect();
+    assert!(told || events.is_empty());
+    events
+}
+
+/// The largest change of velocity of X from cycle to cycle, per second, until such an event; the motors move at `before`.
+fn steepest(rig: &mut Rig, before: f64, wanted: impl Fn(&Event) -> bool) -> f64 {
+    let (mut x, mut velocity, mut most) = (rig.x(), before, 0.0_f64);
+    for _ in 0..100_000 {
+        let events = rig.cycle();
+        let now = (rig.x() - x) / T;
+        most = most.max((now - velocity).abs() / T);
+        (x, velocity) = (rig.x(), now);
+        if events.iter().any(&wanted) {
+            return most;
+        }
+    }
+    panic!("the event never comes");
+}
+
+#[test]
+fn a_late_servo_holds_from_where_it_stood_and_brakes_on_the_path_when_the_motors_keep_their_speed() {
+    let mut rig = Rig::new(&settings());
+    rig.push(line(1, AxisVector::ZERO, vector(&[1000.0]), 100.0, 0.1));
+    rig.cycles(1001);
+    close(rig.x(), 95.0);
+    assert_eq!(late(&mut rig, 2000), [Event::Late { cycles: 2000 }]);
+    assert!(rig.x() < 95.1 && rig.x() > 95.0, "it goes on from where it stood");
+    assert_eq!(rig.until(is_held), 199, "as by a feed hold of 0.2 s");
+    close(rig.x(), 95.0 + 100.0 * 0.2 / 2.0);
+    assert!(rig.cycles(500).is_empty(), "nothing goes on by itself");
+    rig.control(Control::Resume);
+    rig.until(is_finished(1));
+    assert_eq!(rig.position(), vector(&[1000.0]));
+}
+
+#[test]
+fn motors_that_came_to_rest_meanwhile_see_no_step_and_start_again_from_rest() {
+    for profile in [
+        line(1, AxisVector::ZERO, vector(&[1000.0]), 100.0, 0.1),
+        rapid(1, 0.0, 1000.0),
+    ] {
+        let mut rig = on_drives();
+        rig.push(profile);
+        rig.cycles(1002);
+        let stood = rig.position();
+        let events = late(&mut rig, 101);
+        assert!(matches!(
+            events[..],
+            [Event::Late { cycles: 101 }, Event::Held { .. }]
+        ));
+        assert_eq!(rig.position(), stood, "no motion from a motor at rest");
+        close(rig.reading().feedrate_mm_min, 0.0);
+        assert!(rig.cycles(300).is_empty());
+        assert_eq!(rig.position(), stood);
+        rig.control(Control::Resume);
+        let most = steepest(&mut rig, 0.0, is_finished(1));
+        assert!(most <= A_MAX * (1.0 + 1e-6), "{most}");
+        assert_eq!(rig.position(), vector(&[1000.0]));
+    }
+}
+
+#[test]
+fn a_servo_that_is_late_while_nothing_moves_holds_nothing() {
+    let mut rig = on_drives();
+    rig.cycles(10);
+    assert!(late(&mut rig, 30_000).is_empty());
+    rig.push(dwell(1, AxisVector::ZERO, 1.0));
+    rig.push(line(2, AxisVector::ZERO, vector(&[10.0]), 50.0, 0.1));
+    rig.cycles(100);
+    assert!(late(&mut rig, 30_000).is_empty(), "a dwell");
+    rig.cycles(1000);
+    rig.control(Control::Hold);
+    rig.until(is_held);
+    assert!(late(&mut rig, 30_000).is_empty(), "a feed hold");
+    rig.control(Control::Resume);
+    rig.until(is_finished(2));
+    assert!(late(&mut rig, 30_000).is_empty());
+}
+
+#[test]
+fn between_two_blocks_of_motion_a_late_servo_holds_before_the_second() {
+    let mut rig = on_drives();
+    rig.push(rapid(1, 0.0, 30.0));
+    rig.push(rapid(2, 30.0, 60.0));
+    rig.until(is_finished(1));
+    let events = late(&mut rig, 100);
+    assert!(matches!(events[..], [Event::Late { .. }, Event::Held { .. }]));
+    assert!(rig.cycles(100).is_empty());
+    rig.control(Control::Resume);
+    rig.until(is_finished(2));
+    close(rig.x(), 60.0);
+}
+
+#[test]
+fn what_brakes_already_rests_where_the_motors_rest_and_a_stop_is_answered() {
+    for control in [Control::Abort { epoch: 1 }, Control::Stop { epoch: 1 }] {
+        let mut rig = on_drives();
+        rig.push(line(1, AxisVector::ZERO, vector(&[1000.0]), 100.0, 0.1));
+        rig.cycles(1001);
+        rig.control(control);
+        rig.cycles(5);
+        let stood = rig.position();
+        let events = late(&mut rig, 500);
+        assert!(matches!(
+            events[..],
+            [Event::Late { .. }, Event::Stopped { epoch: 1, .. }]
+        ));
+        assert_eq!(rig.position(), stood);
+    }
+}
+
+#[test]
+fn an_abort_behind_a_late_cycle_finds_motors_at_rest() {
+    let mut rig = on_drives();
+    rig.push(line(1, AxisVector::ZERO, vector(&[1000.0]), 100.0, 0.1));
+    rig.cycles(1001);
+    let stood = rig.position();
+    rig.control(Control::Abort { epoch: 1 });
+    assert!(late(&mut rig, 150).iter().any(is_stopped));
+    assert_eq!(rig.position(), stood);
+}
+
+#[test]
+fn late_again_while_it_comes_to_rest_is_told_and_holds_once() {
+    let mut rig = Rig::new(&settings());
+    rig.push(line(1, AxisVector::ZERO, vector(&[1000.0]), 100.0, 0.1));
+    rig.cycles(1001);
+    late(&mut rig, 100);
+    rig.cycles(50);
+    assert_eq!(late(&mut rig, 100), [Event::Late { cycles: 100 }]);
+    rig.until(is_held);
+    assert!(rig.cycles(100).is_empty());
+}
+
+#[test]
+fn in_a_thread_the_hold_waits_until_the_tool_is_out_and_the_way_goes_on_within_the_limits() {
+    let mut rig = Rig::on_bus(&with_spindle(), Drives::default());
+    at_the_hole(&mut rig, 0.0);
+    rig.cycles(1000);
+    let z = rig.position().0[2];
+    assert!(z < -5.5 && z > -9.5, "{z}");
+    let events = late(&mut rig, 100);
+    assert_eq!(events, [Event::Late { cycles: 100 }]);
+    let first = z - rig.position().0[2];
+    assert!((0.0..0.5 * A_MAX * T * T).contains(&first), "from rest: {first}");
+    rig.until(is_finished(4));
+    close(rig.position().0[2], -5.0);
+    assert!(
+        rig.cycles(100)
+            .iter()
+            .all(|event| !matches!(event, Event::Started { .. }))
+    );
+}
+
+#[test]
+fn the_bus_hears_the_heartbeat_in_every_cycle_and_in_none_that_is_left_out() {
+    let heard = Arc::default();
+    let drives = Drives {
+        heard: Arc::clone(&heard),
+    };
+    let mut rig = Rig::on_bus(&settings(), drives);
+    for cycle in 1..=10 {
+        rig.cycle();
+        assert_eq!(heard.load(Relaxed), cycle, "at rest, too");
+    }
+    late(&mut rig, 1000);
+    assert_eq!(heard.load(Relaxed), 11);
+    let passed = rig.servo.pass(1000);
+    assert!(passed > 0);
+    assert_eq!(heard.load(Relaxed), 11 + passed);
+}
