@@ -18,7 +18,7 @@ pub mod rules;
 pub use closed::CLOSED_REMEMBERED;
 pub use effect::{Closed, Effect, Full, Now, OpenOutput, OutputSpec};
 
-use crate::alarm::Alarm;
+use crate::alarm::{Alarm, USER_CODE_MAX};
 use crate::text::cut;
 use crate::types::ids::{CLIENT_ID_MAX, is_client_id};
 use crate::types::output::{
@@ -26,7 +26,7 @@ use crate::types::output::{
     Progress, ProgressReport, Redeliver, Redelivery, Reset, ResetResult,
 };
 use crate::types::question::{Ask, OperatorAnswer, Question};
-use crate::types::request::{OutputRequest, Refusal};
+use crate::types::request::{OutputRequest, Refusal, RefusalCode};
 use crate::types::{BootId, Timestamp};
 
 use closed::{ClosedOutputs, Fate};
@@ -114,7 +114,7 @@ impl Ledger {
     /// Carries out a request about an output. `m` is the M number of the request, if it has one.
     ///
     /// # Errors
-    /// Text or choices of a question are out of range.
+    /// The code of a fault, or text or choices of a question, are out of range.
     pub fn carry_out(
         &mut self,
         now: Now,
@@ -123,7 +123,10 @@ impl Ledger {
     ) -> Result<HandshakeResult, Refusal> {
         let (handler_id, status) = match request {
             OutputRequest::Claim(claim) => return Ok(self.claim(now, m, claim)),
-            OutputRequest::Reset(reset) => return Ok(self.reset(now, m, reset)),
+            OutputRequest::Reset(reset) => {
+                check_code(reset)?;
+                return Ok(self.reset(now, m, reset));
+            }
             OutputRequest::Progress(report) => (report.handler_id.as_str(), self.progress(now, m, report)),
             OutputRequest::Redeliver(redeliver) => ("", self.redeliver(now, m, redeliver)),
             OutputRequest::Ask(ask) => (ask.handler_id.as_str(), self.ask(now, m, ask)?),
@@ -485,6 +488,17 @@ impl Ledger {
         if self.effects.last() != Some(&Effect::PendingChanged) {
             self.effects.push(Effect::PendingChanged);
         }
+    }
+}
+
+/// The number of an alarm is 10000 + code: a code out of range would be the number of another alarm.
+fn check_code(reset: &Reset) -> Result<(), Refusal> {
+    match reset.code {
+        Some(code) if code > USER_CODE_MAX => Err(Refusal::new(
+            RefusalCode::Invalid,
+            format!("reset: code {code} is not one of a handler's alarms; write 0 to {USER_CODE_MAX}"),
+        )),
+        _ => Ok(()),
     }
 }
 

@@ -159,6 +159,25 @@ fn h6_a_fault_is_an_alarm_10000_plus_code_with_the_text_unchanged() {
 }
 
 #[test]
+fn a_fault_whose_code_would_be_the_number_of_another_alarm_is_refused_and_the_output_stays() {
+    let mut ledger = ledger();
+    let seq = made(&mut ledger, 100);
+    effects(&mut ledger);
+    for (code, is_right) in [(10_000, false), (u16::MAX, false), (9_999, true)] {
+        let mut fault = crate::claim::reset_of(&boot(), seq, "h", Some(Alarm::user(0, "x")));
+        fault.code = Some(code);
+        let answer = ledger.carry_out(now(0.0), Some(100), &OutputRequest::Reset(fault));
+        match answer {
+            Ok(result) => assert!(is_right && result.status == HandshakeStatus::Accepted, "{code}"),
+            Err(refusal) => {
+                assert!(!is_right && refusal.text.contains(&code.to_string()), "{refusal}");
+                assert_eq!(effects(&mut ledger), []);
+            }
+        }
+    }
+}
+
+#[test]
 fn h8_the_queue_is_bounded_and_takes_again_after_a_reset() {
     let mut ledger = Ledger::new(boot(), 2);
     let first = made(&mut ledger, 1);

@@ -13,7 +13,7 @@ pub use super::verb::Verb;
 /// What can be commanded. Verbs and arguments are those of `command/{verb}` and of the REST routes.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[cfg_attr(feature = "schema", schemars(rename_all = "snake_case"))]
+#[cfg_attr(feature = "schema", schemars(rename_all = "snake_case", deny_unknown_fields))]
 pub enum Command {
     /// Takes a program of the store.
     Load {
@@ -138,11 +138,29 @@ impl Command {
         }
     }
 
+    /// Names of the arguments of a verb; `None` for hold, stop and abort, which pass over what they do not know: nothing that
+    /// is written beside them keeps a machine from coming to rest.
+    fn names_of_args(verb: &str) -> Option<&'static [&'static str]> {
+        Some(match verb {
+            "hold" | "stop" | "abort" => return None,
+            "load" => &["program"],
+            "alarm_acknowledge" => &["id"],
+            "mdi" => &["text"],
+            "back_trace" => &["on"],
+            "jog" => &["axis", "velocity", "distance", "refresh_id"],
+            "home" => &["axes"],
+            _ => &[],
+        })
+    }
+
     /// The command of a verb word and its JSON arguments.
     ///
     /// # Errors
     /// What is wrong with them, in words for the sender.
     pub fn parse(verb: &str, args: &Value) -> Result<Command, String> {
+        if let (Some(known), true) = (Self::names_of_args(verb), Self::VERBS.contains(&verb)) {
+            check_names(verb, known, args)?;
+        }
         let number = |key: &str| {
             args.get(key)
                 .and_then(Value::as_u64)
@@ -191,6 +209,25 @@ impl Command {
             )),
         }
     }
+}
+
+/// An error if arguments are no object, or have a member that the verb does not know.
+fn check_names(verb: &str, known: &[&str], args: &Value) -> Result<(), String> {
+    let args = match args {
+        Value::Null => return Ok(()),
+        Value::Object(args) => args,
+        _ => return Err(format!("{verb}: write its arguments as an object: {{...}}")),
+    };
+    let Some(unknown) = args.keys().find(|name| !known.contains(&name.as_str())) else {
+        return Ok(());
+    };
+    Err(match known {
+        [] => format!("{verb} takes no arguments; {unknown:.64?} is not known"),
+        _ => format!(
+            "{verb} has no argument {unknown:.64?}; it takes {}",
+            known.join(", ")
+        ),
+    })
 }
 
 fn axis(value: &Value) -> Option<char> {
@@ -334,6 +371,36 @@ mod tests {
             let verb = verb.as_str().unwrap();
             assert!(Command::VERBS.contains(&verb));
             assert_eq!(Command::parse(verb, &command.args()), Ok(command));
+        }
+    }
+
+    #[test]
+    fn an_argument_that_a_verb_does_not_know_is_refused_but_for_what_brings_to_rest() {
+        for verb in Command::VERBS {
+            let known = Command::names_of_args(verb);
+            let args = match verb {
+                "load" => json!({"program": 1}),
+                "alarm_acknowledge" => json!({"id": 1}),
+                "mdi" => json!({"text": "G04 P1"}),
+                "back_trace" => json!({"on": true}),
+                "jog" => json!({"axis": "X", "velocity": 1, "refresh_id": "a"}),
+                _ => json!({}),
+            };
+            assert!(Command::parse(verb, &args).is_ok(), "{verb}");
+            let mut more = args.clone();
+            more["unknown"] = json!(1);
+            let parsed = Command::parse(verb, &more);
+            match known {
+                None => assert!(parsed.is_ok_and(|command| command.verb().is_urgent()), "{verb}"),
+                Some(_) => assert!(parsed.unwrap_err().contains("\"unknown\""), "{verb}"),
+            }
+            for wrong in [json!([]), json!(1), json!("x")] {
+                assert_eq!(
+                    Command::parse(verb, &wrong).is_ok(),
+                    known.is_none(),
+                    "{verb} {wrong}"
+                );
+            }
         }
     }
 

@@ -131,6 +131,7 @@ pub struct Reset {
     pub result: ResetResult,
     /// With `fault`: the handler's alarm code, 0 to 9999.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "schema", schemars(range(max = 9999)))]
     pub code: Option<u16>,
     /// With `fault`: the alarm's text, unchanged.
     #[serde(default, skip_serializing_if = "Option::is_none")]

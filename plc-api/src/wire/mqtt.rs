@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 
+use serde::Deserialize;
 use serde_json::{Map, Value, json};
 
 use super::json::json_object;
@@ -224,15 +225,11 @@ pub enum Inbound {
 
 /// Reads a message. `retained`: it came with the retain flag, so that it is old, and is not carried out.
 pub fn decode(path: &str, payload: &[u8], retained: bool) -> Inbound {
-    let read = if payload.len() > PAYLOAD_MAX {
-        Err(format!("its payload is larger than {PAYLOAD_MAX} bytes"))
-    } else {
-        let found = topics().find_map(|(row, topic)| Some((row, topic, take_apart(topic.pattern, path)?)));
-        match found {
-            None if retained => Err("it is retained; publish it without the retain flag".to_owned()),
-            None => Err("there is no such topic".to_owned()),
-            Some((row, topic, params)) => row.message(topic, &params, payload, retained),
-        }
+    let found = topics().find_map(|(row, topic)| Some((row, topic, take_apart(topic.pattern, path)?)));
+    let read = match found {
+        None if retained => Err("it is retained; publish it without the retain flag".to_owned()),
+        None => Err("there is no such topic".to_owned()),
+        Some((row, topic, params)) => row.message(topic, &params, payload, retained),
     };
     read.unwrap_or_else(|text| Inbound::Drop(format!("MQTT message on {path} refused: {text}")))
 }
@@ -253,7 +250,12 @@ impl Row {
                 source,
             })
         };
+        let too_large = (payload.len() > PAYLOAD_MAX)
+            .then(|| format!("its payload is larger than {PAYLOAD_MAX} bytes; send less"));
         if topic.envelope.is_empty() {
+            if let Some(text) = too_large {
+                return Err(text);
+            }
             if retained && !topic.retained {
                 return Err("it is retained; publish it without the retain flag".to_owned());
             }
@@ -262,9 +264,12 @@ impl Row {
         let mut named = params.iter();
         let (_, cs) = named.find(|(name, _)| *name == "cs").unwrap_or(&("cs", ""));
         let cs = number(cs).ok_or_else(|| text_of(Fault::Level((*cs).to_owned())))?;
-        let request = topic.meta(payload, retained).and_then(|meta| {
-            read(Source::Command(meta, topic.envelope)).map_err(|fault| invalid(text_of(fault)))
-        });
+        let within = too_large.map_or(Ok(()), |text| Err(invalid(text)));
+        let request = within
+            .and_then(|()| topic.meta(payload, retained))
+            .and_then(|meta| {
+                read(Source::Command(meta, topic.envelope)).map_err(|fault| invalid(text_of(fault)))
+            });
         Ok(request.map_or_else(|refusal| reject(cs, payload, refusal), Inbound::of))
     }
 }
@@ -294,9 +299,16 @@ fn invalid(text: impl Into<String>) -> Refusal {
 
 /// Tells the sender when it can be read who that is, else the log.
 fn reject(cs: CoordinateSystemNumber, payload: &[u8], refusal: Refusal) -> Inbound {
-    let value: Value = serde_json::from_slice(payload).unwrap_or_default();
-    let text = |key: &str| value.get(key).and_then(Value::as_str).unwrap_or_default();
-    let (client_id, command_id) = (text("client_id"), text("command_id"));
+    #[derive(Default, Deserialize)]
+    #[serde(default)]
+    struct Named {
+        client_id: Value,
+        command_id: Value,
+    }
+    // the rest of a payload that is too large is passed over without keeping it
+    let named: Named = json_object(payload).unwrap_or_default();
+    let client_id = named.client_id.as_str().unwrap_or_default();
+    let command_id = named.command_id.as_str().unwrap_or_default();
     if is_client_id(client_id) {
         Inbound::Reject {
             cs,

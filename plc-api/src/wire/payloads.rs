@@ -18,7 +18,13 @@ use crate::types::state::{Lock, Switch};
 /// Optional block skips: numbers from 1 to this.
 const SKIP_MAX: u8 = 31;
 
-/// Body of a command without arguments; its members are ignored.
+/// Body of a command without arguments.
+#[derive(Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub(super) struct Empty {}
+
+/// Body of what brings a machine to rest, or ends a lease; its members are ignored.
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub(super) struct NoArgs {}
 

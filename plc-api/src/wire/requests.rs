@@ -1,12 +1,12 @@
 //! Every request that crosses a wire, one row each.
 
-use serde_json::{Value, json};
+use serde_json::json;
 
 use super::answer::{
     Accepted, AlarmHistory, AnswerForm, Handlers, JournalAnswer, LastRunAnswer, Programs, json_of,
 };
 use super::payloads::{
-    CommandArgs, InputSet, LeaseBreak, NoArgs, VariableGet, VariableSet, VariableWrite, break_lease,
+    CommandArgs, Empty, InputSet, LeaseBreak, NoArgs, VariableGet, VariableSet, VariableWrite, break_lease,
     command_answer, handshake, lease, of_area, read_command, read_input, read_variables, release, switch,
     text, variables, write_input, write_variables,
 };
@@ -191,11 +191,11 @@ pub static ROWS: [Row; 36] = [
         )
     },
     Row {
-        routes: &[command::<NoArgs>("/alarms/{id}/acknowledge", "Acknowledges an alarm.")],
+        routes: &[command::<Empty>("/alarms/{id}/acknowledge", "Acknowledges an alarm.")],
         answer: command_answer,
         ..Row::new(
             |incoming| {
-                incoming.json::<Value>()?;
+                incoming.json::<Empty>()?;
                 let id = incoming.number("id")?;
                 read_command(&incoming, Command::AlarmAcknowledge { id })
             },
@@ -209,11 +209,11 @@ pub static ROWS: [Row; 36] = [
     Row {
         routes: &[
             command::<Command>("/cs/{cs}/{verb=load}", "Loads a program of the store."),
-            command::<NoArgs>("/cs/{cs}/{verb=start}", "Starts the loaded program from its head."),
+            command::<Empty>("/cs/{cs}/{verb=start}", "Starts the loaded program from its head."),
             command::<NoArgs>("/cs/{cs}/{verb=hold}", "Feed hold."),
-            command::<NoArgs>("/cs/{cs}/{verb=resume}", "Goes on after a pause."),
+            command::<Empty>("/cs/{cs}/{verb=resume}", "Goes on after a pause."),
             command::<NoArgs>("/cs/{cs}/{verb=stop}", "Decelerates on the path and ends the run."),
-            command::<NoArgs>("/cs/{cs}/{verb=reset}", "Ends the run, cancels outputs, clears alarms."),
+            command::<Empty>("/cs/{cs}/{verb=reset}", "Ends the run, cancels outputs, clears alarms."),
             command::<NoArgs>("/cs/{cs}/{verb=abort}", "Brakes each motor at once and ends the run."),
             command::<Command>("/cs/{cs}/{verb=mdi}", "Runs a text of NC blocks."),
             command::<Command>("/cs/{cs}/{verb=jog}", "Moves one axis by hand."),

@@ -144,6 +144,13 @@ impl Gateway {
         self.broker.as_ref().map(Broker::addr)
     }
 
+    /// Reads the token file again now; one that cannot be used changes nothing, and is logged. Without tokens nothing happens.
+    pub fn read_tokens_again(&self) {
+        if let Some(tokens) = self.shared.access.tokens() {
+            tokens.read_again();
+        }
+    }
+
     /// Publishes on MQTT that the runtime is offline, lets requests end, and stops all server ends, within about 5 s.
     pub async fn shutdown(mut self) {
         self.shared.stop.cancel();

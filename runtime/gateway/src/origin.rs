@@ -7,7 +7,8 @@ use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::sync::Arc;
 
 use axum::extract::{Request, State};
-use axum::http::{HeaderMap, StatusCode, header};
+use axum::http::uri::Authority;
+use axum::http::{HeaderMap, StatusCode, Uri, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
@@ -16,21 +17,26 @@ use crate::shared::Shared;
 
 /// Admits requests with our Host, and our Origin or none.
 pub(crate) async fn guard(State(shared): State<Arc<Shared>>, request: Request, next: Next) -> Response {
-    match check(request.headers(), shared.http_addr) {
+    match check(request.uri(), request.headers(), shared.http_addr) {
         Ok(()) => next.run(request).await,
         Err(problem) => problem.into_response(),
     }
 }
 
-fn check(headers: &HeaderMap, own: SocketAddr) -> Result<(), Problem> {
+/// A request may name its host twice: in its target (`GET http://host/path`) and in the Host header. Both must be the same.
+fn check(target: &Uri, headers: &HeaderMap, own: SocketAddr) -> Result<(), Problem> {
     let mut hosts = headers.get_all(header::HOST).iter();
     let host = hosts.next().and_then(|host| host.to_str().ok());
-    let is_allowed = |host: &&str| !own.ip().is_loopback() || is_own(host, own);
+    let in_target = target.authority().map(Authority::as_str);
+    let is_allowed = |host: &&str| {
+        let is_named = in_target.is_none_or(|named| named.eq_ignore_ascii_case(host));
+        is_named && (!own.ip().is_loopback() || is_own(host, own))
+    };
     let (Some(host), None) = (host.filter(is_allowed), hosts.next()) else {
         return Err(Problem::new(
             StatusCode::FORBIDDEN,
             "foreign_host",
-            format!("the Host header does not name this server; call it as http://{own}"),
+            format!("the target or the Host header does not name this server; call it as http://{own}"),
         ));
     };
     for origin in headers.get_all(header::ORIGIN) {
@@ -71,6 +77,10 @@ fn is_own(host: &str, own: SocketAddr) -> bool {
 mod tests {
     use super::*;
 
+    fn check(headers: &HeaderMap, own: SocketAddr) -> Result<(), Problem> {
+        super::check(&Uri::from_static("/"), headers, own)
+    }
+
     fn headers(pairs: &[(header::HeaderName, &str)]) -> HeaderMap {
         pairs
             .iter()
@@ -99,6 +109,25 @@ mod tests {
             assert!(!is_own(host, own), "{host}");
         }
         assert!(is_own("localhost", "127.0.0.1:80".parse().unwrap()));
+    }
+
+    #[test]
+    fn a_target_that_names_another_host_is_refused() {
+        let host = headers(&[(header::HOST, "localhost:8080")]);
+        for own in ["127.0.0.1:8080", "0.0.0.0:8080"] {
+            let own = own.parse().unwrap();
+            for (target, allowed) in [
+                ("/api/v1/cs/1/stop", true),
+                ("http://localhost:8080/api/v1/cs/1/stop", true),
+                ("http://LOCALHOST:8080/api/v1/cs/1/stop", true),
+                ("http://evil.example/api/v1/cs/1/stop", false),
+                ("http://user@localhost:8080/api/v1/cs/1/stop", false),
+                ("http://127.0.0.1:8080/api/v1/cs/1/stop", false),
+            ] {
+                let checked = super::check(&target.parse().unwrap(), &host, own);
+                assert_eq!(checked.is_ok(), allowed, "{target} at {own}");
+            }
+        }
     }
 
     #[test]

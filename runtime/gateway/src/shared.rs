@@ -20,7 +20,7 @@ use crate::metrics::Metrics;
 use crate::problem::Problem;
 
 /// Concurrent requests that carry a whole program; more wait. Reason: each may hold 64 MiB.
-const LARGE_REQUESTS_MAX: usize = 4;
+pub(crate) const LARGE_REQUESTS_MAX: usize = 4;
 
 /// Commands over REST without an answer yet; more get 503. They continue when their client disconnects.
 const COMMANDS_MAX: usize = 256;

@@ -5,6 +5,7 @@ mod compile;
 mod completions;
 mod explain;
 mod init;
+mod log;
 mod man;
 mod mqtt_acl;
 mod plot;
@@ -16,6 +17,7 @@ mod token;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::Context;
 use clap::{Parser, Subcommand};
@@ -74,7 +76,13 @@ enum Command {
 
 /// Runs the command of this process's arguments.
 pub fn run() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(help) => {
+            notice_unwritten(help.print());
+            return exit_code(u8::try_from(help.exit_code()).unwrap_or(EXIT_UNREADABLE));
+        }
+    };
     let ran = match cli.command.unwrap_or(Command::Serve(cli.serve)) {
         Command::Serve(arguments) => serve::run(&arguments),
         Command::Check(arguments) => check::run(&arguments),
@@ -88,15 +96,35 @@ pub fn run() -> ExitCode {
         Command::Completions(arguments) => Ok(completions::run(&arguments)),
         Command::Man(arguments) => man::run(&arguments),
     };
-    ExitCode::from(ran.unwrap_or_else(|error| {
+    exit_code(ran.unwrap_or_else(|error| {
         complain(format!("{error:#}"));
         EXIT_UNREADABLE
     }))
 }
 
-/// A line on standard output. A reader that has gone is no reason to fail.
+/// True once something could not be written to standard output.
+static UNWRITTEN: AtomicBool = AtomicBool::new(false);
+
+/// What was not written was not told: then no command has succeeded.
+fn exit_code(code: u8) -> ExitCode {
+    match code {
+        EXIT_OK if UNWRITTEN.load(Ordering::Relaxed) => EXIT_UNREADABLE.into(),
+        code => code.into(),
+    }
+}
+
+/// A line on standard output. A reader that has gone is no reason to fail; a full disk is ([`exit_code`]).
 fn say(line: impl std::fmt::Display) {
-    let _ = writeln!(std::io::stdout().lock(), "{line}");
+    notice_unwritten(writeln!(std::io::stdout().lock(), "{line}"));
+}
+
+fn notice_unwritten(written: std::io::Result<()>) {
+    if let Err(error) = written
+        && error.kind() != std::io::ErrorKind::BrokenPipe
+        && !UNWRITTEN.swap(true, Ordering::Relaxed)
+    {
+        complain(format!("cannot write to standard output: {error}"));
+    }
 }
 
 /// A line on standard error.

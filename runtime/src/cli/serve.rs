@@ -1,6 +1,5 @@
 //! `tandem serve`: the machine with all its server ends.
 
-use std::io::IsTerminal;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -8,7 +7,6 @@ use plc_api::Plc;
 use tandem_gateway::{Gateway, GatewaySettings};
 use tandem_runtime::{ExternalBroker, Runtime, demo_sequence_program};
 use tokio::signal::unix::{Signal, SignalKind, signal};
-use tracing_subscriber::EnvFilter;
 
 use super::server_ends::Servable;
 use super::{EXIT_OK, Ran, say};
@@ -21,13 +19,7 @@ pub struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Ran {
-    let filter =
-        EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("warn,journal=info,mqtt5=error"));
-    tracing_subscriber::fmt()
-        .with_env_filter(filter)
-        .with_ansi(std::io::stderr().is_terminal())
-        .with_writer(std::io::stderr)
-        .init();
+    super::log::start();
     let servable = Servable::read(arguments.config.as_deref())?;
     tokio::runtime::Builder::new_multi_thread()
         .enable_all()
@@ -59,7 +51,10 @@ async fn serve(servable: Servable) -> anyhow::Result<()> {
         })
     });
     announce(&settings, &gateway, is_demo);
-    signals.received().await;
+    while let Received::HangUp = signals.received().await {
+        tracing::warn!("SIGHUP: the token file is read again; SIGTERM stops the machine");
+        gateway.read_tokens_again();
+    }
     say("Stopping: motion comes to rest on its path.");
     runtime.shutdown().await;
     if let Some(sequence) = sequence {
@@ -99,10 +94,18 @@ fn announce(settings: &GatewaySettings, gateway: &Gateway, is_demo: bool) {
     say("Ctrl-C stops it.");
 }
 
-/// Ctrl-C and SIGTERM, listened for from the start: a signal that comes early must not end the process out of order.
+/// Signals, listened for from the start: one that comes early must not end the process out of order.
 struct Signals {
     interrupt: Signal,
     terminate: Signal,
+    hang_up: Signal,
+}
+
+enum Received {
+    /// Ctrl-C or SIGTERM: an orderly stop.
+    Stop,
+    /// SIGHUP: files are read again, as other servers do. A terminal that is closed sends it too, and must not stop a machine.
+    HangUp,
 }
 
 impl Signals {
@@ -110,13 +113,15 @@ impl Signals {
         Ok(Self {
             interrupt: signal(SignalKind::interrupt())?,
             terminate: signal(SignalKind::terminate())?,
+            hang_up: signal(SignalKind::hangup())?,
         })
     }
 
-    async fn received(&mut self) {
+    async fn received(&mut self) -> Received {
         tokio::select! {
-            _ = self.interrupt.recv() => {}
-            _ = self.terminate.recv() => {}
+            _ = self.interrupt.recv() => Received::Stop,
+            _ = self.terminate.recv() => Received::Stop,
+            _ = self.hang_up.recv() => Received::HangUp,
         }
     }
 }

@@ -37,6 +37,32 @@ fn machine() -> Machine {
     machine
 }
 
+#[tokio::test]
+async fn sighup_reads_the_token_file_again_and_ends_nothing() {
+    let machine = machine();
+    token(&machine, "one", "operate");
+    let mut served = Served::start(&machine);
+    let late = token(&machine, "late", "operate");
+    served.process.signal("HUP");
+    served
+        .process
+        .line("what SIGHUP does", |line| line.contains("SIGHUP"));
+    until("the new token counts", async || {
+        let answer = post(&served, "/cs/1/hold", Some(&late), &json!({})).await;
+        (answer.status != 401).then_some(())
+    })
+    .await;
+    served.process.signal("HUP");
+    served
+        .process
+        .line("what SIGHUP does", |line| line.contains("SIGHUP"));
+    served.process.signal("TERM");
+    assert_eq!(
+        served.process.exit_code_within(std::time::Duration::from_secs(5)),
+        Some(0)
+    );
+}
+
 async fn post(served: &Served, path: &str, token: Option<&str>, body: &serde_json::Value) -> Answer {
     let path = format!("/api/v1{path}");
     let address = served.http.replace("0.0.0.0", "127.0.0.1");

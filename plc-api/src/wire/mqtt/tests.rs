@@ -214,9 +214,14 @@ fn inputs_and_settings_come_in() {
 
 #[test]
 fn hold_stop_and_abort_are_urgent_and_others_are_not() {
-    let payload = br#"{"command_id":"c","client_id":"hmi","args":{"program":1}}"#;
     for verb in ["load", "start", "hold", "resume", "stop", "reset", "abort"] {
-        match decode(&format!("cs/1/command/{verb}"), payload, false) {
+        let args = if verb == "load" {
+            json!({"program": 1})
+        } else {
+            json!({})
+        };
+        let payload = json!({"command_id": "c", "client_id": "hmi", "args": args}).to_string();
+        match decode(&format!("cs/1/command/{verb}"), payload.as_bytes(), false) {
             Inbound::Ask {
                 urgent,
                 request: Request::Command { meta, wait, .. },
@@ -227,6 +232,41 @@ fn hold_stop_and_abort_are_urgent_and_others_are_not() {
             other => panic!("{verb}: {other:?}"),
         }
     }
+}
+
+#[test]
+fn a_command_that_is_too_large_is_answered_when_its_sender_can_be_read() {
+    let long = "x".repeat(100_000);
+    for (payload, id) in [
+        (
+            json!({"command_id": long, "client_id": "hmi"}),
+            &long[..COMMAND_ID_MAX],
+        ),
+        (
+            json!({"command_id": "c", "client_id": "hmi", "args": {"text": long}}),
+            "c",
+        ),
+        (
+            json!({"command_id": 5, "client_id": "hmi", "args": {"text": long}}),
+            "",
+        ),
+    ] {
+        match decode("cs/1/command/mdi", payload.to_string().as_bytes(), false) {
+            Inbound::Reject {
+                cs: 1,
+                client_id,
+                command_id,
+                refusal,
+            } => {
+                assert_eq!((client_id.as_str(), command_id.as_str()), ("hmi", id));
+                assert_eq!(refusal.code, RefusalCode::Invalid);
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+    let nobody = json!({"command_id": "c", "client_id": long}).to_string();
+    let read = decode("cs/1/command/mdi", nobody.as_bytes(), false);
+    assert!(matches!(read, Inbound::Drop(_)), "{read:?}");
 }
 
 #[test]

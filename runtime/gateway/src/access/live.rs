@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use tokio::sync::watch;
+use tokio::sync::{Notify, watch};
 use tracing::{info, warn};
 
 use super::Tokens;
@@ -15,29 +15,41 @@ const LOOK_INTERVAL: Duration = Duration::from_secs(2);
 
 /// The current tokens.
 #[derive(Debug, Clone)]
-pub(crate) struct LiveTokens(watch::Receiver<Arc<Tokens>>);
+pub(crate) struct LiveTokens {
+    tokens: watch::Receiver<Arc<Tokens>>,
+    again: Arc<Notify>,
+}
 
 impl LiveTokens {
     /// Tokens that follow their file while anybody holds them.
     pub(crate) fn follow(tokens: Arc<Tokens>) -> Self {
-        let (sender, receiver) = watch::channel(tokens);
-        tokio::spawn(look_again(sender));
-        Self(receiver)
+        let (sender, tokens) = watch::channel(tokens);
+        let again = Arc::new(Notify::new());
+        tokio::spawn(look_again(sender, Arc::clone(&again)));
+        Self { tokens, again }
     }
 
     /// Tokens that never change.
     #[cfg(test)]
     pub(crate) fn fixed(tokens: Arc<Tokens>) -> Self {
-        Self(watch::channel(tokens).1)
+        Self {
+            tokens: watch::channel(tokens).1,
+            again: Arc::default(),
+        }
     }
 
     pub(crate) fn now(&self) -> Arc<Tokens> {
-        Arc::clone(&self.0.borrow())
+        Arc::clone(&self.tokens.borrow())
+    }
+
+    /// Reads the file again now, whether it looks changed or not.
+    pub(crate) fn read_again(&self) {
+        self.again.notify_one();
     }
 
     /// Waits for a change.
     pub(crate) async fn changed(&mut self) {
-        if self.0.changed().await.is_err() {
+        if self.tokens.changed().await.is_err() {
             // there is no task that follows the file
             std::future::pending::<()>().await;
         }
@@ -45,19 +57,20 @@ impl LiveTokens {
 }
 
 /// Checks the file periodically. One that cannot be used changes nothing, and is logged once.
-async fn look_again(sender: watch::Sender<Arc<Tokens>>) {
+async fn look_again(sender: watch::Sender<Arc<Tokens>>, again: Arc<Notify>) {
     let Some((path, stamp)) = sender.borrow().file() else {
         return;
     };
     let mut seen = Some(stamp);
     let mut look = every(LOOK_INTERVAL);
     loop {
-        tokio::select! {
+        let is_asked = tokio::select! {
             () = sender.closed() => return,
-            _ = look.tick() => {}
-        }
+            _ = look.tick() => false,
+            () = again.notified() => true,
+        };
         let stamp = tokio::fs::metadata(&path).await.ok().map(|file| Stamp::of(&file));
-        if stamp == seen {
+        if stamp == seen && !is_asked {
             continue;
         }
         seen = stamp;
@@ -110,6 +123,8 @@ mod tests {
         tokio::time::sleep(LOOK_INTERVAL + Duration::from_millis(500)).await;
         write(&two.entry, 0o644);
         tokio::time::sleep(LOOK_INTERVAL + Duration::from_millis(500)).await;
+        live.read_again();
+        tokio::time::sleep(Duration::from_millis(100)).await;
         assert!(knows(&live, &one.token) && !knows(&live, &two.token));
         write(&two.entry, 0o600);
         tokio::time::timeout(Duration::from_secs(20), live.changed())

@@ -105,7 +105,8 @@ impl Dispatch {
         refusal: Refusal,
     ) -> Message {
         add(&self.metrics.mqtt_refused, 1);
-        warn!("MQTT command {command_id} of {client_id} rejected: {refusal}");
+        // as a literal: the text is its sender's, and a line of the log is one line
+        warn!("MQTT command {command_id:?} of {client_id:?} rejected: {refusal}");
         if refusal.code == RefusalCode::Retained {
             let text = format!("retained command {command_id:.128} of {client_id:.64} over MQTT: {refusal}");
             self.port.notice(ServerNotice::Warning(text));

@@ -2,17 +2,25 @@
 
 use std::time::Duration;
 
-use axum::body::Body;
+use axum::body::{Body, HttpBody};
 use axum::http::{HeaderMap, StatusCode, header};
 use futures_util::StreamExt;
+use tokio::time::{Instant, timeout_at};
 
 use crate::problem::Problem;
 
 /// Bytes of a JSON body; more is 413. Reason: the largest, a fault text, is far below.
 const JSON_BODY_MAX: usize = 64 * 1024;
 
-/// Time for a whole body to come in; then 408.
-const BODY_TIMEOUT: Duration = Duration::from_mins(1);
+/// Time for a body to come in, to which each byte that has come adds as much as it may take by [`BODY_RATE_MIN`]; then 408.
+/// Reason: a body that hardly comes holds a place, and the largest may need minutes on a slow line.
+pub(super) const BODY_MAX: Duration = Duration::from_secs(20);
+
+/// Bytes per second: the largest program takes 17 minutes at this rate.
+pub(super) const BODY_RATE_MIN: u32 = 64 * 1024;
+
+/// What curl says of `-d` when it is told nothing else.
+const OF_FORMS: &str = "application/x-www-form-urlencoded";
 
 /// A JSON body; an empty one is `{}`.
 pub(super) async fn json(headers: &HeaderMap, body: Body) -> Result<Vec<u8>, Problem> {
@@ -20,18 +28,30 @@ pub(super) async fn json(headers: &HeaderMap, body: Body) -> Result<Vec<u8>, Pro
     if body.is_empty() {
         return Ok(b"{}".to_vec());
     }
-    if media_type(headers).is_none_or(|kind| kind != "application/json") {
+    if !is_json(headers, &body) {
         return Err(unsupported("send JSON with Content-Type: application/json"));
     }
     Ok(body)
 }
 
+/// Whether a body is meant as JSON. One that says nothing of its type, or what curl says by itself, is JSON if it can be
+/// nothing else: the fields of a form never begin with a brace. A web page may send such a body to other sites without
+/// being asked about it beforehand, so from a browser, which tells the origin of a page, only the JSON type counts.
+fn is_json(headers: &HeaderMap, body: &[u8]) -> bool {
+    let is_of_browser = [header::ORIGIN.as_str(), "sec-fetch-site"]
+        .iter()
+        .any(|name| headers.contains_key(*name));
+    match media_type(headers).as_deref() {
+        Some("application/json") => true,
+        None | Some(OF_FORMS) => !is_of_browser && body.trim_ascii_start().first() == Some(&b'{'),
+        Some(_) => false,
+    }
+}
+
 /// Whether a body may be a program's text.
 pub(super) fn check_text(headers: &HeaderMap) -> Result<(), Problem> {
-    // the last one is what curl says of --data-binary when it is told nothing else
     let is_text = media_type(headers).is_none_or(|kind| {
-        kind.starts_with("text/")
-            || ["application/octet-stream", "application/x-www-form-urlencoded"].contains(&kind.as_str())
+        kind.starts_with("text/") || ["application/octet-stream", OF_FORMS].contains(&kind.as_str())
     });
     if is_text {
         Ok(())
@@ -46,9 +66,9 @@ fn unsupported(text: &str) -> Problem {
     Problem::new(StatusCode::UNSUPPORTED_MEDIA_TYPE, "unsupported_media_type", text)
 }
 
-/// The media type without parameters, in lower case.
+/// The media type without parameters, in lower case; empty where it cannot be read.
 fn media_type(headers: &HeaderMap) -> Option<String> {
-    let value = headers.get(header::CONTENT_TYPE)?.to_str().ok()?;
+    let value = headers.get(header::CONTENT_TYPE)?.to_str().unwrap_or_default();
     Some(
         value
             .split(';')
@@ -59,31 +79,41 @@ fn media_type(headers: &HeaderMap) -> Option<String> {
     )
 }
 
-/// The whole body, at most `limit` bytes.
+/// The whole body, at most `limit` bytes. One that says beforehand that it is larger is not waited for.
 pub(super) async fn read(body: Body, limit: usize) -> Result<Vec<u8>, Problem> {
-    let read = async {
-        let mut bytes = Vec::new();
-        let mut chunks = body.into_data_stream();
-        while let Some(chunk) = chunks.next().await {
-            let chunk = chunk.map_err(|error| Problem::invalid(format!("the body broke off: {error}")))?;
-            if bytes.len() + chunk.len() > limit {
-                return Err(Problem::new(
-                    StatusCode::PAYLOAD_TOO_LARGE,
-                    "too_large",
-                    format!("the body is larger than {limit} bytes"),
-                ));
-            }
-            bytes.extend_from_slice(&chunk);
-        }
-        Ok(bytes)
+    let too_large = || {
+        Err(Problem::new(
+            StatusCode::PAYLOAD_TOO_LARGE,
+            "too_large",
+            format!("the body is larger than {limit} bytes"),
+        ))
     };
-    tokio::time::timeout(BODY_TIMEOUT, read)
-        .await
-        .unwrap_or_else(|_| {
-            Err(Problem::new(
-                StatusCode::REQUEST_TIMEOUT,
-                "timeout",
-                format!("the body did not come within {} s", BODY_TIMEOUT.as_secs()),
-            ))
-        })
+    if body.size_hint().lower() > u64::try_from(limit).unwrap_or(u64::MAX) {
+        return too_large();
+    }
+    let mut bytes = Vec::new();
+    let mut deadline = Instant::now() + BODY_MAX;
+    let mut chunks = body.into_data_stream();
+    loop {
+        let chunk = timeout_at(deadline, chunks.next()).await;
+        let Some(chunk) = chunk.map_err(|_| too_slow())? else {
+            return Ok(bytes);
+        };
+        let chunk = chunk.map_err(|error| Problem::invalid(format!("the body broke off: {error}")))?;
+        if bytes.len() + chunk.len() > limit {
+            return too_large();
+        }
+        let length = u32::try_from(chunk.len()).unwrap_or(u32::MAX);
+        deadline += Duration::from_secs(1).saturating_mul(length) / BODY_RATE_MIN;
+        bytes.extend_from_slice(&chunk);
+    }
+}
+
+fn too_slow() -> Problem {
+    let text = format!(
+        "the body comes too slowly: it may take {} s, and 1 s more for each {} KiB",
+        BODY_MAX.as_secs(),
+        BODY_RATE_MIN / 1024
+    );
+    Problem::new(StatusCode::REQUEST_TIMEOUT, "timeout", text)
 }

@@ -18,19 +18,24 @@ use plc_api::wire::percent_encoded;
 use plc_api::wire::route::{self, Content, Route};
 use plc_api::wire::row::{Fault, IncomingRequest, QueryValues, Row, Sender, Source, number};
 use serde::Deserialize;
+use tokio::sync::SemaphorePermit;
+use tokio::time::timeout;
 
 use super::{body, json_response, nothing_at, params};
 use crate::access::http::forbidden;
 use crate::access::{User, check_speaker};
 use crate::contract::routes::API;
 use crate::problem::Problem;
-use crate::shared::{Shared, unexpected};
+use crate::shared::{LARGE_REQUESTS_MAX, Shared, unexpected};
 
 /// Who commands when a command comes over REST from nobody in particular.
 const CLIENT_ID: &str = "rest";
 
 /// Longest time that `?wait=1` waits; then 202. Reason: shorter than what proxies and clients allow.
 const WAIT_MAX: Duration = Duration::from_mins(1);
+
+/// Longest time that a request with a whole program waits for others of that kind; then 503.
+const LARGE_WAIT_MAX: Duration = Duration::from_secs(30);
 
 /// Serves a row on one of its routes.
 pub(super) async fn serve(
@@ -51,7 +56,7 @@ pub(super) async fn serve(
         body::check_text(&head.headers)?;
     }
     let permit = if row.is_large {
-        shared.large_requests.acquire().await.ok()
+        Some(large_place(&shared).await?)
     } else {
         None
     };
@@ -93,6 +98,16 @@ pub(super) async fn serve(
     };
     drop(permit);
     Ok(response(reply))
+}
+
+/// A place for a request that carries a whole program.
+async fn large_place(shared: &Shared) -> Result<SemaphorePermit<'_>, Problem> {
+    let place = timeout(LARGE_WAIT_MAX, shared.large_requests.acquire()).await;
+    place.ok().and_then(Result::ok).ok_or_else(|| {
+        let text =
+            format!("{LARGE_REQUESTS_MAX} programs are on their way, which is the limit; send it again");
+        Problem::new(StatusCode::SERVICE_UNAVAILABLE, "unavailable", text)
+    })
 }
 
 /// The query of a URL; others are 400.
@@ -185,7 +200,7 @@ async fn carry_out(shared: &Arc<Shared>, request: Request, form: &AnswerForm) ->
         }
     });
     let answer: Answer = if wait {
-        match tokio::time::timeout(WAIT_MAX, asking).await {
+        match timeout(WAIT_MAX, asking).await {
             Ok(answer) => answer,
             Err(_) => return Ok(Reply::Accepted(command_id)),
         }

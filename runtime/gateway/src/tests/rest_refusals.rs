@@ -7,9 +7,14 @@ use plc_api::types::program::{DiagnosticSeverity, ProgramDiagnostic};
 use plc_api::types::request::RefusalCode;
 use plc_api::types::state::Execution;
 use serde_json::json;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::TcpStream;
 
 use super::rest::{JSON, call, json_of};
 use super::*;
+
+/// What curl says of `-d`.
+const FORM: (&str, &str) = ("content-type", "application/x-www-form-urlencoded");
 
 /// Status and code, after looking that it is a problem.
 async fn problem(response: Response<Body>) -> (u16, String) {
@@ -69,12 +74,40 @@ async fn what_is_not_there_or_not_for_that_method_is_a_problem() {
 async fn what_is_malformed_too_large_or_of_another_type_is_a_problem() {
     let (invalid, wrong_type) = ((400, "invalid"), (415, "unsupported_media_type"));
     let large = format!("{{\"program\": {}1}}", " ".repeat(70_000));
-    let load = "/cs/1/load";
+    let (load, one) = ("/cs/1/load", r#"{"program":1}"#);
     refused(&[
         ("POST", load, &[JSON], "{", invalid),
         ("POST", load, &[], "", invalid),
         ("POST", load, &[JSON], r#"{"program":70000}"#, invalid),
-        ("POST", load, &[], r#"{"program":1}"#, wrong_type),
+        ("POST", load, &[("content-type", "text/plain")], one, wrong_type),
+        ("POST", load, &[("content-type", "a\u{e9}")], one, wrong_type),
+        ("POST", load, &[FORM], "program=1", wrong_type),
+        ("POST", load, &[FORM], "[1]", wrong_type),
+        ("POST", load, &[], "1", wrong_type),
+        // what a browser sends, which tells so
+        (
+            "POST",
+            load,
+            &[FORM, ("origin", "http://127.0.0.1:8080")],
+            one,
+            wrong_type,
+        ),
+        (
+            "POST",
+            load,
+            &[("origin", "http://127.0.0.1:8080")],
+            one,
+            wrong_type,
+        ),
+        (
+            "POST",
+            load,
+            &[FORM, ("sec-fetch-site", "cross-site")],
+            one,
+            wrong_type,
+        ),
+        ("POST", load, &[JSON], r#"{"program":1,"other":2}"#, invalid),
+        ("POST", "/cs/1/start", &[JSON], one, invalid),
         ("POST", load, &[JSON], &large, (413, "too_large")),
         ("POST", "/cs/1/start?wait=x", &[], "", invalid),
         ("POST", "/cs/1/start", &[("if-match", "*")], "", invalid),
@@ -86,6 +119,92 @@ async fn what_is_malformed_too_large_or_of_another_type_is_a_problem() {
         ("PUT", "/programs/1", &[JSON], "G01", wrong_type),
     ])
     .await;
+}
+
+#[tokio::test]
+async fn json_that_says_nothing_of_its_type_or_what_curl_says_by_itself_counts() {
+    for headers in [&[][..], &[FORM], &[JSON]] {
+        let port = StubPort::new();
+        for (path, body) in [
+            ("/api/v1/cs/1/load", r#" {"program":1}"#),
+            ("/api/v1/cs/1/start", "{}"),
+        ] {
+            let response = call(&port, "POST", path, headers, body.to_owned()).await;
+            assert_eq!(response.status().as_u16(), 202, "{path} {headers:?}");
+        }
+        assert_eq!(port.asked().len(), 2);
+    }
+}
+
+#[tokio::test]
+async fn what_brings_a_machine_to_rest_is_carried_out_whatever_else_its_body_says() {
+    let port = StubPort::new();
+    for verb in ["hold", "stop", "abort"] {
+        let path = format!("/api/v1/cs/1/{verb}");
+        let response = call(&port, "POST", &path, &[JSON], r#"{"why":"door"}"#).await;
+        assert_eq!(response.status().as_u16(), 202, "{verb}");
+    }
+    assert_eq!(port.asked().len(), 3);
+}
+
+#[tokio::test]
+async fn a_body_that_says_that_it_is_too_large_is_not_waited_for() {
+    let gateway = start(&StubPort::new()).await;
+    for (method, path) in [
+        ("POST", "/cs/1/start"),
+        ("PUT", "/programs/1"),
+        ("GET", "/health"),
+    ] {
+        let mut stream = TcpStream::connect(gateway.http_addr()).await.unwrap();
+        let head = format!(
+            "{method} /api/v1{path} HTTP/1.1\r\nHost: {}\r\nContent-Length: 99999999999999\r\n\r\n",
+            gateway.http_addr()
+        );
+        stream.write_all(head.as_bytes()).await.unwrap();
+        let mut answer = vec![0; 12];
+        within(stream.read_exact(&mut answer)).await.unwrap();
+        let expected = if method == "GET" { "200" } else { "413" };
+        assert_eq!(answer, format!("HTTP/1.1 {expected}").as_bytes(), "{path}");
+    }
+    gateway.shutdown().await;
+}
+
+/// A body of chunks of this size, one per this time, and the status of its answer with how long it took.
+async fn slow_body(size: usize, count: usize, each: Duration) -> (u16, Duration) {
+    let port = StubPort::with(|_| Ok(Answer::Check(plc_api::types::program::ProgramCheck::default())));
+    let begun = tokio::time::Instant::now();
+    let chunks = futures_util::stream::unfold(0, move |n| async move {
+        tokio::time::sleep(each).await;
+        (n < count).then(|| (Ok::<_, std::io::Error>(vec![b' '; size]), n + 1))
+    });
+    let body = Body::from_stream(chunks);
+    let response = call(&port, "PUT", "/api/v1/programs/1", &[], body).await;
+    (response.status().as_u16(), begun.elapsed())
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_body_that_hardly_comes_is_given_up_and_a_large_one_on_a_slow_line_is_not() {
+    let second = Duration::from_secs(1);
+    let (status, took) = slow_body(1, 1_000_000, 5 * second).await;
+    assert_eq!(status, 408);
+    assert!((20..22).contains(&took.as_secs()), "{took:?}");
+    // 60 MiB at 64 KiB a second
+    let (status, took) = slow_body(64 * 1024, 960, second).await;
+    assert_eq!(status, 200);
+    assert!(took >= 960 * second, "{took:?}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn programs_that_wait_for_others_are_told_that_there_is_no_place() {
+    let shared = shared(StubPort::new());
+    let _places = shared.large_requests.acquire_many(4).await.unwrap();
+    let request = axum::http::Request::put("/api/v1/programs/1")
+        .header("host", "127.0.0.1:8080")
+        .body(Body::from("M30"))
+        .unwrap();
+    let router = crate::http::router(Arc::clone(&shared));
+    let response = tower::ServiceExt::oneshot(router, request).await.unwrap();
+    assert_eq!(problem(response).await, (503, "unavailable".into()));
 }
 
 #[tokio::test]

@@ -18,8 +18,9 @@ fn every_line_of_the_threats_has_its_test() {
     let own = Path::new(env!("CARGO_MANIFEST_DIR"));
     let page = std::fs::read_to_string(own.join("../../docs/src/explanation/security.md")).unwrap();
     let mut text = String::new();
-    sources(&own.join("src"), &mut text);
-    sources(&own.join("../../tests/it"), &mut text);
+    for folder in ["src", "../src", "../../plc-api/src", "../../tests/it"] {
+        sources(&own.join(folder), &mut text);
+    }
     let tried = page.split("## What is tried").nth(1).unwrap();
     let table = tried.split("\n## ").next().unwrap();
     let lines: Vec<_> = table
