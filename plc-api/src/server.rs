@@ -1,14 +1,42 @@
 //! Messages between a server (MQTT, REST) and its machine that are not part of the interface; no client sends them.
 
-use crate::port::Port;
+use crate::port::{BoxFuture, Port};
+use crate::types::request::{Answer, Refusal, Request};
+use crate::wire::right::Right;
 
 /// The port of a machine for its servers.
 pub trait ServedPort: Port {
+    /// Sends a request on behalf of a user whom the server has identified and judged.
+    fn request_from(&self, origin: Origin, request: Request) -> BoxFuture<'_, Result<Answer, Refusal>>;
+
     /// Receives an event of a server; does not block.
     fn notice(&self, notice: ServerNotice);
 
     /// Timing of the servo thread; `None` in simulated time, which has none.
     fn servo_timing(&self) -> Option<ServoTiming>;
+}
+
+/// Who has made a request, and how it came in.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Origin {
+    /// Name of the token; `None`: the server asks for no tokens, or an external broker has let the user in.
+    pub user: Option<String>,
+    /// How it came in.
+    pub over: ServerTransport,
+    /// The right that it needed.
+    pub right: Right,
+}
+
+/// How a request came in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ServerTransport {
+    /// Over HTTP.
+    Rest,
+    /// In a frame of the WebSocket.
+    WebSocket,
+    /// Over MQTT.
+    Mqtt,
 }
 
 /// An event of a server.

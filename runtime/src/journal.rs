@@ -7,6 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Instant, SystemTime};
 
 use plc_api::handshake::Now;
+use plc_api::server::ServerTransport;
 use plc_api::types::command::Verb;
 use plc_api::types::data::LastRun;
 use plc_api::types::machine::AlarmRecord;
@@ -24,7 +25,7 @@ pub type Sink = Arc<Mutex<dyn FnMut(&Line) -> bool + Send>>;
 pub struct Line {
     /// Seconds since the start.
     pub t_s: f64,
-    /// Coordinate system.
+    /// Coordinate system; 0: the machine.
     pub cs: CoordinateSystemNumber,
     /// What happened.
     pub event: Event,
@@ -70,6 +71,21 @@ pub enum Event {
         command_id: String,
         /// Who commands.
         client_id: String,
+    },
+    /// A user has made a request that changes something; other lines tell what came of it.
+    Request {
+        /// Name of the user's token; `None`: without a token file, or let in by an external broker.
+        user: Option<String>,
+        /// How it came in.
+        over: ServerTransport,
+        /// Method and path of its REST route.
+        request: String,
+        /// Its body, at most 200 characters.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        said: Option<String>,
+        /// Names the command.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        command_id: Option<String>,
     },
     /// A run begins.
     Start {

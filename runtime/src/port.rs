@@ -1,6 +1,7 @@
 //! The runtime's own [`Port`]: requests go to the task or to the store that they concern; reads are answered from the
 //! hub and from the last servo cycle.
 
+mod audit;
 mod commands;
 mod data;
 mod programs;
@@ -12,7 +13,7 @@ use std::time::Duration;
 
 use plc_api::hub::{Filter, Subscription};
 use plc_api::port::{BoxFuture, Port};
-use plc_api::server::{ServedPort, ServerNotice, ServoTiming};
+use plc_api::server::{Origin, ServedPort, ServerNotice, ServoTiming};
 use plc_api::types::command::{Command, CommandMeta};
 use plc_api::types::ids::check_client_id;
 use plc_api::types::machine::{AlarmRaise, AlarmRecord, AlarmSeverity};
@@ -310,6 +311,13 @@ impl Port for RuntimePort {
 }
 
 impl ServedPort for RuntimePort {
+    fn request_from(&self, origin: Origin, request: Request) -> BoxFuture<'_, Result<Answer, Refusal>> {
+        if origin.right.is_recorded() {
+            audit::record(&self.shared, origin, &request);
+        }
+        self.request(request)
+    }
+
     fn notice(&self, notice: ServerNotice) {
         match notice {
             ServerNotice::BusLink { connected } => {

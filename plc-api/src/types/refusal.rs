@@ -48,6 +48,8 @@ pub enum RefusalCode {
     ProgramRuns,
     /// A start lock or the interlock is on (409).
     StartLocked,
+    /// The user may not do this (403).
+    Forbidden,
     /// Another holds the control lease (409).
     Busy,
     /// The control lease under which it was sent has ended (409).

@@ -8,7 +8,9 @@ use serde_json::{Map, Value, json};
 use super::json::json_object;
 use super::pattern::{fill, take_apart};
 use super::requests::{COMMAND, ROWS};
-use super::row::{Body, Fault, IncomingRequest, QueryValues, RequestParts, Row, Source, Topic, number};
+use super::row::{
+    Body, Fault, IncomingRequest, ParsedRequest, QueryValues, RequestParts, Row, Source, Topic, number,
+};
 use crate::names::unique_name;
 use crate::types::CoordinateSystemNumber;
 use crate::types::command::CommandMeta;
@@ -135,13 +137,6 @@ pub fn encode(
     Err(Refusal::new(RefusalCode::NotSupported, text))
 }
 
-/// Path of the topic of a request, below the machine's root.
-pub fn path_of(request: &Request) -> Option<String> {
-    encode(request.clone(), "", |_, _| None)
-        .ok()
-        .map(|sent| sent.path)
-}
-
 /// Rows with their topics.
 fn topics() -> impl Iterator<Item = (&'static Row, &'static Topic)> {
     ROWS.iter().filter_map(|row| Some((row, row.topic.as_ref()?)))
@@ -204,7 +199,7 @@ pub enum Inbound {
     /// Something for the port.
     Ask {
         /// What.
-        request: Request,
+        request: ParsedRequest,
         /// Hold, stop and abort pass every queue, and so does an alarm.
         urgent: bool,
     },
@@ -243,7 +238,7 @@ impl Row {
         retained: bool,
     ) -> Result<Inbound, String> {
         let read = |source| {
-            (self.read)(IncomingRequest {
+            self.parse(IncomingRequest {
                 params,
                 body: Cow::Borrowed(payload),
                 query: QueryValues::default(),
@@ -275,8 +270,8 @@ impl Row {
 }
 
 impl Inbound {
-    fn of(request: Request) -> Self {
-        let urgent = match &request {
+    fn of(request: ParsedRequest) -> Self {
+        let urgent = match request.request() {
             Request::Command { command, .. } => command.verb().is_urgent(),
             Request::RaiseAlarm(_) => true,
             _ => false,

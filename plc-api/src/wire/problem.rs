@@ -113,6 +113,7 @@ pub(super) fn code_of_word(word: &str) -> Option<RefusalCode> {
 fn status_of(code: RefusalCode) -> u16 {
     match code {
         RefusalCode::NotFound => 404,
+        RefusalCode::Forbidden => 403,
         RefusalCode::NotAllowed
         | RefusalCode::ProgramRuns
         | RefusalCode::StartLocked
@@ -153,6 +154,7 @@ mod tests {
     fn every_code_has_the_status_that_the_interface_names() {
         let table = [
             (RefusalCode::NotFound, 404),
+            (RefusalCode::Forbidden, 403),
             (RefusalCode::NotAllowed, 409),
             (RefusalCode::ProgramRuns, 409),
             (RefusalCode::StartLocked, 409),

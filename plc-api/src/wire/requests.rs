@@ -10,10 +10,10 @@ use super::payloads::{
     command_answer, handshake, lease, of_area, read_command, read_input, read_variables, release, switch,
     text, variables, write_input, write_variables,
 };
-use super::right::Right::{Administrate, Handle, Operate, Raise, Read, Reset};
+use super::right::Right::{Administrate, Handle, Operate, Raise, Read, Reset, Set};
 use super::route::{Content, Headers, Query, Route};
 use super::row::Fault;
-use super::row::{IDEMPOTENCY_KEY, LEASE_FENCE, QueryValues, RequestParts, Row, Topic};
+use super::row::{IDEMPOTENCY_KEY, LEASE_FENCE, ParsedRequest, QueryValues, RequestParts, Row, Topic};
 use crate::types::command::{Command, CommandReply};
 use crate::types::data::{Number, ToolChange, ToolTable, VariableValues, WorkOffsetTable};
 use crate::types::form::HasForm;
@@ -56,14 +56,16 @@ macro_rules! written {
 
 /// The row of a request whose values are a number or a name in its path, or its body, JSON or text.
 macro_rules! carried {
-    ($request:ident) => {
+    ($right:ident, $request:ident) => {
         Row::new(
+            $right,
             |_| Ok(Request::$request),
             written!(Request::$request => RequestParts::default()),
         )
     };
-    ($request:ident($($value:ident: $kind:ident),*)) => {
+    ($right:ident, $request:ident($($value:ident: $kind:ident),*)) => {
         Row::new(
+            $right,
             |incoming| Ok(Request::$request($(carried!(@read incoming, $value, $kind)),*)),
             written!(Request::$request($($value),*) => {
                 let parts = RequestParts::default();
@@ -85,10 +87,11 @@ macro_rules! carried {
 macro_rules! about_an_output {
     ($request:ident($type:ty) $level:literal $right:ident $(-> $answer:ty)? => $summary:literal) => {
         Row {
-            routes: &[Route::post::<$type>(concat!("/cs/{cs}/m_codes/{seq}/", $level), $right, $summary)$(.gives::<$answer>())?],
-            topic: Some(Topic::new::<$type>(concat!("cs/{cs}/m_code/{m}/", $level), $right, $summary)),
+            routes: &[Route::post::<$type>(concat!("/cs/{cs}/m_codes/{seq}/", $level), $summary)$(.gives::<$answer>())?],
+            topic: Some(Topic::new::<$type>(concat!("cs/{cs}/m_code/{m}/", $level), $summary)),
             answer: handshake,
             ..Row::new(
+                $right,
                 |incoming| Ok(Request::$request(incoming.cs()?, incoming.optional_number("m")?, incoming.json()?)),
                 written!(Request::$request(cs, m, said) => RequestParts::of_output(cs, m, said.seq, &said)),
             )
@@ -97,7 +100,7 @@ macro_rules! about_an_output {
 }
 
 const fn command<T: HasForm>(pattern: &'static str, summary: &'static str) -> Route {
-    Route::post::<T>(pattern, Operate, summary)
+    Route::post::<T>(pattern, summary)
         .gives::<CommandReply>()
         .or::<Accepted>(202)
         .query(Query::Wait)
@@ -105,7 +108,7 @@ const fn command<T: HasForm>(pattern: &'static str, summary: &'static str) -> Ro
 }
 
 const fn input<T: HasForm>(pattern: &'static str, summary: &'static str) -> Route {
-    Route::put::<T>(pattern, Operate, summary)
+    Route::put::<T>(pattern, summary)
 }
 
 /// Every request. An alarm is acknowledged by its own route; the server finds out which coordinate system it is of.
@@ -130,11 +133,9 @@ pub static ROWS: [Row; 36] = [
     Row {
         topic: Some(Topic::new::<ValidateResult>(
             "cs/{cs}/m_code/{m}/validate_result",
-            Handle,
             "Answers a validate message: whether the M code may be put out with these parameters.",
         )),
-        ..Row::new(
-            |incoming| Ok(Request::ValidateResult(incoming.cs()?, incoming.optional_number("m")?, incoming.json()?)),
+        ..Row::new(Handle, |incoming| Ok(Request::ValidateResult(incoming.cs()?, incoming.optional_number("m")?, incoming.json()?)),
             written!(Request::ValidateResult(cs, Some(m), result) => RequestParts::of(cs).with("m", m).json(&result)),
         )
     },
@@ -150,11 +151,9 @@ pub static ROWS: [Row; 36] = [
         ],
         topic: Some(Topic::new::<InputSet>(
             "cs/{cs}/input/{input}/set",
-            Operate,
             "Sets an input: optional_skip (numbers 1 to 31), optional_stop, single_block, dry_run, interlock or start_lock.",
         )),
-        ..Row::new(
-            |incoming| Ok(Request::Input(incoming.cs()?, read_input(&incoming)?)),
+        ..Row::new(Operate, |incoming| Ok(Request::Input(incoming.cs()?, read_input(&incoming)?)),
             |request| match request {
                 Request::Input(cs, input) => write_input(cs, input),
                 other => Err(other),
@@ -164,37 +163,32 @@ pub static ROWS: [Row; 36] = [
     Row {
         routes: &[Route::put::<OverrideChange>(
             "/cs/{cs}/overrides",
-            Operate,
             "Sets overrides, percent; those left out stay.",
         )],
         topic: Some(Topic::new::<OverrideChange>(
             "cs/{cs}/override/set",
-            Operate,
             "Sets overrides, percent; those left out stay.",
         )),
-        ..Row::new(
-            |incoming| Ok(Request::Input(incoming.cs()?, Input::Override(incoming.json()?))),
+        ..Row::new(Operate, |incoming| Ok(Request::Input(incoming.cs()?, Input::Override(incoming.json()?))),
             written!(Request::Input(cs, Input::Override(change)) => RequestParts::of(cs).json(&change)),
         )
     },
     Row {
-        routes: &[Route::put::<SpindleCommand>("/cs/{cs}/spindle", Operate, "Commands the spindle.")],
-        topic: Some(Topic::new::<SpindleCommand>("cs/{cs}/spindle/set", Operate, "Commands the spindle.")),
-        ..carried!(Spindle(cs: number, command: json))
+        routes: &[Route::put::<SpindleCommand>("/cs/{cs}/spindle", "Commands the spindle.")],
+        topic: Some(Topic::new::<SpindleCommand>("cs/{cs}/spindle/set", "Commands the spindle.")),
+        ..carried!(Set, Spindle(cs: number, command: json))
     },
     Row {
-        routes: &[Route::put::<Tool>("/cs/{cs}/tool", Operate, "Selects a tool.")],
-        topic: Some(Topic::new::<Tool>("cs/{cs}/tool/set", Operate, "Tells which tool is in the spindle.")),
-        ..Row::new(
-            |incoming| Ok(Request::Tool(incoming.cs()?, incoming.json::<Tool>()?.id)),
+        routes: &[Route::put::<Tool>("/cs/{cs}/tool", "Selects a tool.")],
+        topic: Some(Topic::new::<Tool>("cs/{cs}/tool/set", "Tells which tool is in the spindle.")),
+        ..Row::new(Set, |incoming| Ok(Request::Tool(incoming.cs()?, incoming.json::<Tool>()?.id)),
             written!(Request::Tool(cs, id) => RequestParts::of(cs).json(&Tool { id })),
         )
     },
     Row {
         routes: &[command::<Empty>("/alarms/{id}/acknowledge", "Acknowledges an alarm.")],
         answer: command_answer,
-        ..Row::new(
-            |incoming| {
+        ..Row::new(Operate, |incoming| {
                 incoming.json::<Empty>()?;
                 let id = incoming.number("id")?;
                 read_command(&incoming, Command::AlarmAcknowledge { id })
@@ -223,15 +217,13 @@ pub static ROWS: [Row; 36] = [
         topic: Some(
             Topic::new::<CommandArgs>(
                 "cs/{cs}/command/{verb}",
-                Operate,
                 "Commands a coordinate system: load, start, hold, resume, stop, reset, abort, alarm_acknowledge, mdi, jog, home \
                  or back_trace.",
             )
             .envelope(COMMAND),
         ),
         answer: command_answer,
-        ..Row::new(
-            |incoming| {
+        ..Row::new(Operate, |incoming| {
                 incoming.cs()?;
                 let args = if incoming.is_rest() {
                     incoming.json()?
@@ -251,7 +243,6 @@ pub static ROWS: [Row; 36] = [
     Row {
         routes: &[Route::post::<LeaseTake>(
             "/cs/{cs}/lease",
-            Operate,
             "Takes the control lease, or renews it with its fence.",
         )
         .gives::<CommandReply>()
@@ -259,14 +250,12 @@ pub static ROWS: [Row; 36] = [
         topic: Some(
             Topic::new::<LeaseTake>(
                 "cs/{cs}/lease/{verb=take}",
-                Operate,
                 "Takes the control lease, or renews it with its fence: its holder alone may start motion for a while.",
             )
             .envelope(IDS),
         ),
         answer: |_| AnswerForm::Lease,
-        ..Row::new(
-            |incoming| lease(&incoming, |incoming| incoming.json().map(LeaseRequest::Take)),
+        ..Row::new(Operate, |incoming| lease(&incoming, |incoming| incoming.json().map(LeaseRequest::Take)),
             written!(Request::Lease { cs, request: LeaseRequest::Take(take), meta } => {
                     let parts = RequestParts::of(cs).with("verb", "take").json(&take);
                     parts.header(IDEMPOTENCY_KEY, meta.command_id)
@@ -277,18 +266,16 @@ pub static ROWS: [Row; 36] = [
         routes: &[Route::new(
             "DELETE",
             "/cs/{cs}/lease",
-            Some(Operate),
             "Gives the control lease back; Lease-Fence says which.",
         )
         .gives::<CommandReply>()
         .headers(Headers::KeyAndFence)],
         topic: Some(
-            Topic::new::<LeaseRelease>("cs/{cs}/lease/{verb=release}", Operate, "Gives the control lease back.")
+            Topic::new::<LeaseRelease>("cs/{cs}/lease/{verb=release}", "Gives the control lease back.")
                 .envelope(IDS),
         ),
         answer: |_| AnswerForm::Lease,
-        ..Row::new(
-            |incoming| lease(&incoming, release),
+        ..Row::new(Operate, |incoming| lease(&incoming, release),
             written!(Request::Lease { cs, request: LeaseRequest::Release(release), meta } => {
                     let parts = RequestParts::of(cs).with("verb", "release").payload(&release);
                     parts.header(IDEMPOTENCY_KEY, meta.command_id).header(LEASE_FENCE, release.fence)
@@ -298,7 +285,6 @@ pub static ROWS: [Row; 36] = [
     Row {
         routes: &[Route::post::<NoArgs>(
             "/cs/{cs}/lease/break",
-            Administrate,
             "Ends the control lease, whoever holds it.",
         )
         .gives::<CommandReply>()
@@ -306,14 +292,12 @@ pub static ROWS: [Row; 36] = [
         topic: Some(
             Topic::new::<LeaseBreak>(
                 "cs/{cs}/lease/{verb=break}",
-                Administrate,
                 "Ends the control lease, whoever holds it.",
             )
             .envelope(IDS),
         ),
         answer: |_| AnswerForm::Lease,
-        ..Row::new(
-            |incoming| lease(&incoming, break_lease),
+        ..Row::new(Administrate, |incoming| lease(&incoming, break_lease),
             written!(Request::Lease { cs, request: LeaseRequest::Break, meta } => {
                     let parts = RequestParts::of(cs).with("verb", "break").json(&LeaseBreak {});
                     parts.header(IDEMPOTENCY_KEY, meta.command_id)
@@ -323,7 +307,7 @@ pub static ROWS: [Row; 36] = [
     Row {
         routes: &[Route::get("/commands/{id}", "How far a command is.").gives::<CommandReply>()],
         answer: json_of::<CommandReply>,
-        ..carried!(CommandStatus(id: name))
+        ..carried!(Read, CommandStatus(id: name))
     },
     Row {
         routes: &[
@@ -339,33 +323,31 @@ pub static ROWS: [Row; 36] = [
         topic: Some(
             Topic::new::<VariableGet>(
                 "cs/{cs}/variable/{verb=get}",
-                Operate,
                 "Reads P or Q variables, up to 1024 in one piece.",
             )
             .envelope(IDS_AND_AGE),
         ),
         answer: variables,
-        ..Row::new(|incoming| read_variables(&incoming), written!(Request::ReadVariables { area, from, count, .. } => {
+        ..Row::new(Read, |incoming| read_variables(&incoming), written!(Request::ReadVariables { area, from, count, .. } => {
                 let parts = of_area(area, "get").query("from", from).query("count", count);
                 parts.payload(&VariableGet { kind: area.kind(), from, count })
             }))
     },
     Row {
         routes: &[
-            Route::put::<VariableWrite>("/variables/{kind=p}", Operate, "Sets P variables, all or none.")
+            Route::put::<VariableWrite>("/variables/{kind=p}", "Sets P variables, all or none.")
                 .query(Query::Range),
-            Route::put::<VariableWrite>("/cs/{cs}/variables/{kind=q}", Operate, "Sets Q variables, all or none.")
+            Route::put::<VariableWrite>("/cs/{cs}/variables/{kind=q}", "Sets Q variables, all or none.")
                 .query(Query::Range),
         ],
         topic: Some(
             Topic::new::<VariableSet>(
                 "cs/{cs}/variable/{verb=set}",
-                Operate,
                 "Sets P or Q variables, up to 1024 in one piece, all or none.",
             )
             .envelope(IDS_AND_AGE),
         ),
-        ..Row::new(|incoming| write_variables(&incoming), written!(Request::WriteVariables { area, from, values, .. } => {
+        ..Row::new(Set, |incoming| write_variables(&incoming), written!(Request::WriteVariables { area, from, values, .. } => {
                 let values: Vec<_> = values.into_iter().map(Number).collect();
                 let parts = of_area(area, "set").query("from", from);
                 let payload = VariableSet { kind: area.kind(), from, values };
@@ -375,16 +357,13 @@ pub static ROWS: [Row; 36] = [
     Row {
         routes: &[Route::put::<Switch>(
             "/motors/{number}/skip_input",
-            Operate,
             "Sets the skip input of a motor; not real time.",
         )],
         topic: Some(Topic::new::<Switch>(
             "motor/{number}/skip_input/set",
-            Operate,
             "Sets a motor's skip input (G31); not real time: it captures where the motor is when the servo hears of it.",
         )),
-        ..Row::new(
-            |incoming| Ok(Request::SkipInput(incoming.number("number")?, switch(&incoming)?)),
+        ..Row::new(Operate, |incoming| Ok(Request::SkipInput(incoming.number("number")?, switch(&incoming)?)),
             written!(Request::SkipInput(motor, value) => {
                     RequestParts::default().with("number", motor).json(&Switch { value })
                 }),
@@ -393,67 +372,63 @@ pub static ROWS: [Row; 36] = [
     Row {
         routes: &[Route::post::<AlarmRaise>(
             "/alarms",
-            Raise,
             "Raises an alarm of a coordinate system, or of all.",
         )],
         topic: Some(Topic::new::<AlarmRaise>(
             "alarm/raise",
-            Raise,
             "Raises an alarm, 10000 + code, that stops one coordinate system (cs), or all.",
         )),
-        ..carried!(RaiseAlarm(raise: json))
+        ..carried!(Raise, RaiseAlarm(raise: json))
     },
     // to a REST server a frame of the WebSocket carries it
     Row {
         topic: Some(
             Topic::new::<HandlerPresence>(
                 "handler/{id}/presence",
-                Handle,
                 "Which M codes a handler serves. With a last will: when it turns offline, what that id has claimed is given \
                  back (HANDLER_LOST).",
             )
             .retained(),
         ),
-        ..carried!(Handler(id: name, presence: json))
+        ..carried!(Handle, Handler(id: name, presence: json))
     },
     Row {
         routes: &[Route::get("/handlers", "Handlers of auxiliary function outputs.").gives::<Handlers>()],
         answer: json_of::<Handlers>,
-        ..carried!(Handlers)
+        ..carried!(Read, Handlers)
     },
     Row {
         routes: &[Route::get("/alarms/history", "Alarms of the past.").gives::<AlarmHistory>()],
         answer: json_of::<AlarmHistory>,
-        ..carried!(AlarmHistory)
+        ..carried!(Read, AlarmHistory)
     },
     Row {
         routes: &[Route::get("/tools", "The tool table.").gives::<ToolTable>()],
         answer: json_of::<ToolTable>,
-        ..carried!(Tools)
+        ..carried!(Read, Tools)
     },
     Row {
-        routes: &[Route::put::<ToolChange>("/tools", Operate, "Sets and removes tools; those not named stay.")],
-        ..carried!(WriteTools(change: json))
+        routes: &[Route::put::<ToolChange>("/tools", "Sets and removes tools; those not named stay.")],
+        ..carried!(Operate, WriteTools(change: json))
     },
     Row {
         routes: &[Route::get("/cs/{cs}/work_offsets", "Work offsets.").gives::<WorkOffsetTable>()],
         answer: json_of::<WorkOffsetTable>,
-        ..carried!(WorkOffsets(cs: number))
+        ..carried!(Read, WorkOffsets(cs: number))
     },
     Row {
         routes: &[Route::put::<WorkOffsetTable>(
             "/cs/{cs}/work_offsets",
-            Operate,
             "Sets work offsets; what is not named stays.",
         )],
-        ..carried!(WriteWorkOffsets(cs: number, change: json))
+        ..carried!(Operate, WriteWorkOffsets(cs: number, change: json))
     },
     Row {
         routes: &[
             Route::get("/cs/{cs}/last_run", "The last run before this start of the runtime.").gives::<LastRunAnswer>(),
         ],
         answer: json_of::<LastRunAnswer>,
-        ..carried!(LastRun(cs: number))
+        ..carried!(Read, LastRun(cs: number))
     },
     Row {
         routes: &[Route::get(
@@ -464,8 +439,7 @@ pub static ROWS: [Row; 36] = [
         .query(Query::Range)
         .refusals(&[400, 404])],
         answer: json_of::<JournalAnswer>,
-        ..Row::new(
-            |incoming| {
+        ..Row::new(Read, |incoming| {
                 let QueryValues { from, count, .. } = incoming.query;
                 Ok(Request::Journal { from, count: count.unwrap_or(JOURNAL_LINES) })
             },
@@ -477,35 +451,35 @@ pub static ROWS: [Row; 36] = [
     Row {
         routes: &[Route::get("/programs", "Programs of the store.").gives::<Programs>()],
         answer: json_of::<Programs>,
-        ..carried!(Programs)
+        ..carried!(Read, Programs)
     },
     Row {
         routes: &[Route::get("/programs/{number}", "Text of a program.").answered(200, Content::Text)],
         answer: |_| AnswerForm::Text,
-        ..carried!(ReadProgram(number: number))
+        ..carried!(Read, ReadProgram(number: number))
     },
     Row {
         routes: &[
-            Route::new("PUT", "/programs/{number}", Some(Administrate), "Stores a program, even with errors.")
+            Route::new("PUT", "/programs/{number}", "Stores a program, even with errors.")
                 .takes(Content::Text)
                 .gives::<ProgramCheck>()
                 .or::<ProgramCheck>(201),
         ],
         is_large: true,
         answer: |_| AnswerForm::Check,
-        ..carried!(WriteProgram(number: number, text: text))
+        ..carried!(Administrate, WriteProgram(number: number, text: text))
     },
     Row {
-        routes: &[Route::new("DELETE", "/programs/{number}", Some(Administrate), "Deletes a program.")],
-        ..carried!(DeleteProgram(number: number))
+        routes: &[Route::new("DELETE", "/programs/{number}", "Deletes a program.")],
+        ..carried!(Administrate, DeleteProgram(number: number))
     },
     Row {
         routes: &[
-            Route::new("POST", "/programs/{number}/check", Some(Read), "Checks a program of the store.")
+            Route::new("POST", "/programs/{number}/check", "Checks a program of the store.")
                 .gives::<ProgramCheck>(),
         ],
         answer: |_| AnswerForm::Check,
-        ..carried!(CheckProgram(number: number))
+        ..carried!(Read, CheckProgram(number: number))
     },
     Row {
         routes: &[
@@ -515,6 +489,18 @@ pub static ROWS: [Row; 36] = [
         ],
         is_large: true,
         answer: |_| AnswerForm::Text,
-        ..carried!(IntermediateCode(number: number))
+        ..carried!(Read, IntermediateCode(number: number))
     },
 ];
+
+/// A request that did not come on a route or topic, with the right of its row; `None` where no row carries it.
+pub(super) fn parsed(request: Request) -> Option<ParsedRequest> {
+    let mut sought = request.clone();
+    for row in &ROWS {
+        match (row.write)(sought) {
+            Ok(_) => return Some(row.parsed(request)),
+            Err(other) => sought = other,
+        }
+    }
+    None
+}

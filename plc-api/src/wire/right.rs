@@ -1,6 +1,6 @@
-//! What a route or topic asks of its user.
+//! What a request asks of its user.
 
-/// What a route or topic asks of its user.
+/// What a request asks of its user.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Right {
     /// To see: needs a user where there are tokens.
@@ -11,6 +11,9 @@ pub enum Right {
     Handle,
     /// To reset an output: a handler its own, an operator any.
     Reset,
+    /// To select a tool, set the spindle and write variables: an operator anywhere, a handler in a coordinate system in
+    /// which it serves an M code.
+    Set,
     /// To stop a machine by an alarm.
     Raise,
     /// To change what the machine keeps: its programs.
@@ -18,6 +21,12 @@ pub enum Right {
 }
 
 impl Right {
+    /// True where a request changes something beyond what a handler says of its own outputs: the journal records who has
+    /// made it.
+    pub fn is_recorded(self) -> bool {
+        !matches!(self, Right::Read | Right::Handle)
+    }
+
     /// The name of the right in the documents of the interface.
     pub fn word(self) -> &'static str {
         match self {
@@ -25,6 +34,7 @@ impl Right {
             Right::Operate => "operate",
             Right::Handle => "handle",
             Right::Reset => "reset",
+            Right::Set => "set",
             Right::Raise => "raise",
             Right::Administrate => "administrate",
         }

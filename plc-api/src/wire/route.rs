@@ -1,7 +1,6 @@
 //! A route of REST: where a request goes, what it carries, and what the documents say of it.
 
 use super::pattern;
-use super::right::Right;
 use crate::types::form::{Form, HasForm};
 
 /// What a request or an answer carries.
@@ -48,8 +47,6 @@ pub struct Route {
     pub method: &'static str,
     /// Path below `/api/v1`: a pattern with names in braces.
     pub pattern: &'static str,
-    /// The right that its caller needs; `None` where it says nothing of the machine.
-    pub right: Option<Right>,
     /// What it does, in one sentence.
     pub summary: &'static str,
     /// What its query says.
@@ -70,16 +67,10 @@ pub struct Route {
 
 impl Route {
     /// A route without a body, which is answered without content.
-    pub const fn new(
-        method: &'static str,
-        pattern: &'static str,
-        right: Option<Right>,
-        summary: &'static str,
-    ) -> Self {
+    pub const fn new(method: &'static str, pattern: &'static str, summary: &'static str) -> Self {
         Self {
             method,
             pattern,
-            right,
             summary,
             query: Query::Nothing,
             headers: Headers::Nothing,
@@ -93,17 +84,17 @@ impl Route {
 
     /// Reads something of the machine.
     pub const fn get(pattern: &'static str, summary: &'static str) -> Self {
-        Self::new("GET", pattern, Some(Right::Read), summary)
+        Self::new("GET", pattern, summary)
     }
 
     /// Sets a value.
-    pub(super) const fn put<T: HasForm>(pattern: &'static str, right: Right, summary: &'static str) -> Self {
-        Self::new("PUT", pattern, Some(right), summary).takes(Content::Json(Form::of::<T>()))
+    pub(super) const fn put<T: HasForm>(pattern: &'static str, summary: &'static str) -> Self {
+        Self::new("PUT", pattern, summary).takes(Content::Json(Form::of::<T>()))
     }
 
     /// Tells or asks something.
-    pub(super) const fn post<T: HasForm>(pattern: &'static str, right: Right, summary: &'static str) -> Self {
-        Self::new("POST", pattern, Some(right), summary).takes(Content::Json(Form::of::<T>()))
+    pub(super) const fn post<T: HasForm>(pattern: &'static str, summary: &'static str) -> Self {
+        Self::new("POST", pattern, summary).takes(Content::Json(Form::of::<T>()))
     }
 
     /// With a body.

@@ -30,6 +30,8 @@ pub(super) const LEASE_FENCE: &str = "lease-fence";
 /// One request.
 #[derive(Debug)]
 pub struct Row {
+    /// The right that its sender needs.
+    pub right: Right,
     /// Its routes: several where the path names what the request holds, such as the verb of a command.
     pub routes: &'static [Route],
     /// Where it comes in over MQTT.
@@ -37,7 +39,7 @@ pub struct Row {
     /// True where it carries a whole program, in its body or in its answer: a server carries out a few such at a time.
     pub is_large: bool,
     /// Reads it from a route or from a topic.
-    pub read: fn(IncomingRequest<'_>) -> Result<Request, Fault>,
+    pub(super) read: fn(IncomingRequest<'_>) -> Result<Request, Fault>,
     /// How it is answered over REST.
     pub answer: fn(&Request) -> AnswerForm,
     /// What a route or topic says of it; another request is given back.
@@ -47,10 +49,12 @@ pub struct Row {
 impl Row {
     /// A row without routes and topic, which is answered without content.
     pub(super) const fn new(
+        right: Right,
         read: fn(IncomingRequest<'_>) -> Result<Request, Fault>,
         write: fn(Request) -> Result<RequestParts, Request>,
     ) -> Self {
         Self {
+            right,
             routes: &[],
             topic: None,
             is_large: false,
@@ -59,6 +63,47 @@ impl Row {
             write,
         }
     }
+
+    /// Reads a request from what came in.
+    ///
+    /// # Errors
+    /// What came in is no request of the row.
+    pub fn parse(&self, incoming: IncomingRequest<'_>) -> Result<ParsedRequest, Fault> {
+        (self.read)(incoming).map(|request| self.parsed(request))
+    }
+
+    /// A request of the row.
+    pub(super) fn parsed(&self, request: Request) -> ParsedRequest {
+        ParsedRequest {
+            request,
+            right: self.right,
+        }
+    }
+}
+
+/// A request as its row has read it, with the right that its sender needs. Only reading makes one, so the right is judged
+/// by the values that are carried out.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ParsedRequest {
+    request: Request,
+    right: Right,
+}
+
+impl ParsedRequest {
+    /// What is asked.
+    pub fn request(&self) -> &Request {
+        &self.request
+    }
+
+    /// The right that its sender needs.
+    pub fn right(&self) -> Right {
+        self.right
+    }
+
+    /// The request itself.
+    pub fn into_request(self) -> Request {
+        self.request
+    }
 }
 
 /// A topic that comes in.
@@ -66,8 +111,6 @@ impl Row {
 pub struct Topic {
     /// Path below the machine's root: a pattern with names in braces.
     pub pattern: &'static str,
-    /// The right that its sender needs.
-    pub right: Right,
     /// What a message does, in one sentence.
     pub summary: &'static str,
     /// True where the retain flag is right: a state of its sender. A retained command would be carried out again.
@@ -80,10 +123,9 @@ pub struct Topic {
 
 impl Topic {
     /// A topic whose payload is of this form.
-    pub(super) const fn new<T: HasForm>(pattern: &'static str, right: Right, summary: &'static str) -> Self {
+    pub(super) const fn new<T: HasForm>(pattern: &'static str, summary: &'static str) -> Self {
         Self {
             pattern,
-            right,
             summary,
             retained: false,
             form: Form::of::<T>(),

@@ -3,6 +3,8 @@
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
+use super::requests::parsed;
+use super::row::ParsedRequest;
 use crate::types::CoordinateSystemNumber;
 use crate::types::message::Message;
 use crate::types::output::{HandledCode, HandlerPresence};
@@ -92,7 +94,7 @@ pub fn encode(request: Request) -> Result<ClientFrame, Refusal> {
 
 impl ClientFrame {
     /// The requests of a frame.
-    pub fn requests(self) -> impl Iterator<Item = Request> {
+    pub fn requests(self) -> impl Iterator<Item = ParsedRequest> {
         let handler = self.handler.map(|handler| {
             let presence = HandlerPresence {
                 online: handler.online,
@@ -110,7 +112,7 @@ impl ClientFrame {
             };
             Request::ValidateResult(validated.cs, Some(validated.m), result)
         });
-        handler.into_iter().chain(validated)
+        handler.into_iter().chain(validated).filter_map(parsed)
     }
 
     /// Its JSON.

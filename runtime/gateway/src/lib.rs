@@ -10,6 +10,7 @@ mod contract;
 mod error;
 mod hmi;
 mod http;
+mod machine;
 mod metrics;
 mod mqtt;
 mod origin;
@@ -37,6 +38,7 @@ use access::LiveTokens;
 use access::http::Access;
 use broker::{Broker, BrokerAccess};
 use broker_address::BrokerAddress;
+use machine::Machine;
 use mqtt::MqttEnd;
 use server::LimitedListener;
 use settings::{HTTP_LISTEN, bind};
@@ -101,17 +103,21 @@ impl Gateway {
         };
         let position_interval = Duration::from_millis(settings.position_interval_ms);
         let stop = CancellationToken::new();
+        let machine = Machine::new(port);
+        // an external broker has users of its own
+        let broker_users = tokens.clone().filter(|_| broker.is_some());
         let shared = Arc::new(Shared::new(
-            Arc::clone(&port),
+            machine.clone(),
             http_addr,
             Access::new(tokens),
             position_interval,
             stop.clone(),
         ));
         let mqtt = MqttEnd::start(mqtt::Parts {
-            port,
+            machine,
+            tokens: broker_users,
             settings: settings.mqtt,
-            machine: settings.machine,
+            machine_name: settings.machine,
             root,
             at,
             position_interval,

@@ -5,10 +5,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use plc_api::server::ServedPort;
 use plc_api::types::machine::Birth;
 use plc_api::types::message::{Message, Payload};
-use plc_api::types::request::{Answer, Request};
+use plc_api::types::request::Answer;
 use plc_api::types::topic::Topic;
 use plc_api::wire::problem::Problem as Details;
 use tokio::sync::Semaphore;
@@ -16,6 +15,7 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use crate::access::http::Access;
+use crate::machine::{Authorized, Machine};
 use crate::metrics::Metrics;
 use crate::problem::Problem;
 
@@ -30,7 +30,7 @@ pub(crate) const WEBSOCKETS_MAX: usize = 64;
 
 /// State shared by all HTTP handlers.
 pub(crate) struct Shared {
-    pub(crate) port: Arc<dyn ServedPort>,
+    pub(crate) machine: Machine,
     pub(crate) http_addr: SocketAddr,
     pub(crate) access: Access,
     pub(crate) metrics: Arc<Metrics>,
@@ -45,14 +45,14 @@ pub(crate) struct Shared {
 
 impl Shared {
     pub(crate) fn new(
-        port: Arc<dyn ServedPort>,
+        machine: Machine,
         http_addr: SocketAddr,
         access: Access,
         position_interval: Duration,
         stop: CancellationToken,
     ) -> Self {
         Self {
-            port,
+            machine,
             http_addr,
             access,
             metrics: Arc::default(),
@@ -69,12 +69,12 @@ impl Shared {
     /// A command id that is new in this boot.
     pub(crate) fn next_command_id(&self) -> String {
         let number = self.commands.fetch_add(1, Ordering::Relaxed);
-        format!("rest-{}-{number}", self.port.boot_id())
+        format!("rest-{}-{number}", self.machine.boot_id())
     }
 
     /// The value of a state topic.
     pub(crate) async fn read(&self, topic: &Topic) -> Result<Arc<Message>, Problem> {
-        self.port
+        self.machine
             .read(topic)
             .await
             .ok_or_else(|| Problem::not_found(format!("this machine has no {}", topic.path())))
@@ -90,8 +90,8 @@ impl Shared {
     }
 
     /// Makes a request of the machine.
-    pub(crate) async fn ask(&self, request: Request) -> Result<Answer, Problem> {
-        self.port.request(request).await.map_err(Problem::from)
+    pub(crate) async fn ask(&self, authorized: Authorized) -> Result<Answer, Problem> {
+        self.machine.carry_out(authorized).await.map_err(Problem::from)
     }
 }
 

@@ -20,19 +20,19 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use axum::{Extension, Router};
 use plc_api::hub::Filter;
+use plc_api::server::ServerTransport;
 use plc_api::types::message::Message;
-use plc_api::types::output::HandlerPresence;
 use plc_api::types::request::Request;
 use plc_api::types::topic::Topic;
 use plc_api::wire::json_object;
-use plc_api::wire::mqtt::path_of;
+use plc_api::wire::row::ParsedRequest;
 use plc_api::wire::websocket::{ClientFrame, error_frame, message_frame};
 use tokio::time::{Instant, MissedTickBehavior};
 
 use crate::access::User;
-use crate::access::check_speaker;
 use crate::access::http::WEBSOCKET_PROTOCOL;
-use crate::access::topics::{may_publish, may_subscribe};
+use crate::access::topics::may_subscribe;
+use crate::machine::Machine;
 use crate::metrics::add;
 use crate::position::Positions;
 use crate::problem::Problem;
@@ -129,9 +129,9 @@ impl Client {
             result = self.serve(&mut socket) => result.ok().map(|()| (close_code::AWAY, "the runtime stops")),
         };
         for id in std::mem::take(&mut self.handlers) {
-            let gone = Request::Handler(id, HandlerPresence::default());
+            let gone = Machine::gone(id, ServerTransport::WebSocket);
             // a runtime that stops refuses it
-            let _ = self.shared.port.request(gone).await;
+            let _ = self.shared.machine.carry_out(gone).await;
         }
         if let Some((code, reason)) = close {
             let frame = Frame::Close(Some(CloseFrame {
@@ -144,7 +144,7 @@ impl Client {
 
     /// Serves until the port closes (`Ok`) or the client has gone.
     async fn serve(&mut self, socket: &mut WebSocket) -> Result<(), Gone> {
-        let mut subscription = self.shared.port.subscribe(Filter::All);
+        let mut subscription = self.shared.machine.subscribe(Filter::All);
         let mut ping = tokio::time::interval(PING_INTERVAL);
         ping.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut heard = Instant::now();
@@ -238,15 +238,10 @@ impl Client {
         Ok(())
     }
 
-    /// Carries out a request of a frame, with the right of its topic.
-    async fn carry_out(&mut self, request: Request) -> Result<(), String> {
-        let path = path_of(&request).unwrap_or_default();
-        if !may_publish(&self.user, "", &path) {
-            let role = self.user.role().word();
-            return Err(format!("role {role} may not say {path} here"));
-        }
-        check_speaker(&self.user, &request)?;
-        let handler = match &request {
+    /// Carries out a request of a frame. The refusal of a handler names its presence, by which its client knows which one it
+    /// is.
+    async fn carry_out(&mut self, parsed: ParsedRequest) -> Result<(), String> {
+        let handler = match parsed.request() {
             Request::Handler(id, presence) => Some((id.clone(), presence.online)),
             _ => None,
         };
@@ -256,8 +251,18 @@ impl Client {
         {
             return Err(format!("{HANDLERS_MAX} handlers are the limit of one connection"));
         }
-        let answered = self.shared.port.request(request).await;
-        answered.map_err(|refusal| refusal.text)?;
+        let machine = &self.shared.machine;
+        let answered = match machine
+            .judge(&self.user, ServerTransport::WebSocket, parsed)
+            .await
+        {
+            Ok(authorized) => machine.carry_out(authorized).await.map(drop),
+            Err(refusal) => Err(refusal),
+        };
+        answered.map_err(|refusal| match &handler {
+            Some((id, _)) => format!("{}: {refusal}", Topic::HandlerPresence(id.clone()).path()),
+            None => refusal.text,
+        })?;
         match handler {
             Some((id, true)) => self.handlers.insert(id),
             Some((id, false)) => self.handlers.remove(&id),

@@ -238,6 +238,16 @@ fn of_the_machine() -> Vec<(Event, &'static str)> {
             r#""at":"2026-01-01T00:00:01.000000Z","boot_id":"b0","event":"interrupted","execution":"WAIT","line":4,"outputs":[],"program":60,"run_id":"1-3","running":null"#,
         ),
         (
+            Event::Request {
+                user: Some("hmi-1".to_owned()),
+                over: ServerTransport::Mqtt,
+                request: "PUT /cs/1/tool".to_owned(),
+                said: Some("{\"id\":4}".to_owned()),
+                command_id: None,
+            },
+            r#""event":"request","over":"mqtt","request":"PUT /cs/1/tool","said":"{\"id\":4}","user":"hmi-1""#,
+        ),
+        (
             Event::Bus { connected: false },
             r#""connected":false,"event":"bus""#,
         ),

@@ -304,7 +304,59 @@ fn the_rules_for_mosquitto_name_every_user_with_its_topics() {
     let root = "tandem/v1/test-1";
     assert!(of_user("hmi-1").contains(&format!("topic write {root}/cs/+/command/+")));
     assert!(!of_user("hmi-1").contains("claim"));
-    assert!(!of_user("board").contains("topic write"));
+    let written = of_user("board");
+    let written: Vec<_> = written
+        .lines()
+        .filter(|line| line.starts_with("topic write"))
+        .collect();
+    assert_eq!(
+        written,
+        [format!("topic write {root}/cs/+/variable/get")],
+        "it reads"
+    );
     assert!(of_user("magazine").contains(&format!("topic write {root}/handler/magazine/presence")));
     assert!(!of_user("magazine").contains("command"));
+}
+
+#[tokio::test]
+async fn the_journal_names_the_user_of_each_request_that_changes_something() {
+    let machine = machine();
+    let operate = token(&machine, "hmi-1", "operate");
+    let served = Served::start(&machine);
+    let alarm = json!({"cs": 1, "code": 7, "text": "coolant"});
+    post(&served, "/alarms", Some(&operate), &alarm).await.expect(204);
+    let reset = "/cs/1/reset?wait=1";
+    post(&served, reset, Some(&operate), &json!({})).await.expect(200);
+    post(&served, reset, None, &json!({})).await.expect(401);
+    let path = machine.path("tandem-data/journal/journal.jsonl");
+    let lines = until("both requests stand in the journal", async || {
+        let text = std::fs::read_to_string(&path).unwrap_or_default();
+        let lines = text
+            .lines()
+            .filter_map(|line| serde_json::from_str::<serde_json::Value>(line).ok());
+        let lines: Vec<_> = lines.filter(|line| line["event"] == "request").collect();
+        (lines.len() >= 2).then_some(lines)
+    })
+    .await;
+    let told: Vec<_> = lines
+        .iter()
+        .map(|line| {
+            let text = |name: &str| line[name].as_str().unwrap_or_default().to_owned();
+            (text("user"), text("over"), text("request"), line["cs"].as_u64())
+        })
+        .collect();
+    let line = |request: &str, cs: u64| {
+        (
+            "hmi-1".to_owned(),
+            "rest".to_owned(),
+            request.to_owned(),
+            Some(cs),
+        )
+    };
+    assert_eq!(
+        told,
+        [line("POST /alarms", 1), line("POST /cs/1/reset?wait=1", 1)]
+    );
+    let said: serde_json::Value = serde_json::from_str(lines[0]["said"].as_str().unwrap()).unwrap();
+    assert_eq!(said, alarm);
 }

@@ -9,11 +9,12 @@ use crate::types::output::{
 use crate::types::request::{Input, OverrideChange, SpindleCommand};
 use crate::types::state::{Lock, SpindleDirection};
 
+use super::super::requests::parsed;
 use super::*;
 
 fn ask(path: &str, payload: &str) -> Request {
     match decode(path, payload.as_bytes(), false) {
-        Inbound::Ask { request, .. } => request,
+        Inbound::Ask { request, .. } => request.into_request(),
         other => panic!("{path}: {other:?}"),
     }
 }
@@ -222,12 +223,12 @@ fn hold_stop_and_abort_are_urgent_and_others_are_not() {
         };
         let payload = json!({"command_id": "c", "client_id": "hmi", "args": args}).to_string();
         match decode(&format!("cs/1/command/{verb}"), payload.as_bytes(), false) {
-            Inbound::Ask {
-                urgent,
-                request: Request::Command { meta, wait, .. },
-            } => {
+            Inbound::Ask { urgent, request } => {
                 assert_eq!(urgent, ["hold", "stop", "abort"].contains(&verb), "{verb}");
-                assert_eq!((meta.client_id.as_str(), wait), ("hmi", false));
+                let Request::Command { meta, wait, .. } = request.request() else {
+                    panic!("{verb}: {request:?}");
+                };
+                assert_eq!((meta.client_id.as_str(), *wait), ("hmi", false));
             }
             other => panic!("{verb}: {other:?}"),
         }
@@ -339,7 +340,7 @@ fn variables_are_read_and_written_by_range_under_a_command_id() {
 #[test]
 fn a_skip_input_names_its_motor() {
     let expected = Inbound::Ask {
-        request: Request::SkipInput(3, true),
+        request: parsed(Request::SkipInput(3, true)).unwrap(),
         urgent: false,
     };
     assert_eq!(
@@ -357,7 +358,7 @@ fn an_alarm_is_raised_for_one_coordinate_system_or_for_all() {
     ] {
         let text = "low".to_owned();
         let expected = Inbound::Ask {
-            request: Request::RaiseAlarm(AlarmRaise { cs, code: 20, text }),
+            request: parsed(Request::RaiseAlarm(AlarmRaise { cs, code: 20, text })).unwrap(),
             urgent: true,
         };
         assert_eq!(

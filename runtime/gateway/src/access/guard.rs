@@ -37,14 +37,12 @@ fn admit(
     let found = path
         .and_then(|path| path.strip_prefix(API))
         .map_or(Found::Nothing, |path| find(method, path));
-    if let Found::Route(route) = &found
-        && route.right.is_none()
-    {
+    if matches!(found, Found::Route(None)) {
         return Ok(User::Stranger);
     }
     let user = access.user(headers).map_err(refuse)?;
     match found {
-        Found::Route(route) if route.right.is_none_or(|right| user.has(right)) => Ok(user),
+        Found::Route(right) if right.is_none_or(|right| user.has(right)) => Ok(user),
         Found::Route(_) => Err(refuse(forbidden(format!(
             "role {} may not {method} here",
             user.role().word()

@@ -1,4 +1,4 @@
-//! Access control: every route and topic needs a [`Right`], a [`Role`] is a set of rights, and a token identifies a user
+//! Access control: every request needs a [`Right`], a [`Role`] is a set of rights, and a token identifies a user
 //! with a role. Without a token file everyone on the loopback is `admin`.
 
 pub(crate) mod guard;
@@ -6,12 +6,12 @@ pub(crate) mod http;
 mod live;
 mod mosquitto;
 mod rate;
+pub(crate) mod rules;
 mod tokens;
 pub(crate) mod topics;
 
 use std::sync::Arc;
 
-use plc_api::types::request::Request;
 use plc_api::wire::right::Right;
 use serde::{Deserialize, Serialize};
 
@@ -31,7 +31,8 @@ pub enum Role {
     Operate,
     /// May do everything, including changes of the program store.
     Admin,
-    /// A sequence program: claims, resets, reports progress and presence, in its own name only, and raises alarms.
+    /// A sequence program: claims, resets, reports progress and presence, in its own name only, raises alarms, and sets tool,
+    /// spindle and variables in a coordinate system in which it serves an M code.
     Handler,
 }
 
@@ -59,8 +60,8 @@ impl Role {
     pub(crate) fn has(self, right: Right) -> bool {
         match self {
             Role::View => right == Right::Read,
-            Role::Operate => matches!(right, Right::Read | Right::Operate | Right::Reset | Right::Raise),
-            Role::Handler => matches!(right, Right::Read | Right::Handle | Right::Reset | Right::Raise),
+            Role::Operate => !matches!(right, Right::Handle | Right::Administrate),
+            Role::Handler => !matches!(right, Right::Operate | Right::Administrate),
             Role::Admin => true,
         }
     }
@@ -69,7 +70,7 @@ impl Role {
 /// The user of a request or a connection.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum User {
-    /// Anyone on the loopback, without a token file: an admin.
+    /// Anyone on the loopback, without a token file, and whoever an external broker lets in: an admin.
     Anyone,
     /// Anyone, on a route that needs no token.
     Stranger,
@@ -96,36 +97,6 @@ impl User {
     pub(crate) fn has(&self, right: Right) -> bool {
         self.role().has(right)
     }
-
-    /// An error if this user may not act as this handler: a handler's token acts in its own name only.
-    pub(crate) fn speaks_as(&self, handler_id: &str) -> Result<(), String> {
-        match self.name() {
-            Some(name) if self.role() == Role::Handler && name != handler_id => Err(format!(
-                "the token of {name} has role handler: it speaks as handler_id {name} only"
-            )),
-            _ => Ok(()),
-        }
-    }
-
-    /// An error if this user may not reset as this handler. Only operators may reset by force.
-    pub(crate) fn resets_as(&self, handler_id: &str, force: bool) -> Result<(), String> {
-        if force && !self.has(Right::Operate) {
-            return Err("a reset by force needs role operate or admin".to_owned());
-        }
-        self.speaks_as(handler_id)
-    }
-}
-
-/// Why a user may not send this request, if so: a handler speaks in its own name only.
-pub(crate) fn check_speaker(user: &User, request: &Request) -> Result<(), String> {
-    match request {
-        Request::Claim(_, _, claim) => user.speaks_as(&claim.handler_id),
-        Request::Reset(_, _, reset) => user.resets_as(&reset.handler_id, reset.force.unwrap_or(false)),
-        Request::Progress(_, _, report) => user.speaks_as(&report.handler_id),
-        Request::Ask(_, _, ask) => user.speaks_as(&ask.handler_id),
-        Request::ValidateResult(_, _, result) => user.speaks_as(&result.handler_id),
-        _ => Ok(()),
-    }
 }
 
 #[cfg(test)]
@@ -139,29 +110,19 @@ mod tests {
             Right::Operate,
             Right::Handle,
             Right::Reset,
+            Right::Set,
+            Right::Raise,
             Right::Administrate,
         ];
         let table = [
-            (Role::View, [true, false, false, false, false]),
-            (Role::Operate, [true, true, false, true, false]),
-            (Role::Handler, [true, false, true, true, false]),
-            (Role::Admin, [true; 5]),
+            (Role::View, [true, false, false, false, false, false, false]),
+            (Role::Operate, [true, true, false, true, true, true, false]),
+            (Role::Handler, [true, false, true, true, true, true, false]),
+            (Role::Admin, [true; 7]),
         ];
         for (role, expected) in table {
             assert_eq!(rights.map(|right| role.has(right)), expected, "{role:?}");
             assert_eq!(Role::of_word(role.word()), Some(role));
         }
-    }
-
-    #[test]
-    fn a_handler_speaks_in_its_own_name_and_never_by_force() {
-        let user = Token::user_for_test;
-        let handler = user("magazine", Role::Handler);
-        assert!(handler.speaks_as("magazine").is_ok());
-        assert!(handler.speaks_as("other").is_err());
-        assert!(handler.resets_as("magazine", false).is_ok());
-        assert!(handler.resets_as("magazine", true).is_err());
-        assert!(user("hmi-1", Role::Operate).resets_as("hmi", true).is_ok());
-        assert!(User::Anyone.resets_as("hmi", true).is_ok());
     }
 }

@@ -20,7 +20,7 @@ pub fn mosquitto_acl(root: &str, runtime_user: Option<&str>, tokens: &Tokens) ->
     }
     for (name, role) in tokens.users() {
         let _ = write!(text, "\n# {}\nuser {name}\ntopic read {root}#\n", role.word());
-        for row in inbound_topics().filter(|row| role.has(row.right)) {
+        for (row, _) in inbound_topics().filter(|(_, right)| role.has(*right)) {
             // a handler announces itself in its own name only
             let filter = match row.filter().as_str() {
                 "handler/+/presence" if role == Role::Handler => format!("handler/{name}/presence"),

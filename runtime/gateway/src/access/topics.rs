@@ -1,25 +1,24 @@
 //! Access to MQTT topics. Pure: no I/O.
 
 use plc_api::wire::right::Right;
-use serde::Deserialize;
 
-use super::User;
+use super::{Role, User};
 use crate::contract::topics::inbound;
 
-/// Whether a user may publish on a topic. States belong to the runtime; below other roots anyone may publish without
+/// Whether a user may publish on a topic; what its payload asks for is judged when it is parsed. States belong to the runtime; below other roots anyone may publish without
 /// tokens, and nobody with them.
 pub(crate) fn may_publish(user: &User, root: &str, topic: &str) -> bool {
     let Some(path) = topic.strip_prefix(root) else {
         return user.name().is_none();
     };
-    let Some(row) = inbound(path) else {
+    let Some((_, right)) = inbound(path) else {
         return false;
     };
     let in_own_name = match path.split('/').collect::<Vec<_>>().as_slice() {
-        ["handler", id, "presence"] => user.speaks_as(id).is_ok(),
+        ["handler", id, "presence"] => user.role() != Role::Handler || user.name() == Some(id),
         _ => true,
     };
-    user.has(row.right) && in_own_name
+    user.has(right) && in_own_name
 }
 
 /// Whether a user may subscribe. Whoever may read may read all that the machine publishes.
@@ -27,28 +26,10 @@ pub(crate) fn may_subscribe(user: &User) -> bool {
     user.has(Right::Read)
 }
 
-/// An error if a user may not publish this payload: a handler claims, resets and reports progress in its own name, and
-/// never by force. A malformed payload is refused later, when it is decoded.
-pub(crate) fn may_say(user: &User, path: &str, payload: &[u8]) -> Result<(), String> {
-    #[derive(Deserialize)]
-    struct Said {
-        handler_id: Option<String>,
-        #[serde(default)]
-        force: bool,
-    }
-    if user.has(Right::Operate) || !path.contains("/m_code/") {
-        return Ok(());
-    }
-    match serde_json::from_slice::<Said>(payload) {
-        Ok(said) => user.resets_as(said.handler_id.as_deref().unwrap_or_default(), said.force),
-        Err(_) => Ok(()),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::access::{Role, Token};
+    use crate::access::Token;
 
     const ROOT: &str = "tandem/v1/mill-1/";
 
@@ -72,12 +53,14 @@ mod tests {
             ("cs/1/command/start", [false, true, false, true]),
             ("cs/1/input/dry_run/set", [false, true, false, true]),
             ("cs/1/override/set", [false, true, false, true]),
-            ("cs/1/tool/set", [false, true, false, true]),
+            ("cs/1/tool/set", [false, true, true, true]),
             ("cs/1/lease/take", [false, true, false, true]),
             ("cs/1/lease/release", [false, true, false, true]),
             ("cs/1/lease/break", [false, false, false, true]),
             ("cs/1/lease/state", [false; 4]),
-            ("cs/1/variable/set", [false, true, false, true]),
+            ("cs/1/variable/set", [false, true, true, true]),
+            ("cs/1/variable/get", [true; 4]),
+            ("cs/1/spindle/set", [false, true, true, true]),
             ("cs/1/state", [false; 4]),
             ("cs/1/m_code/pending", [false; 4]),
             ("cs/1/m_code/5/output", [false; 4]),
@@ -101,24 +84,5 @@ mod tests {
                 .iter()
                 .all(|may| *may)
         );
-    }
-
-    #[test]
-    fn a_handler_says_only_what_is_its_own() {
-        let path = "cs/1/m_code/5/reset";
-        let handler = user(Role::Handler);
-        for (payload, allowed) in [
-            (r#"{"handler_id":"magazine","seq":1}"#, true),
-            (r#"{"handler_id":"other","seq":1}"#, false),
-            (r#"{"handler_id":"magazine","force":true}"#, false),
-            (r#"{"seq":1}"#, false),
-        ] {
-            assert_eq!(
-                may_say(&handler, path, payload.as_bytes()).is_ok(),
-                allowed,
-                "{payload}"
-            );
-            assert!(may_say(&user(Role::Operate), path, payload.as_bytes()).is_ok());
-        }
     }
 }

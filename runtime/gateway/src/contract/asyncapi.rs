@@ -44,10 +44,9 @@ pub(super) fn document(schemas: &Schemas) -> Value {
         let operation = json!({"summary": topic.summary(), "bindings": bindings});
         add(&path_of(&topic), "send", &(topic.form().name)(), operation);
     }
-    for topic in inbound_topics() {
+    for (topic, right) in inbound_topics() {
         let bindings = json!({"mqtt": {"qos": 1, "retain": topic.retained}});
-        let operation =
-            json!({"summary": topic.summary, "bindings": bindings, "x-right": topic.right.word()});
+        let operation = json!({"summary": topic.summary, "bindings": bindings, "x-right": right.word()});
         add(&topic.path(), "receive", &payload_of(topic).0, operation);
     }
     add_websocket(&mut channels, &mut operations);

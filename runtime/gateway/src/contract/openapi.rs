@@ -12,7 +12,8 @@ pub(super) fn document(schemas: &Schemas) -> Value {
     let mut paths = Map::new();
     for (path, places) in ROUTES.iter() {
         let of_path = places.iter();
-        let operations = of_path.map(|(route, _)| (route.method.to_lowercase(), operation(route)));
+        let operations =
+            of_path.map(|(route, serves)| (route.method.to_lowercase(), operation(route, serves.right())));
         paths.insert(path.clone(), operations.collect::<Map<_, _>>().into());
     }
     json!({
@@ -20,7 +21,7 @@ pub(super) fn document(schemas: &Schemas) -> Value {
         "info": {
             "title": "Tandem",
             "version": "1",
-            "description": "Programs, commands, states and values of one machine. Refusals are problem details (RFC 9457) with a machine-readable code. Where the machine has a token file each request carries a token; x-right is what it needs: read has every role, operate the roles operate and admin, handle the roles handler and admin, reset the roles operate, handler and admin, administrate the role admin.",
+            "description": "Programs, commands, states and values of one machine. Refusals are problem details (RFC 9457) with a machine-readable code. Where the machine has a token file each request carries a token; x-right is what it needs: read has every role, operate the roles operate and admin, handle the roles handler and admin, reset and raise the roles operate, handler and admin, set the same, but a handler only where it serves an M code, administrate the role admin.",
             "license": {"name": "Apache-2.0 OR MIT", "identifier": "Apache-2.0 OR MIT"},
         },
         "servers": [{"url": "/api/v1"}],
@@ -33,14 +34,14 @@ pub(super) fn document(schemas: &Schemas) -> Value {
     })
 }
 
-fn operation(route: &Route) -> Value {
+fn operation(route: &Route, right: Option<Right>) -> Value {
     let mut operation = json!({
         "operationId": operation_id(route),
         "summary": route.summary,
         "parameters": parameters(route),
-        "responses": responses(route),
+        "responses": responses(route, right),
     });
-    if let Some(right) = route.right {
+    if let Some(right) = right {
         operation["x-right"] = right.word().into();
     } else {
         operation["security"] = json!([]);
@@ -110,7 +111,7 @@ fn parameters(route: &Route) -> Vec<Value> {
     parameters
 }
 
-fn responses(route: &Route) -> Value {
+fn responses(route: &Route, right: Option<Right>) -> Value {
     let mut responses = Map::new();
     for (status, content) in route.answers() {
         let content = match content {
@@ -132,7 +133,7 @@ fn responses(route: &Route) -> Value {
         }
         responses.insert(status.to_string(), response);
     }
-    for status in refusals(route) {
+    for status in refusals(route, right) {
         let refusal = json!({
             "description": refusal_text(status),
             "content": {"application/problem+json": {"schema": reference("Problem")}},
@@ -143,11 +144,11 @@ fn responses(route: &Route) -> Value {
 }
 
 /// The statuses of a route's refusals, each problem details.
-fn refusals(route: &Route) -> Vec<u16> {
-    let changes = !matches!(route.right, None | Some(Right::Read));
+fn refusals(route: &Route, right: Option<Right>) -> Vec<u16> {
+    let changes = !matches!(right, None | Some(Right::Read));
     let of = [
         (true, &[403][..]),
-        (route.right.is_some(), &[401, 429, 503]),
+        (right.is_some(), &[401, 429, 503]),
         (route.names().next().is_some(), &[404]),
         (!matches!(route.body, Content::Nothing), &[400, 408, 413, 415]),
         (changes, &[404, 409]),

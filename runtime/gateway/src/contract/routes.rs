@@ -5,6 +5,7 @@ use std::sync::LazyLock;
 
 use axum::http::Method;
 use plc_api::wire::ROWS;
+use plc_api::wire::right::Right;
 use plc_api::wire::route::{Content, Route};
 use plc_api::wire::row::Row;
 use plc_api::wire::states::{CoordinateSystems, Health, Inputs, STATES, StateRow};
@@ -17,27 +18,53 @@ pub(crate) const API: &str = "/api/v1";
 pub(crate) enum Serves {
     Request(&'static Row),
     State(&'static StateRow),
-    /// What the server says itself.
-    Own,
+    /// What the server says itself, to users with this right; `None`: to everyone, since it says nothing of the machine.
+    Own(Option<Right>),
 }
 
-/// What the server says itself.
-static OWN: [Route; 7] = [
-    Route::get("/cs", "All coordinate systems with their states.").gives::<CoordinateSystems>(),
-    Route::get("/cs/{cs}/inputs", "All inputs.").gives::<Inputs>(),
-    Route::new("GET", "/health", None, "Whether the server answers.").gives::<Health>(),
-    Route::get("/metrics", "Counters, as Prometheus text.").answered(200, Content::Text),
-    Route::new("GET", "/openapi.json", None, "This document.").answered(200, Content::Document),
-    Route::new(
-        "GET",
-        "/asyncapi.json",
+impl Serves {
+    /// The right that a caller needs; `None`: it needs no user.
+    pub(crate) fn right(self) -> Option<Right> {
+        match self {
+            Serves::Request(row) => Some(row.right),
+            Serves::State(_) => Some(Right::Read),
+            Serves::Own(right) => right,
+        }
+    }
+}
+
+/// What the server says itself, and the right that it needs.
+static OWN: [(Option<Right>, Route); 7] = [
+    (
+        Some(Right::Read),
+        Route::get("/cs", "All coordinate systems with their states.").gives::<CoordinateSystems>(),
+    ),
+    (
+        Some(Right::Read),
+        Route::get("/cs/{cs}/inputs", "All inputs.").gives::<Inputs>(),
+    ),
+    (
         None,
-        "The document of the MQTT interface.",
-    )
-    .answered(200, Content::Document),
-    Route::get("/ws", "WebSocket: messages of the topics that the client names.")
-        .answered(101, Content::Nothing)
-        .refusals(&[400, 426]),
+        Route::get("/health", "Whether the server answers.").gives::<Health>(),
+    ),
+    (
+        Some(Right::Read),
+        Route::get("/metrics", "Counters, as Prometheus text.").answered(200, Content::Text),
+    ),
+    (
+        None,
+        Route::get("/openapi.json", "This document.").answered(200, Content::Document),
+    ),
+    (
+        None,
+        Route::get("/asyncapi.json", "The document of the MQTT interface.").answered(200, Content::Document),
+    ),
+    (
+        Some(Right::Read),
+        Route::get("/ws", "WebSocket: messages of the topics that the client names.")
+            .answered(101, Content::Nothing)
+            .refusals(&[400, 426]),
+    ),
 ];
 
 /// A route and what it serves.
@@ -49,7 +76,7 @@ pub(crate) static ROUTES: LazyLock<BTreeMap<String, Vec<Place>>> = LazyLock::new
         .iter()
         .flat_map(|row| row.routes.iter().map(move |route| (route, Serves::Request(row))));
     let of_states = STATES.iter().map(|row| (&row.route, Serves::State(row)));
-    let own = OWN.iter().map(|route| (route, Serves::Own));
+    let own = OWN.iter().map(|(right, route)| (route, Serves::Own(*right)));
     let mut routes: BTreeMap<String, Vec<Place>> = BTreeMap::new();
     for place in of_rows.chain(of_states).chain(own) {
         routes.entry(place.0.path()).or_default().push(place);
@@ -59,7 +86,8 @@ pub(crate) static ROUTES: LazyLock<BTreeMap<String, Vec<Place>>> = LazyLock::new
 
 /// What is in the tables for a request.
 pub(crate) enum Found {
-    Route(&'static Route),
+    /// A route that needs this right.
+    Route(Option<Right>),
     /// The path is there, with these methods only.
     OtherMethods(String),
     Nothing,
@@ -75,8 +103,8 @@ pub(crate) fn find(method: &Method, path: &str) -> Found {
     let Some(places) = ROUTES.get(path) else {
         return Found::Nothing;
     };
-    if let Some((route, _)) = places.iter().find(|(route, _)| route.method == method) {
-        return Found::Route(route);
+    if let Some((_, serves)) = places.iter().find(|(route, _)| route.method == method) {
+        return Found::Route(serves.right());
     }
     let mut methods: Vec<_> = places.iter().map(|(route, _)| route.method).collect();
     methods.sort_by_key(|method| METHODS.iter().position(|known| known == method));

@@ -42,7 +42,7 @@ fn incoming() -> Schemas {
             within(&mut all, form, Way::In);
         }
     }
-    for topic in inbound_topics() {
+    for (topic, _) in inbound_topics() {
         let (name, schema) = payload_of(topic);
         put(&mut all, &name, &schema);
         within(&mut all, topic.form, Way::In);

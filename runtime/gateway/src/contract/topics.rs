@@ -2,22 +2,24 @@
 //! publishes it.
 
 use plc_api::wire::ROWS;
+use plc_api::wire::right::Right;
 use plc_api::wire::row::Topic;
 
-/// Every topic that comes in.
-pub(crate) fn inbound_topics() -> impl Iterator<Item = &'static Topic> {
-    ROWS.iter().filter_map(|row| row.topic.as_ref())
+/// Every topic that comes in, with the right that its sender needs.
+pub(crate) fn inbound_topics() -> impl Iterator<Item = (&'static Topic, Right)> {
+    ROWS.iter()
+        .filter_map(|row| Some((row.topic.as_ref()?, row.right)))
 }
 
-/// The row of a path below the root.
-pub(crate) fn inbound(path: &str) -> Option<&'static Topic> {
-    inbound_topics().find(|topic| topic.fits(path))
+/// The topic of a path below the root, with the same.
+pub(crate) fn inbound(path: &str) -> Option<(&'static Topic, Right)> {
+    inbound_topics().find(|(topic, _)| topic.fits(path))
 }
 
 /// True for a path on which commands, claims and settings come in, which must not be retained. Presence of handlers
 /// comes in too, and is retained.
 pub(crate) fn is_inbound(path: &str) -> bool {
-    inbound(path).is_some_and(|topic| !topic.retained)
+    inbound(path).is_some_and(|(topic, _)| !topic.retained)
 }
 
 #[cfg(test)]

@@ -4,18 +4,20 @@ use std::future::poll_fn;
 use std::sync::Arc;
 use std::task::Poll;
 
-use plc_api::server::{ServedPort, ServerNotice};
+use plc_api::server::{ServerNotice, ServerTransport};
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::command::{CommandReply, CommandStatus};
 use plc_api::types::message::{Message, Payload};
-use plc_api::types::request::{Refusal, RefusalCode, Request};
+use plc_api::types::request::{Refusal, RefusalCode};
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::wire::mqtt::{Inbound, sender};
 use plc_api::wire::problem::code_word;
+use plc_api::wire::row::ParsedRequest;
 use tokio::sync::Semaphore;
 use tracing::warn;
 
-use super::message;
+use super::{Publisher, message};
+use crate::machine::Machine;
 use crate::metrics::{Metrics, add};
 
 /// Requests without an answer yet; more are refused, except hold, stop and abort.
@@ -24,18 +26,21 @@ const UNANSWERED_MAX: usize = 256;
 /// The same for hold, stop and abort.
 const URGENT_MAX: usize = 64;
 
-/// Makes requests of the port.
+/// To whom a refusal is told: coordinate system, client id, command id.
+type ToTell = (CoordinateSystemNumber, String, String);
+
+/// Makes requests of the machine.
 pub(super) struct Dispatch {
-    port: Arc<dyn ServedPort>,
+    machine: Machine,
     metrics: Arc<Metrics>,
     unanswered: Arc<Semaphore>,
     urgent: Arc<Semaphore>,
 }
 
 impl Dispatch {
-    pub(super) fn new(port: Arc<dyn ServedPort>, metrics: Arc<Metrics>) -> Self {
+    pub(super) fn new(machine: Machine, metrics: Arc<Metrics>) -> Self {
         Self {
-            port,
+            machine,
             metrics,
             unanswered: Arc::new(Semaphore::new(UNANSWERED_MAX)),
             urgent: Arc::new(Semaphore::new(URGENT_MAX)),
@@ -44,9 +49,9 @@ impl Dispatch {
 
     /// Carries out what came in, and returns the reply to a command that never becomes a request. Each request has reached
     /// the port before the next one is made, so that the port sees them in order; a slow answer delays nothing.
-    pub(super) async fn take(&self, inbound: Inbound) -> Option<Message> {
+    pub(super) async fn take(&self, publisher: Publisher, inbound: Inbound) -> Option<Message> {
         match inbound {
-            Inbound::Ask { request, urgent } => self.ask(request, urgent).await,
+            Inbound::Ask { request, urgent } => self.ask(publisher, request, urgent).await,
             Inbound::Reject {
                 cs,
                 client_id,
@@ -57,16 +62,29 @@ impl Dispatch {
         }
     }
 
-    async fn ask(&self, request: Request, urgent: bool) -> Option<Message> {
+    async fn ask(&self, publisher: Publisher, parsed: ParsedRequest, urgent: bool) -> Option<Message> {
+        let to_tell =
+            sender(parsed.request()).map(|(cs, meta)| (cs, meta.client_id.clone(), meta.command_id.clone()));
         let places = if urgent { &self.urgent } else { &self.unanswered };
         let Ok(place) = Arc::clone(places).try_acquire_owned() else {
-            return self.too_many(&request).await;
+            let text = "too many requests are unanswered; send it again";
+            return self
+                .refuse(to_tell, Refusal::new(RefusalCode::Unavailable, text))
+                .await;
         };
-        let port = Arc::clone(&self.port);
+        let judged = match publisher {
+            Publisher::User(user) => self.machine.judge(&user, ServerTransport::Mqtt, parsed).await,
+            Publisher::Unknown(name) => Machine::judge_last_will(&name, parsed),
+        };
+        let authorized = match judged {
+            Ok(authorized) => authorized,
+            Err(refusal) => return self.refuse(to_tell, refusal).await,
+        };
+        let machine = self.machine.clone();
         // the port itself replies to a sender with a name, refusals included
-        let is_replied_to = sender(&request).is_some();
+        let is_replied_to = to_tell.is_some();
         let mut asking = Box::pin(async move {
-            if let Err(refusal) = port.request(request).await
+            if let Err(refusal) = machine.carry_out(authorized).await
                 && !is_replied_to
             {
                 warn!("MQTT request refused: {refusal}");
@@ -80,13 +98,11 @@ impl Dispatch {
         None
     }
 
-    async fn too_many(&self, request: &Request) -> Option<Message> {
-        let text = "too many requests are unanswered; send it again";
-        let refusal = Refusal::new(RefusalCode::Unavailable, text);
-        let Some((cs, meta)) = sender(request) else {
+    /// A request that does not reach the port.
+    async fn refuse(&self, to_tell: Option<ToTell>, refusal: Refusal) -> Option<Message> {
+        let Some((cs, client_id, command_id)) = to_tell else {
             return self.drop_message(&format!("MQTT request refused: {refusal}"));
         };
-        let (client_id, command_id) = (meta.client_id.clone(), meta.command_id.clone());
         Some(self.reject(cs, client_id, command_id, refusal).await)
     }
 
@@ -109,9 +125,9 @@ impl Dispatch {
         warn!("MQTT command {command_id:?} of {client_id:?} rejected: {refusal}");
         if refusal.code == RefusalCode::Retained {
             let text = format!("retained command {command_id:.128} of {client_id:.64} over MQTT: {refusal}");
-            self.port.notice(ServerNotice::Warning(text));
+            self.machine.notice(ServerNotice::Warning(text));
         }
-        let state = self.port.read(&Topic::cs(cs, CsTopic::State)).await;
+        let state = self.machine.read(&Topic::cs(cs, CsTopic::State)).await;
         let reply = CommandReply {
             command_id,
             status: CommandStatus::Rejected,
@@ -121,6 +137,6 @@ impl Dispatch {
             variables: None,
             lease: None,
         };
-        message(&*self.port, Topic::Reply(client_id), Payload::Reply(reply))
+        message(&self.machine, Topic::Reply(client_id), Payload::Reply(reply))
     }
 }

@@ -19,7 +19,7 @@ use tracing::{info, warn};
 use super::dispatch::Dispatch;
 use super::outbox::{Handed, Outbox, Parcel};
 use super::wire::{self, Event, Lost, Version, Wire};
-use super::{Parts, client_id, message};
+use super::{Parts, Publisher, client_id, message};
 use crate::broker_address::Refused;
 use crate::contract::topics::{inbound_topics, is_inbound};
 use crate::metrics::add;
@@ -71,8 +71,8 @@ impl Link {
         Self {
             outbox: Outbox::default(),
             positions_due: every(parts.position_interval),
-            subscription: Some(parts.port.subscribe(Filter::All)),
-            dispatch: Dispatch::new(Arc::clone(&parts.port), Arc::clone(&parts.metrics)),
+            subscription: Some(parts.machine.subscribe(Filter::All)),
+            dispatch: Dispatch::new(parts.machine.clone(), Arc::clone(&parts.metrics)),
             parts,
             stop,
             connections: 0,
@@ -141,7 +141,7 @@ impl Link {
         let Parts { root, at, .. } = &self.parts;
         let topic = format!("{root}{}", Topic::Presence.path());
         let will = LastWill::new(topic, offline.to_json(), QoS::AtLeastOnce, true);
-        let client_id = client_id(&self.parts.settings, &self.parts.machine);
+        let client_id = client_id(&self.parts.settings, &self.parts.machine_name);
         let mut session = Session {
             wire: Wire::open(&client_id, at, will, version),
             version,
@@ -199,7 +199,11 @@ impl Link {
             // the port has closed: nothing more to publish, but the connection stays until the stop
             Wakeup::Message(None) => self.subscription = None,
             Wakeup::PositionsDue => self.put_positions().await,
-            Wakeup::Refused((topic, payload)) => self.take(&topic, &payload, true).await,
+            Wakeup::Refused((topic, payload)) => {
+                // with the retain flag it asks for nothing, whoever has published it
+                let publisher = Publisher::Unknown(String::new());
+                self.take(publisher, &topic, &payload, true).await;
+            }
             Wakeup::Mqtt(_) | Wakeup::Stop => {}
         }
         let lost = self.outbox.take_lost();
@@ -211,13 +215,13 @@ impl Link {
 
     /// Positions are not retained but streamed, at rest too, so that late subscribers learn them.
     async fn put_positions(&mut self) {
-        let birth = self.parts.port.read(&Topic::Birth).await;
+        let birth = self.parts.machine.read(&Topic::Birth).await;
         let Some(Payload::Birth(birth)) = birth.as_ref().map(|message| &message.payload) else {
             return;
         };
         for system in &birth.coordinate_systems {
             let topic = Topic::cs(system.number, CsTopic::Position);
-            if let Some(position) = self.parts.port.read(&topic).await {
+            if let Some(position) = self.parts.machine.read(&topic).await {
                 self.outbox.put(position);
             }
         }
@@ -230,7 +234,7 @@ impl Link {
         let Parts { root, metrics, .. } = &self.parts;
         metrics.mqtt_connected.store(1, Ordering::Relaxed);
         add(&metrics.mqtt_connections, 1);
-        if !wire.subscribe(inbound_topics().map(|topic| format!("{root}{}", topic.filter()))) {
+        if !wire.subscribe(inbound_topics().map(|(topic, _)| format!("{root}{}", topic.filter()))) {
             warn!(
                 "the MQTT client takes no subscriptions; nothing can be commanded over MQTT until it reconnects"
             );
@@ -238,7 +242,7 @@ impl Link {
         self.outbox.on_connected();
         self.report_bus(true);
         if self.connections > 1 {
-            self.parts.port.notice(ServerNotice::Reconnected);
+            self.parts.machine.notice(ServerNotice::Reconnected);
         }
     }
 
@@ -246,7 +250,7 @@ impl Link {
     fn report_bus(&mut self, connected: bool) {
         if self.told_connected != connected {
             self.told_connected = connected;
-            self.parts.port.notice(ServerNotice::BusLink { connected });
+            self.parts.machine.notice(ServerNotice::BusLink { connected });
         }
     }
 
@@ -289,7 +293,10 @@ impl Link {
                 info!("connected to the MQTT broker over {}", session.version);
                 self.on_connected(&session.wire);
             }
-            Event::Published(publish) => self.on_publish(&publish, session.version).await,
+            Event::Published { publish, sender } => {
+                let publisher = Publisher::of(self.parts.tokens.as_ref(), sender.as_deref());
+                self.on_publish(&publish, publisher, session.version).await;
+            }
             Event::Acknowledged { refused } => {
                 self.outbox.on_acknowledged();
                 if let Some(reason) = refused.filter(|_| !session.warned_of_refusal) {
@@ -308,7 +315,7 @@ impl Link {
         }
     }
 
-    async fn on_publish(&mut self, publish: &Publish, version: Version) {
+    async fn on_publish(&mut self, publish: &Publish, publisher: Publisher, version: Version) {
         // empty: a retained topic that was cleared, by us or by its sender
         if publish.payload.is_empty() {
             return;
@@ -319,23 +326,28 @@ impl Link {
         {
             self.outbox.clear(path.to_owned());
         }
-        self.take(&publish.topic, &publish.payload, publish.retain).await;
+        self.take(publisher, &publish.topic, &publish.payload, publish.retain)
+            .await;
     }
 
-    async fn take(&mut self, topic: &str, payload: &[u8], retained: bool) {
+    async fn take(&mut self, publisher: Publisher, topic: &str, payload: &[u8], retained: bool) {
         let Some(path) = topic.strip_prefix(&self.parts.root) else {
             return;
         };
         add(&self.parts.metrics.mqtt_received, 1);
-        if let Some(reply) = self.dispatch.take(decode(path, payload, retained)).await {
+        if let Some(reply) = self
+            .dispatch
+            .take(publisher, decode(path, payload, retained))
+            .await
+        {
             self.outbox.put(Arc::new(reply));
         }
     }
 
     /// The presence of a runtime that is offline.
     async fn offline(&self) -> Message {
-        let port = &*self.parts.port;
-        let mut presence = match port.read(&Topic::Presence).await.as_deref() {
+        let machine = &self.parts.machine;
+        let mut presence = match machine.read(&Topic::Presence).await.as_deref() {
             Some(Message {
                 payload: Payload::Presence(presence),
                 ..
@@ -343,7 +355,7 @@ impl Link {
             _ => Presence::default(),
         };
         presence.online = false;
-        message(port, Topic::Presence, Payload::Presence(presence))
+        message(machine, Topic::Presence, Payload::Presence(presence))
     }
 
     /// Publishes what is left, finally that the runtime is offline, and disconnects.
@@ -351,7 +363,7 @@ impl Link {
         while let Some(message) = self.subscription.as_mut().and_then(Subscription::try_next) {
             self.on_wakeup(Wakeup::Message(Some(message))).await;
         }
-        let offline = message(&*self.parts.port, offline.topic, offline.payload);
+        let offline = message(&self.parts.machine, offline.topic, offline.payload);
         self.outbox.put(Arc::new(offline));
         self.publish(&session);
         while !self.outbox.is_empty() {

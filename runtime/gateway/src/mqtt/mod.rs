@@ -11,7 +11,6 @@ mod wire;
 use std::sync::Arc;
 use std::time::Duration;
 
-use plc_api::server::ServedPort;
 use plc_api::types::Timestamp;
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::topic::Topic;
@@ -19,7 +18,9 @@ use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
+use crate::access::{LiveTokens, User};
 use crate::broker_address::{BrokerAddress, Refused};
+use crate::machine::Machine;
 use crate::metrics::Metrics;
 use crate::settings::MqttSettings;
 use link::Link;
@@ -45,9 +46,11 @@ pub(crate) fn client_id(settings: &MqttSettings, machine: &str) -> String {
 
 /// What the MQTT end needs.
 pub(crate) struct Parts {
-    pub(crate) port: Arc<dyn ServedPort>,
+    pub(crate) machine: Machine,
     pub(crate) settings: MqttSettings,
-    pub(crate) machine: String,
+    pub(crate) machine_name: String,
+    /// Users of the embedded broker; `None`: whoever the broker lets in may do everything.
+    pub(crate) tokens: Option<LiveTokens>,
     /// Root of all topics, with its last slash.
     pub(crate) root: String,
     pub(crate) at: BrokerAddress,
@@ -56,11 +59,33 @@ pub(crate) struct Parts {
     pub(crate) metrics: Arc<Metrics>,
 }
 
+/// Who has published a message.
+#[derive(Debug)]
+enum Publisher {
+    User(User),
+    /// A name whose token counts no more, or nobody that the broker names.
+    Unknown(String),
+}
+
+impl Publisher {
+    /// The publisher that the broker names.
+    fn of(tokens: Option<&LiveTokens>, named: Option<&str>) -> Self {
+        let Some(tokens) = tokens else {
+            return Publisher::User(User::Anyone);
+        };
+        let user = named.and_then(|name| tokens.now().user_named(name));
+        user.map_or_else(
+            || Publisher::Unknown(named.unwrap_or_default().to_owned()),
+            Publisher::User,
+        )
+    }
+}
+
 /// A message of this boot, from now.
-fn message(port: &dyn ServedPort, topic: Topic, payload: Payload) -> Message {
+fn message(machine: &Machine, topic: Topic, payload: Payload) -> Message {
     Message {
         topic,
-        boot_id: port.boot_id(),
+        boot_id: machine.boot_id(),
         ts: Timestamp::from_system_time(std::time::SystemTime::now()),
         rev: None,
         payload,

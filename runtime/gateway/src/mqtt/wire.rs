@@ -28,6 +28,9 @@ const CHANNEL: usize = 64;
 /// Publishes without an acknowledgement, unless the broker accepts fewer.
 const IN_FLIGHT_MAX: u16 = 100;
 
+/// User property in which the embedded broker names the publisher of a message.
+const SENDER: &str = "x-mqtt-sender";
+
 /// The protocol version of a connection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Version {
@@ -52,7 +55,11 @@ pub(super) enum Event {
     /// The connection is established. The broker accepts packets of so many bytes.
     Connected { packet_max: usize },
     /// A message. Over 3.1.1 its retain flag is set only if it was published before the subscription.
-    Published(Publish),
+    Published {
+        publish: Publish,
+        /// User who has published it, as the embedded broker names it.
+        sender: Option<String>,
+    },
     /// The oldest publish is done with; `refused` gives the broker's reason.
     Acknowledged { refused: Option<String> },
     /// The broker refuses a subscription.
@@ -211,7 +218,11 @@ fn event_5(event: v5::Event) -> Option<Event> {
             let topic = String::from_utf8(publish.topic.into()).ok()?;
             let mut taken = Publish::new(topic, QoS::AtLeastOnce, publish.payload);
             taken.retain = publish.retain;
-            Event::Published(taken)
+            let properties = publish.properties.map(|properties| properties.user_properties);
+            Event::Published {
+                publish: taken,
+                sender: sender(properties.unwrap_or_default()),
+            }
         }
         // brokers acknowledge in the order of publishing (MQTT-4.6.0-2)
         v5::Event::Incoming(mqtt5::Packet::PubAck(ack)) => {
@@ -233,12 +244,23 @@ fn event_5(event: v5::Event) -> Option<Event> {
     })
 }
 
+/// The value of the only property with which the embedded broker names the publisher. The broker takes away what a client
+/// writes there.
+fn sender(properties: Vec<(String, String)>) -> Option<String> {
+    let mut named = properties.into_iter().filter(|(name, _)| name == SENDER);
+    let (_, sender) = named.next()?;
+    named.next().is_none().then_some(sender)
+}
+
 fn event_3(event: rumqttc::Event) -> Option<Event> {
     Some(match event {
         rumqttc::Event::Incoming(Packet::ConnAck(_)) => Event::Connected {
             packet_max: usize::try_from(PACKET_OUT_MAX).unwrap_or(usize::MAX),
         },
-        rumqttc::Event::Incoming(Packet::Publish(publish)) => Event::Published(publish),
+        rumqttc::Event::Incoming(Packet::Publish(publish)) => Event::Published {
+            publish,
+            sender: None,
+        },
         rumqttc::Event::Incoming(Packet::PubAck(_)) => Event::Acknowledged { refused: None },
         rumqttc::Event::Incoming(Packet::SubAck(ack)) => {
             if !ack.return_codes.contains(&SubscribeReasonCode::Failure) {

@@ -43,10 +43,10 @@ pub(crate) fn routes() -> Router<Arc<Shared>> {
                 Serves::State(row) => methods.on(filter, move |shared, uri, params| {
                     states::one(shared, uri, params, row)
                 }),
-                Serves::Own => continue,
+                Serves::Own(_) => continue,
             };
         }
-        if places.iter().any(|(_, serves)| !matches!(serves, Serves::Own)) {
+        if places.iter().any(|(_, serves)| !matches!(serves, Serves::Own(_))) {
             router = router.route(path, methods);
         }
     }

@@ -8,6 +8,7 @@ use std::time::Duration;
 use axum::extract::{FromRequestParts, Query, RawPathParams, Request as HttpRequest};
 use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
+use plc_api::server::ServerTransport;
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::message::Payload;
 use plc_api::types::program::PROGRAM_BYTES_MAX;
@@ -22,9 +23,9 @@ use tokio::sync::SemaphorePermit;
 use tokio::time::timeout;
 
 use super::{body, json_response, nothing_at, params};
-use crate::access::http::forbidden;
-use crate::access::{User, check_speaker};
+use crate::access::User;
 use crate::contract::routes::API;
+use crate::machine::Authorized;
 use crate::problem::Problem;
 use crate::shared::{LARGE_REQUESTS_MAX, Shared, unexpected};
 
@@ -84,17 +85,18 @@ pub(super) async fn serve(
         query,
         source: Source::Http(&sender),
     };
-    let request = (row.read)(incoming).map_err(|fault| match fault {
+    let parsed = row.parse(incoming).map_err(|fault| match fault {
         Fault::Level(_) => nothing_at(&head.uri),
         Fault::NotFound(text) => Problem::not_found(text),
         Fault::Json(error) => Problem::invalid(format!("the JSON body is not right: {error}")),
         Fault::Invalid(text) => Problem::invalid(text),
     })?;
-    check_speaker(&user, &request).map_err(forbidden)?;
-    let form = (row.answer)(&request);
-    let reply = match request {
-        Request::Command { .. } => carry_out(&shared, request, &form).await?,
-        request => form.encode(shared.ask(request).await?)?,
+    let judged = shared.machine.judge(&user, ServerTransport::Rest, parsed).await;
+    let authorized = judged.map_err(Problem::from)?;
+    let form = (row.answer)(authorized.request());
+    let reply = match authorized.request() {
+        Request::Command { .. } => carry_out(&shared, authorized, &form).await?,
+        _ => form.encode(shared.ask(authorized).await?)?,
     };
     drop(permit);
     Ok(response(reply))
@@ -178,7 +180,11 @@ async fn of_alarm(shared: &Shared, id: &str, uri: &Uri) -> Result<CoordinateSyst
     Ok(first.number)
 }
 
-async fn carry_out(shared: &Arc<Shared>, request: Request, form: &AnswerForm) -> Result<Reply, Problem> {
+async fn carry_out(
+    shared: &Arc<Shared>,
+    authorized: Authorized,
+    form: &AnswerForm,
+) -> Result<Reply, Problem> {
     let Ok(place) = Arc::clone(&shared.open_commands).try_acquire_owned() else {
         return Err(Problem::new(
             StatusCode::SERVICE_UNAVAILABLE,
@@ -186,7 +192,7 @@ async fn carry_out(shared: &Arc<Shared>, request: Request, form: &AnswerForm) ->
             "too many commands are unanswered; send it again",
         ));
     };
-    let (command_id, wait) = match &request {
+    let (command_id, wait) = match authorized.request() {
         Request::Command { meta, wait, .. } => (meta.command_id.clone(), *wait),
         _ => (String::new(), false),
     };
@@ -194,7 +200,7 @@ async fn carry_out(shared: &Arc<Shared>, request: Request, form: &AnswerForm) ->
     let asking = shared.tasks.spawn({
         let shared = Arc::clone(shared);
         async move {
-            let answer = shared.ask(request).await;
+            let answer = shared.ask(authorized).await;
             drop(place);
             answer
         }

@@ -85,7 +85,7 @@ async fn health() -> Response {
 async fn metrics(State(shared): State<Arc<Shared>>) -> Response {
     let kind = HeaderValue::from_static("text/plain; version=0.0.4; charset=utf-8");
     // In simulated time there is no servo thread, and its metrics are left out.
-    let text = shared.metrics.text(shared.port.servo_timing().as_ref());
+    let text = shared.metrics.text(shared.machine.servo_timing().as_ref());
     ([(header::CONTENT_TYPE, kind)], text).into_response()
 }
 

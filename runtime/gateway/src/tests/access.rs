@@ -76,8 +76,10 @@ fn filled(path: &str) -> String {
 #[tokio::test]
 async fn every_route_asks_for_a_token_and_lets_pass_the_roles_of_its_right_only() {
     let users = Users::new();
-    let shared = served(&users);
-    for (route, _) in ROUTES
+    let port = port();
+    port.say_handler("handler", 1);
+    let shared = shared_with(port, users.settings.tokens.clone());
+    for (route, serves) in ROUTES
         .values()
         .flatten()
         .filter(|(route, _)| route.pattern != "/ws")
@@ -85,7 +87,7 @@ async fn every_route_asks_for_a_token_and_lets_pass_the_roles_of_its_right_only(
         let path = filled(&route.path());
         let asked = (route.method, path.as_str());
         let (status, problem) = send(&shared, asked, None, &json!({})).await;
-        let Some(right) = route.right else {
+        let Some(right) = serves.right() else {
             assert_ne!(status, StatusCode::UNAUTHORIZED, "{asked:?}");
             continue;
         };

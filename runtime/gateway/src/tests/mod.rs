@@ -3,6 +3,7 @@
 mod access;
 mod data;
 mod gateway;
+mod judge;
 mod mqtt;
 mod mqtt_refusals;
 mod rest;
@@ -15,10 +16,11 @@ use std::time::Duration;
 
 use plc_api::hub::{Filter, Hub, Subscription};
 use plc_api::port::{BoxFuture, Port};
-use plc_api::server::{ServedPort, ServerNotice, ServoTiming};
+use plc_api::server::{Origin, ServedPort, ServerNotice, ServoTiming};
 use plc_api::types::command::{CommandReply, CommandStatus};
 use plc_api::types::machine::{Birth, CoordinateSystemInfo, Presence};
 use plc_api::types::message::{Message, Payload};
+use plc_api::types::output::{HandledCode, HandlerPresence};
 use plc_api::types::request::{Answer, Refusal, Request};
 use plc_api::types::state::{Position, State, Switch};
 use plc_api::types::topic::{CsTopic, Topic};
@@ -35,6 +37,7 @@ type Script = Box<dyn Fn(&Request) -> Result<Answer, Refusal> + Send + Sync>;
 pub(super) struct StubPort {
     pub(super) hub: Hub,
     pub(super) asked: Mutex<Vec<Request>>,
+    origins: Mutex<Vec<Origin>>,
     pub(super) told: Mutex<Vec<ServerNotice>>,
     pub(super) servo_timing: Mutex<Option<ServoTiming>>,
     pub(super) news: tokio::sync::Notify,
@@ -67,6 +70,7 @@ impl StubPort {
         let stub = Self {
             hub: Hub::new(),
             asked: Mutex::default(),
+            origins: Mutex::default(),
             told: Mutex::default(),
             servo_timing: Mutex::default(),
             news: tokio::sync::Notify::new(),
@@ -117,6 +121,22 @@ impl StubPort {
             ..Position::default()
         };
         self.say(Topic::cs(1, CsTopic::Position), None, Payload::Position(position));
+    }
+
+    /// A handler is there, and serves M5 in this coordinate system.
+    pub(super) fn say_handler(&self, id: &str, cs: u8) {
+        let presence = HandlerPresence {
+            online: true,
+            handles: vec![HandledCode { cs, m: 5 }],
+            validates: false,
+        };
+        let topic = Topic::HandlerPresence(id.to_owned());
+        self.say(topic, Some(1), Payload::HandlerPresence(presence));
+    }
+
+    /// Who has made each request so far.
+    pub(super) fn origins(&self) -> Vec<Origin> {
+        self.origins.lock().unwrap().clone()
     }
 
     /// All requests so far.
@@ -182,6 +202,11 @@ impl Port for StubPort {
 }
 
 impl ServedPort for StubPort {
+    fn request_from(&self, origin: Origin, request: Request) -> BoxFuture<'_, Result<Answer, Refusal>> {
+        self.origins.lock().unwrap().push(origin);
+        self.request(request)
+    }
+
     fn notice(&self, notice: ServerNotice) {
         self.told.lock().unwrap().push(notice);
     }
@@ -220,7 +245,7 @@ pub(super) fn shared(port: Arc<StubPort>) -> Arc<Shared> {
 
 pub(super) fn shared_with(port: Arc<StubPort>, tokens: Option<Arc<crate::Tokens>>) -> Arc<Shared> {
     Arc::new(Shared::new(
-        port,
+        crate::machine::Machine::new(port),
         "127.0.0.1:8080".parse().unwrap(),
         Access::new(tokens.map(crate::access::LiveTokens::fixed)),
         Duration::from_millis(20),

@@ -85,6 +85,13 @@ impl Client {
         within(publish).await.unwrap();
     }
 
+    /// The same with a text that need not be JSON.
+    pub(super) async fn publish_text(&self, path: &str, payload: &str) {
+        let topic = format!("{ROOT}{path}");
+        let publish = self.mqtt.publish(topic, QoS::AtLeastOnce, false, payload);
+        within(publish).await.unwrap();
+    }
+
     /// The next message on this path for which the check holds; others are skipped.
     pub(super) async fn next(&mut self, path: &str, fits: impl Fn(&Value) -> bool) -> (Publish, Value) {
         within(async {
@@ -338,12 +345,13 @@ async fn broker(address: std::net::SocketAddr) -> (Broker, std::net::SocketAddr)
 fn mqtt_end(port: &Arc<StubPort>, address: std::net::SocketAddr) -> MqttEnd {
     let (_, refused) = mpsc::channel(1);
     MqttEnd::start(mqtt::Parts {
-        port: Arc::<StubPort>::clone(port),
+        machine: crate::machine::Machine::new(Arc::<StubPort>::clone(port)),
+        tokens: None,
         settings: MqttSettings {
             embedded_listen: None,
             ..MqttSettings::default()
         },
-        machine: "mill-1".into(),
+        machine_name: "mill-1".into(),
         root: ROOT.into(),
         at: crate::broker_address::BrokerAddress {
             host: address.ip().to_string(),

@@ -1,0 +1,88 @@
+//! What a user may ask, decided on the request that is carried out. Pure: no I/O.
+
+use plc_api::types::CoordinateSystemNumber;
+use plc_api::types::data::VariableArea;
+use plc_api::types::request::Request;
+use plc_api::wire::right::Right;
+use plc_api::wire::row::ParsedRequest;
+
+use super::{Role, User};
+
+/// An error, in words, if a user may not make a request. `serves`: whether the user is a handler that is there and serves an
+/// M code of this coordinate system; of any for `None`.
+pub(crate) fn check(
+    user: &User,
+    parsed: &ParsedRequest,
+    serves: impl Fn(Option<CoordinateSystemNumber>) -> bool,
+) -> Result<(), String> {
+    let role = user.role();
+    if !role.has(parsed.right()) {
+        let needed: Vec<_> = Role::ALL
+            .iter()
+            .filter(|(_, role)| role.has(parsed.right()))
+            .collect();
+        let needed: Vec<_> = needed.into_iter().map(|(word, _)| *word).collect();
+        return Err(format!(
+            "role {} may not do this; it needs {}",
+            role.word(),
+            needed.join(" or ")
+        ));
+    }
+    match user {
+        User::Token(token) if token.role == Role::Handler => check_handler(&token.name, parsed, serves),
+        _ => Ok(()),
+    }
+}
+
+/// A handler acts in its own name, never by force, and sets values only where it serves an M code.
+fn check_handler(
+    name: &str,
+    parsed: &ParsedRequest,
+    serves: impl Fn(Option<CoordinateSystemNumber>) -> bool,
+) -> Result<(), String> {
+    let request = parsed.request();
+    if let Some(said) = spoken_for(request).filter(|said| *said != name) {
+        return Err(format!(
+            "the token of {name} has role handler: it speaks as handler_id {name} only, not as {said:?}"
+        ));
+    }
+    if matches!(request, Request::Reset(_, _, reset) if reset.force.unwrap_or(false)) {
+        return Err("a reset by force needs role operate or admin".to_owned());
+    }
+    if parsed.right() != Right::Set {
+        return Ok(());
+    }
+    let cs = match request {
+        Request::Tool(cs, _)
+        | Request::Spindle(cs, _)
+        | Request::WriteVariables {
+            area: VariableArea::CoordinateSystem(cs),
+            ..
+        } => Some(*cs),
+        _ => None,
+    };
+    if serves(cs) {
+        return Ok(());
+    }
+    let place = cs.map_or_else(
+        || "this machine".to_owned(),
+        |cs| format!("coordinate system {cs}"),
+    );
+    Err(format!(
+        "the token of {name} has role handler: it sets tool, spindle and variables only where it serves an M code, and \
+         handler {name} serves none of {place} now"
+    ))
+}
+
+/// The handler in whose name a request is made.
+fn spoken_for(request: &Request) -> Option<&str> {
+    match request {
+        Request::Claim(_, _, claim) => Some(&claim.handler_id),
+        Request::Reset(_, _, reset) => Some(&reset.handler_id),
+        Request::Progress(_, _, report) => Some(&report.handler_id),
+        Request::Ask(_, _, ask) => Some(&ask.handler_id),
+        Request::ValidateResult(_, _, result) => Some(&result.handler_id),
+        Request::Handler(id, _) => Some(id),
+        _ => None,
+    }
+}

@@ -1,0 +1,138 @@
+//! The machine as the server ends reach it: everyone reads it, and only what was judged is asked of it.
+//!
+//! A row of the wire parses a request once; [`Machine::judge`] decides on that value whether its user may make it, and
+//! [`Machine::carry_out`] carries out the same value. There is no other way to the port, so a request that nobody judged
+//! does not compile.
+
+use std::sync::Arc;
+
+use plc_api::hub::{Filter, Subscription};
+use plc_api::port::BoxFuture;
+use plc_api::server::{Origin, ServedPort, ServerNotice, ServerTransport, ServoTiming};
+use plc_api::types::message::{Message, Payload};
+use plc_api::types::output::HandlerPresence;
+use plc_api::types::request::{Answer, Refusal, RefusalCode, Request};
+use plc_api::types::topic::Topic;
+use plc_api::types::{BootId, CoordinateSystemNumber};
+use plc_api::wire::right::Right;
+use plc_api::wire::row::ParsedRequest;
+
+use crate::access::{User, rules};
+
+/// The machine that is served.
+#[derive(Clone)]
+pub(crate) struct Machine {
+    port: Arc<dyn ServedPort>,
+}
+
+/// A request that its user may make. Only a [`Machine`] makes one.
+#[derive(Debug, PartialEq)]
+pub(crate) struct Authorized {
+    request: Request,
+    origin: Origin,
+}
+
+impl Authorized {
+    /// What is asked.
+    pub(crate) fn request(&self) -> &Request {
+        &self.request
+    }
+}
+
+impl Machine {
+    pub(crate) fn new(port: Arc<dyn ServedPort>) -> Self {
+        Self { port }
+    }
+
+    /// Decides whether a user may make a request.
+    ///
+    /// # Errors
+    /// `forbidden`.
+    pub(crate) async fn judge(
+        &self,
+        user: &User,
+        over: ServerTransport,
+        parsed: ParsedRequest,
+    ) -> Result<Authorized, Refusal> {
+        let presence = match user.name().filter(|_| parsed.right() == Right::Set) {
+            Some(name) => self.presence_of(name).await,
+            None => None,
+        };
+        let serves = |cs: Option<CoordinateSystemNumber>| {
+            let handles = presence.iter().flat_map(|presence| &presence.handles);
+            handles.into_iter().any(|code| cs.is_none_or(|cs| code.cs == cs))
+        };
+        rules::check(user, &parsed, serves).map_err(forbidden)?;
+        Ok(Authorized {
+            origin: Origin {
+                user: user.name().map(ToOwned::to_owned),
+                over,
+                right: parsed.right(),
+            },
+            request: parsed.into_request(),
+        })
+    }
+
+    /// The same for a user whose token counts no more: that a handler of its name has gone is still believed, which is what
+    /// the last will of its connection says.
+    ///
+    /// # Errors
+    /// `forbidden` for everything else.
+    pub(crate) fn judge_last_will(name: &str, parsed: ParsedRequest) -> Result<Authorized, Refusal> {
+        match parsed.into_request() {
+            Request::Handler(id, presence) if id == name && !presence.online => {
+                Ok(Self::gone(id, ServerTransport::Mqtt))
+            }
+            _ => Err(forbidden(format!("the token of {name:?} counts no more"))),
+        }
+    }
+
+    /// That a handler has gone, which the server itself has seen: its connection has ended.
+    pub(crate) fn gone(handler_id: String, over: ServerTransport) -> Authorized {
+        Authorized {
+            origin: Origin {
+                user: Some(handler_id.clone()),
+                over,
+                right: Right::Handle,
+            },
+            request: Request::Handler(handler_id, HandlerPresence::default()),
+        }
+    }
+
+    /// Carries out what was judged.
+    pub(crate) fn carry_out(&self, authorized: Authorized) -> BoxFuture<'_, Result<Answer, Refusal>> {
+        self.port.request_from(authorized.origin, authorized.request)
+    }
+
+    async fn presence_of(&self, handler_id: &str) -> Option<HandlerPresence> {
+        let topic = Topic::HandlerPresence(handler_id.to_owned());
+        match &self.port.read(&topic).await?.payload {
+            Payload::HandlerPresence(presence) if presence.online => Some(presence.clone()),
+            _ => None,
+        }
+    }
+
+    pub(crate) fn boot_id(&self) -> BootId {
+        self.port.boot_id()
+    }
+
+    pub(crate) fn read<'a>(&'a self, topic: &'a Topic) -> BoxFuture<'a, Option<Arc<Message>>> {
+        self.port.read(topic)
+    }
+
+    pub(crate) fn subscribe(&self, filter: Filter) -> Subscription {
+        self.port.subscribe(filter)
+    }
+
+    pub(crate) fn notice(&self, notice: ServerNotice) {
+        self.port.notice(notice);
+    }
+
+    pub(crate) fn servo_timing(&self) -> Option<ServoTiming> {
+        self.port.servo_timing()
+    }
+}
+
+fn forbidden(text: String) -> Refusal {
+    Refusal::new(RefusalCode::Forbidden, text)
+}
