@@ -88,6 +88,14 @@ impl VariableArea {
         }
     }
 
+    /// The coordinate system of Q variables; `None`: those of the machine.
+    pub fn coordinate_system(self) -> Option<CoordinateSystemNumber> {
+        match self {
+            VariableArea::Global => None,
+            VariableArea::CoordinateSystem(cs) => Some(cs),
+        }
+    }
+
     /// The letter of its variables.
     pub fn kind(self) -> VariableKind {
         match self {

@@ -111,6 +111,20 @@ macro_rules! requests {
         }
 
         impl Request {
+            /// The coordinate system that it concerns; `None`: the machine.
+            pub fn coordinate_system(&self) -> Option<CoordinateSystemNumber> {
+                match self {
+                    $(Request::$o(cs, ..) => Some(*cs),)*
+                    $(Request::$c $(( cs, $(any!($c_field)),* ))? $({ cs, $($c_named: _),* })? => Some(*cs),)*
+                    Request::ReadVariables { area, .. } | Request::WriteVariables { area, .. } => {
+                        area.coordinate_system()
+                    }
+                    Request::WorkOffsets(cs) | Request::WriteWorkOffsets(cs, _) | Request::LastRun(cs) => Some(*cs),
+                    Request::RaiseAlarm(raise) => raise.cs,
+                    _ => None,
+                }
+            }
+
             /// Of a request that says something of an output: its coordinate system, its sequence number, and its M number
             /// where it is named.
             pub(crate) fn output_mut(&mut self) -> Option<(CoordinateSystemNumber, u64, &mut Option<u16>)> {
@@ -159,6 +173,13 @@ macro_rules! requests {
                 $p($($p_field: $p_type),*) -> $p_answer
             })*
         }
+    };
+}
+
+/// The pattern of a field that does not matter.
+macro_rules! any {
+    ($field:ident) => {
+        _
     };
 }
 

@@ -14,7 +14,6 @@ use super::row::{
 use crate::names::unique_name;
 use crate::types::CoordinateSystemNumber;
 use crate::types::command::CommandMeta;
-use crate::types::data::VariableArea;
 use crate::types::ids::{COMMAND_ID_MAX, check_command, is_client_id};
 use crate::types::output::{Claim, Reset};
 use crate::types::refusal::{Refusal, RefusalCode};
@@ -90,10 +89,7 @@ pub fn sender(request: &Request) -> Option<(CoordinateSystemNumber, &CommandMeta
     match request {
         Request::Command { cs, meta, .. } | Request::Lease { cs, meta, .. } => Some((*cs, meta)),
         Request::ReadVariables { area, meta, .. } | Request::WriteVariables { area, meta, .. } => {
-            let cs = match area {
-                VariableArea::Global => 0,
-                VariableArea::CoordinateSystem(cs) => *cs,
-            };
+            let cs = area.coordinate_system().unwrap_or(0);
             meta.as_ref().map(|meta| (cs, meta))
         }
         _ => None,

@@ -1,9 +1,7 @@
 //! Who has asked for what: a line of the journal for each request of a user that changes something.
 
 use plc_api::server::Origin;
-use plc_api::types::data::VariableArea;
-use plc_api::types::machine::AlarmRaise;
-use plc_api::types::request::{Destination, MachineRequest, Request};
+use plc_api::types::request::Request;
 use plc_api::wire::mqtt::sender;
 use plc_api::wire::rest;
 
@@ -33,25 +31,9 @@ pub(super) fn record(shared: &Shared, origin: Origin, request: &Request) {
         said: said.as_deref().map(cut),
         command_id: sender(request).map(|(_, meta)| meta.command_id.clone()),
     };
-    shared.record(place(request), event);
+    shared.record(request.coordinate_system().unwrap_or(0), event);
 }
 
 fn cut(text: &str) -> String {
     text.chars().take(SAID_MAX).collect()
-}
-
-/// The coordinate system that a request concerns; 0: all.
-fn place(request: &Request) -> u8 {
-    match Destination::from(request.clone()) {
-        Destination::CoordinateSystem(cs, _)
-        | Destination::Machine(
-            MachineRequest::WriteVariables {
-                area: VariableArea::CoordinateSystem(cs),
-                ..
-            }
-            | MachineRequest::WriteWorkOffsets(cs, _)
-            | MachineRequest::RaiseAlarm(AlarmRaise { cs: Some(cs), .. }),
-        ) => cs,
-        Destination::Machine(_) | Destination::Program(_) => 0,
-    }
 }

@@ -80,11 +80,11 @@ impl RuntimePort {
         let values = self
             .check_age(&meta)
             .and_then(|()| read())
-            .map_err(|refusal| self.shared.reject(of(area), &meta, refusal))?;
+            .map_err(|refusal| self.shared.reject(area.coordinate_system(), &meta, refusal))?;
         let said = VariableValues::new(area.kind(), from, values.iter().copied());
         let reply = CommandReply {
             variables: Some(said),
-            ..(self.shared).reply_to(of(area), &meta, CommandStatus::Done, "ok", "")
+            ..(self.shared).reply_to(area.coordinate_system(), &meta, CommandStatus::Done, "ok", "")
         };
         self.shared
             .publish(Topic::Reply(meta.client_id), Payload::Reply(reply));
@@ -103,22 +103,14 @@ impl RuntimePort {
             return write().map(|()| Answer::Done);
         };
         let asked = Asked::new("variable/set".to_owned(), &(area, from, values));
-        if let Some(reply) = self.replied_again(&meta, of(area), asked)? {
+        if let Some(reply) = self.replied_again(&meta, area.coordinate_system(), asked)? {
             return Ok(Answer::Command(reply));
         }
         self.check_age(&meta)
             .and_then(|()| write())
-            .map_err(|refusal| self.shared.reject(of(area), &meta, refusal))?;
-        let reply = (self.shared).reply_to(of(area), &meta, CommandStatus::Done, "ok", "");
+            .map_err(|refusal| self.shared.reject(area.coordinate_system(), &meta, refusal))?;
+        let reply = (self.shared).reply_to(area.coordinate_system(), &meta, CommandStatus::Done, "ok", "");
         Ok(Answer::Command(self.shared.reply(&meta.client_id, reply)))
-    }
-}
-
-/// The coordinate system of an area; `None` for the machine's.
-fn of(area: VariableArea) -> Option<CoordinateSystemNumber> {
-    match area {
-        VariableArea::Global => None,
-        VariableArea::CoordinateSystem(cs) => Some(cs),
     }
 }
 

@@ -38,8 +38,9 @@ fn naming(kind: &str, request: &str) -> Vec<PathBuf> {
     }));
     let on_a_wire =
         |file: &PathBuf| file.starts_with("plc-api/src/wire") || file.starts_with("runtime/gateway");
-    let row = format!("!({request}(");
-    let of_wire = files(|code| names(code, &sent) || code.contains(&row));
+    // the macros of the rows, with and without a right in front
+    let rows = [format!("!({request}("), format!(", {request}(")];
+    let of_wire = files(|code| names(code, &sent) || rows.iter().any(|row| code.contains(row)));
     found.extend(of_wire.into_iter().filter(on_a_wire));
     found.sort();
     found.dedup();

@@ -1,6 +1,7 @@
 use crate::claim::reset_of;
 use crate::types::BootId;
 use crate::types::command::Command;
+use crate::types::data::VariableArea;
 use crate::types::lease::{LeaseRelease, LeaseRequest, LeaseTake};
 use crate::types::machine::AlarmRaise;
 use crate::types::output::{

@@ -1,7 +1,6 @@
 //! What a user may ask, decided on the request that is carried out. Pure: no I/O.
 
 use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::data::VariableArea;
 use plc_api::types::request::Request;
 use plc_api::wire::right::Right;
 use plc_api::wire::row::ParsedRequest;
@@ -52,15 +51,7 @@ fn check_handler(
     if parsed.right() != Right::Set {
         return Ok(());
     }
-    let cs = match request {
-        Request::Tool(cs, _)
-        | Request::Spindle(cs, _)
-        | Request::WriteVariables {
-            area: VariableArea::CoordinateSystem(cs),
-            ..
-        } => Some(*cs),
-        _ => None,
-    };
+    let cs = request.coordinate_system();
     if serves(cs) {
         return Ok(());
     }
