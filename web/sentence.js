@@ -85,6 +85,7 @@ export function sentence(system, alarms, ageMs) {
     case "FEED_HOLD":
       if (state.reason === "BUS_LOST") return `Held: the connection to the MQTT broker was lost${state.waiting_on ? ` while M${state.waiting_on.m} is open` : ""}. Look at the machine, then press Resume.`;
       if (state.reason === "SERVO_LATE") return "Held: the servo was late, so the motors got no set points for a while. Look at the machine and at the computer's load, then press Resume.";
+      if (state.reason === "CLIENT_LOST") return "Held: a client that the machine watches is not heard any more; the warning names it. Look at it and at the machine, then press Resume.";
       if (state.reason === "BACK_TRACE_END") return "The way back ends here. Press Resume to go forward again.";
       return state.waiting_on
         ? `Held while M${state.waiting_on.m} is open. Press Resume to go on.`

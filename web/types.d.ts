@@ -123,6 +123,11 @@ export interface Health {
   status: "ok";
 }
 
+/** Payload of `heartbeat`, published 10 times a second while the servo is alive, and not while it stands still. */
+export interface HeartbeatMessage {
+  boot_id: BootId; cycle: number; rev?: number; ts: string; v: 1;
+}
+
 export interface Inputs {
   dry_run?: SwitchMessage; interlock?: LockMessage; optional_skip?: OptionalSkipMessage; optional_stop?: SwitchMessage;
   single_block?: SwitchMessage; start_lock?: LockMessage;
@@ -276,7 +281,7 @@ export interface Question {
 }
 
 /** Why a state is as it is. */
-export type Reason = "HANDLER_LOST" | "SINGLE_BLOCK" | "INTERLOCK" | "BUS_LOST" | "SERVO_LATE" | "BACK_TRACE" | "BACK_TRACE_END" | "ALARM" | "STOP" | "ABORTED" | "NO_PROGRAM" | "RESTARTED";
+export type Reason = "HANDLER_LOST" | "SINGLE_BLOCK" | "INTERLOCK" | "BUS_LOST" | "SERVO_LATE" | "CLIENT_LOST" | "BACK_TRACE" | "BACK_TRACE_END" | "ALARM" | "STOP" | "ABORTED" | "NO_PROGRAM" | "RESTARTED";
 
 /** What a handler does with an output that it may already have worked on. */
 export type Redelivery = "ask" | "redo" | "verify";

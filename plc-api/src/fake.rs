@@ -48,6 +48,7 @@ use crate::hub::{Filter, Hub, Subscription};
 use crate::lock::lock;
 use crate::plc::Plc;
 use crate::port::{BoxFuture, Port};
+use crate::types::heartbeat::Heartbeat;
 use crate::types::machine::{AlarmRecord, Birth, CoordinateSystemInfo, Presence};
 use crate::types::message::{Message, Payload};
 use crate::types::output::{
@@ -476,6 +477,16 @@ impl Port for FakePort {
     }
 
     fn read<'a>(&'a self, topic: &'a Topic) -> BoxFuture<'a, Option<Arc<Message>>> {
+        if *topic == Topic::Heartbeat {
+            let mut inner = lock(&self.inner);
+            let cycle = Duration::try_from_secs_f64(inner.now_s).unwrap_or_default();
+            let cycle = u64::try_from(cycle.as_millis()).unwrap_or(u64::MAX);
+            self.publish(
+                &mut inner,
+                Topic::Heartbeat,
+                Payload::Heartbeat(Heartbeat { cycle }),
+            );
+        }
         Box::pin(std::future::ready(self.hub.read(topic)))
     }
 

@@ -44,7 +44,7 @@ impl Filter {
                         | CsTopic::Cancel(_)
                         | CsTopic::Validate(_)
                 ),
-                Topic::AlarmEvent | Topic::AlarmActive | Topic::Reply(_) => false,
+                Topic::Heartbeat | Topic::AlarmEvent | Topic::AlarmActive | Topic::Reply(_) => false,
             },
         }
     }

@@ -156,6 +156,10 @@
 //! A program that starts and stops a machine which others command as well takes its control lease first
 //! ([`CoordinateSystem::take_lease`]): until the lease is released or dropped, nobody else can start motion there.
 //!
+//! # Watching each other
+//! A program without which the machine must not go on asks to be watched ([`Plc::heartbeat`]): when it is not heard any
+//! more, runs are held. One that moves something by itself watches the machine ([`Plc::until_silent`]).
+//!
 //! # Scan style
 //! If you think in PLC scans, write a [`scan::ScanProgram`]: at a fixed period it reads M codes, states, inputs and
 //! variables as flags, and writes resets, inputs and commands as flags. [`SequenceProgram::scan`] runs it together with
@@ -189,6 +193,7 @@ pub mod execution;
 pub mod fake;
 pub mod handlers;
 pub mod handshake;
+mod heartbeat;
 pub mod hub;
 mod lease;
 mod lock;
@@ -213,6 +218,7 @@ pub use ask::OpenQuestion;
 pub use coordinate_system::CoordinateSystem;
 pub use error::{Error, Result};
 pub use handlers::{AuxOutput, Cancellation, SequenceProgram};
+pub use heartbeat::Heartbeat;
 pub use lease::Lease;
 pub use outputs::{Outputs, RawOutput};
 pub use plc::Plc;

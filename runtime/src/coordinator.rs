@@ -33,7 +33,7 @@ use crate::tables::Tables;
 use birth::{birth, presence};
 use opening::{Data, bring_up, new_boot_id, open_store};
 
-/// How often positions are published, at the most; program places and spindles half as often.
+/// How often positions and the heartbeat are published, at the most; program places and spindles half as often.
 const PUBLISH_INTERVAL: Duration = Duration::from_millis(100);
 
 /// Why a runtime does not start.
@@ -291,6 +291,9 @@ async fn publish_positions(shared: Arc<Shared>, mailboxes: Vec<Arc<Mailbox>>) {
             _ = interval.tick() => {}
         }
         odd = !odd;
+        if let Some(first) = mailboxes.first() {
+            shared.publish(Topic::Heartbeat, Payload::Heartbeat(first.view.heartbeat()));
+        }
         for mailbox in &mailboxes {
             let topic = |topic| Topic::cs(mailbox.number, topic);
             let position = mailbox.view.position();

@@ -15,6 +15,7 @@ use plc_api::hub::{Filter, Subscription};
 use plc_api::port::{BoxFuture, Port};
 use plc_api::server::{Origin, ServedPort, ServerNotice, ServoTiming};
 use plc_api::types::command::{Command, CommandMeta};
+use plc_api::types::heartbeat::ClientHeartbeat;
 use plc_api::types::ids::check_client_id;
 use plc_api::types::machine::{AlarmRaise, AlarmRecord, AlarmSeverity};
 use plc_api::types::message::{Message, Payload};
@@ -100,6 +101,21 @@ impl RuntimePort {
         Ok(Answer::Done)
     }
 
+    /// A client is heard by the coordinate systems that watch it.
+    async fn heartbeat(&self, id: String, beat: ClientHeartbeat) -> Result<Answer, Refusal> {
+        check_client_id("client", &id)?;
+        beat.check()?;
+        if let Some(cs) = beat.cs {
+            let request = CoordinateSystemRequest::Heartbeat(id, beat);
+            return self.mailbox(cs)?.ask(request, false).await;
+        }
+        for mailbox in &self.mailboxes {
+            let request = CoordinateSystemRequest::Heartbeat(id.clone(), beat);
+            mailbox.ask(request, false).await?;
+        }
+        Ok(Answer::Done)
+    }
+
     /// A motor's skip input, in each coordinate system that has the motor as an axis.
     async fn skip_input(&self, motor: u16, value: bool) -> Result<Answer, Refusal> {
         let mut found = false;
@@ -159,8 +175,13 @@ impl RuntimePort {
 
     /// Topics whose value the servo's last cycle gives.
     fn read_live(&self, topic: &Topic) -> Option<Payload> {
-        let Topic::CoordinateSystem(cs, topic) = topic else {
-            return None;
+        let (cs, topic) = match topic {
+            Topic::CoordinateSystem(cs, topic) => (cs, topic),
+            Topic::Heartbeat => {
+                let heartbeat = self.mailboxes.first()?.view.heartbeat();
+                return Some(Payload::Heartbeat(heartbeat));
+            }
+            _ => return None,
         };
         let view = &self.mailbox(*cs).ok()?.view;
         match topic {
@@ -240,6 +261,7 @@ impl RuntimePort {
             MachineRequest::LastRun(cs) => self.last_run(cs),
             MachineRequest::Journal { from, count } => self.journal(from, count).await,
             MachineRequest::Handler(id, presence) => self.handler(id, presence).await,
+            MachineRequest::Heartbeat(id, beat) => self.heartbeat(id, beat).await,
             MachineRequest::Handlers => Ok(Answer::Handlers(self.shared.handlers())),
             MachineRequest::Programs => Ok(Answer::Programs(self.shared.store.list())),
             MachineRequest::RaiseAlarm(raise) => self.raise_alarm(raise).await,

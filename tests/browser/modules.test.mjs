@@ -10,7 +10,7 @@ import { POINTS_MAX, Trail } from "../../web/trail.js";
 import { STATE } from "./scripted_machine.mjs";
 
 const STATES = {
-  READY: [null], ACTIVE: [null], WAIT: [null, "HANDLER_LOST"], FEED_HOLD: [null, "BUS_LOST", "SERVO_LATE"], PROGRAM_STOPPED: [null],
+  READY: [null], ACTIVE: [null], WAIT: [null, "HANDLER_LOST"], FEED_HOLD: [null, "BUS_LOST", "SERVO_LATE", "CLIENT_LOST"], PROGRAM_STOPPED: [null],
   OPTIONAL_STOP: [null], INTERRUPTED: ["SINGLE_BLOCK", "INTERLOCK"],
   STOPPED: ["ALARM", "STOP", "ABORTED", "NO_PROGRAM", "RESTARTED"], PROGRAM_COMPLETED: [null],
 };

@@ -48,6 +48,7 @@ impl FakePort {
             CoordinateSystemRequest::Spindle(command) => self.set(cs, CsTopic::Spindle, spindle(command)),
             // arrive as requests to the machine
             CoordinateSystemRequest::Handler(..)
+            | CoordinateSystemRequest::Heartbeat(..)
             | CoordinateSystemRequest::RaiseAlarm(_)
             | CoordinateSystemRequest::SkipInput(..) => Ok(Answer::Done),
         }
@@ -62,6 +63,7 @@ impl FakePort {
             MachineRequest::Handlers => Ok(Answer::Handlers(self.handlers())),
             MachineRequest::RaiseAlarm(raise) => self.on_raise(&raise).map(|()| Answer::Done),
             MachineRequest::AlarmHistory => Ok(Answer::Alarms(lock(&self.inner).alarms.clone())),
+            MachineRequest::Heartbeat(_, beat) => beat.check().map(|()| Answer::Done),
             MachineRequest::SkipInput(..) => Ok(Answer::Done),
             MachineRequest::ReadVariables {
                 area, from, count, ..

@@ -43,6 +43,8 @@ pub enum Reason {
     BusLost,
     /// `FEED_HOLD`: the servo was late while its motors moved.
     ServoLate,
+    /// `FEED_HOLD`: a client that asked to be watched is not heard any more.
+    ClientLost,
     /// ACTIVE, `FEED_HOLD`: on the way back of a back trace.
     BackTrace,
     /// `FEED_HOLD`: back trace has come to the end of its way.

@@ -4,6 +4,7 @@ pub mod command;
 pub mod data;
 pub mod execution;
 pub mod form;
+pub mod heartbeat;
 pub mod ids;
 pub mod lease;
 pub mod machine;

@@ -8,6 +8,7 @@ use serde_json::Value;
 use super::CoordinateSystemNumber;
 use super::command::{self, CommandMeta, CommandReply};
 use super::data::{self, ToolChange, ToolTable, VariableArea, WorkOffsetTable};
+use super::heartbeat::ClientHeartbeat;
 use super::lease::LeaseRequest;
 use super::machine::{AlarmRaise, AlarmRecord};
 use super::output::{self, HandlerPresence, HandshakeResult, ProgressReport};
@@ -267,6 +268,8 @@ requests! {
     every_coordinate_system {
         /// A handler comes, changes what it handles, or goes.
         Handler(id: String, presence: HandlerPresence) -> ();
+        /// A client is heard that wants to be watched, or says that it goes.
+        Heartbeat(id: String, beat: ClientHeartbeat) -> ();
         /// Raises an alarm of a coordinate system, or of all.
         RaiseAlarm(raise: AlarmRaise) -> ();
         /// Sets the skip input of a motor, by its CNC motor number; it keeps the value. Not real time: what G31 captures is

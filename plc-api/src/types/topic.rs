@@ -5,6 +5,7 @@ use serde::Serialize;
 use super::CoordinateSystemNumber;
 use super::command::CommandReply;
 use super::form::{Enveloped, Form};
+use super::heartbeat::Heartbeat;
 use super::lease::LeaseState;
 use super::machine::{ActiveAlarms, AlarmRecord, Birth, Presence};
 use super::output::{Cancel, HandlerPresence, HandshakeResult, OutputNotice, Pending};
@@ -20,6 +21,8 @@ pub enum Topic {
     Presence,
     /// `birth`
     Birth,
+    /// `heartbeat`
+    Heartbeat,
     /// `alarm/event`
     AlarmEvent,
     /// `alarm/active`
@@ -42,6 +45,7 @@ pub enum Topic {
 pub enum Payload {
     Presence(Presence),
     Birth(Birth),
+    Heartbeat(Heartbeat),
     AlarmEvent(AlarmRecord),
     AlarmActive(ActiveAlarms),
     Reply(CommandReply),
@@ -204,6 +208,9 @@ impl Topic {
         match self {
             Topic::Presence => "Whether the runtime is there, its version and since when it runs.",
             Topic::Birth => "What the machine is: coordinate systems, axes, motors, M codes, limits.",
+            Topic::Heartbeat => {
+                "Published 10 times a second while the servo is alive, and not while it stands still."
+            }
             Topic::AlarmEvent => {
                 "An alarm is raised, with program and line, or it is acknowledged or cleared."
             }
@@ -219,6 +226,7 @@ impl Topic {
         match self {
             Topic::Presence => Form::of::<Enveloped<'static, Presence>>(),
             Topic::Birth => Form::of::<Enveloped<'static, Birth>>(),
+            Topic::Heartbeat => Form::of::<Enveloped<'static, Heartbeat>>(),
             Topic::AlarmEvent => Form::of::<Enveloped<'static, AlarmRecord>>(),
             Topic::AlarmActive => Form::of::<Enveloped<'static, ActiveAlarms>>(),
             Topic::Reply(_) => Form::of::<Enveloped<'static, CommandReply>>(),
@@ -233,6 +241,7 @@ impl Topic {
         Ok(match self {
             Topic::Presence => Payload::Presence(from_slice(json)?),
             Topic::Birth => Payload::Birth(from_slice(json)?),
+            Topic::Heartbeat => Payload::Heartbeat(from_slice(json)?),
             Topic::AlarmEvent => Payload::AlarmEvent(from_slice(json)?),
             Topic::AlarmActive => Payload::AlarmActive(from_slice(json)?),
             Topic::Reply(_) => Payload::Reply(from_slice(json)?),
@@ -246,6 +255,7 @@ impl Topic {
         match self {
             Topic::Presence => "presence".to_owned(),
             Topic::Birth => "birth".to_owned(),
+            Topic::Heartbeat => "heartbeat".to_owned(),
             Topic::AlarmEvent => "alarm/event".to_owned(),
             Topic::AlarmActive => "alarm/active".to_owned(),
             Topic::Reply(client) => format!("reply/{client}"),
@@ -264,6 +274,7 @@ impl Topic {
         match path {
             "presence" => return Some(Topic::Presence),
             "birth" => return Some(Topic::Birth),
+            "heartbeat" => return Some(Topic::Heartbeat),
             "alarm/event" => return Some(Topic::AlarmEvent),
             "alarm/active" => return Some(Topic::AlarmActive),
             _ => {}
@@ -298,14 +309,22 @@ impl Topic {
         }
     }
 
-    /// Retain flag on MQTT: every state but the position, which is a stream.
-    pub fn is_retained(&self) -> bool {
-        self.is_state() && !matches!(self, Topic::CoordinateSystem(_, CsTopic::Position))
+    /// True for what is published again and again, whose single message counts for nothing.
+    fn is_stream(&self) -> bool {
+        matches!(
+            self,
+            Topic::Heartbeat | Topic::CoordinateSystem(_, CsTopic::Position)
+        )
     }
 
-    /// Quality of service on MQTT: 0 for the position stream, else 1.
+    /// Retain flag on MQTT: every state but the position and the heartbeat, which are streams.
+    pub fn is_retained(&self) -> bool {
+        self.is_state() && !self.is_stream()
+    }
+
+    /// Quality of service on MQTT: 0 for streams, else 1.
     pub fn qos(&self) -> u8 {
-        u8::from(!matches!(self, Topic::CoordinateSystem(_, CsTopic::Position)))
+        u8::from(!self.is_stream())
     }
 }
 
@@ -320,6 +339,7 @@ mod tests {
         let topics = cs_topics.map(|topic| Topic::cs(2, topic)).chain([
             Topic::Presence,
             Topic::Birth,
+            Topic::Heartbeat,
             Topic::AlarmEvent,
             Topic::AlarmActive,
             Topic::Reply("hmi-1".into()),
@@ -343,11 +363,13 @@ mod tests {
     }
 
     #[test]
-    fn only_state_is_retained_and_only_the_position_stream_has_qos_0() {
+    fn only_state_is_retained_and_only_streams_have_qos_0() {
         assert!(Topic::cs(1, CsTopic::Pending).is_retained());
         assert!(!Topic::cs(1, CsTopic::Output(3)).is_retained());
         assert!(!Topic::cs(1, CsTopic::Position).is_retained());
         assert_eq!(Topic::cs(1, CsTopic::Position).qos(), 0);
+        assert!(!Topic::Heartbeat.is_retained());
+        assert_eq!(Topic::Heartbeat.qos(), 0);
         assert_eq!(Topic::cs(1, CsTopic::State).qos(), 1);
     }
 }

@@ -17,6 +17,7 @@ use super::row::{IDEMPOTENCY_KEY, LEASE_FENCE, ParsedRequest, QueryValues, Reque
 use crate::types::command::{Command, CommandReply};
 use crate::types::data::{Number, ToolChange, ToolTable, VariableValues, WorkOffsetTable};
 use crate::types::form::HasForm;
+use crate::types::heartbeat::ClientHeartbeat;
 use crate::types::lease::{LeaseRelease, LeaseRequest, LeaseTake};
 use crate::types::machine::AlarmRaise;
 use crate::types::output::{self, HandlerPresence, HandshakeResult, ProgressReport};
@@ -116,7 +117,7 @@ const fn input<T: HasForm>(pattern: &'static str, summary: &'static str) -> Rout
     clippy::result_large_err,
     reason = "a request that is not of the row is given back as it is"
 )]
-pub static ROWS: [Row; 36] = [
+pub static ROWS: [Row; 37] = [
     about_an_output!(Claim(output::Claim) "claim" Handle -> HandshakeResult =>
         "Claims an output. It is given back when the presence of this handler_id, told over a WebSocket or MQTT, ends."),
     about_an_output!(Reset(output::Reset) "reset" Reset -> HandshakeResult =>
@@ -379,6 +380,17 @@ pub static ROWS: [Row; 36] = [
             "Raises an alarm, 10000 + code, that stops one coordinate system (cs), or all.",
         )),
         ..carried!(Raise, RaiseAlarm(raise: json))
+    },
+    Row {
+        routes: &[Route::put::<ClientHeartbeat>(
+            "/clients/{id}/heartbeat",
+            "Asks the machine to watch this client; when it is not heard again in time, runs are held (CLIENT_LOST).",
+        )],
+        topic: Some(Topic::new::<ClientHeartbeat>(
+            "client/{id}/heartbeat",
+            "Asks the machine to watch this client; when it is not heard again in time, runs are held (CLIENT_LOST).",
+        )),
+        ..carried!(Raise, Heartbeat(id: name, beat: json))
     },
     // to a REST server a frame of the WebSocket carries it
     Row {

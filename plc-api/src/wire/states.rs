@@ -36,7 +36,11 @@ impl StateRow {
 
 /// Every state that has a route.
 pub static STATES: LazyLock<Vec<StateRow>> = LazyLock::new(|| {
-    let machine = [(Topic::Birth, "/machine"), (Topic::AlarmActive, "/alarms")];
+    let machine = [
+        (Topic::Birth, "/machine"),
+        (Topic::Heartbeat, "/heartbeat"),
+        (Topic::AlarmActive, "/alarms"),
+    ];
     let of_cs = CsTopic::STATES.into_iter();
     let of_cs = of_cs.filter_map(|(topic, _)| Some((Topic::cs(0, topic), topic.route()?)));
     let rows = machine.into_iter().chain(of_cs).map(|(topic, pattern)| StateRow {

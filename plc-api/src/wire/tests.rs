@@ -10,6 +10,7 @@ use super::row::{IncomingRequest, ParsedRequest, QueryValues, Sender, Source};
 use super::{ROWS, json_object, mqtt, rest, websocket};
 use crate::types::command::{Command, CommandMeta, Expect};
 use crate::types::data::{ToolChange, ToolData, VariableArea, WorkOffsetTable};
+use crate::types::heartbeat::ClientHeartbeat;
 use crate::types::lease::{LeaseRelease, LeaseRequest, LeaseTake};
 use crate::types::machine::AlarmRaise;
 use crate::types::output::{
@@ -48,6 +49,7 @@ fn carried(request: &Request) -> &'static [Transport] {
         | Request::ReadVariables { .. }
         | Request::WriteVariables { .. }
         | Request::RaiseAlarm(_) => &[Rest, Mqtt],
+        Request::Heartbeat(..) => &[Rest, Mqtt, WebSocket],
         Request::ValidateResult(..) | Request::Handler(..) => &[Mqtt, WebSocket],
         Request::CommandStatus(_)
         | Request::Handlers
@@ -268,7 +270,7 @@ fn of_data(transport: Transport) -> impl Strategy<Value = Request> {
 
 #[rustfmt::skip]
 fn of_machine() -> impl Strategy<Value = Request> {
-    let parts = (any::<u16>(), text(), proptest::option::of(any::<u8>()), "[a-z0-9]{1,8}", any::<bool>(), 0..10);
+    let parts = (any::<u16>(), text(), proptest::option::of(any::<u8>()), "[a-z0-9]{1,8}", any::<bool>(), 0..11);
     parts.prop_map(|(number, text, cs, id, online, which)| match which {
         0 => Request::Programs,
         1 => Request::ReadProgram(number),
@@ -278,7 +280,8 @@ fn of_machine() -> impl Strategy<Value = Request> {
         5 => Request::IntermediateCode(number),
         6 => Request::RaiseAlarm(AlarmRaise { cs, code: number, text }),
         7 => Request::Handler(id, HandlerPresence { online, handles: vec![HandledCode { cs: 1, m: number }], validates: !online }),
-        8 => Request::CommandStatus(text + "/ %?"),
+        8 => Request::Heartbeat(id, ClientHeartbeat { ttl_ms: u64::from(number), cs }),
+        9 => Request::CommandStatus(text + "/ %?"),
         _ => Request::Handlers,
     })
 }

@@ -6,6 +6,7 @@ use serde_json::json;
 use super::requests::parsed;
 use super::row::ParsedRequest;
 use crate::types::CoordinateSystemNumber;
+use crate::types::heartbeat::ClientHeartbeat;
 use crate::types::message::Message;
 use crate::types::output::{HandledCode, HandlerPresence};
 use crate::types::question::ValidateResult;
@@ -28,6 +29,9 @@ pub struct ClientFrame {
     /// A handler comes, changes what it handles, or goes.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub handler: Option<AnnouncedHandler>,
+    /// A client wants to be watched.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub heartbeat: Option<WatchedClient>,
     /// The answer to a `validate` message.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub validate_result: Option<ValidatedCode>,
@@ -44,6 +48,17 @@ pub struct AnnouncedHandler {
     handles: Vec<HandledCode>,
     #[serde(default)]
     validates: bool,
+}
+
+/// A client that is heard, and within which time it will be heard again.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct WatchedClient {
+    id: String,
+    ttl_ms: u64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    cs: Option<CoordinateSystemNumber>,
 }
 
 /// What a handler says of an M code that a program to be loaded holds.
@@ -74,6 +89,9 @@ pub fn encode(request: Request) -> Result<ClientFrame, Refusal> {
                 validates: presence.validates,
             });
         }
+        Request::Heartbeat(id, ClientHeartbeat { ttl_ms, cs }) => {
+            frame.heartbeat = Some(WatchedClient { id, ttl_ms, cs });
+        }
         Request::ValidateResult(cs, Some(m), result) => {
             frame.validate_result = Some(ValidatedCode {
                 cs,
@@ -103,6 +121,9 @@ impl ClientFrame {
             };
             Request::Handler(handler.id, presence)
         });
+        let watched = self
+            .heartbeat
+            .map(|WatchedClient { id, ttl_ms, cs }| Request::Heartbeat(id, ClientHeartbeat { ttl_ms, cs }));
         let validated = self.validate_result.map(|validated| {
             let result = ValidateResult {
                 request_id: validated.request_id,
@@ -112,7 +133,11 @@ impl ClientFrame {
             };
             Request::ValidateResult(validated.cs, Some(validated.m), result)
         });
-        handler.into_iter().chain(validated).filter_map(parsed)
+        handler
+            .into_iter()
+            .chain(watched)
+            .chain(validated)
+            .filter_map(parsed)
     }
 
     /// Its JSON.

@@ -84,13 +84,13 @@ impl Context {
         self.warn(entry.number, origin, format!("{}: {text}", entry.title));
     }
 
-    /// A warning that is among the active alarms until a reset.
-    pub fn warn_standing(&self, entry: &AlarmEntry, text: &str) {
+    /// A warning that is among the active alarms until a reset; `cs`: of which coordinate system, or of all.
+    pub fn warn_standing(&self, entry: &AlarmEntry, cs: Option<CoordinateSystemNumber>, text: &str) {
         let record = self.shared.raise_standing(AlarmRecord {
             severity: AlarmSeverity::Warning,
             number: entry.number,
             text: format!("{}: {text}", entry.title),
-            cs: Some(self.number),
+            cs,
             ..AlarmRecord::default()
         });
         self.record(Event::Warning {

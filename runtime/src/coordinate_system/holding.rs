@@ -49,7 +49,9 @@ impl CoordinateSystem {
             "for {late_s:.3} s the motors got no set points ({cycles} servo cycles); the motion is held on its path where \
              it was"
         );
-        self.context.warn_standing(&SERVO_LATE, &text);
+        self.context
+            .warn_standing(&SERVO_LATE, Some(self.context.number), &text);
+        self.inputs.clients.excuse(self.context.now_s());
         self.hold_for(Cause::ServoLate, Reason::ServoLate);
     }
 
@@ -306,7 +308,7 @@ mod tests {
 
     #[test]
     fn a_servo_that_is_late_at_rest_holds_nothing() {
-        let bench = Bench::new().subprogram(50, "G04 P60\nG01 X10 F6000\nM30\n");
+        let bench = Bench::new().subprogram(50, "G04 X60\nG01 X10 F6000\nM30\n");
         let play = bench.play(async |scene, runtime| {
             delay(runtime, 30_000);
             scene.plc().sleep(Duration::from_secs(1)).await;

@@ -26,6 +26,7 @@ mod run_state;
 mod servo_link;
 mod validation;
 mod view;
+mod watched_clients;
 
 use std::sync::Arc;
 
@@ -56,6 +57,7 @@ use run::{Kind, PastRuns, Run};
 use run_state::{End, RunAction, RunEvent, RunState};
 use servo_link::ServoLink;
 pub(crate) use view::View;
+use watched_clients::WatchedClients;
 
 /// Its whole state.
 pub(crate) struct CoordinateSystem {
@@ -78,6 +80,7 @@ pub(crate) struct CoordinateSystem {
 #[derive(Debug, Default)]
 struct InputValues {
     bus: Bus,
+    clients: WatchedClients,
     optional_skip: u32,
     /// What the interpreter has read last, and the first line read with it.
     effective_skip: u32,
@@ -156,6 +159,7 @@ impl CoordinateSystem {
         self.expire_lease(now.monotonic_s);
         self.do_stock_work(now);
         self.look_at_bus(now);
+        self.look_at_clients(now.monotonic_s);
         self.carry_out_effects();
         self.expire_validation(now.monotonic_s);
         if share.commands {
@@ -180,6 +184,7 @@ impl CoordinateSystem {
             .chain(self.jog_until_s())
             .chain(self.commands.validation.as_ref().map(|asked| asked.deadline_s))
             .chain(self.lease.until_s())
+            .chain(self.inputs.clients.until_s())
             .min_by(f64::total_cmp)
     }
 
@@ -371,6 +376,7 @@ impl CoordinateSystem {
                 .carry_out(&self.context, m, request)
                 .map(Answer::Handshake),
             CoordinateSystemRequest::Lease { request, meta } => self.ask_lease(&request, &meta),
+            CoordinateSystemRequest::Heartbeat(id, beat) => self.hear_client(id, beat).map(|()| Answer::Done),
             CoordinateSystemRequest::RaiseAlarm(raise) => self.raise_asked(&raise),
             CoordinateSystemRequest::Input(input) => self.set_input(input).map(|()| Answer::Done),
             CoordinateSystemRequest::Spindle(command) => self

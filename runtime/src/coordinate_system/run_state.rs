@@ -95,6 +95,8 @@ pub(super) enum Cause {
     BusLoss,
     /// The servo was late in motion.
     ServoLate,
+    /// A client that is watched is not heard any more.
+    ClientLost,
     /// Back trace has come to its end.
     WayBackEnded,
 }
@@ -209,6 +211,7 @@ impl Cause {
             Cause::SingleBlock => (Execution::Interrupted, Some(Reason::SingleBlock)),
             Cause::BusLoss => (Execution::FeedHold, Some(Reason::BusLost)),
             Cause::ServoLate => (Execution::FeedHold, Some(Reason::ServoLate)),
+            Cause::ClientLost => (Execution::FeedHold, Some(Reason::ClientLost)),
             Cause::Interlock => (Execution::Interrupted, Some(Reason::Interlock)),
             Cause::WayBackEnded => (Execution::FeedHold, Some(Reason::BackTraceEnd)),
         }

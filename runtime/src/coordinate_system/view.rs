@@ -2,8 +2,10 @@
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
+use std::time::Duration;
 
 use parking_lot::Mutex;
+use plc_api::types::heartbeat::Heartbeat;
 use plc_api::types::state::{CallSite, Position, ProgramPlace};
 use tandem_model::flow::Transform;
 use tandem_model::settings::CoordinateSystemSettings;
@@ -17,6 +19,7 @@ use crate::program_store::{ProgramStore, StoredProgram};
 #[derive(Debug)]
 pub(crate) struct View {
     axes: AxisSet,
+    servo_period: Duration,
     readings: Arc<Readings>,
     place: Mutex<Place>,
 }
@@ -36,6 +39,7 @@ impl View {
     pub fn new(settings: &CoordinateSystemSettings, readings: Arc<Readings>) -> Self {
         Self {
             axes: settings.axes(),
+            servo_period: Duration::from_secs_f64(settings.servo_period_s),
             readings,
             place: Mutex::default(),
         }
@@ -70,6 +74,15 @@ impl View {
     pub fn spindle(&self) -> (f64, bool) {
         let reading = self.readings.read();
         (finite(reading.spindle_rpm), reading.oriented)
+    }
+
+    /// How many cycles the servo has computed, in all coordinate systems.
+    pub fn heartbeat(&self) -> Heartbeat {
+        let time = Duration::try_from_secs_f64(self.readings.read().time_s).unwrap_or_default();
+        let cycles = (time + self.servo_period / 2).as_nanos() / self.servo_period.as_nanos().max(1);
+        Heartbeat {
+            cycle: u64::try_from(cycles).unwrap_or(u64::MAX),
+        }
     }
 
     /// Positions of the last servo cycle.

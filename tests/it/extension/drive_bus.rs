@@ -1,19 +1,21 @@
 //! A bus to drives of one's own costs a file: `DriveBus` implemented, and given to the runtime by a factory.
 
-use std::sync::atomic::{AtomicU16, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU16, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use plc_api::Execution;
 use plc_api::types::message::Payload;
+use plc_api::types::request::typed;
 use plc_api::types::state::Reason;
 use plc_api::types::topic::Topic;
+use plc_api::{Execution, Plc};
 use tandem_runtime::hardware::{
     Command, CoordinateSystemSettings, CycleResult, DriveBus, Feedback, Hardware, HardwareFactory,
 };
+use tandem_runtime::{Config, Runtime};
 
 use super::costs;
-use crate::support::machine::bench;
+use crate::support::machine::{Machine, bench};
 
 const PROGRAM: &str = "G00 X40 Y10\nG01 Z-5 F3000\nG500\nX50 Y20\nX60 Y10\nG02 X70 Y20 I10\nM30\n";
 
@@ -134,6 +136,80 @@ fn a_drive_fault_stops_the_run_with_its_alarm_and_after_a_reset_it_runs_again() 
         assert_eq!(system.position().await.unwrap().machine["X"], 60.0);
     });
     played.unwrap();
+}
+
+/// Drives that come to rest without commands; in the exchange that comes next, the servo waits.
+#[derive(Debug, Default)]
+struct Stalling {
+    drives: Following,
+    stalls: Arc<AtomicBool>,
+    heard: Arc<AtomicU64>,
+}
+
+impl DriveBus for Stalling {
+    fn exchange(&mut self, commands: &[Command], feedback: &mut [Feedback]) -> CycleResult {
+        if self.stalls.swap(false, Ordering::Relaxed) {
+            std::thread::sleep(Duration::from_secs(1));
+        }
+        self.drives.exchange(commands, feedback)
+    }
+
+    fn heartbeat(&mut self, cycle: u64) {
+        self.heard.store(cycle, Ordering::Relaxed);
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn whoever_hears_the_heartbeat_knows_that_the_servo_stands_and_motors_at_rest_see_no_step() {
+    let (stalls, heard) = (Arc::<AtomicBool>::default(), Arc::<AtomicU64>::default());
+    let bus = Stalling {
+        drives: Following::default(),
+        stalls: Arc::clone(&stalls),
+        heard: Arc::clone(&heard),
+    };
+    let factory: HardwareFactory = Box::new(move |systems: &[&CoordinateSystemSettings]| {
+        let motors = systems.iter().flat_map(|system| system.motors.iter().flatten());
+        Ok(Hardware {
+            bus: Box::new(bus),
+            at_start: motors.map(|_| Feedback::following(0.0)).collect(),
+            spindles: vec![],
+        })
+    });
+    let machine = Machine::new("");
+    let mut config = Config::read(&machine.config()).unwrap();
+    config.machine.servo_late_ms = 500;
+    let runtime = Runtime::start_on(config, factory).await.unwrap();
+    let plc = Plc::in_process(runtime.port());
+    let system = plc.coordinate_system(1);
+    plc.port()
+        .ask(typed::WriteProgram(50, "G01 X250 F6000\nM30\n".into()))
+        .await
+        .unwrap();
+    system.load(50).await.unwrap();
+    system.start().await.unwrap();
+    plc.sleep(Duration::from_millis(500)).await;
+    stalls.store(true, Ordering::Relaxed);
+    let silence = plc.until_silent(Duration::from_millis(400));
+    tokio::time::timeout(Duration::from_millis(900), silence)
+        .await
+        .expect("heard while the servo stands");
+    let stood = system.position().await.unwrap().machine["X"];
+    let beats = heard.load(Ordering::Relaxed);
+    assert_eq!(
+        system.state().await.unwrap().execution,
+        Execution::Active,
+        "nobody else is late"
+    );
+    let held = system.wait_until(Execution::FeedHold).await.unwrap();
+    assert_eq!(held.reason, Some(Reason::ServoLate));
+    let x = system.position().await.unwrap().machine["X"];
+    // the command of the exchange that stalled may not have been published
+    assert!(x >= stood && x - stood < 0.15, "{stood} {x}");
+    assert!(heard.load(Ordering::Relaxed) > beats);
+    system.resume().await.unwrap();
+    system.wait_until(Execution::ProgramCompleted).await.unwrap();
+    assert_eq!(system.position().await.unwrap().machine["X"], 250.0);
+    runtime.shutdown().await;
 }
 
 #[test]

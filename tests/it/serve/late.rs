@@ -2,9 +2,12 @@
 
 use std::time::Duration;
 
+use futures_util::SinkExt;
 use serde_json::json;
+use tokio_tungstenite::tungstenite::Message;
 
 use super::served;
+use crate::support::mqtt::Bus;
 use crate::support::wait::until;
 
 #[tokio::test]
@@ -49,4 +52,76 @@ async fn a_process_that_is_suspended_in_motion_holds_on_its_path_and_counts_each
     served.command(1, "resume").await;
     served.execution(1, "PROGRAM_COMPLETED").await;
     assert_eq!(position().await, (200.0, 20.0));
+}
+
+#[tokio::test]
+async fn the_heartbeat_is_published_while_the_servo_is_alive_and_stops_with_it() {
+    let (_machine, served) = served();
+    let watch = served.watch(&["heartbeat"]).await;
+    let cycles = || {
+        watch
+            .history
+            .on("heartbeat")
+            .iter()
+            .map(|beat| beat["cycle"].as_u64())
+            .collect::<Vec<_>>()
+    };
+    until("heartbeats", async || (cycles().len() > 20).then_some(())).await;
+    assert!(cycles().is_sorted_by(|a, b| a < b), "{:?}", cycles());
+    served.process.signal("STOP");
+    tokio::time::sleep(Duration::from_millis(300)).await;
+    let stopped = cycles().len();
+    tokio::time::sleep(Duration::from_secs(1)).await;
+    assert_eq!(cycles().len(), stopped);
+    served.process.signal("CONT");
+    until("heartbeats again", async || {
+        (cycles().len() > stopped + 5).then_some(())
+    })
+    .await;
+    let now = served.get("/heartbeat").await.expect(200).json();
+    assert!(now["cycle"].as_u64() > cycles()[0]);
+}
+
+#[tokio::test]
+async fn a_client_that_asked_to_be_watched_and_falls_silent_holds_the_run_over_every_transport() {
+    let (_machine, served) = served();
+    let bus = Bus::connect(&served.broker, "test-1").await;
+    let url = format!("ws://{}/api/v1/ws", served.http);
+    let (mut socket, _) = tokio_tungstenite::connect_async(url).await.expect("a WebSocket");
+    served.load(1, 50, "G04 X600\nM30\n").await;
+    served.command(1, "start").await;
+    for (n, transport) in ["REST", "MQTT", "WebSocket"].into_iter().enumerate() {
+        for _ in 0..4 {
+            match transport {
+                "REST" => {
+                    let answer = served
+                        .put("/clients/panel/heartbeat", &json!({"ttl_ms": 1000}))
+                        .await;
+                    answer.expect(204);
+                }
+                "MQTT" => {
+                    bus.publish("client/cell/heartbeat", &json!({"ttl_ms": 1000, "cs": 1}))
+                        .await;
+                }
+                _ => {
+                    let beat = json!({"heartbeat": {"id": "page", "ttl_ms": 1000}});
+                    socket
+                        .send(Message::text(beat.to_string()))
+                        .await
+                        .expect("a frame");
+                }
+            }
+            tokio::time::sleep(Duration::from_millis(300)).await;
+            assert_eq!(served.state(1).await["execution"], "ACTIVE", "{transport}");
+        }
+        let held = served.execution(1, "FEED_HOLD").await;
+        assert_eq!(held["reason"], "CLIENT_LOST", "{transport}: {held}");
+        let alarms = served.get("/alarms").await.expect(200).json();
+        assert_eq!(alarms["alarms"][n]["number"], 421, "{transport}: {alarms}");
+        served.command(1, "resume").await;
+    }
+    let refused = served
+        .put("/clients/panel/heartbeat", &json!({"ttl_ms": 10}))
+        .await;
+    assert_eq!(refused.expect(400).json()["code"], "invalid");
 }

@@ -21,9 +21,11 @@ pub fn mosquitto_acl(root: &str, runtime_user: Option<&str>, tokens: &Tokens) ->
     for (name, role) in tokens.users() {
         let _ = write!(text, "\n# {}\nuser {name}\ntopic read {root}#\n", role.word());
         for (row, _) in inbound_topics().filter(|(_, right)| role.has(*right)) {
-            // a handler announces itself in its own name only
+            // a handler announces itself, and is watched, in its own name only
             let filter = match row.filter().as_str() {
-                "handler/+/presence" if role == Role::Handler => format!("handler/{name}/presence"),
+                filter @ ("handler/+/presence" | "client/+/heartbeat") if role == Role::Handler => {
+                    filter.replace('+', name)
+                }
                 filter => filter.to_owned(),
             };
             let _ = writeln!(text, "topic write {root}{filter}");

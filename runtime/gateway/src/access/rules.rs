@@ -73,7 +73,7 @@ fn spoken_for(request: &Request) -> Option<&str> {
         Request::Progress(_, _, report) => Some(&report.handler_id),
         Request::Ask(_, _, ask) => Some(&ask.handler_id),
         Request::ValidateResult(_, _, result) => Some(&result.handler_id),
-        Request::Handler(id, _) => Some(id),
+        Request::Handler(id, _) | Request::Heartbeat(id, _) => Some(id),
         _ => None,
     }
 }

@@ -15,7 +15,9 @@ pub(crate) fn may_publish(user: &User, root: &str, topic: &str) -> bool {
         return false;
     };
     let in_own_name = match path.split('/').collect::<Vec<_>>().as_slice() {
-        ["handler", id, "presence"] => user.role() != Role::Handler || user.name() == Some(id),
+        ["handler", id, "presence"] | ["client", id, "heartbeat"] => {
+            user.role() != Role::Handler || user.name() == Some(id)
+        }
         _ => true,
     };
     user.has(right) && in_own_name
@@ -48,6 +50,9 @@ mod tests {
             ("cs/1/m_code/5/redeliver", [false, true, false, true]),
             ("handler/magazine/presence", [false, false, true, true]),
             ("handler/other/presence", [false, false, false, true]),
+            ("client/magazine/heartbeat", [false, true, true, true]),
+            ("client/other/heartbeat", [false, true, false, true]),
+            ("heartbeat", [false; 4]),
             ("alarm/raise", [false, true, true, true]),
             ("alarm/active", [false; 4]),
             ("cs/1/command/start", [false, true, false, true]),

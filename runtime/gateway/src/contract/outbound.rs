@@ -13,6 +13,7 @@ pub(super) fn outbound() -> Vec<Topic> {
     let machine = [
         Topic::Presence,
         Topic::Birth,
+        Topic::Heartbeat,
         Topic::AlarmEvent,
         Topic::AlarmActive,
         Topic::Reply("{client_id}".into()),

@@ -1,0 +1,49 @@
+//! Heartbeats: of the servo, for those who watch it, and of clients that ask the machine to watch them.
+
+use serde::{Deserialize, Serialize};
+
+use super::CoordinateSystemNumber;
+use super::refusal::{Refusal, RefusalCode};
+
+/// Shortest time within which a watched client may have to be heard, ms. Reason: a network and a computer that is busy need
+/// some of it.
+pub const CLIENT_TTL_MIN_MS: u64 = 100;
+
+/// Longest time within which a watched client must be heard, ms.
+pub const CLIENT_TTL_MAX_MS: u64 = 60_000;
+
+/// Payload of `heartbeat`, published 10 times a second while the servo is alive, and not while it stands still.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct Heartbeat {
+    /// Servo cycles since the start; those that were left out do not count.
+    pub cycle: u64,
+}
+
+/// Payload of `client/{id}/heartbeat`: asks the machine to watch this client. When it is not heard again in time, every run
+/// is held: `FEED_HOLD`, reason `CLIENT_LOST`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct ClientHeartbeat {
+    /// Time within which the next heartbeat must come, ms: 100 to 60000. 0: the client goes and is not watched any more.
+    pub ttl_ms: u64,
+    /// The coordinate system that is held; left out or null: each of them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cs: Option<CoordinateSystemNumber>,
+}
+
+impl ClientHeartbeat {
+    /// # Errors
+    /// `invalid`: the time is out of its range.
+    pub fn check(self) -> Result<(), Refusal> {
+        let ttl_ms = self.ttl_ms;
+        if ttl_ms == 0 || (CLIENT_TTL_MIN_MS..=CLIENT_TTL_MAX_MS).contains(&ttl_ms) {
+            return Ok(());
+        }
+        let text = format!(
+            "ttl_ms {ttl_ms}: write {CLIENT_TTL_MIN_MS} to {CLIENT_TTL_MAX_MS}, or 0 to be watched no more"
+        );
+        Err(Refusal::new(RefusalCode::Invalid, text))
+    }
+}

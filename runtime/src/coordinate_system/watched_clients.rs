@@ -1,0 +1,276 @@
+//! Clients that ask the machine to watch them: it holds when it does not hear one of them in time.
+//!
+//! A heartbeat says who is heard, and within which time again. It is no lease (who may start motion) and no presence of a
+//! handler (who serves M codes): a client may have any of them. The hold is made once for each loss, so that an operator may
+//! resume without the client; it is watched again from its next heartbeat on.
+
+use std::collections::BTreeMap;
+
+use plc_api::types::heartbeat::ClientHeartbeat;
+use plc_api::types::request::{Refusal, RefusalCode};
+use plc_api::types::state::Reason;
+use tandem_model::alarm::CLIENT_LOST;
+
+use super::CoordinateSystem;
+use super::run_state::Cause;
+
+/// Clients that one coordinate system watches. A further one is refused.
+pub(super) const CLIENTS_MAX: usize = 64;
+
+/// Until when each client must be heard. Pure: the time is a parameter.
+#[derive(Debug, Default)]
+pub(super) struct WatchedClients(BTreeMap<String, Watched>);
+
+#[derive(Debug)]
+struct Watched {
+    beat: ClientHeartbeat,
+    until_s: f64,
+}
+
+impl WatchedClients {
+    /// A client is heard.
+    ///
+    /// # Errors
+    /// There are too many.
+    fn hear(&mut self, id: String, beat: ClientHeartbeat, now_s: f64) -> Result<(), Refusal> {
+        if beat.ttl_ms == 0 {
+            self.0.remove(&id);
+            return Ok(());
+        }
+        if self.0.len() >= CLIENTS_MAX && !self.0.contains_key(&id) {
+            let text = format!(
+                "client {id} is not watched: {CLIENTS_MAX} clients are; let one go by a heartbeat with ttl_ms 0"
+            );
+            return Err(Refusal::new(RefusalCode::Unavailable, text));
+        }
+        let until_s = now_s + beat.ttl_ms as f64 / 1000.0;
+        self.0.insert(id, Watched { beat, until_s });
+        Ok(())
+    }
+
+    /// When the first of them is lost unless it is heard.
+    pub fn until_s(&self) -> Option<f64> {
+        self.0
+            .values()
+            .map(|watched| watched.until_s)
+            .min_by(f64::total_cmp)
+    }
+
+    /// Those that were not heard in time, which are watched no more.
+    fn lost(&mut self, now_s: f64) -> Vec<(String, ClientHeartbeat)> {
+        let lost = self
+            .0
+            .extract_if(.., |_, watched| watched.until_s <= now_s + 1e-9);
+        lost.map(|(id, watched)| (id, watched.beat)).collect()
+    }
+
+    /// The runtime itself could hear nobody until now: each client has its time again.
+    pub fn excuse(&mut self, now_s: f64) {
+        for watched in self.0.values_mut() {
+            watched.until_s = now_s + watched.beat.ttl_ms as f64 / 1000.0;
+        }
+    }
+}
+
+impl CoordinateSystem {
+    pub(super) fn hear_client(&mut self, id: String, beat: ClientHeartbeat) -> Result<(), Refusal> {
+        self.inputs.clients.hear(id, beat, self.context.now_s())
+    }
+
+    /// Holds the run when a client is not heard any more.
+    pub(super) fn look_at_clients(&mut self, now_s: f64) {
+        if self.inputs.clients.0.is_empty() {
+            return;
+        }
+        for (id, beat) in self.inputs.clients.lost(now_s) {
+            let text = format!("client {id} was not heard for {} ms", beat.ttl_ms);
+            self.context.warn_standing(&CLIENT_LOST, beat.cs, &text);
+            self.hold_for(Cause::ClientLost, Reason::ClientLost);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use plc_api::types::request::typed;
+    use plc_api::{Execution, Plc};
+
+    use super::*;
+    use crate::journal::Event;
+    use crate::test::{Bench, kept_journal};
+
+    fn beat(ttl_ms: u64) -> ClientHeartbeat {
+        ClientHeartbeat { ttl_ms, cs: None }
+    }
+
+    async fn say(plc: &Plc, id: &str, beat: ClientHeartbeat) -> Result<(), Refusal> {
+        plc.port().ask(typed::Heartbeat(id.to_owned(), beat)).await
+    }
+
+    async fn start(plc: &Plc, cs: u8, program: u16) {
+        plc.coordinate_system(cs).load(program).await.unwrap();
+        plc.coordinate_system(cs).start().await.unwrap();
+    }
+
+    fn ms(ms: u64) -> Duration {
+        Duration::from_millis(ms)
+    }
+
+    #[test]
+    fn a_client_is_lost_at_its_time_and_not_before_and_one_that_goes_never_is() {
+        let mut clients = WatchedClients::default();
+        clients.hear("a".into(), beat(500), 1.0).unwrap();
+        clients.hear("b".into(), beat(200), 1.0).unwrap();
+        clients.hear("b".into(), beat(0), 1.1).unwrap();
+        assert_eq!(clients.until_s(), Some(1.5));
+        assert_eq!(clients.lost(1.499), []);
+        clients.excuse(1.499);
+        assert_eq!(clients.lost(1.998), []);
+        assert_eq!(clients.lost(1.999), [("a".to_owned(), beat(500))]);
+        assert_eq!(clients.until_s(), None);
+    }
+
+    #[test]
+    fn of_too_many_clients_one_that_is_known_is_heard_and_another_is_refused() {
+        let mut clients = WatchedClients::default();
+        for n in 0..CLIENTS_MAX {
+            clients.hear(n.to_string(), beat(500), 0.0).unwrap();
+        }
+        assert!(clients.hear("0".into(), beat(500), 0.1).is_ok());
+        let refusal = clients.hear("x".into(), beat(500), 0.1).unwrap_err();
+        assert_eq!(refusal.code, RefusalCode::Unavailable);
+        clients.hear("0".into(), beat(0), 0.1).unwrap();
+        assert!(clients.hear("x".into(), beat(500), 0.1).is_ok());
+    }
+
+    #[test]
+    fn motion_is_held_when_a_watched_client_is_not_heard_any_more_and_a_resume_goes_on_without_it() {
+        let (journal, lines) = kept_journal();
+        let bench = Bench::new()
+            .journal(journal)
+            .subprogram(50, "G01 X290 F6000\nM30\n");
+        let play = bench.play(async |scene, _| {
+            let (plc, system) = (scene.plc(), scene.cs(1));
+            start(plc, 1, 50).await;
+            for _ in 0..5 {
+                say(plc, "panel", beat(200)).await.unwrap();
+                plc.sleep(ms(190)).await;
+            }
+            assert_eq!(system.state().await.unwrap().execution, Execution::Active);
+            let held = system.wait_until(Execution::FeedHold).await.unwrap();
+            assert_eq!(held.reason, Some(Reason::ClientLost));
+            let alarms = plc.alarms().await.unwrap();
+            assert_eq!(
+                (alarms.len(), alarms[0].number, alarms[0].cs),
+                (1, CLIENT_LOST.number, None)
+            );
+            assert!(
+                alarms[0].text.contains("client panel was not heard for 200 ms"),
+                "{alarms:?}"
+            );
+            plc.sleep(ms(1000)).await;
+            say(plc, "panel", beat(200)).await.unwrap();
+            let held = system.state().await.unwrap();
+            assert_eq!(held.execution, Execution::FeedHold, "nothing goes on by itself");
+            say(plc, "panel", beat(0)).await.unwrap();
+            system.resume().await.unwrap();
+            system.wait_until(Execution::ProgramCompleted).await.unwrap();
+        });
+        play.unwrap();
+        let lines = lines.lock().unwrap();
+        let holds = lines.iter().filter_map(|line| match line.event {
+            Event::Hold { reason, .. } => Some((line.cs, reason)),
+            _ => None,
+        });
+        assert!(
+            holds.eq([(1, Reason::ClientLost)]),
+            "the other coordinate system runs nothing"
+        );
+    }
+
+    #[test]
+    fn a_client_of_one_coordinate_system_holds_that_one_alone_also_while_it_waits() {
+        let bench = Bench::new()
+            .subprogram(50, "M00\nG04 X60\nM30\n")
+            .subprogram(60, "G01 X50 F60\nM30\n");
+        let play = bench.play(async |scene, _| {
+            let plc = scene.plc();
+            start(plc, 1, 50).await;
+            start(plc, 2, 60).await;
+            let of_first = ClientHeartbeat {
+                ttl_ms: 300,
+                cs: Some(1),
+            };
+            say(plc, "cell-1", of_first).await.unwrap();
+            scene.cs(1).wait_until(Execution::ProgramStopped).await.unwrap();
+            plc.sleep(ms(400)).await;
+            let paused = scene.cs(1).state().await.unwrap();
+            assert_eq!(
+                paused.execution,
+                Execution::ProgramStopped,
+                "it rests there already"
+            );
+            scene.cs(1).resume().await.unwrap();
+            say(plc, "cell-1", of_first).await.unwrap();
+            let held = scene.cs(1).wait_until(Execution::FeedHold).await.unwrap();
+            assert_eq!(held.reason, Some(Reason::ClientLost), "a dwell");
+            let other = scene.cs(2).state().await.unwrap();
+            assert_eq!(other.execution, Execution::Active);
+            let refusal = say(
+                plc,
+                "x",
+                ClientHeartbeat {
+                    ttl_ms: 300,
+                    cs: Some(9),
+                },
+            )
+            .await;
+            assert_eq!(refusal.unwrap_err().code, RefusalCode::NotFound);
+        });
+        play.unwrap();
+    }
+
+    #[test]
+    fn a_program_of_plc_api_is_watched_until_it_ends_and_its_death_holds() {
+        let bench = Bench::new().subprogram(50, "G01 X290 F6000\nX0\nX290\nM30\n");
+        let play = bench.play(async |scene, _| {
+            let (plc, system) = (scene.plc(), scene.cs(1));
+            start(plc, 1, 50).await;
+            let heartbeat = plc.heartbeat(ms(300)).await.unwrap();
+            plc.sleep(ms(2000)).await;
+            assert_eq!(system.state().await.unwrap().execution, Execution::Active);
+            heartbeat.end().await.unwrap();
+            plc.sleep(ms(1000)).await;
+            assert_eq!(
+                system.state().await.unwrap().execution,
+                Execution::Active,
+                "it went as it should"
+            );
+            drop(system.heartbeat(ms(300)).await.unwrap());
+            plc.sleep(ms(290)).await;
+            assert_eq!(system.state().await.unwrap().execution, Execution::Active);
+            let held = system.wait_until(Execution::FeedHold).await.unwrap();
+            assert_eq!(held.reason, Some(Reason::ClientLost));
+            assert!(plc.heartbeat(ms(50)).await.is_err() && plc.heartbeat(ms(60_001)).await.is_err());
+        });
+        play.unwrap();
+    }
+
+    #[test]
+    fn a_program_hears_that_the_servo_is_alive_and_that_it_stands_still() {
+        let play = Bench::new().play(async |scene, runtime| {
+            let plc = scene.plc();
+            let watching = plc.clone();
+            let silent = tokio::spawn(async move { watching.until_silent(ms(500)).await });
+            plc.sleep(ms(5000)).await;
+            assert!(!silent.is_finished(), "at rest, too");
+            runtime.simulation().unwrap().delay_servo(ms(1000));
+            plc.sleep(ms(2000)).await;
+            assert!(!silent.is_finished(), "it goes on before it is looked at again");
+            silent.abort();
+        });
+        play.unwrap();
+    }
+}
