@@ -1,10 +1,10 @@
 //! Alarms: which are active, and which were. Pure: publishing them is left to `shared`.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 
 use plc_api::types::machine::{ActiveAlarms, AlarmRecord, AlarmSeverity};
 use plc_api::types::{CoordinateSystemNumber, Timestamp};
-use tandem_model::alarm::ALARMS;
+use tandem_model::alarm::{ALARMS, AlarmEntry};
 
 /// Alarms kept after they were cleared. The oldest are forgotten.
 pub const ALARM_HISTORY_MAX: usize = 1000;
@@ -18,6 +18,8 @@ pub const ALARMS_ACTIVE_MAX: usize = 24;
 pub(crate) struct Alarms {
     last_id: u64,
     active: Vec<AlarmRecord>,
+    /// Warnings that stand as long as what they say is so: their ids by their numbers. No reset clears them.
+    conditions: BTreeMap<u16, u64>,
     history: VecDeque<AlarmRecord>,
 }
 
@@ -56,9 +58,45 @@ impl Alarms {
         Raised::New(record)
     }
 
+    /// A warning of the whole machine that stands as long as there is a text; gives what of it has changed.
+    pub fn stand(&mut self, entry: &AlarmEntry, text: Option<&str>, at: &Timestamp) -> Vec<AlarmRecord> {
+        let text = text.map(|text| format!("{}: {text}", entry.title));
+        let standing = self.conditions.get(&entry.number).copied();
+        let place = self.active.iter().position(|alarm| Some(alarm.id) == standing);
+        if place.map(|place| &self.active[place].text) == text.as_ref() {
+            return Vec::new();
+        }
+        let mut changed = Vec::new();
+        if let Some(place) = place {
+            let mut record = self.active.remove(place);
+            record.cleared_at = Some(at.clone());
+            self.update_history(&record);
+            self.conditions.remove(&entry.number);
+            changed.push(record);
+        }
+        if let Some(text) = text {
+            let record = AlarmRecord {
+                severity: AlarmSeverity::Warning,
+                number: entry.number,
+                text,
+                ..AlarmRecord::default()
+            };
+            if let Raised::New(record) = self.raise(record, true, at.clone()) {
+                self.conditions.insert(entry.number, record.id);
+                if self.active.last().is_none_or(|last| last.id != record.id) {
+                    // no limit of the others keeps it out
+                    self.active.push(record.clone());
+                }
+                changed.push(record);
+            }
+        }
+        changed
+    }
+
     /// Clears the alarms of a coordinate system, and those of the whole machine; gives them.
     pub fn clear(&mut self, cs: CoordinateSystemNumber, at: &Timestamp) -> Vec<AlarmRecord> {
-        let is_cleared = |alarm: &mut AlarmRecord| alarm.cs.is_none_or(|of| of == cs);
+        let stands = |id| self.conditions.values().any(|standing| *standing == id);
+        let is_cleared = |alarm: &mut AlarmRecord| alarm.cs.is_none_or(|of| of == cs) && !stands(alarm.id);
         let mut cleared: Vec<_> = self.active.extract_if(.., is_cleared).collect();
         for record in &mut cleared {
             record.cleared_at = Some(at.clone());
@@ -191,6 +229,35 @@ mod tests {
         );
         alarms.clear(1, &at(2));
         assert_eq!(alarms.acknowledge(id, "hmi-1"), None);
+    }
+
+    #[test]
+    fn a_warning_of_a_condition_stands_through_resets_until_the_condition_ends() {
+        let (mut alarms, entry) = (Alarms::default(), &tandem_model::alarm::STORE_FAILED);
+        let texts = |alarms: &Alarms| -> Vec<String> {
+            alarms
+                .active()
+                .alarms
+                .into_iter()
+                .map(|alarm| alarm.text)
+                .collect()
+        };
+        for n in 0..=ALARMS_ACTIVE_MAX {
+            raise(&mut alarms, alarm(None, &n.to_string()), true);
+        }
+        assert_eq!(alarms.stand(entry, Some("full"), &at(1)).len(), 1);
+        assert_eq!(alarms.stand(entry, Some("full"), &at(2)), []);
+        alarms.clear(1, &at(3));
+        assert_eq!(texts(&alarms), ["What is kept cannot be written: full"]);
+        let changed = alarms.stand(entry, Some("gone"), &at(4));
+        assert_eq!(changed.len(), 2);
+        assert_eq!((changed[0].cleared_at.clone(), alarms.count(1)), (Some(at(4)), 0));
+        assert_eq!(texts(&alarms), ["What is kept cannot be written: gone"]);
+        assert_eq!(alarms.stand(entry, None, &at(5))[0].cleared_at, Some(at(5)));
+        assert_eq!(
+            (texts(&alarms), alarms.stand(entry, None, &at(6))),
+            (Vec::new(), Vec::new())
+        );
     }
 
     #[test]

@@ -21,9 +21,9 @@ use tokio::task::JoinSet;
 use crate::clock::Clock;
 use crate::config::{Config, ConfigError, Machine};
 use crate::coordinate_system::{CoordinateSystem, Mailbox};
+use crate::disk::Health;
 use crate::journal::{Event, Journal};
-use crate::persistence::journal_file::JournalThread;
-use crate::persistence::{LastRuns, Restored, StateWriterThread, cut_short};
+use crate::persistence::{LastRuns, Restored, cut_short};
 use crate::port::RuntimePort;
 use crate::program_store::ProgramStore;
 use crate::servo_thread::{ServoStatistics, ServoThread};
@@ -31,7 +31,7 @@ use crate::shared::Shared;
 use crate::simulation::{self, Simulation, SimulationOptions};
 use crate::tables::Tables;
 use birth::{birth, presence};
-use opening::{Data, bring_up, new_boot_id, open_store};
+use opening::{Data, Keepers, Programs, bring_up, new_boot_id};
 
 /// How often positions and the heartbeat are published, at the most; program places and spindles half as often.
 const PUBLISH_INTERVAL: Duration = Duration::from_millis(100);
@@ -85,7 +85,7 @@ pub struct Runtime {
     servo: Option<ServoThread>,
     simulation: Option<Arc<Simulation>>,
     /// What is kept, and the journal; `None` in simulated time.
-    kept: Option<(StateWriterThread, JournalThread)>,
+    kept: Option<Keepers>,
 }
 
 impl Runtime {
@@ -104,11 +104,18 @@ impl Runtime {
     pub async fn start_on(config: Config, hardware: HardwareFactory) -> Result<Runtime, StartError> {
         let machine = config.resolve()?;
         let opening = machine.clone();
+        let boot_id = new_boot_id();
+        let of_journal = boot_id.clone();
         let open = move || {
-            let (data, store) = (Data::open(&opening)?, open_store(&opening)?);
-            Ok::<_, StartError>((data, store, bring_up(hardware, &opening)?))
+            let data = Data::open(&opening, of_journal)?;
+            let health = data
+                .as_ref()
+                .map(|data| Arc::clone(&data.health))
+                .unwrap_or_default();
+            let programs = Programs::open(&opening, &health)?;
+            Ok::<_, StartError>((data, programs, health, bring_up(hardware, &opening)?))
         };
-        let (mut data, (store, first_state), hardware) = tokio::task::spawn_blocking(open)
+        let (mut data, programs, health, hardware) = tokio::task::spawn_blocking(open)
             .await
             .map_err(|error| StartError::Store(error.to_string()))??;
         let tables = Tables::new(&machine);
@@ -116,9 +123,18 @@ impl Runtime {
             Some(data) => (Journal::to_disk(data.journal.writer()), data.restore(&tables)?),
             None => (Journal::to_log(), Restored::default()),
         };
-        let shared = Shared::new(machine, new_boot_id(), Clock::real(), store, journal, tables);
+        let newest = restored.last_runs.values().map(|kept| kept.line).max();
+        journal.go_on_after(newest.unwrap_or(0));
+        let Programs {
+            store,
+            findings,
+            first_state,
+        } = programs;
+        let mut shared = Shared::new(machine, boot_id, Clock::real(), store, journal, tables);
+        shared.health = health;
         let shared = Arc::new(shared);
         let mut parts = Parts::new(&shared, first_state, &restored, hardware);
+        findings.report(&shared);
         let last_runs = restored.last_runs;
         let kept = data.map(|data| data.keep(&shared, &parts.mailboxes, last_runs.clone()));
         let kept = kept.transpose()?;
@@ -134,7 +150,7 @@ impl Runtime {
             port: Arc::new(RuntimePort {
                 shared,
                 mailboxes: parts.mailboxes,
-                writer: kept.as_ref().map(|(thread, _)| thread.writer()),
+                writer: kept.as_ref().map(|kept| kept.state.writer()),
                 last_runs,
             }),
             tasks: parts.tasks,
@@ -159,7 +175,9 @@ impl Runtime {
             data_dir: None,
             ..machine
         };
-        let (store, first_state) = open_store(&machine)?;
+        let Programs {
+            store, first_state, ..
+        } = Programs::open(&machine, &Health::default())?;
         let factory = options.hardware.take();
         let hardware = bring_up(factory.unwrap_or_else(Hardware::simulated_factory), &machine)?;
         let clock = Clock::simulated();
@@ -316,7 +334,8 @@ fn report_last_runs(shared: &Shared, last_runs: &LastRuns) {
             version: env!("CARGO_PKG_VERSION").to_owned(),
         };
         shared.record(cs, boot);
-        if let Some(last_run) = last_runs.get(&cs).filter(|last_run| last_run.is_under_way()) {
+        let last_run = last_runs.get(&cs).map(|kept| &kept.run);
+        if let Some(last_run) = last_run.filter(|last_run| last_run.is_under_way()) {
             shared.record(cs, Event::Interrupted(Box::new(last_run.clone())));
             shared.raise_standing(cut_short(cs, last_run));
         }

@@ -1,6 +1,7 @@
 //! The journal: every event, in order. It goes to the log and to `data_dir` when serving, to a file or a list in a
 //! simulation.
 
+use std::io;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{SyncSender, TrySendError};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -208,6 +209,13 @@ pub enum Event {
     End(RunEnd),
 }
 
+impl Event {
+    /// True for an event of which a handler may hear.
+    fn is_heard_of(&self) -> bool {
+        matches!(self, Event::Start { .. } | Event::Output(_))
+    }
+}
+
 /// How an output was reset.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "result", rename_all = "snake_case")]
@@ -293,10 +301,26 @@ impl RunEnd {
 /// What the thread that writes to disk is sent.
 #[derive(Debug)]
 pub(crate) enum Message {
-    /// A line, its time of day, and when it was handed over.
-    Line(Line, SystemTime, Instant),
+    /// A line.
+    Line {
+        /// Its number, which rises over all starts of the runtime.
+        n: u64,
+        line: Line,
+        /// Its time of day.
+        time: SystemTime,
+        handed_over: Instant,
+    },
     /// Writes what waits, and ends.
     Close,
+}
+
+/// Where lines are safe from a kill at once.
+pub(crate) trait WriteAhead: std::fmt::Debug + Send + Sync {
+    /// Writes a line of this number.
+    ///
+    /// # Errors
+    /// The operating system refuses, or the line has no room.
+    fn write(&self, n: u64, line: &Line, time: SystemTime) -> io::Result<()>;
 }
 
 /// The way to the thread that writes to disk. Cloning gives another handle to the same journal.
@@ -305,12 +329,28 @@ pub(crate) struct JournalWriter {
     pub lines: SyncSender<Message>,
     /// Lines that found no room.
     pub lost: Arc<AtomicU64>,
+    /// Number of the last line.
+    pub last: Arc<AtomicU64>,
+    /// Where lines go that must not be lost with the process; `None`: the disk refuses.
+    pub ahead: Option<Arc<dyn WriteAhead>>,
 }
 
 impl JournalWriter {
-    /// Hands a line over, without waiting.
+    /// Hands a line over, without waiting. One of which a handler may hear is safe from a kill when this returns.
     pub fn write(&self, line: Line, time: SystemTime) {
-        let message = Message::Line(line, time, Instant::now());
+        let n = self.last.fetch_add(1, Ordering::Relaxed) + 1;
+        if line.event.is_heard_of()
+            && let Some(ahead) = &self.ahead
+            && let Err(error) = ahead.write(n, &line, time)
+        {
+            tracing::debug!("line {n} of the journal is not written ahead: {error}");
+        }
+        let message = Message::Line {
+            n,
+            line,
+            time,
+            handed_over: Instant::now(),
+        };
         if let Err(TrySendError::Full(_)) = self.lines.try_send(message) {
             self.lost.fetch_add(1, Ordering::Relaxed);
         }
@@ -349,6 +389,20 @@ impl Journal {
         Self {
             sink: None,
             disk: Some(disk),
+        }
+    }
+
+    /// Number of the last line that goes to disk; 0 where none does.
+    pub(crate) fn last_number(&self) -> u64 {
+        self.disk
+            .as_ref()
+            .map_or(0, |disk| disk.last.load(Ordering::Acquire))
+    }
+
+    /// Numbers go on behind this one.
+    pub(crate) fn go_on_after(&self, number: u64) {
+        if let Some(disk) = &self.disk {
+            disk.last.fetch_max(number, Ordering::AcqRel);
         }
     }
 

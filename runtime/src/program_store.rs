@@ -1,24 +1,34 @@
 //! The program store: NC programs by number, parsed and checked when they are written.
 //!
 //! With a folder, each program is a file `<number>.nc` in it. It is written under a temporary name and renamed, and is on
-//! disk before the write returns.
+//! disk before the write returns. A sum beside it tells a file that was changed outside from one that is damaged
+//! (`folder`); a damaged one is no program until it is stored again.
+
+pub(crate) mod folder;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
-use std::io::{self, Read, Write};
+use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use parking_lot::{Mutex, RwLock};
 use plc_api::types::program::{DiagnosticSeverity, ProgramCheck, ProgramDiagnostic, ProgramInfo};
+use plc_api::types::request::{Refusal, RefusalCode};
 use tandem_interp::{CheckContext, Dialect, check};
 use tandem_model::limits::{PROGRAM_BYTES_MAX, PROGRAM_NUMBER_MAX};
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::{Diagnostic, Severity};
 use tandem_syntax::{Header, LineIndex, NcProgram, parse};
 
+use crate::disk::sum_of;
+use folder::{Found, Look, ProgramFolder};
+
 /// Programs in the store at the most. A further one is refused.
 pub const PROGRAMS_MAX: usize = 2000;
+
+/// Digits of a sum that a person is shown.
+const SUM_SHOWN: usize = 12;
 
 /// Characters of a title.
 const TITLE_MAX: usize = 80;
@@ -62,6 +72,10 @@ pub struct StoredProgram {
     /// The check for each coordinate system, by its number; made when first needed.
     here: Mutex<BTreeMap<u8, Arc<CheckHere>>>,
     title: String,
+    /// Sum of the bytes that it was read from.
+    sum: String,
+    /// It was changed outside of the runtime while this ran.
+    pub(crate) is_from_outside: bool,
     /// Byte offset of each line.
     line_starts: Vec<u32>,
 }
@@ -113,6 +127,8 @@ impl StoredProgram {
             goes_on,
             here: Mutex::default(),
             title: title(text),
+            sum: sum_of(text.as_bytes()),
+            is_from_outside: false,
             line_starts: line_starts(text),
         }
     }
@@ -232,9 +248,26 @@ fn title(text: &str) -> String {
 pub struct ProgramStore {
     rules: TextRules,
     programs: RwLock<Arc<BTreeMap<u16, Arc<StoredProgram>>>>,
-    folder: Option<PathBuf>,
-    /// Held while a file is written: the temporary file always has the same name.
+    /// Damaged programs, and what is known of each. They are no programs.
+    damaged: RwLock<BTreeMap<u16, String>>,
+    path: Option<PathBuf>,
+    /// Held while a program is written, so that one follows the other.
     writing: Mutex<()>,
+    /// `None`: nothing is kept on disk, or the folder could not be opened.
+    folder: Mutex<Option<ProgramFolder>>,
+    /// Files that a look found changed outside, with their times: one that the next look finds so, too, is read.
+    changing: Mutex<BTreeMap<u16, Option<String>>>,
+}
+
+/// What a person should know of the folder of a store.
+#[derive(Debug, Default)]
+pub(crate) struct ProgramFindings {
+    /// What was changed outside.
+    pub changed: Vec<String>,
+    /// What is not read.
+    pub not_read: Vec<String>,
+    /// Programs that had no sum yet.
+    pub without_sum: usize,
 }
 
 impl ProgramStore {
@@ -243,8 +276,11 @@ impl ProgramStore {
         Self {
             rules,
             programs: RwLock::default(),
-            folder: None,
+            damaged: RwLock::default(),
+            path: None,
             writing: Mutex::default(),
+            folder: Mutex::default(),
+            changing: Mutex::default(),
         }
     }
 
@@ -252,26 +288,145 @@ impl ProgramStore {
     /// be, are left alone.
     ///
     /// # Errors
-    /// The folder cannot be made or read.
+    /// The folder cannot be made, read or written.
     pub fn open(folder: &Path, rules: TextRules) -> io::Result<Self> {
-        fs::create_dir_all(folder)?;
-        let store = Self {
-            folder: Some(folder.to_owned()),
-            ..Self::in_memory(rules)
+        let mut store = Self::in_memory(rules);
+        store.open_folder(folder)?;
+        Ok(store)
+    }
+
+    /// Reads the programs of a folder, and keeps what is written in it from now on. After an error it keeps trying when
+    /// something is written.
+    pub(crate) fn open_folder(&mut self, path: &Path) -> io::Result<ProgramFindings> {
+        self.path = Some(path.to_owned());
+        let (folder, look) = ProgramFolder::open(path)?;
+        *self.folder.get_mut() = Some(folder);
+        Ok(self.take_over(look))
+    }
+
+    fn take_over(&self, look: Look) -> ProgramFindings {
+        let mut findings = ProgramFindings {
+            not_read: look.not_read,
+            without_sum: look.without_sum,
+            ..ProgramFindings::default()
         };
-        for entry in fs::read_dir(folder)? {
-            let path = entry?.path();
-            if let Some(number) = program_number(&path) {
-                match read_text(&path) {
-                    Ok(text) => store.keep(StoredProgram::new(number, &text, rules)),
-                    Err(error) if error.kind() == io::ErrorKind::FileTooLarge => {
-                        tracing::warn!("{} is not in the store: {error}", path.display());
-                    }
-                    Err(error) => return Err(error),
+        for (number, found) in look.programs {
+            match found {
+                Found::Stored(bytes) => self.keep(self.program_of(number, bytes)),
+                Found::FromOutside(bytes, how) => {
+                    let program = self.program_of(number, bytes);
+                    let sum = &program.sum[..SUM_SHOWN];
+                    findings
+                        .changed
+                        .push(format!("program {number}: {how}; its sum is {sum}"));
+                    self.keep(program);
+                }
+                Found::Damaged(how) => {
+                    self.damaged.write().insert(number, how);
                 }
             }
         }
-        Ok(store)
+        let gone = look.gone.iter();
+        (findings.changed).extend(gone.map(|number| format!("program {number}: its file was removed")));
+        findings
+    }
+
+    fn program_of(&self, number: u16, bytes: Vec<u8>) -> StoredProgram {
+        let sum = sum_of(&bytes);
+        StoredProgram {
+            sum,
+            ..StoredProgram::new(number, &text_of(bytes), self.rules)
+        }
+    }
+
+    /// Looks for files that were changed outside while the runtime ran, and reads those that no longer change; gives what
+    /// a person should know of it. Nothing can be said while a program is being written.
+    ///
+    /// # Errors
+    /// The folder was removed or replaced.
+    pub(crate) fn look_again(&self) -> io::Result<Vec<String>> {
+        let Some(mut folder) = self.folder.try_lock() else {
+            return Ok(Vec::new());
+        };
+        if let Some(folder) = folder.as_ref() {
+            folder.check()?;
+        }
+        let changed = folder.as_ref().and_then(|folder| folder.changed().ok());
+        let changed = changed.unwrap_or_default();
+        let before = std::mem::replace(&mut *self.changing.lock(), changed.clone());
+        let mut said = Vec::new();
+        for (number, time) in changed {
+            if before.get(&number) != Some(&time) {
+                continue;
+            }
+            let Some(folder) = folder.as_mut() else { break };
+            let read = match time {
+                Some(_) => folder.accept(number).map(Some),
+                None => folder.remove(number).map(|()| None),
+            };
+            // what cannot be read now is looked at again
+            let Ok(read) = read else { continue };
+            self.damaged.write().remove(&number);
+            let how = if let Some(bytes) = read {
+                let mut program = self.program_of(number, bytes);
+                program.is_from_outside = true;
+                let sum = program.sum[..SUM_SHOWN].to_owned();
+                self.keep(program);
+                format!("its file was written; its sum is {sum}; load it again")
+            } else {
+                self.forget(number);
+                "its file was removed".to_owned()
+            };
+            said.push(format!("program {number}: {how}"));
+        }
+        Ok(said)
+    }
+
+    /// The refusal of whatever needs a program, if it is damaged.
+    pub(crate) fn refuse_damaged(&self, number: u16) -> Option<Refusal> {
+        let how = self.damaged.read().get(&number).cloned()?;
+        let text = format!(
+            "program {number} is damaged: {how}; store it again, or stop the runtime and look at tandem store repair"
+        );
+        Some(Refusal::new(RefusalCode::Unavailable, text))
+    }
+
+    /// Damaged programs, and what is known of each.
+    pub(crate) fn damaged(&self) -> BTreeMap<u16, String> {
+        self.damaged.read().clone()
+    }
+
+    /// Checks that programs can be written.
+    ///
+    /// # Errors
+    /// The disk refuses.
+    pub(crate) fn probe(&self) -> io::Result<()> {
+        self.with_folder(|folder| folder.probe())
+    }
+
+    /// Does something with the folder, which is opened again where it was not; one that was lost is filled again.
+    fn with_folder(&self, work: impl FnOnce(&mut ProgramFolder) -> io::Result<()>) -> io::Result<()> {
+        let Some(path) = &self.path else { return Ok(()) };
+        let mut folder = self.folder.lock();
+        if folder.as_ref().is_some_and(|folder| folder.check().is_err()) {
+            *folder = None;
+        }
+        if folder.is_none() {
+            let (mut opened, look) = ProgramFolder::open(path)?;
+            for (number, program) in &*self.all() {
+                if !look.programs.contains_key(number) {
+                    opened.write(*number, program.text().as_bytes())?;
+                }
+            }
+            *folder = Some(opened);
+            for warning in self.take_over(look).changed {
+                tracing::warn!("{warning}");
+            }
+        }
+        folder
+            .as_mut()
+            .map_or(Ok(()), work)
+            .map_err(|error| io::Error::new(error.kind(), format!("{}: {error}", path.display())))
     }
 
     /// A view of all programs that later writes do not change.
@@ -308,54 +463,75 @@ impl ProgramStore {
     /// As [`ProgramStore::write`].
     pub fn put(&self, program: StoredProgram) -> io::Result<ProgramCheck> {
         let number = program.number;
-        if !(1..=PROGRAM_NUMBER_MAX).contains(&number) {
-            let text = format!("{number} is not a program number; write 1 to {PROGRAM_NUMBER_MAX}");
-            return Err(io::Error::new(io::ErrorKind::InvalidInput, text));
-        }
         let _one_at_a_time = self.writing.lock();
-        let all = self.all();
-        let created = !all.contains_key(&number);
-        if created && all.len() >= PROGRAMS_MAX {
-            let text = format!("the store holds {PROGRAMS_MAX} programs; delete one first");
-            return Err(io::Error::new(io::ErrorKind::StorageFull, text));
-        }
-        if let (Some(folder), Some(path)) = (&self.folder, self.path(number)) {
-            write_and_rename(folder, &path, program.text().as_bytes())?;
-        }
+        let created = self.check_room(number)?;
         let check = ProgramCheck {
             created,
             ..program.check.clone()
         };
-        self.keep(program);
+        if self.path.is_none() {
+            self.keep(program);
+            return Ok(check);
+        }
+        self.with_folder(|folder| {
+            folder.write(number, program.text().as_bytes())?;
+            self.keep(program);
+            Ok(())
+        })?;
         Ok(check)
     }
 
-    /// Removes a program; false when there is none.
+    /// Tells whether a program would be new.
+    ///
+    /// # Errors
+    /// The number is out of range, or the store is full.
+    pub(crate) fn check_room(&self, number: u16) -> io::Result<bool> {
+        if !(1..=PROGRAM_NUMBER_MAX).contains(&number) {
+            let text = format!("{number} is not a program number; write 1 to {PROGRAM_NUMBER_MAX}");
+            return Err(io::Error::new(io::ErrorKind::InvalidInput, text));
+        }
+        let all = self.all();
+        let created = !all.contains_key(&number);
+        if created && all.len() >= PROGRAMS_MAX {
+            let text = format!("the store holds {PROGRAMS_MAX} programs; delete one first");
+            return Err(io::Error::new(io::ErrorKind::QuotaExceeded, text));
+        }
+        Ok(created)
+    }
+
+    /// The rules by which programs are parsed and checked.
+    pub(crate) fn rules(&self) -> TextRules {
+        self.rules
+    }
+
+    /// Removes a program, a damaged one, too; false when there is none.
     ///
     /// # Errors
     /// The disk refuses.
     pub fn delete(&self, number: u16) -> io::Result<bool> {
         let _one_at_a_time = self.writing.lock();
-        if self.get(number).is_none() {
+        if self.get(number).is_none() && !self.damaged.read().contains_key(&number) {
             return Ok(false);
         }
-        if let (Some(folder), Some(path)) = (&self.folder, self.path(number)) {
-            match fs::remove_file(path) {
-                Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
-                _ => fs::File::open(folder)?.sync_all()?,
-            }
-        }
-        let mut programs = self.programs.write();
-        Ok(Arc::make_mut(&mut programs).remove(&number).is_some())
+        self.with_folder(|folder| folder.remove(number))?;
+        let was_damaged = self.damaged.write().remove(&number).is_some();
+        Ok(self.forget(number) || was_damaged)
     }
 
-    fn keep(&self, program: StoredProgram) {
+    fn forget(&self, number: u16) -> bool {
+        let mut programs = self.programs.write();
+        Arc::make_mut(&mut programs).remove(&number).is_some()
+    }
+
+    /// Takes a program for the one of its number, without writing it.
+    pub(crate) fn keep(&self, program: StoredProgram) {
+        self.damaged.write().remove(&program.number);
         let mut programs = self.programs.write();
         Arc::make_mut(&mut programs).insert(program.number, Arc::new(program));
     }
 
     fn path(&self, number: u16) -> Option<PathBuf> {
-        Some(self.folder.as_ref()?.join(format!("{number}.nc")))
+        Some(self.path.as_ref()?.join(folder::file_name(number)))
     }
 }
 
@@ -368,8 +544,11 @@ pub fn read_text(path: &Path) -> io::Result<String> {
     let mut bytes = Vec::new();
     fs::File::open(path)?.take(most + 1).read_to_end(&mut bytes)?;
     check_bytes(bytes.len() as u64)?;
-    Ok(String::from_utf8(bytes)
-        .unwrap_or_else(|error| String::from_utf8_lossy(error.as_bytes()).into_owned()))
+    Ok(text_of(bytes))
+}
+
+fn text_of(bytes: Vec<u8>) -> String {
+    String::from_utf8(bytes).unwrap_or_else(|error| String::from_utf8_lossy(error.as_bytes()).into_owned())
 }
 
 /// Tells whether [`read_text`] would read a file, without its text.
@@ -411,15 +590,6 @@ pub(crate) fn called_by(all: &BTreeMap<u16, Arc<StoredProgram>>, main: u16) -> B
         left.extend(calls.filter(|number| called.insert(*number)));
     }
     called
-}
-
-fn write_and_rename(folder: &Path, path: &Path, bytes: &[u8]) -> io::Result<()> {
-    let temporary = path.with_extension("nc.new");
-    let mut file = fs::File::create(&temporary)?;
-    file.write_all(bytes)?;
-    file.sync_all()?;
-    fs::rename(&temporary, path)?;
-    fs::File::open(folder)?.sync_all()
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! What all coordinate systems, the port and the server ends share.
 
 use std::collections::BTreeMap;
+use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
@@ -15,6 +16,7 @@ use plc_api::types::output::HandlerPresence;
 use plc_api::types::request::Refusal;
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::types::{BootId, CoordinateSystemNumber, Timestamp};
+use tandem_model::alarm::AlarmEntry;
 use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 
@@ -22,6 +24,7 @@ use crate::alarms::{Alarms, Raised};
 use crate::clock::Clock;
 use crate::command_memory::{Asked, CommandMemory, Recalled};
 use crate::config::Machine;
+use crate::disk::{Health, Part};
 use crate::handlers::{Handlers, TooMany};
 use crate::journal::{Event, Journal};
 use crate::program_store::ProgramStore;
@@ -37,6 +40,8 @@ pub(crate) struct Shared {
     pub clock: Clock,
     pub store: ProgramStore,
     pub journal: Journal,
+    /// What of the data folder cannot be written.
+    pub health: Arc<Health>,
     /// How punctual the servo thread is; nothing in simulated time.
     pub servo: Arc<ServoStatistics>,
     pub tables: Arc<Tables>,
@@ -71,6 +76,7 @@ impl Shared {
             clock,
             store,
             journal,
+            health: Arc::default(),
             servo: Arc::default(),
             bus_connected: AtomicBool::new(true),
             bus_reconnections: AtomicU64::new(0),
@@ -142,6 +148,24 @@ impl Shared {
         last_rev + 1
     }
 
+    /// Notes whether a part of the data folder was written; gives the result. One that was asked for what cannot be done
+    /// says nothing of the disk.
+    pub fn note<T>(&self, part: Part, attempt: io::Result<T>) -> io::Result<T> {
+        let is_asked_too_much = |error: &io::Error| {
+            matches!(
+                error.kind(),
+                io::ErrorKind::InvalidInput | io::ErrorKind::QuotaExceeded
+            )
+        };
+        if !attempt.as_ref().is_err_and(is_asked_too_much) {
+            self.health.note(part, &attempt);
+            if let Err(error) = &attempt {
+                self.stand(part.alarm(), Some(&error.to_string()));
+            }
+        }
+        attempt
+    }
+
     /// Writes a line of the journal.
     pub fn record(&self, cs: CoordinateSystemNumber, event: Event) {
         if self.journal.record(self.now(), cs, event) {
@@ -158,6 +182,14 @@ impl Shared {
     /// Raises a warning that is among the active alarms until a reset, and prevents nothing.
     pub fn raise_standing(&self, record: AlarmRecord) -> AlarmRecord {
         self.raise_for(record, true)
+    }
+
+    /// A warning of the whole machine that stands, through resets, as long as there is a text.
+    pub fn stand(&self, entry: &AlarmEntry, text: Option<&str>) {
+        let mut alarms = self.alarms.lock();
+        for record in alarms.stand(entry, text, &self.timestamp()) {
+            self.publish_alarms(&alarms, &record);
+        }
     }
 
     /// One that is active already is not raised again: its record is given back.

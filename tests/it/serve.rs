@@ -3,6 +3,7 @@
 mod access;
 mod conditions;
 mod coordinate_systems;
+mod data_folder;
 mod disk;
 mod kept;
 mod late;

@@ -126,6 +126,16 @@ alarms! {
     RUNTIME_FAULT = 400, "The coordinate system's task failed", "Reset; report the log if it happens again.";
     RESTARTED_IN_RUN = 401, "The runtime ended while a program ran", "Look at the machine and at what was open before anything is started; acknowledge or reset.";
     STORE_FAILED = 402, "What is kept cannot be written", "Look at the disk of data_dir; it is tried again by itself.";
+    JOURNAL_FAILED = 403, "The journal cannot be written", "Look at the folder journal of data_dir; it is tried again by itself, and the machine does not need it.";
+    PROGRAMS_FAILED = 404, "Programs cannot be written", "Look at the folder programs of data_dir; it is tried again by itself.";
+    DATA_FOLDER_FAILED = 405, "The data folder is gone, full or not writable", "Put the folder back or make room; it is looked at every second.";
+    VALUES_LOST = 406, "Values that were kept are damaged and count as no values", "Write each of them anew, or stop the runtime and look at tandem store repair.";
+    PROGRAM_DAMAGED = 407, "A program is damaged", "Store it again, or stop the runtime and look at tandem store repair.";
+    PROGRAM_CHANGED = 408, "A program was changed outside of the runtime", "Look at the program, and load it again.";
+    NOT_READ = 409, "Something in the data folder is not read", "Move it away, or give it the name and the form that the text says.";
+    STORE_DAMAGED = 410, "The store was damaged, or cannot be verified", "Look at the disk; tandem store verify looks at all that is kept.";
+    JOURNAL_DAMAGED = 411, "Lines of the journal are damaged", "Look at the disk; the machine does not need them.";
+    VALUE_LOST = 412, "A value that the program needs is damaged and counts as no value", "Look at the machine and write the value anew; alarm 406 lists all of them.";
     CLIENT_LOST = 421, "A client that asked to be watched is not heard any more", "Look at the client and at its connection, and at the machine; then resume.";
 }
 

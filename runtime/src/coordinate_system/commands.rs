@@ -196,6 +196,7 @@ impl CoordinateSystem {
             Command::Start => {
                 let main = self.context.stored(self.commands.program.unwrap_or_default())?;
                 self.context.check_called(&main)?;
+                self.context.check_loaded(main.number, &self.commands.texts)?;
                 Ok((String::new(), Some(self.new_run(Kind::Program, main))))
             }
             Command::BackTrace { on } => self.judge_back_trace(*on).map(|()| (String::new(), None)),

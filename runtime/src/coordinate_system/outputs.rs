@@ -118,6 +118,14 @@ impl CoordinateSystem {
             if effects.is_empty() {
                 return;
             }
+            // Whatever is published may reach a handler: what the journal must know of it stands there before.
+            for effect in &effects {
+                if let Effect::Output(notice) = effect
+                    && notice.attempt == 1
+                {
+                    self.context.record(Event::Output(Box::new(notice.clone())));
+                }
+            }
             for effect in effects {
                 self.carry_out(effect);
                 self.look_at_outputs();
@@ -148,7 +156,6 @@ impl CoordinateSystem {
         if notice.attempt > 1 {
             return;
         }
-        self.context.record(Event::Output(Box::new(notice.clone())));
         self.outputs.made.insert(notice.seq, (notice.m, origin(notice)));
         if !self.context.shared.is_handled(self.context.number, notice.m) {
             self.without_handler(notice);

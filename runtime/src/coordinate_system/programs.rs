@@ -16,6 +16,9 @@ pub(super) type Texts = BTreeMap<u16, Arc<StoredProgram>>;
 impl Context {
     pub fn stored(&self, number: u16) -> Result<Arc<StoredProgram>, Refusal> {
         self.shared.store.get(number).ok_or_else(|| {
+            if let Some(refusal) = self.shared.store.refuse_damaged(number) {
+                return refusal;
+            }
             let text = format!("program {number} is not in the store; write it first");
             Refusal::new(RefusalCode::NotFound, text)
         })
@@ -25,6 +28,11 @@ impl Context {
     pub fn check_called(&self, main: &Arc<StoredProgram>) -> Result<String, Refusal> {
         let all = self.shared.store.all();
         let number = main.number;
+        for called in called_by(&all, number) {
+            if let Some(refusal) = self.shared.store.refuse_damaged(called) {
+                return Err(refusal);
+            }
+        }
         let mut errors = Vec::new();
         let mut m_codes = BTreeSet::new();
         let (mut seen, mut left) = (BTreeSet::from([number]), vec![Arc::clone(main)]);
@@ -76,6 +84,22 @@ impl Context {
         called
             .filter_map(|number| Some((number, Arc::clone(all.get(&number)?))))
             .collect()
+    }
+
+    /// Refuses to start a program of which something was changed outside of the runtime since it was loaded.
+    pub fn check_loaded(&self, main: u16, loaded: &Texts) -> Result<(), Refusal> {
+        for (number, program) in self.texts_of(main) {
+            let is_loaded = loaded
+                .get(&number)
+                .is_some_and(|loaded| Arc::ptr_eq(loaded, &program));
+            if program.is_from_outside && !is_loaded {
+                let text = format!(
+                    "program {number} was changed outside of the runtime since program {main} was loaded; load it again"
+                );
+                return Err(Refusal::new(RefusalCode::NotAllowed, text));
+            }
+        }
+        Ok(())
     }
 
     /// True when nobody has written the program, or one that it calls, since these were read.

@@ -6,17 +6,19 @@ use std::sync::Arc;
 
 use plc_api::types::BootId;
 use plc_api::types::state::{Execution, Reason};
+use tandem_model::alarm::{JOURNAL_DAMAGED, NOT_READ, PROGRAM_CHANGED, STORE_DAMAGED};
 use tandem_servo::{Hardware, HardwareFactory};
 
 use super::StartError;
 use crate::config::{Machine, ProgramSource};
 use crate::coordinate_system::Mailbox;
-use crate::persistence::journal_file::{JOURNAL_FOLDER, JournalThread, newest};
+use crate::disk::{Health, Part, make_folder, tighten, write_whole};
+use crate::persistence::journal_file::{JOURNAL_FOLDER, JournalThread, Newest};
 use crate::persistence::{
-    Image, LastRuns, REPLAYED_LINES_MAX, Restored, Source, StateWriterThread, Store, replay_last_runs,
-    restore,
+    DataWatch, Image, LastRuns, Restored, Source, StateWriterThread, Store, list, replay_last_runs, restore,
+    warn_once, warn_standing,
 };
-use crate::program_store::{ProgramStore, check_readable, read_text};
+use crate::program_store::{ProgramFindings, ProgramStore, StoredProgram, check_readable, read_text};
 use crate::shared::Shared;
 use crate::tables::Tables;
 
@@ -26,28 +28,43 @@ pub(super) struct Data {
     store: Store,
     image: Image,
     pub journal: JournalThread,
+    newest: Newest,
+    pub health: Arc<Health>,
+}
+
+/// What watches over the data folder, and writes into it. Dropping it writes what is left.
+#[derive(Debug)]
+pub(super) struct Keepers {
+    _watch: DataWatch,
+    pub state: StateWriterThread,
+    _journal: JournalThread,
 }
 
 impl Data {
     /// Opens the data folder, which is made if it is missing; no other runtime has it open then.
-    pub fn open(machine: &Machine) -> Result<Option<Self>, StartError> {
+    pub fn open(machine: &Machine, boot_id: BootId) -> Result<Option<Self>, StartError> {
         let Some(folder) = &machine.data_dir else {
             return Ok(None);
         };
         let path = folder.join("state.redb");
         let open = || {
-            std::fs::create_dir_all(folder)?;
+            make_folder(folder)?;
             let store = Store::open(&path)?;
             let image = store.load()?;
-            let journal = JournalThread::start(&folder.join(JOURNAL_FOLDER))?;
-            Ok((store, image, journal))
+            Ok((store, image))
         };
-        let (store, image, journal) = open().map_err(|error| refused(folder, error))?;
+        let (store, image) = open().map_err(|error| refused(folder, error))?;
+        let health = Arc::new(Health::default());
+        let journal = folder.join(JOURNAL_FOLDER);
+        let (journal, newest) =
+            JournalThread::start(&journal, boot_id, Arc::clone(&health)).map_err(StartError::Thread)?;
         Ok(Some(Self {
             path,
             store,
             image,
             journal,
+            newest,
+            health,
         }))
     }
 
@@ -58,8 +75,8 @@ impl Data {
 
     fn replay(&mut self, tables: &Tables) -> io::Result<Restored> {
         let mut restored = restore(tables, &self.image)?;
-        let lines = newest(&self.path.with_file_name(JOURNAL_FOLDER), 0, REPLAYED_LINES_MAX)?;
-        let change = replay_last_runs(tables.coordinate_systems(), &mut restored.last_runs, &lines);
+        let lines = &self.newest.lines;
+        let change = replay_last_runs(tables.coordinate_systems(), &mut restored.last_runs, lines);
         if !change.is_empty() {
             self.store.commit(&change)?;
             self.image.take_over(change);
@@ -73,24 +90,30 @@ impl Data {
         shared: &Arc<Shared>,
         mailboxes: &[Arc<Mailbox>],
         last_runs: LastRuns,
-    ) -> Result<(StateWriterThread, JournalThread), StartError> {
-        let warned = Arc::clone(shared);
+    ) -> Result<Keepers, StartError> {
+        for warning in self.newest.warnings() {
+            warn_once(shared, &JOURNAL_DAMAGED, &warning);
+        }
+        let folder = self.path.parent().unwrap_or(&self.path).to_owned();
         let views = mailboxes.iter();
         let source = Source {
             boot_id: shared.boot_id.clone(),
             clock: shared.clock.clone(),
             tables: Arc::clone(&shared.tables),
             hub: shared.hub.clone(),
+            journal: shared.journal.clone(),
             views: views
                 .map(|mailbox| (mailbox.number, Arc::clone(&mailbox.view)))
                 .collect(),
             last_runs,
-            warn: Box::new(move |warning| {
-                warned.raise(warning);
-            }),
+            health: Arc::clone(&shared.health),
         };
-        let thread = StateWriterThread::start(self.path, self.store, self.image, source);
-        Ok((thread.map_err(StartError::Thread)?, self.journal))
+        let state = StateWriterThread::start(self.path, self.store, self.image, source);
+        Ok(Keepers {
+            _watch: DataWatch::start(&folder, Arc::clone(shared)).map_err(StartError::Thread)?,
+            state: state.map_err(StartError::Thread)?,
+            _journal: self.journal,
+        })
     }
 }
 
@@ -136,58 +159,100 @@ impl Machine {
     }
 }
 
-/// Opens the store and puts the configuration's programs into it; gives the state in which coordinate systems begin.
-pub(super) fn open_store(
-    machine: &Machine,
-) -> Result<(ProgramStore, (Execution, Option<Reason>)), StartError> {
-    let (store, reason) = match &machine.data_dir {
-        None => (ProgramStore::in_memory(machine.text_rules()), Reason::NoProgram),
-        Some(folder) => {
-            let opened = ProgramStore::open(&folder.join("programs"), machine.text_rules());
-            let store = opened.map_err(|error| refused(folder, error))?;
-            let reason = mark_started(&folder.join("started")).map_err(|error| refused(folder, error))?;
-            (store, reason)
-        }
-    };
-    for system in &machine.coordinate_systems {
-        for (number, source) in &system.programs {
-            let path = match source {
-                ProgramSource::File(path) => path.display().to_string(),
-                ProgramSource::Text(_) => "built in".to_owned(),
-            };
-            put_program(&store, *number, source).map_err(|error| StartError::Program {
-                number: *number,
-                path,
-                error,
-            })?;
-        }
-    }
-    Ok((store, (Execution::Stopped, Some(reason))))
+/// The programs of a machine, opened.
+pub(super) struct Programs {
+    pub store: ProgramStore,
+    pub findings: ProgramFindings,
+    /// The state in which coordinate systems begin.
+    pub first_state: (Execution, Option<Reason>),
 }
 
-/// The newer of the two wins: the configuration's file, or what was written to the store since.
-fn put_program(store: &ProgramStore, number: u16, source: &ProgramSource) -> io::Result<()> {
-    let in_store = store.get(number).is_some();
-    match source {
-        ProgramSource::Text(_) if in_store => {}
-        ProgramSource::Text(text) => {
-            store.write(number, text)?;
+impl Programs {
+    /// Opens the store and puts the configuration's programs into it. A folder that refuses prevents nothing: `health`
+    /// says why.
+    pub fn open(machine: &Machine, health: &Health) -> Result<Self, StartError> {
+        let mut store = ProgramStore::in_memory(machine.text_rules());
+        let (mut findings, mut reason) = (ProgramFindings::default(), Reason::NoProgram);
+        if let Some(folder) = &machine.data_dir {
+            let opened = store.open_folder(&folder.join("programs"));
+            health.note(Part::Programs, &opened);
+            findings = opened.unwrap_or_default();
+            reason = mark_started(&folder.join("started"));
         }
-        ProgramSource::File(path) => {
-            let written = std::fs::metadata(path)?.modified()?;
-            if !in_store || store.written_at(number).is_none_or(|stored| stored < written) {
-                store.write(number, &read_text(path)?)?;
+        for system in &machine.coordinate_systems {
+            for (number, source) in &system.programs {
+                let path = match source {
+                    ProgramSource::File(path) => path.display().to_string(),
+                    ProgramSource::Text(_) => "built in".to_owned(),
+                };
+                put_program(&store, *number, source, health).map_err(|error| StartError::Program {
+                    number: *number,
+                    path,
+                    error,
+                })?;
             }
         }
+        Ok(Self {
+            store,
+            findings,
+            first_state: (Execution::Stopped, Some(reason)),
+        })
+    }
+}
+
+impl ProgramFindings {
+    /// Tells the operator.
+    pub(super) fn report(self, shared: &Shared) {
+        if let Some(text) = list(&self.not_read) {
+            warn_standing(shared, &NOT_READ, &text);
+        }
+        for text in self.changed {
+            warn_once(shared, &PROGRAM_CHANGED, &text);
+        }
+        if self.without_sum > 0 {
+            let text = format!(
+                "{} programs had no sum yet; they are taken as they are",
+                self.without_sum
+            );
+            warn_once(shared, &STORE_DAMAGED, &text);
+        }
+    }
+}
+
+/// The newer of the two wins: the configuration's file, or what was written to the store since. One that the disk does not
+/// take is there all the same.
+fn put_program(store: &ProgramStore, number: u16, source: &ProgramSource, health: &Health) -> io::Result<()> {
+    let in_store = store.get(number).is_some() || store.refuse_damaged(number).is_some();
+    let text = match source {
+        ProgramSource::Text(_) if in_store => return Ok(()),
+        ProgramSource::Text(text) => (*text).to_owned(),
+        ProgramSource::File(path) => {
+            let written = std::fs::metadata(path)?.modified()?;
+            if in_store && store.written_at(number).is_some_and(|stored| stored >= written) {
+                return Ok(());
+            }
+            read_text(path)?
+        }
+    };
+    let program = StoredProgram::new(number, &text, store.rules());
+    store.check_room(number)?;
+    let written = store.put(program);
+    health.note(Part::Programs, &written);
+    if written.is_err() {
+        store.keep(StoredProgram::new(number, &text, store.rules()));
     }
     Ok(())
 }
 
 /// Leaves a mark in the data folder; the reason says whether it was there before.
-fn mark_started(mark: &Path) -> io::Result<Reason> {
+fn mark_started(mark: &Path) -> Reason {
     if mark.exists() {
-        return Ok(Reason::Restarted);
+        tighten(mark);
+        return Reason::Restarted;
     }
-    std::fs::write(mark, "A runtime has been started with this folder.\n")?;
-    Ok(Reason::NoProgram)
+    let marked = write_whole(mark, b"A runtime has been started with this folder.\n");
+    if let Err(error) = marked {
+        tracing::warn!("{}: {error}", mark.display());
+    }
+    Reason::NoProgram
 }

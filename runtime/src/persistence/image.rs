@@ -5,6 +5,7 @@ use std::io;
 
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::data::LastRun;
+use serde::{Deserialize, Serialize};
 use tandem_model::variables::VariableArray;
 
 use crate::tables::KeptValues;
@@ -12,8 +13,18 @@ use crate::tables::KeptValues;
 /// Variables of one page. Reason: one that changes costs 1 KiB on disk, all of P 256 entries.
 pub(crate) const PAGE_VARIABLES: usize = 128;
 
+/// A run, and which line of the journal was the newest when it was looked at.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct KeptRun {
+    #[serde(flatten)]
+    pub run: LastRun,
+    /// Number of the line; 0: it was kept by a version without numbers.
+    #[serde(rename = "journal_line", default)]
+    pub line: u64,
+}
+
 /// Last runs by coordinate system.
-pub(crate) type LastRuns = BTreeMap<CoordinateSystemNumber, LastRun>;
+pub(crate) type LastRuns = BTreeMap<CoordinateSystemNumber, KeptRun>;
 
 /// Bits of the variables of a page, ascending by number.
 #[derive(Debug, Clone, PartialEq, Eq)]

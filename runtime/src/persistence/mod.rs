@@ -7,6 +7,7 @@
 //! consists of lines in files of bounded size, written by another thread. NC programs are files of their own, see
 //! `program_store`.
 
+mod ahead;
 mod cut_short;
 mod image;
 pub(crate) mod journal_file;
@@ -14,10 +15,12 @@ mod replay;
 mod restore;
 mod state_writer;
 mod store;
+mod watch;
 
 pub(crate) use cut_short::cut_short;
 pub(crate) use image::{Image, LastRuns};
-pub(crate) use replay::{REPLAYED_LINES_MAX, replay_last_runs};
+pub(crate) use replay::replay_last_runs;
 pub(crate) use restore::{Restored, restore};
 pub(crate) use state_writer::{Source, StateWriter, StateWriterThread};
 pub(crate) use store::Store;
+pub(crate) use watch::{DataWatch, list, warn_once, warn_standing};

@@ -1,7 +1,8 @@
 //! What the journal knows about a run beyond the stored state: the journal lags behind less.
 //!
 //! A kill may come after an output was made and before the state writer looked again. The lines of the journal since
-//! then report it, so that the operator learns of every M code on which a handler may have begun to work.
+//! then report it, so that the operator learns of every M code on which a handler may have begun to work. Lines and looks
+//! are ordered by the numbers of the lines, which rise over all starts of the runtime; the clock of the day orders nothing.
 
 use plc_api::types::data::LastRun;
 use plc_api::types::output::{OutputState, PendingOutput, Timing};
@@ -10,7 +11,8 @@ use plc_api::types::{BootId, CoordinateSystemNumber, Timestamp};
 use serde::Deserialize;
 use serde_json::Value;
 
-use super::image::{Image, LastRuns};
+use super::image::{Image, KeptRun, LastRuns};
+use crate::disk::number;
 use crate::journal::{Event, Line};
 use crate::tables::{keep, value_key};
 
@@ -25,11 +27,13 @@ pub(crate) fn replay_last_runs(
     journal: &[Value],
 ) -> Image {
     let mut change = Image::default();
+    let last = journal.last().map_or(0, number);
     for cs in systems {
         let Some(run) = replay(cs, last_runs.get(&cs), journal) else {
             continue;
         };
-        if last_runs.get(&cs) != Some(&run) {
+        if last_runs.get(&cs).map(|kept| &kept.run) != Some(&run) {
+            let run = KeptRun { run, line: last };
             keep(&mut change.values, value_key("last_run", cs), &run);
             last_runs.insert(cs, run);
         }
@@ -38,35 +42,29 @@ pub(crate) fn replay_last_runs(
 }
 
 /// The last run of a coordinate system, as kept and as these lines of the journal tell what came after.
-fn replay(cs: CoordinateSystemNumber, kept: Option<&LastRun>, journal: &[Value]) -> Option<LastRun> {
-    let mut boot_id = kept.map(|kept| kept.boot_id.clone());
-    let mut run = kept.cloned();
-    let kept_at = kept.and_then(|kept| kept.at.to_system_time());
-    for written in journal {
+fn replay(cs: CoordinateSystemNumber, kept: Option<&KeptRun>, journal: &[Value]) -> Option<LastRun> {
+    let mut run = kept.map(|kept| kept.run.clone());
+    let kept_line = kept.map_or(0, |kept| kept.line);
+    for written in journal.iter().filter(|line| number(line) > kept_line) {
         // Lines that this version does not know are left out.
         let of_cs = Line::from_json(written).filter(|line| line.cs == cs);
-        let (Some(line), Ok(ts)) = (of_cs, Timestamp::deserialize(&written["ts"])) else {
+        let ts = Timestamp::deserialize(&written["ts"]);
+        let (Some(line), Ok(ts), Ok(boot_id)) = (of_cs, ts, BootId::deserialize(&written["boot_id"])) else {
             continue;
         };
-        if ts.to_system_time() <= kept_at {
-            continue;
+        let of_run = match &line.event {
+            Event::Start { program, run_id } => Some((run_id.clone(), Some(*program))),
+            // its start may have been lost
+            Event::Output(output) => Some((output.run_id.clone(), None)),
+            _ => None,
+        };
+        if let Some((run_id, program)) = of_run
+            && run.as_ref().map(|run| (&run.boot_id, &run.run_id)) != Some((&boot_id, &run_id))
+        {
+            run = Some(begun(boot_id.clone(), run_id, program, ts.clone()));
         }
-        match line.event {
-            Event::Boot { boot_id: of, .. } => boot_id = Some(of),
-            Event::Start { program, run_id } => {
-                let is_this = |run: &LastRun| Some(&run.boot_id) == boot_id.as_ref() && run.run_id == run_id;
-                if let Some(boot_id) = boot_id.clone()
-                    && !run.as_ref().is_some_and(is_this)
-                {
-                    run = Some(begun(boot_id, run_id, program, ts));
-                }
-            }
-            event => {
-                let of_boot = run.as_mut().filter(|run| Some(&run.boot_id) == boot_id.as_ref());
-                if let Some(run) = of_boot {
-                    on_event(run, event, ts);
-                }
-            }
+        if let Some(run) = run.as_mut().filter(|run| run.boot_id == boot_id) {
+            on_event(run, line.event, ts);
         }
     }
     run.map(waiting)
@@ -85,12 +83,12 @@ fn waiting(mut run: LastRun) -> LastRun {
 }
 
 /// A run at its start.
-fn begun(boot_id: BootId, run_id: String, program: u16, at: Timestamp) -> LastRun {
+fn begun(boot_id: BootId, run_id: String, program: Option<u16>, at: Timestamp) -> LastRun {
     LastRun {
         boot_id,
         run_id,
-        program: Some(program),
-        running: Some(program),
+        program,
+        running: program,
         line: 1,
         execution: Execution::Active,
         outputs: Vec::new(),
@@ -101,7 +99,7 @@ fn begun(boot_id: BootId, run_id: String, program: u16, at: Timestamp) -> LastRu
 fn on_event(run: &mut LastRun, event: Event, at: Timestamp) {
     match event {
         Event::Output(output) => {
-            if output.run_id != run.run_id || run.outputs.iter().any(|open| open.output.seq == output.seq) {
+            if run.outputs.iter().any(|open| open.output.seq == output.seq) {
                 return;
             }
             run.outputs.push(PendingOutput {
@@ -148,8 +146,11 @@ mod tests {
         format!("2026-01-01T00:00:{second:02}.000000Z")
     }
 
+    /// A line, with its second as its number.
     fn line(second: u32, event: &str, fields: Value) -> Value {
         let mut line = fields;
+        line["n"] = json!(second);
+        line["boot_id"] = json!(BOOT);
         line["t_s"] = json!(0.0);
         line["cs"] = json!(1);
         line["event"] = json!(event);
@@ -174,13 +175,13 @@ mod tests {
         [&begin[..], after].concat()
     }
 
-    fn kept(second: u32) -> LastRun {
-        replay(1, None, &journal(&[]))
-            .map(|run| LastRun {
-                at: Timestamp(at(second)),
-                ..run
-            })
-            .unwrap()
+    /// The run as it was looked at after the line of a second.
+    fn kept(second: u32) -> KeptRun {
+        let run = replay(1, None, &journal(&[])).unwrap();
+        KeptRun {
+            run,
+            line: second.into(),
+        }
     }
 
     fn open(run: &LastRun) -> Vec<(u64, OutputState)> {
@@ -199,11 +200,13 @@ mod tests {
 
     #[test]
     fn a_run_that_was_kept_with_its_output_before_its_state_said_so_waits() {
-        let looked_at = LastRun {
-            execution: Execution::Active,
-            line: 2,
-            at: Timestamp(at(7)),
-            ..replay(1, Some(&kept(5)), &journal(&[output(6, 1)])).unwrap()
+        let looked_at = KeptRun {
+            run: LastRun {
+                execution: Execution::Active,
+                line: 2,
+                ..replay(1, Some(&kept(5)), &journal(&[output(6, 1)])).unwrap()
+            },
+            line: 7,
         };
         let run = replay(1, Some(&looked_at), &journal(&[output(6, 1)])).unwrap();
         assert_eq!((run.execution, run.line), (Execution::Wait, 7));
@@ -217,10 +220,13 @@ mod tests {
             (BOOT, "1-1", Some(60))
         );
         assert!(run.is_under_way());
-        let of_before = LastRun {
-            boot_id: BootId("b0".into()),
-            execution: Execution::ProgramCompleted,
-            ..kept(0)
+        let of_before = KeptRun {
+            run: LastRun {
+                boot_id: BootId("b0".into()),
+                execution: Execution::ProgramCompleted,
+                ..kept(0).run
+            },
+            line: 0,
         };
         assert_eq!(replay(1, Some(&of_before), &journal(&[output(6, 1)])), Some(run));
     }
@@ -250,7 +256,7 @@ mod tests {
     fn what_was_kept_later_than_a_line_counts() {
         assert_eq!(
             replay(1, Some(&kept(6)), &journal(&[output(6, 1)])),
-            Some(kept(6))
+            Some(kept(6).run)
         );
     }
 
@@ -268,8 +274,36 @@ mod tests {
     fn lines_of_other_coordinate_systems_and_of_a_boot_without_a_run_change_nothing() {
         let mut other = output(6, 1);
         other["cs"] = json!(2);
-        let boot = line(7, "boot", json!({"boot_id": "b2", "version": "0.1.0"}));
-        let lines = journal(&[other, boot, output(8, 1)]);
-        assert_eq!(replay(1, Some(&kept(5)), &lines), Some(kept(5)));
+        let mut boot = line(7, "boot", json!({"version": "0.1.0"}));
+        boot["boot_id"] = json!("b2");
+        let mut reset = line(8, "reset", json!({"seq": 1, "handler_id": "h", "result": "ok"}));
+        reset["boot_id"] = json!("b2");
+        let lines = journal(&[other, boot, reset]);
+        assert_eq!(replay(1, Some(&kept(5)), &lines), Some(kept(5).run));
+    }
+
+    #[test]
+    fn the_number_of_a_line_orders_runs_and_not_the_clock_of_the_day() {
+        let mut later = journal(&[output(6, 1)]);
+        for (line, n) in later.iter_mut().zip(10..) {
+            line["n"] = json!(n);
+            line["ts"] = json!("2025-12-31T22:00:00.000000Z");
+            line["boot_id"] = json!("b2");
+        }
+        let run = replay(1, Some(&kept(5)), &[journal(&[]), later].concat()).unwrap();
+        assert_eq!((run.boot_id.0.as_str(), open(&run).len()), ("b2", 1));
+    }
+
+    #[test]
+    fn an_output_whose_start_was_lost_is_told() {
+        let mut ahead = output(6, 1);
+        ahead["boot_id"] = json!("b9");
+        ahead["run_id"] = json!("1-4");
+        let run = replay(1, Some(&kept(5)), &[ahead]).unwrap();
+        assert_eq!(
+            (run.boot_id.0.as_str(), run.run_id.as_str(), run.program),
+            ("b9", "1-4", None)
+        );
+        assert_eq!((open(&run).len(), run.running), (1, Some(60)));
     }
 }

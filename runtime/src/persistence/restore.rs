@@ -8,10 +8,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::io;
 
 use plc_api::types::CoordinateSystemNumber;
-use plc_api::types::data::{LastRun, ToolData, ToolTable, WorkOffsetTable};
+use plc_api::types::data::{ToolData, ToolTable, WorkOffsetTable};
 use serde::de::DeserializeOwned;
 
-use super::image::{Image, LastRuns, Page};
+use super::image::{Image, KeptRun, LastRuns, Page};
 use crate::tables::{Kept, Tables, value_key};
 
 /// What was kept and belongs to no table.
@@ -47,7 +47,7 @@ pub(crate) fn restore(tables: &Tables, image: &Image) -> io::Result<Restored> {
         if let Some(id) = read::<u16>(image, &value_key("tool", cs))? {
             restored.tools_in_spindle.insert(cs, id);
         }
-        if let Some(last_run) = read::<LastRun>(image, &value_key("last_run", cs))? {
+        if let Some(last_run) = read::<KeptRun>(image, &value_key("last_run", cs))? {
             restored.last_runs.insert(cs, last_run);
         }
     }

@@ -9,19 +9,19 @@ use std::time::Duration;
 
 use plc_api::hub::Hub;
 use plc_api::types::data::LastRun;
-use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
 use plc_api::types::message::Payload;
 use plc_api::types::state::{Execution, Reason};
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::types::{BootId, CoordinateSystemNumber, Timestamp};
-use tandem_model::alarm::STORE_FAILED;
 use tandem_model::variables::VariableArray;
 use tokio::sync::oneshot::{self, error::RecvError};
 
-use super::image::{Image, LastRuns, Page, pages};
+use super::image::{Image, KeptRun, LastRuns, Page, pages};
 use super::store::Store;
 use crate::clock::Clock;
 use crate::coordinate_system::View;
+use crate::disk::{Health, Part};
+use crate::journal::Journal;
 use crate::tables::{KeptValues, Tables, keep, value_key};
 
 /// Time between two looks. Reason: half of the 100 ms that what is kept may be behind; the rest is the disk's.
@@ -94,7 +94,6 @@ impl StateWriterThread {
             last_runs: source.last_runs.clone(),
             pace: Pace::default(),
             source,
-            failing: false,
         };
         let thread = std::thread::Builder::new()
             .name("state-writer".into())
@@ -128,11 +127,11 @@ pub(crate) struct Source {
     pub tables: Arc<Tables>,
     /// What was published last.
     pub hub: Hub,
+    pub journal: Journal,
     pub views: Vec<(CoordinateSystemNumber, Arc<View>)>,
     /// As they were kept.
     pub last_runs: LastRuns,
-    /// Takes the warning that the disk refuses.
-    pub warn: Box<dyn Fn(AlarmRecord) + Send>,
+    pub health: Arc<Health>,
 }
 
 impl Source {
@@ -148,7 +147,10 @@ impl Source {
             }
         }
         for (cs, view) in &self.views {
-            if let Some(last_run) = self.last_run(*cs, view, last_runs.get(cs)) {
+            // The newest line before the look: what the journal records from then on may be missing here.
+            let line = self.journal.last_number();
+            if let Some(run) = self.last_run(*cs, view, last_runs.get(cs).map(|kept| &kept.run)) {
+                let last_run = KeptRun { run, line };
                 keep(&mut change.values, value_key("last_run", *cs), &last_run);
                 last_runs.insert(*cs, last_run);
             }
@@ -166,7 +168,6 @@ impl Source {
 
     /// The state of the run of this boot, when it has changed.
     fn last_run(&self, cs: CoordinateSystemNumber, view: &View, before: Option<&LastRun>) -> Option<LastRun> {
-        // The time before the look: what the journal records from then on may be missing here.
         let at = Timestamp::from_system_time(self.clock.wall());
         let Some(Payload::State(state)) = self.payload(cs, CsTopic::State) else {
             return None;
@@ -246,7 +247,6 @@ struct Work {
     last_runs: LastRuns,
     source: Source,
     pace: Pace,
-    failing: bool,
 }
 
 impl Work {
@@ -286,10 +286,11 @@ impl Work {
         let change = change.beyond(&self.kept);
         let written = self.commit(&change);
         let behind_s = self.pace.on_commit(looked_s, self.source.clock.now_s());
-        written.map_err(|error| self.on_failure(&error))?;
+        let written = written.map_err(|error| format!("{}: {error}", self.path.display()));
+        self.source.health.note(Part::Store, &written);
+        written?;
         self.kept.take_over(change);
         self.last_runs = last_runs;
-        self.failing = false;
         if behind_s > BEHIND_MAX_S {
             tracing::warn!("the disk is slow: what is kept was {behind_s:.3} s behind");
         }
@@ -297,31 +298,22 @@ impl Work {
     }
 
     fn commit(&mut self, change: &Image) -> io::Result<()> {
-        if change.is_empty() {
+        let Some(store) = self.store.take() else {
+            // What was lost meanwhile is known here.
+            let store = Store::open(&self.path)?;
+            let mut all = self.kept.clone();
+            all.take_over(change.clone());
+            store.commit(&all)?;
+            self.store = Some(store);
             return Ok(());
-        }
-        let store = match self.store.take() {
-            Some(store) => store,
-            None => Store::open(&self.path)?,
         };
-        store.commit(change)?;
+        if change.is_empty() {
+            store.check()?;
+        } else {
+            store.commit(change)?;
+        }
         self.store = Some(store);
         Ok(())
-    }
-
-    fn on_failure(&mut self, error: &io::Error) -> String {
-        let text = format!("{}: {error}", self.path.display());
-        if !self.failing {
-            self.failing = true;
-            tracing::error!("{}: {text}; it is tried again", STORE_FAILED.title);
-            (self.source.warn)(AlarmRecord {
-                severity: AlarmSeverity::Warning,
-                number: STORE_FAILED.number,
-                text: format!("{}: {text}", STORE_FAILED.title),
-                ..AlarmRecord::default()
-            });
-        }
-        text
     }
 }
 

@@ -1,11 +1,14 @@
 //! The embedded store: one file, changed by whole transactions.
 
+use std::fs::OpenOptions;
 use std::io;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use redb::backends::FileBackend;
 use redb::{Builder, Database, DatabaseError, ReadableDatabase, ReadableTable, TableDefinition};
 
 use super::image::{Image, Page};
+use crate::disk::{Identity, open_regular, tighten};
 
 /// Pages of variables by area (0: P, else the coordinate system of Q) and place.
 const VARIABLES: TableDefinition<'_, (u8, u16), &[u8]> = TableDefinition::new("variables");
@@ -20,6 +23,8 @@ const CACHE_BYTES: usize = 4 << 20;
 #[derive(Debug)]
 pub(crate) struct Store {
     database: Database,
+    path: PathBuf,
+    identity: Identity,
 }
 
 impl Store {
@@ -28,18 +33,40 @@ impl Store {
     /// # Errors
     /// Another process has it open, it is damaged, or the disk refuses.
     pub fn open(path: &Path) -> io::Result<Self> {
-        let database =
-            Builder::new()
-                .set_cache_size(CACHE_BYTES)
-                .create(path)
-                .map_err(|error| match error {
-                    DatabaseError::DatabaseAlreadyOpen => io::Error::new(
-                        io::ErrorKind::ResourceBusy,
-                        "another runtime runs with this folder; stop it, or set another data_dir",
-                    ),
-                    other => io::Error::other(format!("{}: {other}", path.display())),
-                })?;
-        Ok(Self { database })
+        let file = open_regular(
+            path,
+            OpenOptions::new()
+                .read(true)
+                .write(true)
+                .create(true)
+                .truncate(false),
+        )?;
+        tighten(path);
+        let identity = Identity::of(&file)?;
+        let opened = FileBackend::new(file).and_then(|file| {
+            let mut builder = Builder::new();
+            builder.set_cache_size(CACHE_BYTES).create_with_backend(file)
+        });
+        let database = opened.map_err(|error| match error {
+            DatabaseError::DatabaseAlreadyOpen => io::Error::new(
+                io::ErrorKind::ResourceBusy,
+                "another runtime runs with this folder; stop it, or set another data_dir",
+            ),
+            other => io::Error::other(format!("{}: {other}", path.display())),
+        })?;
+        Ok(Self {
+            database,
+            path: path.to_owned(),
+            identity,
+        })
+    }
+
+    /// Checks that the file is where it was opened.
+    ///
+    /// # Errors
+    /// It was removed or replaced.
+    pub fn check(&self) -> io::Result<()> {
+        self.identity.check(&self.path)
     }
 
     /// Everything that is kept.
@@ -74,6 +101,7 @@ impl Store {
     /// # Errors
     /// The disk refuses; nothing of the change counts.
     pub fn commit(&self, change: &Image) -> io::Result<()> {
+        self.check()?;
         let writing = self.database.begin_write().map_err(io::Error::other)?;
         {
             let mut pages = writing.open_table(VARIABLES).map_err(io::Error::other)?;

@@ -17,7 +17,9 @@ use crate::tables::{Tables, Values};
 impl RuntimePort {
     pub(super) fn last_run(&self, cs: CoordinateSystemNumber) -> Result<Answer, Refusal> {
         self.mailbox(cs)?;
-        Ok(Answer::LastRun(self.last_runs.get(&cs).cloned()))
+        Ok(Answer::LastRun(
+            self.last_runs.get(&cs).map(|kept| kept.run.clone()),
+        ))
     }
 
     /// From the disk, where it is at most 20 ms behind.
@@ -33,7 +35,7 @@ impl RuntimePort {
                 return Err(Refusal::new(RefusalCode::NotFound, text));
             }
         };
-        let read = move |_: &Shared| newest(&folder, from as usize, count as usize);
+        let read = move |_: &Shared| Ok(newest(&folder, from as usize, count as usize).lines);
         self.on_disk(read).await.map(Answer::Journal)
     }
 

@@ -6,7 +6,9 @@ use plc_api::types::request::{Answer, Refusal, RefusalCode};
 use tandem_model::limits::{M_CODE_MAX, PROGRAM_BYTES_MAX};
 
 use super::RuntimePort;
+use crate::disk::Part;
 use crate::program_store::{StoredProgram, called_by};
+use crate::shared::Shared;
 
 // The stages know no interface, and the interface knows no stage: what both state is the same.
 const _: () = assert!(PROGRAM_BYTES_MAX == plc_api::types::program::PROGRAM_BYTES_MAX);
@@ -14,7 +16,9 @@ const _: () = assert!(M_CODE_MAX == plc_api::handlers::M_CODE_MAX);
 
 impl RuntimePort {
     fn stored(&self, number: u16) -> Result<Arc<StoredProgram>, Refusal> {
-        self.shared.store.get(number).ok_or_else(|| no_program(number))
+        let store = &self.shared.store;
+        let missing = || store.refuse_damaged(number).unwrap_or_else(|| no_program(number));
+        store.get(number).ok_or_else(missing)
     }
 
     pub(super) fn read_program(&self, number: u16) -> Result<Answer, Refusal> {
@@ -32,14 +36,15 @@ impl RuntimePort {
         }
         self.refuse_while_running(number)?;
         let check = self
-            .on_disk(move |shared| shared.store.write(number, &text))
+            .on_disk(move |shared| shared.note(Part::Programs, shared.store.write(number, &text)))
             .await?;
         Ok(Answer::Check(check))
     }
 
     pub(super) async fn delete_program(&self, number: u16) -> Result<Answer, Refusal> {
         self.refuse_while_running(number)?;
-        if self.on_disk(move |shared| shared.store.delete(number)).await? {
+        let delete = move |shared: &Shared| shared.note(Part::Programs, shared.store.delete(number));
+        if self.on_disk(delete).await? {
             Ok(Answer::Done)
         } else {
             Err(no_program(number))

@@ -1,0 +1,15 @@
+//! What the runtime's own files have in common: their rights and names, lines and sums that show damage, and which of them
+//! cannot be written now.
+
+mod files;
+mod health;
+mod line;
+mod sums;
+
+pub(crate) use files::{
+    Identity, UNFINISHED, Unfinished, make_folder, make_folder_in, open_regular, read_regular, sync_folder,
+    tighten, write_whole,
+};
+pub(crate) use health::{Health, Part};
+pub(crate) use line::{Read, number, read, seal, seal_in_place};
+pub(crate) use sums::{SumFile, Sums, sum_of};

@@ -1,0 +1,229 @@
+//! Files and folders that the runtime keeps: nobody else may read them, none is written through a link, and what is no
+//! regular file is never waited for.
+
+use std::fs::{self, DirBuilder, File, OpenOptions, Permissions};
+use std::io::{self, Read, Write};
+use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _, OpenOptionsExt as _, PermissionsExt as _};
+use std::path::Path;
+
+/// Mode of what the runtime writes: its user only.
+const FILE_MODE: u32 = 0o600;
+
+/// Mode of its folders.
+const FOLDER_MODE: u32 = 0o700;
+
+/// End of the name of a file that is being written; what a kill leaves of it is removed at the next start.
+pub(crate) const UNFINISHED: &str = ".new";
+
+/// Makes a folder, and those above it.
+///
+/// # Errors
+/// The operating system refuses.
+pub(crate) fn make_folder(path: &Path) -> io::Result<()> {
+    DirBuilder::new().recursive(true).mode(FOLDER_MODE).create(path)
+}
+
+/// Makes a folder in one that is there.
+///
+/// # Errors
+/// The one above it is missing, or the operating system refuses.
+pub(crate) fn make_folder_in(path: &Path) -> io::Result<()> {
+    match DirBuilder::new().mode(FOLDER_MODE).create(path) {
+        Err(error) if error.kind() != io::ErrorKind::AlreadyExists => Err(error),
+        _ => Ok(()),
+    }
+}
+
+/// Takes the rights of others to a file or folder away. One that belongs to somebody else stays as it is.
+pub(crate) fn tighten(path: &Path) {
+    let Ok(metadata) = fs::symlink_metadata(path) else {
+        return;
+    };
+    let mode = if metadata.is_dir() { FOLDER_MODE } else { FILE_MODE };
+    if !metadata.is_symlink()
+        && metadata.mode() & 0o077 != 0
+        && let Err(error) = fs::set_permissions(path, Permissions::from_mode(mode))
+    {
+        tracing::warn!("{} can be read by others: {error}", path.display());
+    }
+}
+
+/// Opens a regular file, also through a link. A FIFO or a device is not waited for.
+///
+/// # Errors
+/// There is none, or what is there is no regular file.
+pub(crate) fn open_regular(path: &Path, options: &mut OpenOptions) -> io::Result<File> {
+    let flags = rustix::fs::OFlags::NONBLOCK.bits().cast_signed();
+    let file = options.mode(FILE_MODE).custom_flags(flags).open(path)?;
+    if file.metadata()?.is_file() {
+        return Ok(file);
+    }
+    Err(io::Error::new(
+        io::ErrorKind::InvalidInput,
+        "it is no regular file",
+    ))
+}
+
+/// At most `most` bytes of a regular file.
+///
+/// # Errors
+/// As those of [`open_regular`], or it has more.
+pub(crate) fn read_regular(path: &Path, most: u64) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    let file = open_regular(path, OpenOptions::new().read(true))?;
+    file.take(most.saturating_add(1)).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > most {
+        let text = format!("it has more than {most} bytes");
+        return Err(io::Error::new(io::ErrorKind::FileTooLarge, text));
+    }
+    Ok(bytes)
+}
+
+/// A file that is being written under a name of its own; dropped before [`Unfinished::finish`], it is removed.
+#[derive(Debug)]
+pub(crate) struct Unfinished(tempfile::NamedTempFile);
+
+impl Unfinished {
+    /// Writes a file beside `path`; it is on disk when this returns.
+    ///
+    /// # Errors
+    /// The disk refuses; nothing is left then.
+    pub fn write(path: &Path, bytes: &[u8]) -> io::Result<Self> {
+        let (folder, name) = (folder_of(path), path.file_name().unwrap_or_default());
+        let prefix = format!("{}.", name.to_string_lossy());
+        let mut file = tempfile::Builder::new()
+            .prefix(&prefix)
+            .suffix(UNFINISHED)
+            .tempfile_in(folder)?;
+        file.write_all(bytes)?;
+        file.as_file().sync_all()?;
+        Ok(Self(file))
+    }
+
+    /// The file, open.
+    pub fn as_file(&self) -> &File {
+        self.0.as_file()
+    }
+
+    /// Gives it its name; a link of that name is replaced.
+    ///
+    /// # Errors
+    /// The disk refuses.
+    pub fn finish(self, path: &Path) -> io::Result<()> {
+        self.0.persist(path).map_err(|refused| refused.error)?;
+        sync_folder(folder_of(path))
+    }
+}
+
+/// Writes a file as a whole: before or after a kill it is the old one or the new one.
+///
+/// # Errors
+/// The disk refuses; the old one is there then.
+pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    Unfinished::write(path, bytes)?.finish(path)
+}
+
+/// Brings the names in a folder to disk.
+///
+/// # Errors
+/// The disk refuses.
+pub(crate) fn sync_folder(folder: &Path) -> io::Result<()> {
+    File::open(folder)?.sync_all()
+}
+
+fn folder_of(path: &Path) -> &Path {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    if folder.as_os_str().is_empty() {
+        return Path::new(".");
+    }
+    folder
+}
+
+/// Which file or folder a path leads to, whatever its name is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Identity(u64, u64);
+
+impl Identity {
+    /// What is at a path now.
+    ///
+    /// # Errors
+    /// Nothing is.
+    pub fn at(path: &Path) -> io::Result<Self> {
+        let metadata = fs::metadata(path)?;
+        Ok(Self(metadata.dev(), metadata.ino()))
+    }
+
+    /// That of an open file.
+    ///
+    /// # Errors
+    /// The operating system refuses.
+    pub fn of(file: &File) -> io::Result<Self> {
+        let metadata = file.metadata()?;
+        Ok(Self(metadata.dev(), metadata.ino()))
+    }
+
+    /// Checks that it is still at its path.
+    ///
+    /// # Errors
+    /// It was removed or replaced.
+    pub fn check(self, path: &Path) -> io::Result<()> {
+        match Self::at(path) {
+            Ok(now) if now == self => Ok(()),
+            Ok(_) => Err(io::Error::other("it was replaced while the runtime had it open")),
+            Err(error) => Err(io::Error::new(error.kind(), format!("it is gone ({error})"))),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_is_written_whole_for_its_user_only_and_never_through_a_link() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, other) = (folder.path().join("a"), folder.path().join("other"));
+        fs::write(&other, "theirs").unwrap();
+        std::os::unix::fs::symlink(&other, &path).unwrap();
+        write_whole(&path, b"ours").unwrap();
+        assert_eq!(fs::read_to_string(&other).unwrap(), "theirs");
+        assert_eq!(fs::read_to_string(&path).unwrap(), "ours");
+        assert_eq!(fs::metadata(&path).unwrap().mode() & 0o777, FILE_MODE);
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
+    }
+
+    #[test]
+    fn what_is_not_finished_is_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        drop(Unfinished::write(&folder.path().join("a"), b"half").unwrap());
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn a_folder_a_fifo_and_a_dead_link_are_no_regular_files_and_nobody_waits_for_them() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name| folder.path().join(name);
+        fs::create_dir(path("folder")).unwrap();
+        let made = std::process::Command::new("mkfifo").arg(path("fifo")).status();
+        assert!(made.unwrap().success());
+        std::os::unix::fs::symlink(path("nothing"), path("dead")).unwrap();
+        let _socket = std::os::unix::net::UnixListener::bind(path("socket")).unwrap();
+        for name in ["folder", "fifo", "dead", "socket", "nothing"] {
+            assert!(read_regular(&path(name), 10).is_err(), "{name}");
+        }
+    }
+
+    #[test]
+    fn rights_of_others_are_taken_away() {
+        let folder = tempfile::tempdir().unwrap();
+        let (sub, file) = (folder.path().join("sub"), folder.path().join("file"));
+        fs::create_dir(&sub).unwrap();
+        fs::write(&file, "").unwrap();
+        for (path, mode) in [(&sub, 0o755), (&file, 0o644)] {
+            fs::set_permissions(path, Permissions::from_mode(mode)).unwrap();
+            tighten(path);
+        }
+        let mode = |path: &Path| fs::metadata(path).unwrap().mode() & 0o777;
+        assert_eq!((mode(&sub), mode(&file)), (FOLDER_MODE, FILE_MODE));
+    }
+}

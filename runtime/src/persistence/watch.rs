@@ -1,0 +1,175 @@
+//! The watch over the data folder: what cannot be written, is damaged, was changed outside or has no room is an alarm as
+//! long as it is so. A thread of its own, since a disk may take its time.
+
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
+use rustix::fs::{Access, StatVfsMountFlags, access, statvfs};
+use tandem_model::alarm::{AlarmEntry, DATA_FOLDER_FAILED, PROGRAM_CHANGED, PROGRAM_DAMAGED};
+
+use crate::disk::Part;
+use crate::shared::Shared;
+
+/// Time between two looks at what others have noted.
+const INTERVAL: Duration = Duration::from_millis(100);
+
+/// Looks of which one is at the disk itself.
+const DISK_EVERY: u32 = 10;
+
+/// Bytes below which a disk counts as full. Reason: a change of all that is kept takes less.
+const FREE_MIN: u64 = 1 << 20;
+
+/// Things that one text names at the most.
+const NAMED_MAX: usize = 20;
+
+/// The thread. Dropping it ends it.
+#[derive(Debug)]
+pub(crate) struct DataWatch {
+    stop: Option<Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl DataWatch {
+    /// Begins to watch the data folder of a machine.
+    ///
+    /// # Errors
+    /// The operating system gives no thread.
+    pub fn start(folder: &Path, shared: Arc<Shared>) -> io::Result<Self> {
+        let (stop, stopped) = channel();
+        let folder = folder.to_owned();
+        let thread = std::thread::Builder::new()
+            .name("data-watch".into())
+            .spawn(move || {
+                let mut looks = 0;
+                while stopped.recv_timeout(INTERVAL) == Err(RecvTimeoutError::Timeout) {
+                    if looks % DISK_EVERY == 0 {
+                        look_at_disk(&folder, &shared);
+                    }
+                    looks += 1;
+                    for part in Part::ALL {
+                        shared.stand(part.alarm(), shared.health.fault(part).as_deref());
+                    }
+                }
+            })?;
+        Ok(Self {
+            stop: Some(stop),
+            thread: Some(thread),
+        })
+    }
+}
+
+impl Drop for DataWatch {
+    fn drop(&mut self) {
+        drop(self.stop.take());
+        if let Some(thread) = self.thread.take() {
+            // A thread that has ended is joined all the same.
+            let _ = thread.join();
+        }
+    }
+}
+
+fn look_at_disk(folder: &Path, shared: &Shared) {
+    let places: Vec<PathBuf> = vec![folder.to_owned(), folder.join("programs"), folder.join("journal")];
+    let faults: Vec<String> = places.iter().filter_map(|place| fault(place)).collect();
+    shared.stand(&DATA_FOLDER_FAILED, list(&faults).as_deref());
+    if shared.health.fault(Part::Programs).is_some() {
+        // Whether it works again is in its health.
+        let _ = shared.note(Part::Programs, shared.store.probe());
+    }
+    match shared.store.look_again() {
+        Ok(changed) => {
+            for text in changed {
+                warn_once(shared, &PROGRAM_CHANGED, &text);
+            }
+        }
+        gone => shared.health.note(Part::Programs, &gone),
+    }
+    let damaged: Vec<String> = (shared.store.damaged().iter())
+        .map(|(number, how)| format!("program {number} ({how})"))
+        .collect();
+    shared.stand(&PROGRAM_DAMAGED, list(&damaged).as_deref());
+}
+
+/// What is wrong with a folder; `None`: nothing is.
+fn fault(place: &Path) -> Option<String> {
+    let named = |what: &str| Some(format!("{}: {what}", place.display()));
+    match std::fs::metadata(place) {
+        Err(error) => return named(&format!("it is gone ({error})")),
+        Ok(metadata) if !metadata.is_dir() => return named("it is no folder"),
+        Ok(_) => {}
+    }
+    match statvfs(place) {
+        Err(error) => return named(&error.to_string()),
+        Ok(disk) if disk.f_flag.contains(StatVfsMountFlags::RDONLY) => {
+            return named("the disk is read-only");
+        }
+        Ok(disk) if disk.f_blocks > 0 && disk.f_bavail.saturating_mul(disk.f_frsize) < FREE_MIN => {
+            let left = disk.f_bavail.saturating_mul(disk.f_frsize) >> 10;
+            return named(&format!("the disk is full: {left} KiB are left"));
+        }
+        Ok(_) => {}
+    }
+    match access(place, Access::WRITE_OK | Access::EXEC_OK) {
+        Err(error) => named(&format!("it is not writable ({error})")),
+        Ok(()) => None,
+    }
+}
+
+/// One text of all; `None` for nothing.
+pub(crate) fn list(all: &[String]) -> Option<String> {
+    let more = match all.len().saturating_sub(NAMED_MAX) {
+        0 => String::new(),
+        more => format!("; and {more} more"),
+    };
+    let named = all[..all.len().min(NAMED_MAX)].join("; ");
+    (!all.is_empty()).then_some(named + &more)
+}
+
+/// A warning in the log, the events and the history.
+pub(crate) fn warn_once(shared: &Shared, entry: &AlarmEntry, text: &str) {
+    tracing::warn!("{}: {text}", entry.title);
+    shared.raise(warning(entry, text));
+}
+
+/// The same, which also stands until a reset.
+pub(crate) fn warn_standing(shared: &Shared, entry: &AlarmEntry, text: &str) {
+    tracing::warn!("{}: {text}", entry.title);
+    shared.raise_standing(warning(entry, text));
+}
+
+fn warning(entry: &AlarmEntry, text: &str) -> AlarmRecord {
+    AlarmRecord {
+        severity: AlarmSeverity::Warning,
+        number: entry.number,
+        text: format!("{}: {text}", entry.title),
+        ..AlarmRecord::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_that_is_gone_or_no_folder_is_a_fault_that_names_it() {
+        let folder = tempfile::tempdir().unwrap();
+        assert_eq!(fault(folder.path()), None);
+        let file = folder.path().join("file");
+        assert!(fault(&file).unwrap().contains("file: it is gone"));
+        std::fs::write(&file, "").unwrap();
+        assert!(fault(&file).unwrap().ends_with("it is no folder"));
+    }
+
+    #[test]
+    fn a_list_names_twenty_and_counts_the_rest() {
+        let all: Vec<String> = (0..22).map(|n| n.to_string()).collect();
+        assert_eq!(list(&all[..0]), None);
+        assert_eq!(list(&all[..2]).unwrap(), "0; 1");
+        assert!(list(&all).unwrap().ends_with("; 19; and 2 more"));
+    }
+}

@@ -1,0 +1,448 @@
+//! The folder of programs: each a file `<number>.nc` with a sum beside it, and what else may be found there.
+//!
+//! A file with another time than the one noted was changed outside of the runtime, which everybody may. One with the same
+//! time and another sum is damaged.
+
+use std::collections::BTreeMap;
+use std::fs::{self, File, Metadata};
+use std::io;
+use std::os::unix::fs::MetadataExt as _;
+use std::path::{Path, PathBuf};
+
+use tandem_model::limits::PROGRAM_BYTES_MAX;
+
+use super::{PROGRAMS_MAX, program_number};
+use crate::disk::{
+    SumFile, Sums, UNFINISHED, Unfinished, make_folder_in, read_regular, sum_of, sync_folder, tighten,
+};
+
+/// File of the sums in the folder.
+const SUMS_FILE: &str = "sums";
+
+/// Between what may be there while a file is replaced: the old one and the new one.
+const OR: char = '|';
+
+/// What a file of a program is.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum Found {
+    /// As it was stored.
+    Stored(Vec<u8>),
+    /// Written or changed outside; the text says so.
+    FromOutside(Vec<u8>, String),
+    /// Damaged or unreadable; the text says how.
+    Damaged(String),
+}
+
+/// What a look into the folder has found.
+#[derive(Debug, Default)]
+pub(crate) struct Look {
+    pub programs: BTreeMap<u16, Found>,
+    /// Programs that were stored, and whose files are gone.
+    pub gone: Vec<u16>,
+    /// What is not read, each with what to do.
+    pub not_read: Vec<String>,
+    /// Programs without a sum, as a version without sums has left them.
+    pub without_sum: usize,
+}
+
+/// Time and sum of a program, as they are noted.
+fn mark(metadata: &Metadata, sum: &str) -> String {
+    format!("{} {sum}", time_of(metadata))
+}
+
+fn time_of(metadata: &Metadata) -> String {
+    format!("{}.{:09}", metadata.mtime(), metadata.mtime_nsec())
+}
+
+/// Looks at all files of a folder, and changes nothing.
+///
+/// # Errors
+/// The folder cannot be read.
+pub(crate) fn look(folder: &Path) -> io::Result<Look> {
+    let sums = Sums::read(&folder.join(SUMS_FILE));
+    let mut look = Look::default();
+    let mut paths: Vec<PathBuf> = fs::read_dir(folder)?
+        .map(|entry| Ok(entry?.path()))
+        .collect::<io::Result<_>>()?;
+    paths.sort();
+    for path in paths {
+        let Some(number) = program_number(&path) else {
+            continue;
+        };
+        let name = path
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned();
+        if name != file_name(number) {
+            let text = format!("{}: rename it to {}", path.display(), file_name(number));
+            look.not_read.push(text);
+            continue;
+        }
+        let known = sums.by_name.get(&number.to_string());
+        if look.programs.len() >= PROGRAMS_MAX {
+            let text = format!("{}: the store holds {PROGRAMS_MAX} programs", path.display());
+            look.not_read.push(text);
+            continue;
+        }
+        let read = fs::metadata(&path).and_then(|metadata| {
+            let bytes = read_regular(&path, PROGRAM_BYTES_MAX as u64)?;
+            Ok((metadata, bytes))
+        });
+        let found = match (read, known) {
+            (Ok((metadata, bytes)), known) => judge(known, &metadata, bytes),
+            (Err(error), Some(_)) => Found::Damaged(format!("it cannot be read: {error}")),
+            (Err(error), None) => {
+                look.not_read
+                    .push(format!("{}: {error}; move it away", path.display()));
+                continue;
+            }
+        };
+        look.without_sum += usize::from(!sums.is_there);
+        let found = match found {
+            Found::FromOutside(bytes, _) if !sums.is_there => Found::Stored(bytes),
+            found => found,
+        };
+        look.programs.insert(number, found);
+    }
+    let known = sums.by_name.keys().filter_map(|name| name.parse().ok());
+    look.gone = known
+        .filter(|number| !look.programs.contains_key(number))
+        .collect();
+    Ok(look)
+}
+
+fn judge(known: Option<&Option<String>>, metadata: &Metadata, bytes: Vec<u8>) -> Found {
+    let Some(known) = known else {
+        return Found::FromOutside(bytes, "it was put into the folder".to_owned());
+    };
+    let Some(known) = known else {
+        return Found::FromOutside(bytes, "its sum is damaged, so it cannot be verified".to_owned());
+    };
+    let now = mark(metadata, &sum_of(&bytes));
+    if known.split(OR).any(|known| known == now) {
+        return Found::Stored(bytes);
+    }
+    let time = time_of(metadata);
+    let has_this_time = |known: &str| known.split_once(' ').is_some_and(|(then, _)| then == time);
+    if known.split(OR).any(has_this_time) {
+        return Found::Damaged("it is not what was stored, and nobody has written it since".to_owned());
+    }
+    Found::FromOutside(bytes, "its file was written".to_owned())
+}
+
+/// Name of the file of a program: the only one that it may have.
+pub(crate) fn file_name(number: u16) -> String {
+    format!("{number}.nc")
+}
+
+/// The folder, open for writing.
+#[derive(Debug)]
+pub(crate) struct ProgramFolder {
+    path: PathBuf,
+    sums: SumFile,
+}
+
+impl ProgramFolder {
+    /// Opens a folder, which is made if it is missing, and gives what is in it: what an upload has left half-way is
+    /// removed, a program of another spelling gets its name if that is free, and others' rights are taken away.
+    ///
+    /// # Errors
+    /// The disk refuses.
+    pub fn open(path: &Path) -> io::Result<(Self, Look)> {
+        make_folder_in(path)?;
+        tighten(path);
+        tidy_up(path)?;
+        let look = look(path)?;
+        let mut known = BTreeMap::new();
+        let old = Sums::read(&path.join(SUMS_FILE));
+        for (number, found) in &look.programs {
+            let sum = match found {
+                Found::Stored(bytes) | Found::FromOutside(bytes, _) => {
+                    let metadata = fs::metadata(path.join(file_name(*number)))?;
+                    Some(mark(&metadata, &sum_of(bytes)))
+                }
+                // it stays damaged
+                Found::Damaged(_) => old.by_name.get(&number.to_string()).cloned().flatten(),
+            };
+            if let Some(sum) = sum {
+                known.insert(number.to_string(), sum);
+            }
+        }
+        let sums = SumFile::begin(&path.join(SUMS_FILE), old.last, known)?;
+        let path = path.to_owned();
+        Ok((Self { path, sums }, look))
+    }
+
+    /// Checks that the folder is where it was opened.
+    ///
+    /// # Errors
+    /// It was removed or replaced.
+    pub fn check(&self) -> io::Result<()> {
+        self.sums.check()
+    }
+
+    /// Writes a program; it is on disk when this returns.
+    ///
+    /// # Errors
+    /// The disk refuses; the program is as it was then.
+    pub fn write(&mut self, number: u16, bytes: &[u8]) -> io::Result<()> {
+        let (name, path) = (number.to_string(), self.path.join(file_name(number)));
+        let file = Unfinished::write(&path, bytes)?;
+        let new = mark(&file.as_file().metadata()?, &sum_of(bytes));
+        // Until the file has its name, either of both may be there.
+        let before = self.sums.get(&name).and_then(|known| known.split(OR).next_back());
+        let either = before.map_or(new.clone(), |before| format!("{before}{OR}{new}"));
+        self.sums.add(0, [(name.clone(), Some(either))].into())?;
+        file.finish(&path)?;
+        self.sums.add(0, [(name, Some(new))].into())
+    }
+
+    /// Removes a program.
+    ///
+    /// # Errors
+    /// The disk refuses.
+    pub fn remove(&mut self, number: u16) -> io::Result<()> {
+        match fs::remove_file(self.path.join(file_name(number))) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+            _ => sync_folder(&self.path)?,
+        }
+        self.sums.add(0, [(number.to_string(), None)].into())
+    }
+
+    /// Takes a file as it is now for the program.
+    ///
+    /// # Errors
+    /// It cannot be read, or the disk refuses.
+    pub fn accept(&mut self, number: u16) -> io::Result<Vec<u8>> {
+        let path = self.path.join(file_name(number));
+        let metadata = fs::metadata(&path)?;
+        let bytes = read_regular(&path, PROGRAM_BYTES_MAX as u64)?;
+        let now = mark(&metadata, &sum_of(&bytes));
+        self.sums.add(0, [(number.to_string(), Some(now))].into())?;
+        Ok(bytes)
+    }
+
+    /// The files whose time is not the noted one, with that time; `None`: the file is gone.
+    ///
+    /// # Errors
+    /// The folder cannot be read.
+    pub fn changed(&self) -> io::Result<BTreeMap<u16, Option<String>>> {
+        let mut changed = BTreeMap::new();
+        for name in self.sums.all().keys() {
+            if let Ok(number) = name.parse() {
+                changed.insert(number, None);
+            }
+        }
+        for entry in fs::read_dir(&self.path)? {
+            let path = entry?.path();
+            let Some(number) = program_number(&path) else {
+                continue;
+            };
+            let has_its_name = path.file_name().is_some_and(|name| *name == *file_name(number));
+            let Ok(metadata) = fs::metadata(&path) else {
+                continue;
+            };
+            if !has_its_name || !metadata.is_file() {
+                continue;
+            }
+            let (time, noted) = (time_of(&metadata), self.sums.get(&number.to_string()));
+            let has_noted_time = |noted: &str| noted.split_once(' ').is_some_and(|(then, _)| then == time);
+            if noted.is_some_and(|noted| noted.split(OR).any(has_noted_time)) {
+                changed.remove(&number);
+            } else {
+                changed.insert(number, Some(time));
+            }
+        }
+        Ok(changed)
+    }
+
+    /// Checks that the folder takes a file.
+    ///
+    /// # Errors
+    /// The disk refuses.
+    pub fn probe(&self) -> io::Result<()> {
+        Unfinished::write(&self.path.join("probe"), &[b'\n'; 4096]).map(drop)
+    }
+}
+
+fn tidy_up(folder: &Path) -> io::Result<()> {
+    let mut paths: Vec<PathBuf> = fs::read_dir(folder)?
+        .map(|entry| Ok(entry?.path()))
+        .collect::<io::Result<_>>()?;
+    paths.sort();
+    for path in paths {
+        let name = path
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned();
+        let Ok(metadata) = fs::symlink_metadata(&path) else {
+            continue;
+        };
+        if name.ends_with(UNFINISHED) && !metadata.is_dir() {
+            fs::remove_file(&path)?;
+            tracing::warn!("{}: what was left of an upload is removed", path.display());
+            continue;
+        }
+        if !metadata.is_file() {
+            continue;
+        }
+        let Some(number) = program_number(&path) else {
+            continue;
+        };
+        tighten(&path);
+        let right = folder.join(file_name(number));
+        if path != right && fs::symlink_metadata(&right).is_err() {
+            fs::rename(&path, &right)?;
+            tracing::warn!(
+                "{} is {} now: a program has one name",
+                path.display(),
+                right.display()
+            );
+        }
+    }
+    File::open(folder)?.sync_all()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::process::Command;
+
+    use super::*;
+
+    fn file(folder: &Path, name: &str, text: &str) {
+        fs::write(folder.join(name), text).unwrap();
+    }
+
+    fn found(folder: &Path) -> BTreeMap<u16, Found> {
+        look(folder).unwrap().programs
+    }
+
+    /// Sets the time of a file to that of another.
+    fn same_time(of: &Path, as_file: &Path) {
+        let set = Command::new("touch").arg("-r").arg(as_file).arg(of).status();
+        assert!(set.unwrap().success());
+    }
+
+    #[test]
+    fn the_same_time_and_another_sum_is_damage_and_another_time_is_a_change() {
+        let folder = tempfile::tempdir().unwrap();
+        let (mut programs, _) = ProgramFolder::open(folder.path()).unwrap();
+        programs.write(7, b"M30\n").unwrap();
+        programs.write(8, b"M30\n").unwrap();
+        let path = folder.path().join("7.nc");
+        let copy = folder.path().join("copy");
+        fs::copy(&path, &copy).unwrap();
+        same_time(&copy, &path);
+        assert_eq!(found(folder.path())[&7], Found::Stored(b"M30\n".to_vec()));
+        file(folder.path(), "7.nc", "M31\n");
+        assert!(matches!(found(folder.path())[&7], Found::FromOutside(..)));
+        same_time(&path, &copy);
+        assert!(matches!(found(folder.path())[&7], Found::Damaged(_)));
+        assert_eq!(programs.changed().unwrap(), BTreeMap::new());
+        // still damaged after an opening, until it is written again
+        let (mut programs, look) = ProgramFolder::open(folder.path()).unwrap();
+        assert!(matches!(look.programs[&7], Found::Damaged(_)));
+        assert!(matches!(found(folder.path())[&7], Found::Damaged(_)));
+        programs.write(7, b"M31\n").unwrap();
+        assert_eq!(found(folder.path())[&7], Found::Stored(b"M31\n".to_vec()));
+        fs::remove_file(&path).unwrap();
+        assert_eq!(
+            (
+                super::look(folder.path()).unwrap().gone,
+                programs.changed().unwrap()
+            ),
+            (vec![7], [(7, None)].into())
+        );
+    }
+
+    #[test]
+    fn a_kill_between_sum_and_name_leaves_the_program_before_or_after() {
+        let folder = tempfile::tempdir().unwrap();
+        let (mut programs, _) = ProgramFolder::open(folder.path()).unwrap();
+        programs.write(7, b"M30\n").unwrap();
+        let before = programs.sums.get("7").unwrap().to_owned();
+        programs
+            .sums
+            .add(
+                0,
+                [("7".to_owned(), Some(format!("{before}|1.000000000 77")))].into(),
+            )
+            .unwrap();
+        assert_eq!(found(folder.path())[&7], Found::Stored(b"M30\n".to_vec()));
+        programs
+            .sums
+            .add(
+                0,
+                [("7".to_owned(), Some(format!("1.000000000 77|{before}")))].into(),
+            )
+            .unwrap();
+        assert_eq!(found(folder.path())[&7], Found::Stored(b"M30\n".to_vec()));
+    }
+
+    #[test]
+    fn a_program_has_one_name_and_others_are_renamed_once_or_named() {
+        let folder = tempfile::tempdir().unwrap();
+        for (name, text) in [
+            ("O90.nc", "a"),
+            ("0090.nc", "b"),
+            ("o91.NC", "c"),
+            ("91.nc", "d"),
+            ("notes.nc", "e"),
+        ] {
+            file(folder.path(), name, text);
+        }
+        let (mut programs, look) = ProgramFolder::open(folder.path()).unwrap();
+        let texts: Vec<_> = look.programs.iter().collect();
+        assert_eq!(
+            texts,
+            [
+                (&90, &Found::Stored(b"b".to_vec())),
+                (&91, &Found::Stored(b"d".to_vec()))
+            ]
+        );
+        assert_eq!(look.not_read.len(), 2, "{:?}", look.not_read);
+        assert!(look.not_read[0].contains("O90.nc: rename it to 90.nc"));
+        fs::remove_file(folder.path().join("O90.nc")).unwrap();
+        programs.remove(90).unwrap();
+        assert!(!found(folder.path()).contains_key(&90));
+    }
+
+    #[test]
+    fn what_is_no_file_in_the_place_of_a_program_is_named_and_waited_for_by_nobody() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name| folder.path().join(name);
+        fs::create_dir(path("71.nc")).unwrap();
+        std::os::unix::fs::symlink("nowhere", path("72.nc")).unwrap();
+        assert!(
+            Command::new("mkfifo")
+                .arg(path("73.nc"))
+                .status()
+                .unwrap()
+                .success()
+        );
+        let _socket = std::os::unix::net::UnixListener::bind(path("74.nc")).unwrap();
+        file(folder.path(), "75.nc", "M30\n");
+        let (_, look) = ProgramFolder::open(folder.path()).unwrap();
+        assert_eq!(look.programs.len(), 1);
+        for number in 71..75 {
+            let named = look.not_read.iter().any(|text| text.contains(&file_name(number)));
+            assert!(named, "{number} in {:?}", look.not_read);
+        }
+    }
+
+    #[test]
+    fn half_an_upload_is_removed_and_nothing_is_written_through_a_link() {
+        let folder = tempfile::tempdir().unwrap();
+        file(folder.path(), "90.nc.new", "half");
+        let target = folder.path().join("theirs");
+        file(folder.path(), "theirs", "theirs");
+        std::os::unix::fs::symlink(&target, folder.path().join("96.nc.new")).unwrap();
+        let (mut programs, _) = ProgramFolder::open(folder.path()).unwrap();
+        std::os::unix::fs::symlink(&target, folder.path().join("96.nc.new")).unwrap();
+        programs.write(96, b"M30\n").unwrap();
+        assert_eq!(fs::read_to_string(&target).unwrap(), "theirs");
+        assert!(!folder.path().join("90.nc.new").exists());
+    }
+}
