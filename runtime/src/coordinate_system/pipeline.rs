@@ -219,6 +219,9 @@ impl Pipeline {
             transform,
             stack: Arc::clone(stack),
         };
+        // What is changed again before the same segment is never in force: there is one change for each segment.
+        self.changes
+            .pop_back_if(|change| change.after_segment == self.last.after_segment);
         self.changes.push_back(self.last.clone());
     }
 
@@ -411,6 +414,20 @@ mod tests {
         let rapid = |change: &Change| change.modal.groups().any(|group| group == ("01", "G00"));
         assert_eq!(in_force_from(text, rapid), Some(3));
         assert_eq!(in_force_from(text, has_offset), Some(3));
+    }
+
+    #[test]
+    fn blocks_that_change_what_is_in_force_and_move_nothing_take_the_memory_of_one() {
+        let text = "G01 X10 F3000\nP1 = 1\nwhile (P1 < 1000) {\nG90 F100\nG91 F[P1]\nG54\nG55\nP1 = P1 + 1\n}\nX20\nM30\n";
+        with_program(text, |pipeline, inputs| {
+            let mut most = 0;
+            while !matches!(pipeline.next(inputs).unwrap(), Item::End(_)) {
+                most = most.max(pipeline.changes.len());
+            }
+            assert_eq!(most, 2, "one for each segment");
+            let last = pipeline.changes.back().unwrap();
+            assert!((last.modal.feedrate_mm_min - 999.0).abs() < 1e-9, "the newest");
+        });
     }
 
     #[test]

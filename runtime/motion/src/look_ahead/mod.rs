@@ -65,9 +65,9 @@ const SQUARE_MAX: f64 = FEED_OVERRIDE_MAX * FEED_OVERRIDE_MAX;
 /// allows.
 pub(crate) const BLOCKS_MAX: usize = 16_384;
 
-/// The most pieces of blocks held back, about 60 MB. Where blocks need more, their first half is slowed to what the rest
+/// The most pieces of blocks held back, about 24 MB. Where blocks need more, their first half is slowed to what the rest
 /// allows.
-const HELD_PIECES_MAX: usize = 500_000;
+const HELD_PIECES_MAX: usize = 200_000;
 
 /// The fewest new blocks planned at a time.
 const BLOCKS_MIN: usize = 128;
