@@ -10,6 +10,7 @@ mod late;
 mod life;
 mod modes;
 mod programs;
+mod reach;
 mod start;
 
 use crate::support::machine::Machine;

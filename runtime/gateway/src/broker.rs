@@ -4,6 +4,8 @@
 //! Every setting of the library is set here, because its defaults listen on all addresses and write files. Commands,
 //! claims and settings with the retain flag are refused: they would be carried out again at the next start.
 
+mod door;
+mod retained;
 mod sessions;
 
 use std::future::{Future, ready};
@@ -13,19 +15,22 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use mqtt5::broker::auth::AuthResult;
-use mqtt5::broker::config::{AuthConfig, AuthMethod, RateLimitConfig, StorageBackend, StorageConfig};
+use mqtt5::broker::config::StorageConfig;
 use mqtt5::broker::events::{
-    BrokerEventHandler, ClientConnectEvent, ClientDisconnectEvent, ClientPublishEvent, PublishAction,
+    BrokerEventHandler, ClientConnectEvent, ClientDisconnectEvent, ClientPublishEvent, RetainedSetEvent,
 };
 use mqtt5::broker::router::MessageRouter;
-use mqtt5::broker::storage::ClientSession;
-use mqtt5::broker::{AuthProvider, BrokerConfig, BrokerShutdownHandle, MqttBroker, ResourceLimits};
+use mqtt5::broker::storage::{ClientSession, QueueLimits};
+use mqtt5::broker::{BrokerConfig, DynamicStorage, MemoryBackend};
 use mqtt5::packet::connect::ConnectPacket;
 use mqtt5::types::ReasonCode;
+use parking_lot::Mutex;
+use plc_api::server::{ServedPort, ServerNotice};
+use plc_api::wire::right::Right;
 use subtle::ConstantTimeEq;
-use tokio::sync::mpsc;
-use tokio::task::JoinHandle;
-use tokio_util::task::AbortOnDropHandle;
+use tokio::sync::{broadcast, mpsc};
+use tokio::time::Instant;
+use tokio_util::task::{AbortOnDropHandle, TaskTracker};
 use tracing::warn;
 
 use crate::access::topics::{may_publish, may_subscribe};
@@ -33,29 +38,33 @@ use crate::access::{LiveTokens, Rates, User, random_secret};
 use crate::broker_address::{BrokerAddress, Refused};
 use crate::contract::topics::is_inbound;
 use crate::error::GatewayError;
+use crate::places::{Place, host_of};
 use crate::settings::{MQTT_LISTEN, bind};
+use door::{Hall, PLACES, RESERVED};
+use retained::{Kind, Retained};
 use sessions::{REMEMBERED_MAX, Session, Sessions};
 
 /// Clients that may be connected; more are refused.
-const CLIENTS_MAX: usize = 256;
-/// New connections within [`CONNECTING_TIME`], the time that the library gives each to identify itself. Reason: with all
-/// clients of MQTT and HTTP they stay below the 1024 files that a process may have open.
-const CONNECTING_MAX: u32 = 400;
-const CONNECTING_TIME: Duration = Duration::from_secs(10);
+const CLIENTS_MAX: usize = PLACES.known;
 /// Bytes of one packet. Reason: the largest message, `birth`, stays far below.
 const PACKET_MAX: usize = 1024 * 1024;
 /// Subscriptions of one client.
 const SUBSCRIPTIONS_MAX: usize = 1024;
-/// Retained messages. Reason: 8 coordinate systems of 15 topics fit 30 times.
-const RETAINED_MAX: usize = 4096;
 /// Bytes of one retained message.
 const RETAINED_SIZE_MAX: usize = 256 * 1024;
 /// How long the broker remembers an absent client; messages for it wait in memory.
 const SESSION_EXPIRY: Duration = Duration::from_hours(1);
-/// Messages that wait for one client; more are dropped by the broker.
+/// Messages that wait for one client; the oldest are dropped for more.
 const QUEUED_MAX: usize = 1000;
-/// Bytes that wait for one client.
-const QUEUED_BYTES_MAX: usize = 8 * 1024 * 1024;
+/// Bytes that wait for one client: 160 MiB for all that are connected or remembered.
+const QUEUED_BYTES_MAX: usize = 512 * 1024;
+/// Messages on their way to one client that is connected, of each quality of service; more wait, or are dropped with
+/// quality 0.
+const ON_THE_WAY_MAX: usize = 128;
+/// Messages of quality 2 that one client has begun and not finished; more end its connection.
+const UNFINISHED_MAX: u16 = 256;
+/// Time between two warnings of messages that are not kept.
+const WARNING_INTERVAL: Duration = Duration::from_secs(10);
 /// Time to stop; then its task is ended.
 const STOP_MAX: Duration = Duration::from_secs(2);
 
@@ -83,21 +92,24 @@ pub(crate) struct BrokerAccess {
     pub(crate) runtime_client_id: String,
     /// Users; `None`: everyone.
     pub(crate) tokens: Option<LiveTokens>,
+    /// Hears of what is refused.
+    pub(crate) port: Arc<dyn ServedPort>,
 }
 
 /// The embedded broker while it runs.
 pub(crate) struct Broker {
     addr: SocketAddr,
-    handle: BrokerShutdownHandle,
+    stop: broadcast::Sender<()>,
+    clients: TaskTracker,
     secret: String,
-    task: JoinHandle<()>,
+    _hall: AbortOnDropHandle<()>,
     // closes the connections of revoked tokens
     _watch: Option<AbortOnDropHandle<()>>,
 }
 
 impl Broker {
     /// Starts the broker. Commands with the retain flag go to `refused` while it has room.
-    pub(crate) async fn start(
+    pub(crate) fn start(
         address: SocketAddr,
         access: BrokerAccess,
         refused: mpsc::Sender<Refused>,
@@ -110,36 +122,41 @@ impl Broker {
             rates: Rates::new(CLIENT_BURST, CLIENT_PER_SECOND),
             wrong: Rates::new(WRONG_BURST, WRONG_PER_SECOND),
             sessions: Sessions::default(),
+            retained: Retained::default(),
+            warned: Mutex::default(),
         });
-        let broker = match MqttBroker::with_config(config(address, Arc::clone(&guard))).await {
-            Ok(broker) => broker,
-            // the library gives its errors as text only: ask the system why it cannot listen
-            Err(error) => {
-                let listening = bind(MQTT_LISTEN, address).await.err();
-                return Err(listening.unwrap_or_else(|| GatewayError::Broker(error.to_string())));
-            }
+        let listener = bind(MQTT_LISTEN, address)?;
+        let addr = listener.local_addr().unwrap_or(address);
+        let queues = QueueLimits {
+            max_messages: QUEUED_MAX,
+            max_bytes: QUEUED_BYTES_MAX,
         };
-        broker.resource_monitor().update_limits(limits());
-        let addr = broker.local_addr().unwrap_or(address);
+        let storage = Arc::new(DynamicStorage::Memory(MemoryBackend::with_queue_limits(queues)));
+        let router = MessageRouter::with_storage(Arc::clone(&storage))
+            .with_fallback_queue_limits(queues)
+            .with_retained_limits(0, RETAINED_SIZE_MAX)
+            .with_event_handler(Arc::<Guard>::clone(&guard));
+        let router = Arc::new(router);
         let watch = guard.access.tokens.clone().map(|tokens| {
-            let watch = Arc::clone(&guard).close_revoked(broker.router(), tokens);
+            let watch = Arc::clone(&guard).close_revoked(Arc::clone(&router), tokens);
             AbortOnDropHandle::new(tokio::spawn(watch))
         });
-        let mut broker = broker.with_auth_provider(guard);
-        let handle = broker.shutdown_handle();
-        let mut ready = broker.ready_receiver();
-        let task = tokio::spawn(async move {
-            if let Err(error) = broker.run().await {
-                warn!("the embedded MQTT broker has ended: {error}");
-            }
-        });
-        // an error only if the task has ended already, which it logs
-        let _ = ready.wait_for(|ready| *ready).await;
+        let (stop, _) = broadcast::channel(1);
+        let clients = TaskTracker::new();
+        let hall = Hall {
+            config: config(address),
+            guard,
+            router,
+            storage,
+            stop: stop.clone(),
+            clients: clients.clone(),
+        };
         Ok(Broker {
             addr,
-            handle,
+            stop,
+            clients,
             secret,
-            task,
+            _hall: AbortOnDropHandle::new(tokio::spawn(hall.run(listener))),
             _watch: watch,
         })
     }
@@ -169,11 +186,11 @@ impl Broker {
     }
 
     /// Closes all connections and stops.
-    pub(crate) async fn stop(mut self) {
-        self.handle.shutdown();
-        if tokio::time::timeout(STOP_MAX, &mut self.task).await.is_err() {
-            self.task.abort();
-        }
+    pub(crate) async fn stop(self) {
+        // an error only if nobody listens any more
+        let _ = self.stop.send(());
+        self.clients.close();
+        let _ = tokio::time::timeout(STOP_MAX, self.clients.wait()).await;
     }
 }
 
@@ -182,32 +199,10 @@ fn outlives(connect: &ConnectPacket) -> bool {
     ClientSession::expiry_from_connect(connect) != Some(0)
 }
 
-/// Limits of connections. Messages are limited by the [`Guard`].
-fn limits() -> ResourceLimits {
-    ResourceLimits {
-        max_connections: CLIENTS_MAX,
-        max_connections_per_ip: CLIENTS_MAX,
-        max_message_rate_per_client: 0,
-        max_bandwidth_per_client: 0,
-        max_connection_rate: CONNECTING_MAX,
-        rate_limit_window: CONNECTING_TIME,
-    }
-}
-
-fn config(address: SocketAddr, guard: Arc<Guard>) -> BrokerConfig {
-    let auth = AuthConfig {
-        allow_anonymous: true,
-        auth_method: AuthMethod::None,
-        rate_limit: RateLimitConfig {
-            enabled: false,
-            ..RateLimitConfig::default()
-        },
-        ..AuthConfig::default()
-    };
+/// Settings of the library for each client.
+fn config(address: SocketAddr) -> BrokerConfig {
     let storage = StorageConfig::new()
-        .with_backend(StorageBackend::Memory)
         .with_persistence(true)
-        .with_cleanup_interval(Duration::from_mins(1))
         .with_max_queued_messages_per_client(QUEUED_MAX)
         .with_max_queued_bytes_per_client(QUEUED_BYTES_MAX);
     BrokerConfig {
@@ -222,26 +217,24 @@ fn config(address: SocketAddr, guard: Arc<Guard>) -> BrokerConfig {
         subscription_identifier_available: true,
         shared_subscription_available: true,
         max_subscriptions_per_client: SUBSCRIPTIONS_MAX,
-        max_retained_messages: RETAINED_MAX,
         max_retained_message_size: RETAINED_SIZE_MAX,
-        client_channel_capacity: QUEUED_MAX,
+        client_channel_capacity: ON_THE_WAY_MAX,
+        server_receive_maximum: Some(UNFINISHED_MAX),
         server_keep_alive: None,
-        auth_config: auth,
-        tls_config: None,
-        websocket_config: None,
-        websocket_tls_config: None,
-        quic_config: None,
-        cluster_listener_config: None,
         storage_config: storage,
         sys_topics_enabled: false,
-        max_outbound_rate_per_client: 0,
-        max_message_rate_per_client: 0,
-        max_bandwidth_per_client: 0,
-        bridges: Vec::new(),
-        load_balancer: None,
-        event_handler: Some(guard),
         ..BrokerConfig::default()
     }
+}
+
+/// What becomes of a message.
+enum Judged {
+    /// It is delivered.
+    Deliver,
+    /// It is not, and has been handled.
+    Handled,
+    /// It is not, because it cannot be kept.
+    NotKept,
 }
 
 /// Admits users, to their topics only, and refuses commands with the retain flag.
@@ -254,6 +247,9 @@ struct Guard {
     // by address
     wrong: Rates<IpAddr>,
     sessions: Sessions,
+    retained: Retained,
+    // when of a message that was not kept the last time
+    warned: Mutex<Option<Instant>>,
 }
 
 impl Guard {
@@ -283,6 +279,7 @@ impl Guard {
         &self,
         connect: &ConnectPacket,
         from: SocketAddr,
+        place: &Place,
     ) -> Result<Option<String>, (ReasonCode, String)> {
         let password = connect.password.as_deref().unwrap_or_default();
         let name = connect.username.as_deref();
@@ -291,6 +288,8 @@ impl Guard {
             if !bool::from(password.ct_eq(self.secret.as_bytes())) {
                 return Err(self.wrong(from, "that user is the runtime's own"));
             }
+            // it has a place whoever else has one
+            place.stay();
             self.sessions.admit(client_id, Session::default());
             return Ok(name.map(ToOwned::to_owned));
         }
@@ -310,19 +309,13 @@ impl Guard {
             let text = "its client id is in use by another user".to_owned();
             return Err((ReasonCode::ClientIdentifierNotValid, text));
         }
-        let refused_will = match connect.will.as_ref().map(|will| &will.topic) {
-            // a machine must not start because an HMI has gone
-            Some(topic) if self.is_inbound(topic) => Some(format!(
-                "its will on {topic} is a command; a will may be a presence"
-            )),
-            Some(topic) if !may_publish(&user, &self.access.root, topic) => {
-                Some(format!("it may not publish its will on {topic}"))
-            }
-            _ => None,
-        };
-        if let Some(text) = refused_will {
-            return Err((ReasonCode::NotAuthorized, text));
+        self.check_will(&user, connect)?;
+        let reserved = if user.has(Right::Operate) { 0 } else { RESERVED };
+        if !place.know(reserved) {
+            let text = format!("{CLIENTS_MAX} clients are connected, which is the limit");
+            return Err((ReasonCode::ServerBusy, text));
         }
+        place.stay();
         if !self.sessions.remember(client_id, outlives(connect)) {
             let text = format!(
                 "the broker remembers {REMEMBERED_MAX} clients that may be away; take a clean session"
@@ -339,9 +332,35 @@ impl Guard {
         Ok(user_id)
     }
 
+    /// What keeps a client out because of its will.
+    fn check_will(&self, user: &User, connect: &ConnectPacket) -> Result<(), (ReasonCode, String)> {
+        let refused_will = match connect.will.as_ref().map(|will| &will.topic) {
+            // a machine must not start because an HMI has gone
+            Some(topic) if self.is_inbound(topic) => Some(format!(
+                "its will on {topic} is a command; a will may be a presence"
+            )),
+            Some(topic) if !may_publish(user, &self.access.root, topic) => {
+                Some(format!("it may not publish its will on {topic}"))
+            }
+            _ => None,
+        };
+        if let Some(text) = refused_will {
+            return Err((ReasonCode::NotAuthorized, text));
+        }
+        if let Some(will) = connect.will.as_ref().filter(|will| will.retain)
+            && let Err(text) = self
+                .retained
+                .put(self.kind(&will.topic), &will.topic, will.payload.len())
+        {
+            let text = format!("its will on {} could not be kept: {text}", will.topic);
+            return Err((ReasonCode::QuotaExceeded, text));
+        }
+        Ok(())
+    }
+
     /// The refusal of a wrong password; another one beyond the rate of its address.
     fn wrong(&self, from: SocketAddr, text: &str) -> (ReasonCode, String) {
-        match self.wrong.of(&from.ip()).take() {
+        match self.wrong.of(&host_of(from.ip())).take() {
             Ok(()) => (ReasonCode::BadUsernameOrPassword, text.to_owned()),
             Err(_) => (ReasonCode::ConnectionRateExceeded, String::new()),
         }
@@ -376,43 +395,68 @@ impl Guard {
 
 type Answer<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;
 
-impl BrokerEventHandler for Guard {
-    fn on_client_publish(&self, event: ClientPublishEvent) -> Answer<'_, PublishAction> {
-        Box::pin(async move {
-            // the runtime's own messages are never delayed
-            if event.user_id.as_deref() != Some(RUNTIME_USER) {
-                let wait = self.rates.of(&event.client_id).owe();
-                if !wait.is_zero() {
-                    tokio::time::sleep(wait).await;
-                }
+impl Guard {
+    async fn judge(&self, event: &ClientPublishEvent) -> Judged {
+        let is_runtime = event.user_id.as_deref() == Some(RUNTIME_USER);
+        // the runtime's own messages are never delayed
+        if !is_runtime {
+            let wait = self.rates.of(&event.client_id).owe();
+            if !wait.is_zero() {
+                tokio::time::sleep(wait).await;
             }
-            if self.keeps_back(&event) {
-                PublishAction::Handled
-            } else {
-                PublishAction::Continue
+        }
+        if self.keeps_back(event) {
+            return Judged::Handled;
+        }
+        if is_runtime || !event.retain {
+            return Judged::Deliver;
+        }
+        match self
+            .retained
+            .put(self.kind(&event.topic), &event.topic, event.payload.len())
+        {
+            Ok(()) => Judged::Deliver,
+            Err(text) => {
+                self.warn_of_not_kept(event, &text);
+                Judged::NotKept
             }
-        })
+        }
     }
 
-    fn on_client_connect(&self, event: ClientConnectEvent) -> Answer<'_, ()> {
-        let user = || self.user(event.user_id.as_deref());
-        self.sessions.connect(event.client_id, user);
-        Box::pin(ready(()))
+    /// Topics below the root that a client may retain are presences.
+    fn kind(&self, topic: &str) -> Kind {
+        if topic.starts_with(&self.access.root) {
+            Kind::Presence
+        } else {
+            Kind::Other
+        }
     }
 
-    fn on_client_disconnect(&self, event: ClientDisconnectEvent) -> Answer<'_, ()> {
-        self.sessions.disconnect(&event.client_id);
-        Box::pin(ready(()))
+    /// Warns the operator, but not of each: nobody shall fill the log.
+    fn warn_of_not_kept(&self, event: &ClientPublishEvent, text: &str) {
+        let mut warned = self.warned.lock();
+        if warned.is_none_or(|last| last.elapsed() >= WARNING_INTERVAL) {
+            *warned = Some(Instant::now());
+            let (topic, client) = (&event.topic, &event.client_id);
+            let text = format!("retained message on {topic:.128} of {client:.64} refused: {text}");
+            warn!("{text}");
+            self.access.port.notice(ServerNotice::Warning(text));
+        }
     }
-}
 
-impl AuthProvider for Guard {
-    fn authenticate<'a>(
-        &'a self,
-        connect: &'a ConnectPacket,
+    fn speaks_5(&self, client_id: &str) -> bool {
+        self.sessions
+            .of(client_id)
+            .is_some_and(|session| session.speaks_5)
+    }
+
+    fn authenticate(
+        &self,
+        connect: &ConnectPacket,
         address: SocketAddr,
-    ) -> Answer<'a, mqtt5::Result<AuthResult>> {
-        let result = match self.admit(connect, address) {
+        place: &Place,
+    ) -> Answer<'static, mqtt5::Result<AuthResult>> {
+        let result = match self.admit(connect, address, place) {
             Ok(Some(user)) => AuthResult::success_with_user(user),
             Ok(None) => AuthResult::success(),
             // beyond the rate nothing is logged, so that nobody can fill the log
@@ -431,21 +475,39 @@ impl AuthProvider for Guard {
     // Only clients of MQTT 5 understand an acknowledgement "not authorized". Over 3.1.1 the same bytes are a protocol error,
     // after which the client reconnects and publishes again: there `keeps_back` drops the message. The will of a revoked
     // user is still published: it is how others learn that a handler has gone.
-    fn authorize_publish<'a>(
-        &'a self,
-        client_id: &str,
-        user: Option<&'a str>,
-        topic: &'a str,
-    ) -> Answer<'a, bool> {
+    fn authorize_publish(&self, client_id: &str, user: Option<&str>, topic: &str) -> Answer<'static, bool> {
         let session = self.sessions.of(client_id).unwrap_or_default();
         Box::pin(ready(
             !session.speaks_5 || session.is_revoked || self.may_publish(user, topic),
         ))
     }
 
-    fn authorize_subscribe<'a>(&'a self, _: &str, user: Option<&'a str>, _: &'a str) -> Answer<'a, bool> {
+    fn authorize_subscribe(&self, user: Option<&str>) -> Answer<'static, bool> {
         Box::pin(ready(
             user == Some(RUNTIME_USER) || self.user(user).as_ref().is_some_and(may_subscribe),
         ))
+    }
+}
+
+impl BrokerEventHandler for Guard {
+    fn on_client_connect(&self, event: ClientConnectEvent) -> Answer<'_, ()> {
+        let user = || self.user(event.user_id.as_deref());
+        self.sessions.connect(event.client_id, user);
+        Box::pin(ready(()))
+    }
+
+    fn on_client_disconnect(&self, event: ClientDisconnectEvent) -> Answer<'_, ()> {
+        self.sessions.disconnect(&event.client_id);
+        Box::pin(ready(()))
+    }
+
+    fn on_retained_set(&self, event: RetainedSetEvent) -> Answer<'_, ()> {
+        // the states of the runtime have no limit but their own number
+        let is_of_runtime = event.topic.starts_with(&self.access.root) && !self.is_inbound(&event.topic);
+        if !is_of_runtime {
+            let kind = self.kind(&event.topic);
+            self.retained.kept(kind, &event.topic, event.payload.len());
+        }
+        Box::pin(ready(()))
     }
 }

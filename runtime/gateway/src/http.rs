@@ -11,7 +11,7 @@ use axum::response::{IntoResponse, Response};
 use crate::contract::routes::API;
 use crate::problem::Problem;
 use crate::shared::Shared;
-use crate::{access, hmi, origin, rest, websocket};
+use crate::{access, hmi, origin, rest, server, websocket};
 
 /// Everything that is served over HTTP.
 pub(crate) fn router(shared: Arc<Shared>) -> Router {
@@ -29,6 +29,10 @@ pub(crate) fn router(shared: Arc<Shared>) -> Router {
         .method_not_allowed_fallback(wrong_method)
         .layer(middleware::from_fn_with_state(Arc::clone(&shared), origin::guard))
         .layer(middleware::from_fn_with_state(Arc::clone(&shared), count))
+        .layer(middleware::from_fn_with_state(
+            Arc::clone(&shared),
+            server::hold_place,
+        ))
         .layer(middleware::map_response(hmi::security_headers))
         .with_state(shared)
 }

@@ -14,6 +14,7 @@ mod machine;
 mod metrics;
 mod mqtt;
 mod origin;
+mod places;
 mod position;
 mod problem;
 mod rest;
@@ -75,6 +76,10 @@ impl Gateway {
     ///
     /// # Errors
     /// A setting cannot be used, or a port is taken; nothing is left running.
+    #[allow(
+        clippy::unused_async,
+        reason = "it starts tasks, so that it must be called in an executor"
+    )]
     pub async fn start(
         port: Arc<dyn ServedPort>,
         settings: GatewaySettings,
@@ -83,7 +88,7 @@ impl Gateway {
             return Err(problem);
         }
         let address = settings.http_address()?;
-        let listener = bind(HTTP_LISTEN, address).await?;
+        let listener = bind(HTTP_LISTEN, address)?;
         let http_addr = listener.local_addr().unwrap_or(address);
         let root = settings.mqtt.root(&settings.machine);
         let (refused_sender, refused) = mpsc::channel(mqtt::REFUSED_MAX);
@@ -94,8 +99,9 @@ impl Gateway {
                     root: root.clone(),
                     runtime_client_id: mqtt::client_id(&settings.mqtt, &settings.machine),
                     tokens: tokens.clone(),
+                    port: Arc::clone(&port),
                 };
-                let broker = Broker::start(address, access, refused_sender).await?;
+                let broker = Broker::start(address, access, refused_sender)?;
                 let at = broker.address();
                 (Some(broker), at)
             }

@@ -1,34 +1,46 @@
-//! The HTTP server: limits the number of connections and the size of headers, and closes silent connections.
+//! The HTTP server: places of connections, the size of headers, and the end of silent connections.
 
-use std::collections::HashMap;
 use std::future::Future;
 use std::io;
-use std::net::IpAddr;
 use std::pin::Pin;
 use std::sync::Arc;
 use std::task::{Context, Poll};
 use std::time::Duration;
 
-use axum::Router;
+use axum::extract::{Request, State};
+use axum::http::{HeaderValue, Method, StatusCode, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use axum::{Extension, Router};
 use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
 use hyper_util::server::conn::auto;
 use hyper_util::server::graceful::GracefulShutdown;
 use hyper_util::service::TowerToHyperService;
+use plc_api::types::command::Verb;
+use serde::Deserialize;
+use serde::de::IntoDeserializer;
+use serde::de::value::{Error as ValueError, StrDeserializer};
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio::time::{Instant, Sleep};
 use tokio_util::sync::CancellationToken;
+use tower::Layer;
 
-/// Open connections; more wait in the system's queue.
-const CONNECTIONS_MAX: usize = 256;
+use crate::places::{ACCEPT_RETRY, Place, PlaceLimits, Places};
+use crate::problem::Problem;
+use crate::shared::Shared;
+
+/// Places of connections.
+const PLACES: PlaceLimits = PlaceLimits {
+    all: 256,
+    of_one: 64,
+    strangers: 192,
+    known: 224,
+};
 
 /// A connection without traffic for this long is closed. Reason: longer than `?wait=1` waits, and than the interval of
 /// the pings of a WebSocket.
 const SILENCE_MAX: Duration = Duration::from_secs(75);
-
-/// Connections of one address; more are closed at once. Reason: one host must not take all. The loopback may.
-const CONNECTIONS_OF_ONE_MAX: usize = 64;
 
 /// Time to receive the head of a request; then its connection is closed.
 pub(crate) const HEADER_MAX: Duration = Duration::from_secs(10);
@@ -39,12 +51,9 @@ const HEADER_LINES_MAX: usize = 64;
 /// Bytes of the head of one request; more are 431.
 const HEADER_BYTES_MAX: usize = 64 * 1024;
 
-/// Delay after the system failed to accept a connection, such as without file handles.
-const ACCEPT_RETRY: Duration = Duration::from_millis(100);
-
 /// Serves until `stop`, then until the running requests have ended. `header_max` is [`HEADER_MAX`], less in tests.
 pub(crate) async fn serve(
-    mut listener: LimitedListener,
+    listener: LimitedListener,
     router: Router,
     stop: CancellationToken,
     header_max: Duration,
@@ -62,51 +71,80 @@ pub(crate) async fn serve(
             connection = listener.accept() => connection,
             () = stop.cancelled() => break,
         };
-        let service = TowerToHyperService::new(router.clone());
+        let place = Arc::clone(&connection.place);
+        let leave = place.leave();
+        let service = TowerToHyperService::new(Extension(place).layer(router.clone()));
         let serving = builder
             .serve_connection_with_upgrades(TokioIo::new(connection), service)
             .into_owned();
         let serving = graceful.watch(serving);
         // a broken connection concerns only its client
-        tokio::spawn(async move { serving.await.ok() });
+        tokio::spawn(async move {
+            tokio::select! {
+                _ = serving => {}
+                () = leave.cancelled() => {}
+            }
+        });
     }
     drop(listener);
     graceful.shutdown().await;
+}
+
+/// Requests that are served also where there is no place for others: what brings a machine to rest.
+pub(crate) fn is_urgent(method: &Method, path: &str) -> bool {
+    let last: StrDeserializer<'_, ValueError> =
+        path.rsplit('/').next().unwrap_or_default().into_deserializer();
+    method == Method::POST && Verb::deserialize(last).is_ok_and(Verb::is_urgent)
+}
+
+/// Whoever shows a token, or needs none, is known from then on. Others are answered once, and their connection is closed.
+pub(crate) async fn hold_place(State(shared): State<Arc<Shared>>, request: Request, next: Next) -> Response {
+    // without a connection it is a test of the router
+    let Some(place) = request.extensions().get::<Arc<Place>>().cloned() else {
+        return next.run(request).await;
+    };
+    let is_user = place.is_known() || shared.access.knows(request.headers());
+    let is_known = is_user && place.know(0);
+    let is_full = is_user && !is_known && !is_urgent(request.method(), request.uri().path());
+    let busy = place.busy().filter(|_| !is_full);
+    let mut response = match &busy {
+        Some(_) => next.run(request).await,
+        None => no_place().into_response(),
+    };
+    if response.status() == StatusCode::SWITCHING_PROTOCOLS {
+        // from now on it is a WebSocket, which has a limit of its own
+        place.stay();
+    } else if !is_known {
+        let close = HeaderValue::from_static("close");
+        response.headers_mut().insert(header::CONNECTION, close);
+    }
+    response
+}
+
+fn no_place() -> Problem {
+    let text = format!(
+        "{} connections are busy, which is the limit; only hold, stop and abort are taken now",
+        PLACES.known
+    );
+    Problem::new(StatusCode::SERVICE_UNAVAILABLE, "unavailable", text)
 }
 
 /// Accepts connections within the limits.
 #[derive(Debug)]
 pub(crate) struct LimitedListener {
     listener: TcpListener,
-    places: Arc<Semaphore>,
-    by_address: HashMap<IpAddr, Arc<Semaphore>>,
+    places: Arc<Places>,
 }
 
 impl LimitedListener {
     pub(crate) fn new(listener: TcpListener) -> Self {
         Self {
             listener,
-            places: Arc::new(Semaphore::new(CONNECTIONS_MAX)),
-            by_address: HashMap::new(),
+            places: Places::new(PLACES),
         }
     }
 
-    /// A place for one more connection of an address, if there is one.
-    fn place_of(&mut self, address: IpAddr) -> Option<OwnedSemaphorePermit> {
-        // each permit holds its semaphore
-        self.by_address.retain(|_, places| Arc::strong_count(places) > 1);
-        let max = if address.is_loopback() {
-            CONNECTIONS_MAX
-        } else {
-            CONNECTIONS_OF_ONE_MAX
-        };
-        let places = self.by_address.entry(address);
-        let places = places.or_insert_with(|| Arc::new(Semaphore::new(max)));
-        Arc::clone(places).try_acquire_owned().ok()
-    }
-
-    async fn accept(&mut self) -> Connection {
-        let place = Arc::clone(&self.places).acquire_owned().await.ok();
+    async fn accept(&self) -> Connection {
         loop {
             let (stream, address) = match self.listener.accept().await {
                 Ok(accepted) => accepted,
@@ -116,7 +154,7 @@ impl LimitedListener {
                     continue;
                 }
             };
-            let Some(of_address) = self.place_of(address.ip()) else {
+            let Some(place) = self.places.take(address.ip()) else {
                 continue;
             };
             // without it responses are only slower
@@ -124,7 +162,7 @@ impl LimitedListener {
             return Connection {
                 stream,
                 silence: Box::pin(tokio::time::sleep(SILENCE_MAX)),
-                _places: (place, of_address),
+                place: Arc::new(place),
             };
         }
     }
@@ -135,7 +173,7 @@ impl LimitedListener {
 pub(crate) struct Connection {
     stream: TcpStream,
     silence: Pin<Box<Sleep>>,
-    _places: (Option<OwnedSemaphorePermit>, OwnedSemaphorePermit),
+    place: Arc<Place>,
 }
 
 impl Connection {
@@ -144,6 +182,7 @@ impl Connection {
         match result {
             Poll::Ready(result) => {
                 self.silence.as_mut().reset(Instant::now() + SILENCE_MAX);
+                self.place.moved();
                 Poll::Ready(result)
             }
             Poll::Pending => self
@@ -207,7 +246,7 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn a_silent_connection_is_closed() {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
-        let mut listener = LimitedListener::new(listener);
+        let listener = LimitedListener::new(listener);
         let address = listener.listener.local_addr().unwrap();
         let (client, mut connection) = tokio::join!(TcpStream::connect(address), listener.accept());
         let begun = Instant::now();
@@ -217,45 +256,12 @@ mod tests {
         drop(client);
     }
 
-    #[tokio::test(start_paused = true)]
-    async fn no_more_connections_are_accepted_than_the_limit() {
-        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
-        let mut listener = LimitedListener::new(listener);
-        let address = listener.listener.local_addr().unwrap();
-        let mut open = Vec::new();
-        for _ in 0..CONNECTIONS_MAX {
-            let (client, connection) = tokio::join!(TcpStream::connect(address), listener.accept());
-            open.push((client, connection));
+    #[test]
+    fn what_brings_to_rest_is_urgent() {
+        for verb in ["hold", "stop", "abort"] {
+            assert!(is_urgent(&Method::POST, &format!("/api/v1/cs/1/{verb}")));
+            assert!(!is_urgent(&Method::GET, &format!("/api/v1/cs/1/{verb}")));
         }
-        let _waiting = TcpStream::connect(address).await.unwrap();
-        let second = Duration::from_secs(1);
-        assert!(tokio::time::timeout(second, listener.accept()).await.is_err());
-        open.pop();
-        listener.accept().await;
-    }
-
-    #[tokio::test]
-    async fn one_address_of_the_network_does_not_take_all_places() {
-        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
-        let mut listener = LimitedListener::new(listener);
-        let (host, other) = (IpAddr::from([10, 0, 0, 1]), IpAddr::from([10, 0, 0, 2]));
-        let mut open: Vec<_> = (0..CONNECTIONS_OF_ONE_MAX)
-            .map(|_| listener.place_of(host).unwrap())
-            .collect();
-        assert!(listener.place_of(host).is_none());
-        assert!(listener.place_of(other).is_some());
-        open.pop();
-        assert!(listener.place_of(host).is_some());
-        let loopback: Vec<_> = (0..CONNECTIONS_MAX)
-            .map(|_| listener.place_of([127, 0, 0, 1].into()))
-            .collect();
-        assert!(loopback.iter().all(Option::is_some));
-        drop((open, loopback));
-        listener.place_of(other);
-        assert_eq!(
-            listener.by_address.len(),
-            1,
-            "those without connections are forgotten"
-        );
+        assert!(!is_urgent(&Method::POST, "/api/v1/cs/1/start"));
     }
 }

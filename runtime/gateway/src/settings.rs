@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use plc_api::TlsFiles;
 use rumqttc::Transport;
-use tokio::net::TcpListener;
+use tokio::net::{TcpListener, TcpSocket};
 
 use crate::access::Tokens;
 use crate::error::GatewayError;
@@ -220,10 +220,23 @@ fn listen_address(setting: &'static str, value: &str, has_tokens: bool) -> Resul
     }
 }
 
+/// Connections that the system keeps until they are taken. Reason: in a flood the system tells a client that finds no place to
+/// come again only after a second.
+const BACKLOG: u32 = 4096;
+
 /// Listens on the address of a setting.
-pub(crate) async fn bind(setting: &'static str, address: SocketAddr) -> Result<TcpListener, GatewayError> {
-    let listener = TcpListener::bind(address).await;
-    listener.map_err(|source| match source.kind() {
+pub(crate) fn bind(setting: &'static str, address: SocketAddr) -> Result<TcpListener, GatewayError> {
+    let listen = || {
+        let socket = match address {
+            SocketAddr::V4(_) => TcpSocket::new_v4(),
+            SocketAddr::V6(_) => TcpSocket::new_v6(),
+        }?;
+        // a runtime that starts again need not wait until old connections are forgotten
+        socket.set_reuseaddr(true)?;
+        socket.bind(address)?;
+        socket.listen(BACKLOG)
+    };
+    listen().map_err(|source| match source.kind() {
         std::io::ErrorKind::AddrInUse => GatewayError::PortTaken { setting, address },
         _ => GatewayError::Listen {
             setting,

@@ -25,6 +25,9 @@ pub(crate) const LARGE_REQUESTS_MAX: usize = 4;
 /// Commands over REST without an answer yet; more get 503. They continue when their client disconnects.
 const COMMANDS_MAX: usize = 256;
 
+/// The same for hold, stop and abort.
+const URGENT_COMMANDS_MAX: usize = 64;
+
 /// Open `WebSocket` connections; more get 503.
 pub(crate) const WEBSOCKETS_MAX: usize = 64;
 
@@ -38,6 +41,7 @@ pub(crate) struct Shared {
     pub(crate) large_requests: Semaphore,
     pub(crate) websockets: Arc<Semaphore>,
     pub(crate) open_commands: Arc<Semaphore>,
+    pub(crate) urgent_commands: Arc<Semaphore>,
     pub(crate) tasks: TaskTracker,
     pub(crate) stop: CancellationToken,
     commands: AtomicU64,
@@ -60,6 +64,7 @@ impl Shared {
             large_requests: Semaphore::new(LARGE_REQUESTS_MAX),
             websockets: Arc::new(Semaphore::new(WEBSOCKETS_MAX)),
             open_commands: Arc::new(Semaphore::new(COMMANDS_MAX)),
+            urgent_commands: Arc::new(Semaphore::new(URGENT_COMMANDS_MAX)),
             tasks: TaskTracker::new(),
             stop,
             commands: AtomicU64::new(1),

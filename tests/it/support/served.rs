@@ -150,7 +150,8 @@ impl Served {
         Self::of(Process::start(Path::new("/bin/sh"), machine.folder(), &arguments))
     }
 
-    fn of(mut process: Process) -> Self {
+    /// Waits until a process of `tandem serve` has printed its addresses.
+    pub fn of(mut process: Process) -> Self {
         let after = |line: &str, what: &str| {
             let rest = line.split_once(what).expect("an address").1;
             rest.split(['/', ' ']).next().expect("an address").to_owned()

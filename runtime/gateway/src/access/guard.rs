@@ -11,6 +11,7 @@ use super::User;
 use super::http::{Access, forbidden};
 use crate::contract::routes::{API, Found, find};
 use crate::problem::Problem;
+use crate::server::is_urgent;
 use crate::shared::Shared;
 
 /// Admits requests to routes of the table only, and only from users with the right. Handlers find the [`User`] in the
@@ -40,7 +41,8 @@ fn admit(
     if matches!(found, Found::Route(None)) {
         return Ok(User::Stranger);
     }
-    let user = access.user(headers).map_err(refuse)?;
+    let is_urgent = path.is_some_and(|path| is_urgent(method, path));
+    let user = access.user(headers, is_urgent).map_err(refuse)?;
     match found {
         Found::Route(right) if right.is_none_or(|right| user.has(right)) => Ok(user),
         Found::Route(_) => Err(refuse(forbidden(format!(

@@ -18,6 +18,10 @@ const TOKEN_PROTOCOL: &str = "bearer.";
 const USER_BURST: u32 = 1000;
 const USER_PER_SECOND: u32 = 500;
 
+/// The same for hold, stop and abort, so that a flood of others holds up none of them.
+const URGENT_BURST: u32 = 1000;
+const URGENT_PER_SECOND: u32 = 500;
+
 /// The same for all requests with a wrong token or none together; they never delay valid ones.
 const WRONG_BURST: u32 = 50;
 const WRONG_PER_SECOND: u32 = 10;
@@ -28,6 +32,8 @@ pub(crate) struct Access {
     tokens: Option<LiveTokens>,
     // by user name
     rates: Rates<String>,
+    // the same for hold, stop and abort, beside all others
+    urgent: Rates<String>,
     wrong: Rate,
 }
 
@@ -36,13 +42,21 @@ impl Access {
     pub(crate) fn new(tokens: Option<LiveTokens>) -> Self {
         Self {
             rates: Rates::new(USER_BURST, USER_PER_SECOND),
+            urgent: Rates::new(URGENT_BURST, URGENT_PER_SECOND),
             tokens,
             wrong: Rate::new(WRONG_BURST, WRONG_PER_SECOND),
         }
     }
 
-    /// The user of a request.
-    pub(crate) fn user(&self, headers: &HeaderMap) -> Result<User, Problem> {
+    /// Whether a request comes from a user.
+    pub(crate) fn knows(&self, headers: &HeaderMap) -> bool {
+        let is_of_user =
+            |tokens: &LiveTokens| token(headers).is_some_and(|token| tokens.now().user_of(token).is_some());
+        self.tokens.as_ref().is_none_or(is_of_user)
+    }
+
+    /// The user of a request. Hold, stop and abort, which are urgent, have a rate of their own.
+    pub(crate) fn user(&self, headers: &HeaderMap, is_urgent: bool) -> Result<User, Problem> {
         let Some(tokens) = &self.tokens else {
             return Ok(User::Anyone);
         };
@@ -57,7 +71,8 @@ impl Access {
             });
         };
         let name = user.name().unwrap_or_default().to_owned();
-        self.rates.of(&name).take().map_err(too_many)?;
+        let rates = if is_urgent { &self.urgent } else { &self.rates };
+        rates.of(&name).take().map_err(too_many)?;
         Ok(user)
     }
 

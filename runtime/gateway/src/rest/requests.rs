@@ -185,7 +185,11 @@ async fn carry_out(
     authorized: Authorized,
     form: &AnswerForm,
 ) -> Result<Reply, Problem> {
-    let Ok(place) = Arc::clone(&shared.open_commands).try_acquire_owned() else {
+    let places = match authorized.request() {
+        Request::Command { command, .. } if command.verb().is_urgent() => &shared.urgent_commands,
+        _ => &shared.open_commands,
+    };
+    let Ok(place) = Arc::clone(places).try_acquire_owned() else {
         return Err(Problem::new(
             StatusCode::SERVICE_UNAVAILABLE,
             "unavailable",

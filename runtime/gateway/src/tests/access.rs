@@ -218,7 +218,7 @@ async fn a_user_who_asks_too_often_is_told_so_and_others_go_on() {
         let mut headers = axum::http::HeaderMap::new();
         let value = format!("Bearer {}", users.token(name));
         headers.insert(header::AUTHORIZATION, value.parse().unwrap());
-        shared.access.user(&headers)
+        shared.access.user(&headers, false)
     };
     for _ in 0..1000 {
         assert!(asked("view").is_ok());

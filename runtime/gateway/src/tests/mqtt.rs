@@ -237,7 +237,7 @@ async fn a_handler_that_dies_goes_offline_by_its_will() {
 #[tokio::test]
 async fn presence_is_offline_after_a_shutdown_and_by_the_will_after_a_crash() {
     let port = StubPort::new();
-    let (broker, address) = broker("127.0.0.1:0".parse().unwrap()).await;
+    let (broker, address) = broker("127.0.0.1:0".parse().unwrap());
     let end = mqtt_end(&port, address);
     let mut client = Client::connect(address, "hmi", &["presence"]).await;
     client.next("presence", |value| value["online"] == true).await;
@@ -257,7 +257,7 @@ async fn presence_is_offline_after_a_shutdown_and_by_the_will_after_a_crash() {
 #[tokio::test]
 async fn on_every_connection_presence_birth_and_all_retained_state_are_published_again() {
     let port = StubPort::new();
-    let (first, address) = broker("127.0.0.1:0".parse().unwrap()).await;
+    let (first, address) = broker("127.0.0.1:0".parse().unwrap());
     let end = mqtt_end(&port, address);
     let mut client = Client::connect(address, "one", &["#"]).await;
     client.next("cs/1/state", |_| true).await;
@@ -266,7 +266,7 @@ async fn on_every_connection_presence_birth_and_all_retained_state_are_published
     // said while nobody listens, and forgotten by the broker with everything else
     port.say_dry_run(1, true);
     port.say_dry_run(2, false);
-    let (second, _) = broker(address).await;
+    let (second, _) = broker(address);
     let mut client = Client::connect(address, "two", &["#"]).await;
     client.next("presence", |value| value["online"] == true).await;
     client.next("birth", |value| value["machine"] == "mill-1").await;
@@ -284,7 +284,7 @@ async fn on_every_connection_presence_birth_and_all_retained_state_are_published
 #[tokio::test]
 async fn an_external_broker_keeps_no_command() {
     let port = StubPort::new();
-    let (broker, address) = broker("127.0.0.1:0".parse().unwrap()).await;
+    let (broker, address) = broker("127.0.0.1:0".parse().unwrap());
     let client = Client::connect(address, "one", &[]).await;
     let command = json!({"command_id": "old", "client_id": "hmi"});
     client.publish("cs/1/command/start", true, &command).await;
@@ -329,15 +329,16 @@ async fn an_external_broker_keeps_no_command() {
 }
 
 /// A broker that knows nothing of commands, as an external one.
-async fn broker(address: std::net::SocketAddr) -> (Broker, std::net::SocketAddr) {
+fn broker(address: std::net::SocketAddr) -> (Broker, std::net::SocketAddr) {
     let (refused, _) = mpsc::channel(1);
     // knows nothing of our topics, as a broker of somebody else
     let access = BrokerAccess {
         root: "none/".into(),
         runtime_client_id: "none".into(),
         tokens: None,
+        port: StubPort::new(),
     };
-    let broker = Broker::start(address, access, refused).await.unwrap();
+    let broker = Broker::start(address, access, refused).unwrap();
     let address = broker.addr();
     (broker, address)
 }

@@ -104,42 +104,128 @@ async fn the_embedded_broker_refuses_a_retained_command_outright() {
     gateway.shutdown().await;
 }
 
+/// A client that speaks in bytes.
+struct Raw {
+    stream: tokio::net::TcpStream,
+    version: u8,
+}
+
+impl Raw {
+    async fn connect(gateway: &Gateway, version: u8) -> Self {
+        let stream = tokio::net::TcpStream::connect(gateway.mqtt_addr().unwrap())
+            .await
+            .unwrap();
+        let mut raw = Self { stream, version };
+        // clean session, keep-alive 60 s
+        let id = format!("raw-{version}");
+        let length = u8::try_from(id.len()).unwrap();
+        let properties = raw.properties();
+        raw.send(
+            0x10,
+            &[
+                b"\0\x04MQTT",
+                &[version, 2, 0, 60],
+                properties,
+                &[0, length],
+                id.as_bytes(),
+            ],
+        )
+        .await;
+        assert_eq!(raw.answer().await[0], 0x20);
+        raw
+    }
+
+    fn properties(&self) -> &'static [u8] {
+        if self.version == 5 { &[0] } else { &[] }
+    }
+
+    async fn send(&mut self, kind: u8, body: &[&[u8]]) {
+        let body = body.concat();
+        let mut head = vec![kind];
+        let mut length = body.len();
+        loop {
+            let more = if length > 127 { 0x80 } else { 0 };
+            head.push(u8::try_from(length % 128).unwrap() | more);
+            length /= 128;
+            if length == 0 {
+                break;
+            }
+        }
+        self.stream.write_all(&[head, body].concat()).await.unwrap();
+    }
+
+    async fn answer(&mut self) -> Vec<u8> {
+        let mut head = [0; 2];
+        within(self.stream.read_exact(&mut head)).await.unwrap();
+        let mut body = vec![0; head[1].into()];
+        within(self.stream.read_exact(&mut body)).await.unwrap();
+        [&head[..], &body].concat()
+    }
+
+    /// What the broker answers to a message with packet id 7.
+    async fn publish(&mut self, topic: &str, qos: u8, retain: bool, payload: &[u8]) -> Vec<u8> {
+        let length = u16::try_from(topic.len()).unwrap().to_be_bytes();
+        let properties = self.properties();
+        let flags = qos << 1 | u8::from(retain);
+        self.send(
+            0x30 | flags,
+            &[&length, topic.as_bytes(), &[0, 7], properties, payload],
+        )
+        .await;
+        self.answer().await
+    }
+}
+
 /// What the broker answers, byte for byte, to a client of this protocol version that publishes a state with this
 /// quality of service.
 async fn answer_to_a_published_state(gateway: &Gateway, version: u8, qos: u8) -> Vec<u8> {
-    let mut stream = tokio::net::TcpStream::connect(gateway.mqtt_addr().unwrap())
-        .await
-        .unwrap();
-    let properties: &[u8] = if version == 5 { &[0] } else { &[] };
-    let packet = |kind: u8, body: &[&[u8]]| {
-        let body = body.concat();
-        [&[kind, u8::try_from(body.len()).unwrap()], &body[..]].concat()
-    };
-    // clean session, keep-alive 60 s, client id "raw"
-    let connect = packet(
-        0x10,
-        &[b"\0\x04MQTT", &[version, 2, 0, 60], properties, b"\0\x03raw"],
+    let mut raw = Raw::connect(gateway, version).await;
+    raw.publish(&format!("{ROOT}cs/1/state"), qos, false, b"{}").await
+}
+
+#[tokio::test]
+async fn a_retained_message_that_is_not_kept_is_refused_with_its_reason_and_presences_have_places_of_their_own()
+ {
+    let port = StubPort::new();
+    let gateway = start(&port).await;
+    let mut new = Raw::connect(&gateway, 5).await;
+    let large = vec![b'x'; 255 * 1024];
+    let mut kept = 0;
+    while new.publish(&format!("plant/{kept}"), 1, true, &large).await == [0x40, 2, 0, 7] {
+        kept += 1;
+    }
+    assert_eq!(kept, 128, "32 MiB");
+    // MQTT 5 sections 3.4.2.1 and 3.5.2.1: 0x97, quota exceeded
+    assert_eq!(
+        new.publish("plant/new", 1, true, &large).await,
+        [0x40, 3, 0, 7, 0x97]
     );
-    stream.write_all(&connect).await.unwrap();
-    let mut acknowledged = [0; 2];
-    stream.read_exact(&mut acknowledged).await.unwrap();
-    assert_eq!(acknowledged[0], 0x20);
-    stream
-        .read_exact(&mut vec![0; acknowledged[1].into()])
-        .await
-        .unwrap();
-    let topic = format!("{ROOT}cs/1/state");
-    let length = u16::try_from(topic.len()).unwrap().to_be_bytes();
-    let publish = packet(
-        0x30 | qos << 1,
-        &[&length, topic.as_bytes(), &[0, 7], properties, b"{}"],
+    assert_eq!(
+        new.publish("plant/new", 2, true, &large).await,
+        [0x50, 3, 0, 7, 0x97]
     );
-    stream.write_all(&publish).await.unwrap();
-    let mut head = [0; 2];
-    stream.read_exact(&mut head).await.unwrap();
-    let mut body = vec![0; head[1].into()];
-    stream.read_exact(&mut body).await.unwrap();
-    [&head[..], &body].concat()
+    assert_eq!(new.publish("plant/new", 1, false, &large).await, [0x40, 2, 0, 7]);
+    let mut old = Raw::connect(&gateway, 4).await;
+    assert_eq!(old.publish("plant/new", 1, true, &large).await, [0x40, 2, 0, 7]);
+    let warnings = port.warnings();
+    assert!(
+        matches!(&warnings[..], [text] if text.contains("plant/128") && text.contains("32 MiB")),
+        "{warnings:?}"
+    );
+    let presence = format!("{ROOT}handler/arm/presence");
+    let online = br#"{"online":true,"handles":[]}"#;
+    assert_eq!(new.publish(&presence, 1, true, online).await, [0x40, 2, 0, 7]);
+    port.say_dry_run(7, true);
+    let filters = ["handler/arm/presence", "cs/1/input/dry_run/state", "presence"];
+    let mut late = Client::connect(gateway.mqtt_addr().unwrap(), "late", &filters).await;
+    late.next("handler/arm/presence", |value| value["online"] == true)
+        .await;
+    late.next("cs/1/input/dry_run/state", |value| value["value"] == true)
+        .await;
+    // what is cleared makes room
+    assert_eq!(new.publish("plant/0", 1, true, b"").await[0], 0x40);
+    assert_eq!(new.publish("plant/new", 1, true, &large).await, [0x40, 2, 0, 7]);
+    gateway.shutdown().await;
 }
 
 #[tokio::test]

@@ -16,7 +16,7 @@ type Socket = WebSocketStream<MaybeTlsStream<TcpStream>>;
 
 async fn connect(gateway: &Gateway) -> Socket {
     let url = format!("ws://{}/api/v1/ws", gateway.http_addr());
-    within(connect_async(url)).await.unwrap().0
+    within(Box::pin(connect_async(url))).await.unwrap().0
 }
 
 async fn ask(socket: &mut Socket, value: &Value) {
@@ -224,7 +224,7 @@ async fn a_foreign_origin_gets_no_websocket_and_too_many_get_503() {
     let mut request = url.as_str().into_client_request().unwrap();
     let headers = request.headers_mut();
     headers.insert("origin", "http://evil.example".parse().unwrap());
-    match within(connect_async(request)).await {
+    match within(Box::pin(connect_async(request))).await {
         Err(tungstenite::Error::Http(response)) => assert_eq!(response.status(), 403),
         other => panic!("{other:?}"),
     }
@@ -232,7 +232,7 @@ async fn a_foreign_origin_gets_no_websocket_and_too_many_get_503() {
     for _ in 0..crate::shared::WEBSOCKETS_MAX {
         open.push(connect(&gateway).await);
     }
-    match within(connect_async(&url)).await {
+    match within(Box::pin(connect_async(&url))).await {
         Err(tungstenite::Error::Http(response)) => assert_eq!(response.status(), 503),
         other => panic!("{other:?}"),
     }

@@ -1,0 +1,272 @@
+//! Where clients come in: each connection has a place, and what it may do is judged for it alone.
+
+use std::io;
+use std::net::SocketAddr;
+use std::pin::Pin;
+use std::sync::Arc;
+use std::task::{Context, Poll, ready};
+use std::time::Duration;
+
+use mqtt5::broker::auth::AuthResult;
+use mqtt5::broker::client_handler::ClientHandler;
+use mqtt5::broker::events::{
+    BrokerEventHandler, ClientConnectEvent, ClientDisconnectEvent, ClientPublishEvent, PublishAction,
+};
+use mqtt5::broker::router::MessageRouter;
+use mqtt5::broker::storage::{DynamicStorage, StorageBackend};
+use mqtt5::broker::sys_topics::BrokerStats;
+use mqtt5::broker::transport::{BrokerTransport, WebSocketTransport};
+use mqtt5::broker::{AuthProvider, BrokerConfig, ResourceLimits, ResourceMonitor};
+use mqtt5::packet::connect::ConnectPacket;
+use mqtt5::types::ReasonCode;
+use parking_lot::Mutex;
+use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::broadcast;
+use tokio_util::task::TaskTracker;
+use tracing::warn;
+
+use super::{Answer, Guard, Judged};
+use crate::places::{ACCEPT_RETRY, Place, PlaceLimits, Places};
+
+/// Places of connections. A client is known once it is let in, and then never gives way. Reason of all: with those of HTTP
+/// they stay below the 1024 files that a process may have open.
+pub(super) const PLACES: PlaceLimits = PlaceLimits {
+    all: 448,
+    of_one: 128,
+    strangers: 192,
+    known: 256,
+};
+
+/// Places of known clients that are only for users who may stop a machine.
+pub(super) const RESERVED: usize = 32;
+
+/// How often what has expired is forgotten.
+const CLEAN_INTERVAL: Duration = Duration::from_mins(1);
+
+/// What all connections share.
+pub(super) struct Hall {
+    pub(super) config: BrokerConfig,
+    pub(super) guard: Arc<Guard>,
+    pub(super) router: Arc<MessageRouter>,
+    pub(super) storage: Arc<DynamicStorage>,
+    pub(super) stop: broadcast::Sender<()>,
+    pub(super) clients: TaskTracker,
+}
+
+impl Hall {
+    /// Lets clients in until it is stopped.
+    pub(super) async fn run(self, listener: TcpListener) {
+        let places = Places::new(PLACES);
+        let (stats, monitor) = (
+            Arc::new(BrokerStats::new()),
+            Arc::new(ResourceMonitor::new(no_limits())),
+        );
+        let mut stopped = self.stop.subscribe();
+        let mut clean = tokio::time::interval(CLEAN_INTERVAL);
+        loop {
+            let accepted = tokio::select! {
+                accepted = listener.accept() => accepted,
+                _ = clean.tick() => {
+                    self.clean().await;
+                    continue;
+                }
+                _ = stopped.recv() => return,
+            };
+            let (stream, address) = match accepted {
+                Ok(accepted) => accepted,
+                Err(error) => {
+                    warn!("no MQTT connection accepted: {error}");
+                    tokio::time::sleep(ACCEPT_RETRY).await;
+                    continue;
+                }
+            };
+            let Some(place) = places.take(address.ip()) else {
+                continue;
+            };
+            // without it answers are only slower
+            let _ = stream.set_nodelay(true);
+            let leave = place.leave();
+            let door = Arc::new(Door {
+                guard: Arc::clone(&self.guard),
+                place,
+                refused: Arc::default(),
+            });
+            let config = BrokerConfig {
+                event_handler: Some(Arc::<Door>::clone(&door)),
+                ..self.config.clone()
+            };
+            let stream = Stream {
+                inner: stream,
+                peer: address,
+                refused: Arc::clone(&door.refused),
+                answer: Vec::new(),
+                replaced: 0,
+            };
+            let client = ClientHandler::new(
+                BrokerTransport::WebSocket(Box::new(stream)),
+                address,
+                Arc::new(config),
+                Arc::clone(&self.router),
+                door,
+                Some(Arc::clone(&self.storage)),
+                Arc::clone(&stats),
+                Arc::clone(&monitor),
+                self.stop.subscribe(),
+            );
+            self.clients.spawn(async move {
+                tokio::select! {
+                    // why a client has gone, the guard has logged where it matters
+                    _ = client.run() => {}
+                    () = leave.cancelled() => {}
+                }
+            });
+        }
+    }
+
+    async fn clean(&self) {
+        if let Err(error) = self.storage.cleanup_expired().await {
+            warn!("the embedded MQTT broker forgets nothing that has expired: {error}");
+        }
+        self.router.sweep_sessions().await;
+    }
+}
+
+/// Connections are limited by their places, and messages by the guard.
+fn no_limits() -> ResourceLimits {
+    ResourceLimits {
+        max_connections: PLACES.all,
+        max_connections_per_ip: PLACES.all,
+        max_message_rate_per_client: 0,
+        max_bandwidth_per_client: 0,
+        max_connection_rate: u32::MAX,
+        rate_limit_window: Duration::from_secs(1),
+    }
+}
+
+/// The guard of one connection.
+struct Door {
+    guard: Arc<Guard>,
+    place: Place,
+    refused: Arc<Mutex<Option<u16>>>,
+}
+
+impl BrokerEventHandler for Door {
+    fn on_client_publish(&self, event: ClientPublishEvent) -> Answer<'_, PublishAction> {
+        Box::pin(async move {
+            match self.guard.judge(&event).await {
+                Judged::Deliver => PublishAction::Continue,
+                Judged::Handled => PublishAction::Handled,
+                Judged::NotKept => {
+                    if self.guard.speaks_5(&event.client_id) {
+                        *self.refused.lock() = event.packet_id;
+                    }
+                    PublishAction::Handled
+                }
+            }
+        })
+    }
+
+    fn on_client_connect(&self, event: ClientConnectEvent) -> Answer<'_, ()> {
+        self.guard.on_client_connect(event)
+    }
+
+    fn on_client_disconnect(&self, event: ClientDisconnectEvent) -> Answer<'_, ()> {
+        self.guard.on_client_disconnect(event)
+    }
+}
+
+impl AuthProvider for Door {
+    fn authenticate<'a>(
+        &'a self,
+        connect: &'a ConnectPacket,
+        address: SocketAddr,
+    ) -> Answer<'a, mqtt5::Result<AuthResult>> {
+        self.guard.authenticate(connect, address, &self.place)
+    }
+
+    fn authorize_publish<'a>(
+        &'a self,
+        client_id: &str,
+        user: Option<&'a str>,
+        topic: &'a str,
+    ) -> Answer<'a, bool> {
+        self.guard.authorize_publish(client_id, user, topic)
+    }
+
+    fn authorize_subscribe<'a>(&'a self, _: &str, user: Option<&'a str>, _: &'a str) -> Answer<'a, bool> {
+        self.guard.authorize_subscribe(user)
+    }
+}
+
+/// The bytes of a connection. The library acknowledges a message that the guard has handled as a success, and asks for no
+/// reason: the acknowledgement of one that is refused is replaced here by one with its reason.
+struct Stream {
+    inner: TcpStream,
+    peer: SocketAddr,
+    /// Packet id of the message whose acknowledgement comes next, and is a refusal.
+    refused: Arc<Mutex<Option<u16>>>,
+    /// What is still to be written of the acknowledgement, in place of so many bytes of the library.
+    answer: Vec<u8>,
+    replaced: usize,
+}
+
+impl Stream {
+    /// The refusal in place of a PUBACK or PUBREC. The library writes each packet at once.
+    fn refusal(&self, packet: &[u8]) -> Option<Vec<u8>> {
+        let id = (*self.refused.lock())?.to_be_bytes();
+        match *packet {
+            [kind @ (0x40 | 0x50), 2, high, low] if [high, low] == id => {
+                Some(vec![kind, 3, high, low, u8::from(ReasonCode::QuotaExceeded)])
+            }
+            _ => None,
+        }
+    }
+}
+
+impl WebSocketTransport for Stream {
+    fn peer_addr(&self) -> mqtt5::Result<SocketAddr> {
+        Ok(self.peer)
+    }
+}
+
+impl AsyncRead for Stream {
+    fn poll_read(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        buffer: &mut ReadBuf<'_>,
+    ) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.inner).poll_read(context, buffer)
+    }
+}
+
+impl AsyncWrite for Stream {
+    fn poll_write(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        bytes: &[u8],
+    ) -> Poll<io::Result<usize>> {
+        if self.answer.is_empty() {
+            let Some(refusal) = self.refusal(bytes) else {
+                return Pin::new(&mut self.inner).poll_write(context, bytes);
+            };
+            *self.refused.lock() = None;
+            self.replaced = bytes.len();
+            self.answer = refusal;
+        }
+        while !self.answer.is_empty() {
+            let Self { inner, answer, .. } = &mut *self;
+            let written = ready!(Pin::new(inner).poll_write(context, answer))?;
+            answer.drain(..written);
+        }
+        Poll::Ready(Ok(self.replaced))
+    }
+
+    fn poll_flush(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.inner).poll_flush(context)
+    }
+
+    fn poll_shutdown(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.inner).poll_shutdown(context)
+    }
+}

@@ -1,0 +1,326 @@
+//! Places for connections: how many there are, and who gives way when none is left.
+//!
+//! A connection is a stranger until its client has shown who it is. Strangers give way to whoever comes: those of the host
+//! that has the most of them, the oldest first. After them those give way that are known and idle. So hosts without a token
+//! shut nobody out, and places are kept in which a client that has just come can show its token.
+
+use std::collections::HashMap;
+use std::net::{IpAddr, Ipv6Addr};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use parking_lot::Mutex;
+use tokio::time::Instant;
+use tokio_util::sync::CancellationToken;
+
+/// How many connections may be open.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct PlaceLimits {
+    /// All.
+    pub(crate) all: usize,
+    /// Of one host. Reason: one host must not take all. The loopback may.
+    pub(crate) of_one: usize,
+    /// Strangers.
+    pub(crate) strangers: usize,
+    /// Known ones: fewer than all, so that there are always places for strangers.
+    pub(crate) known: usize,
+}
+
+/// The host of an address. One host has as many IPv6 addresses as it likes, all with the same first 64 bits.
+pub(crate) fn host_of(address: IpAddr) -> IpAddr {
+    match address.to_canonical() {
+        IpAddr::V6(v6) if !v6.is_loopback() => Ipv6Addr::from_bits(v6.to_bits() >> 64 << 64).into(),
+        other => other,
+    }
+}
+
+/// The places of one listener.
+#[derive(Debug)]
+pub(crate) struct Places {
+    limits: PlaceLimits,
+    begun: Instant,
+    table: Mutex<Table>,
+}
+
+#[derive(Debug, Default)]
+struct Table {
+    /// Number of the latest connection.
+    latest: u64,
+    open: HashMap<u64, Open>,
+}
+
+#[derive(Debug)]
+struct Open {
+    host: IpAddr,
+    is_known: bool,
+    /// Requests that it waits for.
+    busy: u32,
+    /// When bytes went last, ms since the listener began.
+    moved_ms: Arc<AtomicU64>,
+    leave: CancellationToken,
+}
+
+/// A place of one connection; it is free again when this is dropped.
+#[derive(Debug)]
+pub(crate) struct Place {
+    number: u64,
+    places: Arc<Places>,
+    moved_ms: Arc<AtomicU64>,
+    leave: CancellationToken,
+}
+
+/// A request that its connection waits for: it does not give way meanwhile.
+#[derive(Debug)]
+pub(crate) struct Busy(Arc<Place>);
+
+impl Places {
+    pub(crate) fn new(limits: PlaceLimits) -> Arc<Self> {
+        Arc::new(Self {
+            limits,
+            begun: Instant::now(),
+            table: Mutex::default(),
+        })
+    }
+
+    /// A place for one more connection; others give way for it. `None`: there is none for its host.
+    pub(crate) fn take(self: &Arc<Self>, address: IpAddr) -> Option<Place> {
+        let host = host_of(address);
+        let (moved_ms, leave) = (Arc::new(AtomicU64::new(self.now_ms())), CancellationToken::new());
+        let mut table = self.table.lock();
+        let of_host = |open: &Open| open.host == host;
+        if !host.is_loopback() && table.count(of_host) >= self.limits.of_one && !table.give_way(of_host) {
+            return None;
+        }
+        let is_stranger = |open: &Open| !open.is_known;
+        let is_full =
+            table.open.len() >= self.limits.all || table.count(is_stranger) >= self.limits.strangers;
+        if is_full && !table.give_way(is_stranger) {
+            return None;
+        }
+        table.latest += 1;
+        let number = table.latest;
+        let open = Open {
+            host,
+            is_known: false,
+            busy: 0,
+            moved_ms: Arc::clone(&moved_ms),
+            leave: leave.clone(),
+        };
+        table.open.insert(number, open);
+        Some(Place {
+            number,
+            places: Arc::clone(self),
+            moved_ms,
+            leave,
+        })
+    }
+
+    fn now_ms(&self) -> u64 {
+        u64::try_from(self.begun.elapsed().as_millis()).unwrap_or(u64::MAX)
+    }
+
+    /// Open connections, and how many of them are known.
+    #[cfg(test)]
+    pub(crate) fn counts(&self) -> (usize, usize) {
+        let table = self.table.lock();
+        (table.open.len(), table.count(|open| open.is_known))
+    }
+}
+
+impl Table {
+    fn count(&self, fits: impl Fn(&Open) -> bool) -> usize {
+        self.open.values().filter(|open| fits(open)).count()
+    }
+
+    /// One of those that fit gives way. False when none may.
+    fn give_way(&mut self, fits: impl Fn(&Open) -> bool) -> bool {
+        let mut strangers: HashMap<IpAddr, usize> = HashMap::new();
+        for open in self.open.values().filter(|open| !open.is_known) {
+            *strangers.entry(open.host).or_default() += 1;
+        }
+        let may_go = |(_, open): &(&u64, &Open)| open.busy == 0 && fits(open);
+        let chosen = self.open.iter().filter(may_go).min_by_key(|(number, open)| {
+            if open.is_known {
+                (true, 0, open.moved_ms.load(Ordering::Relaxed), **number)
+            } else {
+                let of_host = strangers.get(&open.host).copied().unwrap_or(0);
+                (false, usize::MAX - of_host, 0, **number)
+            }
+        });
+        let Some(number) = chosen.map(|(number, _)| *number) else {
+            return false;
+        };
+        if let Some(open) = self.open.remove(&number) {
+            open.leave.cancel();
+        }
+        true
+    }
+}
+
+impl Place {
+    /// Its client has shown who it is. False when there is no place for one more that is known, so that it stays a stranger, and
+    /// when it has given way.
+    ///
+    /// So many of the places of known ones are `reserved` for others.
+    pub(crate) fn know(&self, reserved: usize) -> bool {
+        let mut table = self.places.table.lock();
+        match table.open.get(&self.number) {
+            None => return false,
+            Some(open) if open.is_known => return true,
+            Some(_) => {}
+        }
+        let is_known = |open: &Open| open.is_known;
+        let is_full = table.count(is_known) + reserved >= self.places.limits.known;
+        if is_full && !table.give_way(is_known) {
+            return false;
+        }
+        if let Some(open) = table.open.get_mut(&self.number) {
+            open.is_known = true;
+        }
+        true
+    }
+
+    /// Whether its client has shown who it is.
+    pub(crate) fn is_known(&self) -> bool {
+        let table = self.places.table.lock();
+        table.open.get(&self.number).is_some_and(|open| open.is_known)
+    }
+
+    /// It does not give way while it has this. `None` when it has given way.
+    pub(crate) fn busy(self: &Arc<Self>) -> Option<Busy> {
+        let mut table = self.places.table.lock();
+        table.open.get_mut(&self.number)?.busy += 1;
+        Some(Busy(Arc::clone(self)))
+    }
+
+    /// From now on it does not give way.
+    pub(crate) fn stay(&self) {
+        if let Some(open) = self.places.table.lock().open.get_mut(&self.number) {
+            open.busy += 1;
+        }
+    }
+
+    /// Bytes went.
+    pub(crate) fn moved(&self) {
+        self.moved_ms.store(self.places.now_ms(), Ordering::Relaxed);
+    }
+
+    /// Cancelled when it gives way.
+    pub(crate) fn leave(&self) -> CancellationToken {
+        self.leave.clone()
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        self.places.table.lock().open.remove(&self.number);
+    }
+}
+
+impl Drop for Busy {
+    fn drop(&mut self) {
+        self.0.moved();
+        if let Some(open) = self.0.places.table.lock().open.get_mut(&self.0.number) {
+            open.busy -= 1;
+        }
+    }
+}
+
+/// Time after which a listener that the system has no file for tries again.
+pub(crate) const ACCEPT_RETRY: Duration = Duration::from_millis(100);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LIMITS: PlaceLimits = PlaceLimits {
+        all: 8,
+        of_one: 4,
+        strangers: 6,
+        known: 6,
+    };
+
+    fn host(last: u8) -> IpAddr {
+        [10, 0, 0, last].into()
+    }
+
+    fn gone(places: &[Place]) -> Vec<usize> {
+        let gone = places.iter().enumerate();
+        gone.filter(|(_, place)| place.leave.is_cancelled())
+            .map(|(n, _)| n)
+            .collect()
+    }
+
+    #[tokio::test]
+    async fn strangers_give_way_and_those_of_the_host_with_the_most_first() {
+        let places = Places::new(LIMITS);
+        let other = places.take(host(1)).unwrap();
+        let mut of_attacker: Vec<_> = (0..4).map(|_| places.take(host(2)).unwrap()).collect();
+        assert_eq!(gone(&of_attacker), [0; 0]);
+        of_attacker.push(places.take(host(2)).unwrap());
+        assert_eq!(
+            gone(&of_attacker),
+            [0],
+            "one host has a limit, and its oldest gives way"
+        );
+        let third = places.take(host(3)).unwrap();
+        let _fourth = places.take(host(4)).unwrap();
+        assert_eq!(gone(&of_attacker), [0, 1], "beyond all strangers");
+        assert!(!other.leave.is_cancelled() && !third.leave.is_cancelled());
+        assert!(other.know(0));
+        assert!(!of_attacker[0].know(0));
+        drop((of_attacker, other, third));
+        assert_eq!(places.counts(), (1, 0));
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn known_ones_give_way_last_and_only_while_they_are_idle() {
+        let places = Places::new(LIMITS);
+        let local = IpAddr::from([127, 0, 0, 1]);
+        let known: Vec<_> = (0..6)
+            .map(|_| {
+                let place = Arc::new(places.take(local).unwrap());
+                assert!(place.know(0));
+                place
+            })
+            .collect();
+        tokio::time::advance(Duration::from_secs(1)).await;
+        known[0].moved();
+        let busy = known[1].busy().unwrap();
+        let next = places.take(local).unwrap();
+        assert_eq!(places.counts(), (7, 6));
+        assert!(next.know(0));
+        assert!(known[2].leave.is_cancelled(), "the one that was idle longest");
+        let all: Vec<_> = known.iter().filter_map(Place::busy).collect();
+        assert_eq!(all.len(), 5);
+        let next = Arc::new(next);
+        let _busy_too = next.busy().unwrap();
+        let late = places.take(local).unwrap();
+        assert!(!late.know(0), "it may still be served as a stranger");
+        drop((busy, all));
+        assert!(late.know(0));
+    }
+
+    #[tokio::test]
+    async fn a_host_is_its_first_64_bits_of_ipv6_and_an_ipv4_address_is_the_same_in_both_spellings() {
+        let of = |address: &str| host_of(address.parse().unwrap());
+        assert_eq!(of("2001:db8:1:2::1"), of("2001:db8:1:2:ffff::9"));
+        assert_ne!(of("2001:db8:1:2::1"), of("2001:db8:1:3::1"));
+        assert_eq!(of("::ffff:10.0.0.1"), of("10.0.0.1"));
+        assert_ne!(of("::ffff:10.0.0.1"), of("::ffff:10.0.0.2"));
+        assert!(of("::1").is_loopback() && of("::ffff:127.0.0.1").is_loopback());
+        let places = Places::new(LIMITS);
+        let of_one: Vec<_> = (0..5)
+            .map(|n| {
+                let place = places.take(format!("2001:db8::{n}").parse().unwrap()).unwrap();
+                assert!(place.know(0));
+                Arc::new(place)
+            })
+            .collect();
+        assert_eq!(places.counts(), (4, 4), "the idle one gave way");
+        let _busy: Vec<_> = of_one.iter().filter_map(Place::busy).collect();
+        assert!(places.take("2001:db8::ffff".parse().unwrap()).is_none());
+        assert!(places.take("2001:db8:0:1::".parse().unwrap()).is_some());
+    }
+}
