@@ -38,15 +38,53 @@ async function isRefused() {
 /** @returns {Promise<void>} */
 function ask() {
   return new Promise((resolve) => {
-    const input = h("input", { type: "password", class: "input grow", autocomplete: "off", "aria-label": "Token", autofocus: true });
-    const enter = button({ type: "submit" }, "Enter");
-    const form = h("form", { method: "dialog" }, h("div", { class: "row end" }, input, enter));
-    const text = token() === null ? "This machine asks who uses it." : "The machine does not know this token.";
-    const dialog = openDialog("token", "Token", [h("p", {}, text), form], () => resolve());
-    form.addEventListener("submit", (event) => {
+    const user = field("User", "text", "username");
+    const pin = field("PIN", "password", "current-password");
+    const shown = field("Token", "password", "off");
+    const problem = h("p", { role: "alert" }, token() === null ? "" : "The machine does not know this token.");
+    const form = h(
+      "form",
+      { method: "dialog", class: "stack" },
+      h("div", { class: "row end" }, user, pin),
+      h("p", {}, "or a token of this screen:"),
+      h("div", { class: "row end" }, shown, button({ type: "submit" }, "Enter")),
+    );
+    const dialog = openDialog("token", "Log in", [h("p", {}, "This machine asks who uses it."), form, problem], () => resolve());
+    form.addEventListener("submit", async (event) => {
       event.preventDefault();
-      sessionStorage.setItem(KEY, input.value.trim());
-      dialog.close("");
+      const given = shown.value.trim();
+      const refusal = given === "" ? await logIn(user.value.trim(), pin.value) : keep(given);
+      if (refusal === null) dialog.close("");
+      else problem.textContent = refusal;
     });
   });
+}
+
+/** @param {string} label @param {string} type @param {AutoFill} autocomplete */
+function field(label, type, autocomplete) {
+  return h("input", { type, class: "input grow", autocomplete, "aria-label": label, placeholder: label });
+}
+
+/** @param {string} given */
+function keep(given) {
+  sessionStorage.setItem(KEY, given);
+  return null;
+}
+
+/**
+ * Asks for a token with a name and a PIN.
+ * @param {string} user @param {string} pin @returns {Promise<string | null>} why there is none
+ */
+async function logIn(user, pin) {
+  try {
+    const response = await fetch("/api/v1/login", {
+      method: "POST",
+      headers: { "Content-Type": "application/json" },
+      body: JSON.stringify({ user, pin }),
+    });
+    const answer = await response.json();
+    return response.ok ? keep(answer.token) : answer.detail;
+  } catch {
+    return "The machine does not answer; try again.";
+  }
 }

@@ -169,6 +169,11 @@ export interface LockMessage {
   boot_id: BootId; rev?: number; text: string; ts: string; v: 1; value: boolean;
 }
 
+/** A token for some hours. */
+export interface Login {
+  expires_s: number; role: string; token: string; user: string;
+}
+
 /** Settings of one M code. */
 export interface MCodeInfo {
   timeout_ms: number | null; timing: Timing; wait_state: string | null;

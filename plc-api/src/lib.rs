@@ -222,9 +222,9 @@ pub use heartbeat::Heartbeat;
 pub use lease::Lease;
 pub use outputs::{Outputs, RawOutput};
 pub use plc::Plc;
-#[cfg(feature = "mqtt")]
-pub use transport::mqtt::MqttOptions;
-#[cfg(feature = "mqtt")]
+#[cfg(any(feature = "mqtt", feature = "rest"))]
+pub use transport::options::MqttOptions;
+#[cfg(any(feature = "mqtt", feature = "rest"))]
 pub use transport::tls::TlsFiles;
 pub use types::output::{CancelReason, Params, Redelivery};
 pub use types::state::Execution;

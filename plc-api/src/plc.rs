@@ -10,8 +10,8 @@ use crate::alarm::Alarm;
 use crate::error::{Error, Result};
 use crate::names::unique_name;
 use crate::port::{BoxFuture, Port};
-#[cfg(feature = "mqtt")]
-use crate::transport::mqtt::MqttOptions;
+#[cfg(any(feature = "mqtt", feature = "rest"))]
+use crate::transport::options::MqttOptions;
 use crate::types::CoordinateSystemNumber;
 use crate::types::command::CommandMeta;
 use crate::types::machine::{AlarmRaise, AlarmRecord};
@@ -94,13 +94,9 @@ impl Plc {
             #[cfg(not(feature = "mqtt"))]
             Some(("mqtt" | "mqtts", _)) => Err(wrong("plc-api was built without its feature mqtt")),
             #[cfg(feature = "rest")]
-            Some(("http", _)) => {
-                let (port, user) = crate::transport::rest::connect(address).await?;
-                Ok(Self::connected(port, user))
-            }
+            Some(("http" | "https", _)) => Self::connect_with(address, MqttOptions::default()).await,
             #[cfg(not(feature = "rest"))]
-            Some(("http", _)) => Err(wrong("plc-api was built without its feature rest")),
-            Some(("https", _)) => Err(wrong("REST is served without TLS, use http:// or a tunnel")),
+            Some(("http" | "https", _)) => Err(wrong("plc-api was built without its feature rest")),
             _ => Err(wrong("write mqtt://host:port/machine or http://host:port")),
         }
     }
@@ -109,9 +105,21 @@ impl Plc {
     ///
     /// # Errors
     /// As [`Plc::connect`]; a TLS file cannot be used, and is named.
-    #[cfg(feature = "mqtt")]
+    #[cfg(any(feature = "mqtt", feature = "rest"))]
     pub async fn connect_with(address: &str, options: MqttOptions) -> Result<Self> {
-        let (port, user) = crate::transport::mqtt::connect(address, options).await?;
+        let (port, user) = match address.split_once("://") {
+            #[cfg(feature = "rest")]
+            Some(("http" | "https", _)) => crate::transport::rest::connect(address, options).await?,
+            #[cfg(feature = "mqtt")]
+            _ => crate::transport::mqtt::connect(address, options).await?,
+            #[cfg(not(feature = "mqtt"))]
+            _ => {
+                return Err(Error::Address {
+                    address: address.to_owned(),
+                    reason: "write https://host:port".to_owned(),
+                });
+            }
+        };
         Ok(Self::connected(port, user))
     }
 

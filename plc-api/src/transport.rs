@@ -8,7 +8,9 @@ pub mod backoff;
 mod client;
 #[cfg(feature = "mqtt")]
 pub mod mqtt;
+#[cfg(any(feature = "mqtt", feature = "rest"))]
+pub mod options;
 #[cfg(feature = "rest")]
 pub mod rest;
-#[cfg(feature = "mqtt")]
+#[cfg(any(feature = "mqtt", feature = "rest"))]
 pub mod tls;

@@ -147,6 +147,14 @@ export class Runtime {
     return stdout.match(/^token: (\w+)$/m)[1];
   }
 
+  /** From the next start on this person may log in. */
+  async withPerson(name, role, pin) {
+    const arguments_ = ["token", name, "--role", role, "--file", join(this.folder, "tokens.toml"), "--pin"];
+    const ran = promisify(execFile)(BINARY, arguments_);
+    ran.child.stdin.end(`${pin}\n`);
+    await ran;
+  }
+
   /** Starts it, and waits until REST answers. */
   async start() {
     const child = spawn(BINARY, ["serve", "--config", join(this.folder, "tandem.toml")], { stdio: ["ignore", "pipe", "pipe"] });

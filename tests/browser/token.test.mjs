@@ -13,6 +13,7 @@ let token;
 before(async () => {
   runtime = await Runtime.create();
   token = await runtime.withToken("operate");
+  await runtime.withPerson("anna", "operate", "493021");
   await runtime.start();
   browser = await launch();
 });
@@ -35,6 +36,22 @@ test("the screen asks for a token until it has a right one, and then connects", 
   await page.getByText("Connected", { exact: true }).waitFor();
   await close();
   // two tries without a right token, which the browser reports itself
+  assert.deepEqual(errors.filter((error) => !error.includes("401")), []);
+});
+
+test("a person logs in with a name and a PIN, and is told when the PIN is another", async () => {
+  const { page, errors, close } = await openPage(browser);
+  await page.goto(runtime.url);
+  const enter = async (pin) => {
+    await page.getByLabel("User", { exact: true }).fill("anna");
+    await page.getByLabel("PIN", { exact: true }).fill(pin);
+    await page.getByRole("button", { name: "Enter" }).click();
+  };
+  await enter("000000");
+  await page.getByText("there is no such user with this PIN").waitFor();
+  await enter("493021");
+  await page.getByText("Connected", { exact: true }).waitFor();
+  await close();
   assert.deepEqual(errors.filter((error) => !error.includes("401")), []);
 });
 

@@ -11,6 +11,7 @@ mod late;
 mod link_loss;
 mod many_machines;
 mod operator;
+mod private;
 mod program;
 mod raw_queue;
 mod scan;

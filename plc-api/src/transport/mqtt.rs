@@ -11,14 +11,15 @@ mod session;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use rumqttc::Transport;
+use rumqttc::{TlsConfiguration, Transport};
+use rustls::ClientConfig;
 
 use crate::error::Error;
 use crate::lock::lock;
 use crate::names::unique_name;
 use crate::port::{BoxFuture, Port};
 use crate::transport::client::{Client, Link};
-use crate::transport::tls::TlsFiles;
+use crate::transport::options::MqttOptions;
 use crate::types::message::Payload;
 use crate::types::request::{Answer, Refusal, RefusalCode, Request};
 use crate::types::topic::{CsTopic, Topic};
@@ -32,27 +33,6 @@ pub use crate::transport::client::{ANSWER_TIMEOUT, CONNECT_TIMEOUT};
 /// How long a command may take: the longest are a hold in a long deceleration and the load of a large program.
 pub const COMMAND_DONE_TIMEOUT: Duration = Duration::from_mins(1);
 
-/// Options that are not in an address, or should not be, since others may see a command line.
-#[derive(Clone, Default)]
-pub struct MqttOptions {
-    /// User name; takes precedence over one in the address.
-    pub username: Option<String>,
-    /// The user's password, such as a token.
-    pub password: Option<String>,
-    /// For `mqtts://`: certificates and key.
-    pub tls: TlsFiles,
-}
-
-impl std::fmt::Debug for MqttOptions {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("MqttOptions")
-            .field("username", &self.username)
-            .field("password", &self.password.as_ref().map(|_| "hidden"))
-            .field("tls", &self.tls)
-            .finish()
-    }
-}
-
 /// Connects to the machine at `mqtt://[user[:password]@]host[:port]/[prefix/]machine`, with TLS `mqtts://...`, and
 /// waits until it is present. The second value is the user name.
 ///
@@ -65,10 +45,14 @@ pub async fn connect(address: &str, options: MqttOptions) -> Result<(Arc<dyn Por
     }
     let user = address.credentials.as_ref().map(|(user, _)| user.clone());
     let transport = if address.tls {
-        options.tls.transport().map_err(|reason| Error::Address {
-            address: address.shown.clone(),
-            reason,
-        })?
+        options
+            .tls
+            .client_config()
+            .map(mqtt_over)
+            .map_err(|reason| Error::Address {
+                address: address.shown.clone(),
+                reason,
+            })?
     } else {
         Transport::tcp()
     };
@@ -80,6 +64,11 @@ pub async fn connect(address: &str, options: MqttOptions) -> Result<(Arc<dyn Por
         state: Mutex::default(),
     });
     Ok((port.await?, user))
+}
+
+/// The transport of a connection to a broker over TLS.
+pub fn mqtt_over(tls: ClientConfig) -> Transport {
+    Transport::tls_with_config(TlsConfiguration::from(tls))
 }
 
 /// The client, shared by the port and its connection.

@@ -12,9 +12,11 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use http_body_util::{BodyExt, Limited};
+use hyper_rustls::{HttpsConnector, HttpsConnectorBuilder};
 use hyper_util::client::legacy::Client;
 use hyper_util::client::legacy::connect::HttpConnector;
 use hyper_util::rt::TokioExecutor;
+use rustls::ClientConfig;
 use tokio::sync::Notify;
 use tokio_tungstenite::tungstenite::http;
 
@@ -23,6 +25,8 @@ use crate::hub::Filter;
 use crate::lock::lock;
 use crate::port::{BoxFuture, Port};
 use crate::transport::client::{Client as TransportClient, Link};
+use crate::transport::options::MqttOptions;
+use crate::transport::tls::without_authorities;
 use crate::types::message::{Message, Payload};
 use crate::types::output::HandlerPresence;
 use crate::types::request::{Answer, Refusal, RefusalCode, Request};
@@ -40,18 +44,35 @@ pub const COMMAND_DONE_TIMEOUT: Duration = Duration::from_secs(65);
 /// Pause before a request is sent again.
 const AGAIN_AFTER: Duration = Duration::from_millis(200);
 
-/// Connects to the machine at `http://[[user:]token@]host[:port]`, and waits until it is present. The second value is
+/// Connects to the machine at `http://[[user:]token@]host[:port]`, with TLS `https://...`, and waits until it is present. The second value is
 /// the user name.
 ///
 /// # Errors
-/// The address is wrong, or no runtime answers there within [`CONNECT_TIMEOUT`].
-pub async fn connect(address: &str) -> Result<(Arc<dyn Port>, Option<String>), Error> {
-    let address = Address::parse(address)?;
+/// The address or a TLS file is wrong, or no runtime answers there within [`CONNECT_TIMEOUT`].
+pub async fn connect(address: &str, options: MqttOptions) -> Result<(Arc<dyn Port>, Option<String>), Error> {
+    let mut address = Address::parse(address)?;
+    address.user = options.username.or(address.user);
+    address.token = options.password.or(address.token);
     let user = address.user.clone();
+    let tls = if address.tls {
+        options.tls.client_config()
+    } else {
+        without_authorities()
+    };
+    let tls = tls.map_err(|reason| Error::Address {
+        address: address.shown.clone(),
+        reason,
+    })?;
+    let connector = HttpsConnectorBuilder::new()
+        .with_tls_config(tls.clone())
+        .https_or_http()
+        .enable_http1()
+        .build();
     let port = crate::transport::client::connect(Shared {
         link: Link::new(address.shown.clone()),
         address,
-        client: Client::builder(TokioExecutor::new()).build_http(),
+        tls: Arc::new(tls),
+        client: Client::builder(TokioExecutor::new()).build(connector),
         state: Mutex::default(),
         refused: Notify::new(),
     });
@@ -64,13 +85,15 @@ const BODY_MAX: usize = 65 * 1024 * 1024;
 /// Results of validations to send; more are refused.
 const VALIDATED_MAX: usize = 10_000;
 
-type HttpClient = Client<HttpConnector, String>;
+type HttpClient = Client<HttpsConnector<HttpConnector>, String>;
 type BoxError = Box<dyn std::error::Error + Send + Sync>;
 
 /// The client, shared by the port and its connection.
 struct Shared {
     link: Link,
     address: Address,
+    /// Of the WebSocket; the client has its own.
+    tls: Arc<ClientConfig>,
     client: HttpClient,
     state: Mutex<ConnectionState>,
     /// A handler has been refused.

@@ -1,13 +1,12 @@
-//! TLS of the connection to a broker: trusted certificate authorities and our own certificate.
+//! TLS of a client: trusted certificate authorities and our own certificate.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use rumqttc::{TlsConfiguration, Transport};
 use rustls::crypto::ring;
 use rustls::pki_types::pem::PemObject;
 use rustls::pki_types::{CertificateDer, PrivateKeyDer};
-use rustls::{ClientConfig, RootCertStore};
+use rustls::{ClientConfig, ConfigBuilder, RootCertStore, WantsVerifier};
 
 /// Files of a TLS connection, each in PEM.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -21,17 +20,14 @@ pub struct TlsFiles {
 }
 
 impl TlsFiles {
-    /// The transport of a client. TLS 1.2 and 1.3; the broker's certificate must be valid for the host's name.
+    /// The TLS of a client, 1.2 and 1.3; the server's certificate must be valid for the host's name.
     ///
     /// # Errors
     /// A file cannot be read or used, certificate or key is missing, or the system trusts no authority.
-    pub fn transport(&self) -> Result<Transport, String> {
+    pub fn client_config(&self) -> Result<ClientConfig, String> {
         let roots = self.roots()?;
-        let builder = ClientConfig::builder_with_provider(Arc::new(ring::default_provider()))
-            .with_safe_default_protocol_versions()
-            .map_err(|error| error.to_string())?
-            .with_root_certificates(roots);
-        let config = match (&self.client_cert_file, &self.client_key_file) {
+        let builder = builder()?.with_root_certificates(roots);
+        Ok(match (&self.client_cert_file, &self.client_key_file) {
             (None, None) => builder.with_no_client_auth(),
             (Some(cert), Some(key)) => {
                 let chain = certificates("client_cert_file", cert)?;
@@ -42,8 +38,7 @@ impl TlsFiles {
                 config.map_err(|error| format!("client_cert_file {}: {error}", cert.display()))?
             }
             _ => return Err("client_cert_file and client_key_file need each other".to_owned()),
-        };
-        Ok(Transport::tls_with_config(TlsConfiguration::from(config)))
+        })
     }
 
     fn roots(&self) -> Result<RootCertStore, String> {
@@ -62,6 +57,20 @@ impl TlsFiles {
         }
         Ok(roots)
     }
+}
+
+/// The TLS of a client that uses none.
+#[cfg(feature = "rest")]
+pub(super) fn without_authorities() -> Result<ClientConfig, String> {
+    Ok(builder()?
+        .with_root_certificates(RootCertStore::empty())
+        .with_no_client_auth())
+}
+
+fn builder() -> Result<ConfigBuilder<ClientConfig, WantsVerifier>, String> {
+    ClientConfig::builder_with_provider(Arc::new(ring::default_provider()))
+        .with_safe_default_protocol_versions()
+        .map_err(|error| error.to_string())
 }
 
 fn certificates(key: &str, path: &Path) -> Result<Vec<CertificateDer<'static>>, String> {
@@ -85,7 +94,7 @@ mod tests {
             ca_file: Some("no/such/ca.pem".into()),
             ..TlsFiles::default()
         };
-        let error = missing.transport().err().unwrap();
+        let error = missing.client_config().err().unwrap();
         assert!(
             error.contains("ca_file") && error.contains("no/such/ca.pem"),
             "{error}"
@@ -94,6 +103,6 @@ mod tests {
             ca_file: Some("Cargo.toml".into()),
             ..TlsFiles::default()
         };
-        assert!(no_pem.transport().err().unwrap().contains("no certificate"));
+        assert!(no_pem.client_config().err().unwrap().contains("no certificate"));
     }
 }

@@ -7,6 +7,7 @@
 
 pub mod answer;
 mod json;
+pub mod login;
 pub mod mqtt;
 mod pattern;
 mod payloads;

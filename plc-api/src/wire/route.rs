@@ -98,7 +98,8 @@ impl Route {
     }
 
     /// With a body.
-    pub(super) const fn takes(mut self, body: Content) -> Self {
+    #[must_use]
+    pub const fn takes(mut self, body: Content) -> Self {
         self.body = body;
         self
     }

@@ -25,7 +25,7 @@ use mqtt5::broker::{BrokerConfig, DynamicStorage, MemoryBackend};
 use mqtt5::packet::connect::ConnectPacket;
 use mqtt5::types::ReasonCode;
 use parking_lot::Mutex;
-use plc_api::server::{ServedPort, ServerNotice};
+use plc_api::server::ServerNotice;
 use plc_api::wire::right::Right;
 use subtle::ConstantTimeEq;
 use tokio::sync::{broadcast, mpsc};
@@ -34,12 +34,14 @@ use tokio_util::task::{AbortOnDropHandle, TaskTracker};
 use tracing::warn;
 
 use crate::access::topics::{may_publish, may_subscribe};
-use crate::access::{LiveTokens, Rates, User, random_secret};
+use crate::access::{LiveTokens, Rates, Tokens, User, random_secret};
 use crate::broker_address::{BrokerAddress, Refused};
 use crate::contract::topics::is_inbound;
 use crate::error::GatewayError;
+use crate::machine::Machine;
 use crate::places::{Place, host_of};
 use crate::settings::{MQTT_LISTEN, bind};
+use crate::tls::{Fingerprint, LiveTls};
 use door::{Hall, PLACES, RESERVED};
 use retained::{Kind, Retained};
 use sessions::{REMEMBERED_MAX, Session, Sessions};
@@ -93,7 +95,7 @@ pub(crate) struct BrokerAccess {
     /// Users; `None`: everyone.
     pub(crate) tokens: Option<LiveTokens>,
     /// Hears of what is refused.
-    pub(crate) port: Arc<dyn ServedPort>,
+    pub(crate) machine: Machine,
 }
 
 /// The embedded broker while it runs.
@@ -112,6 +114,7 @@ impl Broker {
     pub(crate) fn start(
         address: SocketAddr,
         access: BrokerAccess,
+        tls: Option<LiveTls>,
         refused: mpsc::Sender<Refused>,
     ) -> Result<Broker, GatewayError> {
         let secret = random_secret()?;
@@ -143,14 +146,15 @@ impl Broker {
         });
         let (stop, _) = broadcast::channel(1);
         let clients = TaskTracker::new();
-        let hall = Hall {
+        let hall = Arc::new(Hall {
             config: config(address),
             guard,
             router,
             storage,
+            tls,
             stop: stop.clone(),
             clients: clients.clone(),
-        };
+        });
         Ok(Broker {
             addr,
             stop,
@@ -192,6 +196,17 @@ impl Broker {
         self.clients.close();
         let _ = tokio::time::timeout(STOP_MAX, self.clients.wait()).await;
     }
+}
+
+/// The user of a connection: with a password, the owner of that token; without, of the certificate that it has shown. A name
+/// that is given must be the user's.
+fn who(tokens: &Tokens, connect: &ConnectPacket, certificate: Option<&Fingerprint>) -> Option<User> {
+    let name = connect.username.as_deref();
+    if let Some(password) = connect.password.as_deref() {
+        return tokens.user_of(password).filter(|user| user.name() == name);
+    }
+    let user = tokens.user_of_certificate(certificate?);
+    user.filter(|user| name.is_none_or(|name| user.name() == Some(name)))
 }
 
 /// True for a client whose session outlives its connection.
@@ -278,6 +293,7 @@ impl Guard {
     fn admit(
         &self,
         connect: &ConnectPacket,
+        certificate: Option<&Fingerprint>,
         from: SocketAddr,
         place: &Place,
     ) -> Result<Option<String>, (ReasonCode, String)> {
@@ -299,9 +315,8 @@ impl Guard {
         }
         let user = match &self.access.tokens {
             None => User::Anyone,
-            Some(tokens) => (tokens.now().user_of(password))
-                .filter(|user| user.name() == name)
-                .ok_or_else(|| self.wrong(from, "user and password are not name and token of a [[token]]"))?,
+            Some(tokens) => who(&tokens.now(), connect, certificate)
+                .ok_or_else(|| self.wrong(from, "user and password are not name and token of a [[token]], and there is no certificate of a [[certificate]]"))?,
         };
         let other = self.sessions.of(client_id);
         if other.is_some_and(|other| other.user.as_ref().and_then(User::name) != user.name()) {
@@ -440,7 +455,7 @@ impl Guard {
             let (topic, client) = (&event.topic, &event.client_id);
             let text = format!("retained message on {topic:.128} of {client:.64} refused: {text}");
             warn!("{text}");
-            self.access.port.notice(ServerNotice::Warning(text));
+            self.access.machine.notice(ServerNotice::Warning(text));
         }
     }
 
@@ -453,10 +468,11 @@ impl Guard {
     fn authenticate(
         &self,
         connect: &ConnectPacket,
+        certificate: Option<&Fingerprint>,
         address: SocketAddr,
         place: &Place,
     ) -> Answer<'static, mqtt5::Result<AuthResult>> {
-        let result = match self.admit(connect, address, place) {
+        let result = match self.admit(connect, certificate, address, place) {
             Ok(Some(user)) => AuthResult::success_with_user(user),
             Ok(None) => AuthResult::success(),
             // beyond the rate nothing is logged, so that nobody can fill the log

@@ -39,6 +39,9 @@ pub enum GatewayError {
     /// A TLS file cannot be used.
     #[error("[mqtt] {0}")]
     Tls(String),
+    /// The certificate of the listeners cannot be used.
+    #[error("{0}")]
+    ServerTls(String),
     /// No secret for the runtime's own connection to the embedded broker.
     #[error("the runtime cannot log in at its embedded broker: {0}")]
     Secret(#[from] crate::access::TokenError),

@@ -21,6 +21,7 @@ mod rest;
 mod server;
 mod settings;
 mod shared;
+mod tls;
 mod websocket;
 
 #[cfg(test)]
@@ -45,9 +46,12 @@ use server::LimitedListener;
 use settings::{HTTP_LISTEN, bind};
 use shared::Shared;
 
-pub use access::{NewToken, Role, TokenError, Tokens, mosquitto_acl, new_token};
+pub use access::{
+    NewToken, Role, TokenError, Tokens, certificate_entry, mosquitto_acl, new_token, pin_entry,
+};
 pub use error::GatewayError;
 pub use settings::{GatewaySettings, MqttSettings};
+pub use tls::ServerTls;
 
 /// Time for running HTTP requests to end at a shutdown; then they are aborted.
 const HTTP_STOP_MAX: Duration = Duration::from_secs(2);
@@ -87,21 +91,23 @@ impl Gateway {
         if let Some(problem) = settings.problems().into_iter().next() {
             return Err(problem);
         }
+        let machine = Machine::new(port);
         let address = settings.http_address()?;
         let listener = bind(HTTP_LISTEN, address)?;
         let http_addr = listener.local_addr().unwrap_or(address);
         let root = settings.mqtt.root(&settings.machine);
         let (refused_sender, refused) = mpsc::channel(mqtt::REFUSED_MAX);
         let tokens = settings.tokens.clone().map(LiveTokens::follow);
+        let tls = settings.live_tls(tokens.clone())?;
         let (broker, at) = match settings.mqtt_address()? {
             Some(address) => {
                 let access = BrokerAccess {
                     root: root.clone(),
                     runtime_client_id: mqtt::client_id(&settings.mqtt, &settings.machine),
                     tokens: tokens.clone(),
-                    port: Arc::clone(&port),
+                    machine: machine.clone(),
                 };
-                let broker = Broker::start(address, access, refused_sender)?;
+                let broker = Broker::start(address, access, tls.clone(), refused_sender)?;
                 let at = broker.address();
                 (Some(broker), at)
             }
@@ -109,12 +115,12 @@ impl Gateway {
         };
         let position_interval = Duration::from_millis(settings.position_interval_ms);
         let stop = CancellationToken::new();
-        let machine = Machine::new(port);
         // an external broker has users of its own
         let broker_users = tokens.clone().filter(|_| broker.is_some());
         let shared = Arc::new(Shared::new(
             machine.clone(),
             http_addr,
+            if tls.is_some() { "https" } else { "http" },
             Access::new(tokens),
             position_interval,
             stop.clone(),
@@ -134,6 +140,7 @@ impl Gateway {
         let http = tokio::spawn(server::serve(
             LimitedListener::new(listener),
             router,
+            tls,
             stop,
             server::HEADER_MAX,
         ));

@@ -17,36 +17,36 @@ use crate::shared::Shared;
 
 /// Admits requests with our Host, and our Origin or none.
 pub(crate) async fn guard(State(shared): State<Arc<Shared>>, request: Request, next: Next) -> Response {
-    match check(request.uri(), request.headers(), shared.http_addr) {
+    match check(request.uri(), request.headers(), shared.http_addr, shared.scheme) {
         Ok(()) => next.run(request).await,
         Err(problem) => problem.into_response(),
     }
 }
 
 /// A request may name its host twice: in its target (`GET http://host/path`) and in the Host header. Both must be the same.
-fn check(target: &Uri, headers: &HeaderMap, own: SocketAddr) -> Result<(), Problem> {
+fn check(target: &Uri, headers: &HeaderMap, own: SocketAddr, scheme: &str) -> Result<(), Problem> {
     let mut hosts = headers.get_all(header::HOST).iter();
     let host = hosts.next().and_then(|host| host.to_str().ok());
     let in_target = target.authority().map(Authority::as_str);
     let is_allowed = |host: &&str| {
         let is_named = in_target.is_none_or(|named| named.eq_ignore_ascii_case(host));
-        is_named && (!own.ip().is_loopback() || is_own(host, own))
+        is_named && (!own.ip().is_loopback() || is_own(host, own, scheme))
     };
     let (Some(host), None) = (host.filter(is_allowed), hosts.next()) else {
         return Err(Problem::new(
             StatusCode::FORBIDDEN,
             "foreign_host",
-            format!("the target or the Host header does not name this server; call it as http://{own}"),
+            format!("the target or the Host header does not name this server; call it as {scheme}://{own}"),
         ));
     };
     for origin in headers.get_all(header::ORIGIN) {
         let origin = origin.to_str().unwrap_or_default();
-        let page = origin.strip_prefix("http://");
+        let (of, page) = origin.split_once("://").unwrap_or_default();
         let is_ours = if own.ip().is_loopback() {
-            page.is_some_and(|page| is_own(page, own))
+            of == scheme && is_own(page, own, scheme)
         } else {
             // a reverse proxy may speak https
-            page.or_else(|| origin.strip_prefix("https://")) == Some(host)
+            [scheme, "https"].contains(&of) && page == host
         };
         if !is_ours {
             let text = "a web page of another origin may not use this machine";
@@ -57,12 +57,13 @@ fn check(target: &Uri, headers: &HeaderMap, own: SocketAddr) -> Result<(), Probl
 }
 
 /// True for a loopback name or address with our port, or the address listened on.
-fn is_own(host: &str, own: SocketAddr) -> bool {
+fn is_own(host: &str, own: SocketAddr, scheme: &str) -> bool {
+    let usual = if scheme == "https" { "443" } else { "80" };
     let (name, port) = match host.rsplit_once(':') {
         // a colon of an IPv6 address
-        Some((_, port)) if port.ends_with(']') => (host, "80"),
+        Some((_, port)) if port.ends_with(']') => (host, usual),
         Some(parts) => parts,
-        None => (host, "80"),
+        None => (host, usual),
     };
     let address = match name.strip_prefix('[').and_then(|name| name.strip_suffix(']')) {
         Some(name) => name.parse::<Ipv6Addr>().ok().map(Into::into),
@@ -78,7 +79,7 @@ mod tests {
     use super::*;
 
     fn check(headers: &HeaderMap, own: SocketAddr) -> Result<(), Problem> {
-        super::check(&Uri::from_static("/"), headers, own)
+        super::check(&Uri::from_static("/"), headers, own, "http")
     }
 
     fn headers(pairs: &[(header::HeaderName, &str)]) -> HeaderMap {
@@ -92,7 +93,7 @@ mod tests {
     fn loopback_names_with_our_port_are_ours() {
         let own = "127.0.0.1:8080".parse().unwrap();
         for host in ["127.0.0.1:8080", "localhost:8080", "LOCALHOST:8080", "[::1]:8080"] {
-            assert!(is_own(host, own), "{host}");
+            assert!(is_own(host, own, "http"), "{host}");
         }
         for host in [
             "127.0.0.1",
@@ -106,9 +107,21 @@ mod tests {
             "[::1]8080",
             "",
         ] {
-            assert!(!is_own(host, own), "{host}");
+            assert!(!is_own(host, own, "http"), "{host}");
         }
-        assert!(is_own("localhost", "127.0.0.1:80".parse().unwrap()));
+        assert!(is_own("localhost", "127.0.0.1:80".parse().unwrap(), "http"));
+        assert!(is_own("localhost", "127.0.0.1:443".parse().unwrap(), "https"));
+        assert!(!is_own("localhost", "127.0.0.1:80".parse().unwrap(), "https"));
+    }
+
+    #[test]
+    fn with_tls_only_our_page_over_https_is_ours() {
+        let own = "127.0.0.1:8080".parse().unwrap();
+        for (origin, allowed) in [("https://localhost:8080", true), ("http://localhost:8080", false)] {
+            let headers = headers(&[(header::HOST, "localhost:8080"), (header::ORIGIN, origin)]);
+            let checked = super::check(&Uri::from_static("/"), &headers, own, "https");
+            assert_eq!(checked.is_ok(), allowed, "{origin}");
+        }
     }
 
     #[test]
@@ -124,7 +137,7 @@ mod tests {
                 ("http://user@localhost:8080/api/v1/cs/1/stop", false),
                 ("http://127.0.0.1:8080/api/v1/cs/1/stop", false),
             ] {
-                let checked = super::check(&target.parse().unwrap(), &host, own);
+                let checked = super::check(&target.parse().unwrap(), &host, own, "http");
                 assert_eq!(checked.is_ok(), allowed, "{target} at {own}");
             }
         }

@@ -2,13 +2,14 @@
 
 use std::future::Future;
 use std::io;
+use std::net::{IpAddr, SocketAddr};
 use std::pin::Pin;
 use std::sync::Arc;
 use std::task::{Context, Poll};
 use std::time::Duration;
 
 use axum::extract::{Request, State};
-use axum::http::{HeaderValue, Method, StatusCode, header};
+use axum::http::{Extensions, HeaderValue, Method, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use axum::{Extension, Router};
@@ -20,7 +21,7 @@ use plc_api::types::command::Verb;
 use serde::Deserialize;
 use serde::de::IntoDeserializer;
 use serde::de::value::{Error as ValueError, StrDeserializer};
-use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
+use tokio::io::{AsyncRead, AsyncWrite, AsyncWriteExt as _, ReadBuf};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::time::{Instant, Sleep};
 use tokio_util::sync::CancellationToken;
@@ -29,6 +30,7 @@ use tower::Layer;
 use crate::places::{ACCEPT_RETRY, Place, PlaceLimits, Places};
 use crate::problem::Problem;
 use crate::shared::Shared;
+use crate::tls::{Accepted, ClientStream, Fingerprint, LiveTls};
 
 /// Places of connections.
 const PLACES: PlaceLimits = PlaceLimits {
@@ -51,10 +53,27 @@ const HEADER_LINES_MAX: usize = 64;
 /// Bytes of the head of one request; more are 431.
 const HEADER_BYTES_MAX: usize = 64 * 1024;
 
+/// Time to hand the refusal of a client without TLS to its connection.
+const REFUSAL_MAX: Duration = Duration::from_secs(2);
+
+/// Who is at the other end of a connection.
+#[derive(Debug, Clone)]
+pub(crate) struct Peer {
+    pub(crate) address: IpAddr,
+    /// The certificate that it has shown.
+    pub(crate) certificate: Option<Fingerprint>,
+}
+
+/// The certificate that the connection of a request has shown.
+pub(crate) fn certificate_of(extensions: &Extensions) -> Option<&Fingerprint> {
+    extensions.get::<Peer>()?.certificate.as_ref()
+}
+
 /// Serves until `stop`, then until the running requests have ended. `header_max` is [`HEADER_MAX`], less in tests.
 pub(crate) async fn serve(
     listener: LimitedListener,
     router: Router,
+    tls: Option<LiveTls>,
     stop: CancellationToken,
     header_max: Duration,
 ) {
@@ -67,27 +86,62 @@ pub(crate) async fn serve(
         .max_buf_size(HEADER_BYTES_MAX);
     let graceful = GracefulShutdown::new();
     loop {
-        let connection = tokio::select! {
-            connection = listener.accept() => connection,
+        let (stream, address, place) = tokio::select! {
+            accepted = listener.accept() => accepted,
             () = stop.cancelled() => break,
         };
-        let place = Arc::clone(&connection.place);
+        let (builder, router, tls, watcher) =
+            (builder.clone(), router.clone(), tls.clone(), graceful.watcher());
         let leave = place.leave();
-        let service = TowerToHyperService::new(Extension(place).layer(router.clone()));
-        let serving = builder
-            .serve_connection_with_upgrades(TokioIo::new(connection), service)
-            .into_owned();
-        let serving = graceful.watch(serving);
-        // a broken connection concerns only its client
+        let place = Arc::new(place);
+        let serving = async move {
+            let Some(accepted) = let_in(stream, tls.as_ref()).await else {
+                return;
+            };
+            let peer = Peer {
+                address: address.ip(),
+                certificate: accepted.certificate,
+            };
+            let router = Extension(peer).layer(Extension(Arc::clone(&place)).layer(router));
+            let connection = Connection::new(accepted.stream, place);
+            let serving = builder
+                .serve_connection_with_upgrades(TokioIo::new(connection), TowerToHyperService::new(router))
+                .into_owned();
+            // a broken connection concerns only its client
+            let _ = watcher.watch(serving).await;
+        };
         tokio::spawn(async move {
             tokio::select! {
-                _ = serving => {}
+                () = serving => {}
                 () = leave.cancelled() => {}
             }
         });
     }
     drop(listener);
     graceful.shutdown().await;
+}
+
+/// The connection of a client that speaks TLS where there is a certificate; another is told so.
+async fn let_in(stream: TcpStream, tls: Option<&LiveTls>) -> Option<Accepted> {
+    let Some(tls) = tls else {
+        return Some(Accepted::plain(stream));
+    };
+    let mut accepted = tls.accept(stream).await.ok()?;
+    if accepted.is_private() {
+        return Some(accepted);
+    }
+    let text = "this port speaks https only: write https:// in place of http://\n";
+    let answer = format!(
+        "HTTP/1.1 400 Bad Request\r\ncontent-type: text/plain\r\ncontent-length: {}\r\nconnection: close\r\n\r\n{text}",
+        text.len()
+    );
+    let refusing = async {
+        accepted.stream.write_all(answer.as_bytes()).await?;
+        accepted.stream.shutdown().await
+    };
+    // a client that does not take it has gone
+    let _ = tokio::time::timeout(REFUSAL_MAX, refusing).await;
+    None
 }
 
 /// Requests that are served also where there is no place for others: what brings a machine to rest.
@@ -103,7 +157,10 @@ pub(crate) async fn hold_place(State(shared): State<Arc<Shared>>, request: Reque
     let Some(place) = request.extensions().get::<Arc<Place>>().cloned() else {
         return next.run(request).await;
     };
-    let is_user = place.is_known() || shared.access.knows(request.headers());
+    let is_user = place.is_known()
+        || shared
+            .access
+            .knows(request.headers(), certificate_of(request.extensions()));
     let is_known = is_user && place.know(0);
     let is_full = is_user && !is_known && !is_urgent(request.method(), request.uri().path());
     let busy = place.busy().filter(|_| !is_full);
@@ -144,7 +201,7 @@ impl LimitedListener {
         }
     }
 
-    async fn accept(&self) -> Connection {
+    async fn accept(&self) -> (TcpStream, SocketAddr, Place) {
         loop {
             let (stream, address) = match self.listener.accept().await {
                 Ok(accepted) => accepted,
@@ -159,11 +216,7 @@ impl LimitedListener {
             };
             // without it responses are only slower
             let _ = stream.set_nodelay(true);
-            return Connection {
-                stream,
-                silence: Box::pin(tokio::time::sleep(SILENCE_MAX)),
-                place: Arc::new(place),
-            };
+            return (stream, address, place);
         }
     }
 }
@@ -171,12 +224,20 @@ impl LimitedListener {
 /// A connection that is closed when it stays silent.
 #[derive(Debug)]
 pub(crate) struct Connection {
-    stream: TcpStream,
+    stream: ClientStream,
     silence: Pin<Box<Sleep>>,
     place: Arc<Place>,
 }
 
 impl Connection {
+    fn new(stream: ClientStream, place: Arc<Place>) -> Self {
+        Self {
+            stream,
+            silence: Box::pin(tokio::time::sleep(SILENCE_MAX)),
+            place,
+        }
+    }
+
     /// Any traffic restarts the timer; its end is an error.
     fn watched<T>(&mut self, context: &mut Context<'_>, result: Poll<io::Result<T>>) -> Poll<io::Result<T>> {
         match result {
@@ -248,7 +309,8 @@ mod tests {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let listener = LimitedListener::new(listener);
         let address = listener.listener.local_addr().unwrap();
-        let (client, mut connection) = tokio::join!(TcpStream::connect(address), listener.accept());
+        let (client, (stream, _, place)) = tokio::join!(TcpStream::connect(address), listener.accept());
+        let mut connection = Connection::new(Accepted::plain(stream).stream, Arc::new(place));
         let begun = Instant::now();
         let error = connection.read_u8().await.unwrap_err();
         assert_eq!(error.kind(), io::ErrorKind::TimedOut);

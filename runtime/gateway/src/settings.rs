@@ -4,11 +4,13 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 
 use plc_api::TlsFiles;
+use plc_api::transport::mqtt::mqtt_over;
 use rumqttc::Transport;
 use tokio::net::{TcpListener, TcpSocket};
 
-use crate::access::Tokens;
+use crate::access::{LiveTokens, Tokens};
 use crate::error::GatewayError;
+use crate::tls::{LiveTls, ServerTls};
 
 /// Settings of all server ends of one machine.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -17,6 +19,8 @@ pub struct GatewaySettings {
     pub machine: String,
     /// `[http] listen`: address and port of REST, WebSocket and HMI. Port 0 takes any free port.
     pub http_listen: String,
+    /// `[tls]`: TLS of HTTP, WebSocket and the embedded broker; `None`: without.
+    pub tls: Option<ServerTls>,
     /// `[mqtt]`: the broker, embedded or external.
     pub mqtt: MqttSettings,
     /// `[http] token_file`: the users of HTTP and of the embedded broker. `None`: everyone on the loopback may do
@@ -55,6 +59,7 @@ impl Default for GatewaySettings {
         Self {
             machine: "mill-1".to_owned(),
             http_listen: "127.0.0.1:8080".to_owned(),
+            tls: None,
             mqtt: MqttSettings::default(),
             tokens: None,
             position_interval_ms: 100,
@@ -115,6 +120,8 @@ impl GatewaySettings {
         problems.extend(http.err());
         problems.extend(mqtt.err());
         problems.extend(self.mqtt.transport().err());
+        let tls = self.tls.as_ref().map(ServerTls::check);
+        problems.extend(tls.and_then(Result::err).map(GatewayError::ServerTls));
         problems
     }
 
@@ -129,6 +136,12 @@ impl GatewaySettings {
         listen
             .map(|listen| listen_address(MQTT_LISTEN, listen, self.tokens.is_some()))
             .transpose()
+    }
+
+    /// The certificate of the listeners, which follows its files.
+    pub(crate) fn live_tls(&self, tokens: Option<LiveTokens>) -> Result<Option<LiveTls>, GatewayError> {
+        let tls = self.tls.clone().map(|files| LiveTls::follow(files, tokens));
+        tls.transpose().map_err(GatewayError::ServerTls)
     }
 
     fn check_values(&self) -> Result<(), GatewayError> {
@@ -169,10 +182,9 @@ impl GatewaySettings {
 impl MqttSettings {
     /// TCP, or TLS, to the external broker.
     pub(crate) fn transport(&self) -> Result<Transport, GatewayError> {
-        let tls = self.tls.as_ref().map(TlsFiles::transport);
-        tls.transpose()
-            .map_err(GatewayError::Tls)
-            .map(|tls| tls.unwrap_or_else(Transport::tcp))
+        let tls = self.tls.as_ref().map(TlsFiles::client_config).transpose();
+        let tls = tls.map_err(GatewayError::Tls)?;
+        Ok(tls.map_or_else(Transport::tcp, mqtt_over))
     }
 
     /// Root of all topics of a machine, with its last slash.

@@ -35,6 +35,8 @@ pub(crate) const WEBSOCKETS_MAX: usize = 64;
 pub(crate) struct Shared {
     pub(crate) machine: Machine,
     pub(crate) http_addr: SocketAddr,
+    /// `http`, or `https` with a certificate.
+    pub(crate) scheme: &'static str,
     pub(crate) access: Access,
     pub(crate) metrics: Arc<Metrics>,
     pub(crate) position_interval: Duration,
@@ -51,6 +53,7 @@ impl Shared {
     pub(crate) fn new(
         machine: Machine,
         http_addr: SocketAddr,
+        scheme: &'static str,
         access: Access,
         position_interval: Duration,
         stop: CancellationToken,
@@ -58,6 +61,7 @@ impl Shared {
         Self {
             machine,
             http_addr,
+            scheme,
             access,
             metrics: Arc::default(),
             position_interval,

@@ -1,5 +1,6 @@
 //! The command line.
 
+mod cert;
 mod check;
 mod compile;
 mod completions;
@@ -64,6 +65,8 @@ enum Command {
     Plot(plot::Arguments),
     /// Runs an NC program in simulated time
     Simulate(simulate::Arguments),
+    /// Makes a certificate for TLS: of this machine, or of a client
+    Cert(cert::Arguments),
     /// Makes a token for an HMI, a sequence program or another system
     Token(token::Arguments),
     /// Prints the access rules of the token file for an external Mosquitto
@@ -91,6 +94,7 @@ pub fn run() -> ExitCode {
         Command::Init(arguments) => init::run(&arguments),
         Command::Plot(arguments) => plot::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
+        Command::Cert(arguments) => cert::run(&arguments),
         Command::Token(arguments) => token::run(&arguments),
         Command::MqttAcl(arguments) => mqtt_acl::run(&arguments),
         Command::Completions(arguments) => Ok(completions::run(&arguments)),

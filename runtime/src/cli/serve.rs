@@ -65,9 +65,14 @@ async fn serve(servable: Servable) -> anyhow::Result<()> {
 }
 
 fn announce(settings: &GatewaySettings, gateway: &Gateway, is_demo: bool) {
-    let http = gateway.http_addr();
+    let (scheme, of_broker) = if settings.tls.is_some() {
+        ("https", "mqtts")
+    } else {
+        ("http", "mqtt")
+    };
+    let http = format!("{scheme}://{}", gateway.http_addr());
     let broker = if let Some(address) = gateway.mqtt_addr() {
-        format!("mqtt://{address}  (embedded broker)")
+        format!("{of_broker}://{address}  (embedded broker)")
     } else {
         let broker = ExternalBroker {
             tls: settings.mqtt.tls.is_some(),
@@ -82,11 +87,11 @@ fn announce(settings: &GatewaySettings, gateway: &Gateway, is_demo: bool) {
     };
     let machine = &settings.machine;
     say(format!(
-        "Tandem {} runs machine {machine}.\n  HMI    http://{http}/\n  REST   http://{http}/api/v1/machine\n  MQTT   {broker}  topics {prefix}tandem/v1/{machine}/#",
+        "Tandem {} runs machine {machine}.\n  HMI    {http}/\n  REST   {http}/api/v1/machine\n  MQTT   {broker}  topics {prefix}tandem/v1/{machine}/#",
         env!("CARGO_PKG_VERSION")
     ));
     if is_demo {
-        let system = format!("http://{http}/api/v1/cs/1");
+        let system = format!("{http}/api/v1/cs/1");
         say(format!(
             "\nTry it: open the HMI, load program 1 and press Start. Or:\n  curl -X POST {system}/load -H 'Content-Type: application/json' -d '{{\"program\": 1}}'\n  curl -X POST {system}/start\n  curl {system}/state\nFor the part transfer load 3 in coordinate system 1 and 20 in 2, and start both."
         ));

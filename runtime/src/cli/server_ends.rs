@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use plc_api::TlsFiles;
-use tandem_gateway::{GatewayError, GatewaySettings, MqttSettings, Tokens};
+use tandem_gateway::{GatewayError, GatewaySettings, MqttSettings, ServerTls, Tokens};
 use tandem_runtime::{Broker, Config, Machine};
 
 use super::read_config;
@@ -67,6 +67,10 @@ pub(super) fn settings(config: &Config) -> (GatewaySettings, Vec<String>) {
     let settings = GatewaySettings {
         machine: config.machine.name.clone(),
         http_listen: config.http.listen.clone(),
+        tls: config.tls.as_ref().map(|tls| ServerTls {
+            cert_file: config.base_dir.join(&tls.cert_file),
+            key_file: config.base_dir.join(&tls.key_file),
+        }),
         mqtt: mqtt_settings(config, &mut problems),
         tokens,
         ..GatewaySettings::default()

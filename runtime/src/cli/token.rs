@@ -1,16 +1,23 @@
 //! `tandem token`: makes a token for an HMI, a sequence program or another system.
 
 use std::fs::OpenOptions;
-use std::io::{self, Write};
+use std::io::{self, BufRead as _, IsTerminal as _, Read as _, Write};
 use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime};
 
 use anyhow::{Context, Error};
 use clap::Args;
 use clap::builder::PossibleValuesParser;
-use tandem_gateway::{Role, Tokens, new_token};
+use tandem_gateway::{Role, Tokens, new_token, pin_entry};
 
 use super::{EXIT_FOUND, EXIT_OK, Ran, complain, say};
+
+/// Bytes of the line with a PIN.
+const PIN_LINE_MAX: u64 = 1024;
+
+/// Seconds of a day.
+pub(super) const DAY_S: u64 = 24 * 60 * 60;
 
 #[derive(Args)]
 pub struct Arguments {
@@ -22,13 +29,25 @@ pub struct Arguments {
     /// Token file to append its entry to; made with mode 0600 where there is none
     #[arg(long, value_name = "FILE")]
     file: Option<PathBuf>,
+    /// Days for which it counts; without end where it is not given
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..=3650))]
+    days: Option<u64>,
+    /// For a person: a PIN, read from standard input, instead of a token; for `POST /api/v1/login` and the HMI
+    #[arg(long)]
+    pin: bool,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Ran {
     let name = &arguments.name;
     let role = Role::of_word(&arguments.role);
     let role = role.with_context(|| format!("there is no role {}", arguments.role))?;
-    let new = new_token(name, role).map_err(Error::msg)?;
+    let until = arguments
+        .days
+        .map(|days| SystemTime::now() + Duration::from_secs(days * DAY_S));
+    if arguments.pin {
+        return of_person(arguments, role, until);
+    }
+    let new = new_token(name, role, until).map_err(Error::msg)?;
     let Some(path) = &arguments.file else {
         say(format!(
             "token: {}\nIt is shown once. Its entry of the token file:\n\n{}",
@@ -38,21 +57,68 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
         return Ok(EXIT_OK);
     };
     let shown = path.display();
-    let exists = path.exists();
-    let is_taken = |tokens: Tokens| tokens.users().any(|(known, _)| known == name);
-    if exists && Tokens::read(path).map(is_taken).map_err(Error::msg)? {
+    if is_known(path, name)? {
         complain(format!(
             "{shown} has a token {name} already; remove its entry, or choose another name"
         ));
         return Ok(EXIT_FOUND);
     }
-    let gap = if exists { "\n" } else { "" };
-    append(path, &format!("{gap}{}", new.entry)).with_context(|| format!("cannot write {shown}"))?;
+    add_entry(path, &new.entry)?;
     say(format!(
         "token: {}\nIt is shown once. {shown} has its entry; a runtime that runs with the file reads it within 5 s.",
         new.token
     ));
     Ok(EXIT_OK)
+}
+
+/// Makes the entry of a person, whose PIN is the first line of standard input.
+fn of_person(arguments: &Arguments, role: Role, until: Option<SystemTime>) -> Ran {
+    let name = &arguments.name;
+    if let Some(path) = arguments.file.as_ref().filter(|_| io::stdin().is_terminal()) {
+        complain(format!(
+            "PIN of {name} for {} (it is shown as you type):",
+            path.display()
+        ));
+    }
+    let mut pin = String::new();
+    io::stdin()
+        .lock()
+        .take(PIN_LINE_MAX)
+        .read_line(&mut pin)
+        .context("no PIN can be read")?;
+    let entry = pin_entry(name, role, pin.trim_end_matches(['\r', '\n']), until).map_err(Error::msg)?;
+    let Some(path) = &arguments.file else {
+        say(entry.trim_end());
+        return Ok(EXIT_OK);
+    };
+    if is_known(path, name)? {
+        complain(format!(
+            "{} has an entry {name} already; remove it, or choose another name",
+            path.display()
+        ));
+        return Ok(EXIT_FOUND);
+    }
+    add_entry(path, &entry)?;
+    say(format!(
+        "{} has the entry of {name}; a runtime that runs with the file reads it within 5 s.",
+        path.display()
+    ));
+    Ok(EXIT_OK)
+}
+
+/// True where the token file has an entry of this name.
+pub(super) fn is_known(path: &Path, name: &str) -> anyhow::Result<bool> {
+    if !path.exists() {
+        return Ok(false);
+    }
+    let tokens = Tokens::read(path).map_err(Error::msg)?;
+    Ok(tokens.users().any(|(known, _)| known == name))
+}
+
+/// Appends an entry to the token file; makes one where there is none.
+pub(super) fn add_entry(path: &Path, entry: &str) -> anyhow::Result<()> {
+    let gap = if path.exists() { "\n" } else { "" };
+    append(path, &format!("{gap}{entry}")).with_context(|| format!("cannot write {}", path.display()))
 }
 
 fn append(path: &Path, entry: &str) -> io::Result<()> {

@@ -68,6 +68,8 @@ pub struct Config {
     /// `[http]`
     #[serde(default)]
     pub http: HttpConfig,
+    /// `[tls]`
+    pub tls: Option<TlsConfig>,
     /// Folder that relative paths start from.
     #[serde(skip)]
     pub base_dir: PathBuf,
@@ -373,6 +375,16 @@ pub struct MqttConfig {
     pub prefix: String,
     /// What a program that waits for a reset does while the broker is lost.
     pub on_bus_loss: OnBusLoss,
+}
+
+/// `[tls]`: TLS of HTTP, WebSocket and the embedded broker. `tandem cert new` makes both files.
+#[derive(Debug, Clone, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct TlsConfig {
+    /// Certificate of the machine in PEM, with any intermediate ones behind it; read again when it changes.
+    pub cert_file: PathBuf,
+    /// Its private key in PEM, with mode 0600.
+    pub key_file: PathBuf,
 }
 
 /// `[http]`

@@ -7,7 +7,7 @@ use serde_json::Value;
 use super::error::known;
 use super::{
     Config, CoordinateSystemConfig, HttpConfig, MCodeConfig, MachineConfig, MotorConfig, MqttConfig,
-    SimulatedSkipConfig, ToolConfig,
+    SimulatedSkipConfig, TlsConfig, ToolConfig,
 };
 
 /// A key of the configuration.
@@ -91,6 +91,7 @@ impl Config {
             ("simulated_skip", order_of::<SimulatedSkipConfig>()),
             ("mqtt", order_of::<MqttConfig>()),
             ("http", order_of::<HttpConfig>()),
+            ("tls", order_of::<TlsConfig>()),
         ];
         let mut keys = Vec::new();
         for (name, order) in tables {

@@ -157,7 +157,7 @@ impl Served {
             rest.split(['/', ' ']).next().expect("an address").to_owned()
         };
         let rest = process.line("the HTTP address", |line| line.trim_start().starts_with("REST"));
-        let http = after(&rest, "http://");
+        let http = after(&rest, "://");
         let mqtt = process.line("the MQTT address", |line| line.trim_start().starts_with("MQTT"));
         let broker = after(&mqtt, "://");
         Self {

@@ -8,9 +8,11 @@ use crate::error::Error;
 /// Path of the interface below the server.
 const API: &str = "/api/v1";
 
-/// `http://[[user:]token@]host[:port]`, parsed.
+/// `http://[[user:]token@]host[:port]` or `https://...`, parsed.
 #[derive(Clone, PartialEq, Eq)]
 pub(super) struct Address {
+    /// With TLS.
+    pub(super) tls: bool,
     /// URL of the interface, without a slash at the end.
     pub(super) http: String,
     /// URL of its WebSocket.
@@ -31,7 +33,12 @@ impl std::fmt::Debug for Address {
 
 impl Address {
     pub(super) fn parse(text: &str) -> Result<Self, Error> {
-        let rest = text.strip_prefix("http://").unwrap_or(text);
+        let (tls, rest) = match text.split_once("://") {
+            Some(("https", rest)) => (true, rest),
+            Some(("http", rest)) => (false, rest),
+            _ => (false, text),
+        };
+        let (http, websocket) = if tls { ("https", "wss") } else { ("http", "ws") };
         let with_user = rest.rsplit_once('@');
         let (credentials, host) = with_user.map_or((None, rest), |(user, host)| (Some(user), host));
         let (user, token) = match credentials.and_then(|both| both.split_once(':')) {
@@ -39,7 +46,7 @@ impl Address {
             None => (None, credentials),
         };
         let host = host.trim_end_matches('/');
-        let shown = format!("http://{host}");
+        let shown = format!("{http}://{host}");
         let wrong = |reason: &str| Error::Address {
             address: shown.clone(),
             reason: reason.to_owned(),
@@ -62,8 +69,9 @@ impl Address {
             return Err(wrong(&format!("{port:?} is not a port number")));
         }
         Ok(Self {
-            http: format!("http://{host}{API}"),
-            websocket: format!("ws://{host}{API}/ws"),
+            tls,
+            http: format!("{shown}{API}"),
+            websocket: format!("{websocket}://{host}{API}/ws"),
             user: user.map(str::to_owned),
             token: token.map(str::to_owned),
             shown,
@@ -81,6 +89,10 @@ mod tests {
         assert_eq!(address.http, "http://127.0.0.1:8080/api/v1");
         assert_eq!(address.websocket, "ws://127.0.0.1:8080/api/v1/ws");
         assert_eq!(address.token, None);
+        let address = Address::parse("https://127.0.0.1:8080/").unwrap();
+        assert!(address.tls);
+        assert_eq!(address.http, "https://127.0.0.1:8080/api/v1");
+        assert_eq!(address.websocket, "wss://127.0.0.1:8080/api/v1/ws");
         let address = Address::parse("http://s3cret@mill-1").unwrap();
         assert_eq!(address.token.as_deref(), Some("s3cret"));
         assert!(!format!("{address:?}").contains("s3cret"));

@@ -8,7 +8,7 @@ use tokio::net::TcpStream;
 use tokio_tungstenite::tungstenite::client::IntoClientRequest;
 use tokio_tungstenite::tungstenite::http::HeaderValue;
 use tokio_tungstenite::tungstenite::{self, Message as Frame};
-use tokio_tungstenite::{MaybeTlsStream, WebSocketStream};
+use tokio_tungstenite::{Connector, MaybeTlsStream, WebSocketStream, connect_async_tls_with_config};
 
 use crate::lock::lock;
 use crate::types::message::{Message, Payload};
@@ -52,7 +52,12 @@ async fn open(shared: &Shared) -> tungstenite::Result<Socket> {
             .map_err(|error| tungstenite::Error::HttpFormat(error.into()))?;
         request.headers_mut().insert("authorization", bearer);
     }
-    let (mut socket, _) = tokio_tungstenite::connect_async(request).await?;
+    let connector = if shared.address.tls {
+        Connector::Rustls(Arc::clone(&shared.tls))
+    } else {
+        Connector::Plain
+    };
+    let (mut socket, _) = connect_async_tls_with_config(request, None, false, Some(connector)).await?;
     let subscribe = ClientFrame {
         subscribe: vec!["#".to_owned()],
         ..ClientFrame::default()

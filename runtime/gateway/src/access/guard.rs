@@ -11,15 +11,23 @@ use super::User;
 use super::http::{Access, forbidden};
 use crate::contract::routes::{API, Found, find};
 use crate::problem::Problem;
-use crate::server::is_urgent;
+use crate::server::{certificate_of, is_urgent};
 use crate::shared::Shared;
+use crate::tls::Fingerprint;
 
 /// Admits requests to routes of the table only, and only from users with the right. Handlers find the [`User`] in the
 /// request's extensions.
 pub(crate) async fn guard(State(shared): State<Arc<Shared>>, mut request: Request, next: Next) -> Response {
     let path = request.extensions().get::<MatchedPath>().cloned();
     let path = path.as_ref().map(MatchedPath::as_str);
-    match admit(&shared.access, request.method(), path, request.headers()) {
+    let certificate = certificate_of(request.extensions());
+    match admit(
+        &shared.access,
+        request.method(),
+        path,
+        request.headers(),
+        certificate,
+    ) {
         Ok(user) => {
             request.extensions_mut().insert(user);
             next.run(request).await
@@ -33,6 +41,7 @@ fn admit(
     method: &Method,
     path: Option<&str>,
     headers: &HeaderMap,
+    certificate: Option<&Fingerprint>,
 ) -> Result<User, Box<Response>> {
     let refuse = |problem: Problem| Box::new(problem.into_response());
     let found = path
@@ -42,7 +51,7 @@ fn admit(
         return Ok(User::Stranger);
     }
     let is_urgent = path.is_some_and(|path| is_urgent(method, path));
-    let user = access.user(headers, is_urgent).map_err(refuse)?;
+    let user = access.user(headers, certificate, is_urgent).map_err(refuse)?;
     match found {
         Found::Route(right) if right.is_none_or(|right| user.has(right)) => Ok(user),
         Found::Route(_) => Err(refuse(forbidden(format!(

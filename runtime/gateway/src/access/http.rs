@@ -5,8 +5,10 @@ use std::time::Duration;
 
 use axum::http::{HeaderMap, StatusCode, header};
 
-use super::{LiveTokens, Rate, Rates, User};
+use super::login::Logins;
+use super::{LiveTokens, Rate, Rates, Tokens, User};
 use crate::problem::Problem;
+use crate::tls::Fingerprint;
 
 /// Sub-protocol of our WebSocket.
 pub(crate) const WEBSOCKET_PROTOCOL: &str = "tandem.v1";
@@ -35,6 +37,8 @@ pub(crate) struct Access {
     // the same for hold, stop and abort, beside all others
     urgent: Rates<String>,
     wrong: Rate,
+    /// Persons who have logged in.
+    pub(crate) logins: Logins,
 }
 
 impl Access {
@@ -45,22 +49,27 @@ impl Access {
             urgent: Rates::new(URGENT_BURST, URGENT_PER_SECOND),
             tokens,
             wrong: Rate::new(WRONG_BURST, WRONG_PER_SECOND),
+            logins: Logins::default(),
         }
     }
 
     /// Whether a request comes from a user.
-    pub(crate) fn knows(&self, headers: &HeaderMap) -> bool {
-        let is_of_user =
-            |tokens: &LiveTokens| token(headers).is_some_and(|token| tokens.now().user_of(token).is_some());
+    pub(crate) fn knows(&self, headers: &HeaderMap, certificate: Option<&Fingerprint>) -> bool {
+        let is_of_user = |tokens: &LiveTokens| self.who(&tokens.now(), headers, certificate).is_some();
         self.tokens.as_ref().is_none_or(is_of_user)
     }
 
     /// The user of a request. Hold, stop and abort, which are urgent, have a rate of their own.
-    pub(crate) fn user(&self, headers: &HeaderMap, is_urgent: bool) -> Result<User, Problem> {
+    pub(crate) fn user(
+        &self,
+        headers: &HeaderMap,
+        certificate: Option<&Fingerprint>,
+        is_urgent: bool,
+    ) -> Result<User, Problem> {
         let Some(tokens) = &self.tokens else {
             return Ok(User::Anyone);
         };
-        let Some(user) = token(headers).and_then(|token| tokens.now().user_of(token)) else {
+        let Some(user) = self.who(&tokens.now(), headers, certificate) else {
             return Err(match self.wrong.take() {
                 Ok(()) => Problem::new(
                     StatusCode::UNAUTHORIZED,
@@ -76,13 +85,23 @@ impl Access {
         Ok(user)
     }
 
+    /// The user of a token, or of the login that has given it; where none is shown, the user of the certificate.
+    fn who(&self, tokens: &Tokens, headers: &HeaderMap, certificate: Option<&Fingerprint>) -> Option<User> {
+        match token(headers) {
+            Some(shown) => tokens
+                .user_of(shown)
+                .or_else(|| self.logins.user_of(tokens, shown)),
+            None => tokens.user_of_certificate(certificate?),
+        }
+    }
+
     /// The tokens; `None` if none are needed.
     pub(crate) fn tokens(&self) -> Option<LiveTokens> {
         self.tokens.clone()
     }
 }
 
-fn too_many(wait: Duration) -> Problem {
+pub(crate) fn too_many(wait: Duration) -> Problem {
     let text = format!("too many requests; send it again in {} ms", wait.as_millis() + 1);
     Problem::new(StatusCode::TOO_MANY_REQUESTS, "too_many_requests", text)
 }
@@ -93,7 +112,7 @@ pub(crate) fn forbidden(text: String) -> Problem {
 }
 
 /// The token of a request. Two tokens count as none.
-fn token(headers: &HeaderMap) -> Option<&[u8]> {
+pub(crate) fn token(headers: &HeaderMap) -> Option<&[u8]> {
     let mut authorizations = headers.get_all(header::AUTHORIZATION).iter();
     let mut protocols = headers
         .get_all(header::SEC_WEBSOCKET_PROTOCOL)

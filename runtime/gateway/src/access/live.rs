@@ -1,7 +1,7 @@
 //! The tokens in force. Their file is read again when it changes, so tokens are added and revoked without a restart.
 
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use tokio::sync::{Notify, watch};
 use tracing::{info, warn};
@@ -23,7 +23,8 @@ pub(crate) struct LiveTokens {
 impl LiveTokens {
     /// Tokens that follow their file while anybody holds them.
     pub(crate) fn follow(tokens: Arc<Tokens>) -> Self {
-        let (sender, tokens) = watch::channel(tokens);
+        let left = tokens.without_expired(SystemTime::now()).map(Arc::new);
+        let (sender, tokens) = watch::channel(left.unwrap_or(tokens));
         let again = Arc::new(Notify::new());
         tokio::spawn(look_again(sender, Arc::clone(&again)));
         Self { tokens, again }
@@ -71,6 +72,11 @@ async fn look_again(sender: watch::Sender<Arc<Tokens>>, again: Arc<Notify>) {
         };
         let stamp = tokio::fs::metadata(&path).await.ok().map(|file| Stamp::of(&file));
         if stamp == seen && !is_asked {
+            let left = sender.borrow().without_expired(SystemTime::now());
+            if let Some(left) = left {
+                info!("a token of {} counts no more: its time is over", path.display());
+                sender.send_replace(Arc::new(left));
+            }
             continue;
         }
         seen = stamp;
@@ -78,6 +84,7 @@ async fn look_again(sender: watch::Sender<Arc<Tokens>>, again: Arc<Notify>) {
         match tokio::task::spawn_blocking(move || Tokens::read(&file)).await {
             Ok(Ok(tokens)) => {
                 seen = tokens.file().map(|(_, stamp)| stamp);
+                let tokens = tokens.without_expired(SystemTime::now()).unwrap_or(tokens);
                 if !tokens.same_users(&sender.borrow()) {
                     info!("the token file {} was read again", path.display());
                     sender.send_replace(Arc::new(tokens));
@@ -104,8 +111,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("tokens.toml");
         let (one, two) = (
-            new_token("one", Role::View).unwrap(),
-            new_token("two", Role::Admin).unwrap(),
+            new_token("one", Role::View, None).unwrap(),
+            new_token("two", Role::Admin, None).unwrap(),
         );
         let write = |text: &str, mode: u32| {
             // as an editor or a tool does: written beside, then put in its place

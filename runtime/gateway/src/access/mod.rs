@@ -1,12 +1,16 @@
 //! Access control: every request needs a [`Right`], a [`Role`] is a set of rights, and a token identifies a user
 //! with a role. Without a token file everyone on the loopback is `admin`.
 
+mod entries;
 pub(crate) mod guard;
 pub(crate) mod http;
 mod live;
+pub(crate) mod login;
 mod mosquitto;
+mod pin;
 mod rate;
 pub(crate) mod rules;
+mod token;
 mod tokens;
 pub(crate) mod topics;
 
@@ -15,11 +19,14 @@ use std::sync::Arc;
 use plc_api::wire::right::Right;
 use serde::{Deserialize, Serialize};
 
+pub use entries::{NewToken, certificate_entry, new_token, pin_entry};
 pub(crate) use live::LiveTokens;
 pub use mosquitto::mosquitto_acl;
 pub(crate) use rate::{Rate, Rates};
-pub use tokens::{NewToken, TokenError, Tokens, new_token};
-pub(crate) use tokens::{Token, random_secret};
+pub use token::TokenError;
+pub(crate) use token::{Token, random_secret};
+pub(crate) use tokens::Stamp;
+pub use tokens::Tokens;
 
 /// What a user may do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

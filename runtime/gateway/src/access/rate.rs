@@ -23,7 +23,7 @@ struct State {
 }
 
 impl Rate {
-    pub(crate) fn new(burst: u32, per_second: u32) -> Self {
+    pub(crate) fn new(burst: u32, per_second: impl Into<f64>) -> Self {
         let burst = f64::from(burst);
         let state = State {
             left: burst,
@@ -31,7 +31,7 @@ impl Rate {
         };
         Self {
             burst,
-            per_second: f64::from(per_second),
+            per_second: per_second.into(),
             state: Mutex::new(state),
         }
     }
@@ -67,7 +67,7 @@ impl Rate {
 #[derive(Debug)]
 pub(crate) struct Rates<K> {
     burst: u32,
-    per_second: u32,
+    per_second: f64,
     by_key: Mutex<HashMap<K, Arc<Rate>>>,
 }
 
@@ -75,10 +75,10 @@ pub(crate) struct Rates<K> {
 const KEYS_MAX: usize = 1024;
 
 impl<K: Clone + Eq + Hash> Rates<K> {
-    pub(crate) fn new(burst: u32, per_second: u32) -> Self {
+    pub(crate) fn new(burst: u32, per_second: impl Into<f64>) -> Self {
         Self {
             burst,
-            per_second,
+            per_second: per_second.into(),
             by_key: Mutex::default(),
         }
     }

@@ -2,108 +2,22 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::SystemTime;
 
-use serde::Deserialize;
 use sha2::{Digest, Sha256};
 use subtle::{ConditionallySelectable, ConstantTimeEq};
 
+use super::entries::read;
+use super::token::{Proof, Token, TokenError};
 use super::{Role, User};
 
-/// Bytes of a token file. Reason: [`TOKENS_MAX`] entries with long names fit.
+/// Bytes of a token file. Reason: 1000 entries with long names fit.
 const FILE_MAX: u64 = 512 * 1024;
-
-/// Tokens of one file. Reason: each request is compared with every one.
-const TOKENS_MAX: usize = 1000;
-
-/// Characters of a user's name, which is also a topic level and a file name.
-const NAME_MAX: usize = 64;
 
 /// Bytes of a presented token; a longer one is not hashed. Reason: ours have 64.
 const PRESENTED_MAX: usize = 512;
 
-/// Random bytes of a new token. Nobody can guess them, so a plain digest is as safe as a slow one.
-const TOKEN_BYTES: usize = 32;
-
-/// Why a token file cannot be used.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum TokenError {
-    /// It cannot be read.
-    #[error("token file {}: {source}", path.display())]
-    Unreadable {
-        /// The file.
-        path: PathBuf,
-        /// The system's error.
-        source: std::io::Error,
-    },
-    /// Others than its owner may read or write it.
-    #[error("token file {}: its mode is {mode:03o}, so that others may read or write it; run chmod 600 {}", path.display(), path.display())]
-    Open {
-        /// The file.
-        path: PathBuf,
-        /// Its permission bits.
-        mode: u32,
-    },
-    /// It is malformed.
-    #[error("token file {}: {text}", path.display())]
-    Wrong {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong, and how to correct it.
-        text: String,
-    },
-    /// The name of a new token cannot be used.
-    #[error(
-        "{0:?} is not a name for a token; write 1 to 64 of a to z, A to Z, 0 to 9, . _ -, not beginning with . or -"
-    )]
-    Name(String),
-    /// The system provides no random bytes.
-    #[error("the system gives no random bytes: {0}")]
-    Random(String),
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct File {
-    #[serde(default)]
-    token: Vec<FileEntry>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct FileEntry {
-    name: String,
-    role: Role,
-    sha256: String,
-}
-
-/// An entry of the token file.
-#[derive(PartialEq, Eq)]
-pub(crate) struct Token {
-    pub(crate) name: String,
-    pub(crate) role: Role,
-    digest: [u8; 32],
-}
-
-impl Token {
-    /// A user with a token that nobody can present.
-    #[cfg(test)]
-    pub(crate) fn user_for_test(name: &str, role: Role) -> User {
-        User::Token(Arc::new(Token {
-            name: name.to_owned(),
-            role,
-            digest: [0; 32],
-        }))
-    }
-}
-
-impl std::fmt::Debug for Token {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(&self.name)
-    }
-}
-
-/// The tokens of a machine.
+/// The tokens and certificates of a machine's users.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Tokens {
     tokens: Vec<Arc<Token>>,
@@ -112,14 +26,14 @@ pub struct Tokens {
 
 /// Identifies the content of a file without reading it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Stamp {
+pub(crate) struct Stamp {
     inode: u64,
     bytes: u64,
     modified: (i64, i64),
 }
 
 impl Stamp {
-    pub(super) fn of(file: &std::fs::Metadata) -> Self {
+    pub(crate) fn of(file: &std::fs::Metadata) -> Self {
         use std::os::unix::fs::MetadataExt as _;
         Self {
             inode: file.ino(),
@@ -177,6 +91,11 @@ impl Tokens {
         })
     }
 
+    pub(super) fn parse(text: &str) -> Result<Tokens, String> {
+        let tokens = read(text)?.into_iter().map(Arc::new).collect();
+        Ok(Tokens { tokens, file: None })
+    }
+
     /// The file they were read from, and its state then.
     pub(super) fn file(&self) -> Option<(PathBuf, Stamp)> {
         self.file.clone()
@@ -186,30 +105,34 @@ impl Tokens {
         self.tokens == other.tokens
     }
 
-    fn parse(text: &str) -> Result<Tokens, String> {
-        // only the message: the file's lines must not appear in a log
-        let file: File = toml::from_str(text).map_err(|error| error.message().to_owned())?;
-        if file.token.is_empty() {
-            return Err("it has no [[token]]; make one with tandem token NAME --role ROLE".to_owned());
-        }
-        if file.token.len() > TOKENS_MAX {
-            return Err(format!("it has more than {TOKENS_MAX} tokens"));
-        }
-        let mut tokens: Vec<Arc<Token>> = Vec::with_capacity(file.token.len());
-        for FileEntry { name, role, sha256 } in file.token {
-            if !is_name(&name) {
-                return Err(TokenError::Name(name).to_string());
-            }
-            let mut digest = [0; 32];
-            hex::decode_to_slice(sha256, &mut digest)
-                .map_err(|_| format!("token {name}: sha256 is 64 hexadecimal digits"))?;
-            let is_same = |token: &Arc<Token>| token.name == name || token.digest == digest;
-            if tokens.iter().any(is_same) {
-                return Err(format!("token {name}: its name or sha256 is there twice"));
-            }
-            tokens.push(Arc::new(Token { name, role, digest }));
-        }
-        Ok(Tokens { tokens, file: None })
+    /// The same without those whose time is over; `None`: there are none.
+    pub(super) fn without_expired(&self, now: SystemTime) -> Option<Tokens> {
+        let counts = |token: &&Arc<Token>| token.until.is_none_or(|until| now < until);
+        let tokens: Vec<_> = self.tokens.iter().filter(counts).cloned().collect();
+        (tokens.len() < self.tokens.len()).then(|| Tokens {
+            tokens,
+            file: self.file.clone(),
+        })
+    }
+
+    /// True where a user may show a certificate.
+    pub(crate) fn names_certificates(&self) -> bool {
+        self.tokens
+            .iter()
+            .any(|token| matches!(token.proof, Proof::Certificate(_)))
+    }
+
+    /// The owner of a certificate with this SHA-256.
+    pub(crate) fn user_of_certificate(&self, fingerprint: &[u8; 32]) -> Option<User> {
+        let proof = Proof::Certificate(*fingerprint);
+        let token = self.tokens.iter().find(|token| token.proof == proof);
+        token.cloned().map(User::Token)
+    }
+
+    /// The user with this name who types a PIN.
+    pub(super) fn with_pin(&self, name: &str) -> Option<Arc<Token>> {
+        let mut persons = self.tokens.iter().filter(|token| token.pin().is_some());
+        persons.find(|token| token.name == name).cloned()
     }
 
     /// Names and roles, in the order of the file.
@@ -239,62 +162,19 @@ impl Tokens {
         let digest: [u8; 32] = Sha256::digest(presented).into();
         let mut place = u64::MAX;
         for (at, token) in (0..).zip(&self.tokens) {
-            place.conditional_assign(&at, token.digest.ct_eq(&digest));
+            if let Proof::Token(known) = &token.proof {
+                place.conditional_assign(&at, known.ct_eq(&digest));
+            }
         }
         let token = self.tokens.get(usize::try_from(place).ok()?)?;
         Some(User::Token(Arc::clone(token)))
     }
 }
 
-/// A new token.
-pub struct NewToken {
-    /// The token itself: shown once, stored nowhere.
-    pub token: String,
-    /// Its entry for a token file.
-    pub entry: String,
-}
-
-impl std::fmt::Debug for NewToken {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("NewToken").finish_non_exhaustive()
-    }
-}
-
-/// Makes a token of 256 random bits.
-///
-/// # Errors
-/// The name cannot be used, or the system provides no random bytes.
-pub fn new_token(name: &str, role: Role) -> Result<NewToken, TokenError> {
-    if !is_name(name) {
-        return Err(TokenError::Name(name.to_owned()));
-    }
-    let token = random_secret()?;
-    let digest = hex::encode(Sha256::digest(token.as_bytes()));
-    let entry = format!(
-        "[[token]]\nname = \"{name}\"\nrole = \"{}\"\nsha256 = \"{digest}\"\n",
-        role.word()
-    );
-    Ok(NewToken { token, entry })
-}
-
-/// 256 random bits as hexadecimal digits.
-pub(crate) fn random_secret() -> Result<String, TokenError> {
-    let mut bytes = [0_u8; TOKEN_BYTES];
-    getrandom::fill(&mut bytes).map_err(|error| TokenError::Random(error.to_string()))?;
-    Ok(hex::encode(bytes))
-}
-
-fn is_name(name: &str) -> bool {
-    (1..=NAME_MAX).contains(&name.len())
-        && !name.starts_with(['.', '-'])
-        && name
-            .chars()
-            .all(|c| c.is_ascii_alphanumeric() || ['.', '_', '-'].contains(&c))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::access::entries::{certificate_entry, new_token};
 
     // SHA-256 of "abc", from FIPS 180-4
     const ABC: &str = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
@@ -333,14 +213,58 @@ mod tests {
     }
 
     #[test]
+    fn a_token_counts_until_its_end_and_a_file_may_say_one_for_each() {
+        let until = humantime::parse_rfc3339("2027-01-31T12:00:00Z").unwrap();
+        let new = new_token("cell", Role::View, Some(until)).unwrap();
+        assert!(
+            new.entry.contains("until = \"2027-01-31T12:00:00Z\""),
+            "{}",
+            new.entry
+        );
+        let forever = entry("hmi-1", "operate", &"0".repeat(64));
+        let tokens = Tokens::parse(&(new.entry + &forever)).unwrap();
+        assert!(
+            tokens
+                .without_expired(until - std::time::Duration::from_secs(1))
+                .is_none()
+        );
+        let left = tokens.without_expired(until).unwrap();
+        assert_eq!(left.users().collect::<Vec<_>>(), [("hmi-1", Role::Operate)]);
+        assert_eq!(left.user_of(new.token.as_bytes()), None);
+        let error = Tokens::parse(&(entry("a", "view", ABC) + "until = \"tomorrow\"\n")).unwrap_err();
+        assert!(error.contains("2027-01-31T00:00:00Z"), "{error}");
+    }
+
+    #[test]
+    fn a_certificate_is_shown_in_the_handshake_and_never_as_a_token() {
+        let named = certificate_entry("panel", Role::Operate, b"abc", None).unwrap();
+        let tokens = Tokens::parse(&named).unwrap();
+        assert!(tokens.names_certificates());
+        assert_eq!(tokens.user_of(b"abc"), None, "its bytes are no secret");
+        let digest: [u8; 32] = Sha256::digest(b"abc").into();
+        let user = tokens.user_of_certificate(&digest).unwrap();
+        assert_eq!((user.name(), user.role()), (Some("panel"), Role::Operate));
+        let token = entry("cell", "view", ABC);
+        assert_eq!(Tokens::parse(&token).unwrap().user_of_certificate(&digest), None);
+        let both = named.clone() + &entry("panel", "operate", &"0".repeat(64));
+        assert_eq!(Tokens::parse(&both).unwrap().users().count(), 2);
+        for wrong in [
+            named.clone() + &named,
+            named + &entry("panel", "view", &"0".repeat(64)),
+        ] {
+            assert!(Tokens::parse(&wrong).unwrap_err().contains("twice"));
+        }
+    }
+
+    #[test]
     fn a_new_token_is_the_one_of_its_entry_and_no_two_are_the_same() {
-        let new = new_token("hmi-1", Role::Operate).unwrap();
+        let new = new_token("hmi-1", Role::Operate, None).unwrap();
         let tokens = Tokens::parse(&new.entry).unwrap();
         assert_eq!(
             tokens.user_of(new.token.as_bytes()).unwrap().role(),
             Role::Operate
         );
-        assert_ne!(new.token, new_token("hmi-1", Role::Operate).unwrap().token);
+        assert_ne!(new.token, new_token("hmi-1", Role::Operate, None).unwrap().token);
         assert_eq!(new.token.len(), 64);
         assert!(!new.entry.contains(&new.token) && !format!("{new:?}").contains(&new.token));
     }

@@ -1,5 +1,6 @@
 //! Where clients come in: each connection has a place, and what it may do is judged for it alone.
 
+use std::future::ready as now;
 use std::io;
 use std::net::SocketAddr;
 use std::pin::Pin;
@@ -26,8 +27,9 @@ use tokio::sync::broadcast;
 use tokio_util::task::TaskTracker;
 use tracing::warn;
 
-use super::{Answer, Guard, Judged};
+use super::{Answer, Guard, Judged, RUNTIME_USER};
 use crate::places::{ACCEPT_RETRY, Place, PlaceLimits, Places};
+use crate::tls::{Accepted, ClientStream, Fingerprint, LiveTls};
 
 /// Places of connections. A client is known once it is let in, and then never gives way. Reason of all: with those of HTTP
 /// they stay below the 1024 files that a process may have open.
@@ -50,18 +52,26 @@ pub(super) struct Hall {
     pub(super) guard: Arc<Guard>,
     pub(super) router: Arc<MessageRouter>,
     pub(super) storage: Arc<DynamicStorage>,
+    /// With it, clients speak TLS; only the runtime itself does without, on the loopback.
+    pub(super) tls: Option<LiveTls>,
     pub(super) stop: broadcast::Sender<()>,
     pub(super) clients: TaskTracker,
 }
 
+/// What the library counts, and may limit: nothing here, since the guard does it.
+struct Counts {
+    stats: Arc<BrokerStats>,
+    monitor: Arc<ResourceMonitor>,
+}
+
 impl Hall {
     /// Lets clients in until it is stopped.
-    pub(super) async fn run(self, listener: TcpListener) {
+    pub(super) async fn run(self: Arc<Self>, listener: TcpListener) {
         let places = Places::new(PLACES);
-        let (stats, monitor) = (
-            Arc::new(BrokerStats::new()),
-            Arc::new(ResourceMonitor::new(no_limits())),
-        );
+        let counts = Arc::new(Counts {
+            stats: Arc::new(BrokerStats::new()),
+            monitor: Arc::new(ResourceMonitor::new(no_limits())),
+        });
         let mut stopped = self.stop.subscribe();
         let mut clean = tokio::time::interval(CLEAN_INTERVAL);
         loop {
@@ -87,41 +97,62 @@ impl Hall {
             // without it answers are only slower
             let _ = stream.set_nodelay(true);
             let leave = place.leave();
-            let door = Arc::new(Door {
-                guard: Arc::clone(&self.guard),
-                place,
-                refused: Arc::default(),
-            });
-            let config = BrokerConfig {
-                event_handler: Some(Arc::<Door>::clone(&door)),
-                ..self.config.clone()
-            };
-            let stream = Stream {
-                inner: stream,
-                peer: address,
-                refused: Arc::clone(&door.refused),
-                answer: Vec::new(),
-                replaced: 0,
-            };
-            let client = ClientHandler::new(
-                BrokerTransport::WebSocket(Box::new(stream)),
-                address,
-                Arc::new(config),
-                Arc::clone(&self.router),
-                door,
-                Some(Arc::clone(&self.storage)),
-                Arc::clone(&stats),
-                Arc::clone(&monitor),
-                self.stop.subscribe(),
-            );
+            let serving = Arc::clone(&self).serve(stream, address, place, Arc::clone(&counts));
             self.clients.spawn(async move {
                 tokio::select! {
-                    // why a client has gone, the guard has logged where it matters
-                    _ = client.run() => {}
+                    () = serving => {}
                     () = leave.cancelled() => {}
                 }
             });
         }
+    }
+
+    /// Serves one client until it has gone.
+    async fn serve(
+        self: Arc<Self>,
+        stream: TcpStream,
+        address: SocketAddr,
+        place: Place,
+        counts: Arc<Counts>,
+    ) {
+        let accepted = match &self.tls {
+            None => Ok(Accepted::plain(stream)),
+            Some(tls) => tls.accept(stream).await,
+        };
+        let Ok(accepted) = accepted else {
+            return;
+        };
+        let door = Arc::new(Door {
+            is_open: self.tls.is_none() || accepted.is_private(),
+            certificate: accepted.certificate,
+            guard: Arc::clone(&self.guard),
+            place,
+            refused: Arc::default(),
+        });
+        let config = BrokerConfig {
+            event_handler: Some(Arc::<Door>::clone(&door)),
+            ..self.config.clone()
+        };
+        let stream = Stream {
+            inner: accepted.stream,
+            peer: address,
+            refused: Arc::clone(&door.refused),
+            answer: Vec::new(),
+            replaced: 0,
+        };
+        let client = ClientHandler::new(
+            BrokerTransport::WebSocket(Box::new(stream)),
+            address,
+            Arc::new(config),
+            Arc::clone(&self.router),
+            door,
+            Some(Arc::clone(&self.storage)),
+            Arc::clone(&counts.stats),
+            Arc::clone(&counts.monitor),
+            self.stop.subscribe(),
+        );
+        // why a client has gone, the guard has logged where it matters
+        let _ = client.run().await;
     }
 
     async fn clean(&self) {
@@ -146,6 +177,9 @@ fn no_limits() -> ResourceLimits {
 
 /// The guard of one connection.
 struct Door {
+    /// False for a client that speaks no TLS where there is a certificate: it must be the runtime itself.
+    is_open: bool,
+    certificate: Option<Fingerprint>,
     guard: Arc<Guard>,
     place: Place,
     refused: Arc<Mutex<Option<u16>>>,
@@ -182,7 +216,15 @@ impl AuthProvider for Door {
         connect: &'a ConnectPacket,
         address: SocketAddr,
     ) -> Answer<'a, mqtt5::Result<AuthResult>> {
-        self.guard.authenticate(connect, address, &self.place)
+        if !self.is_open && connect.username.as_deref() != Some(RUNTIME_USER) {
+            warn!(
+                "MQTT client {:.64} at {address} refused: this port speaks TLS only, write mqtts://",
+                connect.client_id
+            );
+            return Box::pin(now(Ok(AuthResult::fail(ReasonCode::NotAuthorized))));
+        }
+        self.guard
+            .authenticate(connect, self.certificate.as_ref(), address, &self.place)
     }
 
     fn authorize_publish<'a>(
@@ -202,7 +244,7 @@ impl AuthProvider for Door {
 /// The bytes of a connection. The library acknowledges a message that the guard has handled as a success, and asks for no
 /// reason: the acknowledgement of one that is refused is replaced here by one with its reason.
 struct Stream {
-    inner: TcpStream,
+    inner: ClientStream,
     peer: SocketAddr,
     /// Packet id of the message whose acknowledgement comes next, and is a refusal.
     refused: Arc<Mutex<Option<u16>>>,

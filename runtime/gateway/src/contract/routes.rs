@@ -4,7 +4,9 @@ use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
 use axum::http::Method;
+use plc_api::types::form::Form;
 use plc_api::wire::ROWS;
+use plc_api::wire::login::{Login, LoginRequest};
 use plc_api::wire::right::Right;
 use plc_api::wire::route::{Content, Route};
 use plc_api::wire::row::Row;
@@ -34,7 +36,7 @@ impl Serves {
 }
 
 /// What the server says itself, and the right that it needs.
-static OWN: [(Option<Right>, Route); 7] = [
+static OWN: [(Option<Right>, Route); 9] = [
     (
         Some(Right::Read),
         Route::get("/cs", "All coordinate systems with their states.").gives::<CoordinateSystems>(),
@@ -58,6 +60,21 @@ static OWN: [(Option<Right>, Route); 7] = [
     (
         None,
         Route::get("/asyncapi.json", "The document of the MQTT interface.").answered(200, Content::Document),
+    ),
+    (
+        None,
+        Route::new(
+            "POST",
+            "/login",
+            "Gives a token for some hours to a person with a name and a PIN.",
+        )
+        .takes(Content::Json(Form::of::<LoginRequest>()))
+        .gives::<Login>()
+        .refusals(&[401, 404, 429, 503]),
+    ),
+    (
+        Some(Right::Read),
+        Route::new("DELETE", "/login", "Ends the login whose token it carries.").refusals(&[404]),
     ),
     (
         Some(Right::Read),

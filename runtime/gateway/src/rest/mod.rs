@@ -2,6 +2,7 @@
 
 mod body;
 mod documents;
+mod login;
 mod requests;
 mod states;
 

@@ -218,7 +218,7 @@ async fn a_user_who_asks_too_often_is_told_so_and_others_go_on() {
         let mut headers = axum::http::HeaderMap::new();
         let value = format!("Bearer {}", users.token(name));
         headers.insert(header::AUTHORIZATION, value.parse().unwrap());
-        shared.access.user(&headers, false)
+        shared.access.user(&headers, None, false)
     };
     for _ in 0..1000 {
         assert!(asked("view").is_ok());
@@ -492,7 +492,7 @@ async fn a_client_whose_token_is_revoked_is_disconnected_and_its_will_published_
     use rumqttc::v5::mqttbytes::{QoS as QoS5, v5 as mqtt5};
     let mut users = Users::new();
     let (old, new, stays) = ["old", "new", "stays"]
-        .map(|name| crate::new_token(name, Role::Handler).unwrap())
+        .map(|name| crate::new_token(name, Role::Handler, None).unwrap())
         .into();
     let file = tempfile::NamedTempFile::new().unwrap();
     std::fs::write(&file, [&old.entry[..], &new.entry, &stays.entry].concat()).unwrap();
@@ -569,6 +569,7 @@ async fn headers_are_limited_in_number_in_size_and_in_time() {
     let server = tokio::spawn(crate::server::serve(
         crate::server::LimitedListener::new(listener),
         axum::Router::new(),
+        None,
         stop.clone(),
         Duration::from_millis(200),
     ));

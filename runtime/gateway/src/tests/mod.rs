@@ -247,6 +247,7 @@ pub(super) fn shared_with(port: Arc<StubPort>, tokens: Option<Arc<crate::Tokens>
     Arc::new(Shared::new(
         crate::machine::Machine::new(port),
         "127.0.0.1:8080".parse().unwrap(),
+        "http",
         Access::new(tokens.map(crate::access::LiveTokens::fixed)),
         Duration::from_millis(20),
         CancellationToken::new(),
@@ -265,7 +266,7 @@ impl Users {
         let mut file = tempfile::NamedTempFile::new().unwrap();
         let mut tokens = std::collections::BTreeMap::new();
         for (word, role) in crate::Role::ALL {
-            let new = crate::new_token(word, role).unwrap();
+            let new = crate::new_token(word, role, None).unwrap();
             std::io::Write::write_all(&mut file, new.entry.as_bytes()).unwrap();
             tokens.insert(word, new.token);
         }

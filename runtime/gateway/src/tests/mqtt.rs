@@ -336,9 +336,9 @@ fn broker(address: std::net::SocketAddr) -> (Broker, std::net::SocketAddr) {
         root: "none/".into(),
         runtime_client_id: "none".into(),
         tokens: None,
-        port: StubPort::new(),
+        machine: crate::machine::Machine::new(StubPort::new()),
     };
-    let broker = Broker::start(address, access, refused).unwrap();
+    let broker = Broker::start(address, access, None, refused).unwrap();
     let address = broker.addr();
     (broker, address)
 }

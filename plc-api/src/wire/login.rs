@@ -1,0 +1,28 @@
+//! What a person says to be let in, and is told.
+
+use serde::{Deserialize, Serialize};
+
+/// Who wants to be let in.
+#[derive(Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct LoginRequest {
+    /// Name of an entry `[[person]]` of the token file.
+    pub user: String,
+    /// Its PIN.
+    pub pin: String,
+}
+
+/// A token for some hours.
+#[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct Login {
+    /// Sent with each request, as any token.
+    pub token: String,
+    /// Name of the user.
+    pub user: String,
+    /// What the user may do: `view`, `operate`, `handler` or `admin`.
+    pub role: &'static str,
+    /// Seconds for which it counts.
+    pub expires_s: u64,
+}

@@ -1,0 +1,83 @@
+//! `/login`: a token for a person who types a name and a PIN.
+
+use std::net::{IpAddr, Ipv4Addr};
+use std::sync::Arc;
+
+use axum::extract::{Request, State};
+use axum::http::StatusCode;
+use axum::response::{IntoResponse, Response};
+use plc_api::wire::json_object;
+use plc_api::wire::login::{Login, LoginRequest};
+use serde_json::json;
+use tracing::{info, warn};
+
+use super::{body, json_response};
+use crate::access::http::{token, too_many};
+use crate::access::login::{LOGIN_MAX, Refused};
+use crate::problem::Problem;
+use crate::server::Peer;
+use crate::shared::Shared;
+
+/// Lets a person in.
+pub(super) async fn log_in(State(shared): State<Arc<Shared>>, request: Request) -> Result<Response, Problem> {
+    let Some(tokens) = shared.access.tokens() else {
+        let text =
+            "this machine has no token file: everyone on this computer may do everything without a login";
+        return Err(Problem::not_found(text));
+    };
+    // a request that came over no connection is one of a test of the router
+    let from = request
+        .extensions()
+        .get::<Peer>()
+        .map_or(IpAddr::V4(Ipv4Addr::LOCALHOST), |peer| peer.address);
+    let (head, body) = request.into_parts();
+    let body = body::json(&head.headers, body).await?;
+    let said: LoginRequest = json_object(&body).map_err(|error| {
+        Problem::invalid(format!("write {{\"user\": \"anna\", \"pin\": \"...\"}}: {error}"))
+    })?;
+    let logged_in = shared
+        .access
+        .logins
+        .log_in(&tokens.now(), &said.user, said.pin, from)
+        .await;
+    let (token, user) = logged_in.map_err(|refused| {
+        warn!(
+            "login of {:.64} from {from} refused: {refused:?}",
+            said.user.escape_debug()
+        );
+        match refused {
+            Refused::Wrong => {
+                let text = "there is no such user with this PIN";
+                Problem::new(StatusCode::UNAUTHORIZED, "unauthorized", text)
+            }
+            Refused::Wait(wait) => too_many(wait),
+            Refused::Busy => {
+                let text = "others are logging in; try it again";
+                Problem::new(StatusCode::SERVICE_UNAVAILABLE, "unavailable", text)
+            }
+        }
+    })?;
+    let name = user.name().unwrap_or_default().to_owned();
+    info!("{name} has logged in from {from}");
+    let answer = Login {
+        token,
+        user: name,
+        role: user.role().word(),
+        expires_s: LOGIN_MAX.as_secs(),
+    };
+    Ok(json_response(StatusCode::OK, json!(answer).to_string()))
+}
+
+/// Ends the login whose token the request carries.
+pub(super) async fn log_out(
+    State(shared): State<Arc<Shared>>,
+    request: Request,
+) -> Result<Response, Problem> {
+    let shown = token(request.headers()).unwrap_or_default();
+    if shared.access.logins.log_out(shown) {
+        return Ok(StatusCode::NO_CONTENT.into_response());
+    }
+    Err(Problem::not_found(
+        "this token is none of a login: take its entry out of the token file",
+    ))
+}

@@ -1,0 +1,400 @@
+//! TLS of the listeners: HTTP, WebSocket and the embedded broker have one certificate, which is read again when its files
+//! change. A client may show a certificate of its own, which counts where the token file names it.
+
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+
+use rustls::client::danger::HandshakeSignatureValid;
+use rustls::crypto::{WebPkiSupportedAlgorithms, ring, verify_tls12_signature, verify_tls13_signature};
+use rustls::pki_types::pem::PemObject;
+use rustls::pki_types::{CertificateDer, PrivateKeyDer, UnixTime};
+use rustls::server::danger::{ClientCertVerified, ClientCertVerifier};
+use rustls::{DigitallySignedStruct, DistinguishedName, ServerConfig, SignatureScheme};
+use sha2::{Digest, Sha256};
+use tokio::net::TcpStream;
+use tokio::sync::watch;
+use tokio_rustls::TlsAcceptor;
+use tokio_rustls::server::TlsStream;
+use tokio_util::either::Either;
+use tracing::{info, warn};
+
+use crate::access::{LiveTokens, Stamp};
+use crate::position::every;
+
+/// How often the files are checked.
+const LOOK_INTERVAL: Duration = Duration::from_secs(2);
+
+/// Time for a client to agree on keys; then its connection is closed.
+const HANDSHAKE_MAX: Duration = Duration::from_secs(10);
+
+/// The first byte of a client that speaks TLS: the type of a handshake record (RFC 8446, 5.1).
+const HANDSHAKE_RECORD: u8 = 0x16;
+
+/// `[tls]`: the certificate of the listeners.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ServerTls {
+    /// The certificate in PEM, with any intermediate ones behind it.
+    pub cert_file: PathBuf,
+    /// Its private key in PEM, which only its owner may be able to read.
+    pub key_file: PathBuf,
+}
+
+/// SHA-256 of a certificate in DER.
+pub(crate) type Fingerprint = [u8; 32];
+
+/// A connection of a client, with TLS or without.
+pub(crate) type ClientStream = Either<TcpStream, Box<TlsStream<TcpStream>>>;
+
+impl ServerTls {
+    /// Whether the files can be used.
+    ///
+    /// # Errors
+    /// A file cannot be read, holds nothing of its kind, others may read the key, or key and certificate do not belong
+    /// together.
+    pub(crate) fn check(&self) -> Result<(), String> {
+        self.config(None).map(drop)
+    }
+
+    fn config(&self, tokens: Option<LiveTokens>) -> Result<ServerConfig, String> {
+        let chain = CertificateDer::pem_file_iter(&self.cert_file)
+            .and_then(Iterator::collect::<Result<Vec<_>, _>>)
+            .map_err(|error| format!("[tls] cert_file {}: {error}", self.cert_file.display()))?;
+        if chain.is_empty() {
+            let file = self.cert_file.display();
+            return Err(format!("[tls] cert_file {file}: it holds no certificate in PEM"));
+        }
+        self.check_mode()?;
+        let wrong_key =
+            |error: &dyn std::fmt::Display| format!("[tls] key_file {}: {error}", self.key_file.display());
+        let key = PrivateKeyDer::from_pem_file(&self.key_file).map_err(|error| wrong_key(&error))?;
+        let provider = Arc::new(ring::default_provider());
+        let verifier = Arc::new(NamedCertificates {
+            algorithms: provider.signature_verification_algorithms,
+            tokens,
+        });
+        ServerConfig::builder_with_provider(provider)
+            .with_safe_default_protocol_versions()
+            .map_err(|error| error.to_string())?
+            .with_client_cert_verifier(verifier)
+            .with_single_cert(chain, key)
+            .map_err(|error| wrong_key(&error))
+    }
+
+    fn check_mode(&self) -> Result<(), String> {
+        use std::os::unix::fs::PermissionsExt as _;
+        let file = self.key_file.display();
+        let metadata =
+            std::fs::metadata(&self.key_file).map_err(|error| format!("[tls] key_file {file}: {error}"))?;
+        let mode = metadata.permissions().mode() & 0o777;
+        if mode & 0o077 != 0 {
+            return Err(format!(
+                "[tls] key_file {file}: its mode is {mode:03o}, so that others may read it; run chmod 600 {file}"
+            ));
+        }
+        Ok(())
+    }
+
+    fn stamps(&self) -> [Option<Stamp>; 2] {
+        let stamp = |file: &Path| std::fs::metadata(file).ok().map(|file| Stamp::of(&file));
+        [stamp(&self.cert_file), stamp(&self.key_file)]
+    }
+}
+
+/// The certificate in force.
+#[derive(Clone)]
+pub(crate) struct LiveTls(watch::Receiver<Arc<ServerConfig>>);
+
+impl LiveTls {
+    /// The certificate of these files, which are followed while anybody holds it.
+    ///
+    /// # Errors
+    /// The files cannot be used.
+    pub(crate) fn follow(files: ServerTls, tokens: Option<LiveTokens>) -> Result<Self, String> {
+        let seen = files.stamps();
+        let (sender, receiver) = watch::channel(Arc::new(files.config(tokens.clone())?));
+        tokio::spawn(look_again(files, tokens, seen, sender));
+        Ok(Self(receiver))
+    }
+
+    /// Agrees on keys with a client. One that does not speak TLS is given back as it is: who may, its caller decides.
+    ///
+    /// # Errors
+    /// The client has gone, takes too long, or its TLS cannot be used.
+    pub(crate) async fn accept(&self, stream: TcpStream) -> io::Result<Accepted> {
+        let config = Arc::clone(&self.0.borrow());
+        let accepting = async {
+            let mut first = [0];
+            stream.peek(&mut first).await?;
+            if first[0] != HANDSHAKE_RECORD {
+                return Ok(Accepted::plain(stream));
+            }
+            let stream = TlsAcceptor::from(config).accept(stream).await?;
+            let shown = stream.get_ref().1.peer_certificates();
+            Ok(Accepted {
+                certificate: shown
+                    .and_then(<[_]>::first)
+                    .map(|shown| Sha256::digest(shown).into()),
+                stream: Either::Right(Box::new(stream)),
+            })
+        };
+        tokio::time::timeout(HANDSHAKE_MAX, accepting).await?
+    }
+}
+
+/// A client that was let in.
+#[derive(Debug)]
+pub(crate) struct Accepted {
+    /// Its connection: right with TLS.
+    pub(crate) stream: ClientStream,
+    /// The certificate that it has shown.
+    pub(crate) certificate: Option<Fingerprint>,
+}
+
+impl Accepted {
+    /// A client without TLS.
+    pub(crate) fn plain(stream: TcpStream) -> Self {
+        Self {
+            stream: Either::Left(stream),
+            certificate: None,
+        }
+    }
+
+    /// True with TLS.
+    pub(crate) fn is_private(&self) -> bool {
+        matches!(self.stream, Either::Right(_))
+    }
+}
+
+async fn look_again(
+    files: ServerTls,
+    tokens: Option<LiveTokens>,
+    mut seen: [Option<Stamp>; 2],
+    sender: watch::Sender<Arc<ServerConfig>>,
+) {
+    let files = Arc::new(files);
+    let mut look = every(LOOK_INTERVAL);
+    loop {
+        tokio::select! {
+            () = sender.closed() => return,
+            _ = look.tick() => {}
+        }
+        let (these, tokens) = (Arc::clone(&files), tokens.clone());
+        let read = move || {
+            let stamps = these.stamps();
+            (stamps != seen).then(|| (stamps, these.config(tokens)))
+        };
+        let Ok(Some((stamps, config))) = tokio::task::spawn_blocking(read).await else {
+            continue;
+        };
+        seen = stamps;
+        match config {
+            Ok(config) => {
+                info!("the certificate {} was read again", files.cert_file.display());
+                sender.send_replace(Arc::new(config));
+            }
+            // certificate and key are two files: between the two writes they do not belong together
+            Err(error) => warn!("{error}; the certificate stays as it was"),
+        }
+    }
+}
+
+/// Asks a client for a certificate where the token file names some. Any is taken that its client holds the key of: whose it is
+/// the token file says by its fingerprint, so no authority has to vouch for it.
+#[derive(Debug)]
+struct NamedCertificates {
+    algorithms: WebPkiSupportedAlgorithms,
+    tokens: Option<LiveTokens>,
+}
+
+impl ClientCertVerifier for NamedCertificates {
+    fn offer_client_auth(&self) -> bool {
+        self.tokens
+            .as_ref()
+            .is_some_and(|tokens| tokens.now().names_certificates())
+    }
+
+    fn client_auth_mandatory(&self) -> bool {
+        false
+    }
+
+    fn root_hint_subjects(&self) -> &[DistinguishedName] {
+        &[]
+    }
+
+    fn verify_client_cert(
+        &self,
+        _: &CertificateDer<'_>,
+        _: &[CertificateDer<'_>],
+        _: UnixTime,
+    ) -> Result<ClientCertVerified, rustls::Error> {
+        Ok(ClientCertVerified::assertion())
+    }
+
+    fn verify_tls12_signature(
+        &self,
+        message: &[u8],
+        certificate: &CertificateDer<'_>,
+        signature: &DigitallySignedStruct,
+    ) -> Result<HandshakeSignatureValid, rustls::Error> {
+        verify_tls12_signature(message, certificate, signature, &self.algorithms)
+    }
+
+    fn verify_tls13_signature(
+        &self,
+        message: &[u8],
+        certificate: &CertificateDer<'_>,
+        signature: &DigitallySignedStruct,
+    ) -> Result<HandshakeSignatureValid, rustls::Error> {
+        verify_tls13_signature(message, certificate, signature, &self.algorithms)
+    }
+
+    fn supported_verify_schemes(&self) -> Vec<SignatureScheme> {
+        self.algorithms.supported_schemes()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::os::unix::fs::PermissionsExt as _;
+
+    use rustls::pki_types::ServerName;
+    use tokio::net::TcpListener;
+    use tokio_rustls::TlsConnector;
+
+    use super::*;
+
+    struct Files {
+        folder: tempfile::TempDir,
+        tls: ServerTls,
+    }
+
+    impl Files {
+        fn new() -> Self {
+            let folder = tempfile::tempdir().unwrap();
+            let tls = ServerTls {
+                cert_file: folder.path().join("cert.pem"),
+                key_file: folder.path().join("key.pem"),
+            };
+            let files = Self { folder, tls };
+            files.write(&rcgen::generate_simple_self_signed(["localhost".to_owned()]).unwrap());
+            files
+        }
+
+        fn write(&self, made: &rcgen::CertifiedKey<rcgen::KeyPair>) {
+            // as a tool does: written beside, then put in its place
+            for (file, text) in [
+                (&self.tls.key_file, made.signing_key.serialize_pem()),
+                (&self.tls.cert_file, made.cert.pem()),
+            ] {
+                let beside = self.folder.path().join("beside");
+                std::fs::write(&beside, text).unwrap();
+                std::fs::set_permissions(&beside, std::fs::Permissions::from_mode(0o600)).unwrap();
+                std::fs::rename(&beside, file).unwrap();
+            }
+        }
+    }
+
+    /// The certificate that a server with this TLS shows.
+    async fn shown(tls: &LiveTls) -> Vec<u8> {
+        #[derive(Debug)]
+        struct AnyServer(WebPkiSupportedAlgorithms);
+        impl rustls::client::danger::ServerCertVerifier for AnyServer {
+            fn verify_server_cert(
+                &self,
+                _: &CertificateDer<'_>,
+                _: &[CertificateDer<'_>],
+                _: &ServerName<'_>,
+                _: &[u8],
+                _: UnixTime,
+            ) -> Result<rustls::client::danger::ServerCertVerified, rustls::Error> {
+                Ok(rustls::client::danger::ServerCertVerified::assertion())
+            }
+            fn verify_tls12_signature(
+                &self,
+                message: &[u8],
+                certificate: &CertificateDer<'_>,
+                signature: &DigitallySignedStruct,
+            ) -> Result<HandshakeSignatureValid, rustls::Error> {
+                verify_tls12_signature(message, certificate, signature, &self.0)
+            }
+            fn verify_tls13_signature(
+                &self,
+                message: &[u8],
+                certificate: &CertificateDer<'_>,
+                signature: &DigitallySignedStruct,
+            ) -> Result<HandshakeSignatureValid, rustls::Error> {
+                verify_tls13_signature(message, certificate, signature, &self.0)
+            }
+            fn supported_verify_schemes(&self) -> Vec<SignatureScheme> {
+                self.0.supported_schemes()
+            }
+        }
+        let provider = Arc::new(ring::default_provider());
+        let any = Arc::new(AnyServer(provider.signature_verification_algorithms));
+        let config = rustls::ClientConfig::builder_with_provider(provider)
+            .with_safe_default_protocol_versions()
+            .unwrap()
+            .dangerous()
+            .with_custom_certificate_verifier(any)
+            .with_no_client_auth();
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let address = listener.local_addr().unwrap();
+        let client = async {
+            let stream = TcpStream::connect(address).await.unwrap();
+            let name = ServerName::try_from("localhost").unwrap();
+            TlsConnector::from(Arc::new(config))
+                .connect(name, stream)
+                .await
+                .unwrap()
+        };
+        let server = async { tls.accept(listener.accept().await.unwrap().0).await.unwrap() };
+        let (client, accepted) = tokio::join!(client, server);
+        assert!(accepted.is_private());
+        client.get_ref().1.peer_certificates().unwrap()[0].to_vec()
+    }
+
+    #[tokio::test]
+    async fn a_certificate_that_is_renewed_counts_without_a_restart_and_one_that_is_wrong_changes_nothing() {
+        let files = Files::new();
+        let tls = LiveTls::follow(files.tls.clone(), None).unwrap();
+        let first = shown(&tls).await;
+        let renewed = rcgen::generate_simple_self_signed(["localhost".to_owned()]).unwrap();
+        std::fs::write(&files.tls.cert_file, "nonsense").unwrap();
+        tokio::time::sleep(LOOK_INTERVAL + Duration::from_millis(300)).await;
+        assert_eq!(shown(&tls).await, first);
+        files.write(&renewed);
+        let mut changed = tls.0.clone();
+        tokio::time::timeout(Duration::from_secs(20), changed.changed())
+            .await
+            .expect("the files are read again")
+            .unwrap();
+        assert_eq!(shown(&tls).await, renewed.cert.der().to_vec());
+    }
+
+    #[test]
+    fn a_key_that_others_may_read_is_refused_with_the_way_out() {
+        let files = Files::new();
+        files.tls.check().unwrap();
+        std::fs::set_permissions(&files.tls.key_file, std::fs::Permissions::from_mode(0o640)).unwrap();
+        let text = files.tls.check().unwrap_err();
+        assert!(text.contains("chmod 600") && text.contains("key.pem"), "{text}");
+    }
+
+    #[test]
+    fn a_key_of_another_certificate_and_a_file_without_one_are_refused_by_name() {
+        let (one, other) = (Files::new(), Files::new());
+        let mixed = ServerTls {
+            cert_file: one.tls.cert_file.clone(),
+            key_file: other.tls.key_file.clone(),
+        };
+        assert!(mixed.check().unwrap_err().contains("key_file"));
+        std::fs::write(&one.tls.cert_file, "nothing").unwrap();
+        let text = one.tls.check().unwrap_err();
+        assert!(
+            text.contains("cert_file") && text.contains("no certificate"),
+            "{text}"
+        );
+    }
+}
