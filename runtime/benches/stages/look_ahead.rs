@@ -21,9 +21,12 @@ use divan::counter::ItemsCount;
 use tandem_model::profile::PathPlace;
 use tandem_motion::Replan;
 
-use crate::{Stages, from_text, interpret, parsed};
+use crate::{Stages, from_text, interpret, measured, parsed};
 
-const BLOCKS: usize = 1_000_000;
+/// Blocks of a program.
+fn length() -> usize {
+    measured(1_000_000)
+}
 
 /// A spiral of short straight blocks, as a CAM system writes them.
 fn lines(blocks: usize, feedrate: u32) -> String {
@@ -40,9 +43,9 @@ fn lines(blocks: usize, feedrate: u32) -> String {
 
 /// The same length as a wave of quarter circles, left and right in turn.
 fn arcs(feedrate: u32) -> String {
-    let mut text = String::with_capacity(BLOCKS * 24);
+    let mut text = String::with_capacity(length() * 24);
     let _ = writeln!(text, "G17 G91 G64 G500 G01 F{feedrate} X1");
-    for i in 2..BLOCKS {
+    for i in 2..length() {
         let block = match i % 4 {
             0 => "G03X1Y1I0J1",
             1 => "G02X1Y1I1J0",
@@ -59,7 +62,7 @@ fn arcs(feedrate: u32) -> String {
 fn path_and_plan(bencher: Bencher<'_, '_>, program: String) {
     let mut blocks = Vec::new();
     interpret(&parsed(&program.into()), |block| blocks.push(block));
-    bencher.counter(ItemsCount::new(BLOCKS)).bench_local(|| {
+    bencher.counter(ItemsCount::new(length())).bench_local(|| {
         let mut stages = Stages::new();
         for block in &blocks {
             stages.push(block);
@@ -70,22 +73,22 @@ fn path_and_plan(bencher: Bencher<'_, '_>, program: String) {
 
 fn text_to_profiles(bencher: Bencher<'_, '_>, program: String) {
     let source = program.into();
-    assert!(from_text(&source) >= BLOCKS - 2);
+    assert!(from_text(&source) >= length() - 2);
     bencher
-        .counter(ItemsCount::new(BLOCKS))
+        .counter(ItemsCount::new(length()))
         .bench_local(|| from_text(&source));
 }
 
 /// At F as programmed nothing exceeds a limit.
 #[divan::bench(sample_count = 3)]
 fn lines_path_and_plan(bencher: Bencher<'_, '_>) {
-    path_and_plan(bencher, lines(BLOCKS, 3000));
+    path_and_plan(bencher, lines(length(), 3000));
 }
 
 /// Twice as fast as the curve allows at its begin.
 #[divan::bench(sample_count = 3)]
 fn lines_beyond_the_limits_path_and_plan(bencher: Bencher<'_, '_>) {
-    path_and_plan(bencher, lines(BLOCKS, 24_000));
+    path_and_plan(bencher, lines(length(), 24_000));
 }
 
 #[divan::bench(sample_count = 3)]
@@ -95,7 +98,7 @@ fn arcs_path_and_plan(bencher: Bencher<'_, '_>) {
 
 #[divan::bench(sample_count = 3)]
 fn lines_from_text_to_profiles(bencher: Bencher<'_, '_>) {
-    text_to_profiles(bencher, lines(BLOCKS, 3000));
+    text_to_profiles(bencher, lines(length(), 3000));
 }
 
 #[divan::bench(sample_count = 3)]

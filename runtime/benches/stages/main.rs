@@ -25,6 +25,15 @@ fn main() {
     divan::main();
 }
 
+/// So many where it is measured; a twentieth where `cargo test --benches` runs each bench once.
+fn measured<N: std::ops::Div<Output = N> + From<u8>>(number: N) -> N {
+    if std::env::args().any(|argument| argument == "--bench") {
+        number
+    } else {
+        number / N::from(20)
+    }
+}
+
 /// Three linear motors of 500 mm/s and 5000 mm/s². The arcs go a million millimetres in all: the soft limits are beyond.
 fn settings() -> CoordinateSystemSettings {
     let motor = |number| {

@@ -14,9 +14,11 @@ use std::fmt::Write as _;
 use divan::Bencher;
 use divan::counter::ItemsCount;
 
-use crate::from_text;
+use crate::{from_text, measured};
 
-const SQUARES: u32 = 1000;
+fn count() -> u32 {
+    measured(1000)
+}
 
 /// Blocks of one square, lead-in and lead-out among them.
 const BLOCKS: u32 = 102;
@@ -24,7 +26,7 @@ const BLOCKS: u32 = 102;
 /// Sides of 30 mm in 13 lines, corners of 10 mm in 12 arcs.
 fn squares(multi_block: &str, on: &str, off: &str) -> String {
     let mut text = format!("G17 G90 G64 {multi_block} F3000\n");
-    for square in 0..SQUARES {
+    for square in 0..count() {
         let z = f64::from(square) * 0.001;
         let _ = writeln!(text, "G01 {on} X-15 Y-25 Z{z:.3}");
         for side in 0..4_u32 {
@@ -52,7 +54,7 @@ fn squares(multi_block: &str, on: &str, off: &str) -> String {
 fn run(bencher: Bencher<'_, '_>, multi_block: &str, [on, off]: [&str; 2]) {
     let source = squares(multi_block, on, off).into();
     bencher
-        .counter(ItemsCount::new(SQUARES * BLOCKS))
+        .counter(ItemsCount::new(count() * BLOCKS))
         .bench_local(|| from_text(&source));
 }
 

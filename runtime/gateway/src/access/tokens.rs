@@ -91,7 +91,11 @@ impl Tokens {
         })
     }
 
-    pub(super) fn parse(text: &str) -> Result<Tokens, String> {
+    /// Reads the text of a token file.
+    ///
+    /// # Errors
+    /// Why it cannot be used, without anything secret.
+    pub fn parse(text: &str) -> Result<Tokens, String> {
         let tokens = read(text)?.into_iter().map(Arc::new).collect();
         Ok(Tokens { tokens, file: None })
     }

@@ -18,7 +18,14 @@ fn every_line_of_the_threats_has_its_test() {
     let own = Path::new(env!("CARGO_MANIFEST_DIR"));
     let page = std::fs::read_to_string(own.join("../../docs/src/explanation/security.md")).unwrap();
     let mut text = String::new();
-    for folder in ["src", "../src", "../../plc-api/src", "../../tests/it", "../tests"] {
+    for folder in [
+        "src",
+        "../src",
+        "../../plc-api/src",
+        "../../plc-api/tests",
+        "../../tests/it",
+        "../tests",
+    ] {
         sources(&own.join(folder), &mut text);
     }
     let tried = page.split("## What is tried").nth(1).unwrap();

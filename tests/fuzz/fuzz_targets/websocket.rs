@@ -1,0 +1,8 @@
+//! Reader of what comes in over a WebSocket: see the property.
+#![no_main]
+
+#[path = "../../../plc-api/tests/readers/mod.rs"]
+#[allow(dead_code, reason = "each fuzzer calls one of the properties")]
+mod readers;
+
+libfuzzer_sys::fuzz_target!(|data: &[u8]| readers::websocket(data));
