@@ -8,6 +8,7 @@ mod explain;
 mod init;
 mod log;
 mod man;
+mod memory;
 mod mqtt_acl;
 mod plot;
 mod serve;

@@ -50,6 +50,7 @@ async fn serve(servable: Servable) -> anyhow::Result<()> {
             }
         })
     });
+    let _memory = super::memory::give_back();
     announce(&settings, &gateway, is_demo);
     while let Received::HangUp = signals.received().await {
         tracing::warn!("SIGHUP: the token file is read again; SIGTERM stops the machine");

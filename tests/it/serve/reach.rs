@@ -18,6 +18,7 @@ use tokio::task::JoinSet;
 use crate::support::binary::tandem;
 use crate::support::machine::Machine;
 use crate::support::served::{FREE_PORTS, Process, Served};
+use crate::support::wait::until;
 
 /// Attackers.
 const HOSTS: u8 = 4;
@@ -356,4 +357,53 @@ fn in_networks_of_their_own_each_of_1000_stops_is_accepted_within_a_quarter_of_a
         );
         assert!(largest <= STOP_MAX.as_secs_f64(), "{how}: {largest} s");
     }
+}
+
+/// Memory of a process, MiB.
+fn resident_mib(process: u32) -> u64 {
+    let status = std::fs::read_to_string(format!("/proc/{process}/status")).expect("a process of ours");
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
+    let kib = line.and_then(|line| line.trim().strip_suffix(" kB"));
+    kib.and_then(|kib| kib.trim().parse::<u64>().ok())
+        .expect("a number")
+        / 1024
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn memory_that_clients_needed_is_given_back_when_they_have_gone() {
+    let (_machine, served) = super::served();
+    let before = resident_mib(served.process.id());
+    let mut options = MqttOptions::new("plant", "127.0.0.1", port(&served.broker));
+    options.set_max_packet_size(1 << 20, 1 << 20);
+    let (client, mut events) = AsyncClient::new(options, 8);
+    for payload in [vec![b'x'; 200 * 1024], Vec::new()] {
+        let publish = async {
+            for n in 0..150 {
+                let topic = format!("plant/{n}");
+                let sent = client
+                    .publish(topic, QoS::AtLeastOnce, true, payload.clone())
+                    .await;
+                sent.expect("a client that is connected");
+            }
+        };
+        let acknowledged = async {
+            let mut count = 0;
+            while count < 150 {
+                let event = events.poll().await.expect("a connection");
+                count += u32::from(matches!(event, Event::Incoming(Packet::PubAck(_))));
+            }
+        };
+        tokio::join!(publish, acknowledged);
+        let now = resident_mib(served.process.id());
+        assert!(
+            payload.is_empty() || now >= before + 25,
+            "{now} MiB after {before} MiB"
+        );
+    }
+    drop((client, events));
+    until("memory given back", async || {
+        let now = resident_mib(served.process.id());
+        (now < before + 12).then_some(())
+    })
+    .await;
 }
