@@ -31,6 +31,7 @@ use crate::shared::Shared;
 use crate::simulation::{self, Simulation, SimulationOptions};
 use crate::tables::Tables;
 use birth::{birth, presence};
+pub(crate) use opening::everything;
 use opening::{Data, Keepers, Programs, bring_up, new_boot_id};
 
 /// How often positions and the heartbeat are published, at the most; program places and spindles half as often.
@@ -120,7 +121,7 @@ impl Runtime {
             .map_err(|error| StartError::Store(error.to_string()))??;
         let tables = Tables::new(&machine);
         let (journal, restored) = match &mut data {
-            Some(data) => (Journal::to_disk(data.journal.writer()), data.restore(&tables)?),
+            Some(data) => (Journal::to_disk(data.journal.writer()), data.restore(&tables)),
             None => (Journal::to_log(), Restored::default()),
         };
         let newest = restored.last_runs.values().map(|kept| kept.line).max();
@@ -281,7 +282,7 @@ impl Parts {
         let (servo, task_ends) = Servo::new(&of_servo, period_s, hardware);
         for (configured, task_end) in configured.into_iter().zip(task_ends) {
             let tool = restored.tools_in_spindle.get(&configured.settings.number);
-            let tool = tool.copied().unwrap_or(0);
+            let tool = tool.copied().unwrap_or(Some(0));
             let system = CoordinateSystem::new(Arc::clone(shared), configured, task_end, first_state, tool);
             let mailbox = Arc::new(Mailbox::new(Arc::clone(shared), system));
             let of_task = Arc::clone(&mailbox);

@@ -7,9 +7,9 @@ mod line;
 mod sums;
 
 pub(crate) use files::{
-    Identity, UNFINISHED, Unfinished, make_folder, make_folder_in, open_regular, read_regular, sync_folder,
-    tighten, write_whole,
+    Identity, Lock, UNFINISHED, Unfinished, in_use, make_folder, make_folder_in, open_regular, read_regular,
+    sync_folder, tighten, write_whole,
 };
 pub(crate) use health::{Health, Part};
 pub(crate) use line::{Read, number, read, seal, seal_in_place};
-pub(crate) use sums::{SumFile, Sums, sum_of};
+pub(crate) use sums::{SumChange, SumFile, Sums, sum_of};

@@ -8,6 +8,7 @@ mod command_memory;
 mod config;
 mod coordinate_system;
 mod coordinator;
+pub mod data_folder;
 mod disk;
 mod handlers;
 pub mod journal;

@@ -13,6 +13,7 @@ use plc_api::types::data::{
 use plc_api::types::request::{Refusal, RefusalCode};
 use serde::{Deserialize, Serialize};
 use tandem_interp::codes::work_offset::NAMES as WORK_OFFSETS;
+use tandem_model::lost::is_lost;
 use tandem_model::settings::{Tool, WorkOffsets};
 use tandem_model::variables::{GLOBAL_VARIABLES, VariableArray};
 use tandem_model::{Axis, AxisSet, AxisVector, Variables};
@@ -33,6 +34,22 @@ pub(crate) fn value_key(what: &str, cs: CoordinateSystemNumber) -> String {
     format!("{what}/{cs}")
 }
 
+/// Name of a tool's data.
+pub(crate) fn tool_key(id: u16) -> String {
+    format!("tool_data/{id}")
+}
+
+/// Name of a work offset of a coordinate system.
+pub(crate) fn work_offset_key(cs: CoordinateSystemNumber, name: &str) -> String {
+    format!("work_offset/{cs}/{name}")
+}
+
+/// What is kept in the place of a value that is lost; no value is written so.
+pub(crate) const LOST_VALUE: &[u8] = b"lost";
+
+/// A work offset as it is kept, by axis letter; `None`: the value is lost.
+pub(crate) type KeptOffset = BTreeMap<String, Option<f64>>;
+
 /// Adds a value by its name.
 pub(crate) fn keep(values: &mut KeptValues, key: String, value: &impl Serialize) {
     // Numbers, words and lists of them always have a JSON form.
@@ -41,7 +58,7 @@ pub(crate) fn keep(values: &mut KeptValues, key: String, value: &impl Serialize)
     }
 }
 
-/// A table as it is kept.
+/// A tool or an offset as it is kept.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Kept<T> {
     /// What the configuration said when it was written.
@@ -59,6 +76,8 @@ pub(crate) struct Tables {
     values: RwLock<Values>,
     /// What the configuration says.
     configured: Values,
+    /// Coordinate systems of which nobody knows the tool in the spindle.
+    unknown_spindles: Mutex<BTreeSet<CoordinateSystemNumber>>,
     /// Held from reading the old values until the new ones are in effect.
     changing: Mutex<()>,
 }
@@ -86,8 +105,9 @@ impl Values {
             let (id, Tool { length, radius }) = (*id, *tool);
             ToolData { id, radius, length }
         };
+        let known = self.tools.iter().filter(|(_, tool)| !tool.is_lost());
         ToolTable {
-            tools: self.tools.iter().map(data).collect(),
+            tools: known.map(data).collect(),
         }
     }
 
@@ -96,6 +116,7 @@ impl Values {
         let by_letter = |offset: &AxisVector| {
             axes.iter()
                 .map(|axis| (axis.letter().to_string(), offset[axis]))
+                .filter(|(_, value)| !is_lost(*value))
                 .collect()
         };
         WorkOffsetTable {
@@ -123,6 +144,7 @@ impl Tables {
             axes: axes.collect(),
             values: RwLock::new(configured.clone()),
             configured,
+            unknown_spindles: Mutex::default(),
             global,
             changing: Mutex::default(),
         }
@@ -160,7 +182,16 @@ impl Tables {
         let array = self.range(area, from, count as usize)?;
         let _no_range_is_written = self.read();
         let numbers = (from as usize..).take(count as usize);
-        Ok(numbers.filter_map(|number| array.get(number)).collect())
+        let values: Vec<f64> = numbers.filter_map(|number| array.get(number)).collect();
+        if let Some(lost) = (from..).zip(&values).find(|(_, value)| is_lost(**value)) {
+            let letter = letter(area);
+            let text = format!(
+                "{letter}{} is damaged and has no value; write it anew, or stop the runtime and look at tandem store repair",
+                lost.0
+            );
+            return Err(Refusal::new(RefusalCode::Unavailable, text));
+        }
+        Ok(values)
     }
 
     /// Writes a range between two blocks, all of it or nothing.
@@ -189,10 +220,7 @@ impl Tables {
             return Err(Refusal::new(RefusalCode::TooLarge, text));
         }
         if (from as usize).saturating_add(count) > array.len() {
-            let letter = match area.kind() {
-                VariableKind::P => "P",
-                VariableKind::Q => "Q",
-            };
+            let letter = letter(area);
             return Err(invalid(format!(
                 "{count} variables from {letter}{from} on: there are {letter}0 to {letter}{}",
                 array.len() - 1
@@ -281,19 +309,81 @@ impl Tables {
     /// Tools and work offsets as they are kept, each with what the configuration says (see `persistence/restore.rs`).
     pub fn kept(&self, values: &Values) -> KeptValues {
         let mut kept = KeptValues::new();
-        let tools = Kept {
-            configured: self.configured.tool_table(),
-            now: values.tool_table(),
+        let data = |id: u16, tool: &Tool| {
+            let (length, radius) = (tool.length, tool.radius);
+            ToolData { id, radius, length }
         };
-        keep(&mut kept, "tools".to_owned(), &tools);
-        for (cs, axes) in &self.axes {
-            let offsets = Kept {
-                configured: self.configured.work_offset_table(*cs, *axes),
-                now: values.work_offset_table(*cs, *axes),
+        let before = self.read();
+        let ids = [&before.tools, &values.tools, &self.configured.tools];
+        let ids: BTreeSet<u16> = ids.into_iter().flat_map(BTreeMap::keys).copied().collect();
+        drop(before);
+        for id in ids {
+            let of = |values: &Values| values.tools.get(&id).map(|tool| data(id, tool));
+            if values.tools.get(&id).is_some_and(Tool::is_lost) {
+                kept.insert(tool_key(id), LOST_VALUE.to_vec());
+                continue;
+            }
+            let tool = Kept {
+                configured: of(&self.configured),
+                now: of(values),
             };
-            keep(&mut kept, value_key("work_offsets", *cs), &offsets);
+            keep(&mut kept, tool_key(id), &tool);
+        }
+        for (cs, axes) in &self.axes {
+            for (name, place) in WORK_OFFSETS.iter().zip(0..) {
+                let of = |values: &Values| -> KeptOffset {
+                    let offset: &AxisVector = &values.work_offsets(*cs).0[place];
+                    let value = |axis| Some(offset[axis]).filter(|value| !is_lost(*value));
+                    axes.iter()
+                        .map(|axis| (axis.letter().to_string(), value(axis)))
+                        .collect()
+                };
+                let offset = Kept {
+                    configured: of(&self.configured),
+                    now: of(values),
+                };
+                keep(&mut kept, work_offset_key(*cs, name), &offset);
+            }
         }
         kept
+    }
+
+    /// Notes whether the tool in the spindle of a coordinate system is known.
+    pub fn note_spindle(&self, cs: CoordinateSystemNumber, is_known: bool) {
+        let mut unknown = self.unknown_spindles.lock();
+        if is_known {
+            unknown.remove(&cs);
+        } else {
+            unknown.insert(cs);
+        }
+    }
+
+    /// Every value that is lost, in words.
+    pub fn lost(&self) -> Vec<String> {
+        let mut lost = lost_ranges("P", &self.global, "");
+        for (cs, variables) in &self.variables {
+            let of = format!(" of coordinate system {cs}");
+            lost.extend(lost_ranges("Q", &variables.coordinate_system, &of));
+        }
+        let values = self.read();
+        let tools = values.tools.iter().filter(|(_, tool)| tool.is_lost());
+        lost.extend(tools.map(|(id, _)| format!("tool {id}")));
+        for (cs, axes) in &self.axes {
+            for (name, offset) in WORK_OFFSETS.iter().zip(&values.work_offsets(*cs).0) {
+                let letters = axes.iter().filter(|axis| is_lost(offset[*axis]));
+                let letters: Vec<String> = letters.map(|axis| axis.letter().to_string()).collect();
+                if !letters.is_empty() {
+                    lost.push(format!("{name} {} of coordinate system {cs}", letters.join(", ")));
+                }
+            }
+        }
+        let unknown = self.unknown_spindles.lock();
+        lost.extend(
+            unknown
+                .iter()
+                .map(|cs| format!("the tool in the spindle of coordinate system {cs}")),
+        );
+        lost
     }
 
     /// The values after a change of work offsets.
@@ -336,6 +426,28 @@ impl Tables {
         *self.write() = values;
         Ok(())
     }
+}
+
+fn letter(area: VariableArea) -> &'static str {
+    match area.kind() {
+        VariableKind::P => "P",
+        VariableKind::Q => "Q",
+    }
+}
+
+/// The lost variables of an array: `P384 to P511`.
+fn lost_ranges(letter: &str, array: &VariableArray, of: &str) -> Vec<String> {
+    let is_lost_at = |number: &usize| array.get(*number).is_some_and(is_lost);
+    let (mut ranges, mut next) = (Vec::new(), 0);
+    while let Some(first) = (next..array.len()).find(is_lost_at) {
+        let end = (first..array.len()).find(|number| !is_lost_at(number));
+        next = end.unwrap_or(array.len());
+        ranges.push(match next - first {
+            1 => format!("{letter}{first}{of}"),
+            _ => format!("{letter}{first} to {letter}{}{of}", next - 1),
+        });
+    }
+    ranges
 }
 
 /// The place of a work offset in a table.

@@ -19,6 +19,7 @@ mod cli_output;
 mod cli_plot;
 mod cli_simulate;
 mod conformance;
+mod damage;
 mod examples;
 mod extension;
 mod init;

@@ -8,6 +8,7 @@ mod disk;
 mod kept;
 mod late;
 mod life;
+mod lost_values;
 mod modes;
 mod programs;
 mod reach;

@@ -1,6 +1,9 @@
 //! The value of expressions and conditions (manual 4-1; D07 to D10).
 
+use std::cell::Cell;
+
 use tandem_model::AXES_MAX;
+use tandem_model::lost::is_lost;
 use tandem_model::variables::{LOCAL_VARIABLES, Variables};
 use tandem_syntax::{Expression, ExpressionId, Function, NcProgram, Operator, Variable, VariableKind};
 
@@ -14,6 +17,8 @@ pub(crate) struct Scope<'a> {
     pub(crate) variables: &'a Variables,
     /// `None` while a G31 is unfinished: nothing reads them then (D15).
     pub(crate) captured: Option<&'a [f64; AXES_MAX]>,
+    /// Takes a variable that was read and whose value is lost: what was calculated with it does not count.
+    pub(crate) lost: &'a Cell<Option<Variable>>,
 }
 
 impl Scope<'_> {
@@ -26,6 +31,9 @@ impl Scope<'_> {
             VariableKind::Global => self.variables.global.get(index),
             VariableKind::CapturedPosition => self.captured.and_then(|all| all.get(index)).copied(),
         };
+        if value.is_some_and(is_lost) {
+            self.lost.set(Some(variable));
+        }
         value.unwrap_or(f64::NAN)
     }
 

@@ -1,6 +1,7 @@
 //! What a code's effect sees and changes while its block is interpreted.
 
 use tandem_model::Alarm;
+use tandem_model::alarm::VALUE_LOST;
 use tandem_model::axis::{Axis, AxisSet, AxisVector};
 use tandem_model::flow::{Action, AxisWords, Frame, Transform};
 use tandem_model::settings::{CoordinateSystemSettings, Tool};
@@ -118,6 +119,11 @@ impl Execution<'_> {
     /// The tool that is selected (D17). Without one its radius or length, `what`, counts as 0, and the code in force in
     /// the group warns.
     pub fn selected_tool(&mut self, group: ModalGroup, what: &str) -> Tool {
+        if self.inputs.tool.is_some_and(|tool| tool.is_lost()) {
+            let text = format!("the {what} of the tool in the spindle is damaged, or which tool it is");
+            self.refuse(Alarm::new(&VALUE_LOST, text));
+            return Tool::default();
+        }
         self.inputs.tool.unwrap_or_else(|| {
             let code = self.modal.code(group).map_or("", |code| code.code);
             self.warn(format!(

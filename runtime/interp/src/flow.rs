@@ -1,25 +1,32 @@
 //! What program codes do: they assign, or jump.
 
-use tandem_syntax::{Block, NcProgram, Statement, VariableKind};
+use std::cell::Cell;
+
+use tandem_syntax::{Block, NcProgram, Statement, Variable, VariableKind};
 
 use crate::evaluation::{Locals, Scope, label};
 use crate::inputs::Inputs;
 
 /// Runs a program code. `next` is the block after it, and changes when it jumps.
+///
+/// # Errors
+/// A variable that it reads has lost its value; it has done nothing then.
 pub(crate) fn run(
     program: &NcProgram,
     block: &Block,
     next: &mut usize,
     locals: &mut Locals,
     inputs: &Inputs<'_>,
-) {
+) -> Result<(), Variable> {
+    let lost = Cell::new(None);
     let scope = Scope {
         locals,
         variables: inputs.variables,
         captured: inputs.captured.as_ref(),
+        lost: &lost,
     };
     let Some(code) = program.program_code(block) else {
-        return;
+        return Ok(());
     };
     let number = || {
         code.expression
@@ -32,6 +39,9 @@ pub(crate) fn run(
     let jump = match code.statement {
         Statement::Assignment(target) => {
             let (index, value) = (usize::from(target.index), number());
+            if let Some(variable) = lost.get() {
+                return Err(variable);
+            }
             match target.kind {
                 VariableKind::Local => {
                     if let Some(variable) = locals.get_mut(index) {
@@ -59,7 +69,11 @@ pub(crate) fn run(
             None
         }
     };
+    if let Some(variable) = lost.get() {
+        return Err(variable);
+    }
     if let Some(to) = jump {
         *next = to as usize;
     }
+    Ok(())
 }

@@ -1,18 +1,19 @@
 //! From the program tree to items for the coordinator: a pull interface, pure.
 
+use std::cell::Cell;
 use std::collections::VecDeque;
 use std::sync::Arc;
 
 use tandem_model::alarm::{
     ARC_REFUSED, COMPENSATION_REFUSED, FIXED_CYCLE_REFUSED, OFFSET_REFUSED, PROGRAM_END_MISSING,
-    PROGRAM_HAS_ERRORS, PROGRAM_NOT_FOUND, STEP_LIMIT, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE,
+    PROGRAM_HAS_ERRORS, PROGRAM_NOT_FOUND, STEP_LIMIT, VALUE_LOST, VALUE_NOT_FINITE, VALUE_OUT_OF_RANGE,
 };
 use tandem_model::flow::{Action, Block as FlowBlock, Item, Output, ProgramStop};
 use tandem_model::limits::{CALL_DEPTH_MAX, STEPS_IN_CHAIN_MAX, STEPS_WITHOUT_ITEM_MAX};
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::variables::LOCAL_VARIABLES;
 use tandem_model::{Alarm, Diagnostic, Origin};
-use tandem_syntax::{Block, Content, NcProgram, Value, VariableKind, diagnostics};
+use tandem_syntax::{Block, Content, NcProgram, Value, Variable, VariableKind, diagnostics};
 
 use crate::block_words::{BlockWords, Reading};
 use crate::codes::{Code, ModalGroup, feed_words};
@@ -230,8 +231,8 @@ impl Interpreter {
             return Ok(());
         };
         if let Content::ProgramCode(_) = block.content {
-            flow::run(&frame.program, &block, &mut frame.next, locals, inputs);
-            return Ok(());
+            return flow::run(&frame.program, &block, &mut frame.next, locals, inputs)
+                .map_err(|variable| value_lost(variable).at(origin));
         }
         self.g_code_block(&block, origin, inputs)
     }
@@ -241,7 +242,7 @@ impl Interpreter {
         let (Some(frame), Some(locals)) = (self.stack.last_mut(), self.locals.last()) else {
             return Ok(());
         };
-        let mut fault = None;
+        let (mut fault, lost) = (None, Cell::new(None));
         // the path stage knows it
         let position = TextPosition::unknown();
         let reading = Reading {
@@ -251,6 +252,7 @@ impl Interpreter {
                 locals,
                 variables: inputs.variables,
                 captured: inputs.captured.as_ref(),
+                lost: &lost,
             }),
             position: &position,
             arc_radius_tolerance_mm: self.limits.arc_radius_tolerance_mm,
@@ -258,6 +260,9 @@ impl Interpreter {
         self.words.read(&frame.program, block, &reading, &mut |found| {
             fault.get_or_insert(found);
         });
+        if let Some(variable) = lost.get() {
+            return Err(value_lost(variable).at(origin));
+        }
         if let Some(fault) = fault {
             let word = frame.program.origin_within(block, fault.span.start, frame.number);
             return Err(alarm_of(&fault).at(word));
@@ -495,6 +500,17 @@ fn reads_captured_position(program: &NcProgram, block: &Block) -> bool {
 }
 
 /// The alarm for what would have been an error at check time.
+/// The alarm of a block that reads a variable whose value is lost.
+fn value_lost(variable: Variable) -> Alarm {
+    let letter = if variable.kind == VariableKind::Global {
+        'P'
+    } else {
+        'Q'
+    };
+    let text = format!("{letter}{} is damaged; nothing has moved for it", variable.index);
+    Alarm::new(&VALUE_LOST, text)
+}
+
 fn alarm_of(fault: &Diagnostic) -> Alarm {
     let alarms = [
         (&diagnostics::NUMBER_TOO_LARGE, &VALUE_NOT_FINITE),

@@ -11,6 +11,7 @@ mod bisect;
 pub mod diagnostic;
 pub mod flow;
 pub mod limits;
+pub mod lost;
 mod motor_move;
 mod pace;
 pub mod plane;

@@ -1,6 +1,7 @@
 //! The machine as the stages see it: its motors and coordinate systems.
 
 use crate::axis::{AXES_MAX, Axis, AxisSet, AxisVector};
+use crate::lost::{LOST, is_lost};
 
 /// Settings of one coordinate system, resolved from the configuration.
 #[derive(Debug, Clone, PartialEq)]
@@ -253,4 +254,17 @@ pub struct Tool {
     pub length: f64,
     /// Radius, mm: the offset of G41 and G42.
     pub radius: f64,
+}
+
+impl Tool {
+    /// A tool whose data is lost.
+    pub const LOST: Tool = Tool {
+        length: LOST,
+        radius: LOST,
+    };
+
+    /// True when its data is lost.
+    pub fn is_lost(&self) -> bool {
+        is_lost(self.length) || is_lost(self.radius)
+    }
 }

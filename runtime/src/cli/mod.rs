@@ -14,6 +14,7 @@ mod plot;
 mod serve;
 mod server_ends;
 mod simulate;
+mod store;
 mod token;
 
 use std::io::Write;
@@ -68,6 +69,8 @@ enum Command {
     Simulate(simulate::Arguments),
     /// Makes a certificate for TLS: of this machine, or of a client
     Cert(cert::Arguments),
+    /// Looks at what a machine keeps, and mends it, while the machine does not run
+    Store(store::Arguments),
     /// Makes a token for an HMI, a sequence program or another system
     Token(token::Arguments),
     /// Prints the access rules of the token file for an external Mosquitto
@@ -96,6 +99,7 @@ pub fn run() -> ExitCode {
         Command::Plot(arguments) => plot::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Cert(arguments) => cert::run(&arguments),
+        Command::Store(arguments) => store::run(&arguments),
         Command::Token(arguments) => token::run(&arguments),
         Command::MqttAcl(arguments) => mqtt_acl::run(&arguments),
         Command::Completions(arguments) => Ok(completions::run(&arguments)),

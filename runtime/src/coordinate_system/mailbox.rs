@@ -334,7 +334,7 @@ mod tests {
             configured,
             handles.remove(0),
             (Execution::Ready, None),
-            0,
+            Some(0),
         );
         (Arc::new(Mailbox::new(shared, system)), servo)
     }

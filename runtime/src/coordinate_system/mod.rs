@@ -93,7 +93,8 @@ struct InputValues {
     spindle: (SpindleDirection, f64),
     /// It turns by M03 or M04 of the stock sequence program: a change of S from this segment on is newer than that.
     spindle_at_s_from: Option<u64>,
-    tool: u16,
+    /// Number of the tool in the spindle; `None`: what was kept of it is lost.
+    tool: Option<u16>,
 }
 
 impl InputValues {
@@ -110,7 +111,7 @@ impl CoordinateSystem {
         configured: Configured,
         handle: ChannelHandle,
         first_state: (Execution, Option<Reason>),
-        tool: u16,
+        tool: Option<u16>,
     ) -> Self {
         let number = configured.settings.number;
         let ledger = Ledger::new(shared.boot_id.clone(), configured.open_outputs_max);
@@ -395,7 +396,7 @@ impl CoordinateSystem {
                 Ok(Answer::Done)
             }
             CoordinateSystemRequest::Tool(id) => {
-                self.inputs.tool = id;
+                self.inputs.tool = Some(id);
                 self.pipeline.planner.bar_way_back();
                 self.publish_tool();
                 Ok(Answer::Done)

@@ -197,7 +197,7 @@ impl CoordinateSystem {
         match action {
             StockAction::Nothing => {}
             StockAction::SelectTool(id) => {
-                self.inputs.tool = id;
+                self.inputs.tool = Some(id);
                 self.publish_tool();
             }
             StockAction::Spindle(SpindleDirection::Orient) => {

@@ -4,6 +4,7 @@ use tandem_interp::Inputs;
 use tandem_model::alarm::{AlarmEntry, COMPENSATION_REFUSED, PROGRAM_WARNING};
 use tandem_model::flow::Item;
 use tandem_model::limits::STEPS_IN_CHAIN_MAX;
+use tandem_model::settings::Tool;
 use tandem_model::{Alarm, Origin};
 
 use plc_api::types::state::Execution;
@@ -166,7 +167,10 @@ impl CoordinateSystem {
             optional_skip: self.inputs.optional_skip,
             work_offsets: tables.work_offsets(self.context.number),
             variables: &self.context.variables,
-            tool: tables.tool(self.inputs.tool),
+            tool: match self.inputs.tool {
+                Some(id) => tables.tool(id),
+                None => Some(Tool::LOST),
+            },
             captured: (!self.pipeline.is_behind_skip()).then_some(self.published.captured),
             position: self.pipeline.counts_from().map(|position| position.0),
         };

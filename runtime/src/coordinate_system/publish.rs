@@ -201,8 +201,12 @@ impl CoordinateSystem {
     }
 
     pub(super) fn publish_tool(&self) {
-        self.context
-            .publish(CsTopic::Tool, Payload::Tool(Tool { id: self.inputs.tool }));
+        let tables = &self.context.shared.tables;
+        tables.note_spindle(self.context.number, self.inputs.tool.is_some());
+        // Nobody is told of a tool that nobody knows.
+        if let Some(id) = self.inputs.tool {
+            self.context.publish(CsTopic::Tool, Payload::Tool(Tool { id }));
+        }
     }
 
     pub(super) fn publish_modal(&self, modal: &tandem_interp::Modal) {
@@ -216,7 +220,7 @@ impl CoordinateSystem {
             ta: modal.ta_ms,
             td: modal.td_ms,
             ts: modal.ts_ms,
-            tool: self.inputs.tool,
+            tool: self.inputs.tool.unwrap_or(0),
             work_offset: modal.work_offset().map(str::to_owned),
         };
         self.context.publish(CsTopic::Modal, Payload::Modal(modal));

@@ -12,24 +12,29 @@ use tandem_servo::{Hardware, HardwareFactory};
 use super::StartError;
 use crate::config::{Machine, ProgramSource};
 use crate::coordinate_system::Mailbox;
-use crate::disk::{Health, Part, make_folder, tighten, write_whole};
+use crate::disk::{Health, Lock, Part, make_folder, tighten, write_whole};
 use crate::persistence::journal_file::{JOURNAL_FOLDER, JournalThread, Newest};
 use crate::persistence::{
-    DataWatch, Image, LastRuns, Restored, Source, StateWriterThread, Store, list, replay_last_runs, restore,
-    warn_once, warn_standing,
+    Condition, DataWatch, Image, Judged, LastRuns, Restored, STARTED_FILE, STORE_FILE, Source,
+    StateWriterThread, Store, judge, list, page_name, pages, replay_last_runs, restore, warn_once,
+    warn_standing,
 };
 use crate::program_store::{ProgramFindings, ProgramStore, StoredProgram, check_readable, read_text};
 use crate::shared::Shared;
-use crate::tables::Tables;
+use crate::tables::{Tables, value_key};
 
 /// What is kept in the data folder, opened.
 pub(super) struct Data {
-    path: PathBuf,
-    store: Store,
+    folder: PathBuf,
+    /// `None`: the disk refuses.
+    store: Option<Store>,
     image: Image,
+    /// What a person should know of the store.
+    notes: Vec<String>,
     pub journal: JournalThread,
     newest: Newest,
     pub health: Arc<Health>,
+    lock: Option<Lock>,
 }
 
 /// What watches over the data folder, and writes into it. Dropping it writes what is left.
@@ -38,6 +43,7 @@ pub(super) struct Keepers {
     _watch: DataWatch,
     pub state: StateWriterThread,
     _journal: JournalThread,
+    _lock: Option<Lock>,
 }
 
 impl Data {
@@ -46,42 +52,59 @@ impl Data {
         let Some(folder) = &machine.data_dir else {
             return Ok(None);
         };
-        let path = folder.join("state.redb");
-        let open = || {
-            make_folder(folder)?;
-            let store = Store::open(&path)?;
-            let image = store.load()?;
-            Ok((store, image))
-        };
-        let (store, image) = open().map_err(|error| refused(folder, error))?;
+        let locked = make_folder(folder).and_then(|()| Lock::take(folder));
+        let lock = locked.map_err(|error| refused(folder, error))?;
+        let mut judged = judge(folder);
+        if judged.is_all_lost {
+            judged.lose(everything(machine));
+        }
         let health = Arc::new(Health::default());
+        let (store, aside) = match Store::open(folder, &judged) {
+            Ok((store, aside)) => (Some(store), aside),
+            Err(error) if error.kind() == io::ErrorKind::ResourceBusy => return Err(refused(folder, error)),
+            refused => {
+                health.note(Part::Store, &refused);
+                (None, None)
+            }
+        };
+        let notes = notes(folder, &judged, aside.as_deref());
+        let image = judged.image;
         let journal = folder.join(JOURNAL_FOLDER);
         let (journal, newest) =
             JournalThread::start(&journal, boot_id, Arc::clone(&health)).map_err(StartError::Thread)?;
         Ok(Some(Self {
-            path,
+            folder: folder.clone(),
             store,
             image,
+            notes,
             journal,
             newest,
             health,
+            lock,
         }))
     }
 
     /// What was kept, and what the journal adds to it, which is then kept, too.
-    pub fn restore(&mut self, tables: &Tables) -> Result<Restored, StartError> {
-        self.replay(tables).map_err(|error| refused(&self.path, error))
-    }
-
-    fn replay(&mut self, tables: &Tables) -> io::Result<Restored> {
-        let mut restored = restore(tables, &self.image)?;
+    pub fn restore(&mut self, tables: &Tables) -> Restored {
+        let mut restored = restore(tables, &self.image);
         let lines = &self.newest.lines;
         let change = replay_last_runs(tables.coordinate_systems(), &mut restored.last_runs, lines);
-        if !change.is_empty() {
-            self.store.commit(&change)?;
-            self.image.take_over(change);
+        if let (false, Some(store)) = (change.is_empty(), &mut self.store) {
+            let written = store.commit(&change);
+            self.health.note(Part::Store, &written);
+            match written {
+                Ok(()) => self.image.take_over(change),
+                Err(_) => self.store = None,
+            }
         }
-        Ok(restored)
+        let replayed = &restored.last_runs;
+        let lost = restored.lost_runs.iter().filter(|cs| !replayed.contains_key(cs));
+        self.notes.extend(lost.map(|cs| {
+            format!(
+                "how the last run of coordinate system {cs} ended is lost: look at the machine before a start"
+            )
+        }));
+        restored
     }
 
     /// Begins to keep what changes.
@@ -91,10 +114,13 @@ impl Data {
         mailboxes: &[Arc<Mailbox>],
         last_runs: LastRuns,
     ) -> Result<Keepers, StartError> {
+        for note in &self.notes {
+            warn_standing(shared, &STORE_DAMAGED, note);
+        }
         for warning in self.newest.warnings() {
             warn_once(shared, &JOURNAL_DAMAGED, &warning);
         }
-        let folder = self.path.parent().unwrap_or(&self.path).to_owned();
+        let folder = self.folder;
         let views = mailboxes.iter();
         let source = Source {
             boot_id: shared.boot_id.clone(),
@@ -108,13 +134,59 @@ impl Data {
             last_runs,
             health: Arc::clone(&shared.health),
         };
-        let state = StateWriterThread::start(self.path, self.store, self.image, source);
+        let state = StateWriterThread::start(folder.clone(), self.store, self.image, source);
         Ok(Keepers {
             _watch: DataWatch::start(&folder, Arc::clone(shared)).map_err(StartError::Thread)?,
             state: state.map_err(StartError::Thread)?,
             _journal: self.journal,
+            _lock: self.lock,
         })
     }
+}
+
+/// The names of all that may have been kept of a machine.
+pub(crate) fn everything(machine: &Machine) -> Vec<String> {
+    let tables = Tables::new(machine);
+    let mut names: Vec<String> = (0..pages(&tables.global()))
+        .map(|place| page_name(0, place))
+        .collect();
+    for cs in tables.coordinate_systems() {
+        let array = tables.variables(cs).coordinate_system;
+        names.extend((0..pages(&array)).map(|place| page_name(cs, place)));
+        names.extend(["tool", "last_run"].map(|what| value_key(what, cs)));
+    }
+    names.extend(tables.kept(&tables.read().clone()).into_keys());
+    names
+}
+
+/// What a person should know of a store that is not whole.
+fn notes(folder: &Path, judged: &Judged, aside: Option<&Path>) -> Vec<String> {
+    let path = folder.join(STORE_FILE);
+    let mut notes = Vec::new();
+    match &judged.condition {
+        Condition::Damaged(how) => {
+            let aside = aside.map_or(String::new(), |aside| {
+                format!("; as it was found it is {}", aside.display())
+            });
+            let lost = match judged.lost.len() {
+                0 => "nothing is lost".to_owned(),
+                lost => format!("{lost} values are lost, which alarm 406 lists"),
+            };
+            notes.push(format!("{}: {how}; {lost}{aside}", path.display()));
+        }
+        Condition::WithoutSums => notes.push(format!(
+            "{}: it is of a version without sums, so its values cannot be verified; look at them once",
+            path.display()
+        )),
+        Condition::New | Condition::Whole => {}
+    }
+    if let Some(fault) = &judged.sums_fault {
+        notes.push(format!(
+            "the sums beside {}: {fault}; nothing is lost",
+            path.display()
+        ));
+    }
+    notes
 }
 
 fn refused(path: &Path, error: io::Error) -> StartError {
@@ -177,7 +249,7 @@ impl Programs {
             let opened = store.open_folder(&folder.join("programs"));
             health.note(Part::Programs, &opened);
             findings = opened.unwrap_or_default();
-            reason = mark_started(&folder.join("started"));
+            reason = mark_started(&folder.join(STARTED_FILE));
         }
         for system in &machine.coordinate_systems {
             for (number, source) in &system.programs {

@@ -1,7 +1,7 @@
 //! Files and folders that the runtime keeps: nobody else may read them, none is written through a link, and what is no
 //! regular file is never waited for.
 
-use std::fs::{self, DirBuilder, File, OpenOptions, Permissions};
+use std::fs::{self, DirBuilder, File, OpenOptions, Permissions, TryLockError};
 use std::io::{self, Read, Write};
 use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _, OpenOptionsExt as _, PermissionsExt as _};
 use std::path::Path;
@@ -137,6 +137,39 @@ fn folder_of(path: &Path) -> &Path {
         return Path::new(".");
     }
     folder
+}
+
+/// A folder that one process works with. It is free again when this is dropped, or the process ends.
+#[derive(Debug)]
+pub(crate) struct Lock {
+    /// It holds the lock as long as it is open.
+    _file: File,
+}
+
+impl Lock {
+    /// Takes a folder; `None` where the disk takes no file.
+    ///
+    /// # Errors
+    /// Another process has it.
+    pub fn take(folder: &Path) -> io::Result<Option<Self>> {
+        let options = &mut OpenOptions::new();
+        let opened = open_regular(&folder.join("lock"), options.write(true).create(true));
+        let Ok(file) = opened else { return Ok(None) };
+        match file.try_lock() {
+            Err(TryLockError::WouldBlock) => Err(in_use()),
+            // not every file system knows locks
+            Err(TryLockError::Error(_)) => Ok(None),
+            Ok(()) => Ok(Some(Self { _file: file })),
+        }
+    }
+}
+
+/// The refusal of a folder that another process works with.
+pub(crate) fn in_use() -> io::Error {
+    io::Error::new(
+        io::ErrorKind::ResourceBusy,
+        "another runtime runs with this folder; stop it, or set another data_dir",
+    )
 }
 
 /// Which file or folder a path leads to, whatever its name is.

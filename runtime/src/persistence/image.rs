@@ -1,14 +1,14 @@
 //! The values to keep, as plain data: only what differs from the values on disk is written.
 
 use std::collections::BTreeMap;
-use std::io;
 
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::data::LastRun;
 use serde::{Deserialize, Serialize};
+use tandem_model::lost::LOST;
 use tandem_model::variables::VariableArray;
 
-use crate::tables::KeptValues;
+use crate::tables::{KeptValues, LOST_VALUE};
 
 /// Variables of one page. Reason: one that changes costs 1 KiB on disk, all of P 256 entries.
 pub(crate) const PAGE_VARIABLES: usize = 128;
@@ -50,21 +50,37 @@ impl Page {
         self.0.iter().flat_map(|bits| bits.to_le_bytes()).collect()
     }
 
-    pub fn from_bytes(bytes: &[u8]) -> io::Result<Self> {
+    /// `None`: it is not of its length.
+    pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
         let (chunks, rest) = bytes.as_chunks::<8>();
-        match <&[[u8; 8]; PAGE_VARIABLES]>::try_from(chunks) {
-            Ok(page) if rest.is_empty() => Ok(Self(page.map(u64::from_le_bytes))),
-            _ => Err(io::Error::new(
-                io::ErrorKind::InvalidData,
-                "a page of variables is not of its length; the file is of another version",
-            )),
-        }
+        let page = <&[[u8; 8]; PAGE_VARIABLES]>::try_from(chunks).ok()?;
+        rest.is_empty().then(|| Self(page.map(u64::from_le_bytes)))
     }
 }
 
 /// How many pages an array fills.
 pub(crate) fn pages(array: &VariableArray) -> u16 {
     u16::try_from(array.len().div_ceil(PAGE_VARIABLES)).unwrap_or(u16::MAX)
+}
+
+/// Name of a page of variables: `p/PLACE`, or `q/COORDINATE SYSTEM/PLACE`.
+pub(crate) fn page_name(area: u8, place: u16) -> String {
+    match area {
+        0 => format!("p/{place}"),
+        cs => format!("q/{cs}/{place}"),
+    }
+}
+
+fn page_key(name: &str) -> Option<(u8, u16)> {
+    let (letter, rest) = name.split_once('/')?;
+    match letter {
+        "p" => Some((0, rest.parse().ok()?)),
+        "q" => {
+            let (cs, place) = rest.split_once('/')?;
+            Some((cs.parse().ok().filter(|cs| *cs != 0)?, place.parse().ok()?))
+        }
+        _ => None,
+    }
 }
 
 /// All that is kept, or a change of it.
@@ -91,6 +107,63 @@ impl Image {
         self.values.extend(change.values);
     }
 
+    /// Every value as a record: its name, and its bytes.
+    pub fn records(&self) -> impl Iterator<Item = (String, Vec<u8>)> {
+        let pages = self.pages.iter();
+        let pages = pages.map(|((area, place), page)| (page_name(*area, *place), page.to_bytes()));
+        let values = self.values.iter();
+        pages.chain(values.map(|(name, bytes)| (name.clone(), bytes.clone())))
+    }
+
+    /// Takes a record over. False: it is of no known form.
+    pub fn take_record(&mut self, name: &str, payload: &[u8]) -> bool {
+        if let Some(key) = page_key(name) {
+            let page = Page::from_bytes(payload);
+            return page.is_some_and(|page| {
+                self.pages.insert(key, page);
+                true
+            });
+        }
+        self.values.insert(name.to_owned(), payload.to_vec());
+        true
+    }
+
+    /// Notes that a value is lost.
+    pub fn lose(&mut self, name: &str) {
+        match page_key(name) {
+            Some(key) => {
+                self.pages.insert(key, Page([LOST.to_bits(); PAGE_VARIABLES]));
+            }
+            None => {
+                self.values.insert(name.to_owned(), LOST_VALUE.to_vec());
+            }
+        }
+    }
+
+    /// True when there is such a value, or it is lost.
+    pub fn has(&self, name: &str) -> bool {
+        match page_key(name) {
+            Some(key) => self.pages.contains_key(&key),
+            None => self.values.contains_key(name),
+        }
+    }
+
+    /// A page of variables by its name.
+    pub fn page(&self, name: &str) -> Option<&Page> {
+        self.pages.get(&page_key(name)?)
+    }
+
+    /// True for the name of a page of variables.
+    pub fn is_page(name: &str) -> bool {
+        page_key(name).is_some()
+    }
+
+    /// The names of all values.
+    pub fn names(&self) -> Vec<String> {
+        let pages = self.pages.keys().map(|(area, place)| page_name(*area, *place));
+        pages.chain(self.values.keys().cloned()).collect()
+    }
+
     pub fn is_empty(&self) -> bool {
         self.pages.is_empty() && self.values.is_empty()
     }
@@ -99,6 +172,34 @@ impl Image {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_value_is_taken_over_under_its_name_or_lost() {
+        let mut image = Image::default();
+        assert!(image.take_record("p/3", &[0; 1024]) && image.take_record("q/2/0", &[1; 1024]));
+        assert!(image.take_record("tool/1", b"7"));
+        assert!(!image.take_record("p/3", b"7"));
+        assert_eq!(image.names(), ["p/3", "q/2/0", "tool/1"]);
+        let mut again = Image::default();
+        for (name, payload) in image.records() {
+            assert!(again.take_record(&name, &payload));
+        }
+        assert_eq!(again, image);
+        image.lose("p/3");
+        image.lose("tool/1");
+        assert!(
+            image
+                .page("p/3")
+                .unwrap()
+                .0
+                .iter()
+                .all(|bits| *bits == LOST.to_bits())
+        );
+        assert_eq!(
+            (&*image.values["tool/1"], image.has("tool/2")),
+            (LOST_VALUE, false)
+        );
+    }
 
     #[test]
     fn pages_hold_an_array_and_give_it_back_bit_by_bit() {
@@ -113,6 +214,9 @@ mod tests {
         }
         let bits = |array: &VariableArray, number| array.get(number).map(f64::to_bits);
         assert!((0..300).all(|number| bits(&array, number) == bits(&other, number)));
-        assert!(Page::from_bytes(&[0; 1023]).is_err() && Page::from_bytes(&[0; 1032]).is_err());
+        assert_eq!(
+            (Page::from_bytes(&[0; 1023]), Page::from_bytes(&[0; 1032])),
+            (None, None)
+        );
     }
 }

@@ -2,15 +2,20 @@
 //! run, and the journal.
 //!
 //! All but the journal is in one file of an embedded store (`store`), changed by whole transactions, so that a kill or
-//! a power cut at any moment leaves the state before or after one of them. A thread of its own (`state_writer`) looks
+//! a power cut at any moment leaves the state before or after one of them. Each value has a sum (`record`), and a file
+//! beside the store has the sums of all (`sums`): a value is believed if both agree, or the store as a whole is sound
+//! (`judge`). What is not is lost, and counts as no value until a person writes it anew. A thread of its own (`state_writer`) looks
 //! for changes and writes them: neither motion nor the handshake waits for a disk. The journal (`journal_file`)
 //! consists of lines in files of bounded size, written by another thread. NC programs are files of their own, see
 //! `program_store`.
 
 mod ahead;
 mod cut_short;
+mod generation;
 mod image;
 pub(crate) mod journal_file;
+mod judge;
+mod record;
 mod replay;
 mod restore;
 mod state_writer;
@@ -18,7 +23,9 @@ mod store;
 mod watch;
 
 pub(crate) use cut_short::cut_short;
-pub(crate) use image::{Image, LastRuns};
+pub(crate) use generation::Generation;
+pub(crate) use image::{Image, LastRuns, PAGE_VARIABLES, page_name, pages};
+pub(crate) use judge::{Condition, Judged, STARTED_FILE, STORE_FILE, judge};
 pub(crate) use replay::replay_last_runs;
 pub(crate) use restore::{Restored, restore};
 pub(crate) use state_writer::{Source, StateWriter, StateWriterThread};

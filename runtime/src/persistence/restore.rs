@@ -1,57 +1,68 @@
 //! The stored values are merged with the configuration when the runtime starts.
 //!
 //! Variables and the tool in the spindle are restored as stored. Of tools and work offsets the newer value counts, one
-//! by one: with each table the store keeps what was configured when it was written. A value that differs in
-//! today's configuration was edited there since, and the configuration counts; every other value is restored.
+//! by one: with each the store keeps what was configured when it was written. A value that differs in today's
+//! configuration was edited there since, and the configuration counts; every other value is restored. What is lost is
+//! restored as lost.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::io;
 
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::data::{ToolData, ToolTable, WorkOffsetTable};
+use serde::Serialize;
 use serde::de::DeserializeOwned;
+use tandem_model::lost::LOST;
 
 use super::image::{Image, KeptRun, LastRuns, Page};
-use crate::tables::{Kept, Tables, value_key};
+use crate::tables::{Kept, KeptOffset, LOST_VALUE, Tables, keep, tool_key, value_key, work_offset_key};
 
 /// What was kept and belongs to no table.
 #[derive(Debug, Default)]
 pub(crate) struct Restored {
-    /// Tool in the spindle by coordinate system.
-    pub tools_in_spindle: BTreeMap<CoordinateSystemNumber, u16>,
+    /// Tool in the spindle by coordinate system; `None`: it is lost.
+    pub tools_in_spindle: BTreeMap<CoordinateSystemNumber, Option<u16>>,
     /// The last runs, of an earlier start of the runtime.
     pub last_runs: LastRuns,
+    /// Coordinate systems whose last run is lost.
+    pub lost_runs: BTreeSet<CoordinateSystemNumber>,
+}
+
+/// A kept value.
+enum Read<T> {
+    Never,
+    Lost,
+    Value(T),
 }
 
 /// Fills the tables, which hold the configured values, with what was kept.
-///
-/// # Errors
-/// A value is of a form that this version does not know.
-pub(crate) fn restore(tables: &Tables, image: &Image) -> io::Result<Restored> {
+pub(crate) fn restore(tables: &Tables, image: &Image) -> Restored {
     let mut restored = Restored::default();
     for ((area, place), page) in &image.pages {
         restore_page(tables, *area, *place, page);
     }
-    if let Some(kept) = read::<Kept<ToolTable>>(image, "tools")? {
-        let configured = by_id(&tables.configured_tools());
-        let now = newer(&by_id(&kept.configured), &by_id(&kept.now), &configured);
-        tables.restore_tools(now.into_values());
-    }
+    restore_tools(tables, image);
     for cs in tables.coordinate_systems() {
-        let key = value_key("work_offsets", cs);
-        if let Some(kept) = read::<Kept<WorkOffsetTable>>(image, &key)? {
-            let configured = by_axis(&tables.configured_work_offsets(cs));
-            let now = newer(&by_axis(&kept.configured), &by_axis(&kept.now), &configured);
-            tables.restore_work_offsets(cs, now.iter().map(|(key, value)| (&*key.0, &*key.1, *value)));
+        restore_work_offsets(tables, cs, image);
+        match read::<u16>(image, &value_key("tool", cs)) {
+            Read::Never => {}
+            Read::Lost => {
+                restored.tools_in_spindle.insert(cs, None);
+            }
+            Read::Value(id) => {
+                restored.tools_in_spindle.insert(cs, Some(id));
+            }
         }
-        if let Some(id) = read::<u16>(image, &value_key("tool", cs))? {
-            restored.tools_in_spindle.insert(cs, id);
-        }
-        if let Some(last_run) = read::<KeptRun>(image, &value_key("last_run", cs))? {
-            restored.last_runs.insert(cs, last_run);
+        match read::<KeptRun>(image, &value_key("last_run", cs)) {
+            Read::Never => {}
+            Read::Lost => {
+                restored.lost_runs.insert(cs);
+            }
+            Read::Value(last_run) => {
+                restored.last_runs.insert(cs, last_run);
+            }
         }
     }
-    Ok(restored)
+    restored
 }
 
 fn restore_page(tables: &Tables, area: u8, place: u16, page: &Page) {
@@ -62,64 +73,262 @@ fn restore_page(tables: &Tables, area: u8, place: u16, page: &Page) {
     }
 }
 
-fn read<T: DeserializeOwned>(image: &Image, key: &str) -> io::Result<Option<T>> {
-    let Some(bytes) = image.values.get(key) else {
-        return Ok(None);
-    };
-    serde_json::from_slice(bytes).map(Some).map_err(|error| {
-        let text = format!("{key} is of another version ({error}); move the file away to begin anew");
-        io::Error::new(io::ErrorKind::InvalidData, text)
-    })
-}
-
-/// One by one the newer of what was kept and what is configured.
-fn newer<K: Ord + Clone, V: PartialEq + Clone>(
-    configured_then: &BTreeMap<K, V>,
-    kept: &BTreeMap<K, V>,
-    configured: &BTreeMap<K, V>,
-) -> BTreeMap<K, V> {
-    let mut now = kept.clone();
-    let keys: BTreeSet<&K> = configured_then.keys().chain(configured.keys()).collect();
-    for key in keys {
-        let says = configured.get(key);
-        if says == configured_then.get(key) {
-            continue;
-        }
-        match says {
-            Some(value) => now.insert(key.clone(), value.clone()),
-            None => now.remove(key),
+fn restore_tools(tables: &Tables, image: &Image) {
+    let configured = by_id(&tables.configured_tools());
+    let mut tools: BTreeMap<u16, ToolData> = configured.clone();
+    let ids = image
+        .values
+        .keys()
+        .filter_map(|name| name.strip_prefix("tool_data/")?.parse().ok());
+    for id in ids {
+        let now = match read::<Kept<Option<ToolData>>>(image, &tool_key(id)) {
+            Read::Never => continue,
+            Read::Lost => Some(lost_tool(id)),
+            Read::Value(kept) => newer(kept.configured, kept.now, configured.get(&id).copied()),
+        };
+        match now {
+            Some(tool) => tools.insert(id, tool),
+            None => tools.remove(&id),
         };
     }
-    now
+    tables.restore_tools(tools.into_values());
+}
+
+fn lost_tool(id: u16) -> ToolData {
+    ToolData {
+        id,
+        radius: LOST,
+        length: LOST,
+    }
+}
+
+fn restore_work_offsets(tables: &Tables, cs: CoordinateSystemNumber, image: &Image) {
+    for (name, axes) in &tables.configured_work_offsets(cs).work_offsets {
+        let kept = match read::<Kept<KeptOffset>>(image, &work_offset_key(cs, name)) {
+            Read::Never => continue,
+            Read::Lost => None,
+            Read::Value(kept) => Some(kept),
+        };
+        let values = axes.iter().map(|(letter, configured)| {
+            let value = match &kept {
+                None => None,
+                Some(kept) => {
+                    let then = kept.configured.get(letter).copied();
+                    newer(then, kept.now.get(letter).copied(), Some(Some(*configured))).flatten()
+                }
+            };
+            (name.as_str(), letter.as_str(), value.unwrap_or(LOST))
+        });
+        tables.restore_work_offsets(cs, values);
+    }
+}
+
+fn read<T: DeserializeOwned>(image: &Image, key: &str) -> Read<T> {
+    match image.values.get(key) {
+        None => Read::Never,
+        Some(bytes) if bytes == LOST_VALUE => Read::Lost,
+        Some(bytes) => serde_json::from_slice(bytes).map_or_else(
+            |error| {
+                tracing::warn!("{key} is of another version ({error}); it counts as lost");
+                Read::Lost
+            },
+            Read::Value,
+        ),
+    }
+}
+
+/// The newer of what was kept and what is configured.
+fn newer<V: PartialEq + Copy>(
+    configured_then: Option<V>,
+    kept: Option<V>,
+    configured: Option<V>,
+) -> Option<V> {
+    if configured == configured_then {
+        kept
+    } else {
+        configured
+    }
 }
 
 fn by_id(table: &ToolTable) -> BTreeMap<u16, ToolData> {
     table.tools.iter().map(|tool| (tool.id, *tool)).collect()
 }
 
-fn by_axis(table: &WorkOffsetTable) -> BTreeMap<(String, String), f64> {
-    let offsets = table.work_offsets.iter();
-    let each = offsets.flat_map(|(name, axes)| axes.iter().map(move |axis| (name, axis)));
-    each.map(|(name, (letter, value))| ((name.clone(), letter.clone()), *value))
-        .collect()
+impl Image {
+    /// Takes over a value of a version that kept each table as one value.
+    pub(super) fn take_old(&mut self, name: &str, bytes: &[u8]) {
+        if name == "tools" {
+            match serde_json::from_slice::<Kept<ToolTable>>(bytes) {
+                Ok(kept) => self.take_old_tools(&kept),
+                Err(error) => tracing::warn!("the tool table cannot be taken over: {error}"),
+            }
+        } else if let Some(cs) = name.strip_prefix("work_offsets/").and_then(|cs| cs.parse().ok()) {
+            match serde_json::from_slice::<Kept<WorkOffsetTable>>(bytes) {
+                Ok(kept) => self.take_old_work_offsets(cs, &kept),
+                Err(error) => tracing::warn!("{name} cannot be taken over: {error}"),
+            }
+        } else {
+            self.values.insert(name.to_owned(), bytes.to_vec());
+        }
+    }
+
+    fn take_old_tools(&mut self, kept: &Kept<ToolTable>) {
+        let (configured, now) = (by_id(&kept.configured), by_id(&kept.now));
+        let ids: BTreeSet<u16> = configured.keys().chain(now.keys()).copied().collect();
+        for id in ids {
+            let kept = Kept {
+                configured: configured.get(&id).copied(),
+                now: now.get(&id).copied(),
+            };
+            self.keep_value(tool_key(id), &kept);
+        }
+    }
+
+    fn take_old_work_offsets(&mut self, cs: CoordinateSystemNumber, kept: &Kept<WorkOffsetTable>) {
+        let known = |table: &WorkOffsetTable, name: &str| -> KeptOffset {
+            let axes = table.work_offsets.get(name).into_iter().flatten();
+            axes.map(|(letter, value)| (letter.clone(), Some(*value)))
+                .collect()
+        };
+        for name in kept.now.work_offsets.keys() {
+            let kept = Kept {
+                configured: known(&kept.configured, name),
+                now: known(&kept.now, name),
+            };
+            self.keep_value(work_offset_key(cs, name), &kept);
+        }
+    }
+
+    fn keep_value(&mut self, name: String, value: &impl Serialize) {
+        keep(&mut self.values, name, value);
+    }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use plc_api::types::data::{ToolChange, VariableArea};
+    use tandem_model::lost::is_lost;
 
-    fn table(values: &[(u16, i32)]) -> BTreeMap<u16, i32> {
-        values.iter().copied().collect()
-    }
+    use super::*;
+    use crate::Config;
+    use crate::tables::KeptValues;
 
     #[test]
     fn a_kept_value_counts_until_the_configuration_says_another() {
-        let then = table(&[(1, 10), (2, 20), (3, 30), (4, 40)]);
-        // since: 1 measured, 2 measured and then edited in the configuration, 3 taken out, 4 taken out of the
-        // configuration, 5 added to the table, 6 added to the configuration
-        let kept = table(&[(1, 11), (2, 22), (4, 40), (5, 50)]);
-        let configured = table(&[(1, 10), (2, 25), (3, 30), (6, 60)]);
-        let now = table(&[(1, 11), (2, 25), (5, 50), (6, 60)]);
-        assert_eq!(newer(&then, &kept, &configured), now);
+        // measured; measured and then edited in the configuration; taken out; taken out of the configuration; added to
+        // the table; added to the configuration
+        for (then, kept, configured, now) in [
+            (Some(10), Some(11), Some(10), Some(11)),
+            (Some(20), Some(22), Some(25), Some(25)),
+            (Some(30), None, Some(30), None),
+            (Some(40), Some(40), None, None),
+            (None, Some(50), None, Some(50)),
+            (None, None, Some(60), Some(60)),
+        ] {
+            assert_eq!(newer(then, kept, configured), now);
+        }
+    }
+
+    fn tables() -> Tables {
+        Tables::new(&Config::demo().resolve().unwrap())
+    }
+
+    /// An image of the demo machine with two tools and all offsets.
+    fn image() -> Image {
+        let tables = tables();
+        let tool = |id| ToolData {
+            id,
+            radius: 1.0,
+            length: 2.0,
+        };
+        let change = ToolChange {
+            tools: vec![tool(18), tool(19)],
+            remove: Vec::new(),
+        };
+        let values: KeptValues = tables.kept(&tables.with_tools(&change).unwrap());
+        Image {
+            values,
+            ..Image::default()
+        }
+    }
+
+    #[test]
+    fn what_is_lost_is_restored_as_lost_and_all_else_as_it_was() {
+        let (tables, mut image) = (tables(), image());
+        for name in ["tool_data/19", "work_offset/1/G54", "tool/1", "last_run/2", "p/3"] {
+            image.lose(name);
+        }
+        let restored = restore(&tables, &image);
+        let values = tables.read();
+        assert!(is_lost(values.tool(19).unwrap().length) && !is_lost(values.tool(18).unwrap().length));
+        let offsets = values.work_offsets(1).0;
+        assert!(is_lost(offsets[0].0[0]) && !is_lost(offsets[1].0[0]));
+        drop(values);
+        assert!(
+            !tables.tools().tools.iter().any(|tool| tool.id == 19),
+            "it is shown to nobody"
+        );
+        assert_eq!(restored.tools_in_spindle, [(1, None)].into());
+        assert_eq!(restored.lost_runs, [2].into());
+        assert!(tables.read_variables(VariableArea::Global, 383, 1).is_ok());
+        assert!(tables.read_variables(VariableArea::Global, 383, 2).is_err());
+        let told = tables.lost().join("; ");
+        assert_eq!(told, "P384 to P511; tool 19; G54 X, Y, Z of coordinate system 1");
+        // it is kept as lost, and known once it is written
+        let kept = tables.kept(&tables.read().clone());
+        assert_eq!(kept["tool_data/19"], LOST_VALUE);
+        let change = ToolChange {
+            tools: vec![ToolData {
+                id: 19,
+                radius: 0.0,
+                length: 1.0,
+            }],
+            remove: Vec::new(),
+        };
+        tables
+            .change(|tables| tables.with_tools(&change), |_| Ok(()))
+            .unwrap();
+        tables
+            .write_variables(VariableArea::Global, 384, &[1.0; 127])
+            .unwrap();
+        assert_eq!(
+            tables.lost().join("; "),
+            "P511; G54 X, Y, Z of coordinate system 1"
+        );
+    }
+
+    #[test]
+    fn tables_of_a_version_that_kept_each_as_one_value_are_taken_over() {
+        let tool = |id, length| ToolData {
+            id,
+            radius: 0.5,
+            length,
+        };
+        let kept = Kept {
+            configured: ToolTable {
+                tools: vec![tool(901, 1.0)],
+            },
+            now: ToolTable {
+                tools: vec![tool(902, 2.0)],
+            },
+        };
+        let mut image = Image::default();
+        image.take_old("tools", &serde_json::to_vec(&kept).unwrap());
+        assert_eq!(image.names(), ["tool_data/901", "tool_data/902"]);
+        let tables = tables();
+        restore(&tables, &image);
+        assert_eq!(tables.read().tool(902).map(|tool| tool.length), Some(2.0));
+        let offset = |x: f64| -> WorkOffsetTable {
+            let axes = [("X".to_owned(), x)].into();
+            WorkOffsetTable {
+                work_offsets: [("G55".to_owned(), axes)].into(),
+            }
+        };
+        let kept = Kept {
+            configured: offset(0.0),
+            now: offset(7.5),
+        };
+        image.take_old("work_offsets/1", &serde_json::to_vec(&kept).unwrap());
+        assert!(image.has("work_offset/1/G55"));
     }
 }

@@ -16,7 +16,9 @@ use plc_api::types::{BootId, CoordinateSystemNumber, Timestamp};
 use tandem_model::variables::VariableArray;
 use tokio::sync::oneshot::{self, error::RecvError};
 
+use super::generation::Generation;
 use super::image::{Image, KeptRun, LastRuns, Page, pages};
+use super::judge::{STORE_FILE, judge};
 use super::store::Store;
 use crate::clock::Clock;
 use crate::coordinate_system::View;
@@ -26,6 +28,9 @@ use crate::tables::{KeptValues, Tables, keep, value_key};
 
 /// Time between two looks. Reason: half of the 100 ms that what is kept may be behind; the rest is the disk's.
 const INTERVAL: Duration = Duration::from_millis(50);
+
+/// Time between two generations. Reason: as old as values may be that a person takes from it, and rare enough for any disk.
+const GENERATION_S: f64 = 600.0;
 
 /// A commit that ends later than this after the previous look is logged.
 const BEHIND_MAX_S: f64 = 0.1;
@@ -81,15 +86,16 @@ pub(crate) struct StateWriterThread {
 }
 
 impl StateWriterThread {
-    /// Starts the thread over an open store, of which `kept` is the content.
+    /// Starts the thread over the store of a folder, of which `kept` is the content; `None`: the disk refuses it.
     ///
     /// # Errors
     /// The operating system gives no thread.
-    pub fn start(path: PathBuf, store: Store, kept: Image, source: Source) -> io::Result<Self> {
+    pub fn start(folder: PathBuf, store: Option<Store>, kept: Image, source: Source) -> io::Result<Self> {
         let (messages, inbox) = channel();
         let work = Work {
-            path,
-            store: Some(store),
+            folder,
+            store,
+            generation: GenerationPace::default(),
             kept,
             last_runs: source.last_runs.clone(),
             pace: Pace::default(),
@@ -239,10 +245,25 @@ impl Pace {
     }
 }
 
+/// When the last good generation is written: after the start, at the end, and in between if something has changed.
+#[derive(Debug, Default)]
+struct GenerationPace {
+    /// When it was written, and the number of the last change then.
+    written: Option<(f64, u64)>,
+}
+
+impl GenerationPace {
+    fn is_due(&self, now_s: f64, last: u64, is_closing: bool) -> bool {
+        self.written
+            .is_none_or(|(then_s, then)| then != last && (is_closing || now_s - then_s >= GENERATION_S))
+    }
+}
+
 struct Work {
-    path: PathBuf,
+    folder: PathBuf,
     /// `None` after a failure, until it opens again.
     store: Option<Store>,
+    generation: GenerationPace,
     kept: Image,
     last_runs: LastRuns,
     source: Source,
@@ -267,6 +288,7 @@ impl Work {
                 }
             }
             let written = self.turn(values);
+            self.keep_generation(!open);
             for done in waiting {
                 // A caller may have gone.
                 let _ = done.send(written.clone());
@@ -286,7 +308,8 @@ impl Work {
         let change = change.beyond(&self.kept);
         let written = self.commit(&change);
         let behind_s = self.pace.on_commit(looked_s, self.source.clock.now_s());
-        let written = written.map_err(|error| format!("{}: {error}", self.path.display()));
+        let path = self.folder.join(STORE_FILE);
+        let written = written.map_err(|error| format!("{}: {error}", path.display()));
         self.source.health.note(Part::Store, &written);
         written?;
         self.kept.take_over(change);
@@ -298,9 +321,9 @@ impl Work {
     }
 
     fn commit(&mut self, change: &Image) -> io::Result<()> {
-        let Some(store) = self.store.take() else {
+        let Some(mut store) = self.store.take() else {
             // What was lost meanwhile is known here.
-            let store = Store::open(&self.path)?;
+            let (mut store, _) = Store::open(&self.folder, &judge(&self.folder))?;
             let mut all = self.kept.clone();
             all.take_over(change.clone());
             store.commit(&all)?;
@@ -315,11 +338,43 @@ impl Work {
         self.store = Some(store);
         Ok(())
     }
+
+    /// Writes the last good generation when it is due. One with lost values is not good.
+    fn keep_generation(&mut self, is_closing: bool) {
+        let (now_s, last) = (self.source.clock.now_s(), self.store.as_ref().map(Store::last));
+        let Some(last) = last.filter(|last| self.generation.is_due(now_s, *last, is_closing)) else {
+            return;
+        };
+        self.generation.written = Some((now_s, last));
+        if self.source.tables.lost().is_empty()
+            && let Err(error) = Generation::write(&self.folder, &self.kept)
+        {
+            tracing::warn!("the last good generation is not written: {error}");
+        }
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_generation_is_due_at_the_start_at_the_end_and_every_ten_minutes_with_a_change() {
+        let pace = |written| GenerationPace { written };
+        for (written, now_s, last, is_closing, is_due) in [
+            (None, 0.0, 1, false, true),
+            (Some((0.0, 1)), 700.0, 1, true, false),
+            (Some((0.0, 1)), 500.0, 2, false, false),
+            (Some((0.0, 1)), 500.0, 2, true, true),
+            (Some((0.0, 1)), 600.0, 2, false, true),
+        ] {
+            assert_eq!(
+                pace(written).is_due(now_s, last, is_closing),
+                is_due,
+                "{written:?} {now_s}"
+            );
+        }
+    }
 
     #[test]
     fn with_commits_of_up_to_50_ms_what_is_kept_is_at_most_100_ms_behind() {

@@ -1,23 +1,20 @@
-//! The embedded store: one file, changed by whole transactions.
+//! The embedded store: one file, changed by whole transactions, and a file of sums beside it.
 
-use std::fs::OpenOptions;
+use std::collections::BTreeMap;
+use std::fs::{self, OpenOptions};
 use std::io;
 use std::path::{Path, PathBuf};
 
 use redb::backends::FileBackend;
-use redb::{Builder, Database, DatabaseError, ReadableDatabase, ReadableTable, TableDefinition};
+use redb::{Builder, Database, DatabaseError};
 
-use super::image::{Image, Page};
-use crate::disk::{Identity, open_regular, tighten};
+use super::image::Image;
+use super::judge::{Condition, Judged, STORE_FILE, SUMS_FILE};
+use super::record::{self, CACHE_BYTES, CHANGE, OLD_VALUES, OLD_VARIABLES, RECORDS};
+use crate::disk::{Identity, SumChange, SumFile, UNFINISHED, in_use, open_regular, sync_folder, tighten};
 
-/// Pages of variables by area (0: P, else the coordinate system of Q) and place.
-const VARIABLES: TableDefinition<'_, (u8, u16), &[u8]> = TableDefinition::new("variables");
-
-/// Everything else, as JSON by name.
-const VALUES: TableDefinition<'_, &str, &[u8]> = TableDefinition::new("values");
-
-/// Bytes of the store's cache. Reason: all that is kept fits.
-const CACHE_BYTES: usize = 4 << 20;
+/// Damaged stores that are kept as evidence at the most; the oldest are removed.
+const EVIDENCE_MAX: usize = 8;
 
 /// An open store. No other process can open it as long as it lives.
 #[derive(Debug)]
@@ -25,40 +22,43 @@ pub(crate) struct Store {
     database: Database,
     path: PathBuf,
     identity: Identity,
+    sums: SumFile,
+    /// Number of the last change.
+    last: u64,
 }
 
 impl Store {
-    /// Opens or makes the file; what a kill has left half-way is undone.
+    /// Opens the store of a folder, of which `judged` is what a look has found: one that is damaged is put aside, and one
+    /// of what is left takes its place. Gives where a damaged one is.
     ///
     /// # Errors
-    /// Another process has it open, it is damaged, or the disk refuses.
-    pub fn open(path: &Path) -> io::Result<Self> {
-        let file = open_regular(
-            path,
-            OpenOptions::new()
-                .read(true)
-                .write(true)
-                .create(true)
-                .truncate(false),
-        )?;
-        tighten(path);
-        let identity = Identity::of(&file)?;
-        let opened = FileBackend::new(file).and_then(|file| {
-            let mut builder = Builder::new();
-            builder.set_cache_size(CACHE_BYTES).create_with_backend(file)
-        });
-        let database = opened.map_err(|error| match error {
-            DatabaseError::DatabaseAlreadyOpen => io::Error::new(
-                io::ErrorKind::ResourceBusy,
-                "another runtime runs with this folder; stop it, or set another data_dir",
-            ),
-            other => io::Error::other(format!("{}: {other}", path.display())),
-        })?;
-        Ok(Self {
+    /// Another process has it open, or the disk refuses; nothing is lost then that was not before.
+    pub fn open(folder: &Path, judged: &Judged) -> io::Result<(Self, Option<PathBuf>)> {
+        let path = folder.join(STORE_FILE);
+        let mut aside = None;
+        if matches!(judged.condition, Condition::Damaged(_)) {
+            aside = Some(replace(folder, &path, judged)?);
+        }
+        let database = open_database(&path)?;
+        let identity = Identity::at(&path)?;
+        let mut last = judged.last;
+        if judged.condition != Condition::Whole {
+            last += 1;
+        }
+        if matches!(judged.condition, Condition::New | Condition::WithoutSums) {
+            write_all(&database, &judged.image, last)?;
+        }
+        let sums = SumFile::begin(&folder.join(SUMS_FILE), last, sums_of(&judged.image))?;
+        let mut store = Self {
             database,
-            path: path.to_owned(),
+            path,
             identity,
-        })
+            sums,
+            last,
+        };
+        // From here on both files have the same number.
+        store.commit(&Image::default())?;
+        Ok((store, aside))
     }
 
     /// Checks that the file is where it was opened.
@@ -66,63 +66,134 @@ impl Store {
     /// # Errors
     /// It was removed or replaced.
     pub fn check(&self) -> io::Result<()> {
-        self.identity.check(&self.path)
+        self.identity.check(&self.path)?;
+        self.sums.check()
     }
 
-    /// Everything that is kept.
-    ///
-    /// # Errors
-    /// The file is damaged, or the disk refuses.
-    pub fn load(&self) -> io::Result<Image> {
-        let mut image = Image::default();
-        // the tables are made here, so that reading finds them
-        let writing = self.database.begin_write().map_err(io::Error::other)?;
-        writing.open_table(VARIABLES).map_err(io::Error::other)?;
-        writing.open_table(VALUES).map_err(io::Error::other)?;
-        writing.commit().map_err(io::Error::other)?;
-        let reading = self.database.begin_read().map_err(io::Error::other)?;
-        let pages = reading.open_table(VARIABLES).map_err(io::Error::other)?;
-        for entry in pages.iter().map_err(io::Error::other)? {
-            let (key, bytes) = entry.map_err(io::Error::other)?;
-            image.pages.insert(key.value(), Page::from_bytes(bytes.value())?);
-        }
-        let values = reading.open_table(VALUES).map_err(io::Error::other)?;
-        for entry in values.iter().map_err(io::Error::other)? {
-            let (key, bytes) = entry.map_err(io::Error::other)?;
-            image
-                .values
-                .insert(key.value().to_owned(), bytes.value().to_vec());
-        }
-        Ok(image)
+    /// Number of the last change.
+    pub fn last(&self) -> u64 {
+        self.last
     }
 
     /// Writes a change as a whole; it is on disk when this returns.
     ///
     /// # Errors
     /// The disk refuses; nothing of the change counts.
-    pub fn commit(&self, change: &Image) -> io::Result<()> {
+    pub fn commit(&mut self, change: &Image) -> io::Result<()> {
         self.check()?;
-        let writing = self.database.begin_write().map_err(io::Error::other)?;
-        {
-            let mut pages = writing.open_table(VARIABLES).map_err(io::Error::other)?;
-            for (key, page) in &change.pages {
-                pages
-                    .insert(key, page.to_bytes().as_slice())
-                    .map_err(io::Error::other)?;
-            }
-            let mut values = writing.open_table(VALUES).map_err(io::Error::other)?;
-            for (key, bytes) in &change.values {
-                values
-                    .insert(key.as_str(), bytes.as_slice())
-                    .map_err(io::Error::other)?;
-            }
+        let number = self.last + 1;
+        write_all(&self.database, change, number)?;
+        let sums: SumChange = sums_of(change)
+            .into_iter()
+            .map(|(name, sum)| (name, Some(sum)))
+            .collect();
+        self.sums.add(number, sums)?;
+        self.last = number;
+        Ok(())
+    }
+}
+
+/// The sum of each record of an image.
+fn sums_of(image: &Image) -> BTreeMap<String, String> {
+    let records = image.records();
+    records
+        .map(|(name, payload)| {
+            let sum = record::sum_of_record(&name, &payload);
+            (name, sum)
+        })
+        .collect()
+}
+
+fn write_all(database: &Database, image: &Image, number: u64) -> io::Result<()> {
+    let writing = database.begin_write().map_err(io::Error::other)?;
+    {
+        let mut records = writing.open_table(RECORDS).map_err(io::Error::other)?;
+        let change = (CHANGE.to_owned(), number.to_string().into_bytes());
+        for (name, payload) in image.records().chain([change]) {
+            let bytes = record::write(&name, &payload);
+            records
+                .insert(name.as_str(), bytes.as_slice())
+                .map_err(io::Error::other)?;
         }
-        writing.commit().map_err(io::Error::other)
+    }
+    writing.delete_table(OLD_VARIABLES).map_err(io::Error::other)?;
+    writing.delete_table(OLD_VALUES).map_err(io::Error::other)?;
+    writing.commit().map_err(io::Error::other)
+}
+
+fn open_database(path: &Path) -> io::Result<Database> {
+    let file = open_regular(
+        path,
+        OpenOptions::new()
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(false),
+    )?;
+    tighten(path);
+    let opened = FileBackend::new(file).and_then(|file| {
+        let mut builder = Builder::new();
+        builder.set_cache_size(CACHE_BYTES).create_with_backend(file)
+    });
+    opened.map_err(|error| match error {
+        DatabaseError::DatabaseAlreadyOpen => in_use(),
+        other => io::Error::other(format!("{}: {other}", path.display())),
+    })
+}
+
+/// Puts a store of what is left in the place of a damaged one, which is kept aside.
+fn replace(folder: &Path, path: &Path, judged: &Judged) -> io::Result<PathBuf> {
+    let new = folder.join(format!("{STORE_FILE}{UNFINISHED}"));
+    match fs::remove_file(&new) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+        _ => {}
+    }
+    write_all(&open_database(&new)?, &judged.image, judged.last + 1)?;
+    let aside = evidence(folder);
+    let is_file = fs::symlink_metadata(path).is_ok_and(|metadata| metadata.is_file());
+    if is_file {
+        fs::copy(path, &aside)?;
+        tighten(&aside);
+        OpenOptions::new().read(true).open(&aside)?.sync_all()?;
+    } else if fs::symlink_metadata(path).is_ok() {
+        // a folder, a link or a FIFO
+        fs::rename(path, &aside)?;
+    }
+    fs::rename(&new, path)?;
+    sync_folder(folder)?;
+    remove_old_evidence(folder);
+    Ok(aside)
+}
+
+/// Where a damaged store is kept as evidence: a name that is free.
+fn evidence(folder: &Path) -> PathBuf {
+    let named = |number: u32| folder.join(format!("{STORE_FILE}.damaged-{number}"));
+    let number = (1..u32::MAX).find(|number| !named(*number).exists());
+    named(number.unwrap_or(u32::MAX))
+}
+
+/// What cannot be removed stays.
+fn remove_old_evidence(folder: &Path) {
+    let prefix = format!("{STORE_FILE}.damaged-");
+    let number = |entry: fs::DirEntry| -> Option<(u32, PathBuf)> {
+        let name = entry.file_name().into_string().ok()?;
+        Some((name.strip_prefix(&prefix)?.parse().ok()?, entry.path()))
+    };
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut all: Vec<_> = entries.filter_map(number).collect();
+    all.sort();
+    let surplus = all.len().saturating_sub(EVIDENCE_MAX);
+    for (_, path) in &all[..surplus] {
+        let _ = fs::remove_file(path);
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
+    use super::super::image::Page;
+    use super::super::judge::judge;
     use super::*;
 
     fn image(number: u64) -> Image {
@@ -132,49 +203,225 @@ mod tests {
         }
     }
 
+    /// Opens as a start does.
+    fn open(folder: &Path) -> (Store, Judged, Option<PathBuf>) {
+        let judged = judge(folder);
+        let (store, aside) = Store::open(folder, &judged).unwrap();
+        (store, judged, aside)
+    }
+
+    fn names(names: &[&str]) -> BTreeSet<String> {
+        names.iter().map(|name| (*name).to_owned()).collect()
+    }
+
     #[test]
     fn what_was_committed_is_there_when_it_is_opened_again() {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("state.redb");
-        let store = Store::open(&path).unwrap();
-        assert_eq!(store.load().unwrap(), Image::default());
+        let (mut store, judged, _) = open(folder.path());
+        assert_eq!(
+            (judged.condition, judged.image),
+            (Condition::New, Image::default())
+        );
+        store.commit(&image(1)).unwrap();
+        store.commit(&image(5)).unwrap();
+        let last = store.last();
+        drop(store);
+        for round in 0..3 {
+            let (store, judged, aside) = open(folder.path());
+            assert_eq!(
+                (judged.condition, judged.image, aside),
+                (Condition::Whole, image(5), None)
+            );
+            assert_eq!((judged.last, store.last()), (last + round, last + round + 1));
+        }
+    }
+
+    #[test]
+    fn with_any_bit_flipped_a_value_is_the_kept_one_or_lost() {
+        let folder = tempfile::tempdir().unwrap();
+        let (mut store, ..) = open(folder.path());
         store.commit(&image(1)).unwrap();
         store.commit(&image(5)).unwrap();
         drop(store);
-        assert_eq!(Store::open(&path).unwrap().load().unwrap(), image(5));
+        let path = folder.path().join(STORE_FILE);
+        let good = fs::read(&path).unwrap();
+        let all = names(&["p/3", "q/2/0", "tools"]);
+        let (mut whole, mut lost) = (0, 0);
+        for place in (0..good.len() * 8).step_by(1009) {
+            let mut flipped = good.clone();
+            flipped[place / 8] ^= 1 << (place % 8);
+            fs::write(&path, &flipped).unwrap();
+            let judged = judge(folder.path());
+            for (name, payload) in image(5).records() {
+                let found = judged
+                    .image
+                    .records()
+                    .find(|(found, _)| *found == name)
+                    .unwrap()
+                    .1;
+                assert!(
+                    found == payload || judged.lost.contains(&name),
+                    "{name} at bit {place}"
+                );
+            }
+            assert!(judged.lost.is_subset(&all));
+            assert!(
+                judged.lost.len() <= 1,
+                "{:?} at bit {place}: one bit is of one value",
+                judged.lost
+            );
+            (whole, lost) = (
+                whole + usize::from(judged.lost.is_empty()),
+                lost + judged.lost.len(),
+            );
+        }
+        assert!(whole > 10 * lost, "{whole} {lost}");
+    }
+
+    #[test]
+    fn a_store_that_is_gone_empty_or_none_is_put_aside_and_what_was_kept_is_lost_by_name() {
+        for damage in ["gone", "empty", "none", "folder"] {
+            let folder = tempfile::tempdir().unwrap();
+            let (mut store, ..) = open(folder.path());
+            store.commit(&image(1)).unwrap();
+            drop(store);
+            let path = folder.path().join(STORE_FILE);
+            fs::remove_file(&path).unwrap();
+            match damage {
+                "gone" => {}
+                "empty" => fs::write(&path, "").unwrap(),
+                "none" => fs::write(&path, "this is not a store ".repeat(500)).unwrap(),
+                _ => fs::create_dir(&path).unwrap(),
+            }
+            let (store, judged, aside) = open(folder.path());
+            assert!(matches!(judged.condition, Condition::Damaged(_)), "{damage}");
+            assert_eq!(judged.lost, names(&["p/3", "q/2/0", "tools"]), "{damage}");
+            assert_eq!(aside.unwrap().exists(), damage != "gone");
+            drop(store);
+            // lost, until somebody writes it anew
+            let (mut store, judged, _) = open(folder.path());
+            assert_eq!((judged.condition, judged.lost.len()), (Condition::Whole, 0));
+            assert_eq!(judged.image.values["tools"], b"lost");
+            store.commit(&image(2)).unwrap();
+            drop(store);
+            assert_eq!(judge(folder.path()).image, image(2));
+        }
+    }
+
+    #[test]
+    fn an_older_store_is_not_believed_but_for_what_has_not_changed_since() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(STORE_FILE);
+        let (mut store, ..) = open(folder.path());
+        store.commit(&image(1)).unwrap();
+        drop(store);
+        let older = fs::read(&path).unwrap();
+        let (mut store, ..) = open(folder.path());
+        let mut change = Image::default();
+        change.values.insert("tools".to_owned(), b"2".to_vec());
+        store.commit(&change).unwrap();
+        drop(store);
+        fs::write(&path, older).unwrap();
+        let judged = judge(folder.path());
+        assert_eq!(judged.lost, names(&["tools"]));
+        assert_eq!(judged.image.pages, image(1).pages);
+    }
+
+    #[test]
+    fn without_its_sums_a_sound_store_is_believed_and_a_damaged_one_is_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let (mut store, ..) = open(folder.path());
+        store.commit(&image(1)).unwrap();
+        drop(store);
+        fs::remove_file(folder.path().join(SUMS_FILE)).unwrap();
+        let judged = judge(folder.path());
+        assert_eq!(
+            (judged.condition.clone(), judged.image),
+            (Condition::Whole, image(1))
+        );
+        assert!(judged.sums_fault.is_some());
+        let path = folder.path().join(STORE_FILE);
+        let mut bytes = fs::read(&path).unwrap();
+        let record = record::write("tools", b"1");
+        let place = bytes
+            .windows(record.len())
+            .position(|window| window == record)
+            .unwrap();
+        bytes[place + record.len() - 1] ^= 1;
+        fs::write(&path, bytes).unwrap();
+        fs::write(folder.path().join("started"), "").unwrap();
+        let judged = judge(folder.path());
+        assert!(matches!(judged.condition, Condition::Damaged(_)));
+        assert!(
+            judged.lost.is_superset(&names(&["p/3", "q/2/0"])),
+            "{:?}",
+            judged.lost
+        );
+    }
+
+    #[test]
+    fn a_store_of_a_version_without_sums_is_taken_over_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let database = open_database(&folder.path().join(STORE_FILE)).unwrap();
+        let writing = database.begin_write().unwrap();
+        let page = Page([7; 128]).to_bytes();
+        writing
+            .open_table(OLD_VARIABLES)
+            .unwrap()
+            .insert((0, 3), page.as_slice())
+            .unwrap();
+        writing
+            .open_table(OLD_VALUES)
+            .unwrap()
+            .insert("tool/1", b"7".as_slice())
+            .unwrap();
+        writing.commit().unwrap();
+        drop(database);
+        fs::write(folder.path().join("started"), "").unwrap();
+        let (store, judged, _) = open(folder.path());
+        assert_eq!(judged.condition, Condition::WithoutSums);
+        drop(store);
+        let again = judge(folder.path());
+        assert_eq!(
+            (again.condition, again.image.names()),
+            (Condition::Whole, vec!["p/3".into(), "tool/1".into()])
+        );
+        assert_eq!(again.image, judged.image);
     }
 
     #[test]
     fn a_store_that_is_open_is_not_opened_again() {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("state.redb");
-        let _open = Store::open(&path).unwrap();
-        let refused = Store::open(&path).unwrap_err();
+        let _open = open(folder.path());
+        let refused = Store::open(folder.path(), &judge(folder.path())).unwrap_err();
         assert_eq!(refused.kind(), io::ErrorKind::ResourceBusy, "{refused}");
-    }
-
-    #[test]
-    fn a_file_that_is_no_store_is_refused_and_stays() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("state.redb");
-        let text = "this is not a store ".repeat(500);
-        std::fs::write(&path, &text).unwrap();
-        assert!(Store::open(&path).is_err());
-        assert_eq!(std::fs::read_to_string(&path).unwrap(), text);
     }
 
     #[test]
     fn the_file_does_not_grow_with_the_number_of_changes() {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("state.redb");
-        let store = Store::open(&path).unwrap();
-        let bytes_after = |changes: u64| {
+        let (mut store, ..) = open(folder.path());
+        let path = folder.path().join(STORE_FILE);
+        let mut bytes_after = |changes: u64| {
             for number in 0..changes {
                 store.commit(&image(number)).unwrap();
             }
-            std::fs::metadata(&path).unwrap().len()
+            fs::metadata(&path).unwrap().len()
         };
         let first = bytes_after(50);
         assert!(bytes_after(300) <= 2 * first);
+    }
+
+    #[test]
+    fn at_most_eight_damaged_stores_are_kept_as_evidence() {
+        let folder = tempfile::tempdir().unwrap();
+        for _ in 0..EVIDENCE_MAX + 3 {
+            drop(open(folder.path()));
+            fs::write(folder.path().join(STORE_FILE), "none").unwrap();
+            fs::write(folder.path().join("started"), "").unwrap();
+        }
+        let entries = fs::read_dir(folder.path()).unwrap().flatten();
+        let evidence = entries.filter(|entry| entry.file_name().to_string_lossy().contains("damaged-"));
+        assert_eq!(evidence.count(), EVIDENCE_MAX);
     }
 }

@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
 use rustix::fs::{Access, StatVfsMountFlags, access, statvfs};
-use tandem_model::alarm::{AlarmEntry, DATA_FOLDER_FAILED, PROGRAM_CHANGED, PROGRAM_DAMAGED};
+use tandem_model::alarm::{AlarmEntry, DATA_FOLDER_FAILED, PROGRAM_CHANGED, PROGRAM_DAMAGED, VALUES_LOST};
 
 use crate::disk::Part;
 use crate::shared::Shared;
@@ -93,6 +93,7 @@ fn look_at_disk(folder: &Path, shared: &Shared) {
         .map(|(number, how)| format!("program {number} ({how})"))
         .collect();
     shared.stand(&PROGRAM_DAMAGED, list(&damaged).as_deref());
+    shared.stand(&VALUES_LOST, list(&shared.tables.lost()).as_deref());
 }
 
 /// What is wrong with a folder; `None`: nothing is.

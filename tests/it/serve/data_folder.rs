@@ -13,12 +13,12 @@ use crate::support::machine::Machine;
 use crate::support::served::{FREE_PORTS, Served};
 use crate::support::wait::until;
 
-fn machine() -> Machine {
+pub(super) fn machine() -> Machine {
     Machine::new(&format!("[m_code.100]\nunhandled = \"wait\"\n{FREE_PORTS}"))
 }
 
 /// A place in the data folder.
-fn place(machine: &Machine, name: &str) -> PathBuf {
+pub(super) fn place(machine: &Machine, name: &str) -> PathBuf {
     machine.path("tandem-data").join(name)
 }
 
@@ -28,13 +28,13 @@ async fn delete(served: &Served, number: u16) -> u16 {
 }
 
 /// The active alarm of a number.
-async fn standing(served: &Served, number: u16) -> Option<Value> {
+pub(super) async fn standing(served: &Served, number: u16) -> Option<Value> {
     let active = served.get("/alarms").await.expect(200).json();
     let alarms = active["alarms"].as_array().unwrap().clone();
     alarms.into_iter().find(|alarm| alarm["number"] == number)
 }
 
-async fn text_of_standing(served: &Served, number: u16) -> String {
+pub(super) async fn text_of_standing(served: &Served, number: u16) -> String {
     let alarm = until(&format!("alarm {number}"), async || {
         standing(served, number).await
     })
@@ -42,7 +42,7 @@ async fn text_of_standing(served: &Served, number: u16) -> String {
     alarm["text"].as_str().unwrap().to_owned()
 }
 
-async fn until_gone(served: &Served, number: u16) {
+pub(super) async fn until_gone(served: &Served, number: u16) {
     until(&format!("alarm {number} is gone"), async || {
         standing(served, number).await.is_none().then_some(())
     })
@@ -66,7 +66,7 @@ fn flip(path: &Path, place: usize) {
 }
 
 /// The same, as a disk does it: the file keeps its time.
-fn rot(path: &Path, place: usize) {
+pub(super) fn rot(path: &Path, place: usize) {
     let time = fs::metadata(path).unwrap().modified().unwrap();
     flip(path, place);
     fs::File::options()

@@ -1,6 +1,10 @@
 //! G54 to G59 Select Work Coordinate System. The offset is read when the block is interpreted (D16); selecting it
 //! moves nothing (D20).
 
+use tandem_model::alarm::VALUE_LOST;
+use tandem_model::lost::is_lost;
+use tandem_model::{Alarm, Axis};
+
 use super::{Code, ModalGroup};
 use crate::execution::Execution;
 use crate::meaning::Role;
@@ -36,6 +40,11 @@ pub static G59: Code = work_offset("G59", "6th Work Coordinate System selection"
 
 fn select<const INDEX: usize>(execution: &mut Execution<'_>) {
     let offset = execution.inputs.work_offsets.0[INDEX];
+    let lost = Axis::ALL.into_iter().find(|axis| is_lost(offset[*axis]));
+    if let Some(axis) = lost {
+        let text = format!("{} of the work offset {} is damaged", axis.letter(), NAMES[INDEX]);
+        return execution.refuse(Alarm::new(&VALUE_LOST, text));
+    }
     execution.release_shape();
     execution.transform(|transform| transform.work_offset = offset);
 }

@@ -1,0 +1,157 @@
+//! `tandem store`: looks at what a machine keeps, and mends it, while the machine does not run.
+
+use std::fs;
+use std::path::PathBuf;
+
+use anyhow::Context;
+use clap::{Args, Subcommand};
+use tandem_runtime::data_folder::DataFolder;
+
+use super::{EXIT_FOUND, EXIT_OK, Ran, complain, read_config, say};
+
+#[derive(Args)]
+pub struct Arguments {
+    #[command(subcommand)]
+    action: Action,
+}
+
+#[derive(Args)]
+struct Machine {
+    /// Configuration file; without one, that of the demo machine
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+}
+
+#[derive(Subcommand)]
+enum Action {
+    /// Tells what is damaged; changes nothing
+    Verify(Machine),
+    /// Shows lost values with what the last good generation has, and takes it over with --yes
+    Repair {
+        #[command(flatten)]
+        machine: Machine,
+        /// Take lost values from the last good generation, which is older than what was lost
+        #[arg(long)]
+        yes: bool,
+        /// Take the file of a damaged program as it is now
+        #[arg(long, value_name = "NUMBER")]
+        program: Vec<u16>,
+    },
+    /// Writes all kept values as JSON
+    Export {
+        #[command(flatten)]
+        machine: Machine,
+        /// File to write; without one, standard output
+        #[arg(short, long, value_name = "FILE")]
+        output: Option<PathBuf>,
+    },
+    /// Takes over the values of an exported file; all others stay
+    Import {
+        #[command(flatten)]
+        machine: Machine,
+        /// The file
+        file: PathBuf,
+    },
+}
+
+pub(super) fn run(arguments: &Arguments) -> Ran {
+    match &arguments.action {
+        Action::Verify(machine) => Ok(verify(&open(machine)?)),
+        Action::Repair {
+            machine,
+            yes,
+            program,
+        } => repair(&mut open(machine)?, *yes, program),
+        Action::Export { machine, output } => export(&open(machine)?, output.as_ref()),
+        Action::Import { machine, file } => {
+            let shown = file.display();
+            let text = fs::read_to_string(file).with_context(|| format!("cannot read {shown}"))?;
+            let count = open(machine)?
+                .import(&text)
+                .with_context(|| format!("{shown} is not taken over"))?;
+            say(format!("{count} values are taken over from {shown}."));
+            Ok(EXIT_OK)
+        }
+    }
+}
+
+fn open(machine: &Machine) -> anyhow::Result<DataFolder> {
+    let (_, machine) = read_config(machine.config.as_deref())?;
+    Ok(DataFolder::open(machine)?)
+}
+
+fn verify(folder: &DataFolder) -> u8 {
+    let findings = folder.verify();
+    for note in &findings.notes {
+        say(format!("note: {note}"));
+    }
+    for damage in &findings.damaged {
+        say(format!("damaged: {damage}"));
+    }
+    if findings.damaged.is_empty() {
+        say(format!("{}: nothing is damaged.", folder.path().display()));
+        return EXIT_OK;
+    }
+    say("tandem store repair shows what can be done.");
+    EXIT_FOUND
+}
+
+fn repair(folder: &mut DataFolder, yes: bool, programs: &[u16]) -> Ran {
+    for number in programs {
+        let taken = folder.accept_program(*number);
+        taken.with_context(|| format!("program {number} is not taken over"))?;
+        say(format!(
+            "program {number} is taken as it is now; check it before it runs."
+        ));
+    }
+    let (written, offers) = folder.offers();
+    if offers.is_empty() {
+        say("No value is lost.");
+    } else if yes {
+        let left = folder.repair().context("there is no good generation")?;
+        say(
+            "Lost values are taken from the last good generation. They are older: check them before anything moves.",
+        );
+        for what in &left {
+            say(format!(
+                "still lost: {what}; write it anew over REST or in the HMI"
+            ));
+        }
+        return Ok(if left.is_empty() { EXIT_OK } else { EXIT_FOUND });
+    } else {
+        match &written {
+            Some(written) => say(format!(
+                "Lost values, and what the last good generation, of {written}, has:"
+            )),
+            None => say("Lost values. There is no good generation:"),
+        }
+        for offer in &offers {
+            let older = offer.older.as_deref().unwrap_or("nothing");
+            say(format!("  {}: {older}", offer.what));
+        }
+        say("--yes takes the older values over. A value can also be written anew over REST or in the HMI.");
+    }
+    let damaged: Vec<String> = folder.verify().damaged;
+    for damage in damaged.iter().filter(|damage| damage.starts_with("program ")) {
+        say(format!(
+            "  {damage}; store it again, or take it as it is with --program NUMBER"
+        ));
+    }
+    Ok(if offers.is_empty() && damaged.is_empty() {
+        EXIT_OK
+    } else {
+        EXIT_FOUND
+    })
+}
+
+fn export(folder: &DataFolder, output: Option<&PathBuf>) -> Ran {
+    let text = folder.export();
+    for offer in folder.offers().1 {
+        complain(format!("{} is lost; it is exported as null", offer.what));
+    }
+    match output {
+        Some(path) => fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?,
+        None => say(text.trim_end()),
+    }
+    Ok(EXIT_OK)
+}

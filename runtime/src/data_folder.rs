@@ -1,0 +1,333 @@
+//! The data folder of a machine that does not run: what `tandem store` verifies, repairs, exports and imports.
+
+use std::collections::BTreeMap;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use plc_api::types::CoordinateSystemNumber;
+use tandem_model::lost::is_lost;
+
+use crate::config::Machine;
+use crate::coordinator::everything;
+use crate::disk::Lock;
+use crate::persistence::journal_file::{JOURNAL_FOLDER, newest};
+use crate::persistence::{
+    Condition, Generation, Image, Judged, PAGE_VARIABLES, STORE_FILE, Store, judge, restore,
+};
+use crate::program_store::folder::{Found, ProgramFolder, look};
+use crate::tables::{LOST_VALUE, Tables};
+
+/// An opened data folder, which no runtime works with meanwhile.
+#[derive(Debug)]
+pub struct DataFolder {
+    path: PathBuf,
+    machine: Machine,
+    judged: Judged,
+    _lock: Option<Lock>,
+}
+
+/// What is wrong with a data folder.
+#[derive(Debug, Default)]
+pub struct Findings {
+    /// Damage, each with its place.
+    pub damaged: Vec<String>,
+    /// What is worth knowing and no damage.
+    pub notes: Vec<String>,
+}
+
+/// A lost value and what the last good generation has in its place.
+#[derive(Debug)]
+pub struct Offer {
+    /// The value, in words.
+    pub what: String,
+    /// Its older value; `None`: there is none.
+    pub older: Option<String>,
+}
+
+impl DataFolder {
+    /// Opens the data folder of a machine, and looks at it.
+    ///
+    /// # Errors
+    /// There is none, or a runtime works with it.
+    pub fn open(machine: Machine) -> io::Result<Self> {
+        let missing = || {
+            io::Error::new(
+                io::ErrorKind::NotFound,
+                "the machine keeps nothing: it has no data_dir",
+            )
+        };
+        let path = machine.data_dir.clone().ok_or_else(missing)?;
+        let named = |error: io::Error| io::Error::new(error.kind(), format!("{}: {error}", path.display()));
+        std::fs::metadata(&path).map_err(named)?;
+        let lock = Lock::take(&path).map_err(named)?;
+        let mut judged = judge(&path);
+        if judged.is_all_lost {
+            judged.lose(everything(&machine));
+        }
+        Ok(Self {
+            path,
+            machine,
+            judged,
+            _lock: lock,
+        })
+    }
+
+    /// Looks at all that is kept. It changes nothing.
+    pub fn verify(&self) -> Findings {
+        let mut findings = Findings::default();
+        let store = self.path.join(STORE_FILE);
+        match &self.judged.condition {
+            Condition::Damaged(how) => findings.damaged.push(format!("{}: {how}", store.display())),
+            Condition::WithoutSums => {
+                let text = format!(
+                    "{}: it has no sums yet; the next start adds them",
+                    store.display()
+                );
+                findings.notes.push(text);
+            }
+            Condition::New | Condition::Whole => {}
+        }
+        if let Some(fault) = &self.judged.sums_fault {
+            findings.damaged.push(format!(
+                "the sums beside {}: {fault}; nothing is lost",
+                store.display()
+            ));
+        }
+        let lost = lost_in(&self.judged.image);
+        findings
+            .damaged
+            .extend(lost.into_values().map(|what| format!("{what}: lost")));
+        if let Err(error) = Generation::read(&self.path)
+            && error.kind() != io::ErrorKind::NotFound
+        {
+            findings
+                .damaged
+                .push(format!("the last good generation: {error}"));
+        }
+        self.verify_programs(&mut findings);
+        let journal = newest(&self.path.join(JOURNAL_FOLDER), 0, usize::MAX);
+        findings.damaged.extend(journal.warnings());
+        findings
+    }
+
+    fn verify_programs(&self, findings: &mut Findings) {
+        let looked = match look(&self.programs()) {
+            Ok(looked) => looked,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return,
+            Err(error) => {
+                return findings
+                    .damaged
+                    .push(format!("{}: {error}", self.programs().display()));
+            }
+        };
+        for (number, found) in looked.programs {
+            match found {
+                Found::Stored(_) => {}
+                Found::FromOutside(_, how) => findings.notes.push(format!("program {number}: {how}")),
+                Found::Damaged(how) => findings.damaged.push(format!("program {number}: {how}")),
+            }
+        }
+        let gone = looked.gone.into_iter();
+        findings
+            .damaged
+            .extend(gone.map(|number| format!("program {number}: its file is gone")));
+        findings.notes.extend(looked.not_read);
+    }
+
+    fn programs(&self) -> PathBuf {
+        self.path.join("programs")
+    }
+
+    /// The kept values as a document.
+    pub fn export(&self) -> String {
+        Generation::text(&self.judged.image)
+    }
+
+    /// Every lost value, with what the last good generation has, and when that was written.
+    pub fn offers(&self) -> (Option<String>, Vec<Offer>) {
+        let generation = Generation::read(&self.path).ok();
+        let lost = lost_in(&self.judged.image).into_iter();
+        let offers = lost.map(|(name, what)| Offer {
+            what,
+            older: generation
+                .as_ref()
+                .and_then(|generation| older(generation, &name)),
+        });
+        let written = generation.as_ref().map(|generation| generation.written.0.clone());
+        (written, offers.collect())
+    }
+
+    /// Takes the lost values that the last good generation has from it; gives what is still lost.
+    ///
+    /// # Errors
+    /// The disk refuses, or there is no good generation.
+    pub fn repair(&mut self) -> io::Result<Vec<String>> {
+        let generation = Generation::read(&self.path)?;
+        let mut change = Image::default();
+        for name in lost_in(&self.judged.image).into_keys() {
+            if let Some(page) = self.judged.image.page(&name) {
+                let Some(older) = generation.image.page(&name) else {
+                    continue;
+                };
+                let mut page = page.clone();
+                for (bits, older) in page.0.iter_mut().zip(older.0) {
+                    if is_lost(f64::from_bits(*bits)) {
+                        *bits = older;
+                    }
+                }
+                change.take_record(&name, &page.to_bytes());
+            } else if let Some(value) = generation.image.values.get(&name) {
+                change.values.insert(name, value.clone());
+            }
+        }
+        self.write(change)?;
+        Ok(lost_in(&self.judged.image).into_values().collect())
+    }
+
+    /// Takes over the values of a document; all others stay. Gives how many there are.
+    ///
+    /// # Errors
+    /// It is no such document, or the disk refuses; nothing has changed then.
+    pub fn import(&mut self, text: &str) -> io::Result<usize> {
+        let Image { pages, values } = Generation::of_text(text, false)?.image;
+        let (tables, count) = (Tables::new(&self.machine), pages.len() + values.len());
+        let mut change = Image {
+            values,
+            ..Image::default()
+        };
+        let restored = restore(&tables, &change);
+        if !restored.lost_runs.is_empty() || !tables.lost().is_empty() {
+            let text = format!("values of no known form: {}", tables.lost().join("; "));
+            return Err(io::Error::new(io::ErrorKind::InvalidData, text));
+        }
+        for (key, mut page) in pages {
+            // what was lost when it was exported stays as it is
+            let now = self
+                .judged
+                .image
+                .pages
+                .get(&key)
+                .map_or([0; PAGE_VARIABLES], |page| page.0);
+            for (bits, now) in page.0.iter_mut().zip(now) {
+                if is_lost(f64::from_bits(*bits)) {
+                    *bits = now;
+                }
+            }
+            change.pages.insert(key, page);
+        }
+        self.write(change)?;
+        Ok(count)
+    }
+
+    /// Takes a program's file as it is now.
+    ///
+    /// # Errors
+    /// There is none, or the disk refuses.
+    pub fn accept_program(&self, number: u16) -> io::Result<()> {
+        let (mut folder, _) = ProgramFolder::open(&self.programs())?;
+        folder.accept(number).map(drop)
+    }
+
+    fn write(&mut self, change: Image) -> io::Result<()> {
+        let (mut store, _) = Store::open(&self.path, &self.judged)?;
+        store.commit(&change)?;
+        self.judged.image.take_over(change);
+        drop(store);
+        // as a start finds it
+        self.judged = judge(&self.path);
+        Ok(())
+    }
+
+    /// The folder.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+}
+
+fn older(generation: &Generation, name: &str) -> Option<String> {
+    if let Some(page) = generation.image.page(name) {
+        let values = page.0.iter().map(|bits| f64::from_bits(*bits));
+        let set = values.filter(|value| *value != 0.0).count();
+        return Some(format!("{set} of {} values are not 0", page.0.len()));
+    }
+    let bytes = generation.image.values.get(name)?;
+    let value: serde_json::Value = serde_json::from_slice(bytes).ok()?;
+    Some(value.get("now").unwrap_or(&value).to_string())
+}
+
+/// Each lost value of an image by its name, in words.
+fn lost_in(image: &Image) -> BTreeMap<String, String> {
+    let mut lost = BTreeMap::new();
+    for name in image.names() {
+        if let Some(page) = image.page(&name) {
+            let count = page
+                .0
+                .iter()
+                .filter(|bits| is_lost(f64::from_bits(**bits)))
+                .count();
+            if count > 0 {
+                let words = in_words(&name);
+                let what = if count == page.0.len() {
+                    words
+                } else {
+                    format!("{count} of {words}")
+                };
+                lost.insert(name, what);
+            }
+        } else if let Some(bytes) = image.values.get(&name) {
+            let value: serde_json::Value = serde_json::from_slice(bytes).unwrap_or_default();
+            let has_lost_axis =
+                name.starts_with("work_offset/") && value["now"].as_object().is_some_and(has_null);
+            if bytes == LOST_VALUE || has_lost_axis {
+                lost.insert(name.clone(), in_words(&name));
+            }
+        }
+    }
+    lost
+}
+
+fn has_null(axes: &serde_json::Map<String, serde_json::Value>) -> bool {
+    axes.values().any(serde_json::Value::is_null)
+}
+
+/// A value by its name, in words: `P384 to P511`.
+fn in_words(name: &str) -> String {
+    let parts: Vec<&str> = name.split('/').collect();
+    let of = |cs: &str| match cs.parse::<CoordinateSystemNumber>() {
+        Ok(cs) => format!(" of coordinate system {cs}"),
+        Err(_) => String::new(),
+    };
+    let range = |letter: &str, place: &str, of: String| {
+        let first = place.parse::<usize>().unwrap_or(0) * PAGE_VARIABLES;
+        format!("{letter}{first} to {letter}{}{of}", first + PAGE_VARIABLES - 1)
+    };
+    match parts[..] {
+        ["p", place] => range("P", place, String::new()),
+        ["q", cs, place] => range("Q", place, of(cs)),
+        ["tool_data", id] => format!("tool {id}"),
+        ["work_offset", cs, offset] => format!("{offset}{}", of(cs)),
+        ["tool", cs] => format!("the tool in the spindle{}", of(cs)),
+        ["last_run", cs] => format!("the last run{}", of(cs)),
+        _ => name.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_value_has_words() {
+        for (name, words) in [
+            ("p/3", "P384 to P511"),
+            ("q/2/0", "Q0 to Q127 of coordinate system 2"),
+            ("tool_data/19", "tool 19"),
+            ("work_offset/1/G54", "G54 of coordinate system 1"),
+            ("tool/1", "the tool in the spindle of coordinate system 1"),
+            ("last_run/2", "the last run of coordinate system 2"),
+            ("other", "other"),
+        ] {
+            assert_eq!(in_words(name), words);
+        }
+    }
+}

@@ -1,0 +1,298 @@
+//! What of the kept values can be believed. Looking changes nothing on disk.
+//!
+//! The store has a sum in each value, and check sums of its own in its structure; beside it stands a file with the number
+//! of the last change and the sum of each value. Three cases:
+//! - The structure is whole and not older than the sums: all of it is believed.
+//! - Else a value is believed if its sum is the noted one, wherever it stands in the file: it is the last one that was
+//!   kept. All others are lost.
+//! - Without noted sums nobody can tell the last value from an older one: then all are lost.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::io;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+
+use redb::{Builder, Database, ReadableDatabase, ReadableTable, StorageBackend, TableError};
+
+use super::generation::{GENERATION_FILE, Generation};
+use super::image::{Image, Page};
+use super::record::{self, CACHE_BYTES, CHANGE, OLD_VALUES, OLD_VARIABLES, RECORDS};
+use crate::disk::{Sums, read_regular};
+
+/// Name of the store in the data folder, and of the sums beside it.
+pub(crate) const STORE_FILE: &str = "state.redb";
+pub(super) const SUMS_FILE: &str = "state.sums";
+
+/// Name of the mark of a first start.
+pub(crate) const STARTED_FILE: &str = "started";
+
+/// Bytes of a store that are read at the most. Reason: a hundred times what all values take.
+const STORE_BYTES_MAX: u64 = 256 << 20;
+
+/// In what condition the store is.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum Condition {
+    /// Nothing was ever kept in this folder.
+    New,
+    /// All of it is as it was kept.
+    Whole,
+    /// It is of a version without sums, and cannot be verified.
+    WithoutSums,
+    /// It is damaged, in this way.
+    Damaged(String),
+}
+
+/// What a look at a data folder has found.
+#[derive(Debug, Clone)]
+pub(crate) struct Judged {
+    pub condition: Condition,
+    /// What is believed; a lost value stands there as lost.
+    pub image: Image,
+    /// Names of the values that are lost by this damage.
+    pub lost: BTreeSet<String>,
+    /// Nobody knows what was kept: all that may have been is lost.
+    pub is_all_lost: bool,
+    /// Number of the last change.
+    pub last: u64,
+    /// What is wrong with the file of sums.
+    pub sums_fault: Option<String>,
+}
+
+/// Looks at the store of a folder.
+pub(crate) fn judge(folder: &Path) -> Judged {
+    let sums = Sums::read(&folder.join(SUMS_FILE));
+    let was_started = folder.join(STARTED_FILE).exists() || folder.join(GENERATION_FILE).exists();
+    let named = || {
+        Generation::read(folder)
+            .map(|generation| generation.image.names())
+            .unwrap_or_default()
+    };
+    let mut judged = match read_regular(&folder.join(STORE_FILE), STORE_BYTES_MAX) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => of_nothing("it is gone", &sums, was_started),
+        Err(error) => damaged(&error.to_string(), &[], &sums),
+        Ok(bytes) if bytes.is_empty() => of_nothing("it is empty", &sums, was_started),
+        Ok(bytes) => of_bytes(&bytes, &sums, was_started),
+    };
+    if matches!(judged.condition, Condition::Damaged(_)) && (!sums.is_there || sums.is_damaged) {
+        judged.lose(named());
+    }
+    judged.last = judged.last.max(sums.last);
+    if judged.condition == Condition::Whole {
+        judged.sums_fault = match (sums.is_there, sums.is_damaged) {
+            (false, _) => Some("it is gone or damaged".to_owned()),
+            (_, true) => Some("lines of it are damaged".to_owned()),
+            _ => None,
+        };
+    }
+    judged
+}
+
+impl Judged {
+    /// Notes values that may have been kept and are not there.
+    pub fn lose(&mut self, names: impl IntoIterator<Item = String>) {
+        for name in names {
+            if !self.image.has(&name) {
+                self.image.lose(&name);
+                self.lost.insert(name);
+                self.is_all_lost = false;
+            }
+        }
+    }
+}
+
+fn believed(condition: Condition, image: Image, last: u64) -> Judged {
+    Judged {
+        condition,
+        image,
+        lost: BTreeSet::new(),
+        is_all_lost: false,
+        last,
+        sums_fault: None,
+    }
+}
+
+fn of_nothing(how: &str, sums: &Sums, was_started: bool) -> Judged {
+    if sums.is_there || sums.is_damaged || was_started {
+        return damaged(how, &[], sums);
+    }
+    believed(Condition::New, Image::default(), 0)
+}
+
+fn of_bytes(bytes: &[u8], sums: &Sums, was_started: bool) -> Judged {
+    let content = match read_database(bytes) {
+        Ok(content) => content,
+        Err(how) => return damaged(&how, bytes, sums),
+    };
+    let is_missing = |name: &&String| !content.image.has(name);
+    if content.is_without_sums && !sums.is_there {
+        return believed(Condition::WithoutSums, content.image, 0);
+    }
+    if content.last == 0 && !sums.is_there && !was_started {
+        return believed(Condition::New, Image::default(), 0);
+    }
+    if content.last == 0 || content.last < sums.last {
+        let how = format!(
+            "its last change is {}, and the last one was {}",
+            content.last, sums.last
+        );
+        return damaged(&how, bytes, sums);
+    }
+    if let Some(name) = sums.by_name.keys().find(is_missing) {
+        return damaged(&format!("{name} is missing"), bytes, sums);
+    }
+    if !content.is_clean {
+        let how = "its structure was damaged".to_owned();
+        return believed(Condition::Damaged(how), content.image, content.last);
+    }
+    believed(Condition::Whole, content.image, content.last)
+}
+
+/// What is left of a damaged store.
+fn damaged(how: &str, bytes: &[u8], sums: &Sums) -> Judged {
+    let mut found: BTreeMap<&str, Vec<&[u8]>> = BTreeMap::new();
+    for (name, payload) in record::scan(bytes) {
+        found.entry(name).or_default().push(payload);
+    }
+    let change = |payload: &&[u8]| std::str::from_utf8(payload).ok()?.parse::<u64>().ok();
+    let changes = found.remove(CHANGE).unwrap_or_default();
+    let last = changes.iter().filter_map(change).max().unwrap_or(0);
+    // a change is noted after it was made, one by one
+    let is_noted = sums.is_there && last <= sums.last + 1;
+    let names: BTreeSet<&str> = found
+        .keys()
+        .copied()
+        .chain(sums.by_name.keys().map(String::as_str))
+        .collect();
+    let mut judged = believed(Condition::Damaged(how.to_owned()), Image::default(), last);
+    judged.is_all_lost = names.is_empty();
+    for name in names {
+        let noted = sums.by_name.get(name);
+        if sums.is_there && !sums.is_damaged && noted.is_none() {
+            // kept no longer, or never acknowledged
+            continue;
+        }
+        let noted = noted.and_then(Option::as_deref).filter(|_| is_noted);
+        let candidates = found.get(name).into_iter().flatten();
+        let vouched = noted.and_then(|sum| {
+            candidates
+                .copied()
+                .find(|payload| record::sum_of_record(name, payload) == sum)
+        });
+        if !vouched.is_some_and(|payload| judged.image.take_record(name, payload)) {
+            judged.image.lose(name);
+            judged.lost.insert(name.to_owned());
+        }
+    }
+    judged
+}
+
+/// What the database itself says.
+#[derive(Debug, Default)]
+struct Content {
+    image: Image,
+    last: u64,
+    /// It has no records: it is of a version without sums.
+    is_without_sums: bool,
+    /// The structure needed no repair beyond that of a kill.
+    is_clean: bool,
+}
+
+/// Reads a copy of a database in memory, so that nothing repairs the file before it was looked at.
+fn read_database(bytes: &[u8]) -> Result<Content, String> {
+    // The database's own checks find nearly all damage; what they miss may be a panic, which is damage, too.
+    let read = catch_unwind(AssertUnwindSafe(|| {
+        let memory = Memory::of(bytes).map_err(|error| error.to_string())?;
+        let mut builder = Builder::new();
+        let opened = builder.set_cache_size(CACHE_BYTES).create_with_backend(memory);
+        let mut database = opened.map_err(|error| error.to_string())?;
+        let is_clean = database.check_integrity().map_err(|error| error.to_string())?;
+        let content = read_tables(&database)?;
+        Ok(Content { is_clean, ..content })
+    }));
+    read.unwrap_or_else(|_| Err("its structure makes no sense".to_owned()))
+}
+
+fn read_tables(database: &Database) -> Result<Content, String> {
+    let text = |error: &dyn std::error::Error| error.to_string();
+    let reading = database.begin_read().map_err(|error| text(&error))?;
+    let mut content = Content::default();
+    let records = match reading.open_table(RECORDS) {
+        Ok(records) => records,
+        Err(TableError::TableDoesNotExist(_)) => {
+            content.is_without_sums = read_old(&reading, &mut content.image)?;
+            return Ok(content);
+        }
+        Err(error) => return Err(text(&error)),
+    };
+    for entry in records.iter().map_err(|error| text(&error))? {
+        let (name, bytes) = entry.map_err(|error| text(&error))?;
+        let name = name.value();
+        let payload = record::read(name, bytes.value()).ok_or_else(|| format!("{name} is damaged"))?;
+        if name == CHANGE {
+            let last = std::str::from_utf8(payload)
+                .ok()
+                .and_then(|text| text.parse().ok());
+            content.last = last.ok_or("its last change has no number")?;
+        } else if !content.image.take_record(name, payload) {
+            return Err(format!("{name} is of no known form"));
+        }
+    }
+    Ok(content)
+}
+
+/// The tables of versions before 0.2. False: there are none.
+fn read_old(reading: &redb::ReadTransaction, image: &mut Image) -> Result<bool, String> {
+    let text = |error: &dyn std::error::Error| error.to_string();
+    let tables = (reading.open_table(OLD_VARIABLES), reading.open_table(OLD_VALUES));
+    let (Ok(pages), Ok(values)) = tables else {
+        return Ok(false);
+    };
+    for entry in pages.iter().map_err(|error| text(&error))? {
+        let (key, bytes) = entry.map_err(|error| text(&error))?;
+        let page = Page::from_bytes(bytes.value()).ok_or("a page of variables is not of its length")?;
+        image.pages.insert(key.value(), page);
+    }
+    for entry in values.iter().map_err(|error| text(&error))? {
+        let (key, bytes) = entry.map_err(|error| text(&error))?;
+        image.take_old(key.value(), bytes.value());
+    }
+    Ok(true)
+}
+
+/// A file in memory that does not grow without end, whatever a damaged structure asks for.
+#[derive(Debug)]
+struct Memory(redb::backends::InMemoryBackend);
+
+impl Memory {
+    fn of(bytes: &[u8]) -> io::Result<Self> {
+        let memory = redb::backends::InMemoryBackend::new();
+        memory.set_len(bytes.len() as u64)?;
+        memory.write(0, bytes)?;
+        Ok(Self(memory))
+    }
+}
+
+impl StorageBackend for Memory {
+    fn len(&self) -> Result<u64, io::Error> {
+        self.0.len()
+    }
+
+    fn read(&self, offset: u64, out: &mut [u8]) -> Result<(), io::Error> {
+        self.0.read(offset, out)
+    }
+
+    fn set_len(&self, len: u64) -> Result<(), io::Error> {
+        if len > STORE_BYTES_MAX {
+            return Err(io::ErrorKind::FileTooLarge.into());
+        }
+        self.0.set_len(len)
+    }
+
+    fn sync_data(&self) -> Result<(), io::Error> {
+        self.0.sync_data()
+    }
+
+    fn write(&self, offset: u64, data: &[u8]) -> Result<(), io::Error> {
+        self.0.write(offset, data)
+    }
+}
