@@ -1,5 +1,7 @@
 //! Messages between a server (MQTT, REST) and its machine that are not part of the interface; no client sends them.
 
+use std::net::IpAddr;
+
 use crate::port::{BoxFuture, Port};
 use crate::types::request::{Answer, Refusal, Request};
 use crate::wire::right::Right;
@@ -21,6 +23,8 @@ pub trait ServedPort: Port {
 pub struct Origin {
     /// Name of the token; `None`: the server asks for no tokens, or an external broker has let the user in.
     pub user: Option<String>,
+    /// Address of the host that it came from, where the server knows it: not behind an external broker.
+    pub from: Option<IpAddr>,
     /// How it came in.
     pub over: ServerTransport,
     /// The right that it needed.

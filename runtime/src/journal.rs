@@ -2,6 +2,7 @@
 //! simulation.
 
 use std::io;
+use std::net::IpAddr;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{SyncSender, TrySendError};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -77,6 +78,9 @@ pub enum Event {
     Request {
         /// Name of the user's token; `None`: without a token file, or let in by an external broker.
         user: Option<String>,
+        /// Address of its host, where it is known.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        from: Option<IpAddr>,
         /// How it came in.
         over: ServerTransport,
         /// Method and path of its REST route.

@@ -44,7 +44,8 @@ use crate::settings::{MQTT_LISTEN, bind};
 use crate::tls::{Fingerprint, LiveTls};
 use door::{Hall, PLACES, RESERVED};
 use retained::{Kind, Retained};
-use sessions::{REMEMBERED_MAX, Session, Sessions};
+pub(crate) use sessions::Sessions;
+use sessions::{REMEMBERED_MAX, Session};
 
 /// Clients that may be connected; more are refused.
 const CLIENTS_MAX: usize = PLACES.known;
@@ -103,6 +104,7 @@ pub(crate) struct Broker {
     addr: SocketAddr,
     stop: broadcast::Sender<()>,
     clients: TaskTracker,
+    sessions: Arc<Sessions>,
     secret: String,
     _hall: AbortOnDropHandle<()>,
     // closes the connections of revoked tokens
@@ -118,13 +120,14 @@ impl Broker {
         refused: mpsc::Sender<Refused>,
     ) -> Result<Broker, GatewayError> {
         let secret = random_secret()?;
+        let sessions = Arc::<Sessions>::default();
         let guard = Arc::new(Guard {
             access,
             secret: secret.clone(),
             refused,
             rates: Rates::new(CLIENT_BURST, CLIENT_PER_SECOND),
             wrong: Rates::new(WRONG_BURST, WRONG_PER_SECOND),
-            sessions: Sessions::default(),
+            sessions: Arc::clone(&sessions),
             retained: Retained::default(),
             warned: Mutex::default(),
         });
@@ -159,10 +162,16 @@ impl Broker {
             addr,
             stop,
             clients,
+            sessions,
             secret,
             _hall: AbortOnDropHandle::new(tokio::spawn(hall.run(listener))),
             _watch: watch,
         })
+    }
+
+    /// Its clients.
+    pub(crate) fn sessions(&self) -> Arc<Sessions> {
+        Arc::clone(&self.sessions)
     }
 
     /// The address it listens on.
@@ -261,7 +270,7 @@ struct Guard {
     rates: Rates<Arc<str>>,
     // by address
     wrong: Rates<IpAddr>,
-    sessions: Sessions,
+    sessions: Arc<Sessions>,
     retained: Retained,
     // when of a message that was not kept the last time
     warned: Mutex<Option<Instant>>,
@@ -339,6 +348,7 @@ impl Guard {
         }
         let user_id = user.name().map(ToOwned::to_owned);
         let session = Session {
+            from: Some(from.ip()),
             user: Some(user),
             speaks_5: connect.protocol_version == MQTT_5,
             is_revoked: false,

@@ -128,6 +128,7 @@ impl Gateway {
         let mqtt = MqttEnd::start(mqtt::Parts {
             machine,
             tokens: broker_users,
+            clients: broker.as_ref().map(Broker::sessions),
             settings: settings.mqtt,
             machine_name: settings.machine,
             root,

@@ -4,6 +4,7 @@
 //! [`Machine::carry_out`] carries out the same value. There is no other way to the port, so a request that nobody judged
 //! does not compile.
 
+use std::net::IpAddr;
 use std::sync::Arc;
 
 use plc_api::hub::{Filter, Subscription};
@@ -23,6 +24,14 @@ use crate::access::{User, rules};
 #[derive(Clone)]
 pub(crate) struct Machine {
     port: Arc<dyn ServedPort>,
+}
+
+/// Who makes a request.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Caller<'a> {
+    pub(crate) user: &'a User,
+    pub(crate) from: Option<IpAddr>,
+    pub(crate) over: ServerTransport,
 }
 
 /// A request that its user may make. Only a [`Machine`] makes one.
@@ -50,8 +59,7 @@ impl Machine {
     /// `forbidden`.
     pub(crate) async fn judge(
         &self,
-        user: &User,
-        over: ServerTransport,
+        Caller { user, from, over }: Caller<'_>,
         parsed: ParsedRequest,
     ) -> Result<Authorized, Refusal> {
         let presence = match user.name().filter(|_| parsed.right() == Right::Set) {
@@ -66,6 +74,7 @@ impl Machine {
         Ok(Authorized {
             origin: Origin {
                 user: user.name().map(ToOwned::to_owned),
+                from,
                 over,
                 right: parsed.right(),
             },
@@ -92,6 +101,7 @@ impl Machine {
         Authorized {
             origin: Origin {
                 user: Some(handler_id.clone()),
+                from: None,
                 over,
                 right: Right::Handle,
             },

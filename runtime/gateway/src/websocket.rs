@@ -9,6 +9,7 @@
 //! answered with `{"error": "..."}`.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::net::IpAddr;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
@@ -32,10 +33,11 @@ use tokio::time::{Instant, MissedTickBehavior};
 use crate::access::User;
 use crate::access::http::WEBSOCKET_PROTOCOL;
 use crate::access::topics::may_subscribe;
-use crate::machine::Machine;
+use crate::machine::{Caller, Machine};
 use crate::metrics::add;
 use crate::position::Positions;
 use crate::problem::Problem;
+use crate::server::Peer;
 use crate::shared::{Shared, WEBSOCKETS_MAX};
 
 /// Bytes of one message of a client; more ends the connection.
@@ -63,6 +65,7 @@ pub(crate) fn routes() -> Router<Arc<Shared>> {
 async fn upgrade(
     State(shared): State<Arc<Shared>>,
     Extension(user): Extension<User>,
+    peer: Option<Extension<Peer>>,
     upgrade: Result<WebSocketUpgrade, axum::extract::ws::rejection::WebSocketUpgradeRejection>,
 ) -> Response {
     let upgrade = match upgrade {
@@ -87,7 +90,9 @@ async fn upgrade(
         .on_upgrade(move |socket| {
             tasks.track_future(async move {
                 add(&shared.metrics.websockets, 1);
-                Client::new(&shared, user).run(socket).await;
+                Client::new(&shared, user, peer.map(|Extension(peer)| peer.address))
+                    .run(socket)
+                    .await;
                 shared.metrics.websockets.fetch_sub(1, Ordering::Relaxed);
                 drop(permit);
             })
@@ -98,6 +103,7 @@ async fn upgrade(
 struct Client {
     shared: Arc<Shared>,
     user: User,
+    from: Option<IpAddr>,
     patterns: BTreeSet<String>,
     // last value of every state, so that a later subscription starts with the full value
     states: BTreeMap<Topic, Arc<Message>>,
@@ -110,10 +116,11 @@ struct Client {
 struct Gone;
 
 impl Client {
-    fn new(shared: &Arc<Shared>, user: User) -> Self {
+    fn new(shared: &Arc<Shared>, user: User, from: Option<IpAddr>) -> Self {
         Self {
             shared: Arc::clone(shared),
             user,
+            from,
             patterns: BTreeSet::new(),
             states: BTreeMap::new(),
             positions: Positions::new(shared.position_interval),
@@ -252,10 +259,12 @@ impl Client {
             return Err(format!("{HANDLERS_MAX} handlers are the limit of one connection"));
         }
         let machine = &self.shared.machine;
-        let answered = match machine
-            .judge(&self.user, ServerTransport::WebSocket, parsed)
-            .await
-        {
+        let caller = Caller {
+            user: &self.user,
+            from: self.from,
+            over: ServerTransport::WebSocket,
+        };
+        let answered = match machine.judge(caller, parsed).await {
             Ok(authorized) => machine.carry_out(authorized).await.map(drop),
             Err(refusal) => Err(refusal),
         };

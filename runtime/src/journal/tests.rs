@@ -240,12 +240,13 @@ fn of_the_machine() -> Vec<(Event, &'static str)> {
         (
             Event::Request {
                 user: Some("hmi-1".to_owned()),
+                from: Some([10, 0, 0, 7].into()),
                 over: ServerTransport::Mqtt,
                 request: "PUT /cs/1/tool".to_owned(),
                 said: Some("{\"id\":4}".to_owned()),
                 command_id: None,
             },
-            r#""event":"request","over":"mqtt","request":"PUT /cs/1/tool","said":"{\"id\":4}","user":"hmi-1""#,
+            r#""event":"request","from":"10.0.0.7","over":"mqtt","request":"PUT /cs/1/tool","said":"{\"id\":4}","user":"hmi-1""#,
         ),
         (
             Event::Bus { connected: false },

@@ -26,6 +26,7 @@ pub(super) fn record(shared: &Shared, origin: Origin, request: &Request) {
     };
     let event = Event::Request {
         user: origin.user,
+        from: origin.from,
         over: origin.over,
         request: cut(&name),
         said: said.as_deref().map(cut),

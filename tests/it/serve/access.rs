@@ -357,6 +357,7 @@ async fn the_journal_names_the_user_of_each_request_that_changes_something() {
         told,
         [line("POST /alarms", 1), line("POST /cs/1/reset?wait=1", 1)]
     );
+    assert_eq!(lines[0]["from"], "127.0.0.1");
     let said: serde_json::Value = serde_json::from_str(lines[0]["said"].as_str().unwrap()).unwrap();
     assert_eq!(said, alarm);
 }

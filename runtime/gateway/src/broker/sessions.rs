@@ -1,6 +1,7 @@
 //! Clients of the embedded broker.
 
 use std::collections::HashMap;
+use std::net::IpAddr;
 use std::sync::Arc;
 
 use parking_lot::Mutex;
@@ -15,6 +16,8 @@ pub(super) const REMEMBERED_MAX: usize = 64;
 /// A client that was let in.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Session {
+    /// Its host.
+    pub(super) from: Option<IpAddr>,
     /// `None`: the broker asks for no tokens, or it is the runtime itself.
     pub(super) user: Option<User>,
     /// Speaks MQTT 5, not 3.1.1.
@@ -25,7 +28,7 @@ pub(super) struct Session {
 
 /// All clients by client id.
 #[derive(Debug, Default)]
-pub(super) struct Sessions {
+pub(crate) struct Sessions {
     /// Let in, not connected yet.
     admitted: Mutex<HashMap<String, Session>>,
     // the latest connection of each client id, and how many have not ended: one that was taken over ends later
@@ -86,6 +89,11 @@ impl Sessions {
                 }
             }
         }
+    }
+
+    /// The host of a client that is connected.
+    pub(crate) fn address_of(&self, client_id: &str) -> Option<IpAddr> {
+        self.of(client_id)?.from
     }
 
     pub(super) fn of(&self, client_id: &str) -> Option<Session> {

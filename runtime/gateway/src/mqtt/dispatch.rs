@@ -17,7 +17,7 @@ use tokio::sync::Semaphore;
 use tracing::warn;
 
 use super::{Publisher, message};
-use crate::machine::Machine;
+use crate::machine::{Caller, Machine};
 use crate::metrics::{Metrics, add};
 
 /// Requests without an answer yet; more are refused, except hold, stop and abort.
@@ -73,7 +73,14 @@ impl Dispatch {
                 .await;
         };
         let judged = match publisher {
-            Publisher::User(user) => self.machine.judge(&user, ServerTransport::Mqtt, parsed).await,
+            Publisher::User { user, from } => {
+                let caller = Caller {
+                    user: &user,
+                    from,
+                    over: ServerTransport::Mqtt,
+                };
+                self.machine.judge(caller, parsed).await
+            }
             Publisher::Unknown(name) => Machine::judge_last_will(&name, parsed),
         };
         let authorized = match judged {

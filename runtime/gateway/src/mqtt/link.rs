@@ -293,8 +293,8 @@ impl Link {
                 info!("connected to the MQTT broker over {}", session.version);
                 self.on_connected(&session.wire);
             }
-            Event::Published { publish, sender } => {
-                let publisher = Publisher::of(self.parts.tokens.as_ref(), sender.as_deref());
+            Event::Published { publish, named } => {
+                let publisher = Publisher::of(&self.parts, &named);
                 self.on_publish(&publish, publisher, session.version).await;
             }
             Event::Acknowledged { refused } => {

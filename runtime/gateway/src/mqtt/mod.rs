@@ -8,6 +8,7 @@ mod link;
 mod outbox;
 mod wire;
 
+use std::net::IpAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -19,11 +20,13 @@ use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
 use crate::access::{LiveTokens, User};
+use crate::broker::Sessions;
 use crate::broker_address::{BrokerAddress, Refused};
 use crate::machine::Machine;
 use crate::metrics::Metrics;
 use crate::settings::MqttSettings;
 use link::Link;
+use wire::Named;
 
 /// Messages refused by the embedded broker that wait for a reply.
 pub(crate) const REFUSED_MAX: usize = 64;
@@ -51,6 +54,8 @@ pub(crate) struct Parts {
     pub(crate) machine_name: String,
     /// Users of the embedded broker; `None`: whoever the broker lets in may do everything.
     pub(crate) tokens: Option<LiveTokens>,
+    /// Clients of the embedded broker.
+    pub(crate) clients: Option<Arc<Sessions>>,
     /// Root of all topics, with its last slash.
     pub(crate) root: String,
     pub(crate) at: BrokerAddress,
@@ -62,22 +67,30 @@ pub(crate) struct Parts {
 /// Who has published a message.
 #[derive(Debug)]
 enum Publisher {
-    User(User),
+    User {
+        user: User,
+        from: Option<IpAddr>,
+    },
     /// A name whose token counts no more, or nobody that the broker names.
     Unknown(String),
 }
 
 impl Publisher {
     /// The publisher that the broker names.
-    fn of(tokens: Option<&LiveTokens>, named: Option<&str>) -> Self {
-        let Some(tokens) = tokens else {
-            return Publisher::User(User::Anyone);
+    fn of(parts: &Parts, named: &Named) -> Self {
+        let clients = parts.clients.as_ref();
+        let from = clients.and_then(|clients| clients.address_of(named.client_id.as_deref()?));
+        let user = match &parts.tokens {
+            None => Some(User::Anyone),
+            Some(tokens) => named
+                .user
+                .as_deref()
+                .and_then(|name| tokens.now().user_named(name)),
         };
-        let user = named.and_then(|name| tokens.now().user_named(name));
-        user.map_or_else(
-            || Publisher::Unknown(named.unwrap_or_default().to_owned()),
-            Publisher::User,
-        )
+        match user {
+            Some(user) => Publisher::User { user, from },
+            None => Publisher::Unknown(named.user.clone().unwrap_or_default()),
+        }
     }
 }
 

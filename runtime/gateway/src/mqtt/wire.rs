@@ -28,8 +28,9 @@ const CHANNEL: usize = 64;
 /// Publishes without an acknowledgement, unless the broker accepts fewer.
 const IN_FLIGHT_MAX: u16 = 100;
 
-/// User property in which the embedded broker names the publisher of a message.
+/// User properties in which the embedded broker names the publisher of a message and its client id.
 const SENDER: &str = "x-mqtt-sender";
+const CLIENT_ID: &str = "x-mqtt-client-id";
 
 /// The protocol version of a connection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -57,8 +58,8 @@ pub(super) enum Event {
     /// A message. Over 3.1.1 its retain flag is set only if it was published before the subscription.
     Published {
         publish: Publish,
-        /// User who has published it, as the embedded broker names it.
-        sender: Option<String>,
+        /// Who has published it, as the embedded broker says.
+        named: Named,
     },
     /// The oldest publish is done with; `refused` gives the broker's reason.
     Acknowledged { refused: Option<String> },
@@ -221,7 +222,7 @@ fn event_5(event: v5::Event) -> Option<Event> {
             let properties = publish.properties.map(|properties| properties.user_properties);
             Event::Published {
                 publish: taken,
-                sender: sender(properties.unwrap_or_default()),
+                named: Named::read(&properties.unwrap_or_default()),
             }
         }
         // brokers acknowledge in the order of publishing (MQTT-4.6.0-2)
@@ -244,12 +245,25 @@ fn event_5(event: v5::Event) -> Option<Event> {
     })
 }
 
-/// The value of the only property with which the embedded broker names the publisher. The broker takes away what a client
-/// writes there.
-fn sender(properties: Vec<(String, String)>) -> Option<String> {
-    let mut named = properties.into_iter().filter(|(name, _)| name == SENDER);
-    let (_, sender) = named.next()?;
-    named.next().is_none().then_some(sender)
+/// Who has published a message, in properties of which the broker takes away what a client writes there.
+#[derive(Debug, Default, PartialEq, Eq)]
+pub(super) struct Named {
+    pub(super) user: Option<String>,
+    pub(super) client_id: Option<String>,
+}
+
+impl Named {
+    fn read(properties: &[(String, String)]) -> Self {
+        let only = |wanted: &str| {
+            let mut named = properties.iter().filter(|(name, _)| name == wanted);
+            let (_, value) = named.next()?;
+            named.next().is_none().then(|| value.clone())
+        };
+        Self {
+            user: only(SENDER),
+            client_id: only(CLIENT_ID),
+        }
+    }
 }
 
 fn event_3(event: rumqttc::Event) -> Option<Event> {
@@ -259,7 +273,7 @@ fn event_3(event: rumqttc::Event) -> Option<Event> {
         },
         rumqttc::Event::Incoming(Packet::Publish(publish)) => Event::Published {
             publish,
-            sender: None,
+            named: Named::default(),
         },
         rumqttc::Event::Incoming(Packet::PubAck(_)) => Event::Acknowledged { refused: None },
         rumqttc::Event::Incoming(Packet::SubAck(ack)) => {

@@ -25,8 +25,9 @@ use tokio::time::timeout;
 use super::{body, json_response, nothing_at, params};
 use crate::access::User;
 use crate::contract::routes::API;
-use crate::machine::Authorized;
+use crate::machine::{Authorized, Caller};
 use crate::problem::Problem;
+use crate::server::Peer;
 use crate::shared::{LARGE_REQUESTS_MAX, Shared, unexpected};
 
 /// Who commands when a command comes over REST from nobody in particular.
@@ -91,7 +92,12 @@ pub(super) async fn serve(
         Fault::Json(error) => Problem::invalid(format!("the JSON body is not right: {error}")),
         Fault::Invalid(text) => Problem::invalid(text),
     })?;
-    let judged = shared.machine.judge(&user, ServerTransport::Rest, parsed).await;
+    let caller = Caller {
+        user: &user,
+        from: head.extensions.get::<Peer>().map(|peer| peer.address),
+        over: ServerTransport::Rest,
+    };
+    let judged = shared.machine.judge(caller, parsed).await;
     let authorized = judged.map_err(Problem::from)?;
     let form = (row.answer)(authorized.request());
     let reply = match authorized.request() {

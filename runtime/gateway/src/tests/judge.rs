@@ -21,7 +21,7 @@ use super::mqtt::{Client, ROOT};
 use super::*;
 use crate::Role;
 use crate::access::{Token, User};
-use crate::machine::Machine;
+use crate::machine::{Caller, Machine};
 
 /// Answers everything as done.
 fn port() -> Arc<StubPort> {
@@ -111,6 +111,7 @@ async fn no_payload_lets_a_handler_reset_in_anothers_name_over_either_version_of
             .iter()
             .all(|origin| origin.user.as_deref() == Some("handler")
                 && origin.over == ServerTransport::Mqtt
+                && origin.from.is_some_and(|from| from.is_loopback())
                 && origin.right == Right::Reset),
         "{origins:?}"
     );
@@ -363,7 +364,12 @@ fn is_judged_and_carried_out_as_one_value(parsed: ParsedRequest) -> Result<(), T
     let handler: User = Token::user_for_test("handler", Role::Handler);
     let request = parsed.request().clone();
     let runtime = tokio::runtime::Builder::new_current_thread().build().unwrap();
-    let judged = runtime.block_on(machine.judge(&handler, ServerTransport::Mqtt, parsed));
+    let caller = Caller {
+        user: &handler,
+        from: None,
+        over: ServerTransport::Mqtt,
+    };
+    let judged = runtime.block_on(machine.judge(caller, parsed));
     let (name, force) = named(&request);
     let is_own = name.as_deref() == Some("handler") && !force;
     prop_assert_eq!(judged.is_ok(), is_own, "{:?}", request);

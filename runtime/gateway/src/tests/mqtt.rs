@@ -348,6 +348,7 @@ fn mqtt_end(port: &Arc<StubPort>, address: std::net::SocketAddr) -> MqttEnd {
     MqttEnd::start(mqtt::Parts {
         machine: crate::machine::Machine::new(Arc::<StubPort>::clone(port)),
         tokens: None,
+        clients: None,
         settings: MqttSettings {
             embedded_listen: None,
             ..MqttSettings::default()
