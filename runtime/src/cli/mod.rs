@@ -42,6 +42,8 @@ type Ran = anyhow::Result<u8>;
     name = "tandem",
     version = concat!(env!("CARGO_PKG_VERSION"), " (", env!("TANDEM_BUILD"), ")"),
     about = "Runs NC programs and sequence programs in tandem",
+    // the same text whichever features of clap another crate of the build asks for
+    term_width = 0,
     args_conflicts_with_subcommands = true
 )]
 struct Cli {
