@@ -44,7 +44,7 @@ function ask() {
     const problem = h("p", { role: "alert" }, token() === null ? "" : "The machine does not know this token.");
     const form = h(
       "form",
-      { method: "dialog", class: "stack" },
+      { method: "dialog" },
       h("div", { class: "row end" }, user, pin),
       h("p", {}, "or a token of this screen:"),
       h("div", { class: "row end" }, shown, button({ type: "submit" }, "Enter")),
