@@ -10,7 +10,7 @@ use tandem_model::lost::is_lost;
 use crate::config::Machine;
 use crate::coordinator::everything;
 use crate::disk::Lock;
-use crate::persistence::journal_file::{JOURNAL_FOLDER, newest};
+use crate::persistence::journal_folder::{JOURNAL_FOLDER, newest};
 use crate::persistence::{
     Condition, Generation, Image, Judged, PAGE_VARIABLES, STORE_FILE, Store, judge, restore,
 };

@@ -4,244 +4,28 @@
 //! disk before the write returns. A sum beside it tells a file that was changed outside from one that is damaged
 //! (`folder`); a damaged one is no program until it is stored again.
 
+mod file;
 pub(crate) mod folder;
+mod program;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
-use std::io::{self, Read as _};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use parking_lot::{Mutex, RwLock};
-use plc_api::types::program::{DiagnosticSeverity, ProgramCheck, ProgramDiagnostic, ProgramInfo};
+use plc_api::types::program::{ProgramCheck, ProgramInfo};
 use plc_api::types::request::{Refusal, RefusalCode};
-use tandem_interp::{CheckContext, Dialect, check};
-use tandem_model::limits::{PROGRAM_BYTES_MAX, PROGRAM_NUMBER_MAX};
-use tandem_model::settings::CoordinateSystemSettings;
-use tandem_model::{Diagnostic, Severity};
-use tandem_syntax::{Header, LineIndex, NcProgram, parse};
+use tandem_model::limits::PROGRAM_NUMBER_MAX;
 
-use crate::disk::sum_of;
+pub(crate) use file::check_readable;
+pub use file::{program_number, read_text};
 use folder::{Found, Look, ProgramFolder};
+pub use program::{CheckHere, StoredProgram, TextRules, header, locate};
 
 /// Programs in the store at the most. A further one is refused.
 pub const PROGRAMS_MAX: usize = 2000;
-
-/// Digits of a sum that a person is shown.
-const SUM_SHOWN: usize = 12;
-
-/// Characters of a title.
-const TITLE_MAX: usize = 80;
-
-/// First subprogram number (D05).
-const SUBPROGRAM_MIN: u16 = 1000;
-
-/// What the intermediate code of a program of this number begins with.
-pub fn header(number: u16) -> Header {
-    if number >= SUBPROGRAM_MIN {
-        Header::Subprogram(number)
-    } else {
-        Header::Program(number)
-    }
-}
-
-/// The rules for checking a program for no coordinate system in particular.
-#[derive(Debug, Clone, Copy)]
-pub struct TextRules {
-    /// NC dialect.
-    pub dialect: &'static Dialect,
-    /// How much a radius may fall short of half the chord, mm (D26): the most that a coordinate system allows.
-    pub arc_radius_tolerance_mm: f64,
-}
-
-/// One program of the store.
-#[derive(Debug)]
-pub struct StoredProgram {
-    /// Its number.
-    pub number: u16,
-    /// The tree.
-    pub tree: Arc<NcProgram>,
-    /// What parsing has found.
-    pub parsed: Vec<Diagnostic>,
-    /// What checking says of it alone.
-    pub check: ProgramCheck,
-    /// The dialect that it is written in.
-    pub dialect: &'static Dialect,
-    /// It begins in the current modal state, not in that of the start-up.
-    goes_on: bool,
-    /// The check for each coordinate system, by its number; made when first needed.
-    here: Mutex<BTreeMap<u8, Arc<CheckHere>>>,
-    title: String,
-    /// Sum of the bytes that it was read from.
-    sum: String,
-    /// It was changed outside of the runtime while this ran.
-    pub(crate) is_from_outside: bool,
-    /// Byte offset of each line.
-    line_starts: Vec<u32>,
-}
-
-/// What checking says of a program in a coordinate system.
-#[derive(Debug)]
-pub struct CheckHere {
-    /// What keeps it from running, each once.
-    pub errors: Vec<ProgramDiagnostic>,
-    /// M codes that it puts out, ascending, each once.
-    pub m_codes: Vec<u16>,
-}
-
-impl StoredProgram {
-    /// Parses and checks a text.
-    pub fn new(number: u16, text: &str, rules: TextRules) -> Self {
-        Self::checked(number, text, rules, false)
-    }
-
-    /// A text without a number, which begins in the modal state of the start-up or, with `goes_on`, in the current one.
-    pub(crate) fn manual(text: &str, rules: TextRules, goes_on: bool) -> Self {
-        Self::checked(0, text, rules, goes_on)
-    }
-
-    fn checked(number: u16, text: &str, rules: TextRules, goes_on: bool) -> Self {
-        let dialect = rules.dialect;
-        let (tree, parsed) = parse(text, (dialect.grammar)());
-        let context = CheckContext {
-            goes_on,
-            arc_radius_tolerance_mm: Some(rules.arc_radius_tolerance_mm),
-            ..CheckContext::default()
-        };
-        let checked = check(&tree, dialect, &context);
-        let mut diagnostics = parsed.clone();
-        diagnostics.extend(checked.diagnostics);
-        diagnostics.sort_by_key(|diagnostic| (diagnostic.span.start, diagnostic.span.end));
-        let check = ProgramCheck {
-            created: false,
-            diagnostics: locate(text, &diagnostics),
-            m_codes: checked.m_codes,
-            programs: checked.programs,
-        };
-        Self {
-            number,
-            tree: Arc::new(tree),
-            parsed,
-            check,
-            dialect,
-            goes_on,
-            here: Mutex::default(),
-            title: title(text),
-            sum: sum_of(text.as_bytes()),
-            is_from_outside: false,
-            line_starts: line_starts(text),
-        }
-    }
-
-    /// What checking says of it in a coordinate system. Done once for each: text and settings stay as they are.
-    pub fn check_in(&self, settings: &CoordinateSystemSettings) -> Arc<CheckHere> {
-        let mut here = self.here.lock();
-        let check = here
-            .entry(settings.number)
-            .or_insert_with(|| Arc::new(self.check_with(settings)));
-        Arc::clone(check)
-    }
-
-    fn check_with(&self, settings: &CoordinateSystemSettings) -> CheckHere {
-        let context = CheckContext {
-            goes_on: self.goes_on,
-            ..CheckContext::of(settings)
-        };
-        let check = check(&self.tree, self.dialect, &context);
-        let of_check = locate(self.text(), &check.diagnostics);
-        let mut errors: Vec<ProgramDiagnostic> = Vec::new();
-        for found in self.check.diagnostics.iter().cloned().chain(of_check) {
-            if found.severity == DiagnosticSeverity::Error && !errors.contains(&found) {
-                errors.push(found);
-            }
-        }
-        CheckHere {
-            errors,
-            m_codes: check.m_codes,
-        }
-    }
-
-    /// The text.
-    pub fn text(&self) -> &str {
-        self.tree.source()
-    }
-
-    /// True when checking found errors.
-    pub fn has_errors(&self) -> bool {
-        self.check
-            .diagnostics
-            .iter()
-            .any(|found| found.severity == DiagnosticSeverity::Error)
-    }
-
-    /// The intermediate code of a program without errors (D43).
-    pub fn intermediate_code(&self) -> String {
-        tandem_syntax::compile(&self.tree, header(self.number), self.dialect)
-    }
-
-    /// Text of a line, from 1; empty past the end.
-    pub fn line(&self, line: u32) -> &str {
-        let index = (line as usize).checked_sub(1);
-        let start = index.and_then(|index| self.line_starts.get(index));
-        let rest = start.and_then(|start| self.text().get(*start as usize..));
-        rest.and_then(|rest| rest.lines().next()).unwrap_or_default()
-    }
-
-    fn info(&self) -> ProgramInfo {
-        let count = |severity| {
-            let found = self.check.diagnostics.iter();
-            let count = found.filter(|found| found.severity == severity).count();
-            u32::try_from(count).unwrap_or(u32::MAX)
-        };
-        ProgramInfo {
-            number: self.number,
-            title: self.title.clone(),
-            bytes: self.text().len() as u64,
-            errors: count(DiagnosticSeverity::Error),
-            warnings: count(DiagnosticSeverity::Warning),
-        }
-    }
-}
-
-/// Diagnostics with lines and columns instead of byte offsets.
-pub fn locate(text: &str, diagnostics: &[Diagnostic]) -> Vec<ProgramDiagnostic> {
-    if diagnostics.is_empty() {
-        return Vec::new();
-    }
-    let index = LineIndex::new(text);
-    let place = |diagnostic: &Diagnostic| {
-        let (line, column) = index.locate(diagnostic.span.start);
-        let (end_line, end_column) = index.locate(diagnostic.span.end);
-        ProgramDiagnostic {
-            code: diagnostic.code.to_owned(),
-            severity: match diagnostic.severity {
-                Severity::Error => DiagnosticSeverity::Error,
-                Severity::Warning => DiagnosticSeverity::Warning,
-            },
-            line,
-            column,
-            end_line,
-            end_column,
-            message: diagnostic.message.clone(),
-            help: diagnostic.help.clone(),
-        }
-    };
-    diagnostics.iter().map(place).collect()
-}
-
-/// Where each line begins. Found when the program is written, so that a run does not wait for it.
-fn line_starts(text: &str) -> Vec<u32> {
-    let ends = text.bytes().enumerate().filter(|(_, byte)| *byte == b'\n');
-    let after = ends.filter_map(|(index, _)| u32::try_from(index + 1).ok());
-    std::iter::once(0).chain(after).collect()
-}
-
-fn title(text: &str) -> String {
-    let first = text.trim_start().lines().next().unwrap_or_default().trim();
-    let comment = first.strip_prefix("//").or_else(|| first.strip_prefix("/*"));
-    let title = comment.unwrap_or_default().trim_end_matches("*/").trim();
-    title.chars().take(TITLE_MAX).collect()
-}
 
 /// All programs of a machine.
 #[derive(Debug)]
@@ -312,10 +96,10 @@ impl ProgramStore {
         };
         for (number, found) in look.programs {
             match found {
-                Found::Stored(bytes) => self.keep(self.program_of(number, bytes)),
+                Found::Stored(bytes) => self.keep(StoredProgram::of_file(number, bytes, self.rules)),
                 Found::FromOutside(bytes, how) => {
-                    let program = self.program_of(number, bytes);
-                    let sum = &program.sum[..SUM_SHOWN];
+                    let program = StoredProgram::of_file(number, bytes, self.rules);
+                    let sum = program.short_sum();
                     findings
                         .changed
                         .push(format!("program {number}: {how}; its sum is {sum}"));
@@ -329,14 +113,6 @@ impl ProgramStore {
         let gone = look.gone.iter();
         (findings.changed).extend(gone.map(|number| format!("program {number}: its file was removed")));
         findings
-    }
-
-    fn program_of(&self, number: u16, bytes: Vec<u8>) -> StoredProgram {
-        let sum = sum_of(&bytes);
-        StoredProgram {
-            sum,
-            ..StoredProgram::new(number, &text_of(bytes), self.rules)
-        }
     }
 
     /// Looks for files that were changed outside while the runtime ran, and reads those that no longer change; gives what
@@ -368,9 +144,9 @@ impl ProgramStore {
             let Ok(read) = read else { continue };
             self.damaged.write().remove(&number);
             let how = if let Some(bytes) = read {
-                let mut program = self.program_of(number, bytes);
+                let mut program = StoredProgram::of_file(number, bytes, self.rules);
                 program.is_from_outside = true;
-                let sum = program.sum[..SUM_SHOWN].to_owned();
+                let sum = program.short_sum().to_owned();
                 self.keep(program);
                 format!("its file was written; its sum is {sum}; load it again")
             } else {
@@ -535,52 +311,6 @@ impl ProgramStore {
     }
 }
 
-/// The text of an NC program's file. Bytes that are not UTF-8 become replacement characters, which checking then shows.
-///
-/// # Errors
-/// The file cannot be read, or has more than [`PROGRAM_BYTES_MAX`] bytes; no more of it is read then.
-pub fn read_text(path: &Path) -> io::Result<String> {
-    let most = PROGRAM_BYTES_MAX as u64;
-    let mut bytes = Vec::new();
-    fs::File::open(path)?.take(most + 1).read_to_end(&mut bytes)?;
-    check_bytes(bytes.len() as u64)?;
-    Ok(text_of(bytes))
-}
-
-fn text_of(bytes: Vec<u8>) -> String {
-    String::from_utf8(bytes).unwrap_or_else(|error| String::from_utf8_lossy(error.as_bytes()).into_owned())
-}
-
-/// Tells whether [`read_text`] would read a file, without its text.
-///
-/// # Errors
-/// As those of [`read_text`].
-pub(crate) fn check_readable(path: &Path) -> io::Result<()> {
-    let metadata = fs::File::open(path)?.metadata()?;
-    if metadata.is_dir() {
-        return Err(io::ErrorKind::IsADirectory.into());
-    }
-    check_bytes(metadata.len())
-}
-
-fn check_bytes(bytes: u64) -> io::Result<()> {
-    if bytes <= PROGRAM_BYTES_MAX as u64 {
-        return Ok(());
-    }
-    let text = format!("it has more than {PROGRAM_BYTES_MAX} bytes, the most that a program may have");
-    Err(io::Error::new(io::ErrorKind::FileTooLarge, text))
-}
-
-/// The program number that a file name says: `<number>.nc` or `O<number>.nc`.
-pub fn program_number(path: &Path) -> Option<u16> {
-    if !path.extension()?.eq_ignore_ascii_case("nc") {
-        return None;
-    }
-    let stem = path.file_stem()?.to_str()?;
-    let number = stem.strip_prefix(['O', 'o']).unwrap_or(stem).parse().ok()?;
-    (1..=PROGRAM_NUMBER_MAX).contains(&number).then_some(number)
-}
-
 /// A program and all that it calls, of those that there are.
 pub(crate) fn called_by(all: &BTreeMap<u16, Arc<StoredProgram>>, main: u16) -> BTreeSet<u16> {
     let (mut called, mut left) = (BTreeSet::from([main]), vec![main]);
@@ -594,7 +324,9 @@ pub(crate) fn called_by(all: &BTreeMap<u16, Arc<StoredProgram>>, main: u16) -> B
 
 #[cfg(test)]
 mod tests {
+    use plc_api::types::program::DiagnosticSeverity;
     use tandem_interp::dialects::nj;
+    use tandem_model::limits::PROGRAM_BYTES_MAX;
 
     use super::*;
 
@@ -656,24 +388,6 @@ mod tests {
                 .unwrap()
                 .list()
                 .is_empty()
-        );
-    }
-
-    #[test]
-    fn file_names_tell_program_numbers() {
-        let number = |name: &str| program_number(Path::new(name));
-        assert_eq!(number("12.nc"), Some(12));
-        assert_eq!(number("O1000.NC"), Some(1000));
-        assert_eq!(number("main.nc"), None);
-        assert_eq!(number("0.nc"), None);
-    }
-
-    #[test]
-    fn lines_are_found_by_number() {
-        let program = StoredProgram::new(1, "G90\r\nG01 X1\nM30", rules());
-        assert_eq!(
-            [program.line(1), program.line(2), program.line(3), program.line(4)],
-            ["G90", "G01 X1", "M30", ""]
         );
     }
 }

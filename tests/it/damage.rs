@@ -117,30 +117,21 @@ async fn start(machine: &Machine) -> Runtime {
 async fn fill(machine: &Machine) -> (Values, BTreeMap<u64, Value>) {
     let runtime = start(machine).await;
     let plc = Plc::in_process(runtime.port());
-    for from in (0..2048).step_by(PAGE as usize) {
-        let values: Vec<f64> = (from..from + PAGE).map(|n| f64::from(n) * 1.25 + 0.1).collect();
-        let (area, meta) = (VariableArea::Global, None);
-        plc.port()
-            .ask(typed::WriteVariables {
-                area,
-                from,
-                values,
-                meta,
-            })
-            .await
-            .unwrap();
-    }
-    let (area, from, meta) = (VariableArea::CoordinateSystem(1), 0, None);
-    let values = vec![-7.5; 512];
-    plc.port()
-        .ask(typed::WriteVariables {
+    let write = async |area, from, values| {
+        let meta = None;
+        let request = typed::WriteVariables {
             area,
             from,
             values,
             meta,
-        })
-        .await
-        .unwrap();
+        };
+        plc.port().ask(request).await.unwrap();
+    };
+    for from in (0..2048).step_by(PAGE as usize) {
+        let values = (from..from + PAGE).map(|n| f64::from(n) * 1.25 + 0.1).collect();
+        write(VariableArea::Global, from, values).await;
+    }
+    write(VariableArea::CoordinateSystem(1), 0, vec![-7.5; 512]).await;
     for round in 0..3 {
         let tool = |id| ToolData {
             id,

@@ -260,6 +260,7 @@ mod tests {
     use std::os::unix::fs::PermissionsExt as _;
 
     use rustls::pki_types::ServerName;
+    use rustls::{ClientConfig, RootCertStore};
     use tokio::net::TcpListener;
     use tokio_rustls::TlsConnector;
 
@@ -296,81 +297,45 @@ mod tests {
         }
     }
 
-    /// The certificate that a server with this TLS shows.
-    async fn shown(tls: &LiveTls) -> Vec<u8> {
-        #[derive(Debug)]
-        struct AnyServer(WebPkiSupportedAlgorithms);
-        impl rustls::client::danger::ServerCertVerifier for AnyServer {
-            fn verify_server_cert(
-                &self,
-                _: &CertificateDer<'_>,
-                _: &[CertificateDer<'_>],
-                _: &ServerName<'_>,
-                _: &[u8],
-                _: UnixTime,
-            ) -> Result<rustls::client::danger::ServerCertVerified, rustls::Error> {
-                Ok(rustls::client::danger::ServerCertVerified::assertion())
-            }
-            fn verify_tls12_signature(
-                &self,
-                message: &[u8],
-                certificate: &CertificateDer<'_>,
-                signature: &DigitallySignedStruct,
-            ) -> Result<HandshakeSignatureValid, rustls::Error> {
-                verify_tls12_signature(message, certificate, signature, &self.0)
-            }
-            fn verify_tls13_signature(
-                &self,
-                message: &[u8],
-                certificate: &CertificateDer<'_>,
-                signature: &DigitallySignedStruct,
-            ) -> Result<HandshakeSignatureValid, rustls::Error> {
-                verify_tls13_signature(message, certificate, signature, &self.0)
-            }
-            fn supported_verify_schemes(&self) -> Vec<SignatureScheme> {
-                self.0.supported_schemes()
-            }
-        }
-        let provider = Arc::new(ring::default_provider());
-        let any = Arc::new(AnyServer(provider.signature_verification_algorithms));
-        let config = rustls::ClientConfig::builder_with_provider(provider)
+    /// True when a client that trusts this certificate alone meets the server.
+    async fn shows(tls: &LiveTls, certificate: &CertificateDer<'static>) -> bool {
+        let mut roots = RootCertStore::empty();
+        roots.add(certificate.clone()).unwrap();
+        let config = ClientConfig::builder_with_provider(Arc::new(ring::default_provider()))
             .with_safe_default_protocol_versions()
             .unwrap()
-            .dangerous()
-            .with_custom_certificate_verifier(any)
+            .with_root_certificates(roots)
             .with_no_client_auth();
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
         let client = async {
             let stream = TcpStream::connect(address).await.unwrap();
             let name = ServerName::try_from("localhost").unwrap();
-            TlsConnector::from(Arc::new(config))
-                .connect(name, stream)
-                .await
-                .unwrap()
+            TlsConnector::from(Arc::new(config)).connect(name, stream).await
         };
-        let server = async { tls.accept(listener.accept().await.unwrap().0).await.unwrap() };
+        let server = async { tls.accept(listener.accept().await.unwrap().0).await };
         let (client, accepted) = tokio::join!(client, server);
-        assert!(accepted.is_private());
-        client.get_ref().1.peer_certificates().unwrap()[0].to_vec()
+        client.is_ok() && accepted.is_ok_and(|accepted| accepted.is_private())
     }
 
     #[tokio::test]
     async fn a_certificate_that_is_renewed_counts_without_a_restart_and_one_that_is_wrong_changes_nothing() {
         let files = Files::new();
         let tls = LiveTls::follow(files.tls.clone(), None).unwrap();
-        let first = shown(&tls).await;
+        let first = CertificateDer::from_pem_file(&files.tls.cert_file).unwrap();
+        assert!(shows(&tls, &first).await);
         let renewed = rcgen::generate_simple_self_signed(["localhost".to_owned()]).unwrap();
         std::fs::write(&files.tls.cert_file, "nonsense").unwrap();
         tokio::time::sleep(LOOK_INTERVAL + Duration::from_millis(300)).await;
-        assert_eq!(shown(&tls).await, first);
+        assert!(shows(&tls, &first).await);
         files.write(&renewed);
         let mut changed = tls.0.clone();
         tokio::time::timeout(Duration::from_secs(20), changed.changed())
             .await
             .expect("the files are read again")
             .unwrap();
-        assert_eq!(shown(&tls).await, renewed.cert.der().to_vec());
+        assert!(shows(&tls, renewed.cert.der()).await);
+        assert!(!shows(&tls, &first).await);
     }
 
     #[test]

@@ -13,7 +13,8 @@ use super::StartError;
 use crate::config::{Machine, ProgramSource};
 use crate::coordinate_system::Mailbox;
 use crate::disk::{Health, Lock, Part, make_folder, tighten, write_whole};
-use crate::persistence::journal_file::{JOURNAL_FOLDER, JournalThread, Newest};
+use crate::persistence::journal_file::JournalThread;
+use crate::persistence::journal_folder::{JOURNAL_FOLDER, Newest};
 use crate::persistence::{
     Condition, DataWatch, Image, Judged, LastRuns, Restored, STARTED_FILE, STORE_FILE, Source,
     StateWriterThread, Store, judge, list, page_name, pages, replay_last_runs, restore, warn_once,

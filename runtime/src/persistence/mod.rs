@@ -5,8 +5,8 @@
 //! a power cut at any moment leaves the state before or after one of them. Each value has a sum (`record`), and a file
 //! beside the store has the sums of all (`sums`): a value is believed if both agree, or the store as a whole is sound
 //! (`judge`). What is not is lost, and counts as no value until a person writes it anew. A thread of its own (`state_writer`) looks
-//! for changes and writes them: neither motion nor the handshake waits for a disk. The journal (`journal_file`)
-//! consists of lines in files of bounded size, written by another thread. NC programs are files of their own, see
+//! for changes and writes them: neither motion nor the handshake waits for a disk. The journal
+//! consists of lines in files of bounded size (`journal_folder`), written by another thread (`journal_file`). NC programs are files of their own, see
 //! `program_store`.
 
 mod ahead;
@@ -14,6 +14,7 @@ mod cut_short;
 mod generation;
 mod image;
 pub(crate) mod journal_file;
+pub(crate) mod journal_folder;
 mod judge;
 mod record;
 mod replay;

@@ -10,7 +10,7 @@ use plc_api::types::topic::Topic;
 
 use super::RuntimePort;
 use crate::command_memory::Asked;
-use crate::persistence::journal_file::{JOURNAL_FOLDER, newest};
+use crate::persistence::journal_folder::{JOURNAL_FOLDER, newest};
 use crate::shared::Shared;
 use crate::tables::{Tables, Values};
 

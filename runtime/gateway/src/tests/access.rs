@@ -39,7 +39,7 @@ fn port() -> Arc<StubPort> {
 }
 
 /// One request to a server with the users; its status and problem code.
-async fn send(
+pub(super) async fn send(
     shared: &Arc<Shared>,
     (method, path): (&str, &str),
     token: Option<&str>,

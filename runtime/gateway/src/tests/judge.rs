@@ -14,9 +14,10 @@ use plc_api::wire::row::ParsedRequest;
 use plc_api::wire::websocket::ClientFrame;
 use proptest::prelude::*;
 use rumqttc::v5::mqttbytes::{QoS as QoS5, v5 as mqtt5};
-use serde_json::{Value, json};
+use serde_json::json;
 use tower::ServiceExt;
 
+use super::access::send;
 use super::mqtt::{Client, ROOT};
 use super::*;
 use crate::Role;
@@ -119,23 +120,6 @@ async fn no_payload_lets_a_handler_reset_in_anothers_name_over_either_version_of
     gateway.shutdown().await;
 }
 
-async fn over_rest(shared: &Arc<Shared>, path: &str, token: &str, body: &Value) -> (StatusCode, String) {
-    use http_body_util::BodyExt as _;
-    let request = HttpRequest::put(format!("/api/v1{path}"))
-        .header(header::HOST, "127.0.0.1:8080")
-        .header(header::CONTENT_TYPE, "application/json")
-        .header(header::AUTHORIZATION, format!("Bearer {token}"))
-        .body(Body::from(body.to_string()))
-        .unwrap();
-    let response = crate::http::router(Arc::clone(shared))
-        .oneshot(request)
-        .await
-        .unwrap();
-    let status = response.status();
-    let body = response.into_body().collect().await.unwrap().to_bytes();
-    (status, String::from_utf8_lossy(&body).into_owned())
-}
-
 /// What the sets of coordinate system 2 and of all ask for.
 fn sets_of_system_2_and_of_all() -> [Request; 4] {
     [
@@ -180,22 +164,27 @@ async fn a_handler_sets_tool_spindle_and_variables_only_where_it_serves_an_m_cod
     };
     let everywhere = ("/variables/p?from=1".to_owned(), json!({"values": [1.5]}));
     for (path, body) in sets(2).iter().chain([&everywhere]) {
-        let (status, text) = over_rest(&shared, path, token, body).await;
+        let (status, text) = send(&shared, ("PUT", path), Some(token), body).await;
         assert_eq!(
             status,
             StatusCode::FORBIDDEN,
             "{path}, nothing is served yet: {text}"
         );
-        assert!(text.contains("serves none"), "{text}");
+        assert!(
+            text["detail"]
+                .as_str()
+                .is_some_and(|text| text.contains("serves none")),
+            "{text}"
+        );
     }
     port.say_handler("other", 2);
     port.say_handler("handler", 2);
     for (path, body) in sets(2).iter().chain([&everywhere]) {
-        let (status, text) = over_rest(&shared, path, token, body).await;
+        let (status, text) = send(&shared, ("PUT", path), Some(token), body).await;
         assert!(status.is_success(), "{path}: {status} {text}");
     }
     for (path, body) in sets(1) {
-        let (status, text) = over_rest(&shared, &path, token, &body).await;
+        let (status, text) = send(&shared, ("PUT", &path), Some(token), &body).await;
         assert_eq!(status, StatusCode::FORBIDDEN, "{path}: {text}");
     }
     for (path, body) in [
@@ -204,7 +193,7 @@ async fn a_handler_sets_tool_spindle_and_variables_only_where_it_serves_an_m_cod
         ("/cs/2/inputs/interlock", json!({"value": false})),
         ("/cs/2/overrides", json!({"feed": 50})),
     ] {
-        let (status, text) = over_rest(&shared, path, token, &body).await;
+        let (status, text) = send(&shared, ("PUT", path), Some(token), &body).await;
         assert_eq!(status, StatusCode::FORBIDDEN, "{path}: {text}");
     }
     assert_eq!(port.asked(), sets_of_system_2_and_of_all());

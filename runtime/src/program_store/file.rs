@@ -1,0 +1,67 @@
+//! Files of NC programs: their text, and the number that their name says.
+
+use std::fs;
+use std::io::{self, Read as _};
+use std::path::Path;
+
+use tandem_model::limits::{PROGRAM_BYTES_MAX, PROGRAM_NUMBER_MAX};
+
+/// The text of an NC program's file. Bytes that are not UTF-8 become replacement characters, which checking then shows.
+///
+/// # Errors
+/// The file cannot be read, or has more than [`PROGRAM_BYTES_MAX`] bytes; no more of it is read then.
+pub fn read_text(path: &Path) -> io::Result<String> {
+    let most = PROGRAM_BYTES_MAX as u64;
+    let mut bytes = Vec::new();
+    fs::File::open(path)?.take(most + 1).read_to_end(&mut bytes)?;
+    check_bytes(bytes.len() as u64)?;
+    Ok(text_of(bytes))
+}
+
+pub(super) fn text_of(bytes: Vec<u8>) -> String {
+    String::from_utf8(bytes).unwrap_or_else(|error| String::from_utf8_lossy(error.as_bytes()).into_owned())
+}
+
+/// Tells whether [`read_text`] would read a file, without its text.
+///
+/// # Errors
+/// As those of [`read_text`].
+pub(crate) fn check_readable(path: &Path) -> io::Result<()> {
+    let metadata = fs::File::open(path)?.metadata()?;
+    if metadata.is_dir() {
+        return Err(io::ErrorKind::IsADirectory.into());
+    }
+    check_bytes(metadata.len())
+}
+
+fn check_bytes(bytes: u64) -> io::Result<()> {
+    if bytes <= PROGRAM_BYTES_MAX as u64 {
+        return Ok(());
+    }
+    let text = format!("it has more than {PROGRAM_BYTES_MAX} bytes, the most that a program may have");
+    Err(io::Error::new(io::ErrorKind::FileTooLarge, text))
+}
+
+/// The program number that a file name says: `<number>.nc` or `O<number>.nc`.
+pub fn program_number(path: &Path) -> Option<u16> {
+    if !path.extension()?.eq_ignore_ascii_case("nc") {
+        return None;
+    }
+    let stem = path.file_stem()?.to_str()?;
+    let number = stem.strip_prefix(['O', 'o']).unwrap_or(stem).parse().ok()?;
+    (1..=PROGRAM_NUMBER_MAX).contains(&number).then_some(number)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn file_names_tell_program_numbers() {
+        let number = |name: &str| program_number(Path::new(name));
+        assert_eq!(number("12.nc"), Some(12));
+        assert_eq!(number("O1000.NC"), Some(1000));
+        assert_eq!(number("main.nc"), None);
+        assert_eq!(number("0.nc"), None);
+    }
+}

@@ -1,0 +1,267 @@
+//! One program of the store, parsed and checked.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use parking_lot::Mutex;
+use plc_api::types::program::{DiagnosticSeverity, ProgramCheck, ProgramDiagnostic, ProgramInfo};
+use tandem_interp::{CheckContext, Dialect, check};
+use tandem_model::settings::CoordinateSystemSettings;
+use tandem_model::{Diagnostic, Severity};
+use tandem_syntax::{Header, LineIndex, NcProgram, parse};
+
+use super::file::text_of;
+use crate::disk::sum_of;
+
+/// Digits of a sum that a person is shown.
+const SUM_SHOWN: usize = 12;
+
+/// Characters of a title.
+const TITLE_MAX: usize = 80;
+
+/// First subprogram number (D05).
+const SUBPROGRAM_MIN: u16 = 1000;
+
+/// What the intermediate code of a program of this number begins with.
+pub fn header(number: u16) -> Header {
+    if number >= SUBPROGRAM_MIN {
+        Header::Subprogram(number)
+    } else {
+        Header::Program(number)
+    }
+}
+
+/// The rules for checking a program for no coordinate system in particular.
+#[derive(Debug, Clone, Copy)]
+pub struct TextRules {
+    /// NC dialect.
+    pub dialect: &'static Dialect,
+    /// How much a radius may fall short of half the chord, mm (D26): the most that a coordinate system allows.
+    pub arc_radius_tolerance_mm: f64,
+}
+
+/// One program of the store.
+#[derive(Debug)]
+pub struct StoredProgram {
+    /// Its number.
+    pub number: u16,
+    /// The tree.
+    pub tree: Arc<NcProgram>,
+    /// What parsing has found.
+    pub parsed: Vec<Diagnostic>,
+    /// What checking says of it alone.
+    pub check: ProgramCheck,
+    /// The dialect that it is written in.
+    pub dialect: &'static Dialect,
+    /// It begins in the current modal state, not in that of the start-up.
+    goes_on: bool,
+    /// The check for each coordinate system, by its number; made when first needed.
+    here: Mutex<BTreeMap<u8, Arc<CheckHere>>>,
+    title: String,
+    /// Sum of the bytes that it was read from.
+    sum: String,
+    /// It was changed outside of the runtime while this ran.
+    pub(crate) is_from_outside: bool,
+    /// Byte offset of each line.
+    line_starts: Vec<u32>,
+}
+
+/// What checking says of a program in a coordinate system.
+#[derive(Debug)]
+pub struct CheckHere {
+    /// What keeps it from running, each once.
+    pub errors: Vec<ProgramDiagnostic>,
+    /// M codes that it puts out, ascending, each once.
+    pub m_codes: Vec<u16>,
+}
+
+impl StoredProgram {
+    /// Parses and checks a text.
+    pub fn new(number: u16, text: &str, rules: TextRules) -> Self {
+        Self::checked(number, text, rules, false)
+    }
+
+    /// The program of a file's bytes.
+    pub(super) fn of_file(number: u16, bytes: Vec<u8>, rules: TextRules) -> Self {
+        let sum = sum_of(&bytes);
+        Self {
+            sum,
+            ..Self::new(number, &text_of(bytes), rules)
+        }
+    }
+
+    /// A text without a number, which begins in the modal state of the start-up or, with `goes_on`, in the current one.
+    pub(crate) fn manual(text: &str, rules: TextRules, goes_on: bool) -> Self {
+        Self::checked(0, text, rules, goes_on)
+    }
+
+    fn checked(number: u16, text: &str, rules: TextRules, goes_on: bool) -> Self {
+        let dialect = rules.dialect;
+        let (tree, parsed) = parse(text, (dialect.grammar)());
+        let context = CheckContext {
+            goes_on,
+            arc_radius_tolerance_mm: Some(rules.arc_radius_tolerance_mm),
+            ..CheckContext::default()
+        };
+        let checked = check(&tree, dialect, &context);
+        let mut diagnostics = parsed.clone();
+        diagnostics.extend(checked.diagnostics);
+        diagnostics.sort_by_key(|diagnostic| (diagnostic.span.start, diagnostic.span.end));
+        let check = ProgramCheck {
+            created: false,
+            diagnostics: locate(text, &diagnostics),
+            m_codes: checked.m_codes,
+            programs: checked.programs,
+        };
+        Self {
+            number,
+            tree: Arc::new(tree),
+            parsed,
+            check,
+            dialect,
+            goes_on,
+            here: Mutex::default(),
+            title: title(text),
+            sum: sum_of(text.as_bytes()),
+            is_from_outside: false,
+            line_starts: line_starts(text),
+        }
+    }
+
+    /// What checking says of it in a coordinate system. Done once for each: text and settings stay as they are.
+    pub fn check_in(&self, settings: &CoordinateSystemSettings) -> Arc<CheckHere> {
+        let mut here = self.here.lock();
+        let check = here
+            .entry(settings.number)
+            .or_insert_with(|| Arc::new(self.check_with(settings)));
+        Arc::clone(check)
+    }
+
+    fn check_with(&self, settings: &CoordinateSystemSettings) -> CheckHere {
+        let context = CheckContext {
+            goes_on: self.goes_on,
+            ..CheckContext::of(settings)
+        };
+        let check = check(&self.tree, self.dialect, &context);
+        let of_check = locate(self.text(), &check.diagnostics);
+        let mut errors: Vec<ProgramDiagnostic> = Vec::new();
+        for found in self.check.diagnostics.iter().cloned().chain(of_check) {
+            if found.severity == DiagnosticSeverity::Error && !errors.contains(&found) {
+                errors.push(found);
+            }
+        }
+        CheckHere {
+            errors,
+            m_codes: check.m_codes,
+        }
+    }
+
+    /// The text.
+    pub fn text(&self) -> &str {
+        self.tree.source()
+    }
+
+    /// True when checking found errors.
+    pub fn has_errors(&self) -> bool {
+        self.check
+            .diagnostics
+            .iter()
+            .any(|found| found.severity == DiagnosticSeverity::Error)
+    }
+
+    /// The intermediate code of a program without errors (D43).
+    pub fn intermediate_code(&self) -> String {
+        tandem_syntax::compile(&self.tree, header(self.number), self.dialect)
+    }
+
+    /// Text of a line, from 1; empty past the end.
+    pub fn line(&self, line: u32) -> &str {
+        let index = (line as usize).checked_sub(1);
+        let start = index.and_then(|index| self.line_starts.get(index));
+        let rest = start.and_then(|start| self.text().get(*start as usize..));
+        rest.and_then(|rest| rest.lines().next()).unwrap_or_default()
+    }
+
+    /// The beginning of the sum of its bytes, as a person is shown it.
+    pub(super) fn short_sum(&self) -> &str {
+        self.sum.get(..SUM_SHOWN).unwrap_or(&self.sum)
+    }
+
+    pub(super) fn info(&self) -> ProgramInfo {
+        let count = |severity| {
+            let found = self.check.diagnostics.iter();
+            let count = found.filter(|found| found.severity == severity).count();
+            u32::try_from(count).unwrap_or(u32::MAX)
+        };
+        ProgramInfo {
+            number: self.number,
+            title: self.title.clone(),
+            bytes: self.text().len() as u64,
+            errors: count(DiagnosticSeverity::Error),
+            warnings: count(DiagnosticSeverity::Warning),
+        }
+    }
+}
+
+/// Diagnostics with lines and columns instead of byte offsets.
+pub fn locate(text: &str, diagnostics: &[Diagnostic]) -> Vec<ProgramDiagnostic> {
+    if diagnostics.is_empty() {
+        return Vec::new();
+    }
+    let index = LineIndex::new(text);
+    let place = |diagnostic: &Diagnostic| {
+        let (line, column) = index.locate(diagnostic.span.start);
+        let (end_line, end_column) = index.locate(diagnostic.span.end);
+        ProgramDiagnostic {
+            code: diagnostic.code.to_owned(),
+            severity: match diagnostic.severity {
+                Severity::Error => DiagnosticSeverity::Error,
+                Severity::Warning => DiagnosticSeverity::Warning,
+            },
+            line,
+            column,
+            end_line,
+            end_column,
+            message: diagnostic.message.clone(),
+            help: diagnostic.help.clone(),
+        }
+    };
+    diagnostics.iter().map(place).collect()
+}
+
+/// Where each line begins. Found when the program is written, so that a run does not wait for it.
+fn line_starts(text: &str) -> Vec<u32> {
+    let ends = text.bytes().enumerate().filter(|(_, byte)| *byte == b'\n');
+    let after = ends.filter_map(|(index, _)| u32::try_from(index + 1).ok());
+    std::iter::once(0).chain(after).collect()
+}
+
+fn title(text: &str) -> String {
+    let first = text.trim_start().lines().next().unwrap_or_default().trim();
+    let comment = first.strip_prefix("//").or_else(|| first.strip_prefix("/*"));
+    let title = comment.unwrap_or_default().trim_end_matches("*/").trim();
+    title.chars().take(TITLE_MAX).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use tandem_interp::dialects::nj;
+
+    use super::*;
+
+    fn rules() -> TextRules {
+        TextRules {
+            dialect: nj(),
+            arc_radius_tolerance_mm: 0.01,
+        }
+    }
+
+    #[test]
+    fn lines_are_found_by_number() {
+        let program = StoredProgram::new(1, "G90\r\nG01 X1\nM30", rules());
+        assert_eq!(
+            [program.line(1), program.line(2), program.line(3), program.line(4)],
+            ["G90", "G01 X1", "M30", ""]
+        );
+    }
+}
