@@ -107,16 +107,17 @@ export interface Handlers {
 
 /** Payload of `m_code/{m}/result`. */
 export interface HandshakeResult {
-  handler_id: string; seq: number; status: HandshakeStatus;
+  handler_id: string; seq: number; status: HandshakeStatus; text?: string;
 }
 
 /** Payload of `m_code/{m}/result`. */
 export interface HandshakeResultMessage {
-  boot_id: BootId; handler_id: string; rev?: number; seq: number; status: HandshakeStatus; ts: string; v: 1;
+  boot_id: BootId; handler_id: string; rev?: number; seq: number; status: HandshakeStatus; text?: string; ts: string;
+  v: 1;
 }
 
 /** What became of a claim or a reset. */
-export type HandshakeStatus = "accepted" | "duplicate" | "stale" | "unknown" | "not_owner";
+export type HandshakeStatus = "accepted" | "duplicate" | "stale" | "unknown" | "not_owner" | "refused";
 
 /** Whether the server answers. */
 export interface Health {

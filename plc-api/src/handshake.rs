@@ -136,6 +136,7 @@ impl Ledger {
             seq: request.seq(),
             handler_id: handler_id.to_owned(),
             status,
+            text: None,
         })
     }
 
@@ -474,6 +475,7 @@ impl Ledger {
             seq,
             handler_id,
             status,
+            text: None,
         };
         let open = self.get(seq).map(|output| output.notice.m);
         let known = || open.or_else(|| self.closed.m(seq));

@@ -167,6 +167,8 @@ pub enum HandshakeStatus {
     Unknown,
     /// Another handler owns the output.
     NotOwner,
+    /// The message itself is not right, and `text` says why; nothing changed.
+    Refused,
 }
 
 /// Payload of `m_code/{m}/result`.
@@ -179,6 +181,9 @@ pub struct HandshakeResult {
     pub handler_id: String,
     /// What became of it.
     pub status: HandshakeStatus,
+    /// With `refused`: why, and what to write.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub text: Option<String>,
 }
 
 /// Why an output was cancelled.

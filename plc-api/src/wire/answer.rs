@@ -220,6 +220,7 @@ impl AnswerForm {
                 seq: *seq,
                 handler_id: handler_id.clone(),
                 status,
+                text: None,
             }));
         }
         Err(problem.refusal(status))
@@ -252,6 +253,7 @@ fn handshake_problem(result: &HandshakeResult, is_answer: bool) -> Option<Proble
         ),
         HandshakeStatus::Unknown => ("unknown", "this boot never made it"),
         HandshakeStatus::NotOwner => ("not_owner", "another handler owns it"),
+        HandshakeStatus::Refused => ("invalid", result.text.as_deref().unwrap_or("it is not right")),
     };
     let text = format!("output {seq}: {text}; nothing was changed");
     Some(Problem::new(409, code, text))
@@ -321,6 +323,7 @@ mod tests {
                 seq: 7,
                 handler_id: "h".into(),
                 status,
+                text: None,
             });
             let problem = form.encode(answer.clone()).unwrap_err();
             let body = serde_json::to_string(&problem).unwrap();

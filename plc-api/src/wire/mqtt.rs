@@ -8,6 +8,7 @@ use serde_json::{Map, Value, json};
 use super::json::json_object;
 use super::pattern::{fill, take_apart};
 use super::requests::{COMMAND, ROWS};
+use super::right::Right;
 use super::row::{
     Body, Fault, IncomingRequest, ParsedRequest, QueryValues, RequestParts, Row, Source, Topic, number,
 };
@@ -15,7 +16,7 @@ use crate::names::unique_name;
 use crate::types::CoordinateSystemNumber;
 use crate::types::command::CommandMeta;
 use crate::types::ids::{COMMAND_ID_MAX, check_command, is_client_id};
-use crate::types::output::{Claim, Reset};
+use crate::types::output::{Claim, HandshakeResult, HandshakeStatus, Reset};
 use crate::types::refusal::{Refusal, RefusalCode};
 use crate::types::request::Request;
 
@@ -167,6 +168,11 @@ impl Topic {
         }
     }
 
+    /// True for a claim and a reset, which a `result` answers.
+    fn has_result(&self) -> bool {
+        self.pattern.ends_with("/claim") || self.pattern.ends_with("/reset")
+    }
+
     /// Who sends a payload, and under which condition.
     fn meta(&self, payload: &[u8], retained: bool) -> Result<CommandMeta, Refusal> {
         let meta: CommandMeta = json_object(payload).map_err(|error| invalid(text_of(Fault::Json(error))))?;
@@ -210,6 +216,17 @@ pub enum Inbound {
         /// Why.
         refusal: Refusal,
     },
+    /// A claim or reset that never becomes a request: its sender is told by a `result`, if it may speak in this name.
+    RefuseOutput {
+        /// Coordinate system of the output.
+        cs: CoordinateSystemNumber,
+        /// M number of the output.
+        m: u16,
+        /// What its sender is told.
+        result: HandshakeResult,
+        /// The right that the request needs.
+        right: Right,
+    },
     /// What cannot be answered, since nobody is named: for the log.
     Drop(String),
 }
@@ -244,13 +261,13 @@ impl Row {
         let too_large = (payload.len() > PAYLOAD_MAX)
             .then(|| format!("its payload is larger than {PAYLOAD_MAX} bytes; send less"));
         if topic.envelope.is_empty() {
-            if let Some(text) = too_large {
-                return Err(text);
-            }
-            if retained && !topic.retained {
-                return Err("it is retained; publish it without the retain flag".to_owned());
-            }
-            return read(Source::Message).map(Inbound::of).map_err(text_of);
+            let kept = "it is retained; publish it without the retain flag";
+            let refused = too_large.or_else(|| (retained && !topic.retained).then(|| kept.to_owned()));
+            let read = match refused {
+                Some(text) => Err(text),
+                None => read(Source::Message).map(Inbound::of).map_err(text_of),
+            };
+            return read.or_else(|text| refuse_output(self.right, topic, params, payload, text));
         }
         let mut named = params.iter();
         let (_, cs) = named.find(|(name, _)| *name == "cs").unwrap_or(&("cs", ""));
@@ -281,6 +298,52 @@ fn text_of(fault: Fault) -> String {
         Fault::Level(level) => format!("{level} is not a number that can stand there"),
         Fault::Json(error) => format!("the JSON is not right: {error}"),
         Fault::NotFound(text) | Fault::Invalid(text) => text,
+    }
+}
+
+/// Tells the sender of a claim or reset by a result, when it can be read who that is and which output it means.
+fn refuse_output(
+    right: Right,
+    topic: &Topic,
+    params: &[(&str, &str)],
+    payload: &[u8],
+    text: String,
+) -> Result<Inbound, String> {
+    #[derive(Default, Deserialize)]
+    #[serde(default)]
+    struct Named {
+        seq: Value,
+        handler_id: Value,
+    }
+    if !topic.has_result() {
+        return Err(text);
+    }
+    let level = |wanted: &str| {
+        params
+            .iter()
+            .find(|(name, _)| *name == wanted)
+            .map(|(_, level)| *level)
+    };
+    // the rest of a payload that is too large is passed over without keeping it
+    let named: Named = json_object(payload).unwrap_or_default();
+    let handler_id = named.handler_id.as_str().unwrap_or_default();
+    match (
+        level("cs").and_then(number),
+        level("m").and_then(number),
+        named.seq.as_u64(),
+    ) {
+        (Some(cs), Some(m), Some(seq)) if is_client_id(handler_id) => Ok(Inbound::RefuseOutput {
+            cs,
+            m,
+            right,
+            result: HandshakeResult {
+                seq,
+                handler_id: handler_id.to_owned(),
+                status: HandshakeStatus::Refused,
+                text: Some(text),
+            },
+        }),
+        _ => Err(text),
     }
 }
 

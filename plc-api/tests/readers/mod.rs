@@ -36,6 +36,7 @@ pub fn mqtt(data: &[u8]) {
             assert_eq!(again, format!("{request:?}"));
         }
         Inbound::Reject { refusal, .. } => assert!(!refusal.text.is_empty()),
+        Inbound::RefuseOutput { result, .. } => assert!(result.text.is_some()),
         Inbound::Drop(text) => assert!(!text.is_empty()),
     }
     if let (Inbound::Ask { request, .. }, Inbound::Ask { request: kept, .. }) = (&read, &retained) {

@@ -34,7 +34,7 @@ use tokio_util::task::{AbortOnDropHandle, TaskTracker};
 use tracing::warn;
 
 use crate::access::topics::{may_publish, may_subscribe};
-use crate::access::{LiveTokens, Rates, Tokens, User, random_secret};
+use crate::access::{Rates, Shown, User, Users, random_secret};
 use crate::broker_address::{BrokerAddress, Refused};
 use crate::contract::topics::is_inbound;
 use crate::error::GatewayError;
@@ -94,7 +94,7 @@ pub(crate) struct BrokerAccess {
     /// Client id of the runtime's own connection; others may not use it.
     pub(crate) runtime_client_id: String,
     /// Users; `None`: everyone.
-    pub(crate) tokens: Option<LiveTokens>,
+    pub(crate) users: Option<Users>,
     /// Hears of what is refused.
     pub(crate) machine: Machine,
 }
@@ -107,8 +107,6 @@ pub(crate) struct Broker {
     sessions: Arc<Sessions>,
     secret: String,
     _hall: AbortOnDropHandle<()>,
-    // closes the connections of revoked tokens
-    _watch: Option<AbortOnDropHandle<()>>,
 }
 
 impl Broker {
@@ -143,10 +141,6 @@ impl Broker {
             .with_retained_limits(0, RETAINED_SIZE_MAX)
             .with_event_handler(Arc::<Guard>::clone(&guard));
         let router = Arc::new(router);
-        let watch = guard.access.tokens.clone().map(|tokens| {
-            let watch = Arc::clone(&guard).close_revoked(Arc::clone(&router), tokens);
-            AbortOnDropHandle::new(tokio::spawn(watch))
-        });
         let (stop, _) = broadcast::channel(1);
         let clients = TaskTracker::new();
         let hall = Arc::new(Hall {
@@ -165,7 +159,6 @@ impl Broker {
             sessions,
             secret,
             _hall: AbortOnDropHandle::new(tokio::spawn(hall.run(listener))),
-            _watch: watch,
         })
     }
 
@@ -207,15 +200,13 @@ impl Broker {
     }
 }
 
-/// The user of a connection: with a password, the owner of that token; without, of the certificate that it has shown. A name
-/// that is given must be the user's.
-fn who(tokens: &Tokens, connect: &ConnectPacket, certificate: Option<&Fingerprint>) -> Option<User> {
-    let name = connect.username.as_deref();
-    if let Some(password) = connect.password.as_deref() {
-        return tokens.user_of(password).filter(|user| user.name() == name);
-    }
-    let user = tokens.user_of_certificate(certificate?);
-    user.filter(|user| name.is_none_or(|name| user.name() == Some(name)))
+/// The user of a connection: with a password, the owner of that token, or of the login that has given it; without, of the
+/// certificate that it has shown. With a password the name must be the user's, without one a name that is given.
+fn who(users: &Users, connect: &ConnectPacket, certificate: Option<&Fingerprint>) -> Option<Shown> {
+    let (name, password) = (connect.username.as_deref(), connect.password.as_deref());
+    let shown = users.who(password, certificate)?;
+    let is_named = shown.user.name() == name || name.is_none() && password.is_none();
+    is_named.then_some(shown)
 }
 
 /// True for a client whose session outlives its connection.
@@ -279,33 +270,21 @@ struct Guard {
 impl Guard {
     /// The user with a user id of [`Guard::authenticate`]; `None` for an unknown one, and for the runtime itself.
     fn user(&self, user_id: Option<&str>) -> Option<User> {
-        match (&self.access.tokens, user_id) {
+        match (&self.access.users, user_id) {
             (_, Some(RUNTIME_USER)) => None,
             (None, _) => Some(User::Anyone),
-            (Some(tokens), name) => tokens.now().user_named(name?),
+            (Some(users), name) => users.tokens.now().user_named(name?),
         }
     }
 
-    /// Closes the connections of revoked tokens whenever the tokens change.
-    async fn close_revoked(self: Arc<Self>, router: Arc<MessageRouter>, mut tokens: LiveTokens) {
-        loop {
-            tokens.changed().await;
-            for (client_id, user) in self.sessions.revoke(&tokens.now()) {
-                router.unregister_client(&client_id).await;
-                let name = user.name().unwrap_or_default();
-                warn!("MQTT client {client_id:.64} of {name} is disconnected: its token counts no more");
-            }
-        }
-    }
-
-    /// The user id of a connection that is admitted, or why it is refused.
+    /// The user id of a connection that is admitted and what it has shown, or why it is refused.
     fn admit(
         &self,
         connect: &ConnectPacket,
         certificate: Option<&Fingerprint>,
         from: SocketAddr,
         place: &Place,
-    ) -> Result<Option<String>, (ReasonCode, String)> {
+    ) -> Result<(Option<String>, Option<Shown>), (ReasonCode, String)> {
         let password = connect.password.as_deref().unwrap_or_default();
         let name = connect.username.as_deref();
         let client_id = connect.client_id.as_str();
@@ -316,17 +295,18 @@ impl Guard {
             // it has a place whoever else has one
             place.stay();
             self.sessions.admit(client_id, Session::default());
-            return Ok(name.map(ToOwned::to_owned));
+            return Ok((name.map(ToOwned::to_owned), None));
         }
         if client_id == self.access.runtime_client_id {
             let text = "that client id is the runtime's own".to_owned();
             return Err((ReasonCode::ClientIdentifierNotValid, text));
         }
-        let user = match &self.access.tokens {
-            None => User::Anyone,
-            Some(tokens) => who(&tokens.now(), connect, certificate)
-                .ok_or_else(|| self.wrong(from, "user and password are not name and token of a [[token]], and there is no certificate of a [[certificate]]"))?,
+        let shown = match &self.access.users {
+            None => User::Anyone.into(),
+            Some(users) => who(users, connect, certificate)
+                .ok_or_else(|| self.wrong(from, "user and password are not name and token of a [[token]] or of a login, and there is no certificate of a [[certificate]]"))?,
         };
+        let user = shown.user.clone();
         let other = self.sessions.of(client_id);
         if other.is_some_and(|other| other.user.as_ref().and_then(User::name) != user.name()) {
             // a second connection of one client id ends the first
@@ -354,7 +334,7 @@ impl Guard {
             is_revoked: false,
         };
         self.sessions.admit(client_id, session);
-        Ok(user_id)
+        Ok((user_id, Some(shown)))
     }
 
     /// What keeps a client out because of its will.
@@ -481,21 +461,21 @@ impl Guard {
         certificate: Option<&Fingerprint>,
         address: SocketAddr,
         place: &Place,
-    ) -> Answer<'static, mqtt5::Result<AuthResult>> {
-        let result = match self.admit(connect, certificate, address, place) {
-            Ok(Some(user)) => AuthResult::success_with_user(user),
-            Ok(None) => AuthResult::success(),
+    ) -> (AuthResult, Option<Shown>) {
+        let (user_id, shown) = match self.admit(connect, certificate, address, place) {
+            Ok(admitted) => admitted,
             // beyond the rate nothing is logged, so that nobody can fill the log
-            Err((code @ ReasonCode::ConnectionRateExceeded, _)) => AuthResult::fail(code),
+            Err((code @ ReasonCode::ConnectionRateExceeded, _)) => return (AuthResult::fail(code), None),
             Err((code, text)) => {
                 warn!(
                     "MQTT client {:.64} at {address} refused: {text}",
                     connect.client_id
                 );
-                AuthResult::fail(code)
+                return (AuthResult::fail(code), None);
             }
         };
-        Box::pin(ready(Ok(result)))
+        let admitted = user_id.map_or_else(AuthResult::success, AuthResult::success_with_user);
+        (admitted, shown)
     }
 
     // Only clients of MQTT 5 understand an acknowledgement "not authorized". Over 3.1.1 the same bytes are a protocol error,

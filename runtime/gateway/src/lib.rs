@@ -36,8 +36,8 @@ use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
-use access::LiveTokens;
 use access::http::Access;
+use access::{LiveTokens, Users};
 use broker::{Broker, BrokerAccess};
 use broker_address::BrokerAddress;
 use machine::Machine;
@@ -98,13 +98,14 @@ impl Gateway {
         let root = settings.mqtt.root(&settings.machine);
         let (refused_sender, refused) = mpsc::channel(mqtt::REFUSED_MAX);
         let tokens = settings.tokens.clone().map(LiveTokens::follow);
+        let users = tokens.clone().map(Users::new);
         let tls = settings.live_tls(tokens.clone())?;
         let (broker, at) = match settings.mqtt_address()? {
             Some(address) => {
                 let access = BrokerAccess {
                     root: root.clone(),
                     runtime_client_id: mqtt::client_id(&settings.mqtt, &settings.machine),
-                    tokens: tokens.clone(),
+                    users: users.clone(),
                     machine: machine.clone(),
                 };
                 let broker = Broker::start(address, access, tls.clone(), refused_sender)?;
@@ -116,12 +117,12 @@ impl Gateway {
         let position_interval = Duration::from_millis(settings.position_interval_ms);
         let stop = CancellationToken::new();
         // an external broker has users of its own
-        let broker_users = tokens.clone().filter(|_| broker.is_some());
+        let broker_users = tokens.filter(|_| broker.is_some());
         let shared = Arc::new(Shared::new(
             machine.clone(),
             http_addr,
             if tls.is_some() { "https" } else { "http" },
-            Access::new(tokens),
+            Access::new(users),
             position_interval,
             stop.clone(),
         ));
@@ -166,8 +167,8 @@ impl Gateway {
 
     /// Reads the token file again now; one that cannot be used changes nothing, and is logged. Without tokens nothing happens.
     pub fn read_tokens_again(&self) {
-        if let Some(tokens) = self.shared.access.tokens() {
-            tokens.read_again();
+        if let Some(users) = self.shared.access.users() {
+            users.tokens.read_again();
         }
     }
 

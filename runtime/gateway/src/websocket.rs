@@ -30,9 +30,9 @@ use plc_api::wire::row::ParsedRequest;
 use plc_api::wire::websocket::{ClientFrame, error_frame, message_frame};
 use tokio::time::{Instant, MissedTickBehavior};
 
-use crate::access::User;
 use crate::access::http::WEBSOCKET_PROTOCOL;
 use crate::access::topics::may_subscribe;
+use crate::access::{Ended, Shown, User};
 use crate::machine::{Caller, Machine};
 use crate::metrics::add;
 use crate::position::Positions;
@@ -64,7 +64,7 @@ pub(crate) fn routes() -> Router<Arc<Shared>> {
 
 async fn upgrade(
     State(shared): State<Arc<Shared>>,
-    Extension(user): Extension<User>,
+    Extension(shown): Extension<Shown>,
     peer: Option<Extension<Peer>>,
     upgrade: Result<WebSocketUpgrade, axum::extract::ws::rejection::WebSocketUpgradeRejection>,
 ) -> Response {
@@ -90,9 +90,13 @@ async fn upgrade(
         .on_upgrade(move |socket| {
             tasks.track_future(async move {
                 add(&shared.metrics.websockets, 1);
-                Client::new(&shared, user, peer.map(|Extension(peer)| peer.address))
-                    .run(socket)
-                    .await;
+                Client::new(
+                    &shared,
+                    shown.user.clone(),
+                    peer.map(|Extension(peer)| peer.address),
+                )
+                .run(socket, &shown)
+                .await;
                 shared.metrics.websockets.fetch_sub(1, Ordering::Relaxed);
                 drop(permit);
             })
@@ -128,11 +132,11 @@ impl Client {
         }
     }
 
-    async fn run(mut self, mut socket: WebSocket) {
-        let (shared, user) = (Arc::clone(&self.shared), self.user.clone());
+    async fn run(mut self, mut socket: WebSocket, shown: &Shown) {
+        let shared = Arc::clone(&self.shared);
         let close = tokio::select! {
             () = shared.stop.cancelled() => Some((close_code::AWAY, "the runtime stops")),
-            () = revoked(&shared, &user) => Some((close_code::POLICY, "the token counts no more")),
+            ended = ended(&shared, shown) => Some((close_code::POLICY, ended.text())),
             result = self.serve(&mut socket) => result.ok().map(|()| (close_code::AWAY, "the runtime stops")),
         };
         for id in std::mem::take(&mut self.handlers) {
@@ -281,13 +285,11 @@ impl Client {
     }
 }
 
-/// Waits until the token of a user counts no more.
-async fn revoked(shared: &Shared, user: &User) {
-    let Some(mut tokens) = shared.access.tokens() else {
-        return std::future::pending().await;
-    };
-    while tokens.now().has(user) {
-        tokens.changed().await;
+/// Waits until what a user has shown counts no more.
+async fn ended(shared: &Shared, shown: &Shown) -> Ended {
+    match shared.access.users() {
+        Some(users) => users.ended(shown).await,
+        None => std::future::pending().await,
     }
 }
 

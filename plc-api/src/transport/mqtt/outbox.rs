@@ -116,7 +116,13 @@ impl Outbox {
                     }
                     _ => false,
                 };
-                self.end(is_its, &|| Ok(Answer::Handshake(result.clone())));
+                self.end(is_its, &|| match result.status {
+                    HandshakeStatus::Refused => Err(Refusal::new(
+                        RefusalCode::Invalid,
+                        result.text.clone().unwrap_or_default(),
+                    )),
+                    _ => Ok(Answer::Handshake(result.clone())),
+                });
             }
             (Topic::Reply(_), Payload::Reply(reply)) => {
                 let is_its = |entry: &Entry| match &entry.outgoing.until {
@@ -195,6 +201,7 @@ mod tests {
                 seq: 5,
                 handler_id: "h".into(),
                 status: HandshakeStatus::Accepted,
+                text: None,
             }),
         }
     }

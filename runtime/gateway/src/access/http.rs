@@ -5,8 +5,7 @@ use std::time::Duration;
 
 use axum::http::{HeaderMap, StatusCode, header};
 
-use super::login::Logins;
-use super::{LiveTokens, Rate, Rates, Tokens, User};
+use super::{Rate, Rates, Shown, User, Users};
 use crate::problem::Problem;
 use crate::tls::Fingerprint;
 
@@ -31,32 +30,29 @@ const WRONG_PER_SECOND: u32 = 10;
 /// Identifies users and limits their requests.
 #[derive(Debug)]
 pub(crate) struct Access {
-    tokens: Option<LiveTokens>,
+    users: Option<Users>,
     // by user name
     rates: Rates<String>,
     // the same for hold, stop and abort, beside all others
     urgent: Rates<String>,
     wrong: Rate,
-    /// Persons who have logged in.
-    pub(crate) logins: Logins,
 }
 
 impl Access {
-    /// Without tokens everyone who reaches the server is `admin`.
-    pub(crate) fn new(tokens: Option<LiveTokens>) -> Self {
+    /// Without users everyone who reaches the server is `admin`.
+    pub(crate) fn new(users: Option<Users>) -> Self {
         Self {
             rates: Rates::new(USER_BURST, USER_PER_SECOND),
             urgent: Rates::new(URGENT_BURST, URGENT_PER_SECOND),
-            tokens,
+            users,
             wrong: Rate::new(WRONG_BURST, WRONG_PER_SECOND),
-            logins: Logins::default(),
         }
     }
 
     /// Whether a request comes from a user.
     pub(crate) fn knows(&self, headers: &HeaderMap, certificate: Option<&Fingerprint>) -> bool {
-        let is_of_user = |tokens: &LiveTokens| self.who(&tokens.now(), headers, certificate).is_some();
-        self.tokens.as_ref().is_none_or(is_of_user)
+        let is_of_user = |users: &Users| users.who(token(headers), certificate).is_some();
+        self.users.as_ref().is_none_or(is_of_user)
     }
 
     /// The user of a request. Hold, stop and abort, which are urgent, have a rate of their own.
@@ -65,11 +61,11 @@ impl Access {
         headers: &HeaderMap,
         certificate: Option<&Fingerprint>,
         is_urgent: bool,
-    ) -> Result<User, Problem> {
-        let Some(tokens) = &self.tokens else {
-            return Ok(User::Anyone);
+    ) -> Result<Shown, Problem> {
+        let Some(users) = &self.users else {
+            return Ok(User::Anyone.into());
         };
-        let Some(user) = self.who(&tokens.now(), headers, certificate) else {
+        let Some(shown) = users.who(token(headers), certificate) else {
             return Err(match self.wrong.take() {
                 Ok(()) => Problem::new(
                     StatusCode::UNAUTHORIZED,
@@ -79,25 +75,15 @@ impl Access {
                 Err(wait) => too_many(wait),
             });
         };
-        let name = user.name().unwrap_or_default().to_owned();
+        let name = shown.user.name().unwrap_or_default().to_owned();
         let rates = if is_urgent { &self.urgent } else { &self.rates };
         rates.of(&name).take().map_err(too_many)?;
-        Ok(user)
+        Ok(shown)
     }
 
-    /// The user of a token, or of the login that has given it; where none is shown, the user of the certificate.
-    fn who(&self, tokens: &Tokens, headers: &HeaderMap, certificate: Option<&Fingerprint>) -> Option<User> {
-        match token(headers) {
-            Some(shown) => tokens
-                .user_of(shown)
-                .or_else(|| self.logins.user_of(tokens, shown)),
-            None => tokens.user_of_certificate(certificate?),
-        }
-    }
-
-    /// The tokens; `None` if none are needed.
-    pub(crate) fn tokens(&self) -> Option<LiveTokens> {
-        self.tokens.clone()
+    /// The users; `None` if no token is needed.
+    pub(crate) fn users(&self) -> Option<&Users> {
+        self.users.as_ref()
     }
 }
 

@@ -23,10 +23,15 @@ pub(crate) struct LiveTokens {
 impl LiveTokens {
     /// Tokens that follow their file while anybody holds them.
     pub(crate) fn follow(tokens: Arc<Tokens>) -> Self {
-        let left = tokens.without_expired(SystemTime::now()).map(Arc::new);
+        Self::follow_by(tokens, SystemTime::now)
+    }
+
+    /// The same by a clock of the day.
+    fn follow_by(tokens: Arc<Tokens>, clock: impl Fn() -> SystemTime + Send + Sync + 'static) -> Self {
+        let left = tokens.without_expired(clock()).map(Arc::new);
         let (sender, tokens) = watch::channel(left.unwrap_or(tokens));
         let again = Arc::new(Notify::new());
-        tokio::spawn(look_again(sender, Arc::clone(&again)));
+        tokio::spawn(look_again(sender, Arc::clone(&again), clock));
         Self { tokens, again }
     }
 
@@ -58,21 +63,28 @@ impl LiveTokens {
 }
 
 /// Checks the file periodically. One that cannot be used changes nothing, and is logged once.
-async fn look_again(sender: watch::Sender<Arc<Tokens>>, again: Arc<Notify>) {
+async fn look_again(
+    sender: watch::Sender<Arc<Tokens>>,
+    again: Arc<Notify>,
+    clock: impl Fn() -> SystemTime + Send + Sync,
+) {
     let Some((path, stamp)) = sender.borrow().file() else {
         return;
     };
     let mut seen = Some(stamp);
     let mut look = every(LOOK_INTERVAL);
     loop {
+        let next_end = sender.borrow().next_end();
+        let ends_in = next_end.map(|end| end.duration_since(clock()).unwrap_or_default());
         let is_asked = tokio::select! {
             () = sender.closed() => return,
             _ = look.tick() => false,
+            () = tokio::time::sleep(ends_in.unwrap_or(LOOK_INTERVAL)) => false,
             () = again.notified() => true,
         };
         let stamp = tokio::fs::metadata(&path).await.ok().map(|file| Stamp::of(&file));
         if stamp == seen && !is_asked {
-            let left = sender.borrow().without_expired(SystemTime::now());
+            let left = sender.borrow().without_expired(clock());
             if let Some(left) = left {
                 info!("a token of {} counts no more: its time is over", path.display());
                 sender.send_replace(Arc::new(left));
@@ -84,7 +96,7 @@ async fn look_again(sender: watch::Sender<Arc<Tokens>>, again: Arc<Notify>) {
         match tokio::task::spawn_blocking(move || Tokens::read(&file)).await {
             Ok(Ok(tokens)) => {
                 seen = tokens.file().map(|(_, stamp)| stamp);
-                let tokens = tokens.without_expired(SystemTime::now()).unwrap_or(tokens);
+                let tokens = tokens.without_expired(clock()).unwrap_or(tokens);
                 if !tokens.same_users(&sender.borrow()) {
                     info!("the token file {} was read again", path.display());
                     sender.send_replace(Arc::new(tokens));
@@ -138,5 +150,24 @@ mod tests {
             .await
             .expect("the file is read again");
         assert!(!knows(&live, &one.token) && knows(&live, &two.token));
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn a_token_counts_no_more_at_the_moment_of_its_end() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("tokens.toml");
+        let (begun, today) = (tokio::time::Instant::now(), SystemTime::now());
+        let clock = move || today + begun.elapsed();
+        let until = today + Duration::from_secs(7001);
+        let token = new_token("lent", Role::Operate, Some(until)).unwrap();
+        std::fs::write(&path, &token.entry).unwrap();
+        std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o600)).unwrap();
+        let mut live = LiveTokens::follow_by(Arc::new(Tokens::read(&path).unwrap()), clock);
+        assert!(live.now().user_of(token.token.as_bytes()).is_some());
+        live.changed().await;
+        // the file holds whole seconds
+        let late = begun.elapsed().abs_diff(Duration::from_secs(7001));
+        assert!(late <= Duration::from_secs(1), "{late:?}");
+        assert!(live.now().user_of(token.token.as_bytes()).is_none());
     }
 }

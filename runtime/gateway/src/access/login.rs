@@ -12,6 +12,7 @@ use sha2::{Digest, Sha256};
 use subtle::ConstantTimeEq;
 use tokio::sync::Semaphore;
 use tokio::time::Instant;
+use tokio_util::sync::CancellationToken;
 
 use super::pin::{hash, is_of};
 use super::token::{Token, random_secret};
@@ -45,12 +46,40 @@ pub(crate) enum Refused {
     Busy,
 }
 
+/// A user, and the login by which it is here.
+#[derive(Debug, Clone)]
+pub(crate) struct Shown {
+    pub(crate) user: User,
+    /// `None`: a token or a certificate.
+    pub(super) login: Option<LoginEnd>,
+}
+
+impl From<User> for Shown {
+    fn from(user: User) -> Self {
+        Self { user, login: None }
+    }
+}
+
+/// The end of a login.
+#[derive(Debug, Clone)]
+pub(crate) struct LoginEnd {
+    pub(super) until: Instant,
+    pub(super) given_back: CancellationToken,
+}
+
 /// A login.
 struct Login {
     /// SHA-256 of its token.
     digest: [u8; 32],
     user: Arc<Token>,
-    until: Instant,
+    end: LoginEnd,
+}
+
+impl Drop for Login {
+    /// Connections that were opened with it hear that it has ended.
+    fn drop(&mut self) {
+        self.end.given_back.cancel();
+    }
 }
 
 /// The logins in force.
@@ -117,26 +146,33 @@ impl Logins {
     fn begin(&self, token: &str, user: &Arc<Token>) {
         let now = Instant::now();
         let mut logins = self.in_force.lock();
-        logins.retain(|login| now < login.until);
+        logins.retain(|login| now < login.end.until);
         if logins.len() >= LOGINS_MAX {
             logins.remove(0);
         }
         logins.push(Login {
             digest: Sha256::digest(token.as_bytes()).into(),
             user: Arc::clone(user),
-            until: now + LOGIN_MAX,
+            end: LoginEnd {
+                until: now + LOGIN_MAX,
+                given_back: CancellationToken::new(),
+            },
         });
     }
 
     /// The owner of the token of a login, as long as its entry is in the token file.
-    pub(crate) fn user_of(&self, tokens: &Tokens, presented: &[u8]) -> Option<User> {
+    pub(crate) fn user_of(&self, tokens: &Tokens, presented: &[u8]) -> Option<Shown> {
         let (digest, now): ([u8; 32], _) = (Sha256::digest(presented).into(), Instant::now());
         let logins = self.in_force.lock();
         let mut found = logins
             .iter()
-            .filter(|login| now < login.until && bool::from(login.digest.ct_eq(&digest)));
-        let user = User::Token(Arc::clone(&found.next()?.user));
-        tokens.has(&user).then_some(user)
+            .filter(|login| now < login.end.until && bool::from(login.digest.ct_eq(&digest)));
+        let login = found.next()?;
+        let user = User::Token(Arc::clone(&login.user));
+        tokens.has(&user).then(|| Shown {
+            user,
+            login: Some(login.end.clone()),
+        })
     }
 
     /// Ends the login of a token. False when there is none.
@@ -173,16 +209,17 @@ mod tests {
             .await
             .unwrap();
         assert_eq!((user.name(), user.role()), (Some("anna"), Role::Operate));
-        assert_eq!(logins.user_of(&tokens, token.as_bytes()), Some(user));
+        let shown = logins.user_of(&tokens, token.as_bytes());
+        assert_eq!(shown.map(|shown| shown.user), Some(user));
         assert_eq!(
             tokens.user_of(token.as_bytes()),
             None,
             "the file does not know it"
         );
         let without = Tokens::parse(&new_token("cell", Role::View, None).unwrap().entry).unwrap();
-        assert_eq!(logins.user_of(&without, token.as_bytes()), None);
+        assert!(logins.user_of(&without, token.as_bytes()).is_none());
         assert!(logins.log_out(token.as_bytes()) && !logins.log_out(token.as_bytes()));
-        assert_eq!(logins.user_of(&tokens, token.as_bytes()), None);
+        assert!(logins.user_of(&tokens, token.as_bytes()).is_none());
     }
 
     #[tokio::test]

@@ -13,6 +13,7 @@ pub(crate) mod rules;
 mod token;
 mod tokens;
 pub(crate) mod topics;
+mod users;
 
 use std::sync::Arc;
 
@@ -21,12 +22,14 @@ use serde::{Deserialize, Serialize};
 
 pub use entries::{NewToken, certificate_entry, new_token, pin_entry};
 pub(crate) use live::LiveTokens;
+pub(crate) use login::Shown;
 pub use mosquitto::mosquitto_acl;
 pub(crate) use rate::{Rate, Rates};
 pub use token::TokenError;
 pub(crate) use token::{Token, random_secret};
 pub(crate) use tokens::Stamp;
 pub use tokens::Tokens;
+pub(crate) use users::{Ended, Users};
 
 /// What a user may do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

@@ -33,6 +33,11 @@ pub(crate) fn check(
     }
 }
 
+/// Whether what a user sends in the name of a handler is its own: it may make such requests, and a handler speaks as itself.
+pub(crate) fn may_speak_as(user: &User, right: Right, handler_id: &str) -> bool {
+    user.has(right) && (user.role() != Role::Handler || user.name() == Some(handler_id))
+}
+
 /// A handler acts in its own name, never by force, and sets values only where it serves an M code.
 fn check_handler(
     name: &str,

@@ -119,6 +119,11 @@ impl Tokens {
         })
     }
 
+    /// When the time of the next of them is over.
+    pub(super) fn next_end(&self) -> Option<SystemTime> {
+        self.tokens.iter().filter_map(|token| token.until).min()
+    }
+
     /// True where a user may show a certificate.
     pub(crate) fn names_certificates(&self) -> bool {
         self.tokens

@@ -3,7 +3,7 @@
 use std::future::ready as now;
 use std::io;
 use std::net::SocketAddr;
-use std::pin::Pin;
+use std::pin::{Pin, pin};
 use std::sync::Arc;
 use std::task::{Context, Poll, ready};
 use std::time::Duration;
@@ -23,11 +23,13 @@ use mqtt5::types::ReasonCode;
 use parking_lot::Mutex;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::broadcast;
+use tokio::sync::{broadcast, oneshot};
+use tokio_util::sync::{CancellationToken, WaitForCancellationFutureOwned};
 use tokio_util::task::TaskTracker;
 use tracing::warn;
 
 use super::{Answer, Guard, Judged, RUNTIME_USER};
+use crate::access::{Ended, Shown};
 use crate::places::{ACCEPT_RETRY, Place, PlaceLimits, Places};
 use crate::tls::{Accepted, ClientStream, Fingerprint, LiveTls};
 
@@ -122,12 +124,16 @@ impl Hall {
         let Ok(accepted) = accepted else {
             return;
         };
+        let (let_in, connected) = oneshot::channel();
+        let farewell = Arc::new(Farewell::default());
         let door = Arc::new(Door {
             is_open: self.tls.is_none() || accepted.is_private(),
             certificate: accepted.certificate,
             guard: Arc::clone(&self.guard),
             place,
             refused: Arc::default(),
+            shown: Mutex::default(),
+            let_in: Mutex::new(Some(let_in)),
         });
         let config = BrokerConfig {
             event_handler: Some(Arc::<Door>::clone(&door)),
@@ -139,6 +145,8 @@ impl Hall {
             refused: Arc::clone(&door.refused),
             answer: Vec::new(),
             replaced: 0,
+            said: Box::pin(farewell.said.clone().cancelled_owned()),
+            farewell: Arc::clone(&farewell),
         };
         let client = ClientHandler::new(
             BrokerTransport::WebSocket(Box::new(stream)),
@@ -151,8 +159,29 @@ impl Hall {
             Arc::clone(&counts.monitor),
             self.stop.subscribe(),
         );
-        // why a client has gone, the guard has logged where it matters
-        let _ = client.run().await;
+        let mut serving = pin!(client.run());
+        let (client_id, ended) = tokio::select! {
+            // why a client has gone, the guard has logged where it matters
+            _ = &mut serving => return,
+            ended = self.ended(connected) => ended,
+        };
+        warn!("MQTT client {client_id:.64} is disconnected: {}", ended.text());
+        self.guard.sessions.revoke(&client_id);
+        farewell.say(self.guard.speaks_5(&client_id).then_some(ended));
+        let _ = serving.await;
+        if self.guard.sessions.of(&client_id).is_none() {
+            // nothing is kept for it from now on
+            self.router.unregister_client(&client_id).await;
+        }
+    }
+
+    /// Waits until what a client has shown counts no more.
+    async fn ended(&self, connected: oneshot::Receiver<LetIn>) -> (Arc<str>, Ended) {
+        let (Some(users), Ok((client_id, shown))) = (&self.guard.access.users, connected.await) else {
+            return std::future::pending().await;
+        };
+        let ended = users.ended(&shown).await;
+        (client_id, ended)
     }
 
     async fn clean(&self) {
@@ -175,6 +204,9 @@ fn no_limits() -> ResourceLimits {
     }
 }
 
+/// A client that was let in: its id, and what it has shown.
+type LetIn = (Arc<str>, Shown);
+
 /// The guard of one connection.
 struct Door {
     /// False for a client that speaks no TLS where there is a certificate: it must be the runtime itself.
@@ -183,6 +215,47 @@ struct Door {
     guard: Arc<Guard>,
     place: Place,
     refused: Arc<Mutex<Option<u16>>>,
+    /// What its client has shown.
+    shown: Mutex<Option<Shown>>,
+    /// Told once it is connected.
+    let_in: Mutex<Option<oneshot::Sender<LetIn>>>,
+}
+
+/// The end of a connection that the broker wants: the library sees the client go, so that it publishes its will.
+#[derive(Default)]
+struct Farewell {
+    said: CancellationToken,
+    /// A DISCONNECT for a client of MQTT 5.
+    packet: Mutex<Vec<u8>>,
+}
+
+impl Farewell {
+    /// Ends the connection, with the reason for a client of MQTT 5.
+    fn say(&self, reason: Option<Ended>) {
+        *self.packet.lock() = reason.map(disconnect).unwrap_or_default();
+        self.said.cancel();
+    }
+}
+
+/// A DISCONNECT packet of MQTT 5 with a reason code and its text.
+fn disconnect(ended: Ended) -> Vec<u8> {
+    const REASON_STRING: u8 = 0x1f;
+    let text = ended.text().as_bytes();
+    let bytes = u8::try_from(text.len()).unwrap_or(0);
+    let code = match ended {
+        Ended::Revoked => ReasonCode::NotAuthorized,
+        Ended::Login => ReasonCode::MaximumConnectTime,
+    };
+    let head = [
+        0xe0,
+        bytes + 5,
+        u8::from(code),
+        bytes + 3,
+        REASON_STRING,
+        0,
+        bytes,
+    ];
+    [&head, text].concat()
 }
 
 impl BrokerEventHandler for Door {
@@ -202,6 +275,10 @@ impl BrokerEventHandler for Door {
     }
 
     fn on_client_connect(&self, event: ClientConnectEvent) -> Answer<'_, ()> {
+        if let (Some(let_in), Some(shown)) = (self.let_in.lock().take(), self.shown.lock().take()) {
+            // an error only if the connection ends already
+            let _ = let_in.send((Arc::clone(&event.client_id), shown));
+        }
         self.guard.on_client_connect(event)
     }
 
@@ -223,8 +300,12 @@ impl AuthProvider for Door {
             );
             return Box::pin(now(Ok(AuthResult::fail(ReasonCode::NotAuthorized))));
         }
-        self.guard
-            .authenticate(connect, self.certificate.as_ref(), address, &self.place)
+        let certificate = self.certificate.as_ref();
+        let (result, shown) = self
+            .guard
+            .authenticate(connect, certificate, address, &self.place);
+        *self.shown.lock() = shown;
+        Box::pin(now(Ok(result)))
     }
 
     fn authorize_publish<'a>(
@@ -251,6 +332,8 @@ struct Stream {
     /// What is still to be written of the acknowledgement, in place of so many bytes of the library.
     answer: Vec<u8>,
     replaced: usize,
+    farewell: Arc<Farewell>,
+    said: Pin<Box<WaitForCancellationFutureOwned>>,
 }
 
 impl Stream {
@@ -278,6 +361,12 @@ impl AsyncRead for Stream {
         context: &mut Context<'_>,
         buffer: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
+        if self.said.as_mut().poll(context).is_ready() {
+            // between two packets of the library; a client that takes it not at once has gone
+            let packet = std::mem::take(&mut *self.farewell.packet.lock());
+            let _ = Pin::new(&mut self.inner).poll_write(context, &packet);
+            return Poll::Ready(Ok(()));
+        }
         Pin::new(&mut self.inner).poll_read(context, buffer)
     }
 }
@@ -288,6 +377,9 @@ impl AsyncWrite for Stream {
         context: &mut Context<'_>,
         bytes: &[u8],
     ) -> Poll<io::Result<usize>> {
+        if self.said.as_mut().poll(context).is_ready() {
+            return Poll::Ready(Err(io::ErrorKind::ConnectionAborted.into()));
+        }
         if self.answer.is_empty() {
             let Some(refusal) = self.refusal(bytes) else {
                 return Pin::new(&mut self.inner).poll_write(context, bytes);

@@ -8,7 +8,7 @@ use parking_lot::Mutex;
 use tokio::time::Instant;
 
 use super::{CLIENTS_MAX, SESSION_EXPIRY};
-use crate::access::{Tokens, User};
+use crate::access::User;
 
 /// Sessions that outlive their connections; more are refused. Reason: messages wait in memory for each absent client.
 pub(super) const REMEMBERED_MAX: usize = 64;
@@ -22,7 +22,7 @@ pub(super) struct Session {
     pub(super) user: Option<User>,
     /// Speaks MQTT 5, not 3.1.1.
     pub(super) speaks_5: bool,
-    /// Its token was revoked; its connection is being closed.
+    /// What its user has shown counts no more; its connection is being closed.
     pub(super) is_revoked: bool,
 }
 
@@ -101,16 +101,11 @@ impl Sessions {
         connected.get(client_id).map(|(session, _)| session.clone())
     }
 
-    /// Marks the sessions whose token has been revoked or has another role now, and returns their client ids and users.
-    pub(super) fn revoke(&self, tokens: &Tokens) -> Vec<(Arc<str>, User)> {
-        let mut revoked = Vec::new();
-        for (client_id, (session, _)) in self.connected.lock().iter_mut() {
-            if let Some(user) = session.user.as_ref().filter(|user| !tokens.has(user)) {
-                revoked.push((Arc::clone(client_id), user.clone()));
-                session.is_revoked = true;
-            }
+    /// What the user of a client has shown counts no more; its connection is being closed.
+    pub(super) fn revoke(&self, client_id: &str) {
+        if let Some((session, _)) = self.connected.lock().get_mut(client_id) {
+            session.is_revoked = true;
         }
-        revoked
     }
 }
 

@@ -8,15 +8,17 @@ use plc_api::server::{ServerNotice, ServerTransport};
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::command::{CommandReply, CommandStatus};
 use plc_api::types::message::{Message, Payload};
-use plc_api::types::request::{Refusal, RefusalCode};
+use plc_api::types::output::{HandshakeResult, HandshakeStatus};
+use plc_api::types::request::{Refusal, RefusalCode, Request};
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::wire::mqtt::{Inbound, sender};
 use plc_api::wire::problem::code_word;
 use plc_api::wire::row::ParsedRequest;
-use tokio::sync::Semaphore;
+use tokio::sync::{Semaphore, mpsc};
 use tracing::warn;
 
 use super::{Publisher, message};
+use crate::access::rules;
 use crate::machine::{Caller, Machine};
 use crate::metrics::{Metrics, add};
 
@@ -35,16 +37,21 @@ pub(super) struct Dispatch {
     metrics: Arc<Metrics>,
     unanswered: Arc<Semaphore>,
     urgent: Arc<Semaphore>,
+    results: mpsc::Sender<Message>,
 }
 
 impl Dispatch {
-    pub(super) fn new(machine: Machine, metrics: Arc<Metrics>) -> Self {
-        Self {
+    /// And the results of requests that the port has refused, which are to be published.
+    pub(super) fn new(machine: Machine, metrics: Arc<Metrics>) -> (Self, mpsc::Receiver<Message>) {
+        let (results, told) = mpsc::channel(UNANSWERED_MAX);
+        let dispatch = Self {
             machine,
             metrics,
             unanswered: Arc::new(Semaphore::new(UNANSWERED_MAX)),
             urgent: Arc::new(Semaphore::new(URGENT_MAX)),
-        }
+            results,
+        };
+        (dispatch, told)
     }
 
     /// Carries out what came in, and returns the reply to a command that never becomes a request. Each request has reached
@@ -58,8 +65,29 @@ impl Dispatch {
                 command_id,
                 refusal,
             } => Some(self.reject(cs, client_id, command_id, refusal).await),
+            Inbound::RefuseOutput { cs, m, result, right } => {
+                let text = result.text.as_deref().unwrap_or_default();
+                let told = self.drop_message(&format!(
+                    "MQTT message about output {} refused: {text}",
+                    result.seq
+                ));
+                match &publisher {
+                    Publisher::User { user, .. } if rules::may_speak_as(user, right, &result.handler_id) => {
+                        Some(self.result(cs, m, result))
+                    }
+                    _ => told,
+                }
+            }
             Inbound::Drop(text) => self.drop_message(&text),
         }
+    }
+
+    fn result(&self, cs: CoordinateSystemNumber, m: u16, result: HandshakeResult) -> Message {
+        message(
+            &self.machine,
+            Topic::cs(cs, CsTopic::Result(m)),
+            Payload::Result(result),
+        )
     }
 
     async fn ask(&self, publisher: Publisher, parsed: ParsedRequest, urgent: bool) -> Option<Message> {
@@ -87,7 +115,8 @@ impl Dispatch {
             Ok(authorized) => authorized,
             Err(refusal) => return self.refuse(to_tell, refusal).await,
         };
-        let machine = self.machine.clone();
+        let (machine, results) = (self.machine.clone(), self.results.clone());
+        let output = output_of(authorized.request());
         // the port itself replies to a sender with a name, refusals included
         let is_replied_to = to_tell.is_some();
         let mut asking = Box::pin(async move {
@@ -95,6 +124,12 @@ impl Dispatch {
                 && !is_replied_to
             {
                 warn!("MQTT request refused: {refusal}");
+                if let Some((topic, result)) = output.filter(|_| refusal.code != RefusalCode::Unavailable) {
+                    let text = Some(refusal.text);
+                    let payload = Payload::Result(HandshakeResult { text, ..result });
+                    // one that finds no place is in the log
+                    let _ = results.try_send(message(&machine, topic, payload));
+                }
             }
             drop(place);
         });
@@ -146,4 +181,20 @@ impl Dispatch {
         };
         message(&self.machine, Topic::Reply(client_id), Payload::Reply(reply))
     }
+}
+
+/// The topic and the sender of a claim or reset, for a result that says that it is refused.
+fn output_of(request: &Request) -> Option<(Topic, HandshakeResult)> {
+    let (cs, m, seq, handler_id) = match request {
+        Request::Claim(cs, m, claim) => (*cs, *m, claim.seq, &claim.handler_id),
+        Request::Reset(cs, m, reset) => (*cs, *m, reset.seq, &reset.handler_id),
+        _ => return None,
+    };
+    let result = HandshakeResult {
+        seq,
+        handler_id: handler_id.clone(),
+        status: HandshakeStatus::Refused,
+        text: None,
+    };
+    Some((Topic::cs(cs, CsTopic::Result(m?)), result))
 }

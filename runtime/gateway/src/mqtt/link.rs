@@ -12,6 +12,7 @@ use plc_api::types::message::{Message, Payload};
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::wire::mqtt::decode;
 use rumqttc::{LastWill, Publish, QoS};
+use tokio::sync::mpsc;
 use tokio::time::{Instant, Interval};
 use tokio_util::sync::CancellationToken;
 use tracing::{info, warn};
@@ -39,6 +40,8 @@ pub(super) struct Link {
     positions_due: Interval,
     subscription: Option<Subscription>,
     dispatch: Dispatch,
+    /// Results of requests that the port has refused.
+    results: mpsc::Receiver<Message>,
     stop: CancellationToken,
     connections: u64,
     speaks_5: bool,
@@ -63,16 +66,19 @@ enum Wakeup {
     Message(Option<Arc<Message>>),
     PositionsDue,
     Refused(Refused),
+    Result(Message),
     Stop,
 }
 
 impl Link {
     pub(super) fn new(parts: Parts, stop: CancellationToken) -> Self {
+        let (dispatch, results) = Dispatch::new(parts.machine.clone(), Arc::clone(&parts.metrics));
         Self {
             outbox: Outbox::default(),
             positions_due: every(parts.position_interval),
             subscription: Some(parts.machine.subscribe(Filter::All)),
-            dispatch: Dispatch::new(parts.machine.clone(), Arc::clone(&parts.metrics)),
+            dispatch,
+            results,
             parts,
             stop,
             connections: 0,
@@ -184,6 +190,7 @@ impl Link {
             message = message => Wakeup::Message(message),
             _ = self.positions_due.tick() => Wakeup::PositionsDue,
             Some(refused) = self.parts.refused.recv() => Wakeup::Refused(refused),
+            Some(result) = self.results.recv() => Wakeup::Result(result),
         }
     }
 
@@ -204,6 +211,7 @@ impl Link {
                 let publisher = Publisher::Unknown(String::new());
                 self.take(publisher, &topic, &payload, true).await;
             }
+            Wakeup::Result(result) => self.outbox.put(Arc::new(result)),
             Wakeup::Mqtt(_) | Wakeup::Stop => {}
         }
         let lost = self.outbox.take_lost();

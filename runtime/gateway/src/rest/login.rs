@@ -20,7 +20,7 @@ use crate::shared::Shared;
 
 /// Lets a person in.
 pub(super) async fn log_in(State(shared): State<Arc<Shared>>, request: Request) -> Result<Response, Problem> {
-    let Some(tokens) = shared.access.tokens() else {
+    let Some(users) = shared.access.users() else {
         let text =
             "this machine has no token file: everyone on this computer may do everything without a login";
         return Err(Problem::not_found(text));
@@ -35,10 +35,9 @@ pub(super) async fn log_in(State(shared): State<Arc<Shared>>, request: Request) 
     let said: LoginRequest = json_object(&body).map_err(|error| {
         Problem::invalid(format!("write {{\"user\": \"anna\", \"pin\": \"...\"}}: {error}"))
     })?;
-    let logged_in = shared
-        .access
+    let logged_in = users
         .logins
-        .log_in(&tokens.now(), &said.user, said.pin, from)
+        .log_in(&users.tokens.now(), &said.user, said.pin, from)
         .await;
     let (token, user) = logged_in.map_err(|refused| {
         warn!(
@@ -74,7 +73,8 @@ pub(super) async fn log_out(
     request: Request,
 ) -> Result<Response, Problem> {
     let shown = token(request.headers()).unwrap_or_default();
-    if shared.access.logins.log_out(shown) {
+    let users = shared.access.users();
+    if users.is_some_and(|users| users.logins.log_out(shown)) {
         return Ok(StatusCode::NO_CONTENT.into_response());
     }
     Err(Problem::not_found(

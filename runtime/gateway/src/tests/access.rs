@@ -28,6 +28,7 @@ fn port() -> Arc<StubPort> {
                 seq: 1,
                 handler_id: "h".into(),
                 status: plc_api::types::output::HandshakeStatus::Accepted,
+                text: None,
             }),
             Request::Programs => Answer::Programs(Vec::new()),
             Request::WriteProgram(..) | Request::CheckProgram(_) => {
@@ -218,7 +219,7 @@ async fn a_user_who_asks_too_often_is_told_so_and_others_go_on() {
         let mut headers = axum::http::HeaderMap::new();
         let value = format!("Bearer {}", users.token(name));
         headers.insert(header::AUTHORIZATION, value.parse().unwrap());
-        shared.access.user(&headers, None, false)
+        shared.access.user(&headers, None, false).map(|shown| shown.user)
     };
     for _ in 0..1000 {
         assert!(asked("view").is_ok());

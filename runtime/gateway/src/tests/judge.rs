@@ -33,6 +33,7 @@ fn port() -> Arc<StubPort> {
                     seq: 1,
                     handler_id: "handler".into(),
                     status: HandshakeStatus::Accepted,
+                    text: None,
                 })
             }
             _ => Answer::Done,

@@ -2,15 +2,18 @@
 
 mod access;
 mod data;
+mod ended;
 mod gateway;
 mod judge;
 mod mqtt;
 mod mqtt_refusals;
+mod places;
 mod rest;
 mod rest_refusals;
 mod threats;
 mod websocket;
 
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -25,6 +28,8 @@ use plc_api::types::request::{Answer, Refusal, Request};
 use plc_api::types::state::{Position, State, Switch};
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::types::{BootId, Timestamp};
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::TcpStream;
 use tokio_util::sync::CancellationToken;
 
 use crate::access::http::Access;
@@ -248,7 +253,7 @@ pub(super) fn shared_with(port: Arc<StubPort>, tokens: Option<Arc<crate::Tokens>
         crate::machine::Machine::new(port),
         "127.0.0.1:8080".parse().unwrap(),
         "http",
-        Access::new(tokens.map(crate::access::LiveTokens::fixed)),
+        Access::new(tokens.map(|tokens| crate::access::Users::new(crate::access::LiveTokens::fixed(tokens)))),
         Duration::from_millis(20),
         CancellationToken::new(),
     ))
@@ -305,4 +310,36 @@ pub(super) async fn within<T>(future: impl Future<Output = T>) -> T {
     tokio::time::timeout(Duration::from_secs(10), future)
         .await
         .expect("within 10 s")
+}
+
+/// An MQTT connection of a user over this version, with a client id of its own, and the kind and code of the answer to its
+/// CONNECT packet.
+pub(super) async fn mqtt_as(
+    gateway: &Gateway,
+    version: u8,
+    user: &str,
+    password: &str,
+) -> (TcpStream, [u8; 2]) {
+    static CLIENTS: AtomicU32 = AtomicU32::new(0);
+    let id = format!("raw-{}", CLIENTS.fetch_add(1, Ordering::Relaxed));
+    let mut stream = TcpStream::connect(gateway.mqtt_addr().unwrap()).await.unwrap();
+    let text = |text: &str| [&u16::try_from(text.len()).unwrap().to_be_bytes(), text.as_bytes()].concat();
+    let properties: &[u8] = if version == 5 { &[0] } else { &[] };
+    let body = [
+        text("MQTT"),
+        // user name, password, clean session; keep-alive 60 s
+        vec![version, 0xc2, 0, 60],
+        properties.to_vec(),
+        text(&id),
+        text(user),
+        text(password),
+    ]
+    .concat();
+    let head = [0x10, u8::try_from(body.len()).unwrap()];
+    stream.write_all(&[&head[..], &body].concat()).await.unwrap();
+    let mut head = [0; 2];
+    within(stream.read_exact(&mut head)).await.unwrap();
+    let mut body = vec![0; head[1].into()];
+    within(stream.read_exact(&mut body)).await.unwrap();
+    (stream, [head[0], body[1]])
 }

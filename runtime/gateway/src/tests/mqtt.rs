@@ -335,7 +335,7 @@ fn broker(address: std::net::SocketAddr) -> (Broker, std::net::SocketAddr) {
     let access = BrokerAccess {
         root: "none/".into(),
         runtime_client_id: "none".into(),
-        tokens: None,
+        users: None,
         machine: crate::machine::Machine::new(StubPort::new()),
     };
     let broker = Broker::start(address, access, None, refused).unwrap();

@@ -73,6 +73,61 @@ async fn a_message_that_nobody_can_be_told_about_is_dropped_and_the_next_one_cou
 }
 
 #[tokio::test]
+async fn a_claim_or_reset_that_is_not_right_is_answered_by_a_result_that_says_why() {
+    let port = StubPort::with(|request| match request {
+        Request::Reset(..) => {
+            let code = plc_api::types::request::RefusalCode::Invalid;
+            Err(Refusal::new(code, "code 12000: write 0 to 9999"))
+        }
+        _ => Ok(Answer::Done),
+    });
+    let gateway = start(&port).await;
+    let filters = ["presence", "cs/1/m_code/5/result"];
+    let mut client = Client::connect(gateway.mqtt_addr().unwrap(), "hmi", &filters).await;
+    client.next("presence", |value| value["online"] == true).await;
+    let fault = |seq: u64, code: Value| json!({"boot_id": "boot-1", "seq": seq, "handler_id": "clamp", "result": "fault", "code": code, "text": "x"});
+    for (path, said, why) in [
+        ("reset", fault(1, json!(12_000)), "9999"),
+        ("reset", fault(2, json!(-1)), "`-1`"),
+        ("reset", fault(3, json!(5_000_000_000_u64)), "`5000000000`"),
+        ("claim", json!({"seq": 4, "handler_id": "clamp"}), "boot_id"),
+    ] {
+        client
+            .publish(&format!("cs/1/m_code/5/{path}"), false, &said)
+            .await;
+        let (_, result) = client.next("cs/1/m_code/5/result", |_| true).await;
+        assert_eq!(
+            (&result["seq"], &result["handler_id"], &result["status"]),
+            (&said["seq"], &said["handler_id"], &json!("refused"))
+        );
+        let text = result["text"].as_str().unwrap();
+        assert!(text.contains(why), "{text}");
+    }
+    gateway.shutdown().await;
+}
+
+#[tokio::test]
+async fn nobody_is_told_a_refusal_in_the_name_of_another() {
+    let users = Users::new();
+    let user = |name: &str| {
+        crate::access::User::clone(
+            &users
+                .settings
+                .tokens
+                .as_ref()
+                .unwrap()
+                .user_of(users.token(name).as_bytes())
+                .unwrap(),
+        )
+    };
+    let may = |name: &str, handler_id: &str| {
+        crate::access::rules::may_speak_as(&user(name), plc_api::wire::right::Right::Reset, handler_id)
+    };
+    assert!(may("handler", "handler") && may("operate", "handler") && may("admin", "x"));
+    assert!(!may("handler", "other") && !may("view", "view"));
+}
+
+#[tokio::test]
 async fn the_embedded_broker_refuses_a_retained_command_outright() {
     let port = StubPort::new();
     let (gateway, mut client) = connected(&port).await;

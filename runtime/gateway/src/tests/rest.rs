@@ -323,6 +323,7 @@ async fn the_handshake_answers_200_when_it_counts_or_counted_and_409_with_the_st
                 seq: 9,
                 handler_id: "h".into(),
                 status,
+                text: None,
             }))
         });
         let bodies = [
@@ -380,6 +381,7 @@ async fn questions_are_asked_and_answered() {
                 seq,
                 handler_id,
                 status,
+                text: None,
             }))
         });
         let body =

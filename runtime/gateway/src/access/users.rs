@@ -1,0 +1,77 @@
+//! Who comes in by what it shows, over HTTP, WebSocket and MQTT alike, and until when.
+
+use std::sync::Arc;
+
+use super::LiveTokens;
+use super::login::{Logins, Shown};
+
+/// The users of a machine: those of the token file, and persons who have logged in.
+#[derive(Debug, Clone)]
+pub(crate) struct Users {
+    pub(crate) tokens: LiveTokens,
+    pub(crate) logins: Arc<Logins>,
+}
+
+/// Why a connection is closed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Ended {
+    /// The entry of the token, person or certificate is no longer in force.
+    Revoked,
+    /// The time of the login is over, or it was given back.
+    Login,
+}
+
+impl Ended {
+    /// For the client.
+    pub(crate) fn text(self) -> &'static str {
+        match self {
+            Ended::Revoked => "the token counts no more",
+            Ended::Login => "the login has ended; log in again",
+        }
+    }
+}
+
+impl Users {
+    /// Users of these tokens; nobody has logged in yet.
+    pub(crate) fn new(tokens: LiveTokens) -> Self {
+        Self {
+            tokens,
+            logins: Arc::default(),
+        }
+    }
+
+    /// The user of a token, or of the login that has given it; where none is shown, the user of the certificate.
+    pub(crate) fn who(&self, shown: Option<&[u8]>, certificate: Option<&[u8; 32]>) -> Option<Shown> {
+        let tokens = self.tokens.now();
+        match shown {
+            Some(shown) => {
+                let by_token = tokens.user_of(shown).map(Shown::from);
+                by_token.or_else(|| self.logins.user_of(&tokens, shown))
+            }
+            None => tokens.user_of_certificate(certificate?).map(Shown::from),
+        }
+    }
+
+    /// Waits until what was shown counts no more.
+    pub(crate) async fn ended(&self, shown: &Shown) -> Ended {
+        let mut tokens = self.tokens.clone();
+        let revoked = async {
+            while tokens.now().has(&shown.user) {
+                tokens.changed().await;
+            }
+        };
+        let login = async {
+            match &shown.login {
+                None => std::future::pending().await,
+                Some(login) => tokio::select! {
+                    () = tokio::time::sleep_until(login.until) => {}
+                    () = login.given_back.cancelled() => {}
+                },
+            }
+        };
+        tokio::select! {
+            () = revoked => Ended::Revoked,
+            () = login => Ended::Login,
+        }
+    }
+}
