@@ -55,6 +55,8 @@ pub enum ServerNotice {
     Reconnected,
     /// It refused something, which is raised as a warning for the operator. At most 500 characters.
     Warning(String),
+    /// It does not keep retained messages of clients, for this reason; `None`: it has room again.
+    NotKept(Option<String>),
 }
 
 /// Timing of the servo thread and of the bus to the drives since their start.

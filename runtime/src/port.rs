@@ -27,7 +27,7 @@ use plc_api::types::request::{
 use plc_api::types::state::{Execution, Spindle, State};
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::types::{BootId, CoordinateSystemNumber};
-use tandem_model::alarm::REQUEST_REFUSED;
+use tandem_model::alarm::{MESSAGES_NOT_KEPT, REQUEST_REFUSED};
 
 use crate::coordinate_system::Mailbox;
 use crate::handlers::TooMany;
@@ -347,6 +347,9 @@ impl ServedPort for RuntimePort {
             }
             ServerNotice::Reconnected => {
                 self.shared.bus_reconnections.fetch_add(1, Ordering::Relaxed);
+            }
+            ServerNotice::NotKept(text) => {
+                self.shared.stand(&MESSAGES_NOT_KEPT, text.as_deref());
             }
             ServerNotice::Warning(text) => {
                 self.shared.raise(AlarmRecord {

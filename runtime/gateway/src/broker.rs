@@ -5,6 +5,7 @@
 //! claims and settings with the retain flag are refused: they would be carried out again at the next start.
 
 mod door;
+mod line;
 mod retained;
 mod sessions;
 
@@ -14,6 +15,7 @@ use std::pin::Pin;
 use std::sync::Arc;
 use std::time::Duration;
 
+use mqtt5::QoS;
 use mqtt5::broker::auth::AuthResult;
 use mqtt5::broker::config::StorageConfig;
 use mqtt5::broker::events::{
@@ -23,13 +25,12 @@ use mqtt5::broker::router::MessageRouter;
 use mqtt5::broker::storage::{ClientSession, QueueLimits};
 use mqtt5::broker::{BrokerConfig, DynamicStorage, MemoryBackend};
 use mqtt5::packet::connect::ConnectPacket;
+use mqtt5::packet::publish::PublishPacket;
 use mqtt5::types::ReasonCode;
-use parking_lot::Mutex;
 use plc_api::server::ServerNotice;
 use plc_api::wire::right::Right;
 use subtle::ConstantTimeEq;
 use tokio::sync::{broadcast, mpsc};
-use tokio::time::Instant;
 use tokio_util::task::{AbortOnDropHandle, TaskTracker};
 use tracing::warn;
 
@@ -43,6 +44,7 @@ use crate::places::{Place, host_of};
 use crate::settings::{MQTT_LISTEN, bind};
 use crate::tls::{Fingerprint, LiveTls};
 use door::{Hall, PLACES, RESERVED};
+use line::OnTheWay;
 use retained::{Kind, Retained};
 pub(crate) use sessions::Sessions;
 use sessions::{REMEMBERED_MAX, Session};
@@ -66,8 +68,6 @@ const QUEUED_BYTES_MAX: usize = 512 * 1024;
 const ON_THE_WAY_MAX: usize = 128;
 /// Messages of quality 2 that one client has begun and not finished; more end its connection.
 const UNFINISHED_MAX: u16 = 256;
-/// Time between two warnings of messages that are not kept.
-const WARNING_INTERVAL: Duration = Duration::from_secs(10);
 /// Time to stop; then its task is ended.
 const STOP_MAX: Duration = Duration::from_secs(2);
 
@@ -127,7 +127,7 @@ impl Broker {
             wrong: Rates::new(WRONG_BURST, WRONG_PER_SECOND),
             sessions: Arc::clone(&sessions),
             retained: Retained::default(),
-            warned: Mutex::default(),
+            on_the_way: OnTheWay::default(),
         });
         let listener = bind(MQTT_LISTEN, address)?;
         let addr = listener.local_addr().unwrap_or(address);
@@ -209,6 +209,13 @@ fn who(users: &Users, connect: &ConnectPacket, certificate: Option<&Fingerprint>
     is_named.then_some(shown)
 }
 
+/// What clears a retained topic.
+fn clearing(topic: &str) -> PublishPacket {
+    let mut clear = PublishPacket::new(topic, Vec::new(), QoS::AtLeastOnce);
+    clear.retain = true;
+    clear
+}
+
 /// True for a client whose session outlives its connection.
 fn outlives(connect: &ConnectPacket) -> bool {
     ClientSession::expiry_from_connect(connect) != Some(0)
@@ -244,8 +251,8 @@ fn config(address: SocketAddr) -> BrokerConfig {
 
 /// What becomes of a message.
 enum Judged {
-    /// It is delivered.
-    Deliver,
+    /// It is delivered, after this retained topic is cleared for it.
+    Deliver { clear: Option<String> },
     /// It is not, and has been handled.
     Handled,
     /// It is not, because it cannot be kept.
@@ -263,8 +270,7 @@ struct Guard {
     wrong: Rates<IpAddr>,
     sessions: Arc<Sessions>,
     retained: Retained,
-    // when of a message that was not kept the last time
-    warned: Mutex<Option<Instant>>,
+    on_the_way: OnTheWay,
 }
 
 impl Guard {
@@ -357,6 +363,7 @@ impl Guard {
                 .retained
                 .put(self.kind(&will.topic), &will.topic, will.payload.len())
         {
+            self.tell_not_kept(&will.topic, &connect.client_id, &text);
             let text = format!("its will on {} could not be kept: {text}", will.topic);
             return Err((ReasonCode::QuotaExceeded, text));
         }
@@ -414,15 +421,15 @@ impl Guard {
             return Judged::Handled;
         }
         if is_runtime || !event.retain {
-            return Judged::Deliver;
+            return Judged::Deliver { clear: None };
         }
         match self
             .retained
             .put(self.kind(&event.topic), &event.topic, event.payload.len())
         {
-            Ok(()) => Judged::Deliver,
+            Ok(clear) => Judged::Deliver { clear },
             Err(text) => {
-                self.warn_of_not_kept(event, &text);
+                self.tell_not_kept(&event.topic, &event.client_id, &text);
                 Judged::NotKept
             }
         }
@@ -437,16 +444,14 @@ impl Guard {
         }
     }
 
-    /// Warns the operator, but not of each: nobody shall fill the log.
-    fn warn_of_not_kept(&self, event: &ClientPublishEvent, text: &str) {
-        let mut warned = self.warned.lock();
-        if warned.is_none_or(|last| last.elapsed() >= WARNING_INTERVAL) {
-            *warned = Some(Instant::now());
-            let (topic, client) = (&event.topic, &event.client_id);
-            let text = format!("retained message on {topic:.128} of {client:.64} refused: {text}");
-            warn!("{text}");
-            self.access.machine.notice(ServerNotice::Warning(text));
+    /// Tells the operator that messages are not kept; it stands until there is room again.
+    fn tell_not_kept(&self, topic: &str, client: &str, text: &str) {
+        if !self.retained.is_newly_full() {
+            return;
         }
+        let text = format!("retained message on {topic:.128} of {client:.64} refused: {text}");
+        warn!("{text}");
+        self.access.machine.notice(ServerNotice::NotKept(Some(text)));
     }
 
     fn speaks_5(&self, client_id: &str) -> bool {
@@ -512,7 +517,9 @@ impl BrokerEventHandler for Guard {
         let is_of_runtime = event.topic.starts_with(&self.access.root) && !self.is_inbound(&event.topic);
         if !is_of_runtime {
             let kind = self.kind(&event.topic);
-            self.retained.kept(kind, &event.topic, event.payload.len());
+            if self.retained.kept(kind, &event.topic, &event.payload) {
+                self.access.machine.notice(ServerNotice::NotKept(None));
+            }
         }
         Box::pin(ready(()))
     }

@@ -137,6 +137,7 @@ alarms! {
     JOURNAL_DAMAGED = 411, "Lines of the journal are damaged", "Look at the disk; the machine does not need them.";
     VALUE_LOST = 412, "A value that the program needs is damaged and counts as no value", "Look at the machine and write the value anew; alarm 406 lists all of them.";
     CLIENT_LOST = 421, "A client that asked to be watched is not heard any more", "Look at the client and at its connection, and at the machine; then resume.";
+    MESSAGES_NOT_KEPT = 422, "Retained messages of MQTT clients are not kept", "Clear topics of the embedded broker by empty retained messages; the text says which are full.";
 }
 
 #[cfg(test)]

@@ -8,6 +8,7 @@ use std::sync::Arc;
 use std::task::{Context, Poll, ready};
 use std::time::Duration;
 
+use mqtt5::QoS;
 use mqtt5::broker::auth::AuthResult;
 use mqtt5::broker::client_handler::ClientHandler;
 use mqtt5::broker::events::{
@@ -21,14 +22,16 @@ use mqtt5::broker::{AuthProvider, BrokerConfig, ResourceLimits, ResourceMonitor}
 use mqtt5::packet::connect::ConnectPacket;
 use mqtt5::types::ReasonCode;
 use parking_lot::Mutex;
-use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
+use tokio::io::{AsyncBufRead as _, AsyncRead, AsyncWrite, BufReader, ReadBuf};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::{broadcast, oneshot};
-use tokio_util::sync::{CancellationToken, WaitForCancellationFutureOwned};
+use tokio::time::Instant;
+use tokio_util::sync::WaitForCancellationFutureOwned;
 use tokio_util::task::TaskTracker;
 use tracing::warn;
 
-use super::{Answer, Guard, Judged, RUNTIME_USER};
+use super::line::Line;
+use super::{Answer, Guard, Judged, RUNTIME_USER, clearing};
 use crate::access::{Ended, Shown};
 use crate::places::{ACCEPT_RETRY, Place, PlaceLimits, Places};
 use crate::tls::{Accepted, ClientStream, Fingerprint, LiveTls};
@@ -44,6 +47,9 @@ pub(super) const PLACES: PlaceLimits = PlaceLimits {
 
 /// Places of known clients that are only for users who may stop a machine.
 pub(super) const RESERVED: usize = 32;
+
+/// Bytes that are read of a client at once.
+const READ_MAX: usize = 4096;
 
 /// How often what has expired is forgotten.
 const CLEAN_INTERVAL: Duration = Duration::from_mins(1);
@@ -125,7 +131,8 @@ impl Hall {
             return;
         };
         let (let_in, connected) = oneshot::channel();
-        let farewell = Arc::new(Farewell::default());
+        let line = Arc::new(Line::new());
+        self.guard.on_the_way.add(&line);
         let door = Arc::new(Door {
             is_open: self.tls.is_none() || accepted.is_private(),
             certificate: accepted.certificate,
@@ -134,19 +141,22 @@ impl Hall {
             refused: Arc::default(),
             shown: Mutex::default(),
             let_in: Mutex::new(Some(let_in)),
+            line: Arc::clone(&line),
+            router: Arc::clone(&self.router),
         });
         let config = BrokerConfig {
             event_handler: Some(Arc::<Door>::clone(&door)),
             ..self.config.clone()
         };
         let stream = Stream {
-            inner: accepted.stream,
+            inner: BufReader::with_capacity(READ_MAX, accepted.stream),
             peer: address,
             refused: Arc::clone(&door.refused),
             answer: Vec::new(),
             replaced: 0,
-            said: Box::pin(farewell.said.clone().cancelled_owned()),
-            farewell: Arc::clone(&farewell),
+            unwritten: 0,
+            ended: Box::pin(line.ended.clone().cancelled_owned()),
+            line: Arc::clone(&line),
         };
         let client = ClientHandler::new(
             BrokerTransport::WebSocket(Box::new(stream)),
@@ -167,7 +177,11 @@ impl Hall {
         };
         warn!("MQTT client {client_id:.64} is disconnected: {}", ended.text());
         self.guard.sessions.revoke(&client_id);
-        farewell.say(self.guard.speaks_5(&client_id).then_some(ended));
+        let code = match ended {
+            Ended::Revoked => ReasonCode::NotAuthorized,
+            Ended::Login => ReasonCode::MaximumConnectTime,
+        };
+        line.end(self.guard.speaks_5(&client_id).then_some((code, ended.text())));
         let _ = serving.await;
         if self.guard.sessions.of(&client_id).is_none() {
             // nothing is kept for it from now on
@@ -219,57 +233,59 @@ struct Door {
     shown: Mutex<Option<Shown>>,
     /// Told once it is connected.
     let_in: Mutex<Option<oneshot::Sender<LetIn>>>,
+    line: Arc<Line>,
+    router: Arc<MessageRouter>,
 }
 
-/// The end of a connection that the broker wants: the library sees the client go, so that it publishes its will.
-#[derive(Default)]
-struct Farewell {
-    said: CancellationToken,
-    /// A DISCONNECT for a client of MQTT 5.
-    packet: Mutex<Vec<u8>>,
-}
-
-impl Farewell {
-    /// Ends the connection, with the reason for a client of MQTT 5.
-    fn say(&self, reason: Option<Ended>) {
-        *self.packet.lock() = reason.map(disconnect).unwrap_or_default();
-        self.said.cancel();
+impl Door {
+    /// Delivers a message. It waits for no client: for one that is slow it goes into its queue, of which the oldest are dropped
+    /// for newer ones. The library would let its sender wait.
+    async fn deliver(&self, event: ClientPublishEvent) -> PublishAction {
+        let Some(mut publish) = self.line.publish() else {
+            return PublishAction::Continue;
+        };
+        // the runtime is never refused
+        let is_runtime = event.user_id.as_deref() == Some(RUNTIME_USER);
+        if !self.guard.on_the_way.has_room(publish.payload.len()) && !is_runtime {
+            return self.refuse(&event);
+        }
+        publish.topic_name = event.topic.to_string();
+        publish.payload = self.guard.on_the_way.count(publish.payload);
+        publish.properties.remove_topic_alias();
+        publish.properties.inject_sender(event.user_id.as_deref());
+        publish.properties.inject_client_id(Some(&event.client_id));
+        if publish.qos == QoS::ExactlyOnce {
+            // delivered by the library when its client has released it
+            return PublishAction::Transform(publish);
+        }
+        let now = Instant::now();
+        self.router
+            .route_message_with_deadline(&publish, Some(&event.client_id), now)
+            .await;
+        PublishAction::Handled
     }
-}
 
-/// A DISCONNECT packet of MQTT 5 with a reason code and its text.
-fn disconnect(ended: Ended) -> Vec<u8> {
-    const REASON_STRING: u8 = 0x1f;
-    let text = ended.text().as_bytes();
-    let bytes = u8::try_from(text.len()).unwrap_or(0);
-    let code = match ended {
-        Ended::Revoked => ReasonCode::NotAuthorized,
-        Ended::Login => ReasonCode::MaximumConnectTime,
-    };
-    let head = [
-        0xe0,
-        bytes + 5,
-        u8::from(code),
-        bytes + 3,
-        REASON_STRING,
-        0,
-        bytes,
-    ];
-    [&head, text].concat()
+    /// The acknowledgement of a message is a refusal, for a client that understands one.
+    fn refuse(&self, event: &ClientPublishEvent) -> PublishAction {
+        if self.guard.speaks_5(&event.client_id) {
+            *self.refused.lock() = event.packet_id;
+        }
+        PublishAction::Handled
+    }
 }
 
 impl BrokerEventHandler for Door {
     fn on_client_publish(&self, event: ClientPublishEvent) -> Answer<'_, PublishAction> {
         Box::pin(async move {
             match self.guard.judge(&event).await {
-                Judged::Deliver => PublishAction::Continue,
-                Judged::Handled => PublishAction::Handled,
-                Judged::NotKept => {
-                    if self.guard.speaks_5(&event.client_id) {
-                        *self.refused.lock() = event.packet_id;
+                Judged::Deliver { clear } => {
+                    if let Some(topic) = clear {
+                        self.router.route_message(&clearing(&topic), None).await;
                     }
-                    PublishAction::Handled
+                    self.deliver(event).await
                 }
+                Judged::Handled => PublishAction::Handled,
+                Judged::NotKept => self.refuse(&event),
             }
         })
     }
@@ -300,6 +316,7 @@ impl AuthProvider for Door {
             );
             return Box::pin(now(Ok(AuthResult::fail(ReasonCode::NotAuthorized))));
         }
+        self.line.speaks(connect.protocol_version);
         let certificate = self.certificate.as_ref();
         let (result, shown) = self
             .guard
@@ -325,15 +342,17 @@ impl AuthProvider for Door {
 /// The bytes of a connection. The library acknowledges a message that the guard has handled as a success, and asks for no
 /// reason: the acknowledgement of one that is refused is replaced here by one with its reason.
 struct Stream {
-    inner: ClientStream,
+    inner: BufReader<ClientStream>,
     peer: SocketAddr,
     /// Packet id of the message whose acknowledgement comes next, and is a refusal.
     refused: Arc<Mutex<Option<u16>>>,
     /// What is still to be written of the acknowledgement, in place of so many bytes of the library.
     answer: Vec<u8>,
     replaced: usize,
-    farewell: Arc<Farewell>,
-    said: Pin<Box<WaitForCancellationFutureOwned>>,
+    /// Bytes of a packet of which a part is written.
+    unwritten: usize,
+    line: Arc<Line>,
+    ended: Pin<Box<WaitForCancellationFutureOwned>>,
 }
 
 impl Stream {
@@ -361,13 +380,18 @@ impl AsyncRead for Stream {
         context: &mut Context<'_>,
         buffer: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
-        if self.said.as_mut().poll(context).is_ready() {
+        if self.ended.as_mut().poll(context).is_ready() {
             // between two packets of the library; a client that takes it not at once has gone
-            let packet = std::mem::take(&mut *self.farewell.packet.lock());
+            let packet = self.line.farewell();
             let _ = Pin::new(&mut self.inner).poll_write(context, &packet);
             return Poll::Ready(Ok(()));
         }
-        Pin::new(&mut self.inner).poll_read(context, buffer)
+        let Self { inner, line, .. } = &mut *self;
+        let bytes = ready!(Pin::new(&mut *inner).poll_fill_buf(context))?;
+        let read = line.read(&bytes[..bytes.len().min(buffer.remaining())]);
+        buffer.put_slice(&bytes[..read]);
+        Pin::new(inner).consume(read);
+        Poll::Ready(Ok(()))
     }
 }
 
@@ -377,12 +401,20 @@ impl AsyncWrite for Stream {
         context: &mut Context<'_>,
         bytes: &[u8],
     ) -> Poll<io::Result<usize>> {
-        if self.said.as_mut().poll(context).is_ready() {
+        if self.ended.as_mut().poll(context).is_ready() {
             return Poll::Ready(Err(io::ErrorKind::ConnectionAborted.into()));
         }
         if self.answer.is_empty() {
             let Some(refusal) = self.refusal(bytes) else {
-                return Pin::new(&mut self.inner).poll_write(context, bytes);
+                let written = Pin::new(&mut self.inner).poll_write(context, bytes);
+                if let Poll::Ready(Ok(count)) = written {
+                    if self.unwritten == 0 {
+                        self.line.write(bytes);
+                    }
+                    self.unwritten = bytes.len() - count;
+                }
+                self.line.stalled(written.is_pending());
+                return written;
             };
             *self.refused.lock() = None;
             self.replaced = bytes.len();

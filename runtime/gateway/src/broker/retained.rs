@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use std::time::Duration;
 
 use parking_lot::Mutex;
+use plc_api::types::output::HandlerPresence;
 use tokio::time::Instant;
 
 /// Bytes of one message besides topic and payload.
@@ -45,35 +46,70 @@ struct Kept {
     bytes: usize,
     /// `None` once it is kept.
     since: Option<Instant>,
+    /// When a handler was said to have gone: it gives way to others.
+    gone: Option<Instant>,
 }
 
-/// Retained messages of clients, by topic.
+/// Retained messages of clients.
 #[derive(Debug, Default)]
-pub(super) struct Retained(Mutex<HashMap<String, Kept>>);
+pub(super) struct Retained(Mutex<Table>);
+
+#[derive(Debug, Default)]
+struct Table {
+    topics: HashMap<String, Kept>,
+    /// The message that was not kept first, since when there was room for all: its kind and bytes.
+    refused: Option<(Kind, usize)>,
+    is_told: bool,
+}
+
+impl Table {
+    /// Whether there is room for a message besides those of other topics.
+    fn fits(&self, kind: Kind, topic: &str, bytes: usize) -> bool {
+        let (count_max, bytes_max) = kind.limits();
+        let others = self
+            .topics
+            .iter()
+            .filter(|(name, kept)| kept.kind == kind && *name != topic);
+        let (count, sum) = others.fold((0, 0), |(count, sum), (_, kept)| (count + 1, sum + kept.bytes));
+        count < count_max && sum + bytes <= bytes_max
+    }
+
+    /// The presence of the handler that has gone first makes room.
+    fn give_way(&mut self) -> Option<String> {
+        let gone = self
+            .topics
+            .iter()
+            .filter_map(|(topic, kept)| Some((kept.gone?, topic)));
+        let (_, topic) = gone.min()?;
+        let topic = topic.clone();
+        self.topics.remove(&topic);
+        Some(topic)
+    }
+}
 
 impl Retained {
-    /// A message is to be kept, or its topic to be cleared where it is empty.
+    /// A message is to be kept, or its topic to be cleared where it is empty. The topic that is to be cleared for it, if any.
     ///
     /// # Errors
     /// There is no place for it; which limit it is.
-    pub(super) fn put(&self, kind: Kind, topic: &str, payload: usize) -> Result<(), String> {
-        let mut topics = self.0.lock();
+    pub(super) fn put(&self, kind: Kind, topic: &str, payload: usize) -> Result<Option<String>, String> {
+        let mut table = self.0.lock();
         if payload == 0 {
-            topics.remove(topic);
-            return Ok(());
+            table.topics.remove(topic);
+            return Ok(None);
         }
         let bytes = bytes(topic, payload);
-        let (count_max, bytes_max) = kind.limits();
-        let is_full = |topics: &HashMap<String, Kept>| {
-            let others = topics
-                .iter()
-                .filter(|(name, kept)| kept.kind == kind && *name != topic);
-            let (count, sum) = others.fold((0, 0), |(count, sum), (_, kept)| (count + 1, sum + kept.bytes));
-            count >= count_max || sum + bytes > bytes_max
-        };
-        if is_full(&topics) {
-            topics.retain(|_, kept| kept.since.is_none_or(|since| since.elapsed() < UNFINISHED_MAX));
-            if is_full(&topics) {
+        let mut clear = None;
+        if !table.fits(kind, topic, bytes) {
+            table
+                .topics
+                .retain(|_, kept| kept.since.is_none_or(|since| since.elapsed() < UNFINISHED_MAX));
+            if !table.fits(kind, topic, bytes) && kind == Kind::Presence {
+                clear = table.give_way();
+            }
+            if !table.fits(kind, topic, bytes) {
+                table.refused.get_or_insert((kind, bytes));
+                let (count_max, bytes_max) = kind.limits();
                 return Err(format!(
                     "the broker keeps {count_max} messages and {} MiB of {}, and they are full; clear topics by empty retained messages",
                     bytes_max / 1024 / 1024,
@@ -81,22 +117,50 @@ impl Retained {
                 ));
             }
         }
-        let is_kept = topics.get(topic).is_some_and(|kept| kept.since.is_none());
-        let since = (!is_kept).then(Instant::now);
-        topics.insert(topic.to_owned(), Kept { kind, bytes, since });
-        Ok(())
+        let known = table.topics.get(topic);
+        let since = known.is_none_or(|kept| kept.since.is_some()).then(Instant::now);
+        let gone = known.and_then(|kept| kept.gone);
+        let kept = Kept {
+            kind,
+            bytes,
+            since,
+            gone,
+        };
+        table.topics.insert(topic.to_owned(), kept);
+        Ok(clear)
     }
 
-    /// A message has been kept, or cleared where it is empty.
-    pub(super) fn kept(&self, kind: Kind, topic: &str, payload: usize) {
-        let mut topics = self.0.lock();
-        if payload == 0 {
-            topics.remove(topic);
+    /// A message has been kept, or cleared where it is empty. True when there is room again for one that was refused.
+    pub(super) fn kept(&self, kind: Kind, topic: &str, payload: &[u8]) -> bool {
+        let mut table = self.0.lock();
+        if payload.is_empty() {
+            table.topics.remove(topic);
         } else {
-            let bytes = bytes(topic, payload);
-            let since = None;
-            topics.insert(topic.to_owned(), Kept { kind, bytes, since });
+            let bytes = bytes(topic, payload.len());
+            let is_gone = kind == Kind::Presence
+                && serde_json::from_slice::<HandlerPresence>(payload).is_ok_and(|presence| !presence.online);
+            let kept = Kept {
+                kind,
+                bytes,
+                since: None,
+                gone: is_gone.then(Instant::now),
+            };
+            table.topics.insert(topic.to_owned(), kept);
         }
+        let has_room = table
+            .refused
+            .is_some_and(|(kind, bytes)| table.fits(kind, "", bytes));
+        if has_room {
+            table.refused = None;
+            table.is_told = false;
+        }
+        has_room
+    }
+
+    /// True once after the first message that was not kept.
+    pub(super) fn is_newly_full(&self) -> bool {
+        let mut table = self.0.lock();
+        table.refused.is_some() && !std::mem::replace(&mut table.is_told, true)
     }
 }
 
@@ -115,7 +179,9 @@ mod tests {
         let mut kept = 0;
         let refusal = loop {
             match retained.put(Kind::Other, &format!("plant/{kept}"), large) {
-                Ok(()) => retained.kept(Kind::Other, &format!("plant/{kept}"), large),
+                Ok(_) => {
+                    retained.kept(Kind::Other, &format!("plant/{kept}"), &vec![0; large]);
+                }
                 Err(text) => break text,
             }
             kept += 1;
@@ -144,5 +210,41 @@ mod tests {
         }
         assert!(retained.put(Kind::Presence, "one more", 10).is_err());
         assert!(retained.put(Kind::Presence, "7", 20).is_ok());
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn presences_of_handlers_that_have_gone_give_way_the_first_one_first_and_others_stay() {
+        let retained = Retained::default();
+        let (count, _) = Kind::Presence.limits();
+        for n in 0..count {
+            let online = n % 2 == 0;
+            let said = format!(r#"{{"online":{online},"handles":[]}}"#);
+            assert_eq!(retained.put(Kind::Presence, &n.to_string(), said.len()), Ok(None));
+            retained.kept(Kind::Presence, &n.to_string(), said.as_bytes());
+            tokio::time::advance(Duration::from_millis(1)).await;
+        }
+        for n in 0..count / 2 {
+            let cleared = retained.put(Kind::Presence, &format!("new/{n}"), 30).unwrap();
+            assert_eq!(cleared, Some((2 * n + 1).to_string()));
+            retained.kept(Kind::Presence, &format!("new/{n}"), br#"{"online":true}"#);
+        }
+        assert!(
+            retained.put(Kind::Presence, "one more", 30).is_err(),
+            "all are there"
+        );
+    }
+
+    #[test]
+    fn there_is_room_again_when_what_was_refused_would_fit() {
+        let retained = Retained::default();
+        let (count, _) = Kind::Other.limits();
+        for n in 0..count {
+            retained.put(Kind::Other, &n.to_string(), 10).unwrap();
+            assert!(!retained.kept(Kind::Other, &n.to_string(), b"0123456789"));
+        }
+        assert!(retained.put(Kind::Other, "one more", 10).is_err());
+        assert!(!retained.kept(Kind::Other, "7", b"another"));
+        assert!(retained.kept(Kind::Other, "7", b""), "cleared");
+        assert!(!retained.kept(Kind::Other, "8", b""), "told once");
     }
 }

@@ -2,6 +2,7 @@
 
 mod access;
 mod data;
+mod deaf;
 mod ended;
 mod gateway;
 mod judge;

@@ -1,0 +1,107 @@
+//! Clients of the broker that take nothing of what they are sent.
+
+use tokio::time::Instant;
+
+use super::*;
+
+/// A publisher or a subscriber that speaks in bytes, over MQTT 5.
+struct Raw(TcpStream);
+
+impl Raw {
+    async fn connect(gateway: &Gateway) -> Self {
+        let (stream, answer) = mqtt_as(gateway, 5, "", "").await;
+        assert_eq!(answer, [0x20, 0]);
+        Self(stream)
+    }
+
+    async fn send(&mut self, kind: u8, body: &[&[u8]]) {
+        let body = body.concat();
+        let (mut head, mut length) = (vec![kind], body.len());
+        loop {
+            let more = if length > 127 { 0x80 } else { 0 };
+            head.push(u8::try_from(length % 128).unwrap() | more);
+            length /= 128;
+            if length == 0 {
+                break;
+            }
+        }
+        self.0.write_all(&[head, body].concat()).await.unwrap();
+    }
+
+    /// Subscribes, and reads nothing from then on.
+    async fn deaf(gateway: &Gateway, filter: &str) -> Self {
+        let mut raw = Self::connect(gateway).await;
+        let length = u16::try_from(filter.len()).unwrap().to_be_bytes();
+        raw.send(0x82, &[&[0, 1, 0], &length, filter.as_bytes(), &[1]])
+            .await;
+        assert_eq!(raw.answer().await[0], 0x90);
+        raw
+    }
+
+    async fn answer(&mut self) -> Vec<u8> {
+        let mut head = [0; 2];
+        within(self.0.read_exact(&mut head)).await.unwrap();
+        let mut body = vec![0; head[1].into()];
+        within(self.0.read_exact(&mut body)).await.unwrap();
+        [&head[..], &body].concat()
+    }
+
+    /// Publishes with quality 1, and returns the answer and the time until then.
+    async fn publish(&mut self, payload: &[u8]) -> (Vec<u8>, Duration) {
+        let begun = Instant::now();
+        self.send(0x32, &[b"\0\x05plant", &[0, 7, 0], payload]).await;
+        let answer = self.answer().await;
+        (answer, begun.elapsed())
+    }
+}
+
+#[tokio::test]
+async fn a_subscriber_that_takes_nothing_holds_up_nobody_who_publishes() {
+    let gateway = start(&StubPort::new()).await;
+    let _deaf = Raw::deaf(&gateway, "#").await;
+    let mut publisher = Raw::connect(&gateway).await;
+    let mut longest = Duration::ZERO;
+    // far more than its connection and what is on the way to it hold
+    for _ in 0..600 {
+        let (answer, time) = publisher.publish(&vec![b'x'; 50_000]).await;
+        assert_eq!(answer, [0x40, 2, 0, 7]);
+        longest = longest.max(time);
+    }
+    // 2 s before a message goes into a queue would be the library's own limit
+    assert!(longest < Duration::from_millis(1500), "{longest:?}");
+    gateway.shutdown().await;
+}
+
+#[tokio::test]
+async fn where_memory_for_messages_runs_out_clients_that_take_nothing_are_closed_and_others_go_on() {
+    let gateway = start(&StubPort::new()).await;
+    let mut deaf = Raw::deaf(&gateway, "plant").await;
+    let mut publisher = Raw::connect(&gateway).await;
+    let large = vec![b'x'; 1_000_000];
+    let mut count = 0;
+    let refused = loop {
+        let (answer, _) = publisher.publish(&large).await;
+        if answer != [0x40, 2, 0, 7] {
+            break answer;
+        }
+        count += 1;
+        assert!(count < 100, "64 MiB are the limit");
+    };
+    // MQTT 5 section 3.4.2.1: 0x97, quota exceeded
+    assert_eq!(refused, [0x40, 3, 0, 7, 0x97]);
+    assert!(count > 50, "{count}");
+    let begun = Instant::now();
+    while publisher.publish(&large).await.0.len() > 4 {
+        assert!(
+            begun.elapsed() < Duration::from_secs(8),
+            "it is closed within a second or two"
+        );
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
+    let mut rest = Vec::new();
+    within(deaf.0.read_to_end(&mut rest)).await.ok();
+    for _ in 0..100 {
+        assert_eq!(publisher.publish(&large).await.0, [0x40, 2, 0, 7]);
+    }
+    gateway.shutdown().await;
+}
