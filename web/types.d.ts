@@ -182,8 +182,8 @@ export interface MCodeInfo {
 
 /** Payload of `modal`. */
 export interface ModalMessage {
-  boot_id: BootId; f: number; g: Record<string, string>; rev?: number; s: number; ta: number; td: number; tool: number;
-  ts: string; ts_ms: number; v: 1; work_offset: string | null;
+  boot_id: BootId; f: number; g: Record<string, string>; rev?: number; s: number; ta: number; td: number;
+  tool: number | null; ts: string; ts_ms: number; v: 1; work_offset: string | null;
 }
 
 /** One motor. */

@@ -70,7 +70,7 @@ function details({ state, modal, info, interlock, startLock, lease }, programs) 
     parts.push(title ? `${programName(state.program)} ${brief(title, TITLE_CHARS)}` : programName(state.program));
   }
   if (modal?.work_offset) parts.push(modal.work_offset);
-  if (modal && info.spindle !== null) parts.push(modal.tool > 0 ? `T${modal.tool}` : "no tool");
+  if (modal && info.spindle !== null) parts.push(modal.tool === null ? "tool unknown" : modal.tool > 0 ? `T${modal.tool}` : "no tool");
   if (state?.single_block) parts.push("single block");
   if (interlock?.value) parts.push(lock("interlock", interlock));
   if (startLock?.value) parts.push(lock("start lock", startLock));

@@ -142,8 +142,8 @@ pub struct Modal {
     /// Jerk time, ms. In JSON it is `ts_ms`, since `ts` is the time of every message.
     #[serde(rename = "ts_ms")]
     pub ts: f64,
-    /// Tool selected; 0: none.
-    pub tool: u16,
+    /// Tool selected; 0: none; null: nobody knows, since what was kept of it is damaged.
+    pub tool: Option<u16>,
     /// `G54` to `G59`, or null.
     pub work_offset: Option<String>,
 }

@@ -220,7 +220,7 @@ impl CoordinateSystem {
             ta: modal.ta_ms,
             td: modal.td_ms,
             ts: modal.ts_ms,
-            tool: self.inputs.tool.unwrap_or(0),
+            tool: self.inputs.tool,
             work_offset: modal.work_offset().map(str::to_owned),
         };
         self.context.publish(CsTopic::Modal, Payload::Modal(modal));

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use plc_api::types::BootId;
 use plc_api::types::state::{Execution, Reason};
-use tandem_model::alarm::{JOURNAL_DAMAGED, NOT_READ, PROGRAM_CHANGED, STORE_DAMAGED};
+use tandem_model::alarm::{JOURNAL_DAMAGED, NOT_READ, STORE_DAMAGED};
 use tandem_servo::{Hardware, HardwareFactory};
 
 use super::StartError;
@@ -17,8 +17,8 @@ use crate::persistence::journal_file::JournalThread;
 use crate::persistence::journal_folder::{JOURNAL_FOLDER, Newest};
 use crate::persistence::{
     Condition, DataWatch, Image, Judged, LastRuns, Restored, STARTED_FILE, STORE_FILE, Source,
-    StateWriterThread, Store, judge, list, page_name, pages, replay_last_runs, restore, warn_once,
-    warn_standing,
+    StateWriterThread, Store, judge, list, page_name, pages, replay_last_runs, restore, tell_changed,
+    warn_once, warn_standing,
 };
 use crate::program_store::{ProgramFindings, ProgramStore, StoredProgram, check_readable, read_text};
 use crate::shared::Shared;
@@ -280,7 +280,7 @@ impl ProgramFindings {
             warn_standing(shared, &NOT_READ, &text);
         }
         for text in self.changed {
-            warn_once(shared, &PROGRAM_CHANGED, &text);
+            tell_changed(shared, &text);
         }
         if self.without_sum > 0 {
             let text = format!(

@@ -137,14 +137,10 @@ impl SumFile {
         self.check()?;
         let last = number.max(self.last + 1);
         let text = seal(&json!({"n": last, "sums": change}).to_string());
-        for (name, sum) in change {
-            match sum {
-                Some(sum) => self.by_name.insert(name, sum),
-                None => self.by_name.remove(&name),
-            };
-        }
         if self.bytes > BYTES_MAX {
-            *self = Self::begin(&self.path, last, std::mem::take(&mut self.by_name))?;
+            let mut by_name = self.by_name.clone();
+            apply(&mut by_name, change);
+            *self = Self::begin(&self.path, last, by_name)?;
             return Ok(());
         }
         let written = self
@@ -156,8 +152,25 @@ impl SumFile {
             self.file.set_len(self.bytes)?;
         }
         written?;
+        // Sums that are not in the file do not count.
+        apply(&mut self.by_name, change);
         (self.last, self.bytes) = (last, self.bytes + text.len() as u64);
         Ok(())
+    }
+
+    /// From now on the disk refuses what is added.
+    #[cfg(test)]
+    pub fn refuse_all(&mut self) {
+        self.file = File::open(&self.path).unwrap();
+    }
+}
+
+fn apply(by_name: &mut BTreeMap<String, String>, change: SumChange) {
+    for (name, sum) in change {
+        match sum {
+            Some(sum) => by_name.insert(name, sum),
+            None => by_name.remove(&name),
+        };
     }
 }
 

@@ -31,4 +31,4 @@ pub(crate) use replay::replay_last_runs;
 pub(crate) use restore::{Restored, restore};
 pub(crate) use state_writer::{Source, StateWriter, StateWriterThread};
 pub(crate) use store::Store;
-pub(crate) use watch::{DataWatch, list, warn_once, warn_standing};
+pub(crate) use watch::{DataWatch, list, tell_changed, warn_once, warn_standing};

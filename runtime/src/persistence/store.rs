@@ -78,20 +78,30 @@ impl Store {
     /// Writes a change as a whole; it is on disk when this returns.
     ///
     /// # Errors
-    /// The disk refuses; nothing of the change counts.
+    /// The disk refuses; nothing of the change counts, now and after a restart.
     pub fn commit(&mut self, change: &Image) -> io::Result<()> {
         self.check()?;
         let number = self.last + 1;
-        write_all(&self.database, change, number)?;
+        let before = write_all(&self.database, change, number)?;
         let sums: SumChange = sums_of(change)
             .into_iter()
             .map(|(name, sum)| (name, Some(sum)))
             .collect();
-        self.sums.add(number, sums)?;
+        if let Err(error) = self.sums.add(number, sums) {
+            // before anybody is told that it has failed: a kill until then leaves a change of which nobody knows the end
+            put_back(&self.database, &before).map_err(|also| {
+                let text = format!("{error}; and what was written could not be taken back: {also}");
+                io::Error::new(error.kind(), text)
+            })?;
+            return Err(error);
+        }
         self.last = number;
         Ok(())
     }
 }
+
+/// Records as they were before a change, by name.
+type Before = Vec<(String, Option<Vec<u8>>)>;
 
 /// The sum of each record of an image.
 fn sums_of(image: &Image) -> BTreeMap<String, String> {
@@ -104,20 +114,41 @@ fn sums_of(image: &Image) -> BTreeMap<String, String> {
         .collect()
 }
 
-fn write_all(database: &Database, image: &Image, number: u64) -> io::Result<()> {
+/// Writes an image as one change. What stood under its names before; `None`: nothing.
+fn write_all(database: &Database, image: &Image, number: u64) -> io::Result<Before> {
+    let mut before = Before::new();
     let writing = database.begin_write().map_err(io::Error::other)?;
     {
         let mut records = writing.open_table(RECORDS).map_err(io::Error::other)?;
         let change = (CHANGE.to_owned(), number.to_string().into_bytes());
         for (name, payload) in image.records().chain([change]) {
             let bytes = record::write(&name, &payload);
-            records
+            let old = records
                 .insert(name.as_str(), bytes.as_slice())
-                .map_err(io::Error::other)?;
+                .map_err(io::Error::other)?
+                .map(|old| old.value().to_vec());
+            before.push((name, old));
         }
     }
     writing.delete_table(OLD_VARIABLES).map_err(io::Error::other)?;
     writing.delete_table(OLD_VALUES).map_err(io::Error::other)?;
+    writing.commit().map_err(io::Error::other)?;
+    Ok(before)
+}
+
+/// Takes a change back.
+fn put_back(database: &Database, before: &Before) -> io::Result<()> {
+    let writing = database.begin_write().map_err(io::Error::other)?;
+    {
+        let mut records = writing.open_table(RECORDS).map_err(io::Error::other)?;
+        for (name, old) in before {
+            let put = match old {
+                Some(old) => records.insert(name.as_str(), old.as_slice()),
+                None => records.remove(name.as_str()),
+            };
+            drop(put.map_err(io::Error::other)?);
+        }
+    }
     writing.commit().map_err(io::Error::other)
 }
 
@@ -395,6 +426,25 @@ mod tests {
         let _open = open(folder.path());
         let refused = Store::open(folder.path(), &judge(folder.path())).unwrap_err();
         assert_eq!(refused.kind(), io::ErrorKind::ResourceBusy, "{refused}");
+    }
+
+    #[test]
+    fn a_change_that_is_refused_because_its_sums_cannot_be_written_is_not_there_after_a_restart() {
+        let folder = tempfile::tempdir().unwrap();
+        let (mut store, ..) = open(folder.path());
+        store.commit(&image(1)).unwrap();
+        let kept = fs::read(folder.path().join(SUMS_FILE)).unwrap();
+        store.sums.refuse_all();
+        store.commit(&image(5)).unwrap_err();
+        drop(store);
+        assert_eq!(fs::read(folder.path().join(SUMS_FILE)).unwrap(), kept);
+        let judged = judge(folder.path());
+        assert!(
+            matches!(judged.condition, Condition::Whole),
+            "{:?}",
+            judged.condition
+        );
+        assert_eq!(judged.image, image(1));
     }
 
     #[test]

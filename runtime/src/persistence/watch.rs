@@ -13,6 +13,7 @@ use rustix::fs::{Access, StatVfsMountFlags, access, statvfs};
 use tandem_model::alarm::{AlarmEntry, DATA_FOLDER_FAILED, PROGRAM_CHANGED, PROGRAM_DAMAGED, VALUES_LOST};
 
 use crate::disk::Part;
+use crate::journal::Event;
 use crate::shared::Shared;
 
 /// Time between two looks at what others have noted.
@@ -84,7 +85,7 @@ fn look_at_disk(folder: &Path, shared: &Shared) {
     match shared.store.look_again() {
         Ok(changed) => {
             for text in changed {
-                warn_once(shared, &PROGRAM_CHANGED, &text);
+                tell_changed(shared, &text);
             }
         }
         gone => shared.health.note(Part::Programs, &gone),
@@ -135,6 +136,19 @@ pub(crate) fn list(all: &[String]) -> Option<String> {
 pub(crate) fn warn_once(shared: &Shared, entry: &AlarmEntry, text: &str) {
     tracing::warn!("{}: {text}", entry.title);
     shared.raise(warning(entry, text));
+}
+
+/// A program was changed outside: the journal tells it, too, since it is what the machine does.
+pub(crate) fn tell_changed(shared: &Shared, text: &str) {
+    warn_once(shared, &PROGRAM_CHANGED, text);
+    for system in &shared.machine.coordinate_systems {
+        let warning = Event::Warning {
+            program: None,
+            line: None,
+            text: format!("{}: {text}", PROGRAM_CHANGED.title),
+        };
+        shared.record(system.settings.number, warning);
+    }
 }
 
 /// The same, which also stands until a reset.

@@ -307,6 +307,11 @@ async fn a_program_that_is_changed_outside_is_told_and_must_be_loaded_again() {
             .then_some(())
     })
     .await;
+    until("the journal tells it", async || {
+        let journal = served.get("/cs/1/journal").await.expect(200).body;
+        (journal.contains("\"warning\"") && journal.contains("program 1051")).then_some(())
+    })
+    .await;
     assert_eq!(
         served.get("/programs/1051").await.expect(200).body,
         "G00 X2\nM99\n"

@@ -164,6 +164,8 @@ async fn lost_variables_and_offsets_stop_the_programs_that_need_them_and_no_othe
     ] {
         assert!(text.contains(what), "{what} in {text}");
     }
+    let modal = served.get("/cs/1/modal").await.expect(200).json();
+    assert_eq!(modal["tool"], Value::Null, "nobody knows which it is");
     served.get("/variables/p?from=500").await.expect(503);
     served.get("/variables/p?from=512").await.expect(200);
     for (program, is_refused) in PROGRAMS {
@@ -184,6 +186,8 @@ async fn lost_variables_and_offsets_stop_the_programs_that_need_them_and_no_othe
         .expect(204);
     served.put("/cs/1/tool", &json!({"id": 0})).await.expect(204);
     until_gone(&served, 406).await;
+    let modal = served.get("/cs/1/modal").await.expect(200).json();
+    assert_eq!(modal["tool"], 0);
 }
 
 #[tokio::test]

@@ -36,6 +36,10 @@ const AGAIN_AMONG_OTHERS_MS: u64 = 500;
 /// The longest time in which a stop is accepted.
 const STOP_MAX: Duration = Duration::from_millis(250);
 
+/// The same on the loopback, where attackers, judge and other tests share processors. Reason: a stop that finds no place kept
+/// waits until the time of an attacker's head is over, after 10 s; all that a busy computer adds stays far below.
+const STOP_AMONG_OTHERS_MAX: Duration = Duration::from_secs(8);
+
 /// Names the part that a process plays: `attack SOURCE HTTP MQTT AGAIN_MS` or `judge COUNT TOKEN HTTP MQTT`.
 const PART: &str = "TANDEM_REACH_PART";
 
@@ -251,8 +255,10 @@ async fn a_stop_with_a_token_gets_through_whatever_hosts_without_one_do() {
     tokio::time::sleep(Duration::from_secs(1)).await;
     let found = tokio::time::timeout(Duration::from_mins(1), judge(20, &token, http, mqtt)).await;
     println!("20 stops each over HTTP and MQTT, median, 99 percent, largest: {found:?}");
-    // how long it takes says nothing here, where other tests run at the same time
-    assert!(found.is_ok(), "each is accepted");
+    let found = found.expect("each is accepted");
+    for [_, _, largest] in found {
+        assert!(largest < STOP_AMONG_OTHERS_MAX, "{largest:?}");
+    }
     drop(attackers);
 }
 

@@ -83,19 +83,6 @@ async fn with_a_certificate_http_websocket_and_the_broker_speak_tls_only() {
         let plc = Plc::connect_with(&private(&url), options(&machine, user)).await;
         let plc = within("connect", async { plc }).await.expect(&url);
         assert_eq!(plc.port().ask(Tool(1, 4)).await, Ok(()), "{url}");
-        // a client that does not trust the certificate has nothing to do with the machine
-        let stranger = MqttOptions {
-            tls: TlsFiles::default(),
-            ..options(&machine, user)
-        };
-        let refused = Plc::connect_with(&private(&url), stranger)
-            .await
-            .expect_err("not trusted")
-            .to_string();
-        assert!(
-            refused.contains("certificate") || refused.contains("authorities"),
-            "{refused}"
-        );
     }
     let mut plain = TcpStream::connect(&served.http).await.unwrap();
     let get = format!("GET /api/v1/health HTTP/1.1\r\nHost: {}\r\n\r\n", served.http);
@@ -108,13 +95,27 @@ async fn with_a_certificate_http_websocket_and_the_broker_speak_tls_only() {
         answer.starts_with("HTTP/1.1 400") && answer.contains("https://"),
         "{answer}"
     );
-    let unprotected = MqttOptions {
+    // a client that does not trust the certificate has nothing to do with the machine, and without TLS nobody is let in;
+    // each tries until its time is over, all at once
+    let stranger = || MqttOptions {
         tls: TlsFiles::default(),
         ..options(&machine, Some(("hmi-1", token.as_str())))
     };
-    Plc::connect_with(&served.mqtt_url(), unprotected)
-        .await
-        .expect_err("without TLS nobody is let in");
+    let (http, mqtt) = (private(&served.http_url()), private(&served.mqtt_url()));
+    let unprotected = served.mqtt_url();
+    let (http, mqtt, unprotected) = tokio::join!(
+        Plc::connect_with(&http, stranger()),
+        Plc::connect_with(&mqtt, stranger()),
+        Plc::connect_with(&unprotected, stranger()),
+    );
+    for refused in [http, mqtt] {
+        let refused = refused.expect_err("not trusted").to_string();
+        assert!(
+            refused.contains("certificate") || refused.contains("authorities"),
+            "{refused}"
+        );
+    }
+    unprotected.expect_err("without TLS nobody is let in");
 }
 
 #[tokio::test]
