@@ -1,4 +1,4 @@
-//! Alarms: which are active, and which were. Pure: publishing them is left to `shared`.
+//! Active alarms and the history of alarms. Pure; `shared` publishes them.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -9,8 +9,8 @@ use tandem_model::alarm::{ALARMS, AlarmEntry};
 /// Alarms kept after they were cleared. The oldest are forgotten.
 pub const ALARM_HISTORY_MAX: usize = 1000;
 
-/// Active alarms of one coordinate system, and of the whole machine, at the most: the oldest. Further ones are events, and
-/// in the history. Reason: all active alarms are one message.
+/// Maximum number of active alarms of one coordinate system, and of the whole machine. Further ones are only published as
+/// events and entered in the history. Reason: all active alarms are one message.
 pub const ALARMS_ACTIVE_MAX: usize = 24;
 
 /// The alarms of a machine.
@@ -18,7 +18,7 @@ pub const ALARMS_ACTIVE_MAX: usize = 24;
 pub(crate) struct Alarms {
     last_id: u64,
     active: Vec<AlarmRecord>,
-    /// Warnings that stand as long as what they say is so: their ids by their numbers. No reset clears them.
+    /// Warnings that stand until their cause ends: their ids by number. A reset does not clear them.
     conditions: BTreeMap<u16, u64>,
     history: VecDeque<AlarmRecord>,
 }
@@ -58,7 +58,7 @@ impl Alarms {
         Raised::New(record)
     }
 
-    /// A warning of the whole machine that stands as long as there is a text; gives what of it has changed.
+    /// A warning of the whole machine that stands as long as there is a text. Returns the records that have changed.
     pub fn stand(&mut self, entry: &AlarmEntry, text: Option<&str>, at: &Timestamp) -> Vec<AlarmRecord> {
         let text = text.map(|text| format!("{}: {text}", entry.title));
         let standing = self.conditions.get(&entry.number).copied();
@@ -84,7 +84,7 @@ impl Alarms {
             if let Raised::New(record) = self.raise(record, true, at.clone()) {
                 self.conditions.insert(entry.number, record.id);
                 if self.active.last().is_none_or(|last| last.id != record.id) {
-                    // no limit of the others keeps it out
+                    // the limit for other alarms does not apply to it
                     self.active.push(record.clone());
                 }
                 changed.push(record);
@@ -93,7 +93,7 @@ impl Alarms {
         changed
     }
 
-    /// Clears the alarms of a coordinate system, and those of the whole machine; gives them.
+    /// Clears the alarms of a coordinate system and those of the whole machine, and returns them.
     pub fn clear(&mut self, cs: CoordinateSystemNumber, at: &Timestamp) -> Vec<AlarmRecord> {
         let stands = |id| self.conditions.values().any(|standing| *standing == id);
         let is_cleared = |alarm: &mut AlarmRecord| alarm.cs.is_none_or(|of| of == cs) && !stands(alarm.id);
@@ -105,7 +105,7 @@ impl Alarms {
         cleared
     }
 
-    /// Notes who has acknowledged an active alarm; `None` when there is no such one.
+    /// Notes who has acknowledged an active alarm; `None` if there is none.
     pub fn acknowledge(&mut self, id: u64, by: &str) -> Option<AlarmRecord> {
         let record = self.active.iter_mut().find(|alarm| alarm.id == id)?;
         record.acknowledged_by = Some(by.to_owned());

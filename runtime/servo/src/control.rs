@@ -17,8 +17,8 @@ pub enum Control {
     /// Ends feed hold: the time base goes to the override with `override_slew_ms`.
     Resume,
     /// Single block. True: as [`Control::Hold`] once the running block is over, or the next one when none runs: before
-    /// the block behind it starts, or in a chain from the joint on, along the path. Profiles of one origin in a row are
-    /// one block. False: no longer, where that has not begun yet.
+    /// the following block starts, or in a chain from the joint on, along the path. Consecutive profiles of the same origin
+    /// are one block. False: cancels this if the hold has not begun yet.
     HoldAfterBlock(bool),
     /// Decelerates on the path as feed hold does, throws away what is older than `epoch`, then
     /// [`Event::Stopped`]. Ends feed hold and clears a fault. Give it before the first profile of that epoch.
@@ -26,8 +26,8 @@ pub enum Control {
         /// The oldest epoch that may still run.
         epoch: u32,
     },
-    /// Each motor brakes at its `max_acceleration` from its current velocity, off the path; else as
-    /// [`Control::Stop`]. Wins over a stop under way; both then answer with one [`Event::Stopped`].
+    /// Each motor brakes at its `max_acceleration` from its current velocity, leaving the path; otherwise like
+    /// [`Control::Stop`]. It overrides a stop in progress; both are then answered by one [`Event::Stopped`].
     Abort {
         /// The oldest epoch that may still run.
         epoch: u32,
@@ -43,8 +43,8 @@ pub enum Control {
     /// After a fault of a drive or of the bus: the [`Control::Stop`] that follows clears the faults of the drives, enables
     /// them at the position where the motors are, and reports it. Otherwise it does nothing.
     ResetDrives,
-    /// The next [`Splice`](crate::Splice) is there: from its place on its profiles run. [`Event::Spliced`] tells what has
-    /// become of it; a stop and an abort before its place refuse it.
+    /// The next [`Splice`](crate::Splice) is available: its profiles run from its place on. [`Event::Spliced`] reports the
+    /// result; a stop or an abort before that place rejects it.
     Splice,
     /// Sets a motor's skip input, which keeps the value: on is as if its simulated skip input were on. G31 captures the actual
     /// position of the cycle that takes this, so it is not exact; an input that is on at its start captures there.
@@ -118,7 +118,7 @@ pub enum Event {
         /// Cycles that were left out.
         cycles: u64,
     },
-    /// A [`Splice`](crate::Splice) has come about or never will.
+    /// A [`Splice`](crate::Splice) was carried out or rejected.
     Spliced {
         /// True: its profiles run. False: the plan before goes on; the place was passed, the machine did not rest, or it
         /// would have had to slow down there.
@@ -202,7 +202,7 @@ pub enum Fault {
 }
 
 impl Fault {
-    /// What keeps a drive from following: a fault, or no power.
+    /// The reason why a drive cannot follow: a fault, or no power.
     pub(crate) fn of_drive(motor: u16, axis: Option<Axis>, is_enabled: bool, code: u16) -> Option<Fault> {
         if code != 0 {
             Some(Fault::DriveFault { motor, axis, code })

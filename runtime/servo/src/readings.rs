@@ -4,10 +4,10 @@ use std::sync::atomic::{AtomicU64, Ordering, fence};
 
 use tandem_model::{AXES_MAX, AxisVector, MachinePosition, Origin};
 
-/// Spins before a reader gives its processor away: the writer may wait for that very processor.
+/// Number of spins before a reader yields its processor: the writer may be waiting for the same processor.
 const SPINS_BEFORE_YIELD: u32 = 64;
 
-/// What one servo cycle left behind.
+/// The results of one servo cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Reading {
     /// Time of the cycle, s.
@@ -57,7 +57,7 @@ const HELD: u64 = 2;
 const ORIENTED: u64 = 4;
 
 /// A snapshot that the servo cycle writes and anyone reads: a sequence lock of atomics. The writer never waits;
-/// a reader that meets a write reads again.
+/// a reader that overlaps with a write reads again.
 #[derive(Debug)]
 pub struct Readings {
     /// Odd while a write is under way.
@@ -124,7 +124,7 @@ impl Readings {
     }
 }
 
-/// The cells before those of the vectors.
+/// Number of cells in front of those of the vectors.
 fn pack(reading: &Reading) -> [u64; VECTORS] {
     let mut cells = [0; VECTORS];
     cells[TIME] = reading.time_s.to_bits();

@@ -1,5 +1,5 @@
 //! G31 in the servo cycle (M1e, D40): a motor whose skip input comes on brakes without a jerk limit, and returns to the
-//! captured position. Also what single motors leave to overrides.
+//! captured position. Also the range that single motors leave for overrides.
 
 use tandem_model::profile::{Law, MotorLimits, MotorMove, Profile, SlewRoom};
 use tandem_model::{AXES_MAX, Axis, AxisSet, AxisVector};
@@ -10,8 +10,8 @@ pub(crate) struct SkipRun {
     turned: [Option<Turned>; AXES_MAX],
 }
 
-/// A motor from its trigger on: to rest at its deceleration, then to the captured position. Times are profile times,
-/// s, so overrides and feed hold act as on any motion.
+/// The motion of a motor after its trigger: it decelerates to rest, then moves to the captured position. Times are
+/// profile times, s, so overrides and feed hold act as on any other motion.
 #[derive(Debug, Clone, Copy)]
 struct Turned {
     at_s: f64,
@@ -78,7 +78,7 @@ impl SkipRun {
         self.put_in(position, |turned| turned.position(t_s))
     }
 
-    /// What the motors of G00 and G31 leave to overrides and feed hold from one time of the profile to another.
+    /// The range that the motors of G00 and G31 leave for overrides and feed hold between two times of the profile.
     pub(crate) fn room(
         &self,
         profile: &Profile,

@@ -1,7 +1,7 @@
 //! What interrupts a run and lets it continue: feed hold, the interlock, single block, a late servo, a lost broker (`bus`).
 //!
 //! Single block ends each block with its own stop. Blocks that were planned ahead when it is switched on keep their
-//! path: each is passed and held at its end point where it stops there, else right behind its joint, on the path.
+//! path: the motion is held at the end point of each block if it stops there, otherwise on the path just behind its joint.
 
 use plc_api::types::request::{Refusal, RefusalCode};
 use plc_api::types::state::{Lock, Reason, Transition};
@@ -15,13 +15,13 @@ use super::run_state::{Cause, End, Phase, RunEvent, Then};
 use crate::journal::Event;
 
 impl CoordinateSystem {
-    /// Feed hold. True when there is nothing to wait for: no run, or it rests.
+    /// Feed hold. True if there is nothing to wait for: no run is active, or it is at rest.
     pub(super) fn hold(&mut self, cause: Cause) -> bool {
         self.drive(RunEvent::Hold(cause));
         self.state.transition() != Some(Transition::Holding)
     }
 
-    /// The runtime itself holds the run, and the journal tells. A jog ends: whoever commands it begins another one.
+    /// The runtime itself holds the run and writes a journal line. A jog is ended; its commander has to start a new one.
     pub(super) fn hold_for(&mut self, cause: Cause, reason: Reason) {
         let run = self.run.as_ref().filter(|_| self.state.is_running());
         let Some(kind) = run.map(|run| &run.kind) else {
@@ -33,7 +33,7 @@ impl CoordinateSystem {
         }
         let seq = self.state.awaited().map(|awaited| awaited.seq);
         self.hold(cause);
-        // a program stop rests by itself
+        // a program stop is already at rest
         if self.state.is_running() {
             return;
         }
@@ -55,7 +55,7 @@ impl CoordinateSystem {
         self.hold_for(Cause::ServoLate, Reason::ServoLate);
     }
 
-    /// The run continues after a hold: what the hold kept back is done.
+    /// The run continues after a hold: work that the hold delayed is done now.
     pub(super) fn go_on(&mut self) {
         self.put_out_queued();
         self.hold_after_planned_block();
@@ -114,7 +114,7 @@ impl CoordinateSystem {
         Ok(())
     }
 
-    /// What is planned ends at rest, and each of its blocks is held at its end; the interpreter waits.
+    /// The planned motion ends at rest, and is held at the end of each block; the interpreter waits.
     pub(super) fn stop_behind_what_is_planned(&mut self) {
         match self.state.phase() {
             None | Some(Phase::Standstill(Then::BlockEnd)) => return,
@@ -172,7 +172,7 @@ impl CoordinateSystem {
         if !self.inputs.single_block {
             return;
         }
-        // behind M98 the program that it calls has not begun
+        // after M98 the called program has not begun yet
         let begun = self.pipeline.interpreter.call_stack();
         let origin = begun.filter(|at| at.line > 0).last();
         if let Some(origin) = origin {

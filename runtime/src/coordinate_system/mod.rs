@@ -399,6 +399,10 @@ impl CoordinateSystem {
                 self.inputs.tool = Some(id);
                 self.pipeline.planner.bar_way_back();
                 self.publish_tool();
+                if !self.state.is_running() {
+                    // while a run is active, the block that comes into force publishes it
+                    self.publish_modal(self.pipeline.interpreter.modal());
+                }
                 Ok(Answer::Done)
             }
         };

@@ -15,14 +15,14 @@ use super::run::Kind;
 use super::run_state::{Phase, RunEvent, Then};
 use crate::journal::{Event, RunEnd};
 
-/// How much is done in one turn.
+/// Limits of the work done in one turn.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Share {
     /// Commands are carried out. Reason: a load checks whole programs, and a caller must not wait for that.
     pub commands: bool,
     /// Steps of the run: items taken from the interpreter, and what follows from each.
     items: usize,
-    /// Blocks interpreted, about: what a calculation takes at once comes on top, [`STEPS_IN_CHAIN_MAX`] at the most.
+    /// Approximate number of blocks interpreted; a calculation may add up to [`STEPS_IN_CHAIN_MAX`].
     blocks: u64,
 }
 
@@ -34,7 +34,7 @@ impl Share {
         blocks: 2 * STEPS_IN_CHAIN_MAX as u64,
     };
 
-    /// What follows from a request at once; the caller has other work to do. Reason: an output takes 4 items.
+    /// For the immediate consequences of a request, since the caller has other work to do. Reason: an output takes 4 items.
     pub const OF_CALLER: Share = Share {
         commands: false,
         items: 16,
@@ -63,7 +63,7 @@ impl Then {
 }
 
 impl CoordinateSystem {
-    /// Prepares as far as it goes, at most a share. True when there is more to do at once.
+    /// Prepares as much as possible, within the limits of `share`. True if more can be done at once.
     pub(super) fn prepare(&mut self, share: Share) -> bool {
         if self.is_replanning() {
             self.hand_over();
@@ -88,7 +88,7 @@ impl CoordinateSystem {
             return true;
         }
         let Some(run) = &mut self.run else { return false };
-        // In a thread feed hold waits, so what the way out needs is not kept back.
+        // While a thread is cut, feed hold waits for its end, so the blocks needed to leave it are still prepared.
         let held = !self.state.is_running() && !self.pipeline.in_thread;
         let single_block = self.inputs.single_block;
         let waits = run.at_rest.until_s(&self.context.shared.clock).is_some();
@@ -152,7 +152,7 @@ impl CoordinateSystem {
         } else if !self.pipeline.is_behind_skip()
             && let Some(then) = self.state.take_then()
         {
-            // What follows the last of it has not ended its way yet.
+            // The end of the last block is only known when the next block is.
             self.stand_still_then(then);
         }
         self.look_at_outputs();
@@ -193,7 +193,7 @@ impl CoordinateSystem {
             Ok(Item::Stop(stop)) => self.stand_still_then(Then::Stop(stop)),
             Ok(Item::NeedsStandstill(_)) => self.stand_still_then(Then::Interpret),
             Ok(Item::End(origin)) => self.stand_still_then(Then::End(origin)),
-            // What moves before the refused block moves; then the alarm.
+            // Motion before the refused block is carried out; then the alarm is raised.
             Err(alarm) => self.stand_still_then(Then::Alarm(alarm)),
         }
     }

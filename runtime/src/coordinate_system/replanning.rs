@@ -1,4 +1,4 @@
-//! What is planned is planned anew while it runs: for a feed override above 100 percent (G500), and for back trace.
+//! Replans motion while it runs: for a feed override above 100 percent (G500), and for back trace.
 //!
 //! The servo changes to the new plan at a place ahead of the motion, or where it rests. Until it has reported whether it
 //! did, nothing more is prepared: both plans must continue with the same block.
@@ -13,10 +13,10 @@ use super::CoordinateSystem;
 use super::run_state::RunEvent;
 use crate::journal::Event;
 
-/// How far ahead of the motion a new plan begins: what planning takes, with a reserve. Twice as far after a refusal.
+/// How far ahead of the motion a new plan begins: the time that planning takes, with a reserve. Doubled after a refusal.
 const AHEAD_S: f64 = 0.1;
 
-/// The farthest.
+/// Upper limit of that.
 const AHEAD_MAX_S: f64 = 5.0;
 
 /// The plan that runs, and those that are to follow it.
@@ -25,7 +25,7 @@ pub(super) struct Replanning {
     /// The feed override that the plan is for, as a factor from 1 on.
     planned_for: f64,
     ahead_s: f64,
-    /// What the servo has not answered, in order.
+    /// Requests that the servo has not answered, in order.
     splices: VecDeque<Splicing>,
     /// Where feed hold has come to rest.
     held_at: Option<PathPlace>,
@@ -87,7 +87,7 @@ impl CoordinateSystem {
         !self.replanning.splices.is_empty() || self.state.retraces() || self.state.is_ending()
     }
 
-    /// Hands over what is there while nothing is prepared.
+    /// Hands over profiles that are ready, while preparation is suspended.
     pub(super) fn hand_over(&mut self) {
         let turns = |splicing: &Splicing| matches!(splicing, Splicing::Turn);
         if !self.replanning.splices.iter().any(turns) {
@@ -149,7 +149,7 @@ impl CoordinateSystem {
         Ok(())
     }
 
-    /// Back along the passed path.
+    /// Moves back along the path already travelled.
     pub(super) fn go_back(&mut self) {
         let Some(at) = self.replanning.held_at else { return };
         let back = self.pipeline.planner.retrace(at);

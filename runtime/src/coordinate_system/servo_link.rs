@@ -1,4 +1,4 @@
-//! The task's end of the servo: profiles and controls down, events up.
+//! The coordinate system's connection to the servo: profiles and controls are sent, events are received.
 
 use std::collections::VecDeque;
 
@@ -13,7 +13,7 @@ use super::pipeline::Pipeline;
 pub(super) struct ServoLink {
     handle: ChannelHandle,
     backlog: VecDeque<Control>,
-    /// Of the plans that the servo has not answered for.
+    /// Profiles of plans that the servo has not answered yet.
     spliced: VecDeque<Producer<Profile>>,
     epoch: u32,
     /// The segment whose end the servo reported last.
@@ -79,7 +79,7 @@ impl ServoLink {
         fill(&mut self.handle.profiles, ready);
     }
 
-    /// A place within what is planned, time `ahead_s` of the plan or more ahead of the motion.
+    /// A place within the planned motion, at least `ahead_s` of plan time ahead of the current position.
     pub fn place(&self, ahead_s: f64, pipeline: &Pipeline) -> Option<PathPlace> {
         let reading = self.handle.readings.read();
         let from = PathPlace {
@@ -111,7 +111,7 @@ impl ServoLink {
         {
             self.handle.profiles = producer;
         }
-        // Dropped here, since the servo must not free it.
+        // Dropped here, because the servo thread must not free memory.
         let _ = self.handle.unread.pop();
     }
 

@@ -1,9 +1,9 @@
 //! Starts of runs and outputs, written before anybody can hear of them.
 //!
-//! The journal gathers its lines, and a kill takes those with it that it has gathered. An output may be in a handler's
-//! hands by then. So the thread that makes an output first writes its line into a ring of slots in a file of fixed size:
-//! it stands in the memory of the operating system, where a kill of the process does not reach it. Nothing waits for the
-//! disk. At the next start the lines that the journal lacks are taken from there.
+//! The journal collects its lines before it writes them, so a kill loses the lines collected so far, while a handler may
+//! already be working on the output. The thread that makes an output therefore first writes its line into a ring of slots
+//! in a file of fixed size. The line is then in the page cache of the operating system, which a kill of the process does
+//! not affect; nothing waits for the disk. At the next start, lines missing from the journal are taken from the ring.
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Cursor, Write};
@@ -23,7 +23,7 @@ const AHEAD_FILE: &str = "ahead";
 /// Bytes of a slot. Reason: an output with eight parameters of all digits takes about 600.
 const SLOT_BYTES: usize = 1024;
 
-/// Slots. Reason: the busiest machine makes them in about 0.3 s, and the journal is 20 ms behind.
+/// Number of slots. Reason: the busiest machine fills them in about 0.3 s, and the journal lags by 20 ms.
 const SLOTS: u64 = 512;
 
 /// The ring of a start of the runtime.
@@ -34,7 +34,7 @@ pub(crate) struct Ahead {
 }
 
 impl Ahead {
-    /// Makes the ring of a folder anew.
+    /// Creates an empty ring in a folder.
     ///
     /// # Errors
     /// The disk refuses.
@@ -48,7 +48,7 @@ impl Ahead {
 }
 
 impl WriteAhead for Ahead {
-    /// Into the slot of its number.
+    /// Writes a line into the slot of its number.
     fn write(&self, n: u64, line: &Line, time: SystemTime) -> io::Result<()> {
         let mut text = [0; SLOT_BYTES];
         let mut cursor = Cursor::new(&mut text[..]);
@@ -61,7 +61,7 @@ impl WriteAhead for Ahead {
         let joint = cursor.position();
         serde_json::to_writer(&mut cursor, &line.event)?;
         let end = usize::try_from(cursor.position()).unwrap_or(usize::MAX);
-        // the event is an object of its own, whose fields go on here
+        // the event is serialized as an object; its fields are merged into this one
         text[usize::try_from(joint).unwrap_or(0)] = b',';
         let end = seal_in_place(&mut text, end).ok_or(io::ErrorKind::WriteZero)?;
         self.file

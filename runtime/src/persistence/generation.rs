@@ -1,5 +1,6 @@
 //! All kept values as one JSON document: what `store export` writes and `store import` reads, and the last good generation
-//! beside the store, which a person may take lost values from. Nothing uses it by itself: it is older than what was kept.
+//! beside the store, from which a person may restore lost values. It is never used
+//! automatically, because it is older than the store.
 
 use std::io;
 use std::path::Path;
@@ -17,7 +18,7 @@ use crate::disk::{read_regular, sum_of, write_whole};
 /// Name of the last good generation in the data folder.
 pub(crate) const GENERATION_FILE: &str = "state.last-good.json";
 
-/// Bytes of a document that are read at the most.
+/// Maximum size of a document, bytes.
 const BYTES_MAX: u64 = 256 << 20;
 
 /// The only form of the document so far.
@@ -29,12 +30,12 @@ struct Document {
     written: Timestamp,
     /// By name; null: the value is lost.
     values: Map<String, Value>,
-    /// Of the values; a person who edits them takes it out.
+    /// Checksum of the values; whoever edits the document by hand removes it.
     #[serde(default)]
     sum: Option<String>,
 }
 
-/// Kept values of some time.
+/// The kept values at one point in time.
 #[derive(Debug, Clone)]
 pub(crate) struct Generation {
     pub written: Timestamp,
@@ -69,7 +70,7 @@ impl Generation {
     /// Writes the last good generation of a folder.
     ///
     /// # Errors
-    /// The disk refuses; the one before is there then.
+    /// The disk refuses; the previous generation remains.
     pub fn write(folder: &Path, image: &Image) -> io::Result<()> {
         write_whole(&folder.join(GENERATION_FILE), Self::text(image).as_bytes())
     }
@@ -86,7 +87,7 @@ impl Generation {
     /// The values of a text. With `needs_sum` one without a sum is damaged.
     ///
     /// # Errors
-    /// It is no such document, or not as it was written.
+    /// It is not such a document, or its checksum does not match.
     pub fn of_text(text: &str, needs_sum: bool) -> io::Result<Self> {
         let document: Document = serde_json::from_str(text).map_err(|error| invalid(error.to_string()))?;
         if document.tandem_store != FORM {

@@ -13,7 +13,7 @@ use crate::tables::{KeptValues, LOST_VALUE};
 /// Variables of one page. Reason: one that changes costs 1 KiB on disk, all of P 256 entries.
 pub(crate) const PAGE_VARIABLES: usize = 128;
 
-/// A run, and which line of the journal was the newest when it was looked at.
+/// A run, and the number of the newest journal line at the time its state was read.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct KeptRun {
     #[serde(flatten)]
@@ -50,7 +50,7 @@ impl Page {
         self.0.iter().flat_map(|bits| bits.to_le_bytes()).collect()
     }
 
-    /// `None`: it is not of its length.
+    /// `None`: the number of bytes is wrong.
     pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
         let (chunks, rest) = bytes.as_chunks::<8>();
         let page = <&[[u8; 8]; PAGE_VARIABLES]>::try_from(chunks).ok()?;
@@ -93,7 +93,7 @@ pub(crate) struct Image {
 }
 
 impl Image {
-    /// What of `self` is not in `kept`.
+    /// The values of `self` that differ from those in `kept`.
     pub fn beyond(mut self, kept: &Image) -> Image {
         self.pages.retain(|key, page| kept.pages.get(key) != Some(page));
         self.values
@@ -101,7 +101,7 @@ impl Image {
         self
     }
 
-    /// Takes a change over.
+    /// Applies a change.
     pub fn take_over(&mut self, change: Image) {
         self.pages.extend(change.pages);
         self.values.extend(change.values);
@@ -115,7 +115,7 @@ impl Image {
         pages.chain(values.map(|(name, bytes)| (name.clone(), bytes.clone())))
     }
 
-    /// Takes a record over. False: it is of no known form.
+    /// Applies a record. False if its form is unknown.
     pub fn take_record(&mut self, name: &str, payload: &[u8]) -> bool {
         if let Some(key) = page_key(name) {
             let page = Page::from_bytes(payload);
@@ -140,7 +140,7 @@ impl Image {
         }
     }
 
-    /// True when there is such a value, or it is lost.
+    /// True if the value exists or is marked as lost.
     pub fn has(&self, name: &str) -> bool {
         match page_key(name) {
             Some(key) => self.pages.contains_key(&key),

@@ -3,9 +3,9 @@
 //! The store has a sum in each value, and check sums of its own in its structure; beside it stands a file with the number
 //! of the last change and the sum of each value. Three cases:
 //! - The structure is whole and not older than the sums: all of it is believed.
-//! - Else a value is believed if its sum is the noted one, wherever it stands in the file: it is the last one that was
-//!   kept. All others are lost.
-//! - Without noted sums nobody can tell the last value from an older one: then all are lost.
+//! - Otherwise a value is believed if its sum matches the recorded one, wherever it is in the file: it is then the last
+//!   value written. All others are lost.
+//! - Without recorded sums the last value cannot be told from an older one: then all values are lost.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;
@@ -23,10 +23,10 @@ use crate::disk::{Sums, read_regular};
 pub(crate) const STORE_FILE: &str = "state.redb";
 pub(super) const SUMS_FILE: &str = "state.sums";
 
-/// Name of the mark of a first start.
+/// Name of the file that marks that the machine has been started before.
 pub(crate) const STARTED_FILE: &str = "started";
 
-/// Bytes of a store that are read at the most. Reason: a hundred times what all values take.
+/// Maximum size of a store, bytes. Reason: a hundred times the size of all values.
 const STORE_BYTES_MAX: u64 = 256 << 20;
 
 /// In what condition the store is.
@@ -42,7 +42,7 @@ pub(crate) enum Condition {
     Damaged(String),
 }
 
-/// What a look at a data folder has found.
+/// The result of examining a data folder.
 #[derive(Debug, Clone)]
 pub(crate) struct Judged {
     pub condition: Condition,
@@ -50,7 +50,7 @@ pub(crate) struct Judged {
     pub image: Image,
     /// Names of the values that are lost by this damage.
     pub lost: BTreeSet<String>,
-    /// Nobody knows what was kept: all that may have been is lost.
+    /// The names of the kept values are unknown: every possible value counts as lost.
     pub is_all_lost: bool,
     /// Number of the last change.
     pub last: u64,
@@ -88,7 +88,7 @@ pub(crate) fn judge(folder: &Path) -> Judged {
 }
 
 impl Judged {
-    /// Notes values that may have been kept and are not there.
+    /// Marks values as lost that may have been kept and are missing.
     pub fn lose(&mut self, names: impl IntoIterator<Item = String>) {
         for name in names {
             if !self.image.has(&name) {
@@ -156,7 +156,7 @@ fn damaged(how: &str, bytes: &[u8], sums: &Sums) -> Judged {
     let change = |payload: &&[u8]| std::str::from_utf8(payload).ok()?.parse::<u64>().ok();
     let changes = found.remove(CHANGE).unwrap_or_default();
     let last = changes.iter().filter_map(change).max().unwrap_or(0);
-    // a change is noted after it was made, one by one
+    // sums are recorded after each change, so at most one change has no recorded sums
     let is_noted = sums.is_there && last <= sums.last + 1;
     let names: BTreeSet<&str> = found
         .keys()
@@ -197,9 +197,9 @@ struct Content {
     is_clean: bool,
 }
 
-/// Reads a copy of a database in memory, so that nothing repairs the file before it was looked at.
+/// Reads a copy of the database in memory, so that the library cannot repair the file before it has been examined.
 fn read_database(bytes: &[u8]) -> Result<Content, String> {
-    // The database's own checks find nearly all damage; what they miss may be a panic, which is damage, too.
+    // The library's own checks find nearly all damage. Damage that they miss may cause a panic, which also counts as damage.
     let read = catch_unwind(AssertUnwindSafe(|| {
         let memory = Memory::of(bytes).map_err(|error| error.to_string())?;
         let mut builder = Builder::new();
@@ -259,7 +259,7 @@ fn read_old(reading: &redb::ReadTransaction, image: &mut Image) -> Result<bool, 
     Ok(true)
 }
 
-/// A file in memory that does not grow without end, whatever a damaged structure asks for.
+/// A file in memory of bounded size, whatever size a damaged structure asks for.
 #[derive(Debug)]
 struct Memory(redb::backends::InMemoryBackend);
 

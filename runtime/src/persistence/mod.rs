@@ -4,10 +4,10 @@
 //! All but the journal is in one file of an embedded store (`store`), changed by whole transactions, so that a kill or
 //! a power cut at any moment leaves the state before or after one of them. Each value has a sum (`record`), and a file
 //! beside the store has the sums of all (`sums`): a value is believed if both agree, or the store as a whole is sound
-//! (`judge`). What is not is lost, and counts as no value until a person writes it anew. A thread of its own (`state_writer`) looks
-//! for changes and writes them: neither motion nor the handshake waits for a disk. The journal
-//! consists of lines in files of bounded size (`journal_folder`), written by another thread (`journal_file`). NC programs are files of their own, see
-//! `program_store`.
+//! (`judge`). All other values are lost and count as missing until a person writes them again. A separate thread
+//! (`state_writer`) looks for changes and writes them: neither motion nor the handshake waits for a disk. The journal
+//! consists of lines in files of bounded size (`journal_folder`), written by another thread
+//! (`journal_file`). NC programs are files of their own, see `program_store`.
 
 mod ahead;
 mod cut_short;

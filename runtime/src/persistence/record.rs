@@ -1,5 +1,5 @@
-//! A kept value as bytes: its name, what it is, and a sum of both, so that it is never taken for another one, and one that
-//! is damaged is none.
+//! A kept value as bytes: its name, its content and a checksum of both, so that a record is never mistaken for another one,
+//! and a damaged record is recognized.
 
 use redb::TableDefinition;
 use sha2::{Digest as _, Sha256};
@@ -17,13 +17,13 @@ pub(super) const OLD_VALUES: TableDefinition<'_, &str, &[u8]> = TableDefinition:
 /// Bytes of the store's cache. Reason: all that is kept fits.
 pub(super) const CACHE_BYTES: usize = 4 << 20;
 
-/// What a record begins with. Reason: records are also found in a file whose structure is damaged.
+/// First bytes of a record. Reason: they allow records to be found in a file whose structure is damaged.
 const MAGIC: [u8; 8] = *b"\xf7tandem\x01";
 
 /// Bytes of the sum of a record.
 const SUM_BYTES: usize = 8;
 
-/// Bytes of a name at the most, and of what is kept under it.
+/// Maximum sizes of a name and of its content, bytes.
 const NAME_MAX: usize = 256;
 const PAYLOAD_MAX: usize = 16 << 20;
 
@@ -53,7 +53,7 @@ pub(super) fn write(name: &str, payload: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// The record that some bytes begin with: its name, and what is kept under it.
+/// Reads the record at the beginning of some bytes: its name and its content.
 fn begin(bytes: &[u8]) -> Option<(&str, &[u8], usize)> {
     let rest = bytes.strip_prefix(&MAGIC)?;
     let (name_len, rest) = rest.split_first_chunk::<8>()?;

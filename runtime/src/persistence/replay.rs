@@ -1,8 +1,9 @@
-//! What the journal knows about a run beyond the stored state: the journal lags behind less.
+//! What the journal says about a run beyond the stored state. The journal lags less than the store.
 //!
-//! A kill may come after an output was made and before the state writer looked again. The lines of the journal since
-//! then report it, so that the operator learns of every M code on which a handler may have begun to work. Lines and looks
-//! are ordered by the numbers of the lines, which rise over all starts of the runtime; the clock of the day orders nothing.
+//! The process may be killed after an output was made and before the state writer has stored it. The journal lines since
+//! then report the output, so that the operator learns of every M code on which a handler may have begun to work. Lines
+//! and stored states are ordered by line numbers, which increase across all starts of the runtime; the wall clock is not
+//! used.
 
 use plc_api::types::data::LastRun;
 use plc_api::types::output::{OutputState, PendingOutput, Timing};
@@ -16,11 +17,11 @@ use crate::disk::number;
 use crate::journal::{Event, Line};
 use crate::tables::{keep, value_key};
 
-/// Newest lines of the journal that are read. Reason: eight coordinate systems of 200 M codes a second write fewer in the
-/// time by which what is kept may be behind.
+/// Number of newest journal lines that are read. Reason: eight coordinate systems with 200 M codes per second write fewer
+/// lines in the time by which the store may lag.
 pub(crate) const REPLAYED_LINES_MAX: usize = 4096;
 
-/// Brings the last runs up to the newest lines of the journal; gives what of them is not kept yet.
+/// Updates the last runs from the newest journal lines, and returns those that are not stored yet.
 pub(crate) fn replay_last_runs(
     systems: impl Iterator<Item = CoordinateSystemNumber>,
     last_runs: &mut LastRuns,

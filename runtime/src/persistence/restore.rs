@@ -1,9 +1,9 @@
 //! The stored values are merged with the configuration when the runtime starts.
 //!
-//! Variables and the tool in the spindle are restored as stored. Of tools and work offsets the newer value counts, one
-//! by one: with each the store keeps what was configured when it was written. A value that differs in today's
-//! configuration was edited there since, and the configuration counts; every other value is restored. What is lost is
-//! restored as lost.
+//! Variables and the tool in the spindle are restored as stored. For each tool and work offset, the newer of the stored
+//! and the configured value is used: the store also holds the value that was configured at the time of writing. If the
+//! configuration differs from that, it was edited later and takes precedence; otherwise the stored value is restored.
+//! Lost values are restored as lost.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -16,7 +16,7 @@ use tandem_model::lost::LOST;
 use super::image::{Image, KeptRun, LastRuns, Page};
 use crate::tables::{Kept, KeptOffset, LOST_VALUE, Tables, keep, tool_key, value_key, work_offset_key};
 
-/// What was kept and belongs to no table.
+/// Kept data that belongs to no table.
 #[derive(Debug, Default)]
 pub(crate) struct Restored {
     /// Tool in the spindle by coordinate system; `None`: it is lost.

@@ -26,10 +26,10 @@ use crate::disk::{Health, Part};
 use crate::journal::Journal;
 use crate::tables::{KeptValues, Tables, keep, value_key};
 
-/// Time between two looks. Reason: half of the 100 ms that what is kept may be behind; the rest is the disk's.
+/// Time between two looks. Reason: half of the 100 ms by which the store may lag; the other half is for the disk.
 const INTERVAL: Duration = Duration::from_millis(50);
 
-/// Time between two generations. Reason: as old as values may be that a person takes from it, and rare enough for any disk.
+/// Time between two generations. Reason: values restored from one are at most this old, and no disk is strained.
 const GENERATION_S: f64 = 600.0;
 
 /// A commit that ends later than this after the previous look is logged.
@@ -53,7 +53,7 @@ impl StateWriter {
     /// Writes values; they are on disk when this returns. It blocks its thread.
     ///
     /// # Errors
-    /// The disk refuses, in words.
+    /// The disk refuses; the error says why.
     pub fn write(&self, values: KeptValues) -> Result<(), String> {
         self.send(values).blocking_recv().unwrap_or_else(stopping)
     }
@@ -141,7 +141,7 @@ pub(crate) struct Source {
 }
 
 impl Source {
-    /// What differs from what is kept. `last_runs` are those of now.
+    /// The values that differ from the stored ones. `last_runs` are the current ones.
     fn changes(&self, kept: &Image, last_runs: &mut LastRuns) -> Image {
         let mut change = Image::default();
         let tables = &self.tables;
@@ -224,8 +224,8 @@ fn changed_pages(area: u8, array: &VariableArray, kept: &Image, change: &mut Ima
     }
 }
 
-/// How far behind what is kept is: a change is seen by the look after it at the latest, and on disk when that look's
-/// commit has ended. With commits of up to [`INTERVAL`] that is at most twice as long.
+/// How far the store lags: a change is found by the next look and is on disk when the commit of that look has ended. If
+/// commits take at most [`INTERVAL`], that is at most twice the interval.
 #[derive(Debug, Default)]
 struct Pace {
     looked_s: Option<f64>,
@@ -238,7 +238,7 @@ impl Pace {
         INTERVAL.saturating_sub(Duration::from_secs_f64(since_s.max(0.0)))
     }
 
-    /// Notes a look whose commit has ended; gives how old its oldest change may be, seconds.
+    /// Records a look whose commit has ended, and returns the maximum age of its oldest change, seconds.
     fn on_commit(&mut self, looked_s: f64, ended_s: f64) -> f64 {
         let before_s = self.looked_s.replace(looked_s).unwrap_or(looked_s);
         ended_s - before_s

@@ -13,7 +13,7 @@ use super::judge::{Condition, Judged, STORE_FILE, SUMS_FILE};
 use super::record::{self, CACHE_BYTES, CHANGE, OLD_VALUES, OLD_VARIABLES, RECORDS};
 use crate::disk::{Identity, SumChange, SumFile, UNFINISHED, in_use, open_regular, sync_folder, tighten};
 
-/// Damaged stores that are kept as evidence at the most; the oldest are removed.
+/// Maximum number of damaged stores kept as evidence; the oldest are removed.
 const EVIDENCE_MAX: usize = 8;
 
 /// An open store. No other process can open it as long as it lives.
@@ -28,11 +28,11 @@ pub(crate) struct Store {
 }
 
 impl Store {
-    /// Opens the store of a folder, of which `judged` is what a look has found: one that is damaged is put aside, and one
-    /// of what is left takes its place. Gives where a damaged one is.
+    /// Opens the store of a folder that has been examined (`judged`). A damaged store is moved aside and replaced by a new
+    /// one with the values that are left. Also returns the path of the damaged store.
     ///
     /// # Errors
-    /// Another process has it open, or the disk refuses; nothing is lost then that was not before.
+    /// Another process has it open, or the disk refuses; in both cases nothing more is lost.
     pub fn open(folder: &Path, judged: &Judged) -> io::Result<(Self, Option<PathBuf>)> {
         let path = folder.join(STORE_FILE);
         let mut aside = None;
@@ -88,7 +88,7 @@ impl Store {
             .map(|(name, sum)| (name, Some(sum)))
             .collect();
         if let Err(error) = self.sums.add(number, sums) {
-            // before anybody is told that it has failed: a kill until then leaves a change of which nobody knows the end
+            // undone before the caller is told of the failure: if the process is killed before that, the outcome is unknown
             put_back(&self.database, &before).map_err(|also| {
                 let text = format!("{error}; and what was written could not be taken back: {also}");
                 io::Error::new(error.kind(), text)
@@ -114,7 +114,7 @@ fn sums_of(image: &Image) -> BTreeMap<String, String> {
         .collect()
 }
 
-/// Writes an image as one change. What stood under its names before; `None`: nothing.
+/// Writes an image as one change, and returns the previous content of its names; `None`: there was none.
 fn write_all(database: &Database, image: &Image, number: u64) -> io::Result<Before> {
     let mut before = Before::new();
     let writing = database.begin_write().map_err(io::Error::other)?;
@@ -136,7 +136,7 @@ fn write_all(database: &Database, image: &Image, number: u64) -> io::Result<Befo
     Ok(before)
 }
 
-/// Takes a change back.
+/// Undoes a change.
 fn put_back(database: &Database, before: &Before) -> io::Result<()> {
     let writing = database.begin_write().map_err(io::Error::other)?;
     {
@@ -172,7 +172,7 @@ fn open_database(path: &Path) -> io::Result<Database> {
     })
 }
 
-/// Puts a store of what is left in the place of a damaged one, which is kept aside.
+/// Replaces a damaged store by a new one with the values that are left, and keeps the damaged one aside.
 fn replace(folder: &Path, path: &Path, judged: &Judged) -> io::Result<PathBuf> {
     let new = folder.join(format!("{STORE_FILE}{UNFINISHED}"));
     match fs::remove_file(&new) {

@@ -1,5 +1,5 @@
-//! The watch over the data folder: what cannot be written, is damaged, was changed outside or has no room is an alarm as
-//! long as it is so. A thread of its own, since a disk may take its time.
+//! The watch over the data folder: it raises alarms for files that cannot be written, are damaged or were changed outside,
+//! and for a full disk, and ends them when the cause ends. It has a thread of its own, because a disk may be slow.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -19,13 +19,13 @@ use crate::shared::Shared;
 /// Time between two looks at what others have noted.
 const INTERVAL: Duration = Duration::from_millis(100);
 
-/// Looks of which one is at the disk itself.
+/// Every how many looks the disk itself is examined.
 const DISK_EVERY: u32 = 10;
 
 /// Bytes below which a disk counts as full. Reason: a change of all that is kept takes less.
 const FREE_MIN: u64 = 1 << 20;
 
-/// Things that one text names at the most.
+/// Maximum number of items that one text names.
 const NAMED_MAX: usize = 20;
 
 /// The thread. Dropping it ends it.

@@ -308,7 +308,7 @@ async fn a_program_that_is_changed_outside_is_told_and_must_be_loaded_again() {
     })
     .await;
     until("the journal tells it", async || {
-        let journal = served.get("/cs/1/journal").await.expect(200).body;
+        let journal = served.get("/journal").await.expect(200).body;
         (journal.contains("\"warning\"") && journal.contains("program 1051")).then_some(())
     })
     .await;

@@ -1,4 +1,4 @@
-//! Where clients come in: each connection has a place, and what it may do is judged for it alone.
+//! Accepts clients: each connection takes a place, and has its own event handler and access check.
 
 use std::future::ready as now;
 use std::io;
@@ -36,8 +36,8 @@ use crate::access::{Ended, Shown};
 use crate::places::{ACCEPT_RETRY, Place, PlaceLimits, Places};
 use crate::tls::{Accepted, ClientStream, Fingerprint, LiveTls};
 
-/// Places of connections. A client is known once it is let in, and then never gives way. Reason of all: with those of HTTP
-/// they stay below the 1024 files that a process may have open.
+/// Places of connections. A client is known once it is authenticated, and is then never closed for another one. Reason for
+/// the total: together with HTTP it stays below the 1024 files that a process may have open.
 pub(super) const PLACES: PlaceLimits = PlaceLimits {
     all: 448,
     of_one: 128,
@@ -48,13 +48,13 @@ pub(super) const PLACES: PlaceLimits = PlaceLimits {
 /// Places of known clients that are only for users who may stop a machine.
 pub(super) const RESERVED: usize = 32;
 
-/// Bytes that are read of a client at once.
+/// Size of the read buffer of a connection, bytes.
 const READ_MAX: usize = 4096;
 
-/// How often what has expired is forgotten.
+/// How often expired sessions and messages are removed.
 const CLEAN_INTERVAL: Duration = Duration::from_mins(1);
 
-/// What all connections share.
+/// State shared by all connections.
 pub(super) struct Hall {
     pub(super) config: BrokerConfig,
     pub(super) guard: Arc<Guard>,
@@ -66,7 +66,7 @@ pub(super) struct Hall {
     pub(super) clients: TaskTracker,
 }
 
-/// What the library counts, and may limit: nothing here, since the guard does it.
+/// Counters and limits that the library requires. They limit nothing here; the guard does.
 struct Counts {
     stats: Arc<BrokerStats>,
     monitor: Arc<ResourceMonitor>,
@@ -148,16 +148,7 @@ impl Hall {
             event_handler: Some(Arc::<Door>::clone(&door)),
             ..self.config.clone()
         };
-        let stream = Stream {
-            inner: BufReader::with_capacity(READ_MAX, accepted.stream),
-            peer: address,
-            refused: Arc::clone(&door.refused),
-            answer: Vec::new(),
-            replaced: 0,
-            unwritten: 0,
-            ended: Box::pin(line.ended.clone().cancelled_owned()),
-            line: Arc::clone(&line),
-        };
+        let stream = Stream::new(accepted.stream, address, &door);
         let client = ClientHandler::new(
             BrokerTransport::WebSocket(Box::new(stream)),
             address,
@@ -171,7 +162,7 @@ impl Hall {
         );
         let mut serving = pin!(client.run());
         let (client_id, ended) = tokio::select! {
-            // why a client has gone, the guard has logged where it matters
+            // the guard has logged the reason for the end of a connection where it matters
             _ = &mut serving => return,
             ended = self.ended(connected) => ended,
         };
@@ -184,12 +175,12 @@ impl Hall {
         line.end(self.guard.speaks_5(&client_id).then_some((code, ended.text())));
         let _ = serving.await;
         if self.guard.sessions.of(&client_id).is_none() {
-            // nothing is kept for it from now on
+            // no messages are kept for it from now on
             self.router.unregister_client(&client_id).await;
         }
     }
 
-    /// Waits until what a client has shown counts no more.
+    /// Waits until the credentials of a client are no longer valid.
     async fn ended(&self, connected: oneshot::Receiver<LetIn>) -> (Arc<str>, Ended) {
         let (Some(users), Ok((client_id, shown))) = (&self.guard.access.users, connected.await) else {
             return std::future::pending().await;
@@ -238,13 +229,13 @@ struct Door {
 }
 
 impl Door {
-    /// Delivers a message. It waits for no client: for one that is slow it goes into its queue, of which the oldest are dropped
-    /// for newer ones. The library would let its sender wait.
+    /// Delivers a message without waiting for slow subscribers: for these it is queued, and the oldest queued messages are
+    /// dropped. The library itself would make the publisher wait.
     async fn deliver(&self, event: ClientPublishEvent) -> PublishAction {
         let Some(mut publish) = self.line.publish() else {
             return PublishAction::Continue;
         };
-        // the runtime is never refused
+        // messages of the runtime are never refused
         let is_runtime = event.user_id.as_deref() == Some(RUNTIME_USER);
         if !self.guard.on_the_way.has_room(publish.payload.len()) && !is_runtime {
             return self.refuse(&event);
@@ -255,7 +246,7 @@ impl Door {
         publish.properties.inject_sender(event.user_id.as_deref());
         publish.properties.inject_client_id(Some(&event.client_id));
         if publish.qos == QoS::ExactlyOnce {
-            // delivered by the library when its client has released it
+            // the library delivers it when its client sends PUBREL
             return PublishAction::Transform(publish);
         }
         let now = Instant::now();
@@ -265,7 +256,7 @@ impl Door {
         PublishAction::Handled
     }
 
-    /// The acknowledgement of a message is a refusal, for a client that understands one.
+    /// Refuses a message: a client of MQTT 5 gets a reason code in the acknowledgement.
     fn refuse(&self, event: &ClientPublishEvent) -> PublishAction {
         if self.guard.speaks_5(&event.client_id) {
             *self.refused.lock() = event.packet_id;
@@ -346,16 +337,29 @@ struct Stream {
     peer: SocketAddr,
     /// Packet id of the message whose acknowledgement comes next, and is a refusal.
     refused: Arc<Mutex<Option<u16>>>,
-    /// What is still to be written of the acknowledgement, in place of so many bytes of the library.
+    /// The rest of the acknowledgement that is to be written, and the number of bytes of the library that it replaces.
     answer: Vec<u8>,
     replaced: usize,
-    /// Bytes of a packet of which a part is written.
+    /// Bytes still to be written of a packet that was written partly.
     unwritten: usize,
     line: Arc<Line>,
     ended: Pin<Box<WaitForCancellationFutureOwned>>,
 }
 
 impl Stream {
+    fn new(stream: ClientStream, peer: SocketAddr, door: &Door) -> Self {
+        Self {
+            inner: BufReader::with_capacity(READ_MAX, stream),
+            peer,
+            refused: Arc::clone(&door.refused),
+            answer: Vec::new(),
+            replaced: 0,
+            unwritten: 0,
+            ended: Box::pin(door.line.ended.clone().cancelled_owned()),
+            line: Arc::clone(&door.line),
+        }
+    }
+
     /// The refusal in place of a PUBACK or PUBREC. The library writes each packet at once.
     fn refusal(&self, packet: &[u8]) -> Option<Vec<u8>> {
         let id = (*self.refused.lock())?.to_be_bytes();
@@ -381,7 +385,7 @@ impl AsyncRead for Stream {
         buffer: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
         if self.ended.as_mut().poll(context).is_ready() {
-            // between two packets of the library; a client that takes it not at once has gone
+            // reads happen only between two written packets; a client that does not accept it at once does not get it
             let packet = self.line.farewell();
             let _ = Pin::new(&mut self.inner).poll_write(context, &packet);
             return Poll::Ready(Ok(()));
