@@ -327,12 +327,14 @@ mod tests {
     use plc_api::types::program::DiagnosticSeverity;
     use tandem_interp::dialects::nj;
     use tandem_model::limits::PROGRAM_BYTES_MAX;
+    use tandem_model::settings::NcOptions;
 
     use super::*;
 
     fn rules() -> TextRules {
         TextRules {
             dialect: nj(),
+            options: NcOptions::default(),
             arc_radius_tolerance_mm: 0.01,
         }
     }

@@ -95,6 +95,11 @@ impl Values {
         self.tools.get(&id).copied()
     }
 
+    /// All tools by number.
+    pub fn tools(&self) -> &BTreeMap<u16, Tool> {
+        &self.tools
+    }
+
     /// Work offsets of a coordinate system.
     pub fn work_offsets(&self, cs: CoordinateSystemNumber) -> &WorkOffsets {
         self.work_offsets.get(&cs).unwrap_or(NO_OFFSETS)

@@ -12,7 +12,7 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
 use tandem_interp::dialects::nj;
-use tandem_interp::{Inputs, Interpreter};
+use tandem_interp::{Inputs, Interpreter, NO_TOOLS};
 use tandem_model::flow::{Block, Item, Segment};
 use tandem_model::profile::Profile;
 use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings, Tool, WorkOffsets};
@@ -60,6 +60,7 @@ fn parsed(source: &Arc<str>) -> Arc<NcProgram> {
 fn interpret(program: &Arc<NcProgram>, mut each: impl FnMut(Block)) {
     let (programs, work_offsets, variables) = (BTreeMap::new(), WorkOffsets::default(), Variables::default());
     let inputs = Inputs {
+        tools: &NO_TOOLS,
         programs: &programs,
         optional_skip: 0,
         work_offsets: &work_offsets,

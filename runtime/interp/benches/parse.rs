@@ -13,7 +13,7 @@ use std::sync::Arc;
 use divan::Bencher;
 use divan::counter::{BytesCount, ItemsCount};
 use tandem_interp::dialects::nj;
-use tandem_interp::{CheckContext, Inputs, Interpreter, check};
+use tandem_interp::{CheckContext, Inputs, Interpreter, NO_TOOLS, check};
 use tandem_model::flow::Item;
 use tandem_model::settings::{CoordinateSystemSettings, Tool, WorkOffsets};
 use tandem_model::{AxisVector, Variables};
@@ -44,6 +44,7 @@ fn inputs<'a>(
     variables: &'a Variables,
 ) -> Inputs<'a> {
     Inputs {
+        tools: &NO_TOOLS,
         programs,
         optional_skip: 0,
         work_offsets,

@@ -2,18 +2,18 @@
 //! written here once; the checker lists what breaks them, the interpreter raises an alarm.
 
 use tandem_model::limits::M_CODE_MAX;
-use tandem_model::settings::Unit;
+use tandem_model::settings::{MCodeSet, NcOptions};
 use tandem_model::{Diagnostic, Span};
 use tandem_syntax::{Address, AddressSet, Block, NcProgram, Value, Word, diagnostics};
 
 use crate::codes::value::judge_value;
 use crate::codes::{AXIS_ADDRESSES, Code, ModalGroup, Refusal, WordSpec, tenths};
-use crate::dialect::{Dialect, Rivals, WholeNumbers};
+use crate::dialect::{Dialect, Numbers, OtherMCodes, Rivals};
 use crate::evaluation::Scope;
 use crate::meaning::{InForce, Role};
 use crate::modal::Modal;
-use crate::restrictions;
 use crate::text_position::TextPosition;
+use crate::{numbers, restrictions};
 
 /// The words of arcs and fixed cycles.
 const MOTION_WORDS: AddressSet =
@@ -56,6 +56,8 @@ pub struct BlockWords {
     taker_addresses: AddressSet,
     /// The words that the motion or fixed cycle takes.
     pub(crate) taken: AddressSet,
+    /// Words that are not written as they must be; they have no value.
+    refused: AddressSet,
     /// A code could not be read, and may have words that seem to be no one's.
     unknown_code: bool,
     /// The block has a word other than its number.
@@ -75,6 +77,8 @@ pub(crate) struct Reading<'a> {
     pub(crate) position: &'a TextPosition,
     /// A radius may be smaller than half the chord by so much, mm (D26).
     pub(crate) arc_radius_tolerance_mm: f64,
+    /// How numbers are read.
+    pub(crate) options: &'a NcOptions,
 }
 
 impl BlockWords {
@@ -91,6 +95,7 @@ impl BlockWords {
             taker: None,
             taker_addresses: AddressSet::EMPTY,
             taken: AddressSet::EMPTY,
+            refused: AddressSet::EMPTY,
             unknown_code: false,
             any: false,
         }
@@ -131,7 +136,7 @@ impl BlockWords {
     /// The values that G codes of the block set.
     pub(crate) fn sets(&self) -> InForce {
         let mut sets = InForce::default();
-        for value in self.codes().filter_map(|code| code.sets) {
+        for value in self.codes().chain(self.m_code()).filter_map(|code| code.sets) {
             sets.set(value);
         }
         sets
@@ -149,20 +154,21 @@ impl BlockWords {
         self.g_count = 0;
         self.m_code = None;
         self.first_axis_place = None;
+        self.refused = AddressSet::EMPTY;
         self.unknown_code = false;
         self.any = false;
         let words = program.words(block);
         for (place, word) in words.iter().enumerate() {
             match word.address {
                 Address::G => self.g_word(word, place, with.dialect, fault),
-                Address::M => self.m_word(word, with.dialect, fault),
+                Address::M => self.m_word(word, with.dialect, with.options.m_codes, fault),
                 Address::N => block_number(word, fault),
                 _ => self.value_word(word, place, with.scope.as_ref(), fault),
             }
         }
         self.take_words(program, block, with.modal, fault);
-        if let WholeNumbers::Increments { mm, inch } = with.dialect.policy.whole_numbers {
-            self.count_increments(words, with, mm, inch);
+        if with.dialect.policy.numbers == Numbers::Counted {
+            self.count_increments(words, with, fault);
         }
         for word in words {
             if !matches!(word.address, Address::G | Address::M | Address::N) {
@@ -241,7 +247,13 @@ impl BlockWords {
     }
 
     #[inline(never)]
-    fn m_word(&mut self, word: &Word, dialect: &'static Dialect, fault: &mut dyn FnMut(Diagnostic)) {
+    fn m_word(
+        &mut self,
+        word: &Word,
+        dialect: &'static Dialect,
+        declared: MCodeSet,
+        fault: &mut dyn FnMut(Diagnostic),
+    ) {
         self.any = true;
         let Some(number) = word.whole() else {
             self.unknown_code = true;
@@ -269,6 +281,14 @@ impl BlockWords {
         let number = u16::try_from(number).unwrap_or(M_CODE_MAX);
         let code = dialect.m_codes.find(number * 10).unwrap_or(dialect.auxiliary);
         self.m_code = Some((code, number));
+        let listed = *code != *dialect.auxiliary;
+        if !listed && dialect.policy.other_m_codes == OtherMCodes::Declared && !declared.contains(number) {
+            fault(diagnostics::M_UNKNOWN.at(
+                word.span(),
+                format!("M{number:02} is not in the list of M codes"),
+                format!("Add [m_code.{number}] to the configuration, or correct the number."),
+            ));
+        }
     }
 
     fn value_word(
@@ -293,24 +313,28 @@ impl BlockWords {
         };
     }
 
-    /// Makes lengths of numbers without a decimal point.
+    /// Makes values of written numbers, and judges how they are written. What is wrong there has no value.
     #[inline(never)]
-    fn count_increments(&mut self, words: &[Word], with: &Reading<'_>, mm: f64, inch: f64) {
+    fn count_increments(&mut self, words: &[Word], with: &Reading<'_>, fault: &mut dyn FnMut(Diagnostic)) {
         let unit = self.sets().unit.or(with.modal.in_force.unit).unwrap_or_default();
         let mut counted = AddressSet::EMPTY;
         for word in words {
-            let is_length = |spec: &WordSpec| spec.is_length();
-            let counts = self.spec(word.address, with.dialect).is_some_and(is_length);
-            if !counts || counted.contains(word.address) {
+            if word.address == Address::N {
+                numbers::judge_block_number(word, fault);
+            }
+            let Some(spec) = self.spec(word.address, with.dialect) else {
+                continue;
+            };
+            if counted.contains(word.address) || self.unknown_code {
                 continue;
             }
             counted.insert(word.address);
-            if !word.is_whole() {
-                continue;
+            if numbers::judge_written(spec, word, unit, fault) {
+                let value = self.values[word.address as usize];
+                self.values[word.address as usize] = numbers::meant(value, spec, word, unit, with.options);
+            } else {
+                self.refused.insert(word.address);
             }
-            let is_angle = matches!(word.address, Address::A | Address::B | Address::C);
-            let increment = if unit == Unit::Inch && !is_angle { inch } else { mm };
-            self.values[word.address as usize] *= increment;
         }
     }
 
@@ -396,14 +420,15 @@ impl BlockWords {
             return;
         };
         let known = || with.scope.as_ref().and(self.get(word.address));
-        let counted = match with.dialect.policy.whole_numbers {
-            WholeNumbers::AsWritten => word.number(),
-            WholeNumbers::Increments { .. } => word.number().and(self.get(word.address)),
+        let counted = match with.dialect.policy.numbers {
+            Numbers::AsWritten => word.number(),
+            Numbers::Counted => word.number().and(self.get(word.address)),
         };
         let Some(value) = counted.or_else(known) else {
             return;
         };
-        if self.unknown_code && !dialect.modal_words.is_feed_word(word.address) {
+        let may_differ = self.unknown_code && !dialect.modal_words.is_feed_word(word.address);
+        if may_differ || self.refused.contains(word.address) {
             // a code that is not known may read it differently
             return;
         }

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use tandem_model::limits::{BLOCK_BYTES_MAX, PROGRAM_BYTES_MAX};
-use tandem_model::settings::{ARC_RADIUS_TOLERANCE_MM, CoordinateSystemSettings, Unit};
+use tandem_model::settings::{ARC_RADIUS_TOLERANCE_MM, CoordinateSystemSettings, NcOptions, Unit};
 use tandem_model::{AxisSet, Diagnostic, Severity, Span};
 use tandem_syntax::{
     Address, AddressSet, Block, Content, DIAGNOSTICS_MAX, NcProgram, ProgramCode, Statement, Word,
@@ -13,7 +13,7 @@ use tandem_syntax::{
 
 use crate::block_words::{BlockWords, Reading};
 use crate::codes::{Code, ModalGroup, tenths};
-use crate::dialect::Dialect;
+use crate::dialect::{Dialect, OtherMCodes, SpindleWord};
 use crate::execution::axis_of;
 use crate::meaning::{ModalValue, Role};
 use crate::modal::Modal;
@@ -45,8 +45,12 @@ pub struct CheckContext<'a> {
     pub max_spindle_speed_r_min: Option<f64>,
     /// A radius may be smaller than half the chord by so much, mm (D26); `None`: the usual one.
     pub arc_radius_tolerance_mm: Option<f64>,
-    /// What is in force at the head is not that of the start-up: manual data input.
+    /// What the dialect leaves to the machine.
+    pub options: NcOptions,
+    /// What is in force at the head is not that of the start-up: manual data input that goes on.
     pub goes_on: bool,
+    /// Manual data input, which has no marks around it.
+    pub manual: bool,
 }
 
 impl CheckContext<'_> {
@@ -59,6 +63,7 @@ impl CheckContext<'_> {
             has_spindle: Some(settings.spindle.is_some()),
             max_spindle_speed_r_min: settings.spindle.as_ref().map(|spindle| spindle.max_velocity),
             arc_radius_tolerance_mm: Some(settings.motion.arc_radius_tolerance_mm),
+            options: settings.nc,
             ..Self::default()
         }
     }
@@ -112,6 +117,9 @@ pub fn check(program: &NcProgram, dialect: &'static Dialect, context: &CheckCont
     };
     if context.goes_on {
         checker.modal.forget();
+    }
+    if !context.manual {
+        checker.mark();
     }
     if program.source().len() <= PROGRAM_BYTES_MAX {
         checker.run();
@@ -211,6 +219,18 @@ impl Checker<'_> {
         self.end();
     }
 
+    /// Tells when the program does not begin with the mark of the dialect (manual dgshape, 1-1).
+    fn mark(&mut self) {
+        let mark = (self.dialect.grammar)().program_form.mark.map(char::from);
+        if let Some(mark) = mark.filter(|_| !self.program.is_marked()) {
+            self.findings.push(diagnostics::MARK_MISSING.at(
+                Span::default(),
+                format!("the program does not begin with {mark}, and is not executed"),
+                format!("Write a line of {mark} alone before it."),
+            ));
+        }
+    }
+
     /// Tells when the block's line in the intermediate code is too long (D03).
     fn length(&mut self, block: &Block) {
         let span = self.program.span(block);
@@ -252,6 +272,7 @@ impl Checker<'_> {
                 .context
                 .arc_radius_tolerance_mm
                 .unwrap_or(ARC_RADIUS_TOLERANCE_MM),
+            options: &self.context.options,
         };
         let findings = &mut self.findings;
         words.read(self.program, block, &reading, &mut |finding| {
@@ -260,7 +281,7 @@ impl Checker<'_> {
         self.follow(block, words);
         if let Some(code) = words.m_code() {
             match code.role {
-                Role::Auxiliary => self.auxiliary(block, words.m_number()),
+                Role::Auxiliary => self.auxiliary(block, words.m_number(), *code == *self.dialect.auxiliary),
                 Role::Call => self.call(block, words, code),
                 _ if block.skip_numbers() == 0 && self.ending == Ending::Open && code.ends() => {
                     self.ending = Ending::Ended;
@@ -281,7 +302,7 @@ impl Checker<'_> {
         let starts = words.codes().any(|code| code == taker);
         if starts || !words.taken.is_empty() {
             for m in cycle.outputs(self.context.has_spindle) {
-                self.auxiliary(block, m);
+                self.auxiliary(block, m, true);
             }
         }
     }
@@ -310,10 +331,11 @@ impl Checker<'_> {
         }
     }
 
-    fn auxiliary(&mut self, block: &Block, number: u16) {
+    fn auxiliary(&mut self, block: &Block, number: u16, needs_settings: bool) {
         let first = self.m_codes.insert(number);
         let known = self.context.m_codes_with_settings;
-        if first && known.is_some_and(|known| !known.contains(&number)) {
+        let warns = self.dialect.policy.other_m_codes == OtherMCodes::Output;
+        if first && needs_settings && warns && known.is_some_and(|known| !known.contains(&number)) {
             self.findings.push(diagnostics::M_WITHOUT_SETTINGS.at(
                 self.program.span_of(block, Address::M),
                 format!("M{number:02} has no settings"),
@@ -382,7 +404,9 @@ impl Checker<'_> {
                 ),
             ));
         }
+        let is_bounded = self.dialect.policy.spindle_word == SpindleWord::Speed;
         if let (Some(speed), Some(max)) = (free(Address::S), self.context.max_spindle_speed_r_min)
+            && is_bounded
             && speed > max
         {
             self.findings.push(diagnostics::OUT_OF_RANGE.at(

@@ -1,5 +1,6 @@
 //! A dialect: a grammar, a list of codes, words, and defaults.
 
+use tandem_model::settings::PathRules;
 use tandem_syntax::{Address, AddressSet, CodeRole, Codes, Grammar};
 
 use crate::codes::{Code, CodeTable, WordSpec, tenths};
@@ -31,6 +32,8 @@ pub struct Dialect {
     pub home: &'static str,
     /// How it reads what controls read in different ways.
     pub policy: Policy,
+    /// What it says of the path.
+    pub path: PathRules,
     /// What is not allowed while another code is in force; only the first restriction that a block breaks is reported.
     pub restrictions: &'static [Restriction],
 }
@@ -42,8 +45,53 @@ pub struct Policy {
     pub rivals: Rivals,
     /// When the M code of a block acts.
     pub m_code: MCodeTime,
-    /// What a number without a decimal point means.
-    pub whole_numbers: WholeNumbers,
+    /// What numbers mean.
+    pub numbers: Numbers,
+    /// What S says.
+    pub spindle_word: SpindleWord,
+    /// M codes that the dialect does not list.
+    pub other_m_codes: OtherMCodes,
+    /// When an output is made whose M code has no setting.
+    pub output: OutputDefault,
+}
+
+impl Policy {
+    /// What dialect nj does.
+    pub const NJ: Self = Self {
+        rivals: Rivals::Refused,
+        m_code: MCodeTime::BehindMotion,
+        numbers: Numbers::AsWritten,
+        spindle_word: SpindleWord::Speed,
+        other_m_codes: OtherMCodes::Output,
+        output: OutputDefault::AfterMotion,
+    };
+}
+
+/// What S says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SpindleWord {
+    /// Revolutions a minute; above the maximum it is an alarm.
+    Speed,
+    /// Below 100 the number of a speed; speeds are held within those of the spindle.
+    SpeedOrCode,
+}
+
+/// M codes that the dialect does not list.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum OtherMCodes {
+    /// Outputs.
+    Output,
+    /// Outputs where the configuration has settings for them; else an error.
+    Declared,
+}
+
+/// When an output is made whose M code has no setting.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum OutputDefault {
+    /// After the motion, and the program waits for its reset.
+    AfterMotion,
+    /// With the motion of its block, also with parameters, and the program goes on.
+    WithMotion,
 }
 
 /// What two codes of one modal group in a block are.
@@ -64,18 +112,14 @@ pub enum MCodeTime {
     BeforeMotion,
 }
 
-/// What a length that is written without a decimal point means.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum WholeNumbers {
-    /// The same as with one.
+/// What numbers mean.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Numbers {
+    /// What is written.
     AsWritten,
-    /// So many of the least increment. Angles count as millimetres do, whatever the unit of lengths.
-    Increments {
-        /// Increment in mm, and in degrees.
-        mm: f64,
-        /// Increment in inches, where lengths are in inches.
-        inch: f64,
-    },
+    /// Without a decimal point so many of the least increment, unless a setting says otherwise, and within the ranges of
+    /// what may be written (manual dgshape, 1-5 and 2-1).
+    Counted,
 }
 
 impl Dialect {

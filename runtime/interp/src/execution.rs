@@ -4,7 +4,7 @@ use tandem_model::Alarm;
 use tandem_model::alarm::VALUE_LOST;
 use tandem_model::axis::{Axis, AxisSet, AxisVector};
 use tandem_model::flow::{Action, AxisWords, Frame, Transform};
-use tandem_model::settings::{CoordinateSystemSettings, Tool};
+use tandem_model::settings::{CoordinateSystemSettings, NcOptions, Tool};
 use tandem_syntax::{Address, AddressSet};
 
 use crate::block_words::BlockWords;
@@ -26,6 +26,8 @@ pub struct Limits {
     pub has_spindle: bool,
     /// A radius may be smaller than half the chord by so much, mm (D26).
     pub arc_radius_tolerance_mm: f64,
+    /// What the dialect leaves to the machine.
+    pub options: NcOptions,
 }
 
 impl Limits {
@@ -35,6 +37,7 @@ impl Limits {
             max_spindle_speed_r_min: settings.spindle.as_ref().map(|spindle| spindle.max_velocity),
             has_spindle: settings.spindle.is_some(),
             arc_radius_tolerance_mm: settings.motion.arc_radius_tolerance_mm,
+            options: settings.nc,
         }
     }
 }
@@ -104,6 +107,8 @@ pub struct Execution<'a> {
     pub limits: &'a Limits,
     /// Place of the code among the words of the block.
     pub place: usize,
+    /// The first block in the start-up state.
+    pub(crate) opens: bool,
     /// What the block gives.
     pub draft: &'a mut Draft,
 }
@@ -131,6 +136,30 @@ impl Execution<'_> {
             ));
             Tool::default()
         })
+    }
+
+    /// The entry of the tool table that a word of the block names; of number 0, and of one that is not in the table, it is
+    /// zero.
+    pub(crate) fn offset_entry(&mut self, address: Address) -> (u16, Tool) {
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "the range has been checked, and a cast saturates"
+        )]
+        let number = self.words.get(address).unwrap_or_default() as u16;
+        let tool = self.inputs.tools.get(&number).copied();
+        if tool.is_some_and(|tool| tool.is_lost()) {
+            let text = format!("offset {number} is damaged");
+            self.refuse(Alarm::new(&VALUE_LOST, text));
+        }
+        let is_set = number == 0 || tool.is_some() || self.modal.kept.radii.contains_key(&number);
+        if !is_set {
+            let name = address.text();
+            self.warn(format!(
+                "{name}{number}: there is no offset of this number; it counts as 0 mm"
+            ));
+        }
+        (number, tool.unwrap_or_default())
     }
 
     /// Where the next block counts from, machine coordinates. While it is open where a G31 ends, the block is interpreted

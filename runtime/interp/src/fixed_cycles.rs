@@ -43,6 +43,8 @@ pub enum Step {
     Linear(Level),
     /// A way in the thread, to the Z point or back to the R point, with the spindle turning so.
     Thread(TapLeg, Turn),
+    /// Cuts to the Z point, each a depth further than the one before, with a way out to the R point between.
+    Peck,
     /// Rest for the time of P.
     Dwell,
     /// An M code without parameters, for whose reset the cycle waits as its setting says.
@@ -132,6 +134,28 @@ pub(crate) struct Hole {
     /// S, r/min; `None` without a spindle.
     pub(crate) spindle_speed_r_min: Option<f64>,
     pub(crate) repetitions: u16,
+    /// Cuts of a depth; `None`: one cut to the Z point.
+    pub(crate) peck: Option<Peck>,
+}
+
+/// Cuts of a depth, mm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Peck {
+    /// How much deeper each cut goes; above 0.
+    pub(crate) depth: f64,
+    /// How far above the last depth the next one begins.
+    pub(crate) clearance: f64,
+}
+
+/// Where a step of pecks is: each cut is followed by a way out and a way back.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum PeckPlace {
+    /// Behind so many cuts, with the next one to come.
+    Above(u32),
+    /// So many cuts have been made, and the tool is at the last depth.
+    AtDepth(u32),
+    /// It is at the R point.
+    Out(u32),
 }
 
 /// What a step gives.
@@ -160,6 +184,8 @@ pub(crate) struct Expansion {
     /// The next step of the part.
     at: usize,
     repetition: u16,
+    /// In the step of pecks.
+    pecks: Option<PeckPlace>,
 }
 
 impl Expansion {
@@ -173,6 +199,7 @@ impl Expansion {
             part: Part::Ahead,
             at: 0,
             repetition: 0,
+            pecks: None,
         }
     }
 
@@ -188,9 +215,41 @@ impl Expansion {
             }
         }
         loop {
+            if let Some(place) = self.pecks {
+                return Some(Given::Motion(self.peck(place)));
+            }
             let step = self.next_step()?;
-            if let Some(given) = self.given(step) {
+            if step == Step::Peck {
+                self.pecks = Some(PeckPlace::Above(0));
+            } else if let Some(given) = self.given(step) {
                 return Some(given);
+            }
+        }
+    }
+
+    /// The next move of the pecks.
+    fn peck(&mut self, place: PeckPlace) -> Action {
+        let (r, z) = (self.hole.r_point, self.hole.z_point);
+        let Peck { depth, clearance } = self.hole.peck.unwrap_or(Peck {
+            depth: f64::INFINITY,
+            clearance: 0.0,
+        });
+        let reached = |cuts: u32| (f64::from(cuts) * depth).min((z - r).abs());
+        let at = |way: f64| level(r + way.max(0.0).copysign(z - r));
+        match place {
+            PeckPlace::Above(cuts) => {
+                let way = f64::from(cuts + 1) * depth;
+                let last = way >= (z - r).abs();
+                self.pecks = (!last).then_some(PeckPlace::AtDepth(cuts + 1));
+                Action::Linear(if last { level(z) } else { at(way) })
+            }
+            PeckPlace::AtDepth(cuts) => {
+                self.pecks = Some(PeckPlace::Out(cuts));
+                Action::Rapid(level(r))
+            }
+            PeckPlace::Out(cuts) => {
+                self.pecks = Some(PeckPlace::Above(cuts));
+                Action::Rapid(at(reached(cuts) - clearance))
             }
         }
     }
@@ -237,6 +296,7 @@ impl Expansion {
             Step::Dwell => Action::Dwell {
                 dwell_s: hole.dwell_s,
             },
+            Step::Peck => return None,
         };
         Some(Given::Motion(action))
     }

@@ -8,6 +8,9 @@ use tandem_model::variables::Variables;
 use tandem_model::{AXES_MAX, AxisVector};
 use tandem_syntax::NcProgram;
 
+/// An empty tool table.
+pub static NO_TOOLS: BTreeMap<u16, Tool> = BTreeMap::new();
+
 /// Values from outside, read when a block is interpreted (D16).
 #[derive(Debug, Clone, Copy)]
 pub struct Inputs<'a> {
@@ -21,6 +24,8 @@ pub struct Inputs<'a> {
     pub variables: &'a Variables,
     /// The tool that is selected (D17); `None` when none is, or one that is not in the table: G41 to G44 then warn.
     pub tool: Option<Tool>,
+    /// The tool table by number, for dialects whose words name an offset.
+    pub tools: &'a BTreeMap<u16, Tool>,
     /// `_CNC_CapturedPosition<n>` of the last G31, in command units (D41). `None` while a G31 that has been given out is
     /// unfinished: a block that reads one gives `Item::NeedsStandstill` (D15).
     pub captured: Option<[f64; AXES_MAX]>,

@@ -73,6 +73,8 @@ pub struct Interpreter {
     steps: u64,
     /// The block that the last item began with; none where it had been read before.
     began: Option<Origin>,
+    /// The program begins in the start-up state, whose work coordinate system is not selected yet.
+    opens: bool,
     state: State,
 }
 
@@ -93,6 +95,7 @@ impl Interpreter {
             idle_steps: 0,
             steps: 0,
             began: None,
+            opens: false,
             state: State::Ended(Origin::default()),
         }
     }
@@ -116,6 +119,7 @@ impl Interpreter {
     pub fn reset(&mut self) {
         self.modal = self.start_up.clone();
         self.forget_program();
+        self.opens = true;
     }
 
     fn forget_program(&mut self) {
@@ -256,6 +260,7 @@ impl Interpreter {
             }),
             position: &position,
             arc_radius_tolerance_mm: self.limits.arc_radius_tolerance_mm,
+            options: &self.limits.options,
         };
         self.words.read(&frame.program, block, &reading, &mut |found| {
             fault.get_or_insert(found);
@@ -269,6 +274,7 @@ impl Interpreter {
         }
         let before = inputs.position.is_none().then(|| self.modal.clone());
         let mut draft = Draft::default();
+        let opens = std::mem::take(&mut self.opens);
         execute(&mut Execution {
             dialect: self.dialect,
             words: &self.words,
@@ -276,10 +282,12 @@ impl Interpreter {
             inputs,
             limits: &self.limits,
             place: 0,
+            opens,
             draft: &mut draft,
         });
         if let (true, Some(before)) = (draft.needs_position, before) {
             self.modal = before;
+            self.opens = opens;
             frame.next -= 1;
             self.queue.push_back(Item::NeedsStandstill(origin));
             return Ok(());
@@ -444,6 +452,9 @@ fn execute(execution: &mut Execution<'_>) {
             .filter(|(code, _)| code.group != ModalGroup::NonModal)
     };
     restrictions::follow(words, execution.modal);
+    if execution.opens {
+        open(execution);
+    }
     // all are in force before the first has its effect: words may be in any order (D02)
     for (code, _) in modal_codes() {
         if code.group == ModalGroup::Motion {
@@ -473,6 +484,14 @@ fn execute(execution: &mut Execution<'_>) {
         motion(execution, axis_words);
     }
     if let Some(code) = words.m_code() {
+        (code.select)(execution);
+    }
+}
+
+/// Selects the work coordinate system of the start-up state.
+fn open(execution: &mut Execution<'_>) {
+    let group = |code: &&&Code| code.group == ModalGroup::WorkCoordinates;
+    if let Some(code) = execution.dialect.start_up.iter().find(group) {
         (code.select)(execution);
     }
 }

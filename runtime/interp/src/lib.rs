@@ -23,13 +23,14 @@ mod inputs;
 mod interpreter;
 pub mod meaning;
 mod modal;
+mod numbers;
 mod outputs;
 pub mod restrictions;
 mod text_position;
 
 pub use check::{Check, CheckContext, check, check_source};
 pub use dialect::Dialect;
-pub use inputs::Inputs;
+pub use inputs::{Inputs, NO_TOOLS};
 pub use interpreter::Interpreter;
-pub use modal::{CycleWords, Modal};
+pub use modal::{CycleWords, Kept, Modal};
 pub use outputs::{WrittenOutput, written_outputs};

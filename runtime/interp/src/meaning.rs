@@ -75,6 +75,8 @@ pub enum ModalValue {
     MultiBlock(MultiBlock),
     /// A change of shape is on, or off.
     Shape(Shape, bool),
+    /// The spindle turns, or rests.
+    Spindle(bool),
 }
 
 /// How a motion goes that stays in force.
@@ -99,6 +101,10 @@ pub enum Role {
     Skip,
     /// A motion of its block alone whose target is a machine position.
     ToMachine,
+    /// A motion of its block alone to a reference point.
+    ToReference,
+    /// An arc about the corner between two motions in cutter compensation.
+    Corner,
     /// It rests; its words are times, whatever their addresses.
     Dwell,
     /// It changes which positions values mean.
@@ -138,6 +144,8 @@ pub struct InForce {
     pub multi_block: Option<MultiBlock>,
     /// Which changes of shape are on.
     pub shapes: [Option<bool>; 3],
+    /// Whether the spindle turns.
+    pub spindle: Option<bool>,
 }
 
 impl InForce {
@@ -153,6 +161,7 @@ impl InForce {
         path_control: Some(PathControl::ContinuousPath),
         multi_block: Some(MultiBlock::Off),
         shapes: [Some(false); 3],
+        spindle: Some(false),
     };
 
     /// Puts a value into force.
@@ -168,6 +177,7 @@ impl InForce {
             ModalValue::PathControl(control) => self.path_control = Some(control),
             ModalValue::MultiBlock(multi_block) => self.multi_block = Some(multi_block),
             ModalValue::Shape(shape, is_on) => self.shapes[shape as usize] = Some(is_on),
+            ModalValue::Spindle(turns) => self.spindle = Some(turns),
         }
     }
 

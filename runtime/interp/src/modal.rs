@@ -1,5 +1,8 @@
 //! Modal state: what stays in force from block to block.
 
+use std::collections::BTreeMap;
+
+use tandem_model::AxisVector;
 use tandem_model::flow::{Compensation, Distance, Feed, MultiBlock, PathControl, Transform};
 use tandem_model::plane::Plane;
 use tandem_model::settings::{CoordinateSystemSettings, Unit};
@@ -25,6 +28,25 @@ pub struct CycleWords {
     pub dwell_s: Option<f64>,
     /// Number of repetitions.
     pub repetitions: Option<u16>,
+    /// Depth of each cut of a cycle with pecks.
+    pub peck: Option<f64>,
+}
+
+/// What G10, G28 and G92 of dialect dgshape keep; it stays until the next program begins. mm or degrees.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Kept {
+    /// EXOFS; `None`: that of the settings.
+    pub external_offset: Option<AxisVector>,
+    /// Work offsets of the six coordinate systems; `None`: that of the table.
+    pub work_offsets: [Option<AxisVector>; 6],
+    /// The work coordinate system that is selected.
+    pub selected: usize,
+    /// What G92 shifts all work coordinate systems by.
+    pub shift: AxisVector,
+    /// Tool-diameter offsets by number.
+    pub radii: BTreeMap<u16, f64>,
+    /// The middle point of G28, X, Y and Z.
+    pub middle: [Option<f64>; 3],
 }
 
 /// Modal state of a coordinate system.
@@ -53,6 +75,10 @@ pub struct Modal {
     pub lead_pending: bool,
     /// What a fixed cycle keeps.
     pub cycle: CycleWords,
+    /// The unit of lengths has been used, and stays.
+    pub unit_settled: bool,
+    /// What codes that set data keep.
+    pub kept: Kept,
 }
 
 impl Modal {
@@ -83,8 +109,11 @@ impl Modal {
             compensation: Compensation::default(),
             lead_pending: false,
             cycle: CycleWords::default(),
+            unit_settled: false,
+            kept: Kept::default(),
         };
         modal.in_force.unit = Some(unit);
+        modal.in_force.multi_block = Some(dialect.path.multi_block);
         let of_unit = dialect.that_sets(ModalValue::Unit(unit));
         for code in dialect.start_up.iter().copied().chain(of_unit) {
             modal.remember(code);

@@ -3,7 +3,9 @@
 use tandem_model::limits::M_CODE_MAX;
 use tandem_syntax::{Address, NcProgram};
 
+use crate::codes::m_auxiliary::parameter_place;
 use crate::dialect::Dialect;
+use crate::meaning::Role;
 
 /// An auxiliary function output as it is written.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -23,16 +25,14 @@ pub fn written_outputs(program: &NcProgram, dialect: &Dialect) -> impl Iterator<
         let words = program.words(block);
         let m = words.iter().find(|word| word.address == Address::M)?.whole()?;
         let m = u16::try_from(m).ok().filter(|m| *m <= M_CODE_MAX)?;
-        if dialect.m_codes.find(m * 10).is_some() {
+        let listed = dialect.m_codes.find(m * 10);
+        if listed.is_some_and(|code| code.role != Role::Auxiliary) {
             return None;
         }
         let mut params = [None; 8];
         for word in words {
-            if let Some(place) = word
-                .address
-                .parameter_index()
-                .and_then(|index| params.get_mut(index))
-            {
+            let place = parameter_place(word.address).and_then(|index| params.get_mut(index));
+            if let Some(place) = place {
                 *place = Some(word.number()?);
             }
         }

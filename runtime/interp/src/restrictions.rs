@@ -2,17 +2,20 @@
 //! dialect. The checker asks with what the text shows, the interpreter with what is in force.
 
 mod arc_shape;
+mod dgshape;
 mod usual;
 
+use tandem_model::flow::Distance;
 use tandem_model::plane::Plane;
 use tandem_syntax::{Address, DiagnosticEntry};
 
 use crate::block_words::{BlockWords, Reading};
-use crate::codes::{Code, Refusal};
+use crate::codes::{AXIS_ADDRESSES, Code, ModalGroup, Refusal};
 use crate::dialect::{Dialect, list};
 use crate::meaning::{LengthOffset, ModalValue, MotionKind, Role, Side};
 use crate::modal::Modal;
 
+pub use dgshape::DGSHAPE;
 pub use usual::USUAL;
 
 /// What is not allowed in a block, and when.
@@ -35,6 +38,18 @@ pub struct Restriction {
 /// When a restriction holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum During {
+    /// Always.
+    Always,
+    /// Distances are incremental in the block.
+    Incremental,
+    /// The unit of lengths has been used.
+    UnitSettled,
+    /// The block drills.
+    Drilling,
+    /// The block switches cutter compensation on or off.
+    SideSwitch,
+    /// Cutter compensation is off before the block.
+    NoCompensation,
     /// The block begins a fixed cycle.
     CycleBegin,
     /// A fixed cycle is in force, and the block does not end it.
@@ -74,6 +89,20 @@ pub enum What {
     OtherPlane,
     /// An output with parameters, for whose reset the program always waits.
     Parameters,
+    /// An M code with this role that is not alone in its block.
+    Accompanied(Role),
+    /// The plane in force in the block is not XY.
+    NotXy,
+    /// An arc is the motion in force in the block.
+    ArcInForce,
+    /// The number of another offset.
+    OffsetNumber,
+    /// A code that begins or ends a fixed cycle.
+    CycleCode,
+    /// The spindle does not turn.
+    SpindleAtRest,
+    /// Another unit of lengths.
+    OtherUnit,
 }
 
 /// What is wrong with a block that is read so: what is in force before it, and where it begins.
@@ -125,6 +154,11 @@ pub(crate) fn follow(words: &BlockWords, modal: &mut Modal) {
     if modal.lead_pending && moves_in_plane(words, modal) {
         modal.lead_pending = false;
     }
+    if let Some(value) = words.m_code().and_then(|code| code.sets) {
+        modal.in_force.set(value);
+    }
+    modal.unit_settled |=
+        !words.present.intersection(AXIS_ADDRESSES).is_empty() || words.sets().unit.is_some();
 }
 
 /// True when the motion in force takes a word that may move in the plane of the compensation.
@@ -177,8 +211,20 @@ fn state(words: &BlockWords, modal: &Modal) -> impl Fn(During) -> bool {
     let way_out = leads && !after;
     let leads_out_here = way_out && moves_in_plane(words, modal);
     let pending = in_force.side.is_some() && modal.lead_pending;
+    let takes_cycle = words
+        .taker
+        .is_some_and(|code| code.group == ModalGroup::FixedCycle);
+    let drills = takes_cycle && (moves(words) || own.cycle.flatten().is_some());
+    let incremental = own.distance.or(in_force.distance) == Some(Distance::Incremental);
+    let settled = modal.unit_settled;
     let is_offset = |length| matches!(length, Some(LengthOffset::Added | LengthOffset::Subtracted));
     move |during| match during {
+        During::Always => true,
+        During::Incremental => incremental,
+        During::UnitSettled => settled,
+        During::Drilling => drills,
+        During::SideSwitch => after != before,
+        During::NoCompensation => in_force.side == Some(Side::Off),
         During::CycleBegin => matches!(own.cycle, Some(Some(_))) && in_force.cycle == Some(None),
         During::Cycle => in_cycle,
         During::Lead => leads,
@@ -229,6 +275,36 @@ fn found(what: What, words: &BlockWords, modal: &Modal) -> Option<(Address, Stri
             let plane = in_force.plane?;
             let is_other = |code: &Code| matches!(code.sets, Some(ModalValue::Plane(own)) if own != plane);
             g_code(words, is_other).map(shown)
+        }
+        What::Accompanied(role) => {
+            let alone = words.present.is_empty() && words.g_codes().is_empty();
+            let is_meant = words.m_code().is_some_and(|code| code.role == role);
+            (is_meant && !alone).then(m_code)
+        }
+        What::NotXy => {
+            let plane = words.sets().plane.or(in_force.plane)?;
+            (plane != Plane::Xy).then(|| (Address::G, String::new()))
+        }
+        What::ArcInForce => {
+            let own = g_code(words, |code| matches!(code.role, Role::Motion(_)));
+            let code = own.or_else(|| modal.code(ModalGroup::Motion))?;
+            (code.role == Role::Motion(MotionKind::Arc)).then(|| shown(code))
+        }
+        What::OffsetNumber => {
+            let has = words.present.contains(Address::D);
+            has.then(|| (Address::D, String::new()))
+        }
+        What::CycleCode => g_code(words, |code| code.group == ModalGroup::FixedCycle).map(shown),
+        What::SpindleAtRest => {
+            let turns = words.sets().spindle.or(in_force.spindle)?;
+            (!turns).then(|| words.taker.map(shown)).flatten()
+        }
+        What::OtherUnit => {
+            let (own, before) = (words.sets().unit?, in_force.unit?);
+            let is_unit = |code: &Code| matches!(code.sets, Some(ModalValue::Unit(_)));
+            (own != before)
+                .then(|| g_code(words, is_unit).map(shown))
+                .flatten()
         }
         What::Parameters => (words.m_code().is_some() && words.has_parameters()).then(m_code),
     }

@@ -7,7 +7,7 @@ mod support;
 use std::collections::BTreeMap;
 
 use tandem_interp::dialects::nj;
-use tandem_interp::{Inputs, Interpreter};
+use tandem_interp::{Inputs, Interpreter, NO_TOOLS};
 use tandem_model::axis::{Axis, AxisVector};
 use tandem_model::flow::{Action, Distance, Item, PathControl};
 use tandem_model::settings::{Tool, WorkOffsets};
@@ -277,6 +277,7 @@ fn m02_and_m30_end_and_the_end_repeats() {
     }
     let mut idle = Interpreter::new(&settings(), nj());
     let inputs = Inputs {
+        tools: &NO_TOOLS,
         programs: &BTreeMap::new(),
         optional_skip: 0,
         work_offsets: &WorkOffsets::default(),

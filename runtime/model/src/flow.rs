@@ -92,7 +92,12 @@ pub enum Action {
         middle: AxisWords,
         /// 1 to 4.
         point: u8,
+        /// Also with a tool length offset in force.
+        with_tool_length: bool,
     },
+    /// G39: the corner between the motions before and after it is rounded in cutter compensation, where the next one
+    /// goes on in this direction; no motion of its own.
+    Corner(AxisWords),
     /// G74 or G84 begins: refused before anything moves when a hole is out of reach or its thread cannot be cut; no motion
     /// of its own.
     ThreadAhead(Box<ThreadAhead>),

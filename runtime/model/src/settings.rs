@@ -1,6 +1,7 @@
 //! The machine as the stages see it: its motors and coordinate systems.
 
 use crate::axis::{AXES_MAX, Axis, AxisSet, AxisVector};
+use crate::flow::MultiBlock;
 use crate::lost::{LOST, is_lost};
 
 /// Settings of one coordinate system, resolved from the configuration.
@@ -34,6 +35,150 @@ pub struct CoordinateSystemSettings {
     pub servo_period_s: f64,
     /// Rules of path and motion with a default.
     pub motion: MotionOptions,
+    /// What the dialect of the programs says of the path.
+    pub path: PathRules,
+    /// What a dialect leaves to the machine.
+    pub nc: NcOptions,
+}
+
+/// What a dialect says of the path.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct PathRules {
+    /// How a rapid goes.
+    pub rapid: RapidPath,
+    /// What F counts on rotary axes.
+    pub rotary_feed: RotaryFeed,
+    /// How cutter compensation is led in, and what it passes.
+    pub compensation: CompensationRules,
+    /// Whether ramps span blocks before a code says so.
+    pub multi_block: MultiBlock,
+}
+
+impl PathRules {
+    /// Those of dialect nj.
+    pub const NJ: Self = Self {
+        rapid: RapidPath::EachMotor,
+        rotary_feed: RotaryFeed::Degrees,
+        compensation: CompensationRules::Checked,
+        multi_block: MultiBlock::Off,
+    };
+}
+
+/// How a rapid goes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RapidPath {
+    /// Each motor alone, in its shortest time.
+    EachMotor,
+    /// Straight, as fast as the motors can together.
+    Straight,
+}
+
+/// What F counts on rotary axes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RotaryFeed {
+    /// Degrees, and nothing where a linear axis moves, too.
+    Degrees,
+    /// The way of the tool on a circle about the A axis, whose centre is Y0 Z0 of the work coordinates, with the radius
+    /// where the block begins (manual dgshape, 1-4 and 2-5).
+    Surface,
+}
+
+/// The rules of cutter compensation that dialects have different.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CompensationRules {
+    /// Led in and out over the tool's radius at least; rapids do not move in it, and overcuts are looked for.
+    Checked,
+    /// Led in and out over any length, also by rapids, which move in it; overcuts are not looked for (manual dgshape,
+    /// G40 to G42).
+    Unchecked,
+}
+
+/// What a dialect leaves to the machine.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NcOptions {
+    /// Which numbers without a decimal point are read as by a calculator.
+    pub calculator: Calculator,
+    /// Degrees of 1 in an angle without a decimal point.
+    pub angle_increment_deg: f64,
+    /// F below it counts as this, mm/min.
+    pub min_feedrate_mm_min: f64,
+    /// S below it counts as this, r/min.
+    pub min_spindle_speed_r_min: f64,
+    /// S above it counts as this, r/min; 0: the maximum of the spindle's motor.
+    pub max_spindle_speed_r_min: f64,
+    /// How far above the last depth a peck of a fixed cycle begins to cut, mm.
+    pub peck_clearance_mm: f64,
+    /// The path of the way into and out of cutter compensation on the outside of a corner.
+    pub compensation_start: CompensationStart,
+    /// EXOFS: what all work coordinate systems are shifted by.
+    pub external_offset: AxisVector,
+    /// M codes with settings.
+    pub m_codes: MCodeSet,
+}
+
+impl Default for NcOptions {
+    fn default() -> Self {
+        Self {
+            calculator: Calculator::None,
+            angle_increment_deg: 0.001,
+            min_feedrate_mm_min: 0.0,
+            min_spindle_speed_r_min: 0.0,
+            max_spindle_speed_r_min: 0.0,
+            peck_clearance_mm: 0.5,
+            compensation_start: CompensationStart::A,
+            external_offset: AxisVector::ZERO,
+            m_codes: MCodeSet::default(),
+        }
+    }
+}
+
+/// Which numbers without a decimal point are read as by a calculator, in the unit itself; all others count increments
+/// (manual dgshape, 1-5).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Calculator {
+    /// None.
+    #[default]
+    None,
+    /// All.
+    All,
+    /// Those of F.
+    F,
+    /// Those of I, J, K, R, X, Y, Z and A.
+    Dimensions,
+}
+
+/// The path of the way into and out of cutter compensation on the outside of a corner (manual dgshape, G40 to G42).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum CompensationStart {
+    /// Straight to the point beside the corner.
+    #[default]
+    A,
+    /// By way of the point where the offset ways meet.
+    B,
+}
+
+/// A set of M codes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct MCodeSet([u64; 3]);
+
+impl MCodeSet {
+    /// True for an M code of the set.
+    pub fn contains(&self, m: u16) -> bool {
+        let word = self.0.get(usize::from(m / 64));
+        word.is_some_and(|word| word & (1 << (m % 64)) != 0)
+    }
+}
+
+impl FromIterator<u16> for MCodeSet {
+    fn from_iter<I: IntoIterator<Item = u16>>(codes: I) -> Self {
+        let mut set = Self::default();
+        for m in codes {
+            if let Some(word) = set.0.get_mut(usize::from(m / 64)) {
+                *word |= 1 << (m % 64);
+            }
+        }
+        set
+    }
 }
 
 /// The unit of programmed lengths.
@@ -156,6 +301,8 @@ impl Default for CoordinateSystemSettings {
             hold_slew_ms: 200.0,
             servo_period_s: 0.001,
             motion: MotionOptions::default(),
+            path: PathRules::NJ,
+            nc: NcOptions::default(),
         }
     }
 }

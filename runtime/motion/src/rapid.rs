@@ -2,7 +2,7 @@
 
 use tandem_model::alarm::VALUE_NOT_FINITE;
 use tandem_model::profile::{Law, MotorLimits, MotorMove, Stretch};
-use tandem_model::settings::{CoordinateSystemSettings, MotorSettings};
+use tandem_model::settings::{CoordinateSystemSettings, MotorSettings, RapidPath};
 use tandem_model::{AXES_MAX, Alarm, Axis, AxisVector};
 
 use crate::limit;
@@ -42,8 +42,7 @@ fn moves(
     name: &str,
     velocity: fn(&MotorSettings) -> f64,
 ) -> Result<([MotorMove; AXES_MAX], f64), Alarm> {
-    let mut moves = [MotorMove::default(); AXES_MAX];
-    let mut duration_s = 0.0_f64;
+    let mut moving = [None; AXES_MAX];
     for axis in Axis::ALL {
         let distance = to[axis] - from[axis];
         if !distance.is_finite() {
@@ -63,9 +62,41 @@ fn moves(
                 .map(|jerk| limit::of_axis(axis, "max_jerk", jerk))
                 .transpose()?,
         };
-        let motor_move = MotorMove::shortest(distance, limits);
-        duration_s = duration_s.max(motor_move.duration_s());
-        moves[axis.index()] = motor_move;
+        moving[axis.index()] = Some((distance, limits));
+    }
+    if settings.path.rapid == RapidPath::Straight {
+        keep_together(&mut moving);
+    }
+    let mut moves = [MotorMove::default(); AXES_MAX];
+    let mut duration_s = 0.0_f64;
+    for (of_motor, moving) in moves.iter_mut().zip(moving) {
+        if let Some((distance, limits)) = moving {
+            *of_motor = MotorMove::shortest(distance, limits);
+            duration_s = duration_s.max(of_motor.duration_s());
+        }
     }
     Ok((moves, duration_s))
+}
+
+/// Limits of each motor in proportion to its distance, as high as all motors allow: then all make the same share of their
+/// way at each time, and the path is straight.
+fn keep_together(moving: &mut [Option<(f64, MotorLimits)>; AXES_MAX]) {
+    let of_way = |of: fn(&MotorLimits) -> f64| {
+        let ratios = moving
+            .iter()
+            .flatten()
+            .map(|(distance, limits)| of(limits) / distance.abs());
+        ratios.fold(f64::INFINITY, f64::min)
+    };
+    let velocity = of_way(|limits| limits.velocity);
+    let acceleration = of_way(|limits| limits.acceleration);
+    let jerk = of_way(|limits| limits.jerk.unwrap_or(f64::INFINITY));
+    for (distance, limits) in moving.iter_mut().flatten() {
+        let way = distance.abs();
+        *limits = MotorLimits {
+            velocity: velocity * way,
+            acceleration: acceleration * way,
+            jerk: jerk.is_finite().then_some(jerk * way),
+        };
+    }
 }

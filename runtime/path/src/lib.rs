@@ -28,6 +28,7 @@ mod blend;
 mod compensation;
 mod length;
 mod stage;
+mod surface;
 mod tapping;
 mod target;
 mod transform;

@@ -5,7 +5,7 @@ use tandem_model::flow::{
     Action, AxisWords, Block, Compensation, Feed, MultiBlock, Path, PathControl, Segment, SegmentEnd,
     SegmentMotion, Transform,
 };
-use tandem_model::settings::CoordinateSystemSettings;
+use tandem_model::settings::{CoordinateSystemSettings, RotaryFeed};
 use tandem_model::{Alarm, Axis, AxisSet, AxisVector, MachinePosition, WorkPosition};
 
 use crate::compensation::{Compensator, Leg, Side};
@@ -173,7 +173,18 @@ impl PathStage {
             Action::Dwell { dwell_s } => self.dwell(block, *dwell_s, out)?,
             Action::Rapid(words) => self.rapid(block, words, out)?,
             Action::Linear(words) => self.linear(block, words, out)?,
-            Action::Reference { middle, point } => self.reference(block, middle, *point, out)?,
+            Action::Reference {
+                middle,
+                point,
+                with_tool_length,
+            } => {
+                self.without_compensation(block, "A move to a reference point")?;
+                if !with_tool_length {
+                    self.without_tool_length("A move to a reference point")?;
+                }
+                self.reference(block, middle, *point, out)?;
+            }
+            Action::Corner(words) => self.corner(words),
             Action::Arc(arc) => {
                 let path = self.arc(block, arc)?;
                 self.feed(block, &arc.target, path, out)?;
@@ -261,7 +272,6 @@ impl PathStage {
         point: u8,
         out: &mut Vec<Segment>,
     ) -> Result<(), Alarm> {
-        self.without_offsets(block, "A move to a reference point")?;
         if !(1..=4).contains(&point) {
             let text = format!("The reference point {point} is not 1 to 4");
             return Err(Alarm::new(&VALUE_OUT_OF_RANGE, text));
@@ -295,8 +305,23 @@ impl PathStage {
 
     fn linear(&mut self, block: &Block, words: &AxisWords, out: &mut Vec<Segment>) -> Result<(), Alarm> {
         let to = self.target(block, words)?;
-        let path = line_between(self.at, to)?;
+        let path = self.line(to)?;
         self.feed(block, words, path, out)
+    }
+
+    /// The straight line from here, with what F counts on it.
+    fn line(&self, to: AxisVector) -> Result<Option<Path>, Alarm> {
+        let path = line_between(self.at, to)?;
+        match self.settings.path.rotary_feed {
+            RotaryFeed::Degrees => Ok(path),
+            RotaryFeed::Surface => self.along_surface(path),
+        }
+    }
+
+    /// The direction in which the motion after a corner goes, if the words say one.
+    fn corner(&mut self, words: &AxisWords) {
+        let direction = (!words.named.is_empty()).then(|| self.work_target(words, true).minus(self.at));
+        self.compensator.round_next(direction);
     }
 
     /// Takes a cutting block along this path; `None`: it does not move.
@@ -417,8 +442,9 @@ impl PathStage {
 
     /// The feedrate of a block along its path, at most the maximum.
     fn feed_along(&self, block: &Block, path: &Path) -> Result<Feed, Alarm> {
+        let in_degrees = self.settings.path.rotary_feed == RotaryFeed::Degrees;
         let rotary_only = match path {
-            Path::Line { from, to, .. } => to.minus(*from).orthogonal_length() < LENGTH_MIN,
+            Path::Line { from, to, .. } => in_degrees && to.minus(*from).orthogonal_length() < LENGTH_MIN,
             Path::Arc(_) => false,
         };
         let mut feed = self.feed_in_force(block, rotary_only)?;
@@ -427,6 +453,9 @@ impl PathStage {
                 configured if configured > 0.0 => configured,
                 _ => self.settings.max_feedrate_mm_min,
             };
+        }
+        if self.turns_freely(path.start(), path.end()) {
+            feed.feedrate_mm_min = f64::INFINITY;
         }
         feed.feedrate_mm_min = feed.feedrate_mm_min.min(self.settings.max_feedrate_mm_min);
         Ok(feed)

@@ -17,7 +17,9 @@ impl PathStage {
         let to = match words.frame {
             Frame::Work => self.work_target(words, is_motion(block, words)),
             Frame::Machine => {
-                self.without_offsets(block, "A move to a machine position")?;
+                let what = "A move to a machine position";
+                self.without_compensation(block, what)?;
+                self.without_tool_length(what)?;
                 let mut to = self.at;
                 for axis in words.named.iter() {
                     to[axis] = words.values[axis]
@@ -44,7 +46,7 @@ impl PathStage {
     }
 
     /// The target in the coordinates in force. Axes that no word moves keep their position to the last bit.
-    fn work_target(&self, words: &AxisWords, moves: bool) -> AxisVector {
+    pub(crate) fn work_target(&self, words: &AxisWords, moves: bool) -> AxisVector {
         let transform = &self.transform;
         let mut from = self.at;
         if moves {
@@ -88,15 +90,21 @@ impl PathStage {
     }
 
     /// D23.
-    pub(crate) fn without_offsets(&self, block: &Block, what: &str) -> Result<(), Alarm> {
-        let length = self.transform.tool_length;
-        let text = if block.compensation != Compensation::Off || self.compensator.is_on() {
-            format!("{what}: cutter compensation is on")
-        } else if length != 0.0 {
-            format!("{what}: the tool length offset is {length} mm")
-        } else {
+    pub(crate) fn without_compensation(&self, block: &Block, what: &str) -> Result<(), Alarm> {
+        if block.compensation == Compensation::Off && !self.compensator.is_on() {
             return Ok(());
-        };
+        }
+        let text = format!("{what}: cutter compensation is on");
+        Err(Alarm::new(&OFFSET_IN_FORCE, text))
+    }
+
+    /// D23.
+    pub(crate) fn without_tool_length(&self, what: &str) -> Result<(), Alarm> {
+        let length = self.transform.tool_length;
+        if length == 0.0 {
+            return Ok(());
+        }
+        let text = format!("{what}: the tool length offset is {length} mm");
         Err(Alarm::new(&OFFSET_IN_FORCE, text))
     }
 

@@ -7,8 +7,9 @@ use std::time::Duration;
 use plc_api::types::output::Timing;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use tandem_interp::dialect::OutputDefault;
 use tandem_interp::{Dialect, dialects};
-use tandem_model::settings::{CoordinateSystemSettings, MotorSettings, Tool, WorkOffsets};
+use tandem_model::settings::{CoordinateSystemSettings, MotorSettings, NcOptions, Tool, WorkOffsets};
 
 use crate::program_store::TextRules;
 
@@ -55,11 +56,20 @@ pub struct CoordinateSystem {
 }
 
 impl CoordinateSystem {
+    /// When an output is made whose M code has no setting.
+    pub fn default_timing(&self) -> Timing {
+        match self.dialect.policy.output {
+            OutputDefault::AfterMotion => Timing::AfterMotion,
+            OutputDefault::WithMotion => Timing::WithMotion,
+        }
+    }
+
     /// The rules for checking a text for this coordinate system.
     pub fn text_rules(&self) -> TextRules {
         TextRules {
             dialect: self.dialect,
             arc_radius_tolerance_mm: self.settings.motion.arc_radius_tolerance_mm,
+            options: self.settings.nc,
         }
     }
 }
@@ -76,8 +86,8 @@ pub enum ProgramSource {
 /// Settings of one M code.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct MCodeSettings {
-    /// When it is output.
-    pub timing: Timing,
+    /// When it is output; `None`: as the dialect says.
+    pub timing: Option<Timing>,
     /// What happens when no handler is registered; `None`: as for M codes without settings.
     pub unhandled: Option<Unhandled>,
     /// Time limit of the reset, ms.
@@ -161,6 +171,10 @@ impl Machine {
         TextRules {
             dialect: self.dialect(),
             arc_radius_tolerance_mm: tolerances.fold(0.0, f64::max),
+            options: self
+                .coordinate_systems
+                .first()
+                .map_or_else(NcOptions::default, |system| system.settings.nc),
         }
     }
 

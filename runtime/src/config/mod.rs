@@ -5,6 +5,7 @@
 
 mod broker;
 mod demo;
+mod dgshape;
 mod error;
 mod machine;
 mod reference;
@@ -22,6 +23,7 @@ use tandem_interp::{Dialect, dialects};
 use tandem_model::settings::{CompensationFeed, MotorKind, Overcut, ShortBlock, Unit};
 
 pub use broker::{Broker, ExternalBroker};
+pub use dgshape::DgshapeConfig;
 pub use error::ConfigError;
 pub use machine::{CoordinateSystem, MCodeSettings, Machine, ProgramSource, Stock, Unhandled};
 pub use reference::{ConfigKey, ConfigWord};
@@ -211,7 +213,7 @@ pub struct CoordinateSystemConfig {
     /// Number of the coordinate system.
     #[schemars(range(min = 1))]
     pub number: u8,
-    /// NC dialect.
+    /// NC dialect of its programs.
     #[serde(default = "dialects::nj", deserialize_with = "dialect", skip_serializing)]
     #[schemars(schema_with = "dialect_schema")]
     pub dialect: &'static Dialect,
@@ -289,6 +291,9 @@ pub struct CoordinateSystemConfig {
     /// `G54` to `G59`: axis letter to offset.
     #[serde(default)]
     pub work_offset: BTreeMap<String, BTreeMap<String, f64>>,
+    /// `[coordinate_system.dgshape]`: what dialect dgshape leaves to the machine.
+    #[serde(skip_serializing)]
+    pub dgshape: Option<DgshapeConfig>,
 }
 
 fn dialect<'de, D: Deserializer<'de>>(deserializer: D) -> Result<&'static Dialect, D::Error> {
@@ -322,8 +327,8 @@ pub struct ToolConfig {
 #[derive(Debug, Clone, Default, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MCodeConfig {
-    /// When it is put out.
-    pub timing: plc_api::types::output::Timing,
+    /// When it is put out; default `after_motion`, in dialect dgshape `with_motion`.
+    pub timing: Option<plc_api::types::output::Timing>,
     /// What happens when no handler is registered; default `alarm`.
     pub unhandled: Option<Unhandled>,
     /// Time limit of the reset, from the output on; then an alarm.

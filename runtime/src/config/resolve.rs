@@ -103,7 +103,7 @@ impl Config {
         let tools = self.tools(problems);
         let motors = self.motors(problems);
         let m_codes = self.m_codes(problems);
-        let coordinate_systems = self.coordinate_systems(&motors, problems);
+        let coordinate_systems = self.coordinate_systems(&motors, &m_codes, problems);
         Machine {
             name: self.machine.name.clone(),
             servo_period_us: self.machine.servo_period_us,
@@ -178,6 +178,7 @@ impl Config {
     fn coordinate_systems(
         &self,
         motors: &BTreeMap<u16, MotorSettings>,
+        m_codes: &BTreeMap<u16, MCodeSettings>,
         problems: &mut Problems<'_>,
     ) -> Vec<CoordinateSystem> {
         if self.coordinate_system.is_empty() || self.coordinate_system.len() > COORDINATE_SYSTEMS_MAX {
@@ -206,8 +207,10 @@ impl Config {
                     checked.problem("axes", text);
                 }
             }
+            let declared = m_codes.keys().copied().collect();
+            let period_us = self.machine.servo_period_us;
             let system = CoordinateSystem {
-                settings: config.settings(motors, self.machine.servo_period_us, &skips, &mut checked),
+                settings: config.settings(motors, period_us, &skips, declared, &mut checked),
                 dialect: config.dialect,
                 work_offsets: config.work_offsets(&mut checked),
                 programs: self.programs(config, &mut checked),
@@ -342,8 +345,8 @@ mod tests {
         let machine = of_coordinate_systems(&["dialect = \"nj\""]).unwrap();
         assert_eq!(machine.coordinate_systems[0].dialect.name, "nj");
         for (name, why) in [
-            ("dgshape", "dialect dgshape is not supported yet; write nj"),
-            ("fanuc", "there is no dialect fanuc; write nj"),
+            ("iso", "there is no dialect iso; write nj or dgshape"),
+            ("fanuc", "there is no dialect fanuc; write nj or dgshape"),
         ] {
             let error = of_coordinate_systems(&[&format!("dialect = \"{name}\"")]).unwrap_err();
             let text = error.to_string();

@@ -2,7 +2,9 @@
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use tandem_model::settings::{CompensationFeed, MotorKind, Overcut, ShortBlock, Unit};
+use tandem_model::settings::{
+    Calculator, CompensationFeed, CompensationStart, MotorKind, Overcut, ShortBlock, Unit,
+};
 
 /// What a program that waits for a reset does while the MQTT broker is lost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize, JsonSchema)]
@@ -44,6 +46,32 @@ pub(super) enum ShortBlockWord {
     Shrink,
     /// The feedrate: the ramps are kept.
     Extend,
+}
+
+#[derive(Deserialize, Serialize, JsonSchema)]
+#[serde(remote = "Calculator")]
+pub(super) enum CalculatorWord {
+    /// None: all count increments.
+    #[serde(rename = "none")]
+    None,
+    /// All of them.
+    #[serde(rename = "all")]
+    All,
+    /// F.
+    #[serde(rename = "f")]
+    F,
+    /// I, J, K, R, X, Y, Z and A.
+    #[serde(rename = "ijkrxyza")]
+    Dimensions,
+}
+
+#[derive(Deserialize, Serialize, JsonSchema)]
+#[serde(remote = "CompensationStart", rename_all = "lowercase")]
+pub(super) enum CompensationStartWord {
+    /// Straight to the point beside the corner.
+    A,
+    /// By way of the point where the offset ways meet.
+    B,
 }
 
 #[derive(Deserialize, Serialize, JsonSchema)]

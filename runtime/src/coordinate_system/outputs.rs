@@ -7,6 +7,7 @@ use plc_api::types::output::{OutputNotice, Params, Reset, ResetResult, Timing};
 use plc_api::types::request::{OutputRequest, Refusal, RefusalCode};
 use plc_api::types::state::SpindleDirection;
 use plc_api::types::topic::CsTopic;
+use tandem_interp::dialect::MCodeTime;
 use tandem_model::alarm::{M_CODE_TIMEOUT, M_CODE_UNHANDLED};
 use tandem_model::flow::Output;
 use tandem_servo::Control;
@@ -22,10 +23,29 @@ use crate::sequence::stock::{self, StockAction};
 const STOCK_HANDLER: &str = "stock";
 
 impl CoordinateSystem {
-    /// An output with parameters is always `after_motion` (D30).
-    pub(super) fn is_with_motion(&self, output: &Output) -> bool {
-        let settings = self.context.m_code(output.m);
-        !output.has_params() && settings.is_some_and(|settings| settings.timing == Timing::WithMotion)
+    /// When an output is made: as its setting says, and with parameters `after_motion` (D30), or as the dialect says.
+    fn timing(&self, output: &Output) -> Timing {
+        let default = self.context.configured.default_timing();
+        let setting = self.context.m_code(output.m).and_then(|settings| settings.timing);
+        match default {
+            Timing::AfterMotion if output.has_params() => Timing::AfterMotion,
+            _ => setting.unwrap_or(default),
+        }
+    }
+
+    /// True for an output that is made when its block is interpreted. In a dialect whose M codes act before the motion of
+    /// their block that is when the motion has come to it, except for cutter compensation, which cannot wait.
+    pub(super) fn is_put_out_at_once(&self, output: &Output) -> bool {
+        let waits = self.context.configured.dialect.policy.m_code == MCodeTime::BeforeMotion;
+        self.timing(output) == Timing::WithMotion && (!waits || self.pipeline.is_compensating())
+    }
+
+    /// Puts out at a standstill, and goes on with or without the reset.
+    pub(super) fn put_out_at_standstill(&mut self, output: Output) -> bool {
+        match self.timing(&output) {
+            Timing::AfterMotion => self.put_out_after_motion(output),
+            Timing::WithMotion => self.put_out_with_motion(output),
+        }
     }
 
     /// Puts out at a standstill; false when it has to wait for the reset of the same M number (D32), or for room.
@@ -62,7 +82,7 @@ impl CoordinateSystem {
 
     /// Puts out what had to wait; false when it still has to.
     pub(super) fn put_out_if_room(&mut self, output: Output, held: bool) -> bool {
-        if self.is_with_motion(&output) {
+        if self.timing(&output) == Timing::WithMotion {
             self.drive(RunEvent::Phase(Phase::Interpret));
             return self.put_out_with_motion(output);
         }

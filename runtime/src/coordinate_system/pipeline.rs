@@ -365,6 +365,7 @@ mod tests {
             work_offsets: &system.work_offsets,
             variables: &Variables::default(),
             tool: Some(Tool::default()),
+            tools: &BTreeMap::new(),
             captured: Some([0.0; AXES_MAX]),
             position: Some(AxisVector::ZERO),
         };

@@ -171,6 +171,7 @@ impl CoordinateSystem {
                 Some(id) => tables.tool(id),
                 None => Some(Tool::LOST),
             },
+            tools: tables.tools(),
             captured: (!self.pipeline.is_behind_skip()).then_some(self.published.captured),
             position: self.pipeline.counts_from().map(|position| position.0),
         };
@@ -186,7 +187,7 @@ impl CoordinateSystem {
         match item {
             Ok(Item::Block(_)) => {}
             Ok(Item::Warning(origin, text)) => self.context.warn(PROGRAM_WARNING.number, origin, text),
-            Ok(Item::Output(output)) if self.is_with_motion(&output) => {
+            Ok(Item::Output(output)) if self.is_put_out_at_once(&output) => {
                 self.put_out_with_motion(output);
             }
             Ok(Item::Output(output)) => self.stand_still_then(Then::Output(output)),
@@ -235,7 +236,7 @@ impl CoordinateSystem {
             Then::BlockEnd => self.on_block_ended(),
             Then::Output(output) => {
                 self.pipeline.planner.bar_way_back();
-                return self.put_out_after_motion(output);
+                return self.put_out_at_standstill(output);
             }
             Then::Stop(stop) if stop.optional && !self.inputs.optional_stop => {}
             Then::Stop(stop) => {

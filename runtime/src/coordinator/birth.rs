@@ -1,6 +1,7 @@
 //! What a machine publishes of itself: presence, and its birth message.
 
 use plc_api::types::machine::{Birth, CoordinateSystemInfo, Limits, MCodeInfo, MotorInfo, Presence};
+use plc_api::types::output::Timing;
 use tandem_model::Axis;
 use tandem_model::limits::PROGRAM_BYTES_MAX;
 use tandem_model::settings::{MotorKind, Unit};
@@ -44,9 +45,11 @@ pub(super) fn birth(machine: &Machine) -> Birth {
         soft_limits: motor.soft_limits,
         max_velocity: motor.max_velocity,
     });
+    let first = machine.coordinate_systems.first();
+    let default_timing = first.map_or_else(Timing::default, |system| system.default_timing());
     let m_codes = machine.m_codes.iter().map(|(m, settings)| {
         let info = MCodeInfo {
-            timing: settings.timing,
+            timing: settings.timing.unwrap_or(default_timing),
             timeout_ms: settings.timeout_ms,
             wait_state: settings.wait_state.clone(),
         };

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use parking_lot::Mutex;
 use plc_api::types::program::{DiagnosticSeverity, ProgramCheck, ProgramDiagnostic, ProgramInfo};
 use tandem_interp::{CheckContext, Dialect, check};
-use tandem_model::settings::CoordinateSystemSettings;
+use tandem_model::settings::{CoordinateSystemSettings, NcOptions};
 use tandem_model::{Diagnostic, Severity};
 use tandem_syntax::{Header, LineIndex, NcProgram, parse};
 
@@ -38,6 +38,8 @@ pub struct TextRules {
     pub dialect: &'static Dialect,
     /// How much a radius may fall short of half the chord, mm (D26): the most that a coordinate system allows.
     pub arc_radius_tolerance_mm: f64,
+    /// What the dialect leaves to the machine.
+    pub options: NcOptions,
 }
 
 /// One program of the store.
@@ -100,7 +102,9 @@ impl StoredProgram {
         let (tree, parsed) = parse(text, (dialect.grammar)());
         let context = CheckContext {
             goes_on,
+            manual: number == 0,
             arc_radius_tolerance_mm: Some(rules.arc_radius_tolerance_mm),
+            options: rules.options,
             ..CheckContext::default()
         };
         let checked = check(&tree, dialect, &context);
@@ -140,6 +144,7 @@ impl StoredProgram {
     fn check_with(&self, settings: &CoordinateSystemSettings) -> CheckHere {
         let context = CheckContext {
             goes_on: self.goes_on,
+            manual: self.number == 0,
             ..CheckContext::of(settings)
         };
         let check = check(&self.tree, self.dialect, &context);
@@ -252,6 +257,7 @@ mod tests {
     fn rules() -> TextRules {
         TextRules {
             dialect: nj(),
+            options: NcOptions::default(),
             arc_radius_tolerance_mm: 0.01,
         }
     }

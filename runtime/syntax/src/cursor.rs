@@ -134,7 +134,7 @@ impl<'a> Cursor<'a> {
     }
 
     /// Passes blanks and comments, but no line feed outside comments. Answers the start of a comment that is not
-    /// closed; the text ends with it.
+    /// closed, with which the text or the line ends.
     #[inline]
     pub(crate) fn blanks(&mut self, grammar: &Grammar) -> Result<(), usize> {
         match self.peek() {
@@ -186,8 +186,13 @@ impl<'a> Cursor<'a> {
             self.at += rest.iter().position(|byte| *byte == b'\n').unwrap_or(rest.len());
         } else if let Some((open, close)) = grammar.block_comment {
             let inside = self.source.get(start + open.len()..).unwrap_or_default();
-            let Some(length) = inside.find(close) else {
-                self.finish();
+            let end = match grammar.comment_spans_lines {
+                true => inside.len(),
+                false => inside.find('\n').unwrap_or(inside.len()),
+            };
+            let Some(length) = inside[..end].find(close) else {
+                self.at += open.len() + end;
+                self.line += self.line_feeds(start);
                 return Err(start);
             };
             self.at += open.len() + length + close.len();

@@ -128,6 +128,15 @@ diagnostics! {
     CASE_LABEL = "E0023", "A case label is wrong",
         "case is followed by a whole constant and a colon, default by a colon; each label stands once in its switch (D10).",
         "wrong: case L1:   right: case 1:";
+    MARK_MISSING = "E0024", "The program does not begin with %",
+        "A program of dialect dgshape begins with a line of % alone, and is not executed without it (manual dgshape, 1-1).",
+        "wrong: G90 in the first line   right: % in the first line, G90 in the next";
+    NOT_ALONE = "E0025", "More than % or O on a line",
+        "% stands alone on its line, and so does the program number O (manual dgshape, 2-6).",
+        "wrong: % O0001   right: % and O0001 on lines of their own";
+    PROGRAM_NUMBER = "E0026", "A program number is wrong",
+        "O is followed by one to eight digits, and stands once in a program (manual dgshape, 2-6).",
+        "wrong: O1.5   right: O0015";
     // E0100 to E0199: the meaning
     G_UNKNOWN = "E0101", "There is no such G code",
         "The G codes of the dialect are those of the manual's table.",
@@ -186,6 +195,15 @@ diagnostics! {
     ARC_SHAPE = "E0122", "An arc is not defined",
         "G02 and G03 need the centre by I, J, K of the plane in force, or the radius R, which is half the way to the end or more (D26).",
         "wrong: G02 X10 Y0   right: G02 X10 Y0 R5";
+    M_NOT_ALONE = "E0123", "An M code is not alone in its block",
+        "M00, M01, M02 and M30 of dialect dgshape stand in a block of their own (manual dgshape, 2-3).",
+        "wrong: G00 Z5.0 M30   right: G00 Z5.0 and M30 in blocks of their own";
+    UNIT_CHANGE = "E0124", "The unit of lengths changes",
+        "G20 or G21 stands at the start of a program of dialect dgshape, before coordinates, and the unit then stays (manual dgshape, G20 and G21).",
+        "wrong: G21 and later G20   right: G20 in the first block";
+    MACHINE_POSITION_RULE = "E0125", "Not allowed in incremental programming",
+        "Positions of the machine are absolute: G53 of dialect dgshape stands in G90 only (manual dgshape, G53).",
+        "wrong: G91 and then G53 Z0   right: G90 G53 Z0";
     HANDLER_REFUSES = "E0190", "A handler refuses the parameters of an M code",
         "When a program is loaded, the handlers of its M codes are asked whether they take the parameters; the message is the handler's own.",
         "Correct the parameters as the message says.";
@@ -208,6 +226,9 @@ diagnostics! {
     SKIP_UNUSED = "W0006", "A block skip number is not used",
         "Block skip skips the words of its own line. It has no effect where the line has none, and each number counts once (D13).",
         "wrong: /2 on a line of its own   right: /2 X10";
+    PROGRAM_NUMBER_LATE = "W0007", "The program number follows a block",
+        "O belongs on the line after the first % (manual dgshape, 1-1). Here it counts all the same, as in the manual's own example of a comment (2-6).",
+        "wrong: G90 and then O0001   right: O0001 and then G90";
 }
 
 #[cfg(test)]

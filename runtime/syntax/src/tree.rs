@@ -14,6 +14,7 @@ use crate::variable::{Variable, VariableKind};
 pub struct NcProgram {
     pub(crate) source: Arc<str>,
     pub(crate) number: Option<u32>,
+    pub(crate) marked: bool,
     pub(crate) complete: bool,
     pub(crate) blocks: Vec<Block>,
     pub(crate) words: Vec<Word>,
@@ -28,9 +29,14 @@ impl NcProgram {
         &self.source
     }
 
-    /// The program number at the head of the text, in dialects that have one there.
+    /// The program number in the text, in dialects that have one there.
     pub fn number(&self) -> Option<u32> {
         self.number
+    }
+
+    /// True when the text begins with the mark of its data, in dialects that have one.
+    pub fn is_marked(&self) -> bool {
+        self.marked
     }
 
     /// False when the end of the text has not been read as blocks: it was too large, had too many errors, or an open

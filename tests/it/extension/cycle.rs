@@ -12,15 +12,15 @@ use tandem_interp::codes::g98_g99_return_level::{G98, G99};
 use tandem_interp::codes::m_auxiliary::AUXILIARY;
 use tandem_interp::codes::m02_m30_end::M30;
 use tandem_interp::codes::{AXIS_WORDS, CodeTable};
-use tandem_interp::dialect::ModalWords;
+use tandem_interp::dialect::{ModalWords, Policy};
 use tandem_interp::restrictions::USUAL;
 use tandem_interp::{CheckContext, Dialect, check_source};
 use tandem_model::Axis;
 use tandem_model::profile::Profile;
+use tandem_model::settings::PathRules;
 use tandem_syntax::{Grammar, Header, compile};
 
 use super::costs;
-use super::dialect::AS_NJ;
 use super::g_code::naming;
 use super::g81_drilling::G81;
 use super::runs::{blocks, findings, profiles, shown};
@@ -35,7 +35,8 @@ static DRILLING_SHOP: Dialect = Dialect {
     start_up: &[&G01, &G80, &G90, &G98],
     cycle_cancel: Some(&G80),
     home: "",
-    policy: AS_NJ,
+    policy: Policy::NJ,
+    path: PathRules::NJ,
     restrictions: &USUAL,
 };
 

@@ -18,11 +18,12 @@ use tandem_interp::codes::m_auxiliary::AUXILIARY;
 use tandem_interp::codes::m02_m30_end::M30;
 use tandem_interp::codes::m99_return::M99;
 use tandem_interp::codes::{AXIS_WORDS, Code, CodeTable};
-use tandem_interp::dialect::{MCodeTime, ModalWords, Policy, Rivals, WholeNumbers};
+use tandem_interp::dialect::{ModalWords, Policy};
 use tandem_interp::restrictions::USUAL;
 use tandem_interp::{CheckContext, Dialect, check_source};
 use tandem_model::flow::{Action, Compensation, Item};
 use tandem_model::plane::Plane;
+use tandem_model::settings::PathRules;
 use tandem_syntax::{Grammar, Header, compile};
 
 use super::runs::{blocks, findings, items, texts};
@@ -49,14 +50,7 @@ static G_CODES: [&Code; 18] = [
 static M_CODES: [&Code; 2] = [&M30, &BACK];
 static START_UP: [&Code; 7] = [&G01, &XY, &G21, &OFF, &CANCEL, &G90, &G98];
 
-/// What dialect nj does.
-pub const AS_NJ: Policy = Policy {
-    rivals: Rivals::Refused,
-    m_code: MCodeTime::BehindMotion,
-    whole_numbers: WholeNumbers::AsWritten,
-};
-
-static RENAMED: Dialect = with_policy(AS_NJ, Grammar::nj);
+static RENAMED: Dialect = with_policy(Policy::NJ, Grammar::nj);
 
 /// The dialect of other numbers that reads so.
 pub const fn with_policy(policy: Policy, grammar: fn() -> &'static Grammar) -> Dialect {
@@ -71,6 +65,7 @@ pub const fn with_policy(policy: Policy, grammar: fn() -> &'static Grammar) -> D
         start_up: &START_UP,
         cycle_cancel: Some(&CANCEL),
         home: "G91 G28",
+        path: PathRules::NJ,
         restrictions: &USUAL,
     }
 }

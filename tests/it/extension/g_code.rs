@@ -10,13 +10,13 @@ use tandem_interp::codes::g90_g91_distance::{G90, G91};
 use tandem_interp::codes::m_auxiliary::AUXILIARY;
 use tandem_interp::codes::m02_m30_end::M30;
 use tandem_interp::codes::{AXIS_WORDS, Code, CodeTable, WordSpec};
-use tandem_interp::dialect::ModalWords;
+use tandem_interp::dialect::{ModalWords, Policy};
 use tandem_interp::execution::Execution;
 use tandem_model::axis::{Axis, AxisSet, AxisVector};
 use tandem_model::flow::{Action, AxisWords, Distance, Frame};
+use tandem_model::settings::PathRules;
 use tandem_syntax::{Address, Grammar};
 
-use super::dialect::AS_NJ;
 use super::runs::{blocks, findings};
 use super::{costs, files_where};
 
@@ -52,7 +52,8 @@ static SHOP: Dialect = Dialect {
     start_up: &[&G00, &G90],
     cycle_cancel: None,
     home: "",
-    policy: AS_NJ,
+    policy: Policy::NJ,
+    path: PathRules::NJ,
     restrictions: &[],
 };
 

@@ -2,17 +2,17 @@
 //! stands around a program.
 
 use tandem_interp::Dialect;
-use tandem_interp::dialect::{MCodeTime, Policy, Rivals, WholeNumbers};
+use tandem_interp::dialect::{MCodeTime, Numbers, Policy, Rivals};
 use tandem_model::flow::Item;
 use tandem_syntax::{Grammar, ProgramForm, parse};
 
-use super::dialect::{AS_NJ, with_policy};
+use super::dialect::with_policy;
 use super::runs::{blocks, findings, items, shown};
 
 static LAST_HOLDS: Dialect = with_policy(
     Policy {
         rivals: Rivals::LastHolds,
-        ..AS_NJ
+        ..Policy::NJ
     },
     Grammar::nj,
 );
@@ -20,25 +20,22 @@ static LAST_HOLDS: Dialect = with_policy(
 static M_FIRST: Dialect = with_policy(
     Policy {
         m_code: MCodeTime::BeforeMotion,
-        ..AS_NJ
+        ..Policy::NJ
     },
     Grammar::nj,
 );
 
 static MICROMETRES: Dialect = with_policy(
     Policy {
-        whole_numbers: WholeNumbers::Increments {
-            mm: 0.001,
-            inch: 0.0001,
-        },
-        ..AS_NJ
+        numbers: Numbers::Counted,
+        ..Policy::NJ
     },
     Grammar::nj,
 );
 
-static AS_WRITTEN: Dialect = with_policy(AS_NJ, Grammar::nj);
+static AS_WRITTEN: Dialect = with_policy(Policy::NJ, Grammar::nj);
 
-static ISO: Dialect = with_policy(AS_NJ, iso);
+static ISO: Dialect = with_policy(Policy::NJ, iso);
 
 fn iso() -> &'static Grammar {
     static GRAMMAR: std::sync::LazyLock<Grammar> = std::sync::LazyLock::new(|| Grammar {
@@ -46,11 +43,13 @@ fn iso() -> &'static Grammar {
         addresses: Grammar::nj().addresses,
         line_comment: Some(";"),
         block_comment: Some(("(", ")")),
-        block_skip: true,
+        comment_spans_lines: true,
+        block_skip_max: 31,
         program_codes: false,
         program_form: ProgramForm {
             mark: Some(b'%'),
             number_letter: Some(b'O'),
+            number_digits_max: 8,
         },
     });
     &GRAMMAR

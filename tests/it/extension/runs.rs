@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
-use tandem_interp::{CheckContext, Dialect, Inputs, Interpreter, check_source};
+use tandem_interp::{CheckContext, Dialect, Inputs, Interpreter, NO_TOOLS, check_source};
 use tandem_model::axis::{AXES_MAX, Axis, AxisVector};
 use tandem_model::flow::{Action, AxisWords, Block, Distance, Item};
 use tandem_model::profile::Profile;
@@ -44,6 +44,7 @@ pub fn items(text: &str, dialect: &'static Dialect) -> Result<Vec<Item>, Alarm> 
     loop {
         let item = interpreter.next(&Inputs {
             programs: &programs,
+            tools: &NO_TOOLS,
             optional_skip: 0,
             work_offsets: &work_offsets,
             variables: &Variables::default(),

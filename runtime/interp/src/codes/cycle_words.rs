@@ -50,28 +50,32 @@ pub fn run(execution: &mut Execution<'_>, words: AxisWords) {
         dwell_s: kept.dwell_s.unwrap_or_default(),
         spindle_speed_r_min: execution.limits.has_spindle.then_some(speed),
         repetitions: kept.repetitions.unwrap_or(1),
+        peck: None,
     };
     execution.draft.cycle = Some(Box::new(Expansion::new(cycle, hole)));
 }
 
+/// Takes over the words of a block that stay.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
     reason = "the range has been checked, and a cast saturates"
 )]
-fn take_over(execution: &mut Execution<'_>) {
+pub(super) fn take_over(execution: &mut Execution<'_>) {
     let (z, r) = (execution.length(Address::Z), execution.length(Address::R));
     let dwell_s = execution.words.get(Address::P).map(|time| time / 1000.0);
     let repetitions = execution.words.get(Address::K).map(|count| count as u16);
+    let peck = execution.length(Address::Q);
     let kept = &mut execution.modal.cycle;
     kept.z = z.or(kept.z);
     kept.r = r.or(kept.r);
     kept.dwell_s = dwell_s.or(kept.dwell_s);
     kept.repetitions = repetitions.or(kept.repetitions);
+    kept.peck = peck.or(kept.peck);
 }
 
 /// Z where the tool is, as a programmed position.
-fn initial_level(execution: &mut Execution<'_>) -> f64 {
+pub(super) fn initial_level(execution: &mut Execution<'_>) -> f64 {
     let position = execution.position();
     execution.modal.transform.inverse(position)[Axis::Z]
 }

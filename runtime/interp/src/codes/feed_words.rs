@@ -4,7 +4,8 @@ use tandem_model::Alarm;
 use tandem_model::alarm::VALUE_OUT_OF_RANGE;
 use tandem_syntax::Address;
 
-use super::WordSpec;
+use super::{WordSpec, speed_codes};
+use crate::dialect::SpindleWord;
 use crate::execution::Execution;
 
 /// Smallest feedrate (manual, table of instruction parameters).
@@ -19,6 +20,12 @@ pub static FEED_WORDS: [WordSpec; 5] = [
     WordSpec::new(Address::Ts, "jerk time", "ms", 0.0, 125_000.0),
 ];
 
+/// F and S of dialect dgshape.
+pub static FEED_AND_SPEED: [WordSpec; 2] = [
+    WordSpec::new(Address::F, "feedrate", "mm/min", FEEDRATE_MIN, f64::INFINITY),
+    WordSpec::new(Address::S, "spindle speed", "r/min", 0.0, f64::INFINITY).whole(),
+];
+
 /// Takes over the words of a block that no code has as its own. F above the maximum gives a warning, S above the
 /// spindle's maximum is an alarm (D11). F stays as it is written, since it makes the pitch of a thread
 /// (M1h); no motion is faster than the maximum.
@@ -31,10 +38,14 @@ pub(crate) fn take_over(execution: &mut Execution<'_>) {
                 "F{programmed} is above the maximum feedrate: {max} mm/min is used"
             ));
         }
-        execution.modal.feedrate_mm_min = feedrate;
+        execution.modal.feedrate_mm_min = feedrate.max(execution.limits.options.min_feedrate_mm_min);
         execution.modal.feedrate_deg_min = programmed;
     }
-    if let Some(speed) = execution.free_word(Address::S) {
+    if let Some(programmed) = execution.free_word(Address::S) {
+        let speed = match execution.dialect.policy.spindle_word {
+            SpindleWord::Speed => programmed,
+            SpindleWord::SpeedOrCode => speed_codes::speed(programmed, execution.limits),
+        };
         if let Some(max) = execution.limits.max_spindle_speed_r_min
             && speed > max
         {

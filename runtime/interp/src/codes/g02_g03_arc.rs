@@ -31,6 +31,29 @@ static WORDS: [WordSpec; 10] = [
     WordSpec::new(Address::R, "radius", "mm", -POSITION_MAX, POSITION_MAX),
 ];
 
+/// The words of dialect dgshape, whose arcs move no rotary axis.
+static WORDS_OF_ORTHOGONAL: [WordSpec; 7] = [
+    axis_word(Address::X),
+    axis_word(Address::Y),
+    axis_word(Address::Z),
+    centre(Address::I),
+    centre(Address::J),
+    centre(Address::K),
+    WordSpec::new(Address::R, "radius", "mm", -POSITION_MAX, POSITION_MAX),
+];
+
+/// G02 of X, Y and Z.
+pub static G02_ORTHOGONAL: Code = Code {
+    words: &WORDS_OF_ORTHOGONAL,
+    ..G02
+};
+
+/// G03 of X, Y and Z.
+pub static G03_ORTHOGONAL: Code = Code {
+    words: &WORDS_OF_ORTHOGONAL,
+    ..G03
+};
+
 /// G02: clockwise.
 pub static G02: Code = Code {
     code: "G02",

@@ -10,6 +10,8 @@ use crate::execution::Execution;
 use crate::meaning::Role;
 
 const SECONDS_MAX: f64 = 100_000.0;
+/// Longest dwell of dialect dgshape.
+const DWELL_MAX_S: f64 = 3600.0;
 const MILLISECONDS_MAX: f64 = 100_000_000.0;
 
 /// G04: rest for a time.
@@ -29,6 +31,18 @@ pub static G04: Code = Code {
     ..Code::BASE
 };
 
+/// G04 of dialect dgshape.
+pub static G04_X_P: Code = Code {
+    words: &[
+        WordSpec::new(Address::X, "dwell time", "s", 0.0, DWELL_MAX_S),
+        WordSpec::new(Address::P, "dwell time", "ms", 0.0, DWELL_MAX_S * 1000.0).whole(),
+    ],
+    docs: "Rests for the time of X, in seconds with a decimal point and in milliseconds without one, or of P in \
+           milliseconds, at most for an hour; without a word for no time at all.",
+    check: Some(one_time),
+    ..G04
+};
+
 fn dwell(execution: &mut Execution<'_>) {
     let words = execution.words;
     let milliseconds = words.get(Address::P).map(|time| time / 1000.0);
@@ -39,12 +53,13 @@ fn dwell(execution: &mut Execution<'_>) {
 }
 
 fn one_time(words: &BlockWords) -> Option<Refusal> {
-    let mut times = words.present.intersection(G04.addresses()).iter();
+    let code = words.codes().find(|code| code.role == Role::Dwell)?;
+    let mut times = words.present.intersection(code.addresses()).iter();
     let (first, second) = (times.next()?, times.next()?);
     Some(Refusal {
         entry: &DWELL_TWICE,
         address: second,
         message: format!("the dwell has both {} and {}", first.text(), second.text()),
-        help: "Write one of F (s), X (s) and P (ms).".to_owned(),
+        help: "Keep one of them.".to_owned(),
     })
 }

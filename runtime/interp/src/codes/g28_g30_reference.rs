@@ -1,6 +1,7 @@
 //! G28 and G30: to a reference point by way of a middle point (D23, D24).
 
-use tandem_model::flow::Action;
+use tandem_model::flow::{Action, Distance};
+use tandem_model::{Axis, AxisVector};
 use tandem_syntax::Address;
 
 use super::{AXIS_WORDS, Code, WordSpec, axis_word};
@@ -19,6 +20,49 @@ pub static G28: Code = Code {
     select: |execution| reference(execution, 1),
     ..Code::BASE
 };
+
+/// G28 of dialect dgshape, whose middle point is remembered axis by axis.
+pub static G28_REMEMBERED: Code = Code {
+    role: Role::ToReference,
+    words: &[
+        axis_word(Address::X),
+        axis_word(Address::Y),
+        axis_word(Address::Z),
+    ],
+    docs: "Moves straight to the middle point and on to the reference point, as fast as G00. An axis without a word has \
+           the middle point of an earlier G28 of the program, in the coordinates then in force; one that no G28 has named \
+           does not move. It does not move A. Tool-diameter offset must be off.",
+    select: remembered,
+    ..G28
+};
+
+fn remembered(execution: &mut Execution<'_>) {
+    let mut words = execution.own_axis_words();
+    let from = match words.distance {
+        Distance::Absolute => AxisVector::ZERO,
+        Distance::Incremental => {
+            let position = execution.position();
+            execution.modal.transform.inverse(position)
+        }
+    };
+    words.distance = Distance::Absolute;
+    for (axis, kept) in Axis::ORTHOGONAL.into_iter().zip(&mut execution.modal.kept.middle) {
+        if words.named.contains(axis) {
+            *kept = Some(from[axis] + words.values[axis]);
+        }
+        if let Some(middle) = *kept {
+            words.values[axis] = middle;
+            words.named.insert(axis);
+        }
+    }
+    if !words.named.is_empty() {
+        execution.act(Action::Reference {
+            middle: words,
+            point: 1,
+            with_tool_length: true,
+        });
+    }
+}
 
 /// G30: to the second, third or fourth one.
 pub static G30: Code = Code {
@@ -48,7 +92,11 @@ pub static G30: Code = Code {
 
 fn reference(execution: &mut Execution<'_>, point: u8) {
     let middle = execution.own_axis_words();
-    execution.act(Action::Reference { middle, point });
+    execution.act(Action::Reference {
+        middle,
+        point,
+        with_tool_length: false,
+    });
     if execution.release_shape() {
         execution.draft.transform_after = true;
     }

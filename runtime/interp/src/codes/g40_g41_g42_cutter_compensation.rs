@@ -1,8 +1,9 @@
 //! G40, G41 and G42 Cutter Compensation, with the tool that is selected when they are interpreted (D17).
 
 use tandem_model::flow::Compensation;
+use tandem_syntax::Address;
 
-use super::{Code, ModalGroup};
+use super::{Code, ModalGroup, WordSpec};
 use crate::execution::Execution;
 use crate::meaning::{ModalValue, Side};
 
@@ -44,11 +45,65 @@ pub static G42: Code = Code {
     )
 };
 
+/// The words of G41 and G42 of dialect dgshape.
+static OFFSET_NUMBER: [WordSpec; 1] = [WordSpec::new(Address::D, "offset number", "", 0.0, 65_535.0)
+    .whole()
+    .needed()];
+
+/// G41 with the offset of D.
+pub static G41_D: Code = Code {
+    words: &OFFSET_NUMBER,
+    select: compensate_by_number,
+    docs: "Shifts the tool to the left of the path by the offset of number D: of G10, or the radius in the tool table. The \
+           next motion in the XY plane, by G00 or G01, leads in. Until G40 the plane, the side and D stay, and no code \
+           stands that sets coordinates, scales, drills or goes to the reference point.",
+    ..G41
+};
+
+/// G42 with the offset of D.
+pub static G42_D: Code = Code {
+    words: &OFFSET_NUMBER,
+    select: compensate_by_number,
+    docs: "As G41, to the right of the path.",
+    ..G42
+};
+
 /// Puts the compensation of the side in force into effect, with the radius of the selected tool in the plane in force.
 pub fn compensate(execution: &mut Execution<'_>) {
+    compensate_with(execution, |execution| {
+        execution.selected_tool(ModalGroup::ToolRadius, "radius").radius
+    });
+}
+
+/// The same with the offset of D.
+fn compensate_by_number(execution: &mut Execution<'_>) {
+    compensate_with(execution, |execution| {
+        let (number, tool) = execution.offset_entry(Address::D);
+        match execution.modal.kept.radii.get(&number) {
+            _ if number == 0 => 0.0,
+            Some(radius) => *radius,
+            None => tool.radius,
+        }
+    });
+    // a negative offset is one to the other side
+    let compensation = &mut execution.modal.compensation;
+    *compensation = match *compensation {
+        Compensation::Left { radius, plane } if radius < 0.0 => Compensation::Right {
+            radius: -radius,
+            plane,
+        },
+        Compensation::Right { radius, plane } if radius < 0.0 => Compensation::Left {
+            radius: -radius,
+            plane,
+        },
+        same => same,
+    };
+}
+
+fn compensate_with(execution: &mut Execution<'_>, radius: fn(&mut Execution<'_>) -> f64) {
     let side = execution.modal.in_force.side.unwrap_or_default();
     let plane = execution.modal.plane();
-    let mut radius = || execution.selected_tool(ModalGroup::ToolRadius, "radius").radius;
+    let mut radius = || radius(execution);
     let compensation = match side {
         Side::Off => Compensation::Off,
         Side::Left => Compensation::Left {

@@ -1,8 +1,12 @@
 //! G43, G44 and G49 Tool Offset along Z, with the tool that is selected when they are interpreted (D17, D22).
 
-use super::{Code, ModalGroup};
+use tandem_model::flow::{Action, AxisWords, Distance, Frame};
+use tandem_model::{Axis, AxisVector};
+use tandem_syntax::Address;
+
+use super::{Code, ModalGroup, WordSpec};
 use crate::execution::Execution;
-use crate::meaning::{LengthOffset, ModalValue};
+use crate::meaning::{LengthOffset, ModalValue, MotionKind, Role};
 
 /// G43.
 pub static G43: Code = Code {
@@ -35,6 +39,49 @@ pub static G49: Code = Code {
         "Switches the tool offset off. In force at start-up.",
     )
 };
+
+/// G43 with the offset of H.
+pub static G43_H: Code = Code {
+    words: &[WordSpec::new(Address::H, "offset number", "", 0.0, 65_535.0)
+        .whole()
+        .needed()],
+    select: |execution| {
+        let (number, tool) = execution.offset_entry(Address::H);
+        move_by(execution, if number == 0 { 0.0 } else { tool.length });
+    },
+    docs: "Adds the offset of number H, the length in the tool table, to Z. With axis words their motion ends at the \
+           corrected Z; without them Z moves by the change of the offset. H0 is no offset.",
+    ..G43
+};
+
+/// G49 that moves.
+pub static G49_H: Code = Code {
+    select: |execution| move_by(execution, 0.0),
+    docs: "As G43 with H0: the offset ends, and without axis words Z moves by the change. In force at start-up.",
+    ..G49
+};
+
+/// Takes an offset, and moves Z by its change where no axis word of the block moves.
+fn move_by(execution: &mut Execution<'_>, length: f64) {
+    if (length - execution.modal.transform.tool_length).abs() == 0.0 {
+        return;
+    }
+    execution.transform(|transform| transform.tool_length = length);
+    if !execution.words.axis_words.is_empty() {
+        return;
+    }
+    let none = AxisWords {
+        values: AxisVector::ZERO,
+        named: [Axis::Z].into_iter().collect(),
+        distance: Distance::Incremental,
+        frame: Frame::Work,
+    };
+    let motion = execution.modal.code(ModalGroup::Motion).map(|code| code.role);
+    execution.act(match motion {
+        Some(Role::Motion(MotionKind::Rapid)) => Action::Rapid(none),
+        _ => Action::Linear(none),
+    });
+}
 
 /// Puts the tool offset in force into effect, with the length of the selected tool.
 pub fn offset(execution: &mut Execution<'_>) {

@@ -7,10 +7,20 @@ use tandem_syntax::diagnostics::OUT_OF_RANGE;
 
 use super::{Code, ModalGroup, Refusal, WordSpec, axis_word};
 use crate::block_words::BlockWords;
+use crate::execution::Execution;
 use crate::meaning::{ModalValue, Role, Shape};
 
 const FACTOR_MIN: f64 = 0.000_01;
 const FACTOR_MAX: f64 = 10_000.0;
+
+/// Least factor of dialect dgshape.
+const SAME_FACTOR_MIN: f64 = 0.001;
+
+/// Largest factor of dialect dgshape.
+const SAME_FACTOR_MAX: f64 = 999.999;
+
+/// What P may be written as there (range 1).
+const POINT_MAX: f64 = 99_999_999.0;
 
 const fn factor(address: Address, meaning: &'static str) -> WordSpec {
     WordSpec::new(address, meaning, "", -FACTOR_MAX, FACTOR_MAX)
@@ -56,13 +66,36 @@ pub static G51: Code = Code {
         let all = execution.words.get(Address::P);
         let factors = [Address::I, Address::J, Address::K]
             .map(|address| all.or(execution.words.get(address)).unwrap_or(1.0));
-        let centre = execution.centre(&[Axis::X, Axis::Y, Axis::Z], Transform::before_scaling);
-        execution.transform(|transform| {
-            transform.scaling = Some(Scaling { centre, factors });
-        });
+        scale(execution, factors);
     },
     ..Code::BASE
 };
+
+/// G51 of dialect dgshape: one factor for all.
+pub static G51_P: Code = Code {
+    words: &[
+        axis_word(Address::X),
+        axis_word(Address::Y),
+        axis_word(Address::Z),
+        WordSpec::new(Address::P, "factor", "", -POINT_MAX, POINT_MAX).needed(),
+    ],
+    docs: "Multiplies distances in X, Y and Z from the point of these words, or from where the tool is, by P. A factor \
+           below 0.001 counts as 0.001, one above 999.999 as 999.999. The point is absolute.",
+    check: None,
+    select: |execution| {
+        let written = execution.words.get(Address::P).unwrap_or(1.0);
+        let factor = written.clamp(SAME_FACTOR_MIN, SAME_FACTOR_MAX);
+        scale(execution, [factor; 3]);
+    },
+    ..G51
+};
+
+fn scale(execution: &mut Execution<'_>, factors: [f64; 3]) {
+    let centre = execution.centre(&[Axis::X, Axis::Y, Axis::Z], Transform::before_scaling);
+    execution.transform(|transform| {
+        transform.scaling = Some(Scaling { centre, factors });
+    });
+}
 
 fn factors(words: &BlockWords) -> Option<Refusal> {
     let address = [Address::I, Address::J, Address::K].into_iter().find(|address| {

@@ -4,7 +4,24 @@ use tandem_model::AxisVector;
 use tandem_model::flow::{Action, Distance, Frame};
 
 use super::{AXIS_WORDS, Code};
+use crate::execution::Execution;
 use crate::meaning::Role;
+
+/// G53 of dialect dgshape, which ends no other code.
+pub static G53_ALONE: Code = Code {
+    select: to_machine,
+    docs: "Moves as G00 to machine positions, of named axes only, for this block alone; in G90 only. Tool-diameter offset and \
+           tool-length offset must be off.",
+    ..G53
+};
+
+fn to_machine(execution: &mut Execution<'_>) {
+    let mut words = execution.own_axis_words();
+    (words.distance, words.frame) = (Distance::Absolute, Frame::Machine);
+    if !words.named.is_empty() {
+        execution.act(Action::Rapid(words));
+    }
+}
 
 /// G53: to a machine position.
 pub static G53: Code = Code {
@@ -16,11 +33,7 @@ pub static G53: Code = Code {
            coordinate system; work offsets do not count for this block. Cutter compensation and tool offset must be \
            off (D23).",
     select: |execution| {
-        let mut words = execution.own_axis_words();
-        (words.distance, words.frame) = (Distance::Absolute, Frame::Machine);
-        if !words.named.is_empty() {
-            execution.act(Action::Rapid(words));
-        }
+        to_machine(execution);
         execution.release_shape();
         if execution.modal.transform.local != AxisVector::ZERO {
             execution.transform(|transform| transform.local = AxisVector::ZERO);

@@ -38,11 +38,20 @@ pub static AUXILIARY: Code = Code {
     ..Code::BASE
 };
 
-fn output(execution: &mut Execution<'_>) {
+/// Place among the parameters: that of VA to VH, and the first for the tool of a tool change.
+pub(crate) fn parameter_place(address: Address) -> Option<usize> {
+    match address {
+        Address::T => Some(0),
+        _ => address.parameter_index(),
+    }
+}
+
+/// Gives the output of the block's M code, with its parameters.
+pub(super) fn output(execution: &mut Execution<'_>) {
     let words = execution.words;
     let mut params = [None; 8];
     for address in words.present.iter() {
-        if let Some(index) = address.parameter_index() {
+        if let Some(index) = parameter_place(address) {
             params[index] = words.get(address);
         }
     }

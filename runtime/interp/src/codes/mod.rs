@@ -11,10 +11,12 @@ pub mod g01_linear;
 pub mod g02_g03_arc;
 pub mod g04_dwell;
 pub mod g09_exact_stop;
+pub mod g10_data;
 pub mod g17_g18_g19_plane;
 pub mod g20_g21_unit;
 pub mod g28_g30_reference;
 pub mod g31_skip;
+pub mod g39_corner;
 pub mod g40_g41_g42_cutter_compensation;
 pub mod g43_g44_g49_tool_offset;
 pub mod g500_g501_multi_block;
@@ -25,13 +27,17 @@ pub mod g53_machine;
 pub mod g61_g64_path_control;
 pub mod g68_g69_rotation;
 pub mod g74_g84_tapping;
+pub mod g81_g89_drilling;
 pub mod g90_g91_distance;
+pub mod g92_coordinates;
 pub mod g98_g99_return_level;
 pub mod m00_m01_stop;
 pub mod m02_m30_end;
+pub mod m03_m17_machine;
 pub mod m98_call;
 pub mod m99_return;
 pub mod m_auxiliary;
+mod speed_codes;
 mod table;
 pub(crate) mod value;
 pub mod work_offset;
@@ -310,6 +316,7 @@ impl ModalGroup {
             ModalValue::ReturnLevel(_) => Self::ReturnLevel,
             ModalValue::PathControl(_) => Self::PathControl,
             ModalValue::MultiBlock(_) => Self::MultiBlock,
+            ModalValue::Spindle(_) => Self::NonModal,
             ModalValue::Shape(Shape::Scaling, _) => Self::Scaling,
             ModalValue::Shape(Shape::Mirroring, _) => Self::Mirroring,
             ModalValue::Shape(Shape::Rotation, _) => Self::Rotation,

@@ -2,8 +2,9 @@
 //! moves nothing (D20).
 
 use tandem_model::alarm::VALUE_LOST;
+use tandem_model::flow::AxisWords;
 use tandem_model::lost::is_lost;
-use tandem_model::{Alarm, Axis};
+use tandem_model::{Alarm, Axis, AxisVector};
 
 use super::{Code, ModalGroup};
 use crate::execution::Execution;
@@ -39,12 +40,83 @@ pub static G58: Code = work_offset("G58", "5th Work Coordinate System selection"
 pub static G59: Code = work_offset("G59", "6th Work Coordinate System selection", select::<5>);
 
 fn select<const INDEX: usize>(execution: &mut Execution<'_>) {
-    let offset = execution.inputs.work_offsets.0[INDEX];
+    if let Some(offset) = of_table(execution, INDEX) {
+        execution.release_shape();
+        execution.transform(|transform| transform.work_offset = offset);
+    }
+}
+
+/// The offset of the table; `None` and an alarm where it is lost.
+fn of_table(execution: &mut Execution<'_>, index: usize) -> Option<AxisVector> {
+    let offset = execution.inputs.work_offsets.0[index];
     let lost = Axis::ALL.into_iter().find(|axis| is_lost(offset[*axis]));
     if let Some(axis) = lost {
-        let text = format!("{} of the work offset {} is damaged", axis.letter(), NAMES[INDEX]);
-        return execution.refuse(Alarm::new(&VALUE_LOST, text));
+        let text = format!("{} of the work offset {} is damaged", axis.letter(), NAMES[index]);
+        execution.refuse(Alarm::new(&VALUE_LOST, text));
     }
-    execution.release_shape();
+    lost.is_none().then_some(offset)
+}
+
+const fn selection(code: &'static str, name: &'static str, select: super::Effect) -> Code {
+    Code {
+        docs: "Adds the offsets of this work coordinate system, EXOFS and the shift of G92 to all positions from here on. The \
+               code itself moves nothing. At start-up G54 is selected.",
+        select,
+        ..work_offset(code, name, select)
+    }
+}
+
+/// G54 of dialect dgshape.
+pub static G54_SHIFTED: Code = selection("G54", "Select workpiece coordinate system 1", select_shifted::<0>);
+/// G55.
+pub static G55_SHIFTED: Code = selection("G55", "Select workpiece coordinate system 2", select_shifted::<1>);
+/// G56.
+pub static G56_SHIFTED: Code = selection("G56", "Select workpiece coordinate system 3", select_shifted::<2>);
+/// G57.
+pub static G57_SHIFTED: Code = selection("G57", "Select workpiece coordinate system 4", select_shifted::<3>);
+/// G58.
+pub static G58_SHIFTED: Code = selection("G58", "Select workpiece coordinate system 5", select_shifted::<4>);
+/// G59.
+pub static G59_SHIFTED: Code = selection("G59", "Select workpiece coordinate system 6", select_shifted::<5>);
+
+fn select_shifted<const INDEX: usize>(execution: &mut Execution<'_>) {
+    execution.modal.kept.selected = INDEX;
+    put_into_force(execution);
+}
+
+/// Puts the origin of the selected work coordinate system into force: its offset, EXOFS and the shift of G92.
+pub(super) fn put_into_force(execution: &mut Execution<'_>) {
+    let index = execution.modal.kept.selected;
+    let Some(own) = execution.modal.kept.work_offsets[index].or_else(|| of_table(execution, index)) else {
+        return;
+    };
+    let offset = own.plus(external(execution)).plus(execution.modal.kept.shift);
     execution.transform(|transform| transform.work_offset = offset);
+}
+
+/// EXOFS in force.
+fn external(execution: &Execution<'_>) -> AxisVector {
+    let kept = execution.modal.kept.external_offset;
+    kept.unwrap_or(execution.limits.options.external_offset)
+}
+
+/// Changes axes of the offset of a work coordinate system, from 1 on, or of EXOFS, 0, for this program.
+pub(super) fn set(execution: &mut Execution<'_>, number: usize, words: &AxisWords) {
+    let change = |mut offset: AxisVector| {
+        for axis in words.named.iter() {
+            offset[axis] = words.values[axis];
+        }
+        offset
+    };
+    match number.checked_sub(1) {
+        None => execution.modal.kept.external_offset = Some(change(external(execution))),
+        Some(index) => {
+            let before = execution.modal.kept.work_offsets[index];
+            let Some(before) = before.or_else(|| of_table(execution, index)) else {
+                return;
+            };
+            execution.modal.kept.work_offsets[index] = Some(change(before));
+        }
+    }
+    put_into_force(execution);
 }

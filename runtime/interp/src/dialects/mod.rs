@@ -1,16 +1,15 @@
 //! The dialects that are part of Tandem. Each is one file, named here in two lines.
 
+mod dgshape;
 mod nj;
 
 use crate::dialect::Dialect;
 
+pub use dgshape::dgshape;
 pub use nj::nj;
 
 /// All dialects. Configuration and command line find them by name.
-static DIALECTS: &[&Dialect] = &[&nj::NJ];
-
-/// Dialects that are part of the design and not built yet.
-const NOT_BUILT: &[&str] = &["dgshape"];
+static DIALECTS: &[&Dialect] = &[&nj::NJ, &dgshape::DGSHAPE];
 
 /// The names of all dialects.
 pub fn names() -> impl Iterator<Item = &'static str> {
@@ -25,11 +24,6 @@ pub fn find(name: &str) -> Result<&'static Dialect, String> {
     let found = DIALECTS.iter().copied().find(|dialect| dialect.name == name);
     found.ok_or_else(|| {
         let names: Vec<&str> = names().collect();
-        let what = if NOT_BUILT.contains(&name) {
-            format!("dialect {name} is not supported yet")
-        } else {
-            format!("there is no dialect {name}")
-        };
-        format!("{what}; write {}", names.join(" or "))
+        format!("there is no dialect {name}; write {}", names.join(" or "))
     })
 }

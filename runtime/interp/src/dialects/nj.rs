@@ -1,5 +1,6 @@
 //! Dialect nj: the NJ/NY-series manual O031.
 
+use tandem_model::settings::PathRules;
 use tandem_syntax::Grammar;
 
 use crate::codes::feed_words::FEED_WORDS;
@@ -31,7 +32,7 @@ use crate::codes::m98_call::M98;
 use crate::codes::m99_return::M99;
 use crate::codes::work_offset::{G54, G55, G56, G57, G58, G59};
 use crate::codes::{AXIS_WORDS, CodeTable};
-use crate::dialect::{Dialect, MCodeTime, ModalWords, Policy, Rivals, WholeNumbers};
+use crate::dialect::{Dialect, ModalWords, Policy};
 use crate::restrictions;
 
 /// The dialect of the NJ/NY-series controllers.
@@ -55,11 +56,8 @@ pub(super) static NJ: Dialect = Dialect {
     ],
     cycle_cancel: Some(&G80),
     home: "G91 G28",
-    policy: Policy {
-        rivals: Rivals::Refused,
-        m_code: MCodeTime::BehindMotion,
-        whole_numbers: WholeNumbers::AsWritten,
-    },
+    policy: Policy::NJ,
+    path: PathRules::NJ,
     restrictions: &restrictions::USUAL,
 };
 

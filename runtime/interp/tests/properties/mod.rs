@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use tandem_interp::dialects::nj;
-use tandem_interp::{Check, CheckContext, Inputs, Interpreter, check_source};
+use tandem_interp::{Check, CheckContext, Inputs, Interpreter, NO_TOOLS, check_source};
 use tandem_model::flow::Item;
 use tandem_model::settings::{CoordinateSystemSettings, Tool, WorkOffsets};
 use tandem_model::variables::{VariableArray, Variables};
@@ -137,6 +137,7 @@ fn run(program: &Arc<NcProgram>, optional_skip: u32) -> Option<u16> {
     interpreter.start(Arc::clone(program), 1);
     for _ in 0..ITEMS {
         match interpreter.next(&Inputs {
+            tools: &NO_TOOLS,
             programs: &programs,
             optional_skip,
             work_offsets: &WorkOffsets::default(),

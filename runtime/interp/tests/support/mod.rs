@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use tandem_interp::dialects::nj;
-use tandem_interp::{Inputs, Interpreter};
+use tandem_interp::{Inputs, Interpreter, NO_TOOLS};
 use tandem_model::axis::{Axis, AxisSet, AxisVector};
 use tandem_model::flow::{Action, Item};
 use tandem_model::settings::{CoordinateSystemSettings, MotorKind, MotorSettings, Tool, WorkOffsets};
@@ -97,6 +97,7 @@ impl Run {
 
     pub fn next(&mut self) -> Result<Item, Alarm> {
         self.interpreter.next(&Inputs {
+            tools: &NO_TOOLS,
             programs: &self.programs,
             optional_skip: self.optional_skip,
             work_offsets: &self.work_offsets,

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use tandem_interp::dialects::nj;
-use tandem_interp::{Inputs, Interpreter};
+use tandem_interp::{Inputs, Interpreter, NO_TOOLS};
 use tandem_model::flow::{Item, Path, Segment, SegmentMotion};
 use tandem_model::settings::{Tool, WorkOffsets};
 use tandem_model::{AXES_MAX, AxisVector, MachinePosition, Variables};
@@ -67,6 +67,7 @@ fn segments(text: &str) -> Option<Vec<Segment>> {
     assert_eq!(findings, [], "{text}");
     let (programs, work_offsets, variables) = (BTreeMap::new(), WorkOffsets::default(), Variables::default());
     let inputs = Inputs {
+        tools: &NO_TOOLS,
         programs: &programs,
         optional_skip: 0,
         work_offsets: &work_offsets,

@@ -73,8 +73,8 @@ impl Builder {
     fn along(&mut self, piece: &Piece, way: &Way, path: &Path, out: &mut Vec<Leg>) -> Result<(), Alarm> {
         let segment = &piece.leg.segment;
         let (start, end) = (path.start(), path.end());
-        let [head, curve, tail] = &way.parts;
-        if let Some(head) = head {
+        let [head, second, curve, tail] = &way.parts;
+        for head in [head, second].into_iter().flatten() {
             self.cut(segment, head, start, self.feed, out)?;
         }
         if let Some(curve) = curve {
@@ -84,7 +84,7 @@ impl Builder {
         (tail.iter()).try_for_each(|tail| self.cut(segment, tail, end, self.feed, out))
     }
 
-    /// A lead-out with G00; an arc added to it is cut at the last feedrate.
+    /// A rapid; an arc added to it is cut at the last feedrate.
     fn rapid(
         &mut self,
         segment: &Segment,
@@ -92,11 +92,19 @@ impl Builder {
         to: AxisVector,
         out: &mut Vec<Leg>,
     ) -> Result<(), Alarm> {
-        if let Some(head) = &way.parts[0] {
-            self.cut(segment, head, self.at, self.feed, out)?;
+        let last = way.parts.iter().rposition(Option::is_some);
+        for (place, part) in way.parts.iter().enumerate() {
+            match part {
+                Some(arc @ Curve::Arc(_)) => self.cut(segment, arc, self.at, self.feed, out)?,
+                Some(Curve::Line(line)) => {
+                    let others = if Some(place) == last { to } else { self.at };
+                    let to = line.to.put_into(others, self.plane);
+                    let motion = SegmentMotion::Rapid { from: self.at, to };
+                    self.put(segment, motion, to, out);
+                }
+                None => {}
+            }
         }
-        let motion = SegmentMotion::Rapid { from: self.at, to };
-        self.put(segment, motion, to, out);
         Ok(())
     }
 

@@ -15,21 +15,23 @@ use crate::length::LENGTH_MIN;
 
 /// Deflections below this are rounding, radians: for a tool of 100 mm the corner is off the curves by less than
 /// 1e-10 mm.
-const TANGENT: f64 = 1e-6;
+pub(super) const TANGENT: f64 = 1e-6;
 
 /// Blocks within this angle of the opposite direction are a reversal: 1 degree.
-const REVERSAL: f64 = PI / 180.0;
+pub(super) const REVERSAL: f64 = PI / 180.0;
 
 /// A corner of 90 degrees is still extended when rounding lets its deflection seem larger: its cosine.
-const RIGHT_ANGLE: f64 = -1e-9;
+pub(super) const RIGHT_ANGLE: f64 = -1e-9;
 
 /// The path of the tool's centre from one block to the next: along the first one's curve to `end`, straight to `meet`,
-/// where a programmed exact stop is made, then along `arc` or straight to `start`, where the next one's curve begins.
+/// where a programmed exact stop is made, then along `arc` or straight, by way of `via`, to `start`, where the next one's
+/// curve begins.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Joint {
     pub end: Vec2,
     pub meet: Vec2,
     pub arc: Option<Curve>,
+    pub via: Option<Vec2>,
     pub start: Vec2,
     /// Deflection, counter-clockwise positive.
     pub turn: f64,
@@ -42,13 +44,14 @@ impl Joint {
             end: point,
             meet: point,
             arc: None,
+            via: None,
             start: point,
             turn,
         }
     }
 
     /// An arc about the corner.
-    fn round(corner: Vec2, from: Vec2, to: Vec2, tool: f64, turn: f64) -> Self {
+    pub fn round(corner: Vec2, from: Vec2, to: Vec2, tool: f64, turn: f64) -> Self {
         let away = -tool.signum();
         let sweep = if turn * away > 0.0 {
             turn
@@ -66,6 +69,7 @@ impl Joint {
                 radii: [radius; 2],
                 sweep,
             })),
+            via: None,
             start: to,
             turn,
         }

@@ -27,17 +27,18 @@ mod distance;
 mod interference;
 mod piece;
 mod prevention;
+mod straight_corner;
 
 use std::collections::VecDeque;
 
-use tandem_model::Alarm;
 use tandem_model::alarm::{
     COMPENSATION_ARC_SMALL, COMPENSATION_CORNER, COMPENSATION_LEAD_SHORT, COMPENSATION_LOOK_AHEAD,
     COMPENSATION_REFUSED, COMPENSATION_SPIRAL, OVERCUT,
 };
 use tandem_model::flow::{Path, SegmentMotion};
 use tandem_model::plane::Plane;
-use tandem_model::settings::{CoordinateSystemSettings, Overcut};
+use tandem_model::settings::{CompensationRules, CompensationStart, CoordinateSystemSettings, Overcut};
+use tandem_model::{Alarm, AxisVector};
 
 use self::builder::Builder;
 use self::corner::Joint;
@@ -49,6 +50,9 @@ use crate::length::LENGTH_MIN;
 /// Blocks held back to look for overcuts, and blocks without a move in the plane between two with one. An overcut between
 /// blocks farther apart is not found; more blocks without a move in the plane are an alarm.
 pub const LOOK_AHEAD_MAX: usize = 64;
+
+/// How far a rounded corner's direction may be off that of the next motion, radians: a hundredth of a degree.
+const DIRECTION_TOLERANCE: f64 = 1.75e-4;
 
 /// The compensation in force.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -72,6 +76,8 @@ struct Conflict {
 #[derive(Debug, Clone)]
 pub(crate) struct Compensator {
     overcut: Overcut,
+    rules: CompensationRules,
+    start: CompensationStart,
     spiral_min_mm: f64,
     /// In force from the lead-in to the lead-out.
     pub side: Option<Side>,
@@ -81,6 +87,8 @@ pub(crate) struct Compensator {
     count: u64,
     /// The machine is to rest where the next piece begins.
     stop_next: bool,
+    /// The next corner is rounded, where the motion after it goes on in this direction, if one is given.
+    round_next: Option<Option<AxisVector>>,
     conflict: Option<Conflict>,
 }
 
@@ -88,14 +96,22 @@ impl Compensator {
     pub fn new(settings: &CoordinateSystemSettings) -> Self {
         Self {
             overcut: settings.motion.overcut,
+            rules: settings.path.compensation,
+            start: settings.nc.compensation_start,
             spiral_min_mm: settings.motion.arc_radius_tolerance_mm,
             side: None,
             queue: VecDeque::new(),
             builder: Builder::new(settings.motion.compensation_feed, settings.max_feedrate_mm_min),
             count: 0,
             stop_next: false,
+            round_next: None,
             conflict: None,
         }
+    }
+
+    /// Rounds the next corner, if it is an outside one and the motion after it goes in this direction.
+    pub fn round_next(&mut self, direction: Option<AxisVector>) {
+        self.round_next = Some(direction);
     }
 
     /// True from the lead-in to the lead-out.
@@ -128,6 +144,7 @@ impl Compensator {
         self.queue.clear();
         self.conflict = None;
         self.stop_next = false;
+        self.round_next = None;
     }
 
     /// Puts out the pieces that do not depend on later blocks, and drops the others.
@@ -170,7 +187,8 @@ impl Compensator {
         if wanted.is_some_and(|wanted| wanted != side) {
             return refused("The side in effect, the plane or the radius of the tool changes");
         }
-        if wanted.is_some() && matches!(leg.segment.motion, SegmentMotion::Rapid { .. }) {
+        let is_rapid = matches!(leg.segment.motion, SegmentMotion::Rapid { .. });
+        if self.rules == CompensationRules::Checked && wanted.is_some() && is_rapid {
             return refused("A rapid moves during cutter compensation");
         }
         leg.stop_before |= std::mem::take(&mut self.stop_next);
@@ -209,9 +227,11 @@ impl Compensator {
     }
 
     fn lead_in(&mut self, leg: Leg, way: Curve, side: Side) -> Result<(), Alarm> {
-        let lead = straight_lead(way, side, "lead-in")?;
-        if let SegmentMotion::Feed { path, .. } = &leg.segment.motion {
-            self.builder.begin(side.plane, path.start());
+        let lead = straight_lead(way, side, "lead-in", self.rules)?;
+        match &leg.segment.motion {
+            SegmentMotion::Feed { path, .. } => self.builder.begin(side.plane, path.start()),
+            SegmentMotion::Rapid { from, .. } => self.builder.begin(side.plane, *from),
+            SegmentMotion::Skip { .. } | SegmentMotion::Tap { .. } | SegmentMotion::Dwell { .. } => {}
         }
         (self.side, self.count) = (Some(side), 0);
         let joint = Joint::at(lead.from(), 0.0);
@@ -227,10 +247,25 @@ impl Compensator {
         let corner = last.wall.to();
         let (joint, solved) = match last.role {
             Role::LeadIn | Role::LeadOut => {
-                let joint = corner::leading_in(last.wall.end_direction(), &offset, corner, side.tool);
+                let direction = last.wall.end_direction();
+                let joint = match self.rules {
+                    CompensationRules::Checked => corner::leading_in(direction, &offset, corner, side.tool),
+                    CompensationRules::Unchecked => {
+                        straight_corner::leading_in(direction, &offset, corner, side.tool, self.start)
+                    }
+                };
                 (joint, true)
             }
-            Role::Contour => corner::between(&last.offset, &offset, corner, side.tool),
+            Role::Contour => match self.rules {
+                CompensationRules::Checked => corner::between(&last.offset, &offset, corner, side.tool),
+                CompensationRules::Unchecked => {
+                    straight_corner::between(&last.offset, &offset, corner, side.tool)
+                }
+            },
+        };
+        let (joint, solved) = match self.rounded(&offset, corner, side)? {
+            Some(joint) => (joint, true),
+            None => (joint, solved),
         };
         let origin = leg.segment.origin;
         self.append(leg, wall, offset, joint, Role::Contour);
@@ -244,15 +279,41 @@ impl Compensator {
         self.judge(unsolved, side.tool.abs())
     }
 
+    /// The arc about a corner that is to be rounded; `None`: it is not, or the corner is an inside one.
+    fn rounded(&mut self, next: &Curve, corner: Vec2, side: Side) -> Result<Option<Joint>, Alarm> {
+        let Some(wanted) = self.round_next.take() else {
+            return Ok(None);
+        };
+        let Some(last) = self.queue.back().filter(|last| last.role == Role::Contour) else {
+            return Ok(None);
+        };
+        let along = next.start_direction();
+        let wanted = wanted.and_then(|way| Curve::line(Vec2(0.0, 0.0), Vec2::of(way, side.plane)));
+        let off = wanted.map_or(0.0, |way| way.start_direction().angle_to(along).abs());
+        if off > DIRECTION_TOLERANCE {
+            return refused(
+                "The motion after a rounded corner does not go in the direction that the corner names",
+            );
+        }
+        Ok(straight_corner::round(&last.offset, next, corner, side.tool))
+    }
+
     fn lead_out(&mut self, leg: Leg, way: Curve, side: Side, out: &mut Vec<Leg>) -> Result<(), Alarm> {
-        let lead = straight_lead(way, side, "lead-out")?;
+        let lead = straight_lead(way, side, "lead-out", self.rules)?;
         let Some(last) = self.queue.back().filter(|last| last.role == Role::Contour) else {
             return refused("The lead-out follows the lead-in, and no block between them moves in the plane");
         };
-        let joint = corner::leading_out(&last.offset, lead.start_direction(), lead.from(), side.tool);
+        let (direction, corner) = (lead.start_direction(), lead.from());
+        let joint = match self.rules {
+            CompensationRules::Checked => corner::leading_out(&last.offset, direction, corner, side.tool),
+            CompensationRules::Unchecked => {
+                straight_corner::leading_out(&last.offset, direction, corner, side.tool, self.start)
+            }
+        };
         let radius = side.tool.abs();
         let overcut = joint
             .arc
+            .filter(|_| self.rules == CompensationRules::Checked)
             .and_then(|arc| interference::of_last_arc(&self.queue, arc, radius));
         self.append(leg, lead, lead, joint, Role::LeadOut);
         self.judge(None, radius)?;
@@ -330,6 +391,7 @@ impl Compensator {
             heading,
             directions: [start.min(heading).min(on_arc), start.max(heading).max(on_arc)],
             way: None,
+            may_go_back: self.rules == CompensationRules::Unchecked,
             dropped: false,
             stills: Vec::new(),
         });
@@ -349,7 +411,7 @@ impl Compensator {
             Some((id, id + 1, alarm))
         } else if piece.way.is_none() {
             Some((id.saturating_sub(1), id + 1, nothing_left(piece, radius)))
-        } else if self.conflict.is_none() {
+        } else if self.conflict.is_none() && self.rules == CompensationRules::Checked {
             interference::with_earlier(&self.queue, place, radius).and_then(|overcut| {
                 let earlier = self.queue.get(overcut.earlier)?;
                 Some((
@@ -411,14 +473,18 @@ fn way_in_plane(motion: &SegmentMotion, plane: Plane) -> Result<Option<Curve>, A
 }
 
 /// A lead-in or lead-out: straight, and not shorter than the tool's radius.
-fn straight_lead(way: Curve, side: Side, what: &str) -> Result<Curve, Alarm> {
+fn straight_lead(way: Curve, side: Side, what: &str, rules: CompensationRules) -> Result<Curve, Alarm> {
     let (length, radius) = (way.length(), side.tool.abs());
     match way {
         Curve::Arc(_) => refused(&format!("The {what} is an arc")),
-        Curve::Line(_) if length < radius - LENGTH_MIN => Err(Alarm::new(
-            &COMPENSATION_LEAD_SHORT,
-            format!("The {what} is {length:.6} mm long in the plane, the tool's radius is {radius:.6} mm"),
-        )),
+        Curve::Line(_) if rules == CompensationRules::Checked && length < radius - LENGTH_MIN => {
+            Err(Alarm::new(
+                &COMPENSATION_LEAD_SHORT,
+                format!(
+                    "The {what} is {length:.6} mm long in the plane, the tool's radius is {radius:.6} mm"
+                ),
+            ))
+        }
         Curve::Line(_) => Ok(way),
     }
 }

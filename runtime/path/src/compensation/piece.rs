@@ -25,15 +25,15 @@ pub(super) enum Role {
 /// The path of the tool centre on a block.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Way {
-    /// From where it meets the block before to the block's own offset curve, that curve, and from there to where it meets
-    /// the next block.
-    pub parts: [Option<Curve>; 3],
+    /// From where it meets the block before to the block's own offset curve, by one or two parts, that curve, and from there
+    /// to where it meets the next block.
+    pub parts: [Option<Curve>; 4],
     pub bounds: Bounds,
 }
 
 impl Way {
     /// `None` without any part.
-    pub fn of(parts: [Option<Curve>; 3]) -> Option<Self> {
+    pub fn of(parts: [Option<Curve>; 4]) -> Option<Self> {
         let all = parts.iter().flatten().map(Bounds::of);
         let bounds = all.reduce(|all, part| all.with(&part))?;
         Some(Self { parts, bounds })
@@ -64,6 +64,8 @@ pub(super) struct Piece {
     pub directions: [f64; 2],
     /// `None` until the next block decides where it ends, and where nothing is left of it.
     pub way: Option<Way>,
+    /// Overcuts are not looked for.
+    pub may_go_back: bool,
     /// Left out to prevent an overcut.
     pub dropped: bool,
     /// The blocks that move no axis of the plane between this piece and the next one.
@@ -76,10 +78,22 @@ impl Piece {
         let joint = &self.joint;
         let curve = match self.role {
             Role::LeadIn | Role::LeadOut => Curve::line(joint.start, next.end),
-            Role::Contour => self.offset.between(joint.start, next.end),
+            Role::Contour => self
+                .offset
+                .between(joint.start, next.end)
+                .or_else(|| self.back(next)),
         }?;
-        let head = joint.arc.or_else(|| Curve::line(joint.meet, joint.start));
-        Way::of([head, Some(curve), Curve::line(next.end, next.meet)])
+        let second = joint.via.and_then(|via| Curve::line(via, joint.start));
+        let head = joint
+            .arc
+            .or_else(|| Curve::line(joint.meet, joint.via.unwrap_or(joint.start)));
+        Way::of([head, second, Some(curve), Curve::line(next.end, next.meet)])
+    }
+
+    /// The way against the direction of a line that is too short for the tool, where overcuts are not looked for.
+    fn back(&self, next: &Joint) -> Option<Curve> {
+        let is_line = matches!(self.offset, Curve::Line(_));
+        (self.may_go_back && is_line).then(|| Curve::line(self.joint.start, next.end))?
     }
 
     /// True when the tool moves along another axis before the next piece.

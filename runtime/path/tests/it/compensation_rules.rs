@@ -95,7 +95,14 @@ fn d23_g53_g28_and_g30_are_alarms_until_the_lead_out() {
     };
     let reference = |line| {
         let middle = words(Distance::Absolute, &[(X, 50.0)]);
-        block(line, Action::Reference { middle, point: 1 })
+        block(
+            line,
+            Action::Reference {
+                middle,
+                point: 1,
+                with_tool_length: false,
+            },
+        )
     };
     for compensation in [G41, Compensation::Off] {
         for refused in [machine(3), reference(3)] {

@@ -10,7 +10,14 @@ use crate::rig::{block, g01, near, settings, target, transform, words, xyz};
 use Axis::{A, X, Y, Z};
 
 fn to_reference(line: u32, middle: AxisWords, point: u8) -> Block {
-    block(line, Action::Reference { middle, point })
+    block(
+        line,
+        Action::Reference {
+            middle,
+            point,
+            with_tool_length: false,
+        },
+    )
 }
 
 /// Reference points X 1, 2, 3, 4; Y 10, 20, 30, 40; Z 100, ...; A 0, 90, 180, 270.

@@ -265,6 +265,7 @@ fn d23_g53_g28_and_g30_with_a_tool_offset_or_cutter_compensation_are_alarms() {
     let reference = Action::Reference {
         middle: words(Distance::Absolute, &[(X, 1.0)]),
         point: 1,
+        with_tool_length: false,
     };
     for action in [Action::Rapid(machine(&[(X, 1.0)])), reference] {
         let mut stage = stage();
@@ -284,6 +285,7 @@ fn d23_g53_g28_and_g30_with_a_tool_offset_or_cutter_compensation_are_alarms() {
             Action::Reference {
                 middle: words(Distance::Absolute, &[]),
                 point: 1,
+                with_tool_length: false,
             },
         )
     };

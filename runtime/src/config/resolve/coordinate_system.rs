@@ -4,13 +4,17 @@ use std::collections::BTreeMap;
 
 use tandem_interp::codes::work_offset::NAMES;
 use tandem_model::settings::{
-    CoordinateSystemSettings, MotionOptions, MotorKind, MotorSettings, SimulatedSkip, WorkOffsets,
+    CoordinateSystemSettings, MCodeSet, MotionOptions, MotorKind, MotorSettings, NcOptions, SimulatedSkip,
+    WorkOffsets,
 };
-use tandem_model::{AXES_MAX, Axis};
+use tandem_model::{AXES_MAX, Axis, AxisVector};
 
 use super::super::error::nearest;
 use super::super::{CoordinateSystemConfig, POSITION_MAX};
 use super::Checked;
+
+/// The table of the dialect of this name.
+const DGSHAPE: &str = "dgshape";
 
 impl CoordinateSystemConfig {
     pub(super) fn settings(
@@ -18,6 +22,7 @@ impl CoordinateSystemConfig {
         motors: &BTreeMap<u16, MotorSettings>,
         servo_period_us: u64,
         skips: &BTreeMap<u16, SimulatedSkip>,
+        m_codes: MCodeSet,
         checked: &mut Checked<'_, '_>,
     ) -> CoordinateSystemSettings {
         let mut of_axis: [Option<MotorSettings>; AXES_MAX] = [const { None }; AXES_MAX];
@@ -63,6 +68,8 @@ impl CoordinateSystemConfig {
             override_slew_ms: self.override_slew_ms,
             hold_slew_ms: self.hold_slew_ms,
             servo_period_s: servo_period_us as f64 / 1e6,
+            path: self.dialect.path,
+            nc: self.nc_options(m_codes, checked),
             motion: MotionOptions {
                 arc_radius_tolerance_mm: self.arc_radius_tolerance,
                 dry_run_feedrate_mm_min: self.dry_run_feedrate,
@@ -72,6 +79,41 @@ impl CoordinateSystemConfig {
                 short_block: self.short_block,
                 simulated_skip,
             },
+        }
+    }
+
+    fn nc_options(&self, m_codes: MCodeSet, checked: &mut Checked<'_, '_>) -> NcOptions {
+        if self.dgshape.is_some() && self.dialect.name != DGSHAPE {
+            let text =
+                format!("dgshape: nothing reads this table; take it out, or write dialect = \"{DGSHAPE}\"");
+            checked.problem(DGSHAPE, text);
+        }
+        let config = self.dgshape.clone().unwrap_or_default();
+        let path = format!("{}.{DGSHAPE}", checked.path);
+        let name = format!("{}dgshape: ", checked.name);
+        checked.problems.of(path, name).check_ranges(&config, &[]);
+        let mut external_offset = AxisVector::ZERO;
+        for (letter, value) in &config.external_offset {
+            match axis(letter).filter(|_| self.axes.contains_key(letter) && value.abs() <= POSITION_MAX) {
+                Some(axis) => external_offset[axis] = *value,
+                None => checked.problem(
+                    &format!("dgshape.external_offset.{letter}"),
+                    format!(
+                        "external_offset: {letter} = {value}: write an axis of this coordinate system and a number"
+                    ),
+                ),
+            }
+        }
+        NcOptions {
+            calculator: config.calculator,
+            angle_increment_deg: config.angle_increment,
+            min_feedrate_mm_min: config.min_feedrate,
+            min_spindle_speed_r_min: config.min_spindle_speed,
+            max_spindle_speed_r_min: config.max_spindle_speed,
+            peck_clearance_mm: config.peck_clearance,
+            compensation_start: config.compensation_start,
+            external_offset,
+            m_codes,
         }
     }
 

@@ -5,18 +5,19 @@
 
 mod control;
 mod expression;
+mod frame;
 mod program_code;
 mod word;
 
 use std::sync::Arc;
 
-use tandem_model::limits::{BLOCK_BYTES_MAX, OPTIONAL_SKIP_MAX, PROGRAM_BYTES_MAX};
+use tandem_model::limits::{BLOCK_BYTES_MAX, PROGRAM_BYTES_MAX};
 use tandem_model::{Diagnostic, Span};
 
 use self::control::Nesting;
 use crate::cursor::Cursor;
 use crate::diagnostics::{self, DiagnosticEntry};
-use crate::grammar::{Grammar, ProgramForm};
+use crate::grammar::Grammar;
 use crate::tree::{Block, Content, NcProgram};
 
 /// Findings of one program. Parsing ends there, so that a text of errors only stays small in time and memory.
@@ -131,43 +132,14 @@ impl<'a> Parser<'a> {
             match self.cursor.peek() {
                 None => break,
                 byte if byte == form.mark => {
+                    self.mark();
                     self.cursor.finish();
                     break;
                 }
+                Some(_) if self.is_program_number() => self.program_number(),
                 Some(_) => self.line(false),
             }
             self.code_line = self.cursor.line();
-        }
-    }
-
-    /// Passes what is before the first block: the mark's line and the program number.
-    fn head(&mut self, form: ProgramForm) {
-        self.blank_lines();
-        if form.mark.is_some() && self.cursor.peek() == form.mark {
-            while self.cursor.peek().is_some_and(|byte| byte != b'\n') {
-                self.cursor.pass_character();
-            }
-            self.blank_lines();
-        }
-        let is_digit = |byte: u8| byte.is_ascii_digit();
-        let letter = self.cursor.peek().map(|byte| byte.to_ascii_uppercase());
-        if form.number_letter.is_none() || letter != form.number_letter {
-            return;
-        }
-        let start = self.cursor.at();
-        if self.cursor.peek_second().is_some_and(is_digit) {
-            self.cursor.advance(1);
-            let digits = self.cursor.digits();
-            self.cursor.advance(digits.len());
-            self.tree.number = digits.parse().ok();
-            if self.tree.number.is_none() {
-                self.report_from(
-                    start,
-                    &diagnostics::NUMBER_TOO_LARGE,
-                    "the program number is too large",
-                    "Write a number of at most nine digits.",
-                );
-            }
         }
     }
 
@@ -227,7 +199,7 @@ impl<'a> Parser<'a> {
     }
 
     fn comment_not_closed(&mut self, start: usize) {
-        self.tree.complete = false;
+        self.tree.complete &= !self.grammar.comment_spans_lines;
         let (open, close) = self.grammar.block_comment.unwrap_or_default();
         let span = Span::new(
             self.cursor.span_from(start).start,
@@ -250,7 +222,7 @@ impl<'a> Parser<'a> {
         self.line_start = self.cursor.at();
         self.comment_bytes_before = self.cursor.comment_bytes();
         let line = self.cursor.line();
-        if self.grammar.block_skip && self.cursor.peek() == Some(b'/') && line != self.code_line {
+        if self.grammar.block_skip_max > 0 && self.cursor.peek() == Some(b'/') && line != self.code_line {
             self.block_skips();
         }
         while let Some(byte) = self.cursor.peek() {
@@ -263,7 +235,7 @@ impl<'a> Parser<'a> {
                 b' ' | b'\t' | b'\r' => self.cursor.advance(1),
                 b'\n' => break,
                 _ if self.cursor.is_comment(self.grammar) => self.blanks(),
-                b'/' if self.grammar.block_skip => self.misplaced_skip(),
+                b'/' if self.grammar.block_skip_max > 0 => self.misplaced_skip(),
                 b'}' if self.nesting.braces > 0 => break,
                 b'{' | b'}' => self.stray_brace(byte),
                 b'(' => self.foreign_comment(),
@@ -335,12 +307,12 @@ impl<'a> Parser<'a> {
                 self.skips_end = self.cursor.at();
             } else {
                 let text = self.cursor.excerpt(self.cursor.span_from(start));
-                self.report_from(
-                    start,
-                    &diagnostics::SKIP_NUMBER,
-                    format!("`{text}` is no block skip number"),
-                    format!("Write / or /1 to /{OPTIONAL_SKIP_MAX}."),
-                );
+                let help = match self.grammar.block_skip_max {
+                    ..=1 => "Write / without a number.".to_owned(),
+                    max => format!("Write / or /1 to /{max}."),
+                };
+                let message = format!("`{text}` is no block skip number");
+                self.report_from(start, &diagnostics::SKIP_NUMBER, message, help);
             }
             self.blanks();
         }
@@ -364,10 +336,9 @@ impl<'a> Parser<'a> {
         if digits.is_empty() {
             return Some(1);
         }
-        digits
-            .parse()
-            .ok()
-            .filter(|number| (1..=OPTIONAL_SKIP_MAX).contains(number))
+        let max = self.grammar.block_skip_max;
+        let number = digits.parse().ok();
+        number.filter(|number| max > 1 && (1..=max).contains(number))
     }
 
     fn misplaced_skip(&mut self) {
@@ -405,8 +376,17 @@ impl<'a> Parser<'a> {
             start,
             &diagnostics::UNEXPECTED_CHARACTER,
             "`(` is not part of a block",
-            "Write comments as // or /* */.",
+            self.comment_help(),
         );
+    }
+
+    /// How comments are written.
+    fn comment_help(&self) -> String {
+        let (open, close) = self.grammar.block_comment.unwrap_or_default();
+        let block = format!("{open} {close}");
+        let line = self.grammar.line_comment;
+        let forms = line.map_or(block.clone(), |line| format!("{line} or {block}"));
+        format!("Write comments as {forms}.")
     }
 
     /// Reports characters that begin nothing, with all that hangs on them, as one error.
@@ -437,7 +417,7 @@ impl<'a> Parser<'a> {
             let help = match first {
                 ',' => "The decimal sign is a point.",
                 '=' => "Only variables L, Q and P can be assigned to.",
-                _ if first.is_ascii() => "Remove it, or make it a comment with //.",
+                _ if first.is_ascii() => "Remove it, or make it a comment.",
                 _ => "Characters that are not ASCII stand in comments only.",
             };
             (format!("`{shown}` is not part of the language"), help)

@@ -77,6 +77,16 @@ impl Parser<'_> {
             self.cursor = ahead;
         }
         self.pass_value();
+        let letter = self.grammar.program_form.number_letter.map(char::from);
+        if letter.is_some_and(|letter| name.eq_ignore_ascii_case(letter.encode_utf8(&mut [0; 4]))) {
+            self.report_from(
+                start,
+                &diagnostics::NOT_ALONE,
+                "the program number is not alone on its line",
+                "Write it on the line after the mark of the data.",
+            );
+            return;
+        }
         let help = if name.len() <= 2 && name.contains(['O', 'o']) {
             "If a zero is meant, write the digit 0."
         } else {

@@ -1,0 +1,23 @@
+//! G39 of dialect dgshape: an arc about the corner in cutter compensation (2-2).
+
+use tandem_model::flow::Action;
+use tandem_syntax::Address;
+
+use super::{Code, axis_word};
+use crate::meaning::Role;
+
+/// G39.
+pub static G39: Code = Code {
+    code: "G39",
+    name: "Corner-offset Circular Interpolation",
+    role: Role::Corner,
+    words: &[axis_word(Address::X), axis_word(Address::Y)],
+    docs: "Rounds the outside corner between the motions before and after it by an arc of the tool's radius about the \
+           corner. X and Y say in which direction the next motion goes: its target in G90, the way in G91. Without them it \
+           is that of the next motion. It is for this corner alone, and moves nothing by itself.",
+    select: |execution| {
+        let direction = execution.own_axis_words();
+        execution.act(Action::Corner(direction));
+    },
+    ..Code::BASE
+};

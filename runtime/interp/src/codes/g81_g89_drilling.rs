@@ -1,0 +1,163 @@
+//! G81 to G83, G85, G86 and G89 of dialect dgshape: drilling along Z (2-2).
+//!
+//! Z, R, P and Q stay until G80, K is of its block alone. Without Z nothing is drilled, without R the R point is the initial
+//! level. None of them turns the spindle, which is why G86 moves as G81 does.
+
+use tandem_model::flow::{Action, AxisWords, Distance};
+use tandem_model::{Axis, AxisSet};
+use tandem_syntax::Address;
+
+use super::cycle_words::{initial_level, take_over};
+use super::{Code, POSITION_MAX, WordSpec, axis_word};
+use crate::execution::Execution;
+use crate::fixed_cycles::{Cycle, Expansion, Hole, Level, Peck, Step, Steps};
+use crate::meaning::{ModalValue, ReturnLevel};
+
+const X: WordSpec = axis_word(Address::X);
+const Y: WordSpec = axis_word(Address::Y);
+const Z: WordSpec = WordSpec::new(
+    Address::Z,
+    "bottom of the hole",
+    "mm",
+    -POSITION_MAX,
+    POSITION_MAX,
+);
+const R: WordSpec = WordSpec::new(Address::R, "R point", "mm", -POSITION_MAX, POSITION_MAX);
+const K: WordSpec = WordSpec::new(Address::K, "number of repetitions", "", 0.0, 9999.0).whole();
+const P: WordSpec = WordSpec::new(Address::P, "dwell at the bottom", "ms", 0.0, 3_600_000.0).whole();
+const Q: WordSpec = WordSpec::new(Address::Q, "depth of each cut", "mm", 0.0, POSITION_MAX);
+
+static WORDS: [WordSpec; 5] = [X, Y, Z, R, K];
+static WITH_DWELL: [WordSpec; 6] = [X, Y, Z, R, P, K];
+static WITH_PECKS: [WordSpec; 6] = [X, Y, Z, R, Q, K];
+
+/// A cycle that goes into the hole and out of it so.
+const fn drilling(repetition: &'static [Step]) -> Cycle {
+    let steps = Steps::new(&[], repetition, &[]);
+    Cycle {
+        name: "a fixed cycle",
+        needed: &[],
+        with_spindle: steps,
+        without_spindle: steps,
+    }
+}
+
+const POSITION: Step = Step::Position;
+const APPROACH: Step = Step::Approach;
+const DOWN: Step = Step::Linear(Level::ZPoint);
+const UP: Step = Step::Rapid(Level::Return);
+const SLOWLY_UP: Step = Step::Linear(Level::RPoint);
+const INITIAL: Step = Step::Rapid(Level::Initial);
+
+static DRILL: Cycle = drilling(&[POSITION, APPROACH, DOWN, UP]);
+static DRILL_AND_DWELL: Cycle = drilling(&[POSITION, APPROACH, DOWN, Step::Dwell, UP]);
+static PECK: Cycle = drilling(&[POSITION, APPROACH, Step::Peck, UP]);
+static BORE: Cycle = drilling(&[POSITION, APPROACH, DOWN, SLOWLY_UP, INITIAL]);
+static BORE_AND_DWELL: Cycle = drilling(&[POSITION, APPROACH, DOWN, Step::Dwell, SLOWLY_UP, INITIAL]);
+static BORE_AND_OUT: Cycle = drilling(&[POSITION, APPROACH, DOWN, UP]);
+
+const fn cycle(
+    code: &'static str,
+    of: &'static Cycle,
+    words: &'static [WordSpec],
+    docs: &'static str,
+) -> Code {
+    Code {
+        words,
+        motion: Some(run),
+        ..Code::setting(ModalValue::Cycle(Some(of)), code, "Fixed Cycle", docs)
+    }
+}
+
+/// G81.
+pub static G81: Code = cycle(
+    "G81",
+    &DRILL,
+    &WORDS,
+    "Drills at X, Y: rapid to the R point, feed to Z, rapid to the initial level (G98) or the R point (G99), K times. Each \
+     later block with a word of it drills again until G80 or G00 to G03; Z and R stay, K does not. In G91 R counts from the \
+     initial level and Z from R. Without Z it only moves to X, Y; without R the R point is the initial level. The \
+     spindle must turn (M03), the plane is XY, and A does not move.",
+);
+/// G82.
+pub static G82: Code = cycle(
+    "G82",
+    &DRILL_AND_DWELL,
+    &WITH_DWELL,
+    "As G81, with a dwell of P milliseconds at the bottom.",
+);
+/// G83.
+pub static G83: Code = cycle(
+    "G83",
+    &PECK,
+    &WITH_PECKS,
+    "As G81, in cuts of depth Q: after each the tool goes to the R point and back to peck_clearance above the last depth, at \
+     rapid speed. Without Q, or with Q0, it goes down at once.",
+);
+/// G85.
+pub static G85: Code = cycle(
+    "G85",
+    &BORE,
+    &WORDS,
+    "As G81, and comes up to the R point at the feedrate.",
+);
+/// G86.
+pub static G86: Code = cycle(
+    "G86",
+    &BORE_AND_OUT,
+    &WORDS,
+    "Moves as G81. The spindle goes on turning.",
+);
+/// G89.
+pub static G89: Code = cycle(
+    "G89",
+    &BORE_AND_DWELL,
+    &WITH_DWELL,
+    "As G85, with a dwell of P milliseconds at the bottom.",
+);
+
+/// Takes over the words of a block in the fixed cycle in force, and begins to give its steps.
+fn run(execution: &mut Execution<'_>, words: AxisWords) {
+    execution.modal.cycle.repetitions = None;
+    take_over(execution);
+    let Some(cycle) = execution.modal.in_force.cycle.flatten() else {
+        return;
+    };
+    let kept = execution.modal.cycle;
+    let initial = kept.initial.unwrap_or_else(|| initial_level(execution));
+    execution.modal.cycle.initial = Some(initial);
+    let Some(z) = kept.z else {
+        return only_position(execution, words);
+    };
+    let (r_point, z_point) = match words.distance {
+        Distance::Absolute => (kept.r.unwrap_or(initial), z),
+        Distance::Incremental => {
+            let r_point = initial + kept.r.unwrap_or_default();
+            (r_point, r_point + z)
+        }
+    };
+    let peck = kept.peck.filter(|depth| *depth > 0.0).map(|depth| Peck {
+        depth,
+        clearance: execution.limits.options.peck_clearance_mm,
+    });
+    let returns = execution.modal.in_force.return_level == Some(ReturnLevel::Initial);
+    let hole = Hole {
+        position: words,
+        r_point,
+        z_point,
+        initial: returns.then_some(initial),
+        dwell_s: kept.dwell_s.unwrap_or_default(),
+        spindle_speed_r_min: None,
+        repetitions: kept.repetitions.unwrap_or(1),
+        peck,
+    };
+    execution.draft.cycle = Some(Box::new(Expansion::new(cycle, hole)));
+}
+
+fn only_position(execution: &mut Execution<'_>, mut words: AxisWords) {
+    let named: AxisSet = words.named.iter().filter(|axis| *axis != Axis::Z).collect();
+    words.named = named;
+    if !named.is_empty() {
+        execution.act(Action::Rapid(words));
+    }
+}

@@ -1,0 +1,90 @@
+//! M03, M05, M06 and M12 to M17 of dialect dgshape: outputs that its list of words names (2-3, 2-7).
+
+use tandem_syntax::Address;
+
+use super::{Code, WordSpec, m_auxiliary};
+use crate::meaning::{ModalValue, Role};
+
+const fn output(code: &'static str, name: &'static str, docs: &'static str) -> Code {
+    Code {
+        code,
+        name,
+        role: Role::Auxiliary,
+        docs,
+        select: m_auxiliary::output,
+        ..Code::BASE
+    }
+}
+
+const fn spindle(turns: bool, code: &'static str, name: &'static str, docs: &'static str) -> Code {
+    Code {
+        sets: Some(ModalValue::Spindle(turns)),
+        ..output(code, name, docs)
+    }
+}
+
+/// M03.
+pub static M03: Code = spindle(
+    true,
+    "M03",
+    "Rotate spindle",
+    "Makes an output at the start of its block, and the motion of the block goes on with it. The spindle turns with S. \
+     Fixed cycles need it.",
+);
+/// M05.
+pub static M05: Code = spindle(
+    false,
+    "M05",
+    "Stop spindle",
+    "Makes an output at the start of its block, on which the spindle stops.",
+);
+/// M06.
+pub static M06: Code = Code {
+    words: &[
+        WordSpec::new(Address::T, "number of the stocker", "", 0.0, 65_535.0)
+            .whole()
+            .needed(),
+    ],
+    ..output(
+        "M06",
+        "Tool selection",
+        "Makes an output at the start of its block whose parameter VA is the number of T: the stocker of the tool to take, \
+         or 0 to put the tool back. It has no tool-length offset of its own. T stands with M06 only.",
+    )
+};
+/// M12.
+pub static M12: Code = output(
+    "M12",
+    "Air blower on",
+    "Makes an output at the start of its block.",
+);
+/// M13.
+pub static M13: Code = output(
+    "M13",
+    "Air blower off",
+    "Makes an output at the start of its block.",
+);
+/// M14.
+pub static M14: Code = output(
+    "M14",
+    "Chip cleaner on",
+    "Makes an output at the start of its block.",
+);
+/// M15.
+pub static M15: Code = output(
+    "M15",
+    "Chip cleaner off",
+    "Makes an output at the start of its block.",
+);
+/// M16.
+pub static M16: Code = output(
+    "M16",
+    "Illumination on",
+    "Makes an output at the start of its block.",
+);
+/// M17.
+pub static M17: Code = output(
+    "M17",
+    "Illumination off",
+    "Makes an output at the start of its block.",
+);

@@ -1,0 +1,236 @@
+//! What the numbers of a dialect mean that counts increments (manual dgshape, 1-5 and 2-1).
+
+use tandem_model::settings::{Calculator, NcOptions, Unit};
+use tandem_model::{Diagnostic, Span};
+use tandem_syntax::{Address, AddressSet, Word, diagnostics};
+
+use crate::codes::WordSpec;
+
+/// Least increments of a mm, and of a mm/min.
+const PER_MM: f64 = 1000.0;
+
+/// Least increments of an inch, and of an inch a minute.
+const PER_INCH: f64 = 10_000.0;
+
+/// Least increments of a second.
+const PER_S: f64 = 1000.0;
+
+/// Largest number without a decimal point, and of a word that never has one (ranges 1 and 2).
+const WITHOUT_POINT_MAX: f64 = 99_999_999.0;
+
+/// Largest number with a decimal point (range 1).
+const WITH_POINT_MAX: f64 = 99_999.999;
+
+/// The same of lengths and feedrates in mm.
+const WITH_POINT_MM_MAX: f64 = 9_999.999;
+
+const ANGLES: AddressSet = AddressSet::of(&[Address::A, Address::B, Address::C]);
+
+/// The dimension words.
+const DIMENSIONS: AddressSet = AddressSet::of(&[
+    Address::I,
+    Address::J,
+    Address::K,
+    Address::R,
+    Address::X,
+    Address::Y,
+    Address::Z,
+    Address::A,
+]);
+
+/// What a number is of.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    LengthOrFeedrate,
+    Angle,
+    Time,
+    /// It means what is written.
+    Plain,
+}
+
+fn kind(spec: &WordSpec) -> Kind {
+    match spec.unit {
+        _ if spec.integer => Kind::Plain,
+        "mm or deg" if ANGLES.contains(spec.address) => Kind::Angle,
+        "mm" | "mm or deg" | "mm/min" => Kind::LengthOrFeedrate,
+        "s" => Kind::Time,
+        _ => Kind::Plain,
+    }
+}
+
+/// What a value of a word means in the unit in force.
+pub(crate) fn meant(value: f64, spec: &WordSpec, word: &Word, unit: Unit, options: &NcOptions) -> f64 {
+    let as_by_calculator = match options.calculator {
+        Calculator::None => false,
+        Calculator::All => true,
+        Calculator::F => word.address == Address::F,
+        Calculator::Dimensions => DIMENSIONS.contains(word.address),
+    };
+    if !word.is_whole() || as_by_calculator {
+        return value;
+    }
+    match (kind(spec), unit) {
+        (Kind::LengthOrFeedrate, Unit::Millimetre) => value / PER_MM,
+        (Kind::LengthOrFeedrate, Unit::Inch) => value / PER_INCH,
+        (Kind::Angle, _) => value * options.angle_increment_deg,
+        (Kind::Time, _) => value / PER_S,
+        (Kind::Plain, _) => value,
+    }
+}
+
+/// Judges a number as it is written; true when nothing is wrong.
+pub(crate) fn judge_written(
+    spec: &WordSpec,
+    word: &Word,
+    unit: Unit,
+    fault: &mut dyn FnMut(Diagnostic),
+) -> bool {
+    let Some(written) = word.number() else { return true };
+    let has_point = !word.is_whole();
+    let name = word.address.text();
+    if spec.integer && has_point {
+        let message = format!("{name} ({}) is written with a decimal point", spec.meaning);
+        fault(diagnostics::INTEGER_NEEDED.at(word.span(), message, "Write it without one."));
+        return false;
+    }
+    let max = match (has_point, kind(spec), unit) {
+        (false, ..) => WITHOUT_POINT_MAX,
+        (true, Kind::LengthOrFeedrate, Unit::Millimetre) => WITH_POINT_MM_MAX,
+        (true, ..) => WITH_POINT_MAX,
+    };
+    let within = written.abs() <= max;
+    if !within {
+        let how = if has_point { "with" } else { "without" };
+        fault(out_of_range(name, written, spec.meaning, max, how, word.span()));
+    }
+    within
+}
+
+/// Judges N, which has no decimal point and at most eight digits (manual dgshape, 2-6).
+pub(crate) fn judge_block_number(word: &Word, fault: &mut dyn FnMut(Diagnostic)) {
+    let number = word.number().unwrap_or_default();
+    if !word.is_whole() || !(0.0..=WITHOUT_POINT_MAX).contains(&number) {
+        let message = format!("N{number} is no block number");
+        let help = "Write N and 1 to 8 digits.";
+        fault(diagnostics::CODE_NUMBER.at(word.span(), message, help));
+    }
+}
+
+#[cold]
+fn out_of_range(name: &str, written: f64, meaning: &str, max: f64, how: &str, span: Span) -> Diagnostic {
+    diagnostics::OUT_OF_RANGE.at(
+        span,
+        format!("{name}{written} ({meaning}) is out of the range of -{max} to {max} {how} a decimal point"),
+        "Write a value within it.",
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use tandem_syntax::{Grammar, parse};
+
+    use super::*;
+    use crate::codes::feed_words::FEED_AND_SPEED;
+    use crate::codes::g04_dwell::G04_X_P;
+    use crate::codes::{AXIS_WORDS, axis_word};
+
+    /// What a word means, in mm, degrees, mm/min or s, or the finding.
+    fn read(text: &str, unit: Unit, calculator: Calculator) -> Result<f64, &'static str> {
+        let (program, _) = parse(text.to_owned(), Grammar::dgshape());
+        let word = program.all_words()[0];
+        let options = NcOptions {
+            calculator,
+            angle_increment_deg: 0.01,
+            ..NcOptions::default()
+        };
+        let spec = match word.address {
+            Address::F => FEED_AND_SPEED[0].clone(),
+            Address::S => FEED_AND_SPEED[1].clone(),
+            Address::A => axis_word(Address::A),
+            Address::T => G04_X_P.words[0].clone(),
+            _ => AXIS_WORDS[0].clone(),
+        };
+        let mut found = None;
+        judge_written(&spec, &word, unit, &mut |fault| found = Some(fault.code));
+        let value = meant(word.number().unwrap(), &spec, &word, unit, &options);
+        found.map_or(Ok(value), Err)
+    }
+
+    #[test]
+    fn dgshape_1_5_a_number_means_its_unit_or_so_many_increments() {
+        use Calculator::{All, None};
+        use Unit::{Inch, Millimetre as Mm};
+        // the manual's tables of inch input and millimetre input: distance, angle, feedrate
+        for (text, unit, calculator, expected) in [
+            ("X1000", Mm, None, 1.0),
+            ("X1000", Mm, All, 1000.0),
+            ("X1000.", Mm, None, 1000.0),
+            ("X1000", Inch, None, 0.1),
+            ("X1000", Inch, All, 1000.0),
+            ("X1000.0", Inch, None, 1000.0),
+            ("F120000", Mm, None, 120.0),
+            ("F120.0", Mm, None, 120.0),
+            ("F50000", Inch, None, 5.0),
+            ("F5.0", Inch, None, 5.0),
+            ("A4500", Mm, None, 45.0),
+            ("A45", Inch, All, 45.0),
+            ("A45.", Mm, None, 45.0),
+            ("S8000", Mm, None, 8000.0),
+            ("S8000", Inch, All, 8000.0),
+        ] {
+            let value = read(text, unit, calculator).unwrap();
+            assert!(
+                (value - expected).abs() < 1e-9,
+                "{text} {unit:?} {calculator:?}: {value}"
+            );
+        }
+    }
+
+    #[test]
+    fn dgshape_1_5_calculator_reading_can_be_limited_to_words() {
+        use Calculator::{All, Dimensions, F, None};
+        for (calculator, x, f) in [
+            (None, 1.0, 1.0),
+            (All, 1e3, 1e3),
+            (F, 1.0, 1e3),
+            (Dimensions, 1e3, 1.0),
+        ] {
+            assert_eq!(
+                read("X1000", Unit::Millimetre, calculator),
+                Ok(x),
+                "{calculator:?}"
+            );
+            assert_eq!(
+                read("F1000", Unit::Millimetre, calculator),
+                Ok(f),
+                "{calculator:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn dgshape_2_1_what_is_written_has_a_range() {
+        use Unit::{Inch, Millimetre as Mm};
+        let fault = Err("E0109");
+        for (text, unit, good) in [
+            ("X99999999", Mm, true),
+            ("X-99999999", Inch, true),
+            ("X100000000", Mm, false),
+            ("X9999.999", Mm, true),
+            ("X10000.0", Mm, false),
+            ("X-10000.", Mm, false),
+            ("X10000.0", Inch, true),
+            ("X99999.999", Inch, true),
+            ("X100000.0", Inch, false),
+            ("F9999.999", Mm, true),
+            ("F10000.", Mm, false),
+            ("A99999.999", Mm, true),
+            ("A100000.", Mm, false),
+        ] {
+            let found = read(text, unit, Calculator::None);
+            assert_eq!(found.is_ok(), good, "{text} {unit:?}: {found:?}");
+            assert!(good || found == fault);
+        }
+        assert_eq!(read("S8000.", Mm, Calculator::None), Err("E0110"));
+    }
+}

@@ -1,0 +1,157 @@
+//! The restrictions of dialect dgshape (2-2 and 2-3).
+
+use tandem_syntax::DiagnosticEntry;
+use tandem_syntax::diagnostics::{
+    COMPENSATION_RULE, FIXED_CYCLE_RULE, M_NOT_ALONE, MACHINE_POSITION_RULE, TOOL_OFFSET_RULE, UNIT_CHANGE,
+};
+
+use super::{During, Restriction, What};
+use crate::meaning::{MotionKind, Role};
+
+const fn row(
+    entry: &'static DiagnosticEntry,
+    during: During,
+    what: What,
+    message: &'static str,
+    help: &'static str,
+) -> Restriction {
+    Restriction {
+        during,
+        what,
+        entry,
+        message,
+        help,
+    }
+}
+
+const fn in_compensation(what: What, message: &'static str) -> Restriction {
+    row(&COMPENSATION_RULE, During::Compensation, what, message, LEAD_OUT)
+}
+
+const fn alone(role: Role) -> Restriction {
+    row(
+        &M_NOT_ALONE,
+        During::Always,
+        What::Accompanied(role),
+        "{code} is not alone in its block",
+        "Write it in a block of its own.",
+    )
+}
+
+const LEAD_OUT: &str = "Write {no compensation} and a lead-out before it.";
+const DURING: &str = "{code} stands during tool-diameter offset";
+const ONLY_XY: &str = "the plane is not XY";
+const SELECT_XY: &str = "Select the XY plane before it.";
+const STRAIGHT: &str = "tool-diameter offset begins or ends with an arc";
+const BY_LINES: &str = "Write G00 or {linear} in the block.";
+
+/// Only the first that a block breaks is reported.
+pub static DGSHAPE: [Restriction; 20] = [
+    alone(Role::Stop),
+    alone(Role::End),
+    row(
+        &UNIT_CHANGE,
+        During::UnitSettled,
+        What::OtherUnit,
+        "{code} changes the unit during the program",
+        "Write one unit at the start of the program, before all coordinates.",
+    ),
+    row(
+        &COMPENSATION_RULE,
+        During::SideSwitch,
+        What::ArcInForce,
+        STRAIGHT,
+        BY_LINES,
+    ),
+    row(
+        &COMPENSATION_RULE,
+        During::Lead,
+        What::MovesBy(MotionKind::Arc),
+        STRAIGHT,
+        BY_LINES,
+    ),
+    in_compensation(What::OtherSide, "the side of the tool-diameter offset changes"),
+    in_compensation(
+        What::OffsetNumber,
+        "the number of the tool-diameter offset changes",
+    ),
+    row(
+        &COMPENSATION_RULE,
+        During::CompensatedBlock,
+        What::NotXy,
+        ONLY_XY,
+        SELECT_XY,
+    ),
+    in_compensation(What::Has(Role::Coordinates), DURING),
+    in_compensation(What::CycleCode, DURING),
+    row(
+        &COMPENSATION_RULE,
+        During::CompensatedBlock,
+        What::MovesByCycle,
+        DURING,
+        LEAD_OUT,
+    ),
+    row(
+        &COMPENSATION_RULE,
+        During::AnyCompensation,
+        What::Has(Role::ToReference),
+        DURING,
+        LEAD_OUT,
+    ),
+    row(
+        &COMPENSATION_RULE,
+        During::AnyCompensation,
+        What::Has(Role::ToMachine),
+        DURING,
+        LEAD_OUT,
+    ),
+    row(
+        &COMPENSATION_RULE,
+        During::CompensatedEnd,
+        What::Has(Role::End),
+        "the program ends during tool-diameter offset",
+        LEAD_OUT,
+    ),
+    row(
+        &COMPENSATION_RULE,
+        During::CompensatedEnd,
+        What::Has(Role::Stop),
+        "the program waits during tool-diameter offset",
+        LEAD_OUT,
+    ),
+    row(
+        &COMPENSATION_RULE,
+        During::NoCompensation,
+        What::Has(Role::Corner),
+        "{code} stands without tool-diameter offset",
+        "Write {compensation} before it, or remove it.",
+    ),
+    row(
+        &TOOL_OFFSET_RULE,
+        During::ToolOffset,
+        What::Has(Role::ToMachine),
+        "{code} stands with a tool-length offset",
+        "Write {no tool offset} before it.",
+    ),
+    row(
+        &MACHINE_POSITION_RULE,
+        During::Incremental,
+        What::Has(Role::ToMachine),
+        "{code} stands in incremental programming",
+        "Write G90 in its block or before it.",
+    ),
+    row(
+        &FIXED_CYCLE_RULE,
+        During::Drilling,
+        What::NotXy,
+        ONLY_XY,
+        SELECT_XY,
+    ),
+    row(
+        &FIXED_CYCLE_RULE,
+        During::Drilling,
+        What::SpindleAtRest,
+        "{code} drills while the spindle rests",
+        "Write M03 before it.",
+    ),
+];

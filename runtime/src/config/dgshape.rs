@@ -1,0 +1,55 @@
+//! `[coordinate_system.dgshape]`: what the manual of dialect dgshape leaves to the machine.
+
+use std::collections::BTreeMap;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use tandem_model::settings::{Calculator, CompensationStart};
+
+use super::words::{CalculatorWord, CompensationStartWord};
+use super::{POSITION_MAX, RATE_MAX, RATE_MIN};
+
+/// `[coordinate_system.dgshape]`
+#[derive(Debug, Clone, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct DgshapeConfig {
+    /// Which numbers without a decimal point are in mm, inches, degrees, mm/min or seconds themselves. All others count
+    /// increments: 0.001 mm, 0.0001 inch, `angle_increment`, 0.001 mm/min, ms.
+    #[serde(with = "CalculatorWord")]
+    pub calculator: Calculator,
+    /// Degrees of 1 in an angle without a decimal point.
+    #[schemars(range(min = RATE_MIN, max = 360.0), extend("x-unit" = "deg"))]
+    pub angle_increment: f64,
+    /// F below it counts as this.
+    #[schemars(range(min = 0.0, max = 1e9), extend("x-unit" = "mm/min"))]
+    pub min_feedrate: f64,
+    /// S below it counts as this, and S00 means it.
+    #[schemars(range(min = 0.0, max = RATE_MAX), extend("x-unit" = "r/min"))]
+    pub min_spindle_speed: f64,
+    /// S above it counts as this, and S99 means it; 0: `max_velocity` of the spindle's motor.
+    #[schemars(range(min = 0.0, max = RATE_MAX), extend("x-unit" = "r/min"))]
+    pub max_spindle_speed: f64,
+    /// How far above the last depth G83 begins to cut again.
+    #[schemars(range(min = 0.0, max = POSITION_MAX), extend("x-unit" = "mm"))]
+    pub peck_clearance: f64,
+    /// Way into and out of tool-diameter offset on the outside of a corner: type A or B.
+    #[serde(with = "CompensationStartWord")]
+    pub compensation_start: CompensationStart,
+    /// EXOFS: axis letter to what all work coordinate systems are shifted by.
+    pub external_offset: BTreeMap<String, f64>,
+}
+
+impl Default for DgshapeConfig {
+    fn default() -> Self {
+        Self {
+            calculator: Calculator::None,
+            angle_increment: 0.001,
+            min_feedrate: 0.0,
+            min_spindle_speed: 0.0,
+            max_spindle_speed: 0.0,
+            peck_clearance: 0.5,
+            compensation_start: CompensationStart::A,
+            external_offset: BTreeMap::new(),
+        }
+    }
+}

@@ -1,0 +1,77 @@
+//! What is around the blocks of a program: the marks of its data, and the program number.
+
+use super::Parser;
+use crate::diagnostics;
+use crate::grammar::ProgramForm;
+
+impl Parser<'_> {
+    /// Passes the mark before the first block.
+    pub(super) fn head(&mut self, form: ProgramForm) {
+        self.blank_lines();
+        if form.mark.is_some() && self.cursor.peek() == form.mark {
+            self.tree.marked = true;
+            self.mark();
+        }
+    }
+
+    /// Passes a mark, which is alone on its line.
+    pub(super) fn mark(&mut self) {
+        self.cursor.advance(1);
+        self.nothing_else("the mark of the data");
+    }
+
+    /// True where a line begins with the letter of the program number.
+    pub(super) fn is_program_number(&self) -> bool {
+        let letter = self.cursor.peek().map(|byte| byte.to_ascii_uppercase());
+        letter.is_some() && letter == self.grammar.program_form.number_letter
+    }
+
+    /// Reads the program number, which is alone on its line and stands once in a program.
+    pub(super) fn program_number(&mut self) {
+        let start = self.cursor.at();
+        self.cursor.advance(1);
+        let digits = self.cursor.digits();
+        self.cursor.advance(digits.len());
+        let max = self.grammar.program_form.number_digits_max;
+        let number = digits.parse().ok().filter(|_| digits.len() <= max);
+        let malformed = number.is_none() || self.cursor.peek() == Some(b'.');
+        if malformed || self.tree.number.is_some() {
+            let message = if malformed {
+                "this is no program number"
+            } else {
+                "this is the second program number"
+            };
+            let help = format!("Write one number of 1 to {max} digits, before the first block.");
+            self.report_from(start, &diagnostics::PROGRAM_NUMBER, message, help);
+            self.skip_line();
+            self.push_failed(start);
+            return;
+        }
+        self.tree.number = number;
+        if !self.tree.blocks.is_empty() {
+            let span = self.cursor.span_from(start);
+            let message = "the program number follows a block";
+            let help = "Write it on the line after the mark of the data.";
+            self.note(&diagnostics::PROGRAM_NUMBER_LATE, span, message, help);
+        }
+        self.nothing_else("the program number");
+    }
+
+    /// Tells when anything but comments follows on the line.
+    fn nothing_else(&mut self, what: &str) {
+        self.blanks();
+        if matches!(self.cursor.peek(), None | Some(b'\n')) {
+            return;
+        }
+        let start = self.cursor.at();
+        self.skip_line();
+        let message = format!("{what} is not alone on its line");
+        self.report_from(
+            start,
+            &diagnostics::NOT_ALONE,
+            message,
+            "Write the words on the next line.",
+        );
+        self.push_failed(start);
+    }
+}
