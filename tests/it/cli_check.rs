@@ -169,13 +169,22 @@ fn d06_a_program_without_an_end_is_an_error() {
 }
 
 #[test]
-fn dialect_dgshape_is_exit_2_and_says_so() {
-    let ran = check("main.nc", CLEAN, &["--dialect", "dgshape"]);
+fn a_dialect_that_is_not_there_is_exit_2_and_names_those_that_are() {
+    let ran = check("main.nc", CLEAN, &["--dialect", "iso"]);
     assert_eq!(ran.code, 2);
-    assert!(
-        ran.stderr.contains("dgshape") && ran.stderr.contains("not"),
-        "{}",
-        ran.stderr
+    assert!(ran.stderr.contains("write nj or dgshape"), "{}", ran.stderr);
+}
+
+#[test]
+fn the_dialect_of_the_command_reads_the_program() {
+    let text = "%\nO0001 (plate)\nG90 G00 X10.0\nM30\n%\n";
+    let ran = check("main.nc", text, &["--dialect", "dgshape"]);
+    assert_eq!((ran.code, ran.stderr.as_str()), (0, ""), "{}", ran.stdout);
+    assert_eq!(check("main.nc", text, &[]).code, 1, "not a program of dialect nj");
+    assert_eq!(
+        check("main.nc", CLEAN, &["--dialect", "dgshape"]).code,
+        1,
+        "nor the other way"
     );
 }
 

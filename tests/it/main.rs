@@ -20,6 +20,7 @@ mod cli_plot;
 mod cli_simulate;
 mod conformance;
 mod damage;
+mod dgshape;
 mod examples;
 mod extension;
 mod init;

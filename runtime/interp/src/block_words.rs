@@ -334,6 +334,7 @@ impl BlockWords {
                 self.values[word.address as usize] = numbers::meant(value, spec, word, unit, with.options);
             } else {
                 self.refused.insert(word.address);
+                self.values[word.address as usize] = f64::NAN;
             }
         }
     }

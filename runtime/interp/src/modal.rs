@@ -1,6 +1,7 @@
 //! Modal state: what stays in force from block to block.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use tandem_model::AxisVector;
 use tandem_model::flow::{Compensation, Distance, Feed, MultiBlock, PathControl, Transform};
@@ -49,6 +50,24 @@ pub struct Kept {
     pub middle: [Option<f64>; 3],
 }
 
+/// [`Kept`], shared by the copies of a modal state: it seldom changes, and each block has a copy.
+#[derive(Debug, Clone, Default)]
+pub struct SharedKept(Arc<Kept>);
+
+impl std::ops::Deref for SharedKept {
+    type Target = Kept;
+
+    fn deref(&self) -> &Kept {
+        &self.0
+    }
+}
+
+impl PartialEq for SharedKept {
+    fn eq(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.0, &other.0) || *self.0 == *other.0
+    }
+}
+
 /// Modal state of a coordinate system.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Modal {
@@ -78,7 +97,7 @@ pub struct Modal {
     /// The unit of lengths has been used, and stays.
     pub unit_settled: bool,
     /// What codes that set data keep.
-    pub kept: Kept,
+    pub kept: SharedKept,
 }
 
 impl Modal {
@@ -110,7 +129,7 @@ impl Modal {
             lead_pending: false,
             cycle: CycleWords::default(),
             unit_settled: false,
-            kept: Kept::default(),
+            kept: SharedKept::default(),
         };
         modal.in_force.unit = Some(unit);
         modal.in_force.multi_block = Some(dialect.path.multi_block);
@@ -119,6 +138,11 @@ impl Modal {
             modal.remember(code);
         }
         modal
+    }
+
+    /// What codes that set data keep, to be changed.
+    pub(crate) fn kept(&mut self) -> &mut Kept {
+        Arc::make_mut(&mut self.kept.0)
     }
 
     /// Puts a code into force in its group.

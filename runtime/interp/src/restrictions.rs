@@ -278,8 +278,7 @@ fn found(what: What, words: &BlockWords, modal: &Modal) -> Option<(Address, Stri
         }
         What::Accompanied(role) => {
             let alone = words.present.is_empty() && words.g_codes().is_empty();
-            let is_meant = words.m_code().is_some_and(|code| code.role == role);
-            (is_meant && !alone).then(m_code)
+            (words.m_code()?.role == role && !alone).then(m_code)
         }
         What::NotXy => {
             let plane = words.sets().plane.or(in_force.plane)?;
@@ -290,21 +289,16 @@ fn found(what: What, words: &BlockWords, modal: &Modal) -> Option<(Address, Stri
             let code = own.or_else(|| modal.code(ModalGroup::Motion))?;
             (code.role == Role::Motion(MotionKind::Arc)).then(|| shown(code))
         }
-        What::OffsetNumber => {
-            let has = words.present.contains(Address::D);
-            has.then(|| (Address::D, String::new()))
-        }
+        What::OffsetNumber => (words.get(Address::D)).map(|_| (Address::D, String::new())),
         What::CycleCode => g_code(words, |code| code.group == ModalGroup::FixedCycle).map(shown),
         What::SpindleAtRest => {
             let turns = words.sets().spindle.or(in_force.spindle)?;
-            (!turns).then(|| words.taker.map(shown)).flatten()
+            words.taker.filter(|_| !turns).map(shown)
         }
         What::OtherUnit => {
             let (own, before) = (words.sets().unit?, in_force.unit?);
             let is_unit = |code: &Code| matches!(code.sets, Some(ModalValue::Unit(_)));
-            (own != before)
-                .then(|| g_code(words, is_unit).map(shown))
-                .flatten()
+            g_code(words, is_unit).filter(|_| own != before).map(shown)
         }
         What::Parameters => (words.m_code().is_some() && words.has_parameters()).then(m_code),
     }

@@ -352,7 +352,11 @@ fn d25_the_settings_tell_the_unit_at_start_up() {
 fn d24_references_name_their_middle_point_and_end_the_shape() {
     let blocks = blocks("G51.1 X0\nG68 R30\nG28 X5\nM30");
     let actions: Vec<_> = blocks.iter().rev().take(2).map(|block| &block.action).collect();
-    let [Action::Transform(after), Action::Reference { middle, point: 1, .. }] = actions[..] else {
+    let [
+        Action::Transform(after),
+        Action::Reference { middle, point: 1, .. },
+    ] = actions[..]
+    else {
         panic!("{actions:?}")
     };
     assert!(after.mirror.is_none() && after.rotation.is_none());

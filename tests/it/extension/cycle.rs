@@ -158,10 +158,18 @@ fn a_cycle_of_ones_own_is_restricted_and_compiled_as_tapping_is() {
 
 #[test]
 fn a_cycle_is_named_by_its_module_and_by_its_row_in_a_dialect_alone() {
-    let found = naming("g74_g84_tapping");
     let rows = ["codes/mod.rs", "dialects/nj.rs"];
-    let files = rows.map(|row| PathBuf::from("runtime/interp/src").join(row));
-    assert_eq!(found, files);
+    for (file, dialects) in [
+        ("g74_g84_tapping", &["dgshape", "nj"][..]),
+        ("g81_g89_drilling", &["dgshape"]),
+    ] {
+        let of_dialects = dialects.iter().map(|name| format!("dialects/{name}.rs"));
+        let files = std::iter::once(rows[0].to_owned()).chain(of_dialects);
+        let files: Vec<_> = files
+            .map(|row| PathBuf::from("runtime/interp/src").join(row))
+            .collect();
+        assert_eq!(naming(file), files, "{file}");
+    }
     assert_eq!(
         costs("a fixed cycle of existing steps"),
         ["runtime/interp/src/codes", rows[0], rows[1]]

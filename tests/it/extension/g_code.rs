@@ -90,13 +90,20 @@ pub fn naming(file: &str) -> Vec<PathBuf> {
 #[test]
 fn a_g_code_is_named_by_its_module_and_by_its_row_in_a_dialect_alone() {
     let codes = "runtime/interp/src/codes";
-    let rows = [
-        "runtime/interp/src/codes/mod.rs",
-        "runtime/interp/src/dialects/nj.rs",
-    ]
-    .map(PathBuf::from);
-    for file in ["g31_skip", "g17_g18_g19_plane", "g40_g41_g42_cutter_compensation"] {
-        assert_eq!(naming(file), rows, "{file}");
+    let rows = |dialects: &[&str]| {
+        let of_dialects = dialects
+            .iter()
+            .map(|name| format!("runtime/interp/src/dialects/{name}.rs"));
+        let module = "runtime/interp/src/codes/mod.rs".to_owned();
+        std::iter::once(module)
+            .chain(of_dialects)
+            .map(PathBuf::from)
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(naming("g31_skip"), rows(&["nj"]));
+    assert_eq!(naming("g39_corner"), rows(&["dgshape"]));
+    for shared in ["g17_g18_g19_plane", "g40_g41_g42_cutter_compensation"] {
+        assert_eq!(naming(shared), rows(&["dgshape", "nj"]), "{shared}");
     }
     assert_eq!(
         costs("a G code that needs no new kind of motion"),

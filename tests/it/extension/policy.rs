@@ -105,9 +105,10 @@ fn a_length_without_a_point_is_as_written_or_in_increments() {
         findings("G00 X0\nY0\nG02 X10. R4000\nM30\n", &MICROMETRES),
         ["E0122"]
     );
-    // the range counts what the number means
-    assert_eq!(findings("X999999999\nM30\n", &MICROMETRES), Vec::<&str>::new());
-    assert_eq!(findings("X999999999\nM30\n", &AS_WRITTEN), ["E0109"]);
+    // numbers without a point have at most eight digits, and the range of the word counts what they mean
+    assert_eq!(findings("X99999999\nM30\n", &MICROMETRES), Vec::<&str>::new());
+    assert_eq!(findings("X999999999\nM30\n", &MICROMETRES), ["E0109"]);
+    assert_eq!(findings("X99999999\nM30\n", &AS_WRITTEN), ["E0109"]);
 }
 
 #[test]

@@ -19,6 +19,7 @@ const MEANT: [Circle; 1] = [(
         "dialect",
         "execution",
         "modal",
+        "numbers",
         "restrictions",
         "text_position",
     ],

@@ -46,7 +46,10 @@ fn remembered(execution: &mut Execution<'_>) {
         }
     };
     words.distance = Distance::Absolute;
-    for (axis, kept) in Axis::ORTHOGONAL.into_iter().zip(&mut execution.modal.kept.middle) {
+    for (axis, kept) in Axis::ORTHOGONAL
+        .into_iter()
+        .zip(&mut execution.modal.kept().middle)
+    {
         if words.named.contains(axis) {
             *kept = Some(from[axis] + words.values[axis]);
         }

@@ -80,7 +80,7 @@ pub static G58_SHIFTED: Code = selection("G58", "Select workpiece coordinate sys
 pub static G59_SHIFTED: Code = selection("G59", "Select workpiece coordinate system 6", select_shifted::<5>);
 
 fn select_shifted<const INDEX: usize>(execution: &mut Execution<'_>) {
-    execution.modal.kept.selected = INDEX;
+    execution.modal.kept().selected = INDEX;
     put_into_force(execution);
 }
 
@@ -109,13 +109,13 @@ pub(super) fn set(execution: &mut Execution<'_>, number: usize, words: &AxisWord
         offset
     };
     match number.checked_sub(1) {
-        None => execution.modal.kept.external_offset = Some(change(external(execution))),
+        None => execution.modal.kept().external_offset = Some(change(external(execution))),
         Some(index) => {
             let before = execution.modal.kept.work_offsets[index];
             let Some(before) = before.or_else(|| of_table(execution, index)) else {
                 return;
             };
-            execution.modal.kept.work_offsets[index] = Some(change(before));
+            execution.modal.kept().work_offsets[index] = Some(change(before));
         }
     }
     put_into_force(execution);

@@ -135,7 +135,7 @@ impl Parser<'_> {
         if matches!(self.cursor.peek(), Some(b' ' | b'\t')) {
             self.blanks();
         }
-        if self.cursor.peek() == Some(b'[') {
+        if self.grammar.program_codes && self.cursor.peek() == Some(b'[') {
             self.indirect_word(start, address);
             return;
         }

@@ -1,0 +1,224 @@
+//! Dialect dgshape, by the sections of its manual: what is checked, what is put out, and where the tool goes. Expected
+//! positions are worked out by hand from the manual's text.
+
+mod arcs_and_offsets;
+mod coordinates;
+mod cycles;
+mod machine;
+mod program_form;
+mod tool_diameter;
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use tandem_interp::dialects::dgshape;
+use tandem_interp::{CheckContext, Inputs, Interpreter, check_source};
+use tandem_model::flow::{Item, Output, Path, Segment, SegmentMotion};
+use tandem_model::settings::{CoordinateSystemSettings, Tool, WorkOffsets};
+use tandem_model::variables::Variables;
+use tandem_model::{AXES_MAX, Alarm, Axis, AxisVector, MachinePosition};
+use tandem_path::PathStage;
+use tandem_runtime::Config;
+use tandem_syntax::parse;
+
+/// A machine with X, Y, Z from -100 to 100 and A, whose speeds are 100 mm/s, 100 mm/s, 50 mm/s and 90 degrees/s; G54 is at X 10,
+/// tools 1 and 2 have the radii 3 and 2 and the lengths 8 and 5.
+pub const MACHINE: &str = r#"
+[[motor]]
+number = 1
+kind = "linear"
+max_velocity = 100.0
+max_acceleration = 1000.0
+soft_limits = [-100.0, 100.0]
+reference_points = [-90.0, 0.0, 0.0, 0.0]
+[[motor]]
+number = 2
+kind = "linear"
+max_velocity = 100.0
+max_acceleration = 1000.0
+soft_limits = [-100.0, 100.0]
+reference_points = [-80.0, 0.0, 0.0, 0.0]
+[[motor]]
+number = 3
+kind = "linear"
+max_velocity = 50.0
+max_acceleration = 1000.0
+soft_limits = [-100.0, 100.0]
+reference_points = [100.0, 0.0, 0.0, 0.0]
+[[motor]]
+number = 4
+kind = "rotary"
+max_velocity = 90.0
+max_acceleration = 1000.0
+[[motor]]
+number = 5
+kind = "spindle"
+max_velocity = 12000.0
+max_acceleration = 12000.0
+[[coordinate_system]]
+number = 1
+dialect = "dgshape"
+axes = { X = 1, Y = 2, Z = 3, A = 4 }
+spindle = 5
+max_feedrate = 3000.0
+[[tool]]
+id = 1
+radius = 3.0
+length = 8.0
+[[tool]]
+id = 2
+radius = 2.0
+length = 5.0
+"#;
+
+/// The settings of [`MACHINE`] with more keys of `[coordinate_system.dgshape]`.
+pub fn settings(keys: &str) -> CoordinateSystemSettings {
+    let (before, tools) = MACHINE.split_at(MACHINE.find("[[tool]]").unwrap());
+    let text = format!("{before}[coordinate_system.dgshape]\n{keys}\n{tools}");
+    let machine = Config::from_toml(&text, "").unwrap().resolve().unwrap();
+    machine.coordinate_systems[0].settings.clone()
+}
+
+/// Blocks as a whole program in mm.
+pub fn program(blocks: &str) -> String {
+    format!("%\nG21\n{blocks}\nM30\n%\n")
+}
+
+/// The codes of the findings in a program of these blocks.
+pub fn findings(blocks: &str) -> Vec<&'static str> {
+    findings_of(&program(blocks))
+}
+
+/// The codes of the findings in a text.
+pub fn findings_of(text: &str) -> Vec<&'static str> {
+    let settings = settings("");
+    let (_, check) = check_source(text, dgshape(), &CheckContext::of(&settings));
+    check.diagnostics.iter().map(|finding| finding.code).collect()
+}
+
+/// What blocks make the tool and the outputs do, with the keys of `[coordinate_system.dgshape]`.
+///
+/// # Errors
+/// The alarm that ends the program.
+pub fn run_with(blocks: &str, keys: &str) -> Result<Vec<String>, Alarm> {
+    let mut done = Vec::new();
+    each_step(blocks, keys, |step| {
+        done.push(match step {
+            Step::Segment(segment) => shown(segment),
+            Step::Output(output) => {
+                let parameter = output.params[0].map_or(String::new(), |value| format!(" {value}"));
+                format!("M{}{parameter}", output.m)
+            }
+        });
+    })?;
+    Ok(done)
+}
+
+/// What a program gives.
+enum Step<'a> {
+    Segment(&'a Segment),
+    Output(&'a Output),
+}
+
+/// Runs blocks with the tools and offsets of the machine, from machine position 0.
+fn each_step(blocks: &str, keys: &str, mut each: impl FnMut(Step<'_>)) -> Result<(), Alarm> {
+    let settings = settings(keys);
+    let (tree, found) = parse(program(blocks), (dgshape().grammar)());
+    assert!(found.is_empty(), "{found:?}");
+    let tools: BTreeMap<u16, Tool> = [(1, 8.0, 3.0), (2, 5.0, 2.0)]
+        .map(|(id, length, radius)| (id, Tool { length, radius }))
+        .into();
+    let mut work_offsets = WorkOffsets::default();
+    work_offsets.0[1][Axis::X] = 10.0;
+    let mut path = PathStage::new(&settings, MachinePosition::default());
+    let mut interpreter = Interpreter::new(&settings, dgshape());
+    interpreter.start(Arc::new(tree), 1);
+    loop {
+        let item = interpreter.next(&Inputs {
+            programs: &BTreeMap::new(),
+            optional_skip: 1,
+            work_offsets: &work_offsets,
+            variables: &Variables::default(),
+            tool: None,
+            tools: &tools,
+            captured: Some([0.0; AXES_MAX]),
+            position: Some(path.counts_from().0),
+        })?;
+        let mut segments = Vec::new();
+        match &item {
+            Item::Block(block) => path.push(block, &mut segments)?,
+            Item::Output(_) => path.flush(&mut segments),
+            Item::End(_) => path.finish(&mut segments)?,
+            Item::Stop(_) | Item::NeedsStandstill(_) | Item::Warning(..) => {}
+        }
+        segments.iter().for_each(|segment| each(Step::Segment(segment)));
+        match &item {
+            Item::Output(output) => each(Step::Output(output)),
+            Item::End(_) => return Ok(()),
+            _ => {}
+        }
+    }
+}
+
+/// The same without settings of one's own.
+pub fn run(blocks: &str) -> Vec<String> {
+    run_with(blocks, "").unwrap_or_else(|alarm| panic!("{blocks:?}: {alarm:?}"))
+}
+
+/// The number of the alarm that ends the blocks.
+pub fn alarm(blocks: &str) -> u16 {
+    match run_with(blocks, "") {
+        Ok(done) => panic!("{blocks:?}: {done:?}"),
+        Err(alarm) => alarm.entry.number,
+    }
+}
+
+/// What a segment does, by the machine position where it ends: in mm and degrees, as far as it is not 0.
+fn shown(segment: &Segment) -> String {
+    match &segment.motion {
+        SegmentMotion::Rapid { to, .. } => format!("rapid{}", place(*to)),
+        SegmentMotion::Feed {
+            path: Path::Line { to, .. },
+            feed,
+        } => {
+            format!("line{} F{}", place(*to), rounded(feed.feedrate_mm_min))
+        }
+        SegmentMotion::Feed {
+            path: Path::Arc(arc), ..
+        } => {
+            let [x, y] = arc.centre();
+            let turn = if arc.sweep() > 0.0 { "ccw" } else { "cw" };
+            format!("{turn}{} about {} {}", place(arc.end()), rounded(x), rounded(y))
+        }
+        SegmentMotion::Dwell { dwell_s, .. } => format!("dwell {}", rounded(*dwell_s)),
+        other => format!("{other:?}"),
+    }
+}
+
+fn place(at: AxisVector) -> String {
+    let named = Axis::ALL.into_iter().filter(|axis| rounded(at[*axis]) != 0.0);
+    named
+        .map(|axis| format!(" {}{}", axis.letter(), rounded(at[axis])))
+        .collect()
+}
+
+/// Six decimals; no sign of zero.
+fn rounded(value: f64) -> f64 {
+    (value * 1e6).round() / 1e6 + 0.0
+}
+
+/// The length that F counts on the last line of these blocks, and its feedrate.
+pub fn last_line(blocks: &str) -> (f64, f64) {
+    let mut last = None;
+    let ran = each_step(blocks, "", |step| {
+        if let Step::Segment(Segment {
+            motion: SegmentMotion::Feed { path, feed },
+            ..
+        }) = step
+        {
+            last = Some((path.length(), feed.feedrate_mm_min));
+        }
+    });
+    ran.unwrap();
+    last.unwrap()
+}

@@ -1,0 +1,193 @@
+//! G39 to G42: tool-diameter offset. Tool 1 has the radius 3, tool 2 the radius 2.
+
+use super::{alarm, findings, run, run_with};
+
+const NONE: [&str; 0] = [];
+
+#[test]
+fn dgshape_1_6_the_sample_program_goes_where_its_offset_leads() {
+    // the corners of the contour, 3 mm to the left of it: all turns are outside ones of 90 degrees
+    let blocks = "G91\nG92X0Y0Z0\nG10P1R3.0\nG00Z5.0\nF300.0S6000M03\nG17G41D01G00X8.0Y8.0\nG01Z-7.0\nY35.0\nX45.0\n\
+                  G03X15.0Y-15.0I15.0\nG01Y-20.0\nX-60.0\nZ7.0\nG40G00X-8.0Y-8.0\nM05";
+    assert_eq!(
+        run(blocks),
+        [
+            "rapid Z5",
+            "M3",
+            "rapid X5 Y8 Z5",
+            "line X5 Y8 Z-2 F300",
+            "line X5 Y46 Z-2 F300",
+            "line X56 Y46 Z-2 F300",
+            "line X56 Y43 Z-2 F300",
+            "ccw X68 Y31 Z-2 about 68 43",
+            "line X71 Y31 Z-2 F300",
+            "line X71 Y5 Z-2 F300",
+            "line X8 Y5 Z-2 F300",
+            "line X8 Y5 Z5 F300",
+            "rapid Z5",
+            "M5"
+        ]
+    );
+}
+
+#[test]
+fn dgshape_d_names_an_offset_of_g10_or_of_the_tool_table() {
+    let way = |set: &str, number: &str| run(&format!("{set}\nG41D{number}G00X10.\nY10.\nG40X0Y0"))[0].clone();
+    assert_eq!(way("", "1"), "rapid X7");
+    assert_eq!(way("", "2"), "rapid X8");
+    assert_eq!(way("", "0"), "rapid X10", "the offset of number 0 is 0");
+    assert_eq!(way("G10P1R4.5", "1"), "rapid X5.5", "G10 takes precedence");
+    assert_eq!(way("G10P77R1.0", "77"), "rapid X9");
+    assert_eq!(
+        way("G10P1R-3.0", "1"),
+        "rapid X13",
+        "a negative one is to the other side"
+    );
+    assert_eq!(findings("G41X10.")[0], "E0111", "D is needed");
+    assert_eq!(findings("G41D1.0X10.")[0], "E0110");
+}
+
+#[test]
+fn dgshape_restrictions_1_to_9_of_tool_diameter_offset() {
+    let within = |block: &str| findings(&format!("M03F60.\nG41D1G00X10.\nG01Y10.\n{block}\nG40G00X0Y0"));
+    // 1: Z and A move as they are programmed
+    assert_eq!(within("G01Z-5.\nA10."), NONE);
+    assert_eq!(
+        run("F60.\nG41D1G00X10.\nG01Y10.\nZ-5.\nX20.\nG40G00X30.")[2],
+        "line X7 Y13 Z-5 F60"
+    );
+    // 2: no arc begins or ends it
+    for block in ["G02", "G02X20.Y0.I5."] {
+        assert_eq!(
+            findings(&format!("F60.\nG41D1{block}\nG01Y10.\nG40G00X0Y0"))[0],
+            "E0119",
+            "{block}"
+        );
+        assert_eq!(within(&format!("G40{block}"))[0], "E0119", "{block}");
+    }
+    // 3: no other plane
+    assert_eq!(within("G18"), ["E0119"]);
+    assert_eq!(findings("G18\nG41D1G00X10.\nG40X0")[0], "E0119");
+    // 4: no code sets coordinates, 8: drills or scales, 9: goes to the reference point
+    for block in [
+        "G10P1R1.0",
+        "G54",
+        "G55",
+        "G56",
+        "G57",
+        "G58",
+        "G59",
+        "G92X0",
+        "G50",
+        "G51P2.0",
+        "G80",
+        "G81Z-1.",
+        "G82Z-1.",
+        "G83Z-1.",
+        "G85Z-1.",
+        "G86Z-1.",
+        "G89Z-1.",
+        "G28X0",
+        "G53X0",
+    ] {
+        assert_eq!(within(block)[0], "E0119", "{block}");
+    }
+    // 5: M codes and dwells may stand in it
+    assert_eq!(within("M12\nG04P100"), NONE);
+    // 6: an arc that the tool does not fit into
+    assert_eq!(
+        alarm("F60.\nG41D1G00X10.\nG01Y10.\nG03X8.Y12.I-1.J1.\nG40G01X0"),
+        116
+    );
+    // 7: the side and the number stay
+    assert_eq!(within("G42D1"), ["E0119"]);
+    assert_eq!(within("G41D2"), ["E0119"]);
+    // the program neither ends nor stops in it
+    assert_eq!(within("M00"), ["E0119"]);
+    assert_eq!(findings("G41D1G00X10.\nY5."), ["E0119"]);
+}
+
+#[test]
+fn dgshape_overcuts_are_not_looked_for() {
+    // a groove of 4 mm for a tool of radius 3, which goes back on the line between
+    let done = run("F60.\nG41D1G00X10.\nG01Y10.\nX6.\nY0\nG40G00X0");
+    assert_eq!(
+        done[..4],
+        ["rapid X7", "line X7 Y7 F60", "line X9 Y7 F60", "line X9 F60"]
+    );
+}
+
+#[test]
+fn dgshape_rapids_move_in_the_offset() {
+    assert_eq!(
+        run("G41D1G00X10.\nY10.\nX20.\nG40X30.Y0")[..3],
+        ["rapid X7", "rapid X7 Y13", "rapid X20 Y13"]
+    );
+}
+
+#[test]
+fn dgshape_outside_starts_are_of_type_a_or_b() {
+    let first = |keys: &str, direction: &str| {
+        let blocks = format!("F60.\nG41D1G01X10.\n{direction}\nG40X50.Y0");
+        let mut done = run_with(&blocks, keys).unwrap();
+        done.truncate(4);
+        done
+    };
+    let (a, b) = ("compensation_start = \"a\"", "compensation_start = \"b\"");
+    // right turn of 90 degrees (obtuse, by the manual's angle): beside the corner, or by the crossing of both ways
+    assert_eq!(first(a, "Y-20.")[..2], ["line X13 F60", "line X13 Y-20 F60"]);
+    assert_eq!(first(b, "Y-20.")[..2], ["line X13 Y3 F60", "line X13 Y-20 F60"]);
+    // back to (0, -10): a turn of 135 degrees (acute); each goes on by 3 mm
+    let r = 3.0 * std::f64::consts::FRAC_1_SQRT_2;
+    let beside = format!("line X{} Y{} F60", six(10.0 + r), six(-r));
+    assert_eq!(first(a, "X0Y-10.")[0], beside);
+    let acute = first(b, "X0Y-10.");
+    assert_eq!(acute[0], "line X13 Y3 F60");
+    assert_eq!(acute[1], format!("line X{} F60", six(10.0 + 2.0 * r)));
+    // on the inside, and within 1 degree of a reversal, both types are the same
+    for direction in ["Y20.", "X0Y-0.1"] {
+        assert_eq!(first(a, direction)[0], first(b, direction)[0], "{direction}");
+    }
+}
+
+fn six(value: f64) -> f64 {
+    (value * 1e6).round() / 1e6
+}
+
+#[test]
+fn dgshape_outside_corners_are_straight() {
+    // a turn of 135 degrees: both ways go on by 3 mm, and a line joins them
+    let done = run("F60.\nG41D1G01X10.\nY10.\nX20.Y0\nG40X50.");
+    let r = 3.0 * std::f64::consts::FRAC_1_SQRT_2;
+    assert_eq!(done[1], "line X7 Y13 F60");
+    assert_eq!(
+        done[2],
+        format!("line X{} Y{} F60", six(10.0 + r - r), six(10.0 + 2.0 * r))
+    );
+}
+
+#[test]
+fn dgshape_g39_rounds_the_next_corner() {
+    let done = run("F60.\nG41D1G01X10.\nY10.\nG39X20.Y10.\nX20.\nY0\nG40X50.");
+    assert_eq!(
+        done[1..4],
+        ["line X7 Y10 F60", "cw X10 Y13 about 10 10", "line X23 Y13 F60"]
+    );
+    let incremental = run("F60.\nG91G41D1G01X10.\nY10.\nG39X1.\nX10.\nY-10.\nG40X30.");
+    assert_eq!(incremental[2], "cw X10 Y13 about 10 10");
+    assert_eq!(
+        run("F60.\nG41D1G01X10.\nY10.\nG39\nX20.\nY0\nG40X50.")[2],
+        "cw X10 Y13 about 10 10"
+    );
+    assert_eq!(findings("G39X1.0"), ["E0119"]);
+    assert_eq!(
+        alarm("F60.\nG41D1G01X10.\nY10.\nG39X0Y20.\nX20.\nY0\nG40X50."),
+        40
+    );
+}
+
+#[test]
+fn dgshape_a_way_out_by_an_inside_corner_ends_beside_it() {
+    let done = run("F60.\nG42D1G01X10.\nY10.\nG40G00X20.Y20.");
+    assert_eq!(done, ["line X13 F60", "line X13 Y10 F60", "rapid X20 Y20"]);
+}
