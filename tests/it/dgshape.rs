@@ -6,6 +6,7 @@ mod coordinates;
 mod cycles;
 mod machine;
 mod program_form;
+mod simulated;
 mod tool_diameter;
 
 use std::collections::BTreeMap;

@@ -123,6 +123,28 @@ fn every_main_program_simulates_to_completion_on_the_demo_machine() {
 }
 
 #[test]
+fn the_plate_of_dialect_dgshape_is_clean_and_simulates_to_completion() {
+    let program = "examples/nc/dgshape/plate.nc";
+    let config = ["--config", "examples/config/dgshape.toml"];
+    let ran = run(root(), &[&["check", program], &config[..]].concat());
+    assert!(
+        ran.stdout.contains("0 errors, 0 warnings"),
+        "{}{}",
+        ran.stdout,
+        ran.stderr
+    );
+    let ran = run(root(), &[&["simulate", program, "--json"], &config[..]].concat());
+    let result = ran.json();
+    assert_eq!(
+        (ran.code, &result["outcome"]),
+        (0, &"completed".into()),
+        "{result}"
+    );
+    assert_eq!(result["warnings"].as_array().unwrap().len(), 0, "{result}");
+    assert_eq!(result["machine"]["Z"], 100.0, "at the reference point");
+}
+
+#[test]
 fn the_part_transfer_simulates_in_both_coordinate_systems_at_once() {
     let ran = run(
         root(),

@@ -27,6 +27,7 @@ mod arc;
 mod blend;
 mod compensation;
 mod length;
+mod sharp_corner;
 mod stage;
 mod surface;
 mod tapping;

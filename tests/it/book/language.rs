@@ -4,14 +4,20 @@ use std::fmt::Write as _;
 
 use tandem_interp::codes::{Code, ModalGroup, WordSpec};
 use tandem_interp::decisions::DECISIONS;
-use tandem_interp::dialects;
+use tandem_interp::{Dialect, dialects};
 use tandem_syntax::{DIAGNOSTICS, Function};
 
 use super::generated::check;
 
 #[test]
 fn the_page_of_the_codes_is_that_of_the_dialect() {
-    let dialect = dialects::nj();
+    let some = ["G00", "G50.1", "G84", "G501", "M30", "M98"];
+    page_of_codes(dialects::nj(), &some, "docs/src/reference/codes.md");
+    let some = ["G00", "G10", "G39", "G83", "G92", "M06", "M30"];
+    page_of_codes(dialects::dgshape(), &some, "docs/src/reference/codes-dgshape.md");
+}
+
+fn page_of_codes(dialect: &Dialect, some: &[&str], file: &str) {
     let mut page = format!("# Codes of dialect {}\n\n## G codes\n\n", dialect.name);
     for code in dialect.g_codes.codes {
         describe(&mut page, code);
@@ -27,10 +33,10 @@ fn the_page_of_the_codes_is_that_of_the_dialect() {
         .filter_map(|address| dialect.modal_words.get(*address))
         .collect();
     table(&mut page, modal.into_iter());
-    for code in ["G00", "G50.1", "G84", "G501", "M30", "M98"] {
+    for code in some {
         assert!(page.contains(&format!("### {code}: ")), "{code}");
     }
-    check("docs/src/reference/codes.md", &page);
+    check(file, &page);
 }
 
 fn describe(page: &mut String, code: &Code) {

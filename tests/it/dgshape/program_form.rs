@@ -123,7 +123,11 @@ fn dgshape_1_5_numbers_are_read_in_increments_or_by_calculator() {
     let all = run_with("G01X20F600\nG04X5\nA90", "calculator = \"all\"").unwrap();
     assert_eq!(all, ["line X20 F600", "dwell 5", "line X20 A90 F3000"]);
     let dimensions = run_with("G01X20F600000\nA90", "calculator = \"ijkrxyza\"").unwrap();
-    assert_eq!(dimensions, ["line X20 F600", "line X20 A90 F3000"], "A in its centre turns freely");
+    assert_eq!(
+        dimensions,
+        ["line X20 F600", "line X20 A90 F3000"],
+        "A in its centre turns freely"
+    );
 }
 
 #[test]

@@ -50,14 +50,14 @@ pub static G43_H: Code = Code {
         move_by(execution, if number == 0 { 0.0 } else { tool.length });
     },
     docs: "Adds the offset of number H, the length in the tool table, to Z. With axis words their motion ends at the \
-           corrected Z; without them Z moves by the change of the offset. H0 is no offset.",
+           corrected Z; without them Z moves by the change of the offset. Number 0 is no offset.",
     ..G43
 };
 
 /// G49 that moves.
 pub static G49_H: Code = Code {
     select: |execution| move_by(execution, 0.0),
-    docs: "As G43 with H0: the offset ends, and without axis words Z moves by the change. In force at start-up.",
+    docs: "As G43 with number 0: the offset ends, and without axis words Z moves by the change. In force at start-up.",
     ..G49
 };
 

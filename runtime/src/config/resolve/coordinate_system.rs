@@ -111,6 +111,7 @@ impl CoordinateSystemConfig {
             min_spindle_speed_r_min: config.min_spindle_speed,
             max_spindle_speed_r_min: config.max_spindle_speed,
             peck_clearance_mm: config.peck_clearance,
+            corner_tolerance_mm: config.corner_tolerance,
             compensation_start: config.compensation_start,
             external_offset,
             m_codes,

@@ -1,0 +1,111 @@
+//! Programs of dialect dgshape on a simulated machine: the path of the motors, and the outputs.
+
+use super::{MACHINE, program};
+use crate::support::machine::Machine;
+use crate::support::simulated::simulate_on;
+
+fn machine(more: &str) -> Machine {
+    Machine::with_config(&format!(
+        "[machine]\nname = \"mill-1\"\nservo_late_ms = 1500\n{MACHINE}{more}"
+    ))
+}
+
+#[test]
+fn dgshape_g00_is_straight_and_as_fast_as_the_motors_can_together() {
+    let ran = simulate_on(&machine(""), &program("G00X40.Y20.Z5."), &[]).completed();
+    for row in &ran.trace {
+        let [x, y, z] = [row.axes[0], row.axes[1], row.axes[2]];
+        assert!(
+            (y - x / 2.0).abs() < 1e-8 && (z - x / 8.0).abs() < 1e-8,
+            "{x} {y} {z}"
+        );
+    }
+    // X is the slowest: 40 mm at 100 mm/s and 1000 mm/s^2 take 0.4 s and 0.1 s for the ramps
+    assert!(
+        (0.5..0.51).contains(&ran.cycle_time_s()),
+        "{}",
+        ran.cycle_time_s()
+    );
+}
+
+#[test]
+fn dgshape_2_7_outputs_go_with_the_motion_of_their_block_unless_a_setting_says_otherwise() {
+    let blocks = program("G00X10.\nM06T2X20.\nX30.");
+    let timing = |more: &str| {
+        let ran = simulate_on(&machine(more), &blocks, &[]).completed();
+        let output = ran.events("output")[0].clone();
+        assert_eq!(
+            (output["m"].as_u64(), output["params"]["A"].as_f64()),
+            (Some(6), Some(2.0))
+        );
+        // it is made when the motion has come to its block
+        assert_eq!(ran.at_outputs(0), [10.0]);
+        (output["timing"].as_str().unwrap().to_owned(), ran.cycle_time_s())
+    };
+    let settings = "[m_code.6]\nstock = \"select_tool\"\nsimulated_ms = 1000\n";
+    let (with_motion, sooner_s) = timing(settings);
+    let (after_motion, later_s) = timing(&format!("{settings}timing = \"after_motion\"\n"));
+    assert_eq!(
+        (with_motion.as_str(), after_motion.as_str()),
+        ("with_motion", "after_motion")
+    );
+    // the end of the program waits for the reset in both; behind after_motion so does the motion
+    assert!(later_s - sooner_s > 0.3, "{sooner_s} {later_s}");
+}
+
+#[test]
+fn dgshape_m_codes_with_settings_are_outputs() {
+    let blocks = program("M08\nG00X1.");
+    let refused = simulate_on(&machine(""), &blocks, &[]);
+    assert_eq!(
+        refused.json["diagnostics"][0]["code"], "E0104",
+        "{}",
+        refused.json
+    );
+    let more = "[m_code.8]\nunhandled = \"auto_reset\"\n";
+    let ran = simulate_on(&machine(more), &blocks, &[]).completed();
+    assert_eq!(ran.events("output").len(), 1);
+}
+
+#[test]
+fn dgshape_2_4_the_spindle_turns_at_the_speed_of_s() {
+    let ran = simulate_on(&machine(""), &program("S60M03\nG04X1.0\nM05"), &[]).completed();
+    assert_eq!(ran.events("output").len(), 2);
+    assert!((1.0..1.1).contains(&ran.cycle_time_s()), "{}", ran.cycle_time_s());
+}
+
+#[test]
+fn dgshape_motion_keeps_to_the_path_through_corners() {
+    // the two lines meet at a right angle, where the motion stops
+    let ran = simulate_on(&machine(""), &program("F3000.\nG01X20.\nY20."), &[]).completed();
+    for row in &ran.trace {
+        let [x, y] = [row.axes[0], row.axes[1]];
+        assert!(y.abs() < 0.001 || (x - 20.0).abs() < 0.001, "{x} {y}");
+    }
+}
+
+#[test]
+fn dgshape_motion_stays_within_the_corner_tolerance_of_a_circle() {
+    // a quarter of a circle about (0, 10) between its tangents, and a polygon of 1 degree a side: both at F3000
+    let sides: String = (1..=90)
+        .map(|degrees| {
+            let (sin, cos) = f64::from(degrees).to_radians().sin_cos();
+            format!("X{:.4}Y{:.4}\n", 10.0 * sin, 10.0 - 10.0 * cos)
+        })
+        .collect();
+    for way in ["G03X10.Y10.J10.\nG01", sides.as_str()] {
+        let blocks = program(&format!("F3000.\nG00X-10.\nG01X0\n{way}Y20."));
+        let ran = simulate_on(&machine(""), &blocks, &[]).completed();
+        for row in &ran.trace {
+            let [x, y] = [row.axes[0], row.axes[1]];
+            let off = if x <= 0.0 {
+                y.abs()
+            } else if y <= 10.0 {
+                (x.hypot(y - 10.0) - 10.0).abs()
+            } else {
+                (x - 10.0).abs()
+            };
+            assert!(off < 0.0125, "{off} off at {x} {y}");
+        }
+    }
+}
