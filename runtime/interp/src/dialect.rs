@@ -129,6 +129,11 @@ impl Dialect {
         codes.find(|code| code.sets == Some(value))
     }
 
+    /// True when programs may say how long ramps take; otherwise the limits of the motors alone make them.
+    pub fn has_ramp_times(&self) -> bool {
+        self.modal_words.get(Address::Ta).is_some()
+    }
+
     /// The last of its M codes with a role.
     pub fn m_code(&self, role: Role) -> Option<&'static Code> {
         let mut codes = self.m_codes.codes.iter().rev().copied();

@@ -32,5 +32,5 @@ pub use check::{Check, CheckContext, check, check_source};
 pub use dialect::Dialect;
 pub use inputs::{Inputs, NO_TOOLS};
 pub use interpreter::Interpreter;
-pub use modal::{CycleWords, Kept, Modal};
+pub use modal::{CycleWords, Kept, Middle, Modal};
 pub use outputs::{WrittenOutput, written_outputs};

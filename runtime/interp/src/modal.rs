@@ -46,8 +46,17 @@ pub struct Kept {
     pub shift: AxisVector,
     /// Tool-diameter offsets by number.
     pub radii: BTreeMap<u16, f64>,
-    /// The middle point of G28, X, Y and Z.
-    pub middle: [Option<f64>; 3],
+    /// The middle point of G28, X, Y and Z; `None` for an axis that no G28 has named.
+    pub middle: [Option<Middle>; 3],
+}
+
+/// An axis of a remembered middle point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Middle {
+    /// A programmed position, mm.
+    At(f64),
+    /// Where the axis is: it was named by a distance.
+    Here,
 }
 
 /// [`Kept`], shared by the copies of a modal state: it seldom changes, and each block has a copy.

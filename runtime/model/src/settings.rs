@@ -52,17 +52,6 @@ pub struct PathRules {
     pub compensation: CompensationRules,
     /// Whether ramps span blocks before a code says so.
     pub multi_block: MultiBlock,
-    /// Which corners blocks may blend at.
-    pub corners: Corners,
-}
-
-/// Which corners blocks may blend at.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Corners {
-    /// All.
-    Blended,
-    /// Those where the motion stays within [`NcOptions::corner_tolerance_mm`] of the path; it stops at others.
-    Kept,
 }
 
 impl PathRules {
@@ -72,7 +61,6 @@ impl PathRules {
         rotary_feed: RotaryFeed::Degrees,
         compensation: CompensationRules::Checked,
         multi_block: MultiBlock::Off,
-        corners: Corners::Blended,
     };
 }
 
@@ -120,8 +108,6 @@ pub struct NcOptions {
     pub max_spindle_speed_r_min: f64,
     /// How far above the last depth a peck of a fixed cycle begins to cut, mm.
     pub peck_clearance_mm: f64,
-    /// How far the motion may be from the corners of the path, mm; see [`Corners::Kept`].
-    pub corner_tolerance_mm: f64,
     /// The path of the way into and out of cutter compensation on the outside of a corner.
     pub compensation_start: CompensationStart,
     /// EXOFS: what all work coordinate systems are shifted by.
@@ -139,7 +125,6 @@ impl Default for NcOptions {
             min_spindle_speed_r_min: 0.0,
             max_spindle_speed_r_min: 0.0,
             peck_clearance_mm: 0.5,
-            corner_tolerance_mm: 0.01,
             compensation_start: CompensationStart::A,
             external_offset: AxisVector::ZERO,
             m_codes: MCodeSet::default(),

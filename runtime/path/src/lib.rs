@@ -27,7 +27,6 @@ mod arc;
 mod blend;
 mod compensation;
 mod length;
-mod sharp_corner;
 mod stage;
 mod surface;
 mod tapping;

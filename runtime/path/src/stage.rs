@@ -5,7 +5,7 @@ use tandem_model::flow::{
     Action, AxisWords, Block, Compensation, Feed, MultiBlock, Path, PathControl, Segment, SegmentEnd,
     SegmentMotion, Transform,
 };
-use tandem_model::settings::{CoordinateSystemSettings, Corners, RotaryFeed};
+use tandem_model::settings::{CoordinateSystemSettings, RotaryFeed};
 use tandem_model::{Alarm, Axis, AxisSet, AxisVector, MachinePosition, WorkPosition};
 
 use crate::compensation::{Compensator, Leg, Side};
@@ -394,12 +394,9 @@ impl PathStage {
     }
 
     /// Takes the next segment, which decides how the one before ends.
-    fn join(&mut self, segment: Segment, mut stop_before: bool, out: &mut Vec<Segment>) -> Result<(), Alarm> {
+    fn join(&mut self, segment: Segment, stop_before: bool, out: &mut Vec<Segment>) -> Result<(), Alarm> {
         self.segment_within_soft_limits(&segment.motion)
             .map_err(|alarm| alarm.at(segment.origin))?;
-        if let Some(before) = &self.held_back {
-            stop_before |= self.settings.path.corners == Corners::Kept && self.is_sharp(before, &segment);
-        }
         if let (Some(before), false) = (&self.held_back, stop_before) {
             self.blend_within_soft_limits(&before.motion, &segment.motion)
                 .map_err(|alarm| alarm.at(segment.origin))?;

@@ -32,9 +32,6 @@ pub struct DgshapeConfig {
     /// How far above the last depth G83 begins to cut again.
     #[schemars(range(min = 0.0, max = POSITION_MAX), extend("x-unit" = "mm"))]
     pub peck_clearance: f64,
-    /// How far the motion may be from the corners of the path; it stops at corners where it would be further off.
-    #[schemars(range(min = 0.0, max = POSITION_MAX), extend("x-unit" = "mm"))]
-    pub corner_tolerance: f64,
     /// Way into and out of tool-diameter offset on the outside of a corner: type A or B.
     #[serde(with = "CompensationStartWord")]
     pub compensation_start: CompensationStart,
@@ -51,7 +48,6 @@ impl Default for DgshapeConfig {
             min_spindle_speed: 0.0,
             max_spindle_speed: 0.0,
             peck_clearance: 0.5,
-            corner_tolerance: 0.01,
             compensation_start: CompensationStart::A,
             external_offset: BTreeMap::new(),
         }

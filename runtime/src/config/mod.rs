@@ -229,7 +229,7 @@ pub struct CoordinateSystemConfig {
     #[serde(default)]
     #[schemars(range(min = 0.0, max = 1e9), extend("x-unit" = "units/min"))]
     pub default_feedrate: f64,
-    /// Acceleration time until a program sets ta.
+    /// Acceleration time until a program sets ta; dialect dgshape has none, and its ramps are those of the motors' limits.
     #[serde(default = "number::<100>")]
     #[schemars(range(min = 0.0, max = 250_000.0), extend("x-unit" = "ms"))]
     pub default_ta_ms: f64,

@@ -60,6 +60,8 @@ fn dgshape_g28_goes_by_a_remembered_middle_point() {
         ["rapid X15", "rapid X-90", "rapid X15 Y30", "rapid X-90 Y-80"]
     );
     assert_eq!(run("G28G91Z0"), ["rapid Z100"], "only Z, from where it is");
+    // an axis whose middle point was a distance stays where it is: at the reference point
+    assert_eq!(run("G91G28Z0\nG28X0")[1..], ["rapid X-90 Z100"]);
     assert_eq!(run("G28"), NONE, "no coordinate at all: no motion");
     assert_eq!(findings("G28A0"), ["E0108"]);
     assert_eq!(findings("G28B0"), ["E0007"]);

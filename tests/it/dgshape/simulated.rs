@@ -76,16 +76,16 @@ fn dgshape_2_4_the_spindle_turns_at_the_speed_of_s() {
 
 #[test]
 fn dgshape_motion_keeps_to_the_path_through_corners() {
-    // the two lines meet at a right angle, where the motion stops
+    // the two lines meet at a right angle
     let ran = simulate_on(&machine(""), &program("F3000.\nG01X20.\nY20."), &[]).completed();
     for row in &ran.trace {
         let [x, y] = [row.axes[0], row.axes[1]];
-        assert!(y.abs() < 0.001 || (x - 20.0).abs() < 0.001, "{x} {y}");
+        assert!(y.abs() < 0.01 || (x - 20.0).abs() < 0.01, "{x} {y}");
     }
 }
 
 #[test]
-fn dgshape_motion_stays_within_the_corner_tolerance_of_a_circle() {
+fn dgshape_motion_keeps_to_a_circle_and_does_not_stop_on_it() {
     // a quarter of a circle about (0, 10) between its tangents, and a polygon of 1 degree a side: both at F3000
     let sides: String = (1..=90)
         .map(|degrees| {
@@ -105,7 +105,9 @@ fn dgshape_motion_stays_within_the_corner_tolerance_of_a_circle() {
             } else {
                 (x - 10.0).abs()
             };
-            assert!(off < 0.0125, "{off} off at {x} {y}");
+            assert!(off < 0.01, "{off} off at {x} {y}");
         }
+        // 35.7 mm at 50 mm/s, where the circle allows sqrt(1000 * 10) mm/s, and a ramp of 50 ms at both ends
+        assert!(ran.cycle_time_s() < 1.2, "{}", ran.cycle_time_s());
     }
 }

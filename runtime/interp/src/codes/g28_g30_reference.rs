@@ -1,12 +1,13 @@
 //! G28 and G30: to a reference point by way of a middle point (D23, D24).
 
-use tandem_model::flow::{Action, Distance};
-use tandem_model::{Axis, AxisVector};
+use tandem_model::Axis;
+use tandem_model::flow::{Action, AxisWords, Distance};
 use tandem_syntax::Address;
 
 use super::{AXIS_WORDS, Code, WordSpec, axis_word};
 use crate::execution::Execution;
 use crate::meaning::Role;
+use crate::modal::Middle;
 
 /// G28: to the first reference point.
 pub static G28: Code = Code {
@@ -30,33 +31,37 @@ pub static G28_REMEMBERED: Code = Code {
         axis_word(Address::Z),
     ],
     docs: "Moves straight to the middle point and on to the reference point, as fast as G00. An axis without a word has \
-           the middle point of an earlier G28 of the program, in the coordinates then in force; one that no G28 has named \
-           does not move. It does not move A. Tool-diameter offset must be off.",
+           the middle point of an earlier G28 of the program, in the coordinates then in force, or goes straight where that was \
+           a distance (G91); one that no G28 has named does not move. It does not move A. Tool-diameter offset must be off.",
     select: remembered,
     ..G28
 };
 
 fn remembered(execution: &mut Execution<'_>) {
-    let mut words = execution.own_axis_words();
-    let from = match words.distance {
-        Distance::Absolute => AxisVector::ZERO,
-        Distance::Incremental => {
-            let position = execution.position();
-            execution.modal.transform.inverse(position)
-        }
+    let own = execution.own_axis_words();
+    let position = execution.position();
+    let here = execution.modal.transform.inverse(position);
+    let mut words = AxisWords {
+        distance: Distance::Absolute,
+        ..own
     };
-    words.distance = Distance::Absolute;
     for (axis, kept) in Axis::ORTHOGONAL
         .into_iter()
         .zip(&mut execution.modal.kept().middle)
     {
-        if words.named.contains(axis) {
-            *kept = Some(from[axis] + words.values[axis]);
-        }
-        if let Some(middle) = *kept {
-            words.values[axis] = middle;
-            words.named.insert(axis);
-        }
+        let named = own.named.contains(axis);
+        let by_distance = own.distance == Distance::Incremental;
+        *kept = match kept {
+            _ if named && by_distance => Some(Middle::Here),
+            _ if named => Some(Middle::At(own.values[axis])),
+            other => *other,
+        };
+        let Some(middle) = *kept else { continue };
+        words.values[axis] = match middle {
+            Middle::At(value) => value,
+            Middle::Here => here[axis] + if named { own.values[axis] } else { 0.0 },
+        };
+        words.named.insert(axis);
     }
     if !words.named.is_empty() {
         execution.act(Action::Reference {

@@ -7,13 +7,13 @@
 //! - A comment ends on its line.
 //! - D and H name an entry of the tool table: its radius, its length.
 //! - What G10, G28 and G92 keep holds until the next program begins.
-//! - Motion keeps to the path: it stops at sharp corners, and passes others as with G500 of dialect nj.
+//! - Motion keeps to the path within the limits of the motors, as with G500 of dialect nj and ramp times of 0.
 //! - Cutter compensation neither looks for overcuts nor holds rapids back.
 //!
 //! [`NcOptions`]: tandem_model::settings::NcOptions
 
 use tandem_model::flow::MultiBlock;
-use tandem_model::settings::{CompensationRules, Corners, PathRules, RapidPath, RotaryFeed};
+use tandem_model::settings::{CompensationRules, PathRules, RapidPath, RotaryFeed};
 use tandem_syntax::Grammar;
 
 use crate::codes::feed_words::FEED_AND_SPEED;
@@ -129,7 +129,6 @@ pub(super) static DGSHAPE: Dialect = Dialect {
         rotary_feed: RotaryFeed::Surface,
         compensation: CompensationRules::Unchecked,
         multi_block: MultiBlock::On,
-        corners: Corners::Kept,
     },
     restrictions: &restrictions::DGSHAPE,
 };

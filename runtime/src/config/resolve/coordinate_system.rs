@@ -54,6 +54,7 @@ impl CoordinateSystemConfig {
             let text = format!("spindle = {number}: there is no [[motor]] {number} of kind spindle");
             checked.problem("spindle", text);
         }
+        let ramp_ms = |time| if self.dialect.has_ramp_times() { time } else { 0.0 };
         CoordinateSystemSettings {
             number: self.number,
             motors: of_axis,
@@ -61,9 +62,9 @@ impl CoordinateSystemConfig {
             unit: self.units,
             max_feedrate_mm_min: self.max_feedrate,
             default_feedrate_mm_min: self.default_feedrate,
-            default_ta_ms: self.default_ta_ms,
-            default_td_ms: self.default_td_ms,
-            default_ts_ms: self.default_ts_ms,
+            default_ta_ms: ramp_ms(self.default_ta_ms),
+            default_td_ms: ramp_ms(self.default_td_ms),
+            default_ts_ms: ramp_ms(self.default_ts_ms),
             rotary_feedrate_deg_min: self.rotary_feedrate,
             override_slew_ms: self.override_slew_ms,
             hold_slew_ms: self.hold_slew_ms,
@@ -111,7 +112,6 @@ impl CoordinateSystemConfig {
             min_spindle_speed_r_min: config.min_spindle_speed,
             max_spindle_speed_r_min: config.max_spindle_speed,
             peck_clearance_mm: config.peck_clearance,
-            corner_tolerance_mm: config.corner_tolerance,
             compensation_start: config.compensation_start,
             external_offset,
             m_codes,
