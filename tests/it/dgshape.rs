@@ -152,7 +152,9 @@ fn each_step(blocks: &str, keys: &str, mut each: impl FnMut(Step<'_>)) -> Result
             Item::End(_) => path.finish(&mut segments)?,
             Item::Stop(_) | Item::NeedsStandstill(_) | Item::Warning(..) => {}
         }
-        segments.iter().for_each(|segment| each(Step::Segment(segment)));
+        for segment in &segments {
+            each(Step::Segment(segment));
+        }
         match &item {
             Item::Output(output) => each(Step::Output(output)),
             Item::End(_) => return Ok(()),
@@ -198,9 +200,8 @@ fn shown(segment: &Segment) -> String {
 
 fn place(at: AxisVector) -> String {
     let named = Axis::ALL.into_iter().filter(|axis| rounded(at[*axis]) != 0.0);
-    named
-        .map(|axis| format!(" {}{}", axis.letter(), rounded(at[axis])))
-        .collect()
+    let words = named.map(|axis| format!(" {}{}", axis.letter(), rounded(at[axis])));
+    words.collect::<Vec<_>>().concat()
 }
 
 /// Six decimals; no sign of zero.

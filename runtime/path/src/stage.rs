@@ -8,7 +8,7 @@ use tandem_model::flow::{
 use tandem_model::settings::{CoordinateSystemSettings, RotaryFeed};
 use tandem_model::{Alarm, Axis, AxisSet, AxisVector, MachinePosition, WorkPosition};
 
-use crate::compensation::{Compensator, Leg, Side};
+use crate::compensation::{Compensator, Leg, Rounding, Side};
 use crate::length::{LENGTH_MIN, line_between, moves};
 use crate::transform::{self, finite};
 
@@ -320,8 +320,12 @@ impl PathStage {
 
     /// The direction in which the motion after a corner goes, if the words say one.
     fn corner(&mut self, words: &AxisWords) {
-        let direction = (!words.named.is_empty()).then(|| self.work_target(words, true).minus(self.at));
-        self.compensator.round_next(direction);
+        let rounding = if words.named.is_empty() {
+            Rounding::Free
+        } else {
+            Rounding::Towards(self.work_target(words, true).minus(self.at))
+        };
+        self.compensator.round_next(rounding);
     }
 
     /// Takes a cutting block along this path; `None`: it does not move.

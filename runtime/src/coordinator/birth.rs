@@ -6,7 +6,7 @@ use tandem_model::Axis;
 use tandem_model::limits::PROGRAM_BYTES_MAX;
 use tandem_model::settings::{MotorKind, Unit};
 
-use crate::config::Machine;
+use crate::config::{CoordinateSystem, Machine};
 use crate::shared::Shared;
 
 pub(super) fn presence(shared: &Shared, online: bool) -> Presence {
@@ -46,7 +46,7 @@ pub(super) fn birth(machine: &Machine) -> Birth {
         max_velocity: motor.max_velocity,
     });
     let first = machine.coordinate_systems.first();
-    let default_timing = first.map_or_else(Timing::default, |system| system.default_timing());
+    let default_timing = first.map_or_else(Timing::default, CoordinateSystem::default_timing);
     let m_codes = machine.m_codes.iter().map(|(m, settings)| {
         let info = MCodeInfo {
             timing: settings.timing.unwrap_or(default_timing),

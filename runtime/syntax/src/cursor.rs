@@ -186,10 +186,9 @@ impl<'a> Cursor<'a> {
             self.at += rest.iter().position(|byte| *byte == b'\n').unwrap_or(rest.len());
         } else if let Some((open, close)) = grammar.block_comment {
             let inside = self.source.get(start + open.len()..).unwrap_or_default();
-            let end = match grammar.comment_spans_lines {
-                true => inside.len(),
-                false => inside.find('\n').unwrap_or(inside.len()),
-            };
+            let lines = grammar.comment_spans_lines;
+            let line_end = inside.find('\n').filter(|_| !lines);
+            let end = line_end.unwrap_or(inside.len());
             let Some(length) = inside[..end].find(close) else {
                 self.at += open.len() + end;
                 self.line += self.line_feeds(start);

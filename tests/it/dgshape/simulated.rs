@@ -87,13 +87,12 @@ fn dgshape_motion_keeps_to_the_path_through_corners() {
 #[test]
 fn dgshape_motion_keeps_to_a_circle_and_does_not_stop_on_it() {
     // a quarter of a circle about (0, 10) between its tangents, and a polygon of 1 degree a side: both at F3000
-    let sides: String = (1..=90)
-        .map(|degrees| {
-            let (sin, cos) = f64::from(degrees).to_radians().sin_cos();
-            format!("X{:.4}Y{:.4}\n", 10.0 * sin, 10.0 - 10.0 * cos)
-        })
-        .collect();
-    for way in ["G03X10.Y10.J10.\nG01", sides.as_str()] {
+    let sides = (1..=90).map(|degrees| {
+        let (sin, cos) = f64::from(degrees).to_radians().sin_cos();
+        format!("X{:.4}Y{:.4}\n", 10.0 * sin, 10.0 - 10.0 * cos)
+    });
+    let polygon = sides.collect::<Vec<_>>().concat();
+    for way in ["G03X10.Y10.J10.\nG01", polygon.as_str()] {
         let blocks = program(&format!("F3000.\nG00X-10.\nG01X0\n{way}Y20."));
         let ran = simulate_on(&machine(""), &blocks, &[]).completed();
         for row in &ran.trace {

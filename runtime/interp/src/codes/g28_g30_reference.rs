@@ -51,11 +51,13 @@ fn remembered(execution: &mut Execution<'_>) {
     {
         let named = own.named.contains(axis);
         let by_distance = own.distance == Distance::Incremental;
-        *kept = match kept {
-            _ if named && by_distance => Some(Middle::Here),
-            _ if named => Some(Middle::At(own.values[axis])),
-            other => *other,
-        };
+        if named {
+            *kept = Some(if by_distance {
+                Middle::Here
+            } else {
+                Middle::At(own.values[axis])
+            });
+        }
         let Some(middle) = *kept else { continue };
         words.values[axis] = match middle {
             Middle::At(value) => value,

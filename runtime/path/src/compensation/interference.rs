@@ -56,7 +56,7 @@ pub(super) fn with_earlier(queue: &VecDeque<Piece>, place: usize, radius: f64) -
 /// The same for an arc added before the lead-out, which follows the pieces in the queue and leaves the last one's
 /// corner: it belongs to no block of the contour, and its tool cuts all the same. The lead-out itself is not measured.
 pub(super) fn of_last_arc(queue: &VecDeque<Piece>, arc: Curve, radius: f64) -> Option<Overcut> {
-    let way = Way::of([Some(arc), None, None, None])?;
+    let way = Way::of(&[Some(arc), None, None, None])?;
     let mut found = None;
     for (earlier, other) in queue.iter().enumerate().rev() {
         if other.role != Role::Contour || other.lifts() {

@@ -54,6 +54,15 @@ pub const LOOK_AHEAD_MAX: usize = 64;
 /// How far a rounded corner's direction may be off that of the next motion, radians: a hundredth of a degree.
 const DIRECTION_TOLERANCE: f64 = 1.75e-4;
 
+/// In which direction the motion goes on after a corner that is rounded.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Rounding {
+    /// In any.
+    Free,
+    /// In this one.
+    Towards(AxisVector),
+}
+
 /// The compensation in force.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Side {
@@ -87,8 +96,8 @@ pub(crate) struct Compensator {
     count: u64,
     /// The machine is to rest where the next piece begins.
     stop_next: bool,
-    /// The next corner is rounded, where the motion after it goes on in this direction, if one is given.
-    round_next: Option<Option<AxisVector>>,
+    /// The next corner is rounded.
+    round_next: Option<Rounding>,
     conflict: Option<Conflict>,
 }
 
@@ -110,8 +119,8 @@ impl Compensator {
     }
 
     /// Rounds the next corner, if it is an outside one and the motion after it goes in this direction.
-    pub fn round_next(&mut self, direction: Option<AxisVector>) {
-        self.round_next = Some(direction);
+    pub fn round_next(&mut self, rounding: Rounding) {
+        self.round_next = Some(rounding);
     }
 
     /// True from the lead-in to the lead-out.
@@ -288,7 +297,10 @@ impl Compensator {
             return Ok(None);
         };
         let along = next.start_direction();
-        let wanted = wanted.and_then(|way| Curve::line(Vec2(0.0, 0.0), Vec2::of(way, side.plane)));
+        let wanted = match wanted {
+            Rounding::Free => None,
+            Rounding::Towards(way) => Curve::line(Vec2(0.0, 0.0), Vec2::of(way, side.plane)),
+        };
         let off = wanted.map_or(0.0, |way| way.start_direction().angle_to(along).abs());
         if off > DIRECTION_TOLERANCE {
             return refused(

@@ -33,10 +33,13 @@ pub(super) struct Way {
 
 impl Way {
     /// `None` without any part.
-    pub fn of(parts: [Option<Curve>; 4]) -> Option<Self> {
+    pub fn of(parts: &[Option<Curve>; 4]) -> Option<Self> {
         let all = parts.iter().flatten().map(Bounds::of);
         let bounds = all.reduce(|all, part| all.with(&part))?;
-        Some(Self { parts, bounds })
+        Some(Self {
+            parts: *parts,
+            bounds,
+        })
     }
 
     pub fn parts(&self) -> impl Iterator<Item = &Curve> {
@@ -87,7 +90,7 @@ impl Piece {
         let head = joint
             .arc
             .or_else(|| Curve::line(joint.meet, joint.via.unwrap_or(joint.start)));
-        Way::of([head, second, Some(curve), Curve::line(next.end, next.meet)])
+        Way::of(&[head, second, Some(curve), Curve::line(next.end, next.meet)])
     }
 
     /// The way against the direction of a line that is too short for the tool, where overcuts are not looked for.

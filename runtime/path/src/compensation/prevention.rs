@@ -91,7 +91,7 @@ fn join(earlier: &Way, later: &Way) -> Option<[Way; 2]> {
             before[i + 1..].fill(None);
             after[..k].fill(None);
             after[k] = Some(other.between(meet, other.to())?);
-            return Some([Way::of(before)?, Way::of(after)?]);
+            return Some([Way::of(&before)?, Way::of(&after)?]);
         }
     }
     None
