@@ -4,10 +4,12 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use tandem_model::limits::{BLOCK_BYTES_MAX, PROGRAM_BYTES_MAX};
-use tandem_model::settings::{ARC_RADIUS_TOLERANCE_MM, CoordinateSystemSettings, NcOptions, Unit};
+use tandem_model::settings::{
+    ARC_RADIUS_TOLERANCE_MM, CompensationRules, CoordinateSystemSettings, NcOptions, Unit,
+};
 use tandem_model::{AxisSet, Diagnostic, Severity, Span};
 use tandem_syntax::{
-    Address, AddressSet, Block, Content, DIAGNOSTICS_MAX, NcProgram, ProgramCode, Statement, Word,
+    Address, AddressSet, Block, Content, DIAGNOSTICS_MAX, Grammar, NcProgram, ProgramCode, Statement, Word,
     block_bytes, diagnostics, parse,
 };
 
@@ -107,13 +109,19 @@ pub fn check(program: &NcProgram, dialect: &'static Dialect, context: &CheckCont
         program,
         dialect,
         context,
-        findings: Findings::default(),
+        findings: Findings {
+            grammar: (dialect.grammar)(),
+            list: Vec::new(),
+            errors: 0,
+            warnings: 0,
+        },
         m_codes: BTreeSet::new(),
         programs: BTreeSet::new(),
         ending: Ending::Open,
         modal: Modal::of_text(dialect, context.unit),
         position: TextPosition::unknown(),
         branches: false,
+        at_rest: 0,
     };
     if context.goes_on {
         checker.modal.forget();
@@ -139,15 +147,16 @@ pub fn check(program: &NcProgram, dialect: &'static Dialect, context: &CheckCont
 }
 
 /// A bounded list of findings.
-#[derive(Default)]
 struct Findings {
+    grammar: &'static Grammar,
     list: Vec<Diagnostic>,
     errors: usize,
     warnings: usize,
 }
 
 impl Findings {
-    fn push(&mut self, finding: Diagnostic) {
+    fn push(&mut self, mut finding: Diagnostic) {
+        finding.help = self.grammar.cite(finding.code, std::mem::take(&mut finding.help));
         let (count, last) = match finding.severity {
             Severity::Error => (&mut self.errors, &diagnostics::TOO_MANY),
             Severity::Warning => (&mut self.warnings, &diagnostics::TOO_MANY_WARNINGS),
@@ -188,6 +197,8 @@ struct Checker<'a> {
     position: TextPosition,
     /// The program has branches: which blocks are executed is not known.
     branches: bool,
+    /// Blocks in a row that do not move in the plane of cutter compensation.
+    at_rest: u32,
 }
 
 impl Checker<'_> {
@@ -279,6 +290,7 @@ impl Checker<'_> {
             findings.push(finding);
         });
         self.follow(block, words);
+        self.rest_in_offset(block, words);
         if let Some(code) = words.m_code() {
             match code.role {
                 Role::Auxiliary => self.auxiliary(block, words.m_number(), *code == *self.dialect.auxiliary),
@@ -291,6 +303,21 @@ impl Checker<'_> {
         }
         self.cycle_outputs(block, words);
         self.context_of_words(block, words);
+    }
+
+    /// Warns of two blocks in a row that do not move in the plane, in tool-diameter offset whose overcuts nobody looks for.
+    fn rest_in_offset(&mut self, block: &Block, words: &BlockWords) {
+        let unchecked = self.dialect.path.compensation == CompensationRules::Unchecked;
+        let within = unchecked && self.modal.compensates() && !self.modal.lead_pending;
+        let moves = restrictions::moves_in_plane(words, &self.modal);
+        self.at_rest = if within && !moves { self.at_rest + 1 } else { 0 };
+        if self.at_rest == 2 {
+            self.findings.push(diagnostics::BLOCKS_AT_REST.at(
+                self.program.span(block),
+                "the second block in a row without a motion along X or Y in tool-diameter offset",
+                "Write one of them elsewhere.",
+            ));
+        }
     }
 
     /// Notes the M codes that a fixed cycle puts out.

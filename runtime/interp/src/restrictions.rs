@@ -162,7 +162,7 @@ pub(crate) fn follow(words: &BlockWords, modal: &mut Modal) {
 }
 
 /// True when the motion in force takes a word that may move in the plane of the compensation.
-fn moves_in_plane(words: &BlockWords, modal: &Modal) -> bool {
+pub(crate) fn moves_in_plane(words: &BlockWords, modal: &Modal) -> bool {
     let outside = match modal.in_force.plane {
         Some(Plane::Xy) => Address::Z,
         Some(Plane::Zx) => Address::Y,

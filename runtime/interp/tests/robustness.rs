@@ -17,6 +17,9 @@ const CORPUS: &[&str] = &[
     "G18 G20 G41 G01 X5\nG02 Z5 K2\nG40 X9\nG43 Z1\nG49\nG28 X0\nG30 P3\nG31 Z-5\nX[_CNC_CapturedPosition1]\nG51 X1 P2\nG51.1 Y3\nG68 R30\nG52 X1\nG53 X0\nG500\nM30",
     "G91 G99 S300 F100 G84 X1 Z-5 R-2 P1 K3\nG98 X1\nG80\nP1=L0/0 Q1=isnan(P1)\nwhile(Q1<3){Q1=Q1+1 if(Q1==2) break}\nX[P1]\nM30",
     "S8000 M03 X1000000 F0.000000001\nM98\nM98 P999\nG50.1 G501 G40\nM191\n",
+    "%\nO0001 (plate)\nN10 G21 G90 G54\nG92X0Y0Z0\nG10P1R3.0\nG10L2P0X1.\nM06T1\nS60M03\nG00X8.0Y8.0\nG43H1Z5.\nF300.\n/G01Z-7.\nM05\nM30\n%\nrest",
+    "%\nF60.S100M03\nG41D1G00X10.\nG01Y10.\nG39X20.Y10.\nX20.\nG03X30.Y20.R10.\nG40G00X0Y0\nG51X0P2.\nG98G83X1.Z-5.R2.Q1.K2\nX2.\nG80\nG50\nG91G28Z0\nG90G53X0\nG04P100\nM02",
+    "%\nG20\nG18G02X1Z1I1\nG19\nA90\nG49\nG99G89Z-1R1P5\nM01\nT5\nD1\n(not closed\nX[L1]\nO5\n% x",
     "\u{feff}X1 \u{e4} \u{0} \u{7f}\nM30",
 ];
 
@@ -67,6 +70,9 @@ const PIECES: &[&str] = &[
     "\u{1f600}",
     "\0",
     "G04",
+    "G41D1",
+    "G81Z-1.",
+    "M06T1",
     "sin(",
 ];
 

@@ -229,6 +229,9 @@ diagnostics! {
     PROGRAM_NUMBER_LATE = "W0007", "The program number follows a block",
         "O belongs on the line after the first % (manual dgshape, 1-1). Here it counts all the same, as in the manual's own example of a comment (2-6).",
         "wrong: G90 and then O0001   right: O0001 and then G90";
+    BLOCKS_AT_REST = "W0008", "Two blocks in a row do not move in the plane of the offset",
+        "In tool-diameter offset of dialect dgshape two blocks without a motion along X or Y in a row may cut too much or too little (manual dgshape, G40 to G42).",
+        "wrong: G41 D1 and later M12 and G04 P100 in a row   right: M12 and G04 P100 behind G40";
 }
 
 #[cfg(test)]

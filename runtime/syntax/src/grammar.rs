@@ -23,6 +23,8 @@ pub struct Grammar {
     pub program_codes: bool,
     /// What is around the blocks of a program.
     pub program_form: ProgramForm,
+    /// Sections of the dialect's manual that diagnostics name: code and section; empty: they name none.
+    pub sections: &'static [(&'static str, &'static str)],
 }
 
 /// What is around the blocks of a program.
@@ -79,6 +81,7 @@ static NJ: Grammar = Grammar {
         number_letter: None,
         number_digits_max: 10,
     },
+    sections: &[],
 };
 
 static DGSHAPE: Grammar = Grammar {
@@ -114,12 +117,60 @@ static DGSHAPE: Grammar = Grammar {
         number_letter: Some(b'O'),
         number_digits_max: 8,
     },
+    sections: &[
+        ("E0003", "1-1"),
+        ("E0004", "2-6, Comment"),
+        ("E0005", "1-1"),
+        ("E0006", "1-5"),
+        ("E0007", "2-7"),
+        ("E0008", "2-6, Optional Block Skip"),
+        ("E0009", "2-6, Optional Block Skip"),
+        ("E0010", "2-6, Sequence Number"),
+        ("E0024", "2-6, Data Start"),
+        ("E0025", "2-6"),
+        ("E0026", "2-6, Program Number"),
+        ("E0101", "2-7"),
+        ("E0103", "2-7"),
+        ("E0104", "2-7"),
+        ("E0105", "1-1"),
+        ("E0107", "2-3"),
+        ("E0108", "2-2 and 2-3"),
+        ("E0109", "2-1"),
+        ("E0110", "2-1"),
+        ("E0111", "2-2 and 2-3"),
+        ("E0113", "2-2, G04"),
+        ("E0115", "2-3, M02"),
+        ("E0118", "2-2"),
+        ("E0119", "2-2, G39 to G42"),
+        ("E0120", "2-2, G53"),
+        ("E0121", "2-2, G80 to G89"),
+        ("E0122", "2-2, G02 and G03"),
+        ("E0123", "2-3"),
+        ("E0124", "2-2, G20 and G21"),
+        ("E0125", "2-2, G53"),
+        ("W0002", "2-3, M02"),
+        ("W0004", "2-5"),
+        ("W0006", "2-6, Optional Block Skip"),
+        ("W0007", "2-6, Program Number"),
+        ("W0008", "2-2, G40 to G42"),
+    ],
 };
 
 impl Grammar {
     /// Dialect nj: the NJ/NY-series manual O031, chapters 1 and 4.
     pub fn nj() -> &'static Grammar {
         &NJ
+    }
+
+    /// Help of a diagnostic with the section of the manual, where the dialect names it.
+    pub fn cite(&self, code: &str, help: impl Into<String>) -> String {
+        let mut help = help.into();
+        if let Some((_, section)) = self.sections.iter().find(|(known, _)| *known == code) {
+            help.push_str(" See ");
+            help.push_str(section);
+            help.push_str(" of the manual.");
+        }
+        help
     }
 
     /// Dialect dgshape: the NC code manual FA01232, 1-1 and 2-6.

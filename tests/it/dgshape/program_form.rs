@@ -1,6 +1,7 @@
 //! 1-1, 1-3, 1-5, 2-6: what stands around blocks, how words are read, and comments.
 
 use tandem_interp::dialects::dgshape;
+use tandem_interp::{CheckContext, check_source};
 use tandem_syntax::parse;
 
 use super::{findings, findings_of, run, run_with};
@@ -163,4 +164,14 @@ fn dgshape_words_of_other_codes_are_told() {
     assert_eq!(findings("G95"), ["E0101"]);
     assert_eq!(findings("G00X1.0U5.0"), ["E0007"]);
     assert!(!findings("G00X[L1]").is_empty(), "there are no variables");
+}
+
+#[test]
+fn dgshape_findings_name_the_section_of_the_manual() {
+    let settings = super::settings("");
+    let (_, check) = check_source("G95X1.0\nM08\n(", dgshape(), &CheckContext::of(&settings));
+    for finding in &check.diagnostics {
+        assert!(finding.help.ends_with(" of the manual."), "{finding:?}");
+    }
+    assert!(check.diagnostics.len() >= 4, "{check:?}");
 }

@@ -51,7 +51,7 @@ fn dgshape_d_names_an_offset_of_g10_or_of_the_tool_table() {
 fn dgshape_restrictions_1_to_9_of_tool_diameter_offset() {
     let within = |block: &str| findings(&format!("M03F60.\nG41D1G00X10.\nG01Y10.\n{block}\nG40G00X0Y0"));
     // 1: Z and A move as they are programmed
-    assert_eq!(within("G01Z-5.\nA10."), NONE);
+    assert_eq!(within("G01Z-5."), NONE);
     assert_eq!(
         run("F60.\nG41D1G00X10.\nG01Y10.\nZ-5.\nX20.\nG40G00X30.")[2],
         "line X7 Y13 Z-5 F60"
@@ -92,8 +92,9 @@ fn dgshape_restrictions_1_to_9_of_tool_diameter_offset() {
     ] {
         assert_eq!(within(block)[0], "E0119", "{block}");
     }
-    // 5: M codes and dwells may stand in it
-    assert_eq!(within("M12\nG04P100"), NONE);
+    // 5: M codes and dwells may stand in it; two blocks in a row without X and Y are told
+    assert_eq!(within("M12\nX20.\nG04P100"), NONE);
+    assert_eq!(within("M12\nG04P100\nG01Z-5."), ["W0008"]);
     // 6: an arc that the tool does not fit into
     assert_eq!(
         alarm("F60.\nG41D1G00X10.\nG01Y10.\nG03X8.Y12.I-1.J1.\nG40G01X0"),

@@ -51,6 +51,7 @@ fn iso() -> &'static Grammar {
             number_letter: Some(b'O'),
             number_digits_max: 8,
         },
+        sections: &[],
     });
     &GRAMMAR
 }

@@ -6,13 +6,13 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use tandem_interp::dialects::nj;
-use tandem_interp::{Check, CheckContext, Inputs, Interpreter, NO_TOOLS, check_source};
+use tandem_interp::dialects::{dgshape, nj};
+use tandem_interp::{Check, CheckContext, Dialect, Inputs, Interpreter, NO_TOOLS, check_source};
 use tandem_model::flow::Item;
 use tandem_model::settings::{CoordinateSystemSettings, Tool, WorkOffsets};
 use tandem_model::variables::{VariableArray, Variables};
 use tandem_model::{AxisVector, Diagnostic};
-use tandem_syntax::{DIAGNOSTICS_MAX, Grammar, Header, LineIndex, NcProgram, block_bytes, compile, parse};
+use tandem_syntax::{DIAGNOSTICS_MAX, Header, LineIndex, NcProgram, block_bytes, compile, parse};
 
 /// Items that a program is run for.
 const ITEMS: usize = 200;
@@ -28,7 +28,15 @@ pub fn all(source: &str) {
 /// Lexer: words come in the order of the text, none overlaps another, each number is the nearest one to what is
 /// written, and each block knows its line.
 pub fn words_are_what_the_text_says(source: &str) {
-    let (program, _) = parse(source, Grammar::nj());
+    in_each_dialect(|dialect| words_of_dialect(source, dialect));
+}
+
+fn in_each_dialect(examine: impl Fn(&'static Dialect)) {
+    [nj(), dgshape()].into_iter().for_each(examine);
+}
+
+fn words_of_dialect(source: &str, dialect: &'static Dialect) {
+    let (program, _) = parse(source, (dialect.grammar)());
     let index = LineIndex::new(source);
     let mut end = 0;
     for block in program.blocks() {
@@ -61,7 +69,11 @@ pub fn words_are_what_the_text_says(source: &str) {
 
 /// Parser: findings lie within the text, branches lead to blocks, and the tree can be written as intermediate code.
 pub fn parsing_gives_a_sound_tree(source: &str) {
-    let (program, findings) = parse(source, Grammar::nj());
+    in_each_dialect(|dialect| tree_of_dialect(source, dialect));
+}
+
+fn tree_of_dialect(source: &str, dialect: &'static Dialect) {
+    let (program, findings) = parse(source, (dialect.grammar)());
     examine_findings(source, &findings);
     assert!(findings.len() <= DIAGNOSTICS_MAX + 1);
     let blocks = program.blocks().len();
@@ -72,29 +84,35 @@ pub fn parsing_gives_a_sound_tree(source: &str) {
             target <= blocks,
             "a branch leads to {target} of {blocks} in {source:?}"
         );
-        let _ = block_bytes(&program, block, Some("G84"), nj());
+        let _ = block_bytes(&program, block, Some("G84"), dialect);
     }
     for header in [Header::Program(1), Header::Subprogram(1000)] {
-        assert!(compile(&program, header, nj()).ends_with("close\n"));
+        assert!(compile(&program, header, dialect).ends_with("close\n"));
     }
 }
 
 /// Checker: findings lie within the text, their number is bounded, and they are the same each time.
 pub fn checking_gives_bounded_findings(source: &str) {
-    let (_, check) = checked(source);
-    let (_, again) = checked(source);
-    assert_eq!(check, again, "{source:?}");
-    // errors and warnings of parser and checker, and what tells of more
-    assert!(check.diagnostics.len() <= 4 * (DIAGNOSTICS_MAX + 1));
-    examine_findings(source, &check.diagnostics);
+    in_each_dialect(|dialect| {
+        let (_, check) = checked(source, dialect);
+        let (_, again) = checked(source, dialect);
+        assert_eq!(check, again, "{source:?}");
+        // errors and warnings of parser and checker, and what tells of more
+        assert!(check.diagnostics.len() <= 4 * (DIAGNOSTICS_MAX + 1));
+        examine_findings(source, &check.diagnostics);
+    });
 }
 
 /// Interpreter: every text runs for a number of items, and one that checks clean meets no alarm that the text shows.
 pub fn what_checks_clean_runs_clean(source: &str) {
-    let (program, check) = checked(source);
+    in_each_dialect(|dialect| clean_of_dialect(source, dialect));
+}
+
+fn clean_of_dialect(source: &str, dialect: &'static Dialect) {
+    let (program, check) = checked(source, dialect);
     let program = Arc::new(program);
     for optional_skip in [0, 1, u32::MAX] {
-        let alarm = run(&program, optional_skip);
+        let alarm = run(&program, optional_skip, dialect);
         // a clean program may only calculate a wrong value, miss a program that it calls, run without end or past its
         // last block by a branch, or break a rule that the text alone does not show
         let allowed = matches!(alarm, None | Some(10 | 11 | 20..=23 | 40..=43));
@@ -105,8 +123,8 @@ pub fn what_checks_clean_runs_clean(source: &str) {
     }
 }
 
-fn checked(source: &str) -> (NcProgram, Check) {
-    check_source(source, nj(), &CheckContext::default())
+fn checked(source: &str, dialect: &'static Dialect) -> (NcProgram, Check) {
+    check_source(source, dialect, &CheckContext::default())
 }
 
 fn examine_findings(source: &str, findings: &[Diagnostic]) {
@@ -127,13 +145,13 @@ fn examine_findings(source: &str, findings: &[Diagnostic]) {
 }
 
 /// Runs a program, which may call itself as 1000; the number of the alarm that ended it.
-fn run(program: &Arc<NcProgram>, optional_skip: u32) -> Option<u16> {
+fn run(program: &Arc<NcProgram>, optional_skip: u32, dialect: &'static Dialect) -> Option<u16> {
     let programs = BTreeMap::from([(1000, Arc::clone(program))]);
     let variables = Variables {
         global: VariableArray::new(64),
         coordinate_system: VariableArray::new(64),
     };
-    let mut interpreter = Interpreter::new(&CoordinateSystemSettings::default(), nj());
+    let mut interpreter = Interpreter::new(&CoordinateSystemSettings::default(), dialect);
     interpreter.start(Arc::clone(program), 1);
     for _ in 0..ITEMS {
         match interpreter.next(&Inputs {

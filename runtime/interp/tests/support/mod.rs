@@ -60,7 +60,6 @@ pub struct Run {
     pub work_offsets: WorkOffsets,
     pub variables: Variables,
     pub tool: Option<Tool>,
-    pub tools: BTreeMap<u16, Tool>,
     pub captured: [f64; 8],
     pub position: AxisVector,
     /// A G31 has been given out and has not ended.
@@ -73,15 +72,9 @@ impl Run {
     }
 
     pub fn with_settings(source: &str, settings: &CoordinateSystemSettings) -> Self {
-        Self::of_dialect(source, settings, nj())
-    }
-
-    pub fn of_dialect(source: &str, settings: &CoordinateSystemSettings, dialect: &'static Dialect) -> Self {
-        let mut interpreter = Interpreter::new(settings, dialect);
-        let tree = parse(source, (dialect.grammar)()).0;
-        interpreter.start(Arc::new(tree), 1);
+        let mut interpreter = Interpreter::new(settings, nj());
+        interpreter.start(program(source), 1);
         Self {
-            tools: BTreeMap::new(),
             interpreter,
             programs: BTreeMap::new(),
             optional_skip: 0,
@@ -104,7 +97,7 @@ impl Run {
 
     pub fn next(&mut self) -> Result<Item, Alarm> {
         self.interpreter.next(&Inputs {
-            tools: &self.tools,
+            tools: &NO_TOOLS,
             programs: &self.programs,
             optional_skip: self.optional_skip,
             work_offsets: &self.work_offsets,

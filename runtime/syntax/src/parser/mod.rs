@@ -174,6 +174,10 @@ impl<'a> Parser<'a> {
         message: impl Into<String>,
         help: impl Into<String>,
     ) {
+        if self.diagnostics.len() > DIAGNOSTICS_MAX {
+            return;
+        }
+        let help = self.grammar.cite(entry.code, help);
         self.diagnostics.push(entry.at(span, message, help));
         if self.diagnostics.len() == DIAGNOSTICS_MAX {
             self.diagnostics.push(diagnostics::TOO_MANY.at(
