@@ -14,6 +14,7 @@ use crate::port::{BoxFuture, Port};
 use crate::transport::options::MqttOptions;
 use crate::types::CoordinateSystemNumber;
 use crate::types::command::CommandMeta;
+use crate::types::data::JournalFilter;
 use crate::types::machine::{AlarmRaise, AlarmRecord};
 use crate::types::message::Payload;
 use crate::types::program::ProgramInfo;
@@ -209,7 +210,8 @@ impl Plc {
     /// # Errors
     /// `count` is out of its range; the machine keeps no journal, or cannot read it; the transport is MQTT.
     pub async fn journal(&self, from: u32, count: u32) -> Result<Vec<serde_json::Value>> {
-        self.request(Journal { from, count }).await
+        let filter = JournalFilter::default();
+        self.request(Journal { from, count, filter }).await
     }
 
     /// Sets the skip input of a motor, by its CNC motor number; it keeps its value until it is set again. This is not

@@ -41,6 +41,8 @@ pub enum ServerTransport {
     WebSocket,
     /// Over MQTT.
     Mqtt,
+    /// By a command at the command line, while the runtime does not run.
+    CommandLine,
 }
 
 /// An event of a server.

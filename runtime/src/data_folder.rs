@@ -4,12 +4,15 @@ use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use plc_api::server::ServerTransport;
 use plc_api::types::CoordinateSystemNumber;
 use tandem_model::lost::is_lost;
 
 use crate::config::Machine;
 use crate::coordinator::everything;
 use crate::disk::Lock;
+use crate::journal::{Event, Line};
+use crate::persistence::journal_file::append_line;
 use crate::persistence::journal_folder::{JOURNAL_FOLDER, newest};
 use crate::persistence::{
     Condition, Generation, Image, Judged, PAGE_VARIABLES, STORE_FILE, Store, judge, restore,
@@ -70,6 +73,33 @@ impl DataFolder {
             judged,
             _lock: lock,
         })
+    }
+
+    /// Writes into the journal who changes something here, and by which command; nothing where there is no journal.
+    ///
+    /// # Errors
+    /// The disk refuses.
+    pub fn record(&self, user: Option<String>, command: &str) -> io::Result<()> {
+        let folder = self.path.join(JOURNAL_FOLDER);
+        if !folder.is_dir() {
+            return Ok(());
+        }
+        let event = Event::Request {
+            user,
+            from: None,
+            over: ServerTransport::CommandLine,
+            request: command.to_owned(),
+            said: None,
+            command_id: None,
+        };
+        append_line(
+            &folder,
+            &Line {
+                t_s: 0.0,
+                cs: 0,
+                event,
+            },
+        )
     }
 
     /// Looks at all that is kept. It changes nothing.

@@ -1,6 +1,8 @@
 //! The journal: every event, in order. It goes to the log and to `data_dir` when serving, to a file or a list in a
 //! simulation.
 
+mod filter;
+
 use std::io;
 use std::net::IpAddr;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -18,6 +20,8 @@ use plc_api::types::state::{Captured, Execution, Reason};
 use plc_api::types::{BootId, CoordinateSystemNumber};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
+
+pub use filter::LineFilter;
 
 /// Takes each line of the journal. True when that has woken a task, which must run before simulated time advances.
 pub type Sink = Arc<Mutex<dyn FnMut(&Line) -> bool + Send>>;

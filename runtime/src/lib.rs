@@ -3,6 +3,7 @@
 //! `runtime/ARCHITECTURE.md` in the repository follows one G01 and one M100 through the code.
 
 mod alarms;
+pub mod audit;
 mod clock;
 mod command_memory;
 mod config;

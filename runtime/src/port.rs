@@ -259,7 +259,7 @@ impl RuntimePort {
                     .await
             }
             MachineRequest::LastRun(cs) => self.last_run(cs),
-            MachineRequest::Journal { from, count } => self.journal(from, count).await,
+            MachineRequest::Journal { from, count, filter } => self.journal(from, count, filter).await,
             MachineRequest::Handler(id, presence) => self.handler(id, presence).await,
             MachineRequest::Heartbeat(id, beat) => self.heartbeat(id, beat).await,
             MachineRequest::Handlers => Ok(Answer::Handlers(self.shared.handlers())),

@@ -6,7 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use plc_api::Plc;
-use plc_api::types::data::{ToolChange, ToolData, VariableArea, WorkOffsetTable};
+use plc_api::types::data::{JournalFilter, ToolChange, ToolData, VariableArea, WorkOffsetTable};
 use plc_api::types::message::Payload;
 use plc_api::types::request::typed;
 use plc_api::types::topic::{CsTopic, Topic};
@@ -90,8 +90,12 @@ async fn read(plc: &Plc) -> Values {
 }
 
 async fn journal(plc: &Plc) -> BTreeMap<u64, Value> {
-    let (from, count) = (0, 1000);
-    let lines = plc.port().ask(typed::Journal { from, count }).await.unwrap();
+    let (from, count, filter) = (0, 1000, JournalFilter::default());
+    let lines = plc
+        .port()
+        .ask(typed::Journal { from, count, filter })
+        .await
+        .unwrap();
     let numbered = lines
         .into_iter()
         .map(|line| (line["n"].as_u64().unwrap_or(0), line));

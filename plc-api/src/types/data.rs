@@ -177,6 +177,29 @@ pub struct WorkOffsetTable {
     pub work_offsets: BTreeMap<String, BTreeMap<String, f64>>,
 }
 
+/// Which lines of the journal are read: of `GET /journal`. What is not named may be anything.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct JournalFilter {
+    /// From this time on: in UTC, such as `2026-11-25` or `2026-11-25T10:00`, or how long ago, such as `2h` or `30m`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub since: Option<String>,
+    /// Before this time, written in the same way.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub until: Option<String>,
+    /// Of this coordinate system; 0: of the machine.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cs: Option<CoordinateSystemNumber>,
+    /// Of outputs of this M number, and of stops by it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub m: Option<u16>,
+    /// Of this user, client or handler.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub user: Option<String>,
+    /// Of this run, such as `1-7`, or `BOOT/1-7` of that start of the runtime.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub run: Option<String>,
+}
+
 /// How the last run of a coordinate system stood when an earlier start of the runtime ended, at most 100 ms before that:
 /// of `GET /cs/{n}/last_run`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -314,12 +314,14 @@ requests! {
         WriteWorkOffsets(cs: CoordinateSystemNumber, change: WorkOffsetTable) -> ();
         /// How the last run before this start of the runtime stood; `None`: there was none.
         LastRun(cs: CoordinateSystemNumber) -> Option<data::LastRun>;
-        /// The newest `count` lines of the journal, 1 to 1000, but for the `from` newest.
+        /// The newest `count` lines of the journal that the filter takes, 1 to 1000, but for the `from` newest of them.
         Journal {
             /// How many of the newest are left out.
             from: u32,
             /// How many.
             count: u32,
+            /// Which.
+            filter: data::JournalFilter,
         } -> Vec<Value>;
         /// Alarms raised since the start, newest last, at most 1000.
         AlarmHistory -> Vec<AlarmRecord>;

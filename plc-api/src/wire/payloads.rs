@@ -10,7 +10,7 @@ use super::row::{Fault, IncomingRequest, QueryValues, RequestParts};
 use crate::types::command::Command;
 #[cfg(feature = "schema")]
 use crate::types::data::VARIABLES_AT_ONCE_MAX;
-use crate::types::data::{Number, VariableArea, VariableKind};
+use crate::types::data::{JournalFilter, Number, VariableArea, VariableKind};
 use crate::types::lease::{LeaseRelease, LeaseRequest};
 use crate::types::request::{Input, Request};
 use crate::types::state::{Lock, Switch};
@@ -108,6 +108,30 @@ pub(super) struct VariableSet {
     /// Their values, ascending by number.
     #[cfg_attr(feature = "schema", schemars(length(min = 1, max = VARIABLES_AT_ONCE_MAX)))]
     pub values: Vec<Number>,
+}
+
+/// With what is asked of the journal.
+pub(super) fn with_filter(parts: RequestParts, filter: JournalFilter) -> RequestParts {
+    let JournalFilter {
+        since,
+        until,
+        cs,
+        m,
+        user,
+        run,
+    } = filter;
+    let values = [
+        ("since", since),
+        ("until", until),
+        ("cs", cs.map(|cs| cs.to_string())),
+        ("m", m.map(|m| m.to_string())),
+        ("user", user),
+        ("run", run),
+    ];
+    let named = values
+        .into_iter()
+        .filter_map(|(name, value)| Some((name, value?)));
+    named.fold(parts, |parts, (name, value)| parts.query(name, value))
 }
 
 pub(super) fn command_answer(request: &Request) -> AnswerForm {

@@ -8,7 +8,7 @@ use super::answer::{
 use super::payloads::{
     CommandArgs, Empty, InputSet, LeaseBreak, NoArgs, VariableGet, VariableSet, VariableWrite, break_lease,
     command_answer, handshake, lease, of_area, read_command, read_input, read_variables, release, switch,
-    text, variables, write_input, write_variables,
+    text, variables, with_filter, write_input, write_variables,
 };
 use super::right::Right::{Administrate, Handle, Operate, Raise, Read, Reset, Set};
 use super::route::{Content, Headers, Query, Route};
@@ -445,18 +445,18 @@ pub static ROWS: [Row; 37] = [
     Row {
         routes: &[Route::get(
             "/journal",
-            "The newest count lines of the journal but for the from newest, in the order of time.",
+            "The newest count lines of the journal but for the from newest, of those that were asked for, in the order of time.",
         )
         .gives::<JournalAnswer>()
-        .query(Query::Range)
+        .query(Query::Journal)
         .refusals(&[400, 404])],
         answer: json_of::<JournalAnswer>,
         ..Row::new(Read, |incoming| {
-                let QueryValues { from, count, .. } = incoming.query;
-                Ok(Request::Journal { from, count: count.unwrap_or(JOURNAL_LINES) })
+                let QueryValues { from, count, filter, .. } = incoming.query;
+                Ok(Request::Journal { from, count: count.unwrap_or(JOURNAL_LINES), filter })
             },
-            written!(Request::Journal { from, count } => {
-                    RequestParts::default().query("from", from).query("count", count)
+            written!(Request::Journal { from, count, filter } => {
+                    with_filter(RequestParts::default().query("from", from).query("count", count), filter)
                 }),
         )
     },

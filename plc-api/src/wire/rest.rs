@@ -97,10 +97,10 @@ impl Row {
     }
 }
 
-fn query(values: &[(&str, u32)]) -> String {
+fn query(values: &[(&str, String)]) -> String {
     let values: Vec<_> = values
         .iter()
-        .map(|(name, value)| format!("{name}={value}"))
+        .map(|(name, value)| format!("{name}={}", percent_encoded(value)))
         .collect();
     match values.join("&") {
         none if none.is_empty() => none,

@@ -23,6 +23,8 @@ pub enum Query {
     Nothing,
     /// `from` and `count`.
     Range,
+    /// The same, and the fields of [`JournalFilter`](crate::types::data::JournalFilter).
+    Journal,
     /// `wait`: answer when it is done.
     Wait,
 }

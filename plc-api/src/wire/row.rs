@@ -14,6 +14,7 @@ use super::right::Right;
 use super::route::Route;
 use crate::types::CoordinateSystemNumber;
 use crate::types::command::{CommandMeta, Expect};
+use crate::types::data::JournalFilter;
 use crate::types::form::{Form, HasForm};
 use crate::types::ids::COMMAND_ID_MAX;
 use crate::types::request::Request;
@@ -195,6 +196,8 @@ pub struct QueryValues {
     pub count: Option<u32>,
     /// Whether to wait until it is done.
     pub wait: Option<String>,
+    /// Which lines of the journal.
+    pub filter: JournalFilter,
 }
 
 /// How a request came in.
@@ -354,7 +357,7 @@ pub struct RequestParts {
     /// Values for the names in a path.
     pub(super) params: Vec<Param>,
     /// Query of a route.
-    pub(super) query: Vec<(&'static str, u32)>,
+    pub(super) query: Vec<(&'static str, String)>,
     pub(super) headers: Vec<(&'static str, String)>,
     pub(super) body: Body,
     /// Payload of its topic where that is not its body.
@@ -416,8 +419,12 @@ impl RequestParts {
         self
     }
 
-    pub(super) fn query(mut self, name: &'static str, value: u32) -> Self {
-        self.query.push((name, value));
+    #[allow(
+        clippy::needless_pass_by_value,
+        reason = "numbers and literals read better so"
+    )]
+    pub(super) fn query(mut self, name: &'static str, value: impl ToString) -> Self {
+        self.query.push((name, value.to_string()));
         self
     }
 

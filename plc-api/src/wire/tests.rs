@@ -9,7 +9,7 @@ use super::pattern::take_apart;
 use super::row::{IncomingRequest, ParsedRequest, QueryValues, Sender, Source};
 use super::{ROWS, json_object, mqtt, rest, websocket};
 use crate::types::command::{Command, CommandMeta, Expect};
-use crate::types::data::{ToolChange, ToolData, VariableArea, WorkOffsetTable};
+use crate::types::data::{JournalFilter, ToolChange, ToolData, VariableArea, WorkOffsetTable};
 use crate::types::heartbeat::ClientHeartbeat;
 use crate::types::lease::{LeaseRelease, LeaseRequest, LeaseTake};
 use crate::types::machine::AlarmRaise;
@@ -263,7 +263,17 @@ fn of_data(transport: Transport) -> impl Strategy<Value = Request> {
             5 => Request::WriteWorkOffsets(7, table),
             6 => Request::LastRun(255),
             7 => Request::AlarmHistory,
-            _ => Request::Journal { from, count },
+            _ => Request::Journal {
+                from,
+                count,
+                filter: JournalFilter {
+                    since: meta.as_ref().map(|meta| meta.client_id.clone()),
+                    cs: area.coordinate_system(),
+                    m: u16::try_from(from).ok(),
+                    run: meta.map(|meta| meta.command_id),
+                    ..JournalFilter::default()
+                },
+            },
         }
     })
 }
@@ -363,9 +373,12 @@ fn read_rest(exchange: rest::Exchange, cs: u8) -> Request {
     }
     let value = |name: &str| {
         let mut values = query.split('&').filter_map(|value| value.split_once('='));
-        values
-            .find(|(known, _)| *known == name)
-            .map(|(_, value)| value.to_owned())
+        values.find(|(known, _)| *known == name).map(|(_, value)| {
+            percent_encoding::percent_decode_str(value)
+                .decode_utf8()
+                .unwrap()
+                .into_owned()
+        })
     };
     let incoming = IncomingRequest {
         params: &params,
@@ -374,6 +387,14 @@ fn read_rest(exchange: rest::Exchange, cs: u8) -> Request {
             from: value("from").map_or(0, |from| from.parse().unwrap()),
             count: value("count").map(|count| count.parse().unwrap()),
             wait: value("wait"),
+            filter: JournalFilter {
+                since: value("since"),
+                until: value("until"),
+                cs: value("cs").map(|cs| cs.parse().unwrap()),
+                m: value("m").map(|m| m.parse().unwrap()),
+                user: value("user"),
+                run: value("run"),
+            },
         },
         source: Source::Http(&Head(exchange.headers)),
     };

@@ -84,6 +84,7 @@ pub fn rest(data: &[u8]) {
                 from: 0,
                 count: wait.parse().ok(),
                 wait: Some(wait.clone()),
+                ..QueryValues::default()
             },
             source: Source::Http(&head),
         };

@@ -6,10 +6,12 @@ mod compile;
 mod completions;
 mod explain;
 mod init;
+mod journal;
 mod log;
 mod man;
 mod memory;
 mod mqtt_acl;
+mod os_user;
 mod plot;
 mod serve;
 mod server_ends;
@@ -73,6 +75,8 @@ enum Command {
     Cert(cert::Arguments),
     /// Looks at what a machine keeps, and mends it, while the machine does not run
     Store(store::Arguments),
+    /// Verifies and shows the journal: who has done what, and what has happened
+    Journal(journal::Arguments),
     /// Makes a token for an HMI, a sequence program or another system
     Token(token::Arguments),
     /// Prints the access rules of the token file for an external Mosquitto
@@ -102,6 +106,7 @@ pub fn run() -> ExitCode {
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Cert(arguments) => cert::run(&arguments),
         Command::Store(arguments) => store::run(&arguments),
+        Command::Journal(arguments) => journal::run(&arguments),
         Command::Token(arguments) => token::run(&arguments),
         Command::MqttAcl(arguments) => mqtt_acl::run(&arguments),
         Command::Completions(arguments) => Ok(completions::run(&arguments)),

@@ -7,6 +7,7 @@ use anyhow::Context;
 use clap::{Args, Subcommand};
 use tandem_runtime::data_folder::DataFolder;
 
+use super::os_user::os_user;
 use super::{EXIT_FOUND, EXIT_OK, Ran, complain, read_config, say};
 
 #[derive(Args)]
@@ -66,7 +67,9 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
         Action::Import { machine, file } => {
             let shown = file.display();
             let text = fs::read_to_string(file).with_context(|| format!("cannot read {shown}"))?;
-            let count = open(machine)?
+            let mut folder = open(machine)?;
+            record(&folder, &format!("tandem store import {shown}"));
+            let count = folder
                 .import(&text)
                 .with_context(|| format!("{shown} is not taken over"))?;
             say(format!("{count} values are taken over from {shown}."));
@@ -78,6 +81,13 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
 fn open(machine: &Machine) -> anyhow::Result<DataFolder> {
     let (_, machine) = read_config(machine.config.as_deref())?;
     Ok(DataFolder::open(machine)?)
+}
+
+/// The journal says who does what; one that cannot be written holds up no repair.
+fn record(folder: &DataFolder, command: &str) {
+    if let Err(error) = folder.record(os_user(), command) {
+        complain(format!("the journal does not tell of this command: {error}"));
+    }
 }
 
 fn verify(folder: &DataFolder) -> u8 {
@@ -98,6 +108,7 @@ fn verify(folder: &DataFolder) -> u8 {
 
 fn repair(folder: &mut DataFolder, yes: bool, programs: &[u16]) -> Ran {
     for number in programs {
+        record(folder, &format!("tandem store repair --program {number}"));
         let taken = folder.accept_program(*number);
         taken.with_context(|| format!("program {number} is not taken over"))?;
         say(format!(
@@ -108,6 +119,7 @@ fn repair(folder: &mut DataFolder, yes: bool, programs: &[u16]) -> Ran {
     if offers.is_empty() {
         say("No value is lost.");
     } else if yes {
+        record(folder, "tandem store repair --yes");
         let left = folder.repair().context("there is no good generation")?;
         say(
             "Lost values are taken from the last good generation. They are older: check them before anything moves.",

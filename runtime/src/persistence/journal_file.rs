@@ -12,9 +12,9 @@ use plc_api::types::{BootId, Timestamp};
 use serde_json::json;
 
 use super::ahead::{Ahead, recover};
-use super::journal_folder::{FILE_BYTES_MAX, Files, Newest, newest};
+use super::journal_folder::{FILE_BYTES_MAX, Files, Newest, Object, Own, newest};
 use super::replay::REPLAYED_LINES_MAX;
-use crate::disk::{Health, Part, number, seal, tighten};
+use crate::disk::{Health, Part, number, tighten};
 use crate::journal::{JournalWriter, Line, Message, WriteAhead};
 
 /// Time without lines after which the thread looks whether its file is there, and tries a disk that refused again.
@@ -27,13 +27,51 @@ const WAITING_MAX: usize = 10_000;
 /// behind; the rest is the disk's.
 const GATHER: Duration = Duration::from_millis(10);
 
-/// The text of a line, with its end.
-fn text(boot_id: &BootId, n: u64, line: &Line, time: SystemTime) -> String {
+/// A line as it is kept.
+fn object(boot_id: &BootId, n: u64, line: &Line, time: SystemTime) -> Object {
     let mut json = line.to_json();
     json["boot_id"] = json!(boot_id);
     json["n"] = json!(n);
     json["ts"] = json!(Timestamp::from_system_time(time));
-    seal(&json.to_string())
+    Object::of(&json)
+}
+
+/// A journal that is opened to be written, with the lines that only the ring has written into its files.
+struct Begun {
+    newest: Newest,
+    own: Own,
+    files: io::Result<Files>,
+}
+
+fn begin(folder: &Path, boot_id: BootId) -> Begun {
+    let mut newest = newest(folder, 0, REPLAYED_LINES_MAX);
+    let missing = newest.missing(recover(folder));
+    let objects: Vec<Object> = missing.iter().map(Object::of).collect();
+    newest.lines.extend(missing);
+    newest.lines.sort_by_key(number);
+    let last = newest.lines.last().map_or(0, number);
+    let own = Own {
+        boot_id,
+        started: Instant::now(),
+        last: Arc::new(AtomicU64::new(last)),
+    };
+    let files = Files::open(folder, FILE_BYTES_MAX, own.clone()).and_then(|mut files| {
+        files.append(&objects)?;
+        Ok(files)
+    });
+    Begun { newest, own, files }
+}
+
+/// Writes a line into the journal of a machine that does not run.
+///
+/// # Errors
+/// The disk refuses.
+pub(crate) fn append_line(folder: &Path, line: &Line) -> io::Result<()> {
+    let Begun { own, files, .. } = begin(folder, BootId("command-line".to_owned()));
+    let mut files = files?;
+    let n = own.last.fetch_add(1, Ordering::Relaxed) + 1;
+    files.append(&[object(&own.boot_id, n, line, SystemTime::now())])?;
+    files.anchor()
 }
 
 /// The thread. Dropping it writes what waits and ends it.
@@ -51,32 +89,22 @@ impl JournalThread {
     /// The operating system gives no thread.
     pub fn start(folder: &Path, boot_id: BootId, health: Arc<Health>) -> io::Result<(Self, Newest)> {
         tighten(folder);
-        let mut newest = newest(folder, 0, REPLAYED_LINES_MAX);
-        let missing = newest.missing(recover(folder));
-        let text: String = missing.iter().map(|line| seal(&line.to_string())).collect();
-        newest.lines.extend(missing);
-        newest.lines.sort_by_key(number);
-        let opened = Files::open(folder, FILE_BYTES_MAX).and_then(|mut files| {
-            files.append(&text)?;
-            Ok((files, Ahead::begin(folder, boot_id.clone())?))
-        });
+        let Begun { newest, own, files } = begin(folder, boot_id);
+        let opened = files.and_then(|files| Ok((files, Ahead::begin(folder, own.boot_id.clone())?)));
         health.note(Part::Journal, &opened);
         let (files, ahead) = opened.ok().unzip();
         let (lines, inbox) = sync_channel(WAITING_MAX);
-        let last = newest.lines.last().map_or(0, number);
         let writer = JournalWriter {
             lines,
             lost: Arc::default(),
-            last: Arc::new(AtomicU64::new(last)),
+            last: Arc::clone(&own.last),
             ahead: ahead.map(|ahead| Arc::new(ahead) as Arc<dyn WriteAhead>),
         };
         let work = Work {
-            boot_id,
-            started: Instant::now(),
+            own,
             folder: folder.to_owned(),
             files,
             health,
-            last: Arc::clone(&writer.last),
             lost: Arc::clone(&writer.lost),
         };
         let thread = std::thread::Builder::new()
@@ -104,14 +132,11 @@ impl Drop for JournalThread {
 
 /// What the thread works with.
 struct Work {
-    boot_id: BootId,
-    /// When it was started: `t_s` of its own lines counts from then.
-    started: Instant,
+    own: Own,
     folder: PathBuf,
     /// `None` after a failure, until it opens again.
     files: Option<Files>,
     health: Arc<Health>,
-    last: Arc<AtomicU64>,
     lost: Arc<AtomicU64>,
 }
 
@@ -120,15 +145,20 @@ impl Work {
         loop {
             // without a line, too: the disk may have refused, and the folder may be gone
             let first = inbox.recv_timeout(RETRY);
-            let (batch, count, open) = match first {
-                Ok(first) => gather(&self.boot_id, first, inbox),
-                Err(RecvTimeoutError::Timeout) => (String::new(), 0, true),
+            let (batch, open) = match first {
+                Ok(first) => gather(&self.own.boot_id, first, inbox),
+                Err(RecvTimeoutError::Timeout) => (Vec::new(), true),
                 Err(RecvTimeoutError::Disconnected) => return,
             };
-            let written = self.write(batch);
+            let (count, is_quiet) = (batch.len() as u64, batch.is_empty() || !open);
+            let mut written = self.write(batch);
+            if written.is_err() {
+                self.lost.fetch_add(count, Ordering::Relaxed);
+            } else if is_quiet {
+                written = self.anchor();
+            }
             if written.is_err() {
                 self.files = None;
-                self.lost.fetch_add(count, Ordering::Relaxed);
             }
             self.health.note(Part::Journal, &written);
             if !open {
@@ -138,23 +168,26 @@ impl Work {
     }
 
     /// Lines that could not be written before are counted in a line of their own.
-    fn write(&mut self, mut batch: String) -> io::Result<()> {
+    fn write(&mut self, mut batch: Vec<Object>) -> io::Result<()> {
         let files = match &mut self.files {
             Some(files) => files,
-            none => none.insert(Files::open(&self.folder, FILE_BYTES_MAX)?),
+            none => none.insert(Files::open(&self.folder, FILE_BYTES_MAX, self.own.clone())?),
         };
         let lost = self.lost.load(Ordering::Relaxed);
         if lost > 0 {
-            let n = self.last.fetch_add(1, Ordering::Relaxed) + 1;
-            let line = json!({
-                "boot_id": self.boot_id, "cs": 0, "event": "lost", "lines": lost, "n": n,
-                "t_s": self.started.elapsed().as_secs_f64(), "ts": Timestamp::from_system_time(SystemTime::now()),
-            });
-            batch += &seal(&line.to_string());
+            batch.push(self.own.line(json!({"event": "lost", "lines": lost})));
         }
         files.append(&batch)?;
         self.lost.fetch_sub(lost, Ordering::Relaxed);
         Ok(())
+    }
+
+    /// Notes the newest line beside the files: once all is quiet, since that is another wait for the disk.
+    fn anchor(&mut self) -> io::Result<()> {
+        match &mut self.files {
+            Some(files) if files.is_ahead_of_anchor() => files.anchor(),
+            _ => Ok(()),
+        }
     }
 }
 
@@ -165,26 +198,25 @@ fn rest(age: Duration) -> Duration {
     GATHER.saturating_sub(age)
 }
 
-/// Takes what has come [`GATHER`] after the first line: their text and their number. False: the journal is to be closed.
+/// Takes what has come [`GATHER`] after the first line. False: the journal is to be closed.
 ///
 /// It sleeps in between instead of waiting for the next line: then no line but the first has to wake this thread.
-fn gather(boot_id: &BootId, first: Message, inbox: &Receiver<Message>) -> (String, u64, bool) {
+fn gather(boot_id: &BootId, first: Message, inbox: &Receiver<Message>) -> (Vec<Object>, bool) {
     if let Message::Line { handed_over, .. } = &first {
         std::thread::sleep(rest(handed_over.elapsed()));
     }
     let mut next = Some(first);
-    let (mut batch, mut taken) = (String::new(), 0);
+    let mut batch = Vec::new();
     while let Some(message) = next {
         match message {
-            Message::Line { n, line, time, .. } => batch += &text(boot_id, n, &line, time),
-            Message::Close => return (batch, taken, false),
+            Message::Line { n, line, time, .. } => batch.push(object(boot_id, n, &line, time)),
+            Message::Close => return (batch, false),
         }
-        taken += 1;
-        next = (taken < WAITING_MAX as u64)
+        next = (batch.len() < WAITING_MAX)
             .then(|| inbox.try_recv().ok())
             .flatten();
     }
-    (batch, taken, true)
+    (batch, true)
 }
 
 #[cfg(test)]
@@ -213,12 +245,22 @@ mod tests {
         }
     }
 
-    /// Its text, as the first line after `before` others.
-    fn line_text(before: usize, n: usize) -> String {
-        let (ts, number) = ("1970-01-01T00:00:00.000000Z", before + 1);
-        seal(&format!(
-            "{{\"boot_id\":\"b1\",\"choices\":[],\"cs\":1,\"event\":\"question\",\"n\":{number},\"seq\":{n},\"t_s\":0.5,\"text\":\"\",\"ts\":\"{ts}\"}}"
-        ))
+    /// As it is kept, with this number.
+    fn kept(number: usize, n: usize) -> Value {
+        json!({
+            "boot_id": "b1", "choices": [], "cs": 1, "event": "question", "n": number, "seq": n, "t_s": 0.5,
+            "text": "", "ts": "1970-01-01T00:00:00.000000Z",
+        })
+    }
+
+    /// The lines of a journal but for those of the chain itself, without their hashes.
+    fn lines(folder: &Path) -> Vec<Value> {
+        let mut lines = newest(folder, 0, 1000).lines;
+        lines.retain(|line| line["event"] != "chain");
+        for line in &mut lines {
+            line.as_object_mut().unwrap().remove("hash");
+        }
+        lines
     }
 
     fn start(folder: &Path) -> (JournalThread, Newest) {
@@ -226,13 +268,16 @@ mod tests {
     }
 
     fn work(folder: &Path) -> Work {
-        Work {
+        let own = Own {
             boot_id: BootId("b1".to_owned()),
             started: Instant::now(),
+            last: Arc::default(),
+        };
+        Work {
+            own,
             folder: folder.to_owned(),
             files: None,
             health: Arc::default(),
-            last: Arc::default(),
             lost: Arc::default(),
         }
     }
@@ -245,14 +290,16 @@ mod tests {
     fn what_was_handed_over_stands_there_line_by_line_when_the_journal_is_closed() {
         let folder = tempfile::tempdir().unwrap();
         for round in 0..2 {
-            let (thread, before) = start(folder.path());
-            assert_eq!(before.lines.len(), 100 * round);
+            let (thread, _) = start(folder.path());
+            assert_eq!(lines(folder.path()).len(), 100 * round);
             for n in 0..100 {
                 write(&thread.writer(), 100 * round + n);
             }
         }
-        let expected: Vec<String> = (0..200).map(|n| line_text(n, n)).collect();
-        assert_eq!(content(folder.path()), expected.concat());
+        // the first line is that of the chain, which goes on over both starts
+        let expected: Vec<Value> = (0..200).map(|n| kept(n + 2, n)).collect();
+        assert_eq!(lines(folder.path()), expected);
+        assert_eq!(content(folder.path()).matches("\"begins\":true").count(), 1);
     }
 
     #[test]
@@ -268,26 +315,25 @@ mod tests {
             write(&writer, n);
         }
         let boot_id = BootId("b1".to_owned());
-        let (batch, taken, open) = gather(&boot_id, inbox.recv().unwrap(), &inbox);
-        assert_eq!(
-            (batch, taken, open),
-            ((0..4).map(|n| line_text(n, n)).collect(), 4, true)
-        );
-        let folder = tempfile::tempdir().unwrap();
-        let mut work = Work {
-            last: Arc::clone(&writer.last),
-            lost: Arc::clone(&writer.lost),
-            ..work(folder.path())
+        let (batch, open) = gather(&boot_id, inbox.recv().unwrap(), &inbox);
+        let objects = |numbers: &[(usize, usize)]| -> Vec<Object> {
+            let kept = numbers.iter().map(|(number, n)| kept(*number, *n));
+            kept.map(|line| Object::of(&line)).collect()
         };
-        work.write(String::new()).unwrap();
-        let lost = newest(folder.path(), 0, 9).lines;
+        let first = objects(&[(1, 0), (2, 1), (3, 2), (4, 3)]);
+        assert_eq!((batch, open), (first, true));
+        let folder = tempfile::tempdir().unwrap();
+        let mut work = work(folder.path());
+        (work.own.last, work.lost) = (Arc::clone(&writer.last), Arc::clone(&writer.lost));
+        work.write(Vec::new()).unwrap();
+        let lost = lines(folder.path());
         let told = (&lost[0]["event"], &lost[0]["lines"], number(&lost[0]));
-        assert_eq!(told, (&json!("lost"), &json!(2), 7));
+        assert_eq!(told, (&json!("lost"), &json!(2), 8));
         assert_eq!(writer.lost.load(Ordering::Relaxed), 0);
         write(&writer, 6);
         writer.lines.send(Message::Close).unwrap();
         let last = gather(&boot_id, inbox.recv().unwrap(), &inbox);
-        assert_eq!(last, (line_text(7, 6), 1, false));
+        assert_eq!(last, (objects(&[(9, 6)]), false));
     }
 
     #[test]
@@ -338,36 +384,41 @@ mod tests {
         // as a kill leaves it
         let ahead = Ahead::begin(folder.path(), BootId("b1".to_owned())).unwrap();
         for n in 1..4 {
-            ahead.write(n, &started(n), SystemTime::UNIX_EPOCH).unwrap();
+            ahead.write(n + 1, &started(n), SystemTime::UNIX_EPOCH).unwrap();
         }
         let (thread, newest) = start(folder.path());
         let runs = |lines: &[Value]| -> Vec<(u64, String)> {
             let run = |line: &Value| (number(line), line["run_id"].as_str().unwrap().to_owned());
             lines.iter().map(run).collect()
         };
-        let expected = [1, 2, 3].map(|n| (n, format!("1-{n}")));
-        assert_eq!(runs(&newest.lines), expected);
+        let of_runs = |mut lines: Vec<Value>| {
+            lines.retain(|line| line["event"] == "start");
+            runs(&lines)
+        };
+        let expected = [2, 3, 4].map(|n| (n, format!("1-{}", n - 1)));
+        assert_eq!(of_runs(newest.lines), expected);
         drop(thread);
         let (thread, newest) = start(folder.path());
-        assert_eq!(runs(&newest.lines), expected);
-        assert_eq!(thread.writer().last.load(Ordering::Relaxed), 3);
+        assert_eq!(of_runs(newest.lines), expected);
+        assert_eq!(thread.writer().last.load(Ordering::Relaxed), 4);
     }
 
     #[test]
     fn a_journal_whose_file_was_removed_is_written_again_and_says_how_many_lines_it_lacks() {
         let folder = tempfile::tempdir().unwrap();
         let mut work = work(&folder.path().join("journal"));
-        work.write("{}\n".to_owned()).unwrap();
+        let line = || vec![Object::of(&kept(1, 1))];
+        work.write(line()).unwrap();
         fs::remove_dir_all(&work.folder).unwrap();
-        assert!(work.write("{}\n".to_owned()).is_err());
+        assert!(work.write(line()).is_err());
         work.files = None;
         work.lost.store(1, Ordering::Relaxed);
-        work.write(String::new()).unwrap();
+        work.write(Vec::new()).unwrap();
         assert!(content(&work.folder).contains("\"lines\":1"));
         fs::remove_dir_all(folder.path()).unwrap();
         work.files = None;
         assert!(
-            work.write(String::new()).is_err(),
+            work.write(Vec::new()).is_err(),
             "the folder above is not made anew"
         );
     }

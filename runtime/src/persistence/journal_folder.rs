@@ -1,15 +1,22 @@
 //! The journal's files: lines of JSON in files of bounded size.
 //!
 //! `journal.jsonl` is the newest file, `journal.1.jsonl` the one before it, and so on; the oldest is removed. A line
-//! that was cut short by a kill is removed when the journal is opened again, so every line is whole.
+//! that was cut short by a kill is removed when the journal is opened again, so every line is whole. Lines are chained by
+//! hashes (`chain`).
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read as _, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{Instant, SystemTime};
 
-use serde_json::Value;
+use plc_api::types::{BootId, Timestamp};
+use serde_json::{Value, json};
 
+use super::chain::{LINK_BYTES, Mark, link, place, tidy_up};
+use super::resume::{Head, Resumed, resume};
 use crate::disk::{
     Identity, Read, make_folder_in, number, open_regular, read, read_regular, sync_folder, tighten,
 };
@@ -21,7 +28,7 @@ pub(crate) const JOURNAL_FOLDER: &str = "journal";
 pub(super) const FILE_BYTES_MAX: u64 = 4 << 20;
 
 /// Files of the journal, the newest included; the oldest is removed.
-const FILES_MAX: usize = 8;
+pub(super) const FILES_MAX: usize = 8;
 
 /// Bytes of a file of the journal that are read at the most: one write may go beyond [`FILE_BYTES_MAX`].
 const FILE_READ_MAX: u64 = 64 << 20;
@@ -91,6 +98,45 @@ pub(crate) fn newest(folder: &Path, from: usize, count: usize) -> Newest {
     newest
 }
 
+/// A line before it is linked into the chain.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Object {
+    n: u64,
+    text: String,
+}
+
+impl Object {
+    /// Of a JSON object with its number.
+    pub fn of(line: &Value) -> Self {
+        Self {
+            n: number(line),
+            text: line.to_string(),
+        }
+    }
+}
+
+/// What the journal says of itself: lines of its own, with the numbers that come next.
+#[derive(Debug, Clone)]
+pub(super) struct Own {
+    pub boot_id: BootId,
+    /// When the writer was started: `t_s` of its lines counts from then.
+    pub started: Instant,
+    /// Number of the last line.
+    pub last: Arc<AtomicU64>,
+}
+
+impl Own {
+    /// A line of now, as a JSON object.
+    pub fn line(&self, mut event: Value) -> Object {
+        event["boot_id"] = json!(self.boot_id);
+        event["cs"] = json!(0);
+        event["n"] = json!(self.last.fetch_add(1, Ordering::Relaxed) + 1);
+        event["t_s"] = json!(self.started.elapsed().as_secs_f64());
+        event["ts"] = json!(Timestamp::from_system_time(SystemTime::now()));
+        Object::of(&event)
+    }
+}
+
 /// The files of a journal.
 #[derive(Debug)]
 pub(super) struct Files {
@@ -98,58 +144,116 @@ pub(super) struct Files {
     newest: File,
     bytes: u64,
     bytes_max: u64,
+    head: Head,
+    /// What the anchor says.
+    anchored: Head,
+    own: Own,
 }
 
 impl Files {
-    /// The folder is made if it is missing, but not those above it: who removes these wants an answer, not new ones.
-    pub(super) fn open(folder: &Path, bytes_max: u64) -> io::Result<Self> {
+    /// The folder is made if it is missing, but not those above it: who removes these wants an answer, not new ones. Where
+    /// the chain cannot go on it begins anew, with a line that says why.
+    pub(super) fn open(folder: &Path, bytes_max: u64, own: Own) -> io::Result<Self> {
         make_folder_in(folder).map_err(|error| of(folder, &error))?;
         for age in 0..FILES_MAX {
             tighten(&place(folder, age));
         }
+        tidy_up(folder).map_err(|error| of(folder, &error))?;
         let path = place(folder, 0);
-        let (newest, bytes) = open_whole(&path).map_err(|error| of(&path, &error))?;
-        Ok(Self {
+        let (newest, bytes, is_cut) = open_whole(&path).map_err(|error| of(&path, &error))?;
+        let Resumed { head, mark } = resume(folder, is_cut).map_err(|error| of(&path, &error))?;
+        let mut files = Self {
             folder: folder.to_owned(),
             newest,
             bytes,
             bytes_max,
-        })
+            anchored: head.clone(),
+            head,
+            own,
+        };
+        if let Some(mark) = mark {
+            let begun = files.begin(&mark);
+            begun.map_err(|error| of(&path, &error))?;
+        }
+        Ok(files)
+    }
+
+    /// A file, or the chain, begins. Whatever is found later was after that, so the anchor says it first.
+    fn begin(&mut self, mark: &Mark) -> io::Result<()> {
+        self.anchor()?;
+        let line = self.own.line(mark.to_json());
+        self.write(&[line])
     }
 
     /// Writes lines; they are on disk when this returns.
-    pub(super) fn append(&mut self, lines: &str) -> io::Result<()> {
+    pub(super) fn append(&mut self, lines: &[Object]) -> io::Result<()> {
         let path = place(&self.folder, 0);
         let appended = self.append_to(&path, lines);
         appended.map_err(|error| of(&path, &error))
     }
 
-    fn append_to(&mut self, path: &Path, lines: &str) -> io::Result<()> {
+    fn append_to(&mut self, path: &Path, lines: &[Object]) -> io::Result<()> {
         Identity::of(&self.newest)?.check(path)?;
         if lines.is_empty() {
             return Ok(());
         }
-        if self.bytes > 0 && self.bytes + lines.len() as u64 > self.bytes_max {
-            self.begin_anew()?;
+        let bytes: u64 = lines.iter().map(|line| line.text.len() as u64 + LINK_BYTES).sum();
+        if self.bytes > 0 && self.bytes + bytes > self.bytes_max {
+            self.begin_file()?;
         }
-        if let Err(error) = self.newest.write_all(lines.as_bytes()) {
+        self.write(lines)
+    }
+
+    fn write(&mut self, lines: &[Object]) -> io::Result<()> {
+        let (mut text, mut head) = (String::new(), self.head.clone());
+        for line in lines {
+            let (linked, hash) = link(head.hash, &line.text);
+            text += &linked;
+            (head.hash, head.n) = (hash, line.n);
+        }
+        if let Err(error) = self.newest.write_all(text.as_bytes()) {
             // The next line must not follow a part of this one.
             self.newest.set_len(self.bytes)?;
             return Err(error);
         }
-        self.bytes += lines.len() as u64;
+        self.bytes += text.len() as u64;
+        self.head = head;
         self.newest.sync_data()
     }
 
-    fn begin_anew(&mut self) -> io::Result<()> {
+    /// Notes the newest line beside the files. On disk when this returns.
+    pub(super) fn anchor(&mut self) -> io::Result<()> {
+        self.head.anchor().write(&self.folder)?;
+        self.anchored = self.head.clone();
+        Ok(())
+    }
+
+    /// True where the anchor does not know the newest line.
+    pub(super) fn is_ahead_of_anchor(&self) -> bool {
+        self.anchored != self.head
+    }
+
+    fn begin_file(&mut self) -> io::Result<()> {
+        let mark = Mark {
+            file: self.head.file + 1,
+            before: Some(self.head.hash),
+            why: None,
+        };
+        // before the oldest is removed: what is missing then was removed by rotation
+        self.head.file = mark.file;
+        let kept = FILES_MAX as u64 - 1;
+        self.head.first = self.head.first.max(mark.file.saturating_sub(kept));
+        self.anchor()?;
         for age in (0..FILES_MAX - 1).rev() {
             match fs::rename(place(&self.folder, age), place(&self.folder, age + 1)) {
                 Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
                 _ => {}
             }
         }
-        (self.newest, self.bytes) = open_whole(&place(&self.folder, 0))?;
-        sync_folder(&self.folder)
+        (self.newest, self.bytes, _) = open_whole(&place(&self.folder, 0))?;
+        sync_folder(&self.folder)?;
+        let line = self.own.line(mark.to_json());
+        self.write(&[line])
     }
 }
 
@@ -158,15 +262,8 @@ fn of(path: &Path, error: &io::Error) -> io::Error {
     io::Error::new(error.kind(), format!("{}: {error}", path.display()))
 }
 
-fn place(folder: &Path, age: usize) -> PathBuf {
-    folder.join(match age {
-        0 => "journal.jsonl".to_owned(),
-        age => format!("journal.{age}.jsonl"),
-    })
-}
-
-/// Opens a file to append to, without the part of a line that a kill has left at its end.
-fn open_whole(path: &Path) -> io::Result<(File, u64)> {
+/// Opens a file to append to, without the part of a line that a kill has left at its end; true: there was one.
+fn open_whole(path: &Path) -> io::Result<(File, u64, bool)> {
     let mut file = open_regular(path, OpenOptions::new().create(true).read(true).append(true))?;
     let length = file.metadata()?.len();
     // lines are far shorter than this; what is longer is none
@@ -176,67 +273,83 @@ fn open_whole(path: &Path) -> io::Result<(File, u64)> {
     file.read_to_end(&mut text)?;
     let end = text.iter().rposition(|byte| *byte == b'\n');
     let whole = end.map_or(0, |end| end + 1);
-    let length = length - tail + whole as u64;
-    file.set_len(length)?;
-    Ok((file, length))
+    let whole = length - tail + whole as u64;
+    file.set_len(whole)?;
+    Ok((file, whole, whole < length))
 }
 
 #[cfg(test)]
 mod tests {
-    use serde_json::json;
-
     use super::*;
     use crate::disk::seal;
 
-    fn content(folder: &Path, age: usize) -> String {
-        fs::read_to_string(place(folder, age)).unwrap_or_default()
+    fn open(folder: &Path, bytes_max: u64) -> Files {
+        let own = Own {
+            boot_id: BootId("b1".to_owned()),
+            started: Instant::now(),
+            last: Arc::default(),
+        };
+        Files::open(folder, bytes_max, own).unwrap()
     }
 
-    /// A whole line.
-    fn sealed(n: usize) -> String {
-        seal(&json!({"n": n, "text": "0123456789"}).to_string())
+    fn line(n: usize) -> Object {
+        Object::of(&json!({"n": n, "text": "0123456789"}))
+    }
+
+    /// Numbers of the lines but for those of the chain itself.
+    fn numbers(lines: &[Value]) -> Vec<u64> {
+        let others = lines.iter().filter(|line| line["event"] != "chain");
+        others.map(number).collect()
     }
 
     #[test]
     fn the_newest_lines_are_read_across_files_in_the_order_of_time() {
         let folder = tempfile::tempdir().unwrap();
-        let mut files = Files::open(folder.path(), 100).unwrap();
         assert_eq!(newest(folder.path(), 0, 10).lines, Vec::<Value>::new());
-        for n in 0..10 {
-            files.append(&sealed(n)).unwrap();
+        let mut files = open(folder.path(), 10_000);
+        for n in 0..30 {
+            files.bytes_max = if n == 15 { 1 } else { 10_000 };
+            files.append(&[line(n)]).unwrap();
         }
         files.newest.write_all(b"{\"n\":").unwrap();
-        let numbers = |from, count| -> Vec<u64> {
-            let lines = newest(folder.path(), from, count).lines;
-            lines.iter().map(|line| line["n"].as_u64().unwrap()).collect()
-        };
-        assert_eq!(numbers(0, 3), [7, 8, 9]);
-        assert_eq!(numbers(2, 4), [4, 5, 6, 7]);
-        assert_eq!(numbers(8, 100), [0, 1]);
-        assert_eq!(numbers(20, 1), Vec::<u64>::new());
+        let read = |from, count| numbers(&newest(folder.path(), from, count).lines);
+        assert_eq!(read(0, 3), [27, 28, 29]);
+        assert_eq!(read(2, 4), [24, 25, 26, 27]);
+        // between both files is the line with which the second one begins
+        assert_eq!(read(13, 4), [14, 15, 16]);
+        assert_eq!(read(29, 100), [0, 1]);
+        assert_eq!(read(40, 1), Vec::<u64>::new());
     }
 
     #[test]
     fn a_line_that_was_cut_short_is_taken_away() {
         let folder = tempfile::tempdir().unwrap();
-        fs::write(place(folder.path(), 0), "{\"n\":1}\n{\"n\":2}\n{\"n\"").unwrap();
-        let mut files = Files::open(folder.path(), 1000).unwrap();
-        files.append("{\"n\":3}\n").unwrap();
-        assert_eq!(content(folder.path(), 0), "{\"n\":1}\n{\"n\":2}\n{\"n\":3}\n");
+        let old = seal("{\"n\":1}") + &seal("{\"n\":2}");
+        fs::write(place(folder.path(), 0), format!("{old}{{\"n\"")).unwrap();
+        open(folder.path(), 1000).append(&[line(3)]).unwrap();
+        assert_eq!(numbers(&newest(folder.path(), 0, 9).lines), [1, 2, 3]);
     }
 
     #[test]
     fn the_journal_keeps_eight_files_of_a_bounded_size() {
         let folder = tempfile::tempdir().unwrap();
-        let mut files = Files::open(folder.path(), 100).unwrap();
-        let line = |n: usize| format!("{n:0>29}\n");
+        let mut files = open(folder.path(), 1000);
         for n in 0..100 {
-            files.append(&line(n)).unwrap();
+            files.append(&[line(n)]).unwrap();
         }
-        // three lines of 30 bytes in each file: 97 to 99 are in the last one but for the one that begins anew
-        assert_eq!(content(folder.path(), 0), line(99));
-        assert_eq!(content(folder.path(), 1), line(96) + &line(97) + &line(98));
-        assert_eq!(content(folder.path(), 7), line(78) + &line(79) + &line(80));
-        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), FILES_MAX);
+        let paths = fs::read_dir(folder.path())
+            .unwrap()
+            .map(|entry| entry.unwrap().path());
+        let journals: Vec<_> = paths
+            .filter(|path| path.extension().is_some_and(|ending| ending == "jsonl"))
+            .collect();
+        assert_eq!(journals.len(), FILES_MAX);
+        for path in journals {
+            let bytes = fs::metadata(&path).unwrap().len();
+            assert!((500..=1000).contains(&bytes), "{}: {bytes}", path.display());
+        }
+        let kept = numbers(&newest(folder.path(), 0, 1000).lines);
+        let last: Vec<u64> = (100 - kept.len() as u64..100).collect();
+        assert_eq!(kept, last);
     }
 }

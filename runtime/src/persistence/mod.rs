@@ -10,15 +10,20 @@
 //! (`journal_file`). NC programs are files of their own, see `program_store`.
 
 mod ahead;
+pub(crate) mod chain;
 mod cut_short;
 mod generation;
 mod image;
 pub(crate) mod journal_file;
 pub(crate) mod journal_folder;
+pub(crate) mod journal_query;
+mod journal_reader;
+pub(crate) mod journal_verify;
 mod judge;
 mod record;
 mod replay;
 mod restore;
+mod resume;
 mod state_writer;
 mod store;
 mod watch;

@@ -2,7 +2,7 @@
 
 use plc_api::types::CoordinateSystemNumber;
 use plc_api::types::command::{CommandMeta, CommandReply, CommandStatus};
-use plc_api::types::data::{JOURNAL_LINES_MAX, VariableArea, VariableValues};
+use plc_api::types::data::{JOURNAL_LINES_MAX, JournalFilter, VariableArea, VariableValues};
 use plc_api::types::ids::check_command;
 use plc_api::types::message::Payload;
 use plc_api::types::request::{Answer, CoordinateSystemRequest, Refusal, RefusalCode};
@@ -10,7 +10,9 @@ use plc_api::types::topic::Topic;
 
 use super::RuntimePort;
 use crate::command_memory::Asked;
+use crate::journal::LineFilter;
 use crate::persistence::journal_folder::{JOURNAL_FOLDER, newest};
+use crate::persistence::journal_query::newest_of;
 use crate::shared::Shared;
 use crate::tables::{Tables, Values};
 
@@ -23,7 +25,12 @@ impl RuntimePort {
     }
 
     /// From the disk, where it is at most 20 ms behind.
-    pub(super) async fn journal(&self, from: u32, count: u32) -> Result<Answer, Refusal> {
+    pub(super) async fn journal(
+        &self,
+        from: u32,
+        count: u32,
+        filter: JournalFilter,
+    ) -> Result<Answer, Refusal> {
         if !(1..=JOURNAL_LINES_MAX).contains(&count) {
             let text = format!("{count} lines of the journal: write 1 to {JOURNAL_LINES_MAX}");
             return Err(Refusal::new(RefusalCode::Invalid, text));
@@ -35,7 +42,14 @@ impl RuntimePort {
                 return Err(Refusal::new(RefusalCode::NotFound, text));
             }
         };
-        let read = move |_: &Shared| Ok(newest(&folder, from as usize, count as usize).lines);
+        let (from, count) = (from as usize, count as usize);
+        if filter == JournalFilter::default() {
+            let read = move |_: &Shared| Ok(newest(&folder, from, count).lines);
+            return self.on_disk(read).await.map(Answer::Journal);
+        }
+        let filter = LineFilter::new(&filter, self.shared.clock.wall());
+        let mut filter = filter.map_err(|text| Refusal::new(RefusalCode::Invalid, text))?;
+        let read = move |_: &Shared| Ok(newest_of(&folder, &mut filter, from, count));
         self.on_disk(read).await.map(Answer::Journal)
     }
 

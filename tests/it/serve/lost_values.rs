@@ -249,3 +249,68 @@ async fn an_empty_store_is_told_and_a_person_takes_the_last_good_generation() {
     );
     assert_eq!(served.get("/cs/1/tool").await.expect(200).json()["id"], 19);
 }
+
+#[tokio::test]
+async fn the_journal_tells_who_has_imported_or_repaired_values_at_the_command_line() {
+    let machine = machine();
+    let mut served = Served::start(&machine);
+    served
+        .put("/tools", &json!({"tools": [{"id": 19, "length": 19.25}]}))
+        .await
+        .expect(204);
+    let journal = |arguments: &[&str]| {
+        let all = [&["journal"], arguments, &["--config", "tandem.toml"]].concat();
+        let ran = run(machine.folder(), &all);
+        (ran.code, ran.stdout + &ran.stderr)
+    };
+    served.process.signal("TERM");
+    assert_eq!(served.process.exit_code_within(Duration::from_secs(10)), Some(0));
+    drop(served);
+    let (code, verified) = journal(&["verify"]);
+    assert!(code == 0 && verified.contains("The chain is whole"), "{verified}");
+    let head = verified
+        .lines()
+        .find_map(|line| line.strip_prefix("head: "))
+        .unwrap();
+    let (code, exported) = store(&machine, &["export"]);
+    assert_eq!(code, 0, "{exported}");
+    machine.write("kept.json", &exported);
+    assert_eq!(store(&machine, &["import", "kept.json"]).0, 0);
+    let (code, told) = journal(&["show", "--json"]);
+    assert_eq!(code, 0, "{told}");
+    let lines: Vec<Value> = told
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap())
+        .collect();
+    let request = |of: &str| lines.iter().find(|line| line["request"] == of).unwrap();
+    assert_eq!(request("PUT /tools")["from"], "127.0.0.1");
+    let import = request("tandem store import kept.json");
+    assert_eq!(import["over"], "command_line");
+    assert!(
+        import["user"].as_str().is_some_and(|user| !user.is_empty()),
+        "{import}"
+    );
+    // while it runs, too, what was noted before is still there
+    let served = Served::start(&machine);
+    let (code, verified) = journal(&["verify", "--head", head]);
+    assert_eq!(code, 0, "{verified}");
+    let lines = served.get("/journal?since=1h&cs=0").await.expect(200).json();
+    let lines = lines["lines"].as_array().unwrap();
+    assert!(
+        lines.iter().any(|line| line["request"] == "PUT /tools"),
+        "{lines:?}"
+    );
+    served.get("/journal?since=soon").await.expect(400);
+    served.get("/journal?user=nobody").await.expect(200);
+    drop(served);
+    let path = place(&machine, "journal/journal.jsonl");
+    let text = fs::read_to_string(&path)
+        .unwrap()
+        .replace("PUT /tools", "PUT /tolls");
+    fs::write(&path, text).unwrap();
+    let (code, said) = journal(&["verify"]);
+    assert!(
+        code == 1 && said.contains("journal.jsonl:") && said.contains("damaged"),
+        "{said}"
+    );
+}

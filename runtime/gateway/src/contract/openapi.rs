@@ -101,7 +101,10 @@ fn parameters(route: &Route) -> Vec<Value> {
         parameters.push(json!({"name": "wait", "in": "query", "schema": {"enum": ["0", "1", "false", "true", ""]}, "description": "1, true or nothing: answers when it is done, or with 202 after a minute."}));
         parameters.push(json!({"name": "If-Match", "in": "header", "schema": {"type": "string", "pattern": "^\"?[0-9]+\"?$"}, "description": "Revision of the state that the sender has seen."}));
     }
-    if route.method == "GET" && route.query == Query::Range {
+    if route.query == Query::Journal {
+        parameters.extend(of_journal());
+    }
+    if route.method == "GET" && matches!(route.query, Query::Range | Query::Journal) {
         for (name, minimum) in [("from", 0), ("count", 1)] {
             parameters.push(
                 json!({"name": name, "in": "query", "schema": {"type": "integer", "minimum": minimum}}),
@@ -109,6 +112,43 @@ fn parameters(route: &Route) -> Vec<Value> {
         }
     }
     parameters
+}
+
+/// What is asked of the journal.
+fn of_journal() -> impl Iterator<Item = Value> {
+    let fields = [
+        (
+            "since",
+            json!({"type": "string"}),
+            "From this time on: in UTC, such as 2026-11-25 or 2026-11-25T10:00, or how long ago, such as 2h or 30m.",
+        ),
+        (
+            "until",
+            json!({"type": "string"}),
+            "Before this time, written in the same way.",
+        ),
+        (
+            "cs",
+            json!({"type": "integer", "minimum": 0, "maximum": 255}),
+            "Of this coordinate system; 0: of the machine.",
+        ),
+        (
+            "m",
+            json!({"type": "integer", "minimum": 0, "maximum": 65535}),
+            "Of outputs of this M number, and of stops by it.",
+        ),
+        (
+            "user",
+            json!({"type": "string"}),
+            "Of this user, client or handler.",
+        ),
+        (
+            "run",
+            json!({"type": "string"}),
+            "Of this run, such as 1-7, or BOOT/1-7 of that start of the runtime.",
+        ),
+    ];
+    fields.into_iter().map(|(name, schema, description)| json!({"name": name, "in": "query", "schema": schema, "description": description}))
 }
 
 fn responses(route: &Route, right: Option<Right>) -> Value {

@@ -10,6 +10,7 @@ use axum::http::{HeaderMap, HeaderValue, StatusCode, Uri, header};
 use axum::response::{IntoResponse, Response};
 use plc_api::server::ServerTransport;
 use plc_api::types::CoordinateSystemNumber;
+use plc_api::types::data::JournalFilter;
 use plc_api::types::message::Payload;
 use plc_api::types::program::PROGRAM_BYTES_MAX;
 use plc_api::types::request::{Answer, Request};
@@ -131,15 +132,41 @@ fn query(route: &Route, uri: &Uri) -> Result<QueryValues, Problem> {
     struct Wait {
         wait: Option<String>,
     }
+    #[derive(Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct Lines {
+        #[serde(default)]
+        from: u32,
+        count: Option<u32>,
+        since: Option<String>,
+        until: Option<String>,
+        cs: Option<CoordinateSystemNumber>,
+        m: Option<u16>,
+        user: Option<String>,
+        run: Option<String>,
+    }
     let read = match route.query {
         route::Query::Nothing => return Ok(QueryValues::default()),
         route::Query::Range => {
             Query::<Range>::try_from_uri(uri).map(|Query(Range { from, count })| QueryValues {
                 from,
                 count,
-                wait: None,
+                ..QueryValues::default()
             })
         }
+        route::Query::Journal => Query::<Lines>::try_from_uri(uri).map(|Query(lines)| QueryValues {
+            from: lines.from,
+            count: lines.count,
+            filter: JournalFilter {
+                since: lines.since,
+                until: lines.until,
+                cs: lines.cs,
+                m: lines.m,
+                user: lines.user,
+                run: lines.run,
+            },
+            ..QueryValues::default()
+        }),
         route::Query::Wait => Query::<Wait>::try_from_uri(uri).map(|Query(Wait { wait })| QueryValues {
             wait,
             ..QueryValues::default()

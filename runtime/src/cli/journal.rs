@@ -1,0 +1,296 @@
+//! `tandem journal`: verifies and shows what has happened, of a machine that runs or not, or of a copy of its folder.
+
+use std::path::PathBuf;
+use std::time::SystemTime;
+
+use anyhow::Context;
+use clap::{Args, Subcommand};
+use plc_api::types::data::JournalFilter;
+use serde_json::{Map, Value};
+use tandem_runtime::audit::{self, LineFilter, Verified};
+
+use super::{EXIT_FOUND, EXIT_OK, EXIT_UNREADABLE, Ran, complain, read_config, say};
+
+/// Digits of a hash that a person may leave it at.
+const HASH_DIGITS_MIN: usize = 16;
+
+/// Digits of a whole hash.
+const HASH_DIGITS: usize = 64;
+
+/// Fields of a line that have a column, or that say nothing of what happened.
+const NO_DETAILS: [&str; 7] = ["ts", "cs", "event", "boot_id", "n", "t_s", "hash"];
+
+#[derive(Args)]
+pub struct Arguments {
+    #[command(subcommand)]
+    action: Action,
+}
+
+#[derive(Args)]
+struct Place {
+    /// Data folder, its journal folder, or a copy of one; without it, that of the configuration
+    folder: Option<PathBuf>,
+    /// Configuration file; without one, that of the demo machine
+    #[arg(long, value_name = "FILE", conflicts_with = "folder")]
+    config: Option<PathBuf>,
+}
+
+#[derive(Subcommand)]
+enum Action {
+    /// Tells whether a line was changed, removed, inserted or moved since it was written; the machine may run
+    Verify {
+        #[command(flatten)]
+        place: Place,
+        /// Hash that an earlier verify printed, or its first 16 digits or more: it must still be in the chain
+        #[arg(long, value_name = "HASH", value_parser = noted_hash)]
+        head: Option<String>,
+    },
+    /// Shows lines, oldest first; the machine may run
+    Show {
+        #[command(flatten)]
+        place: Place,
+        /// From this time on: how long ago (2h, 30m), or in UTC (2026-11-25, 2026-11-25T10:00)
+        #[arg(long, value_name = "TIME")]
+        since: Option<String>,
+        /// Before this time, written in the same way
+        #[arg(long, value_name = "TIME")]
+        until: Option<String>,
+        /// Of this coordinate system; 0: of the machine
+        #[arg(long, value_name = "NUMBER")]
+        cs: Option<u8>,
+        /// Of outputs of this M number, and of stops by it
+        #[arg(long, value_name = "NUMBER")]
+        m: Option<u16>,
+        /// Of this user, client or handler
+        #[arg(long, value_name = "NAME")]
+        user: Option<String>,
+        /// Of this run, such as 1-7, or BOOT/1-7 of that start of the runtime
+        #[arg(long, value_name = "RUN")]
+        run: Option<String>,
+        /// One JSON object per line, as they are kept
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+fn noted_hash(text: &str) -> Result<String, String> {
+    let is_hash = (HASH_DIGITS_MIN..=HASH_DIGITS).contains(&text.len())
+        && text.bytes().all(|digit| digit.is_ascii_hexdigit());
+    is_hash.then(|| text.to_owned()).ok_or_else(|| {
+        format!("write the {HASH_DIGITS} digits of a hash, or its first {HASH_DIGITS_MIN} or more")
+    })
+}
+
+impl Place {
+    fn journal(&self) -> anyhow::Result<PathBuf> {
+        if let Some(folder) = &self.folder {
+            return Ok(audit::journal_folder(folder));
+        }
+        let (_, machine) = read_config(self.config.as_deref())?;
+        let folder = machine
+            .data_dir
+            .context("the machine keeps no journal: it has no data_dir")?;
+        Ok(folder.join("journal"))
+    }
+}
+
+pub(super) fn run(arguments: &Arguments) -> Ran {
+    match &arguments.action {
+        Action::Verify { place, head } => {
+            let folder = place.journal()?;
+            let shown = folder.display().to_string();
+            let verified = audit::verify(&folder, head.as_deref());
+            Ok(told(&shown, &verified.with_context(|| shown.clone())?))
+        }
+        Action::Show {
+            place,
+            since,
+            until,
+            cs,
+            m,
+            user,
+            run,
+            json,
+        } => {
+            let wanted = JournalFilter {
+                since: since.clone(),
+                until: until.clone(),
+                cs: *cs,
+                m: *m,
+                user: user.clone(),
+                run: run.clone(),
+            };
+            show(&place.journal()?, &wanted, *json)
+        }
+    }
+}
+
+fn told(shown: &str, verified: &Verified) -> u8 {
+    for note in &verified.notes {
+        say(format!("note: {note}"));
+    }
+    for found in &verified.breaks {
+        let line = found.line.map_or(String::new(), |line| format!(":{line}"));
+        say(format!(
+            "broken: {}{line}: {}; {}",
+            found.path.display(),
+            found.what,
+            found.advice
+        ));
+    }
+    if verified.more > 0 {
+        say(format!("broken: {} further places", verified.more));
+    }
+    let (first, last) = (
+        verified.first.as_deref().unwrap_or("never"),
+        verified.last.as_deref().unwrap_or("never"),
+    );
+    let old = match verified.not_chained {
+        0 => String::new(),
+        old => format!(", and {old} before them of versions without a chain, which are not chained"),
+    };
+    say(format!(
+        "{shown}: {} lines of the chain{old}, from {first} to {last}.",
+        verified.chained
+    ));
+    if let Some(head) = verified.head {
+        say(format!("head: {head}"));
+    }
+    if verified.is_whole() {
+        say(
+            "The chain is whole. Keep the head elsewhere: verify --head shows later that all up to it is as it was.",
+        );
+        return EXIT_OK;
+    }
+    say(if verified.chained == 0 {
+        "Nothing is chained."
+    } else {
+        "The chain is not whole."
+    });
+    EXIT_FOUND
+}
+
+fn show(folder: &std::path::Path, wanted: &JournalFilter, json: bool) -> Ran {
+    let mut filter = LineFilter::new(wanted, SystemTime::now()).map_err(anyhow::Error::msg)?;
+    if !json {
+        say(format!(
+            "{:<24}  {:>2}  {:<12}  WHAT",
+            "TIME (UTC)", "CS", "EVENT"
+        ));
+    }
+    let mut show = |line: Value| {
+        if json {
+            say(line);
+        } else {
+            say(row(&line));
+        }
+    };
+    let searched = audit::search(folder, &mut filter, &mut show);
+    let left_out = searched.with_context(|| folder.display().to_string())?;
+    if left_out.damaged > 0 {
+        complain(format!(
+            "{} damaged lines are left out; tandem journal verify names them",
+            left_out.damaged
+        ));
+    }
+    for (path, error) in &left_out.unreadable {
+        complain(format!("{} cannot be read: {error}", path.display()));
+    }
+    Ok(if left_out.unreadable.is_empty() {
+        EXIT_OK
+    } else {
+        EXIT_UNREADABLE
+    })
+}
+
+/// A line in columns.
+fn row(line: &Value) -> String {
+    let text = |name: &str| line[name].as_str().unwrap_or_default();
+    // milliseconds are enough for a person
+    let time = match text("ts").split_once('.') {
+        Some((seconds, part)) => format!("{seconds}.{part:.3}Z"),
+        None => text("ts").to_owned(),
+    };
+    let cs = match line["cs"].as_u64() {
+        Some(cs) if cs > 0 => cs.to_string(),
+        _ => "-".to_owned(),
+    };
+    let details = line.as_object().map(details).unwrap_or_default();
+    format!("{time:<24}  {cs:>2}  {:<12}  {details}", text("event"))
+        .trim_end()
+        .to_owned()
+}
+
+/// Who, and what: `user=anna from=10.0.0.7 request="POST /cs/1/start"`.
+fn details(line: &Map<String, Value>) -> String {
+    let is_detail = |name: &str| !NO_DETAILS.contains(&name);
+    let who = ["user", "from", "over"];
+    let first = who.iter().filter_map(|name| Some((*name, line.get(*name)?)));
+    let others = line.iter().map(|(name, value)| (name.as_str(), value));
+    let others = others.filter(|(name, _)| is_detail(name) && !who.contains(name));
+    let shown = first.chain(others).filter(|(_, value)| !value.is_null());
+    let words: Vec<String> = shown
+        .map(|(name, value)| format!("{name}={}", word(value)))
+        .collect();
+    words.join(" ")
+}
+
+/// A value; a text without spaces, quotes or control characters stands as it is.
+fn word(value: &Value) -> String {
+    match value.as_str() {
+        Some(text) if !text.is_empty() && text.chars().all(is_plain) => text.to_owned(),
+        // as JSON, control characters are escapes: none reaches a terminal
+        Some(text) => format!("\"{}\"", text.escape_debug()),
+        None => {
+            let escaped = |letter: char| match letter {
+                control if control.is_control() => control.escape_unicode().to_string(),
+                letter => letter.to_string(),
+            };
+            value.to_string().chars().map(escaped).collect()
+        }
+    }
+}
+
+fn is_plain(letter: char) -> bool {
+    letter.is_alphanumeric() || "-_./:+@#*,;()[]".contains(letter)
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn a_line_is_a_row_with_who_first_and_nothing_that_a_terminal_acts_on() {
+        let line = json!({
+            "boot_id": "b1", "cs": 1, "event": "request", "from": "10.0.0.7", "hash": "00", "n": 7, "over": "rest",
+            "request": "POST /cs/1/mdi", "said": "{\"text\":\"\u{1b}[2J\n\"}", "t_s": 0.5,
+            "ts": "2026-11-25T10:00:00.123456Z", "user": "anna", "command_id": null,
+        });
+        assert_eq!(
+            row(&line),
+            "2026-11-25T10:00:00.123Z   1  request       user=anna from=10.0.0.7 over=rest request=\"POST /cs/1/mdi\" \
+             said=\"{\\\"text\\\":\\\"\\u{1b}[2J\\n\\\"}\""
+        );
+        let boot = json!({"cs": 0, "event": "boot", "version": "0.2.0", "ts": "2026-11-25T10:00:00Z"});
+        assert_eq!(
+            row(&boot),
+            "2026-11-25T10:00:00Z       -  boot          version=0.2.0"
+        );
+    }
+
+    #[test]
+    fn a_noted_hash_has_16_to_64_hexadecimal_digits() {
+        for (text, is_right) in [
+            ("0123456789abcdef", true),
+            ("0123456789ABCDEF0", true),
+            ("0123456789abcde", false),
+            ("0123456789abcdeg", false),
+            (&"a".repeat(64), true),
+            (&"a".repeat(65), false),
+        ] {
+            assert_eq!(noted_hash(text).is_ok(), is_right, "{text}");
+        }
+    }
+}

@@ -1,0 +1,276 @@
+//! Which lines of the journal somebody wants to see.
+
+use std::collections::BTreeMap;
+use std::time::{Duration, SystemTime};
+
+use plc_api::types::Timestamp;
+use plc_api::types::data::JournalFilter;
+use serde_json::Value;
+
+/// Outputs that are open at a time, in all coordinate systems: of more of them lines about the older ones are not found by
+/// their M number. Reason: eight coordinate systems of 64 open outputs, several times over.
+const OUTPUTS_MAX: usize = 4096;
+
+/// A filter over the lines of a journal, which come in the order in which they were written: a line of a claim names its
+/// output only, and a line of an alarm no run.
+#[derive(Debug, Default)]
+pub struct LineFilter {
+    since: Option<String>,
+    until: Option<String>,
+    wanted: JournalFilter,
+    /// M numbers of the outputs that are open, by coordinate system and sequence number.
+    outputs: BTreeMap<(u64, u64), u64>,
+    /// The start of the runtime that the line before was of.
+    boot_id: String,
+    /// The run of each coordinate system.
+    runs: BTreeMap<u64, String>,
+}
+
+impl LineFilter {
+    /// The filter of what somebody asks for; times that say how long ago count from `now`.
+    ///
+    /// # Errors
+    /// A time cannot be read.
+    pub fn new(wanted: &JournalFilter, now: SystemTime) -> Result<Self, String> {
+        let time = |name: &str, text: &Option<String>| {
+            let read = text.as_deref().map(|text| time(name, text, now));
+            read.transpose()
+        };
+        Ok(Self {
+            since: time("since", &wanted.since)?,
+            until: time("until", &wanted.until)?,
+            wanted: wanted.clone(),
+            ..Self::default()
+        })
+    }
+
+    /// True for a line that is wanted.
+    pub fn takes(&mut self, line: &Value) -> bool {
+        let cs = line["cs"].as_u64().unwrap_or(0);
+        let seq = line["seq"].as_u64().map(|seq| (cs, seq));
+        self.follow(line, cs, seq);
+        let m = line["m"].as_u64().or_else(|| self.outputs.get(&seq?).copied());
+        let takes = self.is_in_time(line)
+            && self.wanted.cs.is_none_or(|wanted| cs == u64::from(wanted))
+            && self.wanted.m.is_none_or(|wanted| m == Some(wanted.into()))
+            && self.is_of_user(line)
+            && self.is_of_run(cs);
+        match line["event"].as_str() {
+            Some("reset") => {
+                seq.map(|seq| self.outputs.remove(&seq));
+            }
+            Some("end") => {
+                self.runs.remove(&cs);
+            }
+            _ => {}
+        }
+        takes
+    }
+
+    /// Notes what later lines do not say again.
+    fn follow(&mut self, line: &Value, cs: u64, seq: Option<(u64, u64)>) {
+        if line["boot_id"].as_str() != Some(&self.boot_id) {
+            line["boot_id"]
+                .as_str()
+                .unwrap_or_default()
+                .clone_into(&mut self.boot_id);
+            self.outputs.clear();
+            self.runs.clear();
+        }
+        if let Some(run) = line["run_id"].as_str() {
+            self.runs.insert(cs, run.to_owned());
+        }
+        if let (Some("output"), Some(seq), Some(m)) = (line["event"].as_str(), seq, line["m"].as_u64()) {
+            if self.outputs.len() >= OUTPUTS_MAX {
+                self.outputs.pop_first();
+            }
+            self.outputs.insert(seq, m);
+        }
+    }
+
+    fn is_in_time(&self, line: &Value) -> bool {
+        // both are RFC 3339 in UTC with six digits behind the point: their order is that of time
+        let ts = line["ts"].as_str().unwrap_or_default();
+        self.since.as_deref().is_none_or(|since| ts >= since)
+            && self
+                .until
+                .as_deref()
+                .is_none_or(|until| !ts.is_empty() && ts < until)
+    }
+
+    fn is_of_user(&self, line: &Value) -> bool {
+        let is = |wanted: &String| {
+            let named = ["user", "client_id", "handler_id"].map(|name| line[name].as_str());
+            named.contains(&Some(wanted))
+        };
+        self.wanted.user.as_ref().is_none_or(is)
+    }
+
+    fn is_of_run(&self, cs: u64) -> bool {
+        let is = |wanted: &String| {
+            let (boot_id, run) = wanted.split_once('/').unwrap_or((&self.boot_id, wanted));
+            boot_id == self.boot_id && self.runs.get(&cs).is_some_and(|now| now == run)
+        };
+        self.wanted.run.as_ref().is_none_or(is)
+    }
+}
+
+/// Seconds from 1970 to the first year of five digits.
+const YEAR_10_000_S: u64 = 253_402_300_800;
+
+/// A time as it stands in lines: from `2h` (ago), `2026-11-25`, or `2026-11-25T10:00` with or without seconds, in UTC.
+fn time(name: &str, text: &str, now: SystemTime) -> Result<String, String> {
+    let ago = |ago: Duration| now.checked_sub(ago);
+    let whole = match text.trim_end_matches('Z') {
+        day if day.len() == 10 => format!("{day}T00:00:00"),
+        minute if minute.len() == 16 => format!("{minute}:00"),
+        time => time.to_owned(),
+    };
+    let of_day = || humantime::parse_rfc3339_weak(&whole).ok();
+    let time = match humantime::parse_duration(text) {
+        Ok(duration) => ago(duration),
+        Err(_) => of_day(),
+    };
+    // what no text can say is no time, either
+    let is_said = |time: &SystemTime| {
+        let seconds = time.duration_since(SystemTime::UNIX_EPOCH);
+        seconds.is_ok_and(|since| since.as_secs() < YEAR_10_000_S)
+    };
+    match time.filter(is_said) {
+        Some(time) => Ok(Timestamp::from_system_time(time).0),
+        None => Err(format!(
+            "{name} {text:?}: write how long ago, such as 2h or 30m, or a time in UTC, such as 2026-11-25 or 2026-11-25T10:00"
+        )),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    const NOW: &str = "2026-11-25T10:00:00.500000Z";
+
+    fn now() -> SystemTime {
+        Timestamp(NOW.to_owned()).to_system_time().unwrap()
+    }
+
+    fn taken(wanted: &JournalFilter, lines: &[Value]) -> Vec<usize> {
+        let mut filter = LineFilter::new(wanted, now()).unwrap();
+        let taken = |(at, line): (usize, &Value)| filter.takes(line).then_some(at);
+        lines.iter().enumerate().filter_map(taken).collect()
+    }
+
+    #[test]
+    fn a_time_is_how_long_ago_or_a_day_or_a_time_of_it() {
+        for (text, expected) in [
+            ("2h", "2026-11-25T08:00:00.500000Z"),
+            ("30m", "2026-11-25T09:30:00.500000Z"),
+            ("1d", "2026-11-24T10:00:00.500000Z"),
+            ("2026-11-25", "2026-11-25T00:00:00.000000Z"),
+            ("2026-11-25T10:00", "2026-11-25T10:00:00.000000Z"),
+            ("2026-11-25T10:00:01", "2026-11-25T10:00:01.000000Z"),
+            ("2026-11-25T10:00:01.25Z", "2026-11-25T10:00:01.250000Z"),
+            (NOW, NOW),
+        ] {
+            assert_eq!(time("since", text, now()).as_deref(), Ok(expected), "{text}");
+        }
+        for text in [
+            "",
+            "yesterday",
+            "2026-13-01",
+            "2026-11-25T25:00",
+            "99999999999y",
+            "-1h",
+            "é",
+            "9999-99-99",
+        ] {
+            let refused = time("until", text, now()).unwrap_err();
+            assert!(
+                refused.starts_with("until") && refused.contains("2h"),
+                "{refused}"
+            );
+        }
+    }
+
+    /// A run with an output, and what was around it.
+    fn run_with_an_output() -> [Value; 8] {
+        let line = |second: u32, cs: u32, mut fields: Value| {
+            fields["ts"] = json!(format!("2026-11-25T09:00:{second:02}.000000Z"));
+            fields["cs"] = json!(cs);
+            fields["boot_id"] = json!("b1");
+            fields
+        };
+        [
+            line(
+                0,
+                0,
+                json!({"event": "request", "user": "anna", "request": "POST /cs/1/start"}),
+            ),
+            line(1, 1, json!({"event": "start", "program": 60, "run_id": "1-1"})),
+            line(
+                2,
+                1,
+                json!({"event": "output", "m": 100, "seq": 1, "run_id": "1-1"}),
+            ),
+            line(
+                3,
+                2,
+                json!({"event": "output", "m": 200, "seq": 1, "run_id": "2-1"}),
+            ),
+            line(4, 1, json!({"event": "claim", "seq": 1, "handler_id": "door"})),
+            line(
+                5,
+                1,
+                json!({"event": "reset", "seq": 1, "m": null, "handler_id": "door", "result": "ok"}),
+            ),
+            line(6, 1, json!({"event": "end", "outcome": "PROGRAM_COMPLETED"})),
+            line(7, 1, json!({"event": "alarm", "number": 7})),
+        ]
+    }
+
+    #[test]
+    fn lines_are_found_by_time_user_m_code_and_run_also_where_they_do_not_say_it() {
+        let lines = run_with_an_output();
+        let wanted = JournalFilter::default;
+        assert_eq!(taken(&wanted(), &lines), (0..8).collect::<Vec<_>>());
+        let since = Some("2026-11-25T09:00:06".to_owned());
+        assert_eq!(taken(&JournalFilter { since, ..wanted() }, &lines), [6, 7]);
+        let until = Some("2026-11-25T09:00:01".to_owned());
+        assert_eq!(taken(&JournalFilter { until, ..wanted() }, &lines), [0]);
+        assert_eq!(
+            taken(
+                &JournalFilter {
+                    cs: Some(2),
+                    ..wanted()
+                },
+                &lines
+            ),
+            [3]
+        );
+        assert_eq!(
+            taken(
+                &JournalFilter {
+                    m: Some(100),
+                    ..wanted()
+                },
+                &lines
+            ),
+            [2, 4, 5]
+        );
+        let user = |name: &str| JournalFilter {
+            user: Some(name.to_owned()),
+            ..wanted()
+        };
+        assert_eq!(taken(&user("anna"), &lines), [0]);
+        assert_eq!(taken(&user("door"), &lines), [4, 5]);
+        let run = |run: &str| JournalFilter {
+            run: Some(run.to_owned()),
+            ..wanted()
+        };
+        assert_eq!(taken(&run("1-1"), &lines), [1, 2, 4, 5, 6]);
+        assert_eq!(taken(&run("b1/1-1"), &lines), [1, 2, 4, 5, 6]);
+        assert_eq!(taken(&run("b2/1-1"), &lines), Vec::<usize>::new());
+    }
+}

@@ -1,0 +1,319 @@
+//! The chain of the journal: each line ends with the SHA-256 of the hash of the line before it and of its own bytes.
+//!
+//! The first line of each file, and a line where the chain begins, says so: `"event":"chain"`, with the number of the file
+//! and the hash before it, so that it can be verified without what rotation has removed. An anchor beside the files knows
+//! which files must be there and a line that must be among them: so what rotation has removed is told from what somebody has
+//! removed.
+
+use std::fmt;
+use std::fs;
+use std::io::{self, BufRead};
+use std::path::{Path, PathBuf};
+
+use serde_json::{Value, json};
+use sha2::{Digest as _, Sha256};
+
+use crate::disk::{Read, number, read, read_regular, seal, write_whole};
+
+/// File of the anchor in the journal's folder.
+const ANCHOR_FILE: &str = "anchor";
+
+/// Bytes of the anchor that are read at the most.
+const ANCHOR_BYTES_MAX: u64 = 4096;
+
+/// Bytes of a line that are read at the most; what is longer is damaged. Reason: lines are far shorter.
+const LINE_BYTES_MAX: usize = 1 << 20;
+
+/// What stands before a hash, and behind it.
+const HASH: (&[u8], &[u8]) = (b",\"hash\":\"", b"\"");
+
+/// Bytes that a check sum takes at the end of a line.
+const SUM_BYTES: usize = ",\"crc\":\"00000000\"}".len();
+
+/// Bytes that hash, check sum and end add to an object.
+pub(super) const LINK_BYTES: u64 = (9 + 64 + 1 + SUM_BYTES) as u64;
+
+/// The hash of a line, which stands for all lines up to it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Hash([u8; 32]);
+
+impl Hash {
+    /// What stands before the first line.
+    pub(crate) const ORIGIN: Self = Self([0; 32]);
+
+    /// The hash of hexadecimal digits, as it is written.
+    pub(crate) fn parse(text: &str) -> Option<Self> {
+        let mut bytes = [0; 32];
+        hex::decode_to_slice(text, &mut bytes).ok()?;
+        Some(Self(bytes)).filter(|hash| hash.to_string() == text)
+    }
+
+    /// The hash of a line with these bytes behind one with this hash.
+    pub(super) fn then(self, bytes: &[u8]) -> Self {
+        let digest = Sha256::new().chain_update(self.0).chain_update(bytes);
+        Self(digest.finalize().into())
+    }
+}
+
+impl fmt::Display for Hash {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&hex::encode(self.0))
+    }
+}
+
+/// The text of a line behind one with this hash, and its own hash; `object` is a JSON object with a field.
+pub(super) fn link(before: Hash, object: &str) -> (String, Hash) {
+    let open = object.strip_suffix('}').unwrap_or(object);
+    let hash = before.then(open.as_bytes());
+    (seal(&format!("{open},\"hash\":\"{hash}\"}}")), hash)
+}
+
+/// A line of a journal, as it is read.
+#[derive(Debug, PartialEq)]
+pub(super) enum Entry<'a> {
+    /// A line of the chain: its value, the bytes that its hash is of, and the hash.
+    Linked(Value, &'a [u8], Hash),
+    /// A whole line of a version without a chain.
+    Unlinked(Value),
+    /// It is damaged.
+    Damaged,
+}
+
+/// Reads a line without its end.
+pub(super) fn entry(line: &[u8]) -> Entry<'_> {
+    let Read::Whole(value) = read(line) else {
+        return Entry::Damaged;
+    };
+    let linked = || {
+        let (open, tail) = line.split_at_checked(line.len().checked_sub(SUM_BYTES + 9 + 64 + 1)?)?;
+        let digits = tail.strip_prefix(HASH.0)?.get(..64)?;
+        let is_closed = tail.get(9 + 64..)?.starts_with(HASH.1);
+        let hash = Hash::parse(std::str::from_utf8(digits).ok()?)?;
+        is_closed.then_some((open, hash))
+    };
+    match linked() {
+        Some((open, hash)) => Entry::Linked(value, open, hash),
+        None => Entry::Unlinked(value),
+    }
+}
+
+/// What a line of the chain itself says: that a file begins, or the chain.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Mark {
+    /// Number of the file.
+    pub file: u64,
+    /// The hash before it; `None`: the chain begins here.
+    pub before: Option<Hash>,
+    /// Why it begins anew.
+    pub why: Option<String>,
+}
+
+impl Mark {
+    /// Its event.
+    pub fn to_json(&self) -> Value {
+        let mut event = json!({"event": "chain", "file": self.file});
+        match &self.before {
+            Some(before) => event["prev"] = json!(before.to_string()),
+            None => event["begins"] = json!(true),
+        }
+        if let Some(why) = &self.why {
+            event["why"] = json!(why);
+        }
+        event
+    }
+
+    /// The mark of a line; `None`: it is another line.
+    pub fn of(line: &Value) -> Option<Self> {
+        let before = match line["prev"].as_str() {
+            Some(text) => Some(Hash::parse(text)?),
+            None if line["begins"] == true => None,
+            None => return None,
+        };
+        (line["event"] == "chain").then_some(())?;
+        Some(Self {
+            file: line["file"].as_u64()?,
+            before,
+            why: line["why"].as_str().map(ToOwned::to_owned),
+        })
+    }
+
+    /// The hash that it is chained to.
+    pub fn base(&self) -> Hash {
+        self.before.unwrap_or(Hash::ORIGIN)
+    }
+}
+
+/// What is known of a journal beside its files.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Anchor {
+    /// Hash of a line that is there, the newest one when this was written; [`Hash::ORIGIN`]: of none.
+    pub hash: Hash,
+    /// Its number.
+    pub n: u64,
+    /// Number of the newest file.
+    pub file: u64,
+    /// Number of the oldest file that must be there: rotation has removed those before it.
+    pub first: u64,
+}
+
+/// What is read of an anchor.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) enum AnchorRead {
+    There(Anchor),
+    Missing,
+    Damaged,
+}
+
+impl Anchor {
+    pub fn read(folder: &Path) -> AnchorRead {
+        let bytes = match read_regular(&folder.join(ANCHOR_FILE), ANCHOR_BYTES_MAX) {
+            Ok(bytes) => bytes,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return AnchorRead::Missing,
+            Err(_) => return AnchorRead::Damaged,
+        };
+        let of_line = |line: &Value| {
+            Some(Self {
+                hash: Hash::parse(line["hash"].as_str()?)?,
+                n: number(line),
+                file: line["file"].as_u64()?,
+                first: line["first"].as_u64()?,
+            })
+        };
+        match bytes.strip_suffix(b"\n").map(read) {
+            Some(Read::Whole(line)) => of_line(&line).map_or(AnchorRead::Damaged, AnchorRead::There),
+            _ => AnchorRead::Damaged,
+        }
+    }
+
+    /// On disk when this returns.
+    pub fn write(&self, folder: &Path) -> io::Result<()> {
+        let line = json!({
+            "file": self.file, "first": self.first, "hash": self.hash.to_string(), "n": self.n,
+        });
+        write_whole(&folder.join(ANCHOR_FILE), seal(&line.to_string()).as_bytes())
+    }
+}
+
+/// Removes what a kill has left of an anchor that was being written.
+pub(super) fn tidy_up(folder: &Path) -> io::Result<()> {
+    for entry in fs::read_dir(folder)? {
+        let path = entry?.path();
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        if name.starts_with("anchor.") && name.ends_with(crate::disk::UNFINISHED) {
+            fs::remove_file(&path)?;
+        }
+    }
+    Ok(())
+}
+
+/// How a line of a file ends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Ending {
+    /// As every line does.
+    Whole,
+    /// With the file: it is still being written, or was cut short.
+    Cut,
+    /// It is longer than a line may be; the rest was passed over.
+    TooLong,
+}
+
+/// Reads the next line into `line`, without its end; `None` at the end of the file.
+pub(super) fn next_line(reader: &mut impl BufRead, line: &mut Vec<u8>) -> io::Result<Option<Ending>> {
+    line.clear();
+    let (mut is_too_long, mut has_begun) = (false, false);
+    loop {
+        let bytes = reader.fill_buf()?;
+        if bytes.is_empty() {
+            return Ok(has_begun.then_some(Ending::Cut));
+        }
+        has_begun = true;
+        let end = bytes.iter().position(|byte| *byte == b'\n');
+        let part = &bytes[..end.unwrap_or(bytes.len())];
+        is_too_long |= line.len() + part.len() > LINE_BYTES_MAX;
+        if !is_too_long {
+            line.extend_from_slice(part);
+        }
+        let used = part.len() + usize::from(end.is_some());
+        reader.consume(used);
+        if end.is_some() {
+            return Ok(Some(if is_too_long {
+                Ending::TooLong
+            } else {
+                Ending::Whole
+            }));
+        }
+    }
+}
+
+/// Path of the file of this age in a journal's folder.
+pub(crate) fn place(folder: &Path, age: usize) -> PathBuf {
+    folder.join(match age {
+        0 => "journal.jsonl".to_owned(),
+        age => format!("journal.{age}.jsonl"),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_carries_the_hash_of_the_one_before_it_and_of_its_own_bytes() {
+        let object = json!({"event": "boot", "n": 1}).to_string();
+        let (first, hash) = link(Hash::ORIGIN, &object);
+        // SHA-256 of 32 zeros and the bytes of the object without its last brace
+        let by_hand = Sha256::digest([&[0; 32][..], object.trim_end_matches('}').as_bytes()].concat());
+        assert_eq!(hash.to_string(), hex::encode(by_hand));
+        assert!(
+            first.contains(&format!(",\"hash\":\"{hash}\",\"crc\":\"")),
+            "{first}"
+        );
+        assert_eq!(first.len() as u64, object.len() as u64 + LINK_BYTES);
+        let (second, _) = link(hash, &object);
+        assert_ne!(first, second);
+        let Entry::Linked(value, open, read) = entry(first.trim_end().as_bytes()) else {
+            panic!("{first}");
+        };
+        assert_eq!((read, Hash::ORIGIN.then(open)), (hash, hash));
+        assert_eq!(value["event"], "boot");
+        assert_eq!(
+            entry(b"{\"event\":\"boot\"}"),
+            Entry::Unlinked(json!({"event": "boot"}))
+        );
+        assert_eq!(entry(b"{\"event\":\"bo"), Entry::Damaged);
+    }
+
+    #[test]
+    fn an_anchor_is_read_as_written_and_any_flipped_bit_makes_it_damaged() {
+        let folder = tempfile::tempdir().unwrap();
+        assert_eq!(Anchor::read(folder.path()), AnchorRead::Missing);
+        let anchor = Anchor {
+            hash: Hash::ORIGIN.then(b"a"),
+            n: 7,
+            file: 9,
+            first: 2,
+        };
+        anchor.write(folder.path()).unwrap();
+        assert_eq!(Anchor::read(folder.path()), AnchorRead::There(anchor));
+        let path = folder.path().join(ANCHOR_FILE);
+        let bytes = fs::read(&path).unwrap();
+        for bit in 0..bytes.len() * 8 {
+            let mut flipped = bytes.clone();
+            flipped[bit / 8] ^= 1 << (bit % 8);
+            fs::write(&path, flipped).unwrap();
+            assert_eq!(Anchor::read(folder.path()), AnchorRead::Damaged, "bit {bit}");
+        }
+    }
+
+    #[test]
+    fn a_line_without_an_end_is_bounded_and_what_follows_is_read() {
+        let text = [&vec![b'x'; 3 << 20][..], b"\nshort\ncut"].concat();
+        let (mut reader, mut line) = (io::BufReader::new(&text[..]), Vec::new());
+        assert_eq!(next_line(&mut reader, &mut line).unwrap(), Some(Ending::TooLong));
+        assert!(line.len() <= LINE_BYTES_MAX);
+        assert_eq!(next_line(&mut reader, &mut line).unwrap(), Some(Ending::Whole));
+        assert_eq!(line, b"short");
+        assert_eq!(next_line(&mut reader, &mut line).unwrap(), Some(Ending::Cut));
+        assert_eq!(next_line(&mut reader, &mut line).unwrap(), None);
+    }
+}

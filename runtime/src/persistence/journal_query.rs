@@ -1,0 +1,57 @@
+//! Finds lines in a journal. Memory is bounded by the journal's size on disk, or by one line where each is passed on.
+
+use std::collections::VecDeque;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+
+use super::chain::{Ending, Entry, entry};
+use super::journal_reader::read_lines;
+use crate::journal::LineFilter;
+
+/// What was left out of a search.
+#[derive(Debug, Default)]
+pub struct LeftOut {
+    /// Damaged lines.
+    pub damaged: u64,
+    /// Files that cannot be read, and why.
+    pub unreadable: Vec<(PathBuf, io::Error)>,
+}
+
+/// Gives each line that a filter takes, from the oldest on.
+///
+/// # Errors
+/// There is no such folder.
+pub fn search(folder: &Path, filter: &mut LineFilter, each: &mut dyn FnMut(Value)) -> io::Result<LeftOut> {
+    let mut left_out = LeftOut::default();
+    left_out.unreadable = read_lines(folder, &mut |_, ending, line| match (ending, entry(line)) {
+        (Ending::Whole, Entry::Linked(value, ..) | Entry::Unlinked(value)) => {
+            if filter.takes(&value) {
+                each(value);
+            }
+        }
+        // the last line may not be written in full yet
+        (Ending::Cut, _) => {}
+        _ => left_out.damaged += 1,
+    })?;
+    Ok(left_out)
+}
+
+/// The newest `count` lines that a filter takes but for the `from` newest of them.
+pub(crate) fn newest_of(folder: &Path, filter: &mut LineFilter, from: usize, count: usize) -> Vec<Value> {
+    // as text, which takes much less memory
+    let (mut newest, wanted) = (VecDeque::new(), from.saturating_add(count));
+    let searched = search(folder, filter, &mut |line| {
+        if newest.len() >= wanted {
+            newest.pop_front();
+        }
+        newest.push_back(line.to_string());
+    });
+    if let Err(error) = searched {
+        tracing::debug!("{}: {error}", folder.display());
+    }
+    newest.truncate(newest.len().saturating_sub(from));
+    let lines = newest.iter().map(|line| serde_json::from_str(line));
+    lines.filter_map(Result::ok).collect()
+}

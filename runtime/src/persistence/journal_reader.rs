@@ -1,0 +1,108 @@
+//! Reads a whole journal from its oldest line on, line by line, also while a runtime writes it.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, BufReader};
+use std::path::{Path, PathBuf};
+use std::thread::sleep;
+use std::time::Duration;
+
+use super::chain::{Ending, next_line, place};
+use super::journal_folder::FILES_MAX;
+use crate::disk::{Identity, open_regular};
+
+/// How often files are opened again that were renamed meanwhile.
+const TRIES_MAX: usize = 10;
+
+/// Time for a renaming of all files to come to its end.
+const BETWEEN_TRIES: Duration = Duration::from_millis(5);
+
+/// Time for the rest of a line that is just being written.
+const REST_OF_LINE: Duration = Duration::from_millis(50);
+
+/// A file of the journal, and what opening it gave.
+type Opened = (PathBuf, io::Result<File>);
+
+/// Where a line stands.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Place {
+    pub path: PathBuf,
+    /// From 1.
+    pub line: u64,
+    /// 0: in the oldest file that is there, and so on.
+    pub file: usize,
+}
+
+/// Gives each line of a journal to `each`; gives the files that cannot be read, and why.
+///
+/// # Errors
+/// There is no such folder.
+pub(super) fn read_lines(
+    folder: &Path,
+    each: &mut dyn FnMut(&Place, Ending, &[u8]),
+) -> io::Result<Vec<(PathBuf, io::Error)>> {
+    let mut unreadable = Vec::new();
+    for (at, (path, file)) in open(folder)?.into_iter().enumerate() {
+        let read = file.and_then(|file| {
+            let mut place = Place {
+                path: path.clone(),
+                line: 0,
+                file: at,
+            };
+            read_file(file, &mut place, each)
+        });
+        if let Err(error) = read {
+            unreadable.push((path, error));
+        }
+    }
+    Ok(unreadable)
+}
+
+fn read_file(file: File, place: &mut Place, each: &mut dyn FnMut(&Place, Ending, &[u8])) -> io::Result<()> {
+    let (mut reader, mut line, mut rest) = (BufReader::new(file), Vec::new(), Vec::new());
+    while let Some(mut ending) = next_line(&mut reader, &mut line)? {
+        if ending == Ending::Cut {
+            sleep(REST_OF_LINE);
+            if let Some(of_rest) = next_line(&mut reader, &mut rest)? {
+                line.append(&mut rest);
+                ending = of_rest;
+            }
+        }
+        place.line += 1;
+        each(place, ending, &line);
+    }
+    Ok(())
+}
+
+/// Ages of the files that are there.
+fn ages(folder: &Path) -> Vec<usize> {
+    let is_there = |age: &usize| fs::symlink_metadata(place(folder, *age)).is_ok();
+    (0..FILES_MAX).filter(is_there).collect()
+}
+
+/// All files of a journal, oldest first, as they are at one moment: a runtime may be renaming them.
+fn open(folder: &Path) -> io::Result<Vec<Opened>> {
+    fs::read_dir(folder)?;
+    let mut opened = Vec::new();
+    for _ in 0..TRIES_MAX {
+        let there = ages(folder);
+        opened = (0..FILES_MAX)
+            .rev()
+            .filter(|age| there.contains(age))
+            .map(|age| place(folder, age))
+            .map(|path| {
+                let file = open_regular(&path, OpenOptions::new().read(true));
+                (path, file)
+            })
+            .collect();
+        let has_its_name = |(path, file): &Opened| match file {
+            Ok(file) => Identity::of(file).is_ok_and(|opened| opened.check(path).is_ok()),
+            Err(error) => error.kind() != io::ErrorKind::NotFound,
+        };
+        let is_without_gap = there.iter().copied().eq(0..there.len());
+        if is_without_gap && there == ages(folder) && opened.iter().all(has_its_name) {
+            break;
+        }
+        sleep(BETWEEN_TRIES);
+    }
+    Ok(opened)
+}

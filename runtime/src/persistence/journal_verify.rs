@@ -1,0 +1,292 @@
+//! Verifies the chain of a journal: each place where a line was changed, removed, inserted or moved is named.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+
+use super::chain::{Anchor, AnchorRead, Ending, Entry, Hash, Mark, entry};
+use super::journal_reader::{Place, read_lines};
+
+/// Breaks that are named; further ones are counted.
+const BREAKS_MAX: usize = 100;
+
+/// What to do about lines that are not what was written.
+const COMPARE: &str = "compare with a copy of the journal, and find out who could write here";
+
+/// What a look over the chain of a journal has found.
+#[derive(Debug, Default)]
+pub struct Verified {
+    /// Lines of the chain.
+    pub chained: u64,
+    /// Lines before it, of versions without a chain.
+    pub not_chained: u64,
+    /// Time of the first line.
+    pub first: Option<String>,
+    /// Time of the last line.
+    pub last: Option<String>,
+    /// Where the chain is not whole.
+    pub breaks: Vec<Break>,
+    /// Further breaks.
+    pub more: u64,
+    /// What is worth knowing and no break.
+    pub notes: Vec<String>,
+    /// Hash of the newest line, which stands for all.
+    pub head: Option<Hash>,
+}
+
+/// A place where a chain is not whole.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Break {
+    /// The file, or the folder where no file is meant.
+    pub path: PathBuf,
+    /// The line, from 1; `None`: the file as a whole.
+    pub line: Option<u64>,
+    /// What is wrong.
+    pub what: String,
+    /// What to do.
+    pub advice: &'static str,
+}
+
+/// Looks over the chain of the journal in a folder. `noted`: the hash of a line that must be in it, or its first 16 digits
+/// or more.
+///
+/// # Errors
+/// There is no such folder.
+pub fn verify(folder: &Path, noted: Option<&str>) -> io::Result<Verified> {
+    // first: a runtime that writes meanwhile adds lines, and takes none away
+    let anchor = Anchor::read(folder);
+    let mut walk = Walk {
+        anchor: match &anchor {
+            AnchorRead::There(anchor) => Some(anchor.clone()),
+            AnchorRead::Missing | AnchorRead::Damaged => None,
+        },
+        noted: noted.map(str::to_ascii_lowercase),
+        before: Before::Nothing,
+        file: None,
+        at: Place {
+            path: folder.to_owned(),
+            line: 0,
+            file: 0,
+        },
+        has_anchored: false,
+        has_noted: false,
+        found: Verified::default(),
+    };
+    let unreadable = read_lines(folder, &mut |place, ending, line| walk.line(place, ending, line))?;
+    for (path, error) in unreadable {
+        walk.found.add(Break {
+            path,
+            line: None,
+            what: format!("it cannot be read: {error}"),
+            advice: "look at its rights and at the disk",
+        });
+    }
+    walk.end(folder, &anchor);
+    Ok(walk.found)
+}
+
+impl Verified {
+    /// True where nothing is wrong, and there is a chain.
+    pub fn is_whole(&self) -> bool {
+        self.breaks.is_empty() && self.chained > 0
+    }
+
+    fn add(&mut self, found: Break) {
+        if self.breaks.len() < BREAKS_MAX {
+            self.breaks.push(found);
+        } else {
+            self.more += 1;
+        }
+    }
+}
+
+/// What the next line must follow.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Before {
+    /// Nothing of the chain has come.
+    Nothing,
+    Line(Hash),
+    /// A line that is damaged.
+    Unknown,
+}
+
+/// The way over all lines.
+struct Walk {
+    anchor: Option<Anchor>,
+    noted: Option<String>,
+    before: Before,
+    /// Number of the file.
+    file: Option<u64>,
+    at: Place,
+    has_anchored: bool,
+    has_noted: bool,
+    found: Verified,
+}
+
+impl Walk {
+    fn line(&mut self, place: &Place, ending: Ending, line: &[u8]) {
+        self.at.clone_from(place);
+        match (ending, entry(line)) {
+            (Ending::Cut, _) => {
+                self.broken(
+                    "the last line is cut short",
+                    "the power went, or somebody cut it; the next start removes it",
+                );
+                self.before = Before::Unknown;
+            }
+            (Ending::TooLong, _) | (_, Entry::Damaged) => {
+                self.broken("the line is damaged", COMPARE);
+                self.before = Before::Unknown;
+            }
+            (_, Entry::Unlinked(value)) if self.before == Before::Nothing => {
+                self.found.not_chained += 1;
+                self.time(&value);
+            }
+            (_, Entry::Unlinked(value)) => {
+                self.broken(
+                    "the line has no hash: it was inserted, or a version without a chain wrote it",
+                    COMPARE,
+                );
+                self.time(&value);
+            }
+            (_, Entry::Linked(value, open, hash)) => self.linked(&value, open, hash),
+        }
+    }
+
+    fn linked(&mut self, value: &Value, open: &[u8], hash: Hash) {
+        self.found.chained += 1;
+        self.time(value);
+        match Mark::of(value) {
+            Some(mark) => {
+                if mark.base().then(open) != hash {
+                    self.broken("the line was changed", COMPARE);
+                }
+                self.mark(&mark);
+                self.file = Some(mark.file);
+            }
+            None => match self.before {
+                Before::Nothing => self.broken("lines before this one are missing", COMPARE),
+                Before::Line(before) if before.then(open) != hash => self.broken(
+                    "the line does not follow the one before it: one of them was changed, or lines were removed, inserted or moved",
+                    COMPARE,
+                ),
+                Before::Line(_) | Before::Unknown => {}
+            },
+        }
+        self.before = Before::Line(hash);
+        self.found.head = Some(hash);
+        self.has_anchored |= self.anchor.as_ref().is_some_and(|anchor| anchor.hash == hash);
+        let is_noted = |noted: &String| hash.to_string().starts_with(noted.as_str());
+        self.has_noted |= self.noted.as_ref().is_some_and(is_noted);
+    }
+
+    /// A file begins, or the chain.
+    fn mark(&mut self, mark: &Mark) {
+        let first = self.anchor.as_ref().map(|anchor| anchor.first);
+        let why = mark.why.as_deref().unwrap_or("nothing was there");
+        let is_first = self.before == Before::Nothing;
+        match mark.before {
+            None if is_first && mark.file == 1 => {
+                if mark.why.is_some() {
+                    let note = format!(
+                        "{}:{}: the chain begins: {why}",
+                        self.at.path.display(),
+                        self.at.line
+                    );
+                    self.found.notes.push(note);
+                }
+            }
+            None => {
+                let what = format!("the chain begins anew: {why}");
+                self.broken(
+                    &what,
+                    "what was before cannot be vouched for; compare with a copy of the journal",
+                );
+            }
+            Some(_) if is_first => {
+                let missing = first.filter(|first| *first < mark.file);
+                if let Some(first) = missing {
+                    let what = format!(
+                        "files {first} to {} of the journal are missing, and rotation did not remove them",
+                        mark.file - 1
+                    );
+                    self.broken(&what, COMPARE);
+                }
+            }
+            Some(before) => {
+                let is_next = self.file.is_none_or(|file| file + 1 == mark.file);
+                if !is_next {
+                    let what = format!(
+                        "file {} follows file {}: files between them are missing or were moved",
+                        mark.file,
+                        self.file.unwrap_or_default()
+                    );
+                    self.broken(&what, COMPARE);
+                } else if matches!(self.before, Before::Line(last) if last != before) {
+                    self.broken(
+                        "lines at the end of the file before this one are missing or were changed",
+                        COMPARE,
+                    );
+                }
+            }
+        }
+    }
+
+    fn time(&mut self, value: &Value) {
+        let ts = value["ts"].as_str().map(ToOwned::to_owned);
+        self.found.first = self.found.first.take().or_else(|| ts.clone());
+        self.found.last = ts.or_else(|| self.found.last.take());
+    }
+
+    fn broken(&mut self, what: &str, advice: &'static str) {
+        self.found.add(Break {
+            path: self.at.path.clone(),
+            line: (self.at.line > 0).then_some(self.at.line),
+            what: what.to_owned(),
+            advice,
+        });
+    }
+
+    fn end(&mut self, folder: &Path, read: &AnchorRead) {
+        let has_chain = self.found.chained > 0;
+        match read {
+            AnchorRead::There(anchor) if anchor.hash != Hash::ORIGIN && !self.has_anchored => {
+                let what = format!(
+                    "lines behind this one are missing: number {} was the newest one that is known, with hash {}",
+                    anchor.n, anchor.hash
+                );
+                self.broken(
+                    &what,
+                    "they were removed, or the folder was copied while the machine wrote; compare with a copy",
+                );
+            }
+            AnchorRead::There(_) => {}
+            AnchorRead::Missing if !has_chain => {}
+            AnchorRead::Missing | AnchorRead::Damaged => {
+                let how = match read {
+                    AnchorRead::Missing => "missing",
+                    _ => "damaged",
+                };
+                self.found.add(Break {
+                    path: folder.join("anchor"),
+                    line: None,
+                    what: format!(
+                        "the anchor is {how}, so nobody knows whether newer lines or older files were there"
+                    ),
+                    advice: "the next start writes it anew; compare with a copy of the journal",
+                });
+            }
+        }
+        if let Some(noted) = self.noted.clone().filter(|_| !self.has_noted) {
+            let what = format!("no line has the hash {noted}");
+            self.broken(
+                &what,
+                "what came up to it was changed or removed, or rotation has removed it since: look at the time of the first line",
+            );
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

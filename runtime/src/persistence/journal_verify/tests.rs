@@ -1,0 +1,251 @@
+use std::fs;
+use std::sync::Arc;
+use std::time::Instant;
+
+use plc_api::types::BootId;
+use serde_json::json;
+
+use super::*;
+use crate::disk::seal;
+use crate::persistence::chain::place;
+use crate::persistence::journal_file::JournalThread;
+use crate::persistence::journal_folder::{Files, Object, Own};
+
+/// Numbers that follow from a seed (`SplitMix64`).
+struct Random(u64);
+
+impl Random {
+    fn below(&mut self, end: usize) -> usize {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        usize::try_from((z ^ (z >> 31)) % end.max(1) as u64).unwrap()
+    }
+}
+
+fn open(folder: &Path, bytes_max: u64) -> Files {
+    let own = Own {
+        boot_id: BootId("b1".to_owned()),
+        started: Instant::now(),
+        last: Arc::default(),
+    };
+    Files::open(folder, bytes_max, own).unwrap()
+}
+
+/// A journal of `count` lines, in files of about this size, as an orderly end leaves it.
+fn journal(folder: &Path, count: usize, bytes_max: u64) {
+    let mut files = open(folder, bytes_max);
+    for n in 0..count {
+        files
+            .append(&[Object::of(
+                &json!({"event": "request", "n": n, "user": "anna", "ts": "2026-11-25T10:00:00Z"}),
+            )])
+            .unwrap();
+    }
+    files.anchor().unwrap();
+}
+
+fn lines(path: &Path) -> Vec<Vec<u8>> {
+    let bytes = fs::read(path).unwrap();
+    let mut lines: Vec<Vec<u8>> = bytes
+        .split_inclusive(|byte| *byte == b'\n')
+        .map(<[u8]>::to_vec)
+        .collect();
+    lines.retain(|line| !line.is_empty());
+    lines
+}
+
+fn breaks(folder: &Path) -> Vec<Break> {
+    verify(folder, None).unwrap().breaks
+}
+
+/// A start of the runtime with this folder.
+fn start(folder: &Path) {
+    let started = JournalThread::start(folder, BootId("b2".to_owned()), Arc::default());
+    drop(started.unwrap());
+}
+
+#[test]
+fn a_journal_is_whole_over_starts_and_files_and_what_rotation_removes_is_no_break() {
+    let folder = tempfile::tempdir().unwrap();
+    for round in 0..3 {
+        journal(folder.path(), 40, 1500);
+        start(folder.path());
+        let found = verify(folder.path(), None).unwrap();
+        assert!(found.is_whole(), "round {round}: {:#?}", found.breaks);
+    }
+    assert!(!lines(&place(folder.path(), 7)).is_empty());
+    let first = fs::read_to_string(place(folder.path(), 7)).unwrap();
+    assert!(!first.contains("\"file\":1,"), "{first}");
+}
+
+/// What is done to a line, and where the first break of it is, from the line's index on.
+const CHANGES: usize = 7;
+
+fn change(random: &mut Random, kind: usize, lines: &mut Vec<Vec<u8>>, at: usize) {
+    match kind {
+        0 => {
+            let line = &mut lines[at];
+            let place = random.below(line.len() - 1);
+            line[place] ^= 1 << random.below(8);
+        }
+        // with a check sum that is right again
+        1 => {
+            let text = String::from_utf8(lines[at].clone()).unwrap();
+            let open = text.split(",\"crc\"").next().unwrap();
+            let other = if open.contains("\"anna\"") {
+                open.replace("\"anna\"", "\"otto\"")
+            } else {
+                open.replace("\"b1\"", "\"b9\"")
+            };
+            assert_ne!(open, other);
+            lines[at] = seal(&(other + "}")).into_bytes();
+        }
+        2 => {
+            lines.remove(at);
+        }
+        3 => lines.swap(at, at + 1),
+        4 => {
+            let copy = lines[random.below(at)].clone();
+            lines.insert(at, copy);
+        }
+        5 => lines.insert(at, seal("{\"event\":\"request\",\"n\":7}").into_bytes()),
+        _ => {
+            let keep = 1 + random.below(lines[at].len() - 2);
+            lines[at].truncate(keep);
+            lines.truncate(at + 1);
+        }
+    }
+}
+
+#[test]
+fn any_line_that_is_changed_removed_inserted_or_moved_is_found_at_its_place_and_the_next_start_goes_on() {
+    let mut random = Random(11);
+    for round in 0..140 {
+        let folder = tempfile::tempdir().unwrap();
+        journal(folder.path(), 30, 1500);
+        let files = (0..8).filter(|age| place(folder.path(), *age).exists()).count();
+        let age = random.below(files);
+        let path = place(folder.path(), age);
+        let mut lines = lines(&path);
+        let kind = round % CHANGES;
+        let at = 1 + random.below(lines.len().saturating_sub(2));
+        let at = at.min(lines.len() - 1);
+        if kind == 3 && at + 1 >= lines.len() {
+            continue;
+        }
+        let last = at + 1 >= lines.len();
+        change(&mut random, kind, &mut lines, at);
+        fs::write(&path, lines.concat()).unwrap();
+        let found = breaks(folder.path());
+        let context = format!("round {round}, kind {kind}, {}:{}", path.display(), at + 1);
+        let first = found
+            .first()
+            .unwrap_or_else(|| panic!("{context}: nothing is found"));
+        if last && matches!(kind, 2) {
+            // the place of a line that is gone is the next file, or the end
+            assert!(found.len() == 1, "{context}: {found:#?}");
+        } else {
+            assert_eq!(
+                (&first.path, first.line),
+                (&path, Some(at as u64 + 1)),
+                "{context}: {found:#?}"
+            );
+        }
+        start(folder.path());
+        let after = verify(folder.path(), None).unwrap();
+        assert!(!after.is_whole(), "{context}: forgotten by the next start");
+        // what is written from then on is chained again
+        let again = verify(folder.path(), None).unwrap();
+        start(folder.path());
+        let later = verify(folder.path(), None).unwrap();
+        assert_eq!(again.breaks.len(), later.breaks.len(), "{context}");
+    }
+}
+
+#[test]
+fn files_that_somebody_removed_are_told_from_those_that_rotation_removed() {
+    for age in 0..8 {
+        let folder = tempfile::tempdir().unwrap();
+        journal(folder.path(), 60, 1500);
+        assert_eq!(breaks(folder.path()), []);
+        fs::remove_file(place(folder.path(), age)).unwrap();
+        let found = breaks(folder.path());
+        assert_eq!(found.len(), 1, "{age}: {found:#?}");
+        assert!(found[0].what.contains("missing"), "{found:#?}");
+        start(folder.path());
+        assert!(!breaks(folder.path()).is_empty(), "{age}");
+    }
+    let folder = tempfile::tempdir().unwrap();
+    journal(folder.path(), 60, 1500);
+    for age in 0..8 {
+        fs::remove_file(place(folder.path(), age)).unwrap();
+    }
+    let found = breaks(folder.path());
+    assert!(found[0].what.contains("number 59 was the newest"), "{found:#?}");
+    start(folder.path());
+    let found = breaks(folder.path());
+    assert!(found[0].what.contains("begins anew"), "{found:#?}");
+}
+
+#[test]
+fn newest_lines_that_are_gone_are_found_by_the_anchor_and_by_a_head_that_somebody_noted() {
+    let folder = tempfile::tempdir().unwrap();
+    journal(folder.path(), 20, 100_000);
+    let head = verify(folder.path(), None).unwrap().head.unwrap().to_string();
+    for noted in [head.clone(), head[..16].to_owned(), head.to_uppercase()] {
+        assert!(verify(folder.path(), Some(&noted)).unwrap().is_whole());
+    }
+    let path = place(folder.path(), 0);
+    let kept = lines(&path)[..15].concat();
+    fs::write(&path, &kept).unwrap();
+    let found = breaks(folder.path());
+    assert!(found[0].what.contains("number 19 was the newest"), "{found:#?}");
+    assert_eq!(found[0].line, Some(15));
+    // with the anchor removed, too
+    fs::remove_file(folder.path().join("anchor")).unwrap();
+    assert!(breaks(folder.path())[0].what.contains("anchor is missing"));
+    // a whole new journal in its place is found by the noted head alone
+    let other = tempfile::tempdir().unwrap();
+    journal(other.path(), 15, 100_000);
+    assert_eq!(breaks(other.path()), []);
+    let found = verify(other.path(), Some(&head)).unwrap();
+    assert!(!found.is_whole() && found.breaks[0].what.contains(&head));
+}
+
+#[test]
+fn a_journal_of_a_version_without_a_chain_is_read_and_told_as_not_chained() {
+    let folder = tempfile::tempdir().unwrap();
+    let old = seal("{\"event\":\"boot\",\"n\":1}") + "{\"event\":\"boot\"}\n";
+    fs::write(place(folder.path(), 0), old).unwrap();
+    let found = verify(folder.path(), None).unwrap();
+    assert_eq!(
+        (found.chained, found.not_chained, found.is_whole()),
+        (0, 2, false)
+    );
+    assert_eq!(found.breaks, []);
+    start(folder.path());
+    let found = verify(folder.path(), None).unwrap();
+    assert_eq!((found.chained, found.not_chained), (1, 2));
+    assert!(found.is_whole(), "{:#?}", found.breaks);
+    assert!(
+        found.notes[0].contains("version without a chain"),
+        "{:?}",
+        found.notes
+    );
+}
+
+#[test]
+fn a_journal_is_whole_while_it_is_written_and_rotated() {
+    let folder = tempfile::tempdir().unwrap();
+    journal(folder.path(), 1, 1500);
+    let path = folder.path().to_owned();
+    let writer = std::thread::spawn(move || journal(&path, 600, 4000));
+    while !writer.is_finished() {
+        let found = verify(folder.path(), None).unwrap();
+        // the oldest may have gone between its look at the anchor and at the files
+        assert!(found.is_whole(), "{:#?}", found.breaks);
+    }
+    writer.join().unwrap();
+}

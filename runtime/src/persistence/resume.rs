@@ -1,0 +1,150 @@
+//! Where the chain of a journal goes on when the journal is opened, or why it begins anew. Nothing that is found keeps a
+//! machine from starting.
+
+use std::fs::OpenOptions;
+use std::io::{self, BufReader};
+use std::path::Path;
+
+use super::chain::{Anchor, AnchorRead, Ending, Entry, Hash, Mark, entry, next_line, place};
+use crate::disk::{number, open_regular};
+
+/// The state of the chain at the end of a journal.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Head {
+    /// Hash of the newest line.
+    pub hash: Hash,
+    /// Its number.
+    pub n: u64,
+    /// Number of the newest file.
+    pub file: u64,
+    /// Number of the oldest file that must be there.
+    pub first: u64,
+}
+
+impl Head {
+    /// What is to be known of it beside the files.
+    pub fn anchor(&self) -> Anchor {
+        Anchor {
+            hash: self.hash,
+            n: self.n,
+            file: self.file,
+            first: self.first,
+        }
+    }
+}
+
+/// How the chain goes on.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) struct Resumed {
+    pub head: Head,
+    /// The line with which the file or the chain begins; `None`: the file goes on.
+    pub mark: Option<Mark>,
+}
+
+/// The last line of a file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Last {
+    None,
+    Linked(Hash, u64),
+    Unlinked,
+    Damaged,
+}
+
+/// What a file says of the chain.
+struct Scan {
+    last: Last,
+    /// Number of the file.
+    file: Option<u64>,
+    /// The line that is sought is in it.
+    has_sought: bool,
+}
+
+impl Scan {
+    fn of(path: &Path, sought: Option<Hash>) -> io::Result<Self> {
+        let mut scan = Self {
+            last: Last::None,
+            file: None,
+            has_sought: false,
+        };
+        let file = match open_regular(path, OpenOptions::new().read(true)) {
+            Ok(file) => file,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(scan),
+            Err(error) => return Err(error),
+        };
+        let (mut reader, mut line) = (BufReader::new(file), Vec::new());
+        while let Some(ending) = next_line(&mut reader, &mut line)? {
+            scan.last = match (ending, entry(&line)) {
+                (Ending::Whole, Entry::Linked(value, _, hash)) => {
+                    scan.file = Mark::of(&value).map(|mark| mark.file).or(scan.file);
+                    scan.has_sought |= Some(hash) == sought;
+                    Last::Linked(hash, number(&value))
+                }
+                (Ending::Whole, Entry::Unlinked(_)) => Last::Unlinked,
+                _ => Last::Damaged,
+            };
+        }
+        Ok(scan)
+    }
+}
+
+/// Looks where the chain of a folder ends; `is_cut`: its last line was cut short, and is removed.
+///
+/// # Errors
+/// The newest file cannot be read.
+pub(super) fn resume(folder: &Path, is_cut: bool) -> io::Result<Resumed> {
+    let read = Anchor::read(folder);
+    let anchor = match &read {
+        AnchorRead::There(anchor) => Some(anchor),
+        AnchorRead::Missing | AnchorRead::Damaged => None,
+    };
+    let sought = anchor.map(|anchor| anchor.hash);
+    let newest = Scan::of(&place(folder, 0), sought)?;
+    // what cannot be read of an older one says nothing
+    let older = Scan::of(&place(folder, 1), sought).unwrap_or(Scan {
+        last: Last::Damaged,
+        file: None,
+        has_sought: false,
+    });
+    let is_new = newest.last == Last::None;
+    let last = if is_new { older.last } else { newest.last };
+    let has_sought = sought == Some(Hash::ORIGIN) || newest.has_sought || older.has_sought;
+    let known = anchor.map(|anchor| anchor.file);
+    let after_older = older.file.filter(|_| is_new).map(|file| file + 1);
+    let file = newest.file.or(after_older).or(known).unwrap_or(1);
+    let begins = |why: Option<String>| Mark {
+        file,
+        before: None,
+        why,
+    };
+    let mark = match (last, &read) {
+        _ if is_cut => Some(begins(Some("the last line was cut short".to_owned()))),
+        (Last::Damaged, _) => Some(begins(Some("the last line is damaged".to_owned()))),
+        (Last::None, AnchorRead::Missing) => Some(begins(None)),
+        (Last::Unlinked, AnchorRead::Missing) => Some(begins(Some(
+            "the lines before it are of a version without a chain".to_owned(),
+        ))),
+        (Last::Unlinked, _) => Some(begins(Some("the last line has no hash".to_owned()))),
+        (_, AnchorRead::Missing | AnchorRead::Damaged) => Some(begins(Some(
+            "the anchor is missing or damaged, so nobody knows whether there were newer lines".to_owned(),
+        ))),
+        (_, AnchorRead::There(anchor)) if !has_sought => Some(begins(Some(format!(
+            "newer lines were there: number {} was the newest known",
+            anchor.n
+        )))),
+        (Last::None, AnchorRead::There(_)) => Some(begins(None)),
+        (Last::Linked(hash, _), AnchorRead::There(_)) => is_new.then_some(Mark {
+            file,
+            before: Some(hash),
+            why: None,
+        }),
+    };
+    let (hash, n) = match (&mark, last) {
+        (None | Some(Mark { before: Some(_), .. }), Last::Linked(hash, n)) => (hash, n),
+        _ => (Hash::ORIGIN, 0),
+    };
+    let first = anchor.map_or(file, |anchor| anchor.first.min(file));
+    Ok(Resumed {
+        head: Head { hash, n, file, first },
+        mark,
+    })
+}
