@@ -1,6 +1,7 @@
 //! Messages between a server (MQTT, REST) and its machine that are not part of the interface; no client sends them.
 
 use std::net::IpAddr;
+use std::time::SystemTime;
 
 use crate::port::{BoxFuture, Port};
 use crate::types::request::{Answer, Refusal, Request};
@@ -13,6 +14,11 @@ pub trait ServedPort: Port {
 
     /// Receives an event of a server; does not block.
     fn notice(&self, notice: ServerNotice);
+
+    /// The time of day, as the machine's own messages have it.
+    fn time(&self) -> SystemTime {
+        SystemTime::now()
+    }
 
     /// Timing of the servo thread; `None` in simulated time, which has none.
     fn servo_timing(&self) -> Option<ServoTiming>;

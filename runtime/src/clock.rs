@@ -19,8 +19,17 @@ pub struct Clock(Kind);
 
 #[derive(Debug, Clone)]
 enum Kind {
-    Real { start: Instant, wall: SystemTime },
+    Real {
+        start: Instant,
+        wall: SystemTime,
+    },
     Simulated(Arc<SimulatedTime>),
+    /// That of an executor whose time is paused.
+    #[cfg(test)]
+    Paused {
+        start: tokio::time::Instant,
+        wall: SystemTime,
+    },
 }
 
 /// What each servo cycle reads is outside the lock.
@@ -69,12 +78,30 @@ impl SimulatedTime {
     }
 }
 
+/// The time of day, which a person may change at any moment; what happened is ordered by numbers.
+pub(crate) fn time_of_day() -> SystemTime {
+    #[cfg(test)]
+    if let Some(simulated) = crate::disk::simulated::memory::time_of_day() {
+        return simulated;
+    }
+    SystemTime::now()
+}
+
 impl Clock {
     /// Real time, from now.
     pub fn real() -> Self {
         Self(Kind::Real {
             start: Instant::now(),
             wall: SystemTime::now(),
+        })
+    }
+
+    /// The time of an executor that is paused, from now, which is so late in the day.
+    #[cfg(test)]
+    pub fn paused(wall: SystemTime) -> Self {
+        Self(Kind::Paused {
+            start: tokio::time::Instant::now(),
+            wall,
         })
     }
 
@@ -89,7 +116,7 @@ impl Clock {
 
     /// True for simulated time.
     pub fn is_simulated(&self) -> bool {
-        matches!(self.0, Kind::Simulated(_))
+        !matches!(self.0, Kind::Real { .. })
     }
 
     /// Seconds since the start.
@@ -97,6 +124,8 @@ impl Clock {
         match &self.0 {
             Kind::Real { start, .. } => start.elapsed().as_secs_f64(),
             Kind::Simulated(time) => time.now_ns() as f64 / 1e9,
+            #[cfg(test)]
+            Kind::Paused { start, .. } => start.elapsed().as_secs_f64(),
         }
     }
 
@@ -104,6 +133,8 @@ impl Clock {
     pub fn wall(&self) -> SystemTime {
         match &self.0 {
             Kind::Real { start, wall } => *wall + start.elapsed(),
+            #[cfg(test)]
+            Kind::Paused { start, wall } => *wall + start.elapsed(),
             Kind::Simulated(time) => {
                 SystemTime::UNIX_EPOCH
                     + Duration::from_secs(SIMULATION_EPOCH_S)
@@ -116,6 +147,8 @@ impl Clock {
     pub async fn sleep(&self, duration: Duration) {
         match &self.0 {
             Kind::Real { .. } => tokio::time::sleep(duration).await,
+            #[cfg(test)]
+            Kind::Paused { .. } => tokio::time::sleep(duration).await,
             Kind::Simulated(time) => {
                 let duration_ns = u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX);
                 let deadline_ns = time.now_ns().saturating_add(duration_ns).min(NEVER_NS - 1);

@@ -104,61 +104,33 @@ impl Runtime {
     /// Those of [`Runtime::start`], or the hardware does not come up.
     pub async fn start_on(config: Config, hardware: HardwareFactory) -> Result<Runtime, StartError> {
         let machine = config.resolve()?;
-        let opening = machine.clone();
         let boot_id = new_boot_id();
-        let of_journal = boot_id.clone();
-        let open = move || {
-            let data = Data::open(&opening, of_journal)?;
-            let health = data
-                .as_ref()
-                .map(|data| Arc::clone(&data.health))
-                .unwrap_or_default();
-            let programs = Programs::open(&opening, &health)?;
-            Ok::<_, StartError>((data, programs, health, bring_up(hardware, &opening)?))
-        };
-        let (mut data, programs, health, hardware) = tokio::task::spawn_blocking(open)
+        let (opening, of_journal) = (machine.clone(), boot_id.clone());
+        let open = move || Opened::open(&opening, of_journal, hardware);
+        let opened = tokio::task::spawn_blocking(open)
             .await
             .map_err(|error| StartError::Store(error.to_string()))??;
-        let tables = Tables::new(&machine);
-        let (journal, restored) = match &mut data {
-            Some(data) => (Journal::to_disk(data.journal.writer()), data.restore(&tables)),
-            None => (Journal::to_log(), Restored::default()),
-        };
-        let newest = restored.last_runs.values().map(|kept| kept.line).max();
-        journal.go_on_after(newest.unwrap_or(0));
-        let Programs {
-            store,
-            findings,
-            first_state,
-        } = programs;
-        let mut shared = Shared::new(machine, boot_id, Clock::real(), store, journal, tables);
-        shared.health = health;
-        let shared = Arc::new(shared);
-        let mut parts = Parts::new(&shared, first_state, &restored, hardware);
-        findings.report(&shared);
-        let last_runs = restored.last_runs;
-        let kept = data.map(|data| data.keep(&shared, &parts.mailboxes, last_runs.clone()));
-        let kept = kept.transpose()?;
-        report_last_runs(&shared, &last_runs);
+        let (mut runtime, servo) = opened.put_together(machine, boot_id, Clock::real())?;
+        let shared = Arc::clone(&runtime.port.shared);
         let (period, missed_max) = (shared.machine.servo_period(), shared.machine.missed_cycles_max());
-        let (of_servo, statistics) = (Arc::clone(&shared), Arc::clone(&shared.servo));
-        let wake = move || of_servo.wake_all();
-        let servo = ServoThread::start(parts.servo, period, missed_max, wake, statistics);
-        let servo = servo.map_err(StartError::Servo)?;
-        let positions = publish_positions(Arc::clone(&shared), parts.mailboxes.clone());
-        parts.tasks.spawn(positions);
-        Ok(Runtime {
-            port: Arc::new(RuntimePort {
-                shared,
-                mailboxes: parts.mailboxes,
-                writer: kept.as_ref().map(|kept| kept.state.writer()),
-                last_runs,
-            }),
-            tasks: parts.tasks,
-            servo: Some(servo),
-            simulation: None,
-            kept,
-        })
+        let statistics = Arc::clone(&shared.servo);
+        let wake = move || shared.wake_all();
+        let servo = ServoThread::start(servo, period, missed_max, wake, statistics);
+        runtime.servo = Some(servo.map_err(StartError::Servo)?);
+        Ok(runtime)
+    }
+
+    /// As [`Runtime::start`], but on the disk, the threads and the time of a simulated world, which moves the servo.
+    #[cfg(test)]
+    pub(crate) fn start_in_world(
+        machine: Machine,
+        boot_id: BootId,
+        clock: Clock,
+    ) -> Result<(Runtime, Servo, Arc<Shared>), StartError> {
+        let opened = Opened::open(&machine, boot_id.clone(), Hardware::simulated_factory())?;
+        let (runtime, servo) = opened.put_together(machine, boot_id, clock)?;
+        let shared = Arc::clone(&runtime.port.shared);
+        Ok((runtime, servo, shared))
     }
 
     /// Starts a machine in simulated time, inside [`simulation::run`]. It keeps nothing on disk.
@@ -256,6 +228,78 @@ impl Runtime {
         // What is left is written; a failure is in the log.
         let _ = tokio::task::spawn_blocking(move || drop(kept)).await;
         self.port.shared.hub.close();
+    }
+}
+
+/// What a start has opened.
+struct Opened {
+    data: Option<Data>,
+    programs: Programs,
+    health: Arc<Health>,
+    hardware: Hardware,
+}
+
+impl Opened {
+    /// Opens the data folder, the programs and the hardware. It waits for the disk.
+    fn open(machine: &Machine, boot_id: BootId, hardware: HardwareFactory) -> Result<Self, StartError> {
+        let data = Data::open(machine, boot_id)?;
+        let health = data
+            .as_ref()
+            .map(|data| Arc::clone(&data.health))
+            .unwrap_or_default();
+        let programs = Programs::open(machine, &health)?;
+        Ok(Self {
+            programs,
+            health,
+            hardware: bring_up(hardware, machine)?,
+            data,
+        })
+    }
+
+    /// The runtime but for its servo, which nobody moves yet.
+    fn put_together(
+        self,
+        machine: Machine,
+        boot_id: BootId,
+        clock: Clock,
+    ) -> Result<(Runtime, Servo), StartError> {
+        let mut data = self.data;
+        let tables = Tables::new(&machine);
+        let (journal, restored) = match &mut data {
+            Some(data) => (Journal::to_disk(data.journal.writer()), data.restore(&tables)),
+            None => (Journal::to_log(), Restored::default()),
+        };
+        let newest = restored.last_runs.values().map(|kept| kept.line).max();
+        journal.go_on_after(newest.unwrap_or(0));
+        let Programs {
+            store,
+            findings,
+            first_state,
+        } = self.programs;
+        let mut shared = Shared::new(machine, boot_id, clock, store, journal, tables);
+        shared.health = self.health;
+        let shared = Arc::new(shared);
+        let mut parts = Parts::new(&shared, first_state, &restored, self.hardware);
+        findings.report(&shared);
+        let last_runs = restored.last_runs;
+        let kept = data.map(|data| data.keep(&shared, &parts.mailboxes, last_runs.clone()));
+        let kept = kept.transpose()?;
+        report_last_runs(&shared, &last_runs);
+        let positions = publish_positions(Arc::clone(&shared), parts.mailboxes.clone());
+        parts.tasks.spawn(positions);
+        let runtime = Runtime {
+            port: Arc::new(RuntimePort {
+                shared,
+                mailboxes: parts.mailboxes,
+                writer: kept.as_ref().map(|kept| kept.state.writer()),
+                last_runs,
+            }),
+            tasks: parts.tasks,
+            servo: None,
+            simulation: None,
+            kept,
+        };
+        Ok((runtime, parts.servo))
     }
 }
 

@@ -2,8 +2,11 @@
 //! cannot be written now.
 
 mod files;
+pub(crate) mod fs;
 mod health;
 mod line;
+#[cfg(test)]
+pub(crate) mod simulated;
 mod sums;
 
 pub(crate) use files::{

@@ -22,6 +22,9 @@ mod shared;
 pub mod simulation;
 mod tables;
 pub mod test;
+mod threads;
+#[cfg(test)]
+mod world;
 
 pub use clock::Clock;
 pub use config::{

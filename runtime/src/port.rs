@@ -9,7 +9,7 @@ mod programs;
 use std::io;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use plc_api::hub::{Filter, Subscription};
 use plc_api::port::{BoxFuture, Port};
@@ -362,6 +362,10 @@ impl ServedPort for RuntimePort {
             }
         }
         self.shared.wake_all();
+    }
+
+    fn time(&self) -> SystemTime {
+        self.shared.clock.wall()
     }
 
     fn servo_timing(&self) -> Option<ServoTiming> {

@@ -9,11 +9,11 @@ pub(crate) mod folder;
 mod program;
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use crate::disk::fs;
 use parking_lot::{Mutex, RwLock};
 use plc_api::types::program::{ProgramCheck, ProgramInfo};
 use plc_api::types::request::{Refusal, RefusalCode};
@@ -380,7 +380,7 @@ mod tests {
     fn a_file_that_is_larger_than_a_program_may_be_is_not_read_whole() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("7.nc");
-        fs::File::create(&path)
+        std::fs::File::create(&path)
             .unwrap()
             .set_len(PROGRAM_BYTES_MAX as u64 + 1)
             .unwrap();

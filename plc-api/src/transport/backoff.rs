@@ -11,15 +11,25 @@ const MAX: Duration = Duration::from_secs(5);
 #[derive(Debug)]
 pub struct Backoff {
     next: Duration,
+    /// What the jitter is drawn from.
+    random: u64,
 }
 
 impl Default for Backoff {
     fn default() -> Self {
-        Self { next: FIRST }
+        Self::seeded(RandomState::new().hash_one(0_u8))
     }
 }
 
 impl Backoff {
+    /// The same waits for the same seed.
+    pub fn seeded(seed: u64) -> Self {
+        Self {
+            next: FIRST,
+            random: seed,
+        }
+    }
+
     /// After a connection: starts again with the first wait.
     pub fn reset(&mut self) {
         self.next = FIRST;
@@ -27,9 +37,18 @@ impl Backoff {
 
     /// The wait before the next attempt: 50 to 100 percent of 100 ms, doubled each time up to 5 s.
     pub fn next_wait(&mut self) -> Duration {
-        let wait = jittered(self.next);
+        let wait = self.jittered(self.next);
         self.next = (self.next * 2).min(MAX);
         wait
+    }
+
+    /// 50 to 100 percent, so that not all clients reconnect at the same time.
+    fn jittered(&mut self, wait: Duration) -> Duration {
+        // Knuth's linear congruential generator; its high bits are the good ones
+        self.random = (self.random)
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        wait.mul_f64(0.5 + (self.random >> 33) as f64 / (1_u64 << 32) as f64)
     }
 
     #[cfg(any(feature = "mqtt", feature = "rest"))]
@@ -38,22 +57,27 @@ impl Backoff {
     }
 }
 
-/// 50 to 100 percent, so that not all clients reconnect at the same time.
-fn jittered(wait: Duration) -> Duration {
-    let random = RandomState::new().hash_one(0_u8) % 1000;
-    wait.mul_f64(0.5 + random as f64 / 2000.0)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn a_wait_is_jittered_between_half_and_whole() {
+        let mut backoff = Backoff::default();
         for _ in 0..100 {
-            let wait = jittered(MAX);
+            let wait = backoff.jittered(MAX);
             assert!(wait >= MAX / 2 && wait <= MAX, "{wait:?}");
         }
+    }
+
+    #[test]
+    fn equal_seeds_give_equal_waits() {
+        let waits = |seed| {
+            let mut backoff = Backoff::seeded(seed);
+            std::array::from_fn::<_, 5, _>(|_| backoff.next_wait())
+        };
+        assert_eq!(waits(1), waits(1));
+        assert_ne!(waits(1), waits(2));
     }
 
     #[tokio::test(start_paused = true)]

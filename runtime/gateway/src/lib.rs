@@ -41,7 +41,6 @@ use access::{LiveTokens, Users};
 use broker::{Broker, BrokerAccess};
 use broker_address::BrokerAddress;
 use machine::Machine;
-use mqtt::MqttEnd;
 use server::LimitedListener;
 use settings::{HTTP_LISTEN, bind};
 use shared::Shared;
@@ -50,6 +49,7 @@ pub use access::{
     NewToken, Role, TokenError, Tokens, certificate_entry, mosquitto_acl, new_token, pin_entry,
 };
 pub use error::GatewayError;
+pub use mqtt::{Connect, Event, Lost, MqttEnd, Named, Version, Wire};
 pub use settings::{GatewaySettings, MqttSettings};
 pub use tls::ServerTls;
 

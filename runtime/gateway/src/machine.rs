@@ -6,6 +6,7 @@
 
 use std::net::IpAddr;
 use std::sync::Arc;
+use std::time::SystemTime;
 
 use plc_api::hub::{Filter, Subscription};
 use plc_api::port::BoxFuture;
@@ -136,6 +137,10 @@ impl Machine {
 
     pub(crate) fn notice(&self, notice: ServerNotice) {
         self.port.notice(notice);
+    }
+
+    pub(crate) fn time(&self) -> SystemTime {
+        self.port.time()
     }
 
     pub(crate) fn servo_timing(&self) -> Option<ServoTiming> {

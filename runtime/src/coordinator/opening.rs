@@ -12,6 +12,7 @@ use tandem_servo::{Hardware, HardwareFactory};
 use super::StartError;
 use crate::config::{Machine, ProgramSource};
 use crate::coordinate_system::Mailbox;
+use crate::disk::fs;
 use crate::disk::{Health, Lock, Part, make_folder, tighten, write_whole};
 use crate::persistence::journal_file::JournalThread;
 use crate::persistence::journal_folder::{JOURNAL_FOLDER, Newest};
@@ -319,7 +320,7 @@ fn put_program(store: &ProgramStore, number: u16, source: &ProgramSource, health
 
 /// Leaves a mark in the data folder; the reason says whether it was there before.
 fn mark_started(mark: &Path) -> Reason {
-    if mark.exists() {
+    if fs::exists(mark).unwrap_or(false) {
         tighten(mark);
         return Reason::Restarted;
     }

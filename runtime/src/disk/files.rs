@@ -1,10 +1,14 @@
 //! Files and folders that the runtime keeps: nobody else may read them, none is written through a link, and what is no
 //! regular file is never waited for.
 
-use std::fs::{self, DirBuilder, File, OpenOptions, Permissions, TryLockError};
 use std::io::{self, Read, Write};
-use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _, OpenOptionsExt as _, PermissionsExt as _};
-use std::path::Path;
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::{Path, PathBuf};
+
+use super::fs::{
+    self, DirBuilder, DirBuilderExt as _, File, MetadataExt as _, OpenOptions, OpenOptionsExt as _,
+    Permissions, TryLockError,
+};
 
 /// Mode of what the runtime writes: its user only.
 const FILE_MODE: u32 = 0o600;
@@ -15,22 +19,26 @@ const FOLDER_MODE: u32 = 0o700;
 /// End of the name of a file that is being written; what a kill leaves of it is removed at the next start.
 pub(crate) const UNFINISHED: &str = ".new";
 
-/// Makes a folder, and those above it.
+/// Makes a folder, and those above it. Their names are on disk when this returns.
 ///
 /// # Errors
 /// The operating system refuses.
 pub(crate) fn make_folder(path: &Path) -> io::Result<()> {
-    DirBuilder::new().recursive(true).mode(FOLDER_MODE).create(path)
+    let missing = |path: &&Path| !path.as_os_str().is_empty() && !fs::exists(path).unwrap_or(true);
+    let made: Vec<&Path> = path.ancestors().take_while(missing).collect();
+    DirBuilder::new().recursive(true).mode(FOLDER_MODE).create(path)?;
+    made.into_iter().try_for_each(|made| sync_folder(folder_of(made)))
 }
 
-/// Makes a folder in one that is there.
+/// Makes a folder in one that is there. Its name is on disk when this returns.
 ///
 /// # Errors
 /// The one above it is missing, or the operating system refuses.
 pub(crate) fn make_folder_in(path: &Path) -> io::Result<()> {
     match DirBuilder::new().mode(FOLDER_MODE).create(path) {
+        // one that is there may have been made by a start that ended here
         Err(error) if error.kind() != io::ErrorKind::AlreadyExists => Err(error),
-        _ => Ok(()),
+        _ => sync_folder(folder_of(path)),
     }
 }
 
@@ -79,9 +87,16 @@ pub(crate) fn read_regular(path: &Path, most: u64) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
+/// Names that are tried for a file that is being written; a start removes what earlier ones have left.
+const UNFINISHED_MAX: u32 = 10_000;
+
 /// A file that is being written under a name of its own; dropped before [`Unfinished::finish`], it is removed.
 #[derive(Debug)]
-pub(crate) struct Unfinished(tempfile::NamedTempFile);
+pub(crate) struct Unfinished {
+    file: File,
+    /// `None` once it has its name.
+    path: Option<PathBuf>,
+}
 
 impl Unfinished {
     /// Writes a file beside `path`; it is on disk when this returns.
@@ -89,29 +104,53 @@ impl Unfinished {
     /// # Errors
     /// The disk refuses; nothing is left then.
     pub fn write(path: &Path, bytes: &[u8]) -> io::Result<Self> {
-        let (folder, name) = (folder_of(path), path.file_name().unwrap_or_default());
-        let prefix = format!("{}.", name.to_string_lossy());
-        let mut file = tempfile::Builder::new()
-            .prefix(&prefix)
-            .suffix(UNFINISHED)
-            .tempfile_in(folder)?;
-        file.write_all(bytes)?;
-        file.as_file().sync_all()?;
-        Ok(Self(file))
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let mut number = 0;
+        let mut unfinished = loop {
+            let own = folder_of(path).join(format!("{name}.{number}{UNFINISHED}"));
+            let options = &mut OpenOptions::new();
+            // made anew: what somebody has put there, such as a link, is not written to
+            match open_regular(&own, options.write(true).create_new(true)) {
+                Err(error) if error.kind() == io::ErrorKind::AlreadyExists && number < UNFINISHED_MAX => {
+                    number += 1;
+                }
+                opened => {
+                    break Self {
+                        file: opened?,
+                        path: Some(own),
+                    };
+                }
+            }
+        };
+        unfinished.file.write_all(bytes)?;
+        unfinished.file.sync_all()?;
+        Ok(unfinished)
     }
 
     /// The file, open.
     pub fn as_file(&self) -> &File {
-        self.0.as_file()
+        &self.file
     }
 
     /// Gives it its name; a link of that name is replaced.
     ///
     /// # Errors
     /// The disk refuses.
-    pub fn finish(self, path: &Path) -> io::Result<()> {
-        self.0.persist(path).map_err(|refused| refused.error)?;
+    pub fn finish(mut self, path: &Path) -> io::Result<()> {
+        if let Some(own) = &self.path {
+            fs::rename(own, path)?;
+        }
+        self.path = None;
         sync_folder(folder_of(path))
+    }
+}
+
+impl Drop for Unfinished {
+    fn drop(&mut self) {
+        if let Some(path) = &self.path {
+            // what cannot be removed is removed at the next start
+            let _ = fs::remove_file(path);
+        }
     }
 }
 
@@ -258,5 +297,23 @@ mod tests {
         }
         let mode = |path: &Path| fs::metadata(path).unwrap().mode() & 0o777;
         assert_eq!((mode(&sub), mode(&file)), (FOLDER_MODE, FILE_MODE));
+    }
+
+    #[test]
+    fn a_folder_that_is_made_is_there_after_a_power_cut() {
+        use crate::disk::simulated::ROOT;
+        use crate::disk::simulated::memory::{Disk, Mount};
+
+        let disk = Disk::new(7, std::time::SystemTime::UNIX_EPOCH);
+        let disk = std::sync::Arc::new(parking_lot::Mutex::new(disk));
+        Mount::mount(&disk);
+        let folder = Path::new(ROOT).join("data/of/a/machine");
+        make_folder(&folder).unwrap();
+        make_folder_in(&folder.join("programs")).unwrap();
+        write_whole(&folder.join("programs/a"), b"kept").unwrap();
+        disk.lock().cut_power();
+        Mount::mount(&disk);
+        assert_eq!(read_regular(&folder.join("programs/a"), 10).unwrap(), b"kept");
+        Mount::unmount();
     }
 }

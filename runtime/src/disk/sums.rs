@@ -4,7 +4,6 @@
 //! damaged, nobody knows which names it had: the sums of all earlier lines are unknown then, and the names stay known.
 
 use std::collections::BTreeMap;
-use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
@@ -12,6 +11,7 @@ use serde_json::{Value, json};
 use sha2::{Digest as _, Sha256};
 
 use super::files::{Identity, open_regular, read_regular, write_whole};
+use super::fs::{File, OpenOptions};
 use super::line::{Read, number, read, seal};
 
 /// Bytes at which the file is written anew. Reason: the sums of all that is kept are about 50 KiB.

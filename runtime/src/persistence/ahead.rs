@@ -5,15 +5,14 @@
 //! in a file of fixed size. The line is then in the page cache of the operating system, which a kill of the process does
 //! not affect; nothing waits for the disk. At the next start, lines missing from the journal are taken from the ring.
 
-use std::fs::{File, OpenOptions};
 use std::io::{self, Cursor, Write};
-use std::os::unix::fs::FileExt as _;
 use std::path::Path;
 use std::time::SystemTime;
 
 use plc_api::types::{BootId, Timestamp};
 use serde_json::Value;
 
+use crate::disk::fs::{File, FileExt as _, OpenOptions};
 use crate::disk::{Read, number, open_regular, read, read_regular, seal_in_place};
 use crate::journal::{Line, WriteAhead};
 

@@ -6,13 +6,13 @@
 //! removed.
 
 use std::fmt;
-use std::fs;
 use std::io::{self, BufRead};
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 use sha2::{Digest as _, Sha256};
 
+use crate::disk::fs;
 use crate::disk::{Read, number, read, read_regular, seal, write_whole};
 
 /// File of the anchor in the journal's folder.

@@ -4,7 +4,6 @@
 
 use std::io;
 use std::path::Path;
-use std::time::SystemTime;
 
 use plc_api::types::Timestamp;
 use plc_api::types::data::Number;
@@ -13,6 +12,7 @@ use serde_json::{Map, Value};
 use tandem_model::lost::is_lost;
 
 use super::image::{Image, PAGE_VARIABLES, Page};
+use crate::clock::time_of_day;
 use crate::disk::{read_regular, sum_of, write_whole};
 
 /// Name of the last good generation in the data folder.
@@ -62,7 +62,7 @@ impl Generation {
             .collect();
         let line = |(name, value): (&String, &Value)| format!("{}:{value}", Value::from(name.as_str()));
         let lines: Vec<String> = values.iter().map(line).collect();
-        let (written, sum) = (Timestamp::from_system_time(SystemTime::now()).0, sum(&values));
+        let (written, sum) = (Timestamp::from_system_time(time_of_day()).0, sum(&values));
         let head = format!("\"tandem_store\":{FORM},\"written\":\"{written}\",\"sum\":\"{sum}\"");
         format!("{{{head},\"values\":{{\n{}\n}}}}\n", lines.join(",\n"))
     }

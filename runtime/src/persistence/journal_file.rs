@@ -5,17 +5,19 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
-use std::thread::JoinHandle;
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Duration, SystemTime};
 
 use plc_api::types::{BootId, Timestamp};
 use serde_json::json;
+use tokio::time::Instant;
 
 use super::ahead::{Ahead, recover};
 use super::journal_folder::{FILE_BYTES_MAX, Files, Newest, Object, Own, newest};
 use super::replay::REPLAYED_LINES_MAX;
+use crate::clock::time_of_day;
 use crate::disk::{Health, Part, number, tighten};
 use crate::journal::{JournalWriter, Line, Message, WriteAhead};
+use crate::threads::{self, Thread};
 
 /// Time without lines after which the thread looks whether its file is there, and tries a disk that refused again.
 const RETRY: Duration = Duration::from_secs(1);
@@ -70,7 +72,7 @@ pub(crate) fn append_line(folder: &Path, line: &Line) -> io::Result<()> {
     let Begun { own, files, .. } = begin(folder, BootId("command-line".to_owned()));
     let mut files = files?;
     let n = own.last.fetch_add(1, Ordering::Relaxed) + 1;
-    files.append(&[object(&own.boot_id, n, line, SystemTime::now())])?;
+    files.append(&[object(&own.boot_id, n, line, time_of_day())])?;
     files.anchor()
 }
 
@@ -78,7 +80,7 @@ pub(crate) fn append_line(folder: &Path, line: &Line) -> io::Result<()> {
 #[derive(Debug)]
 pub(crate) struct JournalThread {
     writer: JournalWriter,
-    thread: Option<JoinHandle<()>>,
+    thread: Option<Thread>,
 }
 
 impl JournalThread {
@@ -106,11 +108,11 @@ impl JournalThread {
             files,
             health,
             lost: Arc::clone(&writer.lost),
+            inbox,
+            #[cfg(test)]
+            worked: Instant::now(),
         };
-        let thread = std::thread::Builder::new()
-            .name("journal".into())
-            .spawn(move || work.run(&inbox))?;
-        let thread = Some(thread);
+        let thread = Some(Thread::start("journal", work)?);
         Ok((Self { writer, thread }, newest))
     }
 
@@ -125,7 +127,7 @@ impl Drop for JournalThread {
         // A thread that has ended is joined all the same.
         let _ = self.writer.lines.send(Message::Close);
         if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
+            thread.join();
         }
     }
 }
@@ -138,35 +140,61 @@ struct Work {
     files: Option<Files>,
     health: Arc<Health>,
     lost: Arc<AtomicU64>,
+    inbox: Receiver<Message>,
+    /// The last round that did something.
+    #[cfg(test)]
+    worked: Instant,
+}
+
+impl threads::Work for Work {
+    /// Without a line, too: the disk may have refused, and the folder may be gone.
+    fn patience(&self) -> Duration {
+        RETRY
+    }
+
+    #[cfg(test)]
+    fn delay(&self) -> Duration {
+        GATHER
+    }
+
+    fn round(&mut self, patience: Duration) -> bool {
+        let (batch, open) = match self.inbox.recv_timeout(patience) {
+            Ok(first) => {
+                if let Message::Line { handed_over, .. } = &first
+                    && !patience.is_zero()
+                {
+                    std::thread::sleep(rest(handed_over.elapsed()));
+                }
+                gather(&self.own.boot_id, first, &self.inbox)
+            }
+            // a simulated thread comes more often than it must
+            #[cfg(test)]
+            Err(RecvTimeoutError::Timeout) if patience.is_zero() && self.worked.elapsed() < RETRY => {
+                return true;
+            }
+            Err(RecvTimeoutError::Timeout) => (Vec::new(), true),
+            Err(RecvTimeoutError::Disconnected) => return false,
+        };
+        #[cfg(test)]
+        {
+            self.worked = Instant::now();
+        }
+        let (count, is_quiet) = (batch.len() as u64, batch.is_empty() || !open);
+        let mut written = self.write(batch);
+        if written.is_err() {
+            self.lost.fetch_add(count, Ordering::Relaxed);
+        } else if is_quiet {
+            written = self.anchor();
+        }
+        if written.is_err() {
+            self.files = None;
+        }
+        self.health.note(Part::Journal, &written);
+        open
+    }
 }
 
 impl Work {
-    fn run(mut self, inbox: &Receiver<Message>) {
-        loop {
-            // without a line, too: the disk may have refused, and the folder may be gone
-            let first = inbox.recv_timeout(RETRY);
-            let (batch, open) = match first {
-                Ok(first) => gather(&self.own.boot_id, first, inbox),
-                Err(RecvTimeoutError::Timeout) => (Vec::new(), true),
-                Err(RecvTimeoutError::Disconnected) => return,
-            };
-            let (count, is_quiet) = (batch.len() as u64, batch.is_empty() || !open);
-            let mut written = self.write(batch);
-            if written.is_err() {
-                self.lost.fetch_add(count, Ordering::Relaxed);
-            } else if is_quiet {
-                written = self.anchor();
-            }
-            if written.is_err() {
-                self.files = None;
-            }
-            self.health.note(Part::Journal, &written);
-            if !open {
-                return;
-            }
-        }
-    }
-
     /// Lines that could not be written before are counted in a line of their own.
     fn write(&mut self, mut batch: Vec<Object>) -> io::Result<()> {
         let files = match &mut self.files {
@@ -200,11 +228,8 @@ fn rest(age: Duration) -> Duration {
 
 /// Takes what has come [`GATHER`] after the first line. False: the journal is to be closed.
 ///
-/// It sleeps in between instead of waiting for the next line: then no line but the first has to wake this thread.
+/// Its thread sleeps in between instead of waiting for the next line: then no line but the first has to wake it.
 fn gather(boot_id: &BootId, first: Message, inbox: &Receiver<Message>) -> (Vec<Object>, bool) {
-    if let Message::Line { handed_over, .. } = &first {
-        std::thread::sleep(rest(handed_over.elapsed()));
-    }
     let mut next = Some(first);
     let mut batch = Vec::new();
     while let Some(message) = next {
@@ -279,6 +304,8 @@ mod tests {
             files: None,
             health: Arc::default(),
             lost: Arc::default(),
+            inbox: sync_channel(1).1,
+            worked: Instant::now(),
         }
     }
 

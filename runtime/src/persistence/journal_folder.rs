@@ -5,18 +5,19 @@
 //! hashes (`chain`).
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read as _, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::{Instant, SystemTime};
 
 use plc_api::types::{BootId, Timestamp};
 use serde_json::{Value, json};
+use tokio::time::Instant;
 
 use super::chain::{LINK_BYTES, Mark, link, place, tidy_up};
 use super::resume::{Head, Resumed, resume};
+use crate::clock::time_of_day;
+use crate::disk::fs::{self, File, OpenOptions};
 use crate::disk::{
     Identity, Read, make_folder_in, number, open_regular, read, read_regular, sync_folder, tighten,
 };
@@ -132,7 +133,7 @@ impl Own {
         event["cs"] = json!(0);
         event["n"] = json!(self.last.fetch_add(1, Ordering::Relaxed) + 1);
         event["t_s"] = json!(self.started.elapsed().as_secs_f64());
-        event["ts"] = json!(Timestamp::from_system_time(SystemTime::now()));
+        event["ts"] = json!(Timestamp::from_system_time(time_of_day()));
         Object::of(&event)
     }
 }

@@ -1,6 +1,5 @@
 //! Reads a whole journal from its oldest line on, line by line, also while a runtime writes it.
 
-use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
 use std::thread::sleep;
@@ -8,6 +7,7 @@ use std::time::Duration;
 
 use super::chain::{Ending, next_line, place};
 use super::journal_folder::FILES_MAX;
+use crate::disk::fs::{self, File, OpenOptions};
 use crate::disk::{Identity, open_regular};
 
 /// How often files are opened again that were renamed meanwhile.

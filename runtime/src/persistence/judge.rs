@@ -17,6 +17,7 @@ use redb::{Builder, Database, ReadableDatabase, ReadableTable, StorageBackend, T
 use super::generation::{GENERATION_FILE, Generation};
 use super::image::{Image, Page};
 use super::record::{self, CACHE_BYTES, CHANGE, OLD_VALUES, OLD_VARIABLES, RECORDS};
+use crate::disk::fs;
 use crate::disk::{Sums, read_regular};
 
 /// Name of the store in the data folder, and of the sums beside it.
@@ -61,7 +62,9 @@ pub(crate) struct Judged {
 /// Looks at the store of a folder.
 pub(crate) fn judge(folder: &Path) -> Judged {
     let sums = Sums::read(&folder.join(SUMS_FILE));
-    let was_started = folder.join(STARTED_FILE).exists() || folder.join(GENERATION_FILE).exists();
+    let was_started = [STARTED_FILE, GENERATION_FILE]
+        .iter()
+        .any(|name| fs::exists(folder.join(name)).unwrap_or(false));
     let named = || {
         Generation::read(folder)
             .map(|generation| generation.image.names())

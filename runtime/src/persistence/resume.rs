@@ -1,11 +1,11 @@
 //! Where the chain of a journal goes on when the journal is opened, or why it begins anew. Nothing that is found keeps a
 //! machine from starting.
 
-use std::fs::OpenOptions;
 use std::io::{self, BufReader};
 use std::path::Path;
 
 use super::chain::{Anchor, AnchorRead, Ending, Entry, Hash, Mark, entry, next_line, place};
+use crate::disk::fs::OpenOptions;
 use crate::disk::{number, open_regular};
 
 /// The state of the chain at the end of a journal.

@@ -4,7 +4,6 @@ use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
-use std::thread::JoinHandle;
 use std::time::Duration;
 
 use plc_api::hub::Hub;
@@ -25,6 +24,7 @@ use crate::coordinate_system::View;
 use crate::disk::{Health, Part};
 use crate::journal::Journal;
 use crate::tables::{KeptValues, Tables, keep, value_key};
+use crate::threads::{self, Thread};
 
 /// Time between two looks. Reason: half of the 100 ms by which the store may lag; the other half is for the disk.
 const INTERVAL: Duration = Duration::from_millis(50);
@@ -47,6 +47,9 @@ enum Message {
 #[derive(Debug, Clone)]
 pub(crate) struct StateWriter {
     messages: Sender<Message>,
+    /// In a simulated world, where the thread is a task, it works at once.
+    #[cfg(test)]
+    rounds: Option<threads::Rounds>,
 }
 
 impl StateWriter {
@@ -55,7 +58,13 @@ impl StateWriter {
     /// # Errors
     /// The disk refuses; the error says why.
     pub fn write(&self, values: KeptValues) -> Result<(), String> {
-        self.send(values).blocking_recv().unwrap_or_else(stopping)
+        let written = self.send(values);
+        #[cfg(test)]
+        if self.rounds.is_some() {
+            return futures_util::FutureExt::now_or_never(written)
+                .map_or(Ok(()), |said| said.unwrap_or_else(stopping));
+        }
+        written.blocking_recv().unwrap_or_else(stopping)
     }
 
     /// Waits until all that has changed before is on disk.
@@ -70,6 +79,10 @@ impl StateWriter {
         let (done, written) = oneshot::channel();
         // A closed thread drops the message, and with it `done`.
         let _ = self.messages.send(Message::Write(values, done));
+        #[cfg(test)]
+        if let Some(rounds) = &self.rounds {
+            rounds.take_one();
+        }
         written
     }
 }
@@ -82,7 +95,7 @@ fn stopping(_: RecvError) -> Result<(), String> {
 #[derive(Debug)]
 pub(crate) struct StateWriterThread {
     writer: StateWriter,
-    thread: Option<JoinHandle<()>>,
+    thread: Option<Thread>,
 }
 
 impl StateWriterThread {
@@ -100,12 +113,16 @@ impl StateWriterThread {
             last_runs: source.last_runs.clone(),
             pace: Pace::default(),
             source,
+            inbox,
         };
-        let thread = std::thread::Builder::new()
-            .name("state-writer".into())
-            .spawn(move || work.run(&inbox))?;
+        let thread = Thread::start("state-writer", work)?;
+        let writer = StateWriter {
+            messages,
+            #[cfg(test)]
+            rounds: thread.rounds(),
+        };
         Ok(Self {
-            writer: StateWriter { messages },
+            writer,
             thread: Some(thread),
         })
     }
@@ -121,7 +138,7 @@ impl Drop for StateWriterThread {
         // A thread that has ended is joined all the same.
         let _ = self.writer.messages.send(Message::Close);
         if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
+            thread.join();
         }
     }
 }
@@ -268,37 +285,38 @@ struct Work {
     last_runs: LastRuns,
     source: Source,
     pace: Pace,
+    inbox: Receiver<Message>,
+}
+
+impl threads::Work for Work {
+    fn patience(&self) -> Duration {
+        self.pace.wait(self.source.clock.now_s())
+    }
+
+    fn round(&mut self, mut patience: Duration) -> bool {
+        let (mut values, mut waiting, mut open) = (KeptValues::new(), Vec::new(), true);
+        // All that has come meanwhile is written by the same commit.
+        while open {
+            match self.inbox.recv_timeout(std::mem::take(&mut patience)) {
+                Ok(Message::Write(more, done)) => {
+                    values.extend(more);
+                    waiting.push(done);
+                }
+                Ok(Message::Close) | Err(RecvTimeoutError::Disconnected) => open = false,
+                Err(RecvTimeoutError::Timeout) => break,
+            }
+        }
+        let written = self.turn(values);
+        self.keep_generation(!open);
+        for done in waiting {
+            // A caller may have gone.
+            let _ = done.send(written.clone());
+        }
+        open
+    }
 }
 
 impl Work {
-    fn run(mut self, inbox: &Receiver<Message>) {
-        loop {
-            let (mut values, mut waiting, mut open) = (KeptValues::new(), Vec::new(), true);
-            let now_s = self.source.clock.now_s();
-            let mut patience = self.pace.wait(now_s);
-            // All that has come meanwhile is written by the same commit.
-            while open {
-                match inbox.recv_timeout(std::mem::take(&mut patience)) {
-                    Ok(Message::Write(more, done)) => {
-                        values.extend(more);
-                        waiting.push(done);
-                    }
-                    Ok(Message::Close) | Err(RecvTimeoutError::Disconnected) => open = false,
-                    Err(RecvTimeoutError::Timeout) => break,
-                }
-            }
-            let written = self.turn(values);
-            self.keep_generation(!open);
-            for done in waiting {
-                // A caller may have gone.
-                let _ = done.send(written.clone());
-            }
-            if !open {
-                return;
-            }
-        }
-    }
-
     /// One look, and the commit of what it found.
     fn turn(&mut self, values: KeptValues) -> Result<(), String> {
         let looked_s = self.source.clock.now_s();

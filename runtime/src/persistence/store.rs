@@ -1,16 +1,15 @@
 //! The embedded store: one file, changed by whole transactions, and a file of sums beside it.
 
 use std::collections::BTreeMap;
-use std::fs::{self, OpenOptions};
 use std::io;
 use std::path::{Path, PathBuf};
 
-use redb::backends::FileBackend;
 use redb::{Builder, Database, DatabaseError};
 
 use super::image::Image;
 use super::judge::{Condition, Judged, STORE_FILE, SUMS_FILE};
 use super::record::{self, CACHE_BYTES, CHANGE, OLD_VALUES, OLD_VARIABLES, RECORDS};
+use crate::disk::fs::{self, FileBackend, OpenOptions};
 use crate::disk::{Identity, SumChange, SumFile, UNFINISHED, in_use, open_regular, sync_folder, tighten};
 
 /// Maximum number of damaged stores kept as evidence; the oldest are removed.
@@ -199,7 +198,7 @@ fn replace(folder: &Path, path: &Path, judged: &Judged) -> io::Result<PathBuf> {
 /// Where a damaged store is kept as evidence: a name that is free.
 fn evidence(folder: &Path) -> PathBuf {
     let named = |number: u32| folder.join(format!("{STORE_FILE}.damaged-{number}"));
-    let number = (1..u32::MAX).find(|number| !named(*number).exists());
+    let number = (1..u32::MAX).find(|number| !fs::exists(named(*number)).unwrap_or(true));
     named(number.unwrap_or(u32::MAX))
 }
 

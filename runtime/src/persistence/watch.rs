@@ -4,17 +4,18 @@
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
-use std::thread::JoinHandle;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::Duration;
 
 use plc_api::types::machine::{AlarmRecord, AlarmSeverity};
-use rustix::fs::{Access, StatVfsMountFlags, access, statvfs};
+use rustix::fs::{Access, StatVfsMountFlags};
 use tandem_model::alarm::{AlarmEntry, DATA_FOLDER_FAILED, PROGRAM_CHANGED, PROGRAM_DAMAGED, VALUES_LOST};
 
 use crate::disk::Part;
+use crate::disk::fs::{self, access, statvfs};
 use crate::journal::Event;
 use crate::shared::Shared;
+use crate::threads::{self, Thread};
 
 /// Time between two looks at what others have noted.
 const INTERVAL: Duration = Duration::from_millis(100);
@@ -32,7 +33,7 @@ const NAMED_MAX: usize = 20;
 #[derive(Debug)]
 pub(crate) struct DataWatch {
     stop: Option<Sender<()>>,
-    thread: Option<JoinHandle<()>>,
+    thread: Option<Thread>,
 }
 
 impl DataWatch {
@@ -42,21 +43,13 @@ impl DataWatch {
     /// The operating system gives no thread.
     pub fn start(folder: &Path, shared: Arc<Shared>) -> io::Result<Self> {
         let (stop, stopped) = channel();
-        let folder = folder.to_owned();
-        let thread = std::thread::Builder::new()
-            .name("data-watch".into())
-            .spawn(move || {
-                let mut looks = 0;
-                while stopped.recv_timeout(INTERVAL) == Err(RecvTimeoutError::Timeout) {
-                    if looks % DISK_EVERY == 0 {
-                        look_at_disk(&folder, &shared);
-                    }
-                    looks += 1;
-                    for part in Part::ALL {
-                        shared.stand(part.alarm(), shared.health.fault(part).as_deref());
-                    }
-                }
-            })?;
+        let watch = Watch {
+            folder: folder.to_owned(),
+            shared,
+            stopped,
+            looks: 0,
+        };
+        let thread = Thread::start("data-watch", watch)?;
         Ok(Self {
             stop: Some(stop),
             thread: Some(thread),
@@ -68,9 +61,37 @@ impl Drop for DataWatch {
     fn drop(&mut self) {
         drop(self.stop.take());
         if let Some(thread) = self.thread.take() {
-            // A thread that has ended is joined all the same.
-            let _ = thread.join();
+            thread.join();
         }
+    }
+}
+
+/// What it does.
+struct Watch {
+    folder: PathBuf,
+    shared: Arc<Shared>,
+    stopped: Receiver<()>,
+    looks: u32,
+}
+
+impl threads::Work for Watch {
+    fn patience(&self) -> Duration {
+        INTERVAL
+    }
+
+    fn round(&mut self, patience: Duration) -> bool {
+        if self.stopped.recv_timeout(patience) != Err(RecvTimeoutError::Timeout) {
+            return false;
+        }
+        let shared = &self.shared;
+        if self.looks.is_multiple_of(DISK_EVERY) {
+            look_at_disk(&self.folder, shared);
+        }
+        self.looks = self.looks.wrapping_add(1);
+        for part in Part::ALL {
+            shared.stand(part.alarm(), shared.health.fault(part).as_deref());
+        }
+        true
     }
 }
 
@@ -100,7 +121,7 @@ fn look_at_disk(folder: &Path, shared: &Shared) {
 /// What is wrong with a folder; `None`: nothing is.
 fn fault(place: &Path) -> Option<String> {
     let named = |what: &str| Some(format!("{}: {what}", place.display()));
-    match std::fs::metadata(place) {
+    match fs::metadata(place) {
         Err(error) => return named(&format!("it is gone ({error})")),
         Ok(metadata) if !metadata.is_dir() => return named("it is no folder"),
         Ok(_) => {}

@@ -35,13 +35,11 @@ impl RuntimePort {
             let text = format!("{count} lines of the journal: write 1 to {JOURNAL_LINES_MAX}");
             return Err(Refusal::new(RefusalCode::Invalid, text));
         }
-        let folder = match &self.shared.machine.data_dir {
-            Some(folder) if !self.shared.clock.is_simulated() => folder.join(JOURNAL_FOLDER),
-            _ => {
-                let text = "without data_dir the journal goes to the log only; set [machine] data_dir";
-                return Err(Refusal::new(RefusalCode::NotFound, text));
-            }
+        let Some(folder) = &self.shared.machine.data_dir else {
+            let text = "without data_dir the journal goes to the log only; set [machine] data_dir";
+            return Err(Refusal::new(RefusalCode::NotFound, text));
         };
+        let folder = folder.join(JOURNAL_FOLDER);
         let (from, count) = (from as usize, count as usize);
         if filter == JournalFilter::default() {
             let read = move |_: &Shared| Ok(newest(&folder, from, count).lines);

@@ -4,14 +4,13 @@
 //! time and another sum is damaged.
 
 use std::collections::BTreeMap;
-use std::fs::{self, File, Metadata};
 use std::io;
-use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 
 use tandem_model::limits::PROGRAM_BYTES_MAX;
 
 use super::{PROGRAMS_MAX, program_number};
+use crate::disk::fs::{self, File, Metadata, MetadataExt as _};
 use crate::disk::{
     SumFile, Sums, UNFINISHED, Unfinished, make_folder_in, read_regular, sum_of, sync_folder, tighten,
 };

@@ -3,7 +3,11 @@
 use super::{CRATES, files, read, without_unit_tests};
 
 /// Where codes are named.
-const NAMED: [&str; 2] = ["runtime/interp/src/codes/", "runtime/interp/src/dialects/"];
+const NAMED: [&str; 3] = [
+    "runtime/interp/src/codes/",
+    "runtime/interp/src/dialects/",
+    "runtime/src/world/",
+];
 
 /// Files whose texts are about codes, and why.
 const ABOUT_CODES: [(&str, &str); 6] = [

@@ -1,12 +1,14 @@
 //! Keeps a connection to the broker, each with a new client, so that nothing depends on what the library remembers.
 
+use std::future::{Future, poll_fn};
+use std::pin::{Pin, pin};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
+use std::task::Poll;
 use std::time::Duration;
 
 use plc_api::hub::{Filter, Subscription};
 use plc_api::server::ServerNotice;
-use plc_api::transport::backoff::Backoff;
 use plc_api::types::machine::Presence;
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::topic::{CsTopic, Topic};
@@ -19,7 +21,7 @@ use tracing::{info, warn};
 
 use super::dispatch::Dispatch;
 use super::outbox::{Handed, Outbox, Parcel};
-use super::wire::{self, Event, Lost, Version, Wire};
+use super::wire::{self, Connect, Event, Lost, Version, Wire};
 use super::{Parts, Publisher, client_id, message};
 use crate::broker_address::Refused;
 use crate::contract::topics::{inbound_topics, is_inbound};
@@ -34,8 +36,8 @@ const HANG_UPS_MAX: u32 = 10;
 const STABLE: Duration = Duration::from_secs(5);
 
 /// The task of the MQTT end.
-pub(super) struct Link {
-    parts: Parts,
+pub(super) struct Link<C> {
+    parts: Parts<C>,
     outbox: Outbox,
     positions_due: Interval,
     subscription: Option<Subscription>,
@@ -43,6 +45,8 @@ pub(super) struct Link {
     /// Results of requests that the port has refused.
     results: mpsc::Receiver<Message>,
     stop: CancellationToken,
+    // which source of wakeups comes first
+    turn: usize,
     connections: u64,
     speaks_5: bool,
     // attempts over MQTT 5 in a row that the broker did not answer
@@ -52,8 +56,8 @@ pub(super) struct Link {
 }
 
 /// What a connection has learned of its broker.
-struct Session {
-    wire: Wire,
+struct Session<W> {
+    wire: W,
     version: Version,
     /// Bytes of a packet that the broker accepts; 0 before it has answered.
     packet_max: usize,
@@ -70,8 +74,8 @@ enum Wakeup {
     Stop,
 }
 
-impl Link {
-    pub(super) fn new(parts: Parts, stop: CancellationToken) -> Self {
+impl<C: Connect> Link<C> {
+    pub(super) fn new(parts: Parts<C>, stop: CancellationToken) -> Self {
         let (dispatch, results) = Dispatch::new(parts.machine.clone(), Arc::clone(&parts.metrics));
         Self {
             outbox: Outbox::default(),
@@ -81,6 +85,7 @@ impl Link {
             results,
             parts,
             stop,
+            turn: 0,
             connections: 0,
             speaks_5: false,
             hang_ups: 0,
@@ -90,7 +95,7 @@ impl Link {
 
     /// Connects again and again until it is stopped.
     pub(super) async fn run(mut self) {
-        let mut backoff = Backoff::default();
+        let mut backoff = self.parts.at.backoff();
         loop {
             let begun = Instant::now();
             let end = self.connection().await;
@@ -116,6 +121,7 @@ impl Link {
         let until = Instant::now() + time;
         loop {
             let wakeup = tokio::select! {
+                biased;
                 () = tokio::time::sleep_until(until) => return false,
                 wakeup = self.next_wakeup(None) => wakeup,
             };
@@ -149,7 +155,7 @@ impl Link {
         let will = LastWill::new(topic, offline.to_json(), QoS::AtLeastOnce, true);
         let client_id = client_id(&self.parts.settings, &self.parts.machine_name);
         let mut session = Session {
-            wire: Wire::open(&client_id, at, will, version),
+            wire: at.open(&client_id, will, version),
             version,
             packet_max: 0,
             warned_of_refusal: false,
@@ -171,26 +177,53 @@ impl Link {
         }
     }
 
-    async fn next_wakeup(&mut self, wire: Option<&mut Wire>) -> Wakeup {
+    /// What is ready first; of several each comes first in its turn, so that none waits behind another.
+    async fn next_wakeup(&mut self, wire: Option<&mut C::Wire>) -> Wakeup {
         let event = async {
             match wire {
-                Some(wire) => wire.next().await,
+                Some(wire) => Wakeup::Mqtt(wire.next().await),
                 None => std::future::pending().await,
             }
         };
         let message = async {
             match &mut self.subscription {
-                Some(subscription) => subscription.next().await,
+                Some(subscription) => Wakeup::Message(subscription.next().await),
                 None => std::future::pending().await,
             }
         };
+        let positions_due = async {
+            self.positions_due.tick().await;
+            Wakeup::PositionsDue
+        };
+        let refused = async {
+            match self.parts.refused.recv().await {
+                Some(refused) => Wakeup::Refused(refused),
+                None => std::future::pending().await,
+            }
+        };
+        let result = async {
+            match self.results.recv().await {
+                Some(result) => Wakeup::Result(result),
+                None => std::future::pending().await,
+            }
+        };
+        let mut sources: [Pin<&mut (dyn Future<Output = Wakeup> + Send)>; 5] = [
+            pin!(event),
+            pin!(message),
+            pin!(positions_due),
+            pin!(refused),
+            pin!(result),
+        ];
+        self.turn = (self.turn + 1) % sources.len();
+        sources.rotate_left(self.turn);
+        let first = poll_fn(|context| {
+            let mut ready = sources.iter_mut().map(|source| source.as_mut().poll(context));
+            ready.find(Poll::is_ready).unwrap_or(Poll::Pending)
+        });
         tokio::select! {
+            biased;
             () = self.stop.cancelled() => Wakeup::Stop,
-            event = event => Wakeup::Mqtt(event),
-            message = message => Wakeup::Message(message),
-            _ = self.positions_due.tick() => Wakeup::PositionsDue,
-            Some(refused) = self.parts.refused.recv() => Wakeup::Refused(refused),
-            Some(result) = self.results.recv() => Wakeup::Result(result),
+            wakeup = first => wakeup,
         }
     }
 
@@ -237,7 +270,7 @@ impl Link {
 
     /// On every connection, subscribes and publishes everything that is retained; after the first one, also the outputs
     /// whose notices may be lost.
-    fn on_connected(&mut self, wire: &Wire) {
+    fn on_connected(&mut self, wire: &C::Wire) {
         self.connections += 1;
         let Parts { root, metrics, .. } = &self.parts;
         metrics.mqtt_connected.store(1, Ordering::Relaxed);
@@ -262,7 +295,7 @@ impl Link {
         }
     }
 
-    fn publish(&mut self, session: &Session) {
+    fn publish(&mut self, session: &Session<C::Wire>) {
         let Parts { root, metrics, .. } = &self.parts;
         self.outbox.send(|parcel| {
             let (path, retain, qos, payload) = match parcel {
@@ -292,7 +325,7 @@ impl Link {
         });
     }
 
-    async fn on_event(&mut self, event: Event, session: &mut Session) {
+    async fn on_event(&mut self, event: Event, session: &mut Session<C::Wire>) {
         match event {
             Event::Connected { packet_max } => {
                 session.packet_max = packet_max;
@@ -367,7 +400,7 @@ impl Link {
     }
 
     /// Publishes what is left, finally that the runtime is offline, and disconnects.
-    async fn finish(&mut self, mut session: Session, offline: Message) {
+    async fn finish(&mut self, mut session: Session<C::Wire>, offline: Message) {
         while let Some(message) = self.subscription.as_mut().and_then(Subscription::try_next) {
             self.on_wakeup(Wakeup::Message(Some(message))).await;
         }

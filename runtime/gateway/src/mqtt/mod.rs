@@ -12,6 +12,7 @@ use std::net::IpAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
+use plc_api::server::ServedPort;
 use plc_api::types::Timestamp;
 use plc_api::types::message::{Message, Payload};
 use plc_api::types::topic::Topic;
@@ -21,12 +22,12 @@ use tokio_util::sync::CancellationToken;
 
 use crate::access::{LiveTokens, User};
 use crate::broker::Sessions;
-use crate::broker_address::{BrokerAddress, Refused};
+use crate::broker_address::Refused;
 use crate::machine::Machine;
 use crate::metrics::Metrics;
-use crate::settings::MqttSettings;
+use crate::settings::{GatewaySettings, MqttSettings};
 use link::Link;
-use wire::Named;
+pub use wire::{Connect, Event, Lost, Named, Version, Wire};
 
 /// Messages refused by the embedded broker that wait for a reply.
 pub(crate) const REFUSED_MAX: usize = 64;
@@ -48,7 +49,7 @@ pub(crate) fn client_id(settings: &MqttSettings, machine: &str) -> String {
 }
 
 /// What the MQTT end needs.
-pub(crate) struct Parts {
+pub(crate) struct Parts<C> {
     pub(crate) machine: Machine,
     pub(crate) settings: MqttSettings,
     pub(crate) machine_name: String,
@@ -58,7 +59,7 @@ pub(crate) struct Parts {
     pub(crate) clients: Option<Arc<Sessions>>,
     /// Root of all topics, with its last slash.
     pub(crate) root: String,
-    pub(crate) at: BrokerAddress,
+    pub(crate) at: C,
     pub(crate) position_interval: Duration,
     pub(crate) refused: mpsc::Receiver<Refused>,
     pub(crate) metrics: Arc<Metrics>,
@@ -77,7 +78,7 @@ enum Publisher {
 
 impl Publisher {
     /// The publisher that the broker names.
-    fn of(parts: &Parts, named: &Named) -> Self {
+    fn of<C>(parts: &Parts<C>, named: &Named) -> Self {
         let clients = parts.clients.as_ref();
         let from = clients.and_then(|clients| clients.address_of(named.client_id.as_deref()?));
         let user = match &parts.tokens {
@@ -99,28 +100,45 @@ fn message(machine: &Machine, topic: Topic, payload: Payload) -> Message {
     Message {
         topic,
         boot_id: machine.boot_id(),
-        ts: Timestamp::from_system_time(std::time::SystemTime::now()),
+        ts: Timestamp::from_system_time(machine.time()),
         rev: None,
         payload,
     }
 }
 
-/// The MQTT end while it runs.
+/// The MQTT end of a machine while it runs.
 #[derive(Debug)]
-pub(crate) struct MqttEnd {
+pub struct MqttEnd {
     stop: CancellationToken,
     task: JoinHandle<()>,
 }
 
 impl MqttEnd {
-    pub(crate) fn start(parts: Parts) -> Self {
+    /// Serves a machine over connections of your own.
+    pub fn over<C: Connect>(port: Arc<dyn ServedPort>, settings: &GatewaySettings, connect: C) -> Self {
+        let (_, refused) = mpsc::channel(1);
+        Self::start(Parts {
+            machine: Machine::new(port),
+            settings: settings.mqtt.clone(),
+            machine_name: settings.machine.clone(),
+            tokens: None,
+            clients: None,
+            root: settings.mqtt.root(&settings.machine),
+            at: connect,
+            position_interval: Duration::from_millis(settings.position_interval_ms),
+            refused,
+            metrics: Arc::default(),
+        })
+    }
+
+    pub(crate) fn start<C: Connect>(parts: Parts<C>) -> Self {
         let stop = CancellationToken::new();
         let task = tokio::spawn(Link::new(parts, stop.clone()).run());
         Self { stop, task }
     }
 
     /// Publishes that the runtime is offline, disconnects and stops.
-    pub(crate) async fn stop(mut self) {
+    pub async fn stop(mut self) {
         self.stop.cancel();
         if tokio::time::timeout(STOP_MAX, &mut self.task).await.is_err() {
             self.task.abort();
@@ -128,8 +146,7 @@ impl MqttEnd {
     }
 
     /// Ends without disconnecting, as if the runtime were killed.
-    #[cfg(test)]
-    pub(crate) fn crash(self) {
+    pub fn crash(self) {
         self.task.abort();
     }
 }

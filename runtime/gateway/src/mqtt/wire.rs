@@ -1,7 +1,12 @@
 //! One connection to a broker, over MQTT 5 or 3.1.1. The differences between the two stay in this file.
+//!
+//! [`Connect`] and [`Wire`] are what the MQTT end needs of a broker: a model of one takes its place in a simulation.
 
 use std::fmt;
+use std::future::Future;
 use std::time::Duration;
+
+use plc_api::transport::backoff::Backoff;
 
 use rumqttc::v5::mqttbytes::v5 as mqtt5;
 use rumqttc::v5::mqttbytes::{QoS as QoS5, qos as qos_5};
@@ -32,9 +37,38 @@ const IN_FLIGHT_MAX: u16 = 100;
 const SENDER: &str = "x-mqtt-sender";
 const CLIENT_ID: &str = "x-mqtt-client-id";
 
+/// Opens connections to a broker.
+pub trait Connect: Send + Sync + 'static {
+    /// A connection.
+    type Wire: Wire;
+
+    /// Starts connecting, with a clean session.
+    fn open(&self, client_id: &str, will: LastWill, version: Version) -> Self::Wire;
+
+    /// The delays between attempts.
+    fn backoff(&self) -> Backoff {
+        Backoff::default()
+    }
+}
+
+/// A connection to a broker, from the first attempt to its end. Dropping it ends it.
+pub trait Wire: Send + 'static {
+    /// The next event. Cancel-safe.
+    fn next(&mut self) -> impl Future<Output = Result<Event, Lost>> + Send;
+
+    /// Subscribes for delivery at least once and, over MQTT 5, with Retain As Published. False when there is no room.
+    fn subscribe(&self, filters: impl Iterator<Item = String>) -> bool;
+
+    /// Publishes with quality of service 0 or 1. False when there is no room.
+    fn publish(&self, topic: String, qos: u8, retain: bool, payload: String) -> bool;
+
+    /// Sends DISCONNECT, after which [`Event::Disconnected`] comes. False when there is no room.
+    fn disconnect(&self) -> bool;
+}
+
 /// The protocol version of a connection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Version {
+pub enum Version {
     /// MQTT 5: live messages keep their retain flag (Retain As Published), and refusals have a reason.
     V5,
     /// MQTT 3.1.1.
@@ -52,17 +86,24 @@ impl fmt::Display for Version {
 
 /// An event of the connection.
 #[derive(Debug, PartialEq, Eq)]
-pub(super) enum Event {
-    /// The connection is established. The broker accepts packets of so many bytes.
-    Connected { packet_max: usize },
+pub enum Event {
+    /// The connection is established.
+    Connected {
+        /// The broker accepts packets of so many bytes.
+        packet_max: usize,
+    },
     /// A message. Over 3.1.1 its retain flag is set only if it was published before the subscription.
     Published {
+        /// The message.
         publish: Publish,
         /// Who has published it, as the embedded broker says.
         named: Named,
     },
-    /// The oldest publish is done with; `refused` gives the broker's reason.
-    Acknowledged { refused: Option<String> },
+    /// The oldest publish with quality of service 1 is done with.
+    Acknowledged {
+        /// The broker's reason, where it has not taken it.
+        refused: Option<String>,
+    },
     /// The broker refuses a subscription.
     SubscriptionRefused,
     /// The runtime's own DISCONNECT is being sent.
@@ -71,15 +112,16 @@ pub(super) enum Event {
 
 /// Why a connection ended.
 #[derive(Debug, PartialEq, Eq)]
-pub(super) struct Lost {
-    pub(super) why: String,
+pub struct Lost {
+    /// In words.
+    pub why: String,
     /// The broker was reached, and hung up like one that does not know the version.
-    pub(super) version_unknown: bool,
+    pub version_unknown: bool,
 }
 
-/// A connection, from the first attempt to its end. Dropping it ends it.
+/// A connection to a real broker.
 #[derive(Debug)]
-pub(super) struct Wire {
+pub(crate) struct BrokerWire {
     client: Client,
     events: mpsc::Receiver<Result<Event, Lost>>,
     _poller: AbortOnDropHandle<()>,
@@ -96,30 +138,33 @@ enum EventLoop {
     V3(Box<rumqttc::EventLoop>),
 }
 
-impl Wire {
-    /// Starts connecting.
-    pub(super) fn open(client_id: &str, at: &BrokerAddress, will: LastWill, version: Version) -> Self {
+impl Connect for BrokerAddress {
+    type Wire = BrokerWire;
+
+    fn open(&self, client_id: &str, will: LastWill, version: Version) -> BrokerWire {
         let (client, event_loop) = match version {
             Version::V5 => {
-                let (client, events) = v5::AsyncClient::new(options_5(client_id, at, will), CHANNEL);
+                let (client, events) = v5::AsyncClient::new(options_5(client_id, self, will), CHANNEL);
                 (Client::V5(client), EventLoop::V5(Box::new(events)))
             }
             Version::V3_1_1 => {
-                let (client, mut events) = rumqttc::AsyncClient::new(options_3(client_id, at, will), CHANNEL);
+                let (client, mut events) =
+                    rumqttc::AsyncClient::new(options_3(client_id, self, will), CHANNEL);
                 events.set_network_options(network());
                 (Client::V3(client), EventLoop::V3(Box::new(events)))
             }
         };
         let (sender, events) = mpsc::channel(CHANNEL);
-        Self {
+        BrokerWire {
             client,
             events,
             _poller: AbortOnDropHandle::new(tokio::spawn(event_loop.run(sender))),
         }
     }
+}
 
-    /// The next event. Cancel-safe.
-    pub(super) async fn next(&mut self) -> Result<Event, Lost> {
+impl Wire for BrokerWire {
+    async fn next(&mut self) -> Result<Event, Lost> {
         let ended = || Lost {
             why: "the connection has ended".to_owned(),
             version_unknown: false,
@@ -127,8 +172,7 @@ impl Wire {
         self.events.recv().await.unwrap_or_else(|| Err(ended()))
     }
 
-    /// Subscribes for delivery at least once and, over MQTT 5, with Retain As Published. False when the library is full.
-    pub(super) fn subscribe(&self, filters: impl Iterator<Item = String>) -> bool {
+    fn subscribe(&self, filters: impl Iterator<Item = String>) -> bool {
         match &self.client {
             Client::V5(client) => {
                 let filters = filters.map(|path| mqtt5::Filter {
@@ -144,8 +188,7 @@ impl Wire {
         }
     }
 
-    /// Publishes with quality of service 0 or 1. False when the library is full.
-    pub(super) fn publish(&self, topic: String, qos: u8, retain: bool, payload: String) -> bool {
+    fn publish(&self, topic: String, qos: u8, retain: bool, payload: String) -> bool {
         match &self.client {
             Client::V5(client) => {
                 let qos = qos_5(qos).unwrap_or(QoS5::AtLeastOnce);
@@ -158,8 +201,7 @@ impl Wire {
         }
     }
 
-    /// Sends DISCONNECT, after which [`Event::Disconnected`] comes. False when the library is full.
-    pub(super) fn disconnect(&self) -> bool {
+    fn disconnect(&self) -> bool {
         match &self.client {
             Client::V5(client) => client.try_disconnect().is_ok(),
             Client::V3(client) => client.try_disconnect().is_ok(),
@@ -247,9 +289,11 @@ fn event_5(event: v5::Event) -> Option<Event> {
 
 /// Who has published a message, in properties of which the broker takes away what a client writes there.
 #[derive(Debug, Default, PartialEq, Eq)]
-pub(super) struct Named {
-    pub(super) user: Option<String>,
-    pub(super) client_id: Option<String>,
+pub struct Named {
+    /// Its user.
+    pub user: Option<String>,
+    /// Its client id.
+    pub client_id: Option<String>,
 }
 
 impl Named {

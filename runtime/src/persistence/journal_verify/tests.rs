@@ -1,6 +1,5 @@
 use std::fs;
 use std::sync::Arc;
-use std::time::Instant;
 
 use plc_api::types::BootId;
 use serde_json::json;
@@ -27,7 +26,7 @@ impl Random {
 fn open(folder: &Path, bytes_max: u64) -> Files {
     let own = Own {
         boot_id: BootId("b1".to_owned()),
-        started: Instant::now(),
+        started: tokio::time::Instant::now(),
         last: Arc::default(),
     };
     Files::open(folder, bytes_max, own).unwrap()

@@ -1,0 +1,522 @@
+//! A disk in memory that keeps apart what was brought to it from what only the operating system has.
+//!
+//! A kill of the process leaves all that was written; a power cut leaves what was synced, and of the rest any sectors of
+//! each write, in any order, and of each folder's changes the first few. A process can die between any two operations.
+
+use std::cell::RefCell;
+use std::collections::{BTreeMap, BTreeSet};
+use std::io;
+use std::path::{Component, Path};
+use std::sync::Arc;
+use std::time::SystemTime;
+
+use parking_lot::Mutex;
+
+use super::{Metadata, OpenOptions, ROOT};
+
+/// Bytes that reach the disk together or not at all.
+const SECTOR: usize = 512;
+
+thread_local! {
+    static MOUNTED: RefCell<Option<Mount>> = const { RefCell::new(None) };
+}
+
+/// A disk, as one process has it mounted.
+#[derive(Debug, Clone)]
+pub(crate) struct Mount {
+    disk: Arc<Mutex<Disk>>,
+    process: u64,
+}
+
+/// Does something on the disk of a path.
+pub(super) fn on<T>(
+    path: &Path,
+    real: impl FnOnce(&Path) -> io::Result<T>,
+    simulated: impl FnOnce(&mut Disk) -> io::Result<T>,
+) -> io::Result<T> {
+    match Mount::of(path) {
+        None => real(path),
+        Some(mount) => mount.with(simulated),
+    }
+}
+
+impl Mount {
+    /// The disk that this thread has mounted at a path.
+    pub(super) fn of(path: &Path) -> Option<Self> {
+        if !path.starts_with(ROOT) {
+            return None;
+        }
+        MOUNTED.with_borrow(Clone::clone)
+    }
+
+    /// Mounts a disk in this thread for a new process; the one before has ended.
+    pub(crate) fn mount(disk: &Arc<Mutex<Disk>>) {
+        let mut locked = disk.lock();
+        locked.process += 1;
+        locked.is_dead = false;
+        let process = locked.process;
+        let disk = Arc::clone(disk);
+        MOUNTED.set(Some(Self { disk, process }));
+    }
+
+    /// This thread has no disk in memory any more.
+    pub(crate) fn unmount() {
+        MOUNTED.set(None);
+    }
+
+    /// True when the process that has the disk is to end.
+    pub(crate) fn is_dead() -> bool {
+        MOUNTED.with_borrow(|mount| mount.as_ref().is_some_and(|mount| mount.disk.lock().is_dead))
+    }
+
+    pub(super) fn is_full(&self) -> bool {
+        self.disk.lock().faults.refuses == Some(io::ErrorKind::StorageFull)
+    }
+
+    pub(super) fn with<T>(&self, work: impl FnOnce(&mut Disk) -> io::Result<T>) -> io::Result<T> {
+        let mut disk = self.disk.lock();
+        if disk.is_dead || disk.process != self.process {
+            return Err(ended());
+        }
+        work(&mut disk)
+    }
+
+    /// The number of a file, which is made if the options say so.
+    pub(super) fn open(&self, path: &Path, options: &OpenOptions) -> io::Result<u64> {
+        self.with(|disk| disk.open(path, options))
+    }
+}
+
+/// That of the disk which this thread has mounted.
+pub(crate) fn time_of_day() -> Option<SystemTime> {
+    MOUNTED.with_borrow(|mount| mount.as_ref().map(|mount| mount.disk.lock().now))
+}
+
+fn ended() -> io::Error {
+    io::Error::other("the process has ended")
+}
+
+/// What goes wrong.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Faults {
+    /// Writes are refused so.
+    pub refuses: Option<io::ErrorKind>,
+    /// The process dies at this operation that changes something, counted from the mount of the disk.
+    pub dies_at: Option<u64>,
+    /// Syncs do nothing, as on a disk that lies.
+    pub forgets_syncs: bool,
+    /// Lines of JSON at an offset are forgotten, as by a defect of the program: those of the ring of the journal.
+    pub forgets_ahead: bool,
+}
+
+/// A disk.
+#[derive(Debug)]
+pub(crate) struct Disk {
+    nodes: BTreeMap<u64, Node>,
+    next: u64,
+    process: u64,
+    is_dead: bool,
+    /// Operations that have changed something since the start of the process.
+    pub operations: u64,
+    pub faults: Faults,
+    /// The time of day.
+    pub now: SystemTime,
+    random: u64,
+}
+
+#[derive(Debug, Clone)]
+enum Node {
+    File(FileNode),
+    Folder(FolderNode),
+}
+
+#[derive(Debug, Clone)]
+pub(super) struct FileNode {
+    pub now: Vec<u8>,
+    kept: Vec<u8>,
+    pending: Vec<Change>,
+    modified: SystemTime,
+}
+
+#[derive(Debug, Clone)]
+pub(super) enum Change {
+    Write(u64, Vec<u8>),
+    SetLen(u64),
+}
+
+#[derive(Debug, Clone, Default)]
+struct FolderNode {
+    now: BTreeMap<String, u64>,
+    kept: BTreeMap<String, u64>,
+    pending: Vec<Entry>,
+}
+
+#[derive(Debug, Clone)]
+enum Entry {
+    Link(String, u64),
+    Unlink(String),
+    Rename(String, String),
+}
+
+impl Entry {
+    fn apply(&self, names: &mut BTreeMap<String, u64>) {
+        match self {
+            Self::Link(name, ino) => {
+                names.insert(name.clone(), *ino);
+            }
+            Self::Unlink(name) => {
+                names.remove(name);
+            }
+            Self::Rename(from, to) => {
+                if let Some(ino) = names.remove(from) {
+                    names.insert(to.clone(), ino);
+                }
+            }
+        }
+    }
+}
+
+impl Change {
+    fn apply(&self, bytes: &mut Vec<u8>) {
+        match self {
+            Self::Write(at, data) => put(bytes, *at, data),
+            Self::SetLen(length) => bytes.resize(usize::try_from(*length).unwrap(), 0),
+        }
+    }
+}
+
+fn put(bytes: &mut Vec<u8>, at: u64, data: &[u8]) {
+    let at = usize::try_from(at).unwrap();
+    if bytes.len() < at + data.len() {
+        bytes.resize(at + data.len(), 0);
+    }
+    bytes[at..at + data.len()].copy_from_slice(data);
+}
+
+fn missing() -> io::Error {
+    io::ErrorKind::NotFound.into()
+}
+
+const ROOT_INO: u64 = 1;
+
+impl Disk {
+    pub fn new(seed: u64, now: SystemTime) -> Self {
+        Self {
+            nodes: BTreeMap::from([(ROOT_INO, Node::Folder(FolderNode::default()))]),
+            next: ROOT_INO + 1,
+            process: 0,
+            is_dead: false,
+            operations: 0,
+            faults: Faults::default(),
+            now,
+            random: seed,
+        }
+    }
+
+    fn chance(&mut self, of: u64) -> u64 {
+        self.random = (self.random)
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (self.random >> 33) % of
+    }
+
+    /// Each operation that changes something begins here.
+    fn change(&mut self) -> io::Result<()> {
+        self.operations += 1;
+        if self.faults.dies_at.is_some_and(|at| self.operations >= at) {
+            self.kill();
+            return Err(ended());
+        }
+        match self.faults.refuses {
+            Some(kind) => Err(kind.into()),
+            None => Ok(()),
+        }
+    }
+
+    /// The process ends here: nothing that it does from now on reaches the disk.
+    pub fn kill(&mut self) {
+        self.is_dead = true;
+        self.faults.dies_at = None;
+    }
+
+    fn find(&self, path: &Path) -> io::Result<u64> {
+        let mut ino = ROOT_INO;
+        for part in path.strip_prefix(ROOT).map_err(|_| missing())?.components() {
+            let Component::Normal(name) = part else { continue };
+            let Some(Node::Folder(folder)) = self.nodes.get(&ino) else {
+                return Err(io::ErrorKind::NotADirectory.into());
+            };
+            ino = *folder.now.get(name.to_str().unwrap()).ok_or_else(missing)?;
+        }
+        Ok(ino)
+    }
+
+    fn folder_of(&mut self, path: &Path) -> io::Result<(&mut FolderNode, String)> {
+        let name = path.file_name().ok_or_else(missing)?.to_str().unwrap().to_owned();
+        let ino = self.find(path.parent().ok_or_else(missing)?)?;
+        match self.nodes.get_mut(&ino) {
+            Some(Node::Folder(folder)) => Ok((folder, name)),
+            _ => Err(io::ErrorKind::NotADirectory.into()),
+        }
+    }
+
+    fn enter(&mut self, path: &Path, entry: impl FnOnce(String) -> Entry) -> io::Result<()> {
+        let (folder, name) = self.folder_of(path)?;
+        let entry = entry(name);
+        entry.apply(&mut folder.now);
+        folder.pending.push(entry);
+        Ok(())
+    }
+
+    fn add(&mut self, path: &Path, node: Node) -> io::Result<u64> {
+        self.change()?;
+        let ino = self.next;
+        self.enter(path, |name| Entry::Link(name, ino))?;
+        self.next += 1;
+        self.nodes.insert(ino, node);
+        Ok(ino)
+    }
+
+    fn open(&mut self, path: &Path, options: &OpenOptions) -> io::Result<u64> {
+        match self.find(path) {
+            Ok(_) if options.create_new => Err(io::ErrorKind::AlreadyExists.into()),
+            Ok(ino) => Ok(ino),
+            Err(error)
+                if error.kind() == io::ErrorKind::NotFound && (options.create || options.create_new) =>
+            {
+                let file = FileNode {
+                    now: Vec::new(),
+                    kept: Vec::new(),
+                    pending: Vec::new(),
+                    modified: self.now,
+                };
+                self.add(path, Node::File(file))
+            }
+            Err(error) => Err(error),
+        }
+    }
+
+    pub(super) fn make_folder(&mut self, path: &Path, is_recursive: bool) -> io::Result<()> {
+        match self.find(path) {
+            Ok(_) if is_recursive => return Ok(()),
+            Ok(_) => return Err(io::ErrorKind::AlreadyExists.into()),
+            Err(_) => {}
+        }
+        if let Some(parent) = path.parent().filter(|_| is_recursive && path != Path::new(ROOT)) {
+            self.make_folder(parent, true)?;
+        }
+        self.add(path, Node::Folder(FolderNode::default())).map(drop)
+    }
+
+    pub(super) fn names(&self, path: &Path) -> io::Result<Vec<String>> {
+        match &self.nodes[&self.find(path)?] {
+            Node::Folder(folder) => Ok(folder.now.keys().cloned().collect()),
+            Node::File(_) => Err(io::ErrorKind::NotADirectory.into()),
+        }
+    }
+
+    pub(super) fn metadata(&self, path: &Path) -> io::Result<Metadata> {
+        self.metadata_of(self.find(path)?)
+    }
+
+    pub(super) fn metadata_of(&self, ino: u64) -> io::Result<Metadata> {
+        let simulated = |is_folder, length: usize, modified| Metadata::Simulated {
+            is_folder,
+            length: length as u64,
+            modified,
+            ino,
+        };
+        Ok(match self.nodes.get(&ino).ok_or_else(missing)? {
+            Node::File(file) => simulated(false, file.now.len(), file.modified),
+            Node::Folder(_) => simulated(true, 0, self.now),
+        })
+    }
+
+    pub(super) fn remove(&mut self, path: &Path) -> io::Result<()> {
+        if let Node::Folder(_) = self.nodes[&self.find(path)?] {
+            return Err(io::ErrorKind::IsADirectory.into());
+        }
+        self.change()?;
+        self.enter(path, Entry::Unlink)
+    }
+
+    /// Both names are in one folder.
+    pub(super) fn rename(&mut self, from: &Path, to: &Path) -> io::Result<()> {
+        self.find(from)?;
+        self.change()?;
+        let to = to.file_name().unwrap().to_str().unwrap().to_owned();
+        self.enter(from, |from| Entry::Rename(from, to))
+    }
+
+    pub(super) fn copy(&mut self, from: &Path, to: &Path) -> io::Result<u64> {
+        let Node::File(mut file) = self.nodes[&self.find(from)?].clone() else {
+            return Err(io::ErrorKind::IsADirectory.into());
+        };
+        file.kept = Vec::new();
+        file.pending = vec![Change::Write(0, file.now.clone())];
+        let length = file.now.len() as u64;
+        self.add(to, Node::File(file))?;
+        Ok(length)
+    }
+
+    pub(super) fn file(&mut self, ino: u64) -> io::Result<&mut FileNode> {
+        match self.nodes.get_mut(&ino) {
+            Some(Node::File(file)) => Ok(file),
+            Some(Node::Folder(_)) => Err(io::ErrorKind::IsADirectory.into()),
+            None => Err(missing()),
+        }
+    }
+
+    pub(super) fn alter(&mut self, ino: u64, change: Change) -> io::Result<()> {
+        let allowed = self.change();
+        let now = self.now;
+        let change = match (allowed, change) {
+            (Ok(()), change) => change,
+            // part of a write may have arrived
+            (Err(error), Change::Write(at, mut bytes)) => {
+                let part = usize::try_from(self.chance(bytes.len() as u64 + 1)).unwrap();
+                bytes.truncate(part);
+                let file = self.file(ino)?;
+                let change = Change::Write(at, bytes);
+                change.apply(&mut file.now);
+                file.pending.push(change);
+                return Err(error);
+            }
+            (Err(error), Change::SetLen(_)) => return Err(error),
+        };
+        let file = self.file(ino)?;
+        file.modified = now;
+        change.apply(&mut file.now);
+        file.pending.push(change);
+        Ok(())
+    }
+
+    pub(super) fn sync(&mut self, ino: u64) -> io::Result<()> {
+        self.change()?;
+        if self.faults.forgets_syncs {
+            return Ok(());
+        }
+        match self.nodes.get_mut(&ino).ok_or_else(missing)? {
+            Node::File(file) => {
+                for change in std::mem::take(&mut file.pending) {
+                    change.apply(&mut file.kept);
+                }
+            }
+            Node::Folder(folder) => {
+                for entry in std::mem::take(&mut folder.pending) {
+                    entry.apply(&mut folder.kept);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The power goes: what is left is what is kept, and any part of what was not synced.
+    pub fn cut_power(&mut self) {
+        self.kill();
+        let all: Vec<u64> = self.nodes.keys().copied().collect();
+        for ino in all {
+            let Some(mut node) = self.nodes.remove(&ino) else {
+                continue;
+            };
+            match &mut node {
+                Node::File(file) => self.cut_file(file),
+                Node::Folder(folder) => {
+                    let some = usize::try_from(self.chance(folder.pending.len() as u64 + 1)).unwrap();
+                    for entry in folder.pending.drain(..).take(some) {
+                        entry.apply(&mut folder.kept);
+                    }
+                    folder.now.clone_from(&folder.kept);
+                }
+            }
+            self.nodes.insert(ino, node);
+        }
+        let folders = self.nodes.values().filter_map(|node| match node {
+            Node::Folder(folder) => Some(folder.now.values().copied()),
+            Node::File(_) => None,
+        });
+        let named: BTreeSet<u64> = folders.flatten().chain([ROOT_INO]).collect();
+        self.nodes.retain(|ino, _| named.contains(ino));
+    }
+
+    fn cut_file(&mut self, file: &mut FileNode) {
+        let pending = std::mem::take(&mut file.pending);
+        if pending.is_empty() {
+            return;
+        }
+        let all_or_none = self.chance(4);
+        for change in pending {
+            match change {
+                _ if all_or_none == 0 => {}
+                change if all_or_none == 1 => change.apply(&mut file.kept),
+                Change::SetLen(_) => {
+                    if self.chance(2) == 0 {
+                        change.apply(&mut file.kept);
+                    }
+                }
+                Change::Write(mut at, bytes) => {
+                    let mut rest = bytes.as_slice();
+                    while !rest.is_empty() {
+                        let room = SECTOR - usize::try_from(at).unwrap() % SECTOR;
+                        let (sector, after) = rest.split_at(room.min(rest.len()));
+                        if self.chance(2) == 0 {
+                            put(&mut file.kept, at, sector);
+                        }
+                        at += sector.len() as u64;
+                        rest = after;
+                    }
+                }
+            }
+        }
+        file.now.clone_from(&file.kept);
+    }
+
+    /// Flips a bit in one of the files whose names `is_meant` wants; gives its name.
+    pub fn flip(&mut self, is_meant: impl Fn(&str) -> bool) -> Option<String> {
+        let mut files = Vec::new();
+        for node in self.nodes.values() {
+            if let Node::Folder(folder) = node {
+                let named = folder.now.iter().filter(|(name, _)| is_meant(name));
+                files.extend(named.map(|(name, ino)| (name.clone(), *ino)));
+            }
+        }
+        files.retain(|(_, ino)| matches!(&self.nodes[ino], Node::File(file) if !file.now.is_empty()));
+        let chosen = self.chance((files.len() as u64).max(1));
+        let (name, ino) = files.get(usize::try_from(chosen).unwrap())?.clone();
+        let (place, bit) = (self.chance(1 << 30), self.chance(8));
+        let file = self.file(ino).ok()?;
+        let place = usize::try_from(place).unwrap() % file.now.len();
+        file.now[place] ^= 1 << bit;
+        file.kept.clone_from(&file.now);
+        file.pending.clear();
+        Some(name)
+    }
+
+    /// As it is now, for a disk that forgets everything since.
+    pub fn snapshot(&self) -> Self {
+        let faults = self.faults.clone();
+        Self {
+            nodes: self.nodes.clone(),
+            faults,
+            ..*self
+        }
+    }
+
+    /// Content and names of a snapshot.
+    pub fn restore(&mut self, earlier: &Self) {
+        self.nodes.clone_from(&earlier.nodes);
+        self.next = self.next.max(earlier.next);
+    }
+
+    /// A number that depends on all of its content.
+    pub fn sum(&self) -> u32 {
+        let mut hasher = crc32fast::Hasher::new();
+        for node in self.nodes.values() {
+            match node {
+                Node::File(file) => hasher.update(&file.now),
+                Node::Folder(folder) => folder.now.keys().for_each(|name| hasher.update(name.as_bytes())),
+            }
+        }
+        hasher.finalize()
+    }
+}

@@ -1,0 +1,141 @@
+//! Threads of their own for work that waits for a disk. In tests with a simulated world each is a task, which takes its
+//! turns on the simulated clock.
+
+use std::io;
+use std::time::Duration;
+
+/// What such a thread does, in rounds.
+pub(crate) trait Work: Send + 'static {
+    /// How long a round may wait for messages.
+    fn patience(&self) -> Duration;
+
+    /// How long what has come may lie: at least so often a simulated thread has a round.
+    #[cfg(test)]
+    fn delay(&self) -> Duration {
+        self.patience()
+    }
+
+    /// Waits for messages so long at the most, and does what is due. False: it has ended.
+    fn round(&mut self, patience: Duration) -> bool;
+}
+
+#[cfg(not(test))]
+pub(crate) use real::Thread;
+#[cfg(test)]
+pub(crate) use simulated::{Rounds, Thread, simulate, stop_simulating};
+
+#[cfg_attr(test, allow(dead_code, reason = "tests take the names of the simulated ones"))]
+mod real {
+    use std::thread::{Builder, JoinHandle};
+
+    use super::{Work, io};
+
+    /// A thread.
+    #[derive(Debug)]
+    pub(crate) struct Thread(JoinHandle<()>);
+
+    impl Thread {
+        /// # Errors
+        /// The operating system gives no thread.
+        pub fn start(name: &str, mut work: impl Work) -> io::Result<Self> {
+            let rounds = move || while work.round(work.patience()) {};
+            Builder::new().name(name.to_owned()).spawn(rounds).map(Self)
+        }
+
+        /// Waits for its end.
+        pub fn join(self) {
+            // A thread that has ended is joined all the same.
+            let _ = self.0.join();
+        }
+    }
+}
+
+#[cfg(test)]
+mod simulated {
+    use std::cell::RefCell;
+    use std::sync::Arc;
+
+    use parking_lot::Mutex;
+    use tokio::task::AbortHandle;
+
+    use super::{Duration, Work, io, real};
+
+    /// All simulated threads of the process, of which each may have ended.
+    type All = Vec<(AbortHandle, Arc<Mutex<dyn Work>>)>;
+
+    thread_local! {
+        static ALL: RefCell<Option<All>> = const { RefCell::new(None) };
+    }
+
+    /// From now on this thread's threads are tasks.
+    pub(crate) fn simulate() {
+        ALL.set(Some(Vec::new()));
+    }
+
+    /// The threads of a process end with it.
+    pub(crate) fn stop_simulating() {
+        for (task, _) in ALL.take().into_iter().flatten() {
+            task.abort();
+        }
+    }
+
+    #[derive(Debug)]
+    pub(crate) enum Thread {
+        Real(real::Thread),
+        Simulated(Rounds),
+    }
+
+    /// The rounds of a simulated thread.
+    #[derive(Clone)]
+    pub(crate) struct Rounds(Arc<Mutex<dyn Work>>);
+
+    impl std::fmt::Debug for Rounds {
+        fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+            f.write_str("Rounds")
+        }
+    }
+
+    impl Thread {
+        pub fn start(name: &str, work: impl Work) -> io::Result<Self> {
+            if !ALL.with_borrow(Option::is_some) {
+                return real::Thread::start(name, work).map(Self::Real);
+            }
+            let work: Arc<Mutex<dyn Work>> = Arc::new(Mutex::new(work));
+            let of_task = Arc::clone(&work);
+            let task = tokio::spawn(async move {
+                loop {
+                    let pause = of_task.lock().delay();
+                    tokio::time::sleep(pause.max(Duration::from_millis(1))).await;
+                    if !of_task.lock().round(Duration::ZERO) {
+                        return;
+                    }
+                }
+            });
+            let of_process = (task.abort_handle(), Arc::clone(&work));
+            ALL.with_borrow_mut(|all| all.as_mut().unwrap().push(of_process));
+            Ok(Self::Simulated(Rounds(work)))
+        }
+
+        pub fn join(self) {
+            match self {
+                Self::Real(thread) => thread.join(),
+                // the last round ends it
+                Self::Simulated(rounds) => drop(rounds.0.lock().round(Duration::ZERO)),
+            }
+        }
+
+        /// A round at once, of a simulated thread.
+        pub fn rounds(&self) -> Option<Rounds> {
+            match self {
+                Self::Real(_) => None,
+                Self::Simulated(rounds) => Some(rounds.clone()),
+            }
+        }
+    }
+
+    impl Rounds {
+        pub fn take_one(&self) {
+            self.0.lock().round(Duration::ZERO);
+        }
+    }
+}

@@ -1,0 +1,144 @@
+//! A world for the whole runtime: its tasks, disk, day clock, MQTT broker, operators and handlers, all driven by one seed.
+//!
+//! All of it runs in one thread, in the time of an executor that is paused: when nobody has anything to do, it is the
+//! time of whoever is due next. The machine is the real one, from the gateway's MQTT end to the servo cycle; the disk
+//! ([`crate::disk::simulated`]), the threads ([`crate::threads`]), and the broker ([`broker`]) are models of theirs. Each seed is a
+//! history ([`history`]): several starts of the machine with faults, each of which ends in order, by a kill, or by a power
+//! cut. What its clients saw is checked against what they asked ([`truth`]).
+//!
+//! `TANDEM_SEEDS=7..8 TANDEM_TRACE=1 cargo test -p tandem-runtime --lib world::seeds -- --nocapture` repeats seed 7.
+
+mod broker;
+mod handler;
+mod history;
+mod operator;
+mod process;
+mod random;
+mod trace;
+mod truth;
+mod witness;
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant;
+
+use history::{History, Mutation, Outcome};
+use truth::Rule;
+
+/// Name of the machine, and root of its topics.
+const MACHINE: &str = "mill";
+const ROOT: &str = "tandem/v1/mill/";
+
+/// Seeds of every run of the tests.
+const SEEDS: std::ops::Range<u64> = 0..500;
+
+/// The history of a seed.
+fn play(seed: u64, mutation: Option<Mutation>) -> Outcome {
+    let played = catch_unwind(AssertUnwindSafe(|| History::new(seed, mutation).play()));
+    crate::disk::simulated::memory::Mount::unmount();
+    crate::threads::stop_simulating();
+    played.unwrap_or_else(|_| Outcome::panicked())
+}
+
+/// The seeds of `TANDEM_SEEDS=A..B`, or those of every run.
+fn wanted() -> std::ops::Range<u64> {
+    let Ok(text) = std::env::var("TANDEM_SEEDS") else {
+        return SEEDS;
+    };
+    let ends = text
+        .split_once("..")
+        .and_then(|(from, to)| Some(from.parse().ok()?..to.parse().ok()?));
+    ends.unwrap_or_else(|| panic!("TANDEM_SEEDS={text}: write A..B"))
+}
+
+#[test]
+fn seeds() {
+    let seeds = wanted();
+    let (next, done, failed) = (AtomicU64::new(seeds.start), AtomicU64::new(0), AtomicU64::new(0));
+    let begun = Instant::now();
+    let threads: u64 = std::env::var("TANDEM_SEED_THREADS").map_or(2, |text| text.parse().unwrap());
+    std::thread::scope(|scope| {
+        for _ in 0..threads {
+            scope.spawn(|| {
+                loop {
+                    let seed = next.fetch_add(1, Ordering::Relaxed);
+                    if seed >= seeds.end {
+                        return;
+                    }
+                    let outcome = play(seed, None);
+                    done.fetch_add(1, Ordering::Relaxed);
+                    for broken in &outcome.broken {
+                        failed.fetch_add(1, Ordering::Relaxed);
+                        say(&format!(
+                            "seed {seed}: {:?}: {}\nrepeat it: TANDEM_TRACE=1 TANDEM_SEEDS={seed}..{} cargo test -p \
+                             tandem-runtime --lib world::seeds -- --nocapture",
+                            broken.rule,
+                            broken.how,
+                            seed + 1
+                        ));
+                    }
+                }
+            });
+        }
+    });
+    let (done, failed) = (done.into_inner(), failed.into_inner());
+    let took_s = begun.elapsed().as_secs_f64();
+    say(&format!(
+        "{done} seeds of {seeds:?} in {took_s:.1} s, {:.1} a second: {failed} broken rules",
+        done as f64 / took_s
+    ));
+    assert_eq!(failed, 0);
+}
+
+#[expect(clippy::print_stderr, reason = "this is what the test is run for")]
+fn say(text: &str) {
+    eprintln!("{text}");
+}
+
+#[test]
+fn equal_seeds_give_equal_histories() {
+    for seed in 0..20 {
+        let (first, second) = (play(seed, None), play(seed, None));
+        assert_eq!(first.sum, second.sum, "seed {seed}");
+        assert!(first.completed > 0 || seed > 0, "something happens");
+    }
+}
+
+/// A world with this defect is found out by this rule within some seeds.
+fn is_found(mutation: Mutation, rule: Rule) {
+    let found = (1000..1100).find(|seed| {
+        let broken = play(*seed, Some(mutation)).broken;
+        broken.iter().any(|broken| broken.rule == rule)
+    });
+    assert!(found.is_some(), "{mutation:?} is never found by {rule:?}");
+}
+
+#[test]
+fn a_disk_that_lies_about_syncs_is_found() {
+    is_found(Mutation::ForgetsSyncs, Rule::Kept);
+}
+
+#[test]
+fn a_disk_that_goes_back_to_an_older_state_is_found() {
+    is_found(Mutation::GoesBack, Rule::Kept);
+}
+
+#[test]
+fn a_journal_without_its_ring_is_found() {
+    is_found(Mutation::ForgetsAhead, Rule::Told);
+}
+
+#[test]
+fn an_output_of_two_owners_is_found() {
+    is_found(Mutation::TakesAllClaims, Rule::Owner);
+}
+
+#[test]
+fn a_motion_that_nobody_commanded_is_found() {
+    is_found(Mutation::Moves, Rule::Motion);
+}
+
+#[test]
+fn a_machine_that_does_not_start_is_found() {
+    is_found(Mutation::NoProgram, Rule::Starts);
+}

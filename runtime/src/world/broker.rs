@@ -1,0 +1,474 @@
+//! A model of an MQTT broker and of the network to it. What it promises is what MQTT promises, and no more.
+//!
+//! Messages of one connection arrive in order, those of several in any; with quality of service 1 at least once. A
+//! connection that breaks takes what is on its way in either direction, from some message on. A will comes when the broker
+//! notices, retained messages at each subscription, and a broker that dies forgets sessions, and perhaps what it retains.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Duration;
+
+use parking_lot::Mutex;
+use plc_api::transport::backoff::Backoff;
+use rumqttc::{LastWill, Publish, QoS};
+use tandem_gateway::{Connect, Event, Lost, Named, Version, Wire};
+use tokio::sync::{Notify, mpsc};
+use tokio::time::Instant;
+
+use super::random::Random;
+use super::trace::Trace;
+use crate::disk::simulated::memory::Mount;
+
+/// What the model does beside what is asked of it.
+#[derive(Debug, Clone)]
+pub(super) struct Network {
+    /// Longest delay of a message, ms.
+    pub delay_ms: u64,
+    /// How many messages of 100 with quality of service 1 are delivered twice.
+    pub duplicates: u64,
+}
+
+#[derive(Debug)]
+enum Step {
+    Connected(u64),
+    /// From a client.
+    Arrived(u64, Message),
+    /// To a client.
+    Delivered(u64, Event),
+    Will(Message),
+}
+
+#[derive(Debug, Clone)]
+struct Message {
+    topic: String,
+    payload: Vec<u8>,
+    qos: u8,
+    retain: bool,
+}
+
+#[derive(Debug)]
+struct Connection {
+    client_id: String,
+    filters: Vec<String>,
+    will: Option<Message>,
+    events: mpsc::UnboundedSender<Result<Event, Lost>>,
+    // the newest message on its way in each direction
+    up: Instant,
+    down: Instant,
+    is_up: bool,
+}
+
+#[derive(Debug)]
+struct State {
+    random: Random,
+    network: Network,
+    is_up: bool,
+    is_calm: bool,
+    connections: BTreeMap<u64, Connection>,
+    retained: BTreeMap<String, Vec<u8>>,
+    steps: BTreeMap<(Instant, u64), Step>,
+    count: u64,
+}
+
+/// The broker, as its clients and the faults reach it.
+#[derive(Debug, Clone)]
+pub(super) struct Broker {
+    state: Arc<Mutex<State>>,
+    wake: Arc<Notify>,
+    trace: Trace,
+}
+
+impl Broker {
+    /// Begins to deliver.
+    pub fn start(random: Random, network: Network, trace: Trace) -> Self {
+        let broker = Self {
+            state: Arc::new(Mutex::new(State {
+                random,
+                network,
+                is_up: true,
+                is_calm: false,
+                connections: BTreeMap::new(),
+                retained: BTreeMap::new(),
+                steps: BTreeMap::new(),
+                count: 0,
+            })),
+            wake: Arc::default(),
+            trace,
+        };
+        let delivering = broker.clone();
+        tokio::spawn(async move { delivering.deliver().await });
+        broker
+    }
+
+    async fn deliver(&self) {
+        loop {
+            let next = self.state.lock().steps.keys().next().map(|(at, _)| *at);
+            match next {
+                None => self.wake.notified().await,
+                Some(at) if at > Instant::now() => {
+                    tokio::select! {
+                        biased;
+                        () = tokio::time::sleep_until(at) => {}
+                        () = self.wake.notified() => {}
+                    }
+                }
+                Some(_) => {
+                    let step = self.state.lock().steps.pop_first();
+                    if let Some((_, step)) = step {
+                        self.take(step);
+                    }
+                    // whoever got it works first
+                    tokio::task::yield_now().await;
+                }
+            }
+        }
+    }
+
+    fn take(&self, step: Step) {
+        let mut state = self.state.lock();
+        match step {
+            Step::Connected(number) => state.connected(number),
+            Step::Arrived(number, message) => state.arrived(Some(number), &message),
+            Step::Will(message) => state.arrived(None, &message),
+            Step::Delivered(number, event) => {
+                if let Some(connection) = state.connections.get(&number) {
+                    if let Event::Published { publish, .. } = &event {
+                        let text = String::from_utf8_lossy(&publish.payload);
+                        let (client, topic) = (&connection.client_id, &publish.topic);
+                        self.trace
+                            .line(format_args!("to {client}: {topic} {} {text}", publish.retain));
+                    }
+                    // a client may have gone
+                    let _ = connection.events.send(Ok(event));
+                }
+            }
+        }
+    }
+
+    /// Cuts the connections of a client, or of all.
+    pub fn cut(&self, client_id: Option<&str>) {
+        let mut state = self.state.lock();
+        let cut = state
+            .connections
+            .iter()
+            .filter(|(_, connection)| client_id.is_none_or(|client_id| connection.client_id == client_id));
+        let numbers: Vec<u64> = cut.map(|(number, _)| *number).collect();
+        for number in numbers {
+            state.cut(number, true);
+        }
+        drop(state);
+        self.wake.notify_one();
+    }
+
+    /// The broker dies, and is gone for some time.
+    pub async fn die(&self, time: Duration) {
+        {
+            let mut state = self.state.lock();
+            state.is_up = false;
+            let numbers: Vec<u64> = state.connections.keys().copied().collect();
+            for number in numbers {
+                state.cut(number, false);
+            }
+            state.steps.clear();
+            if state.random.percent(50) {
+                state.retained.clear();
+            }
+        }
+        tokio::time::sleep(time).await;
+        self.state.lock().is_up = true;
+    }
+
+    /// From now on nothing goes wrong.
+    pub fn calm(&self) {
+        let mut state = self.state.lock();
+        (state.is_up, state.is_calm) = (true, true);
+        state.network.duplicates = 0;
+        state.network.delay_ms = 5;
+    }
+
+    /// True when nothing goes wrong any more.
+    pub fn is_calm(&self) -> bool {
+        self.state.lock().is_calm
+    }
+
+    fn open(&self, client_id: &str, will: Option<Message>) -> ModelWire {
+        let (events, inbox) = mpsc::unbounded_channel();
+        let mut state = self.state.lock();
+        state.count += 1;
+        let (number, now) = (state.count, Instant::now());
+        if state.is_up {
+            let connection = Connection {
+                client_id: client_id.to_owned(),
+                filters: Vec::new(),
+                will,
+                events,
+                up: now,
+                down: now,
+                is_up: false,
+            };
+            state.connections.insert(number, connection);
+            let at = now + state.delay();
+            state.push(at, Step::Connected(number));
+        } else {
+            let _ = events.send(Err(lost("connection refused")));
+        }
+        drop(state);
+        self.wake.notify_one();
+        ModelWire {
+            broker: self.clone(),
+            number,
+            inbox,
+            // only the runtime's own process ends with its disk
+            is_mortal: false,
+        }
+    }
+}
+
+fn lost(why: &str) -> Lost {
+    Lost {
+        why: why.to_owned(),
+        version_unknown: false,
+    }
+}
+
+fn matches(filter: &str, topic: &str) -> bool {
+    let (mut filter, mut topic) = (filter.split('/'), topic.split('/'));
+    loop {
+        match (filter.next(), topic.next()) {
+            (Some("#"), _) | (None, None) => return true,
+            (Some("+"), Some(_)) => {}
+            (Some(wanted), Some(level)) if wanted == level => {}
+            _ => return false,
+        }
+    }
+}
+
+impl State {
+    fn delay(&mut self) -> Duration {
+        let longest = self.network.delay_ms;
+        self.random.ms(0, longest)
+    }
+
+    fn push(&mut self, at: Instant, step: Step) {
+        self.count += 1;
+        self.steps.insert((at, self.count), step);
+    }
+
+    /// To a client, in order.
+    fn send(&mut self, number: u64, event: Event) {
+        let delay = self.delay();
+        if let Some(connection) = self.connections.get_mut(&number) {
+            let at = (Instant::now() + delay).max(connection.down);
+            connection.down = at;
+            self.push(at, Step::Delivered(number, event));
+        }
+    }
+
+    fn connected(&mut self, number: u64) {
+        let Some(connection) = self.connections.get_mut(&number) else {
+            return;
+        };
+        connection.is_up = true;
+        let client_id = connection.client_id.clone();
+        // a second connection of a client ends the first
+        let same = |(other, connection): (&u64, &Connection)| {
+            (*other < number && connection.client_id == client_id).then_some(*other)
+        };
+        let older: Vec<u64> = self.connections.iter().filter_map(same).collect();
+        for other in older {
+            self.cut(other, true);
+        }
+        self.send(number, Event::Connected { packet_max: 1 << 20 });
+    }
+
+    fn arrived(&mut self, from: Option<u64>, message: &Message) {
+        if message.retain && message.payload.is_empty() {
+            self.retained.remove(&message.topic);
+        } else if message.retain {
+            self.retained
+                .insert(message.topic.clone(), message.payload.clone());
+        }
+        let times = 1 + u8::from(message.qos > 0 && self.random.percent(self.network.duplicates));
+        for _ in 0..times {
+            self.fan_out(message);
+        }
+        if let Some(number) = from.filter(|_| message.qos > 0) {
+            self.send(number, Event::Acknowledged { refused: None });
+        }
+    }
+
+    fn fan_out(&mut self, message: &Message) {
+        let wanting = self.connections.iter().filter(|(_, connection)| {
+            (connection.filters.iter()).any(|filter| matches(filter, &message.topic))
+        });
+        let numbers: Vec<u64> = wanting.map(|(number, _)| *number).collect();
+        for number in numbers {
+            self.send(number, published(message, message.retain));
+        }
+    }
+
+    fn subscribe(&mut self, number: u64, filters: Vec<String>) {
+        let fits = |topic: &str| filters.iter().any(|filter| matches(filter, topic));
+        let kept: Vec<Message> = (self.retained.iter())
+            .filter(|(topic, _)| fits(topic))
+            .map(|(topic, payload)| Message {
+                topic: topic.clone(),
+                payload: payload.clone(),
+                qos: 1,
+                retain: true,
+            })
+            .collect();
+        if let Some(connection) = self.connections.get_mut(&number) {
+            connection.filters.extend(filters);
+        }
+        for message in kept {
+            self.send(number, published(&message, true));
+        }
+    }
+
+    /// A connection breaks: of what is on its way, what comes before some message arrives.
+    fn cut(&mut self, number: u64, is_noticed: bool) {
+        let Some(connection) = self.connections.remove(&number) else {
+            return;
+        };
+        let last = Instant::now() + self.delay();
+        let steps = std::mem::take(&mut self.steps);
+        self.steps = steps
+            .into_iter()
+            .filter(|((at, _), step)| match step {
+                Step::Arrived(from, _) => *from != number || *at <= last,
+                Step::Delivered(to, _) => *to != number,
+                _ => true,
+            })
+            .collect();
+        // a client that has gone hears nothing
+        let _ = connection.events.send(Err(lost("the connection was reset")));
+        if let Some(will) = connection.will.filter(|_| is_noticed && connection.is_up) {
+            // at once, or when the keep-alive has passed; behind what has arrived
+            let noticed = last
+                + if self.random.percent(60) {
+                    self.delay()
+                } else {
+                    self.random.ms(1000, 8000)
+                };
+            self.push(noticed.max(last), Step::Will(will));
+        }
+    }
+}
+
+fn published(message: &Message, retain: bool) -> Event {
+    let mut publish = Publish::new(message.topic.clone(), QoS::AtLeastOnce, message.payload.clone());
+    publish.retain = retain;
+    Event::Published {
+        publish,
+        named: Named::default(),
+    }
+}
+
+/// A client's connection.
+pub(super) struct ModelWire {
+    broker: Broker,
+    number: u64,
+    inbox: mpsc::UnboundedReceiver<Result<Event, Lost>>,
+    is_mortal: bool,
+}
+
+impl ModelWire {
+    fn up(&self, message: Message) -> bool {
+        if self.is_mortal && Mount::is_dead() {
+            return true;
+        }
+        let mut state = self.broker.state.lock();
+        let delay = state.delay();
+        if let Some(connection) = state.connections.get_mut(&self.number) {
+            let at = (Instant::now() + delay).max(connection.up);
+            connection.up = at;
+            state.push(at, Step::Arrived(self.number, message));
+        }
+        drop(state);
+        self.broker.wake.notify_one();
+        true
+    }
+}
+
+impl Wire for ModelWire {
+    async fn next(&mut self) -> Result<Event, Lost> {
+        self.inbox
+            .recv()
+            .await
+            .unwrap_or_else(|| Err(lost("it has ended")))
+    }
+
+    fn subscribe(&self, filters: impl Iterator<Item = String>) -> bool {
+        self.broker.state.lock().subscribe(self.number, filters.collect());
+        self.broker.wake.notify_one();
+        true
+    }
+
+    fn publish(&self, topic: String, qos: u8, retain: bool, payload: String) -> bool {
+        self.up(Message {
+            topic,
+            payload: payload.into_bytes(),
+            qos,
+            retain,
+        })
+    }
+
+    fn disconnect(&self) -> bool {
+        let mut state = self.broker.state.lock();
+        if let Some(connection) = state.connections.get_mut(&self.number) {
+            connection.will = None;
+        }
+        state.send(self.number, Event::Disconnected);
+        drop(state);
+        self.broker.wake.notify_one();
+        true
+    }
+}
+
+impl Drop for ModelWire {
+    fn drop(&mut self) {
+        self.broker.state.lock().cut(self.number, true);
+        self.broker.wake.notify_one();
+    }
+}
+
+/// How the runtime and other clients connect.
+#[derive(Debug, Clone)]
+pub(super) struct Connector {
+    pub broker: Broker,
+    pub seed: u64,
+}
+
+impl Connect for Connector {
+    type Wire = ModelWire;
+
+    fn open(&self, client_id: &str, will: LastWill, _: Version) -> ModelWire {
+        let will = Message {
+            topic: will.topic,
+            payload: will.message.to_vec(),
+            qos: 1,
+            retain: will.retain,
+        };
+        let mut wire = self.broker.open(client_id, Some(will));
+        wire.is_mortal = true;
+        wire
+    }
+
+    fn backoff(&self) -> Backoff {
+        Backoff::seeded(self.seed)
+    }
+}
+
+impl Broker {
+    /// A connection of another client.
+    pub fn connect(&self, client_id: &str, will: Option<(String, String)>) -> ModelWire {
+        let will = will.map(|(topic, payload)| Message {
+            topic,
+            payload: payload.into_bytes(),
+            qos: 1,
+            retain: true,
+        });
+        self.open(client_id, will)
+    }
+}

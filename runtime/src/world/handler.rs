@@ -1,0 +1,265 @@
+//! A handler over MQTT that knows no more than the documented topics. It loses its connection, dies, comes again, says
+//! everything twice, and now and then resets what is not its own.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use plc_api::types::BootId;
+use plc_api::types::message::{Message, Payload};
+use plc_api::types::output::{
+    Claim, HandledCode, HandlerPresence, HandshakeStatus, OutputState, Pending, Reset, ResetResult,
+};
+use plc_api::types::request::Request;
+use plc_api::types::topic::{CsTopic, Topic};
+use plc_api::wire::mqtt::encode;
+use tandem_gateway::{Event, Wire};
+use tokio::time::Instant;
+
+use super::ROOT;
+use super::broker::{Broker, ModelWire};
+use super::random::Random;
+use super::truth::SharedTruth;
+
+/// An output of a boot: boot, coordinate system, number.
+type Key = (BootId, u8, u64);
+
+/// How far an output is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Job {
+    Claiming,
+    Working,
+    Resetting,
+}
+
+pub(super) struct Handler {
+    pub id: String,
+    pub codes: Vec<u16>,
+    pub broker: Broker,
+    pub truth: SharedTruth,
+    pub random: Random,
+    jobs: BTreeMap<Key, (u16, Job, Instant)>,
+}
+
+impl Handler {
+    pub fn new(id: &str, codes: &[u16], broker: &Broker, truth: &SharedTruth, random: Random) -> Self {
+        Self {
+            id: id.to_owned(),
+            codes: codes.to_vec(),
+            broker: broker.clone(),
+            truth: truth.clone(),
+            random,
+            jobs: BTreeMap::new(),
+        }
+    }
+
+    /// Connects again and again.
+    pub async fn run(mut self) {
+        loop {
+            let gone = presence(false, &[]);
+            let wire = self
+                .broker
+                .connect(&self.id, Some((self.topic("presence"), gone)));
+            self.serve(wire).await;
+            if self.random.percent(30) {
+                // a new process
+                self.jobs.clear();
+            }
+            let pause = self.random.ms(10, 1500);
+            tokio::time::sleep(pause).await;
+        }
+    }
+
+    fn topic(&self, last: &str) -> String {
+        format!("{ROOT}handler/{}/{last}", self.id)
+    }
+
+    async fn serve(&mut self, mut wire: ModelWire) {
+        let breaks = if self.broker.is_calm() { 0 } else { 60 };
+        let ends = self.random.percent(breaks).then(|| self.random.ms(200, 6000));
+        let end = Instant::now() + ends.unwrap_or(Duration::from_hours(1));
+        loop {
+            let due = self.jobs.values().map(|(_, _, due)| *due).min();
+            let due = due.map_or(end, |due| due.min(end));
+            let event = tokio::select! {
+                biased;
+                event = wire.next() => Some(event),
+                () = tokio::time::sleep_until(due) => None,
+            };
+            match event {
+                Some(Err(_)) => return,
+                Some(Ok(Event::Connected { .. })) => self.connected(&wire),
+                Some(Ok(Event::Published { publish, .. })) => {
+                    self.hear(&wire, &publish.topic, &publish.payload);
+                }
+                Some(Ok(_)) => {}
+                None if Instant::now() >= end => {
+                    if self.random.percent(20) {
+                        self.announce(&wire, false);
+                        wire.disconnect();
+                    }
+                    return;
+                }
+                None => self.work(&wire),
+            }
+        }
+    }
+
+    fn announce(&self, wire: &ModelWire, online: bool) {
+        wire.publish(self.topic("presence"), 1, true, presence(online, &self.codes));
+    }
+
+    fn connected(&mut self, wire: &ModelWire) {
+        let filters = [
+            "cs/+/m_code/pending",
+            "cs/+/m_code/+/output",
+            "cs/+/m_code/+/result",
+            "handler/+/presence",
+        ];
+        wire.subscribe(filters.iter().map(|filter| format!("{ROOT}{filter}")));
+        self.announce(wire, true);
+    }
+
+    fn hear(&mut self, wire: &ModelWire, topic: &str, payload: &[u8]) {
+        let Some(topic) = topic.strip_prefix(ROOT).and_then(Topic::parse) else {
+            return;
+        };
+        if let Topic::HandlerPresence(id) = &topic {
+            let said = serde_json::from_slice::<HandlerPresence>(payload);
+            if *id == self.id && said.is_ok_and(|said| !said.online) {
+                self.announce(wire, true);
+            }
+            return;
+        }
+        let Ok(message) = Message::from_json(topic, payload) else {
+            return;
+        };
+        match (&message.topic, &message.payload) {
+            (Topic::CoordinateSystem(cs, CsTopic::Output(_)), Payload::Output(notice)) => {
+                self.truth.lock().heard(&message.boot_id.0, *cs, notice.seq);
+            }
+            (Topic::CoordinateSystem(cs, _), Payload::Pending(pending)) => {
+                self.look(&message.boot_id, *cs, pending);
+            }
+            (Topic::CoordinateSystem(cs, _), Payload::Result(result)) if result.handler_id == self.id => {
+                let key = (message.boot_id.clone(), *cs, result.seq);
+                self.answered(&key, result.status);
+            }
+            _ => {}
+        }
+    }
+
+    fn look(&mut self, boot: &BootId, cs: u8, pending: &Pending) {
+        let now = Instant::now();
+        self.jobs.retain(|(of, other, seq), _| {
+            other != &cs || of == boot && pending.outputs.iter().any(|open| open.output.seq == *seq)
+        });
+        for open in &pending.outputs {
+            if open.state != OutputState::Queued {
+                self.truth.lock().heard(&boot.0, cs, open.output.seq);
+            }
+            let key = (boot.clone(), cs, open.output.seq);
+            let is_own = open.handler_id.as_ref().is_some_and(|owner| *owner == self.id);
+            if !self.codes.contains(&open.output.m) || self.jobs.contains_key(&key) {
+                continue;
+            }
+            if open.state == OutputState::Output {
+                self.jobs.insert(key, (open.output.m, Job::Claiming, now));
+            } else if is_own {
+                self.jobs.insert(key, (open.output.m, Job::Working, now));
+            }
+        }
+    }
+
+    fn answered(&mut self, key: &Key, status: HandshakeStatus) {
+        let work = self.random.ms(0, 400);
+        let Some((_, job, due)) = self.jobs.get_mut(key) else {
+            return;
+        };
+        match (status, *job) {
+            (HandshakeStatus::Accepted, Job::Claiming) => {
+                (*job, *due) = (Job::Working, Instant::now() + work);
+            }
+            (HandshakeStatus::Accepted, _) => {}
+            _ => {
+                self.jobs.remove(key);
+            }
+        }
+    }
+
+    /// What is due is sent, and sent again until it is answered.
+    fn work(&mut self, wire: &ModelWire) {
+        let now = Instant::now();
+        let due: Vec<Key> = (self.jobs.iter())
+            .filter(|(_, (_, _, due))| *due <= now)
+            .map(|(key, _)| key.clone())
+            .collect();
+        for key in due {
+            let again = now + self.random.ms(300, 1500);
+            let Some((m, job, due)) = self.jobs.get_mut(&key) else {
+                continue;
+            };
+            *due = again;
+            if *job == Job::Working {
+                *job = Job::Resetting;
+            }
+            let (m, job) = (*m, *job);
+            self.send(wire, &key, m, job);
+            if self.random.percent(20) {
+                self.send(wire, &key, m, job);
+            }
+        }
+    }
+
+    fn send(&mut self, wire: &ModelWire, (boot_id, cs, seq): &Key, m: u16, job: Job) {
+        let (boot_id, seq) = (boot_id.clone(), *seq);
+        // somebody else's name: it must be refused
+        let handler_id = self.id.clone();
+        let request = match job {
+            Job::Claiming if self.random.percent(97) => Request::Claim(
+                *cs,
+                Some(m),
+                Claim {
+                    boot_id,
+                    seq,
+                    handler_id,
+                },
+            ),
+            // also without a claim, as a simple handler does
+            _ => Request::Reset(
+                *cs,
+                Some(m),
+                Reset {
+                    boot_id,
+                    seq,
+                    handler_id,
+                    result: if self.random.percent(3) && !self.broker.is_calm() {
+                        ResetResult::Fault
+                    } else {
+                        ResetResult::Ok
+                    },
+                    code: None,
+                    text: None,
+                    force: None,
+                },
+            ),
+        };
+        if let Ok(outgoing) = encode(request, &self.id, |_, _| None) {
+            wire.publish(
+                format!("{ROOT}{}", outgoing.path),
+                1,
+                outgoing.retain,
+                outgoing.payload,
+            );
+        }
+    }
+}
+
+fn presence(online: bool, codes: &[u16]) -> String {
+    let code = |m: &u16| [1, 2].map(|cs| HandledCode { cs, m: *m });
+    let presence = HandlerPresence {
+        online,
+        handles: codes.iter().flat_map(code).collect(),
+        validates: false,
+    };
+    serde_json::to_string(&presence).unwrap()
+}

@@ -1,0 +1,497 @@
+//! A history: several starts of one machine, with what goes wrong in each.
+
+use std::sync::Arc;
+use std::time::{Duration, SystemTime};
+
+use parking_lot::Mutex;
+use plc_api::port::Port;
+use plc_api::types::command::{Command, CommandMeta};
+use plc_api::types::request::{Answer, Request};
+use tokio::time::Instant;
+
+use super::MACHINE;
+use super::broker::{Broker, Connector, Network};
+use super::handler::Handler;
+use super::operator::{Current, Operator, PROGRAMS, change, program, read};
+use super::process::Process;
+use super::random::Random;
+use super::trace::Trace;
+use super::truth::{Broken, Rule, SharedTruth, Truth};
+use crate::config::{Config, Machine, ProgramSource};
+use crate::disk::simulated::memory::{Disk, Faults, Mount};
+
+/// Clients whose connections break, the machine among them.
+const CLIENTS: [&str; 3] = ["gripper", "loader", "tandem-mill"];
+
+/// Time between two looks of the world at its machine.
+const STEP: Duration = Duration::from_millis(5);
+
+/// What was acknowledged so long before the end may be missing, where it is not on disk before it is acknowledged, s.
+const BEHIND_S: f64 = 0.2;
+
+/// A defect that is built into a world, so that a test sees that its rule finds it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Mutation {
+    /// Syncs of the disk do nothing.
+    ForgetsSyncs,
+    /// The disk is as it was at the start before.
+    GoesBack,
+    /// The ring of the journal is not written.
+    ForgetsAhead,
+    /// A handler takes a refused claim for an accepted one.
+    TakesAllClaims,
+    /// A motor is moved by nobody.
+    Moves,
+    /// A program of the configuration is missing.
+    NoProgram,
+}
+
+/// What became of a seed.
+#[derive(Debug)]
+pub(super) struct Outcome {
+    pub broken: Vec<Broken>,
+    /// A number that depends on all that happened.
+    pub sum: u32,
+    /// Programs that came to their end.
+    pub completed: u32,
+}
+
+impl Outcome {
+    pub fn panicked() -> Self {
+        let broken = Broken {
+            rule: Rule::Whole,
+            how: "a panic".to_owned(),
+        };
+        Self {
+            broken: vec![broken],
+            sum: 0,
+            completed: 0,
+        }
+    }
+}
+
+#[derive(Debug, Clone)]
+enum Fault {
+    Cut(Option<&'static str>),
+    BrokerDies(Duration),
+    DiskRefuses(std::io::ErrorKind, Duration),
+    /// In the middle of what it writes.
+    Dies(u64),
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum End {
+    Shutdown,
+    Kill,
+    PowerCut,
+}
+
+pub(super) struct History {
+    mutation: Option<Mutation>,
+    random: Random,
+}
+
+/// The parts of the world that outlive the starts of the machine.
+struct World {
+    machine: Machine,
+    disk: Arc<Mutex<Disk>>,
+    broker: Broker,
+    truth: SharedTruth,
+    trace: Trace,
+    current: Current,
+    day: SystemTime,
+    begun: Instant,
+    /// What was open when the last start was killed, of which clients had heard.
+    open: Option<(String, Vec<(u8, u64)>)>,
+    ended_s: f64,
+    /// Since when the disk has refused, until it has taken all.
+    unkept_s: Option<f64>,
+}
+
+fn machine() -> Machine {
+    let motor = |number| {
+        format!(
+            "[[motor]]\nnumber = {number}\nkind = \"linear\"\nmax_velocity = 500.0\nmax_acceleration = 5000.0\n\
+             rapid_velocity = 400.0\nrapid_acceleration = 2500.0\nsoft_limits = [-500.0, 500.0]\n"
+        )
+    };
+    let text = format!(
+        "[machine]\nname = \"{MACHINE}\"\ndata_dir = \"/simulated/data\"\n[mqtt]\nbroker = \"mqtt://broker:1883\"\n{}{}\
+         [[coordinate_system]]\nnumber = 1\naxes = {{ X = 1 }}\nmax_feedrate = 30000.0\n\
+         [[coordinate_system]]\nnumber = 2\naxes = {{ X = 2 }}\nmax_feedrate = 30000.0\n\
+         [[tool]]\nid = 1\nradius = 1.0\nlength = 0.0\n\
+         [m_code.8]\ntiming = \"with_motion\"\n[m_code.9]\ntiming = \"with_motion\"\n\
+         [m_code.100]\nunhandled = \"wait\"\n[m_code.101]\nunhandled = \"wait\"\n[m_code.102]\nunhandled = \"wait\"\n",
+        motor(1),
+        motor(2)
+    );
+    Config::from_toml(&text, "/").unwrap().resolve().unwrap()
+}
+
+impl History {
+    pub fn new(seed: u64, mutation: Option<Mutation>) -> Self {
+        Self {
+            mutation,
+            random: Random::new(seed),
+        }
+    }
+
+    pub fn play(mut self) -> Outcome {
+        let executor = tokio::runtime::Builder::new_current_thread()
+            .enable_time()
+            .start_paused(true)
+            .build()
+            .unwrap();
+        executor.block_on(async {
+            let mut world = self.begin();
+            for number in 1..=1 + u32::try_from(self.random.below(4)).unwrap() {
+                self.start(&mut world, number).await;
+            }
+            self.end(&mut world).await;
+            let truth = world.truth.lock();
+            Outcome {
+                broken: truth.broken.clone(),
+                sum: world.trace.sum(),
+                completed: truth.completed,
+            }
+        })
+    }
+
+    fn begin(&mut self) -> World {
+        let trace = Trace::new();
+        let truth = Arc::new(Mutex::new(Truth::new(trace.clone())));
+        let network = Network {
+            delay_ms: *self.random.pick(&[1, 5, 30, 200]),
+            duplicates: *self.random.pick(&[0, 5, 30]),
+        };
+        truth.lock().takes_all_claims = self.mutation == Some(Mutation::TakesAllClaims);
+        let broker = Broker::start(self.random.fork(), network, trace.clone());
+        let day = SystemTime::UNIX_EPOCH + Duration::from_secs(1_700_000_000);
+        let world = World {
+            machine: machine(),
+            disk: Arc::new(Mutex::new(Disk::new(self.random.next(), day))),
+            current: Current::default(),
+            day,
+            begun: Instant::now(),
+            open: None,
+            ended_s: 0.0,
+            unkept_s: None,
+            broker,
+            truth,
+            trace,
+        };
+        for (id, codes) in [
+            ("gripper", &[100, 8, 9][..]),
+            ("loader", &[101]),
+            ("second", &[100, 101]),
+        ] {
+            let handler = Handler::new(id, codes, &world.broker, &world.truth, self.random.fork());
+            tokio::spawn(handler.run());
+        }
+        tokio::spawn(
+            Operator {
+                current: world.current.clone(),
+                truth: world.truth.clone(),
+                random: self.random.fork(),
+                trace: world.trace.clone(),
+                count: 0,
+                pace_ms: *self.random.pick(&[50, 200, 600]),
+            }
+            .run(),
+        );
+        world
+    }
+
+    /// Faults of a start, each with its time.
+    fn faults(&mut self, length: Duration) -> Vec<(Duration, Fault)> {
+        let mut faults = Vec::new();
+        let count = self.random.below(5);
+        for _ in 0..count {
+            let at = self.random.ms(0, u64::try_from(length.as_millis()).unwrap());
+            let fault = match self.random.below(10) {
+                0..3 => Fault::Cut(Some(*self.random.pick(&CLIENTS))),
+                3 => Fault::Cut(None),
+                4..6 => Fault::BrokerDies(self.random.ms(10, 4000)),
+                6..8 => {
+                    let kinds = [std::io::ErrorKind::StorageFull, std::io::ErrorKind::Other];
+                    Fault::DiskRefuses(*self.random.pick(&kinds), self.random.ms(1, 1500))
+                }
+                _ => Fault::Dies(self.random.below(60)),
+            };
+            faults.push((at, fault));
+        }
+        faults.sort_by_key(|(at, _)| *at);
+        faults
+    }
+
+    /// The clock of the day may have been set.
+    fn set_day(&mut self, world: &mut World) {
+        if self.random.percent(40) {
+            let by = Duration::from_secs(self.random.below(200_000));
+            if self.random.percent(50) {
+                world.day += by;
+            } else {
+                world.day -= by;
+            }
+        }
+    }
+
+    async fn start(&mut self, world: &mut World, number: u32) {
+        self.set_day(world);
+        if self.mutation == Some(Mutation::NoProgram) {
+            let missing = ProgramSource::File("/simulated/none.nc".into());
+            world.machine.coordinate_systems[0].programs.insert(1, missing);
+        }
+        let before = world.disk.lock().snapshot();
+        if self.random.percent(10) {
+            world.disk.lock().faults.dies_at = Some(self.random.below(80));
+        }
+        let Some(process) = world.start(number, &mut self.random) else {
+            return;
+        };
+        world.settle(&process).await;
+        world.disk.lock().faults.forgets_syncs = self.mutation == Some(Mutation::ForgetsSyncs);
+        world.disk.lock().faults.forgets_ahead = self.mutation == Some(Mutation::ForgetsAhead);
+        let length = self.random.ms(500, 12_000);
+        let faults = self.faults(length);
+        world.run(length, faults).await;
+        let end = match self.random.below(10) {
+            0..2 => End::Shutdown,
+            2..6 => End::Kill,
+            _ => End::PowerCut,
+        };
+        if end == End::Kill && self.random.percent(60) {
+            world.until_heard().await;
+        }
+        world.finish(process, end).await;
+        if self.mutation == Some(Mutation::GoesBack) {
+            world.disk.lock().restore(&before);
+        }
+        self.damage(world);
+    }
+
+    fn damage(&mut self, world: &mut World) {
+        if !self.random.percent(15) {
+            return;
+        }
+        let flipped = world.disk.lock().flip(|_| true);
+        world.trace.line(format_args!("a bit flips in {flipped:?}"));
+        world.truth.lock().may_lose = true;
+        world.open = None;
+    }
+
+    /// Nothing goes wrong any more: the machine works.
+    async fn end(&mut self, world: &mut World) {
+        world.broker.calm();
+        world.disk.lock().faults = Faults::default();
+        let Some(process) = world.start(99, &mut self.random) else {
+            return;
+        };
+        world.settle(&process).await;
+        world.current.set(None);
+        // those that are dying come back
+        tokio::time::sleep(Duration::from_secs(11)).await;
+        if self.mutation == Some(Mutation::Moves) {
+            world.truth.lock().moved(1);
+        }
+        world.works(&process).await;
+        process.shutdown().await;
+    }
+}
+
+impl World {
+    fn start(&mut self, number: u32, random: &mut Random) -> Option<Process> {
+        self.disk.lock().now = self.day + self.begun.elapsed();
+        self.disk.lock().operations = 0;
+        Mount::mount(&self.disk);
+        let connector = Connector {
+            broker: self.broker.clone(),
+            seed: random.next(),
+        };
+        let sum = self.disk.lock().sum();
+        self.trace
+            .line(format_args!("start {number} on a disk of {sum:08x}"));
+        let wall = self.disk.lock().now;
+        let started = Process::start(&self.machine, number, wall, connector, &self.truth);
+        match started {
+            Ok(process) => {
+                self.current.set(Some(Arc::clone(&process.witness)));
+                Some(process)
+            }
+            Err(_) if Mount::is_dead() => {
+                self.trace.line(format_args!("it dies while it starts"));
+                crate::threads::stop_simulating();
+                None
+            }
+            Err(error) => {
+                self.truth.lock().broke(Rule::Starts, error.to_string());
+                crate::threads::stop_simulating();
+                None
+            }
+        }
+    }
+
+    /// What was kept is as it was acknowledged; then programs are stored that can be run.
+    async fn settle(&mut self, process: &Process) {
+        self.look(process).await;
+        if Mount::is_dead() {
+            return;
+        }
+        self.truth.lock().may_lose = false;
+        for (number, text) in PROGRAMS {
+            if read(&*process.witness, &format!("O{number}")).await != text {
+                change(&self.current, &self.truth, &self.trace, program(number, text)).await;
+            }
+        }
+    }
+
+    async fn look(&mut self, process: &Process) {
+        let names = self.truth.lock().names();
+        for name in names {
+            let value = read(&*process.witness, &name).await;
+            // variables are kept soon after they were written, all else before it is acknowledged
+            let sure_s = if name.starts_with('P') {
+                let unkept_s = self.unkept_s.unwrap_or(f64::INFINITY);
+                unkept_s.min(self.ended_s) - BEHIND_S
+            } else {
+                self.ended_s
+            };
+            if !Mount::is_dead() {
+                self.truth.lock().read(&name, &value, sure_s);
+            }
+        }
+        if !Mount::is_dead() {
+            self.unkept_s = None;
+        }
+        let Some((boot, open)) = self.open.take() else {
+            return;
+        };
+        for cs in [1, 2] {
+            let answer = process.witness.request(Request::LastRun(cs)).await;
+            if let (Ok(Answer::LastRun(last_run)), false) = (answer, Mount::is_dead()) {
+                self.truth.lock().told(&boot, cs, &open, last_run.as_ref());
+            }
+        }
+    }
+
+    /// Time passes, and what is to go wrong goes wrong.
+    async fn run(&mut self, length: Duration, faults: Vec<(Duration, Fault)>) {
+        let begun = Instant::now();
+        let mut faults = faults.into_iter().peekable();
+        let (mut refuses_until, mut taken_at) = (None, None);
+        while begun.elapsed() < length && !Mount::is_dead() {
+            tokio::time::sleep(STEP).await;
+            self.disk.lock().now = self.day + self.begun.elapsed();
+            if refuses_until.is_some_and(|until| Instant::now() >= until) {
+                refuses_until = None;
+                self.disk.lock().faults.refuses = None;
+                taken_at = Some(Instant::now() + Duration::from_millis(500));
+            }
+            if refuses_until.is_none() && taken_at.is_some_and(|at| Instant::now() >= at) {
+                self.unkept_s = None;
+            }
+            while let Some((_, fault)) = faults.next_if(|(at, _)| *at <= begun.elapsed()) {
+                self.trace.line(format_args!("{fault:?}"));
+                match fault {
+                    Fault::Cut(client) => self.broker.cut(client),
+                    Fault::BrokerDies(time) => {
+                        let broker = self.broker.clone();
+                        tokio::spawn(async move { broker.die(time).await });
+                    }
+                    Fault::DiskRefuses(kind, time) => {
+                        refuses_until = Some(Instant::now() + time);
+                        self.unkept_s.get_or_insert(self.trace.now_s());
+                        self.disk.lock().faults.refuses = Some(kind);
+                    }
+                    Fault::Dies(operations) => {
+                        let mut disk = self.disk.lock();
+                        disk.faults.dies_at = Some(disk.operations + operations);
+                    }
+                }
+            }
+        }
+        self.disk.lock().faults.refuses = None;
+    }
+
+    /// Waits until a client has just heard of an output, but not for ever.
+    async fn until_heard(&mut self) {
+        let before = self.truth.lock().heard;
+        for _ in 0..4000 {
+            if Mount::is_dead() || self.truth.lock().heard > before {
+                return;
+            }
+            tokio::time::sleep(Duration::from_millis(1)).await;
+        }
+    }
+
+    async fn finish(&mut self, process: Process, end: End) {
+        let end = if Mount::is_dead() && end == End::Shutdown {
+            End::Kill
+        } else {
+            end
+        };
+        self.trace.line(format_args!("{end:?}"));
+        self.ended_s = self.trace.now_s();
+        self.open = None;
+        if end == End::Shutdown {
+            self.current.set(None);
+            process.shutdown().await;
+            self.disk.lock().kill();
+            return;
+        }
+        if end == End::Kill {
+            let boot = process.witness.boot_id().0;
+            // a disk that refuses takes no ring either
+            let open = (self.unkept_s.is_none()).then(|| self.truth.lock().open_and_heard());
+            self.open = open.map(|open| (boot, open));
+            self.disk.lock().kill();
+        } else {
+            self.disk.lock().cut_power();
+        }
+        self.current.set(None);
+        drop(process);
+        // what it left behind runs to its end, on nothing
+        tokio::time::sleep(STEP).await;
+    }
+
+    /// A program runs to its end.
+    async fn works(&mut self, process: &Process) {
+        let command = async |name: &str, command: Command| {
+            let meta = CommandMeta {
+                command_id: format!("end-{name}"),
+                client_id: "end".to_owned(),
+                ..CommandMeta::default()
+            };
+            let request = Request::Command {
+                cs: 1,
+                command,
+                meta,
+                wait: true,
+            };
+            let asked = process.witness.request(request);
+            let answer = tokio::time::timeout(Duration::from_mins(1), asked).await;
+            self.trace.line(format_args!("at the end {name}: {answer:?}"));
+        };
+        command("reset", Command::Reset).await;
+        command("load", Command::Load { program: 81 }).await;
+        let before = self.truth.lock().completed;
+        command("start", Command::Start).await;
+        for _ in 0..300 {
+            if self.truth.lock().completed > before {
+                break;
+            }
+            tokio::time::sleep(Duration::from_millis(100)).await;
+        }
+        if self.truth.lock().completed == before {
+            let state = process
+                .witness
+                .read(&plc_api::types::topic::Topic::cs(
+                    1,
+                    plc_api::types::topic::CsTopic::State,
+                ))
+                .await;
+            let how = format!("program 81 did not come to its end: {state:?}");
+            self.truth.lock().broke(Rule::Works, how);
+        }
+    }
+}

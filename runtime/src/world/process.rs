@@ -1,0 +1,158 @@
+//! A start of the runtime in the world: everything of it that runs, until it ends or is killed.
+
+use std::sync::Arc;
+use std::time::{Duration, SystemTime};
+
+use plc_api::hub::Filter;
+use plc_api::port::Port;
+use plc_api::server::ServedPort;
+use plc_api::{AuxOutput, Plc, SequenceProgram};
+use tandem_gateway::{GatewaySettings, MqttEnd, MqttSettings};
+use tandem_model::Axis;
+use tandem_servo::Servo;
+use tokio::task::AbortHandle;
+
+use super::MACHINE;
+use super::broker::Connector;
+use super::truth::SharedTruth;
+use super::witness::Witness;
+use crate::Runtime;
+use crate::clock::Clock;
+use crate::config::Machine;
+use crate::coordinator::StartError;
+use crate::disk::simulated::memory::Mount;
+use crate::shared::Shared;
+use crate::threads;
+use plc_api::types::BootId;
+
+/// Time between two looks at the servo. Reason: below what any part of the machine waits for.
+const BURST: Duration = Duration::from_millis(5);
+
+pub(super) struct Process {
+    pub runtime: Option<Runtime>,
+    pub witness: Arc<Witness>,
+    mqtt: Option<MqttEnd>,
+    tasks: Vec<AbortHandle>,
+}
+
+impl Process {
+    pub fn start(
+        machine: &Machine,
+        number: u32,
+        wall: SystemTime,
+        connector: Connector,
+        truth: &SharedTruth,
+    ) -> Result<Self, StartError> {
+        threads::simulate();
+        let boot = BootId(format!("boot-{number}"));
+        let clock = Clock::paused(wall);
+        let (runtime, servo, shared) = Runtime::start_in_world(machine.clone(), boot.clone(), clock)?;
+        truth.lock().boot(&boot);
+        let witness = Arc::new(Witness {
+            port: runtime.served_port(),
+            truth: truth.clone(),
+            boot,
+        });
+        let served: Arc<dyn ServedPort> = Arc::<Witness>::clone(&witness);
+        let port: Arc<dyn Port> = Arc::<Witness>::clone(&witness);
+        let settings = GatewaySettings {
+            machine: MACHINE.to_owned(),
+            mqtt: MqttSettings {
+                embedded_listen: None,
+                ..MqttSettings::default()
+            },
+            position_interval_ms: 1000,
+            ..GatewaySettings::default()
+        };
+        let tasks = vec![
+            tokio::spawn(hear(Arc::clone(&port), truth.clone())).abort_handle(),
+            tokio::spawn(cycle(servo, shared, truth.clone())).abort_handle(),
+            tokio::spawn(serve(port)).abort_handle(),
+        ];
+        Ok(Self {
+            mqtt: Some(MqttEnd::over(served, &settings, connector)),
+            runtime: Some(runtime),
+            witness,
+            tasks,
+        })
+    }
+
+    /// It ends in order.
+    pub async fn shutdown(mut self) {
+        if let Some(mqtt) = self.mqtt.take() {
+            mqtt.stop().await;
+        }
+        if let Some(runtime) = self.runtime.take() {
+            runtime.shutdown().await;
+        }
+    }
+}
+
+impl Drop for Process {
+    /// As a kill ends it: its disk has ended before.
+    fn drop(&mut self) {
+        if let Some(mqtt) = self.mqtt.take() {
+            mqtt.crash();
+        }
+        self.tasks.iter().for_each(AbortHandle::abort);
+        drop(self.runtime.take());
+        threads::stop_simulating();
+    }
+}
+
+/// What the machine says reaches the truth, however slow the broker is.
+async fn hear(port: Arc<dyn Port>, truth: SharedTruth) {
+    let mut messages = port.subscribe(Filter::All);
+    while let Some(message) = messages.next().await {
+        if !Mount::is_dead() {
+            truth.lock().said(&message);
+        }
+    }
+}
+
+/// The servo cycles that are due.
+async fn cycle(mut servo: Servo, shared: Arc<Shared>, truth: SharedTruth) {
+    let numbers: Vec<_> = shared.machine.coordinate_systems.iter().collect();
+    let numbers: Vec<_> = numbers.iter().map(|system| system.settings.number).collect();
+    let period = shared.machine.servo_period();
+    let per_burst = u64::try_from(BURST.as_micros() / period.as_micros().max(1)).unwrap();
+    let x = Axis::from_letter('X').unwrap();
+    let mut before: Vec<f64> = servo
+        .channels()
+        .iter()
+        .map(|channel| channel.setpoint()[x])
+        .collect();
+    loop {
+        tokio::time::sleep(BURST).await;
+        let mut left = per_burst;
+        let mut told = false;
+        while left > 0 {
+            left -= servo.pass(left - 1) + 1;
+            told |= servo.cycle();
+        }
+        for (place, channel) in servo.channels().iter().enumerate() {
+            let now = channel.setpoint()[x];
+            if now.to_bits() != before[place].to_bits() && !Mount::is_dead() {
+                truth.lock().moved(numbers[place]);
+            }
+            before[place] = now;
+        }
+        if told {
+            shared.wake_all();
+        }
+    }
+}
+
+/// A sequence program in the process of the machine.
+async fn serve(port: Arc<dyn Port>) {
+    async fn work(_output: AuxOutput, plc: Plc) -> Result<(), plc_api::Alarm> {
+        plc.sleep(Duration::from_millis(120)).await;
+        Ok(())
+    }
+    let plc = Plc::in_process(port);
+    let program = SequenceProgram::new()
+        .in_coordinate_system(1, |program| program.on(102, work))
+        .handler_id("built-in");
+    // it ends with the machine
+    let _ = program.run(&plc).await;
+}

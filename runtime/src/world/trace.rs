@@ -1,0 +1,62 @@
+//! What happens in a world, line by line: a number that depends on all lines, and the lines themselves where
+//! `TANDEM_TRACE` is set.
+
+use std::fmt::{Arguments, Write as _};
+use std::sync::Arc;
+
+use parking_lot::Mutex;
+use tokio::time::Instant;
+
+#[derive(Debug, Clone)]
+pub(super) struct Trace {
+    start: Instant,
+    kept: Arc<Mutex<Kept>>,
+}
+
+#[derive(Debug, Default)]
+struct Kept {
+    hasher: crc32fast::Hasher,
+    line: String,
+    is_shown: bool,
+}
+
+impl Trace {
+    pub fn new() -> Self {
+        let kept = Kept {
+            is_shown: std::env::var_os("TANDEM_TRACE").is_some(),
+            ..Kept::default()
+        };
+        Self {
+            start: Instant::now(),
+            kept: Arc::new(Mutex::new(kept)),
+        }
+    }
+
+    /// Seconds since the beginning of the world.
+    pub fn now_s(&self) -> f64 {
+        self.start.elapsed().as_secs_f64()
+    }
+
+    pub fn line(&self, line: Arguments<'_>) {
+        let mut kept = self.kept.lock();
+        let Kept {
+            hasher,
+            line: text,
+            is_shown,
+        } = &mut *kept;
+        text.clear();
+        let _ = write!(text, "{:10.6} {line}", self.start.elapsed().as_secs_f64());
+        hasher.update(text.as_bytes());
+        if *is_shown {
+            #[expect(clippy::print_stderr, reason = "it was asked for")]
+            {
+                eprintln!("{text}");
+            }
+        }
+    }
+
+    /// A number that depends on all lines so far.
+    pub fn sum(&self) -> u32 {
+        self.kept.lock().hasher.clone().finalize()
+    }
+}

@@ -1,0 +1,144 @@
+//! The port of the machine as all its clients have it; the truth hears what goes through.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use plc_api::hub::{Filter, Subscription};
+use plc_api::port::{BoxFuture, Port};
+use plc_api::server::{Origin, ServedPort, ServerNotice, ServoTiming};
+use plc_api::types::BootId;
+use plc_api::types::command::Command;
+use plc_api::types::message::Message;
+use plc_api::types::request::{Answer, Refusal, Request};
+use plc_api::types::topic::Topic;
+
+use super::truth::SharedTruth;
+use crate::disk::simulated::memory::Mount;
+
+pub(super) struct Witness {
+    pub port: Arc<dyn ServedPort>,
+    pub truth: SharedTruth,
+    pub boot: BootId,
+}
+
+/// What of a request the truth needs to know, once it is answered.
+enum Asked {
+    Claim(u8, u64, String),
+    Reset(u8, u64, String, bool),
+    Other,
+}
+
+impl Asked {
+    fn of(request: &Request) -> Self {
+        match request {
+            Request::Claim(cs, _, claim) => Self::Claim(*cs, claim.seq, claim.handler_id.clone()),
+            Request::Reset(cs, _, reset) => Self::Reset(
+                *cs,
+                reset.seq,
+                reset.handler_id.clone(),
+                reset.force == Some(true),
+            ),
+            _ => Self::Other,
+        }
+    }
+}
+
+impl Witness {
+    fn before(&self, request: &Request) {
+        if Mount::is_dead() {
+            return;
+        }
+        let mut truth = self.truth.lock();
+        match request {
+            Request::Command { cs, command, .. } => {
+                let may_move = matches!(
+                    command,
+                    Command::Start
+                        | Command::Resume
+                        | Command::BackTrace { .. }
+                        | Command::Mdi { .. }
+                        | Command::Jog { .. }
+                        | Command::Home { .. }
+                );
+                if may_move {
+                    truth.commanded(*cs);
+                }
+            }
+            Request::Handler(id, presence) if !presence.online => truth.handler_gone(id),
+            _ => {}
+        }
+    }
+
+    fn after(&self, asked: &Asked, answer: &Result<Answer, Refusal>) {
+        let Ok(Answer::Handshake(result)) = answer else {
+            return;
+        };
+        if Mount::is_dead() {
+            return;
+        }
+        let mut truth = self.truth.lock();
+        match asked {
+            Asked::Claim(cs, seq, handler) => truth.claimed(*cs, *seq, handler, result.status),
+            Asked::Reset(cs, seq, handler, force) => {
+                truth.reset((*cs, *seq), handler, *force, result.status);
+            }
+            Asked::Other => {}
+        }
+    }
+}
+
+impl Port for Witness {
+    fn boot_id(&self) -> BootId {
+        self.boot.clone()
+    }
+
+    fn read<'a>(&'a self, topic: &'a Topic) -> BoxFuture<'a, Option<Arc<Message>>> {
+        self.port.read(topic)
+    }
+
+    fn subscribe(&self, filter: Filter) -> Subscription {
+        self.port.subscribe(filter)
+    }
+
+    fn request(&self, request: Request) -> BoxFuture<'_, Result<Answer, Refusal>> {
+        let asked = Asked::of(&request);
+        Box::pin(async move {
+            self.before(&request);
+            let answer = self.port.request(request).await;
+            self.after(&asked, &answer);
+            answer
+        })
+    }
+
+    fn sleep(&self, duration: Duration) -> BoxFuture<'_, ()> {
+        self.port.sleep(duration)
+    }
+
+    fn now_s(&self) -> f64 {
+        self.port.now_s()
+    }
+}
+
+impl ServedPort for Witness {
+    fn request_from(&self, origin: Origin, request: Request) -> BoxFuture<'_, Result<Answer, Refusal>> {
+        let asked = Asked::of(&request);
+        Box::pin(async move {
+            self.before(&request);
+            let answer = self.port.request_from(origin, request).await;
+            self.after(&asked, &answer);
+            answer
+        })
+    }
+
+    fn notice(&self, notice: ServerNotice) {
+        self.port.notice(notice);
+    }
+
+    fn time(&self) -> std::time::SystemTime {
+        self.port.time()
+    }
+
+    fn servo_timing(&self) -> Option<ServoTiming> {
+        self.port.servo_timing()
+    }
+}
