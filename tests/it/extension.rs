@@ -29,6 +29,9 @@ fn costs(addition: &str) -> Vec<String> {
     row.split('`').skip(1).step_by(2).map(str::to_owned).collect()
 }
 
+/// Folders and files that hold tests only; the worlds are simulated ones.
+const TEST_FOLDERS: [&str; 5] = ["tests", "tests.rs", "benches", "world", "world.rs"];
+
 /// Product files of a folder with this ending whose code, without tests and comments, is as wanted.
 fn files_where(folder: &str, ending: &str, is_meant: impl Fn(&str) -> bool) -> Vec<PathBuf> {
     let is_code = |line: &&str| !line.trim_start().starts_with("//") && !line.trim_start().starts_with('*');
@@ -36,7 +39,7 @@ fn files_where(folder: &str, ending: &str, is_meant: impl Fn(&str) -> bool) -> V
     found.retain(|path| {
         let is_test = path
             .components()
-            .any(|part| ["tests", "tests.rs", "benches"].contains(&part.as_os_str().to_str().unwrap()));
+            .any(|part| TEST_FOLDERS.contains(&part.as_os_str().to_str().unwrap()));
         !is_test && path.starts_with(folder) && {
             let text = read(path);
             let code: Vec<_> = without_unit_tests(&text).lines().filter(is_code).collect();
