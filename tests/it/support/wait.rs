@@ -7,7 +7,7 @@ use serde_json::Value;
 use tokio::sync::Notify;
 
 /// The longest that anything in these tests is waited for.
-pub const PATIENCE: Duration = Duration::from_secs(60);
+pub const PATIENCE: Duration = Duration::from_mins(1);
 
 /// The result of a future, or a failure that names what did not come.
 pub async fn within<T>(what: &str, future: impl Future<Output = T>) -> T {
