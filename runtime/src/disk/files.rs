@@ -24,10 +24,13 @@ pub(crate) const UNFINISHED: &str = ".new";
 /// # Errors
 /// The operating system refuses.
 pub(crate) fn make_folder(path: &Path) -> io::Result<()> {
-    let missing = |path: &&Path| !path.as_os_str().is_empty() && !fs::exists(path).unwrap_or(true);
-    let made: Vec<&Path> = path.ancestors().take_while(missing).collect();
     DirBuilder::new().recursive(true).mode(FOLDER_MODE).create(path)?;
-    made.into_iter().try_for_each(|made| sync_folder(folder_of(made)))
+    // also of those that were there: a start that was killed may have made them
+    for made in path.ancestors().filter(|made| made.file_name().is_some()) {
+        // a folder of somebody else may not be open to us
+        let _ = sync_folder(folder_of(made));
+    }
+    Ok(())
 }
 
 /// Makes a folder in one that is there. Its name is on disk when this returns.
@@ -308,6 +311,11 @@ mod tests {
         let disk = std::sync::Arc::new(parking_lot::Mutex::new(disk));
         Mount::mount(&disk);
         let folder = Path::new(ROOT).join("data/of/a/machine");
+        // a start that is killed after it has made them
+        let made = DirBuilder::new().recursive(true).create(&folder);
+        made.unwrap();
+        disk.lock().kill();
+        Mount::mount(&disk);
         make_folder(&folder).unwrap();
         make_folder_in(&folder.join("programs")).unwrap();
         write_whole(&folder.join("programs/a"), b"kept").unwrap();

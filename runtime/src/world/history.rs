@@ -271,7 +271,8 @@ impl History {
     }
 
     fn damage(&mut self, world: &mut World) {
-        if !self.random.percent(15) {
+        // two flips together may hide each other: the sum of a program, and the program
+        if !self.random.percent(15) || world.truth.lock().may_lose {
             return;
         }
         let flipped = world.disk.lock().flip(|_| true);
