@@ -164,6 +164,16 @@ pub(super) enum AnchorRead {
     Damaged,
 }
 
+impl AnchorRead {
+    /// The anchor, where it is whole.
+    pub fn there(&self) -> Option<&Anchor> {
+        match self {
+            Self::There(anchor) => Some(anchor),
+            Self::Missing | Self::Damaged => None,
+        }
+    }
+}
+
 impl Anchor {
     pub fn read(folder: &Path) -> AnchorRead {
         let bytes = match read_regular(&folder.join(ANCHOR_FILE), ANCHOR_BYTES_MAX) {

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use serde_json::Value;
 
 use super::chain::{Ending, Entry, entry};
-use super::journal_reader::read_lines;
+use super::journal_reader::{open, read_lines};
 use crate::journal::LineFilter;
 
 /// What was left out of a search.
@@ -25,16 +25,19 @@ pub struct LeftOut {
 /// There is no such folder.
 pub fn search(folder: &Path, filter: &mut LineFilter, each: &mut dyn FnMut(Value)) -> io::Result<LeftOut> {
     let mut left_out = LeftOut::default();
-    left_out.unreadable = read_lines(folder, &mut |_, ending, line| match (ending, entry(line)) {
-        (Ending::Whole, Entry::Linked(value, ..) | Entry::Unlinked(value)) => {
-            if filter.takes(&value) {
-                each(value);
+    left_out.unreadable = read_lines(
+        open(folder)?,
+        &mut |_, ending, line| match (ending, entry(line)) {
+            (Ending::Whole, Entry::Linked(value, ..) | Entry::Unlinked(value)) => {
+                if filter.takes(&value) {
+                    each(value);
+                }
             }
-        }
-        // the last line may not be written in full yet
-        (Ending::Cut, _) => {}
-        _ => left_out.damaged += 1,
-    })?;
+            // the last line may not be written in full yet
+            (Ending::Cut, _) => {}
+            _ => left_out.damaged += 1,
+        },
+    );
     Ok(left_out)
 }
 

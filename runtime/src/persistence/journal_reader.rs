@@ -11,7 +11,7 @@ use crate::disk::fs::{self, File, OpenOptions};
 use crate::disk::{Identity, open_regular};
 
 /// How often files are opened again that were renamed meanwhile.
-const TRIES_MAX: usize = 10;
+pub(super) const TRIES_MAX: usize = 10;
 
 /// Time for a renaming of all files to come to its end.
 const BETWEEN_TRIES: Duration = Duration::from_millis(5);
@@ -20,7 +20,7 @@ const BETWEEN_TRIES: Duration = Duration::from_millis(5);
 const REST_OF_LINE: Duration = Duration::from_millis(50);
 
 /// A file of the journal, and what opening it gave.
-type Opened = (PathBuf, io::Result<File>);
+pub(super) type Opened = (PathBuf, io::Result<File>);
 
 /// Where a line stands.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -32,16 +32,13 @@ pub(super) struct Place {
     pub file: usize,
 }
 
-/// Gives each line of a journal to `each`; gives the files that cannot be read, and why.
-///
-/// # Errors
-/// There is no such folder.
+/// Gives each line of a journal's files to `each`; gives the files that cannot be read, and why.
 pub(super) fn read_lines(
-    folder: &Path,
+    files: Vec<Opened>,
     each: &mut dyn FnMut(&Place, Ending, &[u8]),
-) -> io::Result<Vec<(PathBuf, io::Error)>> {
+) -> Vec<(PathBuf, io::Error)> {
     let mut unreadable = Vec::new();
-    for (at, (path, file)) in open(folder)?.into_iter().enumerate() {
+    for (at, (path, file)) in files.into_iter().enumerate() {
         let read = file.and_then(|file| {
             let mut place = Place {
                 path: path.clone(),
@@ -54,7 +51,7 @@ pub(super) fn read_lines(
             unreadable.push((path, error));
         }
     }
-    Ok(unreadable)
+    unreadable
 }
 
 fn read_file(file: File, place: &mut Place, each: &mut dyn FnMut(&Place, Ending, &[u8])) -> io::Result<()> {
@@ -80,7 +77,10 @@ fn ages(folder: &Path) -> Vec<usize> {
 }
 
 /// All files of a journal, oldest first, as they are at one moment: a runtime may be renaming them.
-fn open(folder: &Path) -> io::Result<Vec<Opened>> {
+///
+/// # Errors
+/// There is no such folder.
+pub(super) fn open(folder: &Path) -> io::Result<Vec<Opened>> {
     fs::read_dir(folder)?;
     let mut opened = Vec::new();
     for _ in 0..TRIES_MAX {

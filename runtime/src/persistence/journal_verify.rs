@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use serde_json::Value;
 
 use super::chain::{Anchor, AnchorRead, Ending, Entry, Hash, Mark, entry};
-use super::journal_reader::{Place, read_lines};
+use super::journal_reader::{Opened, Place, TRIES_MAX, open, read_lines};
 
 /// Breaks that are named; further ones are counted.
 const BREAKS_MAX: usize = 100;
@@ -54,13 +54,10 @@ pub struct Break {
 /// # Errors
 /// There is no such folder.
 pub fn verify(folder: &Path, noted: Option<&str>) -> io::Result<Verified> {
-    // first: a runtime that writes meanwhile adds lines, and takes none away
-    let anchor = Anchor::read(folder);
+    let Snapshot { anchor, first, files } = Snapshot::take(folder)?;
     let mut walk = Walk {
-        anchor: match &anchor {
-            AnchorRead::There(anchor) => Some(anchor.clone()),
-            AnchorRead::Missing | AnchorRead::Damaged => None,
-        },
+        anchor: anchor.there().cloned(),
+        first,
         noted: noted.map(str::to_ascii_lowercase),
         before: Before::Nothing,
         file: None,
@@ -73,7 +70,7 @@ pub fn verify(folder: &Path, noted: Option<&str>) -> io::Result<Verified> {
         has_noted: false,
         found: Verified::default(),
     };
-    let unreadable = read_lines(folder, &mut |place, ending, line| walk.line(place, ending, line))?;
+    let unreadable = read_lines(files, &mut |place, ending, line| walk.line(place, ending, line));
     for (path, error) in unreadable {
         walk.found.add(Break {
             path,
@@ -84,6 +81,32 @@ pub fn verify(folder: &Path, noted: Option<&str>) -> io::Result<Verified> {
     }
     walk.end(folder, &anchor);
     Ok(walk.found)
+}
+
+/// The files of a journal and its anchor, while a runtime may write them.
+struct Snapshot {
+    /// As it was before the files were opened: its line must be in them.
+    anchor: AnchorRead,
+    /// Number of the oldest file that must be there, as it was known after the files were opened: rotation may have removed
+    /// others meanwhile.
+    first: Option<u64>,
+    files: Vec<Opened>,
+}
+
+impl Snapshot {
+    fn take(folder: &Path) -> io::Result<Self> {
+        let mut tries = 0;
+        loop {
+            let (anchor, files, after) = (Anchor::read(folder), open(folder)?, Anchor::read(folder));
+            tries += 1;
+            let file = |read: &AnchorRead| read.there().map(|anchor| anchor.file);
+            let has_rotated = file(&anchor) != file(&after);
+            if !has_rotated || tries >= TRIES_MAX {
+                let first = after.there().map(|anchor| anchor.first);
+                return Ok(Self { anchor, first, files });
+            }
+        }
+    }
 }
 
 impl Verified {
@@ -114,6 +137,8 @@ enum Before {
 /// The way over all lines.
 struct Walk {
     anchor: Option<Anchor>,
+    /// Number of the oldest file that must be there.
+    first: Option<u64>,
     noted: Option<String>,
     before: Before,
     /// Number of the file.
@@ -183,7 +208,6 @@ impl Walk {
 
     /// A file begins, or the chain.
     fn mark(&mut self, mark: &Mark) {
-        let first = self.anchor.as_ref().map(|anchor| anchor.first);
         let why = mark.why.as_deref().unwrap_or("nothing was there");
         let is_first = self.before == Before::Nothing;
         match mark.before {
@@ -205,7 +229,7 @@ impl Walk {
                 );
             }
             Some(_) if is_first => {
-                let missing = first.filter(|first| *first < mark.file);
+                let missing = self.first.filter(|first| *first < mark.file);
                 if let Some(first) = missing {
                     let what = format!(
                         "files {first} to {} of the journal are missing, and rotation did not remove them",

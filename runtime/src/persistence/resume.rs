@@ -93,10 +93,7 @@ impl Scan {
 /// The newest file cannot be read.
 pub(super) fn resume(folder: &Path, is_cut: bool) -> io::Result<Resumed> {
     let read = Anchor::read(folder);
-    let anchor = match &read {
-        AnchorRead::There(anchor) => Some(anchor),
-        AnchorRead::Missing | AnchorRead::Damaged => None,
-    };
+    let anchor = read.there();
     let sought = anchor.map(|anchor| anchor.hash);
     let newest = Scan::of(&place(folder, 0), sought)?;
     // what cannot be read of an older one says nothing

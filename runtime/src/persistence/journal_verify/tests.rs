@@ -243,7 +243,6 @@ fn a_journal_is_whole_while_it_is_written_and_rotated() {
     let writer = std::thread::spawn(move || journal(&path, 600, 4000));
     while !writer.is_finished() {
         let found = verify(folder.path(), None).unwrap();
-        // the oldest may have gone between its look at the anchor and at the files
         assert!(found.is_whole(), "{:#?}", found.breaks);
     }
     writer.join().unwrap();
