@@ -13,7 +13,7 @@ mod handler;
 mod history;
 mod operator;
 mod process;
-mod random;
+pub(crate) mod random;
 mod trace;
 mod truth;
 mod witness;

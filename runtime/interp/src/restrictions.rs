@@ -35,6 +35,25 @@ pub struct Restriction {
     pub help: &'static str,
 }
 
+impl Restriction {
+    /// What a row says, field by field.
+    pub(crate) const fn new(
+        entry: &'static DiagnosticEntry,
+        during: During,
+        what: What,
+        message: &'static str,
+        help: &'static str,
+    ) -> Self {
+        Self {
+            during,
+            what,
+            entry,
+            message,
+            help,
+        }
+    }
+}
+
 /// When a restriction holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum During {

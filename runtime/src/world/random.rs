@@ -4,7 +4,7 @@ use std::time::Duration;
 
 /// A generator: splitmix64.
 #[derive(Debug, Clone)]
-pub(super) struct Random(u64);
+pub(crate) struct Random(u64);
 
 impl Random {
     pub fn new(seed: u64) -> Self {
@@ -38,7 +38,12 @@ impl Random {
         Duration::from_micros(from * 1000 + self.below((to - from) * 1000 + 1))
     }
 
+    /// The same as a place in a list; 0 in an empty one.
+    pub fn place(&mut self, length: usize) -> usize {
+        usize::try_from(self.below(length.max(1) as u64)).unwrap()
+    }
+
     pub fn pick<'a, T>(&mut self, all: &'a [T]) -> &'a T {
-        &all[usize::try_from(self.below(all.len() as u64)).unwrap()]
+        &all[self.place(all.len())]
     }
 }

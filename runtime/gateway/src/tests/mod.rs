@@ -313,6 +313,21 @@ pub(super) async fn within<T>(future: impl Future<Output = T>) -> T {
         .expect("within 10 s")
 }
 
+/// An MQTT packet of this first byte.
+pub(super) fn packet(kind: u8, body: &[&[u8]]) -> Vec<u8> {
+    let (mut packet, mut length) = (vec![kind], body.iter().map(|part| part.len()).sum::<usize>());
+    loop {
+        let more = if length > 127 { 0x80 } else { 0 };
+        packet.push(u8::try_from(length % 128).unwrap() | more);
+        length /= 128;
+        if length == 0 {
+            break;
+        }
+    }
+    packet.extend(body.concat());
+    packet
+}
+
 /// An MQTT connection of a user over this version, with a client id of its own, and the kind and code of the answer to its
 /// CONNECT packet.
 pub(super) async fn mqtt_as(

@@ -195,18 +195,7 @@ impl Raw {
     }
 
     async fn send(&mut self, kind: u8, body: &[&[u8]]) {
-        let body = body.concat();
-        let mut head = vec![kind];
-        let mut length = body.len();
-        loop {
-            let more = if length > 127 { 0x80 } else { 0 };
-            head.push(u8::try_from(length % 128).unwrap() | more);
-            length /= 128;
-            if length == 0 {
-                break;
-            }
-        }
-        self.stream.write_all(&[head, body].concat()).await.unwrap();
+        self.stream.write_all(&packet(kind, body)).await.unwrap();
     }
 
     async fn answer(&mut self) -> Vec<u8> {

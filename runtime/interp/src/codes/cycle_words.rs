@@ -11,7 +11,7 @@ use tandem_syntax::Address;
 
 use super::{POSITION_MAX, WordSpec, axis_word};
 use crate::execution::Execution;
-use crate::fixed_cycles::{Expansion, Hole};
+use crate::fixed_cycles::{Cycle, Expansion, Hole, Peck};
 use crate::meaning::ReturnLevel;
 
 /// X, Y, Z, R, P and K with their ranges (manual 2, utilities).
@@ -34,23 +34,41 @@ pub fn run(execution: &mut Execution<'_>, words: AxisWords) {
         execution.refuse(Alarm::new(&FIXED_CYCLE_REFUSED, text));
         return;
     };
-    let initial = kept.initial.unwrap_or_else(|| initial_level(execution));
-    execution.modal.cycle.initial = Some(initial);
-    let (r_point, z_point) = match words.distance {
+    let initial = initial_level(execution);
+    begin(execution, words, cycle, Words { initial, r, z });
+}
+
+/// The words for the levels of a hole, mm; the initial level is a programmed position.
+#[derive(Clone, Copy)]
+pub(super) struct Words {
+    pub initial: f64,
+    pub r: f64,
+    pub z: f64,
+}
+
+/// Begins to give the steps of a block. In G91 R counts from the initial level, Z from R.
+pub(super) fn begin(execution: &mut Execution<'_>, position: AxisWords, cycle: &'static Cycle, words: Words) {
+    let Words { initial, r, z } = words;
+    let kept = execution.modal.cycle;
+    let (r_point, z_point) = match position.distance {
         Distance::Absolute => (r, z),
         Distance::Incremental => (initial + r, initial + r + z),
     };
     let returns = execution.modal.in_force.return_level == Some(ReturnLevel::Initial);
     let speed = execution.modal.spindle_speed_r_min;
+    let peck = kept.peck.filter(|depth| *depth > 0.0).map(|depth| Peck {
+        depth,
+        clearance: execution.limits.options.peck_clearance_mm,
+    });
     let hole = Hole {
-        position: words,
+        position,
         r_point,
         z_point,
         initial: returns.then_some(initial),
         dwell_s: kept.dwell_s.unwrap_or_default(),
         spindle_speed_r_min: execution.limits.has_spindle.then_some(speed),
         repetitions: kept.repetitions.unwrap_or(1),
-        peck: None,
+        peck,
     };
     execution.draft.cycle = Some(Box::new(Expansion::new(cycle, hole)));
 }
@@ -74,8 +92,12 @@ pub(super) fn take_over(execution: &mut Execution<'_>) {
     kept.peck = peck.or(kept.peck);
 }
 
-/// Z where the tool is, as a programmed position.
+/// Z where the cycle began, as a programmed position: where the tool is, in its first block.
 pub(super) fn initial_level(execution: &mut Execution<'_>) -> f64 {
-    let position = execution.position();
-    execution.modal.transform.inverse(position)[Axis::Z]
+    let initial = execution.modal.cycle.initial.unwrap_or_else(|| {
+        let position = execution.position();
+        execution.modal.transform.inverse(position)[Axis::Z]
+    });
+    execution.modal.cycle.initial = Some(initial);
+    initial
 }

@@ -7,11 +7,11 @@ use tandem_model::flow::{Action, AxisWords, Distance};
 use tandem_model::{Axis, AxisSet};
 use tandem_syntax::Address;
 
-use super::cycle_words::{initial_level, take_over};
+use super::cycle_words::{Words, begin, initial_level, take_over};
 use super::{Code, POSITION_MAX, WordSpec, axis_word};
 use crate::execution::Execution;
-use crate::fixed_cycles::{Cycle, Expansion, Hole, Level, Peck, Step, Steps};
-use crate::meaning::{ModalValue, ReturnLevel};
+use crate::fixed_cycles::{Cycle, Level, Step, Steps};
+use crate::meaning::ModalValue;
 
 const X: WordSpec = axis_word(Address::X);
 const Y: WordSpec = axis_word(Address::Y);
@@ -123,35 +123,16 @@ fn run(execution: &mut Execution<'_>, words: AxisWords) {
     let Some(cycle) = execution.modal.in_force.cycle.flatten() else {
         return;
     };
-    let kept = execution.modal.cycle;
-    let initial = kept.initial.unwrap_or_else(|| initial_level(execution));
-    execution.modal.cycle.initial = Some(initial);
+    let (kept, initial) = (execution.modal.cycle, initial_level(execution));
     let Some(z) = kept.z else {
         return only_position(execution, words);
     };
-    let (r_point, z_point) = match words.distance {
-        Distance::Absolute => (kept.r.unwrap_or(initial), z),
-        Distance::Incremental => {
-            let r_point = initial + kept.r.unwrap_or_default();
-            (r_point, r_point + z)
-        }
+    let at_initial = match words.distance {
+        Distance::Absolute => initial,
+        Distance::Incremental => 0.0,
     };
-    let peck = kept.peck.filter(|depth| *depth > 0.0).map(|depth| Peck {
-        depth,
-        clearance: execution.limits.options.peck_clearance_mm,
-    });
-    let returns = execution.modal.in_force.return_level == Some(ReturnLevel::Initial);
-    let hole = Hole {
-        position: words,
-        r_point,
-        z_point,
-        initial: returns.then_some(initial),
-        dwell_s: kept.dwell_s.unwrap_or_default(),
-        spindle_speed_r_min: None,
-        repetitions: kept.repetitions.unwrap_or(1),
-        peck,
-    };
-    execution.draft.cycle = Some(Box::new(Expansion::new(cycle, hole)));
+    let r = kept.r.unwrap_or(at_initial);
+    begin(execution, words, cycle, Words { initial, r, z });
 }
 
 fn only_position(execution: &mut Execution<'_>, mut words: AxisWords) {

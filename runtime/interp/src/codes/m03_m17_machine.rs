@@ -52,39 +52,21 @@ pub static M06: Code = Code {
          or 0 to put the tool back. It has no tool-length offset of its own. T stands with M06 only.",
     )
 };
+
+/// An output that switches a device of the machine.
+const fn switch(code: &'static str, name: &'static str) -> Code {
+    output(code, name, "Makes an output at the start of its block.")
+}
+
 /// M12.
-pub static M12: Code = output(
-    "M12",
-    "Air blower on",
-    "Makes an output at the start of its block.",
-);
+pub static M12: Code = switch("M12", "Air blower on");
 /// M13.
-pub static M13: Code = output(
-    "M13",
-    "Air blower off",
-    "Makes an output at the start of its block.",
-);
+pub static M13: Code = switch("M13", "Air blower off");
 /// M14.
-pub static M14: Code = output(
-    "M14",
-    "Chip cleaner on",
-    "Makes an output at the start of its block.",
-);
+pub static M14: Code = switch("M14", "Chip cleaner on");
 /// M15.
-pub static M15: Code = output(
-    "M15",
-    "Chip cleaner off",
-    "Makes an output at the start of its block.",
-);
+pub static M15: Code = switch("M15", "Chip cleaner off");
 /// M16.
-pub static M16: Code = output(
-    "M16",
-    "Illumination on",
-    "Makes an output at the start of its block.",
-);
+pub static M16: Code = switch("M16", "Illumination on");
 /// M17.
-pub static M17: Code = output(
-    "M17",
-    "Illumination off",
-    "Makes an output at the start of its block.",
-);
+pub static M17: Code = switch("M17", "Illumination off");

@@ -1,6 +1,5 @@
 //! The restrictions of dialect dgshape (2-2 and 2-3).
 
-use tandem_syntax::DiagnosticEntry;
 use tandem_syntax::diagnostics::{
     COMPENSATION_RULE, FIXED_CYCLE_RULE, M_NOT_ALONE, MACHINE_POSITION_RULE, TOOL_OFFSET_RULE, UNIT_CHANGE,
 };
@@ -8,28 +7,12 @@ use tandem_syntax::diagnostics::{
 use super::{During, Restriction, What};
 use crate::meaning::{MotionKind, Role};
 
-const fn row(
-    entry: &'static DiagnosticEntry,
-    during: During,
-    what: What,
-    message: &'static str,
-    help: &'static str,
-) -> Restriction {
-    Restriction {
-        during,
-        what,
-        entry,
-        message,
-        help,
-    }
-}
-
 const fn in_compensation(what: What, message: &'static str) -> Restriction {
-    row(&COMPENSATION_RULE, During::Compensation, what, message, LEAD_OUT)
+    Restriction::new(&COMPENSATION_RULE, During::Compensation, what, message, LEAD_OUT)
 }
 
 const fn alone(role: Role) -> Restriction {
-    row(
+    Restriction::new(
         &M_NOT_ALONE,
         During::Always,
         What::Accompanied(role),
@@ -49,21 +32,21 @@ const BY_LINES: &str = "Write G00 or {linear} in the block.";
 pub static DGSHAPE: [Restriction; 20] = [
     alone(Role::Stop),
     alone(Role::End),
-    row(
+    Restriction::new(
         &UNIT_CHANGE,
         During::UnitSettled,
         What::OtherUnit,
         "{code} changes the unit during the program",
         "Write one unit at the start of the program, before all coordinates.",
     ),
-    row(
+    Restriction::new(
         &COMPENSATION_RULE,
         During::SideSwitch,
         What::ArcInForce,
         STRAIGHT,
         BY_LINES,
     ),
-    row(
+    Restriction::new(
         &COMPENSATION_RULE,
         During::Lead,
         What::MovesBy(MotionKind::Arc),
@@ -75,7 +58,7 @@ pub static DGSHAPE: [Restriction; 20] = [
         What::OffsetNumber,
         "the number of the tool-diameter offset changes",
     ),
-    row(
+    Restriction::new(
         &COMPENSATION_RULE,
         During::CompensatedBlock,
         What::NotXy,
@@ -84,70 +67,70 @@ pub static DGSHAPE: [Restriction; 20] = [
     ),
     in_compensation(What::Has(Role::Coordinates), DURING),
     in_compensation(What::CycleCode, DURING),
-    row(
+    Restriction::new(
         &COMPENSATION_RULE,
         During::CompensatedBlock,
         What::MovesByCycle,
         DURING,
         LEAD_OUT,
     ),
-    row(
+    Restriction::new(
         &COMPENSATION_RULE,
         During::AnyCompensation,
         What::Has(Role::ToReference),
         DURING,
         LEAD_OUT,
     ),
-    row(
+    Restriction::new(
         &COMPENSATION_RULE,
         During::AnyCompensation,
         What::Has(Role::ToMachine),
         DURING,
         LEAD_OUT,
     ),
-    row(
+    Restriction::new(
         &COMPENSATION_RULE,
         During::CompensatedEnd,
         What::Has(Role::End),
         "the program ends during tool-diameter offset",
         LEAD_OUT,
     ),
-    row(
+    Restriction::new(
         &COMPENSATION_RULE,
         During::CompensatedEnd,
         What::Has(Role::Stop),
         "the program waits during tool-diameter offset",
         LEAD_OUT,
     ),
-    row(
+    Restriction::new(
         &COMPENSATION_RULE,
         During::NoCompensation,
         What::Has(Role::Corner),
         "{code} stands without tool-diameter offset",
         "Write {compensation} before it, or remove it.",
     ),
-    row(
+    Restriction::new(
         &TOOL_OFFSET_RULE,
         During::ToolOffset,
         What::Has(Role::ToMachine),
         "{code} stands with a tool-length offset",
         "Write {no tool offset} before it.",
     ),
-    row(
+    Restriction::new(
         &MACHINE_POSITION_RULE,
         During::Incremental,
         What::Has(Role::ToMachine),
         "{code} stands in incremental programming",
         "Write G90 in its block or before it.",
     ),
-    row(
+    Restriction::new(
         &FIXED_CYCLE_RULE,
         During::Drilling,
         What::NotXy,
         ONLY_XY,
         SELECT_XY,
     ),
-    row(
+    Restriction::new(
         &FIXED_CYCLE_RULE,
         During::Drilling,
         What::SpindleAtRest,

@@ -11,13 +11,7 @@ const fn in_compensation(
     message: &'static str,
     help: &'static str,
 ) -> Restriction {
-    Restriction {
-        during,
-        what,
-        entry: &COMPENSATION_RULE,
-        message,
-        help,
-    }
+    Restriction::new(&COMPENSATION_RULE, during, what, message, help)
 }
 
 const LEAD_OUT: &str = "Write {no compensation} and a lead-out first.";
@@ -27,20 +21,20 @@ const WAIT_ELSEWHERE: &str = "Write it before {compensation}, or behind the lead
 
 /// Only the first that a block breaks is reported.
 pub static USUAL: [Restriction; 13] = [
-    Restriction {
-        during: During::CycleBegin,
-        what: What::MissingOfCycle,
-        entry: &FIXED_CYCLE_RULE,
-        message: "the first block of a fixed cycle has no {code}",
-        help: "Write {needed} in it.",
-    },
-    Restriction {
-        during: During::Cycle,
-        what: What::ForeignToCycles,
-        entry: &FIXED_CYCLE_RULE,
-        message: "{code} stands in a fixed cycle",
-        help: "Write {no cycle} before it.",
-    },
+    Restriction::new(
+        &FIXED_CYCLE_RULE,
+        During::CycleBegin,
+        What::MissingOfCycle,
+        "the first block of a fixed cycle has no {code}",
+        "Write {needed} in it.",
+    ),
+    Restriction::new(
+        &FIXED_CYCLE_RULE,
+        During::Cycle,
+        What::ForeignToCycles,
+        "{code} stands in a fixed cycle",
+        "Write {no cycle} before it.",
+    ),
     in_compensation(
         During::Lead,
         What::MovesBy(MotionKind::Arc),
@@ -96,11 +90,11 @@ pub static USUAL: [Restriction; 13] = [
         "{code} stands during cutter compensation",
         "Write {no compensation} and a lead-out before it.",
     ),
-    Restriction {
-        during: During::ToolOffset,
-        what: What::Has(Role::ToMachine),
-        entry: &TOOL_OFFSET_RULE,
-        message: "{code} stands with a tool offset",
-        help: "Write {no tool offset} before it.",
-    },
+    Restriction::new(
+        &TOOL_OFFSET_RULE,
+        During::ToolOffset,
+        What::Has(Role::ToMachine),
+        "{code} stands with a tool offset",
+        "Write {no tool offset} before it.",
+    ),
 ];

@@ -9,19 +9,7 @@ use crate::disk::seal;
 use crate::persistence::chain::place;
 use crate::persistence::journal_file::JournalThread;
 use crate::persistence::journal_folder::{Files, Object, Own};
-
-/// Numbers that follow from a seed (`SplitMix64`).
-struct Random(u64);
-
-impl Random {
-    fn below(&mut self, end: usize) -> usize {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        usize::try_from((z ^ (z >> 31)) % end.max(1) as u64).unwrap()
-    }
-}
+use crate::world::random::Random;
 
 fn open(folder: &Path, bytes_max: u64) -> Files {
     let own = Own {
@@ -86,8 +74,8 @@ fn change(random: &mut Random, kind: usize, lines: &mut Vec<Vec<u8>>, at: usize)
     match kind {
         0 => {
             let line = &mut lines[at];
-            let place = random.below(line.len() - 1);
-            line[place] ^= 1 << random.below(8);
+            let place = random.place(line.len() - 1);
+            line[place] ^= 1 << random.place(8);
         }
         // with a check sum that is right again
         1 => {
@@ -106,12 +94,12 @@ fn change(random: &mut Random, kind: usize, lines: &mut Vec<Vec<u8>>, at: usize)
         }
         3 => lines.swap(at, at + 1),
         4 => {
-            let copy = lines[random.below(at)].clone();
+            let copy = lines[random.place(at)].clone();
             lines.insert(at, copy);
         }
         5 => lines.insert(at, seal("{\"event\":\"request\",\"n\":7}").into_bytes()),
         _ => {
-            let keep = 1 + random.below(lines[at].len() - 2);
+            let keep = 1 + random.place(lines[at].len() - 2);
             lines[at].truncate(keep);
             lines.truncate(at + 1);
         }
@@ -120,16 +108,16 @@ fn change(random: &mut Random, kind: usize, lines: &mut Vec<Vec<u8>>, at: usize)
 
 #[test]
 fn any_line_that_is_changed_removed_inserted_or_moved_is_found_at_its_place_and_the_next_start_goes_on() {
-    let mut random = Random(11);
+    let mut random = Random::new(11);
     for round in 0..140 {
         let folder = tempfile::tempdir().unwrap();
         journal(folder.path(), 30, 1500);
         let files = (0..8).filter(|age| place(folder.path(), *age).exists()).count();
-        let age = random.below(files);
+        let age = random.place(files);
         let path = place(folder.path(), age);
         let mut lines = lines(&path);
         let kind = round % CHANGES;
-        let at = 1 + random.below(lines.len().saturating_sub(2));
+        let at = 1 + random.place(lines.len().saturating_sub(2));
         let at = at.min(lines.len() - 1);
         if kind == 3 && at + 1 >= lines.len() {
             continue;
