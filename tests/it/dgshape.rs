@@ -13,7 +13,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use tandem_interp::dialects::dgshape;
-use tandem_interp::{CheckContext, Inputs, Interpreter, check_source};
+use tandem_interp::{CheckContext, Inputs, Interpreter, Modal, check_source};
 use tandem_model::flow::{Item, Output, Path, Segment, SegmentMotion};
 use tandem_model::settings::{CoordinateSystemSettings, Tool, WorkOffsets};
 use tandem_model::variables::Variables;
@@ -122,7 +122,9 @@ enum Step<'a> {
 }
 
 /// Runs blocks with the tools and offsets of the machine, from machine position 0.
-fn each_step(blocks: &str, keys: &str, mut each: impl FnMut(Step<'_>)) -> Result<(), Alarm> {
+///
+/// The modal state at the end; the alarm that ends the program.
+fn each_step(blocks: &str, keys: &str, mut each: impl FnMut(Step<'_>)) -> Result<Modal, Alarm> {
     let settings = settings(keys);
     let (tree, found) = parse(program(blocks), (dgshape().grammar)());
     assert!(found.is_empty(), "{found:?}");
@@ -157,7 +159,7 @@ fn each_step(blocks: &str, keys: &str, mut each: impl FnMut(Step<'_>)) -> Result
         }
         match &item {
             Item::Output(output) => each(Step::Output(output)),
-            Item::End(_) => return Ok(()),
+            Item::End(_) => return Ok(interpreter.modal().clone()),
             _ => {}
         }
     }
@@ -207,6 +209,12 @@ fn place(at: AxisVector) -> String {
 /// Six decimals; no sign of zero.
 fn rounded(value: f64) -> f64 {
     (value * 1e6).round() / 1e6 + 0.0
+}
+
+/// The spindle speed at the end of these blocks, with the keys of `[coordinate_system.dgshape]`, r/min.
+pub fn speed(blocks: &str, keys: &str) -> f64 {
+    let modal = each_step(blocks, keys, |_| {});
+    modal.unwrap().spindle_speed_r_min
 }
 
 /// The length that F counts on the last line of these blocks, and its feedrate.

@@ -28,8 +28,6 @@ pub(super) struct Place {
     pub path: PathBuf,
     /// From 1.
     pub line: u64,
-    /// 0: in the oldest file that is there, and so on.
-    pub file: usize,
 }
 
 /// Gives each line of a journal's files to `each`; gives the files that cannot be read, and why.
@@ -38,12 +36,11 @@ pub(super) fn read_lines(
     each: &mut dyn FnMut(&Place, Ending, &[u8]),
 ) -> Vec<(PathBuf, io::Error)> {
     let mut unreadable = Vec::new();
-    for (at, (path, file)) in files.into_iter().enumerate() {
+    for (path, file) in files {
         let read = file.and_then(|file| {
             let mut place = Place {
                 path: path.clone(),
                 line: 0,
-                file: at,
             };
             read_file(file, &mut place, each)
         });

@@ -64,7 +64,6 @@ pub fn verify(folder: &Path, noted: Option<&str>) -> io::Result<Verified> {
         at: Place {
             path: folder.to_owned(),
             line: 0,
-            file: 0,
         },
         has_anchored: false,
         has_noted: false,

@@ -1,6 +1,6 @@
 //! M codes, S and T: what the machine is told (2-3, 2-4, 2-7).
 
-use super::{findings, run};
+use super::{findings, run, speed};
 
 const NONE: [&str; 0] = [];
 
@@ -41,7 +41,18 @@ fn dgshape_2_3_stops_and_ends_stand_alone() {
 
 #[test]
 fn dgshape_2_4_s_is_a_speed_or_the_number_of_one() {
-    assert_eq!(findings("S8000M03\nS60"), NONE);
+    // the motor's highest speed is 12000 r/min
+    for (text, r_min) in [
+        ("S8000M03", 8000.0),
+        ("S60", 1000.0),
+        ("S00", 400.0),
+        ("S99", 12_000.0),
+        ("S20000", 12_000.0),
+    ] {
+        assert_eq!(speed(text, "min_spindle_speed = 400.0"), r_min, "{text}");
+        assert_eq!(findings(text), NONE, "{text}");
+    }
+    assert_eq!(speed("S20000", "max_spindle_speed = 9000.0"), 9000.0);
     assert_eq!(findings("S20000M03"), NONE, "the fastest speed is used");
     assert_eq!(findings("S-1"), ["E0109"]);
 }

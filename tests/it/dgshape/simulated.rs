@@ -68,13 +68,6 @@ fn dgshape_m_codes_with_settings_are_outputs() {
 }
 
 #[test]
-fn dgshape_2_4_the_spindle_turns_at_the_speed_of_s() {
-    let ran = simulate_on(&machine(""), &program("S60M03\nG04X1.0\nM05"), &[]).completed();
-    assert_eq!(ran.events("output").len(), 2);
-    assert!((1.0..1.1).contains(&ran.cycle_time_s()), "{}", ran.cycle_time_s());
-}
-
-#[test]
 fn dgshape_motion_keeps_to_the_path_through_corners() {
     // the two lines meet at a right angle
     let ran = simulate_on(&machine(""), &program("F3000.\nG01X20.\nY20."), &[]).completed();
