@@ -2,6 +2,7 @@
 //! positions are worked out by hand from the manual's text.
 
 mod arcs_and_offsets;
+mod by_hand;
 mod coordinates;
 mod cycles;
 mod machine;

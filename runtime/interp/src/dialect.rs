@@ -129,6 +129,13 @@ impl Dialect {
         codes.find(|code| code.sets == Some(value))
     }
 
+    /// The last code of [`Dialect::home`].
+    pub fn home_code(&self) -> Option<&'static Code> {
+        let name = self.home.rsplit(' ').next();
+        let mut codes = self.g_codes.codes.iter().copied();
+        codes.find(|code| Some(code.code) == name)
+    }
+
     /// True when programs may say how long ramps take; otherwise the limits of the motors alone make them.
     pub fn has_ramp_times(&self) -> bool {
         self.modal_words.get(Address::Ta).is_some()

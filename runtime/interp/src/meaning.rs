@@ -101,7 +101,7 @@ pub enum Role {
     Skip,
     /// A motion of its block alone whose target is a machine position.
     ToMachine,
-    /// A motion of its block alone to a reference point.
+    /// A motion of its block alone to a reference point, of the axes that it names.
     ToReference,
     /// An arc about the corner between two motions in cutter compensation.
     Corner,

@@ -41,12 +41,23 @@ impl CoordinateSystem {
 
     /// A run that takes motors to their first reference points: all motors at once, each alone.
     pub(super) fn prepare_home(&self, axes: &[char]) -> Result<(String, Option<Run>), Refusal> {
-        let words: Vec<String> = axes
-            .iter()
-            .map(|axis| Ok(format!("{}0", self.axis_of(*axis)?.letter())))
-            .collect::<Result<_, Refusal>>()?;
+        let dialect = self.context.configured.dialect;
+        let named = axes.iter().map(|axis| self.axis_of(*axis));
+        let mut axes: Vec<Axis> = named.collect::<Result<_, _>>()?;
+        if let Some(code) = dialect.home_code().filter(|code| code.role == Role::ToReference) {
+            if axes.is_empty() {
+                let all = self.context.configured.settings.axes();
+                axes = all.iter().filter(|axis| code.takes(*axis)).collect();
+            }
+            if let Some(axis) = axes.iter().find(|axis| !code.takes(**axis)) {
+                let (letter, code, name) = (axis.letter(), code.code, dialect.name);
+                let text = format!("axis {letter}: {code} of dialect {name} does not move it; jog it");
+                return Err(Refusal::new(RefusalCode::Invalid, text));
+            }
+        }
         // The middle point is where the machine is: 0 further.
-        let text = format!("{} {}", self.context.configured.dialect.home, words.join(" "));
+        let words: Vec<String> = axes.iter().map(|axis| format!("{}0", axis.letter())).collect();
+        let text = format!("{} {}", dialect.home, words.join(" "));
         self.prepare_text(Kind::Home, &text, false)
     }
 

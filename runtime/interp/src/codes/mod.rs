@@ -42,6 +42,7 @@ mod table;
 pub(crate) mod value;
 pub mod work_offset;
 
+use tandem_model::Axis;
 use tandem_model::flow::AxisWords;
 use tandem_syntax::{Address, AddressSet, DiagnosticEntry};
 
@@ -49,7 +50,7 @@ pub use table::CodeTable;
 pub(crate) use table::tenths;
 
 use crate::block_words::BlockWords;
-use crate::execution::Execution;
+use crate::execution::{Execution, axis_of};
 use crate::meaning::{ModalValue, Role, Shape};
 
 /// A G or M code.
@@ -161,6 +162,11 @@ impl Code {
     /// The addresses of its own words.
     pub const fn addresses(&self) -> AddressSet {
         WordSpec::addresses(self.words)
+    }
+
+    /// True where a word names the axis.
+    pub fn takes(&self, axis: Axis) -> bool {
+        self.words.iter().any(|word| axis_of(word.address) == Some(axis))
     }
 
     /// The description of one of its own words.
