@@ -20,7 +20,7 @@ use plc_api::types::request::{Refusal, RefusalCode};
 use tandem_model::limits::PROGRAM_NUMBER_MAX;
 
 pub(crate) use file::check_readable;
-pub use file::{program_number, read_text};
+pub use file::{program_number, read_text, read_text_from};
 use folder::{Found, Look, ProgramFolder};
 pub use program::{CheckHere, StoredProgram, TextRules, header, locate};
 

@@ -15,6 +15,7 @@ mod book;
 mod cli_check;
 mod cli_compile;
 mod cli_config;
+mod cli_findings;
 mod cli_output;
 mod cli_plot;
 mod cli_simulate;

@@ -5,17 +5,17 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use clap::Args;
-use tandem_interp::dialects;
+use tandem_interp::{CheckContext, check_source, dialects};
 use tandem_model::limits::PROGRAM_NUMBER_MAX;
 use tandem_runtime::program_store::{header, program_number};
 use tandem_syntax::Header;
 
-use super::check::CheckedFile;
-use super::{EXIT_FOUND, EXIT_OK, EXIT_UNREADABLE, Ran, complain, read_program};
+use super::findings::Findings;
+use super::{EXIT_FOUND, EXIT_OK, EXIT_UNREADABLE, Ran, complain, read_program, shown};
 
 #[derive(Args)]
 pub struct Arguments {
-    /// NC programs; a file name that is a number tells the header
+    /// NC programs; a file name that is a number tells the header; - is standard input
     #[arg(required = true)]
     files: Vec<PathBuf>,
     /// Writes each program's code into this folder, as NAME.pmc, instead of to standard output
@@ -42,16 +42,14 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
 }
 
 fn compile(path: &Path, arguments: &Arguments) -> Ran {
-    let checked = CheckedFile::alone(path, read_program(path)?);
-    if checked.has_errors() {
-        complain(checked.findings());
-        complain(format!(
-            "{}: not compiled; correct the errors first",
-            path.display()
-        ));
+    let (tree, check) = check_source(read_program(path)?, dialects::nj(), &CheckContext::default());
+    let findings = Findings::new(path, tree.source(), check, Vec::new());
+    if findings.has_errors() {
+        complain(findings.text());
+        complain(format!("{}: not compiled; correct the errors first", shown(path)));
         return Ok(EXIT_FOUND);
     }
-    let code = tandem_syntax::compile(checked.tree(), arguments.header(path), dialects::nj());
+    let code = tandem_syntax::compile(&tree, arguments.header(path), dialects::nj());
     match &arguments.out_dir {
         None => super::say(code.trim_end_matches('\n')),
         Some(folder) => {

@@ -5,6 +5,7 @@ mod check;
 mod compile;
 mod completions;
 mod explain;
+mod findings;
 mod init;
 mod journal;
 mod log;
@@ -24,9 +25,9 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use clap::{Parser, Subcommand};
-use tandem_runtime::program_store::read_text;
+use tandem_runtime::program_store::{read_text, read_text_from};
 use tandem_runtime::{Config, ConfigError, Machine};
 
 /// Clean, completed, or stopped in order.
@@ -166,9 +167,33 @@ fn read_config(path: Option<&Path>) -> anyhow::Result<(Config, Machine)> {
     })
 }
 
-/// The text of an NC program.
+/// The path that stands for standard input.
+const STANDARD_INPUT: &str = "-";
+
+/// True once standard input has been read to its end.
+static STANDARD_INPUT_READ: AtomicBool = AtomicBool::new(false);
+
+/// The text of an NC program: of a file, or of standard input.
 fn read_program(path: &Path) -> anyhow::Result<String> {
-    read_text(path).with_context(|| format!("cannot read {}", path.display()))
+    let read = if path == Path::new(STANDARD_INPUT) {
+        ensure!(
+            !STANDARD_INPUT_READ.swap(true, Ordering::Relaxed),
+            "standard input has one program; write - once"
+        );
+        read_text_from(std::io::stdin().lock())
+    } else {
+        read_text(path)
+    };
+    read.with_context(|| format!("cannot read {}", shown(path)))
+}
+
+/// The name of an NC program, as it is shown.
+fn shown(path: &Path) -> String {
+    if path == Path::new(STANDARD_INPUT) {
+        "<stdin>".to_owned()
+    } else {
+        path.display().to_string()
+    }
 }
 
 /// The file of a subprogram: in the folder of the program that calls it, else in the store's folder.

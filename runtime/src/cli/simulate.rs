@@ -26,8 +26,8 @@ use tandem_runtime::program_store::{StoredProgram, program_number};
 use tandem_runtime::simulation::{self, OnCycle, SimulationOptions};
 use tandem_runtime::{Machine, Runtime, Unhandled};
 
-use super::check::CheckedFile;
-use super::{EXIT_FOUND, EXIT_OK, Ran, find_subprogram, read_config, read_program, say};
+use super::check::check_stored;
+use super::{EXIT_FOUND, EXIT_OK, Ran, find_subprogram, read_config, read_program, say, shown};
 use recorder::{Recorder, Trace};
 pub(super) use report::Outcome;
 
@@ -55,7 +55,8 @@ pub struct Arguments {
 /// What is simulated, and how.
 #[derive(Args, Clone)]
 pub(super) struct SimulationArguments {
-    /// NC program; its subprograms are looked for beside it, then in the data folder's programs
+    /// NC program, - for standard input; its subprograms are looked for beside it (in the current folder), then in the
+    /// data folder's programs
     pub file: PathBuf,
     /// Configuration file; without one the demo machine
     #[arg(long, value_name = "FILE")]
@@ -220,7 +221,7 @@ impl Plan {
                 Some(known) if known.text() == text => continue,
                 Some(_) => bail!(
                     "{}: program {number} is another file already; all programs that run at the same time share their numbers",
-                    path.display()
+                    shown(&path)
                 ),
             }
             let program = StoredProgram::new(number, &text, self.machine.text_rules());
@@ -228,7 +229,7 @@ impl Plan {
             let here = program.check_in(&system.settings);
             let called = &program.check.programs;
             if !here.errors.is_empty() || !called.is_empty() {
-                let checked = CheckedFile::of_stored(&path, &program, &self.machine, &system.settings);
+                let checked = check_stored(&path, &program, &self.machine, &system.settings);
                 if checked.has_errors() {
                     if !json {
                         checked.print();

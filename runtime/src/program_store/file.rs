@@ -11,9 +11,17 @@ use tandem_model::limits::{PROGRAM_BYTES_MAX, PROGRAM_NUMBER_MAX};
 /// # Errors
 /// The file cannot be read, or has more than [`PROGRAM_BYTES_MAX`] bytes; no more of it is read then.
 pub fn read_text(path: &Path) -> io::Result<String> {
+    read_text_from(fs::File::open(path)?)
+}
+
+/// As [`read_text`], of what gives the bytes of an NC program.
+///
+/// # Errors
+/// As those of [`read_text`].
+pub fn read_text_from(from: impl io::Read) -> io::Result<String> {
     let most = PROGRAM_BYTES_MAX as u64;
     let mut bytes = Vec::new();
-    fs::File::open(path)?.take(most + 1).read_to_end(&mut bytes)?;
+    from.take(most + 1).read_to_end(&mut bytes)?;
     check_bytes(bytes.len() as u64)?;
     Ok(text_of(bytes))
 }

@@ -1,0 +1,215 @@
+//! What was found in an NC program, as text, as JSON and as SARIF.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use codespan_reporting::diagnostic::{Diagnostic as Rendered, Label};
+use codespan_reporting::files::SimpleFile;
+use codespan_reporting::term;
+use percent_encoding::{AsciiSet, CONTROLS, utf8_percent_encode};
+use plc_api::types::program::{DiagnosticSeverity, ProgramDiagnostic};
+use serde_json::{Value, json};
+use tandem_model::{Diagnostic, Severity};
+use tandem_runtime::program_store::locate;
+use tandem_syntax::DIAGNOSTICS;
+
+use super::{say, shown};
+
+/// What a path of a URI may not hold as it is.
+const NOT_IN_A_PATH: &AsciiSet = &CONTROLS
+    .add(b' ')
+    .add(b'"')
+    .add(b'#')
+    .add(b'%')
+    .add(b'<')
+    .add(b'>')
+    .add(b'?')
+    .add(b'[')
+    .add(b'\\')
+    .add(b']')
+    .add(b'^')
+    .add(b'`')
+    .add(b'{')
+    .add(b'|')
+    .add(b'}');
+
+/// What was found in one NC program.
+pub(super) struct Findings {
+    /// The name of the file, as it is shown.
+    pub file: String,
+    /// The text.
+    pub source: Arc<str>,
+    /// In the order of their places.
+    pub diagnostics: Vec<Diagnostic>,
+    /// M codes that it puts out, ascending.
+    pub m_codes: Vec<u16>,
+    /// Programs that it calls, ascending.
+    pub programs: Vec<u16>,
+}
+
+impl Findings {
+    /// What was found in the file of this path.
+    pub fn new(
+        path: &Path,
+        source: &Arc<str>,
+        mut check: tandem_interp::Check,
+        parsed: Vec<Diagnostic>,
+    ) -> Self {
+        check.diagnostics.extend(parsed);
+        check
+            .diagnostics
+            .sort_by_key(|found| (found.span.start, found.span.end));
+        Self {
+            file: shown(path),
+            source: Arc::clone(source),
+            diagnostics: check.diagnostics,
+            m_codes: check.m_codes,
+            programs: check.programs,
+        }
+    }
+
+    pub fn has_errors(&self) -> bool {
+        self.diagnostics.iter().any(Diagnostic::is_error)
+    }
+
+    /// The findings with lines and columns.
+    pub fn located(&self) -> Vec<ProgramDiagnostic> {
+        locate(&self.source, &self.diagnostics)
+    }
+
+    /// The findings with source line and underline.
+    pub fn text(&self) -> String {
+        let file = SimpleFile::new(&self.file, self.source.as_ref());
+        let config = term::Config::default();
+        let mut text = String::new();
+        for found in &self.diagnostics {
+            let rendered = match found.severity {
+                Severity::Error => Rendered::error(),
+                Severity::Warning => Rendered::warning(),
+            };
+            let range = found.span.start as usize..found.span.end as usize;
+            let rendered = rendered
+                .with_code(found.code)
+                .with_message(&found.message)
+                .with_label(Label::primary((), range))
+                .with_note(format!("help: {}", found.help));
+            let shown = term::emit_into_string(&config, &file, &rendered)
+                .unwrap_or_else(|_| format!("{}: {}: {}", self.file, found.code, found.message));
+            text.push_str(shown.trim_end());
+            text.push_str("\n\n");
+        }
+        text
+    }
+
+    /// Prints the findings, and what the program uses.
+    pub fn print(&self) {
+        if let Some(text) = self.text().strip_suffix('\n') {
+            say(text);
+        }
+        let found = &self.diagnostics;
+        let errors = found.iter().filter(|found| found.is_error()).count();
+        let warnings = found.len() - errors;
+        let m_codes: Vec<_> = self.m_codes.iter().map(|m| format!("M{m:02}")).collect();
+        let programs: Vec<_> = self.programs.iter().map(u16::to_string).collect();
+        let or_none = |list: Vec<String>| match list.join(" ") {
+            none if none.is_empty() => "none".to_owned(),
+            list => list,
+        };
+        say(format!(
+            "{}: {}, {}\n  M codes: {}; programs called: {}",
+            self.file,
+            counted(errors, "error"),
+            counted(warnings, "warning"),
+            or_none(m_codes),
+            or_none(programs)
+        ));
+    }
+
+    fn to_json(&self) -> Value {
+        json!({
+            "file": self.file,
+            "diagnostics": self.located(),
+            "m_codes": self.m_codes,
+            "programs": self.programs,
+        })
+    }
+
+    /// The findings as results of SARIF.
+    fn results(&self) -> Vec<Value> {
+        let uri = uri(&self.file);
+        let result = |found: &ProgramDiagnostic| {
+            let level = match found.severity {
+                DiagnosticSeverity::Error => "error",
+                DiagnosticSeverity::Warning => "warning",
+            };
+            json!({
+                "ruleId": found.code,
+                "level": level,
+                "message": {"text": format!("{}. {}", found.message, found.help)},
+                "locations": [{"physicalLocation": {
+                    "artifactLocation": {"uri": uri},
+                    "region": {
+                        "startLine": found.line,
+                        "startColumn": found.column,
+                        "endLine": found.end_line,
+                        "endColumn": found.end_column,
+                    },
+                }}],
+            })
+        };
+        self.located().iter().map(result).collect()
+    }
+}
+
+/// All findings as one JSON object.
+pub(super) fn as_json(all: &[Findings]) -> Value {
+    let files: Vec<Value> = all.iter().map(Findings::to_json).collect();
+    json!({"files": files})
+}
+
+/// All findings as a log of SARIF 2.1.0. `is_whole`: every file could be read.
+pub(super) fn as_sarif(all: &[Findings], is_whole: bool) -> Value {
+    let rule = |entry: &&tandem_syntax::DiagnosticEntry| {
+        json!({
+            "id": entry.code,
+            "shortDescription": {"text": entry.title},
+            "fullDescription": {"text": entry.explanation},
+            "help": {"text": entry.example},
+        })
+    };
+    json!({
+        "$schema": "https://json.schemastore.org/sarif-2.1.0.json",
+        "version": "2.1.0",
+        "runs": [{
+            "tool": {"driver": {
+                "name": "tandem",
+                "version": env!("CARGO_PKG_VERSION"),
+                "informationUri": env!("CARGO_PKG_REPOSITORY"),
+                "rules": DIAGNOSTICS.iter().map(rule).collect::<Vec<_>>(),
+            }},
+            "columnKind": "unicodeCodePoints",
+            "invocations": [{"executionSuccessful": is_whole}],
+            "results": all.iter().flat_map(Findings::results).collect::<Vec<_>>(),
+        }],
+    })
+}
+
+/// A file name as a reference of a URI.
+fn uri(file: &str) -> String {
+    let path = if cfg!(windows) {
+        file.replace('\\', "/")
+    } else {
+        file.to_owned()
+    };
+    let path = utf8_percent_encode(&path, NOT_IN_A_PATH).to_string();
+    if Path::new(file).is_absolute() {
+        return format!("file://{}{path}", if path.starts_with('/') { "" } else { "/" });
+    }
+    // a colon in the first part would be read as the end of a scheme
+    path.replace(':', "%3A")
+}
+
+fn counted(count: usize, what: &str) -> String {
+    let plural = if count == 1 { "" } else { "s" };
+    format!("{count} {what}{plural}")
+}
