@@ -11,6 +11,7 @@ mod coordinate_system;
 mod coordinator;
 pub mod data_folder;
 mod disk;
+pub mod explain;
 mod handlers;
 pub mod journal;
 mod persistence;

@@ -64,7 +64,7 @@ enum Command {
     Check(check::Arguments),
     /// Writes the intermediate code of NC programs
     Compile(compile::Arguments),
-    /// Tells what a diagnostic, a key of the configuration or a rule means
+    /// Tells what a diagnostic, an alarm, a code, a key of the configuration or a rule means
     Explain(explain::Arguments),
     /// Writes a machine of your own: configuration, NC program, handlers and a test
     Init(init::Arguments),

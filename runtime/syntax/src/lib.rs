@@ -23,6 +23,6 @@ pub use grammar::{Grammar, ProgramForm};
 pub use intermediate::{CodeRole, Codes, Header, block_bytes, compile};
 pub use line_index::LineIndex;
 pub use parser::{DIAGNOSTICS_MAX, NESTING_MAX, parse};
-pub use program_code::{Expression, ExpressionId, Function, Operator, ProgramCode, Statement};
+pub use program_code::{Expression, ExpressionId, Function, Keyword, Operator, ProgramCode, Statement};
 pub use tree::{Block, Content, NcProgram, Value, Word};
 pub use variable::{Variable, VariableKind};

@@ -107,7 +107,8 @@ macro_rules! spelled {
         pub enum $name { $(#[doc = concat!("`", $text, "`")] $variant,)* }
 
         impl $name {
-            pub(crate) const ALL: &[$name] = &[$($name::$variant),*];
+            /// All of them.
+            pub const ALL: &[$name] = &[$($name::$variant),*];
 
             /// As it is written.
             pub const fn text(self) -> &'static str {
@@ -121,6 +122,51 @@ spelled! {
     /// Words that begin or belong to a program code.
     Keyword {
         If "if", Else "else", Switch "switch", Case "case", Default "default", Break "break", While "while", Do "do",
+    }
+}
+
+impl Keyword {
+    /// How it is written with what belongs to it, and what it does (manual 4-2).
+    pub const fn meaning(self) -> (&'static str, &'static str) {
+        match self {
+            Keyword::If => (
+                "if (condition) command\nelse command",
+                "Carries out the command where the condition holds, else the one behind `else`, if there is one. Several \
+                 commands stand in braces.",
+            ),
+            Keyword::Else => (
+                "if (condition) command\nelse command",
+                "Begins what is carried out where the condition of its `if` does not hold; `else if` asks the next \
+                 condition.",
+            ),
+            Keyword::Switch => (
+                "switch (value) {\n    case 1:\n        commands\n        break\n    default:\n        commands\n}",
+                "Continues at the `case` whose label is the value, else at `default`, else behind the closing brace. \
+                 `break` leaves it; without one the commands of the next case follow.",
+            ),
+            Keyword::Case => (
+                "case 1:",
+                "A place in a `switch` where the program continues if the value is this whole number.",
+            ),
+            Keyword::Default => (
+                "default:",
+                "The place in a `switch` where the program continues if no `case` has the value.",
+            ),
+            Keyword::Break => (
+                "break",
+                "Leaves the innermost `switch`, `while` or `do` that it stands in.",
+            ),
+            Keyword::While => (
+                "while (condition) command",
+                "Repeats the command as long as the condition holds, which is read before each repetition. Behind `do` it \
+                 ends that loop. A loop that neither moves nor waits is an alarm (21).",
+            ),
+            Keyword::Do => (
+                "do command\nwhile (condition)",
+                "Carries out the command, and repeats it as long as the condition holds, which is read behind each \
+                 repetition.",
+            ),
+        }
     }
 }
 

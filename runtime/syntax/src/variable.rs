@@ -28,7 +28,8 @@ const CAPTURED_POSITION_MAX: u16 = 7;
 const _: () = assert!(CAPTURED_POSITION_MAX as usize + 1 == tandem_model::AXES_MAX);
 
 impl VariableKind {
-    pub(crate) const ALL: [VariableKind; 4] = [
+    /// All of them.
+    pub const ALL: [VariableKind; 4] = [
         VariableKind::Local,
         VariableKind::CoordinateSystem,
         VariableKind::Global,
@@ -42,6 +43,28 @@ impl VariableKind {
             VariableKind::CoordinateSystem => 4095,
             VariableKind::Global => 32767,
             VariableKind::CapturedPosition => CAPTURED_POSITION_MAX,
+        }
+    }
+
+    /// What they hold, how long, and who reads and writes them.
+    pub const fn meaning(self) -> &'static str {
+        match self {
+            VariableKind::Local => {
+                "Local variables of one call of a program: fresh, all 0, each time it is called or started (D12). Nobody \
+                 else reads or writes them."
+            }
+            VariableKind::CoordinateSystem => {
+                "Variables of the coordinate system: its programs share them, and sequence programs and HMIs read and \
+                 write them."
+            }
+            VariableKind::Global => {
+                "Variables of the controller: all coordinate systems share them, and sequence programs and HMIs read and \
+                 write them."
+            }
+            VariableKind::CapturedPosition => {
+                "Where a motor was when the last G31 was ended by its skip input, mm or degrees of the machine; read only. \
+                 The index counts the motors of the coordinate system (D16, D41)."
+            }
         }
     }
 

@@ -258,6 +258,8 @@ impl WordSpec {
         };
         if self.max.is_finite() {
             format!("{} to {}{unit}", self.min, self.max)
+        } else if self.min.is_infinite() {
+            "any number".to_owned()
         } else {
             format!("{}{unit} or more", self.min)
         }

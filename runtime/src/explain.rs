@@ -1,0 +1,214 @@
+//! What a person sees, explained: a page of each name, written from the rows that the product itself works with.
+
+mod language;
+
+use tandem_interp::Dialect;
+use tandem_model::alarm::{ALARMS, AlarmEntry};
+use tandem_syntax::{DIAGNOSTICS, DiagnosticEntry};
+
+use crate::config::{Config, ConfigKey};
+
+/// Tables of rules: number and text.
+const RULES: [&[(&str, &str)]; 3] = [
+    tandem_interp::decisions::DECISIONS,
+    tandem_motion::rules::RULES,
+    plc_api::handshake::rules::RULES,
+];
+
+/// What a name means: a diagnostic (`E0105`), an alarm (`alarm 412` or `412`), a code (`G02`), an address, a function, a
+/// keyword or a variable of the dialect, a rule (`D31`), or a key of the configuration. All that has the name is told,
+/// in plain text in which an indented line stands as it is. `None`: nothing has it.
+///
+/// ```
+/// let page = tandem_runtime::explain::explain("g2", tandem_interp::dialects::nj()).unwrap();
+/// assert!(page.starts_with("G02: Circular Interpolation"));
+/// ```
+pub fn explain(what: &str, dialect: &Dialect) -> Option<String> {
+    let what = what.split_whitespace().collect::<Vec<_>>().join(" ");
+    let keys = Config::keys();
+    let pages: Vec<String> = (DiagnosticEntry::find(&what).into_iter().map(of_diagnostic))
+        .chain(alarm(&what).map(of_alarm))
+        .chain(language::pages(&what, dialect))
+        .chain(rules(&what))
+        .chain(keys.iter().filter(|key| is_named(key, &what)).map(of_key))
+        .collect();
+    (!pages.is_empty()).then(|| pages.join("\n\n"))
+}
+
+/// All names that have a page.
+pub fn names(dialect: &Dialect) -> Vec<String> {
+    let diagnostics = DIAGNOSTICS.iter().map(|entry| entry.code.to_owned());
+    let alarms = ALARMS.iter().map(|entry| format!("alarm {}", entry.number));
+    let rules = RULES
+        .into_iter()
+        .flatten()
+        .map(|(number, _)| (*number).to_owned());
+    let keys = Config::keys().into_iter().flat_map(|key| {
+        let own = key.path.rsplit('.').next().unwrap_or_default().to_owned();
+        [key.path, own]
+    });
+    diagnostics
+        .chain(alarms)
+        .chain(language::names(dialect))
+        .chain(rules)
+        .chain(keys)
+        .collect()
+}
+
+/// The name that a name without a page comes nearest to.
+pub fn nearest(what: &str, dialect: &Dialect) -> String {
+    let what = what.to_lowercase();
+    let distance = |known: &String| strsim::damerau_levenshtein(&what, &known.to_lowercase());
+    names(dialect)
+        .into_iter()
+        .min_by_key(distance)
+        .unwrap_or_default()
+}
+
+/// A title, and what stands under it.
+fn page(name: &str, title: &str, parts: &[String]) -> String {
+    let parts = parts.iter().filter(|part| !part.is_empty());
+    let mut page = format!("{name}: {title}");
+    for part in parts {
+        page.push_str("\n\n");
+        page.push_str(part);
+    }
+    page
+}
+
+/// Lines that stand as they are.
+fn indented(text: &str) -> String {
+    let lines: Vec<String> = text.lines().map(|line| format!("    {line}")).collect();
+    lines.join("\n")
+}
+
+fn of_diagnostic(entry: &DiagnosticEntry) -> String {
+    let example = format!("Example:\n\n{}", indented(entry.example));
+    page(entry.code, entry.title, &[entry.explanation.to_owned(), example])
+}
+
+/// The alarm of `412` or `alarm 412`.
+fn alarm(what: &str) -> Option<&'static AlarmEntry> {
+    let (word, number) = what.rsplit_once(' ').unwrap_or(("alarm", what));
+    let number: u16 = number.parse().ok()?;
+    let mut entries = ALARMS.iter().copied();
+    let is_named = word.eq_ignore_ascii_case("alarm");
+    entries.find(|entry| is_named && entry.number == number)
+}
+
+fn of_alarm(entry: &AlarmEntry) -> String {
+    page(
+        &format!("alarm {}", entry.number),
+        entry.title,
+        &[entry.remedy.to_owned()],
+    )
+}
+
+/// The rule of this number, and those of its group.
+fn rules(number: &str) -> impl Iterator<Item = String> {
+    let is_named = move |row: &str| {
+        let group = row.split('.').next().unwrap_or(row);
+        [row, group].iter().any(|name| name.eq_ignore_ascii_case(number))
+    };
+    let rows = RULES.into_iter().flatten().filter(move |(row, _)| is_named(row));
+    rows.map(|(row, text)| format!("{row}: {text}"))
+}
+
+/// True for a key by its own name or with its table's, and for all keys of the table of this name.
+fn is_named(key: &ConfigKey, name: &str) -> bool {
+    key.path == name || key.path.split('.').any(|part| part == name)
+}
+
+fn of_key(key: &ConfigKey) -> String {
+    let value = match key.default.as_str() {
+        _ if key.is_needed => "needed".to_owned(),
+        "" => "may be left out".to_owned(),
+        default => format!("default {default}"),
+    };
+    let mut facts = vec![key.kind.clone(), key.unit.clone(), key.range_text(), value];
+    facts.retain(|fact| !fact.is_empty());
+    let mut lines = vec![page(
+        &key.path,
+        &facts.join(", "),
+        std::slice::from_ref(&key.text),
+    )];
+    let words = key.words.iter();
+    lines.extend(words.map(|word| format!("    \"{}\"  {}", word.word, word.text)));
+    lines.join("\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use tandem_interp::dialects;
+
+    use super::*;
+
+    fn of_nj(what: &str) -> String {
+        explain(what, dialects::nj()).unwrap_or_else(|| panic!("{what} has no page"))
+    }
+
+    #[test]
+    fn every_name_of_both_dialects_has_a_page_that_begins_with_it() {
+        for dialect in [dialects::nj(), dialects::dgshape()] {
+            for name in names(dialect) {
+                let page = explain(&name, dialect).unwrap_or_else(|| panic!("{name} has no page"));
+                assert!(page.lines().count() > 2 || page.contains(": "), "{name}: {page}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_code_is_found_however_it_is_written() {
+        let page = of_nj("G02");
+        assert!(
+            page.starts_with("G02: Circular Interpolation in CW direction\n\n    G02 [X_]"),
+            "{page}"
+        );
+        assert!(page.contains("Modal group 01 (motion)"), "{page}");
+        for written in ["G2", "g02", "g 02", " G2.0 "] {
+            assert_eq!(of_nj(written), page, "{written}");
+        }
+        assert!(of_nj("G50.1").starts_with("G50.1: "));
+        assert!(of_nj("M100").starts_with("M100: Auxiliary Function Output"));
+        for none in ["G", "G999", "M192", "G-2", "Gx", "M1.5", "G0x2", "", "ß1"] {
+            let page = explain(none, dialects::nj()).unwrap_or_default();
+            assert!(
+                !page.contains("Modal group") && !page.contains("Output"),
+                "{none}: {page}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_dialect_explains_its_own_codes_only() {
+        let dgshape = dialects::dgshape();
+        assert!(explain("G83", dgshape).is_some());
+        assert_eq!(explain("G83", dialects::nj()), None);
+        assert_ne!(explain("G04", dgshape), explain("G04", dialects::nj()));
+        for none in ["while", "sind", "Q0"] {
+            assert_eq!(explain(none, dgshape), None, "{none}");
+        }
+        assert!(
+            explain("M100", dgshape)
+                .unwrap()
+                .contains("unless the configuration has a table m_code")
+        );
+    }
+
+    #[test]
+    fn alarms_functions_keywords_and_variables_have_pages() {
+        let alarm = of_nj("412");
+        assert!(
+            alarm.starts_with("alarm 412: A value that the program needs is damaged"),
+            "{alarm}"
+        );
+        assert_eq!(of_nj("Alarm  412"), alarm);
+        assert_eq!(explain("alarm 9", dialects::nj()), None);
+        assert!(of_nj("SIND").starts_with("sind: the sine of degrees\n\n    Q0 = sind(x)"));
+        assert!(of_nj("while").contains("    while (condition) command"));
+        assert!(of_nj("L255").starts_with("L: variables L0 to L255"));
+        assert_eq!(explain("L256", dialects::nj()), None);
+        assert!(of_nj("_CNC_CapturedPosition").contains("read only"));
+        assert!(of_nj("F").contains("G04"));
+    }
+}
