@@ -31,6 +31,29 @@ addresses! {
 }
 
 impl Address {
+    /// The address of one letter, in either case.
+    #[inline]
+    pub(crate) fn of_letter(letter: u8) -> Option<Self> {
+        let index = letter.to_ascii_uppercase().wrapping_sub(b'A');
+        if index < 26 {
+            Self::ALL.get(usize::from(index)).copied()
+        } else {
+            None
+        }
+    }
+
+    /// The address that letters spell, in either case.
+    pub fn find(letters: &str) -> Option<Self> {
+        match letters.as_bytes() {
+            [letter] => Self::of_letter(*letter),
+            [_, _] => {
+                let mut all = Self::ALL.iter().copied();
+                all.find(|address| address.text().eq_ignore_ascii_case(letters))
+            }
+            _ => None,
+        }
+    }
+
     /// Place of VA to VH among the parameters of an M code, 0 to 7.
     pub const fn parameter_index(self) -> Option<usize> {
         let index = self as u8;

@@ -179,7 +179,8 @@ impl<'a> Cursor<'a> {
         self.bytes[self.at..].starts_with(text.as_bytes())
     }
 
-    fn comment(&mut self, grammar: &Grammar) -> Result<(), usize> {
+    /// Passes the comment that begins here. Answers its start where it is not closed.
+    pub(crate) fn comment(&mut self, grammar: &Grammar) -> Result<(), usize> {
         let start = self.at;
         if grammar.line_comment.is_some_and(|begin| self.begins_with(begin)) {
             let rest = &self.bytes[start..];

@@ -9,20 +9,24 @@
 mod address;
 mod cursor;
 pub mod diagnostics;
+mod format;
 mod grammar;
 mod intermediate;
 mod line_index;
 mod parser;
 mod program_code;
+mod tokens;
 mod tree;
 mod variable;
 
 pub use address::{Address, AddressSet};
 pub use diagnostics::{DIAGNOSTICS, DiagnosticEntry};
+pub use format::format;
 pub use grammar::{Grammar, ProgramForm};
 pub use intermediate::{CodeRole, Codes, Header, block_bytes, compile};
 pub use line_index::LineIndex;
 pub use parser::{DIAGNOSTICS_MAX, NESTING_MAX, parse};
 pub use program_code::{Expression, ExpressionId, Function, Keyword, Operator, ProgramCode, Statement};
+pub use tokens::{Token, TokenKind, tokens};
 pub use tree::{Block, Content, NcProgram, Value, Word};
 pub use variable::{Variable, VariableKind};

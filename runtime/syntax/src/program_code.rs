@@ -181,6 +181,25 @@ spelled! {
     }
 }
 
+impl Keyword {
+    /// The keyword that letters spell, read without regard to case (D01).
+    pub(crate) fn find(letters: &str) -> Option<Self> {
+        if letters.len() < 2 {
+            return None;
+        }
+        let mut keywords = Self::ALL.iter().copied();
+        keywords.find(|keyword| keyword.text().eq_ignore_ascii_case(letters))
+    }
+}
+
+impl Function {
+    /// The function of a name, read without regard to case (D01).
+    pub(crate) fn find(name: &str) -> Option<Self> {
+        let mut functions = Self::ALL.iter().copied();
+        functions.find(|function| function.text().eq_ignore_ascii_case(name))
+    }
+}
+
 impl Operator {
     pub(crate) const PRIORITY_MAX: u8 = 5;
 

@@ -68,6 +68,12 @@ impl VariableKind {
         }
     }
 
+    /// The array of this name, read without regard to case (D01).
+    pub(crate) fn find(letters: &str) -> Option<Self> {
+        let mut kinds = Self::ALL.into_iter();
+        kinds.find(|kind| kind.prefix().eq_ignore_ascii_case(letters))
+    }
+
     /// The name before the index.
     pub const fn prefix(self) -> &'static str {
         match self {

@@ -12,7 +12,10 @@ use tandem_model::flow::Item;
 use tandem_model::settings::{CoordinateSystemSettings, Tool, WorkOffsets};
 use tandem_model::variables::{VariableArray, Variables};
 use tandem_model::{AxisVector, Diagnostic};
-use tandem_syntax::{DIAGNOSTICS_MAX, Header, LineIndex, NcProgram, block_bytes, compile, parse};
+use tandem_syntax::{
+    DIAGNOSTICS_MAX, Header, LineIndex, NcProgram, Token, TokenKind, block_bytes, compile, format, parse,
+    tokens,
+};
 
 /// Items that a program is run for.
 const ITEMS: usize = 200;
@@ -21,6 +24,7 @@ const ITEMS: usize = 200;
 pub fn all(source: &str) {
     words_are_what_the_text_says(source);
     parsing_gives_a_sound_tree(source);
+    the_layout_changes_only_blanks_and_case(source);
     checking_gives_bounded_findings(source);
     what_checks_clean_runs_clean(source);
 }
@@ -89,6 +93,58 @@ fn tree_of_dialect(source: &str, dialect: &'static Dialect) {
     for header in [Header::Program(1), Header::Subprogram(1000)] {
         assert!(compile(&program, header, dialect).ends_with("close\n"));
     }
+}
+
+/// Layout: only blanks and case change, so that the intermediate code and what is found stay the same; a text in its
+/// layout is not changed. Tokens leave nothing out but blanks.
+pub fn the_layout_changes_only_blanks_and_case(source: &str) {
+    in_each_dialect(|dialect| layout_of_dialect(source, dialect));
+}
+
+fn layout_of_dialect(source: &str, dialect: &'static Dialect) {
+    let grammar = (dialect.grammar)();
+    let mut end = if source.starts_with('\u{feff}') { 3 } else { 0 };
+    for token in tokens(source, grammar) {
+        let (start, next) = (token.span.start as usize, token.span.end as usize);
+        let between = &source[end..start];
+        assert!(
+            between.chars().all(|c| " \t\r".contains(c)),
+            "{between:?} in {source:?}"
+        );
+        assert!(start < next, "{token:?} in {source:?}");
+        end = next;
+    }
+    let Ok(laid_out) = format(source, grammar) else {
+        return;
+    };
+    assert_eq!(
+        format(&laid_out, grammar).as_deref(),
+        Ok(laid_out.as_str()),
+        "of {source:?}"
+    );
+    let squeezed = |text: &str| text.to_ascii_lowercase().replace([' ', '\t', '\r'], "");
+    assert_eq!(squeezed(&laid_out).trim_end(), squeezed(source).trim_end());
+    assert_eq!(
+        comments(&laid_out, dialect),
+        comments(source, dialect),
+        "of {source:?}"
+    );
+    let said = |text: &str| {
+        let (program, findings) = parse(text, grammar);
+        let codes: Vec<_> = findings.iter().map(|found| found.code).collect();
+        (compile(&program, Header::Program(1), dialect), codes)
+    };
+    assert_eq!(said(&laid_out), said(source), "{laid_out:?} of {source:?}");
+}
+
+/// The comments of a text without the blanks that end a line.
+fn comments(source: &str, dialect: &'static Dialect) -> Vec<String> {
+    let of = |token: &Token| source[token.span.start as usize..token.span.end as usize].replace("\r\n", "\n");
+    let all = tokens(source, (dialect.grammar)());
+    let comments = all.filter(|token| token.kind == TokenKind::Comment);
+    comments
+        .map(|token| of(&token).trim_end_matches([' ', '\t', '\r']).to_owned())
+        .collect()
 }
 
 /// Checker: findings lie within the text, their number is bounded, and they are the same each time.

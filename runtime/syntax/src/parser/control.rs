@@ -3,7 +3,6 @@
 use tandem_model::Span;
 
 use super::expression::Kind;
-use super::word::keyword;
 use super::{LineKind, NESTING_MAX, Parser, index};
 use crate::cursor::Cursor;
 use crate::diagnostics;
@@ -301,7 +300,7 @@ impl Parser<'_> {
     fn take_keyword(&mut self, expected: Keyword) -> Option<usize> {
         let mut ahead = self.cursor;
         ahead.blank_lines(self.grammar).ok()?;
-        if keyword(ahead.letters()) != Some(expected) {
+        if Keyword::find(ahead.letters()) != Some(expected) {
             return None;
         }
         self.cursor = ahead;

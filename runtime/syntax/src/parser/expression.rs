@@ -191,8 +191,7 @@ impl Parser<'_> {
             );
             return None;
         }
-        let mut functions = Function::ALL.iter().copied();
-        let Some(function) = functions.find(|function| function.text().eq_ignore_ascii_case(name)) else {
+        let Some(function) = Function::find(name) else {
             return self.malformed(start, &format!("`{name}` is neither a variable nor a function"));
         };
         self.blanks();

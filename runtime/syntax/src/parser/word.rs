@@ -15,7 +15,7 @@ impl Parser<'_> {
     pub(super) fn name_or_word(&mut self, line: u32) -> bool {
         let start = self.cursor.at();
         if let Some(b'0'..=b'9' | b'-' | b'.' | b'+') = self.cursor.peek_second() {
-            let address = self.cursor.peek().and_then(single_letter);
+            let address = self.cursor.peek().and_then(Address::of_letter);
             match address.filter(|address| self.grammar.addresses.contains(*address)) {
                 Some(address) => self.word(start, address, 1),
                 None => self.unknown_word(start, 1),
@@ -24,7 +24,7 @@ impl Parser<'_> {
         }
         let letters = self.cursor.letters();
         if self.grammar.program_codes
-            && let Some(keyword) = keyword(letters)
+            && let Some(keyword) = Keyword::find(letters)
         {
             let ends = self.nesting.braces > 0 || (self.nesting.depth > 0 && ends_command(keyword));
             if self.kind == LineKind::Words && ends {
@@ -43,14 +43,7 @@ impl Parser<'_> {
 
     /// The address that letters spell, if the grammar has it.
     fn address_of(&self, letters: &str) -> Option<Address> {
-        let address = match letters.len() {
-            1 => letters.bytes().next().and_then(single_letter),
-            2 => Address::ALL
-                .iter()
-                .copied()
-                .find(|address| address.text().eq_ignore_ascii_case(letters)),
-            _ => None,
-        };
+        let address = Address::find(letters);
         address.filter(|address| self.grammar.addresses.contains(*address))
     }
 
@@ -233,8 +226,7 @@ impl Parser<'_> {
     /// Passes the name of a variable: its array, and its index however large.
     pub(super) fn variable(&mut self) -> Option<(VariableKind, u64)> {
         let letters = self.cursor.letters();
-        let mut kinds = VariableKind::ALL.into_iter();
-        let kind = kinds.find(|kind| kind.prefix().eq_ignore_ascii_case(letters))?;
+        let kind = VariableKind::find(letters)?;
         let mut ahead = self.cursor;
         ahead.advance(letters.len());
         let digits = ahead.digits();
@@ -312,28 +304,10 @@ impl Parser<'_> {
     }
 }
 
-fn single_letter(letter: u8) -> Option<Address> {
-    let index = letter.to_ascii_uppercase().wrapping_sub(b'A');
-    if index < 26 {
-        Address::ALL.get(usize::from(index)).copied()
-    } else {
-        None
-    }
-}
-
 /// True for what may follow a command of a branch or repetition on its line.
 fn ends_command(keyword: Keyword) -> bool {
     matches!(
         keyword,
         Keyword::Else | Keyword::Case | Keyword::Default | Keyword::Break | Keyword::While
     )
-}
-
-/// The keyword that letters spell, read without regard to case (D01).
-pub(super) fn keyword(letters: &str) -> Option<Keyword> {
-    if letters.len() < 2 {
-        return None;
-    }
-    let mut keywords = Keyword::ALL.iter().copied();
-    keywords.find(|keyword| keyword.text().eq_ignore_ascii_case(letters))
 }

@@ -1,0 +1,154 @@
+//! How deep the commands of a line stand within branches, loops and cases.
+
+use crate::program_code::Keyword;
+use crate::tokens::TokenKind;
+
+/// What is open around a command.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Frame {
+    /// The one command of a keyword, which may still turn out to be braces.
+    Single(Keyword),
+    /// The commands in braces of a keyword.
+    Braces(Keyword),
+}
+
+/// Follows the program codes of a program without errors, token by token.
+#[derive(Debug, Default)]
+pub(super) struct Nesting {
+    open: Vec<Frame>,
+    /// What the last command has ended, from the inside: an `else` goes on with it.
+    ended: Vec<Keyword>,
+    /// The keyword whose parentheses are read, and how many of them are open.
+    head: Option<(Keyword, usize)>,
+    /// The next `while` ends a `do`.
+    do_ends: bool,
+    /// Words of a command have been read on this line.
+    words: bool,
+}
+
+impl Nesting {
+    /// Levels of a line that begins with this token.
+    pub fn begin_line(&mut self, first: Option<TokenKind>) -> usize {
+        if first == Some(TokenKind::Keyword(Keyword::Else)) {
+            self.reopen();
+        }
+        // commands of a case are a level below its label
+        let level = |frame: &Frame| match frame {
+            Frame::Braces(Keyword::Switch) => 2,
+            _ => 1,
+        };
+        let before = match first {
+            Some(TokenKind::Punctuation(b'}')) => self.open.last().map_or(0, level),
+            Some(TokenKind::Punctuation(b'{') | TokenKind::Keyword(Keyword::Case | Keyword::Default)) => 1,
+            _ => 0,
+        };
+        let levels: usize = self.open.iter().map(level).sum();
+        levels.saturating_sub(before)
+    }
+
+    /// Goes on behind a token that is no comment.
+    pub fn pass(&mut self, kind: TokenKind) {
+        match kind {
+            TokenKind::Keyword(keyword) => {
+                self.end_line();
+                self.keyword(keyword);
+            }
+            TokenKind::Punctuation(b'(') => {
+                if let Some((_, depth)) = &mut self.head {
+                    *depth += 1;
+                }
+            }
+            TokenKind::Punctuation(b')') => self.close_parenthesis(),
+            TokenKind::Punctuation(b'{') => {
+                if let Some(Frame::Single(keyword)) = self.open.pop() {
+                    self.open.push(Frame::Braces(keyword));
+                }
+            }
+            TokenKind::Punctuation(b'}') => {
+                self.end_line();
+                if let Some(Frame::Braces(keyword) | Frame::Single(keyword)) = self.open.pop() {
+                    self.end(keyword);
+                }
+            }
+            TokenKind::Address(_) | TokenKind::Variable(_) if self.head.is_none() => self.words = true,
+            _ => {}
+        }
+    }
+
+    /// Ends the command that the words of a line are.
+    pub fn end_line(&mut self) {
+        if std::mem::take(&mut self.words) {
+            self.end_command();
+        }
+    }
+
+    fn keyword(&mut self, keyword: Keyword) {
+        match keyword {
+            Keyword::Else => {
+                self.reopen();
+                self.open.push(Frame::Single(keyword));
+            }
+            Keyword::Do => self.open.push(Frame::Single(keyword)),
+            Keyword::If | Keyword::While | Keyword::Switch => {
+                if keyword == Keyword::If && self.open.last() == Some(&Frame::Single(Keyword::Else)) {
+                    // `else if` is one level
+                    self.open.pop();
+                }
+                self.head = Some((keyword, 0));
+            }
+            Keyword::Break => self.end_command(),
+            Keyword::Case | Keyword::Default => {}
+        }
+    }
+
+    fn close_parenthesis(&mut self) {
+        let Some((keyword, depth)) = &mut self.head else {
+            return;
+        };
+        *depth = depth.saturating_sub(1);
+        if *depth > 0 {
+            return;
+        }
+        let keyword = *keyword;
+        self.head = None;
+        if keyword == Keyword::While && std::mem::take(&mut self.do_ends) {
+            self.end_command();
+        } else {
+            self.open.push(Frame::Single(keyword));
+        }
+    }
+
+    /// A command has ended, and with it those that it is the only command of.
+    fn end_command(&mut self) {
+        self.ended.clear();
+        if let Some(Frame::Single(keyword)) = self.open.last().copied() {
+            self.open.pop();
+            self.end(keyword);
+        }
+    }
+
+    /// The commands of a keyword have ended.
+    fn end(&mut self, mut keyword: Keyword) {
+        self.ended.clear();
+        loop {
+            self.ended.push(keyword);
+            if keyword == Keyword::Do {
+                self.do_ends = true;
+                return;
+            }
+            let Some(Frame::Single(outer)) = self.open.last().copied() else {
+                return;
+            };
+            self.open.pop();
+            keyword = outer;
+        }
+    }
+
+    /// Goes back into what was ended outside of the `if` that an `else` belongs to.
+    fn reopen(&mut self) {
+        if let Some(at) = self.ended.iter().position(|keyword| *keyword == Keyword::If) {
+            let outer: Vec<_> = self.ended.drain(..).skip(at + 1).collect();
+            self.open.extend(outer.into_iter().rev().map(Frame::Single));
+        }
+    }
+}
