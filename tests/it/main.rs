@@ -16,6 +16,7 @@ mod cli_check;
 mod cli_compile;
 mod cli_config;
 mod cli_findings;
+mod cli_fmt;
 mod cli_output;
 mod cli_plot;
 mod cli_simulate;

@@ -6,6 +6,7 @@ mod compile;
 mod completions;
 mod explain;
 mod findings;
+mod fmt;
 mod init;
 mod journal;
 mod log;
@@ -62,6 +63,8 @@ enum Command {
     Serve(serve::Arguments),
     /// Tells all that is wrong with NC programs, or with a configuration
     Check(check::Arguments),
+    /// Lays out NC programs: blanks and case, and nothing else
+    Fmt(fmt::Arguments),
     /// Writes the intermediate code of NC programs
     Compile(compile::Arguments),
     /// Tells what a diagnostic, an alarm, a code, a key of the configuration or a rule means
@@ -100,6 +103,7 @@ pub fn run() -> ExitCode {
     let ran = match cli.command.unwrap_or(Command::Serve(cli.serve)) {
         Command::Serve(arguments) => serve::run(&arguments),
         Command::Check(arguments) => check::run(&arguments),
+        Command::Fmt(arguments) => Ok(fmt::run(&arguments)),
         Command::Compile(arguments) => compile::run(&arguments),
         Command::Explain(arguments) => explain::run(&arguments),
         Command::Init(arguments) => init::run(&arguments),

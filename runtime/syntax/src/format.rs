@@ -53,9 +53,10 @@ pub fn format(source: &str, grammar: &Grammar) -> Result<String, Vec<Diagnostic>
         text.push('\n');
     }
     let first_line = source.split_inclusive('\n').next().unwrap_or_default();
-    Ok(match first_line.ends_with("\r\n") {
-        true => text.replace('\n', "\r\n"),
-        false => text,
+    Ok(if first_line.ends_with("\r\n") {
+        text.replace('\n', "\r\n")
+    } else {
+        text
     })
 }
 
@@ -148,10 +149,14 @@ impl<'a> Writer<'a> {
 /// True where a blank stands between two tokens.
 fn is_apart(before: TokenKind, token: TokenKind) -> bool {
     use TokenKind::{Address, Comment, Function, Number, Punctuation, Sign, Variable};
-    match (before, token) {
-        (Comment, _) | (_, Comment) => true,
-        (_, Punctuation(b')' | b']' | b',' | b':')) | (Punctuation(b'(' | b'[') | Sign, _) => false,
-        (Address(_), Number | Punctuation(b'[')) | (Function(_) | Variable(_), Punctuation(b'(')) => false,
-        _ => true,
+    if before == Comment || token == Comment {
+        return true;
     }
+    let belongs_to_before = matches!(
+        (before, token),
+        (Address(_), Number | Punctuation(b'[')) | (Function(_) | Variable(_), Punctuation(b'('))
+    );
+    let opens = matches!(before, Punctuation(b'(' | b'[') | Sign);
+    let closes = matches!(token, Punctuation(b')' | b']' | b',' | b':'));
+    !(belongs_to_before || opens || closes)
 }

@@ -59,22 +59,26 @@ pub fn tokens<'a>(source: &'a str, grammar: &'a Grammar) -> impl Iterator<Item =
         cursor: Cursor::new(source),
         grammar,
         begun: false,
-        line_begun: false,
         rest: false,
-        parentheses: 0,
-        assigns: false,
-        operand: false,
+        line: Line::default(),
     }
 }
 
 struct Lexer<'a> {
     cursor: Cursor<'a>,
     grammar: &'a Grammar,
-    /// Something other than comments has been read; and on this line.
+    /// Something other than comments has been read.
     begun: bool,
-    line_begun: bool,
     /// The mark after the blocks has been read.
     rest: bool,
+    line: Line,
+}
+
+/// What has been read of a line.
+#[derive(Default)]
+struct Line {
+    /// Something other than comments and block skips.
+    begun: bool,
     /// Open parentheses.
     parentheses: usize,
     /// The right side of an assignment is read.
@@ -116,10 +120,10 @@ impl Lexer<'_> {
     fn read(&mut self, byte: u8) -> TokenKind {
         if byte == b'\n' {
             self.cursor.pass_character();
-            (self.line_begun, self.parentheses, self.assigns, self.operand) = (false, 0, false, false);
+            self.line = Line::default();
             return TokenKind::LineEnd;
         }
-        let first_of_line = !std::mem::replace(&mut self.line_begun, true);
+        let first_of_line = !std::mem::replace(&mut self.line.begun, true);
         let first = !std::mem::replace(&mut self.begun, true);
         let form = self.grammar.program_form;
         if form.mark == Some(byte) && first_of_line {
@@ -136,28 +140,28 @@ impl Lexer<'_> {
             self.cursor.advance(1);
             self.cursor.advance(self.cursor.digits().len());
             // several may stand there
-            self.line_begun = !first_of_line;
+            self.line.begun = !first_of_line;
             return TokenKind::Skip;
         }
-        let was_operand = self.operand;
+        let was_operand = self.line.operand;
         let kind = match byte {
             b'A'..=b'Z' | b'a'..=b'z' | b'_' => self.name(),
             b'0'..=b'9' | b'.' => self.number(false),
             b'-' | b'+' if !self.in_expression() => self.number(true),
             _ => self.operator_or_other(byte),
         };
-        self.operand = matches!(
+        self.line.operand = matches!(
             kind,
             TokenKind::Number | TokenKind::Variable(_) | TokenKind::Punctuation(b')')
         );
         if was_operand && matches!(kind, TokenKind::Keyword(_) | TokenKind::Punctuation(b'{' | b'}')) {
-            self.assigns = false;
+            self.line.assigns = false;
         }
         kind
     }
 
     fn in_expression(&self) -> bool {
-        self.parentheses > 0 || self.assigns
+        self.line.parentheses > 0 || self.line.assigns
     }
 
     fn number(&mut self, signed: bool) -> TokenKind {
@@ -169,9 +173,9 @@ impl Lexer<'_> {
 
     /// What begins with a letter: a word, a variable, a keyword or a function.
     fn name(&mut self) -> TokenKind {
-        if self.operand && self.assigns && self.parentheses == 0 {
+        if self.line.operand && self.line.assigns && self.line.parentheses == 0 {
             // an operand follows an operand: this is the next assignment
-            self.assigns = false;
+            self.line.assigns = false;
         }
         let programmed = self.grammar.program_codes;
         let value_follows = matches!(self.cursor.peek_second(), Some(b'0'..=b'9' | b'-' | b'.' | b'+'));
@@ -179,7 +183,7 @@ impl Lexer<'_> {
         if programmed && !value_follows {
             if let Some(keyword) = Keyword::find(letters) {
                 self.cursor.advance(letters.len());
-                self.assigns = false;
+                self.line.assigns = false;
                 return TokenKind::Keyword(keyword);
             }
             let name = self.cursor.name();
@@ -226,23 +230,23 @@ impl Lexer<'_> {
         if let Some(operator) = found.filter(|_| programmed && self.in_expression()) {
             self.cursor.advance(operator.text().len());
             return match operator {
-                Operator::Add | Operator::Subtract if !self.operand => TokenKind::Sign,
+                Operator::Add | Operator::Subtract if !self.line.operand => TokenKind::Sign,
                 _ => TokenKind::Operator,
             };
         }
         self.cursor.pass_character();
         match byte {
-            b'=' if programmed && self.operand => {
-                self.assigns = true;
+            b'=' if programmed && self.line.operand => {
+                self.line.assigns = true;
                 TokenKind::Operator
             }
             b'!' if programmed => TokenKind::Sign,
             b'(' => {
-                self.parentheses += 1;
+                self.line.parentheses += 1;
                 TokenKind::Punctuation(byte)
             }
             b')' => {
-                self.parentheses = self.parentheses.saturating_sub(1);
+                self.line.parentheses = self.line.parentheses.saturating_sub(1);
                 TokenKind::Punctuation(byte)
             }
             b'[' | b']' | b'{' | b'}' | b',' | b':' => TokenKind::Punctuation(byte),
