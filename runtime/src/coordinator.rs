@@ -15,6 +15,7 @@ use plc_api::types::state::{Execution, Reason};
 use plc_api::types::topic::{CsTopic, Topic};
 use plc_api::types::{BootId, CoordinateSystemNumber};
 use tandem_model::Variables;
+use tandem_model::flow::Transform;
 use tandem_servo::{Hardware, HardwareFactory, Servo};
 use tokio::task::JoinSet;
 
@@ -156,7 +157,8 @@ impl Runtime {
         let clock = Clock::simulated();
         let boot_id = BootId("simulation".into());
         let tables = Tables::new(&machine);
-        let shared = Shared::new(machine, boot_id, clock.clone(), store, journal, tables);
+        let mut shared = Shared::new(machine, boot_id, clock.clone(), store, journal, tables);
+        shared.on_plan = options.on_plan.take();
         let shared = Arc::new(shared);
         let parts = Parts::new(&shared, first_state, &Restored::default(), hardware);
         let mailboxes = parts.mailboxes.clone();
@@ -198,6 +200,14 @@ impl Runtime {
         let tables = &self.port.shared.tables;
         let is_there = tables.coordinate_systems().any(|number| number == cs);
         is_there.then(|| tables.variables(cs))
+    }
+
+    /// Tells the transform that is in force where a coordinate system is, from the programmed point to the machine
+    /// position; `None`: there is no such coordinate system.
+    pub fn transform_of(&self, cs: CoordinateSystemNumber) -> Option<impl Fn() -> Transform + Send + use<>> {
+        let mut mailboxes = self.port.mailboxes.iter();
+        let view = Arc::clone(&mailboxes.find(|mailbox| mailbox.number == cs)?.view);
+        Some(move || view.transform())
     }
 
     /// The program store.

@@ -29,8 +29,8 @@ mod world;
 
 pub use clock::Clock;
 pub use config::{
-    Broker, Config, ConfigError, ConfigKey, ConfigWord, ExternalBroker, MCodeSettings, Machine, Stock,
-    Unhandled,
+    Broker, Config, ConfigError, ConfigKey, ConfigWord, CoordinateSystem as ConfiguredSystem, ExternalBroker,
+    MCodeSettings, Machine, Stock, Unhandled,
 };
 pub use coordinator::{Runtime, StartError};
 /// The seam to hardware: what a bus and a spindle of one's own implement, and the factory that gives them to a runtime.

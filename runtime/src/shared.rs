@@ -29,6 +29,7 @@ use crate::handlers::{Handlers, TooMany};
 use crate::journal::{Event, Journal};
 use crate::program_store::ProgramStore;
 use crate::servo_thread::ServoStatistics;
+use crate::simulation::OnPlan;
 use crate::tables::Tables;
 
 /// Shared state of a machine.
@@ -40,6 +41,8 @@ pub(crate) struct Shared {
     pub clock: Clock,
     pub store: ProgramStore,
     pub journal: Journal,
+    /// Told what is planned, in simulated time.
+    pub on_plan: Option<OnPlan>,
     /// What of the data folder cannot be written.
     pub health: Arc<Health>,
     /// How punctual the servo thread is; nothing in simulated time.
@@ -77,6 +80,7 @@ impl Shared {
             store,
             journal,
             health: Arc::default(),
+            on_plan: None,
             servo: Arc::default(),
             bus_connected: AtomicBool::new(true),
             bus_reconnections: AtomicU64::new(0),

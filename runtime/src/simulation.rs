@@ -8,6 +8,9 @@ use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 use parking_lot::Mutex;
+use plc_api::types::CoordinateSystemNumber;
+use tandem_model::flow::Segment;
+use tandem_model::profile::Profile;
 use tandem_servo::{HardwareFactory, Servo};
 use tokio::sync::Notify;
 
@@ -25,6 +28,46 @@ const TURNS_MAX: usize = 256;
 /// Called after each servo cycle, for a trace.
 pub type OnCycle = Box<dyn FnMut(&Servo) + Send>;
 
+/// What a coordinate system has planned, in the order in which it will run.
+#[derive(Debug, Clone, Copy)]
+pub enum Planned<'a> {
+    /// A piece of the way; its profiles follow.
+    Segment {
+        /// Its number.
+        number: u64,
+        /// The geometry, with F as programmed.
+        segment: &'a Segment,
+        /// F within the limits of the coordinate system and its motors, path units per second; `None`: it is not at
+        /// feedrate.
+        speed_limit: Option<f64>,
+    },
+    /// Position as a function of time.
+    Profile(&'a Profile),
+}
+
+type Told = dyn FnMut(CoordinateSystemNumber, Planned<'_>) + Send;
+
+/// Is told what each coordinate system plans.
+#[derive(Clone)]
+pub struct OnPlan(Arc<Mutex<Told>>);
+
+impl OnPlan {
+    /// Tells this function.
+    pub fn new(told: impl FnMut(CoordinateSystemNumber, Planned<'_>) + Send + 'static) -> Self {
+        Self(Arc::new(Mutex::new(told)))
+    }
+
+    pub(crate) fn tell(&self, cs: CoordinateSystemNumber, planned: Planned<'_>) {
+        (self.0.lock())(cs, planned);
+    }
+}
+
+impl std::fmt::Debug for OnPlan {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("OnPlan").finish_non_exhaustive()
+    }
+}
+
 /// The servo of a simulation and the coordinate systems that its cycles concern.
 pub struct Simulation {
     servo: Mutex<SimulatedServo>,
@@ -34,6 +77,7 @@ pub struct Simulation {
     period_ns: u64,
     missed_cycles_max: u64,
     limit_ns: u64,
+    passes_even_motion: bool,
 }
 
 struct SimulatedServo {
@@ -75,6 +119,7 @@ impl Simulation {
             period_ns: machine.servo_period_us * 1000,
             missed_cycles_max: machine.missed_cycles_max(),
             limit_ns,
+            passes_even_motion: options.passes_even_motion,
         }
     }
 
@@ -146,16 +191,21 @@ impl Simulation {
         told.filter(|(mailbox, _)| !mailbox.turn_alone()).count() == 0
     }
 
-    /// Cycles before the next sleeper is due in which nothing happens pass at once; a trace wants each of them.
+    /// Cycles before the next sleeper is due in which nothing happens pass at once; a trace wants each of them, and what
+    /// measures wants those in which a speed changes.
     fn pass(&self, servo: &mut SimulatedServo, now_ns: u64) -> u64 {
-        if servo.on_cycle.is_some() {
+        let is_watched = servo.on_cycle.is_some();
+        if is_watched && !self.passes_even_motion {
             return 0;
         }
         let due_ns = self.clock.next_due_ns().unwrap_or(u64::MAX).min(self.limit_ns);
         let left_ns = due_ns.saturating_sub(now_ns);
-        servo
-            .servo
-            .pass(left_ns.div_ceil(self.period_ns).saturating_sub(1))
+        let cycles_max = left_ns.div_ceil(self.period_ns).saturating_sub(1);
+        if is_watched {
+            servo.servo.pass_evenly(cycles_max)
+        } else {
+            servo.servo.pass(cycles_max)
+        }
     }
 }
 
@@ -165,6 +215,10 @@ pub struct SimulationOptions {
     pub max_time_s: f64,
     /// Called after each servo cycle.
     pub on_cycle: Option<OnCycle>,
+    /// Cycles in which each motor keeps its speed may be left out of that: the next one tells by its time.
+    pub passes_even_motion: bool,
+    /// Told what is planned.
+    pub on_plan: Option<OnPlan>,
     /// What makes the hardware; `None`: it is simulated.
     pub hardware: Option<HardwareFactory>,
 }
@@ -174,6 +228,8 @@ impl Default for SimulationOptions {
         Self {
             max_time_s: 86_400.0,
             on_cycle: None,
+            passes_even_motion: false,
+            on_plan: None,
             hardware: None,
         }
     }

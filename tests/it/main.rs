@@ -20,6 +20,7 @@ mod cli_fmt;
 mod cli_output;
 mod cli_plot;
 mod cli_simulate;
+mod cli_simulate_tables;
 mod conformance;
 mod damage;
 mod dgshape;

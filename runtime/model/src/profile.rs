@@ -172,11 +172,19 @@ impl Ramped {
         if plan_s >= self.plan_s {
             return self.end();
         }
+        let (gone, stopped_s) = self.gone(plan_s);
+        self.beyond(self.path.point_at(gone), stopped_s)
+    }
+
+    /// Distance along its own path at a plan time, and P of the ramp at its end: with the speed of the next block, the
+    /// distance along that one's path.
+    #[inline]
+    pub fn gone(&self, plan_s: f64) -> (f64, f64) {
         let stopped_s = self
             .stop
             .distance(plan_s - (self.plan_s - self.stop.duration_s()));
         let gone = self.speed * (self.start.distance(plan_s + self.begun_s) - stopped_s);
-        self.beyond(self.path.point_at(gone), stopped_s)
+        (gone, stopped_s)
     }
 
     /// Machine position at its end: that of its path, and what the next block has covered by then.

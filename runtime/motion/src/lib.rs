@@ -23,4 +23,5 @@ pub mod rules;
 mod tapping;
 
 pub use planner::Planner;
+pub use ramped::speed_limit;
 pub use replan::Replan;

@@ -176,11 +176,10 @@ pub(crate) fn stop_to_stop(length: f64, limit: f64, [start, stop]: [UnitRamp; 2]
 
 /// F in units per second, clipped by the coordinate system's maximum feedrate and slowed until no motor exceeds its
 /// maximum velocity.
-pub(crate) fn speed_limit(
-    settings: &CoordinateSystemSettings,
-    path: &Path,
-    feed: Feed,
-) -> Result<f64, Alarm> {
+///
+/// # Errors
+/// The feedrate, its maximum, or the velocity of a motor that moves is not a number above 0.
+pub fn speed_limit(settings: &CoordinateSystemSettings, path: &Path, feed: Feed) -> Result<f64, Alarm> {
     let feedrate = feed.feedrate_mm_min;
     check_finite("The feedrate", feedrate)?;
     let maximum = settings.max_feedrate_mm_min;

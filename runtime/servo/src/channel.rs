@@ -241,6 +241,11 @@ impl Channel {
         self.time_base
     }
 
+    /// Number of the segment that runs or ran last; 0 before the first.
+    pub fn segment(&self) -> u64 {
+        self.last_segment
+    }
+
     /// Profiles that wait in the ring, those of an old epoch included.
     pub fn profiles_waiting(&self) -> usize {
         self.profiles.slots()

@@ -2,6 +2,7 @@
 //! at a constant rate is counted, so their result is known without them, to the last bit.
 
 use tandem_model::AxisVector;
+use tandem_model::flow::Path;
 use tandem_model::profile::{Law, Profile};
 
 use crate::bus::{Command, Feedback};
@@ -10,6 +11,10 @@ use crate::rest::Way;
 
 /// Periods before the end of a profile that are never left out: rounding, and the cycle that ends it.
 const BEFORE_END: f64 = 2.0;
+
+/// Cycles behind a ramp that are never left out of even motion: differences of positions up to the third one have settled
+/// then.
+const EVEN_CYCLES: f64 = 4.0;
 
 /// The whole cycles in a number of them; none in what is below 0 or not a number.
 #[expect(
@@ -45,6 +50,27 @@ impl Channel {
             Some(_) if self.hold == Hold::AtRest && rests && self.time.rate() == 0.0 => u64::MAX,
             Some(_) => self.cycles_before_end(rests),
             None => 0,
+        }
+    }
+
+    /// The same for cycles in which each motor keeps the speed that it has had for some cycles: at rest, and between the
+    /// ramps of a line.
+    pub(crate) fn even_cycles(&mut self) -> u64 {
+        let cycles = self.cycles_to_pass();
+        let step_s = self.time.rate() * self.period_s;
+        match self.current.as_ref().map(|profile| &profile.law) {
+            None | Some(Law::Rest { .. }) => cycles,
+            Some(_) if step_s == 0.0 => cycles,
+            Some(Law::Ramped { block, .. }) if matches!(block.path, Path::Line { .. }) => {
+                let even_from_s = block.start.duration_s() - block.begun_s + EVEN_CYCLES * step_s;
+                let even_to_s = block.plan_s - block.stop.duration_s();
+                let now_s = self.time.now_s();
+                if now_s < even_from_s {
+                    return 0;
+                }
+                cycles.min(whole((even_to_s - now_s) / step_s))
+            }
+            Some(_) => 0,
         }
     }
 

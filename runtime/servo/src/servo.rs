@@ -137,6 +137,17 @@ impl Servo {
     pub fn pass(&mut self, cycles_max: u64) -> u64 {
         let each = self.channels.iter_mut().map(Channel::cycles_to_pass);
         let cycles = each.fold(cycles_max, u64::min);
+        self.pass_each(cycles)
+    }
+
+    /// The same for cycles in which each motor keeps its speed.
+    pub fn pass_evenly(&mut self, cycles_max: u64) -> u64 {
+        let each = self.channels.iter_mut().map(Channel::even_cycles);
+        let cycles = each.fold(cycles_max, u64::min);
+        self.pass_each(cycles)
+    }
+
+    fn pass_each(&mut self, cycles: u64) -> u64 {
         if cycles > 0 {
             for channel in &mut self.channels {
                 channel.pass(cycles, &mut self.commands);

@@ -13,7 +13,7 @@ use tandem_model::profile::TimeBase;
 use tandem_model::{Axis, AxisVector};
 use tandem_runtime::simulation::OnCycle;
 
-use super::simulate::{Plan, SimulationArguments};
+use super::simulate::{Plan, SimulationArguments, Watch};
 use super::{EXIT_FOUND, EXIT_OK, Ran, complain};
 use drawing::Drawing;
 use polyline::{Point, Polyline};
@@ -76,7 +76,11 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
         let rapid = channel.time_base() == Some(TimeBase::Rapid);
         watched.lock().push(channel.setpoint(), rapid);
     });
-    let outcome = plan.simulate(None, Some(on_cycle))?;
+    let outcome = plan.simulate(Watch {
+        on_cycle: Some(on_cycle),
+        every_cycle: true,
+        ..Watch::default()
+    })?;
     let lines = sketch.lock().take_lines();
     let name = arguments.simulation.file.file_name().unwrap_or_default();
     let drawing = Drawing {

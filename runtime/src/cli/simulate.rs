@@ -1,7 +1,10 @@
 //! `tandem simulate`: a program in simulated time, as fast as the machine can.
 
+mod losses;
+mod measure;
 mod recorder;
 mod report;
+mod steps;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -18,13 +21,15 @@ use plc_api::types::request::OverrideChange;
 use plc_api::types::state::{Execution, State};
 use plc_api::{CoordinateSystem, Error, Plc};
 use serde_json::json;
+use tandem_interp::Dialect;
 use tandem_model::alarm::{AlarmEntry, SIMULATION_LIMIT, SIMULATION_STALLED};
 use tandem_model::limits::PROGRAM_NUMBER_MAX;
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_runtime::journal::Journal;
 use tandem_runtime::program_store::{StoredProgram, program_number};
-use tandem_runtime::simulation::{self, OnCycle, SimulationOptions};
-use tandem_runtime::{Machine, Runtime, Unhandled};
+use tandem_runtime::simulation::{self, OnCycle, OnPlan, Planned, SimulationOptions};
+use tandem_runtime::{ConfiguredSystem, Machine, Runtime, Unhandled};
+use tandem_syntax::Address;
 
 use super::check::check_stored;
 use super::{EXIT_FOUND, EXIT_OK, Ran, find_subprogram, read_config, read_program, say, shown};
@@ -50,6 +55,10 @@ pub struct Arguments {
     /// Writes what happened, one JSON object a line
     #[arg(long, value_name = "OUT.jsonl")]
     events: Option<PathBuf>,
+    /// Writes each block that moves, rests, outputs or stops, one JSON object a line: its times, what is in force, and
+    /// where it ends
+    #[arg(long, value_name = "OUT.jsonl")]
+    steps: Option<PathBuf>,
 }
 
 /// What is simulated, and how.
@@ -95,6 +104,22 @@ struct Job {
     program: u16,
 }
 
+/// Is told what is planned.
+pub(super) type Told = Box<dyn FnMut(Planned<'_>) + Send>;
+
+/// What is written and told of a simulation.
+#[derive(Default)]
+pub(super) struct Watch<'a> {
+    /// Takes what happens, one JSON object a line.
+    pub events: Option<&'a Path>,
+    /// Takes the blocks, one JSON object a line.
+    pub steps: Option<&'a Path>,
+    pub on_cycle: Option<OnCycle>,
+    /// That is called for each cycle, also for those in which motors keep their speeds.
+    pub every_cycle: bool,
+    pub on_plan: Option<Told>,
+}
+
 /// What is to be simulated, read and checked.
 pub(super) struct Plan {
     arguments: SimulationArguments,
@@ -127,14 +152,30 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
 }
 
 fn traced(arguments: &Arguments, plan: Plan) -> anyhow::Result<Outcome> {
-    if arguments.trace.is_some() && arguments.trace == arguments.events {
-        bail!("--trace and --events name the same file");
+    let files = [
+        ("--trace", &arguments.trace),
+        ("--events", &arguments.events),
+        ("--steps", &arguments.steps),
+    ];
+    for (index, (name, file)) in files.iter().enumerate() {
+        let same = files[..index]
+            .iter()
+            .find(|(_, other)| file.is_some() && other == file);
+        if let Some((other, _)) = same {
+            bail!("{other} and {name} name the same file");
+        }
     }
     if arguments.trace_spindle && plan.first_system().1.spindle.is_none() {
         bail!("--trace-spindle: the coordinate system has no spindle; give it one in the configuration");
     }
     let trace = Trace::new(arguments.trace.as_deref(), arguments.trace_spindle, &plan)?;
-    let outcome = plan.simulate(arguments.events.as_deref(), trace.on_cycle())?;
+    let outcome = plan.simulate(Watch {
+        events: arguments.events.as_deref(),
+        steps: arguments.steps.as_deref(),
+        on_cycle: trace.on_cycle(),
+        every_cycle: trace.is_written(),
+        on_plan: None,
+    })?;
     trace.finish()?;
     Ok(outcome)
 }
@@ -174,14 +215,38 @@ impl Plan {
         })
     }
 
-    /// Runs it to its end, alarm or time limit. `events` takes what happens, one JSON object a line.
+    /// Runs it to its end, alarm or time limit.
     ///
     /// # Errors
     /// A file that cannot be written, a command that is refused.
-    pub fn simulate(self, events: Option<&Path>, on_cycle: Option<OnCycle>) -> anyhow::Result<Outcome> {
-        let cs = self.jobs.iter().map(|job| job.cs);
-        let recorder = Arc::new(Mutex::new(Recorder::new(cs, events)?));
-        simulation::run(simulate(self, recorder, on_cycle))?
+    pub fn simulate(self, watch: Watch<'_>) -> anyhow::Result<Outcome> {
+        let recorder = Recorder::new(&self, watch.events, watch.steps)?;
+        let recorder = Arc::new(Mutex::new(recorder));
+        let (on_cycle, of_plan) = (watch.on_cycle, watch.on_plan);
+        let options = SimulationOptions {
+            max_time_s: self.arguments.max_time_s,
+            on_cycle: Some(on_each_cycle(Arc::clone(&recorder), on_cycle)),
+            passes_even_motion: !watch.every_cycle,
+            on_plan: Some(on_plan(Arc::clone(&recorder), of_plan)),
+            hardware: None,
+        };
+        simulation::run(simulate(self, recorder, options))?
+    }
+
+    /// The coordinate systems that run a program, with their places in the servo.
+    fn systems(&self) -> impl Iterator<Item = (usize, &ConfiguredSystem)> {
+        let systems = self.machine.coordinate_systems.iter().enumerate();
+        systems.filter(|(_, system)| self.jobs.iter().any(|job| job.cs == system.settings.number))
+    }
+
+    /// The M code of the dialect that changes tools by its word T, unless the stock sequence program selects them.
+    fn tool_changer(&self, dialect: &Dialect) -> Option<u16> {
+        let mut codes = dialect.m_codes.codes.iter();
+        let m = codes.find(|code| code.word(Address::T).is_some())?.tenths() / 10;
+        let settings = self.machine.m_codes.get(&m);
+        settings
+            .is_none_or(|settings| settings.stock.is_none())
+            .then_some(m)
     }
 
     /// Place of the first job's coordinate system in the servo, and its settings.
@@ -245,22 +310,36 @@ impl Plan {
     }
 }
 
+fn on_each_cycle(recorder: Arc<Mutex<Recorder>>, mut on_cycle: Option<OnCycle>) -> OnCycle {
+    Box::new(move |servo| {
+        recorder.lock().on_cycle(servo);
+        if let Some(on_cycle) = &mut on_cycle {
+            on_cycle(servo);
+        }
+    })
+}
+
+fn on_plan(recorder: Arc<Mutex<Recorder>>, mut told: Option<Told>) -> OnPlan {
+    OnPlan::new(move |cs, planned| {
+        recorder.lock().on_plan(cs, planned);
+        if let Some(told) = &mut told {
+            told(planned);
+        }
+    })
+}
+
 async fn simulate(
     plan: Plan,
     recorder: Arc<Mutex<Recorder>>,
-    on_cycle: Option<OnCycle>,
+    options: SimulationOptions,
 ) -> anyhow::Result<Outcome> {
     let sink = Arc::clone(&recorder);
     let journal = Journal::to_sink(Arc::new(std::sync::Mutex::new(move |line: &_| {
         sink.lock().on_line(line);
         false
     })));
-    let options = SimulationOptions {
-        max_time_s: plan.arguments.max_time_s,
-        on_cycle,
-        hardware: None,
-    };
     let runtime = Runtime::start_simulated(plan.machine, journal, options)?;
+    recorder.lock().look_at(&runtime);
     for program in plan.programs.into_values() {
         runtime.store().put(program)?;
     }

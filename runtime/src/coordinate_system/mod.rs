@@ -116,8 +116,12 @@ impl CoordinateSystem {
         let number = configured.settings.number;
         let ledger = Ledger::new(shared.boot_id.clone(), configured.open_outputs_max);
         let at = handle.readings.read().commanded;
+        let mut pipeline = Pipeline::new(&configured.settings, configured.dialect, at);
+        if let Some(on_plan) = shared.on_plan.clone() {
+            pipeline.watch(on_plan, &configured.settings);
+        }
         Self {
-            pipeline: Pipeline::new(&configured.settings, configured.dialect, at),
+            pipeline,
             lease: ControlLease::new(number, shared.now()),
             context: Context {
                 number,

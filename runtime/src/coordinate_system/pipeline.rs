@@ -11,9 +11,11 @@ use tandem_model::flow::{
 use tandem_model::profile::Profile;
 use tandem_model::settings::CoordinateSystemSettings;
 use tandem_model::{Alarm, AxisVector, MachinePosition, Origin};
-use tandem_motion::{Planner, Replan};
+use tandem_motion::{Planner, Replan, speed_limit};
 use tandem_path::PathStage;
 use tandem_syntax::NcProgram;
+
+use crate::simulation::{OnPlan, Planned};
 
 /// The stages and what they have ready for the servo.
 #[derive(Debug)]
@@ -38,6 +40,8 @@ pub(super) struct Pipeline {
     noted_step: Option<u64>,
     /// The tool is in a thread when all that has been given out so far has run.
     pub in_thread: bool,
+    /// Told what is planned, with the settings of the coordinate system.
+    watched: Option<(OnPlan, Box<CoordinateSystemSettings>)>,
 }
 
 /// What is in force from the segment after `after_segment` on.
@@ -82,7 +86,13 @@ impl Pipeline {
             blocks: VecDeque::new(),
             noted_step: None,
             in_thread: false,
+            watched: None,
         }
+    }
+
+    /// Tells what it plans from now on.
+    pub fn watch(&mut self, on_plan: OnPlan, settings: &CoordinateSystemSettings) {
+        self.watched = Some((on_plan, Box::new(settings.clone())));
     }
 
     /// The interpreter's next item. A block has gone on to the planner when this returns; behind a G31 it is set aside,
@@ -167,7 +177,7 @@ impl Pipeline {
     pub fn flush(&mut self) -> Result<(), Alarm> {
         self.path.flush(&mut self.segments);
         self.plan(Ok(()))?;
-        self.planner.flush(&mut self.ready);
+        self.end_chain();
         Ok(())
     }
 
@@ -175,7 +185,7 @@ impl Pipeline {
     pub fn finish(&mut self) -> Result<(), Alarm> {
         let result = self.path.finish(&mut self.segments);
         let planned = self.plan(result);
-        self.planner.flush(&mut self.ready);
+        self.end_chain();
         planned
     }
 
@@ -188,12 +198,25 @@ impl Pipeline {
     // behind a segment that cannot be planned.
     fn plan(&mut self, result: Result<(), Alarm>) -> Result<(), Alarm> {
         for segment in self.segments.drain(..) {
+            let known = self.ready.len();
             if let Err(alarm) = self.planner.push(&segment, &mut self.ready) {
                 self.path.restart(self.path.position());
                 return Err(alarm);
             }
+            if let Some(watched) = &self.watched {
+                tell_segment(watched, self.planner.last_segment(), &segment);
+                tell_profiles(watched, self.ready.iter().skip(known));
+            }
         }
         result
+    }
+
+    fn end_chain(&mut self) {
+        let known = self.ready.len();
+        self.planner.flush(&mut self.ready);
+        if let Some(watched) = &self.watched {
+            tell_profiles(watched, self.ready.iter().skip(known));
+        }
     }
 
     fn note_change(&mut self) {
@@ -338,6 +361,30 @@ fn callers(interpreter: &Interpreter) -> impl Iterator<Item = CallSite> {
             program: origin.program,
             line: origin.line,
         })
+}
+
+fn tell_segment(
+    (on_plan, settings): &(OnPlan, Box<CoordinateSystemSettings>),
+    number: u64,
+    segment: &Segment,
+) {
+    let speed_limit = match &segment.motion {
+        SegmentMotion::Feed { path, feed } => speed_limit(settings, path, *feed).ok(),
+        _ => None,
+    };
+    let planned = Planned::Segment {
+        number,
+        segment,
+        speed_limit,
+    };
+    on_plan.tell(settings.number, planned);
+}
+
+fn tell_profiles<'a>(
+    (on_plan, settings): &(OnPlan, Box<CoordinateSystemSettings>),
+    profiles: impl Iterator<Item = &'a Profile>,
+) {
+    profiles.for_each(|profile| on_plan.tell(settings.number, Planned::Profile(profile)));
 }
 
 #[cfg(test)]

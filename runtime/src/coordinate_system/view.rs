@@ -65,6 +65,11 @@ impl View {
         });
     }
 
+    /// From the programmed point to the machine position.
+    pub fn transform(&self) -> Transform {
+        self.place.lock().transform
+    }
+
     /// Place of the block that is executed.
     pub fn executing(&self) -> Origin {
         self.place().executing

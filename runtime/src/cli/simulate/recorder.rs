@@ -10,14 +10,22 @@ use std::time::{Duration, Instant};
 
 use anyhow::Context;
 use parking_lot::Mutex;
+use plc_api::port::Port;
 use plc_api::types::CoordinateSystemNumber;
+use plc_api::types::message::Payload;
+use plc_api::types::output::Timing;
+use plc_api::types::topic::CsTopic;
 use serde::Serialize;
 use serde_json::{Value, json};
 use tandem_model::Axis;
+use tandem_runtime::Runtime;
 use tandem_runtime::journal::{Event, Line, RaisedAlarm};
-use tandem_runtime::simulation::OnCycle;
+use tandem_runtime::simulation::{OnCycle, Planned};
+use tandem_servo::Servo;
 
 use super::Plan;
+use super::measure::{Measure, Measured};
+use super::steps::{End, Steps, published};
 
 /// A file of lines. What cannot be written is reported at the end: a servo cycle and the journal do not fail.
 struct Lines {
@@ -57,25 +65,74 @@ pub(super) struct Record {
     pub stops: Vec<Value>,
     pub warnings: Vec<Value>,
     pub alarm: Value,
+    #[serde(flatten)]
+    pub measured: Measured,
 }
 
-/// The journal of a simulation.
+/// A coordinate system that is simulated.
+struct System {
+    record: Record,
+    measure: Measure,
+    steps: Option<Steps>,
+    axes: Vec<Axis>,
+    /// M number of the code that changes tools by its word T, where no sequence program selects the tool.
+    tool_changer: Option<u16>,
+    /// As the machine tells it.
+    tool: u16,
+}
+
+/// What happens in a simulation: the journal's lines, servo cycles, and what is planned.
 pub(super) struct Recorder {
-    records: BTreeMap<CoordinateSystemNumber, Record>,
+    systems: BTreeMap<CoordinateSystemNumber, System>,
+    port: Option<Arc<dyn Port>>,
     events: Option<Lines>,
+    steps: Option<Lines>,
 }
 
 impl Recorder {
-    pub fn new(
-        cs: impl Iterator<Item = CoordinateSystemNumber>,
-        events: Option<&Path>,
-    ) -> anyhow::Result<Self> {
+    pub fn new(plan: &Plan, events: Option<&Path>, steps: Option<&Path>) -> anyhow::Result<Self> {
         let create =
             |path: &Path| Lines::create(path).with_context(|| format!("cannot write {}", path.display()));
+        let systems = plan.systems().map(|(index, system)| {
+            let cs = system.settings.number;
+            let system = System {
+                record: Record::default(),
+                measure: Measure::new(index, &system.settings, plan.arguments.feed_override / 100.0),
+                steps: steps.map(|_| Steps::new(cs)),
+                axes: system.settings.axes().iter().collect(),
+                tool_changer: plan.tool_changer(system.dialect),
+                tool: 0,
+            };
+            (cs, system)
+        });
         Ok(Self {
-            records: cs.map(|cs| (cs, Record::default())).collect(),
+            systems: systems.collect(),
+            port: None,
             events: events.map(create).transpose()?,
+            steps: steps.map(create).transpose()?,
         })
+    }
+
+    /// From now on the machine is asked what is in force.
+    pub fn look_at(&mut self, runtime: &Runtime) {
+        self.port = Some(runtime.port());
+        for (cs, system) in &mut self.systems {
+            if let Some(coordinates) = runtime.transform_of(*cs) {
+                system.measure.look_at(Box::new(coordinates));
+            }
+        }
+    }
+
+    pub fn on_cycle(&mut self, servo: &Servo) {
+        for system in self.systems.values_mut() {
+            system.measure.on_cycle(servo);
+        }
+    }
+
+    pub fn on_plan(&mut self, cs: CoordinateSystemNumber, planned: Planned<'_>) {
+        if let Some(system) = self.systems.get_mut(&cs) {
+            system.measure.plan(planned);
+        }
     }
 
     pub fn on_line(&mut self, line: &Line) {
@@ -86,17 +143,88 @@ impl Recorder {
         if let Some(events) = &mut self.events {
             events.write(line.to_json());
         }
-        if let Some(record) = self.records.get_mut(&line.cs) {
-            record.on_line(line);
+        let (Some(system), Some(port)) = (self.systems.get_mut(&line.cs), &self.port) else {
+            return;
+        };
+        let over = system.on_line(line, port.as_ref());
+        if let Some(steps) = &mut self.steps {
+            over.iter().for_each(|step| steps.write(step));
         }
     }
 
-    /// What happened in each coordinate system. Everything is in the file when this returns.
+    /// What happened in each coordinate system. Everything is in the files when this returns.
     pub fn finish(&mut self) -> anyhow::Result<BTreeMap<CoordinateSystemNumber, Record>> {
-        if let Some(events) = &mut self.events {
-            events.finish().context("--events")?;
+        let files = [("--events", &mut self.events), ("--steps", &mut self.steps)];
+        for (name, file) in files {
+            file.as_mut().map_or(Ok(()), Lines::finish).context(name)?;
         }
-        Ok(std::mem::take(&mut self.records))
+        let systems = std::mem::take(&mut self.systems).into_iter();
+        Ok(systems.map(|(cs, system)| (cs, system.finish())).collect())
+    }
+}
+
+impl System {
+    /// Gives the lines of the blocks that are over.
+    fn on_line(&mut self, line: &Line, port: &dyn Port) -> Vec<Value> {
+        let over = self.step(line, port);
+        match &line.event {
+            Event::Start { program, .. } => self.measure.start(line.t_s, *program),
+            Event::Block { .. } => self.measure.block(),
+            Event::Output(notice) => {
+                if notice.timing == Timing::AfterMotion {
+                    self.measure.wait();
+                }
+                let tool = notice.params.a().filter(|_| self.tool_changer == Some(notice.m));
+                if let Some(tool) = tool.and_then(|tool| tool.to_string().parse().ok()) {
+                    self.measure.select(tool);
+                }
+            }
+            Event::Stop { .. } => self.measure.wait(),
+            Event::End(_) => self.measure.end(line.t_s),
+            _ => {}
+        }
+        self.follow_tool(line.cs, port);
+        self.record.on_line(line);
+        over
+    }
+
+    fn follow_tool(&mut self, cs: CoordinateSystemNumber, port: &dyn Port) {
+        if let Some(Payload::Tool(tool)) = published(port, cs, CsTopic::Tool)
+            && tool.id != self.tool
+        {
+            self.tool = tool.id;
+            self.measure.select(tool.id);
+        }
+    }
+
+    fn step(&mut self, line: &Line, port: &dyn Port) -> Vec<Value> {
+        let Some(steps) = &mut self.steps else {
+            return Vec::new();
+        };
+        let [at, target] = self.measure.position();
+        let end = |machine| End {
+            at_s: line.t_s - self.record.start_s,
+            machine,
+            transform: self.measure.transform(),
+            axes: &self.axes,
+        };
+        let over = match &line.event {
+            Event::Block { program, line } => steps.block(port, (*program, *line), &end(target)),
+            Event::Output(notice) => steps.output(port, notice, &end(at)),
+            Event::Reset { seq, .. } => steps.reset(*seq, &end(at)),
+            Event::Stop { m, program, line, .. } => {
+                let place = (program.unwrap_or_default(), line.unwrap_or_default());
+                steps.stop(port, place, *m, &end(at))
+            }
+            Event::End(_) => return steps.end(&end(at)),
+            _ => None,
+        };
+        over.into_iter().collect()
+    }
+
+    fn finish(mut self) -> Record {
+        self.record.measured = self.measure.finish();
+        self.record
     }
 }
 
@@ -191,6 +319,11 @@ impl Trace {
             trace.write(servo.time_s(), &channel.setpoint().0, channel.spindle_deg());
             trace.show(servo.time_s());
         }))
+    }
+
+    /// True where each cycle has a row, also those in which motors keep their speeds.
+    pub fn is_written(&self) -> bool {
+        self.0.lock().file.is_some()
     }
 
     /// Everything is in the file when this returns.

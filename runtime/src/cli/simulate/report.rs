@@ -175,6 +175,7 @@ impl Part {
         if let Some(text) = self.alarm_text() {
             say(format!("  {text}"));
         }
+        self.record.measured.print();
     }
 }
 

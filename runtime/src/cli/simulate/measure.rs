@@ -1,0 +1,375 @@
+//! Measures a run from setpoint to setpoint: times and distances, ranges of the axes, and the most that motors do.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+use tandem_model::flow::Transform;
+use tandem_model::profile::TimeBase;
+use tandem_model::settings::CoordinateSystemSettings;
+use tandem_model::{Axis, AxisVector, Origin};
+use tandem_runtime::simulation::Planned;
+use tandem_servo::Servo;
+
+use super::super::say;
+use super::losses::{Losses, Lost};
+
+/// Tells the transform in force.
+pub(super) type Coordinates = Box<dyn Fn() -> Transform + Send>;
+
+/// What time is spent with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+enum Doing {
+    Feed,
+    Rapid,
+    #[default]
+    Wait,
+}
+
+/// Time and way of a tool or a program.
+#[derive(Debug, Clone, Default, Serialize)]
+pub(super) struct Share {
+    time_s: f64,
+    feed_s: f64,
+    rapid_s: f64,
+    wait_s: f64,
+    feed_mm: f64,
+    rapid_mm: f64,
+}
+
+impl Share {
+    fn add(&mut self, doing: Doing, time_s: f64, way_mm: f64) {
+        self.time_s += time_s;
+        match doing {
+            Doing::Feed => {
+                self.feed_s += time_s;
+                self.feed_mm += way_mm;
+            }
+            Doing::Rapid => {
+                self.rapid_s += time_s;
+                self.rapid_mm += way_mm;
+            }
+            Doing::Wait => self.wait_s += time_s,
+        }
+    }
+
+    /// Cells of a row: time, shares in percent, ways.
+    pub fn cells(&self) -> String {
+        let percent = |part_s: f64| {
+            if self.time_s > 0.0 {
+                100.0 * part_s / self.time_s
+            } else {
+                0.0
+            }
+        };
+        format!(
+            "{:>10.3} {:>6.1} {:>7.1} {:>6.1} {:>12.3} {:>12.3}",
+            self.time_s,
+            percent(self.feed_s),
+            percent(self.rapid_s),
+            percent(self.wait_s),
+            self.feed_mm,
+            self.rapid_mm
+        )
+    }
+}
+
+/// Lowest and highest position of an axis.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub(super) struct Range {
+    pub lowest: f64,
+    pub highest: f64,
+}
+
+impl Range {
+    fn add(range: &mut Option<Self>, value: f64) {
+        // the sum takes the sign off a negative zero
+        let value = value + 0.0;
+        *range = Some(range.map_or(
+            Self {
+                lowest: value,
+                highest: value,
+            },
+            |range| Self {
+                lowest: range.lowest.min(value),
+                highest: range.highest.max(value),
+            },
+        ));
+    }
+}
+
+/// The range of an axis in the machine's and in the program's coordinates; none where nothing has moved.
+#[derive(Debug, Clone, Copy, Default, Serialize)]
+pub(super) struct Ranges {
+    pub machine: Option<Range>,
+    pub program: Option<Range>,
+}
+
+/// The most of something, and the block that causes it.
+#[derive(Debug, Clone, Copy, Default, Serialize)]
+pub(super) struct Peak {
+    pub value: f64,
+    program: u16,
+    pub line: u32,
+}
+
+/// The most that a motor does.
+#[derive(Debug, Clone, Default, Serialize)]
+pub(super) struct MotorPeaks {
+    pub axis: String,
+    motor: u16,
+    pub speed: Peak,
+    pub acceleration: Peak,
+    pub jerk: Peak,
+}
+
+impl MotorPeaks {
+    fn add(&mut self, values: [f64; 3], at: Origin) {
+        for (peak, value) in [&mut self.speed, &mut self.acceleration, &mut self.jerk]
+            .into_iter()
+            .zip(values)
+        {
+            // what is equal but for rounding stays with the block that had it first
+            if value.abs() > peak.value * (1.0 + 1e-6) {
+                *peak = Peak {
+                    value: value.abs(),
+                    program: at.program,
+                    line: at.line,
+                };
+            }
+        }
+    }
+}
+
+/// Time lost between blocks at feedrate.
+#[derive(Debug, Clone, Default, Serialize)]
+pub(super) struct TimeLost {
+    pub exact_stops: Lost,
+    pub corners: Lost,
+}
+
+/// What was measured.
+#[derive(Debug, Clone, Default, Serialize)]
+pub(super) struct Measured {
+    /// By the number of the tool.
+    pub tools: BTreeMap<u16, Share>,
+    /// By the number of the program, without what it calls.
+    pub programs: BTreeMap<u16, Share>,
+    /// By the letter of the axis.
+    pub ranges: BTreeMap<char, Ranges>,
+    pub motors: Vec<MotorPeaks>,
+    pub lost: TimeLost,
+}
+
+const HEADING: &str = "     time s feed % rapid % wait %      feed mm     rapid mm";
+
+impl Measured {
+    /// Tables for people.
+    pub fn print(&self) {
+        for (name, shares) in [("tool", &self.tools), ("program", &self.programs)] {
+            say(format!("  {name:<8}{HEADING}"));
+            for (number, share) in shares {
+                say(format!("  {number:<8}{}", share.cells()));
+            }
+        }
+        for (letter, ranges) in &self.ranges {
+            let text = |range: Option<Range>| {
+                let range = range.unwrap_or(Range {
+                    lowest: 0.0,
+                    highest: 0.0,
+                });
+                format!("{:.4} to {:.4}", range.lowest, range.highest)
+            };
+            let (machine, program) = (text(ranges.machine), text(ranges.program));
+            say(format!("  range {letter}  machine {machine}, program {program}"));
+        }
+        for motor in self.motors.iter().filter(|motor| motor.speed.value > 0.0) {
+            let unit = if "XYZ".contains(&motor.axis) { "mm" } else { "deg" };
+            let peak =
+                |peak: &Peak, per: &str| format!("{:.3} {unit}/{per} in line {}", peak.value, peak.line);
+            say(format!(
+                "  motor {}  {}, {}, {}",
+                motor.axis,
+                peak(&motor.speed, "s"),
+                peak(&motor.acceleration, "s2"),
+                peak(&motor.jerk, "s3")
+            ));
+        }
+        say(format!("  lost to exact stops: {}", self.lost.exact_stops.text()));
+        say(format!("  lost to corners: {}", self.lost.corners.text()));
+    }
+}
+
+/// Measures one coordinate system.
+pub(super) struct Measure {
+    index: usize,
+    period_s: f64,
+    axes: Vec<Axis>,
+    coordinates: Option<Coordinates>,
+    transform: Transform,
+    running: bool,
+    /// Up to when time is spent, s.
+    now_s: f64,
+    doing: Doing,
+    place: Origin,
+    tool: u16,
+    /// Of the last cycle: position, speed and acceleration.
+    last: [AxisVector; 3],
+    /// A way whose coordinates are not known yet: the block may have changed them.
+    moved: Option<[AxisVector; 2]>,
+    losses: Losses,
+    measured: Measured,
+}
+
+impl Measure {
+    pub fn new(index: usize, settings: &CoordinateSystemSettings, feed_override: f64) -> Self {
+        let axes: Vec<Axis> = settings.axes().iter().collect();
+        let motors = axes.iter().filter_map(|axis| {
+            Some(MotorPeaks {
+                axis: axis.letter().to_string(),
+                motor: settings.motors[axis.index()].as_ref()?.number,
+                ..MotorPeaks::default()
+            })
+        });
+        Self {
+            index,
+            period_s: settings.servo_period_s,
+            coordinates: None,
+            transform: Transform::default(),
+            running: false,
+            now_s: 0.0,
+            doing: Doing::default(),
+            place: Origin::default(),
+            tool: 0,
+            last: [AxisVector::ZERO; 3],
+            moved: None,
+            losses: Losses::new(feed_override),
+            measured: Measured {
+                motors: motors.collect(),
+                ..Measured::default()
+            },
+            axes,
+        }
+    }
+
+    pub fn look_at(&mut self, coordinates: Coordinates) {
+        self.coordinates = Some(coordinates);
+    }
+
+    pub fn plan(&mut self, planned: Planned<'_>) {
+        self.losses.plan(planned);
+    }
+
+    pub fn start(&mut self, now_s: f64, program: u16) {
+        self.running = true;
+        self.now_s = now_s;
+        self.place.program = program;
+    }
+
+    /// A block begins: what changes with it is in force.
+    pub fn block(&mut self) {
+        if let Some(coordinates) = &self.coordinates {
+            self.transform = coordinates();
+        }
+    }
+
+    /// The coordinate system works with this tool from now on.
+    pub fn select(&mut self, tool: u16) {
+        self.tool = tool;
+    }
+
+    /// An output is waited for, or the program pauses.
+    pub fn wait(&mut self) {
+        self.losses.wait();
+    }
+
+    pub fn end(&mut self, now_s: f64) {
+        self.spend(now_s - self.now_s, 0.0);
+        self.range();
+        self.losses.end();
+        self.running = false;
+    }
+
+    /// The commanded machine position, and where the block passed last ends.
+    pub fn position(&self) -> [AxisVector; 2] {
+        let [at, ..] = self.last;
+        [at, self.losses.target().unwrap_or(at)]
+    }
+
+    /// From the programmed point to the machine position.
+    pub fn transform(&self) -> Transform {
+        self.transform
+    }
+
+    pub fn finish(&mut self) -> Measured {
+        self.measured.lost = TimeLost {
+            exact_stops: self.losses.stops.clone(),
+            corners: self.losses.corners.clone(),
+        };
+        std::mem::take(&mut self.measured)
+    }
+
+    pub fn on_cycle(&mut self, servo: &Servo) {
+        let channel = servo.channel(self.index);
+        let (to, now_s) = (channel.setpoint(), servo.time_s());
+        self.range();
+        let [from, speed, acceleration] = self.last;
+        let per_s = 1.0 / self.period_s;
+        let mut moved_s = self.period_s;
+        // in the cycles left out the motors have kept their speeds
+        let left_out_s = now_s - self.now_s - self.period_s;
+        if left_out_s > self.period_s / 2.0 {
+            self.spend(left_out_s, 0.0);
+            if speed != AxisVector::ZERO {
+                moved_s += left_out_s;
+            }
+        }
+        let new_speed = to.minus(from).scaled(1.0 / moved_s);
+        let new_acceleration = new_speed.minus(speed).scaled(per_s);
+        let jerk = new_acceleration.minus(acceleration).scaled(per_s);
+        self.last = [to, new_speed, new_acceleration];
+        if let Some(origin) = channel.executing() {
+            self.place = origin;
+        }
+        self.doing = match (channel.executing(), channel.time_base()) {
+            (Some(_), Some(TimeBase::Rapid)) => Doing::Rapid,
+            (Some(_), Some(TimeBase::Feed)) => Doing::Feed,
+            (Some(_), Some(TimeBase::Fixed)) if to != from => Doing::Feed,
+            _ => Doing::Wait,
+        };
+        if !self.running {
+            return;
+        }
+        self.losses.reach(channel.segment(), now_s);
+        self.spend(now_s - self.now_s, to.minus(from).orthogonal_length());
+        if to != from {
+            self.moved = Some([from, to]);
+        }
+        for (motor, axis) in self.measured.motors.iter_mut().zip(&self.axes) {
+            let values = [new_speed, new_acceleration, jerk].map(|values| values[*axis]);
+            motor.add(values, self.place);
+        }
+    }
+
+    fn spend(&mut self, time_s: f64, way_mm: f64) {
+        if self.running {
+            let tool = self.measured.tools.entry(self.tool).or_default();
+            tool.add(self.doing, time_s, way_mm);
+            let program = self.measured.programs.entry(self.place.program).or_default();
+            program.add(self.doing, time_s, way_mm);
+        }
+        self.now_s += time_s;
+    }
+
+    /// The way of the last cycle, in the coordinates of its block.
+    fn range(&mut self) {
+        let Some(way) = self.moved.take() else { return };
+        for machine in way {
+            let program = self.transform.inverse(machine);
+            for axis in &self.axes {
+                let ranges = self.measured.ranges.entry(axis.letter()).or_default();
+                Range::add(&mut ranges.machine, machine[*axis]);
+                Range::add(&mut ranges.program, program[*axis]);
+            }
+        }
+    }
+}

@@ -1,0 +1,187 @@
+//! `simulate --steps`: a line for each block that moves, rests, outputs or stops, written when it is over.
+
+use futures_util::FutureExt;
+use plc_api::port::Port;
+use plc_api::types::CoordinateSystemNumber;
+use plc_api::types::message::Payload;
+use plc_api::types::output::{OutputNotice, Timing};
+use plc_api::types::topic::{CsTopic, Topic};
+use serde_json::{Map, Value, json};
+use tandem_model::flow::Transform;
+use tandem_model::{Axis, AxisVector};
+
+/// What is published of a topic of a coordinate system now.
+pub(super) fn published(port: &dyn Port, cs: CoordinateSystemNumber, topic: CsTopic) -> Option<Payload> {
+    let message = port.read(&Topic::cs(cs, topic)).now_or_never()??;
+    Some(message.payload.clone())
+}
+
+/// A block that is carried out.
+#[derive(Debug)]
+struct Step {
+    program: u16,
+    line: u32,
+    start_s: f64,
+    modal: Value,
+    outputs: Vec<Value>,
+    stop: Value,
+}
+
+impl Step {
+    fn is_at(&self, program: u16, line: u32) -> bool {
+        (self.program, self.line) == (program, line)
+    }
+
+    fn output(&mut self, notice: &OutputNotice, at_s: f64) {
+        self.outputs.push(json!({
+            "seq": notice.seq, "m": notice.m, "params": notice.params, "output_s": at_s, "reset_s": null,
+        }));
+    }
+
+    fn reset(&mut self, seq: u64, at_s: f64) -> bool {
+        let mut outputs = self.outputs.iter_mut();
+        let found = outputs.find(|output| output["seq"] == seq);
+        let is_found = found.is_some();
+        if let Some(output) = found {
+            output["reset_s"] = json!(at_s);
+        }
+        is_found
+    }
+}
+
+/// Where a block ends.
+pub(super) struct End<'a> {
+    pub at_s: f64,
+    pub machine: AxisVector,
+    pub transform: Transform,
+    pub axes: &'a [Axis],
+}
+
+impl End<'_> {
+    fn by_letter(&self, values: AxisVector) -> Value {
+        let values = self.axes.iter().map(|axis| {
+            // the sum takes the sign off a negative zero
+            (axis.letter().to_string(), json!(values[*axis] + 0.0))
+        });
+        Value::Object(values.collect::<Map<_, _>>())
+    }
+
+    fn line(&self, cs: CoordinateSystemNumber, step: &Step) -> Value {
+        let transform = &self.transform;
+        json!({
+            "cs": cs, "program": step.program, "line": step.line, "start_s": step.start_s, "end_s": self.at_s,
+            "machine": self.by_letter(self.machine),
+            "programmed": self.by_letter(transform.inverse(self.machine)),
+            "modal": step.modal,
+            "offsets": {
+                "work": self.by_letter(transform.work_offset), "local": self.by_letter(transform.local),
+                "tool_length": transform.tool_length,
+            },
+            "outputs": step.outputs, "stop": step.stop,
+        })
+    }
+}
+
+/// The blocks of a coordinate system that are not over.
+#[derive(Debug)]
+pub(super) struct Steps {
+    cs: CoordinateSystemNumber,
+    open: Option<Step>,
+    /// Outputs that the program does not wait for.
+    beside: Vec<Step>,
+}
+
+impl Steps {
+    pub fn new(cs: CoordinateSystemNumber) -> Self {
+        Self {
+            cs,
+            open: None,
+            beside: Vec::new(),
+        }
+    }
+
+    fn step(&self, port: &dyn Port, (program, line): (u16, u32), start_s: f64) -> Step {
+        let mut modal = match published(port, self.cs, CsTopic::Modal) {
+            Some(Payload::Modal(modal)) => json!(modal),
+            _ => Value::Null,
+        };
+        if let Some(Payload::Spindle(spindle)) = published(port, self.cs, CsTopic::Spindle) {
+            modal["spindle"] = json!({"direction": spindle.direction, "rpm": spindle.rpm});
+        }
+        Step {
+            program,
+            line,
+            start_s,
+            modal,
+            outputs: Vec::new(),
+            stop: Value::Null,
+        }
+    }
+
+    /// A block begins to move; gives the line of the one before.
+    pub fn block(&mut self, port: &dyn Port, at: (u16, u32), end: &End<'_>) -> Option<Value> {
+        let over = self.close(end);
+        self.open = Some(self.step(port, at, end.at_s));
+        over
+    }
+
+    /// An output is made; gives the line of the block before, if that is another one.
+    pub fn output(&mut self, port: &dyn Port, notice: &OutputNotice, end: &End<'_>) -> Option<Value> {
+        let at = (notice.program, notice.line);
+        if notice.timing == Timing::WithMotion {
+            let mut step = self.step(port, at, end.at_s);
+            step.output(notice, end.at_s);
+            self.beside.push(step);
+            return None;
+        }
+        let over = self.enter(port, at, end);
+        if let Some(step) = &mut self.open {
+            step.output(notice, end.at_s);
+        }
+        over
+    }
+
+    /// The program pauses; gives the line of the block before, if that is another one.
+    pub fn stop(&mut self, port: &dyn Port, at: (u16, u32), m: Option<u16>, end: &End<'_>) -> Option<Value> {
+        let over = self.enter(port, at, end);
+        if let Some(step) = &mut self.open {
+            step.stop = json!({"m": m, "at_s": end.at_s});
+        }
+        over
+    }
+
+    /// An output is reset; gives its line, if it has one of its own.
+    pub fn reset(&mut self, seq: u64, end: &End<'_>) -> Option<Value> {
+        let of_block = self.open.as_mut().is_some_and(|step| step.reset(seq, end.at_s));
+        if of_block {
+            return None;
+        }
+        let index = self
+            .beside
+            .iter_mut()
+            .position(|step| step.reset(seq, end.at_s))?;
+        Some(end.line(self.cs, &self.beside.remove(index)))
+    }
+
+    /// The run has ended; gives the lines that are left.
+    pub fn end(&mut self, end: &End<'_>) -> Vec<Value> {
+        let beside = std::mem::take(&mut self.beside);
+        let beside = beside.iter().map(|step| end.line(self.cs, step));
+        let beside: Vec<Value> = beside.collect();
+        self.close(end).into_iter().chain(beside).collect()
+    }
+
+    /// What happens at a place belongs to the block that moved there, unless that has had its output or stop.
+    fn enter(&mut self, port: &dyn Port, at: (u16, u32), end: &End<'_>) -> Option<Value> {
+        let goes_on = |step: &Step| step.is_at(at.0, at.1) && step.outputs.is_empty() && step.stop.is_null();
+        if self.open.as_ref().is_some_and(goes_on) {
+            return None;
+        }
+        self.block(port, at, end)
+    }
+
+    fn close(&mut self, end: &End<'_>) -> Option<Value> {
+        let step = self.open.take()?;
+        Some(end.line(self.cs, &step))
+    }
+}
