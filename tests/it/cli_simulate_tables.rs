@@ -50,7 +50,7 @@ fn an_exact_stop_loses_half_of_both_ramps_and_the_wait_between_them() {
     let (stopped, blended) = (blocks("G61"), blocks("G64"));
     // a ramp takes T = ta + ts and covers v T / 2, which takes T / 2 at v
     let lost = &stopped.json["lost"]["exact_stops"];
-    let halves_s = (0.2 + 0.05) / 2.0 + (0.1 + 0.05) / 2.0;
+    let halves_s = f64::midpoint(0.2 + 0.05, 0.1 + 0.05);
     let lost_s = number(&lost["lost_s"]);
     assert!((halves_s..halves_s + CYCLES_S).contains(&lost_s), "{lost_s}");
     assert_eq!(lost["places"], 1);

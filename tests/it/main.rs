@@ -15,6 +15,7 @@ mod book;
 mod cli_check;
 mod cli_compile;
 mod cli_config;
+mod cli_diff;
 mod cli_findings;
 mod cli_fmt;
 mod cli_output;

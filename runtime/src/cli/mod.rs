@@ -4,6 +4,7 @@ mod cert;
 mod check;
 mod compile;
 mod completions;
+mod diff;
 mod explain;
 mod findings;
 mod fmt;
@@ -75,6 +76,8 @@ enum Command {
     Plot(plot::Arguments),
     /// Runs an NC program in simulated time
     Simulate(simulate::Arguments),
+    /// Compares two NC programs by way, M codes and time
+    Diff(diff::Arguments),
     /// Makes a certificate for TLS: of this machine, or of a client
     Cert(cert::Arguments),
     /// Looks at what a machine keeps, and mends it, while the machine does not run
@@ -109,6 +112,7 @@ pub fn run() -> ExitCode {
         Command::Init(arguments) => init::run(&arguments),
         Command::Plot(arguments) => plot::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
+        Command::Diff(arguments) => diff::run(&arguments),
         Command::Cert(arguments) => cert::run(&arguments),
         Command::Store(arguments) => store::run(&arguments),
         Command::Journal(arguments) => journal::run(&arguments),

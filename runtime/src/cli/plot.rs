@@ -15,7 +15,7 @@ use tandem_runtime::simulation::OnCycle;
 
 use super::simulate::{Plan, SimulationArguments, Watch};
 use super::{EXIT_FOUND, EXIT_OK, Ran, complain};
-use drawing::Drawing;
+pub(super) use drawing::Drawing;
 use polyline::{Point, Polyline};
 
 #[derive(Args)]
@@ -32,7 +32,7 @@ pub struct Arguments {
 
 /// From where the path is seen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum View {
+pub(super) enum View {
     /// From above: X to the right, Y up
     Xy,
     /// From the front: X to the right, Z up
@@ -45,7 +45,7 @@ enum View {
 
 impl View {
     /// The place of a machine position in the picture, mm: to the right and up.
-    fn project(self, at: AxisVector) -> Point {
+    pub fn project(self, at: AxisVector) -> Point {
         if let Some(axes) = self.axes() {
             return Point(axes.map(|axis| at[axis]));
         }
@@ -55,7 +55,7 @@ impl View {
     }
 
     /// Axes to the right and up; none where they are no axes of the machine.
-    fn axes(self) -> Option<[Axis; 2]> {
+    pub fn axes(self) -> Option<[Axis; 2]> {
         match self {
             Self::Xy => Some([Axis::X, Axis::Y]),
             Self::Xz => Some([Axis::X, Axis::Z]),
@@ -87,6 +87,7 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
         title: &name.to_string_lossy(),
         cycle_time_s: outcome.cycle_time_s(),
         axes: arguments.plane.axes(),
+        legend: &[Stroke::Feed, Stroke::Rapid],
         lines: &lines,
     };
     let path = &arguments.output;
@@ -98,11 +99,40 @@ pub(super) fn run(arguments: &Arguments) -> Ran {
     Ok(EXIT_FOUND)
 }
 
-/// A part of the toolpath that is rapid throughout, or feed throughout.
+/// A part of the toolpath that is of one kind.
 #[derive(Debug, PartialEq)]
-struct Line {
-    rapid: bool,
-    points: Vec<Point>,
+pub(super) struct Line {
+    pub stroke: Stroke,
+    pub points: Vec<Point>,
+}
+
+/// How a part of the toolpath is drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Stroke {
+    Feed,
+    Rapid,
+    /// The way of both programs.
+    Both,
+    /// Of the old program alone.
+    Old,
+    /// Of the new program alone.
+    New,
+}
+
+impl Stroke {
+    fn of(rapid: bool) -> Self {
+        if rapid { Self::Rapid } else { Self::Feed }
+    }
+
+    fn class(self) -> &'static str {
+        match self {
+            Self::Feed => "feed",
+            Self::Rapid => "rapid",
+            Self::Both => "both",
+            Self::Old => "old",
+            Self::New => "new",
+        }
+    }
 }
 
 /// The toolpath so far.
@@ -137,7 +167,7 @@ impl Sketch {
         let points = std::mem::replace(&mut self.line, Polyline::new(next_start)).into_points();
         if points.len() > 1 {
             self.lines.push(Line {
-                rapid: self.rapid,
+                stroke: Stroke::of(self.rapid),
                 points,
             });
         }
@@ -173,11 +203,11 @@ mod tests {
         }
         let expected = [
             Line {
-                rapid: true,
+                stroke: Stroke::Rapid,
                 points: vec![Point([0.0, 0.0]), Point([2.0, 0.0])],
             },
             Line {
-                rapid: false,
+                stroke: Stroke::Feed,
                 points: vec![Point([2.0, 0.0]), Point([2.0, 3.0])],
             },
         ];

@@ -21,11 +21,11 @@ use plc_api::types::request::OverrideChange;
 use plc_api::types::state::{Execution, State};
 use plc_api::{CoordinateSystem, Error, Plc};
 use serde_json::json;
-use tandem_interp::Dialect;
+use tandem_interp::{Dialect, dialects};
 use tandem_model::alarm::{AlarmEntry, SIMULATION_LIMIT, SIMULATION_STALLED};
 use tandem_model::limits::PROGRAM_NUMBER_MAX;
 use tandem_model::settings::CoordinateSystemSettings;
-use tandem_runtime::journal::Journal;
+use tandem_runtime::journal::{Journal, Line};
 use tandem_runtime::program_store::{StoredProgram, program_number};
 use tandem_runtime::simulation::{self, OnCycle, OnPlan, Planned, SimulationOptions};
 use tandem_runtime::{ConfiguredSystem, Machine, Runtime, Unhandled};
@@ -38,6 +38,9 @@ pub(super) use report::Outcome;
 
 /// Program number of a file whose name is not a number.
 const MAIN_PROGRAM: u16 = 1;
+
+/// Simulated time in which a program must end, s.
+const MAX_TIME_S: f64 = 86_400.0;
 
 #[derive(Args)]
 pub struct Arguments {
@@ -70,6 +73,9 @@ pub(super) struct SimulationArguments {
     /// Configuration file; without one the demo machine
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
+    /// NC dialect of the programs; without it, that of the configuration
+    #[arg(long, value_parser = dialects::find)]
+    dialect: Option<&'static Dialect>,
     /// Optional block skip inputs that are on, such as 1,3
     #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u8).range(1..=31))]
     skip: Vec<u8>,
@@ -86,8 +92,25 @@ pub(super) struct SimulationArguments {
     #[arg(long, value_name = "N=FILE", value_parser = parse_with)]
     with: Vec<(CoordinateSystemNumber, PathBuf)>,
     /// Ends a program that does not end by itself, simulated seconds
-    #[arg(long, value_name = "SECONDS", default_value_t = 86_400.0)]
+    #[arg(long, value_name = "SECONDS", default_value_t = MAX_TIME_S)]
     max_time_s: f64,
+}
+
+impl SimulationArguments {
+    /// A program as it is, without inputs and at 100 percent.
+    pub fn of(file: &Path, config: Option<&Path>, dialect: Option<&'static Dialect>) -> Self {
+        Self {
+            file: file.to_owned(),
+            config: config.map(Path::to_owned),
+            dialect,
+            skip: Vec::new(),
+            optional_stop: false,
+            feed_override: 100.0,
+            cs: 1,
+            with: Vec::new(),
+            max_time_s: MAX_TIME_S,
+        }
+    }
 }
 
 fn parse_with(text: &str) -> Result<(CoordinateSystemNumber, PathBuf), String> {
@@ -104,6 +127,9 @@ struct Job {
     program: u16,
 }
 
+/// Is told a line of the journal.
+pub(super) type Heard = Box<dyn FnMut(&Line) + Send>;
+
 /// Is told what is planned.
 pub(super) type Told = Box<dyn FnMut(Planned<'_>) + Send>;
 
@@ -118,6 +144,8 @@ pub(super) struct Watch<'a> {
     /// That is called for each cycle, also for those in which motors keep their speeds.
     pub every_cycle: bool,
     pub on_plan: Option<Told>,
+    /// Is told each line of the journal.
+    pub on_line: Option<Heard>,
 }
 
 /// What is to be simulated, read and checked.
@@ -174,7 +202,7 @@ fn traced(arguments: &Arguments, plan: Plan) -> anyhow::Result<Outcome> {
         steps: arguments.steps.as_deref(),
         on_cycle: trace.on_cycle(),
         every_cycle: trace.is_written(),
-        on_plan: None,
+        ..Watch::default()
     })?;
     trace.finish()?;
     Ok(outcome)
@@ -186,7 +214,13 @@ impl Plan {
         arguments: &SimulationArguments,
         json: bool,
     ) -> anyhow::Result<Result<Self, Vec<ProgramDiagnostic>>> {
-        let (config, mut machine) = read_config(arguments.config.as_deref())?;
+        let (mut config, mut machine) = read_config(arguments.config.as_deref())?;
+        if let Some(dialect) = arguments.dialect {
+            for system in &mut config.coordinate_system {
+                system.dialect = dialect;
+            }
+            machine = config.resolve()?;
+        }
         machine.unhandled = Unhandled::AutoReset;
         if config.is_demo {
             for system in &mut machine.coordinate_systems {
@@ -221,6 +255,7 @@ impl Plan {
     /// A file that cannot be written, a command that is refused.
     pub fn simulate(self, watch: Watch<'_>) -> anyhow::Result<Outcome> {
         let recorder = Recorder::new(&self, watch.events, watch.steps)?;
+        let on_line = watch.on_line;
         let recorder = Arc::new(Mutex::new(recorder));
         let (on_cycle, of_plan) = (watch.on_cycle, watch.on_plan);
         let options = SimulationOptions {
@@ -230,7 +265,7 @@ impl Plan {
             on_plan: Some(on_plan(Arc::clone(&recorder), of_plan)),
             hardware: None,
         };
-        simulation::run(simulate(self, recorder, options))?
+        simulation::run(simulate(self, recorder, options, on_line))?
     }
 
     /// The coordinate systems that run a program, with their places in the servo.
@@ -332,10 +367,14 @@ async fn simulate(
     plan: Plan,
     recorder: Arc<Mutex<Recorder>>,
     options: SimulationOptions,
+    mut on_line: Option<Heard>,
 ) -> anyhow::Result<Outcome> {
     let sink = Arc::clone(&recorder);
     let journal = Journal::to_sink(Arc::new(std::sync::Mutex::new(move |line: &_| {
         sink.lock().on_line(line);
+        if let Some(on_line) = &mut on_line {
+            on_line(line);
+        }
         false
     })));
     let runtime = Runtime::start_simulated(plan.machine, journal, options)?;

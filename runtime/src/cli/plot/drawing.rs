@@ -4,7 +4,7 @@ use std::fmt::{self, Write as _};
 
 use tandem_model::Axis;
 
-use super::Line;
+use super::{Line, Stroke};
 
 /// Longer side of the picture, in the unit of its text.
 const SIDE: f64 = 1000.0;
@@ -21,6 +21,8 @@ pub struct Drawing<'a> {
     pub cycle_time_s: f64,
     /// Axes to the right and up; `None`: no grid, since no distance can be read off.
     pub axes: Option<[Axis; 2]>,
+    /// What is told below the picture.
+    pub legend: &'a [Stroke],
     /// The toolpath.
     pub lines: &'a [Line],
 }
@@ -52,7 +54,7 @@ impl Drawing<'_> {
             frame.write_grid(svg, axes)?;
         }
         for line in self.lines {
-            let class = if line.rapid { "rapid" } else { "feed" };
+            let class = line.stroke.class();
             let points = line.points.iter().map(|point| frame.at(point.0));
             let points: Vec<String> = points.map(|[x, y]| format!("{x:.2},{y:.2}")).collect();
             let points = points.join(" ");
@@ -75,13 +77,27 @@ impl Drawing<'_> {
         writeln!(
             svg,
             "<text x=\"14\" y=\"24\">{title}, {:.3} s, mm</text>\n\
-             <path class=\"feed\" d=\"M14 {line} h30\"/><text x=\"50\" y=\"{y}\">feed</text>\n\
-             <path class=\"rapid\" d=\"M100 {line} h30\"/><text x=\"136\" y=\"{y}\">rapid</text>\n\
+             {strokes}\
              <circle class=\"start\" cx=\"196\" cy=\"{line}\" r=\"5\"/><text x=\"208\" y=\"{y}\">start</text>\n\
              <circle class=\"end\" cx=\"262\" cy=\"{line}\" r=\"5\"/><text x=\"274\" y=\"{y}\">end</text>\n</svg>",
             self.cycle_time_s,
             line = y - 5.0,
+            strokes = self.strokes(y),
         )
+    }
+}
+
+impl Drawing<'_> {
+    /// The strokes of the legend with their names; there is room for three.
+    fn strokes(&self, y: f64) -> String {
+        let line = y - 5.0;
+        let each = self.legend.iter().zip([14, 100, 300]).map(|(stroke, x)| {
+            let (class, name_x) = (stroke.class(), x + 36);
+            format!(
+                "<path class=\"{class}\" d=\"M{x} {line} h30\"/><text x=\"{name_x}\" y=\"{y}\">{class}</text>\n"
+            )
+        });
+        each.collect()
     }
 }
 
@@ -91,6 +107,9 @@ const STYLE: &str = "\
 .zero { stroke: #9aa4b0; stroke-width: 1.5 }
 .feed { fill: none; stroke: #0b62c4; stroke-width: 1.6; stroke-linejoin: round }
 .rapid { fill: none; stroke: #d9730d; stroke-width: 1.2; stroke-dasharray: 6 4 }
+.both { fill: none; stroke: #9aa4b0; stroke-width: 1.6; stroke-linejoin: round }
+.old { fill: none; stroke: #c02626; stroke-width: 2; stroke-linejoin: round; stroke-dasharray: 6 4 }
+.new { fill: none; stroke: #1a8f3c; stroke-width: 2; stroke-linejoin: round }
 .start { fill: #1a8f3c }
 .end { fill: #c02626 }
 text { fill: #38414c }
@@ -197,13 +216,14 @@ mod tests {
 
     fn picture(points: &[[f64; 2]], rapid: bool) -> String {
         let lines = [Line {
-            rapid,
+            stroke: Stroke::of(rapid),
             points: points.iter().copied().map(Point).collect(),
         }];
         let drawing = Drawing {
             title: "a<b.nc",
             cycle_time_s: 1.5,
             axes: Some([Axis::X, Axis::Y]),
+            legend: &[Stroke::Feed, Stroke::Rapid],
             lines: &lines,
         };
         drawing.to_svg()
@@ -247,6 +267,7 @@ mod tests {
             title: "",
             cycle_time_s: 0.0,
             axes: Some([Axis::X, Axis::Y]),
+            legend: &[Stroke::Feed, Stroke::Rapid],
             lines: &[],
         };
         let svg = drawing.to_svg();

@@ -12,7 +12,7 @@ const HALVINGS: u32 = 60;
 
 /// Time lost at places between two blocks.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
-pub(super) struct Lost {
+pub(super) struct Loss {
     /// In how many places.
     places: u64,
     /// In all of them, s.
@@ -29,7 +29,7 @@ struct Worst {
     lost_s: f64,
 }
 
-impl Lost {
+impl Loss {
     fn add(&mut self, at: Origin, lost_s: f64) {
         self.places += 1;
         self.lost_s += lost_s;
@@ -64,7 +64,7 @@ struct Piece {
     stops: bool,
     /// Time of its profiles, s.
     duration_s: f64,
-    /// Lost up to the middle of its length, and behind it, s.
+    /// Loss up to the middle of its length, and behind it, s.
     lost_s: [f64; 2],
     /// Where it ends; `None`: where its motors say.
     target: Option<AxisVector>,
@@ -83,8 +83,8 @@ pub(super) struct Losses {
     chain: (f64, f64),
     /// The program has waited since the last block.
     waited: bool,
-    pub stops: Lost,
-    pub corners: Lost,
+    pub stops: Loss,
+    pub corners: Loss,
 }
 
 impl Losses {

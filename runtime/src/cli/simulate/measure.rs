@@ -11,7 +11,7 @@ use tandem_runtime::simulation::Planned;
 use tandem_servo::Servo;
 
 use super::super::say;
-use super::losses::{Losses, Lost};
+use super::losses::{Loss, Losses};
 
 /// Tells the transform in force.
 pub(super) type Coordinates = Box<dyn Fn() -> Transform + Send>;
@@ -143,8 +143,8 @@ impl MotorPeaks {
 /// Time lost between blocks at feedrate.
 #[derive(Debug, Clone, Default, Serialize)]
 pub(super) struct TimeLost {
-    pub exact_stops: Lost,
-    pub corners: Lost,
+    pub exact_stops: Loss,
+    pub corners: Loss,
 }
 
 /// What was measured.

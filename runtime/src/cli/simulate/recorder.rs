@@ -148,7 +148,9 @@ impl Recorder {
         };
         let over = system.on_line(line, port.as_ref());
         if let Some(steps) = &mut self.steps {
-            over.iter().for_each(|step| steps.write(step));
+            for step in &over {
+                steps.write(step);
+            }
         }
     }
 

@@ -1,0 +1,164 @@
+//! `tandem diff`: where two programs move, time or output differently.
+
+mod compare;
+mod recorded;
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use clap::Args;
+use serde_json::json;
+use tandem_interp::{Dialect, dialects};
+
+use super::plot::{Drawing, Line, Stroke, View};
+use super::simulate::{Outcome, Plan, SimulationArguments};
+use super::{EXIT_FOUND, EXIT_OK, EXIT_UNREADABLE, Ran, say};
+use compare::{Comparison, Part, compare};
+use recorded::{Element, record};
+
+#[derive(Args)]
+pub struct Arguments {
+    /// NC program; its subprograms are looked for beside it, then in the data folder's programs
+    old: PathBuf,
+    /// NC program to compare with it
+    new: PathBuf,
+    /// Configuration file; without one the demo machine
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// NC dialect of the programs; without it, that of the configuration
+    #[arg(long, value_parser = dialects::find)]
+    dialect: Option<&'static Dialect>,
+    /// Ways that are closer than this are the same, mm or degrees
+    #[arg(long, value_name = "MM", default_value_t = 0.001)]
+    tolerance: f64,
+    /// Times of a block that are closer than this are the same, seconds
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.005)]
+    time_tolerance: f64,
+    /// Prints one JSON object instead of text
+    #[arg(long)]
+    json: bool,
+    /// Draws both ways, and where they differ
+    #[arg(long, value_name = "OUT.svg")]
+    svg: Option<PathBuf>,
+    /// What is looked at in the picture
+    #[arg(long, value_enum, default_value_t = View::Xy)]
+    plane: View,
+}
+
+/// A program and what it does.
+struct Program<'a> {
+    file: &'a Path,
+    elements: Vec<Element>,
+    outcome: Outcome,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Ran {
+    let read = |file| Program::read(file, arguments);
+    let (Some(old), Some(new)) = (read(&arguments.old)?, read(&arguments.new)?) else {
+        return Ok(EXIT_UNREADABLE);
+    };
+    let tolerances = [arguments.tolerance, arguments.time_tolerance];
+    let comparison = compare([&old.elements, &new.elements], tolerances);
+    let alarms = [&old, &new].map(|program| program.outcome.alarm_text());
+    let is_equal = comparison.differences.is_empty() && alarms[0] == alarms[1];
+    if let Some(path) = &arguments.svg {
+        let svg = draw(arguments, [&old, &new], &comparison);
+        std::fs::write(path, svg).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    if arguments.json {
+        say(json!({
+            "equal": is_equal, "old": old.to_json(), "new": new.to_json(), "differences": comparison.differences,
+        }));
+    } else {
+        for difference in &comparison.differences {
+            say(difference);
+        }
+        for (name, alarm) in ["old", "new"]
+            .iter()
+            .zip(&alarms)
+            .filter(|(_, alarm)| !alarm.is_empty())
+        {
+            say(format!("{name}: {alarm}"));
+        }
+        let [old_s, new_s] = [&old, &new].map(|program| program.outcome.cycle_time_s());
+        let verdict = if is_equal {
+            "no difference in way, M codes and time"
+        } else {
+            "they differ"
+        };
+        say(format!("{verdict}: old {old_s:.3} s, new {new_s:.3} s"));
+    }
+    Ok(if is_equal { EXIT_OK } else { EXIT_FOUND })
+}
+
+impl<'a> Program<'a> {
+    /// `None`: it has errors, which have been told.
+    fn read(file: &'a Path, arguments: &Arguments) -> anyhow::Result<Option<Self>> {
+        let simulated = SimulationArguments::of(file, arguments.config.as_deref(), arguments.dialect);
+        let plan = match Plan::read(&simulated, arguments.json)? {
+            Ok(plan) => plan,
+            Err(diagnostics) => {
+                if arguments.json {
+                    say(json!({"file": file.display().to_string(), "diagnostics": diagnostics}));
+                }
+                return Ok(None);
+            }
+        };
+        let (elements, outcome) = record(plan)?;
+        Ok(Some(Self {
+            file,
+            elements,
+            outcome,
+        }))
+    }
+
+    fn to_json(&self) -> serde_json::Value {
+        let alarm = self.outcome.alarm_text();
+        json!({
+            "file": self.file.display().to_string(), "cycle_time_s": self.outcome.cycle_time_s(),
+            "alarm": (!alarm.is_empty()).then_some(alarm),
+        })
+    }
+}
+
+/// The way of both, and over it where each goes alone.
+fn draw(arguments: &Arguments, programs: [&Program<'_>; 2], comparison: &Comparison) -> String {
+    let mut lines: Vec<Line> = Vec::new();
+    let mut draw = |elements: &[Element], stroke: Stroke| {
+        let ways = elements.iter().filter_map(Element::way);
+        lines.extend(ways.map(|points| {
+            Line {
+                stroke,
+                points: points
+                    .into_iter()
+                    .map(|point| arguments.plane.project(point))
+                    .collect(),
+            }
+        }));
+    };
+    let [old, new] = programs;
+    draw(&old.elements, Stroke::Both);
+    let of = |part: &Option<Part>| part.as_ref().map_or(0..0, |part| part.elements.clone());
+    for difference in comparison
+        .differences
+        .iter()
+        .filter(|difference| difference.moves())
+    {
+        draw(&old.elements[of(&difference.old)], Stroke::Old);
+        draw(&new.elements[of(&difference.new)], Stroke::New);
+    }
+    let name = |path: &Path| {
+        path.file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned()
+    };
+    let drawing = Drawing {
+        title: &format!("{} and {}", name(old.file), name(new.file)),
+        cycle_time_s: new.outcome.cycle_time_s(),
+        axes: arguments.plane.axes(),
+        legend: &[Stroke::Both, Stroke::Old, Stroke::New],
+        lines: &lines,
+    };
+    drawing.to_svg()
+}

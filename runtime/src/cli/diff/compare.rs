@@ -1,0 +1,271 @@
+//! Finds where two lists of elements differ.
+
+use std::collections::BTreeSet;
+use std::fmt;
+use std::ops::Range;
+
+use serde::Serialize;
+use tandem_model::AxisVector;
+use tandem_model::flow::Path;
+
+use super::recorded::{Does, Element};
+
+/// How far both programs are searched for where they are the same again, elements of both together. Reason: the search
+/// takes the square of it.
+const SEARCH_MAX: usize = 4000;
+
+/// Where two programs differ.
+pub struct Comparison {
+    pub differences: Vec<Difference>,
+}
+
+/// A place where two programs differ.
+#[derive(Debug, Serialize)]
+pub struct Difference {
+    /// `path`, `m_codes`, `time`.
+    what: Vec<&'static str>,
+    /// Lines of the old program; null: the new one has something more.
+    pub old: Option<Part>,
+    /// Lines of the new program; null: the old one has something more.
+    pub new: Option<Part>,
+}
+
+/// A part of a program.
+#[derive(Debug, Serialize)]
+pub struct Part {
+    program: u16,
+    from_line: u32,
+    to_line: u32,
+    /// Time of its blocks, s.
+    time_s: f64,
+    /// M codes that it puts out or stops at.
+    m_codes: Vec<String>,
+    #[serde(skip)]
+    pub elements: Range<usize>,
+}
+
+impl Part {
+    fn of(all: &[Element], elements: Range<usize>) -> Option<Self> {
+        let part = &all[elements.clone()];
+        let first = part.first()?;
+        let of_program = || part.iter().filter(|element| element.program == first.program);
+        Some(Self {
+            program: first.program,
+            from_line: of_program().map(|element| element.lines.0).min()?,
+            to_line: of_program().map(|element| element.lines.1).max()?,
+            time_s: part.iter().map(|element| element.time_s).sum(),
+            m_codes: part.iter().filter_map(m_code).collect(),
+            elements,
+        })
+    }
+}
+
+fn m_code(element: &Element) -> Option<String> {
+    match &element.does {
+        Does::Output { m, params } => {
+            let letters = ["A", "B", "C", "D", "E", "F", "G", "H"];
+            let values = [
+                params.a(),
+                params.b(),
+                params.c(),
+                params.d(),
+                params.e(),
+                params.f(),
+                params.g(),
+                params.h(),
+            ];
+            let params = letters.iter().zip(values);
+            let params: Vec<String> = params
+                .filter_map(|(letter, value)| Some(format!(" V{letter}{}", value?)))
+                .collect();
+            Some(format!("M{m:02}{}", params.concat()))
+        }
+        Does::Stop { m: Some(m) } => Some(format!("M{m:02}")),
+        _ => None,
+    }
+}
+
+impl Difference {
+    /// True where ways differ.
+    pub fn moves(&self) -> bool {
+        self.what.contains(&"path")
+    }
+}
+
+impl fmt::Display for Difference {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let part = |part: &Option<Part>| match part {
+            None => "nothing".to_owned(),
+            Some(part) => {
+                let lines = if part.from_line == part.to_line {
+                    format!("line {}", part.from_line)
+                } else {
+                    format!("lines {} to {}", part.from_line, part.to_line)
+                };
+                let m_codes: Vec<String> = part.m_codes.iter().map(|m| format!(", {m}")).collect();
+                format!(
+                    "{lines} of program {} ({:.3} s{})",
+                    part.program,
+                    part.time_s,
+                    m_codes.concat()
+                )
+            }
+        };
+        let what = self.what.join(" and ").replace('_', " ");
+        write!(f, "{what}: old {}, new {}", part(&self.old), part(&self.new))
+    }
+}
+
+/// Compares what two programs do, within tolerances of positions and of times of elements.
+pub fn compare(programs: [&[Element]; 2], [tolerance, time_tolerance]: [f64; 2]) -> Comparison {
+    let [old, new] = programs;
+    let same = |i: usize, j: usize| match (old.get(i), new.get(j)) {
+        (Some(old), Some(new)) => is_same(&old.does, &new.does, tolerance),
+        (None, None) => true,
+        _ => false,
+    };
+    let moves = |i: usize| old.get(i).is_some_and(|element| element.does.moves());
+    let slower = |i: usize, j: usize| (old[i].time_s - new[j].time_s).abs() > time_tolerance;
+    let mut differences = Vec::new();
+    let mut push = |what: Vec<&'static str>, of_old: Range<usize>, of_new: Range<usize>| {
+        differences.push(Difference {
+            what,
+            old: Part::of(old, of_old),
+            new: Part::of(new, of_new),
+        });
+    };
+    let (mut i, mut j) = (0, 0);
+    while i < old.len() || j < new.len() {
+        if i < old.len() && j < new.len() && same(i, j) {
+            let mut count = 0;
+            while i + count < old.len()
+                && j + count < new.len()
+                && same(i + count, j + count)
+                && slower(i + count, j + count)
+            {
+                count += 1;
+            }
+            if count > 0 {
+                push(vec!["time"], i..i + count, j..j + count);
+            }
+            (i, j) = (i + count.max(1), j + count.max(1));
+            continue;
+        }
+        let (more_old, more_new) = again([i, j], &same, &moves).unwrap_or((old.len() - i, new.len() - j));
+        let (to_i, to_j) = ((i + more_old).min(old.len()), (j + more_new).min(new.len()));
+        push(kinds(&old[i..to_i], &new[j..to_j], tolerance), i..to_i, j..to_j);
+        (i, j) = (to_i, to_j);
+    }
+    forget_ramps(&mut differences);
+    Comparison { differences }
+}
+
+/// Beside another way the ramps are others, too: that is no difference of its own.
+fn forget_ramps(differences: &mut Vec<Difference>) {
+    let range = |difference: &Difference| difference.old.as_ref().map(|part| part.elements.clone());
+    let ways = differences.iter().filter(|difference| difference.moves());
+    let ends: BTreeSet<usize> = (ways.filter_map(range))
+        .flat_map(|range| [range.start, range.end])
+        .collect();
+    differences.retain(|difference| {
+        let single = range(difference).filter(|range| difference.what == ["time"] && range.len() == 1);
+        !single.is_some_and(|range| ends.contains(&range.start) || ends.contains(&range.end))
+    });
+}
+
+/// How many elements of each are passed until both do the same again.
+fn again(
+    [i, j]: [usize; 2],
+    same: &impl Fn(usize, usize) -> bool,
+    moves: &impl Fn(usize) -> bool,
+) -> Option<(usize, usize)> {
+    (1..SEARCH_MAX).find_map(|sum| {
+        let both = (0..=sum).map(|more| (more, sum - more));
+        // what does not move is the same at many places
+        let mut found = both.filter(|(a, b)| {
+            let (i, j) = (i + a, j + b);
+            same(i, j) && (moves(i) || same(i + 1, j + 1))
+        });
+        found.next()
+    })
+}
+
+/// True for what is of a kind.
+type IsOf = fn(&Does) -> bool;
+
+/// In what two parts differ.
+fn kinds(old: &[Element], new: &[Element], tolerance: f64) -> Vec<&'static str> {
+    let differ = |is_of: IsOf| {
+        let of = |part: &[Element]| -> Vec<Does> {
+            let does = part.iter().map(|element| &element.does);
+            does.filter(|does| is_of(does)).cloned().collect()
+        };
+        let (old, new) = (of(old), of(new));
+        let all_same = || {
+            old.iter()
+                .zip(&new)
+                .all(|(old, new)| is_same(old, new, tolerance))
+        };
+        old.len() != new.len() || !all_same()
+    };
+    let is_m = |does: &Does| matches!(does, Does::Output { .. } | Does::Stop { .. });
+    let is_way = |does: &Does| does.moves();
+    let is_rest = |does: &Does| matches!(does, Does::Rest);
+    let kinds: [(&str, IsOf); 3] = [("path", is_way), ("m_codes", is_m), ("time", is_rest)];
+    let mut found: Vec<&str> = kinds
+        .into_iter()
+        .filter(|(_, is_of)| differ(*is_of))
+        .map(|(kind, _)| kind)
+        .collect();
+    if found.is_empty() {
+        // the same in another order
+        found.push("m_codes");
+    }
+    found
+}
+
+fn is_near(a: AxisVector, b: AxisVector, tolerance: f64) -> bool {
+    a.minus(b).0.iter().all(|off| off.abs() <= tolerance)
+}
+
+fn is_same(old: &Does, new: &Does, tolerance: f64) -> bool {
+    let near = |a: AxisVector, b: AxisVector| is_near(a, b, tolerance);
+    match (old, new) {
+        (Does::Feed(old), Does::Feed(new)) => {
+            let at = |path: &Path, share: f64| path.point_at(path.length() * share);
+            [0.0, 0.25, 0.5, 0.75, 1.0]
+                .iter()
+                .all(|share| near(at(old, *share), at(new, *share)))
+        }
+        (
+            Does::Alone { skips, from, to },
+            Does::Alone {
+                skips: also,
+                from: start,
+                to: end,
+            },
+        ) => skips == also && near(*from, *start) && near(*to, *end),
+        (
+            Does::Tap {
+                from,
+                to,
+                revolutions,
+            },
+            Does::Tap {
+                from: start,
+                to: end,
+                revolutions: turns,
+            },
+        ) => near(*from, *start) && near(*to, *end) && (revolutions - turns).abs() <= 1e-9,
+        (Does::Rest, Does::Rest) => true,
+        (
+            Does::Output { m, params },
+            Does::Output {
+                m: also,
+                params: others,
+            },
+        ) => m == also && params == others,
+        (Does::Stop { m }, Does::Stop { m: also }) => m == also,
+        _ => false,
+    }
+}

@@ -1,0 +1,217 @@
+//! What a program does, one after the other: its ways, dwells, outputs and stops.
+
+use std::sync::Arc;
+
+use parking_lot::Mutex;
+use plc_api::types::output::Params;
+use tandem_model::flow::{Path, Segment, SegmentMotion};
+use tandem_model::{AxisVector, Origin};
+use tandem_runtime::journal::{Event, Line};
+use tandem_runtime::simulation::Planned;
+
+use crate::cli::simulate::{Outcome, Plan, Watch};
+
+/// Lines that an arc is drawn with.
+const LINES_OF_ARC: u32 = 64;
+
+/// Something that a program does.
+#[derive(Debug, Clone)]
+pub struct Element {
+    pub program: u16,
+    /// Lines from and to.
+    pub lines: (u32, u32),
+    pub time_s: f64,
+    pub does: Does,
+}
+
+/// What.
+#[derive(Debug, Clone)]
+pub enum Does {
+    /// Along a path at feedrate.
+    Feed(Path),
+    /// Each motor alone: a rapid, or a motion that a signal may end.
+    Alone {
+        skips: bool,
+        from: AxisVector,
+        to: AxisVector,
+    },
+    /// In a thread.
+    Tap {
+        from: AxisVector,
+        to: AxisVector,
+        revolutions: f64,
+    },
+    Rest,
+    Output {
+        m: u16,
+        params: Params,
+    },
+    Stop {
+        m: Option<u16>,
+    },
+}
+
+impl Does {
+    /// True for a way.
+    pub fn moves(&self) -> bool {
+        matches!(self, Self::Feed(_) | Self::Alone { .. } | Self::Tap { .. })
+    }
+}
+
+impl Element {
+    fn of(segment: &Segment) -> Self {
+        let Origin { program, line, .. } = segment.origin;
+        let (does, time_s) = match &segment.motion {
+            SegmentMotion::Feed { path, .. } => (Does::Feed(path.clone()), 0.0),
+            SegmentMotion::Rapid { from, to } => (alone(false, *from, *to), 0.0),
+            SegmentMotion::Skip { from, to } => (alone(true, *from, *to), 0.0),
+            SegmentMotion::Tap {
+                from,
+                to,
+                revolutions,
+                ..
+            } => {
+                let (from, to, revolutions) = (*from, *to, *revolutions);
+                (
+                    Does::Tap {
+                        from,
+                        to,
+                        revolutions,
+                    },
+                    0.0,
+                )
+            }
+            SegmentMotion::Dwell { .. } => (Does::Rest, 0.0),
+        };
+        Self {
+            program,
+            lines: (line, line),
+            time_s,
+            does,
+        }
+    }
+
+    /// True when nothing moves from there to there.
+    fn is_nothing(&self) -> bool {
+        let stays = |from: &AxisVector, to: &AxisVector| from == to;
+        match &self.does {
+            Does::Feed(Path::Line { from, to, .. }) | Does::Alone { from, to, .. } => stays(from, to),
+            Does::Rest => self.time_s <= 0.0,
+            _ => false,
+        }
+    }
+
+    /// Points that its way is drawn through.
+    pub fn way(&self) -> Option<Vec<AxisVector>> {
+        match &self.does {
+            Does::Feed(Path::Line { from, to, .. })
+            | Does::Alone { from, to, .. }
+            | Does::Tap { from, to, .. } => Some(vec![*from, *to]),
+            Does::Feed(path @ Path::Arc(_)) => {
+                let step = path.length() / f64::from(LINES_OF_ARC);
+                Some(
+                    (0..=LINES_OF_ARC)
+                        .map(|i| path.point_at(step * f64::from(i)))
+                        .collect(),
+                )
+            }
+            _ => None,
+        }
+    }
+
+    /// Goes on where a line goes on in the same direction.
+    fn take(&mut self, next: &Self) -> bool {
+        let (
+            Does::Feed(Path::Line { from, to, length }),
+            Does::Feed(Path::Line {
+                from: start,
+                to: end,
+                length: more,
+            }),
+        ) = (&mut self.does, &next.does)
+        else {
+            return false;
+        };
+        let whole = *length + more;
+        let straight = from.plus(end.minus(*from).scaled(*length / whole)).minus(*start);
+        let is_straight =
+            self.program == next.program && to == start && straight.0.iter().all(|off| off.abs() < 1e-9);
+        if is_straight {
+            (*to, *length) = (*end, whole);
+            self.lines = (self.lines.0.min(next.lines.0), self.lines.1.max(next.lines.1));
+            self.time_s += next.time_s;
+        }
+        is_straight
+    }
+}
+
+fn alone(skips: bool, from: AxisVector, to: AxisVector) -> Does {
+    Does::Alone { skips, from, to }
+}
+
+/// Elements while they are recorded; those that move with the number of their segment.
+#[derive(Default)]
+struct Recording(Vec<(u64, Element)>);
+
+impl Recording {
+    fn plan(&mut self, planned: Planned<'_>) {
+        match planned {
+            Planned::Segment { number, segment, .. } => self.0.push((number, Element::of(segment))),
+            Planned::Profile(profile) => {
+                let mut latest = self.0.iter_mut().rev();
+                let element = latest.find(|(segment, _)| *segment == profile.segment);
+                if let Some((_, element)) = element {
+                    element.time_s += profile.duration_s;
+                }
+            }
+        }
+    }
+
+    fn hear(&mut self, line: &Line) {
+        let (program, line, does) = match &line.event {
+            Event::Output(notice) => {
+                let (m, params) = (notice.m, notice.params);
+                (notice.program, notice.line, Does::Output { m, params })
+            }
+            Event::Stop { m, program, line, .. } => {
+                let at = (program.unwrap_or_default(), line.unwrap_or_default());
+                (at.0, at.1, Does::Stop { m: *m })
+            }
+            _ => return,
+        };
+        let element = Element {
+            program,
+            lines: (line, line),
+            time_s: 0.0,
+            does,
+        };
+        self.0.push((0, element));
+    }
+
+    fn finish(self) -> Vec<Element> {
+        let mut elements: Vec<Element> = Vec::new();
+        let moving = self.0.into_iter().map(|(_, element)| element);
+        for element in moving.filter(|element| !element.is_nothing()) {
+            if !elements.last_mut().is_some_and(|last| last.take(&element)) {
+                elements.push(element);
+            }
+        }
+        elements
+    }
+}
+
+/// Runs a program in simulated time.
+///
+/// # Errors
+/// A command is refused.
+pub fn record(plan: Plan) -> anyhow::Result<(Vec<Element>, Outcome)> {
+    let recording = Arc::new(Mutex::new(Recording::default()));
+    let (planned, heard) = (Arc::clone(&recording), Arc::clone(&recording));
+    let outcome = plan.simulate(Watch {
+        on_plan: Some(Box::new(move |of_plan| planned.lock().plan(of_plan))),
+        on_line: Some(Box::new(move |line| heard.lock().hear(line))),
+        ..Watch::default()
+    })?;
+    let recording = std::mem::take(&mut *recording.lock());
+    Ok((recording.finish(), outcome))
+}
