@@ -6,6 +6,7 @@ use tandem_model::settings::{MCodeSet, NcOptions};
 use tandem_model::{Diagnostic, Span};
 use tandem_syntax::{Address, AddressSet, Block, NcProgram, Value, Word, diagnostics};
 
+use crate::check::{Range, Values};
 use crate::codes::value::judge_value;
 use crate::codes::{AXIS_ADDRESSES, Code, ModalGroup, Refusal, WordSpec, tenths};
 use crate::dialect::{Dialect, Numbers, OtherMCodes, Rivals};
@@ -58,6 +59,10 @@ pub struct BlockWords {
     pub(crate) taken: AddressSet,
     /// Words that are not written as they must be; they have no value.
     refused: AddressSet,
+    /// Words whose variables have a value that the text does not show.
+    unknown: AddressSet,
+    /// The value of one of them is what the program has written, unless somebody else has written it meanwhile.
+    pub(crate) is_doubtful: bool,
     /// A code could not be read, and may have words that seem to be no one's.
     unknown_code: bool,
     /// The block has a word other than its number.
@@ -71,14 +76,23 @@ pub(crate) struct Reading<'a> {
     pub(crate) dialect: &'static Dialect,
     /// What is in force before the block; which motion takes words is not known when it has none.
     pub(crate) modal: &'a Modal,
-    /// The variables of indirections; without them their values are not known.
-    pub(crate) scope: Option<Scope<'a>>,
+    /// The variables of indirections.
+    pub(crate) known: Known<'a>,
     /// Where the block begins, as far as the text shows.
     pub(crate) position: &'a TextPosition,
     /// A radius may be smaller than half the chord by so much, mm (D26).
     pub(crate) arc_radius_tolerance_mm: f64,
     /// How numbers are read.
     pub(crate) options: &'a NcOptions,
+}
+
+/// The variables of indirections.
+#[derive(Clone, Copy)]
+pub(crate) enum Known<'a> {
+    /// Those of a run.
+    Run(Scope<'a>),
+    /// What the text shows of them; with `believed` also where somebody else may have written them meanwhile.
+    Text { values: &'a Values, believed: bool },
 }
 
 impl BlockWords {
@@ -96,6 +110,8 @@ impl BlockWords {
             taker_addresses: AddressSet::EMPTY,
             taken: AddressSet::EMPTY,
             refused: AddressSet::EMPTY,
+            unknown: AddressSet::EMPTY,
+            is_doubtful: false,
             unknown_code: false,
             any: false,
         }
@@ -155,6 +171,8 @@ impl BlockWords {
         self.m_code = None;
         self.first_axis_place = None;
         self.refused = AddressSet::EMPTY;
+        self.unknown = AddressSet::EMPTY;
+        self.is_doubtful = false;
         self.unknown_code = false;
         self.any = false;
         let words = program.words(block);
@@ -163,7 +181,7 @@ impl BlockWords {
                 Address::G => self.g_word(word, place, with.dialect, fault),
                 Address::M => self.m_word(word, with.dialect, with.options.m_codes, fault),
                 Address::N => block_number(word, fault),
-                _ => self.value_word(word, place, with.scope.as_ref(), fault),
+                _ => self.value_word(word, place, &with.known, fault),
             }
         }
         self.take_words(program, block, with.modal, fault);
@@ -295,7 +313,7 @@ impl BlockWords {
         &mut self,
         word: &Word,
         place: usize,
-        scope: Option<&Scope<'_>>,
+        known: &Known<'_>,
         fault: &mut dyn FnMut(Diagnostic),
     ) {
         self.any = true;
@@ -309,8 +327,21 @@ impl BlockWords {
         self.present.insert(word.address);
         self.values[word.address as usize] = match word.value() {
             Value::Number(value) => value,
-            Value::Indirection(variable) => scope.map_or(f64::NAN, |scope| scope.variable(variable)),
+            Value::Indirection(variable) => match known {
+                Known::Run(scope) => scope.variable(variable),
+                Known::Text { values, believed } => self.shown(word.address, values.get(variable), *believed),
+            },
         };
+    }
+
+    /// The value of a variable as the text shows it; not a number, and noted, where it does not.
+    fn shown(&mut self, address: Address, range: Range, believed: bool) -> f64 {
+        let value = range.value();
+        self.is_doubtful |= value.is_some() && !range.own;
+        value.filter(|_| believed || range.own).unwrap_or_else(|| {
+            self.unknown.insert(address);
+            f64::NAN
+        })
     }
 
     /// Makes values of written numbers, and judges how they are written. What is wrong there has no value.
@@ -400,7 +431,7 @@ impl BlockWords {
     }
 
     /// The description of a word of this block: by the code that takes it.
-    fn spec(&self, address: Address, dialect: &Dialect) -> Option<&'static WordSpec> {
+    pub(crate) fn spec(&self, address: Address, dialect: &Dialect) -> Option<&'static WordSpec> {
         if self.own.contains(address) {
             return self.codes_with_words().find_map(|code| code.word(address));
         }
@@ -420,7 +451,8 @@ impl BlockWords {
             self.judge_untaken(word, fault);
             return;
         };
-        let known = || with.scope.as_ref().and(self.get(word.address));
+        let is_known = !self.unknown.contains(word.address);
+        let known = || self.get(word.address).filter(|_| is_known);
         let counted = match with.dialect.policy.numbers {
             Numbers::AsWritten => word.number(),
             Numbers::Counted => word.number().and(self.get(word.address)),
@@ -460,6 +492,12 @@ impl BlockWords {
         self.taker.is_none()
             && self.own.intersection(AXIS_ADDRESSES).is_empty()
             && MOTION_WORDS.contains(address)
+    }
+
+    /// True when a word is not judged, since what takes it is not known.
+    pub(crate) fn is_taking_unclear(&self) -> bool {
+        let rest = self.present.without(self.own).intersection(MOTION_WORDS);
+        rest.iter().any(|address| self.may_be_taken(address))
     }
 
     /// Judges what codes need together.

@@ -48,18 +48,7 @@ impl Scope<'_> {
                 operator,
                 left,
                 right,
-            }) => {
-                let (left, right) = (self.number(program, left), self.number(program, right));
-                match operator {
-                    Operator::Add => left + right,
-                    Operator::Subtract => left - right,
-                    Operator::Multiply => left * right,
-                    Operator::Divide => left / right,
-                    Operator::Modulo => left % right,
-                    // a condition, which the parser takes for no number
-                    _ => f64::NAN,
-                }
-            }
+            }) => binary(operator, self.number(program, left), self.number(program, right)),
             Some(Expression::Call {
                 function,
                 first,
@@ -73,36 +62,53 @@ impl Scope<'_> {
     }
 
     /// Whether a condition is true. A comparison with what is not a number is false, but `!=`.
-    #[expect(clippy::float_cmp, reason = "the language compares exactly")]
     pub(crate) fn condition(&self, program: &NcProgram, id: ExpressionId) -> bool {
-        let isnan = || self.number(program, id) == 1.0;
+        let isnan = || compare(Operator::Equal, self.number(program, id), 1.0) == Some(true);
         match program.expression(id).copied() {
             Some(Expression::Not(condition)) => !self.condition(program, condition),
             Some(Expression::Binary {
                 operator,
                 left,
                 right,
-            }) => {
-                let operands = || (self.number(program, left), self.number(program, right));
-                let compare = |holds: fn(&f64, &f64) -> bool| {
-                    let (left, right) = operands();
-                    holds(&left, &right)
-                };
-                match operator {
-                    Operator::And => self.condition(program, left) && self.condition(program, right),
-                    Operator::Or => self.condition(program, left) || self.condition(program, right),
-                    Operator::Equal => compare(f64::eq),
-                    Operator::NotEqual => compare(f64::ne),
-                    Operator::Less => compare(f64::lt),
-                    Operator::Greater => compare(f64::gt),
-                    Operator::LessOrEqual => compare(f64::le),
-                    Operator::GreaterOrEqual => compare(f64::ge),
-                    _ => isnan(),
+            }) => match operator {
+                Operator::And => self.condition(program, left) && self.condition(program, right),
+                Operator::Or => self.condition(program, left) || self.condition(program, right),
+                _ if operator.compares() => {
+                    let (left, right) = (self.number(program, left), self.number(program, right));
+                    compare(operator, left, right) == Some(true)
                 }
-            }
+                _ => isnan(),
+            },
             _ => isnan(),
         }
     }
+}
+
+/// What an arithmetic operator gives; not a number for the others.
+pub(crate) fn binary(operator: Operator, left: f64, right: f64) -> f64 {
+    match operator {
+        Operator::Add => left + right,
+        Operator::Subtract => left - right,
+        Operator::Multiply => left * right,
+        Operator::Divide => left / right,
+        Operator::Modulo => left % right,
+        // a condition, which the parser takes for no number
+        _ => f64::NAN,
+    }
+}
+
+/// Whether a comparison holds; `None` for operators that do not compare.
+#[expect(clippy::float_cmp, reason = "the language compares exactly")]
+pub(crate) fn compare(operator: Operator, left: f64, right: f64) -> Option<bool> {
+    Some(match operator {
+        Operator::Equal => left == right,
+        Operator::NotEqual => left != right,
+        Operator::Less => left < right,
+        Operator::Greater => left > right,
+        Operator::LessOrEqual => left <= right,
+        Operator::GreaterOrEqual => left >= right,
+        _ => return None,
+    })
 }
 
 /// True when an expression reads a captured position.
@@ -125,7 +131,7 @@ pub(crate) fn label(value: f64) -> Option<i64> {
 }
 
 /// The value of a function; outside its domain (manual 4-1-3) it is not a number, for log(0) minus infinity.
-fn call(function: Function, x: f64, y: f64) -> f64 {
+pub(crate) fn call(function: Function, x: f64, y: f64) -> f64 {
     match function {
         Function::Abs => x.abs(),
         Function::Acos => x.acos(),

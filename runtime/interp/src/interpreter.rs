@@ -15,7 +15,7 @@ use tandem_model::variables::LOCAL_VARIABLES;
 use tandem_model::{Alarm, Diagnostic, Origin};
 use tandem_syntax::{Block, Content, NcProgram, Value, Variable, VariableKind, diagnostics};
 
-use crate::block_words::{BlockWords, Reading};
+use crate::block_words::{BlockWords, Known, Reading};
 use crate::codes::{Code, ModalGroup, feed_words};
 use crate::dialect::{Dialect, MCodeTime};
 use crate::evaluation::{Locals, Scope, reads_captured};
@@ -252,7 +252,7 @@ impl Interpreter {
         let reading = Reading {
             dialect: self.dialect,
             modal: &self.modal,
-            scope: Some(Scope {
+            known: Known::Run(Scope {
                 locals,
                 variables: inputs.variables,
                 captured: inputs.captured.as_ref(),

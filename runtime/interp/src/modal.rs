@@ -177,6 +177,18 @@ impl Modal {
         self.lead_pending = false;
     }
 
+    /// Lets go in which another state differs. True when there is something that was known.
+    pub(crate) fn join(&mut self, other: &Self) -> bool {
+        let before = self.clone();
+        for (code, other) in self.codes.iter_mut().zip(&other.codes) {
+            *code = code.filter(|code| Some(*code) == *other);
+        }
+        self.in_force.join(&other.in_force);
+        self.lead_pending &= other.lead_pending;
+        self.unit_settled &= other.unit_settled;
+        *self != before
+    }
+
     /// What takes axis words: the fixed cycle in force, or the motion.
     pub(crate) fn taker(&self) -> Option<&'static Code> {
         let cycle = self

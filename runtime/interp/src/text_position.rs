@@ -24,7 +24,26 @@ fn is_harmless(code: &Code) -> bool {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct TextPosition(AxisVector);
 
+impl PartialEq for TextPosition {
+    fn eq(&self, other: &Self) -> bool {
+        Axis::ALL
+            .iter()
+            .all(|axis| self.0[*axis].to_bits() == other.0[*axis].to_bits())
+    }
+}
+
 impl TextPosition {
+    /// Lets go the axes where another point is elsewhere. True when there are some.
+    pub(crate) fn join(&mut self, other: &Self) -> bool {
+        let before = *self;
+        for axis in Axis::ALL {
+            if self.0[axis].to_bits() != other.0[axis].to_bits() {
+                self.0[axis] = f64::NAN;
+            }
+        }
+        *self != before
+    }
+
     /// A point that the text does not show.
     pub(crate) fn unknown() -> Self {
         let mut position = AxisVector::ZERO;

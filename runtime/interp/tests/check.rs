@@ -60,7 +60,7 @@ fn words_of_arcs_and_cycles_belong_to_later_blocks_too() {
     check("G02 X1 I2 F0", &["1:11 E0109"]);
     // what a subprogram or a branch leaves in force the text does not show
     check("M98 P1000\nX1 I1", &[]);
-    check("if(L1==1) G02 X1 R5\nX3 R5", &[]);
+    check("if(P1==1) M98 P1000\nX3 I5", &["2:4 W0009"]);
 }
 
 #[test]
@@ -254,7 +254,7 @@ fn blocks_after_the_end_are_warned_of_once() {
 #[test]
 fn program_codes_and_indirections_are_part_of_the_language() {
     check(
-        "L1=5 Q2=6\nX[L12] Y1\nM98 P[L1]\nM100 VA[_CNC_CapturedPosition2]",
+        "L1=1005 Q2=6\nX[L12] Y1\nM98 P[L1]\nM100 VA[_CNC_CapturedPosition2]",
         &[],
     );
     check("while(L1<5) L1=L1+1", &[]);
@@ -280,7 +280,7 @@ fn d26_absolute_arcs_are_judged_where_the_text_shows_the_start() {
     // nothing shows the start: neither the head of a program, nor a variable, another frame, a skipped block, a call
     for before in [
         "X0",
-        "X0 Y[L1]",
+        "X0 Y[P1]",
         "X0 Y0\nG55",
         "X0 Y0\nG52 X1",
         "X0 Y0\nG20",
@@ -294,17 +294,18 @@ fn d26_absolute_arcs_are_judged_where_the_text_shows_the_start() {
 
 #[test]
 fn what_is_in_force_behind_a_branch_depends_on_the_way() {
-    check("G02 X1 R5\nif(L1==1) G00 X1\nX3 R5", &[]);
-    check("G02 X1 R5\nwhile(L1==1) { X3 R5\nG00 X1 }", &[]);
+    check("G02 X1 R5\nif(P1==1) G00 X1\nX3 R5", &["3:4 W0009"]);
+    check("G02 X1 R5\nwhile(P1==1) { X3 R5\nG00 X1 }", &["2:19 W0009"]);
     check("G01 X1\nif(L1==1) { X3 R5 }", &["2:16 E0108"]);
     check("G90 G00 X0 Y0\nif(L1==1) { G02 X20 R5 }", &["2:21 E0122"]);
-    check("G90 G00 X0 Y0\nif(L1==1) X20\nG90 G02 X0 R5", &[]);
+    check("G90 G00 X0 Y0\nif(P1==1) X20\nG90 G02 X0 R5", &["3:12 E0122"]);
+    check("G90 G00 X0 Y0\nif(P1==1) X20\nG90 G02 X9 R5", &["3:12 W0009"]);
 }
 
 #[test]
 fn what_is_in_force_at_the_head_of_a_subprogram_depends_on_its_caller() {
     let context = CheckContext::default();
-    assert_eq!(findings("X3 R5\nM99", &context), [""; 0]);
+    assert_eq!(findings("X3 R5\nM99", &context), ["1:4 W0009"]);
     assert_eq!(findings("G40 X3\nG28\nM99", &context), [""; 0]);
     assert_eq!(findings("G01 X3 R5\nM99", &context), ["1:8 E0108"]);
 }

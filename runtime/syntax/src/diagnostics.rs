@@ -204,6 +204,9 @@ diagnostics! {
     MACHINE_POSITION_RULE = "E0125", "Not allowed in incremental programming",
         "Positions of the machine are absolute: G53 of dialect dgshape stands in G90 only (manual dgshape, G53).",
         "wrong: G91 and then G53 Z0   right: G90 G53 Z0";
+    FEEDRATE_MISSING = "E0126", "No feedrate is programmed",
+        "A motion at the feedrate needs F before it or in its block, where the coordinate system has no default_feedrate. It would be alarm 101.",
+        "wrong: G01 X10   right: G01 X10 F300";
     HANDLER_REFUSES = "E0190", "A handler refuses the parameters of an M code",
         "When a program is loaded, the handlers of its M codes are asked whether they take the parameters; the message is the handler's own.",
         "Correct the parameters as the message says.";
@@ -232,6 +235,12 @@ diagnostics! {
     BLOCKS_AT_REST = "W0008", "Two blocks in a row do not move in the plane of the offset",
         "In tool-diameter offset of dialect dgshape two blocks without a motion along X or Y in a row may cut too much or too little (manual dgshape, G40 to G42).",
         "wrong: G41 D1 and later M12 and G04 P100 in a row   right: M12 and G04 P100 behind G40";
+    WRONG_IN_SOME = "W0009", "Wrong on some ways through the program",
+        "What is in force where the program comes to this block, or the value of a variable, depends on the way: on branches, loops, block skip and calls. On the way that the message names, the block is the error in parentheses, and an alarm stops the machine there.",
+        "wrong: if (P1 > 0) { G02 X1 R5 } and then X3 R5   right: G02 X3 R5";
+    NO_RESULT = "W0010", "A calculation gives no number",
+        "A division by zero or a function outside of its domain is no alarm by itself, but the value is one where it reaches a word (D07).",
+        "wrong: L1 = sqrt(0 - 4)   right: L1 = sqrt(4)";
 }
 
 #[cfg(test)]

@@ -215,7 +215,7 @@ impl Operator {
     }
 
     /// True for `==`, `<` and the other comparators.
-    pub(crate) const fn compares(self) -> bool {
+    pub const fn compares(self) -> bool {
         self.priority() == 3
     }
 }

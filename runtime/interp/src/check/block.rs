@@ -1,0 +1,529 @@
+//! A block of words in a state: what is wrong with it, and what it leaves in force.
+
+use tandem_model::Diagnostic;
+use tandem_model::limits::{BLOCK_BYTES_MAX, CALL_DEPTH_MAX};
+use tandem_model::plane::Plane;
+use tandem_model::settings::{ARC_RADIUS_TOLERANCE_MM, CompensationRules};
+use tandem_syntax::{Address, AddressSet, Block, NcProgram, Value, block_bytes, diagnostics};
+
+use super::explore::{Explorer, Kind, Next, Place, Step, Tree, Way};
+use super::state::{Caller, State};
+use crate::block_words::{BlockWords, Known, Reading};
+use crate::codes::value::judge_value;
+use crate::codes::{Code, ModalGroup};
+use crate::dialect::SpindleWord;
+use crate::execution::axis_of;
+use crate::meaning::{ModalValue, MotionKind, Role};
+use crate::restrictions;
+
+/// A shorter block cannot be too long in the intermediate code: there each word of two bytes or more has a blank, and
+/// numbers and operators of expressions have two.
+const LONG_BYTES: u32 = 300;
+
+/// More repetitions of a call are not counted.
+const REPETITIONS_COUNTED: u16 = 16;
+
+impl<'a> Explorer<'a> {
+    /// Follows a block of words.
+    pub(super) fn block(
+        &mut self,
+        node: usize,
+        place: Place,
+        tree: &Tree<'a>,
+        block: &Block,
+        state: &mut State,
+    ) -> Step {
+        let before = (block.skip_numbers() != 0).then(|| state.clone());
+        self.length(node, place, tree, block, state);
+        self.read(node, place, tree, block, state);
+        follow(self.dialect, &self.words, block, state);
+        self.rest_in_offset(node, place, tree, block, state);
+        self.cycle_outputs(place, tree, block);
+        self.context_of_words(node, place, tree, block, state);
+        self.feed(node, place, tree, block, state);
+        if self.words.any {
+            state.values.pass_time();
+        }
+        let step = self.m_code(place, tree, block, state);
+        match before {
+            None => step,
+            Some(before) => self.skippable(place, step, before, state),
+        }
+    }
+
+    /// A block that may be skipped leaves two states where it changes what is in force or the way.
+    fn skippable(&self, place: Place, step: Step, mut before: State, state: &mut State) -> Step {
+        let moved = self.words.axis_words;
+        before.lose(moved);
+        state.lose(moved);
+        let is_plain = matches!(step, Step::On)
+            && before.modal == state.modal
+            && before.has_feed == state.has_feed
+            && before.is_open == state.is_open;
+        if is_plain {
+            state.at_rest = state.at_rest.min(before.at_rest);
+            return Step::On;
+        }
+        let on = Place {
+            block: place.block + 1,
+            ..place
+        };
+        let mut parts = match step {
+            Step::On => vec![Next {
+                place: on,
+                state: state.clone(),
+                way: Way::Skip(false),
+                kind: Kind::Real,
+            }],
+            Step::Parts(parts) => parts
+                .into_iter()
+                .filter(|part| part.kind == Kind::Real)
+                .map(|part| Next {
+                    way: Way::Skip(false),
+                    ..part
+                })
+                .collect(),
+        };
+        parts.push(Next {
+            place: on,
+            state: before,
+            way: Way::Skip(true),
+            kind: Kind::Real,
+        });
+        // an end of the program is a way, too: whether the run comes here is not certain
+        if parts.len() == 1 {
+            parts.push(Next {
+                place: on,
+                state: parts[0].state.clone(),
+                way: Way::Skip(true),
+                kind: Kind::Real,
+            });
+        }
+        Step::Parts(parts)
+    }
+
+    /// Tells when the block's line in the intermediate code is too long (D03).
+    fn length(&mut self, node: usize, place: Place, tree: &Tree<'a>, block: &Block, state: &State) {
+        let span = tree.span(block);
+        if span.end - span.start <= LONG_BYTES || block.has_errors() {
+            return;
+        }
+        let cycle = state.modal.fixed_cycle();
+        let code = cycle.and_then(|_| state.modal.code(ModalGroup::FixedCycle));
+        let code = code.map(|code| code.code);
+        if block_bytes(tree, block, code, self.dialect) > BLOCK_BYTES_MAX {
+            let finding = diagnostics::BLOCK_TOO_LONG.at(
+                span,
+                format!("the block's line in the intermediate code is longer than {BLOCK_BYTES_MAX} bytes"),
+                "Write the words in several blocks.",
+            );
+            self.note(node, place, finding, false);
+        }
+    }
+
+    /// Reads the words as the state says, and notes what is wrong with them.
+    fn read(&mut self, node: usize, place: Place, tree: &Tree<'a>, block: &Block, state: &State) {
+        let mut found = Vec::new();
+        self.read_with(tree, block, state, false, &mut found);
+        if state.is_open {
+            self.read_in_all(tree, block, state, &mut found);
+        }
+        if self.words.is_doubtful {
+            let mut believed = Vec::new();
+            self.read_with(tree, block, state, true, &mut believed);
+            self.read_with(tree, block, state, false, &mut Vec::new());
+            for finding in believed.into_iter().filter(|finding| !found.contains(finding)) {
+                self.note(node, place, finding, true);
+            }
+        }
+        self.judge_ranges(tree, block, state, &mut found);
+        for finding in found {
+            self.note(node, place, finding, false);
+        }
+    }
+
+    fn read_with(
+        &mut self,
+        tree: &NcProgram,
+        block: &Block,
+        state: &State,
+        believed: bool,
+        found: &mut Vec<Diagnostic>,
+    ) {
+        let reading = Reading {
+            dialect: self.dialect,
+            modal: &state.modal,
+            known: Known::Text {
+                values: &state.values,
+                believed,
+            },
+            position: &state.position,
+            arc_radius_tolerance_mm: self
+                .context
+                .arc_radius_tolerance_mm
+                .unwrap_or(ARC_RADIUS_TOLERANCE_MM),
+            options: &self.context.options,
+        };
+        self.words
+            .read(tree, block, &reading, &mut |finding| found.push(finding));
+    }
+
+    /// Where motion or plane is not known, what is wrong with each of them is wrong.
+    fn read_in_all(&mut self, tree: &NcProgram, block: &Block, state: &State, found: &mut Vec<Diagnostic>) {
+        let is_arc = |code: &Code| code.role == Role::Motion(MotionKind::Arc);
+        let no_plane = state.modal.in_force.plane.is_none() && self.words.taker.is_some_and(is_arc);
+        if !(no_plane || self.words.is_taking_unclear()) {
+            return;
+        }
+        let takers: Vec<Option<&'static Code>> = if self.words.taker.is_some() {
+            vec![None]
+        } else {
+            let all = self.dialect.g_codes.codes.iter().copied();
+            let takes = |code: &&Code| {
+                code.motion.is_some() && matches!(code.group, ModalGroup::Motion | ModalGroup::FixedCycle)
+            };
+            all.filter(takes).map(Some).collect()
+        };
+        let planes: &[Option<Plane>] = match state.modal.in_force.plane {
+            Some(_) => &[None],
+            None => &[Some(Plane::Xy), Some(Plane::Zx), Some(Plane::Yz)],
+        };
+        let mut first = None;
+        let mut all_wrong = true;
+        let mut common: Option<Vec<Diagnostic>> = None;
+        for (taker, plane) in takers
+            .iter()
+            .flat_map(|taker| planes.iter().map(move |plane| (taker, plane)))
+        {
+            let mut supposed = state.clone();
+            if let Some(taker) = taker {
+                supposed.modal.remember(taker);
+            }
+            if let Some(plane) = plane {
+                supposed.modal.in_force.set(ModalValue::Plane(*plane));
+            }
+            let mut here = Vec::new();
+            self.read_with(tree, block, &supposed, false, &mut here);
+            let is_in = |all: &[Diagnostic], one: &Diagnostic| {
+                all.iter()
+                    .any(|other| other.code == one.code && other.span.start == one.span.start)
+            };
+            all_wrong &= here.iter().any(Diagnostic::is_error);
+            first.get_or_insert_with(|| here.clone());
+            common = Some(match common {
+                None => here,
+                Some(common) => common.into_iter().filter(|one| is_in(&here, one)).collect(),
+            });
+        }
+        self.read_with(tree, block, state, false, &mut Vec::new());
+        let mut more = common.unwrap_or_default();
+        if more.is_empty() && all_wrong {
+            // wrong with each of them, but not for one reason
+            more = first.unwrap_or_default();
+        }
+        let known = |one: &Diagnostic, found: &[Diagnostic]| {
+            found
+                .iter()
+                .any(|other| other.code == one.code && other.span == one.span)
+        };
+        for finding in more {
+            if !known(&finding, found) {
+                found.push(finding);
+            }
+        }
+    }
+
+    /// Tells values that are out of their range whatever the variable is of all that it may be.
+    fn judge_ranges(&self, tree: &NcProgram, block: &Block, state: &State, found: &mut Vec<Diagnostic>) {
+        for word in tree.words(block) {
+            let Value::Indirection(variable) = word.value() else {
+                continue;
+            };
+            let range = state.values.get(variable);
+            let unbounded = range.low.is_infinite() && range.high.is_infinite();
+            if range.value().is_some() || range.nan || !range.own || unbounded {
+                continue;
+            }
+            let Some(spec) = self.words.spec(word.address, self.dialect) else {
+                continue;
+            };
+            let outside = |value: f64| !spec.holds(value);
+            let (near, far) = if range.low.abs() < range.high.abs() {
+                (range.low, range.high)
+            } else {
+                (range.high, range.low)
+            };
+            let apart = range.low > spec.max || range.high < spec.min;
+            if apart && outside(near) && outside(far) {
+                judge_value(spec, near, word.span(), &mut |finding| found.push(finding));
+            }
+        }
+    }
+
+    /// Warns of two blocks in a row that do not move in the plane, in tool-diameter offset whose overcuts nobody looks for.
+    fn rest_in_offset(
+        &mut self,
+        node: usize,
+        place: Place,
+        tree: &Tree<'a>,
+        block: &Block,
+        state: &mut State,
+    ) {
+        let unchecked = self.dialect.path.compensation == CompensationRules::Unchecked;
+        let within = unchecked && state.modal.compensates() && !state.modal.lead_pending;
+        let moves = restrictions::moves_in_plane(&self.words, &state.modal);
+        let at_rest = state.at_rest;
+        state.at_rest = if within && !moves {
+            at_rest.saturating_add(1).min(3)
+        } else {
+            0
+        };
+        if state.at_rest == 2 && at_rest == 1 {
+            let finding = diagnostics::BLOCKS_AT_REST.at(
+                tree.span(block),
+                "the second block in a row without a motion along X or Y in tool-diameter offset",
+                "Write one of them elsewhere.",
+            );
+            self.note(node, place, finding, false);
+        }
+    }
+
+    /// Notes the M codes that a fixed cycle puts out.
+    fn cycle_outputs(&mut self, place: Place, tree: &Tree<'a>, block: &Block) {
+        let Some(taker) = self.words.taker else { return };
+        let Some(ModalValue::Cycle(Some(cycle))) = taker.sets else {
+            return;
+        };
+        let starts = self.words.codes().any(|code| code == taker);
+        if starts || !self.words.taken.is_empty() {
+            for m in cycle.outputs(self.context.has_spindle) {
+                self.auxiliary(place, tree, block, m, true);
+            }
+        }
+    }
+
+    fn auxiliary(&mut self, place: Place, tree: &Tree<'a>, block: &Block, number: u16, needs_settings: bool) {
+        let span = tree.span_of(block, Address::M);
+        let first = self.programs[place.program]
+            .m_codes
+            .entry(number)
+            .or_insert((span, needs_settings));
+        if span.start < first.0.start {
+            *first = (span, needs_settings);
+        }
+    }
+
+    /// Does what the M code of the block says.
+    fn m_code(&mut self, place: Place, tree: &Tree<'a>, block: &Block, state: &mut State) -> Step {
+        let Some(code) = self.words.m_code() else {
+            return Step::On;
+        };
+        let after = |kind, state: &State| Next {
+            place: Place {
+                block: place.block + 1,
+                ..place
+            },
+            state: state.clone(),
+            way: Way::On,
+            kind,
+        };
+        match code.role {
+            Role::Auxiliary => {
+                let needs_settings = *code == *self.dialect.auxiliary;
+                self.auxiliary(place, tree, block, self.words.m_number(), needs_settings);
+                Step::On
+            }
+            Role::Call => self.call(place, tree, block, code, state),
+            Role::Return if !state.callers.is_empty() => Step::Parts(returned(state, place)),
+            _ if code.ends() => Step::Parts(vec![after(Kind::Supposed, state)]),
+            _ => Step::On,
+        }
+    }
+
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "the range is tested, and a cast saturates"
+    )]
+    fn call(&mut self, place: Place, tree: &Tree<'a>, block: &Block, code: &Code, state: &mut State) -> Step {
+        let holds = |address, value: &f64| {
+            value.is_finite() && code.word(address).is_some_and(|word| word.holds(*value))
+        };
+        let number = self
+            .words
+            .get(Address::P)
+            .filter(|value| holds(Address::P, value));
+        let times = match self.words.get(Address::L) {
+            None => Some(1),
+            Some(times) => Some(times as u16).filter(|_| holds(Address::L, &times)),
+        };
+        let Some(number) = number.map(|number| number as u16) else {
+            state.forget_all();
+            return Step::On;
+        };
+        let span = tree.span_of(block, Address::P);
+        let is_called = times != Some(0);
+        let known = self.programs[place.program]
+            .programs
+            .entry(number)
+            .or_insert((span, is_called));
+        if span.start < known.0.start {
+            *known = (span, is_called);
+        }
+        if times == Some(0) || state.callers.len() >= CALL_DEPTH_MAX {
+            return Step::On;
+        }
+        let Some(program) = self.called(number) else {
+            state.forget_all();
+            return Step::On;
+        };
+        let mut inside = state.clone();
+        let locals = inside.values.enter();
+        inside.callers.push(Caller {
+            program: place.program,
+            block: place.block + 1,
+            repetitions: times
+                .map(|times| times - 1)
+                .filter(|left| *left <= REPETITIONS_COUNTED),
+            locals,
+        });
+        Step::Parts(vec![Next {
+            place: Place { program, block: 0 },
+            state: inside,
+            way: Way::Called,
+            kind: Kind::Real,
+        }])
+    }
+
+    /// Checks words against what is known of the coordinate system.
+    fn context_of_words(&mut self, node: usize, place: Place, tree: &Tree<'a>, block: &Block, state: &State) {
+        let words = &self.words;
+        let mut found = Vec::new();
+        if let Some(axes) = self.context.axes {
+            let dwells = words.codes().any(|code| code.role == Role::Dwell);
+            let own = if dwells {
+                AddressSet::EMPTY
+            } else {
+                words.own.intersection(words.present)
+            };
+            for address in words.axis_words.union(own).iter() {
+                if axis_of(address).is_some_and(|axis| !axes.contains(axis)) {
+                    found.push(diagnostics::AXIS_UNKNOWN.at(
+                        tree.span_of(block, address),
+                        format!("the coordinate system has no axis {}", address.text()),
+                        "Remove the word, or assign a motor to the axis.",
+                    ));
+                }
+            }
+        }
+        let free = |address| words.get(address).filter(|_| !words.own.contains(address));
+        let unit = state.modal.unit();
+        if let (Some(feedrate), Some(max)) = (free(Address::F), self.context.max_feedrate_mm_min)
+            && feedrate * unit > max
+        {
+            found.push(diagnostics::FEEDRATE_CLIPPED.at(
+                tree.span_of(block, Address::F),
+                format!("F{feedrate} is above the maximum feedrate of {max} mm/min, which will be used"),
+                format!("Write F{} or less, or raise max_feedrate.", max / unit),
+            ));
+        }
+        let is_bounded = self.dialect.policy.spindle_word == SpindleWord::Speed;
+        if let (Some(speed), Some(max)) = (free(Address::S), self.context.max_spindle_speed_r_min)
+            && is_bounded
+            && speed > max
+        {
+            found.push(diagnostics::OUT_OF_RANGE.at(
+                tree.span_of(block, Address::S),
+                format!("S{speed} is above the spindle's maximum of {max} r/min"),
+                format!("Write S{max} or less."),
+            ));
+        }
+        for finding in found {
+            self.note(node, place, finding, false);
+        }
+    }
+
+    /// Tells a cutting motion before the first F, where the machine has no other (alarm 101).
+    fn feed(&mut self, node: usize, place: Place, tree: &Tree<'a>, block: &Block, state: &mut State) {
+        let words = &self.words;
+        state.has_feed |= words.present.contains(Address::F) && !words.own.contains(Address::F);
+        let cuts = |code: &Code| match code.role {
+            Role::Motion(kind) => kind != MotionKind::Rapid,
+            _ => code.group == ModalGroup::FixedCycle,
+        };
+        if state.has_feed || words.taken.is_empty() || !words.taker.is_some_and(cuts) {
+            return;
+        }
+        let finding = diagnostics::FEEDRATE_MISSING.at(
+            tree.span(block),
+            "the block moves at the feedrate, and none is programmed",
+            "Write F in this block or before it, or set default_feedrate.",
+        );
+        // once is enough
+        state.has_feed = true;
+        self.note(node, place, finding, false);
+    }
+}
+
+/// Where the called program has ended: another repetition, or the caller.
+fn returned(state: &State, place: Place) -> Vec<Next> {
+    let mut outside = state.clone();
+    let Some(caller) = outside.callers.pop() else {
+        return Vec::new();
+    };
+    let mut parts = Vec::new();
+    if caller.repetitions != Some(0) {
+        let mut again = state.clone();
+        again.values.repeat();
+        if let Some(last) = again.callers.last_mut() {
+            last.repetitions = last.repetitions.map(|left| left - 1);
+        }
+        parts.push(Next {
+            place: Place { block: 0, ..place },
+            state: again,
+            way: Way::On,
+            kind: Kind::Real,
+        });
+    }
+    if caller.repetitions.is_none_or(|left| left == 0) {
+        outside.values.leave(&caller.locals);
+        parts.push(Next {
+            place: Place {
+                program: caller.program,
+                block: caller.block,
+            },
+            state: outside,
+            way: Way::On,
+            kind: Kind::Real,
+        });
+    }
+    parts.push(Next {
+        place: Place {
+            block: place.block + 1,
+            ..place
+        },
+        state: state.clone(),
+        way: Way::On,
+        kind: Kind::Supposed,
+    });
+    parts
+}
+
+/// Follows what is in force.
+fn follow(dialect: &'static crate::dialect::Dialect, words: &BlockWords, block: &Block, state: &mut State) {
+    restrictions::follow(words, &mut state.modal);
+    for code in words.codes() {
+        match code.group {
+            ModalGroup::NonModal => {}
+            ModalGroup::Motion if code.motion.is_some() => {
+                state.modal.end_cycle(dialect);
+                state.modal.remember(code);
+            }
+            _ => state.modal.remember(code),
+        }
+    }
+    state.position.follow(words, &state.modal);
+    if block.has_errors() {
+        state.forget();
+    }
+}

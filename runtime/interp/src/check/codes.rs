@@ -1,0 +1,200 @@
+//! Program codes: what they assign, and where they may jump.
+
+use tandem_syntax::{
+    Block, Expression, ExpressionId, NcProgram, Operator, ProgramCode, Statement, diagnostics,
+};
+
+use super::explore::{Explorer, Kind, Next, Place, Step, Tree, Way};
+use super::range::{Range, holds, suppose};
+use super::state::State;
+use super::values::Values;
+use crate::evaluation::label;
+
+impl<'a> Explorer<'a> {
+    /// Follows a program code.
+    pub(super) fn program_code(
+        &mut self,
+        node: usize,
+        place: Place,
+        tree: &Tree<'a>,
+        block: &Block,
+        state: &mut State,
+    ) -> Step {
+        let Some(code) = tree.program_code(block) else {
+            return Step::On;
+        };
+        if let Some(id) = code.expression
+            && let Some(what) = undefined(tree, id, &state.values)
+        {
+            let finding = diagnostics::NO_RESULT.at(
+                code.span,
+                what,
+                "Test the value before, or correct the calculation; as a word's value it is an alarm.",
+            );
+            self.note(node, place, finding, false);
+        }
+        let to = |block: u32| Place {
+            block: block as usize,
+            ..place
+        };
+        let on = Place {
+            block: place.block + 1,
+            ..place
+        };
+        let (holds_way, other_way) = match code.statement {
+            Statement::Assignment(target) => {
+                let range = code
+                    .expression
+                    .map_or(Range::ANY, |id| Range::of_expression(tree, id, &state.values));
+                state.values.set(target, range);
+                return Step::On;
+            }
+            Statement::Switch { first, count } => return switch(tree, code, (first, count), place, state),
+            Statement::Else | Statement::Break | Statement::Repeat => {
+                if code.statement == Statement::Repeat {
+                    state.values.pass_time();
+                }
+                let Some(target) = code.to else { return Step::On };
+                return Step::Parts(vec![
+                    part(to(target), state, Way::On, Kind::Real),
+                    part(on, state, Way::On, Kind::Supposed),
+                ]);
+            }
+            Statement::If => ((on, Way::If(true)), code.to.map(|at| (to(at), Way::If(false)))),
+            Statement::While => (
+                (on, Way::Loop(true)),
+                code.to.map(|at| (to(at), Way::Loop(false))),
+            ),
+            Statement::DoWhile => {
+                let Some(back) = code.to else { return Step::On };
+                ((to(back), Way::Again), Some((on, Way::On)))
+            }
+            _ => return Step::On,
+        };
+        let (Some(condition), Some(other_way)) = (code.expression, other_way) else {
+            return Step::On;
+        };
+        let known = holds(tree, condition, &state.values);
+        let parts = [(holds_way, true), (other_way, false)];
+        let parts = parts.into_iter().map(|((place, way), is_so)| {
+            let kind = if known == Some(!is_so) {
+                Kind::Supposed
+            } else {
+                Kind::Real
+            };
+            let mut part = part(place, state, way, kind);
+            if known.is_none() {
+                suppose(tree, condition, is_so, &mut part.state.values);
+            }
+            if way == Way::Again {
+                part.state.values.pass_time();
+            }
+            part
+        });
+        Step::Parts(parts.collect())
+    }
+}
+
+fn part(place: Place, state: &State, way: Way, kind: Kind) -> Next {
+    Next {
+        place,
+        state: state.clone(),
+        way,
+        kind,
+    }
+}
+
+fn switch(
+    tree: &NcProgram,
+    code: &ProgramCode,
+    (first, count): (u32, u32),
+    place: Place,
+    state: &State,
+) -> Step {
+    let range = code
+        .expression
+        .map_or(Range::ANY, |id| Range::of_expression(tree, id, &state.values));
+    let known = range.value().filter(|_| range.own);
+    let taken = known.map(|value| {
+        label(value)
+            .and_then(|label| tree.case(first, count, label))
+            .or(code.to)
+    });
+    let to = |block: u32| Place {
+        block: block as usize,
+        ..place
+    };
+    let mut parts = Vec::new();
+    let kind = |block: u32| match taken {
+        Some(taken) if taken != Some(block) => Kind::Supposed,
+        _ => Kind::Real,
+    };
+    for block in tree.case_blocks(first, count) {
+        let label = match tree
+            .blocks()
+            .get(block as usize)
+            .and_then(|at| tree.program_code(at))
+        {
+            Some(ProgramCode {
+                statement: Statement::Case { label },
+                ..
+            }) => Some(*label),
+            _ => None,
+        };
+        parts.push(part(to(block), state, Way::Case(label), kind(block)));
+    }
+    if let Some(default) = code.to {
+        parts.push(part(to(default), state, Way::Case(None), kind(default)));
+    }
+    Step::Parts(parts)
+}
+
+/// What has no result for sure, innermost first: a division by zero, a function outside of its domain (manual 4-1-3).
+fn undefined(program: &NcProgram, id: ExpressionId, values: &Values) -> Option<String> {
+    let known = |id| {
+        let range = Range::of_expression(program, id, values);
+        range.value().filter(|value| range.own && value.is_finite())
+    };
+    let is_lost = || {
+        let range = Range::of_expression(program, id, values);
+        range.value().is_some_and(|value| !value.is_finite())
+    };
+    match *program.expression(id)? {
+        Expression::Negation(inner) | Expression::Not(inner) => undefined(program, inner, values),
+        Expression::Binary {
+            operator,
+            left,
+            right,
+        } => {
+            let inner = undefined(program, left, values).or_else(|| undefined(program, right, values));
+            inner.or_else(|| {
+                let divides = matches!(operator, Operator::Divide | Operator::Modulo);
+                let by_zero = divides && known(right).is_some_and(|value| value.abs() <= 0.0);
+                by_zero.then(|| "a division by 0 gives no number".to_owned())
+            })
+        }
+        Expression::Call {
+            function,
+            first,
+            second,
+        } => {
+            let inner = undefined(program, first, values);
+            let inner = inner.or_else(|| undefined(program, second?, values));
+            inner.or_else(|| {
+                let argument = known(first)?;
+                let others = second.is_none_or(|second| known(second).is_some());
+                (others && is_lost()).then(|| {
+                    format!(
+                        "{}({argument}{}) gives no number; its arguments are {}",
+                        function.text(),
+                        second
+                            .and_then(known)
+                            .map_or_else(String::new, |y| format!(", {y}")),
+                        function.domain()
+                    )
+                })
+            })
+        }
+        Expression::Number(_) | Expression::Variable(_) => None,
+    }
+}

@@ -1,0 +1,524 @@
+//! Follows states from block to block until no new one comes.
+//!
+//! A node is a state at the head of a run of blocks; the run goes on to where ways part or join. States of one block are
+//! kept apart, so that what belongs together stays together, up to [`STATES_MAX`]; more are joined, which bounds the work.
+
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BinaryHeap, HashMap, VecDeque};
+use std::sync::Arc;
+
+use tandem_model::limits::PROGRAM_BYTES_MAX;
+use tandem_model::{Diagnostic, Span};
+use tandem_syntax::{Block, Content, NcProgram, diagnostics};
+
+use super::state::State;
+use super::values::Values;
+use super::verdict::{Found, Groups};
+use super::{CheckContext, Findings, structure};
+use crate::block_words::BlockWords;
+use crate::dialect::{Dialect, OtherMCodes};
+
+/// States of one block that are kept apart. A loop of so many turns is followed turn by turn.
+const STATES_MAX: usize = 128;
+/// Steps from block to block for each block, and for each program: beyond them, states are joined at once.
+const STEPS_PER_BLOCK: usize = 8;
+const STEPS_MIN: usize = 200_000;
+/// So many times the steps, and what is left is looked at block by block.
+const STEPS_HARD: usize = 4;
+
+/// A decision that a way has taken.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Way {
+    /// None.
+    On,
+    /// `if`: its commands are executed, or not.
+    If(bool),
+    /// `while`: another turn, or none.
+    Loop(bool),
+    /// `do` with `while`: another turn.
+    Again,
+    /// `switch`: the case of a label, or `default`.
+    Case(Option<i64>),
+    /// A block with block skip: skipped, or not.
+    Skip(bool),
+    /// The called program begins.
+    Called,
+}
+
+/// Whether a run comes to a node.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// It may.
+    Real,
+    /// It does not, by the values that conditions compare or behind the end; it is checked all the same.
+    Supposed,
+}
+
+/// A place of a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(super) struct Place {
+    pub program: usize,
+    pub block: usize,
+}
+
+pub(super) struct Node {
+    pub place: Place,
+    pub kind: Kind,
+    /// Whatever others do, a run comes here.
+    pub is_certain: bool,
+    /// Something in force is not known.
+    pub is_open: bool,
+    /// The node that it was first come to from, and the decision there.
+    pub before: Option<(usize, Way)>,
+    /// One past the last block of its run.
+    pub end: usize,
+    /// The last block of its run, where the way goes on from.
+    state: Arc<State>,
+    waits: bool,
+}
+
+/// A program that is checked.
+pub(super) struct Checked<'a> {
+    pub number: u16,
+    pub tree: Tree<'a>,
+    /// What is known of each block, and of the place past the last one.
+    marks: Vec<u8>,
+    pub m_codes: BTreeMap<u16, (Span, bool)>,
+    pub programs: BTreeMap<u16, (Span, bool)>,
+}
+
+/// Ways join before the block.
+const JOIN: u8 = 1;
+/// A run comes to it.
+const REACHED: u8 = 2;
+/// It has been looked at.
+const LOOKED_AT: u8 = 4;
+
+impl Checked<'_> {
+    fn has(&self, block: usize, mark: u8) -> bool {
+        self.marks.get(block).is_some_and(|marks| marks & mark != 0)
+    }
+
+    fn set(&mut self, block: usize, mark: u8) {
+        if let Some(marks) = self.marks.get_mut(block) {
+            *marks |= mark;
+        }
+    }
+}
+
+/// A tree, borrowed or shared.
+#[derive(Clone)]
+pub(super) enum Tree<'a> {
+    Main(&'a NcProgram),
+    Called(Arc<NcProgram>),
+}
+
+impl std::ops::Deref for Tree<'_> {
+    type Target = NcProgram;
+
+    fn deref(&self) -> &NcProgram {
+        match self {
+            Tree::Main(tree) => tree,
+            Tree::Called(tree) => tree,
+        }
+    }
+}
+
+/// What checking one program gives.
+#[derive(Default)]
+pub(super) struct OfProgram {
+    pub number: u16,
+    pub diagnostics: Vec<Diagnostic>,
+    pub m_codes: Vec<u16>,
+    pub programs: Vec<u16>,
+}
+
+/// Where a run goes on, by which decision.
+pub(super) struct Next {
+    pub place: Place,
+    pub state: State,
+    pub way: Way,
+    pub kind: Kind,
+}
+
+/// What a block leads to.
+pub(super) enum Step {
+    /// The next block.
+    On,
+    /// These places; a run is certain to take one that is alone.
+    Parts(Vec<Next>),
+}
+
+pub(super) struct Explorer<'a> {
+    pub dialect: &'static Dialect,
+    pub context: &'a CheckContext<'a>,
+    pub programs: Vec<Checked<'a>>,
+    pub nodes: Vec<Node>,
+    pub groups: Groups,
+    pub words: BlockWords,
+    heads: HashMap<Place, Vec<usize>>,
+    open: BinaryHeap<Reverse<(usize, usize)>>,
+    supposed: VecDeque<(usize, Next)>,
+    steps: usize,
+    steps_max: usize,
+    is_cut: bool,
+}
+
+impl<'a> Explorer<'a> {
+    pub fn new(program: &'a NcProgram, dialect: &'static Dialect, context: &'a CheckContext<'a>) -> Self {
+        let mut explorer = Self {
+            dialect,
+            context,
+            programs: Vec::new(),
+            nodes: Vec::new(),
+            groups: Groups::default(),
+            words: BlockWords::new(dialect),
+            heads: HashMap::new(),
+            open: BinaryHeap::new(),
+            supposed: VecDeque::new(),
+            steps: 0,
+            steps_max: STEPS_MIN,
+            is_cut: false,
+        };
+        explorer.add_program(0, Tree::Main(program));
+        explorer
+    }
+
+    /// Checks all programs.
+    pub fn explore(&mut self) {
+        let main = Arc::clone(self.programs[0].tree.source());
+        if main.len() > PROGRAM_BYTES_MAX {
+            return;
+        }
+        let head = Place { program: 0, block: 0 };
+        let mut start = State::start_up(self.dialect, self.context);
+        let tree = self.programs[0].tree.clone();
+        let mut is_certain = true;
+        if self.context.goes_on {
+            start.forget();
+        } else if structure::may_be_called(&tree, self.dialect) {
+            let mut called = start.clone();
+            called.forget_all();
+            is_certain = false;
+            self.begin(head, called, Kind::Real, false);
+        }
+        self.begin(head, start, Kind::Real, is_certain);
+        self.follow_all();
+        self.look_at_the_rest();
+    }
+
+    fn begin(&mut self, place: Place, state: State, kind: Kind, is_certain: bool) {
+        let next = Next {
+            place,
+            state,
+            way: Way::On,
+            kind,
+        };
+        self.arrive(None, next, is_certain);
+    }
+
+    /// The place of a called program among those checked; `None`: its text is not known.
+    pub fn called(&mut self, number: u16) -> Option<usize> {
+        let known = self.programs.iter().skip(1).position(|of| of.number == number);
+        if let Some(at) = known {
+            return Some(at + 1);
+        }
+        let tree = Arc::clone(self.context.called?.get(&number)?);
+        (tree.source().len() <= PROGRAM_BYTES_MAX).then(|| {
+            self.add_program(number, Tree::Called(tree));
+            self.programs.len() - 1
+        })
+    }
+
+    fn add_program(&mut self, number: u16, tree: Tree<'a>) {
+        let blocks = tree.blocks().len();
+        self.steps_max += blocks * STEPS_PER_BLOCK;
+        let mut marks = vec![0; blocks + 1];
+        for join in structure::joins(&tree) {
+            if let Some(marks) = marks.get_mut(join) {
+                *marks |= JOIN;
+            }
+        }
+        self.programs.push(Checked {
+            number,
+            tree,
+            marks,
+            m_codes: BTreeMap::new(),
+            programs: BTreeMap::new(),
+        });
+    }
+
+    fn follow_all(&mut self) {
+        loop {
+            while let Some(Reverse((_, node))) = self.open.pop() {
+                if self.steps > self.steps_max * STEPS_HARD {
+                    self.is_cut = true;
+                    return;
+                }
+                if std::mem::take(&mut self.nodes[node].waits) {
+                    self.run(node);
+                }
+            }
+            let Some((from, next)) = self.supposed.pop_front() else {
+                return;
+            };
+            let Place { program, block } = next.place;
+            if !self.programs[program].has(block, LOOKED_AT) {
+                self.arrive(Some(from), next, false);
+            }
+        }
+    }
+
+    /// Looks at blocks that no state has come to.
+    fn look_at_the_rest(&mut self) {
+        for program in 0..self.programs.len() {
+            let blocks = self.programs[program].tree.blocks().len();
+            for block in 0..blocks {
+                if self.programs[program].has(block, LOOKED_AT) {
+                    continue;
+                }
+                let mut state = State::start_up(self.dialect, self.context);
+                state.forget_all();
+                state.values = Values::unknown();
+                self.nodes.push(Node {
+                    place: Place { program, block },
+                    kind: Kind::Supposed,
+                    is_certain: false,
+                    is_open: true,
+                    before: None,
+                    end: block,
+                    state: Arc::new(state),
+                    waits: false,
+                });
+                self.run(self.nodes.len() - 1);
+                self.open.clear();
+                self.supposed.clear();
+            }
+        }
+    }
+
+    /// Follows a node to where ways part or join.
+    fn run(&mut self, node: usize) {
+        let Place {
+            program,
+            block: start,
+        } = self.nodes[node].place;
+        let tree = self.programs[program].tree.clone();
+        let mut state = State::clone(&self.nodes[node].state);
+        let kind = self.nodes[node].kind;
+        let mut at = start;
+        loop {
+            if kind == Kind::Real {
+                self.programs[program].set(at, REACHED);
+            }
+            let Some(block) = tree.blocks().get(at) else { break };
+            if at != start && self.programs[program].has(at, JOIN) {
+                self.go_on(node, at, state);
+                break;
+            }
+            self.steps += 1;
+            self.programs[program].set(at, LOOKED_AT);
+            let step = self.step(node, &tree, at, block, &mut state);
+            at += 1;
+            if let Step::Parts(parts) = step {
+                self.part(node, parts);
+                break;
+            }
+        }
+        self.nodes[node].end = at;
+    }
+
+    fn step(&mut self, node: usize, tree: &Tree<'a>, at: usize, block: &Block, state: &mut State) -> Step {
+        let place = Place {
+            program: self.nodes[node].place.program,
+            block: at,
+        };
+        match block.content {
+            Content::ProgramCode(_) => self.program_code(node, place, tree, block, state),
+            Content::Words { .. } => self.block(node, place, tree, block, state),
+        }
+    }
+
+    fn go_on(&mut self, node: usize, block: usize, state: State) {
+        let Node {
+            place,
+            kind,
+            is_certain,
+            ..
+        } = self.nodes[node];
+        let place = Place { block, ..place };
+        let next = Next {
+            place,
+            state,
+            way: Way::On,
+            kind,
+        };
+        self.arrive(Some(node), next, is_certain);
+    }
+
+    fn part(&mut self, node: usize, parts: Vec<Next>) {
+        let Node { kind, is_certain, .. } = self.nodes[node];
+        let real = parts.iter().filter(|next| next.kind == Kind::Real).count();
+        for next in parts {
+            if next.kind == Kind::Supposed {
+                self.supposed.push_back((node, next));
+            } else {
+                let next = Next { kind, ..next };
+                self.arrive(Some(node), next, is_certain && real == 1);
+            }
+        }
+    }
+
+    /// Notes that a run may come to a place with a state.
+    fn arrive(&mut self, from: Option<usize>, next: Next, is_certain: bool) {
+        let Next {
+            place,
+            state,
+            way,
+            kind,
+        } = next;
+        if kind == Kind::Supposed && self.programs[place.program].has(place.block, REACHED) {
+            return;
+        }
+        let heads = self.heads.entry(place).or_default();
+        let same = heads.iter().copied().find(|node| {
+            let node = &self.nodes[*node];
+            node.kind == kind && *node.state == state
+        });
+        if let Some(node) = same {
+            self.nodes[node].is_certain |= is_certain;
+            return;
+        }
+        let states_max = if self.steps > self.steps_max {
+            1
+        } else {
+            STATES_MAX
+        };
+        let alike = |node: &&usize| {
+            let of = &self.nodes[**node];
+            of.kind == kind && of.state.callers == state.callers
+        };
+        if heads.len() >= states_max {
+            let same_modal = |node: &&usize| self.nodes[**node].state.modal == state.modal;
+            let candidates: Vec<usize> = heads.iter().rev().filter(alike).copied().collect();
+            let with = candidates.iter().find(same_modal);
+            let with = with.or(candidates.first().filter(|_| heads.len() >= 2 * states_max));
+            if let Some(with) = with.copied() {
+                self.join(with, &state);
+                return;
+            }
+        }
+        let node = self.nodes.len();
+        heads.push(node);
+        self.nodes.push(Node {
+            place,
+            kind,
+            is_certain,
+            is_open: state.is_open,
+            before: from.map(|from| (from, way)),
+            end: place.block,
+            state: Arc::new(state),
+            waits: true,
+        });
+        self.open.push(Reverse((place.block, node)));
+    }
+
+    /// Joins a state to that of a node, which is followed again when it has grown.
+    fn join(&mut self, node: usize, state: &State) {
+        let of = &mut self.nodes[node];
+        of.is_certain = false;
+        if Arc::make_mut(&mut of.state).widen(state) {
+            of.is_open = of.state.is_open;
+            if !std::mem::replace(&mut of.waits, true) {
+                self.open.push(Reverse((of.place.block, node)));
+            }
+        }
+    }
+
+    /// Notes a finding in a block that a node comes to.
+    pub fn note(&mut self, node: usize, place: Place, finding: Diagnostic, is_doubtful: bool) {
+        self.groups.note(Found {
+            node,
+            place,
+            finding,
+            is_doubtful,
+        });
+    }
+
+    /// All findings, for each program in the order that they were first called in.
+    pub fn finish(self) -> Vec<OfProgram> {
+        let Self {
+            dialect,
+            context,
+            programs,
+            nodes,
+            groups,
+            is_cut,
+            ..
+        } = self;
+        let mut verdicts = groups.judge(&nodes, &programs);
+        let mut all = Vec::with_capacity(programs.len());
+        for (index, of) in programs.into_iter().enumerate() {
+            let mut findings = Findings::new(dialect);
+            for finding in verdicts.remove(&index).unwrap_or_default() {
+                findings.push(finding);
+            }
+            of.tell_what_is_missing(dialect, context, &mut findings);
+            if !(is_cut || of.tree.source().len() > PROGRAM_BYTES_MAX) {
+                structure::judge(&of.tree, dialect, |block| of.has(block, REACHED), &mut findings);
+            }
+            if index > 0 || !context.manual {
+                of.mark(dialect, &mut findings);
+            }
+            findings.list.sort_by_key(|finding| finding.span.start);
+            all.push(OfProgram {
+                number: of.number,
+                diagnostics: findings.list,
+                m_codes: of.m_codes.into_keys().collect(),
+                programs: of.programs.into_keys().collect(),
+            });
+        }
+        all
+    }
+}
+
+impl Checked<'_> {
+    /// Tells M codes without settings and programs that are not there, each at its first place.
+    fn tell_what_is_missing(&self, dialect: &Dialect, context: &CheckContext<'_>, findings: &mut Findings) {
+        let warns = dialect.policy.other_m_codes == OtherMCodes::Output;
+        if let Some(known) = context.m_codes_with_settings.filter(|_| warns) {
+            for (number, (span, needs_settings)) in &self.m_codes {
+                if *needs_settings && !known.contains(number) {
+                    findings.push(diagnostics::M_WITHOUT_SETTINGS.at(
+                        *span,
+                        format!("M{number:02} has no settings"),
+                        format!("Add [m_code.{number}] to the configuration, or correct the number."),
+                    ));
+                }
+            }
+        }
+        if let Some(known) = context.programs {
+            for (number, (span, is_called)) in &self.programs {
+                if *is_called && !known.contains(number) {
+                    findings.push(diagnostics::PROGRAM_MISSING.at(
+                        *span,
+                        format!("program {number} is not there"),
+                        "Load it before the program starts, or correct the number.",
+                    ));
+                }
+            }
+        }
+    }
+
+    /// Tells when the program does not begin with the mark of the dialect (manual dgshape, 1-1).
+    fn mark(&self, dialect: &Dialect, findings: &mut Findings) {
+        let mark = (dialect.grammar)().program_form.mark.map(char::from);
+        if let Some(mark) = mark.filter(|_| !self.tree.is_marked()) {
+            findings.push(diagnostics::MARK_MISSING.at(
+                Span::default(),
+                format!("the program does not begin with {mark}, and is not executed"),
+                format!("Write a line of {mark} alone before it."),
+            ));
+        }
+    }
+}

@@ -1,0 +1,135 @@
+//! The ways through a program that its structure allows, whatever conditions say.
+
+use tandem_model::Span;
+use tandem_syntax::{Address, Block, NcProgram, ProgramCode, Statement, Word, diagnostics};
+
+use super::Findings;
+use crate::codes::{Code, tenths};
+use crate::dialect::Dialect;
+use crate::meaning::Role;
+
+/// Tells which block is never executed, and when the program runs past its last block (D06). `is_reached`: blocks that a
+/// run comes to where the program has no branches.
+pub(super) fn judge(
+    program: &NcProgram,
+    dialect: &Dialect,
+    is_reached: impl Fn(usize) -> bool,
+    findings: &mut Findings,
+) {
+    let blocks = program.blocks();
+    let branches = has_branches(program);
+    let by_structure = branches.then(|| reachable(program, dialect));
+    let reached = |at: usize| match &by_structure {
+        Some(reached) => reached.get(at) == Some(&true),
+        None => is_reached(at),
+    };
+    let mut all = blocks.iter().enumerate();
+    let dead = all.find(|(at, block)| !reached(*at) && !is_mark(program, block));
+    if let Some((_, block)) = dead {
+        let (message, help) = if branches {
+            (
+                "this block is never executed",
+                "Remove it, or move the end of the program below it.",
+            )
+        } else {
+            (
+                "this block and what follows are never executed",
+                "Remove them, or move the end of the program below them.",
+            )
+        };
+        findings.push(diagnostics::UNREACHABLE.at(program.span(block), message, help));
+    }
+    let last = blocks.last();
+    let unclear = !program.is_complete() || last.is_some_and(Block::has_errors);
+    if unclear || !reached(blocks.len()) {
+        return;
+    }
+    let span = last.map_or_else(Span::default, |block| program.span(block));
+    let name = |role| dialect.m_code(role).map_or("", |code| code.code);
+    let (end, back) = (name(Role::End), name(Role::Return));
+    findings.push(diagnostics::END_MISSING.at(
+        span,
+        "the program goes past this block and has no end",
+        format!(
+            "Write {end} in the last block of a main program, {back} in that of a subprogram, without block skip."
+        ),
+    ));
+}
+
+fn has_branches(program: &NcProgram) -> bool {
+    program.has_program_codes() && program.blocks().iter().any(|block| is_mark(program, block))
+}
+
+/// Which blocks a run may come to, whatever conditions say; the last entry is the place past the last block.
+fn reachable(program: &NcProgram, dialect: &Dialect) -> Vec<bool> {
+    let blocks = program.blocks();
+    let mut reached = vec![false; blocks.len() + 1];
+    let mut open = vec![0];
+    while let Some(at) = open.pop() {
+        let Some(seen) = reached.get_mut(at) else { continue };
+        if std::mem::replace(seen, true) {
+            continue;
+        }
+        let Some(block) = blocks.get(at) else { continue };
+        let code = program.program_code(block);
+        open.extend(code.iter().flat_map(|code| targets(program, code)));
+        let goes_on = match code.map(|code| code.statement) {
+            Some(Statement::Else | Statement::Break | Statement::Repeat | Statement::Switch { .. }) => false,
+            Some(_) => true,
+            None => !ends(program, block, dialect),
+        };
+        if goes_on {
+            open.push(at + 1);
+        }
+    }
+    reached
+}
+
+/// The blocks that a program code may jump to.
+fn targets(program: &NcProgram, code: &ProgramCode) -> impl Iterator<Item = usize> {
+    let cases = match code.statement {
+        Statement::Switch { first, count } => Some(program.case_blocks(first, count)),
+        _ => None,
+    };
+    let blocks = code.to.into_iter().chain(cases.into_iter().flatten());
+    blocks.map(|block| block as usize)
+}
+
+/// The blocks that a run may come to by a jump.
+pub(super) fn joins(program: &NcProgram) -> Vec<usize> {
+    if !program.has_program_codes() {
+        return Vec::new();
+    }
+    let blocks = program.blocks().iter();
+    let codes = blocks.filter_map(|block| program.program_code(block));
+    codes.flat_map(|code| targets(program, code)).collect()
+}
+
+/// True for a block that always ends the program.
+fn ends(program: &NcProgram, block: &Block, dialect: &Dialect) -> bool {
+    let ends = |word: &Word| m_code(word, dialect).is_some_and(Code::ends);
+    block.skip_numbers() == 0 && program.words(block).iter().any(ends)
+}
+
+/// True for a program that returns: what is in force at its head may be what its caller left.
+pub(super) fn may_be_called(program: &NcProgram, dialect: &Dialect) -> bool {
+    let returns = |word: &Word| m_code(word, dialect).is_some_and(|code| code.role == Role::Return);
+    if !program.all_words().iter().any(returns) {
+        return false;
+    }
+    let mut blocks = program.blocks().iter();
+    blocks.any(|block| program.words(block).iter().any(returns))
+}
+
+/// The M code of a word that the runtime handles itself.
+fn m_code(word: &Word, dialect: &Dialect) -> Option<&'static Code> {
+    let number = word.number().filter(|_| word.address == Address::M)?;
+    dialect.m_codes.find(tenths(number)?)
+}
+
+/// True for parts of branches that need not be reached: the way on from commands that end.
+fn is_mark(program: &NcProgram, block: &Block) -> bool {
+    program
+        .program_code(block)
+        .is_some_and(|code| !matches!(code.statement, Statement::Assignment { .. }))
+}

@@ -1,0 +1,131 @@
+//! What is known of variables at a place of a program.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use tandem_syntax::{Variable, VariableKind};
+
+use super::range::Range;
+
+/// More variables of one kind are not followed: nothing is known of them.
+const FOLLOWED_MAX: usize = 1024;
+
+/// L of the call in hand, zero where they are not written (D12), and what the program has written into Q and P.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(crate) struct Values {
+    locals: Arc<BTreeMap<u16, Range>>,
+    shared: Arc<BTreeMap<(u8, u16), Range>>,
+    /// Something was written into Q or P, and no time has passed since.
+    fresh: bool,
+    /// Nothing is known of any L: the program is not seen from its head.
+    unknown: bool,
+}
+
+impl Values {
+    /// Where nothing is known.
+    pub fn unknown() -> Self {
+        Self {
+            unknown: true,
+            ..Self::default()
+        }
+    }
+
+    /// What is known of a variable.
+    pub fn get(&self, variable: Variable) -> Range {
+        let shared = || self.shared.get(&(variable.kind as u8, variable.index));
+        match variable.kind {
+            VariableKind::Local => match self.locals.get(&variable.index) {
+                Some(range) => *range,
+                None if self.unknown => Range::ANY,
+                None => Range::of(0.0),
+            },
+            VariableKind::CapturedPosition => Range::ANY,
+            VariableKind::CoordinateSystem | VariableKind::Global => shared().copied().unwrap_or(Range::ANY),
+        }
+    }
+
+    /// Writes a variable.
+    pub fn set(&mut self, variable: Variable, range: Range) {
+        match variable.kind {
+            VariableKind::Local => {
+                Arc::make_mut(&mut self.locals).insert(variable.index, range);
+            }
+            VariableKind::CapturedPosition => {}
+            VariableKind::CoordinateSystem | VariableKind::Global => {
+                let key = (variable.kind as u8, variable.index);
+                let shared = Arc::make_mut(&mut self.shared);
+                if shared.len() < FOLLOWED_MAX || shared.contains_key(&key) {
+                    shared.insert(key, range);
+                }
+                self.fresh = true;
+            }
+        }
+    }
+
+    /// Others may write Q and P from here on.
+    pub fn pass_time(&mut self) {
+        if std::mem::take(&mut self.fresh) {
+            for range in Arc::make_mut(&mut self.shared).values_mut() {
+                range.own = false;
+            }
+        }
+    }
+
+    /// Lets go what is known of Q and P.
+    pub fn forget_shared(&mut self) {
+        self.shared = Arc::default();
+    }
+
+    /// Begins a call: its own L are zero. The caller's are what is returned.
+    pub fn enter(&mut self) -> Locals {
+        Locals {
+            values: std::mem::take(&mut self.locals),
+            unknown: std::mem::take(&mut self.unknown),
+        }
+    }
+
+    /// Goes back to the L of a caller.
+    pub fn leave(&mut self, caller: &Locals) {
+        self.locals = Arc::clone(&caller.values);
+        self.unknown = caller.unknown;
+    }
+
+    /// L are zero again: another repetition of a call begins.
+    pub fn repeat(&mut self) {
+        self.locals = Arc::default();
+    }
+
+    /// What holds for both. True when that is less than was known.
+    pub fn widen(&mut self, other: &Self) -> bool {
+        let before = self.clone();
+        let kinds = |values: &Self| {
+            let locals = values.locals.keys().map(|index| (VariableKind::Local, *index));
+            let shared = values.shared.keys().map(|(kind, index)| {
+                let of = if *kind == VariableKind::Global as u8 {
+                    VariableKind::Global
+                } else {
+                    VariableKind::CoordinateSystem
+                };
+                (of, *index)
+            });
+            locals.chain(shared).collect::<Vec<_>>()
+        };
+        let mut all = kinds(self);
+        all.extend(kinds(other));
+        for (kind, index) in all {
+            let variable = Variable { kind, index };
+            let range = before.get(variable).widened(other.get(variable));
+            self.set(variable, range);
+        }
+        self.unknown |= other.unknown;
+        self.fresh |= other.fresh;
+        *self != before
+    }
+}
+
+/// L of a caller.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Locals {
+    values: Arc<BTreeMap<u16, Range>>,
+    unknown: bool,
+}

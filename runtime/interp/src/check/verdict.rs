@@ -1,0 +1,190 @@
+//! From what was found in single states to what is told: an error where it is wrong in all of them, a warning with the way
+//! where it is wrong in some.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use tandem_model::{Diagnostic, Severity};
+use tandem_syntax::{NcProgram, diagnostics};
+
+use super::explore::{Checked, Kind, Node, Place, Way};
+
+/// More findings than can be listed need not be told apart.
+const GROUPS_MAX: usize = 4 * tandem_syntax::DIAGNOSTICS_MAX;
+
+/// A finding in one state.
+pub(super) struct Found {
+    pub node: usize,
+    pub place: Place,
+    pub finding: Diagnostic,
+    /// It depends on a variable that somebody else may have written.
+    pub is_doubtful: bool,
+}
+
+/// One fault, and the states that have it.
+struct Group {
+    place: Place,
+    finding: Diagnostic,
+    nodes: BTreeSet<usize>,
+    is_doubtful: bool,
+}
+
+/// The findings so far: by program, first byte, code and last byte.
+#[derive(Default)]
+pub(super) struct Groups(BTreeMap<(usize, u32, &'static str, u32), Group>);
+
+impl Groups {
+    pub fn note(&mut self, found: Found) {
+        let span = found.finding.span;
+        let key = (found.place.program, span.start, found.finding.code, span.end);
+        if self.0.len() >= GROUPS_MAX && !self.0.contains_key(&key) {
+            return;
+        }
+        let group = self.0.entry(key).or_insert_with(|| Group {
+            place: found.place,
+            finding: found.finding,
+            nodes: BTreeSet::new(),
+            is_doubtful: true,
+        });
+        group.is_doubtful &= found.is_doubtful;
+        group.nodes.insert(found.node);
+    }
+
+    /// What is told of each program.
+    pub fn judge(self, nodes: &[Node], programs: &[Checked<'_>]) -> BTreeMap<usize, Vec<Diagnostic>> {
+        let mut all: BTreeMap<usize, Vec<Diagnostic>> = BTreeMap::new();
+        for group in self.0.into_values() {
+            let program = group.place.program;
+            all.entry(program)
+                .or_default()
+                .extend(judge(group, nodes, programs));
+        }
+        all
+    }
+}
+
+/// How sure a fault is.
+enum Verdict {
+    Always,
+    Sometimes { with: usize, without: Option<usize> },
+    Never,
+}
+
+fn judge(group: Group, nodes: &[Node], programs: &[Checked<'_>]) -> Option<Diagnostic> {
+    let mut finding = group.finding;
+    if finding.severity == Severity::Warning {
+        return Some(finding);
+    }
+    let doubt = if group.is_doubtful {
+        ", unless another program has written the variable"
+    } else {
+        ""
+    };
+    let way = match verdict(group.place, &group.nodes, nodes) {
+        Verdict::Never => return None,
+        Verdict::Always if group.is_doubtful => String::new(),
+        Verdict::Always => return Some(finding),
+        Verdict::Sometimes { with, without } => {
+            let parting = parting(nodes, with, without);
+            match parting {
+                Some((at, way)) => format!(" {}", told(programs, group.place.program, at, nodes, way)),
+                None if is_root_of_two(nodes) => " when the program is started itself".to_owned(),
+                None => String::new(),
+            }
+        }
+    };
+    let code = finding.code;
+    finding.code = diagnostics::WRONG_IN_SOME.code;
+    finding.severity = Severity::Warning;
+    finding.message = format!("{}{way}{doubt} ({code})", finding.message);
+    Some(finding)
+}
+
+fn verdict(place: Place, found: &BTreeSet<usize>, nodes: &[Node]) -> Verdict {
+    if found
+        .iter()
+        .any(|node| nodes[*node].is_certain && nodes[*node].kind == Kind::Real && !nodes[*node].is_open)
+    {
+        return Verdict::Always;
+    }
+    let comes = |node: &Node| {
+        node.place.program == place.program && (node.place.block..node.end).contains(&place.block)
+    };
+    let all = nodes.iter().enumerate().filter(|(_, node)| comes(node));
+    let is_real = all.clone().any(|(_, node)| node.kind == Kind::Real);
+    let of_kind = all.filter(|(_, node)| !is_real || node.kind == Kind::Real);
+    let mut with = None;
+    let (mut without, mut without_open) = (None, None);
+    for (at, node) in of_kind {
+        match (found.contains(&at), node.is_open) {
+            (true, false) => with = with.or(Some(at)),
+            (true, true) => {}
+            (false, false) => without = without.or(Some(at)),
+            (false, true) => without_open = without_open.or(Some(at)),
+        }
+    }
+    match (with, without.or(without_open)) {
+        (_, None) => Verdict::Always,
+        (Some(with), without) => Verdict::Sometimes { with, without },
+        // what stands for many states is no proof of any of them
+        (None, Some(_)) => Verdict::Never,
+    }
+}
+
+/// True where the main program has been looked at as one that is started, and as one that is called.
+fn is_root_of_two(nodes: &[Node]) -> bool {
+    let roots = nodes
+        .iter()
+        .filter(|node| node.before.is_none() && node.kind == Kind::Real);
+    roots.count() > 1
+}
+
+/// Where the way to one node has parted from that to another, and by which decision; without another, the last decision.
+fn parting(nodes: &[Node], with: usize, without: Option<usize>) -> Option<(usize, Way)> {
+    let mut others = BTreeSet::new();
+    let mut at = without;
+    while let Some(node) = at {
+        others.insert(node);
+        at = nodes[node].before.map(|(before, _)| before);
+    }
+    let mut at = with;
+    let mut last = None;
+    while let Some((before, way)) = nodes[at].before {
+        if way != Way::On {
+            last = Some((before, way));
+        }
+        if others.contains(&before) {
+            return last;
+        }
+        at = before;
+    }
+    last
+}
+
+/// A decision in words; it was taken in the last block of a node's run.
+fn told(programs: &[Checked<'_>], reader: usize, node: usize, nodes: &[Node], way: Way) -> String {
+    let program = nodes[node].place.program;
+    let of = &programs[program];
+    let tree: &NcProgram = &of.tree;
+    let last = nodes[node].end.saturating_sub(1);
+    let line = tree.blocks().get(last).map_or(0, |block| block.line);
+    let here = if program == reader {
+        format!("line {line}")
+    } else if of.number == 0 {
+        format!("line {line} of the main program")
+    } else {
+        format!("line {line} of program {}", of.number)
+    };
+    match way {
+        Way::On => String::new(),
+        Way::If(true) => format!("after {here} with the if"),
+        Way::If(false) => format!("after {here} without the if"),
+        Way::Loop(true) => format!("after {here} in the loop"),
+        Way::Loop(false) => format!("after {here} without another turn of the loop"),
+        Way::Again => format!("after {here} with another turn of the loop"),
+        Way::Case(Some(label)) => format!("after {here} with case {label}"),
+        Way::Case(None) => format!("after {here} without one of the cases"),
+        Way::Skip(true) => format!("after {here} when that block is skipped"),
+        Way::Skip(false) => format!("after {here} when that block is not skipped"),
+        Way::Called => format!("when {here} calls it"),
+    }
+}

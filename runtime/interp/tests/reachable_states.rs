@@ -1,0 +1,265 @@
+//! The checker follows every state that a run may reach: an error is wrong in all of them, a warning in some.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use tandem_interp::dialects::nj;
+use tandem_interp::{Check, CheckContext, check_source};
+use tandem_model::Diagnostic;
+use tandem_syntax::{LineIndex, parse};
+
+fn told(source: &str, diagnostics: &[Diagnostic]) -> Vec<String> {
+    let index = LineIndex::new(source);
+    let place = |found: &Diagnostic| index.locate(found.span.start);
+    diagnostics
+        .iter()
+        .map(|found| format!("{}:{} {}", place(found).0, place(found).1, found.code))
+        .collect()
+}
+
+fn of(source: &str) -> (String, Check) {
+    let source = format!("{source}\nM30");
+    let (_, check) = check_source(source.as_str(), nj(), &CheckContext::default());
+    (source, check)
+}
+
+#[track_caller]
+fn finds(source: &str, expect: &[&str]) {
+    let (text, check) = of(source);
+    assert_eq!(
+        told(&text, &check.diagnostics),
+        expect,
+        "{source}\n{:#?}",
+        check.diagnostics
+    );
+}
+
+/// The message of the one finding.
+#[track_caller]
+fn message(source: &str) -> String {
+    let (_, check) = of(source);
+    let [found] = &check.diagnostics[..] else {
+        panic!("{source}: {:#?}", check.diagnostics)
+    };
+    found.message.clone()
+}
+
+#[test]
+fn what_is_wrong_on_all_ways_is_an_error() {
+    finds("if(P1==1) G00 X1\nX3 R5", &["2:4 E0108"]);
+    finds("if(P1==1) G18\nG02 X10", &["2:5 E0122"]);
+    finds(
+        "switch(P1){case 1: G90\nbreak\ncase 2: G91\nbreak}\nG01 X1 R5",
+        &["5:8 E0108"],
+    );
+    finds("do X1 while(P1<3)\nX1 I5", &["2:4 E0108"]);
+    finds("/1 G91\nX1 R5", &["2:4 E0108"]);
+    finds("M98 P1000\nG02 X1", &["2:5 E0122"]);
+    for before in ["M98 P1000", "while(P1<1) { X1 }", "if(P1==1) G02 X1 R5"] {
+        finds(&format!("{before}\nif(P2==1) M99 P10"), &["2:15 E0108"]);
+    }
+}
+
+#[test]
+fn what_is_wrong_on_some_ways_is_a_warning_that_names_the_way() {
+    let cases = [
+        ("G02 X1 R5\nif(P1==1) G01 X2\nX3 R5", "after line 2 with the if"),
+        ("if(P1==1)\n{\nG02 X1 R5\n}\nX3 R5", "after line 1 without the if"),
+        (
+            "if(P1==1) G02 X1 R5 else G01 X1\nX3 R5",
+            "after line 1 without the if",
+        ),
+        (
+            "G91\nwhile(P1==1) G02 X1 R5\nX3 R5",
+            "after line 2 without another turn of the loop",
+        ),
+        (
+            "G02 X1 R5\n/2 G01 X3\nX4 R5",
+            "after line 2 when that block is not skipped",
+        ),
+        ("/2 G02 X1 R5\nX4 R5", "after line 1 when that block is skipped"),
+        (
+            "switch(P1){case 4: G02 X1 R5\nbreak\ndefault: G00 X1}\nX3 R5",
+            "after line 1 without one of the cases",
+        ),
+        (
+            "G02 X1 R5\nswitch(P1){case 4: G00 X1\nbreak}\nX3 R5",
+            "after line 2 with case 4",
+        ),
+    ];
+    for (source, way) in cases {
+        let message = message(source);
+        assert!(message.contains(way), "{source}\n{message}");
+        assert!(message.ends_with("(E0108)"), "{source}\n{message}");
+    }
+}
+
+#[test]
+fn what_belongs_together_stays_together() {
+    // both ways leave a state that is right for what its own way does later
+    finds("if(P1==1) { G91\nG00 X1 } else { G90\nG02 X1 R5 }\nG01 X3", &[]);
+    finds("L1=0\nif(P1==1) { L1=1\nG02 X1 R5 }\nif(L1==1) { X3 R5 }", &[]);
+    finds(
+        "L1=0\nif(P1==1) { L1=1\nG02 X1 R5 }\nif(L1==0) { X3 R5 }",
+        &["4:16 E0108"],
+    );
+}
+
+#[test]
+fn a_loop_is_followed_turn_by_turn() {
+    // the third turn is a full circle by radius; a run is certain to come to it
+    finds(
+        "G00 X0 Y0\nL2=4\nwhile(L1<3) { G91 G02 X[L2] R5\nL2=4-L1*4\nL1=L1+1 }",
+        &["3:29 E0122"],
+    );
+    finds("L1=0\nwhile(L1<50) { G01 X[L1] F100\nL1=L1+1 }", &[]);
+    finds(
+        "L1=0 L2=0\nwhile(L1<50) { G01 X[L2] F100\nL2=L2+30000 L1=L1+1 }",
+        &["2:20 E0109"],
+    );
+}
+
+#[test]
+fn values_out_of_their_range_are_told() {
+    finds("L1=2000000\nX[L1]", &["2:1 E0109"]);
+    finds("Q1=2000000\nX[Q1]", &["2:1 E0109"]);
+    finds("P1=0-5\nF[P1]", &["2:1 E0109"]);
+    finds("L1=5\nM98 P[L1]", &["2:5 E0109"]);
+    finds("if(P1>2000000) X[L1] else X[L2]", &[]);
+    finds("L1=P1\nif(L1>2000000) { X[L1] }", &["2:18 E0109"]);
+    finds("if(P1==1) L1=2000000\nX[L1]", &["2:1 W0009"]);
+}
+
+#[test]
+fn a_value_that_another_program_may_have_written_is_a_warning() {
+    finds("P1=2000000\nM100\nX[P1]", &["3:1 W0009"]);
+    let message = message("P1=2000000\nM100\nX[P1]");
+    assert!(
+        message.contains("unless another program has written the variable"),
+        "{message}"
+    );
+    // and no reason to take a way
+    finds("P1=0\nM100\nwhile(P1==0) { G04 P100 }\nX1", &[]);
+}
+
+#[test]
+fn calculations_without_a_result_are_told() {
+    finds("L2=1/L1", &["1:1 W0010"]);
+    finds("L2=5%(L1*3)", &["1:1 W0010"]);
+    finds("L1=sqrt(0-4)", &["1:1 W0010"]);
+    finds("L1=sqrt(0-4)\nX[L1]", &["1:1 W0010", "2:1 E0019"]);
+    finds("L1=atan2(0,L2)", &["1:1 W0010"]);
+    finds("L1=1/P1 L2=sqrt(P2) L3=log(P3)", &[]);
+    finds("L1=4\nif(L1!=0) L2=1/L1", &[]);
+}
+
+fn with_called(main: &str, called: &[(u16, &str)]) -> (Vec<String>, Vec<(u16, Vec<String>)>) {
+    let trees: BTreeMap<_, _> = called
+        .iter()
+        .map(|(number, text)| (*number, Arc::new(parse(*text, (nj().grammar)()).0)))
+        .collect();
+    let context = CheckContext {
+        called: Some(&trees),
+        ..CheckContext::default()
+    };
+    let (_, check) = check_source(main, nj(), &context);
+    let text = |number| {
+        called
+            .iter()
+            .find(|(of, _)| *of == number)
+            .map_or("", |(_, text)| text)
+    };
+    let of_called = check.called.iter();
+    let of_called = of_called.map(|(number, found)| (*number, told(text(*number), found)));
+    (told(main, &check.diagnostics), of_called.collect())
+}
+
+#[test]
+fn a_called_program_is_checked_in_the_states_that_it_is_called_in() {
+    let none: Vec<(u16, Vec<String>)> = Vec::new();
+    assert_eq!(
+        with_called("G02 X1 R5\nM98 P1000\nM30", &[(1000, "X3 R5\nM99")]),
+        (vec![], none.clone())
+    );
+    let (main, called) = with_called("G01 X1\nM98 P1000\nM30", &[(1000, "X3 R5\nM99")]);
+    assert_eq!(
+        (main, called),
+        (vec![], vec![(1000, vec!["1:4 E0108".to_owned()])])
+    );
+    let (main, called) = with_called(
+        "G01 X1\nM98 P1000\nG02 X2 R5\nM98 P1000\nM30",
+        &[(1000, "X3 R5\nM99")],
+    );
+    assert_eq!(
+        (main, called),
+        (vec![], vec![(1000, vec!["1:4 E0108".to_owned()])])
+    );
+    let (main, called) = with_called(
+        "if(P1==1) { G01 X1\nM98 P1000 } else { G02 X2 R5\nM98 P1000 }\nM30",
+        &[(1000, "X3 R5\nM99")],
+    );
+    assert_eq!(
+        (main, called),
+        (vec![], vec![(1000, vec!["1:4 W0009".to_owned()])])
+    );
+    // what it leaves is in force behind the call, and L is its own
+    let (main, called) = with_called(
+        "M98 P1000\nX3 R5\nM98 P1001\nX3 R5\nX[L1]\nM30",
+        &[(1000, "G02 X1 R5\nL1=2000000\nM99"), (1001, "G01 X1\nM99")],
+    );
+    assert_eq!((main, called), (vec!["4:4 E0108".to_owned()], none.clone()));
+}
+
+#[test]
+fn calls_repeat_nest_and_come_to_an_end() {
+    let sub = [(1000, "X3 R5\nG01 X1\nM99")];
+    let (main, called) = with_called("G02 X1 R5\nM98 P1000 L2\nM30", &sub);
+    assert_eq!(
+        (main, called),
+        (vec![], vec![(1000, vec!["1:4 E0108".to_owned()])])
+    );
+    let (main, called) = with_called("G02 X1 R5\nM98 P1000 L0\nM30", &sub);
+    assert_eq!((main, called.len()), (vec![], 0));
+    let endless = [(1000, "G91 X1\nM98 P1000\nM99")];
+    let (main, called) = with_called("M98 P1000\nM30", &endless);
+    assert_eq!((main, called.len()), (vec![], 0));
+    let many = [
+        (1000, "G91 X1\nM98 P1001 L9999\nM99"),
+        (1001, "if(P1==1) G01 X1\nL1=L1+1\nM99"),
+    ];
+    let (main, called) = with_called("M98 P1000 L9999\nX3 R5\nM30", &many);
+    assert_eq!((main, called.len()), (vec!["2:4 E0108".to_owned()], 0));
+}
+
+#[test]
+fn a_computed_call_is_followed_where_its_number_is_known() {
+    let sub = [(1003, "X3 R5\nM99")];
+    let (_, called) = with_called("L1=1000 L2=L1+3\nM98 P[L2]\nM30", &sub);
+    assert_eq!(called, [(1003, vec!["1:4 E0108".to_owned()])]);
+}
+
+#[test]
+fn a_missing_feedrate_is_told_where_the_machine_has_none() {
+    let context = CheckContext {
+        default_feedrate_mm_min: Some(0.0),
+        ..CheckContext::default()
+    };
+    let found = |source: &str| told(source, &check_source(source, nj(), &context).1.diagnostics);
+    assert_eq!(found("G00 X1\nG01 X2\nX3\nM30"), ["2:1 E0126"]);
+    assert_eq!(found("G00 X1\nG01 X2 F100\nX3\nM30"), [""; 0]);
+    assert_eq!(found("F100\nG01 X2\nX3\nM30"), [""; 0]);
+    assert_eq!(found("if(P1==1) F100\nG01 X2\nM30"), ["2:1 W0009"]);
+    assert_eq!(found("/1 F100\nG01 X2\nM30"), ["2:1 W0009"]);
+}
+
+#[test]
+fn many_ways_stay_within_bounds() {
+    // 2^40 ways
+    let ways: String = (0..40)
+        .map(|at| format!("if(P{at}==1) {{ L{at}={at}\nG0{} X{at} }}\n", at % 2))
+        .collect();
+    let (_, check) = of(&ways);
+    assert!(!check.has_errors());
+    let nested = "while(P1==1) { L1=L1+1\n".repeat(20) + "X[L1]" + &" }".repeat(20);
+    assert!(!of(&nested).1.has_errors());
+}
