@@ -6,11 +6,11 @@ use tandem_model::settings::{MCodeSet, NcOptions};
 use tandem_model::{Diagnostic, Span};
 use tandem_syntax::{Address, AddressSet, Block, NcProgram, Value, Word, diagnostics};
 
-use crate::check::{Range, Values};
+use crate::check::Range;
 use crate::codes::value::judge_value;
 use crate::codes::{AXIS_ADDRESSES, Code, ModalGroup, Refusal, WordSpec, tenths};
 use crate::dialect::{Dialect, Numbers, OtherMCodes, Rivals};
-use crate::evaluation::Scope;
+use crate::evaluation::Known;
 use crate::meaning::{InForce, Role};
 use crate::modal::Modal;
 use crate::text_position::TextPosition;
@@ -59,10 +59,12 @@ pub struct BlockWords {
     pub(crate) taken: AddressSet,
     /// Words that are not written as they must be; they have no value.
     refused: AddressSet,
+    /// Words with variables in place of numbers.
+    pub(crate) indirect: AddressSet,
     /// Words whose variables have a value that the text does not show.
     unknown: AddressSet,
-    /// The value of one of them is what the program has written, unless somebody else has written it meanwhile.
-    pub(crate) is_doubtful: bool,
+    /// Those whose value is what the program has written, unless somebody else has written it meanwhile.
+    pub(crate) doubtful: AddressSet,
     /// A code could not be read, and may have words that seem to be no one's.
     unknown_code: bool,
     /// The block has a word other than its number.
@@ -86,15 +88,6 @@ pub(crate) struct Reading<'a> {
     pub(crate) options: &'a NcOptions,
 }
 
-/// The variables of indirections.
-#[derive(Clone, Copy)]
-pub(crate) enum Known<'a> {
-    /// Those of a run.
-    Run(Scope<'a>),
-    /// What the text shows of them; with `believed` also where somebody else may have written them meanwhile.
-    Text { values: &'a Values, believed: bool },
-}
-
 impl BlockWords {
     pub(crate) fn new(dialect: &Dialect) -> Self {
         Self {
@@ -110,8 +103,9 @@ impl BlockWords {
             taker_addresses: AddressSet::EMPTY,
             taken: AddressSet::EMPTY,
             refused: AddressSet::EMPTY,
+            indirect: AddressSet::EMPTY,
             unknown: AddressSet::EMPTY,
-            is_doubtful: false,
+            doubtful: AddressSet::EMPTY,
             unknown_code: false,
             any: false,
         }
@@ -171,8 +165,9 @@ impl BlockWords {
         self.m_code = None;
         self.first_axis_place = None;
         self.refused = AddressSet::EMPTY;
+        self.indirect = AddressSet::EMPTY;
         self.unknown = AddressSet::EMPTY;
-        self.is_doubtful = false;
+        self.doubtful = AddressSet::EMPTY;
         self.unknown_code = false;
         self.any = false;
         let words = program.words(block);
@@ -336,8 +331,11 @@ impl BlockWords {
 
     /// The value of a variable as the text shows it; not a number, and noted, where it does not.
     fn shown(&mut self, address: Address, range: Range, believed: bool) -> f64 {
+        self.indirect.insert(address);
         let value = range.value();
-        self.is_doubtful |= value.is_some() && !range.own;
+        if value.is_some() && !range.own {
+            self.doubtful.insert(address);
+        }
         value.filter(|_| believed || range.own).unwrap_or_else(|| {
             self.unknown.insert(address);
             f64::NAN

@@ -7,6 +7,8 @@ use tandem_model::lost::is_lost;
 use tandem_model::variables::{LOCAL_VARIABLES, Variables};
 use tandem_syntax::{Expression, ExpressionId, Function, NcProgram, Operator, Variable, VariableKind};
 
+use crate::check::Values;
+
 /// L0 to L255 of one call.
 pub(crate) type Locals = [f64; LOCAL_VARIABLES];
 
@@ -19,6 +21,15 @@ pub(crate) struct Scope<'a> {
     pub(crate) captured: Option<&'a [f64; AXES_MAX]>,
     /// Takes a variable that was read and whose value is lost: what was calculated with it does not count.
     pub(crate) lost: &'a Cell<Option<Variable>>,
+}
+
+/// The variables of indirections.
+#[derive(Clone, Copy)]
+pub(crate) enum Known<'a> {
+    /// Those of a run.
+    Run(Scope<'a>),
+    /// What the text shows of them; with `believed` also where somebody else may have written them meanwhile.
+    Text { values: &'a Values, believed: bool },
 }
 
 impl Scope<'_> {

@@ -15,10 +15,10 @@ use tandem_model::variables::LOCAL_VARIABLES;
 use tandem_model::{Alarm, Diagnostic, Origin};
 use tandem_syntax::{Block, Content, NcProgram, Value, Variable, VariableKind, diagnostics};
 
-use crate::block_words::{BlockWords, Known, Reading};
+use crate::block_words::{BlockWords, Reading};
 use crate::codes::{Code, ModalGroup, feed_words};
 use crate::dialect::{Dialect, MCodeTime};
-use crate::evaluation::{Locals, Scope, reads_captured};
+use crate::evaluation::{Known, Locals, Scope, reads_captured};
 use crate::execution::{Draft, Execution, Flow, Limits};
 use crate::fixed_cycles::{Expansion, Given};
 use crate::inputs::Inputs;

@@ -183,24 +183,24 @@ impl InForce {
 
     /// Lets go the values in which another state differs.
     pub(crate) fn join(&mut self, other: &Self) {
-        fn both<T: PartialEq>(one: &mut Option<T>, other: &Option<T>) {
-            if one != other {
+        fn both<T: PartialEq + Copy>(one: &mut Option<T>, other: Option<T>) {
+            if *one != other {
                 *one = None;
             }
         }
-        both(&mut self.plane, &other.plane);
-        both(&mut self.distance, &other.distance);
-        both(&mut self.unit, &other.unit);
-        both(&mut self.side, &other.side);
-        both(&mut self.length, &other.length);
-        both(&mut self.cycle, &other.cycle);
-        both(&mut self.return_level, &other.return_level);
-        both(&mut self.path_control, &other.path_control);
-        both(&mut self.multi_block, &other.multi_block);
+        both(&mut self.plane, other.plane);
+        both(&mut self.distance, other.distance);
+        both(&mut self.unit, other.unit);
+        both(&mut self.side, other.side);
+        both(&mut self.length, other.length);
+        both(&mut self.cycle, other.cycle);
+        both(&mut self.return_level, other.return_level);
+        both(&mut self.path_control, other.path_control);
+        both(&mut self.multi_block, other.multi_block);
         for (shape, other) in self.shapes.iter_mut().zip(&other.shapes) {
-            both(shape, other);
+            both(shape, *other);
         }
-        both(&mut self.spindle, &other.spindle);
+        both(&mut self.spindle, other.spindle);
     }
 
     /// True in cutter compensation.

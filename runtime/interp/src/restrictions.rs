@@ -150,11 +150,11 @@ fn first(words: &BlockWords, with: &Reading<'_>) -> Option<Refusal> {
     broken.next().or_else(|| arc_shape::find(words, with))
 }
 
-/// True for a block of words of a straight motion only, where nothing restricts it: most blocks of a program.
+/// True for a block of a straight motion and its words only, where nothing restricts it: most blocks of a program.
 #[inline]
 fn is_plain(words: &BlockWords, modal: &Modal) -> bool {
     let straight = |code: &Code| matches!(code.role, Role::Motion(MotionKind::Rapid | MotionKind::Linear));
-    words.g_codes().is_empty()
+    words.codes().all(straight)
         && words.m_code().is_none()
         && !modal.lead_pending
         && words.taker.is_some_and(straight)

@@ -39,7 +39,7 @@ fn finds(source: &str, expect: &[&str]) {
 fn message(source: &str) -> String {
     let (_, check) = of(source);
     let [found] = &check.diagnostics[..] else {
-        panic!("{source}: {:#?}", check.diagnostics)
+        unreachable!("{source}: {:#?}", check.diagnostics)
     };
     found.message.clone()
 }
@@ -253,11 +253,26 @@ fn a_missing_feedrate_is_told_where_the_machine_has_none() {
 }
 
 #[test]
+fn a_thread_without_a_spindle_speed_is_told_where_the_machine_has_a_spindle() {
+    let found = |source: &str, has_spindle| {
+        let context = CheckContext {
+            has_spindle: Some(has_spindle),
+            ..CheckContext::default()
+        };
+        told(source, &check_source(source, nj(), &context).1.diagnostics)
+    };
+    let tap = "G84 X1 Z-5 R2 P100 F100\nG80\nM30";
+    assert_eq!(found(tap, true), ["1:1 E0127"]);
+    assert_eq!(found(tap, false), [""; 0]);
+    assert_eq!(found(&format!("S100\n{tap}"), true), [""; 0]);
+    assert_eq!(found(&format!("if(P1==1) S100\n{tap}"), true), ["2:1 W0009"]);
+}
+
+#[test]
 fn many_ways_stay_within_bounds() {
     // 2^40 ways
-    let ways: String = (0..40)
-        .map(|at| format!("if(P{at}==1) {{ L{at}={at}\nG0{} X{at} }}\n", at % 2))
-        .collect();
+    let way = |at: u8| format!("if(P{at}==1) {{ L{at}={at}\nG0{} X{at} }}\n", at % 2);
+    let ways = (0..40).map(way).collect::<Vec<_>>().concat();
     let (_, check) = of(&ways);
     assert!(!check.has_errors());
     let nested = "while(P1==1) { L1=L1+1\n".repeat(20) + "X[L1]" + &" }".repeat(20);

@@ -207,6 +207,9 @@ diagnostics! {
     FEEDRATE_MISSING = "E0126", "No feedrate is programmed",
         "A motion at the feedrate needs F before it or in its block, where the coordinate system has no default_feedrate. It would be alarm 101.",
         "wrong: G01 X10   right: G01 X10 F300";
+    SPEED_MISSING = "E0127", "No spindle speed is programmed",
+        "The pitch of a thread is F / S: a cycle that cuts one needs S before it or in its block. It would be alarm 113.",
+        "wrong: G84 Z-10 R2 F100   right: G84 Z-10 R2 F100 S100";
     HANDLER_REFUSES = "E0190", "A handler refuses the parameters of an M code",
         "When a program is loaded, the handlers of its M codes are asked whether they take the parameters; the message is the handler's own.",
         "Correct the parameters as the message says.";

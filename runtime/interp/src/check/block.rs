@@ -8,10 +8,11 @@ use tandem_syntax::{Address, AddressSet, Block, NcProgram, Value, block_bytes, d
 
 use super::explore::{Explorer, Kind, Next, Place, Step, Tree, Way};
 use super::state::{Caller, State};
-use crate::block_words::{BlockWords, Known, Reading};
+use crate::block_words::{BlockWords, Reading};
 use crate::codes::value::judge_value;
 use crate::codes::{Code, ModalGroup};
-use crate::dialect::SpindleWord;
+use crate::dialect::{Dialect, SpindleWord};
+use crate::evaluation::Known;
 use crate::execution::axis_of;
 use crate::meaning::{ModalValue, MotionKind, Role};
 use crate::restrictions;
@@ -59,6 +60,7 @@ impl<'a> Explorer<'a> {
         let is_plain = matches!(step, Step::On)
             && before.modal == state.modal
             && before.has_feed == state.has_feed
+            && before.has_speed == state.has_speed
             && before.is_open == state.is_open;
         if is_plain {
             state.at_rest = state.at_rest.min(before.at_rest);
@@ -128,7 +130,7 @@ impl<'a> Explorer<'a> {
         if state.is_open {
             self.read_in_all(tree, block, state, &mut found);
         }
-        if self.words.is_doubtful {
+        if !self.words.doubtful.is_empty() {
             let mut believed = Vec::new();
             self.read_with(tree, block, state, true, &mut believed);
             self.read_with(tree, block, state, false, &mut Vec::new());
@@ -136,7 +138,9 @@ impl<'a> Explorer<'a> {
                 self.note(node, place, finding, true);
             }
         }
-        self.judge_ranges(tree, block, state, &mut found);
+        if !self.words.indirect.is_empty() {
+            self.judge_ranges(tree, block, state, &mut found);
+        }
         for finding in found {
             self.note(node, place, finding, false);
         }
@@ -271,9 +275,8 @@ impl<'a> Explorer<'a> {
     ) {
         let unchecked = self.dialect.path.compensation == CompensationRules::Unchecked;
         let within = unchecked && state.modal.compensates() && !state.modal.lead_pending;
-        let moves = restrictions::moves_in_plane(&self.words, &state.modal);
         let at_rest = state.at_rest;
-        state.at_rest = if within && !moves {
+        state.at_rest = if within && !restrictions::moves_in_plane(&self.words, &state.modal) {
             at_rest.saturating_add(1).min(3)
         } else {
             0
@@ -446,7 +449,23 @@ impl<'a> Explorer<'a> {
     /// Tells a cutting motion before the first F, where the machine has no other (alarm 101).
     fn feed(&mut self, node: usize, place: Place, tree: &Tree<'a>, block: &Block, state: &mut State) {
         let words = &self.words;
-        state.has_feed |= words.present.contains(Address::F) && !words.own.contains(Address::F);
+        state.has_speed |= words.present.contains(Address::S) && !words.own.contains(Address::S);
+        let threads = words.taker.is_some_and(
+            |code| matches!(code.sets, Some(ModalValue::Cycle(Some(cycle))) if cycle.threads().is_some()),
+        );
+        if threads && self.context.has_spindle == Some(true) && !state.has_speed && !words.taken.is_empty() {
+            state.has_speed = true;
+            let finding = diagnostics::SPEED_MISSING.at(
+                tree.span(block),
+                "the block cuts a thread, and no spindle speed is programmed",
+                "Write S in this block or before it: the pitch is F / S.",
+            );
+            self.note(node, place, finding, false);
+        }
+        if state.has_feed {
+            return;
+        }
+        state.has_feed = words.present.contains(Address::F) && !words.own.contains(Address::F);
         let cuts = |code: &Code| match code.role {
             Role::Motion(kind) => kind != MotionKind::Rapid,
             _ => code.group == ModalGroup::FixedCycle,
@@ -510,7 +529,7 @@ fn returned(state: &State, place: Place) -> Vec<Next> {
 }
 
 /// Follows what is in force.
-fn follow(dialect: &'static crate::dialect::Dialect, words: &BlockWords, block: &Block, state: &mut State) {
+fn follow(dialect: &'static Dialect, words: &BlockWords, block: &Block, state: &mut State) {
     restrictions::follow(words, &mut state.modal);
     for code in words.codes() {
         match code.group {

@@ -308,16 +308,17 @@ impl<'a> Explorer<'a> {
         let kind = self.nodes[node].kind;
         let mut at = start;
         loop {
+            let checked = &mut self.programs[program];
             if kind == Kind::Real {
-                self.programs[program].set(at, REACHED);
+                checked.set(at, REACHED);
             }
             let Some(block) = tree.blocks().get(at) else { break };
-            if at != start && self.programs[program].has(at, JOIN) {
+            if checked.has(at, JOIN) && at != start {
                 self.go_on(node, at, state);
                 break;
             }
+            checked.set(at, LOOKED_AT);
             self.steps += 1;
-            self.programs[program].set(at, LOOKED_AT);
             let step = self.step(node, &tree, at, block, &mut state);
             at += 1;
             if let Step::Parts(parts) = step {
@@ -465,7 +466,8 @@ impl<'a> Explorer<'a> {
             }
             of.tell_what_is_missing(dialect, context, &mut findings);
             if !(is_cut || of.tree.source().len() > PROGRAM_BYTES_MAX) {
-                structure::judge(&of.tree, dialect, |block| of.has(block, REACHED), &mut findings);
+                let dead = of.marks.iter().position(|marks| marks & REACHED == 0);
+                structure::judge(&of.tree, dialect, dead, &mut findings);
             }
             if index > 0 || !context.manual {
                 of.mark(dialect, &mut findings);

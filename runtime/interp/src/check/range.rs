@@ -256,11 +256,9 @@ pub(crate) fn suppose(program: &NcProgram, id: ExpressionId, is_so: bool, values
             operator: operator @ (Operator::And | Operator::Or),
             left,
             right,
-        }) => {
-            if is_so == (operator == Operator::And) {
-                suppose(program, left, is_so, values);
-                suppose(program, right, is_so, values);
-            }
+        }) if is_so == (operator == Operator::And) => {
+            suppose(program, left, is_so, values);
+            suppose(program, right, is_so, values);
         }
         Some(Expression::Binary {
             operator,

@@ -3,7 +3,7 @@
 use tandem_syntax::AddressSet;
 
 use super::values::{Locals, Values};
-use crate::dialect::Dialect;
+use crate::dialect::{Dialect, SpindleWord};
 use crate::modal::Modal;
 use crate::text_position::TextPosition;
 
@@ -30,6 +30,8 @@ pub(super) struct State {
     pub callers: Vec<Caller>,
     /// F has been programmed, or may have been.
     pub has_feed: bool,
+    /// S has been programmed, or may have been.
+    pub has_speed: bool,
     /// Blocks in a row that do not move in the plane of cutter compensation.
     pub at_rest: u8,
     /// Something that is in force is not known: it stands for many states.
@@ -47,6 +49,7 @@ impl State {
             has_feed: context
                 .default_feedrate_mm_min
                 .is_none_or(|feedrate| feedrate > 0.0),
+            has_speed: dialect.policy.spindle_word != SpindleWord::Speed,
             at_rest: 0,
             is_open: false,
         }
@@ -57,6 +60,7 @@ impl State {
         self.modal.forget();
         self.position = TextPosition::unknown();
         self.has_feed = true;
+        self.has_speed = true;
         self.is_open = true;
     }
 
@@ -80,7 +84,9 @@ impl State {
             self.is_open = true;
         }
         changed |= !self.has_feed && other.has_feed;
+        changed |= !self.has_speed && other.has_speed;
         self.has_feed |= other.has_feed;
+        self.has_speed |= other.has_speed;
         self.at_rest = self.at_rest.min(other.at_rest);
         self.is_open |= other.is_open;
         changed

@@ -8,24 +8,20 @@ use crate::codes::{Code, tenths};
 use crate::dialect::Dialect;
 use crate::meaning::Role;
 
-/// Tells which block is never executed, and when the program runs past its last block (D06). `is_reached`: blocks that a
-/// run comes to where the program has no branches.
-pub(super) fn judge(
-    program: &NcProgram,
-    dialect: &Dialect,
-    is_reached: impl Fn(usize) -> bool,
-    findings: &mut Findings,
-) {
+/// Tells which block is never executed, and when the program runs past its last block (D06). `dead`: the first place, that
+/// past the last block among them, that no run comes to where the program has no branches.
+pub(super) fn judge(program: &NcProgram, dialect: &Dialect, dead: Option<usize>, findings: &mut Findings) {
     let blocks = program.blocks();
     let branches = has_branches(program);
-    let by_structure = branches.then(|| reachable(program, dialect));
-    let reached = |at: usize| match &by_structure {
-        Some(reached) => reached.get(at) == Some(&true),
-        None => is_reached(at),
+    let (dead, has_no_end) = if branches {
+        let reached = reachable(program, dialect);
+        let mut all = blocks.iter().zip(&reached);
+        let dead = all.position(|(block, reached)| !reached && !is_mark(program, block));
+        (dead, reached.last() == Some(&true))
+    } else {
+        (dead, dead.is_none())
     };
-    let mut all = blocks.iter().enumerate();
-    let dead = all.find(|(at, block)| !reached(*at) && !is_mark(program, block));
-    if let Some((_, block)) = dead {
+    if let Some(block) = dead.and_then(|dead| blocks.get(dead)) {
         let (message, help) = if branches {
             (
                 "this block is never executed",
@@ -41,7 +37,7 @@ pub(super) fn judge(
     }
     let last = blocks.last();
     let unclear = !program.is_complete() || last.is_some_and(Block::has_errors);
-    if unclear || !reached(blocks.len()) {
+    if unclear || !has_no_end {
         return;
     }
     let span = last.map_or_else(Span::default, |block| program.span(block));
